@@ -22,6 +22,8 @@ LINEAR_M = 10.0
 order is some 1e-4 m in low orbits over a day."""
 _CHECKED = 200
 _COARSE_DEGREE = 40
+_KEPT = 4
+"""Orbits that were integrated last: one with partials by hundreds of parameters takes tens of megabytes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,9 +101,11 @@ class AdjustableOrbit:
 
     def moved_to(self, epoch: Epochs, state: Floats | None = None) -> AdjustableOrbit:
         """The same orbit with its state at another epoch, TDB, or one of another state there; its span has both."""
-        if state is None:
-            state = np.concatenate(self.states(epoch), axis=-1)[0]
         by_s = float(self.epoch.seconds_since(epoch)[0])
+        if state is None:
+            first_s, last_s = self.span_s
+            reaching = replace(self, span_s=(min(first_s, -by_s), max(last_s, -by_s)))
+            state = np.concatenate(reaching.states(epoch), axis=-1)[0]
         span_s = (min(self.span_s[0], 0.0) + by_s, max(self.span_s[1], 0.0) + by_s)
         return replace(self, epoch=epoch, state=state, span_s=span_s, integrated=[])
 
@@ -131,6 +135,7 @@ class AdjustableOrbit:
                     return orbit, by
         made = self.integrate(self.parameters)
         self.integrated.append((values, made))
+        del self.integrated[:-_KEPT]
         return made, np.zeros(len(values))
 
     def integrate(self, parameters: tuple[str, ...] | None = None) -> Orbit:

@@ -54,6 +54,18 @@ def test_the_place_and_the_orbit_are_found(made, solution):
     assert 1.0 < solution.sigma_enu_m().max() < 30.0
 
 
+def test_before_the_descent_the_place_is_as_uncertain_as_the_thrust(made, solution):
+    observations = made[1].observations
+    after_s = tt_to_tdb(utc_to_tt(observations.epoch)).seconds_since(epochs_from_strings(TOUCHDOWN, "TDB"))
+    before = radioloc.locate(made[0], observations.select(np.flatnonzero(after_s < -QUICK.length_s)))
+    assert before.converged
+    # A velocity that walks by 0.05 m/s2 times 30 s in each of 24 segments goes so far; one that is zero at the end, half.
+    left_s = QUICK.length_s - 30.0 * (np.arange(24) + 0.5)
+    walked_m = 0.05 * 30.0 * np.sqrt((left_s**2).sum())
+    assert before.sigma_enu_m().max() == pytest.approx(0.5 * walked_m, rel=0.1)
+    assert (before.sigma_enu_m() > 30.0 * solution.sigma_enu_m()).all()
+
+
 def test_results_have_both(solution):
     content = solution.to_dict()
     assert content["trajectory"] is None
@@ -95,6 +107,20 @@ def test_the_height_of_the_place_may_be_known(tmp_path, made):
     found = radioloc.locate(study, made[1].observations)
     assert found.converged
     assert found.sigma_enu_m()[2] < 0.51
+
+
+def test_errors_of_gravity_are_in_the_sigmas_of_place_and_orbit(tmp_path, made, solution):
+    text = QUICK.text().replace("gravity_errors = 0", "gravity_errors = 3\ngravity_error_degree = 8")
+    (tmp_path / "study.toml").write_text(text)
+    found = radioloc.locate(radioloc.read_study(tmp_path / "study.toml"), made[1].observations)
+    # Degrees 5 to 8 move such a flight by hundreds of metres, which the data then tell from the thrust less well.
+    assert (found.sigma_enu_m() > solution.sigma_enu_m()).all()
+    ends = found.state.orbit.times(3)
+    assert (found.state.sigma_rtn_m(ends) > solution.state.sigma_rtn_m(ends)).any()
+    assert np.isfinite(found.state.covariance_rtn(ends)).all()
+    # Told at the epoch directly, the covariance is that of the state.
+    sigma_m = np.sqrt(np.trace(found.state.covariance[:3, :3]))
+    assert np.linalg.norm(found.state.sigma_rtn_m(found.state.epoch)) == pytest.approx(sigma_m, rel=1e-6)
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.dynamics import AdjustableOrbit
 from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.estimation.orbit_state import OrbitState
 from radioloc.estimation.solution import Solution
@@ -15,10 +16,11 @@ from radioloc.parameters.design import ObservationModel
 from radioloc.parameters.orbit import orbit_parameters
 from radioloc.studies.orbit_start import near_orbit
 from radioloc.studies.orbiter import Orbiter
-from radioloc.time import Epochs
+from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
 
 Floats = NDArray[np.float64]
 
+_LATER_STEPS = 2
 _BEFORE_S = 1.0
 """The state of the orbit is told until so long before the touchdown, where it has a plane yet."""
 
@@ -41,8 +43,38 @@ def near_landing(
         x, _ = near_orbit(before, sigma_m, usable)
         if x is not None:
             flight = flight.corrected(before.all_positions_pa_m(x))
+    if usable.any():
+        flight = _at_rest_by_later_thrust(flight, problem, problem.predictor.observations.epoch[usable])
     start[:count] = landing.values_of(flight.moved_to(landing.orbit.epoch))
     return np.where(problem.parameters.free, start, problem.parameters.prior_values)
+
+
+def _at_rest_by_later_thrust(
+    flight: AdjustableOrbit, problem: ObservationModel, used_utc: Epochs
+) -> AdjustableOrbit:
+    """The flight with what no data tell yet of its thrust such that it ends nearly at rest: the likeliest of such."""
+    landing, parameters = problem.landing, problem.parameters
+    assert landing is not None
+    last_s = tt_to_tdb(utc_to_tt(used_utc)).seconds_since(landing.orbit.epoch).max()
+    later = {
+        name
+        for one in flight.forces.accelerations
+        if one.start is not None and one.start.seconds_since(landing.orbit.epoch)[0] > last_s
+        for name in one.names()[0]
+    }
+    touchdown = slice(3, 6)
+    variance = np.array(
+        [parameters[f"force.{name}"].prior_sigma ** 2 if name in later else 0.0 for name in flight.parameters]
+    )
+    if not variance.any() or not np.isfinite(variance).all():
+        return flight
+    for _ in range(_LATER_STEPS):
+        velocity = landing.values_of(flight.moved_to(landing.orbit.epoch))[touchdown]
+        by_force = landing.axes.T @ flight.partials(landing.orbit.epoch)[0, touchdown, 6:]
+        own = np.diag(parameters.prior_sigmas[touchdown] ** 2)
+        gain = (variance * by_force).T @ np.linalg.inv((variance * by_force) @ by_force.T + own)
+        flight = flight.corrected(np.concatenate([np.zeros(6), -gain @ velocity]))
+    return flight
 
 
 def state_before(

@@ -59,7 +59,7 @@ def test_before_the_descent_the_place_is_as_uncertain_as_the_thrust(made, soluti
     after_s = tt_to_tdb(utc_to_tt(observations.epoch)).seconds_since(epochs_from_strings(TOUCHDOWN, "TDB"))
     before = radioloc.locate(made[0], observations.select(np.flatnonzero(after_s < -QUICK.length_s)))
     assert before.converged
-    # A velocity that walks by 0.05 m/s2 times 30 s in each of 24 segments goes so far; one that is zero at the end, half.
+    # A velocity that walks by 0.05 m/s2 times 30 s in each of 24 segments goes so far; one that ends at zero, half.
     left_s = QUICK.length_s - 30.0 * (np.arange(24) + 0.5)
     walked_m = 0.05 * 30.0 * np.sqrt((left_s**2).sum())
     assert before.sigma_enu_m().max() == pytest.approx(0.5 * walked_m, rel=0.1)

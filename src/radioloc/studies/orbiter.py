@@ -304,6 +304,8 @@ class Orbiter:
                 "within 40 days"
             )
         span_s = (float(tdb_s.min() - count_s - _MARGIN_S), float(tdb_s.max() + count_s + _MARGIN_S))
+        if self.landing is not None:  # data may end before
+            span_s = (span_s[0], max(span_s[1], float(self.landing.epoch.seconds_since(self.epoch)[0])))
         self._require_acting(min(0.0, span_s[0]), max(0.0, span_s[1]))
         return AdjustableOrbit(
             self.epoch,

@@ -58,7 +58,7 @@ class StochasticProblem:
         Raises
         ------
         InputError
-            An interval is too short for the counts, or observations are combinations of others.
+            An interval is too short for the counts, observations are combinations of others, or the orbit is in arcs.
         """
         predictor = without.predictor
         if not isinstance(predictor, ExactPredictor):
@@ -67,7 +67,10 @@ class StochasticProblem:
                 "out with [observations] types"
             )
         orbit, interval_s = predictor.trajectory, noise.interval_s
-        assert isinstance(orbit, AdjustableOrbit)
+        if not isinstance(orbit, AdjustableOrbit):
+            raise InputError(
+                "[estimate.orbit] process_noise is of an orbit in one arc; leave arcs_hours of [target] out"
+            )
         around_s = np.nan_to_num(predictor.observations.count_s) + _AROUND_S
         if 2.0 * around_s.max(initial=0.0) > interval_s:
             raise InputError(

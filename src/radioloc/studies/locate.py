@@ -526,16 +526,18 @@ def _fit(
     observations = problem.predictor.observations
     counts = PhaseCounts(observations.count_s, 1e-6 * observations.wavelength_um)
     usable, manoeuvres = status.are(USED), list[Manoeuvre]()
+    process_noise = None if estimate.orbit is None else estimate.orbit.process_noise
     if problem.landing is None or epoch is None:
-        start, manoeuvres = near_orbit(problem, noise.sigma_m, usable, seek=True)
+        # Stochastic accelerations stand for forces that are not modelled, which residuals without them show.
+        start, manoeuvres = near_orbit(problem, noise.sigma_m, usable, seek=process_noise is None)
         for one in manoeuvres:
             status = with_reason(status, status.are(USED) & one.hides(observations), HIDDEN)
     else:
         start = near_landing(problem, epoch, noise.sigma_m, usable)
     stochastic = None
-    if estimate.orbit is not None and estimate.orbit.process_noise is not None:
+    if process_noise is not None:
         x = problem.parameters.prior_values if start is None else start
-        stochastic = StochasticProblem.about(problem, estimate.orbit.process_noise, x)
+        stochastic = StochasticProblem.about(problem, process_noise, x)
     while True:
         problem = problem if stochastic is None else stochastic.here
         fitted = fit_with_variance_components(

@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 
 _AROUND_S = 5.0
 """Events at the target are within the count interval and so much of the time tag: light takes 1.4 s."""
-_LINEAR_M = 10.0
+_LINEAR_M = 2.0
 """Accelerations that move the orbit by no more follow from those it was integrated with."""
 
 

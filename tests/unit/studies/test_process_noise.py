@@ -37,7 +37,7 @@ def forces():
     return Forces(GravityField.open("GRGM660PRIM", 20), gradient_degree=20)
 
 
-def drawn(seed, interval_s, correlation_s, span_s=(-4800.0, 12600.0)):
+def drawn(seed, interval_s, correlation_s, span_s=(-4100.0, 12100.0)):
     """Accelerations of first order by the sigmas of NOISE."""
     random = np.random.default_rng(seed)
     before, after = (int(np.ceil(abs(end_s) / interval_s)) for end_s in span_s)
@@ -105,8 +105,9 @@ def test_the_orbit_is_found_within_sigmas_that_a_fit_without_process_noise_misse
     error = np.concatenate([solution.state.position_m, solution.state.velocity_m_s]) - STATE
     # A chi squared of 6 degrees of freedom.
     assert error @ np.linalg.solve(solution.state.covariance, error) < 22.5
-    without = radioloc.locate(study_of(forces, estimate={"weights": "independent"}), observations)
-    assert without.fit.total.wrms_m > 10.0 * SIGMA_M
+    without = radioloc.locate(study_of(forces), observations)
+    assert not without.converged
+    assert without.fit.total.wrms_m > 3.0 * SIGMA_M
 
 
 def test_residuals_are_those_of_the_smoothed_orbit(model, doppler, solution):
@@ -124,10 +125,10 @@ def test_the_filter_is_a_batch_fit_of_accelerations_by_variational_equations(for
     noise = replace(NOISE, correlation_s=0.0)
     chosen = study_of(forces, process_noise=noise, state_sigma_m=1e3)
     found = radioloc.locate(chosen, observations).state
-    names = [f"a{k:+d}" for k in range(-8, 21)]
+    names = [f"a{k:+d}" for k in range(-7, 21)]
     intervals = tuple(
         Acceleration(name, start=EPOCH.shifted(600.0 * k), stop=EPOCH.shifted(600.0 * (k + 1)))
-        for k, name in enumerate(names, -8)
+        for k, name in enumerate(names, -7)
     )
     axes = dict(zip("rtn", NOISE.sigma_m_s2.tolist(), strict=True))
     sigma = {f"{name}.{axis}": size for name in names for axis, size in axes.items()}
@@ -161,9 +162,9 @@ def test_the_filter_is_a_batch_fit_of_accelerations_by_variational_equations(for
     np.testing.assert_allclose(record["acceleration_sigma_m_s2"], claimed[-len(smoothed) :], rtol=2e-3)
 
 
-def test_without_process_noise_there_is_none(forces, doppler):
-    """Of accelerations a thousandth of what could be seen, the fit is the batch fit."""
-    observations, _ = doppler
+def test_without_process_noise_there_is_none(model, forces):
+    """Of accelerations that are far below what could be seen, the fit is the batch fit."""
+    observations, _ = tracked(model, forces, ())
     small = replace(NOISE, radial_m_s2=1e-18, along_m_s2=1e-18, across_m_s2=1e-18)
     held = radioloc.locate(study_of(forces, process_noise=small), observations)
     batch = radioloc.locate(study_of(forces, estimate={"weights": "independent"}), observations)

@@ -124,7 +124,8 @@ def read_solutions(given: str | Path | Result) -> tuple[list[RecordedSolution], 
     text = read_text(Path(given)) if isinstance(given, str | Path) else None
     try:
         content = given.to_dict() if text is None else json.loads(text)  # type: ignore[union-attr]
-        arcs = content.get("arcs", [{"solution": content}])
+        # A solution has arcs too, of an orbit with states of their own.
+        arcs = content["arcs"] if "positions" in content else [{"solution": content}]
         references = {
             row["name"]: (-row["longitude_west_deg"], row["latitude_deg"], row["height_m"])
             for row in content.get("positions", ())

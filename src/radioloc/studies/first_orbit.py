@@ -43,7 +43,7 @@ _CAP_M_S = 500.0
 _TURNS = 12
 """Starts about the line of sight."""
 _ROUGH_DEGREE = 20
-_ROUGH_STEPS, _FINE_STEPS = 10, 16
+_ROUGH_STEPS, _FINE_STEPS = 10, 40
 _STEP_M, _STEP_M_S = 1e5, 1e2
 """How far a state goes in one step of a fit."""
 _FLOOR_M_S = 1e-4
@@ -96,7 +96,7 @@ def first_orbit(
         turns = np.arange(_TURNS) * 2.0 * np.pi / _TURNS
         found = _fitted(smooth, some, [turned_state(state, turn * line) for turn in turns], _ROUGH_STEPS)
         starts = [one.state for one in found[:_KEPT]]
-        starts += [_mirrored(one, mirror) for one in starts[:1]]
+        starts += [_mirrored(one, mirror) for one in starts]
     found = _fitted(orbiter, some, starts, _FINE_STEPS)
     logger.info("first orbits: %s", "; ".join(map(str, found)))
     if not found:

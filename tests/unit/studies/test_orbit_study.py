@@ -234,6 +234,7 @@ def test_an_overlap_is_expected_as_draws_of_both_arcs_differ(in_arcs):
     np.testing.assert_allclose(meeting.sigma_m, spread_m, rtol=0.05)
 
 
+@pytest.mark.slow
 def test_an_error_of_the_field_moves_arcs_apart_as_their_sigmas_say(model, forces, doppler):
     """The truth has a thousandth of the one error that is considered."""
     error = draw_gravity_errors(forces.gravity, 1, 40)[0]

@@ -64,7 +64,7 @@ def test_without_it_the_card_names_the_trade_in_metres(first_hour):
         change = direction.changes[direction.names.index(f"position.{name}")]
         assert abs(float(change.split()[0])) == pytest.approx(sigma_m, rel=0.03)
         assert f"position.{name} {change}" in text
-    assert f"for one sigma of {direction.sigma:.3g} m" in text
+    assert "together (1 sigma)" in text
     assert "a longer arc, more stations, or an a-priori height" in text
 
 

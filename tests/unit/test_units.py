@@ -152,13 +152,13 @@ def test_columns_of_observations_with_units():
         pressure_hpa=[72e3, 73e3] * u.Pa,
         temperature_k=280.0 * u.K,
         relative_humidity=30.0 * u.percent,
-        wavelength_um=532.0 * u.nm,
+        wavelength_um=35.7 * u.mm,
         uplink_hz=7.1 * u.GHz,
         count_s=1.0 * u.min,
     )
     for name, wanted in {
         "value_m": [7.5e8, 7.6e8], "sigma_m": 0.01, "pressure_hpa": [720.0, 730.0], "temperature_k": 280.0,
-        "relative_humidity": 0.3, "wavelength_um": 0.532, "uplink_hz": 7.1e9, "count_s": 60.0,
+        "relative_humidity": 0.3, "wavelength_um": 35.7e3, "uplink_hz": 7.1e9, "count_s": 60.0,
     }.items():  # fmt: skip
         np.testing.assert_allclose(getattr(table, name), np.broadcast_to(wanted, 2), rtol=1e-15, err_msg=name)
     rows = Table({"range": [7.5e5, 7.6e5] * u.km, "sigma": [1.0, 2.0]})

@@ -105,7 +105,7 @@ def read_sites(path: str | Path) -> tuple[Station, ...]:
     Raises
     ------
     FileFormatError
-        The file cannot be read, or a line of it; names the line.
+        The file cannot be read, or a line of it; names the line. There is no site in it.
 
     Examples
     --------
@@ -140,6 +140,10 @@ def read_sites(path: str | Path) -> tuple[Station, ...]:
         if name in stations:
             raise FileFormatError(path, f"site {match[1]} is there twice; leave one of them out", number)
         stations[name] = made
+    if not stations:
+        raise FileFormatError(
+            path, "has no site: number, initials, latitude, longitude (deg) and height (m) on a line"
+        )
     return tuple(stations.values())
 
 

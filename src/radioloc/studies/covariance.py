@@ -108,7 +108,7 @@ def covariance(
     Notes
     -----
     Of an orbit the sigmas are along, across and radial, root mean squares over the arc that is tracked, and its forces
-    are those of the fit; the state of each length says more (:class:`~radioloc.estimation.OrbitState`).
+    are those of the fit; ``state`` of each length says more.
 
     Examples
     --------

@@ -98,7 +98,8 @@ class Shown:
 def text_table(heading: Sequence[str], rows: Iterable[Sequence[str]], width: int) -> list[str]:
     """Rows of cells as aligned lines of plain text: names to the left, numbers to the right.
 
-    Names are wrapped where they are too long; numbers never are: where they leave no room, the table is wider.
+    Names are wrapped where they are too long, between words or after the kind of a parameter, not within; numbers
+    never are: where they leave no room, the table is wider.
     """
     from rich.console import Console
     from rich.table import Table
@@ -107,12 +108,12 @@ def text_table(heading: Sequence[str], rows: Iterable[Sequence[str]], width: int
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="")
     for k, name in enumerate(heading):
         table.add_column(Text(name), justify="right" if k else "left", no_wrap=k > 0, overflow="fold")
-    for row in rows:
-        table.add_row(*map(Text, row))
     numbers = sum(2 + max(map(len, column)) for column in list(zip(heading, *rows, strict=True))[1:])
-    console = Console(
-        file=io.StringIO(), width=max(width, numbers + _SHORTEST_NAME), color_system=None, force_jupyter=False
-    )
+    width = max(width, numbers + _SHORTEST_NAME)
+    for name, *cells in rows:
+        shown = name if len(name) <= width - numbers else name.replace(".", ".\n", 1)
+        table.add_row(*map(Text, (shown, *cells)))
+    console = Console(file=io.StringIO(), width=width, color_system=None, force_jupyter=False)
     with console.capture() as capture:
         console.print(table)
     return capture.get().splitlines()

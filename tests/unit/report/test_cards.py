@@ -36,6 +36,16 @@ def test_markup_is_text():
     assert "\x1b" not in str(card)
 
 
+def test_long_names_of_parameters_are_wrapped_after_their_kind():
+    rows = [("frequency_offset.beacon>COSPAR 9002 1", "2.05e-07"), ("clock.A", "1")]
+    lines = text_table(("parameter", "value"), rows, 36)
+    assert [line.split("  ")[0].rstrip() for line in lines[1:]] == [
+        "frequency_offset.",
+        "beacon>COSPAR 9002 1",
+        "clock.A",
+    ]
+
+
 def test_lines_are_wrapped_with_an_indent():
     first, *others, last = str(Card((Field("notes", ("word " * 30, "second")),))).splitlines()
     assert first.startswith("notes       word word")

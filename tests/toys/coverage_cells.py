@@ -38,7 +38,7 @@ from radioloc.simulation.noise import NoiseDraws
 from radioloc.simulation.schedule import Plan
 from radioloc.simulation.truth import DrawnErrors
 from radioloc.studies import EstimateChoice, HeightPrior, ModelChoice
-from radioloc.studies.linear_trials import LinearTrials
+from radioloc.studies.linear_trials import LinearArc, LinearTrials
 from radioloc.studies.prepared_trials import Prepared
 from radioloc.studies.problem import considered_errors, observation_model
 
@@ -108,7 +108,7 @@ def prepared(data: str, hours: float) -> tuple[Plan, LinearTrials]:
     linear = ready.linear()
     assert linear is not None
     part = ready.parts[0]
-    problem = observation_model(part.arc, ready._target_pa, part.estimate)
+    problem = observation_model(part.arc, ready._targets_pa, part.estimate)
     errors, _ = considered_errors(study, problem, part.estimate, linear.arcs[0].problem.x)
     lot = linear.drawn
     drawn = DrawnErrors(
@@ -116,7 +116,18 @@ def prepared(data: str, hours: float) -> tuple[Plan, LinearTrials]:
         np.concatenate([lot.sigmas, errors.parameters.prior_sigmas]),
         np.concatenate([lot.partials, errors.partials(np.arange(len(ready.rows))).T]),
     )
-    return ready.world.plan, replace(linear, drawn=drawn)
+    return ready.world.plan, drawing(linear, drawn)
+
+
+def drawing(linear: LinearTrials, drawn: DrawnErrors) -> LinearTrials:
+    """The same with more drawn errors behind the others; they leave the true position where it is."""
+    more = len(drawn.names) - len(linear.drawn.names)
+
+    def padded(arc: LinearArc) -> LinearArc:
+        by_drawn = np.pad(arc.compared.by_drawn, ((0, 0), (0, 0), (0, more)))
+        return replace(arc, compared=replace(arc.compared, by_drawn=by_drawn))
+
+    return replace(linear, drawn=drawn, arcs=tuple(map(padded, linear.arcs)))
 
 
 def noisy_station(plan: Plan, linear: LinearTrials) -> LinearTrials:
@@ -143,7 +154,7 @@ def drifting_air(plan: Plan, linear: LinearTrials) -> LinearTrials:
             partials.append(partial * (time_s - middle_s) / half_s)
     sigmas = np.concatenate([drawn.sigmas, np.full(len(names), DRIFT_M)])
     more = DrawnErrors((*drawn.names, *names), sigmas, np.concatenate([drawn.partials, partials]))
-    return with_noise(WHITE)(plan, replace(linear, drawn=more))
+    return with_noise(WHITE)(plan, drawing(linear, more))
 
 
 def considered(factor: float) -> Callable[[Plan, LinearTrials], LinearTrials]:

@@ -36,7 +36,7 @@ def fitted(rows, forces, parameters):
     states = table[:, 1:] * 1e3
     epoch = Epochs.from_jd(2459580.5, 0.0, "TDB").shifted(60.0 * rows.start)
     times_s = 60.0 * np.arange(len(states))
-    tdb = epoch[np.zeros(len(states), dtype=int)].shifted(times_s)
+    tdb = epoch.shifted(times_s)
     state = states[0]
     for _ in range(4):
         orbit = propagate(epoch, state[:3], state[3:], forces, (0.0, times_s[-1]), parameters=parameters)

@@ -24,4 +24,4 @@ def propagated(forces, span_s, state=STATE, **more):
 def at(orbit, times_s):
     """States at times from the epoch, shape (n, 6)."""
     times_s = np.atleast_1d(times_s)
-    return np.hstack(orbit.states(EPOCH[np.zeros(len(times_s), dtype=int)].shifted(times_s)))
+    return np.hstack(orbit.states(EPOCH.shifted(times_s)))

@@ -30,7 +30,7 @@ class AddedAccelerations:
         before, after = (int(np.ceil(span_s / _STEP_S)) for span_s in (-first_s, last_s))
         ends_s = np.union1d(np.linspace(first_s, 0.0, before + 1), np.linspace(0.0, last_s, after + 1))
         grid_s = np.sort(np.concatenate([ends_s, 0.5 * (ends_s[1:] + ends_s[:-1])]))
-        moments = orbit.epoch[np.zeros(len(grid_s), dtype=int)].shifted(grid_s)
+        moments = orbit.epoch.shifted(grid_s)
         added = accelerations(moments)
         transition = orbit.partials(moments)[:, :, :6]
         rates = np.linalg.solve(transition, np.concatenate([np.zeros_like(added), added], axis=1))

@@ -80,7 +80,7 @@ class AdjustableOrbit:
     def times(self, count: int) -> Epochs:
         """Epochs all over its span, TDB; within it by a millisecond, so that rounding leads none outside."""
         times_s = np.linspace(self.span_s[0] + 1e-3, self.span_s[1] - 1e-3, count)
-        return self.epoch[np.zeros(count, dtype=int)].shifted(times_s)
+        return self.epoch.shifted(times_s)
 
     @property
     def gm_m3_s2(self) -> float:
@@ -123,15 +123,14 @@ class AdjustableOrbit:
         """An integrated orbit, and by how much the parameters are larger than its, shape (p,)."""
         values = np.array(list(self.values.values()))
         begin_s, end_s = min(0.0, self.span_s[0]), max(0.0, self.span_s[1])
-        checked = self.epoch[np.zeros(_CHECKED, dtype=int)].shifted(
-            np.linspace(begin_s, end_s, _CHECKED + 2)[1:-1]
-        )
+        checked = self.epoch.shifted(np.linspace(begin_s, end_s, _CHECKED + 2)[1:-1])
         for of_orbit, orbit in reversed(self.integrated):
             by = values - of_orbit
             fine = orbit.forces.gradient_degree >= self.forces.gradient_degree
             if fine and orbit.span_s[0] <= begin_s and end_s <= orbit.span_s[1]:
-                moved_m = orbit.partials(checked)[:, :3] @ by
-                if not by.any() or np.linalg.norm(moved_m, axis=-1).max() < LINEAR_M:
+                if not by.any():
+                    return orbit, by
+                if np.linalg.norm(orbit.partials(checked)[:, :3] @ by, axis=-1).max() < LINEAR_M:
                     return orbit, by
         made = self.integrate(self.parameters)
         self.integrated.append((values, made))

@@ -37,7 +37,7 @@ def body_table(
     length_s = max(span_s[1] - span_s[0], 1.0) / count
     angle = np.pi * (np.arange(_NODES) + 0.5) / _NODES
     nodes_s = span_s[0] + length_s * (np.arange(count)[:, None] + 0.5 * (1.0 + np.cos(angle)))
-    tdb = epoch[np.zeros(nodes_s.size, dtype=int)].shifted(nodes_s.ravel())
+    tdb = epoch.shifted(nodes_s.ravel())
     values = np.zeros((nodes_s.size, QUANTITIES))
     moon_m, moon_m_s = ephemeris.geocentric("moon", tdb)
     values[:, :3] = -moon_m

@@ -48,7 +48,7 @@ class Rest:
 
     def carried(self, states: Floats, epoch: Epochs, times_s: Floats) -> Floats:
         """Positions at the touchdown, shape (n, k, 6), as positions and velocities at later times."""
-        when = epoch[np.zeros(1 + len(times_s), dtype=int)].shifted(np.append(self.start_s, times_s))
+        when = epoch.shifted(np.append(self.start_s, times_s))
         angles_rad, rates_rad_s = self.libration.angles(when)
         rot, rate = rot_icrf_to_pa(angles_rad), rot_icrf_to_pa_rate(angles_rad, rates_rad_s)
         fixed = states[..., :3] @ rot[0].T
@@ -153,5 +153,5 @@ class Orbit:
         return found
 
     def _dates(self, times_s: Floats) -> tuple[str, str]:
-        first, last = utc_strings(self.epoch[np.zeros(2, dtype=int)].shifted(times_s), 3)
+        first, last = utc_strings(self.epoch.shifted(times_s), 3)
         return str(first), str(last)

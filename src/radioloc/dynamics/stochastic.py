@@ -42,7 +42,7 @@ class StochasticEffects:
         edges = []
         for end_s in (last_s, first_s):
             edges_s = np.append(np.sign(end_s) * np.arange(0.0, abs(end_s), interval_s), end_s)
-            edges.append(self.added.at_epoch(orbit.epoch[np.zeros(len(edges_s), dtype=int)].shifted(edges_s)))
+            edges.append(self.added.at_epoch(orbit.epoch.shifted(edges_s)))
         self._edges = edges
         self.moved = (np.diff(edges[0], axis=0), np.diff(edges[1], axis=0))
 

@@ -81,7 +81,7 @@ class ProcessEstimate:
         values, sigmas = in_order(self.values_m_s2), in_order((after, before)) * self.sigma_m_s2
         epoch, interval_s = self.effects.orbit.epoch, self.effects.interval_s
         starts_s = interval_s * (np.arange(len(values)) - len(self.values_m_s2[1]) + 1.0)
-        starts = epoch[np.zeros(len(values), dtype=int)].shifted(starts_s)
+        starts = epoch.shifted(starts_s)
         return {
             "interval_s": interval_s,
             "correlation_s": self.correlation_s,

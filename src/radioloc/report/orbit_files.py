@@ -253,7 +253,7 @@ def _parts(orbit: Orbit | Sequence[Orbit], step_s: float) -> Iterator[tuple[Orbi
 
 
 def _at(orbit: Orbit, times_s: Floats) -> Epochs:
-    return orbit.epoch[np.zeros(len(times_s), dtype=int)].shifted(times_s)
+    return orbit.epoch.shifted(times_s)
 
 
 def _states_km(orbit: Orbit, times_s: Floats) -> Floats:

@@ -346,7 +346,7 @@ class _Solved:
         ends = tt_to_tdb(utc_to_tt(self.part.arc.observations.span()))
         length_s = float(ends[1].seconds_since(ends[0])[0])
         count = max(_FEWEST_EPOCHS, int(length_s / _MAPPED_S) + 1)
-        return ends[np.zeros(count, dtype=int)].shifted(np.linspace(0.0, length_s, count))
+        return ends[:1].shifted(np.linspace(0.0, length_s, count))
 
 
 def _common(part: ArcPart, considered: ConsideredErrors | None) -> Effects | None:

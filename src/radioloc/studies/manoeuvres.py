@@ -8,7 +8,7 @@ sums over the observations after it. The best one is put into the orbit, and set
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -218,7 +218,7 @@ class _Search:
             return np.asarray(np.cumsum(terms[::-1], axis=0)[::-1][np.searchsorted(time_s, tried_s)])
 
         orbit = self.orbit.corrected(x - self.apriori)
-        transition = orbit.partials(_at(orbit, tried_s))[:, :, :6]
+        transition = orbit.partials(orbit.epoch.shifted(tried_s))[:, :, :6]
         kick = np.linalg.inv(transition)[:, :, 3:] / _STATE_SCALES[:, None]
         turned = np.swapaxes(kick, 1, 2)
         cross = after(design[:, :, None] * state[:, None]) @ kick
@@ -255,7 +255,7 @@ class _Search:
         apriori = np.concatenate([self.apriori, np.zeros(3)])
 
         def acting(epoch_s: float) -> AdjustableOrbit:
-            impulse = Impulse(_NAME, _at(self.orbit, [epoch_s]), axes="ICRF")
+            impulse = Impulse(_NAME, self.orbit.epoch.shifted([epoch_s]), axes="ICRF")
             return replace(
                 self.orbit,
                 forces=replace(self.orbit.forces, impulses=(*self.orbit.forces.impulses, impulse)),
@@ -294,13 +294,15 @@ class _Search:
         # The compiler takes a third of a second to import.
         from radioloc.dynamics._force_kernels import axes
 
-        position, velocity = orbit.corrected(y - apriori).states(_at(orbit, [reached_s]))
+        position, velocity = orbit.corrected(y - apriori).states(orbit.epoch.shifted([reached_s]))
         near_s = np.sort(self.time_s[rows])
         after = int(np.searchsorted(near_s, reached_s))
         gap_s = near_s[after - 1 : after + 1]
-        gap = _at(orbit, gap_s) if np.ptp(gap_s) > _GAP_S else None
+        gap = orbit.epoch.shifted(gap_s) if np.ptp(gap_s) > _GAP_S else None
         in_rtn = axes(position[0], velocity[0]) @ delta_v
-        manoeuvre = Manoeuvre(_at(orbit, [reached_s]), sigma_s, in_rtn, sigma_m_s, gap, x, reached_s > 0.0)
+        manoeuvre = Manoeuvre(
+            orbit.epoch.shifted([reached_s]), sigma_s, in_rtn, sigma_m_s, gap, x, reached_s > 0.0
+        )
         return _Settled(gain, spread, manoeuvre)
 
     def behind(self, time_s: float) -> Floats:
@@ -322,7 +324,3 @@ def _least_squares(design: Floats, ratio: Floats) -> tuple[Floats, Floats, Float
     variance = float(left @ left) / max(1, len(ratio) - len(scale)) * (1.0 + lag) / (1.0 - lag)
     inverse = np.linalg.pinv((design / scale).T @ (design / scale), rcond=1e-14, hermitian=True)
     return left, solution, variance * inverse / np.outer(scale, scale)
-
-
-def _at(orbit: AdjustableOrbit, times_s: Sequence[float] | Floats) -> Epochs:
-    return orbit.epoch[np.zeros(len(times_s), dtype=int)].shifted(np.asarray(times_s))

@@ -69,7 +69,7 @@ def orbit_arcs(
             f"[target] arcs_hours: the epoch is behind the first arc of {whole.name}, which ends at "
             f"{utc_strings(whole.epoch.shifted(borders_s[0]), 0)[0]} TDB; give a state before that"
         )
-    borders = whole.epoch[np.zeros(len(borders_s), dtype=int)].shifted(borders_s)
+    borders = whole.epoch.shifted(borders_s)
     which = np.searchsorted(borders_s, 0.5 * (first_s + last_s))
     edges_s = [whole.span_s[0], *borders_s.tolist(), whole.span_s[1]]
     arcs: list[AdjustableOrbit] = []

@@ -115,7 +115,7 @@ class Prepared:
         assert isinstance(self.study.target, Orbiter)
         epoch = self.study.target.epoch
         first_s, last_s = tt_to_tdb(utc_to_tt(part.arc.observations.span())).seconds_since(epoch).tolist()
-        return epoch[np.zeros(3, dtype=int)].shifted(np.array([0.0, 0.5 * (first_s + last_s), last_s]))
+        return epoch.shifted(np.array([0.0, 0.5 * (first_s + last_s), last_s]))
 
     @classmethod
     def of(cls, study: Study, hours: Sequence[float]) -> Prepared:

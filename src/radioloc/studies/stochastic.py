@@ -124,7 +124,7 @@ class StochasticProblem:
         begin_s, end_s = orbit.span_s
         for sign, (now, before) in zip((1.0, -1.0), changes, strict=True):
             times_s = np.clip(sign * self.noise.interval_s * np.arange(len(now)), begin_s, end_s)
-            at = orbit.epoch[np.zeros(len(now), dtype=int)].shifted(times_s)
+            at = orbit.epoch.shifted(times_s)
             moved_m = orbit.partials(at)[:, :3, :6] @ (now - before)[:, :, None]
             if np.linalg.norm(moved_m[:, :, 0], axis=1).max() > _LINEAR_M:
                 return False

@@ -119,7 +119,7 @@ class Epochs:
             raise InputError(f"epochs in {scale} are needed here, but {self.scale} was given")
 
     def shifted(self, seconds: ArrayLike) -> Epochs:
-        """The epochs moved by SI seconds of their own scale, not UTC, whose days are not all of one length."""
+        """The epochs moved by SI seconds of their own scale, one epoch also by many; UTC cannot be moved."""
         if self.scale == "UTC":
             raise InputError("UTC cannot be moved by seconds across a leap second; convert to TAI first")
         return Epochs.from_jd(

@@ -64,7 +64,7 @@ def test_the_energy_gained_is_the_work_of_the_turning_moon():
     field = forces(50, **still)
     times_s = np.linspace(0.0, 0.5 * DAY_S, 2001)
     states = at(propagated(field, (0.0, times_s[-1])), times_s)
-    tdb = EPOCH[np.zeros(len(times_s), dtype=int)].shifted(times_s)
+    tdb = EPOCH.shifted(times_s)
     angles, rates = LunarOrientation.open().angles(tdb)
     rot = rot_icrf_to_pa(angles)
     spin = np.einsum("nji,nj->ni", rot, angular_velocity_pa(angles, rates))
@@ -140,7 +140,7 @@ def model():
 @pytest.fixture(scope="module")
 def partials(model):
     orbit = propagated(model, (-3600.0, 3600.0), parameters=tuple(model.parameters()))
-    return orbit.parameters, orbit.partials(EPOCH[np.zeros(4, dtype=int)].shifted(TIMES_S))
+    return orbit.parameters, orbit.partials(EPOCH.shifted(TIMES_S))
 
 
 def differences(model, name):
@@ -189,7 +189,7 @@ def test_the_table_of_bodies_is_the_ephemeris():
     ephemeris, libration = Ephemeris.open(), LunarOrientation.open()
     table, first_s, length_s = body_table(ephemeris, libration, "PA_DE421", EPOCH, (-1e5, 2e5))
     times_s = np.linspace(-1e5, 2e5, 1001)
-    tdb = EPOCH[np.zeros(len(times_s), dtype=int)].shifted(times_s)
+    tdb = EPOCH.shifted(times_s)
     place = (times_s - first_s) / length_s
     segment = np.minimum(place.astype(int), len(table) - 1)
     series = [

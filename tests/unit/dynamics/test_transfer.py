@@ -25,7 +25,7 @@ def geocentric(body, time_s):
 def equations_about_the_earth():
     """The Earth with J2, others as points, relativity: Newton's pulls of all less those at the Earth."""
     times_s = np.linspace(0.0, END_S, 433)
-    tdb = EPOCH[np.zeros(len(times_s), dtype=int)].shifted(times_s)
+    tdb = EPOCH.shifted(times_s)
     tracks = {body: make_interp_spline(times_s, EPHEMERIS.geocentric(body, tdb)[0], k=9) for body in BODIES}
     earth = make_interp_spline(times_s, EPHEMERIS.earth(tdb).velocity_m_s, k=9)
     c = np.zeros((3, 3))

@@ -38,7 +38,7 @@ def forces():
 
 def counted(model, forces, state, seconds):
     """Counts of 60 s of the orbit that begins with a state, with noise, where it is not behind the Moon."""
-    tdb = EPOCH[np.zeros(len(seconds), dtype=int)].shifted(seconds)
+    tdb = EPOCH.shifted(seconds)
     empty = Observations.from_columns(
         epoch=tai_to_utc(tt_to_tai(tdb_to_tt(tdb))),
         links=[Link("DSS-65", "craft", "DSS-65")],

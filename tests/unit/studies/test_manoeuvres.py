@@ -36,7 +36,7 @@ def burn(time_s, delta_v_m_s):
 
 def tracked(model, forces):
     """Counts of two passes, in which noise is always the same, of an orbit under some forces."""
-    tdb = EPOCH[np.zeros(len(SECONDS), dtype=int)].shifted(SECONDS)
+    tdb = EPOCH.shifted(SECONDS)
     empty = Observations.from_columns(
         epoch=tai_to_utc(tt_to_tai(tdb_to_tt(tdb))),
         links=[Link("DSS-24", "craft", "DSS-24"), Link("DSS-65", "craft", "DSS-65")],

@@ -200,7 +200,7 @@ def test_what_errors_of_gravity_do_to_a_plan_is_in_its_budget(made, tmp_path):
     arc = found.longest
     first_h, last_h = arc.tracked_h
     count = int((last_h - first_h) * 6.0) + 1
-    tdb = study.target.epoch[np.zeros(count, dtype=int)].shifted(3600.0 * np.linspace(first_h, last_h, count))
+    tdb = study.target.epoch.shifted(3600.0 * np.linspace(first_h, last_h, count))
     mean_m2 = arc.state.covariance_rtn(tdb)[:, :3, :3].mean(axis=0)
     np.testing.assert_allclose(arc.sigma_m, np.sqrt(np.diag(mean_m2))[[1, 2, 0]], rtol=1e-9)
     assert arc.budget()[0]["source"] == "gravity_error"
@@ -257,7 +257,7 @@ def test_trials_of_an_orbit_are_those_of_full_fits(made, tmp_path):
     assert found.sides == ("along", "across", "radial")
     np.testing.assert_allclose(found.at_h, [0.0, 2.185, 4.185], atol=0.01)
     claimed = radioloc.covariance(replace(study, candidates=()), hours=4.0).longest.state
-    tdb = claimed.epoch[np.zeros(3, dtype=int)].shifted(3600.0 * np.array(found.at_h))
+    tdb = claimed.epoch.shifted(3600.0 * np.array(found.at_h))
     # Noise by the residuals of each trial: the median is that of the noise stated to some percent.
     expected_m = claimed.sigma_rtn_m(tdb)[:, [1, 2, 0]]
     np.testing.assert_allclose(np.median(found.sigmas_m, axis=0), expected_m, rtol=0.1)

@@ -40,7 +40,7 @@ def forces():
 def doppler(model, forces):
     """Counts of 60 s of two passes by two stations, with noise, of the orbit that begins with STATE."""
     seconds = np.concatenate([np.arange(1200.0, 5000.0, 60.0), np.arange(7200.0, 12000.0, 60.0)])
-    tdb = EPOCH[np.zeros(len(seconds), dtype=int)].shifted(seconds)
+    tdb = EPOCH.shifted(seconds)
     empty = Observations.from_columns(
         epoch=tai_to_utc(tt_to_tai(tdb_to_tt(tdb))),
         links=[Link("DSS-24", "craft", "DSS-24"), Link("DSS-65", "craft", "DSS-65")],

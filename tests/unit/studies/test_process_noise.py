@@ -53,7 +53,7 @@ def tracked(model, forces, accelerations, seed=20120409):
     """Counts of 60 s of three passes by two stations, with noise, and the orbit that begins with STATE."""
     spans = ((-4000.0, -1000.0), (1200.0, 5000.0), (7200.0, 12000.0))
     seconds = np.concatenate([np.arange(*span, 60.0) for span in spans])
-    tdb = EPOCH[np.zeros(len(seconds), dtype=int)].shifted(seconds)
+    tdb = EPOCH.shifted(seconds)
     empty = Observations.from_columns(
         epoch=tai_to_utc(tt_to_tai(tdb_to_tt(tdb))),
         links=[Link("DSS-24", "craft", "DSS-24"), Link("DSS-65", "craft", "DSS-65")],

@@ -36,12 +36,13 @@ TESTS = {
         "range": "observations", "station_motion": "", "terms": "", "vlbi": "observations differenced",
     },
     "estimation": {
-        "budget": "", "build": "solution time_correlation", "consider": "", "correlated_weights": "", "editing": "",
+        "budget": "", "build": "solution time_correlation", "consider": "", "editing": "",
         "factorization": "least_squares linear_problem", "gauss_markov": "", "labels": "statistics solution",
         "least_squares": "", "linearization": "least_squares", "observability": "",
         "observation_noise": "observation_noise linear_problem", "process_noise": "",
         "robust": "editing linear_problem", "series": "gauss_markov correlated_weights",
-        "solution": "", "statistics": "statistics solution", "time_correlation": "", "variance_components": "",
+        "solution": "", "statistics": "statistics solution", "time_correlation": "time_correlation correlated_weights",
+        "variance_components": "",
     },
 }  # fmt: skip
 """Unit tests by module, of the same name where none is given."""

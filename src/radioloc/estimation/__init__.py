@@ -6,7 +6,6 @@ together as a :class:`Solution`.
 """
 
 from radioloc.estimation.build import build_solution
-from radioloc.estimation.correlated_weights import fit_with_correlated_weights
 from radioloc.estimation.editing import EditedFit, fit_with_editing
 from radioloc.estimation.gauss_markov import SeriesCorrelation, SeriesWeight, TimeCorrelation
 from radioloc.estimation.labels import USED, Labels
@@ -16,7 +15,7 @@ from radioloc.estimation.observability import Correlation, Direction, Observabil
 from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
 from radioloc.estimation.solution import Ellipse, ReferenceComparison, Solution, compare_with
 from radioloc.estimation.statistics import FitStatistics, GroupStatistics, Residuals
-from radioloc.estimation.time_correlation import assess_time_correlation
+from radioloc.estimation.time_correlation import assess_time_correlation, fit_with_correlated_weights
 from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.parameters.parameter import Parameter, ParameterSet
 

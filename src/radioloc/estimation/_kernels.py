@@ -197,45 +197,35 @@ def likelihoods(
 
 @compiled(error_model="numpy")
 def whiten(
-    begin: Integers,
-    step_s: Floats,
-    white: Floats,
-    tau_s: Floats,
-    ratio: Floats,
-    columns: Floats,
-    adjoint: bool,
+    step_s: Floats, white: float, tau_s: float, ratio: float, columns: Floats, adjoint: bool
 ) -> Floats:
-    """Innovations of series over their standard deviations, shape (n, m), for gains of one; or transposed.
+    """Innovations of a series over their standard deviations, shape (n, m), for gains of one; or transposed.
 
-    Both operations one after the other multiply by the inverse of the covariance. Series s has the rows `begin[s]` to
-    `begin[s + 1]`.
+    Both operations one after the other multiply by the inverse of the covariance.
     """
     n, m = columns.shape
     out = np.empty((n, m))
-    decay, kalman, scale, state = np.empty(n), np.empty(n), np.empty(n), np.empty(m)
-    for s in range(len(begin) - 1):
-        first, end = begin[s], begin[s + 1]
-        variance = ratio[s]
-        for i in range(first, end):
-            same = i > first and step_s[i] == step_s[i - 1]
-            decay[i] = decay[i - 1] if same else math.exp(-step_s[i] / tau_s[s])
-            predicted = ratio[s] + decay[i] * decay[i] * (variance - ratio[s])
-            kalman[i] = predicted / (predicted + 1.0)
-            scale[i] = 1.0 / math.sqrt(white[s] * (predicted + 1.0))
-            variance = kalman[i]
-        state[:] = 0.0
-        for k in range(end - first):
-            i = end - 1 - k if adjoint else first + k
-            for j in range(m):
-                if adjoint:
-                    left = columns[i, j] * scale[i] + kalman[i] * state[j]
-                    out[i, j] = left
-                    state[j] = decay[i] * (state[j] - left)
-                else:
-                    predicted = decay[i] * state[j]
-                    left = columns[i, j] - predicted
-                    state[j] = predicted + kalman[i] * left
-                    out[i, j] = left * scale[i]
+    decay, kalman, scale, state = np.empty(n), np.empty(n), np.empty(n), np.zeros(m)
+    variance = ratio
+    for i in range(n):
+        same = i > 0 and step_s[i] == step_s[i - 1]
+        decay[i] = decay[i - 1] if same else math.exp(-step_s[i] / tau_s)
+        predicted = ratio + decay[i] * decay[i] * (variance - ratio)
+        kalman[i] = predicted / (predicted + 1.0)
+        scale[i] = 1.0 / math.sqrt(white * (predicted + 1.0))
+        variance = kalman[i]
+    for k in range(n):
+        i = n - 1 - k if adjoint else k
+        for j in range(m):
+            if adjoint:
+                left = columns[i, j] * scale[i] + kalman[i] * state[j]
+                out[i, j] = left
+                state[j] = decay[i] * (state[j] - left)
+            else:
+                before = decay[i] * state[j]
+                left = columns[i, j] - before
+                state[j] = before + kalman[i] * left
+                out[i, j] = left * scale[i]
     return out
 
 
@@ -279,62 +269,6 @@ def products(
             for k in range(m):
                 out[j, k] += lasting[j] * earlier[k]
     return out + out.T
-
-
-@compiled(error_model="numpy")
-def bins(time_s: Floats, begin: Integers, most: int) -> tuple[Integers, Integers, Floats]:
-    """Bin of each of some times (n,), first bin of each series and one more, and durations of its bins, s.
-
-    Times are in order from one of `begin` to the next; gaps take no bins, and no bin is empty. A series of no more than
-    `most` has a bin for each, of no duration.
-    """
-    series = len(begin) - 1
-    place, first, width_s = np.empty(len(time_s), np.intp), np.zeros(series + 1, np.intp), np.zeros(series)
-    for s in range(series):
-        start, n = begin[s], begin[s + 1] - begin[s]
-        mine = place[start : start + n]
-        mine[:] = np.arange(first[s], first[s] + n)
-        if n > most:
-            step_s = np.diff(time_s[start : start + n])
-            longest_s = 10.0 * np.median(step_s)
-            span_s = 0.0
-            for k in range(n - 1):
-                step_s[k] = min(step_s[k], longest_s)
-                span_s += step_s[k]
-            width_s[s] = span_s / most
-            if width_s[s] <= 0.0:  # all at one instant
-                width_s[s] = 0.0
-                mine[:] = first[s] + np.arange(n) * most // n
-            else:
-                clock_s, cell = 0.0, 0.0
-                for k in range(1, n):
-                    clock_s += step_s[k - 1]
-                    now = math.floor(clock_s / width_s[s])
-                    mine[k] = mine[k - 1] + (1 if now > cell else 0)
-                    cell = now
-        first[s + 1] = mine[n - 1] + 1
-    return place, first, width_s
-
-
-@compiled(error_model="numpy")
-def add_combinations(
-    blocks: Integers, whitening: Floats, place: Integers, values: Floats, sums: Floats, squares: Floats
-) -> None:
-    """Add combinations of values (n, c) to the sums (m, c) of their places, and squares of the first column to (m,).
-
-    Row j of `whitening` (n, k) makes combination j, of the values from `blocks[i]` to `blocks[i + 1]` that it is among.
-    """
-    columns = values.shape[1]
-    for i in range(len(blocks) - 1):
-        for j in range(blocks[i], blocks[i + 1]):
-            into = sums[place[j]]
-            first = 0.0
-            for other in range(blocks[i + 1] - blocks[i]):
-                weight, from_other = whitening[j, other], values[blocks[i] + other]
-                first += weight * from_other[0]
-                for column in range(columns):
-                    into[column] += weight * from_other[column]
-            squares[place[j]] += first * first
 
 
 @compiled(error_model="numpy")

@@ -15,7 +15,7 @@ observations alone, its own set of all estimated parameters, take the group out 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -38,7 +38,6 @@ _MEDIAN_OF_SQUARE = 0.4549
 """Of a normal variable of unit variance."""
 _ENOUGH = 20
 """Observations from which the variance of a series is told."""
-_NO_LINK = -1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,21 +108,15 @@ class BinnedProblem:
             columns = [np.ones((len(rows), 1)), fit.linearization.partials(rows)[:, free]]
             return np.hstack(columns if considered is None else [*columns, considered.partials(rows)])
 
-        batches = series_of(order, fit.noise, fit.used)
-        points = points_of(batches, lambda rows: fit.residual_m[rows, None], np.zeros((0, 0)))
+        bundles = series_of(order, fit.noise, fit.used)
+        points = points_of(bundles, lambda rows: fit.residual_m[rows, None], np.zeros((0, 0)))
         found, begin = [], 0
-        for batch in batches:
-            size, number = np.diff(batch.blocks), np.full(len(fit.used), -1)  # of an observation in its block
-            number[batch.rows] = np.arange(len(batch.rows)) - np.repeat(batch.blocks[:-1], size)
-            for j in range(batch.whitening.shape[1]):
-                one = points_of([batch], _only(constant_and_partials, number == j), unit)
-                link = order.code[batch.rows[batch.blocks[:-1] + np.minimum(j, size - 1)]]
-                of_values = np.empty(len(batch.rows), dtype=np.intp)
-                of_values[batch.place] = np.repeat(np.where(j < size, link, _NO_LINK), size)
-                code = np.repeat(of_values[batch.begin[:-1]], np.diff(one.begin))
-                there = np.flatnonzero(code != _NO_LINK)
-                found.append((begin + there, code[there], np.column_stack([one.residual, one.unit])[there]))
-            begin += len(code)
+        for bundle in bundles:
+            for j, link in enumerate(order.code[bundle.rows[0]].tolist()):
+                one = points_of([bundle.of_observation(j)], constant_and_partials, unit)
+                there = np.arange(begin, begin + len(one.residual))
+                found.append((there, np.full_like(there, link), np.column_stack([one.residual, one.unit])))
+            begin = int(there[-1]) + 1
         place, code, values = (np.concatenate(column) for column in zip(*found, strict=True))
         partials = np.zeros((begin, unit.shape[1]))
         np.add.at(partials, place, values[:, 1:])
@@ -246,19 +239,6 @@ class BinnedProblem:
         points = replace(self.points, unit=np.hstack([self.points.unit, columns[:n]]))
         larger = replace(self, points=points, prior=np.hstack([self.prior, columns[n:]]))
         return larger._with_noise(noise_of_series(points, ABSORBED, jointly=False), larger.estimate)
-
-
-def _only(values_of: Callable[[Rows], _Floats], mine: NDArray[np.bool_]) -> Callable[[Rows], _Floats]:
-    """Values of some of the observations, zeros for the others."""
-
-    def values(rows: Rows) -> _Floats:
-        there = mine[rows]
-        found = values_of(rows[there])
-        out = np.zeros((len(rows), found.shape[1]))
-        out[there] = found
-        return out
-
-    return values
 
 
 def _white(points: Points, k: int, estimate: _Floats) -> SeriesNoise:

@@ -29,6 +29,9 @@ from radioloc.measurements.predictor import ROWS_AT_ONCE
 ALONE = -1
 """Group of an observation that shares no error."""
 
+RowsOf = Callable[[NDArray[np.intp]], NDArray[np.float64]]
+"""From indices of observations (m,) to numbers that belong to them, such as partials, (m, c)."""
+
 _FLATTEST = 1e-10
 """Least variance of a combination, in parts of the largest in its block: below, rounding shows in the weights."""
 
@@ -96,9 +99,18 @@ class PhaseNoise:
         return np.asarray(cholesky_banded(banded, lower=True))
 
 
-def cuts_of(factor: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Where no row depends on the one before it: ends of parts that can be whitened one by one, the last is the end."""
-    return np.flatnonzero(factor[1] == 0.0) + 1
+def slices(n: int, width: int = 1) -> Iterator[slice]:
+    """Some thousand rows after others, fewer where each is of several observations."""
+    at_once = max(1, ROWS_AT_ONCE // width)
+    return (slice(start, start + at_once) for start in range(0, n, at_once))
+
+
+def slices_of_chain(factor: NDArray[np.float64]) -> Iterator[slice]:
+    """Likewise, cut where no row depends on the one before it, so that each can be whitened by itself."""
+    cuts, start = np.flatnonzero(factor[1] == 0.0) + 1, 0
+    for end in cuts[np.diff(cuts // ROWS_AT_ONCE, append=-1) != 0].tolist():
+        yield slice(start, end)
+        start = end
 
 
 def unchained(factor: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -220,9 +232,7 @@ class ObservationNoise:
 class Whitening(Protocol):
     """Observations in use, brought to independent ones of unit variance."""
 
-    def whitened(
-        self, rows_of: Callable[[NDArray[np.intp]], NDArray[np.float64]]
-    ) -> Iterator[NDArray[np.float64]]:
+    def whitened(self, rows_of: RowsOf) -> Iterator[NDArray[np.float64]]:
         """Independent combinations part by part, from indices of rows (m,) to numbers that belong to them (m, k)."""
 
 
@@ -240,18 +250,14 @@ class Combinations:
         """Weights (n,), zero of those not in use; none where observations share errors."""
         return None if self.blocks or len(self.counts) else np.where(self.alone, self.own_m**-2.0, 0.0)
 
-    def parts(
-        self, rows_of: Callable[[NDArray[np.intp]], NDArray[np.float64]]
-    ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    def parts(self, rows_of: RowsOf) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
         """Independent combinations (m, k) and their standard deviations (m,), m, part by part in their own order."""
-        for start in range(0, len(self.alone), ROWS_AT_ONCE):
-            rows = start + np.flatnonzero(self.alone[start : start + ROWS_AT_ONCE])
-            if len(rows):
-                yield rows_of(rows), self.own_m[rows]
+        alone = np.flatnonzero(self.alone)
+        for some in slices(len(alone)):
+            yield rows_of(alone[some]), self.own_m[alone[some]]
         for block in self.blocks:
-            at_once = max(1, ROWS_AT_ONCE // block.rows.shape[1])
-            for start in range(0, len(block.rows), at_once):
-                part = block.select(slice(start, start + at_once))
+            for some in slices(*block.rows.shape):
+                part = block.select(some)
                 values = rows_of(part.rows.ravel()).reshape(*part.rows.shape, -1)
                 combined = np.swapaxes(part.axes, 1, 2) @ values
                 yield combined.reshape(part.rows.size, -1), part.combined_m.ravel()
@@ -267,17 +273,13 @@ class Combinations:
         combined, sigma_m = (np.concatenate(column, axis=None) for column in zip(*parts, strict=True))
         return combined, sigma_m
 
-    def whitened(
-        self, rows_of: Callable[[NDArray[np.intp]], NDArray[np.float64]]
-    ) -> Iterator[NDArray[np.float64]]:
+    def whitened(self, rows_of: RowsOf) -> Iterator[NDArray[np.float64]]:
         """Combinations over their standard deviations: all are independent and of unit variance."""
         for combined, sigma_m in self.parts(rows_of):
             combined *= (1.0 / sigma_m)[:, None]
             yield combined
-        cuts, start = cuts_of(self.factor), 0
-        for end in cuts[np.diff(cuts // ROWS_AT_ONCE, append=-1) != 0].tolist():
-            yield unchained(self.factor[:, start:end], rows_of(self.counts[start:end]))
-            start = end
+        for part in slices_of_chain(self.factor):
+            yield unchained(self.factor[:, part], rows_of(self.counts[part]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

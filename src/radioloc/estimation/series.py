@@ -7,18 +7,23 @@ serve for all epochs at which the same baselines were observed, so that a combin
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation.gauss_markov import Points, Series
 from radioloc.estimation.labels import Labels
-from radioloc.estimation.linearization import Rows
-from radioloc.estimation.observation_noise import ALONE, ObservationNoise, cuts_of, unchained
+from radioloc.estimation.observation_noise import (
+    ALONE,
+    ObservationNoise,
+    RowsOf,
+    slices,
+    slices_of_chain,
+    unchained,
+)
 from radioloc.measurements.link import Link
-from radioloc.measurements.predictor import ROWS_AT_ONCE
 
 _Floats = NDArray[np.float64]
 
@@ -68,122 +73,67 @@ class SeriesOrder:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Batch:
-    """Series of used observations, n together, and the blocks of observations that their values are combined from.
-
-    A combination of k baselines is a value of each of k series; single observations are blocks of one.
-    """
+class Bundle:
+    """The k series of combinations of the same j baselines, b values each; of single observations one series."""
 
     series: tuple[Series, ...]
-    begin: NDArray[np.intp]  # (s + 1,), first value of each series, and n
-    time_s: _Floats  # (n,), of the values, in order in each series
-    blocks: NDArray[np.intp]  # (b + 1,), first row of each block, and n
-    rows: NDArray[np.intp]  # (n,), observations, block by block
-    whitening: (
-        _Floats  # (n, k), from the observations of a block to independent combinations of unit variance
+    rows: NDArray[np.intp]  # (b, j), observations, in order of time
+    time_s: _Floats  # (b,)
+    whitening: _Floats  # (b, k, j), from observations to independent combinations of unit variance
+    factor: _Floats | None = (
+        None  # (2, b), of counts of a phase, by which they are brought to independent ones before
     )
-    place: NDArray[np.intp]  # (n,), which of the values such a combination is
-    # (2, n), of rows that are counts of a phase, by which they are brought to independent ones before; none where None
-    factor: _Floats | None = None
 
-    @classmethod
-    def of(cls, stretches: Sequence[_Stretch]) -> Batch:
-        """Series of stretches, one after another."""
-        sizes = np.array([one.rows.shape for one in stretches])
-        ends = np.cumsum(sizes.prod(axis=1))
-        whitening = np.zeros((ends[-1], sizes[:, 1].max()))
-        place, time_s = np.empty(ends[-1], dtype=np.intp), np.empty(ends[-1])
-        factor = np.repeat([[1.0], [0.0]], ends[-1], axis=1)
-        for one, end, (b, k) in zip(stretches, ends.tolist(), sizes.tolist(), strict=True):
-            part = slice(end - b * k, end)
-            whitening[part, :k] = one.whitening.reshape(-1, k)
-            place[part].reshape(b, k)[:] = part.start + np.arange(b)[:, None] + b * np.arange(k)
-            time_s[part].reshape(k, b)[:] = one.time_s
-            if one.factor is not None:
-                factor[:, part] = one.factor
-        return cls(
-            tuple(series for one in stretches for series in one.series),
-            np.append(0, np.cumsum(np.repeat(sizes[:, 0], sizes[:, 1]))),
-            time_s,
-            np.append(0, np.cumsum(np.repeat(sizes[:, 1], sizes[:, 0]))),
-            np.concatenate([one.rows.ravel() for one in stretches]),
-            whitening,
-            place,
-            factor if any(one.factor is not None for one in stretches) else None,
-        )
+    @property
+    def step_s(self) -> _Floats:
+        """Time since the value before, s, shape (b,)."""
+        return np.diff(self.time_s, prepend=self.time_s[0])
 
-    def added(
-        self, rows_of: Callable[[Rows], _Floats], place: NDArray[np.intp], count: int
-    ) -> tuple[_Floats, _Floats]:
-        """Sums (count, c) of values that go to some places (n,), and of the squares of their first columns, (count,).
-
-        They follow from the numbers that belong to observations, from rows (m,) to (m, c), taken some after others.
-        """
-        from radioloc.estimation._kernels import add_combinations
-
-        sums, squares, at = np.zeros((0, 0)), np.zeros(count), 0
-        cuts = self.blocks if self.factor is None else np.intersect1d(self.blocks, cuts_of(self.factor))
-        while at < len(self.rows):
-            end = cuts[max(cuts.searchsorted([at + ROWS_AT_ONCE, at], side="right") - [1, 0])]
-            blocks = self.blocks[slice(*self.blocks.searchsorted([at, end + 1]))]
-            part = slice(at, end)
-            values = rows_of(self.rows[part])
+    def parts(self, rows_of: RowsOf) -> Iterator[tuple[slice, _Floats]]:
+        """Some thousand of the values after others, (k, m, c), from rows (m,) to numbers (m, c) that belong to them."""
+        for part in slices(*self.rows.shape) if self.factor is None else slices_of_chain(self.factor):
+            values = rows_of(self.rows[part].ravel())
             if self.factor is not None:
                 values = unchained(self.factor[:, part], values)
-            values = np.ascontiguousarray(values)
-            sums = sums if at else np.zeros((count, values.shape[1]))
-            add_combinations(
-                blocks - blocks[0], self.whitening[part], place[self.place[part]], values, sums, squares
-            )
-            at = end
-        return sums, squares
+            values = values.reshape(*self.rows[part].shape, -1)
+            yield part, np.einsum("bkj,bjc->kbc", self.whitening[part], values)
 
-    def whitened(self, rows_of: Callable[[Rows], _Floats]) -> _Floats:
-        """Values (n, c) that follow from numbers that belong to observations, from rows (m,) to (m, c)."""
-        return self.added(rows_of, np.arange(len(self.rows)), len(self.rows))[0]
+    def whitened(self, rows_of: RowsOf) -> _Floats:
+        """All values, (k, b, c)."""
+        return np.concatenate([values for _, values in self.parts(rows_of)], axis=1)
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Stretch:
-    """The k series of combinations of the same k baselines; of single observations one."""
-
-    series: tuple[Series, ...]
-    rows: NDArray[np.intp]  # (b, k), in order of time
-    time_s: _Floats  # (b,)
-    whitening: _Floats  # (b, k, k)
-    factor: _Floats | None = None  # (2, b), of counts of a phase
+    def of_observation(self, j: int) -> Bundle:
+        """What one observation of each combination has in them."""
+        return replace(self, rows=self.rows[:, [j]], whitening=self.whitening[:, :, [j]])
 
 
-def points_of(
-    batches: Sequence[Batch], rows_of: Callable[[Rows], _Floats], root: _Floats, most: int = MOST_POINTS
-) -> Points:
+def points_of(bundles: Sequence[Bundle], rows_of: RowsOf, root: _Floats, most: int = MOST_POINTS) -> Points:
     """Each series, averaged where there are more than `most`, with partials by the parameters times `root`.
 
     `rows_of` gives residuals and partials side by side. Sums of bins are over the root of their count, so they are of
     unit variance where observations are independent.
     """
-    from radioloc.estimation._kernels import bins
-
-    columns, parts = [], []
-    for batch in batches:
-        place, first, width_s = bins(batch.time_s, batch.begin, most)
-        in_bin = np.bincount(place)
-        sums, squares = batch.added(rows_of, place, len(in_bin))
-        gain = np.sqrt(in_bin)
-        sums /= gain[:, None]
-        time_s = np.bincount(place, batch.time_s) / in_bin
-        step_s = np.diff(time_s, prepend=time_s[0])
-        step_s[first[:-1]] = 0.0
-        columns.append(sums)
-        of_series = (np.diff(first), np.diff(batch.begin), np.add.reduceat(squares, first[:-1]), width_s)
-        parts.append((*of_series, step_s, gain, time_s))
-    length, count, squares, width_s, step_s, gain, time_s = (
-        np.concatenate(part) for part in zip(*parts, strict=True)
-    )
+    columns, of_series, of_points = [], [], []
+    for one in bundles:
+        place, duration_s = bins(one.time_s, most)
+        in_bin, k = np.bincount(place), len(one.series)
+        sums, squares = np.zeros((0, 0, 0)), np.zeros(k)
+        for part, values in one.parts(rows_of):
+            there, begin = np.unique(place[part], return_index=True)
+            sums = sums if part.start else np.zeros((k, len(in_bin), values.shape[2]))
+            sums[:, there] += np.add.reduceat(values, begin, axis=1)
+            squares += np.square(values[:, :, 0]).sum(axis=1)
+        time_s = np.bincount(place, one.time_s) / in_bin
+        gain, step_s = np.sqrt(in_bin), np.diff(time_s, prepend=time_s[0])
+        columns.append((sums / gain[:, None]).reshape(-1, sums.shape[2]))
+        of_series += [(len(in_bin), len(place), square, duration_s) for square in squares.tolist()]
+        of_points += [(step_s, gain, time_s)] * k
+    length, count, squares, width_s = (np.array(column) for column in zip(*of_series, strict=True))
+    step_s, gain, time_s = (np.concatenate(column) for column in zip(*of_points, strict=True))
     both = np.concatenate(columns)
     return Points(
-        series=tuple(one for batch in batches for one in batch.series),
-        begin=np.concatenate([[0], np.cumsum(length)]),
+        series=tuple(series for one in bundles for series in one.series),
+        begin=np.append(0, np.cumsum(length)),
         count=count,
         squares=squares,
         width_s=width_s,
@@ -195,31 +145,38 @@ def points_of(
     )
 
 
-def series_of(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.bool_]) -> list[Batch]:
-    """All series of the observations in use; a batch is of some thousand rows, but for a longer series."""
+def bins(time_s: _Floats, most: int) -> tuple[NDArray[np.intp], float]:
+    """Bin of each of some times (n,) in order, and the duration of the bins, s; gaps take none, and none is empty.
+
+    Up to `most` times have a bin for each, of no duration.
+    """
+    n = len(time_s)
+    if n <= most:
+        return np.arange(n), 0.0
+    step_s = np.diff(time_s)
+    clock_s = np.append(0.0, np.cumsum(np.minimum(step_s, 10.0 * np.median(step_s))))
+    width_s = float(clock_s[-1]) / most
+    if not width_s > 0.0:  # all at one instant
+        return np.arange(n) * most // n, 0.0
+    return np.append(0, np.cumsum(np.diff(np.floor(clock_s / width_s)) > 0.0)), width_s
+
+
+def series_of(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.bool_]) -> list[Bundle]:
+    """All series of the observations in use."""
     taken = used if noise.shared is None else used & (noise.shared.group == ALONE)
     rows = order.order[taken[order.order]]
-    stretches = []
+    bundles = []
     for mine in np.split(rows, np.flatnonzero(np.diff(order.code[rows])) + 1) if len(rows) else ():
         name, kind = order.name_of(order.code[mine[0]]), order.type_of(order.code[mine[0]])
         whitening, factor = (1.0 / noise.own_m[mine])[:, None, None], None
         if noise.phase is not None and noise.phase.sigma_m[mine].any():
             whitening, factor = np.ones_like(whitening), noise.phase.factor(mine, noise.own_m)
         series = (Series(name, name, kind, kind),)
-        stretches.append(_Stretch(series, mine[:, None], order.time_s[mine], whitening, factor))
-    stretches += _combinations(order, noise, used)
-    together: list[list[_Stretch]] = []
-    size = 0
-    for one in stretches:
-        size += one.rows.size
-        if size > ROWS_AT_ONCE or not together:
-            together.append([])
-            size = one.rows.size
-        together[-1].append(one)
-    return [Batch.of(some) for some in together]
+        bundles.append(Bundle(series, mine[:, None], order.time_s[mine], whitening, factor))
+    return bundles + _combinations(order, noise, used)
 
 
-def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.bool_]) -> list[_Stretch]:
+def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.bool_]) -> list[Bundle]:
     """Combinations of observations that share errors, by the kinds of observations that are in a block."""
     found: dict[tuple[int, ...], list[tuple[NDArray[np.intp], _Floats, _Floats, _Floats]]] = {}
     for block in noise.among(used).blocks:
@@ -235,7 +192,7 @@ def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.
             mine = which.ravel() == k
             parts = (rows[mine], root[mine], axes[mine], block.combined_m[mine])
             found.setdefault(tuple(key.tolist()), []).append(parts)
-    stretches = []
+    bundles = []
     for key, pieces in found.items():
         rows, root, axes, combined_m = (np.concatenate(part) for part in zip(*pieces, strict=True))
         sort = np.argsort(order.time_s[rows[:, 0]], kind="stable")
@@ -254,7 +211,5 @@ def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.
             )
             for j, number in enumerate(part.tolist())
         )
-        stretches.append(
-            _Stretch(series, rows[sort], order.time_s[rows[sort, 0]], axes[first].T @ root[sort])
-        )
-    return stretches
+        bundles.append(Bundle(series, rows[sort], order.time_s[rows[sort, 0]], axes[first].T @ root[sort]))
+    return bundles

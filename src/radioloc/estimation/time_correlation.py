@@ -1,37 +1,50 @@
-"""Time-correlated residuals, and what they do to the covariance of the estimate.
+"""Time-correlated residuals: what they do to the covariance of the estimate, and weights that allow for them.
 
 A fit that weighs observations as independent still has the right expectation when their errors are correlated for
-hours, but its formal sigmas are too small: a thousand observations of an hour say what a few do. The estimate is left
-as it is; its covariance is taken with the errors as the residuals show them (the sandwich of Huber 1967 and White
-1980),
+hours, but its formal sigmas are too small: a thousand observations of an hour say what a few do. The covariance of an
+estimate is therefore taken with the errors as the residuals show them (the sandwich of Huber 1967 and White 1980),
 
     (A^T W A + P)^-1 (A^T W V W A + P) (A^T W A + P)^-1,
 
-with the whitened design matrix A, the information P of the a-priori values, the weights W (the identity, or with
-:mod:`~radioloc.estimation.correlated_weights` the inverse of a covariance) and V the covariance of the whitened errors:
-in each series (the residuals of one link and type) white noise and a first-order Gauss-Markov process
+with the whitened design matrix A, the information P of the a-priori values, the weights W and V the covariance of the
+whitened errors: in each series (the residuals of one link and type) white noise and first-order Gauss-Markov processes
 (:mod:`~radioloc.estimation.gauss_markov`). Errors of different series count as independent. Delays that share errors
 of stations are brought to independent combinations first (:mod:`~radioloc.estimation.series`).
+
+Nor do independent weights, the identity, have the least variance: a dense series whose errors are correlated outweighs
+a-priori values and other series that know better. The best linear estimate weighs by the inverse of V (Aitken 1935). A
+Kalman filter whitens residuals and design matrix of each series; what it leaves are independent observations to the
+fit. The noise is found once, from the fit with independent weights: a restricted likelihood does not depend on the
+estimate. Delays that share errors of stations are weighed as the independent observations that they are worth: their
+sigmas are multiplied by the root of n / n_effective, the mean over the combinations of baselines whose errors are
+correlated.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation.consider import Effects
+from radioloc.estimation.consider import CommonErrors, Effects
+from radioloc.estimation.editing import EditedFit
+from radioloc.estimation.factorization import covariance_of, gram
 from radioloc.estimation.gauss_markov import (
+    DENSE,
     Points,
     SeriesCorrelation,
     SeriesNoise,
+    SeriesWeight,
     TimeCorrelation,
     noise_of_series,
 )
-from radioloc.estimation.least_squares import FitResult
-from radioloc.estimation.linearization import Rows
-from radioloc.estimation.series import Batch, SeriesOrder, points_of, series_of
+from radioloc.estimation.least_squares import FitResult, fit_least_squares
+from radioloc.estimation.linearization import ResidualFunction, Rows
+from radioloc.estimation.observation_noise import RowsOf, Whitening
+from radioloc.estimation.series import Bundle, SeriesOrder, points_of, series_of
 
 _Floats = NDArray[np.float64]
 
@@ -39,13 +52,14 @@ _FREE = 300.0
 """Formal sigmas that parameters have a priori where noise is found jointly: as good as free, no column is singular."""
 ABSORBED = 30.0
 """Likewise for a series by itself: what the estimate, off by so much, takes out of it is left out of the likelihood."""
+_UNIT = SeriesNoise(1.0, np.ones(1), np.zeros(1))
 
 
 def assess_time_correlation(
     fit: FitResult,
     order: SeriesOrder,
     common: Effects | None = None,
-    batches: Sequence[Batch] | None = None,
+    bundles: Sequence[Bundle] | None = None,
 ) -> TimeCorrelation:
     """Find series whose residuals are significantly correlated in time, and what that does to the covariance.
 
@@ -58,7 +72,7 @@ def assess_time_correlation(
     common : callable, optional
         Effects of known errors of unit variance (:data:`~radioloc.estimation.consider.Effects`): their traces in the
         residuals are no noise.
-    batches : sequence of Batch, optional
+    bundles : sequence of Bundle, optional
         The series of the fit, where they are known already.
 
     Returns
@@ -87,11 +101,11 @@ def assess_time_correlation(
     if not fit.factor.determined.any() or not fit.used.any():
         return nothing
     root = fit.factor.root_covariance()
-    batches = series_of(order, fit.noise, fit.used) if batches is None else batches
+    bundles = series_of(order, fit.noise, fit.used) if bundles is None else bundles
     if common is None:
-        points, sigmas = points_of(batches, rows_of(fit), root), np.full(root.shape[1], _FREE)
+        points, sigmas = points_of(bundles, rows_of(fit), root), np.full(root.shape[1], _FREE)
     else:
-        points, sigmas = _with_errors(batches, fit, root, common)
+        points, sigmas = _with_errors(bundles, fit, root, common)
     noise = noise_of_series(points, sigmas)
     if not noise:
         return nothing
@@ -122,14 +136,14 @@ def noise_of_each(fit: FitResult, order: SeriesOrder) -> dict[str, SeriesNoise]:
 
 
 def _with_errors(
-    batches: Sequence[Batch], fit: FitResult, root: _Floats, common: Effects
+    bundles: Sequence[Bundle], fit: FitResult, root: _Floats, common: Effects
 ) -> tuple[Points, _Floats]:
     """Points with effects of common errors as further parameters, and sigmas of all."""
     count = common(np.zeros(1, dtype=np.intp)).shape[1]
     both = np.zeros((root.shape[0] + count, root.shape[1] + count))
     both[: root.shape[0], : root.shape[1]] = root
     both[root.shape[0] :, root.shape[1] :] = np.eye(count)
-    points = points_of(batches, rows_of(fit, common), both)
+    points = points_of(bundles, rows_of(fit, common), both)
     return points, np.repeat([_FREE, 1.0], [root.shape[1], count])
 
 
@@ -156,3 +170,156 @@ def in_parameters(added: _Floats, fit: FitResult) -> _Floats:
     half[free] = root @ (vectors * np.sqrt(np.maximum(values, 0.0)))
     half[np.isinf(np.diag(fit.covariance))] = 0.0
     return np.asarray(half @ half.T)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Whitening:
+    """How used observations are brought to independent ones where series have noise of their own."""
+
+    bundles: Sequence[Bundle]
+    noise: Mapping[str, SeriesNoise]  # by key of a series; white of unit variance by default
+
+    def whitened(self, rows_of: RowsOf) -> Iterator[_Floats]:
+        """Independent combinations of unit variance, part by part."""
+        for bundle in self.bundles:
+            yield np.concatenate(self.of_series(bundle, bundle.whitened(rows_of)))
+
+    def of_series(self, bundle: Bundle, values: _Floats, *, adjoint: bool = False) -> list[_Floats]:
+        """Values of the series of a bundle, (k, b, c), by the root of the inverse covariance, or it transposed."""
+        of_each = (self.noise.get(one.key, _UNIT) for one in bundle.series)
+        return [n.weighed(bundle.step_s, v, adjoint=adjoint) for n, v in zip(of_each, values, strict=True)]
+
+
+def fit_with_correlated_weights(
+    residual_function: ResidualFunction,
+    edited: EditedFit,
+    order: SeriesOrder,
+    common: Effects | None = None,
+) -> EditedFit:
+    """Fit again, each dense series with time-correlated residuals weighed by the inverse of their covariance.
+
+    Parameters
+    ----------
+    residual_function : callable
+        As for :func:`~radioloc.estimation.least_squares.fit_least_squares`.
+    edited : EditedFit
+        The fit with all observations weighed as independent; its selection stays, as outliers are judged by the stated
+        sigmas.
+    order : SeriesOrder
+        Types, paths and times of the observations.
+    common : callable, optional
+        Effects of known errors of unit variance (:data:`~radioloc.estimation.consider.Effects`), for which the weights
+        allow as well.
+
+    Returns
+    -------
+    EditedFit
+        With the weights of series. Noise, sum of squares and formal covariance are those of the stated sigmas; estimate
+        and factor those of the weights.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from radioloc.estimation import Labels, Parameter, ParameterSet, fit_with_correlated_weights, fit_with_editing
+    >>> parameters = ParameterSet([Parameter("offset", "m", "bias"), Parameter("drift", "m/h", "bias")])
+    >>> hours = np.arange(400) / 10
+    >>> design = np.column_stack([np.ones(400), hours])
+    >>> from radioloc.estimation.series import SeriesOrder
+    >>> lasting = np.convolve(np.random.default_rng(1).normal(size=420), np.exp(-np.arange(21) / 7), "valid")
+    >>> observed = 3.0 + 0.5 * hours + 0.1 * lasting
+    >>> order = SeriesOrder.of(Labels.of(["range"] * 400), Labels.of(["KASHI>lander>KASHI"] * 400), 3600.0 * hours)
+    >>> edited = fit_with_editing(lambda x: (observed - design @ x, design), parameters, 0.2)
+    >>> weighed = fit_with_correlated_weights(lambda x: (observed - design @ x, design), edited, order)
+    >>> [weight.name for weight in weighed.series_weights]
+    ['range KASHI>lander>KASHI']
+    """
+    stated = edited.fit
+    # A fit that did not come to its end says itself what is wrong with it.
+    if not edited.ended:
+        return edited
+    bundles = series_of(order, stated.noise, stated.used)
+    found = assess_time_correlation(stated, order, common, bundles)
+    edited = replace(edited, fit=replace(stated, time_correlation=found))
+    if not found.series and common is None:
+        return edited
+    weights = _weights(bundles, found)
+    noise = _Whitening(bundles, _weight_noise(bundles, found, weights))
+    whitening: Whitening = noise
+    if common is not None:
+        allowing = CommonErrors.of(noise, common)
+        whitening = allowing if len(allowing.variance) else noise
+    if whitening is noise and not weights:
+        return edited
+    fit = fit_least_squares(
+        residual_function,
+        stated.parameters,
+        stated.noise,
+        used=stated.used,
+        start=stated.x,
+        linearization=stated.linearization,
+        whitening=whitening,
+    )
+    return replace(edited, fit=_with_covariances(fit, noise, found), series_weights=weights)
+
+
+def _with_covariances(fit: FitResult, noise: _Whitening, found: TimeCorrelation) -> FitResult:
+    """The fit with the covariance of its estimate were errors independent and as stated, and what they add to it.
+
+    With the weights W, parameters of unit A^T W A + P have the covariance I + A^T W W A - A^T W A for errors of unit
+    variance, and A^T W V W A - A^T W W A more for those of the covariance V.
+    """
+    root = fit.factor.root_covariance()
+    unit, added = np.eye(root.shape[1]), np.zeros((root.shape[1],) * 2)
+    parts = list(fit.whitening.whitened(fit.unit_partials()))
+    for whitened in parts:
+        unit -= gram(whitened, whitened)
+    # Estimates of common errors come last
+    for bundle, whitened in zip(noise.bundles, parts, strict=False):
+        values = whitened.reshape(len(bundle.series), len(bundle.rows), -1)
+        for one, weighted in zip(bundle.series, noise.of_series(bundle, values, adjoint=True), strict=True):
+            unit += gram(weighted, weighted)
+            if one.key in found.noise:
+                points = (bundle.step_s, np.ones(len(weighted)), weighted)
+                added += found.noise[one.key].products(*points, less=1.0)
+    fit = replace(fit, covariance=covariance_of(fit.factor, fit.parameters, unit))
+    return replace(fit, time_correlation=replace(found, added_covariance=in_parameters(added, fit)))
+
+
+def _weight_noise(
+    bundles: Sequence[Bundle], found: TimeCorrelation, weights: Sequence[SeriesWeight]
+) -> dict[str, SeriesNoise]:
+    """Noise by whose inverse covariance series are weighed, by key.
+
+    Errors of stations go on where a baseline drops out and the combinations become others, which a filter for each
+    combination does not know. Observations that share errors have one factor on their sigmas instead.
+    """
+    factors = {weight.name: weight.sigma_factor for weight in weights}
+    noise: dict[str, SeriesNoise] = {}
+    for one in (one for bundle in bundles for one in bundle.series):
+        if one.shared in factors:
+            noise[one.key] = SeriesNoise(factors[one.shared] ** 2, np.ones(1), np.zeros(1))
+        elif one.name in factors:
+            noise[one.key] = found.noise[one.key]
+    return noise
+
+
+def _weights(bundles: Sequence[Bundle], found: TimeCorrelation) -> tuple[SeriesWeight, ...]:
+    """What the series weigh; combinations of observations that share errors together."""
+    items = dict(zip(found.noise, found.series, strict=True))
+    counts: dict[str, int] = {}
+    mine: dict[str, list[SeriesCorrelation]] = {}
+    for bundle in bundles:
+        span_s, count = float(bundle.time_s[-1] - bundle.time_s[0]), len(bundle.rows)
+        for one in bundle.series:
+            name, item = one.shared or one.name, items.get(one.key)
+            counts[name] = counts.get(name, 0) + count
+            if item is not None and item.count * item.correlation_time_s >= DENSE * span_s:
+                mine.setdefault(name, []).append(item)
+    weights = []
+    for name, found_in in mine.items():
+        # Combinations in which the errors of stations cancel, around triangles, need not be correlated.
+        enlarged = sum(item.count**2 / item.effective_count for item in found_in)
+        factor = math.sqrt(max(1.0, enlarged / max(sum(item.count for item in found_in), 1)))
+        if factor > 1.0:
+            weights.append(SeriesWeight(name, counts[name], factor))
+    return tuple(weights)

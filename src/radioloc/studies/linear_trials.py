@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from radioloc.estimation.build import estimated_covariance
 from radioloc.estimation.consider import Effects, moved_by
-from radioloc.estimation.correlated_weights import fit_with_correlated_weights
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.factorization import LinearProblem
 from radioloc.estimation.labels import Labels
@@ -21,6 +20,7 @@ from radioloc.estimation.m_estimator import fit_with_huber
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL
 from radioloc.estimation.series import SeriesOrder
+from radioloc.estimation.time_correlation import fit_with_correlated_weights
 from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.report.trial_statistics import sides_of

@@ -223,13 +223,13 @@ def test_observations_that_share_errors_are_weighed_together():
     assert (np.diag(true) < 1.1**2 * np.diag(best)).all()
     # What it says of itself is the sandwich with the noise that was found, dense.
     order = SeriesOrder.of(labels(n, "delay"), paths, time_s)
-    [batch] = series_of(order, fit.noise, fit.used)
-    rows, whitening = batch.rows.reshape(-1, 6), batch.whitening.reshape(-1, 6, 6)
+    [bundle] = series_of(order, fit.noise, fit.used)
+    rows, whitening = bundle.rows, bundle.whitening
     one = whitening[0]
     np.testing.assert_allclose(one @ case.covariance[:6, :6] @ one.T, np.eye(6), atol=ROUNDING)
     independent = np.einsum("bij,bjp->bip", whitening, case.design[rows])
     middle = np.zeros((3, 3))
-    for k, key in enumerate(one.key for one in batch.series):
+    for k, key in enumerate(one.key for one in bundle.series):
         columns = independent[:, k]
         middle += columns.T @ columns
         if key in fit.time_correlation.noise:

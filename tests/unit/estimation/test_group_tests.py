@@ -42,8 +42,8 @@ def problem(seed, noise):
     fit = fit_least_squares(linear, parameters, noise)
     white = {
         one.key: SeriesNoise(1.0, np.ones(1), np.zeros(1))
-        for batch in series_of(order, fit.noise, fit.used)
-        for one in batch.series
+        for bundle in series_of(order, fit.noise, fit.used)
+        for one in bundle.series
     }
     return linear, order, fit, BinnedProblem.of(fit, order, white)
 

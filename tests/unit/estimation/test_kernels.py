@@ -9,8 +9,9 @@ import itertools
 import numpy as np
 import pytest
 
-from radioloc.estimation._kernels import add_combinations, bins, filter_grid, mean_correlation, whiten
+from radioloc.estimation._kernels import filter_grid, mean_correlation, whiten
 from radioloc.estimation.gauss_markov import Points, RestrictedLikelihood, Series, SeriesNoise
+from radioloc.estimation.series import Bundle, bins, points_of
 
 ROUNDING = 1e-10
 
@@ -138,20 +139,12 @@ def test_restricted_likelihood_of_bins_is_that_of_their_observations(width_s):
 
 def test_whitening_is_a_root_of_the_inverse_covariance(case):
     step_s, _, columns = case
-    # Two series, the second without noise of its own but white.
-    ends, two = np.array([0, 150, 160]), np.append(step_s, np.full(10, 60.0))
-    numbers = np.array([[0.8, 600.0, 3.0], [1.0, 1.0, 0.0]]).T.copy()
-    both = whiten(ends, two, *numbers, np.eye(160), False)
-    np.testing.assert_array_equal(both[150:, 150:], np.eye(10))
-    assert not both[:150, 150:].any()
-    assert not both[150:, :150].any()
-    whitened = both[:150, :150]
+    whitened = whiten(step_s, 0.8, 600.0, 3.0, np.eye(150), False)
     expected = np.linalg.inv(0.8 * dense(step_s, np.ones(150), 600.0, 3.0))
     np.testing.assert_allclose(whitened.T @ whitened, expected, rtol=0.0, atol=ROUNDING)
     np.testing.assert_allclose(np.triu(whitened, 1), 0.0, rtol=0.0, atol=ROUNDING)
-    more = np.vstack([columns, np.zeros((10, columns.shape[1]))])
     np.testing.assert_allclose(
-        whiten(ends, two, *numbers, more, True)[:150], whitened.T @ columns, rtol=0.0, atol=ROUNDING
+        whiten(step_s, 0.8, 600.0, 3.0, columns, True), whitened.T @ columns, rtol=0.0, atol=ROUNDING
     )
 
 
@@ -176,31 +169,36 @@ def test_mean_correlation_in_a_bin():
 
 
 def test_a_long_series_has_bins_of_equal_duration_and_a_gap_has_none():
-    short_s, instant_s = np.array([0.0, 1.0, 5.0]), np.full(10, 7.0)
     # 40 observations a minute apart, on either side of a day without any: a gap counts as ten steps.
-    long_s = np.concatenate([np.arange(20) * 60.0, 86400.0 + np.arange(20) * 60.0])
-    begin = np.array([0, 3, 43, 53])
-    place, first, width_s = bins(np.concatenate([short_s, long_s, instant_s]), begin, 5)
-    assert place[:3].tolist() == [0, 1, 2]
-    assert width_s.tolist() == pytest.approx([0.0, (38 + 10) * 60.0 / 5, 0.0])
+    place, width_s = bins(np.concatenate([np.arange(20) * 60.0, 86400.0 + np.arange(20) * 60.0]), 5)
+    assert width_s == pytest.approx((38 + 10) * 60.0 / 5)
     # A bin is 9.6 minutes; what ends one and begins the next after the gap are different bins.
-    assert np.bincount(place[3:43] - first[1]).tolist() == [10, 10, 10, 9, 1]
-    assert place[43:].tolist() == np.repeat(first[2] + np.arange(5), 2).tolist()
-    assert first.tolist() == [0, 3, 8, 13]
+    assert np.bincount(place).tolist() == [10, 10, 10, 9, 1]
 
 
-def test_sums_of_bins_are_those_of_whitened_values():
-    """Blocks of two, one and three observations."""
+def test_few_observations_and_those_of_one_instant_have_bins_of_no_duration():
+    place, width_s = bins(np.array([0.0, 1.0, 5.0]), 5)
+    assert (place.tolist(), width_s) == ([0, 1, 2], 0.0)
+    place, width_s = bins(np.full(10, 7.0), 5)
+    assert (place.tolist(), width_s) == (np.repeat(np.arange(5), 2).tolist(), 0.0)
+
+
+@pytest.mark.parametrize("at_once", [4, 1000])
+def test_sums_of_bins_are_those_of_whitened_values(monkeypatch, at_once):
+    """Twelve times two observations that are combined, in bins of some, so many at a time."""
+    monkeypatch.setattr("radioloc.estimation.observation_noise.ROWS_AT_ONCE", at_once)
     rng = np.random.default_rng(3)
-    blocks, place = np.array([0, 2, 3, 6]), np.array([0, 1, 1, 0, 2, 2])
-    values, whitening = rng.normal(size=(6, 3)), rng.normal(size=(6, 3))
-    sums, squares = np.ones((3, 3)), np.ones(3)
-    add_combinations(blocks, whitening, place, values, sums, squares)
-    whitened = np.concatenate([whitening[a:b, : b - a] @ values[a:b] for a, b in itertools.pairwise(blocks)])
-    for k in range(3):
-        mine = whitened[place == k]
-        np.testing.assert_allclose(sums[k], 1.0 + mine.sum(axis=0), rtol=1e-12)
-        np.testing.assert_allclose(squares[k], 1.0 + (mine[:, 0] ** 2).sum(), rtol=1e-12)
+    values, rows = rng.normal(size=(24, 3)), rng.permutation(24).reshape(12, 2)
+    series = tuple(Series(name, name, "g", "range") for name in "ab")
+    bundle = Bundle(series, rows, 60.0 * np.arange(12), rng.normal(size=(12, 2, 2)))
+    whitened = np.moveaxis(bundle.whitening @ values[rows], 1, 0)
+    np.testing.assert_allclose(bundle.whitened(lambda rows: values[rows]), whitened, rtol=1e-12)
+    found = points_of([bundle], lambda rows: values[rows], np.eye(2), 4)
+    place, _ = bins(bundle.time_s, 4)
+    in_bin = place == np.arange(place[-1] + 1)[:, None]
+    expected = (in_bin @ whitened / np.sqrt(in_bin.sum(axis=1))[:, None]).reshape(-1, 3)
+    np.testing.assert_allclose(np.column_stack([found.residual, found.unit]), expected, rtol=1e-12)
+    np.testing.assert_allclose(found.squares, (whitened[:, :, 0] ** 2).sum(axis=1), rtol=1e-12)
 
 
 def points(residual, step_s, gain, unit, count, squares, width_s):

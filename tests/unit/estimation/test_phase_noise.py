@@ -14,10 +14,10 @@ from radioloc.estimation import (
     fit_least_squares,
     fit_with_variance_components,
 )
-from radioloc.estimation.correlated_weights import fit_with_correlated_weights
 from radioloc.estimation.observation_noise import ALONE, ObservationNoise, PhaseNoise, SharedErrors
 from radioloc.estimation.process_noise import ProcessNoise
 from radioloc.estimation.series import SeriesOrder, series_of
+from radioloc.estimation.time_correlation import fit_with_correlated_weights
 from radioloc.measurements import PhysicalModel
 from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, Session, Truth, two_way
 from radioloc.studies import EstimateChoice, ObservationChoice
@@ -87,9 +87,9 @@ def order():
 @pytest.mark.parametrize("at_once", [7, 10000])
 def test_series_are_of_independent_counts(monkeypatch, at_once):
     noise, used = counts(), RANDOM.random(N) < 0.9
-    monkeypatch.setattr("radioloc.estimation.series.ROWS_AT_ONCE", at_once)
-    [batch] = series_of(order(), noise, used)
-    values = batch.whitened(lambda rows: COLUMNS[rows])
+    monkeypatch.setattr("radioloc.estimation.observation_noise.ROWS_AT_ONCE", at_once)
+    [bundle] = series_of(order(), noise, used)
+    [values] = bundle.whitened(lambda rows: COLUMNS[rows])
     np.testing.assert_allclose(values.T @ values, information(noise.among(used)), rtol=ROUNDING)
 
 

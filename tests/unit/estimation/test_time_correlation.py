@@ -145,8 +145,8 @@ def test_order_of_rows_and_size_of_parts_do_not_matter(monkeypatch):
 def test_long_series_are_averaged_and_gaps_take_no_bins():
     fit, types, path, time_s = line(n=3000, series=1)
     time_s = time_s + np.where(time_s > time_s.mean(), 1e7, 0.0)
-    batches = series_of(SeriesOrder.of(types, path, time_s), fit.noise, fit.used)
-    binned = points_of(batches, lambda rows: fit.residual_m[rows, None], np.zeros((0, 0)))
+    bundles = series_of(SeriesOrder.of(types, path, time_s), fit.noise, fit.used)
+    binned = points_of(bundles, lambda rows: fit.residual_m[rows, None], np.zeros((0, 0)))
     assert len(binned.step_s) == pytest.approx(MOST_POINTS, abs=5)
     assert (binned.gain**2).sum() == 3000
     assert (binned.step_s[1:] > 0.0).all()

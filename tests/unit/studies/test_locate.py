@@ -9,7 +9,7 @@ from quick import some
 
 import radioloc
 from radioloc import LunarPosition, Study
-from radioloc.estimation import correlated_weights
+from radioloc.estimation import time_correlation
 from radioloc.studies import EstimateChoice, ModelChoice, ObservationChoice
 
 # JPL's positions in the principal axes of DE421, m: Williams, Boggs and Folkner, "DE421 Lunar Orbit, Physical
@@ -368,7 +368,7 @@ def test_sparse_data_keep_their_weights(apollo15, near15, solution):
 
 
 def test_weights_of_a_correlated_series(apollo15, near15, solution, monkeypatch):
-    monkeypatch.setattr(correlated_weights, "DENSE", 0.0)
+    monkeypatch.setattr(time_correlation, "DENSE", 0.0)
     found = fit(apollo15, near15, weights="correlated")
     (weight,) = found.series_weights
     (item,) = found.time_correlation.series

@@ -13,7 +13,7 @@ SMOKE := tests/unit/test_package.py tests/unit/test_cli.py tests/unit/test_reade
 	tests/unit/kernels tests/unit/lunar/test_terrain_files.py tests/unit/studies/test_trajectory_study.py \
 	tests/unit/studies/test_monte_carlo.py tests/unit/report
 
-.PHONY: demo test test-all coverage test-uncompiled test-lowest package audit lint docs notebooks bench scaling clean
+.PHONY: demo test test-studies test-all coverage test-uncompiled test-lowest package audit lint docs notebooks bench scaling clean
 
 $(VENV)/.installed-demo: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -28,10 +28,13 @@ $(VENV)/.installed-dev: pyproject.toml
 demo: $(VENV)/.installed-demo  ## Locate the Apollo 15 reflector from real laser ranges.
 	$(BIN)/radioloc locate examples/apollo15/apollo15.toml --out out/apollo15
 
-test: $(VENV)/.installed-dev  ## Run the tests that take seconds.
-	$(BIN)/python -m pytest $(PARALLEL) -m "not slow"
+test: $(VENV)/.installed-dev  ## Run the tests that take a moment each.
+	$(BIN)/python -m pytest $(PARALLEL) -m "not slow and not study"
 
-test-all: $(VENV)/.installed-dev  ## Run all tests: also slow studies, what the documentation runs, and long searches for failures.
+test-studies: $(VENV)/.installed-dev  ## Run whole studies, pages and figures, each about a second.
+	$(BIN)/python -m pytest $(PARALLEL) -m "study and not slow"
+
+test-all: $(VENV)/.installed-dev  ## Run all tests: also slow ones, what the documentation runs, and long searches for failures.
 	$(BIN)/python -m pytest $(PARALLEL) --hypothesis-profile=thorough
 
 coverage: $(VENV)/.installed-dev  ## Lines of the library that no test runs, over all tests, those of compiled code with the compiler off.

@@ -207,6 +207,7 @@ def test_both_cores(benchmark, arcs, capsys):
     assert rate > 0.1  # a tenth of a core that is busy with something else
 
 
+@pytest.mark.study
 def test_they_model_the_same_link(link, tmp_path):
     """The packages agree with each other as far as their Earth and Moon go; nobody skips work."""
     pytest.importorskip("skyfield", reason="pip install '.[bench]'")

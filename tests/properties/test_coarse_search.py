@@ -67,6 +67,7 @@ def test_fits_come_home_from_the_whole_near_side(tracking, home, fit, from_middl
     assert (np.abs(off_m) < SAME_SIGMAS * known.sigma_enu_m()).all()
 
 
+@pytest.mark.study
 def test_a_good_start_is_kept_and_a_bad_one_told(tracking, home):
     assert not any("the fit began" in note for note in home["biases"].notes)
     far = located(tracking, "biases", LunarPosition.from_selenographic(8.0, 43.0, 0.0))

@@ -61,6 +61,7 @@ def model():
     return Forces(GravityField.open("GRGM660PRIM"), radiation_m2_kg=0.014)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(("part", "rows"), [("before", slice(0, JUMP)), ("behind", slice(JUMP, 241))])
 def test_each_arc_of_the_reconstruction_is_met_within_decimetres(part, rows, model):
     residuals_m, values = fitted(rows, model, ("radiation",))

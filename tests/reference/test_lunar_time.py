@@ -141,6 +141,7 @@ def test_at_a_place(spice):
     assert other_s == pytest.approx(offset_s, abs=2e-13)
 
 
+@pytest.mark.study
 def test_any_order_and_number_of_epochs_and_what_an_ephemeris_does_not_hold():
     dates = epochs_from_strings(["2031-05-05", "1992-01-01", "2000-01-01T12:00:00"], "TDB")
     one_by_one = [tcl_minus_tdb(dates[k])[0] for k in range(3)]

@@ -36,6 +36,7 @@ def solutions(request):
     return found
 
 
+@pytest.mark.study
 def test_95_percent_ellipses_hold_the_truth_in_95_percent(solutions):
     held = 0
     for solution in solutions:

@@ -29,6 +29,7 @@ def network():
     return DelayNetwork.make(epochs=10, own_m=0.05, station_m=0.5)
 
 
+@pytest.mark.study
 def test_with_the_model_the_covariance_is_right(network):
     nees, chi2_per_dof = runs(network, network.noise)
     assert NEES_3[0] < nees < NEES_3[1]
@@ -76,6 +77,7 @@ def test_shared_errors_are_seldom_found_where_there_are_none(lasting, runs):
     assert found <= runs // 100  # one of a thousand is meant; four of 300 have a chance of 3e-4
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(("which", "runs"), some([("all", RUNS), ("one", RUNS), ("one", 30)], [("one", 30)]))
 def test_shared_errors_are_found_and_the_covariance_is_right(which, runs):
     nees, sigmas_m = [], []

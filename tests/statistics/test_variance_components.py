@@ -24,6 +24,7 @@ def trial(excess_m, seed):
     return found, (found.fit.x - truth) / found.fit.sigmas
 
 
+@pytest.mark.study
 def test_seldom_added_for_nothing():
     added = sum(trial(0.0, seed)[0].additive_sigma_m["all"] > 0.0 for seed in range(TRIALS))
     assert added <= 3  # one of a thousand is meant; four of 300 have a chance of 3e-4
@@ -79,6 +80,7 @@ def stations(seed, counts=(60, 60, 60), own_m=(0.0, 0.0, 0.0), tau_s=0.0, stated
     return found, (found.fit.x - truth) / found.fit.sigmas
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     "case",
     some(

@@ -136,6 +136,7 @@ def test_quiet_writes_the_same_files_and_says_nothing(run, folder):
         assert (folder / "a" / name).read_bytes() == (folder / "b" / name).read_bytes(), name
 
 
+@pytest.mark.study
 @pytest.mark.usefixtures("undrawn")
 def test_terms(run, folder, monkeypatch):
     prepared = []
@@ -153,6 +154,7 @@ def test_terms(run, folder, monkeypatch):
     refused(run(study_of(), "--terms"), "--terms needs --out DIR")
 
 
+@pytest.mark.study
 def test_residuals_command_fits_nothing(run, folder):
     target = f'[target]\nframe = "PA_DE421"\nposition_m = {JPL_PA_M.tolist()}\n'
     outcome = run(study_of(target=target), "--out", folder / "out", command="residuals")
@@ -214,6 +216,7 @@ def test_replaced_station_is_found_by_the_names_in_the_data(run, folder):
         assert change_m == pytest.approx(600.0 * np.sin(np.radians(float(one["elevation_deg"]))), abs=3.0)
 
 
+@pytest.mark.study
 @pytest.mark.usefixtures("undrawn")
 def test_gzip_and_globs(run, folder):
     table = (folder / "d.csv").read_bytes()
@@ -297,6 +300,7 @@ def test_study_that_is_a_folder(folder, capsys):
     assert err == f"radioloc: {folder}: is a directory; give the study file in it\n"
 
 
+@pytest.mark.study
 def test_output_that_cannot_be_written(run, folder):
     refused(run(study_of(), "--out", folder / "d.csv"), "d.csv", "cannot be made: File exists")
     refused(run(study_of(), "--out", folder / "d.csv" / "x"), "cannot be made: Not a directory")
@@ -359,6 +363,7 @@ def test_json_is_all_that_is_printed(arguments, capsys):
     assert json.loads(out)
 
 
+@pytest.mark.study
 def test_a_study_s_json_is_that_of_its_file(run, folder):
     outcome = run(study_of(), "--json", "--out", folder / "out", command="residuals")
     assert (outcome.status, outcome.err) == (0, "")
@@ -403,6 +408,7 @@ def test_mistakes_in_a_study_from_standard_input_are_told_of_it(command, capsys,
     refused(Outcome(2, *capsys.readouterr()), "radioloc: stdin: 'taget' is not known")
 
 
+@pytest.mark.study
 def test_convert_from_standard_input_to_standard_output(folder):
     given = (folder / "d.csv").read_bytes()
     command = [sys.executable, "-m", "radioloc", "convert", "-", "-", "--format"]
@@ -418,6 +424,7 @@ def test_convert_from_standard_input_to_standard_output(folder):
         assert (radioloc.read_observations(folder / name).value_m == first.value_m).all()
 
 
+@pytest.mark.study
 def test_convert_writes_ramps_beside_the_table(tmp_path, capsys):
     given, table = tmp_path / "pass.odf", tmp_path / "pass.csv"
     given.write_bytes(odf([doppler(k) for k in range(4)]))
@@ -527,6 +534,7 @@ def test_a_station_that_is_asked_for_is_described(capsys):
     assert "ITRF93_DSN at 2003, sigma 0.05 m; azimuth_elevation, axis offset 0 m; DSN 810-005" in line
 
 
+@pytest.mark.study
 def test_visibility_and_leave_one_out_print_their_cards(capsys, tmp_path):
     plan = str(EXAMPLES / "change5" / "simulation.toml")
     assert cli.main(["visibility", plan, "--stations", "KS", "--stop", "2020-12-02", "--mask", "5"]) == 0
@@ -649,6 +657,7 @@ def test_as_a_program(environment, run, folder):
     assert (done.returncode, done.stdout, done.stderr) == (0, expected.out, "")
 
 
+@pytest.mark.study
 def test_as_a_program_with_a_bad_study(folder):
     (folder / "s.toml").write_text("[taget]\n", encoding="utf-8")
     failed = process("locate", folder / "s.toml")

@@ -85,6 +85,7 @@ def limited():
     resource.setrlimit(resource.RLIMIT_FSIZE, (9000, 9000))
 
 
+@pytest.mark.study
 def test_a_file_that_the_disk_cannot_take(tmp_path):
     table = APOLLO.parent / "apollo15_apollo_2006-2007.csv"
     done = run(*RADIOLOC, "convert", table, tmp_path / "a.parquet", preexec_fn=limited)

@@ -107,6 +107,7 @@ TABLE = (
 NO_WIDGETS = "import sys\nsys.modules['ipywidgets'] = None"
 
 
+@pytest.mark.study
 def test_figures_and_cards_show_once_and_bars_without_warnings(run_cells):
     pyplot = "import matplotlib.pyplot as plt\nplt.plot([1, 2]);"
     cells = run_cells(FIGURE, f"{FIGURE};", pyplot, FIGURE, "b = a", TABLE, NO_WIDGETS, BAR)

@@ -118,6 +118,7 @@ def write_half_ranges(folder: Path) -> None:
     (folder / "jiamusi.log").write_text("\n".join(lines["JIAMUSI"]) + "\n")
 
 
+@pytest.mark.study
 def test_a_study_with_what_another_package_adds(toys, tmp_path):
     write_half_ranges(tmp_path)
     (tmp_path / "toys.toml").write_text(STUDY)

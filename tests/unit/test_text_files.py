@@ -125,6 +125,7 @@ def test_lines_are_read_as_they_are_asked_for(tmp_path):
     assert caught.value.line == 800_001
 
 
+@pytest.mark.study
 def test_gzip_that_would_fill_the_memory(tmp_path):
     file = tmp_path / "a.gz"
     file.write_bytes(gzip.compress(b"x" * 2**27))

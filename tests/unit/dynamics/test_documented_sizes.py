@@ -24,6 +24,7 @@ def same(found, text):
     return f"{found:.1e}" == f"{float(text):.1e}" if text else found < 1e-15
 
 
+@pytest.mark.study
 def test_of_all_forces():
     forces = Forces(FIELD, radiation_m2_kg=0.02)
     table = {name: sizes for name, _, *sizes in ROWS if name}
@@ -38,6 +39,7 @@ def test_of_all_forces():
 BANDS = [(what, sizes) for name, what, *sizes in ROWS if not name]
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(("what", "sizes"), BANDS, ids=[what for what, _ in BANDS])
 def test_of_degrees(what, sizes):
     lowest, highest = [int(word) for word in re.findall(r"\d+", what) * 2][:2]

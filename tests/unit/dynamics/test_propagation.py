@@ -103,6 +103,7 @@ def test_enckes_method_finds_the_same_orbit():
     assert np.linalg.norm(own[:3] - encke[:3]) < 1e-4
 
 
+@pytest.mark.study
 def test_steps_are_as_good_as_much_finer_ones():
     model = forces(100, radiation_m2_kg=0.01)
     times_s = np.linspace(0.0, 4 * 3600.0, 500)

@@ -61,6 +61,7 @@ def test_the_descent_comes_from_a_low_orbit():
     assert abs(before[3:] @ NORMAL) < 30.0  # in the plane; the ground moves across it by 3 m/s
 
 
+@pytest.mark.study
 def test_partials_are_those_of_differences():
     names = ["burn3.r", "burn3.t", "burn3.n", "burn11.n"]
     times_s, size = [-1500.0, -300.0, -20.0, 400.0], 1e-3

@@ -59,6 +59,7 @@ def test_refuses(text: str, line: int | None, message: str) -> None:
     assert "bad.blq" in str(caught.value)
 
 
+@pytest.mark.study
 def test_a_file_that_was_cut_is_told(tmp_path: Path) -> None:
     """Wherever it is cut behind the heading: an error, a warning, or nothing but the end mark is missing."""
     path = tmp_path / "cut.blq"

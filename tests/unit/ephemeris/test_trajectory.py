@@ -183,6 +183,7 @@ def _no_earth():
 ALL_TYPES = (1, 2, 3, 5, 8, 9, 12, 13, 14, 15, 17, 18, 180, 19, 20, 21)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("each", [29, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_damaged_file_is_refused_and_ends_no_process(tmp_path, each):
     """Of a file of each type of segment, hundreds of damaged copies, in a process of 2 GB."""

@@ -59,6 +59,7 @@ def test_a_priori_values_and_noise_are_told_apart():
     assert of_noise @ of_noise.T == pytest.approx(fit.covariance - effects @ effects.T, abs=1e-12)
 
 
+@pytest.mark.study
 def test_the_budget_adds_up(solution):
     budget = solution.budget
     np.testing.assert_allclose(squares(budget), solution.sigma_enu_m() ** 2, rtol=1e-9)
@@ -95,6 +96,7 @@ def test_it_is_on_the_card_and_in_the_file(solution):
     )
 
 
+@pytest.mark.study
 def test_a_rounded_station_dominates(study):
     one = replace(study, consider=considered_choices({"station_position_sigma_m": {"MIYUN50": 0.05}}))
     found = radioloc.locate(replace(one, observations=replace(one.observations, hours=12.0)))
@@ -106,6 +108,7 @@ def test_a_rounded_station_dominates(study):
     assert f"{advice}{found.budget[0].name};" in " ".join(str(found).split())
 
 
+@pytest.mark.study
 def test_without_a_determined_position_there_is_none(study):
     estimate = radioloc.studies.EstimateChoice(position="none", range_bias="all")
     held = replace(study, estimate=estimate, observations=replace(study.observations, hours=6.0))

@@ -50,6 +50,7 @@ def test_sensitivity_is_what_the_estimate_does():
     assert moved["d"] == pytest.approx([found.sensitivity[1, 1]])
 
 
+@pytest.mark.study
 def test_covariance_of_drawn_errors():
     """1000 sets of data whose considered parameters are wrong by their sigmas: the whole covariance."""
     fit = fitted(np.zeros(60))

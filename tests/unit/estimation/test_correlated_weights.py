@@ -104,6 +104,7 @@ def test_nearly_generalized_least_squares(seed):
     assert (worse > 1.5 * best).all()
 
 
+@pytest.mark.study
 def test_estimate_and_covariance_are_those_of_the_weights():
     case = TwoSeries()
     fit = case.fits()[1].fit

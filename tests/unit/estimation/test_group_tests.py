@@ -102,6 +102,7 @@ def test_a_column_that_the_parameters_hold_already():
     assert binned.each(held)[0] == 0.0
 
 
+@pytest.mark.study
 def test_chance_is_uniform():
     """Of chi-square of 200 problems without misfit: the mean of -log of the chance is one, to 3 / sqrt(200)."""
     logs = []

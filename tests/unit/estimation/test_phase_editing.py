@@ -122,6 +122,7 @@ def tracking():
     return world.draw().observations, world.target_pa_m
 
 
+@pytest.mark.study
 def test_forty_counts_before_the_lock_and_slips_leave_the_position_as_it_is(tracking):
     observations, truth_pa_m = tracking
     counts = np.flatnonzero(observations.types() == "doppler")
@@ -142,6 +143,7 @@ def test_forty_counts_before_the_lock_and_slips_leave_the_position_as_it_is(trac
     assert np.sqrt(error_m @ np.linalg.solve(covariance_m2, error_m)) < 3.37  # 99 %
 
 
+@pytest.mark.study
 def test_a_slip_that_the_stated_sigma_hides_is_left_out_of_the_fit(tracking):
     observations, _ = tracking
     row = int(np.flatnonzero(observations.types() == "doppler")[1500])

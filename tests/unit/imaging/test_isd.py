@@ -285,6 +285,7 @@ def places(value, path=()):
         yield from places(value[key], (*path, key))
 
 
+@pytest.mark.study
 @pytest.mark.filterwarnings("ignore:.*different rays to one point")
 @pytest.mark.parametrize(
     "name", some(["synthetic_line_scan.json", "apollo15_metric.json"], ["apollo15_metric.json"])

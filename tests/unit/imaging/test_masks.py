@@ -18,6 +18,7 @@ def descent(step, count=8, spacecraft=True):
     return [frame(scene, m, seed=k, spacecraft=spacecraft) for k, m in enumerate(matrices)]
 
 
+@pytest.mark.study
 def test_spacecraft_is_masked_and_the_ground_is_not():
     mask = find_mask(descent(1))
     assert not mask[spacecraft_mask()].any()
@@ -36,6 +37,7 @@ def test_change3():
     assert 0.7 < mask.mean() < 0.85
 
 
+@pytest.mark.study
 def test_refused():
     with pytest.raises(InputError, match="do not move"):
         find_mask(descent(0))

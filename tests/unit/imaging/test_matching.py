@@ -127,6 +127,7 @@ def test_no_bias_between_scales(factor):
     assert np.abs(np.median(features[1].pixels[found.second] - expected, axis=0)).max() < 0.04
 
 
+@pytest.mark.study
 def test_a_prediction_finds_more_under_another_sun():
     first, second = frame_matrix((740.0, 760.0), 1.5), frame_matrix((750.0, 735.0), 1.4, 20.0)
     features = detect(frame(scene(), first)), detect(frame(scene(sun_deg=30.0), second))
@@ -170,6 +171,7 @@ def test_what_must_not_match(detector, other, status):
         assert not len(found.first)
 
 
+@pytest.mark.study
 def test_chance_makes_no_match():
     """Features with partners at random, as many as real images have: none of 200 draws is believed."""
     rng = np.random.default_rng(8)

@@ -90,6 +90,7 @@ CASES = {
 }
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("case", "interpolation"), each_with_one(CASES, CASES, ["nearest", "bilinear", "cubic"])
 )
@@ -122,6 +123,7 @@ def test_spots_are_where_the_ground_is(tmp_path, case, interpolation):
     assert 0.2 < seen.mean() < 1.0
 
 
+@pytest.mark.study
 def test_values_types_and_mask(tmp_path):
     longitude, latitude, projection, _ = CASES["equator"]
     terrain = hilly(tmp_path / "dem.tif", longitude, latitude, near(longitude, latitude))
@@ -150,6 +152,7 @@ def read_at(path, x, y):
     return np.asarray(found.data), inside & ~np.ma.getmaskarray(found)
 
 
+@pytest.mark.study
 def test_later_images_of_a_mosaic_lie_over_earlier_ones(tmp_path):
     """Against the orthophotos of both: the lower image where that shows ground, the higher around it."""
     longitude, latitude, _, _ = CASES["equator"]

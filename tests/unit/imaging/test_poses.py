@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -32,7 +33,6 @@ CAMERA = Camera.of_pinhole(8.3, 21.44, [0.5 * (SIZE - 1)] * 2)
 GROUND = Ground(PLANE, seed=5, heights_m=np.full((2, 2), -2550.0))
 # Oblique above 3 km; from 9 km, where the Moon's curvature is 7 m over half of what is seen.
 DESCENT = Descent(GROUND, CAMERA, (SIZE, SIZE), frames=6, altitudes_m=(9000.0, 500.0))
-MODELS: list[FrameModel] = [DESCENT.model(k) for k in range(DESCENT.frames)]
 DRAWS = 40
 MIDDLE = np.array([0.5 * (SIZE - 1)] * 2)
 
@@ -52,6 +52,11 @@ def base(tmp_path_factory):
     return Map.open(path)
 
 
+@cache
+def frame_models() -> list[FrameModel]:
+    return [DESCENT.model(k) for k in range(DESCENT.frames)]
+
+
 def places_of(points):
     longitude, latitude, _ = cartesian_to_selenographic(points)
     return PLANE.from_longitude_latitude(np.degrees(np.column_stack([longitude, latitude])))
@@ -59,13 +64,16 @@ def places_of(points):
 
 def drawn_ties(terrain, rng, sigma_px=0.0, map_sigma_m=0.0):
     """Ground points that frames see, projected by the sensor models; half of those of the first three on the map."""
-    pixels = np.concatenate([rng.uniform(0.0, SIZE, (40, 2)) for _ in MODELS])
-    owner = np.repeat(np.arange(len(MODELS)), 40)
+    pixels = np.concatenate([rng.uniform(0.0, SIZE, (40, 2)) for _ in frame_models()])
+    owner = np.repeat(np.arange(len(frame_models())), 40)
     points = np.concatenate(
-        [Terrain(terrain).intersect(*model.rays(pixels[owner == k]))[0] for k, model in enumerate(MODELS)]
+        [
+            Terrain(terrain).intersect(*model.rays(pixels[owner == k]))[0]
+            for k, model in enumerate(frame_models())
+        ]
     )
     image, point, seen = [], [], []
-    for k, model in enumerate(MODELS):
+    for k, model in enumerate(frame_models()):
         found = model.project(points).pixels
         inside = np.flatnonzero((np.abs(found - MIDDLE) < SIZE / 2).all(axis=1) & (np.abs(owner - k) < 2))
         image += [k] * len(inside)
@@ -109,7 +117,7 @@ def test_exact_tie_points_give_the_cameras_and_the_ground_of_each_pixel(terrain)
     seen = np.bincount(np.concatenate([ties.point, ties.map_point])) > 1
     assert (result.used == seen[ties.point]).all()
     np.testing.assert_allclose(result.places_m[seen], places[seen], rtol=0, atol=1e-5)
-    for k, model in enumerate(MODELS):
+    for k, model in enumerate(frame_models()):
         position, rotation = (one[0] for one in model.orientation.at(np.zeros(1)))
         np.testing.assert_allclose(result.model.positions_m[k], PLANE.axes() @ position, rtol=0, atol=1e-4)
         to_camera = result.model.rotations[k] @ PLANE.axes() @ rotation
@@ -122,7 +130,7 @@ def test_exact_tie_points_give_the_cameras_and_the_ground_of_each_pixel(terrain)
 @pytest.mark.slow
 def test_ellipses_over_relief_hold_the_truth(terrain):
     """With 3 % of the tie points wrong, and sigmas stated a half too small."""
-    truth = places_of(Terrain(terrain).intersect(*MODELS[-1].rays([MIDDLE]))[0])[0]
+    truth = places_of(Terrain(terrain).intersect(*frame_models()[-1].rays([MIDDLE]))[0])[0]
     chi2 = []
     for seed in range(DRAWS):
         rng = np.random.default_rng(seed)
@@ -152,10 +160,11 @@ def registered(terrain, base, ties, places):
 
 def error_m(registration, name, pixel, terrain):
     point = registration.ground_point(name, pixel)
-    truth = places_of(Terrain(terrain).intersect(*MODELS[int(name)].rays([pixel]))[0])[0]
+    truth = places_of(Terrain(terrain).intersect(*frame_models()[int(name)].rays([pixel]))[0])[0]
     return np.hypot(*(PLANE.from_longitude_latitude([[point.longitude_deg, point.latitude_deg]])[0] - truth))
 
 
+@pytest.mark.study
 def test_without_heights_images_are_metres_off_and_with_them_not(terrain, base, tmp_path):
     """Registered as a study does; an elevation model that ends before the images do is not used."""
     ties, places = drawn_ties(terrain, np.random.default_rng(1))
@@ -172,6 +181,7 @@ def test_without_heights_images_are_metres_off_and_with_them_not(terrain, base, 
     assert np.isnan(with_relief.frames[5].altitude_m)
 
 
+@pytest.mark.study
 def test_what_lies_far_beyond_the_tie_points_is_refused(terrain, base):
     """An oblique image tied in its lower half: its upper part shows ground kilometres farther, or none."""
     ties, places = drawn_ties(terrain, np.random.default_rng(1))

@@ -78,6 +78,7 @@ def first_by_sampling(terrain, origin, direction, top_m, step_m, until_m):
 VIEWS = [(5e3, 0.0), (1.5e3, 45.0), (400.0, 78.0)]
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(("view", "interpolation"), each_with_one(VIEWS, VIEWS, ["bilinear", "bicubic"]))
 def test_rays_end_where_sampling_first_finds_the_ground(hills, view, interpolation):
     """Down to 2 degrees above the horizon, where hills hide what is behind them."""
@@ -242,6 +243,7 @@ def test_a_window_is_the_model_in_memory(hills):
         assert height_m.max() <= high_m
 
 
+@pytest.mark.study
 def test_a_window_that_does_not_fit_into_memory_is_refused(monkeypatch, hills):
     terrain = TerrainModel.open(hills)
     model = camera_above(3e3, 60.0)

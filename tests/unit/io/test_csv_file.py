@@ -21,6 +21,7 @@ def test_decimals_are_those_of_python(tmp_path):
     assert written[1:5] == ["1.0000000", "-10.0000000", "2000.0000000", "-0.0000000"]
 
 
+@pytest.mark.study
 def test_shortest_numbers_come_back_to_the_last_bit(tmp_path):
     rng = np.random.default_rng(2)
     values = rng.normal(0.0, 1.0, 30_000) * 10.0 ** rng.integers(-300, 300, 30_000)

@@ -261,6 +261,7 @@ def test_more_rows_than_a_file_can_hold_are_not_read(tmp_path, monkeypatch):
         read_columns(tmp_path)
 
 
+@pytest.mark.study
 def test_a_few_bytes_that_unpack_to_many(tmp_path):
     """A column of one value, ten million times, takes a few kilobytes."""
     n = 10_000_000

@@ -283,6 +283,7 @@ def rows(count):
     ]
 
 
+@pytest.mark.study
 def test_blocks_and_quotes_make_no_difference(tmp_path, monkeypatch):
     """Whether in one block or many, plain or quoted row by row: the same rows."""
     plain = [HEADER, *rows(200)]

@@ -290,6 +290,7 @@ def test_what_ccsds_ndm_writes_is_read(suffix, tmp_path):
     assert theirs.epoch.fraction.tolist() == ours.epoch.fraction.tolist()
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("suffix", ["kvn", "xml"])
 def test_many_records_are_what_is_written_one_by_one(suffix, tmp_path):
     rng = np.random.default_rng(6)

@@ -247,6 +247,7 @@ def test_bad_own_sigma(maps, sigma_m):
         TerrainModel.open(maps["equirectangular, 0 to 360"]).sigma_m(0.0, 0.0, sigma_m)
 
 
+@pytest.mark.study
 def test_only_the_cells_needed_are_read(tmp_path):
     """A map of 7 GB (sparse on disk) is opened and read within 40 MB."""
     path = tmp_path / "large.tif"

@@ -108,6 +108,7 @@ def test_dense_series_agree_with_the_exact_arc(model, longitude_deg, latitude_de
     assert 10 * found.nodes < found.interpolated
 
 
+@pytest.mark.study
 def test_rise_and_set_and_what_lies_between(model):
     """Through two days without looking at the horizon: every observation has the problem that it has."""
     table = Observations.concatenate(

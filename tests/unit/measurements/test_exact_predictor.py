@@ -112,6 +112,7 @@ def apollo_terms(model):
     return ExactPredictor(model, chosen, APOLLO15_PA_M).terms(APOLLO15_PA_M)
 
 
+@pytest.mark.study
 def test_table_has_every_active_term_in_order(model, apollo_terms):
     assert list(apollo_terms) == list(TERMS)
     fewer = model.without("shapiro", "troposphere")
@@ -245,6 +246,7 @@ def test_tag_matters(radio):
     assert np.abs(bounced - sent).max() > 250.0
 
 
+@pytest.mark.study
 def test_mixed_links_and_tags_are_each_computed_as_if_alone(radio):
     paths = [f"{a}>x>{b}" for a in CHINESE for b in CHINESE]
     count = len(paths) * len(TIME_TAGS)

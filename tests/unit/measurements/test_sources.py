@@ -91,6 +91,7 @@ def _direction(name):
     return SkyCoord(*place, unit="deg").cartesian.xyz.value
 
 
+@pytest.mark.study
 def test_elevation_is_that_of_astropy():
     arc = arc_of("SESHAN25<1741-038>KASHI")
     for end, name in enumerate(("SESHAN25", "KASHI")):

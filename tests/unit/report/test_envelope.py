@@ -92,6 +92,7 @@ def test_one_instant_is_one_span():
     assert set(bin_of(same, (same[0], same[0]))) == {0}
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("plot", [plot_residuals, plot_links])
 def test_many_points_are_quick_and_said_to_be_bars(plot, tmp_path):
     with warnings.catch_warnings():

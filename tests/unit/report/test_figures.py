@@ -122,6 +122,7 @@ def test_undetermined_position_cannot_be_drawn():
         plot_position(toy_solution(ToyMoon(1, 1.0, ("A",), biases=False)))
 
 
+@pytest.mark.study
 def test_figures_are_saved_as_png_and_svg(solution, tmp_path):
     files = [tmp_path / "residuals.png", tmp_path / "residuals.svg"]
     save_figure(plot_residuals(solution), files)
@@ -165,6 +166,7 @@ def test_figures_show_themselves_in_a_fresh_notebook(solution, plot):
     assert len(image) > 5000
 
 
+@pytest.mark.study
 def test_matplotlib_is_imported_only_when_used_and_pyplot_never():
     code = (
         "import sys, radioloc.report, radioloc.estimation\n"

@@ -115,6 +115,7 @@ def test_the_command_draws_a_map(tmp_path):
     assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.study
 def test_the_map_is_opened_once_and_all_references_are_on_it(monkeypatch):
     opened = []
     for kind in (Map, TerrainModel):

@@ -122,6 +122,7 @@ def page(written):
     return Page(written.read_text(encoding="utf-8"))
 
 
+@pytest.mark.study
 def test_a_page_is_sound_html(page):
     assert page.all("html") == [{"lang": "en"}]
     assert page.headings[0] == "h1"
@@ -239,6 +240,7 @@ def test_charts_of_many_observations_show_their_envelope(solution):
     assert f"1/{BINS} of the time" in chart.note
 
 
+@pytest.mark.study
 def test_images_on_the_page_have_the_colours_of_the_figure(solution, tmp_path):
     stream = BytesIO()
     plot_correlations(solution).savefig(stream, format="png", dpi=200)
@@ -250,6 +252,7 @@ def test_images_on_the_page_have_the_colours_of_the_figure(solution, tmp_path):
     assert np.abs(drawn - kept).max() < 0.03 * 255
 
 
+@pytest.mark.study
 def test_an_arc_study_has_the_card_of_each_arc_and_the_charts_of_the_longest(solution, tmp_path):
     short = ranges_of(30, 24.0)
     page = page_of(ArcStudy("toy", (Arc(72.0, 72.0, solution), Arc(24.0, 24.0, short))), tmp_path)
@@ -261,6 +264,7 @@ def test_an_arc_study_has_the_card_of_each_arc_and_the_charts_of_the_longest(sol
     )
 
 
+@pytest.mark.study
 def test_the_colour_of_the_status_says_whether_the_result_can_be_used(solution, tmp_path):
     failed = replace(solution, status=FitStatus.MISFIT)
     for result, verdict in ((solution, "status good"), (failed, "status failed")):
@@ -268,6 +272,7 @@ def test_the_colour_of_the_status_says_whether_the_result_can_be_used(solution, 
         assert [name for name in classes if "status" in name] == [verdict]
 
 
+@pytest.mark.study
 def test_many_that_were_left_out_are_folded(solution, tmp_path):
     statuses = np.where(np.arange(90) < 30, "behind the Moon", "used")
     rows = replace(solution.residuals, statuses=Labels.of(statuses))
@@ -290,12 +295,14 @@ def test_what_a_card_leaves_out_is_unfolded(tmp_path):
     assert "covariance.json" not in (tmp_path / "page.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.study
 def test_the_same_result_makes_the_same_page(solution, tmp_path):
     for name in ("one", "two"):
         write_page(solution, {}, tmp_path / name)
     assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
 
 
+@pytest.mark.study
 def test_a_page_is_one_of_the_files_of_its_folder(solution, tmp_path, undrawn):
     rows = replace(solution.residuals, elevation_deg=np.full(len(solution.residuals), 45.0))
     solution = replace(solution, residuals=rows, trajectory=None)

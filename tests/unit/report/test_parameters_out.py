@@ -76,6 +76,7 @@ def fields(line, columns):
     return values
 
 
+@pytest.mark.study
 def test_correlations(solution):
     ax = plot_correlations(solution).axes[0]
     shown = np.asarray(ax.get_images()[0].get_array())
@@ -121,6 +122,7 @@ def test_contours(solution):
         plot_contours(solution, ["position.north", "range_bias.APOLLO"])
 
 
+@pytest.mark.study
 def test_contours_are_of_the_position_and_what_it_is_correlated_with(with_biases):
     solution = with_biases[0]
     figure = plot_contours(solution)

@@ -64,6 +64,7 @@ def test_a_panel_for_each_baseline_and_each_receiver(rows):
     ]
 
 
+@pytest.mark.study
 def test_of_too_many_links_those_with_the_most_observations(rows):
     """Forty receivers, the last with more observations than the others: it is there; that others are not is said."""
     receivers = [f"S{k:02d}" for k in range(40)] * 2 + ["S39"] * 10
@@ -133,6 +134,7 @@ def test_what_was_left_out_is_marked_within_its_panel(rows):
     assert "left out" not in panels["range KASHI"].get_title(loc="right")
 
 
+@pytest.mark.study
 def test_legends_are_below_what_they_could_hide(rows):
     figure = plot_links(rows)
     figure.canvas.draw()
@@ -157,6 +159,7 @@ def test_panels_of_a_kind_share_a_scale_if_they_can(rows):
     ]
 
 
+@pytest.mark.study
 def test_every_column_has_its_dates(rows):
     figure = plot_links(rows)
     figure.canvas.draw()
@@ -183,6 +186,7 @@ def test_nothing_and_unknown_types_are_refused(rows):
         plot_links(replace(rows, types=Labels.of(np.full(90, "phase"))))
 
 
+@pytest.mark.study
 def test_thousands_of_dots_are_a_picture_in_a_small_file(rows, tmp_path):
     save_figure(
         plot_links(rows.select(np.tile(np.arange(90), 100))), [tmp_path / "links.svg", tmp_path / "links.png"]
@@ -289,6 +293,7 @@ def test_legends_of_many_targets_stay_on_the_page(rows):
         assert legend.get_window_extent().x0 > panels_of(figure)["A"].bbox.x0
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("draw", [plot_residuals, plot_links])
 def test_years_without_data_are_cut_out(rows, draw):
     hours = np.where(np.arange(90) < 60, np.arange(90.0), 24.0 * 6000.0 + np.arange(90.0))

@@ -22,6 +22,7 @@ def test_what_is_seen_is_what_every_epoch_says(model, lander_pa_m, mask_deg):
     assert (np.diff(found, axis=0).sum(axis=0) >= 2).all()
 
 
+@pytest.mark.study
 def test_a_culmination_of_seconds_above_the_mask_is_not_missed(model, lander_pa_m):
     tt = every_s(1.0, 26.0)
     highest_rad = elevations(model, lander_pa_m, ["KASHI"], tt).at_station_rad.max()

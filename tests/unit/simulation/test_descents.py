@@ -77,6 +77,7 @@ def test_slopes_are_alike_on_all_scales():
     assert 2.0 < min(slopes) <= max(slopes) < min(2.0 * min(slopes), 12.0)
 
 
+@pytest.mark.study
 def test_a_map_says_where_things_are_but_for_the_shift_that_is_planted(tmp_path):
     shift_m = (40.0, -25.0)
     GROUND.write_map(tmp_path / "map.tif", 10.0, 3010.0, SUN, shift_m)
@@ -115,6 +116,7 @@ def test_a_map_says_where_things_are_but_for_the_shift_that_is_planted(tmp_path)
     assert heights[250, 20] == pytest.approx(GROUND.heights_at_m(there, 10.0)[0], abs=1e-3)
 
 
+@pytest.mark.study
 def test_one_ground_looks_the_same_from_camera_and_on_the_map(tmp_path):
     """A frame straight down, laid over the map of the same Sun."""
     pixel_m, camera = 5.0, Camera.of_pinhole(10.0, 50.0, [99.5, 99.5])

@@ -206,6 +206,7 @@ def test_reference_of_another_ephemeris(study, tracked):
         radioloc.arcs(replace(study, references=(other,)), [12.0], tracked)
 
 
+@pytest.mark.study
 def test_arcs_depart_from_the_longest_by_what_they_should(found, study, tracked):
     for row in found.rows[1:3]:
         assert row.from_longest_sigmas < 4.8  # 1e-5 of chance
@@ -404,6 +405,7 @@ def test_mistakes_in_references(files, text, words):
     assert words in str(caught.value)
 
 
+@pytest.mark.study
 @pytest.mark.usefixtures("undrawn")
 def test_command(files, capsys):
     assert main(["arcs", str(files / "good.toml"), "--hours", "12", "24", "--out", str(files / "out")]) == 0

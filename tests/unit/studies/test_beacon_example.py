@@ -50,6 +50,7 @@ def test_the_files_are_what_the_script_makes(script, tmp_path):
         assert apart_hz.max() < ROUNDED_HZ + REVISED_HZ
 
 
+@pytest.mark.study
 def test_tens_of_kilometres(solution):
     assert solution.converged
     assert solution.residuals.used.all()
@@ -82,6 +83,7 @@ def test_a_nominal_frequency_that_is_far_off_does_not_move_the_lander(solution):
     assert np.linalg.norm(found.position_pa_m - solution.position_pa_m) < WEIGHTS_M
 
 
+@pytest.mark.study
 def test_without_a_height_it_does_not_end_on_the_moon():
     alone = radioloc.locate(EXAMPLE / "doppler_alone.toml")
     assert not alone.converged

@@ -161,6 +161,7 @@ def test_one_that_did_not_converge_is_told(table, tmp_path, capsys):
     assert compare([table[0], failed]).joint is None
 
 
+@pytest.mark.study
 @pytest.mark.usefixtures("undrawn")
 def test_solutions_of_locate_are_compared_with_their_reference(tmp_path):
     study = radioloc.read_study("examples/apollo15/apollo15.toml")

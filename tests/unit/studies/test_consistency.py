@@ -42,6 +42,7 @@ def found(study, observations, added_m):
     return solution, solution.consistency.found[0]
 
 
+@pytest.mark.study
 def test_clock_of_a_vlbi_station(study, tracking):
     """5 ns from the middle on."""
     paths = np.array(tracking.paths())
@@ -78,6 +79,7 @@ def test_ranging_station_off_its_place(study, whole):
     assert (first.kind, first.name) == ("station", "KASHI")
 
 
+@pytest.mark.study
 def test_laser_points_of_later_nights():
     study = radioloc.read_study("examples/apollo15/apollo15.toml")
     points = radioloc.read_observations(study.observations.files)
@@ -89,6 +91,7 @@ def test_laser_points_of_later_nights():
     assert first.first_utc == "2006-12-01T00:58:25"
 
 
+@pytest.mark.study
 def test_nothing_is_said_of_data_that_fit(fitted):
     assert not fitted.consistency.found
     groups = fitted.consistency.groups
@@ -97,6 +100,7 @@ def test_nothing_is_said_of_data_that_fit(fitted):
     assert "misfit" not in str(fitted)
 
 
+@pytest.mark.study
 def test_baseline_that_is_off(study, tracking):
     """One of six, by 1 m, against the triangles that it closes."""
     off = np.array(tracking.paths()) == "SESHAN25<change5>MIYUN50"
@@ -107,6 +111,7 @@ def test_baseline_that_is_off(study, tracking):
     )  # clocks and weather of both stations are 0.1 m each
 
 
+@pytest.mark.study
 def test_ranges_of_a_station_with_noise_of_its_own(study, tracking, fitted):
     """Neuquen's ranges scatter by 20 m more; the others keep their weights."""
     paths = np.array(tracking.paths())

@@ -160,6 +160,7 @@ def test_considered_errors_are_in_it():
     np.testing.assert_allclose(np.sqrt(added[:2]) / planned.longest.sigma_m[:2], 1.0, atol=0.16)
 
 
+@pytest.mark.study
 def test_budget_adds_up(found):
     for arc in found.arcs:
         total = sum(np.diag(source.covariance_m2) for source in arc.sources)
@@ -170,6 +171,7 @@ def test_budget_adds_up(found):
     assert {"measurement noise", "a priori"} <= set(found.longest.by_source())
 
 
+@pytest.mark.study
 def test_longer_is_better_and_the_reach_lies_between(found):
     radii = [arc.radius_95_m for arc in found.arcs]
     assert radii == sorted(radii, reverse=True)
@@ -215,6 +217,7 @@ def test_candidates_are_of_the_same_network_and_telescopes_also_of_the_same_coun
     assert stations == {s.name for s in catalogue} - {"JIAMUSI", "HARTRAO"}
 
 
+@pytest.mark.study
 def test_what_is_known_and_what_is_left_out(found):
     buys = {gain.what: gain.radius_95_m for gain in found.gains}
     known = covariance(
@@ -296,6 +299,7 @@ sigma_m = 1.0
 """
 
 
+@pytest.mark.study
 def test_a_plan_is_told_that_earth_orientation_will_have_been_measured(tmp_path):
     future = PLAN.replace("2020-12-01", "2034-12-05").replace("defaults = false", "")
     future = future.replace("[model]", '[model]\neop_beyond = "extrapolate"')
@@ -307,6 +311,7 @@ def test_a_plan_is_told_that_earth_orientation_will_have_been_measured(tmp_path)
     assert ["will have been measured" in of for of in notes] == [True, False]
 
 
+@pytest.mark.study
 def test_the_command(tmp_path, capsys, request):
     plan, other = tmp_path / "plan.toml", tmp_path / "other.toml"
     plan.write_text(PLAN, encoding="utf-8")

@@ -112,6 +112,7 @@ def test_quasars_tell_the_clocks(sources, tracking):
     assert "0716+332" in str(solution.residuals.paths.present())
 
 
+@pytest.mark.study
 def test_clocks_are_estimated_where_a_study_says_nothing(sources, tracking):
     """All but that of the first station, which keeps the time."""
     solution = radioloc.locate(replace(study(sources, clocks=False), consider_defaults=True), tracking)

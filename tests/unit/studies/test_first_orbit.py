@@ -84,6 +84,7 @@ def test_a_plane_is_counted_from_the_node_of_the_equator(model):
     assert plane_deg(turned, axes) == pytest.approx((60.0, 30.0))
 
 
+@pytest.mark.study
 def test_an_orbit_is_found_from_altitude_and_plane(forces, doppler):
     study = radioloc.Study(rough(forces, INCLINATION_DEG, NODE_DEG), consider_defaults=False, name="first")
     solution = radioloc.locate(study, doppler)

@@ -57,6 +57,7 @@ def error_m(solution):
     return plane.from_longitude_latitude([[longitude, latitude]])[0] - SHIFT_M
 
 
+@pytest.mark.study
 def test_the_lander_is_found_within_a_pixel_of_the_map(solution):
     assert solution.converged
     assert np.hypot(*error_m(solution)) < MAP_PIXEL_M
@@ -74,6 +75,7 @@ def test_altitudes_are_those_of_the_truth_also_where_the_camera_looks_aside(solu
         assert altitude_m == pytest.approx(truth[name], rel=0.06)  # above what is seen, not above the site
 
 
+@pytest.mark.study
 @pytest.mark.usefixtures("undrawn")
 def test_what_is_written_has_the_keys_of_radio_solutions_and_the_images(solution, tmp_path):
     paths = radioloc.report.write_images(solution, tmp_path)

@@ -71,6 +71,7 @@ def test_three_way_doppler_has_an_offset_for_each_link_and_pass(three_way):
     assert "Doppler alone, without a range or a delay: the position is known" in str(solution)
 
 
+@pytest.mark.study
 def test_a_nominal_frequency_that_cannot_be_is_told(three_way):
     """In metres by a frequency that is 3e-4 too low a path grows by so much less."""
     observations, _ = three_way
@@ -102,6 +103,7 @@ def test_what_a_study_says_of_frequencies_stands(three_way, said):
     assert not any("frequency offset of each link" in note for note in solution.notes)
 
 
+@pytest.mark.study
 def test_nothing_by_default_is_nothing_estimated_by_default(three_way):
     observations, _ = three_way
     quiet = Study(target=NEAR, estimate=EstimateChoice(), consider_defaults=False)

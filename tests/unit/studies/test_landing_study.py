@@ -54,6 +54,7 @@ def test_the_place_and_the_orbit_are_found(made, solution):
     assert 1.0 < solution.sigma_enu_m().max() < 30.0
 
 
+@pytest.mark.study
 def test_before_the_descent_the_place_is_as_uncertain_as_the_thrust(made, solution):
     observations = made[1].observations
     after_s = tt_to_tdb(utc_to_tt(observations.epoch)).seconds_since(epochs_from_strings(TOUCHDOWN, "TDB"))
@@ -101,6 +102,7 @@ def test_residuals_are_those_of_the_a_priori_trajectory(made):
     assert found.fit.total.rms_m > 10.0
 
 
+@pytest.mark.study
 def test_the_height_of_the_place_may_be_known(tmp_path, made):
     prior = "[estimate.height_prior]\nheight_m = -2550.4\nsigma_m = 0.5"
     study = radioloc.read_study(QUICK.written(tmp_path / "study.toml", prior, after_s=300.0))
@@ -109,6 +111,7 @@ def test_the_height_of_the_place_may_be_known(tmp_path, made):
     assert found.sigma_enu_m()[2] < 0.51
 
 
+@pytest.mark.study
 def test_errors_of_gravity_are_in_the_sigmas_of_place_and_orbit(tmp_path, made, solution):
     text = QUICK.text().replace("gravity_errors = 0", "gravity_errors = 3\ngravity_error_degree = 8")
     (tmp_path / "study.toml").write_text(text)

@@ -138,6 +138,7 @@ def test_residuals_fit_nothing(apollo15, near15):
     assert 0.1 < found.fit.total.rms_m < 1.0  # 0.4 m off
 
 
+@pytest.mark.study
 def test_a_biased_station_is_found_out(apollo15, near15, solution):
     biased = changed(apollo15, slice(None), 0.8)
     free = fit(biased, near15, range_bias="all")
@@ -166,6 +167,7 @@ def test_bias_alone(apollo15):
     assert np.array_equal(shifted.position_pa_m, JPL_PA_M["apollo15"])
 
 
+@pytest.mark.study
 def test_time_bias_is_found_out(apollo15, near15, model):
     # All tags late by 10 ms: what was observed belongs to 10 ms earlier than it says.
     late_s = 0.010
@@ -420,6 +422,7 @@ def test_weights_of_a_correlated_series(apollo15, near15, solution, monkeypatch)
     assert solution.to_dict()["fit"]["series_weights"] == []
 
 
+@pytest.mark.study
 def test_huber_estimator():
     study = radioloc.read_study("examples/apollo15/apollo15.toml")
     plain = radioloc.locate(study)

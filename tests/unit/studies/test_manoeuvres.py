@@ -68,6 +68,7 @@ def told(message):
     return time_s, float(found[2]), np.array([float(one) for one in found[3].split(",")])
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("time_s", "delta_v_m_s"),
     [
@@ -102,6 +103,7 @@ def test_a_burn_of_a_minute_is_told_as_an_impulse(model):
     np.testing.assert_allclose(found_m_s, [0.0, 0.6, 0.0], atol=0.02)
 
 
+@pytest.mark.study
 def test_a_manoeuvre_that_is_named_is_estimated(model):
     observations = tracked(model, replace(FORCES, impulses=(burn(9500.0, (0.0, 0.5, 0.1)),)))
     solution = located(replace(FORCES, impulses=(burn(9500.0, (0.0, 0.45, 0.0)),)), observations)
@@ -112,6 +114,7 @@ def test_a_manoeuvre_that_is_named_is_estimated(model):
         assert abs(values[f"force.burn.{name}"] - true) < 4.0 * sigmas[f"force.burn.{name}"]
 
 
+@pytest.mark.study
 def test_an_orbit_without_a_manoeuvre_is_left_alone(model):
     assert located(FORCES, tracked(model, FORCES)).converged
 

@@ -122,6 +122,7 @@ def test_one_fit_gives_what_both_solutions_give_together(radio, ranges, tmp_path
     assert np.isnan(rows.elevation_deg[-2:]).all()
 
 
+@pytest.mark.study
 def test_a_tie_that_is_considered_is_as_one_that_is_estimated(radio, ranges):
     # The same estimate, as weights allow for the tie; told apart where it is small beside the place's own error, too.
     for sigma_m in (0.3, 3.0, 200.0):
@@ -171,6 +172,7 @@ def test_with_independent_weights_ties_are_estimated(radio, ranges):
     assert radioloc.locate(study, ranges).parameters["map_tie.some.map.north"].prior_sigma == TIE_M[1]
 
 
+@pytest.mark.study
 def test_a_tie_moves_the_position_as_its_sensitivity_says(radio, ranges):
     def fitted(*off_m):
         return radioloc.locate(with_places(radio, number(*off_m)), ranges)

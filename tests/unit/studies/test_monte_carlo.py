@@ -108,6 +108,7 @@ def columns_of(ready, values, *names):
     return values[..., [ready.columns.index(name) for name in names]]
 
 
+@pytest.mark.study
 def test_linear_trials_are_the_full_ones(study, ready):
     linear, full = ready.linear().run(5, range(4)), FullTrials(ready).run(5, range(4))
     error_m, sigma_m = ("east_m", "north_m", "up_m"), ("sigma_east_m", "sigma_north_m", "sigma_up_m")
@@ -124,6 +125,7 @@ def test_linear_trials_are_the_full_ones(study, ready):
     )
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("vlbi_station_sigma_m", some([0.0, 0.1], [0.1]))
 def test_correlated_weights_are_those_of_the_full_fit(vlbi_station_sigma_m):
     choice = ObservationChoice(vlbi_station_sigma_m=vlbi_station_sigma_m)
@@ -377,6 +379,7 @@ def test_another_study_is_refused(study, tmp_path, changed, what):
         radioloc.monte_carlo(study, 1, [6.0], seed=1, out=tmp_path, resume=True)
 
 
+@pytest.mark.study
 def test_damaged_trials_are_told(study, tmp_path):
     radioloc.monte_carlo(study, 1, [12.0], out=tmp_path)
     [part] = (tmp_path / "parts").iterdir()
@@ -392,6 +395,7 @@ def test_damaged_trials_are_told(study, tmp_path):
 # What is told and written.
 
 
+@pytest.mark.study
 def test_the_summary_is_that_of_the_trials(found):
     [day, half] = found.arcs
     assert (day.hours, half.hours) == (24.0, 12.0)
@@ -473,6 +477,7 @@ def test_what_is_written(found, tmp_path):
     assert rows[3]["hours"] == "12"
 
 
+@pytest.mark.study
 def test_the_command(tmp_path, capsys):
     (tmp_path / "plan.toml").write_text(PLAN)
     arguments = ["montecarlo", str(tmp_path / "plan.toml"), "--trials", "5", "--hours", "6", "12"]

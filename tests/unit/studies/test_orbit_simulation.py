@@ -87,6 +87,7 @@ def test_the_world_is_the_tracking_of_the_true_orbit(made):
     assert "GRGM660PRIM to degree 20; k2 0.02416; radiation 0.02" in simulated.summary()
 
 
+@pytest.mark.study
 def test_the_truth_of_an_orbit_that_is_searched_for_is_a_state(tmp_path, made):
     path = written(tmp_path)
     given = "position_m = [575739.0, -463249.0, -1631639.0]\nvelocity_m_s = [-567.864, 1434.223, -600.209]"
@@ -177,6 +178,7 @@ def test_the_command_writes_what_locate_reads(tmp_path, capsys):
     assert "sigma there" not in shown  # of a state that is held
 
 
+@pytest.mark.study
 def test_a_covariance_study_claims_what_a_fit_of_the_tracking_does(made):
     study, simulated = made
     found = radioloc.covariance(replace(study, candidates=()), hours=4.0).longest

@@ -82,6 +82,7 @@ def test_an_orbit_is_found_again_from_hundreds_of_metres_away(solution):
     assert solution.fit.total.wrms_m < 1.3 * SIGMA_M
 
 
+@pytest.mark.study
 def test_a_solution_of_an_orbit_says_its_state(solution, tmp_path):
     written = radioloc.write_report(solution, tmp_path)
     content = json.loads((tmp_path / "solution.json").read_text())
@@ -103,6 +104,7 @@ def test_a_solution_of_an_orbit_says_its_state(solution, tmp_path):
     assert any(path.suffix == ".png" for path in written)
 
 
+@pytest.mark.study
 def test_the_orbit_is_written_for_other_tools(solution, tmp_path):
     names = {path.name for path in radioloc.write_report(solution, tmp_path)}
     assert names > {"orbit.bsp", "orbit.oem", "orbit.opm"}
@@ -128,6 +130,7 @@ def test_the_orbit_is_written_for_other_tools(solution, tmp_path):
     assert not (tmp_path / "orbit.bsp").exists()
 
 
+@pytest.mark.study
 def test_sigmas_on_the_arc_are_those_of_the_partials(solution, forces):
     """Of states drawn from the covariance at the epoch, integrated to the end of the arc."""
     state, rng = solution.state, np.random.default_rng(7)
@@ -143,6 +146,7 @@ def test_sigmas_on_the_arc_are_those_of_the_partials(solution, forces):
     assert spread_m == pytest.approx(state.sigma_rtn_m(end)[0, 1], rel=0.35)
 
 
+@pytest.mark.study
 def test_partials_by_the_orbit_are_those_of_differences(model, forces, doppler):
     target = Orbiter(EPOCH, tuple(STATE[:3]), tuple(STATE[3:]), forces)
     predictor = ExactPredictor(model, doppler, np.zeros(3), target.orbit(model, doppler, ("radiation",)))
@@ -156,6 +160,7 @@ def test_partials_by_the_orbit_are_those_of_differences(model, forces, doppler):
         np.testing.assert_allclose(by_orbit[:, k] / size, change_m / (2.0 * step) / size, atol=2e-4)
 
 
+@pytest.mark.study
 def test_errors_of_the_field_are_in_the_sigmas(forces, doppler, solution):
     wider = radioloc.locate(study_of(forces, errors=6), doppler)
     np.testing.assert_allclose(wider.state.position_m, solution.state.position_m, atol=1e-3)
@@ -170,6 +175,7 @@ def test_errors_of_the_field_are_in_the_sigmas(forces, doppler, solution):
     )
 
 
+@pytest.mark.study
 def test_an_error_of_the_field_moves_the_orbit_as_its_sigmas_say(model, forces, doppler):
     """The truth has a thousandth of the one error that is considered, and the orbit is off by a thousandth of it."""
     error = draw_gravity_errors(forces.gravity, 1, 40)[0]
@@ -194,6 +200,7 @@ def in_arcs(forces, doppler):
     return radioloc.locate(in_two(study_of(forces)), doppler)
 
 
+@pytest.mark.study
 def test_arcs_have_states_of_their_own_and_forces_in_common(in_arcs, model, forces, doppler):
     """The two passes; the true orbit is known in each arc."""
     assert in_arcs.converged
@@ -250,6 +257,7 @@ def test_an_error_of_the_field_moves_arcs_apart_as_their_sigmas_say(model, force
     assert np.linalg.norm(meeting.difference_m - expected_m) < 0.02 * np.linalg.norm(expected_m)
 
 
+@pytest.mark.study
 def test_arcs_are_written_one_after_the_other(in_arcs, tmp_path):
     radioloc.write_report(in_arcs, tmp_path)
     content = json.loads((tmp_path / "solution.json").read_text())
@@ -309,6 +317,7 @@ def test_what_is_held_stays_and_sigmas_hold(forces, doppler):
     assert np.abs(tight.state.position_m - STATE[:3]).max() < 0.05
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     "sigmas",
     [
@@ -486,6 +495,7 @@ def one_way_rms_mm_s(solution):
     return 0.5 * float(np.sqrt(np.mean(solution.residuals.residual_mm_s[used] ** 2)))
 
 
+@pytest.mark.study
 @pytest.mark.filterwarnings("ignore::radioloc.errors.DataQualityWarning")
 def test_a_pass_of_grail_fits_to_its_noise(tmp_path):
     solution = radioloc.locate(grail(tmp_path, 1.5))

@@ -33,6 +33,7 @@ def elevation_deg(study, station, utc):
     return np.degrees(elevations(model, lander_pa_m, [station], tt).at_station_rad[:, 0])
 
 
+@pytest.mark.study
 def test_a_target_rises_and_sets_at_the_masks_of_the_schedule(plan):
     found = visibility(plan)
     assert (found.start_utc, found.stop_utc) == ("2020-12-01T15:11:00", "2020-12-03T15:10:00")
@@ -46,6 +47,7 @@ def test_a_target_rises_and_sets_at_the_masks_of_the_schedule(plan):
         assert above_deg < 1.1 * SECOND_DEG
 
 
+@pytest.mark.study
 def test_each_of_several_targets_has_its_passes():
     study = radioloc.read_study(EXAMPLES / "reflectors" / "de440.toml")
     span = {"start_utc": "2024-04-14", "stop_utc": "2024-04-14T20:00:00"}

@@ -95,6 +95,7 @@ def errors_m(solution, orbit, times):
     return np.einsum("nij,nj->ni", rtn_axes(r, v), solution.state.orbit.states(times)[0] - r)
 
 
+@pytest.mark.study
 def test_the_orbit_is_found_within_sigmas_that_a_fit_without_process_noise_misses(forces, doppler, solution):
     observations, orbit = doppler
     assert solution.converged
@@ -162,6 +163,7 @@ def test_the_filter_is_a_batch_fit_of_accelerations_by_variational_equations(for
     np.testing.assert_allclose(record["acceleration_sigma_m_s2"], claimed[-len(smoothed) :], rtol=2e-3)
 
 
+@pytest.mark.study
 def test_without_process_noise_there_is_none(model, forces):
     """Of accelerations that are far below what could be seen, the fit is the batch fit."""
     observations, _ = tracked(model, forces, ())

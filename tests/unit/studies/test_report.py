@@ -49,6 +49,7 @@ def rows_of(file):
         return list(csv.DictReader(stream))
 
 
+@pytest.mark.study
 def test_files(folder):
     names = {
         "solution.json",
@@ -117,6 +118,7 @@ def test_terms_file(predictor, solution, folder, tmp_path):
     assert b"\r" not in path.read_bytes()
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("figures", some([False, True], [False]))
 def test_again_gives_the_same_bytes(figures, study, folder, tmp_path, request):
     if not figures:
@@ -135,6 +137,7 @@ def test_old_files_are_replaced_and_others_left(solution, tmp_path):
     assert (tmp_path / "mine.txt").read_text(encoding="utf-8") == "mine"
 
 
+@pytest.mark.study
 def test_no_plot_of_a_position_that_is_not_known(apollo15, near15, tmp_path):
     one = radioloc.locate(Study(target=near15), apollo15.select([0]))
     hidden = LunarPosition.from_selenographic(178.0, 26.0, 0.0)
@@ -172,6 +175,7 @@ def test_elevations_are_not_made_up(solution, tmp_path):
         write_report(without, tmp_path)
 
 
+@pytest.mark.study
 @pytest.mark.usefixtures("undrawn")
 def test_statuses_do_not_break_the_table(apollo15, near15, tmp_path):
     value_m = apollo15.value_m.copy()
@@ -183,6 +187,7 @@ def test_statuses_do_not_break_the_table(apollo15, near15, tmp_path):
     assert all(None not in row for row in rows)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("paths", "types", "by_link"),
     [

@@ -34,6 +34,7 @@ def test_an_hour_of_ranges_with_a_map():
     assert "poorly determined" not in str(found)
 
 
+@pytest.mark.study
 def test_free_biases(capsys):
     assert cli.main(["locate", str(FOLDER / "free_biases.toml")]) == 0
     text = " ".join(capsys.readouterr().out.split())

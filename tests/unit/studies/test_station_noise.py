@@ -163,6 +163,7 @@ def locate(site, made, observations=None, **choice):
     return radioloc.locate(study, made.observations if observations is None else observations)
 
 
+@pytest.mark.study
 def test_delays_of_four_stations_carry_half_of_what_they_seem_to(site, made):
     found = locate(site, made, vlbi_station_sigma_m=STATION_M)
     assert found.converged

@@ -29,6 +29,7 @@ def found(study):
     return leave_one_out(study)
 
 
+@pytest.mark.study
 def test_without_a_station_is_with_the_others(study, found):
     assert [one.name for one in found.without] == ["APOLLO", "GRASSE", "MATERA"]
     assert {one.kind for one in found.without} == {"station"}  # the only link of each is no other group

@@ -102,6 +102,7 @@ def test_a_lander_and_its_rover(folder):
         solution.of_target("orbiter")
 
 
+@pytest.mark.study
 def test_several_targets_come_home_from_afar(folder):
     """The rover is only observed beside the lander, whose start takes it along."""
     far = STUDY.replace("longitude_deg = -51.9", "longitude_deg = 8.9").replace("43.05", "-7.05")
@@ -122,6 +123,7 @@ INDEPENDENT = STUDY.replace("[estimate]", '[estimate]\nweights = "independent"')
 """Weights that know nothing of considered errors: the estimate is that without them."""
 
 
+@pytest.mark.study
 def test_considered_parameters_are_in_the_total_sigma(folder):
     plain = radioloc.locate(study(folder, INDEPENDENT))
     text = INDEPENDENT + (
@@ -168,6 +170,7 @@ def test_a_zenith_delay_without_a_troposphere_is_an_error(folder, table):
         radioloc.locate(study(folder, text))
 
 
+@pytest.mark.study
 def test_what_to_do_about_rounded_coordinates_is_on_the_card(folder):
     advice = (
         "coordinates of JIAMUSI, KASHI are rounded: give better ones with their sigma_m under [stations.NAME], or "

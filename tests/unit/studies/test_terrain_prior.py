@@ -28,6 +28,7 @@ def terrain(tmp_path_factory):
     )
 
 
+@pytest.mark.study
 @pytest.mark.usefixtures("undrawn")
 def test_an_hour_of_ranges_with_a_map(model, terrain, tmp_path):
     tracked = observations(model, 60.0, stop="2020-12-01T16:11:00", vlbi=False, bias_m={})
@@ -79,6 +80,7 @@ def values_and_sigmas(found):
     return dict(zip(names, found.values, strict=True)), dict(zip(names, found.sigmas(), strict=True))
 
 
+@pytest.mark.study
 def test_the_position_is_drawn_on_terrain_as_fine_as_its_sigma(tmp_path, monkeypatch):
     monkeypatch.setattr("radioloc.report.files.figures_of", lambda _: {})
     solution = radioloc.locate("examples/change5/short_arc_dem.toml")

@@ -57,6 +57,7 @@ def study_file(
     return path
 
 
+@pytest.mark.study
 def test_residuals_along_a_trajectory(folder, capsys):
     assert main(["residuals", str(study_file(folder)), "--out", str(folder / "out"), "--terms"]) == 0
     card = " ".join(capsys.readouterr().out.split())

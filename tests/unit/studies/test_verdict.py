@@ -74,6 +74,7 @@ def test_delays_of_two_stations_exchanged_do_not_converge(tracking):
     assert "status      NOT CONVERGED: RESIDUALS FAR BEYOND THE STATED SIGMAS" in str(solution)
 
 
+@pytest.mark.study
 def test_a_type_most_of_which_is_left_out_does_not_converge(tracking):
     """Ranges under the names of other stations: all but one of 61 are outliers, and delays alone decide."""
     solution = radioloc.locate(study(hours=12.0), exchanged(tracking, "KASHI", "JIAMUSI"))
@@ -112,6 +113,7 @@ def test_ranges_that_are_too_long_are_a_height_that_the_moon_does_not_have(track
     assert "is outside the Moon's terrain (-9.2 to 10.8 km)" in solution.message
 
 
+@pytest.mark.study
 def test_trials_are_judged_as_solutions_are():
     """Noise of 50 times the stated sigmas: no trial counts, by the linear model or in full."""
     sessions = [
@@ -125,6 +127,7 @@ def test_trials_are_judged_as_solutions_are():
     assert not found["converged"].any()
 
 
+@pytest.mark.study
 def test_a_split_of_two_links_of_a_station_is_told(tracking):
     """Three-way ranges 5 m off: a bias of the station is the mean of both, and its own mean hides it."""
     three_way = np.array([link.transmitter not in ("", link.receiver) for link in tracking.links])[

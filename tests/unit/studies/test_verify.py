@@ -58,6 +58,7 @@ def change(folder, how):
     file.write_text(json.dumps(content))
 
 
+@pytest.mark.study
 def test_the_same(made, capsys):
     assert main(["verify", str(made / "out" / "solution.json")]) == 0
     told = capsys.readouterr()
@@ -162,6 +163,7 @@ def test_a_study_that_has_moved(copy, again):
     assert verify(copy / "out" / "solution.json", moved).same
 
 
+@pytest.mark.study
 @pytest.mark.usefixtures("undrawn")
 def test_what_was_changed_in_python_is_not_taken_for_the_file(copy):
     study = radioloc.read_study(copy / "s.toml")
@@ -174,6 +176,7 @@ def test_what_was_changed_in_python_is_not_taken_for_the_file(copy):
     assert solution.provenance["study"] is None
 
 
+@pytest.mark.study
 @pytest.mark.usefixtures("undrawn")
 def test_kernels_are_known_by_their_content(copy):
     """A kernel that the study names is an input as the data are."""

@@ -11,8 +11,8 @@ from low_orbit import EPOCH, STATE, forces, propagated
 from scipy.integrate import solve_ivp
 
 from radioloc.dynamics._force_kernels import right_hand_side
+from radioloc.dynamics.accelerations import force_data, parameter_columns
 from radioloc.dynamics.orbit import STATE as NAMES
-from radioloc.dynamics.propagation import _columns, force_data
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 
 HOURS_S = 3600.0
@@ -33,7 +33,7 @@ def test_propagation_with_partials(benchmark, hours, degree, limit_s):
 def test_scipys_loop_takes_longer(benchmark):
     model = forces(100, radiation_m2_kg=0.02)
     names = (*NAMES, *PARAMETERS)
-    columns = _columns(model, names)
+    columns = parameter_columns(model, names)
     span_s = (0.0, 4 * HOURS_S)
     data = force_data(model, Ephemeris.open(), LunarOrientation.open(), EPOCH, span_s, STATE, names)
     begin = np.concatenate([STATE, np.eye(7, 6).ravel()])

@@ -1,14 +1,13 @@
 """What moves a spacecraft about the Moon, and its orbit: gravity, forces, propagation, partials."""
 
+from radioloc.dynamics.accelerations import acceleration_sizes, acceleration_terms
 from radioloc.dynamics.adjustable import AdjustableOrbit
-from radioloc.dynamics.bodies import BODIES
 from radioloc.dynamics.elements import elements_of_state, state_of_elements
-from radioloc.dynamics.forces import Acceleration, Forces, Impulse
+from radioloc.dynamics.forces import BODIES, Acceleration, Forces, Impulse
 from radioloc.dynamics.gravity import GravityField
 from radioloc.dynamics.gravity_errors import draw_gravity_errors, gravity_error_effects
 from radioloc.dynamics.orbit import STATE, Orbit
 from radioloc.dynamics.propagation import propagate
-from radioloc.dynamics.terms import acceleration_sizes, acceleration_terms
 
 __all__ = [
     "BODIES",

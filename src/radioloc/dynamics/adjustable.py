@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.dynamics.elements import equatorial_axes
 from radioloc.dynamics.forces import Forces
-from radioloc.dynamics.orbit import STATE, Orbit
+from radioloc.dynamics.orbit import STATE, MoonCentred, Orbit
 from radioloc.dynamics.propagation import propagate
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.time import Epochs
@@ -27,7 +27,7 @@ _KEPT = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AdjustableOrbit:
+class AdjustableOrbit(MoonCentred):
     """An orbit as a function of its parameters; what predictors adjust.
 
     It is integrated when it is asked where it is, unless one that was integrated before is near.
@@ -162,18 +162,6 @@ class AdjustableOrbit:
             moved = orbit.partials(tdb) @ by
             position_m, velocity_m_s = position_m + moved[:, :3], velocity_m_s + moved[:, 3:]
         return position_m, velocity_m_s
-
-    @bare_arguments
-    def geocentric(self, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
-        """As :meth:`~radioloc.dynamics.orbit.Orbit.geocentric`."""
-        position_m, velocity_m_s = self.states(tdb)
-        moon_m, moon_m_s = ephemeris.geocentric("moon", tdb)
-        return position_m + moon_m, velocity_m_s + moon_m_s
-
-    def spans_s(self) -> list[tuple[float, float]]:
-        """What it covers, TDB seconds since J2000: one span."""
-        epoch_s = float(self.epoch.seconds_since(Epochs.from_tdb_seconds(0.0))[0])
-        return [(epoch_s + self.span_s[0], epoch_s + self.span_s[1])]
 
     @bare_arguments
     def partials(self, tdb: Epochs) -> Floats:

@@ -1,33 +1,71 @@
-"""An orbit whose parameters are what else may act on it, such as the errors of its gravity field."""
+"""An orbit whose parameters are small accelerations that else may act on it: what they do to first order."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.dynamics.adjustable import AdjustableOrbit
+from radioloc.dynamics.orbit import Orbit
 from radioloc.ephemeris import Ephemeris
 from radioloc.time import Epochs
 
 Floats = NDArray[np.float64]
 
+_STEP_S = 10.0
+"""Accelerations of degree 220 in a low orbit have a wave of 30 km, 18 s; they are had in the middle of steps too."""
 
-class Effects(Protocol):
-    """What moves an orbit."""
+
+class AddedAccelerations:
+    """The integral of F(s)^-1 (0, a(s)) from the orbit's epoch on, by Simpson's rule.
+
+    With the state transition matrix F from the epoch, times F(t) it is the change of the state at t (Montenbruck and
+    Gill 2000, section 7.1). `accelerations` gives them at epochs of TDB, m/s2, shape (n, 3, c); the orbit has partials.
+    """
+
+    def __init__(self, orbit: Orbit, accelerations: Callable[[Epochs], Floats]) -> None:
+        self.orbit = orbit
+        first_s, last_s = orbit.flight_s
+        # A grid with the epoch at an end of steps, whose middles Simpson's rule needs.
+        before, after = (int(np.ceil(span_s / _STEP_S)) for span_s in (-first_s, last_s))
+        ends_s = np.union1d(np.linspace(first_s, 0.0, before + 1), np.linspace(0.0, last_s, after + 1))
+        grid_s = np.sort(np.concatenate([ends_s, 0.5 * (ends_s[1:] + ends_s[:-1])]))
+        moments = orbit.epoch.shifted(grid_s)
+        added = accelerations(moments)
+        transition = orbit.partials(moments)[:, :, :6]
+        rates = np.linalg.solve(transition, np.concatenate([np.zeros_like(added), added], axis=1))
+        steps = np.diff(ends_s)[:, None, None] / 6.0 * (rates[:-2:2] + 4.0 * rates[1::2] + rates[2::2])
+        total = np.concatenate([np.zeros((1, *steps.shape[1:])), np.cumsum(steps, axis=0)])
+        self._ends_s, self._total = ends_s, total - total[np.searchsorted(ends_s, 0.0)]
+
+    def at_epoch(self, tdb: Epochs) -> Floats:
+        """The integral up to epochs of TDB, m and m/s, shape (n, 6, c)."""
+        times_s = tdb.seconds_since(self.orbit.epoch)
+        columns = self._total.reshape(len(self._ends_s), -1).T
+        at_times = np.stack([np.interp(times_s, self._ends_s, column) for column in columns], axis=-1)
+        return at_times.reshape(len(times_s), 6, -1)
 
     def at(self, tdb: Epochs) -> Floats:
         """Changes of the states at epochs of TDB, m and m/s, ICRF axes, shape (n, 6, c)."""
+        return np.asarray(self.orbit.partials(tdb)[:, :, :6] @ self.at_epoch(tdb))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DisturbedOrbit:
-    """An orbit as something moves it; an :class:`~radioloc.ephemeris.trajectory.AdjustableTrajectory`."""
+    """An orbit as something moves it; an :class:`~radioloc.ephemeris.trajectory.AdjustableTrajectory`.
+
+    Parameters
+    ----------
+    orbit : AdjustableOrbit
+    effects : callable
+        Changes of the states at epochs of TDB, m and m/s, ICRF axes, shape (n, 6, c).
+    """
 
     orbit: AdjustableOrbit
-    effects: Effects
+    effects: Callable[[Epochs], Floats]
 
     @property
     def name(self) -> str:
@@ -44,7 +82,7 @@ class DisturbedOrbit:
 
     def position_partials(self, tdb: Epochs) -> Floats:
         """By how much each effect moves the position, m, ICRF axes, shape (n, 3, c)."""
-        return self.effects.at(tdb)[:, :3]
+        return self.effects(tdb)[:, :3]
 
     def over(self, first: Epochs, last: Epochs) -> DisturbedOrbit:
         """The whole of it."""

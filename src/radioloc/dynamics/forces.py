@@ -7,10 +7,12 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from radioloc.boundary import bare_fields
-from radioloc.dynamics.bodies import BODIES
 from radioloc.dynamics.gravity import GravityField
 from radioloc.errors import InputError
 from radioloc.time import Epochs
+
+BODIES = ("earth", "sun", "venus", "jupiter", "saturn")
+"""Point masses beside the Moon, in the order in which compiled code has them."""
 
 Axes = Literal["RTN", "ICRF"]
 Vector = tuple[float, float, float]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
-from radioloc.dynamics.added import AddedAccelerations
+from radioloc.dynamics.disturbed import AddedAccelerations
 from radioloc.dynamics.gravity import GravityField, acceleration_series, recursion
 from radioloc.dynamics.orbit import Orbit
 from radioloc.ephemeris import LunarOrientation
@@ -116,26 +116,18 @@ def gravity_error_effects(
     >>> effects.shape
     (1, 6, 4)
     """
-    return GravityErrorEffects(orbit, errors, libration or LunarOrientation.open()).at(tdb)
+    return errors_along(orbit, errors, libration or LunarOrientation.open()).at(tdb)
 
 
-class GravityErrorEffects:
+def errors_along(orbit: Orbit, errors: list[GravityField], libration: LunarOrientation) -> AddedAccelerations:
     """What :func:`gravity_error_effects` gives, prepared for any epochs of the orbit."""
 
-    def __init__(self, orbit: Orbit, errors: list[GravityField], libration: LunarOrientation) -> None:
-        self.orbit = orbit
+    def pulls(moments: Epochs) -> Floats:
+        rot = rot_between(libration.frame, errors[0].frame) @ rot_icrf_to_pa(libration.angles(moments)[0])
+        points_m = np.ascontiguousarray(np.einsum("nij,nj->ni", rot, orbit.states(moments)[0]))
+        return np.asarray(np.swapaxes(rot, 1, 2) @ _pulls(errors, points_m))
 
-        def pulls(moments: Epochs) -> Floats:
-            field = errors[0]
-            rot = rot_between(libration.frame, field.frame) @ rot_icrf_to_pa(libration.angles(moments)[0])
-            points_m = np.ascontiguousarray(np.einsum("nij,nj->ni", rot, orbit.states(moments)[0]))
-            return np.asarray(np.swapaxes(rot, 1, 2) @ _pulls(errors, points_m))
-
-        self.added = AddedAccelerations(orbit, pulls)
-
-    def at(self, tdb: Epochs) -> Floats:
-        """Changes of the states at epochs of TDB, m and m/s, shape (n, 6, n_errors)."""
-        return np.asarray(self.orbit.partials(tdb)[:, :, :6] @ self.added.at_epoch(tdb))
+    return AddedAccelerations(orbit, pulls)
 
 
 def _pulls(errors: list[GravityField], points_m: Floats) -> Floats:

@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from radioloc.boundary import bare_arguments
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics.forces import Forces
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import CoverageError, InputError
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.lunar.frames import rot_icrf_to_pa_rate
 from radioloc.time import Epochs, utc_strings
+from radioloc.units import as_float_array
 
 Floats = NDArray[np.float64]
 
 _ROUNDING_S = 1e-9
 """Two floats of an epoch resolve 1e-11 s."""
+
+LOWEST_M = MEAN_LUNAR_RADIUS_M - 10.0e3
+"""Below any terrain: heights reach down to -9.2 km."""
 
 STATE = ("x", "y", "z", "vx", "vy", "vz")
 """The first parameters of an orbit: its state at the epoch."""
@@ -55,8 +61,29 @@ class Rest:
         return np.concatenate([fixed @ rot[1:], fixed @ rate[1:]], axis=-1)
 
 
+class MoonCentred:
+    """What has states relative to the Moon's centre over `span_s` about `epoch`, as a trajectory."""
+
+    __slots__ = ()
+
+    @bare_arguments
+    def geocentric(self: Any, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
+        """Geocentric position and velocity, geometric (no light time), in barycentric coordinates, ICRF axes.
+
+        As :meth:`radioloc.ephemeris.Trajectory.geocentric`, in whose place an orbit can stand.
+        """
+        position_m, velocity_m_s = self.states(tdb)
+        moon_m, moon_m_s = ephemeris.geocentric("moon", tdb)
+        return position_m + moon_m, velocity_m_s + moon_m_s
+
+    def spans_s(self: Any) -> list[tuple[float, float]]:
+        """What it covers, TDB seconds since J2000: one span."""
+        epoch_s = float(self.epoch.seconds_since(Epochs.from_tdb_seconds(0.0))[0])
+        return [(epoch_s + self.span_s[0], epoch_s + self.span_s[1])]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Orbit:
+class Orbit(MoonCentred):
     """An integrated orbit about the Moon; made by :func:`propagate`."""
 
     name: str
@@ -94,21 +121,6 @@ class Orbit:
         return states[:, :3], states[:, 3:]
 
     @bare_arguments
-    def geocentric(self, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
-        """Geocentric position and velocity, geometric (no light time), in barycentric coordinates, ICRF axes.
-
-        As :meth:`radioloc.ephemeris.Trajectory.geocentric`, in whose place an orbit can stand.
-        """
-        position_m, velocity_m_s = self.states(tdb)
-        moon_m, moon_m_s = ephemeris.geocentric("moon", tdb)
-        return position_m + moon_m, velocity_m_s + moon_m_s
-
-    def spans_s(self) -> list[tuple[float, float]]:
-        """What it covers, TDB seconds since J2000: one span."""
-        epoch_s = float(self.epoch.seconds_since(Epochs.from_tdb_seconds(0.0))[0])
-        return [(epoch_s + self.span_s[0], epoch_s + self.span_s[1])]
-
-    @bare_arguments
     def partials(self, tdb: Epochs) -> Floats:
         """Partials of position and velocity by the `parameters` at epochs of TDB, SI units, shape (n, 6, n_parameters).
 
@@ -138,15 +150,15 @@ class Orbit:
         # The compiler takes a third of a second to import.
         from radioloc.dynamics._dop853_kernels import interpolate
 
-        out = np.empty((len(times_s), 6 + 6 * len(self.parameters)))
+        found = np.empty((len(times_s), 1 + len(self.parameters), 6))
         ends_s = np.array([leg.span_s[1] for leg in self.legs])
         # At a jump the state is that before it.
         which = np.minimum(np.searchsorted(ends_s, times_s), len(self.legs) - 1)
         for k, leg in enumerate(self.legs):
             rows = np.flatnonzero(which == k)
             if len(rows):
-                out[rows] = interpolate(np.minimum(times_s[rows], ends_s[-1]), leg.states, leg.dense)
-        found = out.reshape(len(times_s), -1, 6)
+                in_leg = interpolate(np.minimum(times_s[rows], ends_s[-1]), leg.states, leg.dense)
+                found[rows] = in_leg.reshape(len(rows), -1, 6)
         landed = np.flatnonzero(times_s > ends_s[-1] + _ROUNDING_S)
         if len(landed) and self.rest is not None:
             found[landed] = self.rest.carried(found[landed], self.epoch, times_s[landed])
@@ -155,3 +167,28 @@ class Orbit:
     def _dates(self, times_s: Floats) -> tuple[str, str]:
         first, last = utc_strings(self.epoch.shifted(times_s), 3)
         return str(first), str(last)
+
+
+def initial_state(position_m: ArrayLike, velocity_m_s: ArrayLike, at_rest: bool = False) -> Floats:
+    """A state that an orbit can begin with, shape (6,); errors as those of :func:`~radioloc.dynamics.propagate`.
+
+    On the Moon's pole what is `at_rest` has no velocity.
+    """
+    state = np.concatenate(
+        [
+            np.ravel(as_float_array(position_m, "m", "position_m")),
+            np.ravel(as_float_array(velocity_m_s, "m / s", "velocity_m_s")),
+        ]
+    )
+    if state.shape != (6,) or not np.isfinite(state).all():
+        raise InputError("position_m and velocity_m_s must be three finite numbers each")
+    distance_m = float(np.linalg.norm(state[:3]))
+    if distance_m < LOWEST_M:
+        raise InputError(
+            f"position_m is {distance_m / 1e3:.3f} km from the Moon's centre, under its ground; is it in km, or "
+            "relative to another body?"
+        )
+    momentum = np.linalg.norm(np.cross(state[:3], state[3:]))
+    if not at_rest and not momentum > 1e-9 * distance_m * np.linalg.norm(state[3:]):
+        raise InputError("velocity_m_s is zero or along position_m, so there is no plane of the orbit")
+    return state

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.dynamics.added import AddedAccelerations
+from radioloc.dynamics.disturbed import AddedAccelerations
 from radioloc.dynamics.elements import rtn_axes
 from radioloc.dynamics.forces import Acceleration
 from radioloc.dynamics.orbit import Orbit

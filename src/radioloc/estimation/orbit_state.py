@@ -171,7 +171,7 @@ class OrbitState:
         errors of :meth:`covariance_rtn`.
         """
         axes = rtn_axes(*self.orbit.states(tdb))
-        direct = np.zeros((len(axes), 6, 0)) if self.disturbed is None else self.disturbed.effects.at(tdb)
+        direct = np.zeros((len(axes), 6, 0)) if self.disturbed is None else self.disturbed.effects(tdb)
         return turned(axes, self.orbit.partials(tdb)), turned(axes, direct)
 
     @bare_arguments

@@ -97,6 +97,6 @@ def state_before(
         return OrbitState(flight, by_x @ covariance @ by_x.T, body=target.body)
     sensitivity = consider.sensitivity[mine][:, by_gravity]
     moved = by_x @ sensitivity
-    moved[:6] -= errant.effects.at(epoch)[0]
+    moved[:6] -= errant.effects(epoch)[0]
     covariance = by_x @ (covariance - sensitivity @ sensitivity.T) @ by_x.T + moved @ moved.T
     return OrbitState(flight, covariance, target.disturbed(flight), moved, target.body)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit, Impulse
+from radioloc.dynamics.elements import rtn_axes
 from radioloc.errors import RadiolocError
 from radioloc.estimation.orbit_state import RTN
 from radioloc.estimation.statistics import robust_scale
@@ -291,15 +292,12 @@ class _Search:
         sides = np.bincount(self.behind(reached_s)[rows] != 0.0, minlength=2)
         if gain < _GAIN or size < _SIGNIFICANT * sigma_m_s or sides.min() < _FEWEST:
             return None
-        # The compiler takes a third of a second to import.
-        from radioloc.dynamics._force_kernels import axes
-
         position, velocity = orbit.corrected(y - apriori).states(orbit.epoch.shifted([reached_s]))
         near_s = np.sort(self.time_s[rows])
         after = int(np.searchsorted(near_s, reached_s))
         gap_s = near_s[after - 1 : after + 1]
         gap = orbit.epoch.shifted(gap_s) if np.ptp(gap_s) > _GAP_S else None
-        in_rtn = axes(position[0], velocity[0]) @ delta_v
+        in_rtn = rtn_axes(position[0], velocity[0]) @ delta_v
         manoeuvre = Manoeuvre(
             orbit.epoch.shifted([reached_s]), sigma_s, in_rtn, sigma_m_s, gap, x, reached_s > 0.0
         )

@@ -17,8 +17,8 @@ from radioloc.dynamics import BODIES, STATE, Acceleration, AdjustableOrbit, Forc
 from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.dynamics.elements import FORMS, equatorial_axes, state_of_elements
 from radioloc.dynamics.gravity import SHIPPED
-from radioloc.dynamics.gravity_errors import GravityErrorEffects, draw_gravity_errors
-from radioloc.dynamics.propagation import initial_state
+from radioloc.dynamics.gravity_errors import draw_gravity_errors, errors_along
+from radioloc.dynamics.orbit import initial_state
 from radioloc.ephemeris import CONSTANTS, Ephemeris, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.measurements.observations import Observations
@@ -244,7 +244,7 @@ class Orbiter:
         if not count or field.degree < 2:
             return None
         errors = draw_gravity_errors(field, count, max(field.degree, self.gravity_error_degree), seed)
-        return DisturbedOrbit(orbit, GravityErrorEffects(orbit.nearest()[0], errors, orbit.libration))
+        return DisturbedOrbit(orbit, errors_along(orbit.nearest()[0], errors, orbit.libration).at)
 
     def record(self) -> dict[str, Any]:
         """State and forces, in types that JSON has."""

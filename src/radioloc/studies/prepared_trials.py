@@ -248,7 +248,7 @@ class Prepared:
         if errant is not None:
             of_gravity = [name.startswith(f"{GRAVITY_ERROR}.") for name in names]
             tdb = self.epochs(part)
-            moves[..., of_gravity] = _local(errant.orbit, tdb, errant.effects.at(tdb))
+            moves[..., of_gravity] = _local(errant.orbit, tdb, errant.effects(tdb))
         return moves
 
     def _compared(
@@ -273,7 +273,7 @@ class Prepared:
         )
         by_considered = np.zeros((3, 6, count))
         if errant is not None:
-            direct = _local(here, tdb, errant.effects.at(tdb))
+            direct = _local(here, tdb, errant.effects(tdb))
             by_considered[..., count - direct.shape[-1] :] = -direct  # it is the truth that they move
         apart = np.hstack(self.world.trajectory.states(tdb)) - np.hstack(here.states(tdb))
         offset_m = _local(here, tdb, apart[..., None])[..., 0]

@@ -10,8 +10,7 @@ from scipy.optimize import brentq
 
 from radioloc.dynamics import Acceleration, Impulse, propagate
 from radioloc.dynamics._force_kernels import accelerations, quantities
-from radioloc.dynamics.bodies import body_table
-from radioloc.dynamics.propagation import force_data
+from radioloc.dynamics.accelerations import body_table, force_data
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import CoverageError, InputError
 from radioloc.lunar import rot_icrf_to_pa
@@ -203,6 +202,13 @@ def test_the_table_of_bodies_is_the_ephemeris():
     np.testing.assert_allclose(np.array(series)[:, 3:6], sun_m - moon_m, rtol=0, atol=1e-2)
     rot = rot_icrf_to_pa(libration.angles(tdb)[0]).reshape(-1, 9)
     np.testing.assert_allclose(np.array(series)[:, 15:24], rot, rtol=0, atol=1e-12)
+
+
+def test_no_epochs_have_no_states():
+    orbit = propagated(forces(0, **TWO_BODY), (0.0, 600.0), parameters=())
+    none = orbit.epoch.shifted(np.zeros(0))
+    assert [half.shape for half in orbit.states(none)] == [(0, 3), (0, 3)]
+    assert orbit.partials(none).shape == (0, 6, 6)
 
 
 def test_what_an_orbit_does_not_cover():

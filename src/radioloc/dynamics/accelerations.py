@@ -1,0 +1,239 @@
+"""The accelerations of a spacecraft: what compiled code computes them from, and each by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.boundary import bare_arguments
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.dynamics._force_data import (
+    ACTS,
+    CENTRAL,
+    COMPONENTS,
+    EARTH,
+    FIGURES,
+    FIRST,
+    GIVEN,
+    HARMONICS,
+    MOONLIGHT,
+    NORMAL,
+    OF_RTN,
+    PARTS,
+    QUANTITIES,
+    RELATIVITY,
+    SUNLIGHT,
+    TIDES,
+    ForceData,
+)
+from radioloc.dynamics.elements import rtn_axes
+from radioloc.dynamics.forces import BODIES, Forces
+from radioloc.dynamics.gravity import acceleration_series, gradient_series, recursion, stacked
+from radioloc.dynamics.orbit import STATE, initial_state
+from radioloc.ephemeris import Ephemeris, LunarOrientation
+from radioloc.errors import InputError
+from radioloc.lunar import rot_between, rot_icrf_to_pa
+from radioloc.time import Epochs
+
+Floats = NDArray[np.float64]
+
+_SEGMENT_S = 21600.0
+_NODES = 12  # within 6 h the twelfth coefficient of the Moon's motion is below rounding
+_NEARLY_REST = 1e-30
+"""In parts of the position: by this what rests on a pole has a plane."""
+_PLACES = 48
+
+
+@bare_arguments
+def acceleration_terms(
+    epoch: Epochs,
+    position_m: ArrayLike,
+    velocity_m_s: ArrayLike,
+    forces: Forces,
+    *,
+    ephemeris: Ephemeris | None = None,
+    libration: LunarOrientation | None = None,
+) -> dict[str, NDArray[np.float64]]:
+    """Accelerations of a spacecraft relative to the Moon's centre, by name, ICRF axes, m/s^2, shape (3,) each.
+
+    Parameters
+    ----------
+    epoch : Epochs
+        TDB, one.
+    position_m, velocity_m_s : array_like, shape (3,)
+        State relative to the Moon's centre, ICRF axes.
+    forces : Forces
+        All of its given accelerations are taken to act.
+    ephemeris, libration : optional
+        As in :func:`propagate`.
+
+    Raises
+    ------
+    InputError, CoverageError
+        As :func:`propagate`.
+
+    Examples
+    --------
+    >>> from radioloc.dynamics import Forces, GravityField, acceleration_terms
+    >>> from radioloc.time import epochs_from_strings
+    >>> epoch = epochs_from_strings("2012-04-09T04:30:00", "TDB")
+    >>> forces = Forces(GravityField.open("GRGM660PRIM", degree=20))
+    >>> terms = acceleration_terms(epoch, [0.0, 0.0, 1.788e6], [1656.0, 0.0, 0.0], forces)
+    >>> {name: f"{(term**2).sum() ** 0.5:.1e}" for name, term in terms.items() if name in ("central", "earth")}
+    {'central': '1.5e+00', 'earth': '1.8e-05'}
+    """
+    ephemeris = ephemeris or Ephemeris.open()
+    libration = libration or LunarOrientation.open(ephemeris.name)
+    state = initial_state(position_m, velocity_m_s)
+    data = force_data(forces, ephemeris, libration, epoch, (0.0, 0.0), state)
+    # The compiler takes a third of a second to import.
+    from radioloc.dynamics._force_kernels import accelerations, quantities
+
+    data.given[:, ACTS] = 1.0
+    parts = accelerations(state[:3], state[3:], quantities(0.0, data), data)
+    return {name: scale * part for name, scale, part in zip(PARTS, data.scales, parts, strict=True)}
+
+
+@bare_arguments
+def acceleration_sizes(epoch: Epochs, height_m: float, forces: Forces) -> dict[str, float]:
+    """Sizes of the accelerations in a circular orbit over the Moon's poles, by name, m/s^2: root mean square.
+
+    The orbit passes over noon and midnight; the bodies stand where they are at the epoch (TDB), about DE421's Moon.
+
+    Raises
+    ------
+    InputError
+        A height above the sphere of 1737.4 km that is not positive.
+
+    Examples
+    --------
+    >>> from radioloc.dynamics import Forces, GravityField, acceleration_sizes
+    >>> from radioloc.time import epochs_from_strings
+    >>> forces = Forces(GravityField.open("GRGM660PRIM", degree=20))
+    >>> sizes = acceleration_sizes(epochs_from_strings("2012-04-09", "TDB"), 50e3, forces)
+    >>> f"{sizes['tides']:.0e}"
+    '5e-07'
+    """
+    if not height_m > 0.0:
+        raise InputError(f"height_m = {height_m!r} is not above the sphere of the Moon; give a positive one")
+    ephemeris = Ephemeris.open()
+    pole = rot_icrf_to_pa(LunarOrientation.open().angles(epoch)[0])[0, 2]
+    sun_m = ephemeris.geocentric("sun", epoch)[0][0] - ephemeris.geocentric("moon", epoch)[0][0]
+    noon = sun_m - (sun_m @ pole) * pole
+    noon /= np.linalg.norm(noon)
+    radius_m = MEAN_LUNAR_RADIUS_M + height_m
+    speed_m_s = np.sqrt(ephemeris.constants.gm_moon_m3_s2 / radius_m)
+    squares = dict.fromkeys(PARTS, 0.0)
+    for angle in 2.0 * np.pi * np.arange(_PLACES) / _PLACES:
+        place_m = radius_m * (np.cos(angle) * noon + np.sin(angle) * pole)
+        velocity_m_s = speed_m_s * (np.cos(angle) * pole - np.sin(angle) * noon)
+        terms = acceleration_terms(epoch, place_m, velocity_m_s, forces, ephemeris=ephemeris)
+        squares = {name: squares[name] + float(term @ term) for name, term in terms.items()}
+    return {name: float(np.sqrt(square / _PLACES)) for name, square in squares.items()}
+
+
+def force_data(
+    forces: Forces,
+    ephemeris: Ephemeris,
+    libration: LunarOrientation,
+    epoch: Epochs,
+    span_s: tuple[float, float],
+    state: Floats,
+    names: Sequence[str] = (),
+) -> ForceData:
+    """What compiled accelerations depend on; given accelerations do not act until they are said to."""
+    for body in forces.bodies:
+        if body != "earth" and body not in ephemeris.bodies:
+            raise InputError(f"{ephemeris.name} has no {body}; leave it out of the bodies of Forces")
+    field = forces.gravity
+    coefficients = field.c - 1j * field.s
+    coefficients[0, 0] = 0.0  # the central term is by itself
+    series = stacked(acceleration_series(coefficients))
+    part = slice(min(forces.gradient_degree, field.degree) + 1)
+    table, first_s, length_s = body_table(ephemeris, libration, field.frame, epoch, span_s)
+    masses = [ephemeris.constants.gm_m3_s2(body) for body in ("moon", *BODIES)]
+    if forces.gm_m3_s2 is not None:
+        masses[0] = forces.gm_m3_s2
+    on, scales = np.ones((2, len(PARTS)))
+    scales[TIDES], scales[SUNLIGHT], scales[MOONLIGHT] = forces.k2, *[forces.radiation_m2_kg] * 2
+    for k, body in enumerate(BODIES):
+        on[EARTH + k] = body in forces.bodies
+    on[HARMONICS] = field.degree > 0
+    on[TIDES] = forces.k2 != 0.0 or "k2" in names
+    on[FIGURES], on[RELATIVITY] = forces.figures, forces.relativity
+    on[SUNLIGHT] = forces.radiation_m2_kg != 0.0 or "radiation" in names
+    on[MOONLIGHT] = forces.moonlight and on[SUNLIGHT]
+    given = np.zeros((len(forces.accelerations), FIRST + COMPONENTS))
+    for row, one in zip(given, forces.accelerations, strict=True):
+        row[OF_RTN] = one.axes == "RTN"
+        row[NORMAL:FIRST] = one.normal or 0.0
+        row[FIRST:] = [*one.constant_m_s2, *one.cosine_m_s2, *one.sine_m_s2]
+    return ForceData(
+        table,
+        first_s,
+        length_s,
+        np.array(masses),
+        field.radius_m,
+        series,
+        stacked(gradient_series(coefficients[part, part])),
+        recursion(len(series) + 1),
+        on > 0.0,
+        scales,
+        given,
+        rtn_axes(state[:3], state[3:] + _NEARLY_REST * np.roll(state[:3], 1))[:2],
+    )
+
+
+def body_table(
+    ephemeris: Ephemeris, libration: LunarOrientation, frame: str, epoch: Epochs, span_s: tuple[float, float]
+) -> tuple[NDArray[np.float64], float, float]:
+    """Chebyshev coefficients, shape (n_segments, QUANTITIES, n_coefficients), start and length of a segment, s.
+
+    Of the positions of :data:`BODIES` from the Moon, zeros for those that the ephemeris does not hold, the rotation
+    from the ICRF to the axes `frame`, row by row, and the velocities of the Earth and the Sun from the Moon and of the
+    Moon from the barycentre; SI units, ICRF axes.
+
+    Raises
+    ------
+    CoverageError
+        The span, s from the epoch (TDB), is not that of the ephemeris or the Moon's orientation.
+    InputError
+        No angles lead from the axes of the orientation to `frame`.
+    """
+    count = max(1, int(np.ceil((span_s[1] - span_s[0]) / _SEGMENT_S)))
+    length_s = max(span_s[1] - span_s[0], 1.0) / count
+    angle = np.pi * (np.arange(_NODES) + 0.5) / _NODES
+    nodes_s = span_s[0] + length_s * (np.arange(count)[:, None] + 0.5 * (1.0 + np.cos(angle)))
+    tdb = epoch.shifted(nodes_s.ravel())
+    values = np.zeros((nodes_s.size, QUANTITIES))
+    moon_m, moon_m_s = ephemeris.geocentric("moon", tdb)
+    values[:, :3] = -moon_m
+    for k, body in enumerate(BODIES[1:], 1):
+        if body in ephemeris.bodies:
+            values[:, 3 * k : 3 * k + 3] = ephemeris.geocentric(body, tdb)[0] - moon_m
+    to_frame = rot_between(libration.frame, frame)
+    values[:, 15:24] = (to_frame @ rot_icrf_to_pa(libration.angles(tdb)[0])).reshape(-1, 9)
+    values[:, 24:27] = -moon_m_s
+    values[:, 27:30] = ephemeris.geocentric("sun", tdb)[1] - moon_m_s
+    values[:, 30:] = ephemeris.earth(tdb).velocity_m_s + moon_m_s
+    to_series = 2.0 / _NODES * np.cos(np.outer(np.arange(_NODES), angle))
+    to_series[0] *= 0.5
+    table = np.einsum("kj,sjq->sqk", to_series, values.reshape(count, _NODES, QUANTITIES))
+    return np.ascontiguousarray(table), span_s[0], length_s
+
+
+def parameter_columns(forces: Forces, names: Sequence[str]) -> NDArray[np.int64]:
+    """Part and index of each parameter, for the right-hand side."""
+    known = {"gm": (CENTRAL, 0), "k2": (TIDES, 0), "radiation": (SUNLIGHT, 0)}
+    known |= dict.fromkeys(STATE, (-1, 0))
+    for row, one in enumerate(forces.accelerations):
+        own = [name for names in one.names() for name in names]
+        known |= {name: (GIVEN, row * COMPONENTS + k) for k, name in enumerate(own)}
+    for impulse in forces.impulses:
+        known |= dict.fromkeys(impulse.names(), (-1, 0))
+    for name in names:
+        if name not in known:
+            raise InputError(f"no force has the parameter {name!r}; there are {', '.join(known)}")
+    return np.array([known[name] for name in names], dtype=np.int64).reshape(-1, 2)

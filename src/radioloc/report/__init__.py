@@ -1,11 +1,9 @@
 """Everything that shows results: cards, tables, figures, and the files of an output folder."""
 
-from radioloc.report.arc_figure import plot_arcs
 from radioloc.report.arc_study import ArcStudy
-from radioloc.report.budget_figure import plot_budget
-from radioloc.report.comparison import Comparison, plot_comparison
-from radioloc.report.covariance import CovarianceStudy, plot_covariance, plot_covariance_on_arc
-from radioloc.report.distribution_figure import plot_distribution
+from radioloc.report.comparison import Comparison
+from radioloc.report.covariance import CovarianceStudy
+from radioloc.report.estimate_figures import plot_budget, plot_contours, plot_correlations
 from radioloc.report.figures import save_figure
 from radioloc.report.files import (
     write_arcs,
@@ -26,20 +24,21 @@ from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.oem import write_oem
 from radioloc.report.orbit_files import write_orbit_oem, write_orbit_opm, write_orbit_spk
 from radioloc.report.page import write_html
-from radioloc.report.parameter_figures import plot_contours, plot_correlations
-from radioloc.report.point_figures import plot_point
 from radioloc.report.point_solution import PointSolution
-from radioloc.report.position_figures import plot_position
-from radioloc.report.residual_figures import plot_links, plot_residuals
+from radioloc.report.position_figures import plot_arcs, plot_comparison, plot_point, plot_position
+from radioloc.report.residual_figures import plot_distribution, plot_links, plot_residuals, plot_terms
 from radioloc.report.residuals_tdm import write_residuals_tdm
 from radioloc.report.sinex import write_sinex
 from radioloc.report.solution_table import solution_table
 from radioloc.report.spice_kernels import write_spice
-from radioloc.report.station_figure import plot_stations
-from radioloc.report.terms_figure import plot_terms
+from radioloc.report.station_figures import plot_stations, plot_visibility
+from radioloc.report.study_figures import (
+    plot_covariance,
+    plot_covariance_on_arc,
+    plot_error_by_length,
+    plot_trials,
+)
 from radioloc.report.text_table import TextTable
-from radioloc.report.trial_figures import plot_error_by_length, plot_trials
-from radioloc.report.visibility_figure import plot_visibility
 
 __all__ = [
     "ArcStudy",

@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.combination import Agreement, JointEstimate
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.position import LunarPosition
 from radioloc.report.cards import Card, Field, Shown, metres, plural
-from radioloc.report.figures import legend_below, one_panel
-from radioloc.report.position_figures import DrawnPlace, draw_places
 from radioloc.report.position_table import (
     HEADING,
     PositionRow,
@@ -22,10 +20,6 @@ from radioloc.report.position_table import (
     position_cells,
     position_table,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 UNLIKELY = 1e-3
 """Chance of a difference below which two solutions do not agree."""
@@ -199,32 +193,3 @@ def _pair(pair: Agreement) -> tuple[str, ...]:
         sigmas,
         chance,
     )
-
-
-def plot_comparison(comparison: Comparison, ax: Axes | None = None) -> Figure:
-    """Draw all positions east and north of the benchmark, estimates with their 95 % ellipses.
-
-    Parameters
-    ----------
-    comparison : Comparison
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw in, in place of a figure of its own.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> study = radioloc.read_study("examples/apollo15/apollo15.toml")
-    >>> found = radioloc.studies.compare([radioloc.locate(study)])
-    >>> radioloc.report.plot_comparison(found).axes[0].get_ylabel()
-    'north of JPL, DE421 solution (m)'
-    """
-    places = [DrawnPlace.of_row(row, comparison.covariances_en_m2.get(row.name)) for row in comparison.rows]
-    legend_rows = -(-len(places) // 2)
-    axes = one_panel(ax, 5.6, 5.9 + 0.17 * legend_rows, f"Positions beside {comparison.benchmark}")
-    draw_places(axes, places, comparison.benchmark)
-    legend_below(axes, ax, 2)
-    return axes.figure.figure

@@ -14,29 +14,21 @@ import io
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.errors import InputError
 from radioloc.estimation.budget import NOISE
 from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL, EAST_NORTH_UP, RTN, OrbitState
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.report.cards import Card, Field, Shown, metres
-from radioloc.report.figures import COLORS, log_scale, several_panels, style_axes
 from radioloc.time import utc_strings
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _Floats = NDArray[np.float64]
 _DIRECTIONS = np.linspace(0.0, np.pi, 721)[:-1]
 _MOST_SOURCES, _MOST_GAINS = 8, 12
 _FILE = "covariance.json"
-_DRAWN, _MOST_LINES = 600, 4
-"""Epochs of an orbit in a figure, and lengths of its tracking, the longest."""
 _WORTH = 0.005
 """Part of the 95 % radius below which a gain is not shown on the card."""
 
@@ -294,117 +286,6 @@ def _what_first(arc: PlannedArc) -> str:
     if kind == NOISE:
         return "more observations would help most"
     return f"{kind.removeprefix('a priori: ')} is what to know better first"
-
-
-def plot_covariance(study: CovarianceStudy, ax: Axes | None = None) -> Figure:
-    """Figure of the sigmas by length, and of what they are made of.
-
-    Parameters
-    ----------
-    study : CovarianceStudy
-    ax : matplotlib.axes.Axes, optional
-        Axes of a grid whose place the panels take, in place of a figure of their own.
-
-    Raises
-    ------
-    InputError
-        No length determines the position.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> found = radioloc.covariance(radioloc.read_study("examples/change5/short_arc.toml"))
-    >>> figure = radioloc.report.plot_covariance(found)
-    """
-    arcs = [arc for arc in study.arcs if arc.determined]
-    if not arcs:
-        raise InputError(f"{study.name}: no length determines the position; there is nothing to draw")
-    hours = np.array([arc.hours for arc in arcs])
-    figure = several_panels(ax, 7.5, 6.5, study.name)
-    above, below = figure.subplots(2, 1, sharex=True)
-    radius_m = np.array([arc.radius_95_m for arc in arcs])
-    above.plot(hours, radius_m, "o-", color="0.1", linewidth=2.0, label="95 % radius, horizontal")
-    for k, axis in enumerate(study.longest.axes):
-        sigma_m = [arc.sigma_m[k] for arc in arcs]
-        above.plot(hours, sigma_m, ".-", color=COLORS[k], label=f"1 sigma {axis}")
-    if study.reach_m is not None:
-        label = f"{metres(study.reach_m)} m"
-        above.axhline(study.reach_m, color="0.5", linestyle="--", linewidth=1.0, label=label)
-    above.set_ylabel("metres")
-    by_source = [arc.by_source() for arc in arcs]
-    kinds = list(dict.fromkeys(kind for found in reversed(by_source) for kind in found))
-    groups = {kind: [kind] for kind in kinds}
-    if len(kinds) > len(COLORS):  # the smallest in one line, so that no two have one colour
-        groups = {kind: [kind] for kind in kinds[: len(COLORS) - 1]} | {"others": kinds[len(COLORS) - 1 :]}
-    first_m, last_m = (max(math.sqrt(v[:2].sum()) for v in by_source[k].values()) for k in (0, -1))
-    bottom_m = max(0.03 * last_m, 1e-4)
-    for color, (label, group) in zip(COLORS, groups.items(), strict=False):
-        variance = [sum(found.get(kind, np.zeros(3))[:2].sum() for kind in group) for found in by_source]
-        seen = (
-            label if max(variance) > bottom_m**2 else f"_{label}"
-        )  # of no line below the edge the legend speaks
-        below.plot(hours, np.sqrt(variance), ".-", color=color, label=seen)
-    below.set_ylabel("horizontal 1 sigma from each, m")
-    below.set_xlabel("hours from the start")
-    below.set_ylim(bottom=bottom_m, top=2.0 * max(first_m, last_m))
-    for axes in (above, below):
-        axes.set_xscale("log")
-        log_scale(axes)
-        style_axes(axes)
-        axes.legend(fontsize=7, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    below.set_xticks(hours, [f"{h:.3g}" for h in hours])
-    below.minorticks_off()
-    return figure.figure
-
-
-def plot_covariance_on_arc(study: CovarianceStudy, ax: Axes | None = None) -> Figure:
-    """Figure of the sigmas of an orbit over the plan, radial, along and across, by the longest of the tracking.
-
-    Lines are solid where the orbit is tracked, and thin before and after it, where it is predicted.
-
-    Parameters
-    ----------
-    study : CovarianceStudy
-    ax : matplotlib.axes.Axes, optional
-        As of :func:`plot_covariance`.
-
-    Raises
-    ------
-    InputError
-        The study is of no orbit, or no length determines it.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> found = radioloc.covariance("plan.toml")  # doctest: +SKIP
-    >>> figure = radioloc.report.plot_covariance_on_arc(found)  # doctest: +SKIP
-    """
-    states = [(arc, arc.state) for arc in study.arcs if arc.state is not None]
-    if not states:
-        raise InputError(f"{study.name}: no length determines an orbit; there is nothing to draw")
-    figure = several_panels(ax, 8.0, 7.5, study.name)
-    panels = figure.subplots(3, 1, sharex=True)
-    last = states[-1][1].orbit
-    tdb = last.times(_DRAWN)
-    hours = np.linspace(*last.span_s, _DRAWN) / 3600.0
-    for k, (arc, state) in enumerate(states[-_MOST_LINES:]):
-        sigma_m = state.sigma_rtn_m(tdb)
-        for axes, of_axis_m in zip(panels, sigma_m.T, strict=True):
-            axes.plot(hours, of_axis_m, color=COLORS[k], linewidth=0.7, alpha=0.7)
-            first_h, last_h = arc.tracked_h
-            tracked = np.where((hours >= first_h) & (hours <= last_h), of_axis_m, np.nan)
-            axes.plot(hours, tracked, color=COLORS[k], linewidth=1.8, label=f"{arc.hours:g} h")
-    for axes, name in zip(panels, RTN, strict=True):
-        axes.set_ylabel(f"1 sigma {name}, m")
-        axes.set_xlim(hours[0], hours[-1])
-        log_scale(axes)
-        style_axes(axes)
-    panels[-1].set_xlabel(f"hours from {utc_strings(last.epoch, 0)[0]} TDB")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="outside lower center", ncols=8, fontsize=8, frameon=False, title="tracked for"
-    )
-    return figure.figure
 
 
 def _length_cells(arc: PlannedArc) -> tuple[str, ...]:

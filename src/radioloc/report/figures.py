@@ -1,4 +1,4 @@
-"""What all figures share: how they are made, styled and saved, and the unit in which a length is shown.
+"""What all figures share: how they are made, laid out, styled and saved, axes of dates, and units of lengths.
 
 Figures are made without pyplot: nothing global changes, no window opens, they work without a display, and in a notebook
 each shows itself as the last line of a cell. matplotlib is imported when the first figure is made.
@@ -7,7 +7,8 @@ each shows itself as the last line of a cell. matplotlib is imported when the fi
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from datetime import datetime
 from functools import partial
 from io import BytesIO
 from pathlib import Path
@@ -23,6 +24,9 @@ from radioloc.time import Epochs
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
+    from matplotlib.legend import Legend
+
+_Floats = NDArray[np.float64]
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Colours that people with colour-blindness tell apart (Okabe and Ito 2008)."""
@@ -38,6 +42,16 @@ _UNIX_EPOCH_JD = 2440587.5
 _UNITS = ((1e-3, 1e3, "mm"), (0.5, 1e2, "cm"), (1e3, 1.0, "m"), (float("inf"), 1e-3, "km"))
 _UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 """Metadata that keeps the time of writing out of a file; PNG has none."""
+
+
+_LONG = 0.2  # of the whole span, and
+_LONG_DAYS = 10.0  # a gap that may be cut out
+# Of the whole span: if data fill more than this beside the long gaps, they are no thin bands.
+_MOST_DATA = 0.25
+_LEAST_WIDTH = 0.3  # of all that have data: the narrowest part
+_GAP_WIDTH = 0.05
+_PAD_DAYS = 0.02
+_YEAR_DAYS = 365.25
 
 
 def new_figure(width_in: float, height_in: float, title: str = "") -> Figure:
@@ -78,10 +92,37 @@ def several_panels(ax: Axes | None, width_in: float, height_in: float, title: st
     return part
 
 
+def panel_grid(
+    ax: Axes | None, count: int, most_columns: int, sizes_in: tuple[Any, Any], title: str, **shared: Any
+) -> tuple[Figure | SubFigure, list[Axes], int]:
+    """A figure with so many panels in a grid, and its columns; sizes are those of a panel and of all around them."""
+    columns = columns_for(count, most_columns)
+    rows = -(-count // columns)
+    width_in, height_in = np.multiply(sizes_in[0], (columns, rows)) + sizes_in[1]
+    figure = several_panels(ax, width_in, height_in, title)
+    panels = list(figure.subplots(rows, columns, squeeze=False, **shared).flat)
+    for axes in panels[count:]:
+        axes.set_visible(False)
+    return figure, panels[:count], columns
+
+
+def columns_for(count: int, most: int) -> int:
+    """How many columns, at most so many and more than half of them, leave the fewest places empty."""
+    return min(range(min(count, most), min(count, most) // 2, -1), key=lambda columns: -count % columns)
+
+
+def legend_outside(figure: Figure | SubFigure, axes: Axes, columns: int, **style: Any) -> Legend:
+    """A legend of what one panel shows, below all panels."""
+    style = {"fontsize": 8, "frameon": False} | style
+    return figure.legend(
+        *axes.get_legend_handles_labels(), loc="outside lower center", ncols=columns, **style
+    )
+
+
 def legend_below(axes: Axes, ax: Axes | None, columns: int) -> None:
     """A legend below the only panel of a figure; within axes that were given, as ``ax``."""
     if ax is None:
-        axes.figure.legend(loc="outside lower center", ncols=columns, fontsize=8, frameon=False)
+        legend_outside(axes.figure, axes, columns)
     else:
         axes.legend(fontsize=7, framealpha=0.85)
 
@@ -90,11 +131,6 @@ def _png(figure: Figure) -> bytes:
     image = BytesIO()
     figure.savefig(image, format="png")
     return image.getvalue()
-
-
-def columns_for(count: int, most: int) -> int:
-    """How many columns, at most so many and more than half of them, leave the fewest places empty."""
-    return min(range(min(count, most), min(count, most) // 2, -1), key=lambda columns: -count % columns)
 
 
 def style_axes(axes: Axes) -> None:
@@ -108,6 +144,38 @@ def style_axes(axes: Axes) -> None:
     axes.tick_params(labelsize=8, color="0.4")
     axes.xaxis.label.set_fontsize(9)
     axes.yaxis.label.set_fontsize(9)
+
+
+def draw_square(
+    axes: Axes, centre_m: _Floats | Sequence[float], reach_m: float, origin: str
+) -> tuple[float, str]:
+    """A square east and north of an origin, so far from its centre; the factor from metres to its unit, and that."""
+    factor, unit = length_unit(reach_m)
+    style_axes(axes)
+    axes.set_aspect("equal")
+    axes.set_xlim(factor * (centre_m[0] - reach_m), factor * (centre_m[0] + reach_m))
+    axes.set_ylim(factor * (centre_m[1] - reach_m), factor * (centre_m[1] + reach_m))
+    axes.set_xlabel(f"east of {origin} ({unit})")
+    axes.set_ylabel(f"north of {origin} ({unit})")
+    return factor, unit
+
+
+def draw_ellipse(
+    axes: Axes,
+    centre_m: Sequence[float] | _Floats,
+    covariance_m2: _Floats,
+    scale: float,
+    factor: float,
+    **style: Any,
+) -> None:
+    """An error ellipse with axes of so many sigmas, in the unit that a factor leads to from metres."""
+    from matplotlib.patches import Ellipse
+
+    variances, directions = np.linalg.eigh(covariance_m2)
+    width, height = 2.0 * factor * scale * np.sqrt(np.maximum(variances, 0.0))
+    angle_deg = -(math.degrees(math.atan2(directions[0, 1], directions[1, 1])) % 180.0)
+    at = factor * centre_m[0], factor * centre_m[1]
+    axes.add_patch(Ellipse(at, width, height, angle=angle_deg, **style))
 
 
 def log_scale(axes: Axes) -> None:
@@ -141,6 +209,101 @@ def utc_dates(epoch_utc: Epochs) -> NDArray[np.datetime64]:
     days = (epoch_utc.jd - _UNIX_EPOCH_JD).astype(np.int64).astype("datetime64[D]")
     milliseconds = np.rint(epoch_utc.fraction * 86400e3).astype("timedelta64[ms]")
     return days.astype("datetime64[ms]") + milliseconds
+
+
+def date_axes(
+    panels: Sequence[Axes], dates: NDArray[np.datetime64], ticks: tuple[int, int] = (4, 9), columns: int = 1
+) -> None:
+    """Label the horizontal axes with UTC dates, as many as fit, below the lowest panel of each column of a grid.
+
+    The panels share their horizontal axis. Where all data lie in a small part of the span, the gaps between are cut
+    out; a grey band with its length stands for each.
+    """
+    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
+
+    axis, parts = panels[0].xaxis, _parts(np.asarray(date2num(dates)))
+    if len(parts) > 1:
+        _cut_out_gaps(panels, parts, ticks[1])
+    else:
+        locator = AutoDateLocator(minticks=ticks[0], maxticks=ticks[1])
+        axis.set_major_locator(locator)
+        axis.set_major_formatter(ConciseDateFormatter(locator))
+    if dates.min() == dates.max():
+        hour = np.timedelta64(1, "h")
+        panels[0].set_xlim(dates.min() - hour, dates.max() + hour)
+    for column in range(columns):
+        lowest = panels[(len(panels) - 1 - column) // columns * columns + column]
+        lowest.tick_params(labelbottom=True)
+        lowest.xaxis.get_offset_text().set_fontsize(8)
+        lowest.set_xlabel("UTC")
+
+
+def _parts(days: _Floats) -> _Floats:
+    """First and last date of what lies between the gaps that are cut out, shape (n, 2)."""
+    days = np.unique(days)
+    steps, span = np.diff(days), days[-1] - days[0]
+    cut = np.flatnonzero(steps > max(_LONG * span, _LONG_DAYS))
+    if span - steps[cut].sum() > _MOST_DATA * span:
+        cut = cut[:0]
+    return np.stack([days[[0, *(cut + 1)]], days[[*cut, -1]]], axis=1)
+
+
+def _cut_out_gaps(panels: Sequence[Axes], parts: _Floats, most_ticks: int) -> None:
+    """Draw each part in its scale and gaps as narrow bands."""
+    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, num2date
+
+    pad = 0.08 * np.diff(parts, axis=1) + _PAD_DAYS
+    edges = parts + pad * [-1.0, 1.0]
+    length = np.diff(edges, axis=1)
+    width = np.maximum(length, _LEAST_WIDTH * length.sum())
+    steps = np.column_stack([width, np.full_like(width, _GAP_WIDTH * width.sum())]).ravel()[:-1]
+    # Beyond the ends, where limits may be for a moment, the scale is that of the first and the last part.
+    days = np.concatenate([edges[0, :1] - length[0], edges.ravel(), edges[-1, 1:] + length[-1]])
+    drawn = np.concatenate([-width[0], [0.0], np.cumsum(steps), steps.sum() + width[-1]])
+    panels[0].set_xscale(
+        "function", functions=(lambda x: np.interp(x, days, drawn), lambda u: np.interp(u, drawn, days))
+    )
+    panels[0].set_xlim(edges[0, 0], edges[-1, 1])
+    places: list[float] = []
+    labels: list[str] = []
+    for (first, last), share in zip(edges, (width / width.sum()).ravel(), strict=True):
+        most = max(3, round(share * most_ticks))
+        locator = AutoDateLocator(
+            minticks=(most - 1) // 2, maxticks=most
+        )  # more of the least, and it may find none
+        # Whatever the version of matplotlib, the ticks of a locator may lie outside.
+        ticks = locator.tick_values(num2date(first), num2date(last))
+        inside = [day for day in ticks if first <= day <= last]
+        inside = inside or [0.5 * (first + last)]
+        texts = ConciseDateFormatter(locator).format_ticks(inside)
+        places += inside
+        labels += [f"{texts[0]}\n{_not_said(texts[0], num2date(inside[0]))}", *texts[1:]]
+    panels[0].set_xticks(places, labels)
+    for before, after in zip(edges[:-1, 1], edges[1:, 0], strict=True):
+        gap_days = after - before
+        years = gap_days > 2.0 * _YEAR_DAYS
+        for axes in panels:
+            axes.axvspan(before, after, color="0.94", linewidth=0.0, zorder=0.5)
+            axes.text(
+                before + 0.5 * gap_days,
+                0.5,
+                f"{gap_days / _YEAR_DAYS:.1f} years" if years else f"{gap_days:.0f} days",
+                transform=axes.get_xaxis_transform(),
+                rotation=90.0,
+                fontsize=7,
+                color="0.4",
+                ha="center",
+                va="center",
+            )
+
+
+def _not_said(label: str, date: datetime) -> str:
+    """What the label of a tick, a year, a month, a day or a time, does not say of its date."""
+    if ":" in label:
+        return f"{date:%Y-%m-%d}"
+    if label.isalpha():
+        return f"{date:%Y}"
+    return "" if len(label) == len("2024") else f"{date:%b %Y}"
 
 
 def save_figure(figure: Figure, paths: Iterable[str | Path] | str | Path) -> None:

@@ -31,8 +31,8 @@ from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.orbit_files import ORBIT_FILES, orbit_writers
 from radioloc.report.page import PAGE, write_page
 from radioloc.report.point_solution import PointSolution
+from radioloc.report.residual_figures import plot_terms
 from radioloc.report.result_figures import Result, figures_of
-from radioloc.report.terms_figure import plot_terms
 from radioloc.text_files import disk_failed, write_text
 
 if TYPE_CHECKING:

@@ -13,9 +13,8 @@ from radioloc.imaging import read_frame
 from radioloc.imaging.frames import load_opencv
 from radioloc.imaging.homography import transformed
 from radioloc.imaging.registration import RegisteredFrame
-from radioloc.report.figures import COLORS, SCALE_95, length_unit, several_panels, style_axes
+from radioloc.report.figures import COLORS, SCALE_95, draw_ellipse, length_unit, several_panels, style_axes
 from radioloc.report.image_solution import ImageSolution
-from radioloc.report.position_figures import error_ellipse
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,13 +56,13 @@ def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
     plane = solution.registration.plane
     longitude, latitude, _ = solution.position.selenographic
     lander = plane.from_longitude_latitude([[longitude, latitude]])[0]
-    corners = [_corners(frame) for frame in frames]
+    corners = [_in_plane(frame, [[0, 0], [2, 0], [2, 2], [0, 2]]) for frame in frames]
     widest, closest = (float(np.ptp(c, axis=0).max()) for c in (corners[0], corners[-1]))
     widths = np.geomspace(widest, 3.0 * closest, _PANELS)
     title = f"{solution.name}: {len(frames)} images on {solution.map_name}"
     figure = several_panels(ax, 13.0, 4.9, title)
     panels = figure.subplots(1, _PANELS)
-    centres = np.array([_centre(frame) for frame in frames])
+    centres = np.concatenate([_in_plane(frame, [[1, 1]]) for frame in frames])
     tables: _Tables = {}
     for k, (axes, width) in enumerate(zip(panels, widths, strict=True)):
         middle = 0.5 * (corners[0].min(axis=0) + corners[0].max(axis=0)) if k == 0 else lander
@@ -81,13 +80,10 @@ def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
         ties = factor * (solution.registration.map_places_m - lander)
         axes.plot(*ties.T, ".", color=COLORS[2], markersize=2.5, alpha=0.7)
         axes.plot(*(factor * (centres - lander)).T, "o-", color=COLORS[0], markersize=3, linewidth=1.0)
-        for covariance, dashes in (
-            (solution.covariance_enu_m2, "-"),
-            (solution.relative_covariance_en_m2, ":"),
-        ):
-            ellipse = error_ellipse((0.0, 0.0), covariance[:2, :2], SCALE_95, factor)
-            ellipse.set(fill=False, edgecolor=COLORS[1], linewidth=1.3, linestyle=dashes)
-            axes.add_patch(ellipse)
+        total_m2, relative_m2 = solution.covariance_enu_m2[:2, :2], solution.relative_covariance_en_m2
+        for covariance_m2, dashes in ((total_m2, "-"), (relative_m2, ":")):
+            style = {"fill": False, "edgecolor": COLORS[1], "linewidth": 1.3, "linestyle": dashes}
+            draw_ellipse(axes, (0.0, 0.0), covariance_m2, SCALE_95, factor, **style)
         axes.plot(0.0, 0.0, "+", color=COLORS[1], markersize=13, markeredgewidth=1.8)
         axes.set_xlim(edges[:2])
         axes.set_ylim(edges[2:])
@@ -109,25 +105,18 @@ def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
     return figure.figure
 
 
-def _corners(frame: RegisteredFrame) -> Floats:
-    """Corners of an image in the plane, m, shape (4, 2)."""
+def _in_plane(frame: RegisteredFrame, halves: Sequence[Sequence[int]]) -> Floats:
+    """Places of an image in the plane, m, by how many halves of its size they are from its first pixel."""
     assert frame.homography is not None
     to_plane = np.asarray(np.linalg.inv(frame.homography.matrix), dtype=np.float64)
-    return transformed(to_plane, np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]) * frame.centre)
-
-
-def _centre(frame: RegisteredFrame) -> Floats:
-    """The middle of an image in the plane, m, shape (2,)."""
-    assert frame.homography is not None
-    to_plane = np.asarray(np.linalg.inv(frame.homography.matrix), dtype=np.float64)
-    return transformed(to_plane, frame.centre[np.newaxis])[0]
+    return transformed(to_plane, np.array(halves, dtype=np.float64) * frame.centre)
 
 
 def _apart(frames: Sequence[RegisteredFrame]) -> Iterator[RegisteredFrame]:
     """The frames that show more than those before them: nearer by a part, or of other ground; and the last."""
     drawn, middle = math.inf, np.zeros(2)
     for frame in frames:
-        here = _centre(frame)
+        [here] = _in_plane(frame, [[1, 1]])
         moved = float(np.abs(here - middle).max()) > _PART * frame.pixel_m * frame.centre.max()
         if frame.pixel_m < (1.0 - _PART) * drawn or moved or frame is frames[-1]:
             drawn, middle = frame.pixel_m, here

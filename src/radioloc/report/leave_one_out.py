@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from radioloc.estimation.solution import Solution
 from radioloc.measurements.link import Link
-from radioloc.report.cards import Card, Field, Shown, metres, signed_metres
+from radioloc.report.cards import Card, Field, Shown, metres, signed_metres, ways
 from radioloc.report.covariance import radius_95_m
-from radioloc.report.link_names import ways
 from radioloc.report.solution_card import which_sigmas
 from radioloc.tables import TableForm, as_table
 

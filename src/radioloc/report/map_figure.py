@@ -19,10 +19,10 @@ from radioloc.estimation.solution import Solution
 from radioloc.imaging import Map, TangentPlane
 from radioloc.lunar.terrain import TerrainModel
 from radioloc.lunar.terrain_window import LargeWindowError, NoTerrainError
-from radioloc.report.figures import COLORS, legend_below, length_unit, one_panel
+from radioloc.report.figures import COLORS, draw_ellipse, legend_below, length_unit, one_panel
 from radioloc.report.image_solution import ImageSolution
 from radioloc.report.one_position import references_of
-from radioloc.report.position_figures import error_ellipse, marker_style
+from radioloc.report.position_figures import marker_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -200,9 +200,8 @@ def _draw_solution(
     covariance = _covariance(content)
     if covariance is not None:
         for scale, opacity in _SIGMAS:
-            ellipse = error_ellipse(at, covariance, scale, factor)
-            ellipse.set(facecolor=(style["color"], opacity), edgecolor=style["color"], linewidth=1.1)
-            axes.add_patch(ellipse)
+            look = {"facecolor": (style["color"], opacity), "edgecolor": style["color"], "linewidth": 1.1}
+            draw_ellipse(axes, at, covariance, scale, factor, **look)
     label = content["name"] if covariance is None else f"{content['name']}, 1 and 3 sigma"
     axes.plot(*(factor * at), label=label, **style)
 

@@ -1,10 +1,10 @@
-"""Positions and their errors: estimates with their ellipses beside known places, and by length of arc."""
+"""Positions and their errors: estimates with their ellipses beside known places, by length of arc, by source."""
 
 from __future__ import annotations
 
-import math
+from collections import Counter
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,33 +12,36 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.estimation.solution import ReferenceComparison, Solution, compare_with
+from radioloc.report.arc_study import ArcStudy
 from radioloc.report.cards import to_sigma
-from radioloc.report.figures import COLORS, SCALE_95, length_unit, one_panel, style_axes
-from radioloc.report.position_table import PositionRow
+from radioloc.report.comparison import Comparison
+from radioloc.report.figures import (
+    COLORS,
+    SCALE_95,
+    draw_ellipse,
+    draw_square,
+    legend_below,
+    legend_outside,
+    length_unit,
+    one_panel,
+    several_panels,
+    style_axes,
+)
+from radioloc.report.point_solution import PointSolution
+from radioloc.report.position_table import PositionRow, difference
+from radioloc.report.trial_statistics import NORMAL_95, SIDES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.patches import Ellipse
 
 _Floats = NDArray[np.float64]
 
 _MARKERS = {"tracking": "o", "images": "^", "image_point": "v", "stereo": "D", "joint": "s"}
 _OF_REFERENCES = "+xsDo^"
-
-
-class DrawnPlace(NamedTuple):
-    """A position to draw: by what method, its name, how far east and north, m, and the covariance of both, m^2."""
-
-    method: str
-    name: str
-    at_m: tuple[float, float]
-    covariance_m2: _Floats | None = None
-
-    @classmethod
-    def of_row(cls, row: PositionRow, covariance_m2: _Floats | None) -> DrawnPlace:
-        """A row of a table, as far from the benchmark as that says."""
-        return cls(row.method, row.name, (-(row.west_m or 0.0), row.north_m or 0.0), covariance_m2)
+_LINES = ("-", "--", ":", "-.")
+_LEAST_SHARE = 1e-2
+"""Sources with a smaller part of the sigma are not drawn."""
 
 
 def marker_style(method: str, number: int) -> dict[str, Any]:
@@ -54,39 +57,11 @@ def marker_style(method: str, number: int) -> dict[str, Any]:
     return style | {"marker": _OF_REFERENCES[number % len(_OF_REFERENCES)], "path_effects": [halo]}
 
 
-def draw_places(axes: Axes, places: Sequence[DrawnPlace], origin: str) -> None:
-    """Draw positions about one of them, and the ellipses of 95 % of those that have a covariance."""
-    corners_m = []
-    for place in places:
-        size_m = 0.0 if place.covariance_m2 is None else SCALE_95 * np.sqrt(np.diag(place.covariance_m2))
-        corners_m += [np.add(place.at_m, size_m), np.subtract(place.at_m, size_m)]
-    factor = draw_square(axes, np.array(corners_m), origin)
-    seen = {True: 0, False: 0}
-    for place in places:
-        known = place.method == "reference"
-        style = marker_style(place.method, seen[known])
-        seen[known] += 1
-        if place.covariance_m2 is not None:
-            ellipse = error_ellipse(place.at_m, place.covariance_m2, SCALE_95, factor)
-            ellipse.set(facecolor=(style["color"], 0.08), edgecolor=style["color"], linewidth=1.1)
-            axes.add_patch(ellipse)
-        axes.plot(*np.multiply(factor, place.at_m), label=place.name, zorder=3, **style)
-    axes.set_title("ellipses of 95 %", fontsize=8, color="0.3")
-
-
-def draw_square(axes: Axes, corners_m: _Floats, origin: str) -> float:
-    """A square with room around the corners, shape (n, 2), with its labels; the factor from metres to its unit."""
+def _square_around(axes: Axes, corners_m: _Floats, origin: str) -> tuple[float, str]:
+    """A square with room around the corners, shape (n, 2)."""
     lowest_m, highest_m = corners_m.min(axis=0), corners_m.max(axis=0)
     reach_m = 0.58 * float((highest_m - lowest_m).max()) or 1.0
-    factor, unit = length_unit(reach_m)
-    style_axes(axes)
-    axes.set_aspect("equal")
-    middle = 0.5 * factor * (lowest_m + highest_m)
-    axes.set_xlim(middle[0] - factor * reach_m, middle[0] + factor * reach_m)
-    axes.set_ylim(middle[1] - factor * reach_m, middle[1] + factor * reach_m)
-    axes.set_xlabel(f"east of {origin} ({unit})")
-    axes.set_ylabel(f"north of {origin} ({unit})")
-    return factor
+    return draw_square(axes, 0.5 * (lowest_m + highest_m), reach_m, origin)
 
 
 @bare_arguments
@@ -139,12 +114,11 @@ def plot_position(
     of = f" of {solution.targets[0].name}" if solution.targets else ""
     axes = one_panel(ax, 5.2, 5.6, f"{solution.name}: position{of}")
     corners_m = np.array([origin_m - reach_m, origin_m + reach_m, *others_m])
-    factor = draw_square(axes, corners_m, known[0].name if known else "the estimate")
+    factor, _ = _square_around(axes, corners_m, known[0].name if known else "the estimate")
     covariance_m2 = solution.position_covariance("enu")[:2, :2]
     for scale, opacity, label in ((SCALE_95, 0.15, "95 %"), (1.0, 0.3, "1 sigma")):
-        ellipse = error_ellipse(origin_m, covariance_m2, scale, factor)
-        ellipse.set(facecolor=(COLORS[0], opacity), edgecolor=COLORS[0], linewidth=0.9, label=label)
-        axes.add_patch(ellipse)
+        style = {"facecolor": (COLORS[0], opacity), "edgecolor": COLORS[0], "linewidth": 0.9, "label": label}
+        draw_ellipse(axes, origin_m, covariance_m2, scale, factor, **style)
     axes.plot(*(factor * origin_m), label="estimate", **marker_style("tracking", 0))
     for k, (one, at_m) in enumerate(zip(known, others_m, strict=True)):
         axes.plot(*(factor * at_m), label=one.name, **marker_style("reference", k))
@@ -171,13 +145,191 @@ def _caption(solution: Solution, known: Sequence[ReferenceComparison]) -> list[s
     return [place, sigmas]
 
 
-def error_ellipse(
-    centre_m: Sequence[float] | _Floats, covariance_m2: _Floats, scale: float, factor: float
-) -> Ellipse:
-    """An error ellipse with axes of so many sigmas, in the unit that a factor leads to from metres."""
-    from matplotlib.patches import Ellipse
+def plot_comparison(comparison: Comparison, ax: Axes | None = None) -> Figure:
+    """Draw all positions east and north of the benchmark, estimates with their 95 % ellipses.
 
-    variances, directions = np.linalg.eigh(covariance_m2)
-    width, height = 2.0 * factor * scale * np.sqrt(np.maximum(variances, 0.0))
-    azimuth_deg = math.degrees(math.atan2(directions[0, 1], directions[1, 1])) % 180.0
-    return Ellipse((factor * centre_m[0], factor * centre_m[1]), width, height, angle=-azimuth_deg)
+    Parameters
+    ----------
+    comparison : Comparison
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw in, in place of a figure of its own.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> study = radioloc.read_study("examples/apollo15/apollo15.toml")
+    >>> found = radioloc.studies.compare([radioloc.locate(study)])
+    >>> radioloc.report.plot_comparison(found).axes[0].get_ylabel()
+    'north of JPL, DE421 solution (m)'
+    """
+    rows = comparison.rows
+    axes = one_panel(ax, 5.6, 5.9 + 0.17 * -(-len(rows) // 2), f"Positions beside {comparison.benchmark}")
+    _draw_rows(axes, rows, [comparison.covariances_en_m2.get(row.name) for row in rows], comparison.benchmark)
+    legend_below(axes, ax, 2)
+    return axes.figure.figure
+
+
+def _draw_rows(
+    axes: Axes, rows: Sequence[PositionRow], covariances_m2: Sequence[_Floats | None], benchmark: str
+) -> None:
+    """Positions about the benchmark, and the ellipses of 95 % of those that have a covariance."""
+    at_m = np.array([_offset_m(row)[:2] for row in rows])
+    sizes_m = np.array([np.zeros(2) if c is None else SCALE_95 * np.sqrt(np.diag(c)) for c in covariances_m2])
+    factor, _ = _square_around(axes, np.concatenate([at_m + sizes_m, at_m - sizes_m]), benchmark)
+    seen: Counter[bool] = Counter()
+    for row, place_m, covariance_m2 in zip(rows, at_m, covariances_m2, strict=True):
+        known = row.method == "reference"
+        style = marker_style(row.method, seen[known])
+        seen[known] += 1
+        if covariance_m2 is not None:
+            look = {"facecolor": (style["color"], 0.08), "edgecolor": style["color"], "linewidth": 1.1}
+            draw_ellipse(axes, place_m, covariance_m2, SCALE_95, factor, **look)
+        axes.plot(*(factor * place_m), label=row.name, zorder=3, **style)
+    axes.set_title("ellipses of 95 %", fontsize=8, color="0.3")
+
+
+def _offset_m(row: PositionRow) -> tuple[float, float, float]:
+    """How far east, north and up of the benchmark; nought of itself."""
+    return -(row.west_m or 0.0), row.north_m or 0.0, row.up_m or 0.0
+
+
+def plot_arcs(study: ArcStudy, ax: Axes | None = None) -> Figure:
+    """Draw the positions of arcs with their 95 % ellipses beside references, and each coordinate by the arc's length.
+
+    Parameters
+    ----------
+    study : ArcStudy
+    ax : matplotlib.axes.Axes, optional
+        Axes of a grid whose place the panels take, in place of a figure of their own.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A panel east and north of the benchmark, and one for each coordinate, with intervals of 95 % and references as
+        lines.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> found = radioloc.arcs(radioloc.read_study("examples/change5/change5.toml"), hours=[6.0, 12.0])
+    >>> [axes.get_ylabel() for axes in radioloc.report.plot_arcs(found).axes[1:]]
+    ['east (m)', 'north (m)', 'up (m)']
+    """
+    rows, hours = study.rows, np.array([arc.hours for arc in study.arcs])
+    figure = several_panels(ax, 10.5, 5.9, f"{study.name}: positions by length of the arc")
+    grid = figure.add_gridspec(3, 2, width_ratios=(1.1, 1.0))
+    plane = figure.add_subplot(grid[:, 0])
+    covariances_m2 = [
+        None if row.sigma_west_m is None else arc.solution.position_covariance("enu")[:2, :2]
+        for row, arc in zip(rows, study.arcs, strict=False)
+    ]
+    _draw_rows(plane, rows, covariances_m2 + [None] * len(study.references), study.benchmark)
+    offsets_m = np.array([_offset_m(row) for row in rows])
+    sigmas_m = np.array([[row.sigma_west_m, row.sigma_north_m, row.sigma_up_m] for row in rows], dtype=float)
+    reach_m = float(np.nanmax(np.abs(offsets_m) + NORMAL_95 * np.nan_to_num(sigmas_m)))
+    factor, unit = length_unit(reach_m or 1.0)
+    beside = [figure.add_subplot(grid[k, 1]) for k in range(len(SIDES))]
+    for k, (axes, side) in enumerate(zip(beside, SIDES, strict=True)):
+        style_axes(axes)
+        for number, row in enumerate(rows[len(hours) :]):
+            line = _LINES[number % len(_LINES)]
+            offset = factor * _offset_m(row)[k]
+            axes.axhline(offset, color="black", linewidth=0.9, linestyle=line, label=row.name)
+        for number, length in enumerate(hours):
+            style = marker_style("tracking", number)
+            bar = factor * NORMAL_95 * sigmas_m[number, k]
+            axes.errorbar(length, factor * offsets_m[number, k], bar, capsize=3, elinewidth=1.2, **style)
+        axes.plot(hours, factor * offsets_m[: len(hours), k], color=COLORS[0], linewidth=0.7, alpha=0.5)
+        axes.set_xscale("log")
+        axes.set_xticks(hours, [f"{length:g}" if k == len(SIDES) - 1 else "" for length in hours])
+        axes.minorticks_off()
+        axes.set_ylabel(f"{side} ({unit})")
+    beside[0].set_title(f"less {study.benchmark}; bars: 95 %", fontsize=8, color="0.3")
+    if len(rows) > len(hours):
+        beside[0].legend(fontsize=6.5, framealpha=0.85, loc="best")
+    beside[-1].set_xlabel("length of the arc (h)")
+    legend_outside(figure, plane, 4)
+    return figure.figure
+
+
+def plot_point(solution: PointSolution, ax: Axes | None = None) -> Figure:
+    """Draw the 95 % ellipses of a position by source of error, and its landmarks where it has some.
+
+    Parameters
+    ----------
+    solution : PointSolution
+    ax : matplotlib.axes.Axes, optional
+        Axes of a grid whose place the panels take, in place of a figure of their own.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One panel about the position; of stereo images one more, with the landmarks, circles about them at the distances
+        measured, and the ellipse relative to the map.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> solution = radioloc.locate_images(radioloc.studies.read_image_study("examples/stereo/stereo.toml"))
+    >>> len(radioloc.report.plot_point(solution).axes)
+    2
+    """
+    stereo = solution.landmarks_en_m is not None
+    figure = several_panels(ax, 10.0 if stereo else 5.2, 5.6, f"{solution.name}: position")
+    panels = figure.subplots(1, 1 + stereo, squeeze=False)[0]
+    if stereo:
+        _draw_landmarks(panels[0], solution)
+    _draw_sources(panels[-1], solution)
+    entries = (zip(*axes.get_legend_handles_labels(), strict=True) for axes in panels)
+    handles = {label: handle for of_one in entries for handle, label in of_one}
+    style = {"ncols": 6 if stereo else 3, "fontsize": 8, "frameon": False}
+    figure.legend(handles.values(), handles, loc="outside lower center", **style)
+    return figure.figure
+
+
+def _draw_sources(axes: Axes, solution: PointSolution) -> None:
+    total_m2 = solution.covariance_enu_m2[:2, :2]
+    parts = {source.name: source.covariance_enu_m2[:2, :2] for source in solution.sources}
+    shown = {name: part for name, part in parts.items() if part.trace() > _LEAST_SHARE**2 * total_m2.trace()}
+    factor = _draw_about(axes, solution, 1.15 * SCALE_95 * float(np.sqrt(np.diag(total_m2).max())))
+    for color, (name, part) in zip(COLORS[1:], shown.items(), strict=False):
+        style = {"edgecolor": color, "linewidth": 1.4, "label": name}
+        draw_ellipse(axes, (0.0, 0.0), part, SCALE_95, factor, fill=False, **style)
+    style = {"edgecolor": "0.1", "linestyle": "--", "label": "all"}
+    draw_ellipse(axes, (0.0, 0.0), total_m2, SCALE_95, factor, fill=False, **style)
+    axes.set_title("ellipses of 95 %, by source", fontsize=8, color="0.3")
+
+
+def _draw_landmarks(axes: Axes, solution: PointSolution) -> None:
+    from matplotlib.patches import Circle
+
+    assert solution.landmarks_en_m is not None
+    assert solution.distances_m is not None
+    factor = _draw_about(axes, solution, 1.2 * float(np.abs(solution.landmarks_en_m).max()))
+    names = [one["name"] for one in solution.details["landmarks"]]
+    measured = zip(names, factor * solution.landmarks_en_m, factor * solution.distances_m, strict=True)
+    for k, (name, place, distance) in enumerate(measured):
+        color = COLORS[1 + k % (len(COLORS) - 1)]
+        label = "distances measured" if k == 0 else None
+        axes.add_patch(Circle(place, distance, fill=False, edgecolor=color, lw=0.8, label=label))
+        axes.plot(*place, "^", color=color, markersize=6)
+        axes.annotate(name, place, xytext=(5, 5), textcoords="offset points", fontsize=8)
+    own = [source.covariance_enu_m2[:2, :2] for source in solution.sources if not source.shared]
+    style = {"facecolor": (COLORS[0], 0.3), "edgecolor": COLORS[0], "label": "95 %, relative to the map"}
+    draw_ellipse(axes, (0.0, 0.0), np.sum(own, axis=0), SCALE_95, factor, linewidth=0.9, **style)
+    axes.set_title("landmarks", fontsize=8, color="0.3")
+
+
+def _draw_about(axes: Axes, solution: PointSolution, reach_m: float) -> float:
+    """A square about the position, with the known ones that are in it; the factor from metres to its unit."""
+    factor, _ = draw_square(axes, (0.0, 0.0), reach_m, "the position")
+    axes.plot(0.0, 0.0, "o", color=COLORS[0], markersize=4, label="position")
+    for k, (name, place) in enumerate(solution.references.items()):
+        _, _, west_m, north_m, _ = difference(place.selenographic, solution.position.selenographic)
+        if max(abs(west_m), abs(north_m)) < reach_m:
+            axes.plot(-factor * west_m, factor * north_m, label=name, **marker_style("reference", k))
+    return factor

@@ -12,10 +12,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import Residuals
-from radioloc.report.envelope import BINS, MOST_POINTS, Dates, envelope_of
+from radioloc.report.cards import have_paths
 from radioloc.report.figures import length_unit, utc_dates
-from radioloc.report.link_names import have_paths
-from radioloc.report.residual_figures import Panel, half_heights_m, link_panels, station_panels, tracking_of
+from radioloc.report.residual_panels import (
+    BINS,
+    MOST_POINTS,
+    Dates,
+    Limits,
+    Panel,
+    envelope_of,
+    half_heights_m,
+    link_panels,
+    station_panels,
+    tracking_of,
+)
 
 _MOST_ON_PAGE = 40_000
 _MOST_WITH_BARS = 300
@@ -94,9 +104,7 @@ def _dots(
     return trace
 
 
-def _envelope(
-    dates: Dates, y: NDArray[np.float64], limits: tuple[np.datetime64, np.datetime64], unit: str
-) -> dict[str, Any]:
+def _envelope(dates: Dates, y: NDArray[np.float64], limits: Limits, unit: str) -> dict[str, Any]:
     found = envelope_of(dates, y, limits)
     return {
         "mode": "markers",

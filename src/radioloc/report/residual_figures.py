@@ -1,10 +1,11 @@
-"""Residuals over time: a panel for each station, or for each baseline and each station that receives."""
+"""Residuals over time, by station or by link, and over their sigmas; what each term of the model adds."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,87 +13,57 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError
 from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import Residuals
-from radioloc.measurements.link import Link
-from radioloc.measurements.registry import KINDS
-from radioloc.report.date_axis import date_axes
-from radioloc.report.envelope import ENVELOPE_NOTE, MOST_POINTS, REJECTED_COLOR, draw_envelope, draw_left_out
+from radioloc.measurements.observations import Observations
+from radioloc.report.cards import short_names
 from radioloc.report.figures import (
     COLORS,
-    columns_for,
+    date_axes,
+    legend_outside,
     length_unit,
+    panel_grid,
     panel_title,
     several_panels,
     style_axes,
     utc_dates,
 )
-from radioloc.report.link_names import ways
+from radioloc.report.residual_panels import (
+    BINS,
+    MOST_MARKS,
+    MOST_POINTS,
+    Dates,
+    Limits,
+    Panel,
+    apart,
+    envelope_of,
+    half_heights_m,
+    kind_word,
+    link_panels,
+    places_of,
+    residuals_of,
+    station_panels,
+    tracking_of,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_Rows = NDArray[np.intp]
+_Floats = NDArray[np.float64]
 MOST_LINKS = 30
-_MAX_HEIGHT_RATIO = 4.0  # panels share a scale unless one would be squeezed by more than this
+ENVELOPE_NOTE = (
+    f"bars: minimum to maximum in 1/{BINS} of the time; dark: mean \N{PLUS-MINUS SIGN} standard deviation"
+)
+"""What a figure with an envelope says of it."""
+_REJECTED_COLOR = "#B00020"
+_EDGE = 0.93  # where, in half heights, observations beyond it are shown
 _LEGEND_STRIP = 1.3  # where a panel with a legend ends below, in half heights
 _LONGEST_TITLES = 58  # characters that find room above a panel
-_LONGEST_NAMES = 44  # characters of links that find room above a station's panel, beside numbers
-_LEAST_PART = 0.3  # of a panel about zero that residuals fill, or else it is about their middle
-
-
-class _Layout(NamedTuple):
-    """Of a page: most panels, what they are of, columns, inches of a panel and around all, dates, what red means."""
-
-    most: int
-    noun: str
-    columns: int
-    panel_in: tuple[float, float]
-    margin_in: tuple[float, float]
-    ticks: tuple[int, int]
-    left_out: str
-
-
-_STATIONS = _Layout(12, "stations", 1, (8.0, 1.75), (0.0, 1.1), (4, 9), "")
-_LINKS = _Layout(
-    MOST_LINKS, "links", 3, (3.7, 1.9), (0.6, 0.9), (3, 6), "red: left out; triangles are beyond the panel"
-)
-
-
-class Panel:
-    """What one panel shows: its title, which panels share its scale, which rows by the name of their link.
-
-    A panel of a station, in which bars must find room, shares its scale with all others. Where its observations are all
-    of one way, or were given without a path, its only link has no name.
-    """
-
-    def __init__(self, residuals: Residuals, title: str, like: str, links: dict[str, _Rows]) -> None:
-        self.title, self.like, self.links = title, like, links
-        self.rows = np.concatenate(list(links.values()))
-        used = residuals.used[self.rows]
-        self.used, self.out = self.rows[used], self.rows[~used]
-        self.crowded = len(self.used) > MOST_POINTS
-        shown = self.used if len(self.used) else self.rows
-        residual_m, sigma_m = residuals.residual_m[shown], residuals.sigma_m[shown]
-        bar_m = 0.0 if like else sigma_m
-        lowest_m, highest_m = float((residual_m - bar_m).min()), float((residual_m + bar_m).max())
-        # About zero, but where residuals would be a thin band far from it.
-        about_zero_m = max(-lowest_m, highest_m, float(np.median(sigma_m)))
-        thin = len(shown) > 1 and highest_m - lowest_m < 2.0 * _LEAST_PART * about_zero_m
-        self.middle_m = 0.5 * (lowest_m + highest_m) if thin and lowest_m * highest_m > 0.0 else 0.0
-        self.half_height_m = 1.15 * (
-            max(0.5 * (highest_m - lowest_m), float(np.median(sigma_m))) if self.middle_m else about_zero_m
-        )
-        self.statistics = residuals.statistics(title, self.rows)
-
-    def statement(self, factor: float, unit: str) -> str:
-        """How many are used and their rms, in a unit that is a factor from metres; of links, how many are left out."""
-        found = self.statistics
-        text = f"{found.used} used"
-        size_m = found.rms_m if self.like else found.wrms_m
-        if size_m is not None:
-            size = f"{factor * size_m:#.3g}" if self.like else f"{factor * size_m:.3g}"
-            text += f", {'rms' if self.like else 'wrms'} {size} {unit}"
-        return f"{text}, {found.rejected} left out" if self.like and found.rejected else text
+_BIN_DEG, _LEAST_IN_BIN = 5.0, 5
+_LEAST_REACH = 4.0  # sigmas, above and below
+_BEYOND = 3.0
+_NORMAL_BEYOND = math.erfc(_BEYOND / math.sqrt(2.0))
+_MOST_NAMED = len(COLORS) - 1  # links of which terms are drawn
+_SMALL_M = 1e-6
 
 
 def plot_residuals(
@@ -132,7 +103,8 @@ def plot_residuals(
     >>> figure.axes[0].get_title(loc="left")
     'APOLLO'
     """
-    return _grid(solution, title, ax, station_panels(tracking_of(solution)), _STATIONS)
+    sizes_in = (8.0, 1.75), (0.0, 1.1)
+    return _grid(solution, title, ax, station_panels(tracking_of(solution)), 12, "stations", 1, sizes_in)
 
 
 def plot_links(solution: Solution | Residuals, title: str | None = None, ax: Axes | None = None) -> Figure:
@@ -149,98 +121,8 @@ def plot_links(solution: Solution | Residuals, title: str | None = None, ax: Axe
     >>> figure.axes[0].get_title(loc="left")
     'range APOLLO'
     """
-    return _grid(solution, title, ax, link_panels(tracking_of(solution)), _LINKS)
-
-
-def residuals_of(solution: Solution | Residuals) -> Residuals:
-    """The residuals of a solution, or those given; an error where there are none."""
-    residuals = solution.residuals if isinstance(solution, Solution) else solution
-    if not len(residuals):
-        raise InputError("there are no residuals to draw")
-    return residuals
-
-
-def station_panels(residuals: Residuals) -> list[Panel]:
-    """Group observations by station, and by the way of their signal where there are several."""
-    stations = residuals.stations
-    return [
-        Panel(residuals, name, "", _by_way(residuals, np.flatnonzero(stations.are(name))))
-        for name in stations.present()
-    ]
-
-
-def _of_maps(residuals: Residuals) -> NDArray[np.bool_]:
-    """Which residuals are of places on maps."""
-    return residuals.types.are("map_east") | residuals.types.are("map_north")
-
-
-def tracking_of(solution: Solution | Residuals) -> Residuals:
-    """All residuals but those of places on maps, of which two numbers say all; these where there are no others."""
-    residuals = residuals_of(solution)
-    of_maps = _of_maps(residuals)
-    return residuals.select(~of_maps) if of_maps.any() and not of_maps.all() else residuals
-
-
-def _places(residuals: Residuals) -> list[str]:
-    """What a line below a figure says of places on maps."""
-    found: dict[str, list[str]] = {}
-    for k in np.flatnonzero(_of_maps(residuals)).tolist():
-        axis = residuals.types[[k]][0].removeprefix("map_")
-        away = f"{axis} {residuals.residual_m[k]:+.3g} m"
-        found.setdefault(residuals.paths[[k]][0], []).append(away)
-    return [f"place {path}: {', '.join(away)}" for path, away in found.items()]
-
-
-def _by_way(residuals: Residuals, rows: _Rows) -> dict[str, _Rows]:
-    """Rows of a station by the way of their signal; nameless where that is one, or too many for a legend."""
-    codes = residuals.paths.codes[rows]
-    present = np.unique(codes).tolist()
-    if len(present) == 1:
-        return {"": rows}
-    names = dict(zip(present, ways([Link.from_path(residuals.paths.texts[k]) for k in present]), strict=True))
-    if sum(map(len, set(names.values()))) > _LONGEST_NAMES:
-        return {"": rows}
-    named = np.array([names[code] for code in codes.tolist()])
-    return {name: rows[named == name] for name in sorted(set(names.values()), reverse=True)}
-
-
-def link_panels(residuals: Residuals) -> list[Panel]:
-    """Group observations by type and by baseline or receiver, baselines first."""
-    found: dict[tuple[bool, int, str], dict[str, _Rows]] = {}
-    types, paths = residuals.types, residuals.paths
-    links = [Link.from_path(path) for path in paths.texts]
-    named, keys = ways(links), types.codes * len(links) + paths.codes
-    for key in np.unique(keys):
-        kind, k = types.texts[key // len(links)], key % len(links)
-        if kind not in KINDS:
-            raise InputError(f"type {kind!r} of an observation is not known; use {', '.join(KINDS)}")
-        place = not links[k].differenced, KINDS.index(kind), links[k].place
-        found.setdefault(place, {})[named[k]] = np.flatnonzero(keys == key)
-    return [
-        Panel(
-            residuals,
-            f"{kind_word(KINDS[kind])} {place}",
-            KINDS[kind],
-            dict(sorted(rows.items(), reverse=True)),
-        )
-        for (_, kind, place), rows in sorted(found.items(), key=lambda item: item[0])
-    ]
-
-
-def half_heights_m(panels: Sequence[Panel]) -> list[float]:
-    """Half the height of each panel, the same for those that are alike unless one would be squeezed."""
-    heights_m = []
-    for panel in panels:
-        like_m = [other.half_height_m for other in panels if other.like == panel.like]
-        squeezed = max(like_m) > _MAX_HEIGHT_RATIO * min(like_m)
-        heights_m.append(panel.half_height_m if squeezed else max(like_m))
-    return heights_m
-
-
-def kind_word(kind: str) -> str:
-    """A type of measurement in words, short."""
-    words = kind.removeprefix("vlbi_").replace("one_way", "one-way")
-    return words.replace("_", " ").replace("doppler", "Doppler")
+    sizes_in = (3.7, 1.9), (0.6, 0.9)
+    return _grid(solution, title, ax, link_panels(tracking_of(solution)), MOST_LINKS, "links", 3, sizes_in)
 
 
 def _grid(
@@ -248,40 +130,38 @@ def _grid(
     title: str | None,
     ax: Axes | None,
     panels: Sequence[Panel],
-    layout: _Layout,
+    most: int,
+    noun: str,
+    most_columns: int,
+    sizes_in: tuple[Any, Any],
 ) -> Figure:
     """A grid of panels over one axis of dates, and below it what is not said in them."""
     residuals = tracking_of(solution)
     if title is None:
         name = f"{solution.name}: " if isinstance(solution, Solution) else ""
         title = f"{name}observed \N{MINUS SIGN} computed"
-    notes = _places(residuals_of(solution))
-    if len(panels) > layout.most:
-        notes += [f"{layout.most} of {len(panels)} {layout.noun}, those with the most observations"]
-        largest = np.argsort([-len(panel.rows) for panel in panels], kind="stable")[: layout.most]
+    notes = places_of(residuals_of(solution))
+    if len(panels) > most:
+        notes.append(f"{most} of {len(panels)} {noun}, those with the most observations")
+        largest = np.argsort([-len(panel.rows) for panel in panels], kind="stable")[:most]
         panels = [panels[k] for k in sorted(largest.tolist())]
-    n_columns = columns_for(len(panels), layout.columns)
-    n_rows = -(-len(panels) // n_columns)
-    width_in, height_in = np.multiply(layout.panel_in, (n_columns, n_rows)) + layout.margin_in
-    figure = several_panels(ax, width_in, height_in, title)
-    places = list(figure.subplots(n_rows, n_columns, sharex=True, squeeze=False).flat)
+    figure, places, columns = panel_grid(ax, len(panels), most_columns, sizes_in, title, sharex=True)
     dates = utc_dates(residuals.epoch_utc)
     for k, (panel, half_height_m) in enumerate(zip(panels, half_heights_m(panels), strict=True)):
         _draw(places[k], residuals, dates, panel, half_height_m, COLORS[k % len(COLORS)])
-    for axes in places[len(panels) :]:
-        axes.set_visible(False)
-    date_axes(places[: len(panels)], dates, layout.ticks, n_columns)
+    of_links = bool(panels[0].like)
+    date_axes(places, dates, (3, 6) if of_links else (4, 9), columns)
     if any(panel.crowded for panel in panels):
         notes.append(ENVELOPE_NOTE)
-    color = "0.4" if notes else REJECTED_COLOR
-    if layout.left_out and not residuals.used.all():
-        notes.append(layout.left_out)
+    color = "0.4" if notes else _REJECTED_COLOR
+    if of_links and not residuals.used.all():
+        notes.append("red: left out; triangles are beyond the panel")
     if notes:
         figure.supxlabel("; ".join(notes), fontsize=7, color=color)
     return figure.figure
 
 
-def _count_of_all(residuals: Residuals, rows: _Rows) -> float | None:
+def _count_of_all(residuals: Residuals, rows: NDArray[np.intp]) -> float | None:
     """The count interval of some observations, s, if all are counts and have the same."""
     if residuals.count_s is None:
         return None
@@ -301,7 +181,7 @@ def _second_scale(axes: Axes, label: str, factor: float) -> None:
 def _draw(
     axes: Axes,
     residuals: Residuals,
-    dates: NDArray[np.datetime64],
+    dates: Dates,
     panel: Panel,
     half_height_m: float,
     color: str,
@@ -329,7 +209,7 @@ def _draw(
             sigma = factor * residuals.sigma_m[kept]
             handles.append(axes.errorbar(dates[kept], y[kept], sigma, elinewidth=0.7, alpha=0.85, **style))
     size = 4 if panel.like else 5
-    marks = draw_left_out(axes, dates[panel.out], y[panel.out], limits, middle, half_height, size)
+    marks = _draw_left_out(axes, dates[panel.out], y[panel.out], limits, middle, half_height, size)
     below = _LEGEND_STRIP if panel.like and any(panel.links) else 1.0
     axes.set_ylim(middle - half_height * below, middle + half_height)
     axes.set_ylabel(f"residual ({unit})", fontsize=8)
@@ -354,3 +234,222 @@ def _draw(
         style |= {"fontsize": 8, "columnspacing": 1.2, "handlelength": 1.2}
     if any(panel.links) or not panel.like:
         axes.legend(handles=handles, loc="lower right", ncols=len(handles), **style)
+
+
+def draw_envelope(
+    axes: Axes, dates: Dates, values: _Floats, limits: Limits, *, color: str, label: str
+) -> Any:
+    """Draw the envelope of many points and return the handle for a legend."""
+    middle, _, lowest, highest, mean, deviation = envelope_of(dates, values, limits)
+    # Side by side: as wide as a bin, in points of 1/72 inch; an image, so that vector files stay small.
+    width = 72.0 * axes.get_window_extent().width / axes.figure.dpi / BINS
+    style: dict[str, Any] = {"color": color, "linewidth": max(width, 0.5), "solid_capstyle": "butt"}
+    style |= {"snap": False, "rasterized": True}
+    axes.plot(*_bars(middle, lowest, highest), alpha=0.35, **style)
+    [dark] = axes.plot(*_bars(middle, mean - deviation, mean + deviation), alpha=0.7, label=label, **style)
+    return dark
+
+
+def _draw_left_out(
+    axes: Axes,
+    dates: Dates,
+    values: _Floats,
+    limits: Limits,
+    middle: float,
+    half_height: float,
+    size: float,
+) -> list[Any]:
+    """Mark what was left out, beyond the panel by triangles at its edge; return the handles, labelled by how many."""
+    away, edge = values - middle, _EDGE * half_height
+    beyond = np.abs(away) > edge
+    handles = []
+    for which, marker, name in (
+        (~beyond, "x", "left out"),
+        (beyond & (away > 0.0), "^", "left out, above"),
+        (beyond & (away < 0.0), "v", "left out, below"),
+    ):
+        if not which.any():
+            continue
+        shown = middle + np.clip(away[which], -edge, edge)
+        some = apart(dates[which], shown, limits, 2.0 * half_height)
+        handles += axes.plot(
+            dates[which][some],
+            shown[some],
+            marker,
+            color=_REJECTED_COLOR,
+            markersize=size,
+            linestyle="none",
+            rasterized=len(some) > MOST_MARKS,
+            label=f"{which.sum()} {name}",
+        )
+    return handles
+
+
+def _bars(dates: Dates, low: _Floats, high: _Floats) -> tuple[Dates, _Floats]:
+    """Upright bars as one line with gaps, which is drawn many times as quickly as a line each."""
+    return np.repeat(dates, 3), np.stack([low, high, np.full(len(low), np.nan)], axis=-1).ravel()
+
+
+def plot_terms(
+    terms: Mapping[str, NDArray[np.float64]], observations: Observations, ax: Axes | None = None
+) -> Figure:
+    """Draw what each term adds to the computed values over time, a panel for each term.
+
+    Parameters
+    ----------
+    terms : mapping of str to ndarray, shape (n,)
+        The computed value less that without the term, m, as a predictor's ``terms`` gives them.
+    observations : Observations
+        What was computed, in the same order.
+    ax : matplotlib.axes.Axes, optional
+        Axes of a grid whose place the panels take, in place of a figure of their own.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Links have colours of their own, those with the most observations where there are more than six. Terms below a
+        micrometre are named in a line below.
+
+    Raises
+    ------
+    InputError
+        There are no terms or no observations, or a term is not of as many values as there are observations.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> arc, position_pa_m = radioloc.studies.arc_of(radioloc.read_study("examples/apollo15/apollo15.toml"))
+    >>> figure = radioloc.report.plot_terms(arc.terms(position_pa_m), arc.observations)
+    >>> figure.axes[0].get_title(loc="left")
+    'shapiro'
+    """
+    count = len(observations)
+    for name, added_m in terms.items():
+        if len(added_m) != count:
+            raise InputError(f"term {name} has {len(added_m)} values, but there are {count} observations")
+    if not count or not terms:
+        raise InputError("there are no terms of observations to draw")
+    largest_m = {name: float(np.nanmax(np.abs(added_m))) for name, added_m in terms.items()}
+    shown = [name for name in terms if largest_m[name] >= _SMALL_M] or list(terms)
+    sizes_in = (3.7, 1.7), (0.6, 1.1)
+    figure, panels, columns = panel_grid(ax, len(shown), 4, sizes_in, "what each term adds", sharex=True)
+    dates = utc_dates(observations.epoch)
+    numbers, counts = np.unique(observations.link, return_counts=True)
+    named = numbers[np.argsort(-counts, kind="stable")][:_MOST_NAMED]
+    labels = short_names([observations.links[k] for k in named.tolist()])
+    groups = [(observations.link == k, *look) for k, *look in zip(named, COLORS, labels, strict=False)]
+    if len(numbers) > len(named):
+        groups.append((~np.isin(observations.link, named), "0.6", f"{len(numbers) - len(named)} other links"))
+    style: dict[str, Any] = {"marker": ".", "linestyle": "", "markersize": 2.5, "rasterized": True}
+    for axes, name in zip(panels, shown, strict=True):
+        style_axes(axes)
+        factor, unit = length_unit(largest_m[name])
+        for mine, color, label in groups:
+            axes.plot(dates[mine], factor * terms[name][mine], color=color, label=label, **style)
+        axes.set_ylabel(unit)
+        panel_title(axes, name, "left", fontsize=8, fontweight="bold")
+        panel_title(axes, f"up to {factor * largest_m[name]:.3g} {unit}", "right", fontsize=6.5)
+    date_axes(panels, dates, (3, 6), columns)
+    nothing = [name for name in terms if name not in shown]
+    note = f"below a micrometre: {', '.join(nothing)}" if nothing else None
+    legend_outside(figure, panels[0], 7, title=note, title_fontsize=7, markerscale=3.0)
+    return figure.figure
+
+
+def plot_distribution(solution: Solution | Residuals, ax: Axes | None = None) -> Figure:
+    """Draw residuals over their sigmas against elevation, and their histogram beside the normal distribution.
+
+    The sigmas are those of the fit, additive variance components included: where they are right, the root mean square
+    is near 1 at all elevations, and the histogram follows the curve. Observations left out are red, at the edge where
+    they are beyond.
+
+    Parameters
+    ----------
+    solution : Solution or Residuals
+    ax : matplotlib.axes.Axes, optional
+        Axes of a grid whose place the panels take, in place of a figure of their own.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        There are no residuals, none is used, or they have no elevations.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
+    >>> [axes.get_xlabel() for axes in radioloc.report.plot_distribution(solution).axes]
+    ['elevation (deg)', 'density']
+    """
+    residuals = tracking_of(solution)
+    used, elevation_deg = residuals.used, residuals.elevation_deg
+    if elevation_deg is None:
+        raise InputError("the residuals have no elevations to draw them against")
+    if not used.any():
+        raise InputError("no observation is used, so there is no distribution to draw")
+    size = residuals.residual_m / residuals.sigma_m
+    middle = float(np.median(size[used]))
+    middle *= abs(middle) > _LEAST_REACH  # about zero, but where all residuals are far from it
+    reach = 1.08 * max(_LEAST_REACH, float(np.abs(size[used] - middle).max()))
+    name = f"{solution.name}: " if isinstance(solution, Solution) else ""
+    figure = several_panels(ax, 8.4, 3.9, f"{name}residuals over their sigmas")
+    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(2.2, 1.0))
+    for axes in (left, right):
+        style_axes(axes)
+        axes.axhline(0.0, color="0.4", linewidth=0.8)
+    _draw_dots(left, residuals, size)
+    out = np.clip(size[~used], middle - 0.97 * reach, middle + 0.97 * reach)
+    if len(out):
+        style: dict[str, Any] = {"color": _REJECTED_COLOR, "markersize": 4, "linestyle": "none"}
+        style |= {"rasterized": len(out) > MOST_POINTS, "label": f"{len(out)} left out"}
+        left.plot(elevation_deg[~used], out, "x", **style)
+    bins = np.floor(elevation_deg[used] / _BIN_DEG)
+    numbers, place, count = np.unique(bins, return_inverse=True, return_counts=True)
+    rms = np.sqrt(np.bincount(place, size[used] ** 2) / count)
+    many = count >= _LEAST_IN_BIN
+    at_deg = (numbers[many] + 0.5) * _BIN_DEG
+    left.plot(at_deg, rms[many], "-s", color="black", markersize=3, label=f"rms in {_BIN_DEG:g} deg")
+    left.set_xlabel("elevation (deg)")
+    left.set_ylabel("residual over sigma")
+    left.set_ylim(middle - reach, middle + reach)
+    edges = np.linspace(middle - reach, middle + reach, int(min(60, 8 + 2.0 * math.sqrt(used.sum()))) + 1)
+    right.hist(size[used], edges, density=True, orientation="horizontal", color=COLORS[0], alpha=0.6)
+    curve = np.linspace(-reach, reach, 401)
+    density = np.exp(-0.5 * curve**2) / math.sqrt(2.0 * math.pi)
+    right.plot(density, curve, color="black", lw=1.2, label="normal")
+    right.set_xlabel("density")
+    beyond = 100.0 * float((np.abs(size[used]) > _BEYOND).mean())
+    right.set_title(
+        f"rms {np.sqrt(np.mean(size[used] ** 2)):.3g}; beyond {_BEYOND:g} sigma:\n{beyond:.3g} %, "
+        f"normal {100.0 * _NORMAL_BEYOND:.2g} %",
+        fontsize=7.5,
+        color="0.3",
+    )
+    right.legend(fontsize=7, frameon=False, loc="lower right")
+    legend = legend_outside(figure, left, 6, markerscale=1.5)
+    for handle in legend.get_lines():
+        handle.set_alpha(1.0)
+    return figure.figure
+
+
+def _draw_dots(axes: Axes, residuals: Residuals, size: np.ndarray) -> None:
+    """The used residuals by type; of very many how dense they are."""
+    used, elevation_deg = residuals.used, residuals.elevation_deg
+    assert elevation_deg is not None
+    if used.sum() > 4 * MOST_POINTS:
+        shown = axes.hexbin(
+            elevation_deg[used], size[used], gridsize=(90, 45), bins="log", cmap="Blues", mincnt=1
+        )
+        shown.set_rasterized(True)
+        shown.set_label("observations, darker: more")
+        return
+    for k, kind in enumerate(residuals.types.present()):
+        rows = used & residuals.types.are(kind)
+        alpha = max(0.25, min(0.8, 400.0 / max(1, rows.sum())))
+        style: dict[str, Any] = {"color": COLORS[k % len(COLORS)], "alpha": alpha}
+        style |= {"markersize": 4, "rasterized": True, "label": kind_word(kind)}
+        axes.plot(elevation_deg[rows], size[rows], ".", **style)

@@ -7,22 +7,23 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from radioloc.estimation.solution import Solution
-from radioloc.report.arc_figure import plot_arcs
 from radioloc.report.arc_study import ArcStudy
-from radioloc.report.budget_figure import plot_budget
-from radioloc.report.comparison import Comparison, plot_comparison
-from radioloc.report.covariance import CovarianceStudy, plot_covariance, plot_covariance_on_arc
-from radioloc.report.distribution_figure import plot_distribution
+from radioloc.report.comparison import Comparison
+from radioloc.report.covariance import CovarianceStudy
+from radioloc.report.estimate_figures import can_be_drawn, plot_budget, plot_contours, plot_correlations
 from radioloc.report.image_figures import plot_images
 from radioloc.report.image_solution import ImageSolution
 from radioloc.report.leave_one_out import LeaveOneOut
 from radioloc.report.monte_carlo import MonteCarlo
-from radioloc.report.parameter_figures import can_be_drawn, plot_contours, plot_correlations
-from radioloc.report.point_figures import plot_point
 from radioloc.report.point_solution import PointSolution
-from radioloc.report.position_figures import plot_position
-from radioloc.report.residual_figures import plot_links, plot_residuals
-from radioloc.report.trial_figures import plot_error_by_length, plot_trials
+from radioloc.report.position_figures import plot_arcs, plot_comparison, plot_point, plot_position
+from radioloc.report.residual_figures import plot_distribution, plot_links, plot_residuals
+from radioloc.report.study_figures import (
+    plot_covariance,
+    plot_covariance_on_arc,
+    plot_error_by_length,
+    plot_trials,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -24,14 +24,15 @@ from radioloc.report.cards import (
     Card,
     Field,
     duration,
+    have_paths,
     metres,
     more,
     plural,
+    short_names,
     sigma_text,
     signed_metres,
     to_sigma,
 )
-from radioloc.report.link_names import have_paths, short_names
 from radioloc.time import utc_strings
 
 # A card is to fit a screen; to_dict() has all rows.

@@ -11,8 +11,8 @@ from radioloc.errors import InputError
 from radioloc.estimation import Labels
 from radioloc.measurements.link import Link
 from radioloc.report import plot_links, plot_residuals, save_figure
+from radioloc.report.cards import short_names
 from radioloc.report.figures import columns_for, utc_dates
-from radioloc.report.link_names import short_names
 from radioloc.report.residual_figures import MOST_LINKS
 from radioloc.time import Epochs, epochs_from_strings
 

@@ -20,7 +20,7 @@ from radioloc.report import (
     plot_visibility,
 )
 from radioloc.report.arc_study import Arc, ArcStudy
-from radioloc.report.station_figure import _coastlines
+from radioloc.report.station_figures import _coastlines
 from radioloc.simulation import Masks, windows
 from radioloc.time import epochs_from_strings
 

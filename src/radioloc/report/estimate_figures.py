@@ -1,4 +1,4 @@
-"""How estimated parameters are correlated: all at once as a matrix, some two by two with their ellipses."""
+"""What an estimate's errors are made of, and how its parameters are correlated: as bars, as a matrix, two by two."""
 
 from __future__ import annotations
 
@@ -9,8 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
+from radioloc.estimation.budget import by_source
+from radioloc.estimation.orbit_state import EAST_NORTH_UP
 from radioloc.estimation.solution import Level, Solution
-from radioloc.report.figures import COLORS, SCALE_95, one_panel, several_panels, style_axes
+from radioloc.report.cards import metres
+from radioloc.report.figures import (
+    COLORS,
+    SCALE_95,
+    legend_below,
+    length_unit,
+    one_panel,
+    several_panels,
+    style_axes,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,8 +34,70 @@ _MOST_BESIDE_POSITION, _WORTH_SHOWING = 3, 0.5  # correlation with the position
 _NUMBERS_UP_TO = 12  # parameters, with numbers in the cells of the matrix
 _WITHOUT = "without considered errors"
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 181)
+_DASHED: dict[str, Any] = {"linestyle": "--", "linewidth": 0.8}
 _LEVELS = {"1 sigma": 1.0, "95 %": SCALE_95}
 """Factors on the axes of the ellipse of two parameters."""
+
+
+_MOST_SOURCES = 9
+"""Of an error budget; the smallest of more are one bar."""
+
+
+def plot_budget(solution: Solution, ax: Axes | None = None) -> Figure:
+    """Draw the sigmas of a position to the east, to the north and up by source, the largest first, below the total.
+
+    Parameters
+    ----------
+    solution : Solution
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw in, in place of a figure of its own.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Numbers at the bars are the lengths of all three together, m.
+
+    Raises
+    ------
+    InputError
+        The position is held or not determined.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
+    >>> figure = radioloc.report.plot_budget(solution)
+    >>> [text.get_text() for text in figure.axes[0].get_yticklabels()][:2]
+    ['total', 'moon_position']
+    """
+    items = by_source(solution.budget)
+    if not items:
+        raise InputError("the position is held or not determined, so its error has no budget to draw")
+    names = [item.source for item in items]
+    variances_m2 = np.square([(item.east_m, item.north_m, item.up_m) for item in items])
+    if len(names) > _MOST_SOURCES:
+        rest = slice(_MOST_SOURCES - 1, None)
+        names[rest] = [f"{len(names[rest])} others"]
+        variances_m2 = np.vstack([variances_m2[: _MOST_SOURCES - 1], variances_m2[rest].sum(axis=0)])
+    names.insert(0, "total")
+    sigmas_m = np.sqrt(np.vstack([variances_m2.sum(axis=0), variances_m2]))
+    axes = one_panel(ax, 6.4, 1.2 + 0.42 * len(names), f"{solution.name}: error budget")
+    style_axes(axes)
+    axes.grid(visible=False, axis="y")
+    factor, unit = length_unit(float(sigmas_m[0].max()))
+    sigmas, rows = factor * sigmas_m, np.arange(len(names))
+    for k, side in enumerate(EAST_NORTH_UP):
+        axes.barh(rows + 0.26 * (k - 1), sigmas[:, k], 0.24, color=COLORS[k], label=side)
+    for row, of_sides_m in enumerate(sigmas_m):
+        note, at = f"{metres(float(np.linalg.norm(of_sides_m)))} m", (float(sigmas[row].max()), row)
+        axes.annotate(note, at, (4, 0), textcoords="offset points", va="center", fontsize=7)
+    axes.set_yticks(rows, names)
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    axes.set_xlim(0.0, 1.15 * float(sigmas.max()))
+    axes.axhline(0.5, color="0.4", linewidth=0.8)
+    axes.set_xlabel(f"1 sigma ({unit}); beside the bars: all three together")
+    legend_below(axes, ax, 3)
+    return axes.figure.figure
 
 
 def plot_correlations(solution: Solution, ax: Axes | None = None) -> Figure:
@@ -189,9 +262,6 @@ def _draw_ellipses(ax: Axes, covariances: Sequence[_Floats]) -> None:
             x, y = factor * root @ np.stack([np.cos(_CIRCLE), np.sin(_CIRCLE)])
             note = f"{label} {_WITHOUT}" if style else label
             ax.plot(x, y, **{"color": color, "label": note} | style)
-
-
-_DASHED: dict[str, Any] = {"linestyle": "--", "linewidth": 0.8}
 
 
 def _correlation(covariance: _Floats) -> _Floats:

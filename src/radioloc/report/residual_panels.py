@@ -1,0 +1,214 @@
+"""What residuals over time show, in figures and charts: panels of stations and links, and envelopes of many values.
+
+More dots than a panel has columns of pixels hide each other. The envelope shows, for each short bin of time, the range
+of the values, so that none is missed, and in a darker colour their mean and standard deviation, which dots would hide.
+Observations that were left out are all drawn, but for those that would lie within a pixel of another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.errors import InputError
+from radioloc.estimation.solution import Solution
+from radioloc.estimation.statistics import Residuals
+from radioloc.measurements.link import Link
+from radioloc.measurements.registry import KINDS
+from radioloc.report.cards import ways
+
+Dates = NDArray[np.datetime64]
+Limits = tuple[np.datetime64, np.datetime64]
+_Rows = NDArray[np.intp]
+
+MOST_POINTS = 5000
+"""More in one panel are drawn as an envelope."""
+BINS = 400
+"""Bins of time in the width of a panel."""
+MOST_MARKS = 800
+"""More marks in one panel are drawn as an image within a vector file, one for each pixel that has any."""
+PLACES = (2000, 1000)
+"""Places in the width and the height of a panel, which are finer than its pixels."""
+_MAX_HEIGHT_RATIO = 4.0  # panels share a scale unless one would be squeezed by more than this
+_LONGEST_NAMES = 44  # characters of links that find room above a station's panel, beside numbers
+_LEAST_PART = 0.3  # of a panel about zero that residuals fill, or else it is about their middle
+
+
+class Panel:
+    """What one panel shows: its title, which panels share its scale, which rows by the name of their link.
+
+    A panel of a station, in which bars must find room, shares its scale with all others. Where its observations are all
+    of one way, or were given without a path, its only link has no name.
+    """
+
+    def __init__(self, residuals: Residuals, title: str, like: str, links: dict[str, _Rows]) -> None:
+        self.title, self.like, self.links = title, like, links
+        self.rows = np.concatenate(list(links.values()))
+        used = residuals.used[self.rows]
+        self.used, self.out = self.rows[used], self.rows[~used]
+        self.crowded = len(self.used) > MOST_POINTS
+        shown = self.used if len(self.used) else self.rows
+        residual_m, sigma_m = residuals.residual_m[shown], residuals.sigma_m[shown]
+        bar_m = 0.0 if like else sigma_m
+        lowest_m, highest_m = float((residual_m - bar_m).min()), float((residual_m + bar_m).max())
+        # About zero, but where residuals would be a thin band far from it.
+        about_zero_m = max(-lowest_m, highest_m, float(np.median(sigma_m)))
+        thin = len(shown) > 1 and highest_m - lowest_m < 2.0 * _LEAST_PART * about_zero_m
+        self.middle_m = 0.5 * (lowest_m + highest_m) if thin and lowest_m * highest_m > 0.0 else 0.0
+        self.half_height_m = 1.15 * (
+            max(0.5 * (highest_m - lowest_m), float(np.median(sigma_m))) if self.middle_m else about_zero_m
+        )
+        self.statistics = residuals.statistics(title, self.rows)
+
+    def statement(self, factor: float, unit: str) -> str:
+        """How many are used and their rms, in a unit that is a factor from metres; of links, how many are left out."""
+        found = self.statistics
+        text = f"{found.used} used"
+        size_m = found.rms_m if self.like else found.wrms_m
+        if size_m is not None:
+            size = f"{factor * size_m:#.3g}" if self.like else f"{factor * size_m:.3g}"
+            text += f", {'rms' if self.like else 'wrms'} {size} {unit}"
+        return f"{text}, {found.rejected} left out" if self.like and found.rejected else text
+
+
+def residuals_of(solution: Solution | Residuals) -> Residuals:
+    """The residuals of a solution, or those given; an error where there are none."""
+    residuals = solution.residuals if isinstance(solution, Solution) else solution
+    if not len(residuals):
+        raise InputError("there are no residuals to draw")
+    return residuals
+
+
+def station_panels(residuals: Residuals) -> list[Panel]:
+    """Group observations by station, and by the way of their signal where there are several."""
+    stations = residuals.stations
+    return [
+        Panel(residuals, name, "", _by_way(residuals, np.flatnonzero(stations.are(name))))
+        for name in stations.present()
+    ]
+
+
+def _of_maps(residuals: Residuals) -> NDArray[np.bool_]:
+    """Which residuals are of places on maps."""
+    return residuals.types.are("map_east") | residuals.types.are("map_north")
+
+
+def tracking_of(solution: Solution | Residuals) -> Residuals:
+    """All residuals but those of places on maps, of which two numbers say all; these where there are no others."""
+    residuals = residuals_of(solution)
+    of_maps = _of_maps(residuals)
+    return residuals.select(~of_maps) if of_maps.any() and not of_maps.all() else residuals
+
+
+def places_of(residuals: Residuals) -> list[str]:
+    """What a line below a figure says of places on maps."""
+    found: dict[str, list[str]] = {}
+    for k in np.flatnonzero(_of_maps(residuals)).tolist():
+        axis = residuals.types[[k]][0].removeprefix("map_")
+        away = f"{axis} {residuals.residual_m[k]:+.3g} m"
+        found.setdefault(residuals.paths[[k]][0], []).append(away)
+    return [f"place {path}: {', '.join(away)}" for path, away in found.items()]
+
+
+def _by_way(residuals: Residuals, rows: _Rows) -> dict[str, _Rows]:
+    """Rows of a station by the way of their signal; nameless where that is one, or too many for a legend."""
+    codes = residuals.paths.codes[rows]
+    present = np.unique(codes).tolist()
+    if len(present) == 1:
+        return {"": rows}
+    names = dict(zip(present, ways([Link.from_path(residuals.paths.texts[k]) for k in present]), strict=True))
+    if sum(map(len, set(names.values()))) > _LONGEST_NAMES:
+        return {"": rows}
+    named = np.array([names[code] for code in codes.tolist()])
+    return {name: rows[named == name] for name in sorted(set(names.values()), reverse=True)}
+
+
+def link_panels(residuals: Residuals) -> list[Panel]:
+    """Group observations by type and by baseline or receiver, baselines first."""
+    found: dict[tuple[bool, int, str], dict[str, _Rows]] = {}
+    types, paths = residuals.types, residuals.paths
+    links = [Link.from_path(path) for path in paths.texts]
+    named, keys = ways(links), types.codes * len(links) + paths.codes
+    for key in np.unique(keys):
+        kind, k = types.texts[key // len(links)], key % len(links)
+        if kind not in KINDS:
+            raise InputError(f"type {kind!r} of an observation is not known; use {', '.join(KINDS)}")
+        place = not links[k].differenced, KINDS.index(kind), links[k].place
+        found.setdefault(place, {})[named[k]] = np.flatnonzero(keys == key)
+    return [
+        Panel(
+            residuals,
+            f"{kind_word(KINDS[kind])} {place}",
+            KINDS[kind],
+            dict(sorted(rows.items(), reverse=True)),
+        )
+        for (_, kind, place), rows in sorted(found.items(), key=lambda item: item[0])
+    ]
+
+
+def half_heights_m(panels: Sequence[Panel]) -> list[float]:
+    """Half the height of each panel, the same for those that are alike unless one would be squeezed."""
+    heights_m = []
+    for panel in panels:
+        like_m = [other.half_height_m for other in panels if other.like == panel.like]
+        squeezed = max(like_m) > _MAX_HEIGHT_RATIO * min(like_m)
+        heights_m.append(panel.half_height_m if squeezed else max(like_m))
+    return heights_m
+
+
+def kind_word(kind: str) -> str:
+    """A type of measurement in words, short."""
+    words = kind.removeprefix("vlbi_").replace("one_way", "one-way")
+    return words.replace("_", " ").replace("doppler", "Doppler")
+
+
+class Envelope(NamedTuple):
+    """What many values are in each bin of time that has any: its middle, how many, their range, mean and deviation."""
+
+    middle: Dates
+    counts: NDArray[np.intp]
+    lowest: NDArray[np.float64]
+    highest: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    deviation: NDArray[np.float64]
+
+
+def envelope_of(dates: Dates, values: NDArray[np.float64], limits: Limits) -> Envelope:
+    """Put many values into bins of time."""
+    place = bin_of(dates, limits)
+    count = np.bincount(place, minlength=BINS)
+    there = count > 0
+    lowest, highest = np.full(BINS, np.inf), np.full(BINS, -np.inf)
+    np.minimum.at(lowest, place, values)
+    np.maximum.at(highest, place, values)
+    mean = np.bincount(place, values, BINS)[there] / count[there]
+    squares = np.bincount(place, (values - mean[np.cumsum(there)[place] - 1]) ** 2, BINS)[there]
+    deviation = np.sqrt(squares / count[there])
+    middle = limits[0] + (np.flatnonzero(there) + 0.5) / BINS * (limits[1] - limits[0])
+    return Envelope(middle, count[there], lowest[there], highest[there], mean, deviation)
+
+
+def apart(dates: Dates, values: NDArray[np.float64], limits: Limits, height: float) -> NDArray[np.intp]:
+    """Indices of points of which no two would be drawn on one pixel: all if they are few, else one of each place."""
+    if len(dates) <= MOST_MARKS:
+        return np.arange(len(dates))
+    across, up = PLACES
+    column = np.floor(_part_of(dates, limits) * across)
+    row = np.floor(values / height * up)
+    _, first = np.unique(column * (2 * up + 1) + row, return_index=True)
+    return np.sort(first)
+
+
+def bin_of(dates: Dates, limits: Limits) -> NDArray[np.intp]:
+    """Number of the bin of time that each date is in, 0 to BINS - 1."""
+    return np.minimum((_part_of(dates, limits) * BINS).astype(np.intp), BINS - 1)
+
+
+def _part_of(dates: Dates, limits: Limits) -> NDArray[np.float64]:
+    """How far from the first to the last date of a panel, 0 to 1."""
+    whole = max((limits[1] - limits[0]) / np.timedelta64(1, "ms"), 1.0)
+    part: NDArray[np.float64] = (dates - limits[0]) / np.timedelta64(1, "ms") / whole
+    return part

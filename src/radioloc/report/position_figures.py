@@ -327,7 +327,7 @@ def _draw_landmarks(axes: Axes, solution: PointSolution) -> None:
 def _draw_about(axes: Axes, solution: PointSolution, reach_m: float) -> float:
     """A square about the position, with the known ones that are in it; the factor from metres to its unit."""
     factor, _ = draw_square(axes, (0.0, 0.0), reach_m, "the position")
-    axes.plot(0.0, 0.0, "o", color=COLORS[0], markersize=4, label="position")
+    axes.plot(0.0, 0.0, label="position", **marker_style(solution.method, 0))
     for k, (name, place) in enumerate(solution.references.items()):
         _, _, west_m, north_m, _ = difference(place.selenographic, solution.position.selenographic)
         if max(abs(west_m), abs(north_m)) < reach_m:

@@ -33,8 +33,7 @@ from tdm_messages import kvn, xml
 from terrain_maps import write_pds3
 
 from radioloc.errors import RadiolocError, RadiolocWarning
-from radioloc.io.parquet import write_parquet
-from radioloc.io.table import read_table
+from radioloc.io.table import read_table, write_parquet
 from radioloc.kernels import find_kernel
 from radioloc.time import Epochs, epochs_from_strings
 

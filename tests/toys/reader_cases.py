@@ -16,9 +16,8 @@ from radioloc.io.fdets import read_fdets
 from radioloc.io.frequencies import FrequencyAgreement
 from radioloc.io.mini import read_mini
 from radioloc.io.odf import read_odf
-from radioloc.io.parquet import read_parquet
 from radioloc.io.strf import read_sites, read_strf
-from radioloc.io.table import read_table
+from radioloc.io.table import read_parquet, read_table
 from radioloc.io.tdm import TdmAgreement, read_tdm
 from radioloc.lunar import TerrainModel
 from radioloc.measurements.sources import read_sources

@@ -21,8 +21,8 @@ from radioloc.cli import main
 from radioloc.cli.parser import EXIT_STATUS, make_parser
 from radioloc.dynamics.elements import EQUINOCTIAL, KEPLERIAN
 from radioloc.earth.geodesy import geodetic_from_itrf
-from radioloc.io.table_columns import COLUMNS
 from radioloc.measurements.registry import MEASUREMENTS
+from radioloc.measurements.table_columns import COLUMNS
 from radioloc.measurements.terms import TERMS
 from radioloc.media.ionosphere import ionosphere_delay_m, modified_shell_mapping
 from radioloc.media.neutral_atmosphere import (

@@ -2,6 +2,7 @@
 
 import importlib
 import os
+import re
 import subprocess
 import sys
 import types
@@ -72,6 +73,21 @@ def test_names_that_moved_are_found_and_say_where(name):
     assert value is getattr(face, name)
     assert name in getattr(face, "__all__", [name])
     assert name not in radioloc.__all__
+
+
+def test_no_module_reaches_another_by_its_name():
+    """What loads modules by name hides from ``lint-imports`` which way it reaches."""
+    source = Path(radioloc.__file__).parent
+    by_name = re.compile(r"import_module|__import__|importlib\.util|sys\.modules")
+    found = {
+        path.relative_to(source).as_posix()
+        for path in source.rglob("*.py")
+        if by_name.search(path.read_text())
+    }
+    # The lazy face of the package, and packages of others that may be absent.
+    assert found == {"__init__.py", "extras.py"}
+    for path in source.rglob("*.py"):
+        assert not re.search(r"""optional\(\s*["']radioloc""", path.read_text()), path
 
 
 def test_import_is_light_and_quick(tmp_path):

@@ -13,8 +13,7 @@ from odf_files import doppler, odf
 from reader_cases import BINARIES, EXAMPLES, TABLE, TEXTS
 
 from radioloc.errors import RadiolocError
-from radioloc.io.parquet import write_parquet
-from radioloc.io.table import read_table
+from radioloc.io.table import read_table, write_parquet
 from radioloc.kernels import find_kernel
 
 NO_FILES = {

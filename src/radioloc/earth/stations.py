@@ -320,6 +320,12 @@ class StationCatalogue:
         return f"<StationCatalogue {', '.join(self.names)}>"
 
 
+def station_name(catalogue: StationCatalogue | None, *names: str) -> str:
+    """Catalogue's name of a station of one or more names, the most reliable first, which is kept if it knows none."""
+    known = [name for name in names if catalogue is not None and name in catalogue]
+    return catalogue[known[0]].name if catalogue is not None and known else names[0]
+
+
 def _key(name: str | int) -> str:
     return re.sub(r"[\s_-]", "", str(name)).upper()
 

@@ -34,13 +34,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
+from radioloc.earth.stations import StationCatalogue, station_name
 from radioloc.errors import DataQualityWarning, FileFormatError
 from radioloc.io.checks import (
-    Catalogue,
     midnight_and_second,
     normal_points,
-    require_lunar_flight_time,
-    station_name,
     weather_near,
 )
 from radioloc.measurements.link import Link
@@ -84,7 +82,7 @@ def looks_like_crd(lines: list[str]) -> bool:
     return re.match(r"h1\s+crd\b", first, re.IGNORECASE) is not None
 
 
-def read_crd(path: str | Path, *, catalogue: Catalogue | None = None) -> Observations:
+def read_crd(path: str | Path, *, catalogue: StationCatalogue | None = None) -> Observations:
     r"""Read a CRD file of normal points, plain or gzip; without a catalogue stations keep their pad numbers.
 
     Examples
@@ -110,7 +108,7 @@ def read_crd(path: str | Path, *, catalogue: Catalogue | None = None) -> Observa
     return parse_crd(path, read_lines(path), catalogue)
 
 
-def parse_crd(path: str | Path, lines: Iterable[str], catalogue: Catalogue | None) -> Observations:
+def parse_crd(path: str | Path, lines: Iterable[str], catalogue: StationCatalogue | None) -> Observations:
     """As :func:`read_crd`, from the file's lines."""
     file = _File(catalogue)
     number = 0
@@ -250,7 +248,7 @@ class _Pass:
 class _File:
     """What the records so far have said."""
 
-    def __init__(self, catalogue: Catalogue | None) -> None:
+    def __init__(self, catalogue: StationCatalogue | None) -> None:
         self.links: dict[Link, int] = {}
         self.columns: list[dict[str, NDArray[np.float64]]] = []
         self.ended = False
@@ -313,7 +311,7 @@ class _File:
         if int(match[5]) not in _UTC_TIME_SCALES:
             allowed = ", ".join(map(str, _UTC_TIME_SCALES))
             record.fail(f"epoch time scale {int(match[5])} is not UTC ({allowed}); convert the epochs to UTC")
-        return station_name((match[2], match[1]), self._catalogue)
+        return station_name(self._catalogue, match[2], match[1])
 
     def _target_of(self, record: _Record) -> str:
         # Reflectors have no NORAD number; version 1 leaves its columns blank.
@@ -371,7 +369,6 @@ class _File:
     def _take_point(self, record: _Record, current: _Pass) -> None:
         second = record.second_of_day()
         flight_s = record.number(2, "time of flight (s)")
-        require_lunar_flight_time(record.path, record.line, flight_s)
         event = record.integer(4, "epoch event")
         if event not in _EVENT_TAGS:
             record.fail(f"epoch event {event} is not modelled; 0 (receive), 1 (bounce) and 2 (transmit) are")

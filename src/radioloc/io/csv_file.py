@@ -16,9 +16,9 @@ from pyarrow import csv
 from radioloc._version import __version__
 from radioloc.errors import InputError
 from radioloc.estimation.labels import Labels
-from radioloc.io.dates import utc_to_text
 from radioloc.text_files import replaced_file
 from radioloc.time import Epochs
+from radioloc.time.dates import utc_to_text
 
 # Some megabytes of text.
 _ROWS_AT_ONCE = 2**14

@@ -7,26 +7,30 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import FileFormatError, InputError
-from radioloc.io.checks import Catalogue, without_duplicates, without_rereadings
 from radioloc.io.crd import looks_like_crd, read_crd
 from radioloc.io.fdets import looks_like_fdets, read_fdets
 from radioloc.io.frequencies import FrequencyAgreement
 from radioloc.io.mini import looks_like_mini, read_mini
 from radioloc.io.odf import looks_like_odf, read_odf
-from radioloc.io.parquet import read_parquet
 from radioloc.io.ramp_table import looks_like_ramps, read_ramps_only
 from radioloc.io.strf import looks_like_strf, read_strf
-from radioloc.io.table import looks_like_table, read_table
+from radioloc.io.table import looks_like_table, read_parquet, read_table
 from radioloc.io.tdm import TdmAgreement, looks_like_tdm, read_tdm
-from radioloc.measurements.observations import Observations
+from radioloc.measurements.observations import Observations, counted_once, without_duplicates
+from radioloc.measurements.registry import is_integrated
 from radioloc.plugins import named_where_it_fails, registry
 from radioloc.text_files import head_of, read_text
+from radioloc.time import utc_to_tai
 
 logger = logging.getLogger(__name__)
 
 _HEAD_BYTES = 65536
+# Modified Julian dates of six decimals are rounded to half of this.
+_REREAD_S = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +39,7 @@ class ReadSettings:
 
     Parameters
     ----------
-    catalogue : Catalogue
+    catalogue : StationCatalogue
         Gives stations their catalogue names.
     tdm : TdmAgreement
         What Tracking Data Messages do not say.
@@ -45,7 +49,7 @@ class ReadSettings:
         What files of received frequencies do not say.
     """
 
-    catalogue: Catalogue
+    catalogue: StationCatalogue
     tdm: TdmAgreement
     lunar: bool
     frequencies: tuple[FrequencyAgreement, ...] = ()
@@ -158,7 +162,7 @@ A package adds its own by an entry point of the group ``radioloc.readers`` that 
 def read_observations(
     paths: str | Path | Sequence[str | Path],
     *,
-    catalogue: Catalogue | None = None,
+    catalogue: StationCatalogue | None = None,
     tdm: TdmAgreement | None = None,
     lunar: bool = True,
     frequencies: Iterable[FrequencyAgreement] = (),
@@ -169,7 +173,7 @@ def read_observations(
     ----------
     paths : path-like or sequence of path-like
         The files.
-    catalogue : Catalogue, optional
+    catalogue : StationCatalogue, optional
         Gives stations their catalogue names; the library's own by default. A station that it does not know
         keeps the name that the file gives it.
     tdm : TdmAgreement, optional
@@ -203,7 +207,10 @@ def read_observations(
     if not files:
         raise InputError("no file of observations was given; give at least one")
     settings = ReadSettings(
-        catalogue or StationCatalogue.default(), tdm or TdmAgreement(), lunar, tuple(frequencies)
+        StationCatalogue.default() if catalogue is None else catalogue,
+        tdm or TdmAgreement(),
+        lunar,
+        tuple(frequencies),
     )
     groups: list[tuple[Reader, list[str | Path]]] = []
     for file in files:
@@ -221,7 +228,31 @@ def read_observations(
             "read %d observations from %s (%s)", len(parts[-1]), ", ".join(map(str, group)), reader.name
         )
     joined = parts[0] if len(parts) == 1 else without_duplicates(Observations.concatenate(parts))
-    return without_rereadings(joined)
+    return _without_rereadings(joined)
+
+
+def _without_rereadings(observations: Observations) -> Observations:
+    """Counts of Doppler each once, where two files have them with time tags that are rounded in different ways.
+
+    Counts are the same if path, type, band and interval are, and the tags nearer than a quarter of it and a tenth of a
+    second. That of the file that was read first is kept; the others are left out with a warning.
+    """
+    rows = np.flatnonzero(is_integrated(observations.kind))
+    if len(observations.files) == 1 or len(rows) < 2:
+        return observations
+    tai, count_s = utc_to_tai(observations.epoch[rows]), observations.count_s[rows]
+    time_s = tai.seconds_since(tai[np.zeros(len(rows), dtype=np.intp)])
+    band = np.nan_to_num(np.rint(10.0 * np.log(observations.wavelength_um[rows])))
+    series = [band, count_s, *(getattr(observations, name)[rows] for name in ("tag", "kind", "link"))]
+    order = np.lexsort([time_s, *series])
+    near = np.diff(time_s[order]) < np.minimum(_REREAD_S, 0.25 * count_s[order[1:]])
+    near &= np.all([column[order[1:]] == column[order[:-1]] for column in series], axis=0)
+    file = observations.file[rows]
+    pairs = np.column_stack([order[:-1], order[1:]])[near & (np.diff(file[order]) != 0)]
+    later = np.argsort(file[pairs], axis=1)
+    first, second = rows[np.take_along_axis(pairs, later, axis=1).T]
+    problem = "this count of Doppler is already there, but for the rounding of its time"
+    return counted_once(observations, first, second, problem)
 
 
 def _reader_of(path: str | Path) -> Reader:

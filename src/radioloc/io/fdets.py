@@ -13,8 +13,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from radioloc.constants import SECONDS_PER_DAY
+from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import FileFormatError
-from radioloc.io.checks import Catalogue, midnight_and_second
+from radioloc.io.checks import midnight_and_second
 from radioloc.io.frequencies import FrequencyAgreement, Reading, frequency_observations
 from radioloc.measurements.observations import Observations
 from radioloc.text_files import read_lines
@@ -39,7 +40,7 @@ def looks_like_fdets(lines: list[str]) -> bool:
 
 
 def read_fdets(
-    path: str | Path, agreements: Sequence[FrequencyAgreement], *, catalogue: Catalogue | None = None
+    path: str | Path, agreements: Sequence[FrequencyAgreement], *, catalogue: StationCatalogue | None = None
 ) -> Observations:
     r"""Read a file of frequency detections, plain or gzip, as Doppler.
 
@@ -49,7 +50,7 @@ def read_fdets(
         The file; where its comments do not say the telescope its name does, ``Fdets.mex2013.12.28.Ww.r2i.txt``.
     agreements : sequence of FrequencyAgreement
         What files do not say; the first that holds for this one counts.
-    catalogue : Catalogue, optional
+    catalogue : StationCatalogue, optional
         Gives stations their catalogue names; a telescope's two letters that it does not know stay.
 
     Raises

@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 
 from radioloc.boundary import bare_fields
 from radioloc.constants import C_M_S
+from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import FileFormatError, InputError
-from radioloc.io.checks import Catalogue, named_link, without_duplicates
-from radioloc.io.dates import utc_from_seconds_of_day
 from radioloc.measurements.link import Link
-from radioloc.measurements.observations import Observations
+from radioloc.measurements.observations import Observations, without_duplicates
 from radioloc.measurements.registry import KINDS
+from radioloc.time.dates import utc_from_seconds_of_day
 
 LONGEST_S = 86400.0
 """Longest delay, count interval, light time or clock difference that is believed, s."""
@@ -145,7 +145,7 @@ def growth_s(
 def frequency_observations(
     path: str | Path,
     agreements: Sequence[FrequencyAgreement],
-    catalogue: Catalogue | None,
+    catalogue: StationCatalogue | None,
     readings: Sequence[Reading],
     *,
     offset_hz: float = 0.0,
@@ -159,7 +159,7 @@ def frequency_observations(
         The file.
     agreements : sequence of FrequencyAgreement
         Of which the first that holds for the file counts.
-    catalogue : Catalogue or None
+    catalogue : StationCatalogue or None
         Gives stations their catalogue names.
     readings : sequence of Reading
         What the lines of the file say.
@@ -203,7 +203,7 @@ def frequency_observations(
         raise FileFormatError(
             path, f"{problem} and the ratio {its.ratio[0]}/{its.ratio[1]}; {advice}", int(line[row])
         )
-    links = [named_link(Link(up or its.transmitter, its.target, down), catalogue) for up, down in places]
+    links = [Link(up or its.transmitter, its.target, down).named(catalogue) for up, down in places]
     one_way = np.array([not link.transmitter for link in links])[station]
     observations = Observations.from_columns(
         epoch=utc_from_seconds_of_day(np.array(midnight), np.array(second_of_day)),

@@ -21,13 +21,11 @@ from pathlib import Path
 
 import numpy as np
 
+from radioloc.earth.stations import StationCatalogue, station_name
 from radioloc.errors import FileFormatError
 from radioloc.io.checks import (
-    Catalogue,
     midnight_and_second,
     normal_points,
-    require_lunar_flight_time,
-    station_name,
 )
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
@@ -56,7 +54,7 @@ def looks_like_mini(lines: list[str]) -> bool:
     return re.match(r"51(19|20)\d\d[ \d]{17}", first, re.ASCII) is not None
 
 
-def read_mini(path: str | Path, *, catalogue: Catalogue | None = None) -> Observations:
+def read_mini(path: str | Path, *, catalogue: StationCatalogue | None = None) -> Observations:
     r"""Read a MINI file, plain or gzip; without a catalogue stations keep their pad numbers.
 
     Examples
@@ -73,7 +71,7 @@ def read_mini(path: str | Path, *, catalogue: Catalogue | None = None) -> Observ
     return parse_mini(path, read_lines(path), catalogue)
 
 
-def parse_mini(path: str | Path, lines: Iterable[str], catalogue: Catalogue | None) -> Observations:
+def parse_mini(path: str | Path, lines: Iterable[str], catalogue: StationCatalogue | None) -> Observations:
     """As :func:`read_mini`, from the file's lines."""
     links: list[Link] = []
     rows = _rows(path, lines, catalogue, links)
@@ -86,7 +84,7 @@ def parse_mini(path: str | Path, lines: Iterable[str], catalogue: Catalogue | No
 
 
 def _rows(
-    path: str | Path, lines: Iterable[str], catalogue: Catalogue | None, links: list[Link]
+    path: str | Path, lines: Iterable[str], catalogue: StationCatalogue | None, links: list[Link]
 ) -> Iterator[tuple[float, ...]]:
     """What each line says, as :data:`_COLUMNS`; appends to the links."""
     places: dict[str, int] = {}
@@ -100,7 +98,7 @@ def _rows(
             yield (*columns, places[codes], number)
 
 
-def _link(path: str | Path, number: int, codes: str, catalogue: Catalogue | None) -> Link:
+def _link(path: str | Path, number: int, codes: str, catalogue: StationCatalogue | None) -> Link:
     """Link of the reflector's digit and the station's five, columns 38-43."""
     if not (codes.isascii() and codes.isdigit()):
         raise FileFormatError(path, f"columns 38-43 (reflector, station) hold {codes!r}, not digits", number)
@@ -108,7 +106,7 @@ def _link(path: str | Path, number: int, codes: str, catalogue: Catalogue | None
     if reflector >= len(REFLECTORS):
         known = ", ".join(f"{i} {name}" for i, name in enumerate(REFLECTORS))
         raise FileFormatError(path, f"reflector {reflector} is not known; the codes are {known}", number)
-    station = station_name((STATIONS.get(station_code, station_code),), catalogue)
+    station = station_name(catalogue, STATIONS.get(station_code, station_code))
     return Link(station, REFLECTORS[reflector], station)
 
 
@@ -137,12 +135,7 @@ def _parse_line(path: str | Path, number: int, line: str) -> tuple[float, ...]:
     second = int(stamp[12:]) / 1e7
     jd, second_of_day = midnight_and_second(path, number, year, month, day, hour, minute, second)
     flight_s = float(f"{integer(24, 37, 'time of flight')}e-13")
-    require_lunar_flight_time(path, number, flight_s)
     sigma_s = float(f"{integer(47, 52, 'uncertainty')}e-13")
-    if sigma_s <= 0.0:
-        raise FileFormatError(
-            path, "columns 47-52 (uncertainty) must be above zero; leave the point out", number
-        )
     # Added in whole hundredths, the kelvins are the float nearest to the decimal number.
     temperature_k = (recorded(63, 66, "temperature") * 10.0 + 27315.0) / 100.0
     return (

@@ -13,17 +13,17 @@ from pathlib import Path
 
 import numpy as np
 
+from radioloc.earth.stations import StationCatalogue, station_name
 from radioloc.errors import FileFormatError, InputError
-from radioloc.io.checks import Catalogue, station_name
-from radioloc.io.dates import utc_from_text
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.ramps import Ramps
 from radioloc.text_files import read_lines
+from radioloc.time.dates import utc_from_text
 
 COLUMNS = ("station", "start_utc", "stop_utc", "frequency_hz", "rate_hz_s")
 
 
-def read_ramps(path: str | Path, *, catalogue: Catalogue | None = None) -> Ramps:
+def read_ramps(path: str | Path, *, catalogue: StationCatalogue | None = None) -> Ramps:
     r"""Read a table of ramps; stations get their catalogue names.
 
     Raises
@@ -61,7 +61,7 @@ def read_ramps(path: str | Path, *, catalogue: Catalogue | None = None) -> Ramps
             raise FileFormatError(path, str(error), line) from None
     if not rows:
         raise FileFormatError(path, "has columns, but no ramps")
-    names = [station_name((row["station"].strip(),), catalogue) for row in rows]
+    names = [station_name(catalogue, row["station"].strip()) for row in rows]
     start, stop = (utc_from_text([row[key].strip() for row in rows]) for key in ("start_utc", "stop_utc"))
     frequency_hz, rate_hz_s = np.array(numbers).T
     try:
@@ -70,7 +70,7 @@ def read_ramps(path: str | Path, *, catalogue: Catalogue | None = None) -> Ramps
         raise FileFormatError(path, str(error)) from None
 
 
-def read_ramps_only(path: str | Path, *, catalogue: Catalogue | None = None) -> Observations:
+def read_ramps_only(path: str | Path, *, catalogue: StationCatalogue | None = None) -> Observations:
     """The ramps of a table as a table of observations without rows, which lends them to those it is joined with."""
     none = np.zeros(0)
     ramps = read_ramps(path, catalogue=catalogue)

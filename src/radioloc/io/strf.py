@@ -13,9 +13,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from radioloc.constants import SECONDS_PER_DAY
-from radioloc.earth.stations import Station
+from radioloc.earth.stations import Station, StationCatalogue
 from radioloc.errors import FileFormatError, InputError
-from radioloc.io.checks import Catalogue, midnight_and_second
+from radioloc.io.checks import midnight_and_second
 from radioloc.io.frequencies import FrequencyAgreement, Reading, frequency_observations
 from radioloc.measurements.observations import Observations
 from radioloc.text_files import read_lines
@@ -38,7 +38,7 @@ def looks_like_strf(lines: list[str]) -> bool:
 
 
 def read_strf(
-    path: str | Path, agreements: Sequence[FrequencyAgreement], *, catalogue: Catalogue | None = None
+    path: str | Path, agreements: Sequence[FrequencyAgreement], *, catalogue: StationCatalogue | None = None
 ) -> Observations:
     r"""Read a file of received frequencies, plain or gzip, as Doppler.
 
@@ -48,7 +48,7 @@ def read_strf(
         The file.
     agreements : sequence of FrequencyAgreement
         What files do not say; the first that holds for this one counts.
-    catalogue : Catalogue, optional
+    catalogue : StationCatalogue, optional
         Gives stations their catalogue names; a site that it does not know stays ``COSPAR`` and its number.
 
     Raises

@@ -1,35 +1,69 @@
-"""Observations as a plain table: comma-separated text that a spreadsheet opens and nothing is lost in.
+"""Observations as tables: comma-separated text that a spreadsheet opens and nothing is lost in, and Parquet.
 
-The first line that is not a comment (``#``) or blank names the columns of :mod:`radioloc.io.table_columns`, in any
-order::
+Both have the columns of :mod:`radioloc.measurements.table_columns`. In text the first line that is not a comment
+(``#``) or blank names them, in any order::
 
     epoch_utc,type,path,light_time_s,sigma_s,time_tag,pressure_hpa,temperature_k,relative_humidity,wavelength_um
     2006-04-07T06:26:30.000000000000,range,APOLLO>apollo15>APOLLO,2.6494326499837,5.38e-11,transmit,721.6,...
 
 Numbers are written with as many digits as give back the same float. Arrow takes blocks of lines apart; those that it
 cannot, and those with quotes, Python's ``csv``, which finds the line of a mistake.
+
+A timestamp of Parquet counts nanoseconds and knows no leap second; a time tag has picoseconds, and a laser range to the
+Moon needs those beyond the nanosecond, in which the range changes by up to a micrometre. So there the epoch is written
+as two columns of whole numbers, ``utc_date`` and ``utc_ps``, which any program reads alike. Files of others may have
+``epoch_utc`` instead, text or a timestamp. Numbers that were not recorded are null. The type, path and time tag are
+dictionaries of texts. The unit of each column is in its metadata, those of the file name radioloc and its version.
+
+Source: Apache Parquet format, logical types.
 """
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.constants import C_M_S
+from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import FileFormatError
-from radioloc.io.checks import Catalogue
-from radioloc.measurements.observations import Observations
-from radioloc.text_files import CUT_LINE, read_blocks
+from radioloc.estimation.labels import Labels
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.observations import Observations, observations_of
+from radioloc.measurements.registry import KINDS
+from radioloc.measurements.table_columns import (
+    OPTIONAL,
+    SIGMA,
+    VALUE,
+    WEATHER,
+    ColumnReader,
+    require_columns,
+)
+from radioloc.text_files import CUT_LINE, read_blocks, replaced_file, require_file
+from radioloc.time.dates import utc_to_picoseconds
 
 # A line that begins with a lower or a higher character may be blank or a comment.
 _HASH, _DELETE, _NEW_LINE = 0x23, 0x7F, 0x0A
+_ROWS_READ, _ROWS_WRITTEN = 2**17, 2**16
+# What measures something takes bytes, however well it is packed; a file that says otherwise would fill the memory.
+_MOST_ROWS_A_BYTE = 2
+_LARGEST_GROWTH = 50
+_ALWAYS_UNPACKED_BYTES = 2**24
+_UNITS = {"utc_ps": "ps", "relative_humidity": "1"} | {
+    name: name.rpartition("_")[2]
+    for name in (*VALUE, *SIGMA, *OPTIONAL)
+    if name not in ("relative_humidity", "ramped")
+}
 
 
-def read_table(path: str | Path, *, catalogue: Catalogue | None = None, lunar: bool = True) -> Observations:
+def read_table(
+    path: str | Path, *, catalogue: StationCatalogue | None = None, lunar: bool = True
+) -> Observations:
     """Read a table, plain or gzip, in the order of its rows; ranges of a lunar target must be those of the Moon.
 
     Examples
@@ -60,9 +94,111 @@ def write_table(
     <Observations 5 2006-04-07 to 2006-04-08>
     """
     from radioloc.io.csv_file import write_csv
-    from radioloc.io.table_columns import record_batches
 
-    write_csv(path, record_batches(observations, light_time=light_time), comments=comments)
+    write_csv(path, _record_batches(observations, light_time=light_time), comments=comments)
+
+
+def read_parquet(
+    path: str | Path, *, catalogue: StationCatalogue | None = None, lunar: bool = True
+) -> Observations:
+    """Read a Parquet file of observations; the row, counted from 1, stands for the line.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import radioloc
+    >>> from radioloc.io import read_parquet
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "ranges.parquet")
+    >>> ranges = radioloc.read_observations("examples/change5/short_arc.csv")
+    >>> _ = radioloc.write_observations(path, ranges)
+    >>> len(read_parquet(path)) == len(ranges)
+    True
+    """
+    import pyarrow
+    from pyarrow import parquet
+
+    require_file(path)
+    reader, row = ColumnReader(path, catalogue), 1
+    try:
+        with parquet.ParquetFile(path) as file:
+            header = list(file.schema_arrow.names)
+            require_columns(path, header, split_epoch=True)
+            size, rows = Path(path).stat().st_size, file.metadata.num_rows
+            groups = (file.metadata.row_group(k) for k in range(file.metadata.num_row_groups))
+            unpacked = sum(group.total_byte_size for group in groups)
+            if rows > _MOST_ROWS_A_BYTE * size or unpacked > max(
+                _LARGEST_GROWTH * size, _ALWAYS_UNPACKED_BYTES
+            ):
+                says = f"says that it has {rows} rows of {unpacked} bytes, more than it can hold"
+                bound = f"{_MOST_ROWS_A_BYTE} rows a byte and {_LARGEST_GROWTH} times its size"
+                raise FileFormatError(path, f"{says} (the bound is {bound}); it is refused")
+            for batch in file.iter_batches(_ROWS_READ):
+                # Text that is not UTF-8 and places that a dictionary does not have.
+                batch.validate(full=True)
+                if len(batch):
+                    lines = np.arange(row, row + len(batch), dtype=np.int32)
+                    reader.read(dict(zip(header, batch.columns, strict=True)), lines)
+                row += len(batch)
+    except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
+        [first, *_] = str(error).splitlines() or ["damaged"]
+        reason = "".join(character for character in first if character.isprintable()).strip()
+        raise FileFormatError(
+            path, f"cannot be read as Parquet ({reason}); fetch or write it again"
+        ) from error
+    return observations_of(reader.columns(), lunar)
+
+
+def write_parquet(path: str | Path, observations: Observations) -> None:
+    """Write observations as a Parquet file that :func:`read_parquet` gives back, epochs to 1e-12 s or better.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import radioloc
+    >>> from radioloc.io import read_parquet, write_parquet
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "ranges.parquet")
+    >>> ranges = radioloc.read_observations("examples/apollo15/apollo15_apollo_2006-2007.csv")
+    >>> write_parquet(path, ranges[:5])
+    >>> read_parquet(path)
+    <Observations 5 2006-04-07 to 2006-04-08>
+    """
+    from pyarrow import parquet
+
+    batches = _record_batches(observations, split_epoch=True)
+    first = next(batches)
+    with replaced_file(path) as temporary, parquet.ParquetWriter(temporary, first.schema) as writer:
+        for batch in chain([first], batches):
+            writer.write_batch(batch)
+
+
+def _record_batches(
+    observations: Observations, *, light_time: bool = False, split_epoch: bool = False
+) -> Iterator[Any]:
+    """Observations as Arrow columns with their units, some ten thousand rows at a time.
+
+    Columns of radio are there only if there is something in them; what was not recorded is null.
+    """
+    from radioloc.io.csv_file import batches_of
+
+    unit = C_M_S if light_time else 1.0
+    columns: dict[str, Any] = {"epoch_utc": observations.epoch}
+    if split_epoch:
+        days, picoseconds = utc_to_picoseconds(observations.epoch)
+        columns = {"utc_date": days.astype("datetime64[D]"), "utc_ps": picoseconds}
+    columns |= {
+        "type": Labels(observations.kind.astype(np.int32), tuple(KINDS)),
+        "path": Labels(observations.link, tuple(link.path for link in observations.links)),
+        VALUE[light_time]: observations.value_m / unit,
+        SIGMA[light_time]: observations.sigma_m / unit,
+        "time_tag": Labels(observations.tag.astype(np.int32), TIME_TAGS),
+    }
+    for name in OPTIONAL:
+        values = getattr(observations, name)
+        if name == "ramped":
+            values = np.where(values, 1.0, np.nan)
+        if name in WEATHER or not np.isnan(values).all():
+            columns[name] = values
+    return batches_of(columns, units=_UNITS, rows_at_once=_ROWS_WRITTEN)
 
 
 def looks_like_table(lines: list[str]) -> bool:
@@ -77,11 +213,11 @@ def _is_content(line: str) -> bool:
 
 
 def _from_blocks(
-    path: str | Path, blocks: Iterable[tuple[int, bytes]], catalogue: Catalogue | None, lunar: bool = True
+    path: str | Path,
+    blocks: Iterable[tuple[int, bytes]],
+    catalogue: StationCatalogue | None,
+    lunar: bool = True,
 ) -> Observations:
-    # Arrow takes a fifth of a second to import.
-    from radioloc.io.table_columns import ColumnReader, require_columns
-
     reader = ColumnReader(path, catalogue, as_text=True)
     header: list[str] = []
     for first_line, block in blocks:
@@ -101,7 +237,7 @@ def _from_blocks(
                 raise FileFormatError(path, CUT_LINE.format(header[-1]), last)
     if not header:
         raise FileFormatError(path, "has no header line; name the columns (epoch_utc,type,path,...)", 1)
-    return reader.observations(lunar=lunar)
+    return observations_of(reader.columns(), lunar)
 
 
 def _content(block: bytes, first_line: int) -> tuple[bytes, NDArray[np.int32]]:

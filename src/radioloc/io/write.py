@@ -6,9 +6,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from radioloc.errors import InputError
-from radioloc.io.parquet import write_parquet
 from radioloc.io.ramp_table import write_ramps
-from radioloc.io.table import write_table
+from radioloc.io.table import write_parquet, write_table
 from radioloc.io.tdm import write_tdm
 from radioloc.measurements.observations import Observations
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from radioloc.earth.stations import StationCatalogue, station_name
 from radioloc.errors import InputError
+from radioloc.measurements.targets import canonical_target
 
 LONGEST_NAME = 80
 """Characters of a name of a station or a target, which also names files."""
@@ -128,3 +130,16 @@ class Link:
             )
         first, arrow, target, second_target, second = (part and part.strip() for part in match.groups())
         return cls(first or "", target, second, arrow == "<", second_target or "")
+
+    def named(self, catalogue: StationCatalogue | None) -> Link:
+        """The same link with canonical names of the targets, and those of the catalogue of stations that it knows."""
+        target = canonical_target(self.target)
+        if self.on_map:
+            return replace(self, target=target)
+        return replace(
+            self,
+            transmitter=station_name(catalogue, self.transmitter) if self.transmitter else "",
+            target=target,
+            receiver=station_name(catalogue, self.receiver),
+            second_target=canonical_target(self.second_target) if self.second_target else "",
+        )

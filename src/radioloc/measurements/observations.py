@@ -8,9 +8,9 @@ is kept per row.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -18,11 +18,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.earth.stations import StationCatalogue
-from radioloc.errors import FileFormatError, InputError
+from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.ramps import Ramps
 from radioloc.measurements.registry import KINDS, MEASUREMENTS, is_integrated, kind_of
+from radioloc.measurements.table_columns import columns_of_table, require_lunar_flight_times
 from radioloc.plugins import LazyNames
 from radioloc.tables import TableForm, as_table
 from radioloc.time import Epochs, to_scale, utc_strings
@@ -251,12 +252,8 @@ class Observations:
         ... )
         <Observations 2 2024-05-02 to 2024-05-02>
         """
-        # Readers stand above this package.
-        frames = import_module("radioloc.io.frames")
-        found: Observations = frames.observations_from(
-            table, columns, units, constants, catalogue=catalogue, lunar=lunar
-        )
-        return found
+        catalogue = StationCatalogue.default() if catalogue is None else catalogue
+        return observations_of(columns_of_table(table, columns, units, constants, catalogue=catalogue), lunar)
 
     @staticmethod
     def concatenate(parts: Sequence[Observations]) -> Observations:
@@ -483,3 +480,72 @@ def _frozen(observations: Observations) -> Observations:
             if isinstance(array, np.ndarray) and array.flags.owndata:
                 array.flags.writeable = False
     return observations
+
+
+def observations_of(columns: Mapping[str, Any], lunar: bool) -> Observations:
+    """Observations of the columns of a table, those of a lunar target of lunar length, each once."""
+    made = Observations.from_columns(**columns)
+    if lunar:
+        whole = (made.kind == RANGE) & np.isnan(made.modulus_m)
+        require_lunar_flight_times(made.files[0], made.value_m[whole] / C_M_S, made.line[whole])
+    return without_duplicates(made)
+
+
+def without_duplicates(observations: Observations, *, first_counts: bool = False) -> Observations:
+    """Observations each once: exact copies are left out with a warning; two values of one observation are an error.
+
+    Rows are of one observation if epoch, time tag, kind, path, wavelength and count interval are the same. Where the
+    `first_counts`, as of frequencies read off twice, another value is left out with a warning, too.
+    """
+    columns = (
+        observations.epoch.fraction,
+        observations.epoch.jd - observations.epoch.jd.min(initial=np.inf),
+        observations.link,
+        observations.kind,
+        observations.tag,
+        np.nan_to_num(observations.wavelength_um),
+        np.nan_to_num(observations.count_s),
+    )
+    # One number for each row, equal for equal rows and hardly ever for others; these are then compared in full.
+    mixed = np.zeros(len(observations))
+    for column, weight in zip(columns, (1.7e8, 2.3e5, 19.3, 7.7, 3.1, 0.17, 0.013), strict=True):
+        mixed += weight * column
+    in_order = np.sort(mixed)
+    suspects = np.flatnonzero(np.isin(mixed, in_order[1:][in_order[1:] == in_order[:-1]]))
+    order = suspects[np.lexsort([column[suspects] for column in columns])]
+    same = np.all([column[order[1:]] == column[order[:-1]] for column in columns], axis=0)
+    first, second = order[:-1][same], order[1:][same]
+    other = np.flatnonzero(
+        (observations.value_m[first] != observations.value_m[second])
+        | (observations.sigma_m[first] != observations.sigma_m[second])
+    )
+    if len(other) and not first_counts:
+        pair = other[np.argmin(second[other])]
+        raise InputError(
+            f"{observations.origin(int(second[pair]))}: this observation has another value or sigma in "
+            f"{observations.origin(int(first[pair]))} ({len(other)} such pair(s) in all); leave one of them out"
+        )
+    with_other = f", {len(other)} with another value or sigma" if len(other) else ""
+    return counted_once(observations, first, second, "this observation is already there", with_other)
+
+
+def counted_once(
+    observations: Observations,
+    first: NDArray[np.intp],
+    second: NDArray[np.intp],
+    problem: str,
+    more: str = "",
+) -> Observations:
+    """Observations without the second of each pair of rows, with a warning that says the problem and the first."""
+    if not len(first):
+        return observations
+    pair = int(np.argmin(second))
+    here, there = (observations.origin(int(rows[pair])) for rows in (second, first))
+    warnings.warn(
+        f"{here}: {problem}, in {there} ({len(first)} such pair(s) in all{more}); it is counted once",
+        DataQualityWarning,
+        stacklevel=5,
+    )
+    kept = np.ones(len(observations), dtype=bool)
+    kept[second] = False
+    return observations.select(kept)

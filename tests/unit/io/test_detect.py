@@ -4,15 +4,9 @@ import gzip
 
 import pytest
 
+from radioloc.earth import StationCatalogue
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.io.detect import read_observations
-
-
-class NoStations:
-    def get(self, name):
-        from radioloc.errors import StationError
-
-        raise StationError(name)
 
 
 def test_all_formats_together(crd_lines, mini_lines, table_lines, tmp_path):
@@ -33,7 +27,7 @@ def test_all_formats_together(crd_lines, mini_lines, table_lines, tmp_path):
     assert read.origin(3) == f"{files[1]}, line 1"
     assert read.paths()[0] == "GRASSE>apollo15>GRASSE"
     assert len(read_observations(str(files[2]))) == 1
-    assert read_observations(files[:2], catalogue=NoStations()).paths()[0] == "7845>apollo15>7845"
+    assert read_observations(files[:2], catalogue=StationCatalogue([])).paths()[0] == "7845>apollo15>7845"
 
 
 def test_the_same_file_twice_is_counted_once(mini_lines, tmp_path):

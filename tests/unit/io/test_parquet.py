@@ -10,15 +10,14 @@ from hypothesis import strategies as st
 from pyarrow import parquet as pq
 
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
-from radioloc.io import parquet as module
-from radioloc.io.dates import utc_from_picoseconds, utc_from_text, utc_to_picoseconds, utc_to_text
+from radioloc.io import table as module
 from radioloc.io.detect import read_observations
-from radioloc.io.parquet import read_parquet, write_parquet
-from radioloc.io.table import read_table, write_table
+from radioloc.io.table import read_parquet, read_table, write_parquet, write_table
 from radioloc.io.write import write_observations
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
 from radioloc.time import Epochs
+from radioloc.time.dates import utc_from_picoseconds, utc_from_text, utc_to_picoseconds, utc_to_text
 
 NUMBERS = (
     *("value_m", "sigma_m", "pressure_hpa", "temperature_k", "relative_humidity"),
@@ -190,7 +189,7 @@ def test_what_cannot_be_used_is_refused_with_its_row(tmp_path, changes, row, wor
 
 
 def test_rows_count_on_from_batch_to_batch(tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "_ROWS_AT_ONCE", 4)
+    monkeypatch.setattr(module, "_ROWS_READ", 4)
     made = some_observations(20)
     write_parquet(tmp_path / "a.parquet", made)
     read = read_parquet(tmp_path / "a.parquet")

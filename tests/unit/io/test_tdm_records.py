@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from radioloc.errors import FileFormatError
-from radioloc.io.dates import utc_from_text
 from radioloc.io.tdm.message import read_records
 from radioloc.time import epochs_from_strings, tai_to_utc, to_scale, utc_to_tai
+from radioloc.time.dates import utc_from_text
 
 # A float of the day's fraction resolves 1e-11 s; a change of scale adds a few of these.
 EPOCH_TOLERANCE_S = 3e-11

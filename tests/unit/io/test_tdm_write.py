@@ -10,7 +10,6 @@ from tdm_messages import DELAY, RANGES, TWO_WAY, kvn
 
 from radioloc.constants import C_M_S
 from radioloc.errors import FileFormatError, InputError
-from radioloc.io.dates import utc_to_text
 from radioloc.io.tdm import TdmAgreement, read_tdm, read_tdm_file
 from radioloc.io.tdm.keywords import DATA, METADATA, TYPES, exponent_of
 from radioloc.io.tdm.kvn import parse_kvn
@@ -20,6 +19,7 @@ from radioloc.measurements.link import Link
 from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY, VLBI_DELAY_RATE, Observations
 from radioloc.measurements.registry import kind_of
 from radioloc.time import Epochs
+from radioloc.time.dates import utc_to_text
 
 AGREEMENT = TdmAgreement(sigma_m=dict.fromkeys(TYPES, 1.0))
 COLUMNS = (

@@ -11,10 +11,10 @@ from scipy.integrate import quad
 from radioloc.constants import C_M_S
 from radioloc.errors import FileFormatError, InputError
 from radioloc.io import read_observations, read_ramps, write_ramps
-from radioloc.io.dates import utc_to_text
 from radioloc.measurements import ExactPredictor, Link, Observations, PhysicalModel, Ramps, prepare_predictor
 from radioloc.measurements.observations import DOPPLER, RANGE
 from radioloc.time import Epochs, epochs_from_strings, tai_to_utc, utc_to_tai
+from radioloc.time.dates import utc_to_text
 
 LANDER_PA_M = np.array([1554678.949, 98094.118, 765004.906])
 START = epochs_from_strings(["2024-05-02T02:00:00"])

@@ -32,17 +32,17 @@ from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S
+from radioloc.earth.stations import StationCatalogue, station_name
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
-from radioloc.io.checks import Catalogue, station_name, without_duplicates
-from radioloc.io.dates import utc_from_picoseconds
 from radioloc.io.odf.records import OdfFile, odf_error, read_odf_file
 from radioloc.measurements.bands import DOWNLINK, DOWNLINK_LIMITS_HZ, UPLINK, turnaround_ratio
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.observations import Observations
+from radioloc.measurements.observations import Observations, without_duplicates
 from radioloc.measurements.ramps import Ramps
 from radioloc.measurements.registry import kind_of
 from radioloc.time import Epochs
+from radioloc.time.dates import utc_from_picoseconds
 
 logger = logging.getLogger(__name__)
 
@@ -81,7 +81,7 @@ _DAY_NS = 86400 * _NS
 
 @bare_arguments
 def read_odf(
-    path: str | Path, *, catalogue: Catalogue | None = None, sigma_m: Mapping[str, float] | None = None
+    path: str | Path, *, catalogue: StationCatalogue | None = None, sigma_m: Mapping[str, float] | None = None
 ) -> Observations:
     """Read the Doppler, ranges and ramps of an orbit data file, plain or gzip.
 
@@ -99,7 +99,7 @@ def read_odf(
 
 
 def odf_observations(
-    odf: OdfFile, *, catalogue: Catalogue | None = None, sigma_m: Mapping[str, float] | None = None
+    odf: OdfFile, *, catalogue: StationCatalogue | None = None, sigma_m: Mapping[str, float] | None = None
 ) -> Observations:
     """Make observations of the records of an orbit data file, in their order.
 
@@ -107,7 +107,7 @@ def odf_observations(
     ----------
     odf : OdfFile
         The content.
-    catalogue : Catalogue, optional
+    catalogue : StationCatalogue, optional
         Gives stations their catalogue names; others are called as ``DSS-24``. Spacecraft 181 is the target ``sc181``.
     sigma_m : mapping of str to float, optional
         Standard deviations by type of measurement, m of light path, in place of :data:`SIGMA_M` and
@@ -243,7 +243,7 @@ def _columns(odf: OdfFile, rows: NDArray[np.intp], sigma_m: Mapping[str, float])
 
 
 def _links(
-    odf: OdfFile, rows: NDArray[np.intp], catalogue: Catalogue | None
+    odf: OdfFile, rows: NDArray[np.intp], catalogue: StationCatalogue | None
 ) -> tuple[list[Link], NDArray[np.intp]]:
     """Who took part in some records: the different links, and which is whose."""
     orbit = odf.orbit[rows]
@@ -263,7 +263,7 @@ def _links(
     return links, link
 
 
-def _ramps(odf: OdfFile, catalogue: Catalogue | None) -> Ramps:
+def _ramps(odf: OdfFile, catalogue: StationCatalogue | None) -> Ramps:
     """The transmitted frequencies at the antennas."""
     ramps = odf.ramps
     sent = odf.orbit[np.isin(odf.orbit["type"], (_TWO_WAY, _THREE_WAY, _RANGE)) & (odf.orbit["invalid"] == 0)]
@@ -295,9 +295,9 @@ def _ramps(odf: OdfFile, catalogue: Catalogue | None) -> Ramps:
         raise FileFormatError(odf.path, str(error)) from None
 
 
-def _station(number: int, catalogue: Catalogue | None, network: int = 0) -> str:
+def _station(number: int, catalogue: StationCatalogue | None, network: int = 0) -> str:
     """Name of a station by its number in the Deep Space Network (0) or in another network."""
-    return station_name((f"NETWORK{network}-{number}" if network else f"DSS-{number}",), catalogue)
+    return station_name(catalogue, f"NETWORK{network}-{number}" if network else f"DSS-{number}")
 
 
 def _record_error(odf: OdfFile, row: int, problem: str) -> FileFormatError:

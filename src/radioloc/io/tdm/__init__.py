@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import FileFormatError, InputError
-from radioloc.io.checks import Catalogue
 from radioloc.io.tdm.agreement import TdmAgreement
 from radioloc.io.tdm.kvn import looks_like_kvn, parse_kvn
 from radioloc.io.tdm.meaning import TdmReadout, tdm_observations
@@ -64,7 +64,7 @@ def read_tdm(
     paths: str | Path | Sequence[str | Path],
     agreement: TdmAgreement,
     *,
-    catalogue: Catalogue | None = None,
+    catalogue: StationCatalogue | None = None,
 ) -> Observations:
     """Read one or more messages, each KVN or XML, plain or gzip, as observations.
 

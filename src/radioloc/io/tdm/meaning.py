@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from radioloc.constants import C_M_S
+from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
-from radioloc.io.checks import Catalogue, without_duplicates
 from radioloc.io.tdm.agreement import TdmAgreement
 from radioloc.io.tdm.keywords import MEASURED, NOT_MODELLED, RANGE_RATES, RECEIVED, TYPES
 from radioloc.io.tdm.message import TdmFile, TdmSegment
@@ -28,7 +28,7 @@ from radioloc.io.tdm.segment import SegmentReader
 from radioloc.io.tdm.values import VALUES
 from radioloc.measurements.ambiguity import without_ambiguity
 from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.observations import Observations
+from radioloc.measurements.observations import Observations, without_duplicates
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
 
 _log = logging.getLogger(__name__)
@@ -59,7 +59,7 @@ class TdmReadout:
 
 
 def tdm_observations(
-    files: TdmFile | Sequence[TdmFile], agreement: TdmAgreement, *, catalogue: Catalogue | None = None
+    files: TdmFile | Sequence[TdmFile], agreement: TdmAgreement, *, catalogue: StationCatalogue | None = None
 ) -> TdmReadout:
     """Make observations of one or more messages, which may complement each other.
 
@@ -69,7 +69,7 @@ def tdm_observations(
         The messages; frequencies, clocks and weather of one count for the measurements of all.
     agreement : TdmAgreement
         What the messages do not say.
-    catalogue : Catalogue, optional
+    catalogue : StationCatalogue, optional
         Gives stations their catalogue names; one that it does not know keeps the name that the file gives it. With one
         every range must be one between Earth and Moon.
 

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
-from radioloc.io.dates import read_dates
 from radioloc.io.tdm.keywords import (
     CODE,
     COLON_FRACTION,
@@ -31,6 +30,7 @@ from radioloc.io.tdm.keywords import (
     exponent_of,
 )
 from radioloc.time import Epochs, epochs_from_strings, to_scale, utc_to_tai
+from radioloc.time.dates import read_dates
 
 _VERSIONS = ("1.0", "2.0")
 _SPAN_SLACK_S = 1.0

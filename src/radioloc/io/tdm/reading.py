@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.io.checks import Catalogue, station_name
+from radioloc.earth.stations import StationCatalogue, station_name
 from radioloc.io.tdm.agreement import TdmAgreement
 from radioloc.io.tdm.keywords import CLOCKS, MEASURED, RECEIVED, SENT, SENT_RATE
 from radioloc.io.tdm.message import TdmSegment
@@ -120,7 +120,7 @@ class Reading:
     """
 
     def __init__(
-        self, segments: Sequence[TdmSegment], agreement: TdmAgreement, catalogue: Catalogue | None
+        self, segments: Sequence[TdmSegment], agreement: TdmAgreement, catalogue: StationCatalogue | None
     ) -> None:
         self.segments, self.agreement, self.catalogue = segments, agreement, catalogue
         self.files = tuple(dict.fromkeys(segment.path for segment in segments))
@@ -135,14 +135,14 @@ class Reading:
 
     def catalogue_name(self, name: str) -> str:
         """The catalogue's name of a station, or the name itself where the catalogue does not know it."""
-        return station_name((name,), self.catalogue)
+        return station_name(self.catalogue, name)
 
     def key(self, name: str) -> str:
         """Text by which the same participant is known again in another segment.
 
         Case does not matter, and an underscore is a blank (4.3.7, 4.3.8).
         """
-        return " ".join(canonical_target(station_name((name,), self.catalogue)).replace("_", " ").split())
+        return " ".join(canonical_target(station_name(self.catalogue, name)).replace("_", " ").split())
 
     def models_delay(self, station: str, way: str) -> bool:
         """Whether the model has the delay of a station on the way out or in (``"transmit"``, ``"receive"``)."""

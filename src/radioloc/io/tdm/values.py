@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
-from radioloc.io.checks import FLIGHT_TIME_LIMITS_S
 from radioloc.io.frequencies import MICROMETRES, growth_s
 from radioloc.io.tdm.keywords import RANGE_RATES, RECEIVED, SENT, exponent_of
 from radioloc.io.tdm.segment import SegmentReader
+from radioloc.measurements.table_columns import FLIGHT_TIME_LIMITS_S
 
 INSTANTANEOUS_COUNT_S = 1.0
 """Count interval that stands for an instantaneous range rate, s.

@@ -30,7 +30,6 @@ from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError
-from radioloc.io.dates import utc_to_text
 from radioloc.io.frequencies import LONGEST_S, MICROMETRES
 from radioloc.io.tdm.keywords import CODE, DATA, METADATA, SENT, SENT_RATE, TYPES, WEATHER, exponent_of
 from radioloc.io.tdm.message import TdmFile, TdmHeader, TdmSegment
@@ -41,6 +40,7 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.text_files import write_blocks
 from radioloc.time import Epochs, utc_to_tai
+from radioloc.time.dates import utc_to_text
 
 RANGE_UNIT_S = 1e-9
 """Length of a range unit that is written, s: what reads the message has to be told so."""

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import InputError
-from radioloc.time import Epochs, epochs_from_strings, utc_to_tai
+from radioloc.time.epochs import Epochs
+from radioloc.time.scales import epochs_from_strings, utc_to_tai
 
 _FULL_DATE = r"^\d{4}-\d\d-\d\d[T ](?:[01]\d|2[0-3]):[0-5]\d:(?:[0-5]\d|60)(?:\.\d{0,18})?Z?$"
 _JD_1972 = 2441317.5

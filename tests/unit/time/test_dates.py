@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from radioloc.errors import InputError
-from radioloc.io.dates import day_lengths_s, utc_from_seconds_of_day, utc_from_text, utc_to_text
 from radioloc.time import Epochs
+from radioloc.time.dates import day_lengths_s, utc_from_seconds_of_day, utc_from_text, utc_to_text
 
 JD_2016_12_31 = 2457753.5
 

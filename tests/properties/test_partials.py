@@ -264,15 +264,9 @@ def test_zenith_delay(model, case):
         def with_more(d, index=index):
             # The same arc: one that is prepared anew has other last places of the Moon's angle, micrometres.
             wetter = copy.copy(arc)
-            wetter._media = tuple(
-                {
-                    **prepared,
-                    "troposphere": dataclasses.replace(
-                        prepared["troposphere"], wet_m=prepared["troposphere"].wet_m + d * (which == index)
-                    ),
-                }
-                for prepared, which in zip(arc._media, (arc._transmitter, arc._receiver), strict=True)
-            )
+            air = arc._media["troposphere"]
+            more = dataclasses.replace(air, wet_m=air.wet_m + d * (arc._which == index))
+            wetter._media = {**arc._media, "troposphere": more}
             return value_m(wetter)
 
         assert_same(column, slope(with_more, 10.0))

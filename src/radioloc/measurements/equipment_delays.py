@@ -101,15 +101,15 @@ class EquipmentDelays:
     def on_paths(
         self,
         stations: Sequence[str],
-        transmitter: NDArray[np.int32],
-        receiver: NDArray[np.int32],
+        which: NDArray[np.int32],
         tag: NDArray[np.int8],
         sign: NDArray[np.float64],
         terms: frozenset[str],
     ) -> PathDelays:
         """What the delays do to paths between stations, whose names are the catalogue's, with some active terms.
 
-        `tag` and `sign` are those of :func:`~radioloc.measurements.light_path.solve_light_path`.
+        `which` are all first stations and then all second ones; `tag` and `sign` are those of
+        :func:`~radioloc.measurements.light_path.solve_light_path`.
         """
         hold_s, by_station_s = np.zeros(len(tag)), np.zeros((len(stations), 2))
         if "transponder_delay" in terms and self.transponder_s is not None:
@@ -118,6 +118,7 @@ class EquipmentDelays:
             for k, name in enumerate(stations):
                 delay = self.stations.get(name, StationDelay())
                 by_station_s[k] = delay.transmit_s or 0.0, delay.receive_s or 0.0
+        transmitter, receiver = np.split(which, 2)
         # The first station's arrival comes at its reference point before the tag, and is taken off the difference.
         transmit_s, receive_s = by_station_s[transmitter].T
         first_s = np.where(sign > 0.0, transmit_s, np.where(sign < 0.0, -receive_s, 0.0))

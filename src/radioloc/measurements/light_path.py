@@ -67,6 +67,11 @@ class LightPath:
     up_unit: NDArray[np.float64]  # from transmitter to the point, shape (n, 3)
     down_unit: NDArray[np.float64]  # from the point to the receiver, shape (n, 3)
 
+    @property
+    def ends_s(self) -> NDArray[np.float64]:
+        """When signals are at the stations: all transmissions, then all receptions, shape (2 n,)."""
+        return np.concatenate([self.transmit_s, self.receive_s])
+
 
 @dataclass(frozen=True, slots=True)
 class PathPartials:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S, L_B, L_G, MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import EarthState
-from radioloc.ephemeris.trajectory import AdjustableTrajectory, AnyTrajectory
+from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.lunar.frames import rot_icrf_to_pa_rate
@@ -47,7 +47,7 @@ class LunarMotion:
     sun_pa_m: NDArray[np.float64]
     shrinking: NDArray[np.float64]  # U/c^2 + L_B - L_G, potential U of Sun and Earth at the Moon's centre
     bodies_m: dict[str, NDArray[np.float64]]  # Sun and planets, from the geocentre at the reference epoch
-    craft: MovingPoint | None
+    craft: MovingPoint | None = None
 
     @property
     def origin(self) -> MovingPoint:
@@ -80,6 +80,20 @@ class LunarMotion:
             seen_m = seen_m - v_m_s * (dot(v_m_s, r_m) / (2.0 * C_M_S**2))[:, None]
         return MovingPoint(self.centre.offset_s, self.centre.position_m + seen_m, velocity_m_s)
 
+    def with_craft(self, trajectory: AnyTrajectory, model: PhysicalModel, reference: Epochs) -> LunarMotion:
+        """The same motion of the Moon, and a spacecraft on a trajectory."""
+        offset_s = self.centre.offset_s
+        position_m, velocity_m_s = trajectory.geocentric(model.ephemeris, reference.shifted(offset_s))
+        distance_m = float(length(position_m).max(initial=0.0))
+        if distance_m > _FARTHEST_M:
+            raise InputError(
+                f"{trajectory.name} is {distance_m / 1e9:.1f} million km from the Earth; the light path is made for "
+                f"targets within {_FARTHEST_M / 1e9:.0f} million km"
+            )
+        earth_m_s = self.centre.velocity_m_s - self.geocentric_velocity_m_s
+        craft = MovingPoint(offset_s, self.geocentre_m + position_m, earth_m_s + velocity_m_s)
+        return replace(self, craft=craft)
+
     def geocentric(
         self, point: MovingPoint, offset_s: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -95,7 +109,6 @@ def lunar_motion(
     reference: Epochs,
     reference_earth: EarthState,
     offset_s: NDArray[np.float64],
-    trajectory: AnyTrajectory | None = None,
 ) -> LunarMotion:
     """The Moon at offsets from the reference epochs (TDB), when the geocentre is the origin.
 
@@ -117,9 +130,6 @@ def lunar_motion(
     potential = constants.gm_sun_m3_s2 / length(sun_m - moon_m)
     potential = potential + constants.gm_earth_m3_s2 / length(moon_m)
     geocentre_m = geocentre_displacement_m(reference_earth, offset_s)
-    craft = None
-    if trajectory is not None:
-        craft = _craft_motion(trajectory, model, tdb, offset_s, geocentre_m, earth.velocity_m_s)
     return LunarMotion(
         centre=MovingPoint(offset_s, geocentre_m + moon_m, earth.velocity_m_s + moon_velocity_m_s),
         rot_pa_to_icrf=np.swapaxes(rot, -1, -2),
@@ -131,40 +141,7 @@ def lunar_motion(
         sun_pa_m=np.einsum("nij,nj->ni", rot, sun_m - moon_m),
         shrinking=potential / C_M_S**2 + (L_B - L_G),
         bodies_m={body: geocentre_m + body_m for body, (body_m, _) in bodies.items()},
-        craft=craft,
     )
-
-
-def with_craft(
-    moon: LunarMotion,
-    trajectory: AdjustableTrajectory,
-    model: PhysicalModel,
-    reference: Epochs,
-) -> LunarMotion:
-    """The same motion of the Moon with a spacecraft on another trajectory."""
-    offset_s = moon.centre.offset_s
-    earth_m_s = moon.centre.velocity_m_s - moon.geocentric_velocity_m_s
-    at = reference.shifted(offset_s)
-    craft = _craft_motion(trajectory, model, at, offset_s, moon.geocentre_m, earth_m_s)
-    return replace(moon, craft=craft)
-
-
-def _craft_motion(
-    trajectory: AnyTrajectory,
-    model: PhysicalModel,
-    tdb: Epochs,
-    offset_s: NDArray[np.float64],
-    geocentre_m: NDArray[np.float64],
-    earth_m_s: NDArray[np.float64],
-) -> MovingPoint:
-    position_m, velocity_m_s = trajectory.geocentric(model.ephemeris, tdb)
-    distance_m = float(length(position_m).max(initial=0.0))
-    if distance_m > _FARTHEST_M:
-        raise InputError(
-            f"{trajectory.name} is {distance_m / 1e9:.1f} million km from the Earth; the light path is made for "
-            f"targets within {_FARTHEST_M / 1e9:.0f} million km"
-        )
-    return MovingPoint(offset_s, geocentre_m + position_m, earth_m_s + velocity_m_s)
 
 
 def behind_moon(

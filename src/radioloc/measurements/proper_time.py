@@ -58,21 +58,6 @@ def station_rate(station: Station) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class StationClocks:
-    """Of n paths, how clocks of their stations that run free gain on TT; zeros where there are none."""
-
-    since_s: NDArray[np.float64]  # of the reference epochs, since the clocks agreed with TT
-    first_rate: NDArray[np.float64]  # s/s
-    second_rate: NDArray[np.float64]
-
-    def ahead(
-        self, first_s: NDArray[np.float64], second_s: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """By how much both are ahead at offsets from the reference epochs, s."""
-        return self.first_rate * (self.since_s + first_s), self.second_rate * (self.since_s + second_s)
-
-
-@dataclass(frozen=True, slots=True)
 class TargetClock:
     """What the target's clock is ahead of TT at the geocentre, near one event each; of what is not one-way zeros."""
 

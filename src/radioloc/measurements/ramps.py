@@ -10,15 +10,17 @@ Source: Moyer (2003), sections 13.3 and 13.5.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
+from radioloc.constants import C_M_S
 from radioloc.errors import InputError
-from radioloc.time import Epochs, tai_to_utc, utc_strings, utc_to_tai
+from radioloc.media.status import Status
+from radioloc.time import Epochs, tai_to_tt, tai_to_utc, utc_strings, utc_to_tai
 
 _SAME_S = 1e-6
 """Ramps that meet to this time are contiguous: a station's frequency is set to the microsecond."""
@@ -183,9 +185,50 @@ class RampTerm:
     excess_m: NDArray[np.float64]  # to be taken off the length
     scale: NDArray[
         np.float64
-    ]  # transmitted over reference frequency: partials by all that moves the transmission
+    ]  # of partials by what moves the transmission: transmitted over reference frequency
     by_tag_m_s: NDArray[np.float64]  # what the time tag changes besides the length
     status: NDArray[np.int8]
+
+    @classmethod
+    def none(cls, n: int) -> RampTerm:
+        """Of n paths without ramps."""
+        return cls(np.zeros(n), np.ones(n), np.zeros(n), np.zeros(n, dtype=np.int8))
+
+
+def ramp_term(
+    frequencies: Mapping[str, TransmittedFrequency],
+    sender: NDArray[np.str_],
+    tag: Epochs,
+    sent_s: NDArray[np.float64],
+    other: NDArray[np.intp],
+    reference_hz: NDArray[np.float64],
+) -> RampTerm:
+    """What the transmitted frequencies, by name of who sends, do to the values of n light paths.
+
+    `sender` is empty where there are no ramps, `tag` the time tag, or the end of a count (TT), `sent_s` the instant of
+    transmission by the sender's clock since then, and `other` the path at the other end of a count, or -1.
+    """
+    term = RampTerm.none(len(sender))
+    term.status[sender != ""] = Status.NO_RAMP
+    counted = other >= 0
+    for name, frequency in frequencies.items():
+        rows = np.flatnonzero(sender == name)
+        origin = tai_to_tt(frequency.origin)
+        tag_s = np.full(len(sender), np.nan)
+        tag_s[rows] = tag[rows].seconds_since(origin)
+        time_s = tag_s + sent_s
+        end_s = np.where(counted, time_s[other], tag_s)
+        rows = rows[frequency.covers(time_s[rows], end_s[rows])]
+        term.status[rows] = Status.OK
+        f0_hz, ranges = reference_hz[rows], ~counted[rows]
+        # One instant for both ends of a count: the reference frequency's cycles are counted from there on.
+        since_s = np.where(counted, np.minimum(tag_s, tag_s[other]), tag_s)[rows]
+        sent_hz, cycles = frequency.at(time_s[rows], since_s, f0_hz)
+        now_hz, until = frequency.at(tag_s[rows], since_s, f0_hz)
+        term.scale[rows] = sent_hz / f0_hz
+        term.by_tag_m_s[rows] = C_M_S / f0_hz * (np.where(ranges, now_hz, f0_hz) - sent_hz)
+        term.excess_m[rows] = C_M_S / f0_hz * (cycles - np.where(ranges, until, 0.0))
+    return term
 
 
 class TransmittedFrequency:

@@ -16,8 +16,8 @@ from radioloc.vectors import by_component
 def joined(parts: list[Any]) -> Any:
     """Arrays, or records of them, joined row after row."""
     first = parts[0]
-    if first is None:
-        return None
+    if first is None or len(parts) == 1:
+        return first
     if isinstance(first, tuple):
         return tuple(joined([part[i] for part in parts]) for i in range(len(first)))
     if isinstance(first, Observations | Epochs):

@@ -132,11 +132,12 @@ def rough_station_motion(
     tt: Epochs,
     earth: EarthState,
 ) -> MovingPoint:
-    """Motion of stations near the reference epochs, to some 20 m."""
+    """Motion of both stations of each path near the reference epochs, to some 20 m; all first ones, then all second."""
     rot = model.earth.rough_rotation(tt)
-    gcrs_m = rotated(rot, _given_itrf_m(stations)[which])
-    spin_rad_s = EARTH_ROTATION_RAD_S * rot[:, :, 2]
-    return MovingPoint(np.zeros(len(tt)), gcrs_m, earth.velocity_m_s + cross(spin_rad_s, gcrs_m))
+    both = np.tile(np.arange(len(tt)), 2)
+    gcrs_m = rotated(rot[both], _given_itrf_m(stations)[which])
+    spin_rad_s = EARTH_ROTATION_RAD_S * rot[both, :, 2]
+    return MovingPoint(np.zeros(len(which)), gcrs_m, earth.velocity_m_s[both] + cross(spin_rad_s, gcrs_m))
 
 
 def _given_itrf_m(stations: tuple[Station, ...]) -> NDArray[np.float64]:

@@ -21,20 +21,13 @@ from radioloc.vectors import cross, dot, length
 Floats = NDArray[np.float64]
 
 
-class Weather(Protocol):
+@dataclass(frozen=True, slots=True, eq=False)
+class Weather:
     """Recorded weather, NaN where there is none; arrays of shape (n,)."""
 
-    @property
-    def pressure_hpa(self) -> Floats:
-        """Pressure, hPa."""
-
-    @property
-    def temperature_k(self) -> Floats:
-        """Temperature, K."""
-
-    @property
-    def relative_humidity(self) -> Floats:
-        """Relative humidity, a fraction."""
+    pressure_hpa: Floats
+    temperature_k: Floats
+    relative_humidity: Floats  # a fraction
 
 
 @dataclass(frozen=True, slots=True, eq=False)

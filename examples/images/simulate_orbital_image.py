@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from radioloc.imaging import Camera, Distortion, LineScanModel, SupportData, TabulatedOrientation, write_isd
-from radioloc.imaging.rotations import quaternions_of, rotation_of
+from radioloc.imaging.orientation import quaternions_of, rotation_of
 from radioloc.lunar import LunarPosition, east_north_up
 from radioloc.time import epochs_from_strings, to_scale
 

@@ -28,6 +28,13 @@ def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]
     return out.T
 
 
+def cross_matrices(a: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Matrices, shape (..., 3, 3), that multiply by vectors a, shape (..., 3), from the left: a x b."""
+    x, y, z = np.moveaxis(a, -1, 0)
+    zero = np.zeros_like(x)
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*a.shape, 3)
+
+
 def rotated(rotation: NDArray[np.float64], a: NDArray[np.float64]) -> NDArray[np.float64]:
     """Products of matrices, shape (n, 3, 3), with vectors, shape (n, 3), row by row; shape (n, 3)."""
     out = np.empty((3, len(a)))

@@ -4,26 +4,29 @@ A pixel is (sample, line), to the right and down; the centre of the first is (0,
 mean-Earth axes, m, unless a name says otherwise.
 """
 
-from radioloc.imaging.cameras import Camera
+from radioloc.imaging.cameras import Camera, rectification, undistorted
 from radioloc.imaging.distortion import Distortion
-from radioloc.imaging.frames import read_frame
-from radioloc.imaging.ground_points import ground_to_image, image_to_ground, image_to_ground_and_partials
+from radioloc.imaging.frames import find_mask, read_frame
+from radioloc.imaging.ground_points import (
+    ImagePoint,
+    ImagePointSigmas,
+    ground_to_image,
+    image_to_ground,
+    image_to_ground_and_partials,
+    locate_image_point,
+)
 from radioloc.imaging.homography import Homography, HomographyFit, fit_homography
 from radioloc.imaging.image_chain import Frame, FrameStatus
-from radioloc.imaging.image_point import ImagePoint, ImagePointSigmas, locate_image_point
 from radioloc.imaging.isd import SupportData, read_isd, write_isd
 from radioloc.imaging.maps import Map, TangentPlane
-from radioloc.imaging.masks import find_mask
 from radioloc.imaging.matching import Detector, Features, Matches, MatchStatus, detect, match
 from radioloc.imaging.orientation import ConstantOrientation, PolynomialOrientation, TabulatedOrientation
 from radioloc.imaging.orthophoto import write_mosaic, write_orthophoto
-from radioloc.imaging.rectification import rectification, undistorted
 from radioloc.imaging.registration import GroundPoint, RegisteredFrame, Registration, register_chain
 from radioloc.imaging.sensor_models import FrameModel, LineScanModel
 from radioloc.imaging.spice_source import orientation_from_spice
 from radioloc.imaging.stereo import StereoPair, body_position, resect
-from radioloc.imaging.surfaces import Plane, Sphere
-from radioloc.imaging.terrain_surface import Terrain
+from radioloc.imaging.surfaces import Plane, Sphere, Terrain
 from radioloc.imaging.tie_points import Measurement, TiePoint, read_tie_points, write_tie_points
 
 __all__ = [

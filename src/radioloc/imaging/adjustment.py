@@ -27,7 +27,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.stats import chi2 as chi_squared
 
 from radioloc.errors import ConvergenceError, InputError
-from radioloc.imaging._adjustment_kernels import eliminate, explained_on_map, places_moved
+from radioloc.imaging._kernels import eliminate, explained_on_map, places_moved
 from radioloc.imaging.projections import Projections
 
 Floats = NDArray[np.float64]

@@ -1,7 +1,13 @@
-"""From pixels to the ground and back: where rays meet a surface, how that answers to errors, and the way back."""
+"""From pixels to the ground and back: where rays meet a surface, how that answers to errors, and the way back.
+
+A point measured in one image, such as a lander in an orbital image, is where the ray of its pixel meets ground of
+known height (Wang et al. 2021, section 2.2). Errors of the pixel, the camera's place and attitude and the height of
+the ground go through the partials.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -9,9 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc import vectors
 from radioloc.boundary import bare_arguments
+from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.errors import InputError
-from radioloc.imaging.sensor_models import Rays, SensorModel, require_mean_earth
+from radioloc.imaging.sensor_models import Rays, SensorModel, inside, require_mean_earth
 from radioloc.imaging.surfaces import Surface
+from radioloc.lunar import LunarPosition, cartesian_to_selenographic, east_north_up, rot_pa_to_me
 
 Floats = NDArray[np.float64]
 
@@ -126,3 +134,152 @@ def ground_to_image(model: SensorModel, points_m: ArrayLike) -> Floats:
             f"are the coordinates in {model.axes} and in metres? model.project() says which points are seen"
         )
     return found.pixels
+
+
+@dataclass(frozen=True, slots=True)
+class ImagePointSigmas:
+    """Standard deviations of what a ground point follows from; each one number for all components, or one for each.
+
+    Parameters
+    ----------
+    pixel : float or (sample, line)
+        How well the point is measured, pixels.
+    position_m : float or (east, north, up)
+        Of the camera's place, in the axes of the ground point, m.
+    attitude_rad : float or (x, y, z)
+        Of its rotation about the camera's axes, rad.
+    height_m : float
+        Of the ground's height, m.
+    """
+
+    pixel: ArrayLike
+    position_m: ArrayLike
+    attitude_rad: ArrayLike
+    height_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImagePoint:
+    """A point on the ground from one image."""
+
+    pixel: tuple[float, float]
+    position_me: LunarPosition
+    position_pa: LunarPosition
+    covariance_me_m2: Floats  # (3, 3)
+    covariance_pa_m2: Floats
+    errors_enu_m: dict[
+        str, Floats
+    ]  # east, north, up of each error of one sigma, (3, k): pixel, position, attitude, height
+    pixel_size_m: tuple[float, float]  # of the pixel on the ground, along sample and line
+
+    @property
+    def parts_enu_m2(self) -> dict[str, Floats]:
+        """Covariance of east, north and up by what it is from, shape (3, 3) each."""
+        return {name: errors @ errors.T for name, errors in self.errors_enu_m.items()}
+
+    @property
+    def covariance_enu_m2(self) -> Floats:
+        """Covariance of east, north and up: the sum of its parts, shape (3, 3)."""
+        return sum(self.parts_enu_m2.values(), np.zeros((3, 3)))
+
+    @property
+    def sigma_enu_m(self) -> Floats:
+        """Standard deviations to the east, to the north and up, m, shape (3,)."""
+        return np.sqrt(np.diag(self.covariance_enu_m2))
+
+    def __str__(self) -> str:
+        longitude_deg, latitude_deg, height_m = self.position_me.selenographic
+        sigmas = ", ".join(f"{one:.2f}" for one in self.sigma_enu_m)
+        return (
+            f"{self.position_me.frame}  {longitude_deg:.6f} deg E, {latitude_deg:+.6f} deg N, height {height_m:.1f} m; "
+            f"sigma east, north, up {sigmas} m"
+        )
+
+
+def locate_image_point(
+    model: SensorModel, pixel: ArrayLike, surface: Surface, sigmas: ImagePointSigmas
+) -> ImagePoint:
+    """Where a point measured in an image is on the ground, with its covariance.
+
+    Parameters
+    ----------
+    model : FrameModel or LineScanModel
+        In ``ME_DE421`` (:func:`radioloc.imaging.read_isd` with ``axes="ME_DE421"``).
+    pixel : array_like, shape (2,)
+        Sample and line.
+    surface : Terrain, Sphere or Plane
+        The ground.
+    sigmas : ImagePointSigmas
+
+    Raises
+    ------
+    InputError
+        The pixel is not in the image, its ray does not meet the ground, the axes are others, or a sigma is not a finite
+        number of at least zero.
+
+    Notes
+    -----
+    Errors of the orientation and of the map are the same, or nearly so, for all points of one image: differences of two
+    points are better known than each.
+
+    Examples
+    --------
+    >>> from radioloc.imaging import (Camera, ConstantOrientation, FrameModel, ImagePointSigmas, Sphere,
+    ...                               locate_image_point)
+    >>> camera = Camera.of_pinhole(8.3, 6.7, [511.5, 511.5])
+    >>> down = [[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
+    >>> model = FrameModel(camera, ConstantOrientation([1747400.0, 0.0, 0.0], down), (1024, 1024))
+    >>> sigmas = ImagePointSigmas(pixel=0.5, position_m=10.0, attitude_rad=1e-3, height_m=5.0)
+    >>> point = locate_image_point(model, [511.5, 511.5], Sphere(), sigmas)
+    >>> point.sigma_enu_m.round(2).tolist()
+    [14.71, 14.71, 5.0]
+    """
+    constants = CONSTANTS["DE421"]
+    require_mean_earth(model)
+    try:
+        measured = np.array(pixel, dtype=np.float64).reshape(1, -1)
+    except (TypeError, ValueError):
+        measured = np.empty((0, 0))
+    if measured.shape != (1, 2) or not inside(model, measured)[0]:
+        lines, samples = model.shape
+        raise InputError(f"the pixel {pixel!r} is not in the image of {samples} samples and {lines} lines")
+    found = image_to_ground_and_partials(model, measured, surface)
+    [point] = found.points_m
+    to_enu = east_north_up(*cartesian_to_selenographic(point)[:2])
+    partials = {
+        "pixel": (found.by_pixel[0], sigmas.pixel),
+        "position": (found.by_position[0] @ to_enu.T, sigmas.position_m),
+        "attitude": (found.by_angles[0], sigmas.attitude_rad),
+        "height": (found.by_height[0][:, np.newaxis], sigmas.height_m),
+    }
+    errors = {
+        name: to_enu @ by_error * _sigmas(name, sigma, by_error.shape[1])
+        for name, (by_error, sigma) in partials.items()
+    }
+    covariance_enu = sum((scaled @ scaled.T for scaled in errors.values()), np.zeros((3, 3)))
+    covariance_me = to_enu.T @ covariance_enu @ to_enu
+    to_pa = rot_pa_to_me(constants).T
+    position = LunarPosition.from_cartesian(point, model.axes)
+    across, along = np.linalg.norm(found.by_pixel[0], axis=0)
+    return ImagePoint(
+        (float(measured[0, 0]), float(measured[0, 1])),
+        position,
+        position.to_axes("PA", constants),
+        covariance_me,
+        to_pa @ covariance_me @ to_pa.T,
+        errors,
+        (float(across), float(along)),
+    )
+
+
+def _sigmas(name: str, given: ArrayLike, count: int) -> Floats:
+    """One sigma for each component."""
+    try:
+        values = np.broadcast_to(np.asarray(given, dtype=np.float64), (count,))
+    except (TypeError, ValueError):
+        values = np.array([np.nan])
+    if not (np.isfinite(values) & (values >= 0.0)).all():
+        raise InputError(
+            f"the sigma of {name} is {given!r}; give one number or {count}, finite and at least zero"
+        )
+    return values

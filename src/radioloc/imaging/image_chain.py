@@ -16,12 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import ConvergenceError, InputError, RadiolocError
-from radioloc.imaging.cameras import Camera
+from radioloc.imaging.cameras import Camera, undistorted
 from radioloc.imaging.frames import Image, Mask, load_opencv
 from radioloc.imaging.homography import derivative, fit_homography, transformed
 from radioloc.imaging.map_features import MapFeatures
 from radioloc.imaging.matching import Features, Matches, MatchStatus, detect, match
-from radioloc.imaging.rectification import undistorted
 from radioloc.imaging.tie_points import TiePoint
 
 if TYPE_CHECKING:

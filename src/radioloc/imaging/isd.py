@@ -25,11 +25,17 @@ from radioloc.imaging.cameras import Camera
 from radioloc.imaging.distortion import KINDS, Distortion
 from radioloc.imaging.isis_cube import is_isis_cube, isd_of_cube
 from radioloc.imaging.json_keys import Keys
-from radioloc.imaging.moon_axes import rot_j2000_to_me
-from radioloc.imaging.orientation import ConstantOrientation, TabulatedOrientation, interpolated_rotations
-from radioloc.imaging.rotations import matrices_of, quaternions_of
+from radioloc.imaging.orientation import (
+    ConstantOrientation,
+    TabulatedOrientation,
+    matrices_of,
+    quaternions_of,
+    slerp,
+)
 from radioloc.imaging.sensor_models import FrameModel, LineScanModel
+from radioloc.lunar.frames import rot_icrf_to_me
 from radioloc.text_files import read_text
+from radioloc.time import Epochs
 
 Floats = NDArray[np.float64]
 
@@ -188,8 +194,8 @@ def _support_data(keys: Keys, scan: bool, axes: str | None) -> SupportData:
 
     def rot_j2000_to_moon(times_s: Floats) -> Floats:
         if axes is not None:
-            return rot_j2000_to_me(epoch, times_s)
-        return interpolated_rotations(turns, to_moon, times_s)
+            return rot_icrf_to_me(Epochs.from_tdb_seconds(np.full(len(times_s), epoch)).shifted(times_s))
+        return slerp(turns, to_moon, times_s)
 
     frames = [
         int(code)

@@ -1,14 +1,14 @@
 """Exterior orientation: where the camera is and how it is turned, as functions of time.
 
 Positions are in axes that turn with the Moon, m; a rotation takes a vector from the camera's axes to these. Times are
-seconds from the image's reference epoch. Three forms have the same face, :class:`Orientation`: one pose, a table
-with interpolation, and polynomials of position and attitude.
+seconds from the image's reference epoch. Three forms have the same face: one pose, a table with interpolation,
+and polynomials of position and attitude.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,15 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.boundary import bare_arguments, bare_fields
 from radioloc.errors import InputError
 from radioloc.imaging.cameras import as_points
-from radioloc.imaging.rotations import (
-    angles_of,
-    intervals,
-    matrices_of,
-    of_one_sign,
-    quaternions_of,
-    rotation_of,
-    slerp,
-)
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 Floats = NDArray[np.float64]
 
@@ -35,19 +29,6 @@ _ROUNDING_S = 2e-7
 """Epochs as seconds since J2000, from which times are differences, are rounded to 0.1 microseconds."""
 
 _POSES_OF_FIT = 64
-
-
-class Orientation(Protocol):
-    """What a sensor model needs of an exterior orientation."""
-
-    @property
-    def span_s(self) -> tuple[float, float]:
-        """First and last time for which the orientation is known."""
-        ...
-
-    def at(self, time_s: Floats) -> tuple[Floats, Floats]:
-        """Positions, m, shape (n, 3), and rotations from the camera's axes, shape (n, 3, 3)."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,7 +114,10 @@ class TabulatedOrientation:
         norms = np.linalg.norm(self.quaternions, axis=1)
         if (np.abs(norms - 1.0) > 1e-3).any():
             raise InputError("quaternions: one does not have the length 1")
-        object.__setattr__(self, "quaternions", of_one_sign(self.quaternions / norms[:, None]))
+        # The same rotation has two signs; neighbours get the same one, or interpolation would go the long way.
+        turns = np.cumsum(np.sum(self.quaternions[1:] * self.quaternions[:-1], axis=1) < 0.0) % 2
+        signs = np.concatenate([[1.0], 1.0 - 2.0 * turns])
+        object.__setattr__(self, "quaternions", self.quaternions * (signs / norms)[:, None])
         if self.velocities_m_s is not None:
             velocities = as_points(self.velocities_m_s, 3, "velocities_m_s")
             if len(velocities) != len(self.positions_m):
@@ -163,10 +147,13 @@ class TabulatedOrientation:
         if self._even[0]:
             positions = _lagrange(self.position_times_s, self.positions_m, time_s)
         else:
-            assert self.velocities_m_s is not None
-            positions = _hermite(self.position_times_s, self.positions_m, self.velocities_m_s, time_s)
-        table = (self.rotation_times_s, self.quaternions, time_s)
-        return positions, matrices_of(_lagrange(*table) if self._even[1] else slerp(*table))
+            from scipy.interpolate import CubicHermiteSpline
+
+            known = self.position_times_s, self.positions_m, self.velocities_m_s
+            positions = np.asarray(CubicHermiteSpline(*known)(time_s))
+        if self._even[1]:
+            return positions, matrices_of(_lagrange(self.rotation_times_s, self.quaternions, time_s))
+        return positions, slerp(self.rotation_times_s, matrices_of(self.quaternions), time_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -229,7 +216,7 @@ class PolynomialOrientation:
             mounting = trial._orbit_axes(np.zeros(1))[0].T @ at_middle[0]
         else:
             mounting = np.asarray(rot_camera_to_body, dtype=np.float64)
-        angles = angles_of(to_orbit @ mounting.T)
+        angles = _rotations().from_matrix(to_orbit @ mounting.T).as_euler("XYZ")
         if np.abs(np.cos(angles[:, 1])).min() < 0.1:
             raise InputError(
                 "the attitude's second angle is near 90 degrees; give another rot_camera_to_body"
@@ -267,15 +254,44 @@ class PolynomialOrientation:
         return np.stack([np.cross(across, up), across, up], axis=-1)
 
 
-def interpolated_rotations(times_s: Floats, rotations: Floats, time_s: Floats) -> Floats:
-    """Rotation matrices at times, shape (n, 3, 3), of a table of evenly turning axes or of one rotation.
+Orientation = ConstantOrientation | TabulatedOrientation | PolynomialOrientation
 
-    As the axes turn evenly, up to a second before and after the table is in order.
+
+def rotation_of(angles_rad: Floats) -> Floats:
+    """Rx(omega) Ry(phi) Rz(kappa), each turning vectors, shape (n, 3, 3), of angles, shape (n, 3)."""
+    return np.asarray(_rotations().from_euler("XYZ", angles_rad).as_matrix())
+
+
+def matrices_of(quaternions: Floats) -> Floats:
+    """Rotation matrices, shape (n, 3, 3), of quaternions of any length, scalar first, shape (n, 4)."""
+    return np.asarray(_rotations().from_quat(np.roll(quaternions, -1, axis=-1)).as_matrix())
+
+
+def quaternions_of(rotations: Floats) -> Floats:
+    """Quaternions, scalar first, shape (n, 4), of rotation matrices."""
+    return np.asarray(np.roll(_rotations().from_matrix(rotations).as_quat(), 1, axis=-1))
+
+
+def slerp(times_s: Floats, rotations: Floats, time_s: Floats) -> Floats:
+    """Rotation matrices at times, shape (n, 3, 3), along great circles between the nodes, and beyond their ends.
+
+    One rotation holds at all times; as axes that turn evenly, a table is in order up to a second before and after it.
     """
     if len(times_s) == 1:
         return np.broadcast_to(rotations[0], (len(time_s), 3, 3))
     _inside(time_s, (times_s[0] - 1.0, times_s[-1] + 1.0))
-    return matrices_of(slerp(times_s, of_one_sign(quaternions_of(rotations)), time_s))
+    nodes = _rotations().from_matrix(rotations)
+    turns = (nodes[:-1].inv() * nodes[1:]).as_rotvec()
+    index = np.clip(np.searchsorted(times_s, time_s, side="right") - 1, 0, len(times_s) - 2)
+    part = (time_s - times_s[index]) / (times_s[index + 1] - times_s[index])
+    return np.asarray((nodes[index] * _rotations().from_rotvec(part[:, None] * turns[index])).as_matrix())
+
+
+def _rotations() -> type[Rotation]:
+    """Of scipy, imported when it is needed."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation
 
 
 def _polynomials(coefficients: Floats, argument: Floats) -> Floats:
@@ -299,15 +315,3 @@ def _lagrange(times_s: Floats, values: Floats, time_s: Floats) -> Floats:
     from radioloc.imaging._kernels import lagrange
 
     return np.asarray(lagrange(*map(np.ascontiguousarray, (times_s, values, time_s))))
-
-
-def _hermite(times_s: Floats, values: Floats, rates: Floats, time_s: Floats) -> Floats:
-    index = intervals(times_s, time_s)
-    step = (times_s[index + 1] - times_s[index])[:, None]
-    t = (time_s - times_s[index])[:, None] / step
-    return np.asarray(
-        values[index] * (1.0 + 2.0 * t) * (1.0 - t) ** 2
-        + rates[index] * step * t * (1.0 - t) ** 2
-        + values[index + 1] * t**2 * (3.0 - 2.0 * t)
-        + rates[index + 1] * step * t**2 * (t - 1.0)
-    )

@@ -18,9 +18,9 @@ from radioloc.boundary import bare_arguments
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.imaging.sensor_models import SensorModel, inside, require_mean_earth
-from radioloc.imaging.terrain_surface import Terrain
+from radioloc.imaging.surfaces import Terrain
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic, selenographic_to_cartesian
-from radioloc.lunar.interpolation import STENCIL_CELLS, first_cell, weights
+from radioloc.lunar.interpolation import Stencil
 from radioloc.lunar.map_files import new_geotiff
 from radioloc.lunar.map_grid import MapGrid, load_rasterio
 from radioloc.lunar.terrain_window import LargeWindowError, NoTerrainError
@@ -268,16 +268,9 @@ def _sampled(image: NDArray[Any], pixels: Floats, interpolation: str) -> NDArray
     if interpolation == "nearest":
         nearest = np.rint(pixels).astype(np.int64)
         return image[np.clip(nearest[:, 1], 0, lines - 1), np.clip(nearest[:, 0], 0, samples - 1)]
-    kind = _KINDS[interpolation]
-    size = STENCIL_CELLS[kind]
-    padded = size  # so many cells beyond an edge
-    index, weight = [], []
-    for place, count in ((pixels[:, 1], lines), (pixels[:, 0], samples)):
-        first, t = first_cell(place + padded, count + 2 * padded, size)
-        index.append(np.clip(first[:, None] + np.arange(size) - padded, 0, count - 1))
-        weight.append(weights(kind, t)[0])
-    stencil = image[index[0][:, :, None], index[1][:, None, :]].astype(np.float64)
-    values = np.einsum("nij,ni,nj->n", stencil, *weight)
+    stencil = Stencil.around(pixels[:, 1], pixels[:, 0], image.shape, _KINDS[interpolation])
+    rows, columns = np.clip(stencil.rows, 0, lines - 1), np.clip(stencil.columns, 0, samples - 1)
+    values = stencil.value(image[rows, columns].astype(np.float64))
     if np.issubdtype(image.dtype, np.integer):
         limits = np.iinfo(image.dtype)
         values = np.clip(np.rint(values), limits.min, limits.max)

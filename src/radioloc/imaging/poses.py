@@ -25,9 +25,9 @@ from radioloc.errors import InputError
 from radioloc.imaging.cameras import Camera
 from radioloc.imaging.homography import Homography, of_elements
 from radioloc.imaging.maps import TangentPlane
+from radioloc.imaging.orientation import rotation_of
 from radioloc.imaging.projections import Homographies, Projected, dehomogenized
-from radioloc.imaging.rotations import rotation_of
-from radioloc.imaging.terrain_surface import Terrain
+from radioloc.imaging.surfaces import Terrain
 from radioloc.lunar import TerrainModel
 from radioloc.lunar.terrain_window import TerrainWindow
 
@@ -126,7 +126,7 @@ class Poses:
         points, point_by_place = (part[point] for part in self.relief.points(places_m))
         to_pixel = self.cameras[image] @ self.rotations[image]
         ahead = np.einsum("nij,nj->ni", self.rotations[image], points - self.positions_m[image])
-        by_angles = -self.cameras[image] @ _skew(ahead)
+        by_angles = -self.cameras[image] @ vectors.cross_matrices(ahead)
         by_position = -to_pixel * self._ranges_m()[image, np.newaxis, np.newaxis]
         none = np.zeros((len(image), 3, 2))
         partials = np.concatenate([to_pixel @ point_by_place, by_angles, by_position, none], axis=2)
@@ -166,7 +166,7 @@ class Poses:
         to_point[2, 2] = self.middles_m[image, 2]
         to_point[:, 2] -= self.positions_m[image]
         camera, rotation = self.cameras[image], self.rotations[image]
-        by_angles = [camera @ turn @ rotation @ to_point for turn in _skew(np.eye(3))]
+        by_angles = [camera @ turn @ rotation @ to_point for turn in vectors.cross_matrices(np.eye(3))]
         to_pixel = -self._ranges_m()[image] * camera @ rotation
         by_position = [np.outer(to_pixel @ axis, [0.0, 0.0, 1.0]) for axis in np.eye(3)]
         change = np.stack([one.ravel() for one in (*by_angles, *by_position)], axis=1)
@@ -261,12 +261,3 @@ def _to_height(point_m: Floats) -> Floats:
 def _angles(plane: TangentPlane, places_m: Floats) -> tuple[Floats, Floats]:
     longitude, latitude = np.radians(plane.to_longitude_latitude(places_m)).T
     return longitude, latitude
-
-
-def _skew(a: Floats) -> Floats:
-    """Matrices [a x], shape (n, 3, 3)."""
-    zero = np.zeros(len(a))
-    x, y, z = a.T
-    return np.stack(
-        [np.stack(row, axis=-1) for row in ([zero, -z, y], [z, zero, -x], [-y, x, zero])], axis=-2
-    )

@@ -11,7 +11,7 @@ axes, R (1 + [angles x]); the same for all pixels.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -59,36 +59,6 @@ class ImagePartials(NamedTuple):
 
     by_point: Floats  # (n, 2, 3), pixel / m; with the opposite sign by the camera's position
     by_angles: Floats  # (n, 2, 3), pixel / rad
-
-
-class SensorModel(Protocol):
-    """What both cameras have; the functions of this module take it."""
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Lines and samples."""
-        ...
-
-    @property
-    def axes(self) -> str:
-        """The Moon's axes in which points are, such as ME_DE421."""
-        ...
-
-    def rays(self, pixels: ArrayLike) -> Rays:
-        """Rays of pixels, shape (n, 2)."""
-        ...
-
-    def rays_and_partials(self, pixels: ArrayLike) -> tuple[Rays, RayPartials]:
-        """As :meth:`rays`, with derivatives."""
-        ...
-
-    def project(self, points_m: ArrayLike) -> ImagePoints:
-        """Pixels of points, shape (n, 3), wherever they are."""
-        ...
-
-    def project_and_partials(self, points_m: ArrayLike) -> tuple[ImagePoints, ImagePartials]:
-        """As :meth:`project`, with derivatives."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -313,6 +283,9 @@ class LineScanModel:
         return camera.pixels(_in_camera(*self.orientation.at(time_s), points))[0][:, 1]
 
 
+SensorModel = FrameModel | LineScanModel
+
+
 def require_mean_earth(model: SensorModel) -> None:
     """Refuse a model in other axes than elevation maps and positions."""
     if not model.axes.startswith("ME_"):
@@ -339,7 +312,7 @@ def _ray_partials(rotation: Floats, seen: Floats, origins_by_pixel: Floats, by_p
     size = vectors.length(seen)[:, None]
     direction = vectors.rotated(rotation, seen) / size
     across = (np.eye(3) - direction[:, :, None] * direction[:, None, :]) / size[:, :, None]
-    return RayPartials(origins_by_pixel, across @ by_pixel, across @ rotation @ -_cross_matrices(seen))
+    return RayPartials(origins_by_pixel, across @ by_pixel, across @ rotation @ -vectors.cross_matrices(seen))
 
 
 def _in_camera(position: Floats, rotation: Floats, points: Floats) -> Floats:
@@ -353,11 +326,6 @@ def _projected(
     in_camera = _in_camera(position, rotation, points)
     pixels, by_direction, seen = camera.pixels_and_partials(in_camera)
     by_point = by_direction @ np.swapaxes(rotation, 1, 2)
-    return ImagePoints(pixels, seen), ImagePartials(by_point, by_direction @ _cross_matrices(in_camera))
-
-
-def _cross_matrices(a: Floats) -> Floats:
-    """Matrices that multiply by vectors a, shape (n, 3), from the left: a x b."""
-    x, y, z = a.T
-    zero = np.zeros_like(x)
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
+    return ImagePoints(pixels, seen), ImagePartials(
+        by_point, by_direction @ vectors.cross_matrices(in_camera)
+    )

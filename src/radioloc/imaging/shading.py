@@ -1,18 +1,29 @@
-"""Brightness of ground under the Sun: the Lunar-Lambert law, and shaded relief of elevation models.
+"""Brightness of ground under the Sun: the Lunar-Lambert law, and elevation models shaded by it.
 
-An image that no map of the same Sun matches is matched to relief that is shaded at its own Sun.
+An image that no map of the same Sun matches is registered to an elevation model that is shaded at its own Sun.
 """
 
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
+from radioloc.imaging.maps import Map, TangentPlane
+from radioloc.lunar import TerrainModel
+from radioloc.lunar.map_files import new_geotiff, open_dataset
+from radioloc.lunar.terrain_source import heights_m
+from radioloc.lunar.visibility import sun_me_m
+from radioloc.time import Epochs, utc_strings
 
 Floats = NDArray[np.float64]
+
+_SIDE = 512  # cells of a block
+_BLANK = 0
 
 LUNAR_LAMBERT = (1.0, -0.019, 2.42e-4, -1.46e-6)
 """Weight of the Lommel-Seeliger part: polynomial of the phase angle in degrees, of the Moon (McEwen 1996, LPSC 27)."""
@@ -123,3 +134,74 @@ def sun_direction(azimuth_deg: float, elevation_deg: float) -> Floats:
             math.sin(elevation),
         ]
     )
+
+
+def write_shaded_map(
+    dem: str | Path, path: str | Path, sun_azimuth_deg: float, sun_elevation_deg: float
+) -> None:
+    """Write an elevation model, shaded by the Lunar-Lambert law, as GeoTIFF in the model's own projection.
+
+    Parameters
+    ----------
+    dem : path-like
+        As :meth:`radioloc.lunar.TerrainModel.open` reads it.
+    path : path-like
+        Eight bits; 0 where there is no height.
+    sun_azimuth_deg, sun_elevation_deg : float
+        Where the Sun stands seen from the middle of the map, from north over east and above the horizon.
+
+    Raises
+    ------
+    FileFormatError, InputError
+        As of the elevation model; the Sun is not above the horizon.
+    """
+    sun = sun_direction(sun_azimuth_deg, sun_elevation_deg)
+    about = TerrainModel.open(dem).metadata
+    base = Map.open(dem)
+    lines, samples = base.shape
+    sun_me = base.plane().axes().T @ sun
+    with open_dataset(Path(dem)) as source:
+        crs, transform = source.crs, source.transform
+    with new_geotiff(path, crs, transform, base.shape, "uint8", _BLANK) as file:
+        for line in range(0, lines, _SIDE):
+            for sample in range(0, samples, _SIDE):
+                # One cell more on each side, so that slopes go on over the edges of blocks.
+                rows = np.clip(np.arange(line - 1, min(line + _SIDE, lines) + 1), 0, lines - 1)
+                columns = np.clip(np.arange(sample - 1, min(sample + _SIDE, samples) + 1), 0, samples - 1)
+                heights = heights_m(about, *np.meshgrid(rows, columns, indexing="ij"))
+                by_line, by_sample = (np.asarray(part)[1:-1, 1:-1] for part in np.gradient(heights))
+                plane, to_m = _metres_by_pixel(base, columns.mean(), rows.mean())
+                to_px = np.linalg.inv(to_m)
+                by_east, by_north = (by_sample * to_px[0, k] + by_line * to_px[1, k] for k in (0, 1))
+                bright = brightness_of_slopes(by_east, by_north, plane.axes() @ sun_me)
+                band = np.maximum(in_bytes(bright, sun), _BLANK + 1)
+                band = np.where(np.isfinite(heights[1:-1, 1:-1]), band, _BLANK).astype(np.uint8)
+                file.write(band, 1, window=((line, line + len(band)), (sample, sample + band.shape[1])))
+
+
+def sun_over_map(dem: str | Path, epoch: Epochs) -> tuple[float, float]:
+    """Azimuth and elevation of the Sun, deg, seen from the middle of an elevation model at an epoch, UTC, by DE421.
+
+    Raises
+    ------
+    FileFormatError, InputError
+        As of the elevation model; the Sun is not above the horizon.
+    """
+    base = Map.open(dem)
+    east, north, up = base.plane().axes() @ sun_me_m(epoch)[0] - [0.0, 0.0, MEAN_LUNAR_RADIUS_M]
+    elevation_deg = math.degrees(math.atan2(up, math.hypot(east, north)))
+    if elevation_deg <= 0.0:
+        raise InputError(
+            f"at {utc_strings(epoch, 0)[0]} UTC the Sun is {-elevation_deg:.1f} degrees below the horizon at the "
+            f"middle of {dem}; give the epoch of the images"
+        )
+    return math.degrees(math.atan2(east, north)) % 360.0, elevation_deg
+
+
+def _metres_by_pixel(base: Map, sample: float, line: float) -> tuple[TangentPlane, NDArray[np.float64]]:
+    """The plane at a pixel, and its east and north, m, by a step in sample and line, shape (2, 2)."""
+    here = base.longitude_latitude_deg([[sample, line]])[0]
+    plane = TangentPlane(float(here[0]), float(here[1]))
+    steps = np.array([[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]])
+    ends = plane.from_longitude_latitude(base.longitude_latitude_deg(np.add(steps, [sample, line])))
+    return plane, np.column_stack([ends[0] - ends[1], ends[2] - ends[3]])

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from radioloc import vectors
 from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError, KernelError
-from radioloc.imaging.moon_axes import rot_j2000_to_me
-from radioloc.imaging.orientation import TabulatedOrientation
-from radioloc.imaging.rotations import quaternions_of
+from radioloc.imaging.orientation import TabulatedOrientation, quaternions_of
+from radioloc.lunar.frames import rot_icrf_to_me
 from radioloc.text_files import require_file
+from radioloc.time import Epochs
 
 Floats = NDArray[np.float64]
 
@@ -80,7 +80,7 @@ def orientation_from_spice(
     with _loaded(kernels):
         states = np.array([spiceypy.spkezr(str(spacecraft), et, "J2000", "NONE", "MOON")[0] for et in epochs])
         to_j2000 = np.array([spiceypy.pxform(camera_frame, "J2000", et) for et in epochs])
-    to_moon = rot_j2000_to_me(epoch_tdb_s, times)
+    to_moon = rot_icrf_to_me(Epochs.from_tdb_seconds(np.full(len(times), epoch_tdb_s)).shifted(times))
     positions = vectors.rotated(to_moon, _KM * states[:, :3])
     return TabulatedOrientation(times, positions, times, quaternions_of(to_moon @ to_j2000))
 

@@ -10,9 +10,10 @@ import erfa
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc import vectors
 from radioloc.boundary import bare_arguments
 from radioloc.constants import ARCSEC_RAD, J2000_JD
-from radioloc.ephemeris import EphemerisConstants
+from radioloc.ephemeris import CONSTANTS, EphemerisConstants, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.time import Epochs
 from radioloc.units import as_float_array
@@ -65,10 +66,7 @@ def rot_icrf_to_pa_rate(angles_rad: ArrayLike, rates_rad_s: ArrayLike) -> NDArra
     dR/dt = -[w] R with the angular velocity w in principal axes and [w] its cross-product matrix. A point at rest in
     the principal axes moves in the ICRF with (dR/dt)^T r_pa.
     """
-    x, y, z = np.moveaxis(angular_velocity_pa(angles_rad, rates_rad_s), -1, 0)
-    zero = np.zeros_like(x)
-    minus_cross = np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=-1).reshape((*x.shape, 3, 3))
-    return minus_cross @ rot_icrf_to_pa(angles_rad)
+    return -vectors.cross_matrices(angular_velocity_pa(angles_rad, rates_rad_s)) @ rot_icrf_to_pa(angles_rad)
 
 
 def rot_pa_to_me(constants: EphemerisConstants) -> NDArray[np.float64]:
@@ -86,6 +84,11 @@ def rot_pa_to_me(constants: EphemerisConstants) -> NDArray[np.float64]:
     """
     about_x, about_y, about_z = (angle * ARCSEC_RAD for angle in constants.pa_to_me_arcsec)
     return np.asarray(erfa.rx(about_x, erfa.ry(about_y, erfa.rz(about_z, np.eye(3)))))
+
+
+def rot_icrf_to_me(tdb: Epochs) -> NDArray[np.float64]:
+    """Rotation from the ICRF (J2000) to ME_DE421, in which lunar maps are, at epochs of TDB, shape (n, 3, 3)."""
+    return rot_pa_to_me(CONSTANTS["DE421"]) @ rot_icrf_to_pa(LunarOrientation.open("DE421").angles(tdb)[0])
 
 
 # Archinal et al. (2011), table 2, Moon (NAIF's pck00010.tpc and pck00011.tpc); the WGCCRE report of 2015

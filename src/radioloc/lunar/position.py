@@ -200,18 +200,15 @@ class LunarPosition:
         :meth:`to_frame` does; where there are none, it is an InputError.
         """
         frames = {"PA": f"PA_{constants.name}", "ME": constants.me_frame}
-        if self.frame not in frames.values():
-            own = CONSTANTS.get(self.frame.removeprefix("PA_"))
-            if own is None or own.me_frame != constants.me_frame:
-                raise InputError(
-                    f"the position is given in {self.frame}, but the kernels are those of {constants.name}, to whose "
-                    f"axes no angles lead from there; give it in {frames['PA']} or {frames['ME']}"
-                )
-            return LunarPosition(own.me_frame, rot_pa_to_me(own) @ self.xyz_m).to_axes(axes, constants)
         if frames[axes] == self.frame:
             return self
-        rot = rot_pa_to_me(constants)
-        return LunarPosition.from_cartesian((rot if axes == "ME" else rot.T) @ self.xyz_m, frames[axes])
+        own = constants if self.frame in frames.values() else CONSTANTS.get(self.frame.removeprefix("PA_"))
+        if own is None or own.me_frame != constants.me_frame:
+            raise InputError(
+                f"the position is given in {self.frame}, but the kernels are those of {constants.name}, to whose "
+                f"axes no angles lead from there; give it in {frames['PA']} or {frames['ME']}"
+            )
+        return LunarPosition(frames[axes], _rotation(self.frame, own, frames[axes], constants) @ self.xyz_m)
 
 
 def rot_between(frame: str, other: str) -> NDArray[np.float64]:
@@ -241,6 +238,13 @@ def rot_between(frame: str, other: str) -> NDArray[np.float64]:
     own, its = _constants_of(frame), _constants_of(other)
     if own.me_frame != its.me_frame:
         raise InputError(f"no angles lead from {frame} to {other}, whose mean-Earth axes differ")
+    return _rotation(frame, own, other, its)
+
+
+def _rotation(
+    frame: str, own: EphemerisConstants, other: str, its: EphemerisConstants
+) -> NDArray[np.float64]:
+    """From axes of one ephemeris to those of another by the mean-Earth axes of both."""
     to_me = np.eye(3) if frame == own.me_frame else rot_pa_to_me(own)
     return to_me if other == its.me_frame else rot_pa_to_me(its).T @ to_me
 

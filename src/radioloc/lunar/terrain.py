@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
-from radioloc.lunar.interpolation import STENCIL_CELLS, first_cell, weights
+from radioloc.lunar.interpolation import STENCIL_CELLS, Stencil
 from radioloc.lunar.map_grid import MapGrid
 from radioloc.lunar.selenographic import (
     cartesian_to_selenographic,
@@ -40,7 +40,7 @@ from radioloc.units import as_metres
 Floats = NDArray[np.float64]
 
 _LARGEST_ROUGHNESS_RADIUS_M = 1.0e5
-_FARTHEST_CELL = 2.0**31  # a number of a row or column
+_FARTHEST_CELL = 2.0**31
 _RINGS = 16  # points on a radius, at most, at which roughness looks up cells
 
 
@@ -151,17 +151,16 @@ class TerrainModel:
         map has a height there for each longitude.
         """
         longitude, latitude = _checked(longitude_rad, latitude_rad)
-        row, column, by_angle = self._grid.cells_and_derivatives(longitude.ravel(), latitude.ravel())
-        heights, t_row, t_column = self._stencil(longitude.ravel(), latitude.ravel(), row, column)
-        row_weights = weights(self.interpolation, t_row)
-        column_weights = weights(self.interpolation, t_column)
-        height, by_row, by_column = (
-            np.einsum("nij,ni,nj->n", heights, row_weights[i], column_weights[j]).reshape(longitude.shape)
-            for i, j in ((0, 0), (1, 0), (0, 1))
+        place = longitude.ravel(), latitude.ravel()
+        row, column, by_angle = self._grid.cells_and_derivatives(*place)
+        # a number of a row or column; nor NaN
+        self._require((np.abs(row) < _FARTHEST_CELL) & (np.abs(column) < _FARTHEST_CELL), *place)
+        stencil = Stencil.around(row, column, (self._grid.rows, self._grid.columns), self.interpolation)
+        heights = self._heights(stencil.rows, stencil.columns, *place)
+        height, by_longitude, by_latitude = (
+            one.reshape(longitude.shape)[()] for one in stencil.value_and_slopes(heights, by_angle)
         )
-        derivatives = by_angle.reshape(2, 2, *longitude.shape)
-        by_longitude, by_latitude = by_row * derivatives[:, 0] + by_column * derivatives[:, 1]
-        return height[()], by_longitude[()], by_latitude[()]
+        return height, by_longitude, by_latitude
 
     @bare_arguments
     def roughness_m(
@@ -205,20 +204,6 @@ class TerrainModel:
         if not 0.0 < own_sigma_m < math.inf:
             raise InputError(f"own_sigma_m = {own_sigma_m!r} is not a positive number of metres")
         return np.hypot(own_sigma_m, self.roughness_m(longitude_rad, latitude_rad, radius_m))
-
-    def _stencil(
-        self, longitude: Floats, latitude: Floats, row: Floats, column: Floats
-    ) -> tuple[Floats, Floats, Floats]:
-        """Heights of the cells around points, shape (n, size, size), and the points' places among them."""
-        size = STENCIL_CELLS[self.interpolation]
-        shown = (np.abs(row) < _FARTHEST_CELL) & (np.abs(column) < _FARTHEST_CELL)  # nor NaN
-        self._require(shown, longitude, latitude)
-        first_row, t_row = first_cell(row, self._grid.rows, size)
-        first_column, t_column = first_cell(column, self._grid.columns, size)
-        steps = np.arange(size)
-        rows = np.broadcast_to((first_row[:, None] + steps)[:, :, None], (row.size, size, size))
-        columns = np.broadcast_to((first_column[:, None] + steps)[:, None, :], (row.size, size, size))
-        return self._heights(rows, columns, longitude, latitude), t_row, t_column
 
     def _heights(
         self, rows: NDArray[np.int64], columns: NDArray[np.int64], longitude: Floats, latitude: Floats

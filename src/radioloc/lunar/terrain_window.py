@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
-from radioloc.lunar.interpolation import STENCIL_CELLS, first_cell, weights
+from radioloc.lunar.interpolation import STENCIL_CELLS, Stencil
 from radioloc.lunar.map_grid import MapGrid
 from radioloc.lunar.terrain_source import TerrainMetadata, block_heights_m
 
@@ -95,47 +95,32 @@ class TerrainWindow:
 
     def heights(self, longitude_rad: Floats, latitude_rad: Floats) -> tuple[Floats, NDArray[np.bool_]]:
         """Heights above the sphere of 1737.4 km, m, shape (n,), and whether the window has them."""
-        cells, (row_weights, _), (column_weights, _), known = self._stencils(
-            *self.grid.cells(longitude_rad, latitude_rad)
-        )
-        return np.einsum("nij,ni,nj->n", cells, row_weights, column_weights), known
+        stencil, cells, known = self._stencil(*self.grid.cells(longitude_rad, latitude_rad))
+        return stencil.value(cells), known
 
     def heights_and_slopes(
         self, longitude_rad: Floats, latitude_rad: Floats
     ) -> tuple[Floats, Floats, Floats]:
         """Heights, m, and derivatives by longitude and latitude, m/rad, at points that the window has."""
         row, column, by_angle = self.grid.cells_and_derivatives(longitude_rad, latitude_rad)
-        cells, row_weights, column_weights, _ = self._stencils(row, column)
-        height, by_row, by_column = (
-            np.einsum("nij,ni,nj->n", cells, row_weights[i], column_weights[j])
-            for i, j in ((0, 0), (1, 0), (0, 1))
-        )
-        by_longitude, by_latitude = by_row * by_angle[:, 0] + by_column * by_angle[:, 1]
-        return height, by_longitude, by_latitude
+        stencil, cells, _ = self._stencil(row, column)
+        return stencil.value_and_slopes(cells, by_angle)
 
-    def _stencils(
-        self, row: Floats, column: Floats
-    ) -> tuple[Floats, tuple[Floats, Floats], tuple[Floats, Floats], NDArray[np.bool_]]:
-        """Cells around points, shape (n, size, size), weights of rows and columns, and whether all cells are known."""
-        size = STENCIL_CELLS[self.interpolation]
+    def _stencil(self, row: Floats, column: Floats) -> tuple[Stencil, Floats, NDArray[np.bool_]]:
+        """Cells around points, their heights, shape (n, size, size), and whether all of them are known."""
         rows, columns = self.heights_m.shape
         with np.errstate(invalid="ignore"):
             row, column = row - self.first_row, column - self.first_column
             if self.grid.closed and self.grid.columns_around is not None:
                 column = column % self.grid.columns_around
-            half = size // 2
+            half = STENCIL_CELLS[self.interpolation] // 2
             known = (
                 (row >= half - 1) & (row <= rows - half) & (column >= half - 1) & (column <= columns - half)
             )
         row, column = np.where(known, row, half - 1.0), np.where(known, column, half - 1.0)
-        first_row, t_row = first_cell(row, rows, size)
-        first_column, t_column = first_cell(column, columns, size)
-        steps = np.arange(size)
-        cells = self.heights_m[
-            (first_row[:, None] + steps)[:, :, None], (first_column[:, None] + steps)[:, None, :]
-        ]
-        known &= np.isfinite(cells).all(axis=(1, 2))
-        return cells, weights(self.interpolation, t_row), weights(self.interpolation, t_column), known
+        stencil = Stencil.around(row, column, self.heights_m.shape, self.interpolation)
+        cells = self.heights_m[stencil.rows, stencil.columns]
+        return stencil, cells, known & np.isfinite(cells).all(axis=(1, 2))
 
 
 def _circular_middle(column: Floats, around: float) -> float:

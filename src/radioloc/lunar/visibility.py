@@ -1,14 +1,15 @@
-"""Where the Earth stands in the sky of a point on the Moon, and what is behind the Moon."""
+"""Where Earth and Sun stand seen from the Moon, and what is behind it."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc import vectors
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import Ephemeris, LunarOrientation
-from radioloc.lunar.frames import rot_icrf_to_pa
-from radioloc.time import Epochs
+from radioloc.lunar.frames import rot_icrf_to_me, rot_icrf_to_pa
+from radioloc.time import Epochs, to_scale
 from radioloc.units import as_float_array
 
 
@@ -26,6 +27,17 @@ def earth_elevation_rad(
     up = point_pa_m / np.linalg.norm(point_pa_m)
     sine = (to_earth_m @ up) / np.linalg.norm(to_earth_m, axis=-1)
     return np.arcsin(np.clip(sine, -1.0, 1.0))
+
+
+def sun_me_m(epochs: Epochs) -> NDArray[np.float64]:
+    """The Sun from the Moon's centre, ME_DE421, m, shape (n, 3).
+
+    Geometric: aberration moves it by 0.006 degrees, a fiftieth of its radius on the sky.
+    """
+    tdb = to_scale(epochs, "TDB")
+    ephemeris = Ephemeris.open("DE421")
+    (sun_m, _), (moon_m, _) = (ephemeris.geocentric(body, tdb) for body in ("sun", "moon"))
+    return vectors.rotated(rot_icrf_to_me(tdb), sun_m - moon_m)
 
 
 def hidden_by_moon(

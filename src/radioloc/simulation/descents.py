@@ -15,8 +15,7 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.imaging.cameras import Camera
 from radioloc.imaging.frames import load_opencv
-from radioloc.imaging.orientation import ConstantOrientation
-from radioloc.imaging.rotations import rotation_of
+from radioloc.imaging.orientation import ConstantOrientation, rotation_of
 from radioloc.imaging.sensor_models import FrameModel
 from radioloc.imaging.shading import sun_direction
 from radioloc.simulation.ground import Ground, as_bytes

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.imaging import Detector, Map, find_mask, read_frame
-from radioloc.imaging.altitude import altitude_m
+from radioloc.imaging.cameras import altitude_m
 from radioloc.imaging.image_chain import Frame, FrameStatus
 from radioloc.imaging.registration import Registration, register_chain
-from radioloc.imaging.shaded_maps import sun_over_map, write_shaded_map
+from radioloc.imaging.shading import sun_over_map, write_shaded_map
 from radioloc.lunar import LunarPosition, TerrainModel
 from radioloc.progress import progress_bar
 from radioloc.report.image_solution import ImageSolution

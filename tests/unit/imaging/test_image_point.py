@@ -20,7 +20,7 @@ from radioloc.imaging import (
     locate_image_point,
     read_isd,
 )
-from radioloc.imaging.rotations import matrices_of, quaternions_of, rotation_of
+from radioloc.imaging.orientation import matrices_of, quaternions_of, rotation_of
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic, east_north_up
 
 ISDS = Path(__file__).resolve().parents[2] / "data" / "isd"

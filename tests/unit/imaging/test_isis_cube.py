@@ -11,7 +11,7 @@ from descent_images import FOLDER
 
 from radioloc.errors import FileFormatError
 from radioloc.imaging import Sphere, image_to_ground, read_isd
-from radioloc.imaging.moon_axes import sun_me_m
+from radioloc.lunar.visibility import sun_me_m
 from radioloc.time import Epochs
 
 ISDS = Path(__file__).resolve().parents[2] / "data" / "isd"

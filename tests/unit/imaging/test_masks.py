@@ -8,7 +8,7 @@ from descent_images import BOX, change3, needs_images
 from scenes import frame, frame_matrix, ground, spacecraft_mask
 
 from radioloc.errors import InputError
-from radioloc.imaging.masks import find_mask
+from radioloc.imaging.frames import find_mask
 
 
 def descent(step, count=8, spacecraft=True):

@@ -12,8 +12,8 @@ from quick import each_with_one, some
 from scenes import frame, frame_matrix, ground
 
 from radioloc.errors import InputError
+from radioloc.imaging.frames import find_mask
 from radioloc.imaging.homography import transformed
-from radioloc.imaging.masks import find_mask
 from radioloc.imaging.matching import Detector, MatchStatus, detect, match
 
 BOX_PX = 3.0  # the drawn boxes are good to 2 pixels each

@@ -22,7 +22,7 @@ from radioloc.imaging import (
     write_mosaic,
     write_orthophoto,
 )
-from radioloc.imaging.rotations import rotation_of
+from radioloc.imaging.orientation import rotation_of
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic, east_north_up, selenographic_to_cartesian
 
 ISDS = Path(__file__).resolve().parents[2] / "data" / "isd"

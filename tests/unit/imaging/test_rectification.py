@@ -8,11 +8,10 @@ import pytest
 from image_descents import SITE, Descent, scene
 
 from radioloc.errors import InputError
-from radioloc.imaging.cameras import Camera
+from radioloc.imaging.cameras import Camera, rectification, undistorted
 from radioloc.imaging.homography import transformed
 from radioloc.imaging.image_chain import Frame
 from radioloc.imaging.maps import Map
-from radioloc.imaging.rectification import rectification, undistorted
 from radioloc.imaging.registration import register_chain
 
 CENTRE = np.array([249.5, 199.5])

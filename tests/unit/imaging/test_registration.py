@@ -9,14 +9,12 @@ from scenes import frame, frame_matrix
 
 from radioloc.errors import ConvergenceError, FileFormatError, InputError
 from radioloc.imaging import image_chain
-from radioloc.imaging.cameras import Camera
+from radioloc.imaging.cameras import Camera, undistorted
 from radioloc.imaging.distortion import Distortion
-from radioloc.imaging.frames import read_frame
+from radioloc.imaging.frames import find_mask, read_frame
 from radioloc.imaging.homography import transformed
 from radioloc.imaging.image_chain import Frame, FrameStatus
 from radioloc.imaging.maps import Map
-from radioloc.imaging.masks import find_mask
-from radioloc.imaging.rectification import undistorted
 from radioloc.imaging.registration import register_chain
 from radioloc.imaging.tie_points import Measurement, TiePoint
 

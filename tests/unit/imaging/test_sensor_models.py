@@ -20,7 +20,7 @@ from radioloc.imaging import (
     image_to_ground_and_partials,
     read_isd,
 )
-from radioloc.imaging.rotations import matrices_of, quaternions_of, rotation_of
+from radioloc.imaging.orientation import matrices_of, quaternions_of, rotation_of
 from radioloc.imaging.sensor_models import inside
 
 ISDS = Path(__file__).resolve().parents[2] / "data" / "isd"

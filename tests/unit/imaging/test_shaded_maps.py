@@ -8,8 +8,7 @@ import rasterio
 
 from radioloc.errors import InputError
 from radioloc.imaging import Map, TangentPlane, read_isd
-from radioloc.imaging.shaded_maps import sun_over_map, write_shaded_map
-from radioloc.imaging.shading import sun_direction
+from radioloc.imaging.shading import sun_direction, sun_over_map, write_shaded_map
 from radioloc.simulation.ground import Ground
 from radioloc.time import Epochs, epochs_from_strings, to_scale
 

@@ -22,7 +22,7 @@ from radioloc.imaging import (
     image_to_ground_and_partials,
     read_isd,
 )
-from radioloc.imaging.rotations import rotation_of
+from radioloc.imaging.orientation import rotation_of
 from radioloc.lunar import (
     TerrainModel,
     cartesian_to_selenographic,

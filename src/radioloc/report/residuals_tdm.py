@@ -11,8 +11,7 @@ import numpy as np
 
 from radioloc.errors import InputError
 from radioloc.estimation.solution import Solution
-from radioloc.io.tdm.keywords import WEATHER
-from radioloc.io.tdm.message import TdmFile, TdmHeader
+from radioloc.io.tdm.message import WEATHER, TdmFile, TdmHeader
 from radioloc.io.tdm.write import tdm_of, write_tdm_file
 from radioloc.measurements.observations import Observations
 

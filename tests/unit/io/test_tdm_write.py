@@ -11,9 +11,8 @@ from tdm_messages import DELAY, RANGES, TWO_WAY, kvn
 from radioloc.constants import C_M_S
 from radioloc.errors import FileFormatError, InputError
 from radioloc.io.tdm import TdmAgreement, read_tdm, read_tdm_file
-from radioloc.io.tdm.keywords import DATA, METADATA, TYPES, exponent_of
 from radioloc.io.tdm.kvn import parse_kvn
-from radioloc.io.tdm.message import TdmHeader
+from radioloc.io.tdm.message import DATA, METADATA, TYPES, TdmHeader, exponent_of
 from radioloc.io.tdm.write import _text, tdm_of, write_tdm, write_tdm_file
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY, VLBI_DELAY_RATE, Observations

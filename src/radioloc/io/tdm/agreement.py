@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.boundary import bare_fields
 from radioloc.errors import InputError
 from radioloc.io.frequencies import LONGEST_S, FrequencyAgreement, require_ratio
-from radioloc.io.tdm.keywords import TYPES
+from radioloc.io.tdm.message import TYPES
 from radioloc.measurements.equipment_delays import EquipmentDelays
 from radioloc.measurements.link import Link
 from radioloc.time import Epochs

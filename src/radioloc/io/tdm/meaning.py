@@ -1,10 +1,15 @@
-"""Observations from Tracking Data Messages: what the segments mean.
+"""Observations from Tracking Data Messages: what the segments mean, and their measurements in metres.
 
-What becomes an observation is said by :data:`radioloc.io.tdm.keywords.TYPES`. What helps: TRANSMIT_FREQ, CLOCK_BIAS,
+What becomes an observation is said by :data:`radioloc.io.tdm.message.TYPES`. What helps: TRANSMIT_FREQ, CLOCK_BIAS,
 weather, in whatever segment. What says nothing to the models (angles, powers, magnitudes, media) is counted and passed
 over. What measures the path in a way that is not modelled is refused.
 
-Source: CCSDS 503.0-B-2 (2020), sections 3.3 to 3.5.
+A range is taken at its time tag: INTEGRATION_INTERVAL is the count interval of Doppler. Received frequencies count
+cycles of the transmitted one (:mod:`radioloc.io.frequencies`). Where that is constant, cycles are a length whatever the
+light time; where it changes, the observations are `ramped`, in metres by the first frequency, and the model finds out
+which part of the ramps was received. So it is of ranges in range units.
+
+Source: CCSDS 503.0-B-2 (2020), sections 3.3 to 3.5 and table 3-3.
 """
 
 from __future__ import annotations
@@ -12,24 +17,35 @@ from __future__ import annotations
 import logging
 import warnings
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
+from radioloc.io.frequencies import MICROMETRES, growth_s
 from radioloc.io.tdm.agreement import TdmAgreement
-from radioloc.io.tdm.keywords import MEASURED, NOT_MODELLED, RANGE_RATES, RECEIVED, TYPES
-from radioloc.io.tdm.message import TdmFile, TdmSegment
-from radioloc.io.tdm.reading import Reading
-from radioloc.io.tdm.segment import SegmentReader
-from radioloc.io.tdm.values import VALUES
+from radioloc.io.tdm.message import (
+    MEASURED,
+    NOT_MODELLED,
+    RANGE_RATES,
+    RECEIVED,
+    SENT,
+    TYPES,
+    TdmFile,
+    TdmSegment,
+    exponent_of,
+)
+from radioloc.io.tdm.segment import Reading, SegmentReader
 from radioloc.measurements.ambiguity import without_ambiguity
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations, without_duplicates
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
+from radioloc.measurements.table_columns import FLIGHT_TIME_LIMITS_S
 
 _log = logging.getLogger(__name__)
 
@@ -165,3 +181,201 @@ def _read(part: SegmentReader, keyword: str) -> Observations:
         return made
     light_s = part.agreement.known_light_time_s(made.epoch, part.link, part.tag)
     return made if light_s is None else without_ambiguity(made, C_M_S * light_s)
+
+
+INSTANTANEOUS_COUNT_S = 1.0
+"""Count interval that stands for an instantaneous range rate, s.
+
+Over a second the mean rate differs from the rate at its middle by a 24th of the path's third derivative, 2e-7 m/s
+for a station on the turning Earth.
+"""
+# Two stations on the equator, one on either side of the Earth, part by 2 x 465 m/s.
+_FASTEST_BASELINE = 1000.0 / C_M_S
+
+
+def _ranges(part: SegmentReader, keyword: str) -> dict[str, Any]:
+    """RANGE: light path there and back, or from the target."""
+    epoch = part.tagged(keyword)
+    units = part.segment.metadata.get("RANGE_UNITS", "km")
+    unit_m = _range_unit_m(part, units)
+    factor = unit_m * 10.0 ** exponent_of(keyword, units)
+    modulus_m = part.segment.number("RANGE_MODULUS") * factor
+    correction_m = part.segment.correction("RANGE") * factor
+    if part.link.differenced:
+        delay_s = part.differenced_delay_s()
+    else:
+        ends = [("TRANSMIT", part.sender), ("RECEIVE", part.receiver)]
+        if not part.one_way:
+            ends[1:1] = [("RECEIVE", part.target), ("TRANSMIT", part.target)]
+        delay_s = part.delay_s(*(f"{way}_DELAY_{n}" for way, n in ends))
+    value_m = unit_m * part.segment.values(keyword)
+    value_m = part.less_delays(keyword, value_m, delay_s, correction_m)
+    if modulus_m and part.link.differenced:
+        problem = f"RANGE_MODULUS is {modulus_m:.6g} m: the difference is known but for multiples of it"
+        raise part.fail("RANGE_MODULUS", f"{problem}; resolve it and set RANGE_MODULUS = 0")
+    columns: dict[str, Any] = {"epoch": epoch, "value_m": value_m} | part.frequencies(keyword)
+    if units == "RU" and part.sent is not None:
+        columns |= part.cycles(keyword, float(part.sent.value[0]))
+    if modulus_m and (not part.agreement.lunar or modulus_m < C_M_S * FLIGHT_TIME_LIMITS_S[1]):
+        return columns | {"modulus_m": modulus_m}
+    _require_plausible(part, value_m)
+    return columns
+
+
+def _range_unit_m(part: SegmentReader, units: str) -> float:
+    """Metres of light path in one of the units that RANGE is in (m where it is km in the file)."""
+    mode = part.segment.metadata.get("RANGE_MODE", "")
+    if mode and (mode == "ONE_WAY") != part.down_only:
+        goes = "from the target to a station" if part.down_only else "to the target and back"
+        raise part.fail("RANGE_MODE", f"RANGE_MODE is {mode}, but PATH goes {goes}; correct one of them")
+    if units == "RU" and part.agreement.range_unit_s is None:
+        problem = "RANGE_UNITS is RU, whose length is an agreement between the agencies"
+        raise part.fail("RANGE_UNITS", f"{problem}; give range_unit_s (in a study file tdm_range_unit_s)")
+    halves = 2.0 if part.agreement.range_convention == "half" and not part.down_only else 1.0
+    return halves * {"km": 1.0, "s": C_M_S, "RU": C_M_S * (part.agreement.range_unit_s or 0.0)}[units]
+
+
+def _require_plausible(part: SegmentReader, value_m: NDArray[np.float64]) -> None:
+    """Refuse ranges that cannot be between Earth and Moon, above all those of the other convention."""
+    if not part.agreement.lunar or part.link.differenced:
+        return
+    low_m, high_m = (C_M_S * limit * (0.5 if part.one_way else 1.0) for limit in FLIGHT_TIME_LIMITS_S)
+    way = "one way" if part.one_way else "there and back"
+    limits = f"between Earth and Moon it is {low_m / 1000.0:.6g} to {high_m / 1000.0:.6g} km"
+    fits = (value_m > low_m) & (value_m < high_m)
+    convention = part.agreement.range_convention
+    factor, other = (2.0, "half") if convention == "round_trip" else (0.5, "round_trip")
+    twice = (factor * value_m > low_m) & (factor * value_m < high_m) & ~fits
+    if twice.any() and not part.one_way:
+        row = int(np.argmax(twice))
+        path = f"RANGE gives a light path of {value_m[row] / 1000.0:.6g} km {way}, taken as {convention!r}"
+        advice = f'off by a factor of two: set tdm_range = "{other}"'
+        raise part.fail("RANGE", f"{path}; {limits}, {advice}", row)
+    if part.reading.catalogue is not None and not fits.all():
+        row = int(np.argmin(fits))
+        problem = f"RANGE is {value_m[row] / 1000.0:.6g} km {way}, but {limits}"
+        raise part.fail("RANGE", f"{problem}; correct it or leave it out", row)
+
+
+def _count_interval(part: SegmentReader, keyword: str) -> tuple[float, float]:
+    """Count interval, s, and how far its middle is after the time tag."""
+    for name in ("INTEGRATION_INTERVAL", "INTEGRATION_REF"):
+        if name not in part.segment.metadata:
+            problem = f"{keyword} needs {name}, which has no default; add it to the metadata"
+            raise part.fail(keyword, problem)
+    count_s = part.segment.number("INTEGRATION_INTERVAL")
+    after = {"START": 0.5, "MIDDLE": 0.0, "END": -0.5}[part.segment.metadata["INTEGRATION_REF"]]
+    return count_s, after * count_s
+
+
+def _range_rates(part: SegmentReader, keyword: str) -> dict[str, Any]:
+    """DOPPLER_INTEGRATED or DOPPLER_INSTANTANEOUS: mean rate of the light path."""
+    if len(set(part.segment.counts()) & set(RANGE_RATES)) > 1:
+        problem = "mean and instantaneous range rates of one signal; leave one of them out"
+        raise part.fail(keyword, problem)
+    integrated = keyword == "DOPPLER_INTEGRATED"
+    count_s, middle_s = _count_interval(part, keyword) if integrated else (INSTANTANEOUS_COUNT_S, 0.0)
+    halves = 2.0 if part.agreement.doppler_convention == "half" and not part.down_only else 1.0
+    rate_m_s = part.segment.values(keyword) + 1000.0 * part.segment.correction("DOPPLER")
+    return {
+        "epoch": part.tagged(keyword, middle_s),
+        "value_m": halves * count_s * rate_m_s,
+        "count_s": count_s,
+    } | part.frequencies(keyword)
+
+
+def _received(part: SegmentReader, keyword: str) -> dict[str, Any]:
+    """RECEIVE_FREQ or RECEIVE_FREQ_n: mean received frequency."""
+    if part.link.differenced:
+        return _received_difference(part, keyword)
+    if keyword not in ("RECEIVE_FREQ", f"RECEIVE_FREQ_{part.receiver}"):
+        problem = f"is there, but PATH ends at participant {part.receiver}; correct one of them"
+        raise part.fail(keyword, f"{keyword} {problem}")
+    count_s, middle_s = _count_interval(part, keyword)
+    its, link = part.agreed, part.link
+    if part.sent is not None:
+        base_hz = float(part.sent.value[0])
+    elif its is not None:
+        base_hz = its.transmit_hz
+    else:
+        sender = part.segment.participant(part.sender)
+        problem = f"{keyword} needs TRANSMIT_FREQ_{part.sender} of {sender}; add it, in any segment"
+        raise part.fail(keyword, f"{problem}, or say transmit_hz under [[observations.frequencies]]")
+    if part.sent is None and its is not None and its.transmitter and part.one_way:
+        link, ratio = replace(link, transmitter=part.reading.station(its.transmitter)), its.turnaround
+    else:
+        ratio = part.turnaround() or (its.turnaround if its is not None else None)
+    if ratio is None:
+        problem = "needs the transponder's ratio; give TURNAROUND_NUMERATOR and _DENOMINATOR, or turnaround"
+        raise part.fail(keyword, f"{keyword} {problem} (in a study file tdm_turnaround)")
+    epoch = part.tagged(keyword, middle_s)
+    offset_hz = part.segment.number("FREQ_OFFSET")
+    value_hz = part.segment.values(keyword) + part.segment.correction("RECEIVE")
+    change_s = growth_s(value_hz, offset_hz, base_hz, ratio, count_s)
+    if np.isnan(change_s).any():
+        row = int(np.argmax(np.isnan(change_s)))
+        problem = f"{float(offset_hz + value_hz[row])!r} Hz cannot be received of {base_hz!r} Hz sent"
+        advice = "correct the ratio, the offset or the frequency"
+        raise part.fail(keyword, f"{problem}, with a turnaround of {ratio[0]}/{ratio[1]}; {advice}", row)
+    received_hz = offset_hz + value_hz
+    columns = {"epoch": epoch, "value_m": C_M_S * change_s, "count_s": count_s} | part.frequencies(keyword)
+    columns["wavelength_um"] = MICROMETRES * C_M_S / np.where(received_hz > 0.0, received_hz, np.nan)
+    if part.sent is None and link.transmitter:
+        columns["uplink_hz"] = base_hz
+    columns |= part.cycles(keyword, base_hz)
+    return columns | {"links": [link]} | _sigma_of_frequency(part, count_s, base_hz * ratio[0] / ratio[1])
+
+
+def _sigma_of_frequency(part: SegmentReader, count_s: float, nominal_hz: float) -> dict[str, float]:
+    """Sigma of Doppler where that of its frequencies is agreed on."""
+    return {} if part.agreed is None else {"sigma_m": C_M_S * count_s * part.agreed.sigma_hz / nominal_hz}
+
+
+def _received_difference(part: SegmentReader, keyword: str) -> dict[str, Any]:
+    """RECEIVE_FREQ of two paths: mean frequency at the second station less that at the first."""
+    count_s, middle_s = _count_interval(part, keyword)
+    beacon_hz = part.beacon_hz()
+    if np.isnan(beacon_hz):
+        name = SENT[part.target - 1]
+        problem = f"{keyword} of two paths needs {name}, one frequency that the target sends; add it"
+        raise part.fail(keyword, f"{problem}, or say transmit_hz under [[observations.frequencies]]")
+    apart_hz = (
+        part.segment.values(keyword) + part.segment.number("FREQ_OFFSET") + part.segment.correction("RECEIVE")
+    )
+    if (np.abs(apart_hz) > _FASTEST_BASELINE * beacon_hz).any():
+        row = int(np.argmax(np.abs(apart_hz)))
+        problem = (
+            f"{keyword} is {float(apart_hz[row])!r} Hz, but of two paths it is the difference of frequencies"
+        )
+        raise part.fail(keyword, f"{problem}, up to {_FASTEST_BASELINE * beacon_hz:.6g} Hz", row)
+    return (
+        {
+            "epoch": part.tagged(keyword, middle_s),
+            "value_m": -C_M_S * count_s * apart_hz / beacon_hz,
+            "count_s": count_s,
+        }
+        | part.frequencies(keyword)
+        | _sigma_of_frequency(part, count_s, beacon_hz / np.sqrt(2.0))
+    )
+
+
+def _delays(part: SegmentReader, keyword: str) -> dict[str, Any]:
+    """VLBI_DELAY or DOR: arrival at the second station less that at the first."""
+    for name in ("CORRECTION_RANGE", "CORRECTION_RECEIVE", "CORRECTION_TRANSMIT"):
+        if name in part.segment.metadata and part.segment.metadata.get("CORRECTIONS_APPLIED") == "NO":
+            problem = f"is not applied, and how it is to be applied to {keyword} is not said; apply it"
+            raise part.fail(name, f"{name} {problem}")
+    value_m = C_M_S * part.segment.values(keyword)
+    value_m = part.less_delays(keyword, value_m, part.differenced_delay_s())
+    if part.segment.number("RANGE_MODULUS"):
+        part.note(f"RANGE_MODULUS is that of ranges, not applied to {keyword}")
+    return {"epoch": part.tagged(keyword), "value_m": value_m} | part.frequencies(keyword)
+
+
+VALUES: Mapping[str, Callable[[SegmentReader, str], dict[str, Any]]] = {
+    "RANGE": _ranges,
+    **dict.fromkeys(RANGE_RATES, _range_rates),
+    **dict.fromkeys(RECEIVED, _received),
+    **dict.fromkeys(("VLBI_DELAY", "DOR"), _delays),
+}
+"""What makes columns of observations, epoch and value_m among them, of the records of each data keyword."""

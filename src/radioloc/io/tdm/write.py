@@ -1,6 +1,6 @@
 """Observations as a Tracking Data Message 2.0, KVN or XML.
 
-What each type of observation is written as is said by :data:`radioloc.io.tdm.keywords.TYPES`: ranges as RANGE in km,
+What each type of observation is written as is said by :data:`radioloc.io.tdm.message.TYPES`: ranges as RANGE in km,
 Doppler as DOPPLER_INTEGRATED (both of all legs), VLBI delays as VLBI_DELAY with two paths from the target. What counts
 cycles of ramps goes out with these as TRANSMIT_FREQ and TRANSMIT_FREQ_RATE: Doppler as RECEIVE_FREQ, ranges in range
 units of :data:`RANGE_UNIT_S`, of time at the first frequency.
@@ -31,8 +31,19 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError
 from radioloc.io.frequencies import LONGEST_S, MICROMETRES
-from radioloc.io.tdm.keywords import CODE, DATA, METADATA, SENT, SENT_RATE, TYPES, WEATHER, exponent_of
-from radioloc.io.tdm.message import TdmFile, TdmHeader, TdmSegment
+from radioloc.io.tdm.message import (
+    CODE,
+    DATA,
+    METADATA,
+    SENT,
+    SENT_RATE,
+    TYPES,
+    WEATHER,
+    TdmFile,
+    TdmHeader,
+    TdmSegment,
+    exponent_of,
+)
 from radioloc.measurements.bands import DOWNLINK, UPLINK, turnaround_ratio
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS

@@ -12,11 +12,9 @@ from radioloc.earth.eop import EopTable
 from radioloc.ephemeris import Ephemeris, LunarOrientation, Trajectory
 from radioloc.io.crd import read_crd
 from radioloc.io.detect import read_observations
-from radioloc.io.fdets import read_fdets
-from radioloc.io.frequencies import FrequencyAgreement
+from radioloc.io.frequencies import FrequencyAgreement, read_fdets, read_sites, read_strf
 from radioloc.io.mini import read_mini
 from radioloc.io.odf import read_odf
-from radioloc.io.strf import read_sites, read_strf
 from radioloc.io.table import read_parquet, read_table
 from radioloc.io.tdm import TdmAgreement, read_tdm
 from radioloc.lunar import TerrainModel

@@ -12,12 +12,16 @@ import numpy as np
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import FileFormatError, InputError
 from radioloc.io.crd import looks_like_crd, read_crd
-from radioloc.io.fdets import looks_like_fdets, read_fdets
-from radioloc.io.frequencies import FrequencyAgreement
+from radioloc.io.frequencies import (
+    FrequencyAgreement,
+    looks_like_fdets,
+    looks_like_strf,
+    read_fdets,
+    read_strf,
+)
 from radioloc.io.mini import looks_like_mini, read_mini
 from radioloc.io.odf import looks_like_odf, read_odf
 from radioloc.io.ramp_table import looks_like_ramps, read_ramps_only
-from radioloc.io.strf import looks_like_strf, read_strf
 from radioloc.io.table import looks_like_table, read_parquet, read_table
 from radioloc.io.tdm import TdmAgreement, looks_like_tdm, read_tdm
 from radioloc.measurements.observations import Observations, counted_once, without_duplicates

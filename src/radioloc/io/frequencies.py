@@ -1,16 +1,28 @@
-"""Received frequencies: what their files do not say of the signal, and what they are in metres.
+"""Received frequencies: what files say of them and do not say of the signal, and what they are in metres.
 
 With light time tau(t) at reception t, the phase that arrives at t left the transmitter at t - tau(t), multiplied by the
 transponder's ratio M. Of a frequency f that is sent, the mean received frequency F over the count interval T from t0 on
 obeys F T = M f [T - (tau(t0 + T) - tau(t0))]: the light path has grown by c T (1 - F / (M f)), whatever the light time
 (Moyer 2003, section 13.3). An oscillator that is off by a part y of its frequency adds -c T y: the parameter
 ``frequency_offset`` by link and pass, or one-way ``target_frequency``.
+
+STRF and its rffit (``.dat``): a line is the time of the middle of an integration (modified Julian date, UTC; in older
+files ``yy/mm/dd hh:mm:ss.s``), the frequency of the signal's peak (Hz), its strength, which is not used, and the number
+of the site. A second site is that of a transmitter whose signal the target reflects. Sites are stations called ``COSPAR
+4171``, as tracking messages of the same observers call them.
+
+Fdets, the detections of radio telescopes (PRIDE): comments at the start say the day, the telescope, the base frequency
+(MHz) and, in newer files, the integration time (dT). A record then is the time (UTC date, or second of the day) of the
+middle of the integration, signal to noise, spectral maximum, the frequency above the base (Hz) and what is left of it
+after a fit (Hz); before the time may stand a scan number, or the day as a modified Julian date. Molera Calves et al.
+(2021), PASA 38, e065.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import NamedTuple
@@ -19,18 +31,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.boundary import bare_fields
-from radioloc.constants import C_M_S
-from radioloc.earth.stations import StationCatalogue
+from radioloc.constants import C_M_S, SECONDS_PER_DAY
+from radioloc.earth.stations import Station, StationCatalogue
 from radioloc.errors import FileFormatError, InputError
+from radioloc.io.checks import midnight_and_second
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations, without_duplicates
 from radioloc.measurements.registry import KINDS
+from radioloc.text_files import read_lines
+from radioloc.time import Epochs
 from radioloc.time.dates import utc_from_seconds_of_day
 
 LONGEST_S = 86400.0
 """Longest delay, count interval, light time or clock difference that is believed, s."""
 MICROMETRES = 1e6
 _FASTEST_M_S = 3e5
+_JD_MJD_0 = 2400000.5
+_MJD_SPAN = (41317, 88069)  # 1972 to 2099
+_NUMBER = r"[+-]?\d+(?:\.\d*)?(?:[eE][+-]?\d+)?"
+_READING = re.compile(
+    r"(?:(\d{5})(\.\d+)|(\d\d)/(\d\d)/(\d\d)\s+(\d\d):(\d\d):(\d\d(?:\.\d*)?))"
+    r"\s+(\d{1,15}(?:\.\d*)?)\s+\S+\s+(\d{1,4})(?:\s+(\d{1,4}))?",
+    re.ASCII,
+)
+_SITE = re.compile(rf"(\d{{1,4}})\s+\S+\s+({_NUMBER})\s+({_NUMBER})\s+({_NUMBER})(?:\s.*)?", re.ASCII)
+_COMMENT = ("#", "//", "*")
+_HEAD = {
+    "base": re.compile(r"base frequency:\s*(\S+)\s*MHz", re.IGNORECASE),
+    "day": re.compile(r"conducted on (\d{4})[.-](\d\d)[.-](\d\d)(?: at (\w+))?", re.IGNORECASE | re.ASCII),
+    "dT": re.compile(r"\bdT:\s*(\d+(?:\.\d*)?)\s*s", re.ASCII),
+    "by_day": re.compile(r"format\s*:\s*(modified|mjd)", re.IGNORECASE),
+}
+_DATE = re.compile(r"(\d{4})-(\d\d)-(\d\d)T(\d\d):(\d\d):(\d\d(?:\.\d*)?)Z?", re.ASCII)
+_IN_NAME = re.compile(r"Fdets\.[^.]+\.\d\d\.\d\d[^.]*\.(\w+)\.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,33 +184,10 @@ def frequency_observations(
     offset_hz: float = 0.0,
     count_s: float | None = None,
 ) -> Observations:
-    """Doppler of the received frequencies of one file.
+    """Doppler of the received frequencies of one file, of what :func:`read_strf` is given.
 
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    agreements : sequence of FrequencyAgreement
-        Of which the first that holds for the file counts.
-    catalogue : StationCatalogue or None
-        Gives stations their catalogue names.
-    readings : sequence of Reading
-        What the lines of the file say.
-    offset_hz : float
-        What is to be added to their frequencies, Hz.
-    count_s : float, optional
-        Count interval that the file states, s; that of the agreement goes first.
-
-    Raises
-    ------
-    FileFormatError
-        There are no readings, no agreement holds for the file, nothing says the count interval, or a frequency cannot
-        be of that signal.
-
-    Warns
-    -----
-    DataQualityWarning
-        An epoch is there twice, and its first frequency counted.
+    To their frequencies an offset is to be added, Hz. A count interval that the file states, s, counts where the
+    agreement has none.
     """
     if not readings:
         raise FileFormatError(path, "has no readings; fetch it again")
@@ -220,3 +230,220 @@ def frequency_observations(
         line=line,
     )
     return without_duplicates(observations, first_counts=True)
+
+
+def looks_like_strf(lines: list[str]) -> bool:
+    """Whether the first line that says something is a reading."""
+    first = next((line for line in lines if _said(line)), "")
+    return _READING.fullmatch(_said(first)) is not None
+
+
+def read_strf(
+    path: str | Path, agreements: Sequence[FrequencyAgreement], *, catalogue: StationCatalogue | None = None
+) -> Observations:
+    r"""Read a file of received frequencies, plain or gzip, as Doppler.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    agreements : sequence of FrequencyAgreement
+        What files do not say; the first that holds for this one counts.
+    catalogue : StationCatalogue, optional
+        Gives stations their catalogue names; a site that it does not know stays ``COSPAR`` and its number.
+
+    Raises
+    ------
+    FileFormatError
+        The file cannot be read, or a line of it; names the line.
+
+    Warns
+    -----
+    DataQualityWarning
+        An epoch is there twice, and its first frequency counted.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from radioloc.io import FrequencyAgreement, read_strf
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "night.dat")
+    >>> _ = path.write_text("59184.250000\t8463700123.500\t  10.0\t4171\n")
+    >>> beacon = FrequencyAgreement(transmit_hz=8463.7e6, sigma_hz=0.5, count_s=10.0)
+    >>> print(read_strf(path, [beacon]).summary())
+    1 observations, 2020-12-01T06:00:00 to 2020-12-01T06:00:00 UTC, 1 file(s)
+      lander>COSPAR 4171  one_way_doppler        1
+    """
+    readings = []
+    for number, text in enumerate(read_lines(path, ended=True), start=1):
+        if not (said := _said(text)):
+            continue
+        if (match := _READING.fullmatch(said)) is None:
+            problem = (
+                f"{said[:60]!r} is not a reading: date (MJD), frequency (Hz), strength and number of the site"
+            )
+            raise FileFormatError(path, problem, number)
+        mjd, part, year, *rest, second, frequency, receiver, transmitter = match.groups()
+        if mjd is None:
+            month, day, hour, minute = map(int, rest)
+            date = 2000 + int(year), month, day, hour, minute, float(second)
+            midnight, second_of_day = midnight_and_second(path, number, *date)
+        elif _MJD_SPAN[0] <= int(mjd) <= _MJD_SPAN[1]:
+            midnight, second_of_day = _JD_MJD_0 + int(mjd), SECONDS_PER_DAY * float(part)
+        else:
+            raise FileFormatError(
+                path, f"the modified Julian date {mjd} is not of the years 1972 to 2099", number
+            )
+        ends = _site_name(transmitter) if transmitter else "", _site_name(receiver)
+        readings.append(Reading(midnight, second_of_day, float(frequency), number, ends))
+    return frequency_observations(path, agreements, catalogue, readings)
+
+
+def read_sites(path: str | Path) -> tuple[Station, ...]:
+    """Read a file of sites (``sites.txt``: number, initials, latitude, longitude, height, observer) as stations.
+
+    Their coordinates, degrees with four decimals and metres above the sea, are good to some tens of metres.
+
+    Raises
+    ------
+    FileFormatError
+        The file cannot be read, or a line of it; names the line. There is no site in it.
+
+    Examples
+    --------
+    >>> from radioloc.io import read_sites
+    >>> [station.name for station in read_sites("examples/beacon/sites.txt")]
+    ['COSPAR 9001', 'COSPAR 9002', 'COSPAR 9003']
+    """
+    stations: dict[str, Station] = {}
+    for number, text in enumerate(read_lines(path), start=1):
+        if not (said := _said(text)):
+            continue
+        if (match := _SITE.fullmatch(said)) is None:
+            problem = (
+                f"{said[:60]!r} is not a site: number, initials, latitude, longitude (deg) and height (m)"
+            )
+            raise FileFormatError(path, problem, number)
+        name, (latitude, longitude, height_m) = _site_name(match[1]), map(float, match.groups()[1:])
+        try:
+            made = Station.from_geodetic(
+                longitude_deg=longitude,
+                latitude_deg=latitude,
+                height_m=height_m,
+                name=name,
+                aliases=(),
+                kind="ttc",
+                epoch_year=2000.0,
+                quality="rounded",
+                source=Path(path).name,
+            )
+        except InputError as error:
+            raise FileFormatError(path, str(error), number) from None
+        if name in stations:
+            raise FileFormatError(path, f"site {match[1]} is there twice; leave one of them out", number)
+        stations[name] = made
+    if not stations:
+        raise FileFormatError(
+            path, "has no site: number, initials, latitude, longitude (deg) and height (m) on a line"
+        )
+    return tuple(stations.values())
+
+
+def _said(line: str) -> str:
+    """A line without its comment; one without a digit, such as a heading, says nothing."""
+    said = line.partition("#")[0].strip()
+    return said if any(map(str.isdigit, said)) else ""
+
+
+def _site_name(number: str) -> str:
+    return f"COSPAR {number.zfill(4)}"
+
+
+def looks_like_fdets(lines: list[str]) -> bool:
+    """Whether the comments that a file starts with say a base frequency."""
+    head = [line for line in lines[:10] if line.lstrip().startswith(_COMMENT)]
+    return bool(head) and head[0] == lines[0] and any(_HEAD["base"].search(line) for line in head)
+
+
+def read_fdets(
+    path: str | Path, agreements: Sequence[FrequencyAgreement], *, catalogue: StationCatalogue | None = None
+) -> Observations:
+    r"""Read a file of frequency detections, plain or gzip, as Doppler.
+
+    Where its comments do not say the telescope its name does, ``Fdets.mex2013.12.28.Ww.r2i.txt``; two letters that the
+    catalogue does not know stay. Parameters, errors and warnings are those of :func:`read_strf`.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from radioloc.io import FrequencyAgreement, read_fdets
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "Fdets.lander.Wz.txt")
+    >>> _ = path.write_text(
+    ...     "# Observation conducted on 2013.12.28 at Ww\n# Base frequency: 8412.00 MHz dT: 5 s\n"
+    ...     "2013-12-28T09:30:05.000 3000.0 0.1 8005012.5 1e-3\n"
+    ... )
+    >>> read_fdets(path, [FrequencyAgreement(transmit_hz=8.42e9, sigma_hz=0.01)])
+    <Observations 1 2013-12-28 to 2013-12-28>
+    """
+    head: dict[str, re.Match[str]] = {}
+    detections = []
+    for number, text in enumerate(read_lines(path, ended=True), start=1):
+        if not (said := text.strip()) or said.startswith(_COMMENT):
+            for name, form in _HEAD.items():
+                if name not in head and (match := form.search(said)):
+                    head[name] = match
+            continue
+        fields = said.split()
+        try:
+            *before, time, _, _, detected, _ = fields
+            if len(before) > 1:
+                raise ValueError
+            moment = _midnight_and_second(path, number, time, before, head)
+            detections.append((*moment, float(detected), number))
+        except FileFormatError:
+            raise
+        except ValueError:
+            problem = (
+                f"{said[:60]!r} is not a detection: time, signal to noise, maximum, frequency and residual"
+            )
+            raise FileFormatError(path, problem, number) from None
+    telescope = (head["day"][4] if "day" in head else "") or (_IN_NAME.search(Path(path).name) or ["", ""])[1]
+    if not telescope:
+        problem = "does not say the telescope, nor does its name; call it as Fdets.mex2013.12.28.Ww.r2i.txt"
+        raise FileFormatError(path, problem)
+    try:
+        base_hz = 1e6 * float(head["base"][1])
+    except (KeyError, ValueError):
+        given = head["base"][1] if "base" in head else "missing"
+        problem = f"the base frequency is {given}; write its megahertz into the head of the file"
+        raise FileFormatError(path, problem) from None
+    return frequency_observations(
+        path,
+        agreements,
+        catalogue,
+        [Reading(*detection, ends=("", telescope)) for detection in detections],
+        offset_hz=base_hz,
+        count_s=float(head["dT"][1]) if "dT" in head else None,
+    )
+
+
+def _midnight_and_second(
+    path: str | Path, number: int, time: str, before: list[str], head: Mapping[str, re.Match[str]]
+) -> tuple[float, float]:
+    """Julian date of midnight and second of the day (it may be past its end) of a record."""
+    if match := _DATE.fullmatch(time):
+        *date, second = match.groups()
+        year, month, day, hour, minute = map(int, date)
+        return midnight_and_second(path, number, year, month, day, hour, minute, float(second))
+    second_of_day = float(time)
+    if not 0.0 <= second_of_day < 2.0 * SECONDS_PER_DAY:
+        raise ValueError
+    if before and "by_day" in head:
+        date_of = Epochs.from_jd(_JD_MJD_0 + float(before[0]), 0.0, "UTC").day_strings()[0]
+    elif "day" in head:
+        date_of = "-".join(head["day"].groups()[:3])
+    else:
+        raise FileFormatError(
+            path, "the day is neither in the records nor in the head of the file; add it", number
+        )
+    year, month, day = map(int, date_of.split("-"))
+    return midnight_and_second(path, number, year, month, day, 0, 0, 0.0)[0], second_of_day

@@ -20,8 +20,7 @@ from radioloc.earth.reference_frames import frames
 from radioloc.earth.stations import Station, StationCatalogue
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError, StationError
-from radioloc.io.frequencies import FrequencyAgreement
-from radioloc.io.strf import read_sites
+from radioloc.io.frequencies import FrequencyAgreement, read_sites
 from radioloc.lunar.position import LunarPosition
 from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.considered import considered_choices

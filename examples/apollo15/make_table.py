@@ -10,7 +10,7 @@ in ../reflectors/2024 were made so; it is kept to show where they come from, and
 import sys
 from pathlib import Path
 
-from radioloc.io.detect import read_observations
+from radioloc.io.formats import read_observations
 from radioloc.io.table import read_table, write_table
 
 EXAMPLES = Path(__file__).resolve().parent.parent

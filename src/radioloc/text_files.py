@@ -6,6 +6,7 @@ import codecs
 import errno
 import gzip
 import json
+import math
 import os
 import stat
 import tempfile
@@ -15,10 +16,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from radioloc.errors import FileFormatError, InputError
 
 BLOCK_BYTES = 2**22
 """Bytes of a file that are read at once: enough to be quick, few enough that their pieces do not fill the memory."""
+
+ANY_BYTE = "latin-1"
+"""Encoding of files whose comments are not all ASCII, as numbers and keywords are."""
 
 # Text of tracking data shrinks to a third or a tenth; a file made to fill the memory to a thousandth.
 _LARGEST_GROWTH = 50
@@ -98,6 +105,34 @@ def read_blocks(
         yield first_line, block
     if blank:
         raise FileFormatError(path, "is empty; fetch or write it again")
+
+
+def numbers_of(path: str | Path, line_number: int, words: list[str], what: str) -> list[float]:
+    """Finite numbers of a line's words; :class:`FileFormatError` where a word is none."""
+    numbers = []
+    for word in words:
+        try:
+            number = float(word)
+        except ValueError:
+            number = math.nan
+        if not math.isfinite(number):
+            raise FileFormatError(path, f"{word!r} is not a number, but {what} is wanted", line_number)
+        numbers.append(number)
+    return numbers
+
+
+def table_of(
+    path: str | Path, lines: list[tuple[int, str]], n_columns: int, what: str
+) -> NDArray[np.float64]:
+    """Rows of numbers, n_columns each, from lines with their numbers; errors as :func:`numbers_of`."""
+    rows = []
+    for line_number, line in lines:
+        words = line.split()
+        if len(words) != n_columns:
+            problem = f"{len(words)} columns, but {what} has {n_columns}"
+            raise FileFormatError(path, problem, line_number)
+        rows.append(numbers_of(path, line_number, words, what))
+    return np.array(rows).reshape(len(rows), n_columns)
 
 
 def require_file(path: str | Path) -> None:

@@ -13,7 +13,7 @@ import pytest
 from arc_cases import REFLECTORS_PA_M
 
 import radioloc
-from radioloc.io.detect import read_observations
+from radioloc.io.formats import read_observations
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.physical_model import PhysicalModel
 

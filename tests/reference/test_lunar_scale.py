@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
-from radioloc.io.detect import read_observations
+from radioloc.io.formats import read_observations
 from radioloc.lunar import selenographic_to_cartesian
 from radioloc.measurements import ExactPredictor, PhysicalModel
 

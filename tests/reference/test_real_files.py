@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from radioloc.constants import C_M_S
-from radioloc.io.detect import read_observations
+from radioloc.io.formats import read_observations
 from radioloc.measurements.observations import Observations
 
 ROOT = Path(__file__).resolve().parents[2]

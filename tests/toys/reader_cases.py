@@ -11,7 +11,7 @@ from radioloc.earth.blq import read_blq
 from radioloc.earth.eop import EopTable
 from radioloc.ephemeris import Ephemeris, LunarOrientation, Trajectory
 from radioloc.io.crd import read_crd
-from radioloc.io.detect import read_observations
+from radioloc.io.formats import read_observations
 from radioloc.io.frequencies import FrequencyAgreement, read_fdets, read_sites, read_strf
 from radioloc.io.mini import read_mini
 from radioloc.io.odf import read_odf

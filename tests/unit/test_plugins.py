@@ -20,7 +20,7 @@ from quick import some
 import radioloc
 from radioloc.cli import main
 from radioloc.errors import InputError
-from radioloc.io.detect import READERS
+from radioloc.io.formats import READERS
 from radioloc.measurements import Geometry
 from radioloc.measurements.combined_predictor import expanded
 from radioloc.measurements.registry import MEASUREMENTS

@@ -12,9 +12,8 @@ from typing import Any, Protocol
 from radioloc.cli.output import complain, say, tell
 from radioloc.cli.parser import DONE, INTERRUPTED, NOT_CONVERGED
 from radioloc.errors import InputError
-from radioloc.io.detect import read_observations
+from radioloc.io.formats import read_observations, require_writable, write_observations
 from radioloc.io.tdm import TdmAgreement
-from radioloc.io.write import require_writable, write_observations
 from radioloc.lunar.position import LunarPosition
 from radioloc.report.covariance import plans_card
 from radioloc.report.figures import save_figure

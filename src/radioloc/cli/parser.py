@@ -522,7 +522,7 @@ def _measurement_types() -> Rows:
 
 
 def _formats() -> Rows:
-    from radioloc.io.detect import READERS
+    from radioloc.io.formats import READERS
 
     formats = {reader.name: reader.description for reader in READERS.values()}
     return {"formats that are read, told by how a file begins": formats} | _measurement_types()

@@ -22,8 +22,7 @@ from radioloc.ephemeris.lunar_axes import LUNAR_AXES, LunarAxes, states_to_icrf
 from radioloc.ephemeris.positions import Ephemeris
 from radioloc.errors import CoverageError, InputError, KernelError
 from radioloc.kernels import KernelFile, find_kernel, sha256_of
-from radioloc.kernels.daf import DafSegment, read_segments, tdb_date
-from radioloc.kernels.segment_checks import require_sound
+from radioloc.kernels.daf import DafSegment, read_segments, require_sound, tdb_date
 from radioloc.time import Epochs
 
 _M_PER_KM = 1000.0

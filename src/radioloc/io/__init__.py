@@ -1,14 +1,13 @@
 """Observations in and out: tables, ramps, laser normal points, messages, orbit data files, received frequencies."""
 
 from radioloc.io.crd import read_crd
-from radioloc.io.detect import READERS, Reader, ReadSettings, read_observations
+from radioloc.io.formats import READERS, Reader, ReadSettings, read_observations, write_observations
 from radioloc.io.frequencies import FrequencyAgreement, read_fdets, read_sites, read_strf
 from radioloc.io.mini import read_mini
 from radioloc.io.odf import read_odf
 from radioloc.io.ramp_table import read_ramps, write_ramps
 from radioloc.io.table import read_parquet, read_table, write_parquet, write_table
 from radioloc.io.tdm import TdmAgreement, read_tdm, write_tdm
-from radioloc.io.write import write_observations
 
 __all__ = [
     "READERS",

@@ -41,10 +41,9 @@ from radioloc.io.checks import (
     normal_points,
     weather_near,
 )
-from radioloc.measurements.link import Link
+from radioloc.measurements.link import REFLECTORS, Link, canonical_target
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import WEATHER_LIMITS, Observations
-from radioloc.measurements.targets import REFLECTORS, canonical_target
 from radioloc.text_files import read_lines
 
 _PASSED_OVER = frozenset(

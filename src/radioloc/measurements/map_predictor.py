@@ -14,12 +14,11 @@ from radioloc.ephemeris.trajectory import AdjustableTrajectory
 from radioloc.errors import InputError
 from radioloc.lunar import cartesian_to_selenographic, east_north_up, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements.link import Link
+from radioloc.measurements.link import Link, canonical_target
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed, Prediction, Predictor
 from radioloc.measurements.registry import kind_of
-from radioloc.measurements.targets import canonical_target
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,9 +20,9 @@ from radioloc.boundary import bare_arguments
 from radioloc.earth.stations import Station
 from radioloc.ephemeris.trajectory import AdjustableTrajectory, AnyTrajectory
 from radioloc.errors import InputError, StationError
+from radioloc.measurements.link import canonical_target
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.targets import canonical_target
 from radioloc.measurements.terms import TERMS
 from radioloc.media.status import describe
 

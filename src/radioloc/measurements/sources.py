@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import ARCSEC_RAD
 from radioloc.errors import FileFormatError
-from radioloc.measurements.targets import canonical_target
+from radioloc.measurements.link import canonical_target
 from radioloc.text_files import read_lines
 from radioloc.time import Epochs
 from radioloc.vectors import dot

@@ -34,8 +34,7 @@ from radioloc.boundary import bare_arguments
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.earth.stations import Station
 from radioloc.errors import CoverageError, FileFormatError, InputError
-from radioloc.media.text_numbers import ENCODING, numbers_of
-from radioloc.text_files import read_text
+from radioloc.text_files import ANY_BYTE, numbers_of, read_text
 from radioloc.time import Epochs, utc_strings
 from radioloc.time.scales import to_scale
 
@@ -229,7 +228,7 @@ def _second(mjd_utc: float) -> str:
 
 def _cards(path: Path) -> Iterator[Card]:
     """The cards of a file, without those of VLBI and quasars; what stands before the first is a label."""
-    text = re.sub(r"#.*", "", read_text(path, encoding=ENCODING)).rstrip()
+    text = re.sub(r"#.*", "", read_text(path, encoding=ANY_BYTE)).rstrip()
     begin = re.search(r"^\s*ADJUST\b", text, re.MULTILINE)
     if begin is None:
         raise FileFormatError(path, "there is no card ADJUST(...), as media calibrations of the DSN have")

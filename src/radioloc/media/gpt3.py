@@ -18,8 +18,7 @@ from radioloc.errors import FileFormatError, InputError
 from radioloc.media.grids import LatLonGrid, sort_into_grid
 from radioloc.media.mapping_functions import day_of_year, seasons
 from radioloc.media.neutral_atmosphere import DRY_AIR_KG_MOL, GAS_CONSTANT_J_K_MOL, STANDARD_GRAVITY_M_S2
-from radioloc.media.text_numbers import ENCODING, table_of
-from radioloc.text_files import read_lines
+from radioloc.text_files import ANY_BYTE, read_lines, table_of
 from radioloc.time import Epochs
 
 _COLUMNS = 64
@@ -85,7 +84,7 @@ def read_gpt3(path: str | Path) -> Gpt3Grid:
     path = Path(path)
     lines = [
         (number, line)
-        for number, line in enumerate(read_lines(path, encoding=ENCODING), start=1)
+        for number, line in enumerate(read_lines(path, encoding=ANY_BYTE), start=1)
         if line.strip() and not line.lstrip().startswith("%")
     ]
     table = table_of(path, lines, _COLUMNS, "a grid of GPT3")

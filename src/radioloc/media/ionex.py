@@ -19,8 +19,7 @@ from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import FileFormatError, InputError
 from radioloc.media.grids import LatLonGrid, epochs_around
 from radioloc.media.ionosphere import modified_shell_mapping, pierce_point, require_shell
-from radioloc.media.text_numbers import ENCODING
-from radioloc.text_files import read_lines
+from radioloc.text_files import ANY_BYTE, read_lines
 from radioloc.time import Epochs, epochs_from_strings
 from radioloc.time.scales import to_scale
 
@@ -191,7 +190,7 @@ class _Reader:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.lines = list(read_lines(path, encoding=ENCODING))
+        self.lines = list(read_lines(path, encoding=ANY_BYTE))
         self.line = 0  # number of the one that was read last
         self.header: dict[str, tuple[int, str]] = {}
         self.exponent = -1

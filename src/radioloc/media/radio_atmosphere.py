@@ -44,9 +44,8 @@ from radioloc.media.neutral_atmosphere import (
     zenith_wet_delay_askne_nordius_m,
     zenith_wet_delay_m,
 )
-from radioloc.media.text_numbers import ENCODING
 from radioloc.media.vmf3_files import Vmf3Grids, Vmf3Site, Vmf3Values, read_vmf3_grids, read_vmf3_sites
-from radioloc.text_files import read_lines
+from radioloc.text_files import ANY_BYTE, read_lines
 from radioloc.time import Epochs
 
 _HEIGHT_M = (-500.0, 9000.0)
@@ -261,7 +260,7 @@ def read_radio_atmosphere(
 def _is_map(file: Path) -> bool:
     """Maps begin with lines of ``! Name: content``, of which one names the types of data."""
     return any(
-        line.lstrip(" !").startswith("Data_types") for line in islice(read_lines(file, encoding=ENCODING), 20)
+        line.lstrip(" !").startswith("Data_types") for line in islice(read_lines(file, encoding=ANY_BYTE), 20)
     )
 
 

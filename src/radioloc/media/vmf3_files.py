@@ -29,8 +29,7 @@ from numpy.typing import NDArray
 from radioloc.errors import FileFormatError, InputError
 from radioloc.media.grids import LatLonGrid, epochs_around, sort_into_grid
 from radioloc.media.neutral_atmosphere import column_gravity
-from radioloc.media.text_numbers import ENCODING, numbers_of, table_of
-from radioloc.text_files import read_lines
+from radioloc.text_files import ANY_BYTE, numbers_of, read_lines, table_of
 from radioloc.time import Epochs, epochs_from_strings
 from radioloc.time.scales import to_scale
 
@@ -120,7 +119,7 @@ def read_vmf3_sites(paths: Sequence[Path]) -> dict[str, Vmf3Site]:
     """Read files of sites, of one or more days or years in any order: series by the station's name in the files."""
     rows: dict[str, dict[float, list[float]]] = {}
     for path in paths:
-        for number, line in enumerate(read_lines(path, encoding=ENCODING), start=1):
+        for number, line in enumerate(read_lines(path, encoding=ANY_BYTE), start=1):
             station, *words = line.split() or ["#"]
             if station[0] in "#!%":
                 continue
@@ -173,7 +172,7 @@ def _read_map(path: Path) -> tuple[float, NDArray[np.float64]]:
     """Epoch, MJD UTC, and rows of latitude, longitude, both a and zenith delays of one map."""
     header: dict[str, tuple[int, str]] = {"Data_types": (1, ""), "Scale_factor": (1, "1")}
     rows = []
-    for number, line in enumerate(read_lines(path, encoding=ENCODING, ended=True), start=1):
+    for number, line in enumerate(read_lines(path, encoding=ANY_BYTE, ended=True), start=1):
         if line.lstrip().startswith("!"):
             key, _, text = line.lstrip(" !").partition(":")
             header[key.strip()] = number, text.strip()
@@ -210,7 +209,7 @@ def _read_map(path: Path) -> tuple[float, NDArray[np.float64]]:
 
 def _read_orography(path: str | Path, order: NDArray[np.int64]) -> NDArray[np.float64]:
     heights: list[float] = []
-    for number, line in enumerate(read_lines(path, encoding=ENCODING), start=1):
+    for number, line in enumerate(read_lines(path, encoding=ANY_BYTE), start=1):
         if not line.lstrip().startswith(("!", "%", "#")):
             heights.extend(numbers_of(path, number, line.split(), "a height"))
     if len(heights) != order.size:

@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 
 from radioloc.errors import InputError, named
-from radioloc.measurements.link import Link
+from radioloc.measurements.link import Link, canonical_target
 from radioloc.measurements.predictor import Predictor
-from radioloc.measurements.targets import canonical_target
 from radioloc.parameters.columns import PASS_GAP_H, Columns, Members, columns_of, everyone, members
 from radioloc.parameters.kind import Amount, ParameterKind, Scope
 from radioloc.parameters.parameter import Parameter, Role

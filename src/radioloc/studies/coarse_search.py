@@ -22,10 +22,10 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.robust import huber
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.evaluation import prepare_predictor
+from radioloc.measurements.link import canonical_target
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
-from radioloc.measurements.targets import canonical_target
 from radioloc.parameters.design import tracking_of
 from radioloc.studies.problem import observation_model
 from radioloc.studies.study import EstimateChoice, HeightPrior

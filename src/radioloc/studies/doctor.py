@@ -14,7 +14,7 @@ import numba
 
 import radioloc
 from radioloc.earth.eop import EopTable
-from radioloc.kernels.registry import added, registered
+from radioloc.kernels.files import added, registered
 from radioloc.report.cards import Card, Field, Shown
 from radioloc.studies.record import versions
 from radioloc.time.scales import last_leap_second

@@ -28,7 +28,7 @@ from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.solution import Solution, TargetPosition, compare_with
 from radioloc.estimation.time_correlation import fit_with_correlated_weights
 from radioloc.estimation.variance_components import fit_with_variance_components
-from radioloc.io.detect import read_observations
+from radioloc.io.formats import read_observations
 from radioloc.lunar import rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.ambiguity import without_ambiguity

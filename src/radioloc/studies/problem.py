@@ -21,9 +21,9 @@ from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.orbit_state import OrbitState
 from radioloc.lunar.position import LunarPosition
 from radioloc.lunar.visibility import earth_elevation_rad
+from radioloc.measurements.link import canonical_target
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor, blocks, reasons
-from radioloc.measurements.targets import canonical_target
 from radioloc.media.status import Status
 from radioloc.parameters.choice import ParameterChoice, chosen_parameters
 from radioloc.parameters.columns import Columns

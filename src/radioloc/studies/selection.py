@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError, named
+from radioloc.measurements.link import canonical_target
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
-from radioloc.measurements.targets import canonical_target
 from radioloc.studies.averaging import with_averaged_counts
 from radioloc.studies.independent_clocks import with_independent_clocks
 from radioloc.studies.study import EstimateChoice, ObservationChoice, Study

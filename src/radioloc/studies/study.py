@@ -26,8 +26,8 @@ from radioloc.lunar import TerrainModel
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
 from radioloc.measurements.evaluation import EVALUATIONS
+from radioloc.measurements.link import canonical_target
 from radioloc.measurements.predictor import Predictor
-from radioloc.measurements.targets import canonical_target
 from radioloc.measurements.terms import active_terms
 from radioloc.media.ionosphere import UniformTec
 from radioloc.parameters.choice import ParameterChoice, of_part, parameter_choices

@@ -10,7 +10,7 @@ from reader_cases import AGREEMENT, SEGMENTS
 from tdm_messages import kvn, xml
 
 from radioloc.errors import DataQualityWarning, InputError
-from radioloc.io.detect import read_observations
+from radioloc.io.formats import read_observations
 from radioloc.io.tdm import read_tdm
 
 MESSAGES = {"kvn": "\n".join(kvn(*SEGMENTS)) + "\n", "xml": xml(*SEGMENTS)}

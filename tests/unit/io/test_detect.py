@@ -6,7 +6,7 @@ import pytest
 
 from radioloc.earth import StationCatalogue
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
-from radioloc.io.detect import read_observations
+from radioloc.io.formats import read_observations
 
 
 def test_all_formats_together(crd_lines, mini_lines, table_lines, tmp_path):

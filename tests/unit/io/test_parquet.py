@@ -11,9 +11,8 @@ from pyarrow import parquet as pq
 
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.io import table as module
-from radioloc.io.detect import read_observations
+from radioloc.io.formats import read_observations, write_observations
 from radioloc.io.table import read_parquet, read_table, write_parquet, write_table
-from radioloc.io.write import write_observations
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
 from radioloc.time import Epochs

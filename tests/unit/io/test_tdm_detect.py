@@ -7,7 +7,7 @@ from tdm_messages import RANGES, TWO_WAY, kvn, xml
 
 from radioloc.earth import StationCatalogue
 from radioloc.errors import FileFormatError, InputError
-from radioloc.io.detect import read_observations
+from radioloc.io.formats import read_observations
 from radioloc.io.tdm import TdmAgreement, read_tdm, read_tdm_file
 
 AGREEMENT = TdmAgreement(sigma_m={"range": 2.0})

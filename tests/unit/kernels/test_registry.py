@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import radioloc.kernels.registry as registry
+import radioloc.kernels.files as registry
 from radioloc.errors import KernelError
 from radioloc.kernels import find_kernel, registered, sha256_of
 

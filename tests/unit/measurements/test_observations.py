@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from radioloc.errors import FileFormatError, InputError
-from radioloc.measurements.link import Link
+from radioloc.measurements.link import Link, canonical_target
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.registry import KINDS, is_differenced, is_integrated
-from radioloc.measurements.targets import canonical_target
 from radioloc.time import Epochs
 
 LINKS = (Link("APOLLO", "apollo15", "APOLLO"), Link("GRASSE", "apollo11", "GRASSE"))

@@ -6,7 +6,7 @@ import pytest
 import radioloc
 from radioloc import LunarPosition
 from radioloc.errors import InputError
-from radioloc.io.write import write_observations
+from radioloc.io.formats import write_observations
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS

@@ -29,9 +29,8 @@ from radioloc.io.checks import weather_near
 from radioloc.io.frequencies import LONGEST_S, MICROMETRES, agreement_on
 from radioloc.io.tdm.agreement import TdmAgreement
 from radioloc.io.tdm.message import CLOCKS, MEASURED, RECEIVED, SENT, SENT_RATE, WEATHER, TdmSegment
-from radioloc.measurements.link import Link
+from radioloc.measurements.link import Link, canonical_target
 from radioloc.measurements.ramps import Ramps
-from radioloc.measurements.targets import canonical_target
 from radioloc.time import Epochs, tai_to_utc, utc_to_tai
 
 _UTC = "utc"

@@ -1,4 +1,4 @@
-"""Observations from files of any format that is known: the content says which."""
+"""Observations from files of any format that is known, by the content, and to files, by the ending of the name."""
 
 from __future__ import annotations
 
@@ -20,10 +20,11 @@ from radioloc.io.frequencies import (
     read_strf,
 )
 from radioloc.io.mini import looks_like_mini, read_mini
-from radioloc.io.odf import looks_like_odf, read_odf
-from radioloc.io.ramp_table import looks_like_ramps, read_ramps_only
-from radioloc.io.table import looks_like_table, read_parquet, read_table
-from radioloc.io.tdm import TdmAgreement, looks_like_tdm, read_tdm
+from radioloc.io.odf import read_odf
+from radioloc.io.odf_records import looks_like_odf
+from radioloc.io.ramp_table import looks_like_ramps, read_ramps_only, write_ramps
+from radioloc.io.table import looks_like_table, read_parquet, read_table, write_parquet, write_table
+from radioloc.io.tdm import TdmAgreement, looks_like_tdm, read_tdm, write_tdm
 from radioloc.measurements.observations import Observations, counted_once, without_duplicates
 from radioloc.measurements.registry import is_integrated
 from radioloc.plugins import named_where_it_fails, registry
@@ -35,6 +36,14 @@ logger = logging.getLogger(__name__)
 _HEAD_BYTES = 65536
 # Modified Julian dates of six decimals are rounded to half of this.
 _REREAD_S = 0.1
+ENDINGS = {
+    ".csv": "table",
+    ".parquet": "Parquet",
+    ".tdm": "Tracking Data Message (KVN)",
+    ".kvn": "Tracking Data Message (KVN)",
+    ".xml": "Tracking Data Message (XML)",
+}
+"""Formats that are written, by the ending of the name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,3 +288,79 @@ def _reader_of(path: str | Path) -> Reader:
     raise FileFormatError(
         path, f"starts with {first[:40]!r}, which is none of the known formats: {known}{solution}"
     )
+
+
+def write_observations(
+    path: str | Path,
+    observations: Observations,
+    *,
+    originator: str | None = None,
+    comments: Iterable[str] = (),
+) -> list[Path]:
+    """Write observations as a table (``.csv``), Parquet (``.parquet``) or Tracking Data Message (``.tdm``, ...).
+
+    Parameters
+    ----------
+    path : path-like
+        The file; an existing one is replaced.
+    observations : Observations
+        What to write.
+    originator : str, optional
+        Agency that makes a Tracking Data Message, which must say so.
+    comments : iterable of str
+        Comments for the top of a table or a message; Parquet has none.
+
+    Returns
+    -------
+    list of Path
+        The file, and where it is a table or Parquet of observations with ramps the table of these, ``NAME.ramps.csv``
+        beside ``NAME.csv``. A study names both.
+
+    Raises
+    ------
+    InputError
+        The ending is not one of :data:`ENDINGS`, or a message has no originator or cannot hold the observations.
+    FileFormatError
+        The file cannot be written.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> ranges = radioloc.read_observations("examples/apollo15/apollo15_apollo_2006-2007.csv")
+    >>> radioloc.write_observations("ranges.parquet", ranges)
+    [PosixPath('ranges.parquet')]
+    >>> radioloc.read_observations("ranges.parquet")
+    <Observations 153 2006-04-07 to 2007-06-19>
+    """
+    ending = require_writable(path, originator)
+    if ending == ".csv":
+        write_table(path, observations, comments=comments)
+    elif ending == ".parquet":
+        write_parquet(path, observations)
+    else:
+        assert originator is not None  # require_writable has seen to that
+        write_tdm(path, observations, originator=originator, comments=comments)
+        return [Path(path)]
+    if not len(observations.ramps):
+        return [Path(path)]
+    write_ramps(ramps_beside(path), observations.ramps)
+    return [Path(path), ramps_beside(path)]
+
+
+def ramps_beside(path: str | Path) -> Path:
+    """Where the ramps of a file of observations are written."""
+    return Path(path).with_suffix(".ramps.csv")
+
+
+def require_writable(path: str | Path, originator: str | None = None) -> str:
+    """The ending of a file's name, in small letters, if a file of it can be written, or :class:`InputError`."""
+    ending = Path(path).suffix.lower()
+    if ending not in ENDINGS:
+        known = ", ".join(f"{known} ({name})" for known, name in ENDINGS.items())
+        raise InputError(f"{path}: the ending says no format that is written; use {known}")
+    if originator is None and ending not in (".csv", ".parquet"):
+        raise InputError(
+            f"{path}: a Tracking Data Message names the agency that makes it; "
+            "give originator (--originator NAME)"
+        )
+    return ending

@@ -34,7 +34,7 @@ from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S
 from radioloc.earth.stations import StationCatalogue, station_name
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
-from radioloc.io.odf.records import OdfFile, odf_error, read_odf_file
+from radioloc.io.odf_records import OdfFile, odf_error, read_odf_file
 from radioloc.measurements.bands import DOWNLINK, DOWNLINK_LIMITS_HZ, UPLINK, turnaround_ratio
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
@@ -86,7 +86,7 @@ def read_odf(
     """Read the Doppler, ranges and ramps of an orbit data file, plain or gzip.
 
     Errors, warnings and arguments as :func:`odf_observations` and
-    :func:`~radioloc.io.odf.records.read_odf_file`.
+    :func:`~radioloc.io.odf_records.read_odf_file`.
 
     Examples
     --------

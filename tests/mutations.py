@@ -36,9 +36,9 @@ TESTS = {
         "range": "observations", "station_motion": "", "terms": "", "vlbi": "observations differenced",
     },
     "estimation": {
-        "budget": "", "build": "solution time_correlation", "consider": "", "editing": "",
-        "factorization": "least_squares linear_problem", "gauss_markov": "", "labels": "statistics solution",
-        "least_squares": "", "linearization": "least_squares", "observability": "",
+        "build": "solution time_correlation", "consider": "consider budget", "editing": "editing phase_editing",
+        "gauss_markov": "", "labels": "statistics solution", "least_squares": "",
+        "linearization": "least_squares linear_problem", "observability": "",
         "observation_noise": "observation_noise linear_problem", "process_noise": "",
         "robust": "editing linear_problem", "series": "gauss_markov correlated_weights",
         "solution": "", "statistics": "statistics solution", "time_correlation": "time_correlation correlated_weights",

@@ -12,8 +12,7 @@ import pytest
 
 import radioloc
 from radioloc.constants import C_M_S
-from radioloc.estimation.budget import prior_effects
-from radioloc.estimation.consider import moved_by
+from radioloc.estimation.consider import moved_by, prior_effects
 from radioloc.simulation import TruthSigma
 from radioloc.studies.prepared_trials import Prepared
 

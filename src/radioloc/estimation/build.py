@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
-from radioloc.estimation.budget import prior_effects
-from radioloc.estimation.consider import ConsideredErrors, Effects, consider
+from radioloc.estimation.consider import ConsideredErrors, Effects, consider, prior_effects
 from radioloc.estimation.consistency import assess_consistency
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.gauss_markov import TimeCorrelation

@@ -27,7 +27,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation.factorization import gram
+from radioloc.estimation.linearization import gram
 from radioloc.estimation.statistics import SCALING_PROBABILITY
 
 _Floats = NDArray[np.float64]

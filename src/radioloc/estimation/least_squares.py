@@ -2,7 +2,7 @@
 
 Minimizes, over the parameters x, ``|(o - c(x)) / sigma|^2 + |(x - x_prior) / sigma_prior|^2``; independent
 combinations take the place of observations that share errors. Each step solves the problem linearized where the last
-one led (:mod:`~radioloc.estimation.factorization`). A step that does not lower the sum of squares is damped (Levenberg
+one led (:mod:`~radioloc.estimation.linearization`). A step that does not lower the sum of squares is damped (Levenberg
 1944, Marquardt 1963) in the same singular basis, at no cost in further factorizations.
 """
 
@@ -18,23 +18,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
-from radioloc.estimation.factorization import (
-    Factor,
-    OrthonormalLinearization,
-    covariance_of,
-    factorize,
-    refreshed,
-)
 from radioloc.estimation.gauss_markov import TimeCorrelation
 from radioloc.estimation.information_filter import InformationFilter, Smoothed
 from radioloc.estimation.linearization import (
+    Factor,
     Linearization,
+    OrthonormalLinearization,
     ResidualFunction,
     Rows,
     check_partials,
     check_residuals,
+    covariance_of,
     evaluate,
     evaluate_step,
+    factorize,
+    refreshed,
 )
 from radioloc.estimation.observation_noise import Combinations, ObservationNoise, Whitening
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile

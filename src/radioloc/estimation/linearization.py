@@ -1,19 +1,24 @@
-"""The linearized model of the observations at one set of values: residuals of all, partials of those asked for.
+"""The linearized model of the observations, and its solution by orthogonal factorization.
 
 Partials of millions of observations by a dozen parameters are gigabytes. They are therefore never all there: a fit
-asks for those of some ten thousand rows, reduces them to a triangle and asks for the next.
+asks for those of some ten thousand rows, reduces them to a triangle and asks for the next. The whitened partials, the
+a-priori rows and the right side are reduced by Householder reflections (Bierman 1977, chapters IV and V; Lawson and
+Hanson 1974) and the triangle is solved by its singular values, so the condition number is never squared by normal
+equations. Rows are reduced some hundred at a time, and the triangles of these again (Demmel et al. 2012): they stay in
+the processor's cache.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError, RadiolocError
+from radioloc.estimation.observation_noise import Combinations, Whitening
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.parameters.parameter import ParameterSet
 
@@ -94,3 +99,242 @@ def check_residuals(linearization: Linearization, used: NDArray[np.bool_]) -> No
         raise InputError(
             f"{len(bad)} of {int(used.sum())} residuals are not finite at the start, the first at {bad[0]}"
         )
+
+
+_LEAF_ELEMENTS = 8192
+"""Numbers in the matrices that rows are reduced in: they fit a processor's own cache, and are too few for linear
+algebra libraries to share them out, so the result does not depend on the number of threads."""
+
+_NOTHING = 1e-13
+"""Information along an orthonormal coordinate that is rounding."""
+
+_RANK_TOLERANCE = 1e-10
+"""Least singular value of a determined combination of parameters, in parts of the largest, with all columns scaled to
+length one. Partials carry rounding of about 1e-13 and light-time cut-offs of 1e-11; what they tell beneath 1e-10 is not
+information."""
+
+_MAX_SIGMA = 1e6
+"""Largest standard deviation of a determined combination, in parameter scales (metres): beyond about the Moon's radius
+the linear model that the figure rests on means nothing."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Factor:
+    """The whitened linear problem reduced to its singular values.
+
+    The free parameters are multiplied by ``column_norms`` so that every column has length one.
+    """
+
+    # (q,), length of each whitened column with its a-priori row; 1/scale for a column of zeros
+    column_norms: NDArray[np.float64]
+    singular_values: NDArray[np.float64]  # (q,), of the matrix with columns of length one, descending
+    vectors: NDArray[np.float64]  # (q, q), right singular vectors in columns
+    right_side: NDArray[np.float64]  # (q,), whitened residuals in the singular basis
+    determined: NDArray[np.bool_]  # (q,), which singular directions the data and the a-priori rows determine
+
+    @property
+    def step_sigmas(self) -> float:
+        """Length of the undamped step in formal standard deviations."""
+        return float(np.linalg.norm(self.right_side[self.determined]))
+
+    @property
+    def least_damping(self) -> float:
+        """The first damping that is tried: the least singular value of a determined direction."""
+        return float(self.singular_values[self.determined].min(initial=1.0))
+
+    def step(self, damping: float) -> NDArray[np.float64]:
+        """Change of the free parameters, none of it along undetermined directions, shape (q,)."""
+        s = self.singular_values[self.determined]
+        along = s * self.right_side[self.determined] / (s**2 + damping**2)
+        return (self.vectors[:, self.determined] @ along) / self.column_norms
+
+    def root_covariance(self) -> NDArray[np.float64]:
+        """Square root of the covariance: times its transpose it is the determined part's, shape (q, r)."""
+        root: NDArray[np.float64] = self.vectors[:, self.determined] / self.singular_values[self.determined]
+        return root / self.column_norms[:, None]
+
+    def undetermined_directions(self) -> NDArray[np.float64]:
+        """Undetermined directions in parameter units, one per row, shape (q - r, q)."""
+        directions: NDArray[np.float64] = self.vectors[:, ~self.determined].T / self.column_norms
+        return directions
+
+
+def factorize(
+    linearization: Linearization, whitening: Whitening, parameters: ParameterSet, x: NDArray[np.float64]
+) -> Factor | None:
+    """Reduce one linearized problem, a-priori rows included, to its singular values; none where it is not finite."""
+    free = np.flatnonzero(parameters.free)
+    q = len(free)
+    with_prior = np.flatnonzero(np.isfinite(parameters.prior_sigmas[free]))
+    prior_sigmas = parameters.prior_sigmas[free][with_prior]
+    triangle = np.zeros((len(with_prior), q + 1))
+    triangle[np.arange(len(with_prior)), with_prior] = 1.0 / prior_sigmas
+    triangle[:, q] = (parameters.prior_values - x)[free][with_prior] / prior_sigmas
+
+    # The triangle carries over from part to part, so no copy of all whitened rows is made
+    for whitened in _whitened_rows(linearization, whitening, free) if q else ():
+        triangle = reduced(triangle, whitened)
+    if not np.isfinite(triangle).all():
+        return None
+
+    # Fewer rows than columns leave a trapezoid; rows of zeros complete it and show up as zero singular
+    # values
+    matrix = np.zeros((q, q))
+    right_side = np.zeros(q)
+    height = min(q, len(triangle))
+    matrix[:height], right_side[:height] = triangle[:height, :q], triangle[:height, q]
+
+    scales = parameters.scales[free]
+    norms = np.linalg.norm(matrix, axis=0)
+    norms = np.where(norms > 0.0, norms, 1.0 / scales)
+    left, s, right = np.linalg.svd(matrix / norms)
+    sizes = np.linalg.norm(right / norms / scales, axis=1)
+    determined = (s > _RANK_TOLERANCE * s.max(initial=0.0)) & (s * _MAX_SIGMA > sizes)
+    return Factor(norms, s, right.T, left.T @ right_side, determined)
+
+
+def _whitened_rows(
+    linearization: Linearization, whitening: Whitening, free: NDArray[np.intp]
+) -> Iterator[NDArray[np.float64]]:
+    """Whitened partials by the free parameters with the residuals as last column, part by part."""
+    if isinstance(linearization, OrthonormalLinearization):
+        return iter((linearization.condensed(whitening),))
+    q = len(free)
+
+    def rows_of(rows: Rows) -> NDArray[np.float64]:
+        partials = linearization.partials(rows)
+        out = np.empty((len(rows), q + 1))
+        out[:, :q] = partials if partials.shape[1] == q else partials[:, free]
+        out[:, q] = linearization.residual_m[rows]
+        return out
+
+    return whitening.whitened(rows_of)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearProblem:
+    """A linear problem that is fitted to one set of residuals after another, as Monte Carlo studies do.
+
+    The partials are turned once to coordinates in which the problem, weighed as stated, is orthonormal: there normal
+    equations lose no digits, and a fit takes no orthogonal factorization of all rows.
+    """
+
+    partials: NDArray[np.float64]  # (n, p)
+    x: NDArray[np.float64]  # (p,), values that residuals belong to
+    basis: NDArray[np.float64]  # (n, q), partials by the orthonormal coordinates
+    from_free: NDArray[np.float64]  # (q, q), from changes of the free parameters to coordinates and back
+    to_free: NDArray[np.float64]
+    start_rows: NDArray[np.intp]  # (m,), usable observations that make the robust start
+
+    def of(
+        self, residual_m: NDArray[np.float64]
+    ) -> Callable[[NDArray[np.float64]], OrthonormalLinearization]:
+        """Residual function of residuals (n,) at the values `x`, m."""
+
+        def linearized(x: NDArray[np.float64]) -> OrthonormalLinearization:
+            # Summed by numpy itself: the result does not depend on the number of threads
+            left_m = residual_m - np.einsum("np,p->n", self.partials, x - self.x)
+            return OrthonormalLinearization(self, left_m)
+
+        return linearized
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OrthonormalLinearization:
+    """Linearization of a :class:`LinearProblem`."""
+
+    problem: LinearProblem
+    residual_m: NDArray[np.float64]
+
+    def partials(self, rows: Rows) -> NDArray[np.float64]:
+        """d(computed)/d(parameter) of some observations, shape (m, p)."""
+        return self.problem.partials[rows]
+
+    def condensed(self, whitening: Whitening) -> NDArray[np.float64]:
+        """Rows (q, q + 1) with the normal equations of the independent combinations of all observations."""
+        basis = self.problem.basis
+        weight = whitening.weights() if isinstance(whitening, Combinations) else None
+        if weight is not None:
+            weighted = basis * weight[:, None]
+            normal = gram(weighted, basis)
+            side = gram(weighted, np.where(weight > 0.0, self.residual_m, 0.0)[:, None])[:, 0]
+        else:
+            both = np.column_stack([basis, self.residual_m])
+            sums = np.zeros((both.shape[1],) * 2)
+            for part in whitening.whitened(lambda rows: both[rows]):
+                sums += gram(part, part)
+            normal, side = sums[:-1, :-1], sums[:-1, -1]
+        values, axes = np.linalg.eigh(normal)
+        root = np.sqrt(np.maximum(values, 0.0))
+        along = np.divide(axes.T @ side, root, out=np.zeros(len(root)), where=values > _NOTHING)
+        return np.column_stack([root[:, None] * axes.T @ self.problem.from_free, along])
+
+
+def gram(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """a^T b of tall matrices, in slabs too small for linear algebra libraries to share them out among threads."""
+    columns, others = a.shape[1], b.shape[1]
+    width = max(columns, others, 1)
+    slab = max(32, min(_LEAF_ELEMENTS // width, 20 * _LEAF_ELEMENTS // width**2))
+    if len(a) <= slab:
+        return np.asarray(a.T @ b)
+    count = len(a) // slab
+    whole = count * slab
+    left = np.swapaxes(a[:whole].reshape(count, slab, columns), 1, 2)
+    slabs = left @ b[:whole].reshape(count, slab, others)
+    return np.asarray(slabs.sum(axis=0) + a[whole:].T @ b[whole:])
+
+
+def refreshed(
+    factor: Factor,
+    linearization: Linearization,
+    whitening: Whitening,
+    parameters: ParameterSet,
+    x: NDArray[np.float64],
+) -> Factor:
+    """Factor of a neighbouring point: its right side from the gradient here, its triangle as it was there.
+
+    Corrected seminormal equations (Bjorck 1987): with the triangle R of an orthogonal factorization, R^-T A^T r is the
+    right side but for rounding of the condition number, not of its square, times that of the residuals. It tells
+    whether another step is worth taking, at a third of the cost of another factorization.
+    """
+    free = np.flatnonzero(parameters.free)
+    gradient = (parameters.prior_values - x)[free] / parameters.prior_sigmas[free] ** 2
+    for rows in _whitened_rows(linearization, whitening, free):
+        # Summed by numpy itself: the result does not depend on the number of threads
+        gradient += np.einsum("nq,n->q", rows[:, :-1], rows[:, -1])
+    along = factor.vectors.T @ (gradient / factor.column_norms)
+    s = factor.singular_values
+    right_side = np.divide(along, s, out=np.zeros_like(along), where=factor.determined)
+    return replace(factor, right_side=right_side)
+
+
+def reduced(triangle: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Triangle of a triangle (k, c) with more rows (m, c) beneath it, shape (min(k + m, c), c)."""
+    columns = rows.shape[1]
+    leaf = max(2 * columns, _LEAF_ELEMENTS // columns)
+    while len(rows) > 2 * leaf:
+        count = len(rows) // leaf
+        tops = np.asarray(np.linalg.qr(rows[: count * leaf].reshape(count, leaf, columns), mode="r"))
+        rows = np.concatenate([tops.reshape(-1, columns), rows[count * leaf :]])
+    return np.asarray(np.linalg.qr(np.concatenate([triangle, rows]), mode="r"))
+
+
+def covariance_of(
+    factor: Factor, parameters: ParameterSet, unit: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
+    """Covariance over all parameters, shape (p, p)."""
+    root = factor.root_covariance()
+    covariance_free = root @ root.T if unit is None else root @ unit @ root.T
+    # A parameter takes part in an undetermined direction if its share, in units of its scale, is more than
+    # rounding
+    directions = factor.undetermined_directions() / parameters.scales[parameters.free]
+    if len(directions):
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        lost = (np.abs(directions) > 1e-6).any(axis=0)
+        covariance_free[lost, :] = 0.0
+        covariance_free[:, lost] = 0.0
+        covariance_free[lost, lost] = np.inf
+    p = len(parameters)
+    covariance = np.zeros((p, p))
+    covariance[np.ix_(parameters.free, parameters.free)] = covariance_free
+    return covariance

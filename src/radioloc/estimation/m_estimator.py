@@ -24,9 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation.editing import EditedFit
-from radioloc.estimation.factorization import covariance_of, gram
 from radioloc.estimation.least_squares import FitResult, fit_least_squares
-from radioloc.estimation.linearization import ResidualFunction, Rows
+from radioloc.estimation.linearization import ResidualFunction, Rows, covariance_of, gram
 from radioloc.estimation.observation_noise import Whitening
 from radioloc.estimation.robust import huber_weight
 from radioloc.estimation.series import SeriesOrder

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation.factorization import covariance_of
 from radioloc.estimation.least_squares import FitResult
+from radioloc.estimation.linearization import covariance_of
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.parameters.parameter import ParameterSet
 

@@ -1,24 +1,33 @@
-"""A start that gross errors cannot carry away, and a scale that they cannot inflate."""
+"""A start that gross errors cannot carry away: Huber's loss, and a majority that agrees whatever the others say."""
 
 from __future__ import annotations
+
+import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation.factorization import LinearProblem, OrthonormalLinearization, factorize, gram
 from radioloc.estimation.labels import Labels
-from radioloc.estimation.least_trimmed import OF_EACH, least_trimmed
 from radioloc.estimation.linearization import (
     DenseLinearization,
     Linearization,
+    LinearProblem,
+    OrthonormalLinearization,
     ResidualFunction,
+    Rows,
     check_residuals,
     evaluate_step,
+    factorize,
+    gram,
 )
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.statistics import robust_scale
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.parameters.parameter import ParameterSet
+
+_Floats = NDArray[np.float64]
+_Choice = Callable[[_Floats], NDArray[np.bool_]]
 
 _MAX_LINEARIZATIONS = 15
 _MAX_REWEIGHTINGS = 100
@@ -37,17 +46,28 @@ somewhat better, of weakly determined positions several times better."""
 _MOST_TRIMMED = 3
 """Times that least trimmed squares are linearized anew: where geometry is weak, gross errors carry far away."""
 _SETTLED = 0.1  # the fitted values have settled when none moves by more than this many (robust) sigmas
+_KEPT = 0.6
+"""Part of the observations that least trimmed squares keep: up to 40 % may be wrong."""
+_SUBSETS, _ENDS = 500, 5
+"""Draws of least trimmed squares, and of each way how many are followed to their end."""
+_FEW, OF_EACH = 3, 20
+"""Observations of each group that are kept beside the best of all, and those that are looked at in any case."""
+_AGREES = 5.0
+"""Spreads within which an observation agrees with an estimate."""
+_TRIMMED_ROWS = 1000
+"""Of more observations so many are looked at."""
+_RIDGE = 1e-9
 
 
 def robust_start(
     residual_function: ResidualFunction,
     parameters: ParameterSet,
-    sigma_m: NDArray[np.float64],
+    sigma_m: _Floats,
     usable: NDArray[np.bool_],
     whole: Linearization,
     groups: Labels | None = None,
-    start: NDArray[np.float64] | None = None,
-) -> tuple[NDArray[np.float64], Linearization]:
+    start: _Floats | None = None,
+) -> tuple[_Floats, Linearization]:
     """Estimate that gross errors in a minority of the observations move by little, from `start` on.
 
     Minimizes Huber's loss (1964) with its corner at one stated sigma, so that far from the solution it is
@@ -118,18 +138,16 @@ def robust_start(
     return x, whole
 
 
-def _spreads(
-    normalized: NDArray[np.float64], group: NDArray[np.intp], n_parameters: int
-) -> tuple[float, float]:
+def _spreads(normalized: _Floats, group: Rows, n_parameters: int) -> tuple[float, float]:
     """Spread of all residuals, and that of the group which has the largest of those with some observations."""
     groups = (normalized[group == k] for k in np.flatnonzero(np.bincount(group) >= OF_EACH))
     return robust_scale(normalized, n_parameters), max((robust_scale(one, 1) for one in groups), default=0.0)
 
 
 def linear_problem(
-    partials: NDArray[np.float64],
+    partials: _Floats,
     parameters: ParameterSet,
-    x: NDArray[np.float64],
+    x: _Floats,
     noise: ObservationNoise,
     usable: NDArray[np.bool_],
 ) -> LinearProblem | None:
@@ -147,11 +165,11 @@ def linear_problem(
 
 def sample(
     whole: Linearization,
-    sigma_m: NDArray[np.float64],
+    sigma_m: _Floats,
     usable: NDArray[np.bool_],
     parameters: ParameterSet,
     most: int = _MOST_ROWS,
-) -> NDArray[np.intp]:
+) -> Rows:
     """Rows that stand for all usable ones, in order, about as many as `most` or fewer.
 
     Each free parameter has the same number of draws. Half the chance of an observation is the same for all that the
@@ -165,7 +183,7 @@ def sample(
         return candidates
     parts = [candidates[k : k + ROWS_AT_ONCE] for k in range(0, len(candidates), ROWS_AT_ONCE)]
 
-    def squares(rows: NDArray[np.intp]) -> NDArray[np.float64]:
+    def squares(rows: Rows) -> _Floats:
         return np.asarray(np.square(whole.partials(rows)[:, free] / sigma_m[rows, None]))
 
     counts, sums = np.zeros(len(free)), np.zeros(len(free))
@@ -190,13 +208,13 @@ def sample(
 
 
 def _huber_step(
-    residual_m: NDArray[np.float64],
-    partials: NDArray[np.float64],
-    sigma_m: NDArray[np.float64],
+    residual_m: _Floats,
+    partials: _Floats,
+    sigma_m: _Floats,
     parameters: ParameterSet,
-    x: NDArray[np.float64],
-    root: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    x: _Floats,
+    root: _Floats,
+) -> _Floats:
     """Change of the free parameters that minimizes Huber's loss of the linearized residuals, shape (q,).
 
     Weights are changed in coordinates in which the problem is orthonormal without them, where normal equations serve;
@@ -205,7 +223,7 @@ def _huber_step(
     basis = partials[:, parameters.free] @ root / sigma_m[:, None]
     prior_normal, prior_side = _prior_terms(parameters, x, root)
     normalized = residual_m / sigma_m
-    y: NDArray[np.float64] = np.zeros(basis.shape[1])
+    y: _Floats = np.zeros(basis.shape[1])
     remaining = normalized
     for _ in range(_MAX_REWEIGHTINGS):
         weighted = basis * huber_weight(remaining)[:, None]
@@ -219,27 +237,104 @@ def _huber_step(
     return np.asarray(root @ y)
 
 
-def _prior_terms(
-    parameters: ParameterSet, x: NDArray[np.float64], root: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _prior_terms(parameters: ParameterSet, x: _Floats, root: _Floats) -> tuple[_Floats, _Floats]:
     """Normal matrix and right-hand side of the a-priori values, in the coordinates of `root`."""
     sigmas = parameters.prior_sigmas[parameters.free]
     rows = root / sigmas[:, None]
     return rows.T @ rows, rows.T @ ((parameters.prior_values - x)[parameters.free] / sigmas)
 
 
-def _huber_loss(normalized: NDArray[np.float64], parameters: ParameterSet, x: NDArray[np.float64]) -> float:
+def _huber_loss(normalized: _Floats, parameters: ParameterSet, x: _Floats) -> float:
     prior = ((x - parameters.prior_values) / parameters.prior_sigmas)[parameters.free]
     loss = float(huber(normalized).sum() + 0.5 * prior @ prior)
     return loss if np.isfinite(loss) else np.inf
 
 
-def huber(normalized: NDArray[np.float64], corner: float = 1.0) -> NDArray[np.float64]:
+def huber(normalized: _Floats, corner: float = 1.0) -> _Floats:
     """Huber's loss (1964) of each residual, quadratic up to a corner, in sigmas."""
     size = np.abs(normalized)
     return np.where(size < corner, 0.5 * size**2, corner * (size - 0.5 * corner))
 
 
-def huber_weight(normalized: NDArray[np.float64], corner: float = 1.0) -> NDArray[np.float64]:
+def huber_weight(normalized: _Floats, corner: float = 1.0) -> _Floats:
     """Weight at which the square of a residual pulls as its loss does: one of m corners like one of sqrt(m) sigmas."""
     return corner / np.maximum(corner, np.abs(normalized))
+
+
+def least_trimmed(
+    basis: _Floats, normalized: _Floats, prior_normal: _Floats, prior_side: _Floats, group: Rows
+) -> _Floats | None:
+    """Least trimmed squares of normalized residuals (n,) with partials (n, q), (q,); none where these are few.
+
+    From subsets that are just large enough, drawn at random, concentration steps lead down: the next estimate is from
+    the observations that fit the last one best (Rousseeuw and Van Driessen 2006). These are the best of all, of which
+    one group may have none; the best of each group, of which one may be all wrong; or the best of all and a few of each
+    group. Of what these lead to that is taken which the most observations agree with.
+    """
+    random = np.random.Generator(np.random.PCG64(_SEED))
+    rows = _some_of_each(group, random)
+    n, q = len(rows), basis.shape[1]
+    if n < 3 * q or not q:
+        return None
+    basis, normalized = basis[rows], normalized[rows]
+    _, group, in_group = np.unique(group[rows], return_inverse=True, return_counts=True)
+    groups = [slice(end - count, end) for end, count in zip(np.cumsum(in_group), in_group, strict=True)]
+    products = (basis[:, :, None] * basis[:, None, :]).reshape(n, q * q)
+
+    def left(y: _Floats) -> _Floats:
+        return np.asarray(np.abs(normalized - y @ basis.T))
+
+    def of_all(size: _Floats) -> NDArray[np.bool_]:
+        return _smallest(size, int(_KEPT * n))
+
+    def of_each(size: _Floats) -> NDArray[np.bool_]:
+        parts = [_smallest(size[:, mine], math.ceil(_KEPT * (mine.stop - mine.start))) for mine in groups]
+        return np.concatenate(parts, axis=1)
+
+    def of_all_and_each(size: _Floats) -> NDArray[np.bool_]:
+        return of_all(size) | np.concatenate([_smallest(size[:, mine], _FEW) for mine in groups], axis=1)
+
+    def fitted(chosen: NDArray[np.bool_]) -> _Floats:
+        # As few observations as parameters need not determine all of them
+        weights = chosen.astype(np.float64)
+        normal = (weights @ products).reshape(-1, q, q) + prior_normal + _RIDGE * np.eye(q)
+        side = weights @ (basis * normalized[:, None]) + prior_side
+        return np.linalg.solve(normal, side[..., None])[..., 0].astype(np.float64)
+
+    def concentrated(y: _Floats, choose: _Choice, steps: int) -> tuple[_Floats, _Floats]:
+        """Sums of squares of what is chosen (k,), and where the steps lead (k, q), from several estimates (k, q)."""
+        for _ in range(steps):
+            y = fitted(choose(left(y)))
+        size = left(y)
+        return np.asarray(np.square(size).sum(axis=1, where=choose(size))), y
+
+    # Half of the draws are of any observations, half of any groups
+    chance = 0.5 / n + 0.5 / (len(in_group) * in_group[group])
+    subsets = _smallest(random.exponential(size=(_SUBSETS, n)) / chance, q)
+    ends = []
+    ways: tuple[_Choice, ...] = (of_all,) if len(in_group) == 1 else (of_all, of_each, of_all_and_each)
+    for k, choose in enumerate(ways):
+        sums, tried = concentrated(fitted(subsets[k :: len(ways)]), choose, 2)
+        sums, tried = concentrated(tried[np.argsort(sums, kind="stable")[:_ENDS]], choose, 20)
+        ends.append(tried[np.argmin(sums)])
+    spread = max(1.0, min(robust_scale(left(y), q) for y in ends))
+    best = max(ends, key=lambda y: (int((left(y) < _AGREES * spread).sum()), -robust_scale(left(y), q)))
+    return np.asarray(best)
+
+
+def _smallest(size: _Floats, count: int) -> NDArray[np.bool_]:
+    """Which are the `count` smallest along the last axis."""
+    chosen = np.zeros(size.shape, dtype=bool)
+    places = np.argpartition(size, count, axis=-1) if count < size.shape[-1] else np.argsort(size, axis=-1)
+    np.put_along_axis(chosen, places[..., :count], True, axis=-1)
+    return chosen
+
+
+def _some_of_each(group: Rows, random: np.random.Generator) -> Rows:
+    """About as many rows as one problem takes at a time, some of each group among them, in order of groups."""
+    order = random.permutation(len(group))
+    order = order[np.argsort(group[order], kind="stable")]
+    count = np.bincount(group)
+    rank = np.arange(len(group)) - np.repeat(np.cumsum(count) - count, count)
+    share = np.maximum(OF_EACH, count * _TRIMMED_ROWS // len(group))
+    return order[rank < np.repeat(share, count)]

@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
-from radioloc.estimation.budget import BudgetItem, error_budget, sources
-from radioloc.estimation.consider import Consider
+from radioloc.estimation.consider import BudgetItem, Consider, error_budget, sources
 from radioloc.estimation.consistency import Consistency
 from radioloc.estimation.gauss_markov import SeriesWeight, TimeCorrelation
 from radioloc.estimation.least_squares import FitStatus

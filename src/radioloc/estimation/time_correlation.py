@@ -31,7 +31,6 @@ from numpy.typing import NDArray
 
 from radioloc.estimation.consider import CommonErrors, Effects
 from radioloc.estimation.editing import EditedFit
-from radioloc.estimation.factorization import covariance_of, gram
 from radioloc.estimation.gauss_markov import (
     DENSE,
     Points,
@@ -42,7 +41,7 @@ from radioloc.estimation.gauss_markov import (
     noise_of_series,
 )
 from radioloc.estimation.least_squares import FitResult, fit_least_squares
-from radioloc.estimation.linearization import ResidualFunction, Rows
+from radioloc.estimation.linearization import ResidualFunction, Rows, covariance_of, gram
 from radioloc.estimation.observation_noise import RowsOf, Whitening
 from radioloc.estimation.series import Bundle, SeriesOrder, points_of, series_of
 

@@ -9,26 +9,26 @@ one).
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.boundary import bare_arguments
-from radioloc.errors import InputError
 from radioloc.estimation.editing import THRESHOLD, EditedFit, fit_with_editing
 from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.least_squares import FitResult, FitStatus
 from radioloc.estimation.linearization import ResidualFunction
-from radioloc.estimation.noise_groups import split
+from radioloc.estimation.noise_structure import noise_with_shared, split
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.series import SeriesOrder
-from radioloc.estimation.shared_noise import noise_with_shared
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile, robust_scale
 from radioloc.parameters.parameter import ParameterSet
 
 _MAX_PASSES = 15
-_MAX_STEPS = 200
 _MOST_SPLIT = 10
 """Stations and links that may have a component of their own."""
 _SETTLED = 1e-3
@@ -52,8 +52,8 @@ def fit_with_variance_components(
     Parameters and errors as :func:`~radioloc.estimation.editing.fit_with_editing`, and `order`, types, paths and times
     of the observations: each type (ranges, delays) has its own component, and so has a station or a link whose
     residuals are significantly larger or smaller than those of the rest of its type
-    (:mod:`~radioloc.estimation.noise_groups`); all have the same without it. With `groups`, each of these has its own,
-    and there are no others.
+    (:mod:`~radioloc.estimation.noise_structure`); all have the same without it. With `groups`, each of these has its
+    own, and there are no others.
 
     Notes
     -----
@@ -200,34 +200,20 @@ def _wanted_m(
         mine = fit.used & (group == k)
         dof = round(mine.sum() * (1.0 - free_part))
         if stated.phase is not None and stated.phase.sigma_m[mine].any():
-            wanted_m[k] = _beside_phase_noise_m(fit.residual_m, stated, mine, dof, probability)
-            continue
-        residual_m, sigma_m = stated.among(mine).combined(fit.residual_m)
-        wanted_m[k] = additive_sigma_m(residual_m, sigma_m, dof, probability)
+            # The combinations of counts depend on what is added
+            squares = partial(_squares_of, fit, stated, mine)
+            residual_m = fit.residual_m[mine]
+            wanted_m[k] = _enough_m(squares, residual_m, dof, probability, precision=0.1 * _SETTLED)
+        else:
+            residual_m, sigma_m = stated.among(mine).combined(fit.residual_m)
+            wanted_m[k] = additive_sigma_m(residual_m, sigma_m, dof, probability)
     return wanted_m
 
 
-def _beside_phase_noise_m(
-    residual_m: NDArray[np.float64],
-    stated: ObservationNoise,
-    mine: NDArray[np.bool_],
-    dof: int,
-    probability: float | None,
-) -> float:
-    """As :func:`additive_sigma_m`, where the combinations of counts depend on what is added."""
-    from scipy.optimize import brentq
-
-    def excess(added_m: float) -> float:
-        whitened = stated.with_added(np.where(mine, added_m, 0.0)).among(mine).whitened
-        return (
-            sum(float(np.square(part).sum()) for part in whitened(lambda rows: residual_m[rows, None])) - dof
-        )
-
-    if dof < 1 or excess(0.0) <= (0.0 if probability is None else chi2_quantile(probability, dof) - dof):
-        return 0.0
-    # Errors of this size alone would be twice as many squares
-    most_m = float(np.sqrt(2.0 * np.square(residual_m[mine]).sum() / dof))
-    return float(brentq(excess, 0.0, most_m, xtol=0.1 * _SETTLED * most_m, rtol=0.1 * _SETTLED))
+def _squares_of(fit: FitResult, stated: ObservationNoise, mine: NDArray[np.bool_], added_m: float) -> float:
+    """Sum of squares of some observations with an added error."""
+    whitened = stated.with_added(np.where(mine, added_m, 0.0)).among(mine).whitened
+    return sum(float(np.square(part).sum()) for part in whitened(lambda rows: fit.residual_m[rows, None]))
 
 
 def part_of_parameters(fit: FitResult) -> float:
@@ -253,23 +239,26 @@ def additive_sigma_m(
     probability: float | None = SCALING_PROBABILITY,
 ) -> float:
     """Noise to add in quadrature so that the residuals have a reduced chi-square of one, m."""
-    if residual_m.shape != sigma_m.shape:
-        raise InputError(f"{residual_m.shape} residuals do not fit {sigma_m.shape} sigmas")
-    if dof < 1:
+    squares_m2, variances_m2 = residual_m**2, sigma_m**2
+
+    def squares(added_m: float) -> float:
+        return float((squares_m2 / (variances_m2 + added_m**2)).sum())
+
+    return _enough_m(squares, residual_m, dof, probability)
+
+
+def _enough_m(
+    squares: Callable[[float], float],
+    residual_m: NDArray[np.float64],
+    dof: int,
+    probability: float | None,
+    precision: float = 1e-12,
+) -> float:
+    """Added error at which the sum of squares is the degrees of freedom, m; zero where chance explains it."""
+    from scipy.optimize import brentq
+
+    if dof < 1 or squares(0.0) <= (dof if probability is None else chi2_quantile(probability, dof)):
         return 0.0
-    limit = float(dof) if probability is None else chi2_quantile(probability, dof)
-    if float(((residual_m / sigma_m) ** 2).sum()) <= limit:
-        return 0.0
-    # The inverse of the sum grows with the added variance and is concave, as a harmonic mean is: Newton's
-    # steps from zero never go too far, and at equal sigmas the first one is right.
-    squares_m2, added_m2 = residual_m**2, 0.0
-    for _ in range(_MAX_STEPS):
-        variance_m2 = sigma_m**2 + added_m2
-        parts = squares_m2 / variance_m2
-        total = float(parts.sum())
-        steepness = float((parts / variance_m2).sum())
-        step_m2 = (total / dof - 1.0) * total / steepness
-        added_m2 += max(step_m2, 0.0)
-        if step_m2 <= 1e-13 * added_m2:
-            break
-    return float(np.sqrt(added_m2))
+    # With errors of this size alone it would be half of that
+    most_m = math.sqrt(2.0 * float(np.square(residual_m).sum()) / dof)
+    return float(brentq(lambda m: squares(m) - dof, 0.0, most_m, xtol=precision * most_m, rtol=precision))

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation.budget import NOISE
+from radioloc.estimation.consider import NOISE
 from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL, EAST_NORTH_UP, RTN, OrbitState
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.report.cards import Card, Field, Shown, metres

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
-from radioloc.estimation.budget import by_source
+from radioloc.estimation.consider import by_source
 from radioloc.estimation.orbit_state import EAST_NORTH_UP
 from radioloc.estimation.solution import Level, Solution
 from radioloc.report.cards import metres

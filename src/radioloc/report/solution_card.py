@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
-from radioloc.estimation.budget import A_PRIORI, EPHEMERIS, NOISE, BudgetItem, by_source
+from radioloc.estimation.consider import A_PRIORI, EPHEMERIS, NOISE, BudgetItem, by_source
 from radioloc.estimation.consistency import Inconsistency
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.orbit_state import OrbitState, ProcessEstimate

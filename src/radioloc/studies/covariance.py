@@ -22,12 +22,22 @@ from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
-from radioloc.estimation.budget import A_PRIORI, EPHEMERIS, NOISE, prior_effects, sources
 from radioloc.estimation.build import seconds_since_midnight
-from radioloc.estimation.consider import CommonErrors, ConsideredErrors, Effects, consider, moved_by
-from radioloc.estimation.factorization import covariance_of, factorize
+from radioloc.estimation.consider import (
+    A_PRIORI,
+    EPHEMERIS,
+    NOISE,
+    CommonErrors,
+    ConsideredErrors,
+    Effects,
+    consider,
+    moved_by,
+    prior_effects,
+    sources,
+)
 from radioloc.estimation.labels import USED
 from radioloc.estimation.least_squares import FitResult, FitStatus
+from radioloc.estimation.linearization import covariance_of, factorize
 from radioloc.estimation.observability import assess_observability
 from radioloc.estimation.observation_noise import ObservationNoise, Whitening
 from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL, EAST_NORTH_UP, LOCAL_LEVEL, OrbitState

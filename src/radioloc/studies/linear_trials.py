@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from radioloc.estimation.build import estimated_covariance
 from radioloc.estimation.consider import Effects, moved_by
 from radioloc.estimation.editing import EditedFit
-from radioloc.estimation.factorization import LinearProblem
 from radioloc.estimation.labels import Labels
+from radioloc.estimation.linearization import LinearProblem
 from radioloc.estimation.m_estimator import fit_with_huber
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL

@@ -17,13 +17,19 @@ from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.estimation.build import Doubt, build_solution, seconds_since_midnight
-from radioloc.estimation.editing import EditedFit, fit_with_editing, with_reason, with_reasons
+from radioloc.estimation.editing import (
+    EditedFit,
+    PhaseCounts,
+    fit_with_editing,
+    phase_faults,
+    with_reason,
+    with_reasons,
+)
 from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.m_estimator import fit_with_huber
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.orbit_overlap import overlaps, states_of_arcs
-from radioloc.estimation.phase_editing import PhaseCounts, phase_faults
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.solution import Solution, TargetPosition, compare_with
 from radioloc.estimation.time_correlation import fit_with_correlated_weights

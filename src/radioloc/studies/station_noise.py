@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError, named
+from radioloc.estimation.noise_structure import SAME_EPOCH_S, epoch_numbers
 from radioloc.estimation.observation_noise import ALONE, ObservationNoise, PhaseNoise, SharedErrors
-from radioloc.estimation.shared_noise import SAME_EPOCH_S, epoch_numbers
 from radioloc.measurements.map_predictor import JointPredictor
 from radioloc.measurements.observations import DOPPLER, VLBI_DELAY, VLBI_DELAY_RATE
 from radioloc.measurements.predictor import Predictor

@@ -18,7 +18,7 @@ from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.estimation.labels import Labels
-from radioloc.estimation.noise_groups import by_link
+from radioloc.estimation.noise_structure import by_link
 from radioloc.estimation.series import SeriesOrder
 from radioloc.io.frequencies import FrequencyAgreement
 from radioloc.io.tdm import TdmAgreement

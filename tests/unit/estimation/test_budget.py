@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import radioloc
-from radioloc.estimation.budget import by_source, prior_effects
+from radioloc.estimation.consider import by_source, prior_effects
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.parameters.considered import considered_choices
 from radioloc.parameters.parameter import Parameter, ParameterSet

@@ -10,7 +10,7 @@ import radioloc
 from radioloc import Study
 from radioloc.errors import InputError
 from radioloc.estimation import Labels, Parameter, ParameterSet, fit_with_variance_components
-from radioloc.estimation.noise_groups import by_link
+from radioloc.estimation.noise_structure import by_link
 from radioloc.estimation.series import SeriesOrder
 from radioloc.measurements import PhysicalModel
 from radioloc.studies import EstimateChoice

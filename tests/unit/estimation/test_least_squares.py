@@ -13,8 +13,7 @@ from radioloc.estimation import (
     fit_with_editing,
     least_squares,
 )
-from radioloc.estimation.factorization import factorize, refreshed
-from radioloc.estimation.linearization import DenseLinearization, evaluate
+from radioloc.estimation.linearization import DenseLinearization, evaluate, factorize, refreshed
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.parameters.parameter import Role

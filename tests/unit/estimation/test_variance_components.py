@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from radioloc.errors import InputError
 from radioloc.estimation import (
     USED,
     Parameter,
@@ -185,8 +184,3 @@ def test_parameters_with_a_priori_values_take_only_what_these_leave_open():
     assert np.flatnonzero(~found.status.are(USED)).tolist() == [100]
     # Two of three observations of a night are redundant: the sigma of what is found is 1 / sqrt(2 * 240), 5 %.
     assert found.additive_sigma_m["all"] == pytest.approx(noise_m, rel=0.15)
-
-
-def test_shapes_must_agree():
-    with pytest.raises(InputError, match=r"\(3,\) residuals do not fit \(2,\) sigmas"):
-        additive_sigma_m(np.ones(3), np.ones(2), 1)

@@ -9,7 +9,7 @@ from toy_moon import LANDER_M, ToyMoon, toy_solution
 
 from radioloc import LunarPosition, Observations
 from radioloc.errors import InputError
-from radioloc.estimation.budget import BudgetItem
+from radioloc.estimation.consider import BudgetItem
 from radioloc.measurements import Link, PhysicalModel
 from radioloc.report import (
     plot_arcs,

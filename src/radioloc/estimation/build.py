@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -9,18 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.constants import SECONDS_PER_DAY
-from radioloc.estimation.consider import ConsideredErrors, Effects, consider, prior_effects
+from radioloc.boundary import bare_arguments
+from radioloc.estimation.combination import ReferenceComparison
+from radioloc.estimation.consider import ConsideredErrors, consider, prior_effects
 from radioloc.estimation.consistency import assess_consistency
 from radioloc.estimation.editing import EditedFit
-from radioloc.estimation.gauss_markov import TimeCorrelation
 from radioloc.estimation.labels import Labels
-from radioloc.estimation.least_squares import FitResult, FitStatus
+from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.observability import assess_observability
-from radioloc.estimation.series import SeriesOrder
-from radioloc.estimation.solution import Solution, compare_with
+from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
+from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import FitStatistics, Residuals
-from radioloc.estimation.time_correlation import assess_time_correlation
+from radioloc.estimation.time_correlation import estimated_covariance
+from radioloc.lunar.selenographic import cartesian_to_selenographic
 from radioloc.time import Epochs
 
 
@@ -171,35 +173,45 @@ def build_solution(
     return replace(solution, reference=compare_with(solution, reference_pa_m, reference_name))
 
 
-def estimated_covariance(
-    edited: EditedFit, order: SeriesOrder, common: Effects | None = None
-) -> tuple[NDArray[np.float64], TimeCorrelation | None]:
-    """Covariance of the estimate with noise as large as the residuals show, and as correlated in time, shape (p, p)."""
-    covariance = scaled_covariance(edited.fit, edited.fit.noise_scale)
-    correlation = assess_time_correlation(edited.fit, order, common) if edited.ended else None
-    if correlation is None or not correlation.series:
-        return covariance, None
-    return covariance + correlation.added_covariance, correlation
+@bare_arguments
+def compare_with(
+    solution: Solution, reference_pa_m: ArrayLike, name: str = "reference"
+) -> ReferenceComparison:
+    """Difference of a solution to a known position, in metres and in total sigmas.
 
+    Parameters
+    ----------
+    solution : Solution
+        The estimate.
+    reference_pa_m : array_like, shape (3,)
+        Known position in the same principal axes, m.
+    name : str
+        What it is.
 
-def scaled_covariance(fit: FitResult, noise_scale: float) -> NDArray[np.float64]:
-    """Covariance of the estimate if the observation noise is larger than stated by a factor, shape (p, p).
-
-    The estimate weighs observations by their stated sigmas and a-priori values by theirs; only the former
-    are found too small. With the information A of the observations, P of the a-priori values and C = (A +
-    P)^-1, the estimate's covariance is then C (f^2 A + P) C = f^2 C + (1 - f^2) C P C. Without a-priori
-    values it is f^2 C.
+    Examples
+    --------
+    >>> import radioloc
+    >>> from radioloc.estimation import compare_with
+    >>> solution = radioloc.locate("examples/apollo15/apollo15.toml")
+    >>> published = compare_with(solution, [1554678.949, 98094.118, 765004.906], "JPL")
+    >>> round(published.distance_m, 1)
+    0.4
     """
-    formal = np.array(fit.covariance)
-    undetermined = np.isinf(np.diag(formal))
-    formal[undetermined, undetermined] = 0.0
-    prior_information = np.diag(fit.parameters.prior_sigmas**-2.0)
-    scaled = noise_scale**2 * formal + (1.0 - noise_scale**2) * formal @ prior_information @ formal
-    scaled[undetermined, undetermined] = np.inf
-    return scaled
-
-
-def seconds_since_midnight(epoch: Epochs) -> NDArray[np.float64]:
-    """Time since the first midnight, s, shape (n,); a leap second is nothing to how long errors last."""
-    first = epoch.jd.min() if len(epoch) else 0.0
-    return np.asarray(((epoch.jd - first) + epoch.fraction) * SECONDS_PER_DAY)
+    reference_pa_m = np.asarray(reference_pa_m)
+    longitude_rad, latitude_rad, height_m = cartesian_to_selenographic(solution.rot_pa_to_me @ reference_pa_m)
+    place = (math.degrees(longitude_rad), math.degrees(latitude_rad), float(height_m))
+    difference_m = solution.rot_pa_to_enu @ (solution.position_pa_m - reference_pa_m)
+    covariance = solution.position_covariance("enu")
+    sigmas = np.sqrt(np.diag(covariance))
+    single = [float(d / s) if 0.0 < s < np.inf else None for d, s in zip(difference_m, sigmas, strict=True)]
+    combined = None
+    if None not in single:
+        try:
+            root = np.linalg.cholesky(covariance)
+            combined = float(np.linalg.norm(np.linalg.solve(root, difference_m)))
+        except np.linalg.LinAlgError:
+            combined = None  # a direction is held: there is no inverse
+    east_m, north_m, up_m = difference_m.tolist()
+    return ReferenceComparison(
+        name, *place, east_m, north_m, up_m, single[0], single[1], single[2], combined_sigmas=combined
+    )

@@ -1,10 +1,10 @@
-"""Several estimates of one position: whether they agree, and the estimate from all of them."""
+"""Positions held against each other: an estimate against a known one, several estimates, and their joint estimate."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,83 @@ from radioloc.lunar.selenographic import east_north_up
 
 _Floats = NDArray[np.float64]
 _AXES = ("east", "north", "up")
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceComparison:
+    """The estimate less a known position.
+
+    Parameters
+    ----------
+    name : str
+        What it is compared with.
+    longitude_deg, latitude_deg, height_m : float
+        Where that is: east longitude and latitude in mean-Earth axes, deg, height above the 1737.4 km sphere, m.
+    east_m, north_m, up_m : float
+        Components at the estimate, m.
+    east_sigmas, north_sigmas, up_sigmas : float or None
+        The same in total standard deviations; None where that is zero or infinite.
+    combined_sigmas : float or None
+        Length of the difference in standard deviations, correlations considered (Mahalanobis distance);
+        below 2.80 in 95 % of cases if both positions are right. None where the covariance has no inverse.
+    """
+
+    name: str
+    longitude_deg: float
+    latitude_deg: float
+    height_m: float
+    east_m: float
+    north_m: float
+    up_m: float
+    east_sigmas: float | None
+    north_sigmas: float | None
+    up_sigmas: float | None
+    combined_sigmas: float | None
+
+    @property
+    def horizontal_m(self) -> float:
+        """Length of the horizontal difference, m."""
+        return math.hypot(self.east_m, self.north_m)
+
+    @property
+    def distance_m(self) -> float:
+        """Length of the difference in space, m."""
+        return math.hypot(self.east_m, self.north_m, self.up_m)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its numbers and the two lengths."""
+        return asdict(self) | {"horizontal_m": self.horizontal_m, "distance_m": self.distance_m}
+
+
+@dataclass(frozen=True, slots=True)
+class Ellipse:
+    """An error ellipse in the horizontal plane.
+
+    Parameters
+    ----------
+    semi_major_m, semi_minor_m : float
+        Semi-axes, m.
+    azimuth_deg : float
+        Direction of the major axis from north over east, 0 to 180 deg.
+    """
+
+    semi_major_m: float
+    semi_minor_m: float
+    azimuth_deg: float
+
+
+def horizontal_ellipse(covariance_en_m2: NDArray[np.float64], probability: float = 0.95) -> Ellipse:
+    """The error ellipse of a covariance of east and north, m^2, that holds the true point with a probability.
+
+    Notes
+    -----
+    For two dimensions the factor to the one-sigma axes is sqrt(-2 ln(1 - probability)), 2.45 for 95 %.
+    """
+    variances, vectors = np.linalg.eigh(covariance_en_m2)
+    factor = math.sqrt(-2.0 * math.log(1.0 - probability))
+    minor, major = factor * np.sqrt(np.maximum(variances, 0.0))
+    azimuth_deg = math.degrees(math.atan2(vectors[0, 1], vectors[1, 1])) % 180.0
+    return Ellipse(float(major), float(minor), azimuth_deg)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -230,23 +307,15 @@ def joint_estimate(estimates: Sequence[PositionEstimate]) -> JointEstimate | Non
         return None
     from scipy.linalg import block_diag
 
-    origin = used[0].position_me_m
-    axes = _axes(used[0])
-    held = [np.flatnonzero(np.isfinite(np.diag(item.noise_enu_m2))) for item in used]
-    design = np.concatenate([np.eye(3)[rows] for rows in held])
-    apart_m = np.concatenate(
-        [(axes @ (i.position_me_m - origin))[rows] for i, rows in zip(used, held, strict=True)]
-    )
+    origin, axes = used[0].position_me_m, _axes(used[0])
+    noise = block_diag(*(item.noise_enu_m2 for item in used))
+    held = np.isfinite(np.diag(noise))
+    design = np.tile(np.eye(3), (len(used), 1))[held]
+    apart_m = np.concatenate([axes @ (item.position_me_m - origin) for item in used])[held]
     names = list(dict.fromkeys(name for item in used for name in item.errors_enu_m))
-    errors = np.concatenate(
-        [
-            np.array([item.errors_enu_m.get(name, np.zeros(3))[rows] for name in names])
-            .reshape(-1, len(rows))
-            .T
-            for item, rows in zip(used, held, strict=True)
-        ]
-    )
-    noise = block_diag(*(i.noise_enu_m2[np.ix_(rows, rows)] for i, rows in zip(used, held, strict=True)))
+    of_each = ([item.errors_enu_m.get(name, np.zeros(3)) for name in names] for item in used)
+    errors = np.concatenate([np.reshape(moved_m, (-1, 3)).T for moved_m in of_each])[held]
+    noise = noise[np.ix_(held, held)]
     root = np.linalg.cholesky(noise + errors @ errors.T)
     whitened, observed = np.linalg.solve(root, design), np.linalg.solve(root, apart_m)
     inverse = np.linalg.pinv(whitened.T @ whitened)

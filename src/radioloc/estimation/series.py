@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.gauss_markov import Points, Series
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.observation_noise import (
@@ -24,6 +25,7 @@ from radioloc.estimation.observation_noise import (
     unchained,
 )
 from radioloc.measurements.link import Link
+from radioloc.time import Epochs
 
 _Floats = NDArray[np.float64]
 
@@ -213,3 +215,9 @@ def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.
         )
         bundles.append(Bundle(series, rows[sort], order.time_s[rows[sort, 0]], axes[first].T @ root[sort]))
     return bundles
+
+
+def seconds_since_midnight(epoch: Epochs) -> NDArray[np.float64]:
+    """Time since the first midnight, s, shape (n,); a leap second is nothing to how long errors last."""
+    first = epoch.jd.min() if len(epoch) else 0.0
+    return np.asarray(((epoch.jd - first) + epoch.fraction) * SECONDS_PER_DAY)

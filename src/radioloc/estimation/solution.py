@@ -9,11 +9,11 @@ from functools import singledispatch
 from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from radioloc.boundary import bare_arguments
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
+from radioloc.estimation.combination import Ellipse, ReferenceComparison, horizontal_ellipse
 from radioloc.estimation.consider import BudgetItem, Consider, error_budget, sources
 from radioloc.estimation.consistency import Consistency
 from radioloc.estimation.gauss_markov import SeriesWeight, TimeCorrelation
@@ -44,83 +44,6 @@ class Card(Protocol):
 def card_of(result: object) -> Card:
     """Make the card of a result; :mod:`radioloc.report`, which is imported with the package, registers how."""
     raise TypeError(f"there is no card of a {type(result).__name__}")
-
-
-@dataclass(frozen=True, slots=True)
-class ReferenceComparison:
-    """The estimate less a known position.
-
-    Parameters
-    ----------
-    name : str
-        What it is compared with.
-    longitude_deg, latitude_deg, height_m : float
-        Where that is: east longitude and latitude in mean-Earth axes, deg, height above the 1737.4 km sphere, m.
-    east_m, north_m, up_m : float
-        Components at the estimate, m.
-    east_sigmas, north_sigmas, up_sigmas : float or None
-        The same in total standard deviations; None where that is zero or infinite.
-    combined_sigmas : float or None
-        Length of the difference in standard deviations, correlations considered (Mahalanobis distance);
-        below 2.80 in 95 % of cases if both positions are right. None where the covariance has no inverse.
-    """
-
-    name: str
-    longitude_deg: float
-    latitude_deg: float
-    height_m: float
-    east_m: float
-    north_m: float
-    up_m: float
-    east_sigmas: float | None
-    north_sigmas: float | None
-    up_sigmas: float | None
-    combined_sigmas: float | None
-
-    @property
-    def horizontal_m(self) -> float:
-        """Length of the horizontal difference, m."""
-        return math.hypot(self.east_m, self.north_m)
-
-    @property
-    def distance_m(self) -> float:
-        """Length of the difference in space, m."""
-        return math.hypot(self.east_m, self.north_m, self.up_m)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Its numbers and the two lengths."""
-        return asdict(self) | {"horizontal_m": self.horizontal_m, "distance_m": self.distance_m}
-
-
-@dataclass(frozen=True, slots=True)
-class Ellipse:
-    """An error ellipse in the horizontal plane.
-
-    Parameters
-    ----------
-    semi_major_m, semi_minor_m : float
-        Semi-axes, m.
-    azimuth_deg : float
-        Direction of the major axis from north over east, 0 to 180 deg.
-    """
-
-    semi_major_m: float
-    semi_minor_m: float
-    azimuth_deg: float
-
-
-def horizontal_ellipse(covariance_en_m2: NDArray[np.float64], probability: float = 0.95) -> Ellipse:
-    """The error ellipse of a covariance of east and north, m^2, that holds the true point with a probability.
-
-    Notes
-    -----
-    For two dimensions the factor to the one-sigma axes is sqrt(-2 ln(1 - probability)), 2.45 for 95 %.
-    """
-    variances, vectors = np.linalg.eigh(covariance_en_m2)
-    factor = math.sqrt(-2.0 * math.log(1.0 - probability))
-    minor, major = factor * np.sqrt(np.maximum(variances, 0.0))
-    azimuth_deg = math.degrees(math.atan2(vectors[0, 1], vectors[1, 1])) % 180.0
-    return Ellipse(float(major), float(minor), azimuth_deg)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -279,19 +202,13 @@ class Solution:
         InputError
             There is no such target.
         """
-        targets = {target.name: target for target in self.targets}
-        if name not in targets:
-            raise InputError(f"there is no target {name!r}; there are {', '.join(targets)}")
-        at, partials = targets[name].position_pa_m, targets[name].position_partials
-        return replace(
-            self,
-            name=name,
-            position_pa_m=at,
-            position_partials=partials,
-            targets=(),
-            reference=None,
-            references=(),
-        )
+        for target in self.targets:
+            if target.name == name:
+                at_m, partials = target.position_pa_m, target.position_partials
+                alone = replace(self, name=name, position_pa_m=at_m, position_partials=partials)
+                return replace(alone, targets=(), reference=None, references=())
+        names = ", ".join(target.name for target in self.targets)
+        raise InputError(f"there is no target {name!r}; there are {names}")
 
     @property
     def converged(self) -> bool:
@@ -446,17 +363,12 @@ class Solution:
     @property
     def correlation_factor(self) -> float:
         """Factor by which the position's scaled sigma grows by the time correlation of residuals; 1 without."""
-        correlated = self._correlation_variance_m2()
-        if not (correlated > 0.0 and self.position_determined):
+        if self.time_correlation is None or not self.position_determined:
             return 1.0
-        scaled = float((self.sigma_enu_m("scaled") ** 2).sum())
-        return math.sqrt(scaled / (scaled - correlated))
-
-    def _correlation_variance_m2(self) -> float:
-        if self.time_correlation is None:
-            return 0.0
         root = self.position_partials
-        return float(np.trace(root @ self.time_correlation.added_covariance @ root.T))
+        correlated = float(np.trace(root @ self.time_correlation.added_covariance @ root.T))
+        scaled = float((self.sigma_enu_m("scaled") ** 2).sum()) if correlated > 0.0 else 1.0
+        return math.sqrt(scaled / (scaled - max(correlated, 0.0)))
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the single residuals, in types that JSON has; None where a number is not finite."""
@@ -625,47 +537,3 @@ def _components(names: Iterable[str], vector_m: NDArray[np.float64]) -> dict[str
 
 def _matrix(matrix: NDArray[np.float64]) -> list[list[float | None]]:
     return [[finite_or_none(value) for value in row] for row in matrix]
-
-
-@bare_arguments
-def compare_with(
-    solution: Solution, reference_pa_m: ArrayLike, name: str = "reference"
-) -> ReferenceComparison:
-    """Difference of a solution to a known position, in metres and in total sigmas.
-
-    Parameters
-    ----------
-    solution : Solution
-        The estimate.
-    reference_pa_m : array_like, shape (3,)
-        Known position in the same principal axes, m.
-    name : str
-        What it is.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> from radioloc.estimation import compare_with
-    >>> solution = radioloc.locate("examples/apollo15/apollo15.toml")
-    >>> published = compare_with(solution, [1554678.949, 98094.118, 765004.906], "JPL")
-    >>> round(published.distance_m, 1)
-    0.4
-    """
-    reference_pa_m = np.asarray(reference_pa_m)
-    longitude_rad, latitude_rad, height_m = cartesian_to_selenographic(solution.rot_pa_to_me @ reference_pa_m)
-    place = (math.degrees(longitude_rad), math.degrees(latitude_rad), float(height_m))
-    difference_m = solution.rot_pa_to_enu @ (solution.position_pa_m - reference_pa_m)
-    covariance = solution.position_covariance("enu")
-    sigmas = np.sqrt(np.diag(covariance))
-    single = [float(d / s) if 0.0 < s < np.inf else None for d, s in zip(difference_m, sigmas, strict=True)]
-    combined = None
-    if None not in single:
-        try:
-            root = np.linalg.cholesky(covariance)
-            combined = float(np.linalg.norm(np.linalg.solve(root, difference_m)))
-        except np.linalg.LinAlgError:
-            combined = None  # a direction is held: there is no inverse
-    east_m, north_m, up_m = difference_m.tolist()
-    return ReferenceComparison(
-        name, *place, east_m, north_m, up_m, single[0], single[1], single[2], combined_sigmas=combined
-    )

@@ -128,6 +128,34 @@ def assess_time_correlation(
     return TimeCorrelation(tuple(found.values()), in_parameters(added, fit), noise)
 
 
+def estimated_covariance(
+    edited: EditedFit, order: SeriesOrder, common: Effects | None = None
+) -> tuple[NDArray[np.float64], TimeCorrelation | None]:
+    """Covariance of the estimate with noise as large as the residuals show, and as correlated in time, shape (p, p)."""
+    covariance = scaled_covariance(edited.fit, edited.fit.noise_scale)
+    correlation = assess_time_correlation(edited.fit, order, common) if edited.ended else None
+    if correlation is None or not correlation.series:
+        return covariance, None
+    return covariance + correlation.added_covariance, correlation
+
+
+def scaled_covariance(fit: FitResult, noise_scale: float) -> NDArray[np.float64]:
+    """Covariance of the estimate if the observation noise is larger than stated by a factor, shape (p, p).
+
+    The estimate weighs observations by their stated sigmas and a-priori values by theirs; only the former
+    are found too small. With the information A of the observations, P of the a-priori values and C = (A +
+    P)^-1, the estimate's covariance is then C (f^2 A + P) C = f^2 C + (1 - f^2) C P C. Without a-priori
+    values it is f^2 C.
+    """
+    formal = np.array(fit.covariance)
+    undetermined = np.isinf(np.diag(formal))
+    formal[undetermined, undetermined] = 0.0
+    prior_information = np.diag(fit.parameters.prior_sigmas**-2.0)
+    scaled = noise_scale**2 * formal + (1.0 - noise_scale**2) * formal @ prior_information @ formal
+    scaled[undetermined, undetermined] = np.inf
+    return scaled
+
+
 def noise_of_each(fit: FitResult, order: SeriesOrder) -> dict[str, SeriesNoise]:
     """Noise that each series shows by itself: an offset of one of them is none."""
     points = points_of(series_of(order, fit.noise, fit.used), rows_of(fit), fit.factor.root_covariance())

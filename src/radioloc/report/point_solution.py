@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation.solution import horizontal_ellipse
+from radioloc.estimation.combination import horizontal_ellipse
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.position import LunarPosition
 from radioloc.report.cards import Card, Field, Shown, metres

@@ -11,7 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
-from radioloc.estimation.solution import ReferenceComparison, Solution, compare_with
+from radioloc.estimation.build import compare_with
+from radioloc.estimation.combination import ReferenceComparison
+from radioloc.estimation.solution import Solution
 from radioloc.report.arc_study import ArcStudy
 from radioloc.report.cards import to_sigma
 from radioloc.report.comparison import Comparison

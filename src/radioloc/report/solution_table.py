@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from radioloc.errors import InputError
-from radioloc.estimation.solution import Solution, horizontal_ellipse
+from radioloc.estimation.combination import horizontal_ellipse
+from radioloc.estimation.solution import Solution
 from radioloc.report.cards import metres, sigma_text, to_sigma
 from radioloc.report.image_solution import ImageSolution
 from radioloc.report.point_solution import PointSolution

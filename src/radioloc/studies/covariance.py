@@ -22,7 +22,6 @@ from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
-from radioloc.estimation.build import seconds_since_midnight
 from radioloc.estimation.consider import (
     A_PRIORI,
     EPHEMERIS,
@@ -42,6 +41,7 @@ from radioloc.estimation.observability import assess_observability
 from radioloc.estimation.observation_noise import ObservationNoise, Whitening
 from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL, EAST_NORTH_UP, LOCAL_LEVEL, OrbitState
 from radioloc.estimation.process_noise import ProcessNoise
+from radioloc.estimation.series import seconds_since_midnight
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import Link
 from radioloc.measurements.map_predictor import JointPredictor

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation.build import estimated_covariance
 from radioloc.estimation.consider import Effects, moved_by
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.labels import Labels
@@ -20,7 +19,7 @@ from radioloc.estimation.m_estimator import fit_with_huber
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL
 from radioloc.estimation.series import SeriesOrder
-from radioloc.estimation.time_correlation import fit_with_correlated_weights
+from radioloc.estimation.time_correlation import estimated_covariance, fit_with_correlated_weights
 from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.report.trial_statistics import sides_of

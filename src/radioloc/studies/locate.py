@@ -16,7 +16,7 @@ from radioloc.dynamics.arcs import OrbitArcs
 from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import CoverageError, FileFormatError, InputError
-from radioloc.estimation.build import Doubt, build_solution, seconds_since_midnight
+from radioloc.estimation.build import Doubt, build_solution, compare_with
 from radioloc.estimation.editing import (
     EditedFit,
     PhaseCounts,
@@ -30,8 +30,8 @@ from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.m_estimator import fit_with_huber
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.orbit_overlap import overlaps, states_of_arcs
-from radioloc.estimation.series import SeriesOrder
-from radioloc.estimation.solution import Solution, TargetPosition, compare_with
+from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
+from radioloc.estimation.solution import Solution, TargetPosition
 from radioloc.estimation.time_correlation import fit_with_correlated_weights
 from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.io.formats import read_observations

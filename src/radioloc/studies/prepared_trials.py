@@ -19,7 +19,6 @@ from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.dynamics.elements import rtn_axes
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
-from radioloc.estimation.build import seconds_since_midnight
 from radioloc.estimation.consider import few_errors
 from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.orbit_state import (
@@ -29,7 +28,7 @@ from radioloc.estimation.orbit_state import (
     turned,
 )
 from radioloc.estimation.robust import linear_problem
-from radioloc.estimation.series import SeriesOrder
+from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
 from radioloc.estimation.solution import Solution
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.evaluation import prepare_predictor

@@ -9,8 +9,9 @@ from toy_moon import LANDER_M, ToyMoon, toy_solution
 
 from radioloc.errors import InputError
 from radioloc.estimation import Parameter, ParameterSet, SeriesWeight, build_solution, fit_with_editing
-from radioloc.estimation.build import scaled_covariance, seconds_since_midnight
 from radioloc.estimation.gauss_markov import TimeCorrelation
+from radioloc.estimation.series import seconds_since_midnight
+from radioloc.estimation.time_correlation import scaled_covariance
 from radioloc.lunar import selenographic_to_cartesian
 from radioloc.parameters.parameter import Role
 from radioloc.report.cards import metres, to_sigma

@@ -17,9 +17,8 @@ from radioloc.estimation import (
     fit_with_editing,
     observation_noise,
 )
-from radioloc.estimation.build import estimated_covariance
 from radioloc.estimation.series import MOST_POINTS, SeriesOrder, points_of, series_of
-from radioloc.estimation.time_correlation import assess_time_correlation
+from radioloc.estimation.time_correlation import assess_time_correlation, estimated_covariance
 from radioloc.simulation.noise import gauss_markov
 
 STEP_S = 60.0

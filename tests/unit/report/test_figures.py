@@ -10,7 +10,7 @@ from toy_moon import LANDER_M, ToyMoon, toy_solution
 
 from radioloc.errors import InputError
 from radioloc.estimation import Labels
-from radioloc.estimation.solution import compare_with
+from radioloc.estimation.build import compare_with
 from radioloc.report import (
     plot_contours,
     plot_correlations,

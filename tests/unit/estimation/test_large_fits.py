@@ -15,10 +15,10 @@ from radioloc.errors import InputError
 from radioloc.estimation import (
     Parameter,
     ParameterSet,
-    factorization,
     fit_least_squares,
     fit_with_editing,
     fit_with_variance_components,
+    linearization,
     observation_noise,
     robust,
 )
@@ -57,7 +57,7 @@ def test_size_of_parts_does_not_matter(rows_at_once, monkeypatch):
 def test_triangle_keeps_all_products(rows, columns):
     rng = np.random.default_rng(0)
     above, matrix = np.triu(rng.normal(size=(columns, columns))), rng.normal(size=(rows, columns))
-    triangle = factorization.reduced(above, matrix)
+    triangle = linearization.reduced(above, matrix)
     assert triangle.shape == (columns, columns)
     products = above.T @ above + matrix.T @ matrix
     np.testing.assert_allclose(triangle.T @ triangle, products, rtol=0.0, atol=1e-12 * products.max())

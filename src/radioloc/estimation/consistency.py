@@ -10,7 +10,7 @@ those that were tried (Bonferroni). The best one joins the parameters and the se
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -30,6 +30,8 @@ from radioloc.parameters.columns import PASS_GAP_H
 from radioloc.time import Epochs, utc_strings
 
 _Floats = NDArray[np.float64]
+_Links = dict[int, float]
+"""Series of single observations, with the sign that something has in each."""
 
 CHANCE = 1e-3
 """An inconsistency is told that occurs by chance in fewer than one solution of a thousand."""
@@ -164,25 +166,21 @@ class _Tried:
 
     kind: str
     name: str
-    columns: _Floats
+    columns: _Floats  # of length one, all together
     verdict: Verdict
-    components: tuple[str, ...] = ("",)  # none where a group is taken out
-    scale: float | _Floats = 1.0
+    components: tuple[str, ...]  # none where a group is taken out
+    scale: _Floats  # of the amounts
     unit: str = "m"
     span_s: tuple[float, float] | None = None
-    links: Mapping[int, float] = field(default_factory=dict)
+    links: _Links = field(default_factory=dict)
     width_s: float = 0.0  # of the bins that a step was found in
     log_chance: float = 0.0
 
-    def explained(self, problem: BinnedProblem) -> tuple[_Tried, BinnedProblem, float]:
-        """What explains a misfit, and the problem with it as parameters, in parts of a length: more is then known.
-
-        It is one component where the others may be zero by chance.
-        """
-        length = float(np.linalg.norm(self.columns))
-        after, count = problem.with_columns(self.columns / length), len(self.components)
+    def explained(self, problem: BinnedProblem) -> tuple[_Tried, BinnedProblem]:
+        """What explains a misfit, one component where the others may be zero by chance; the problem with it."""
+        after, count = problem.with_columns(self.columns), len(self.components)
         if count < 2:
-            return self, after, length
+            return self, after
         values, covariance = after.estimate[-count:], after.inverse[-count:, -count:]
         chances = []
         for k in range(count):
@@ -190,13 +188,13 @@ class _Tried:
             chi2 = values[others] @ np.linalg.solve(covariance[np.ix_(others, others)], values[others])
             chances.append(log_probability(float(chi2), count - 1))
         k = int(np.argmax(chances))
-        verdict = problem.test(self.columns[:, [k]])
+        columns = self.columns[:, [k]]
+        verdict = problem.test(columns)
         if chances[k] <= math.log(_SIMPLER) or verdict is None:
-            return self, after, length
-        part, scale = self.components[k : k + 1], np.asarray(self.scale)[[k]]
-        return replace(
-            self, columns=self.columns[:, [k]], components=part, scale=scale, verdict=verdict
-        ).explained(problem)
+            return self, after
+        part, scale = self.components[k : k + 1], self.scale[[k]]
+        one = replace(self, columns=columns, components=part, scale=scale, verdict=verdict)
+        return one, problem.with_columns(columns)
 
 
 def assess_consistency(
@@ -228,30 +226,27 @@ def assess_consistency(
     if not edited.converged or fit.dof < 1 or not (fit.parameters.free.any() and fit.used.any()):
         return Consistency()
     fit = replace(fit, used=_readmitted(edited, order))
-    search = _Search(fit, order, epoch_utc, enu_by_parameters, considered)
-    problem = BinnedProblem.of(
-        fit, order, {} if correlation is None else noise_of_each(fit, order), considered
-    )
+    noise = {} if correlation is None else noise_of_each(fit, order)
+    problem = BinnedProblem.of(fit, order, noise, considered)
+    search = _Search(fit, order, epoch_utc, enu_by_parameters, considered, np.unique(problem.code).tolist())
     tested = search.groups(problem)
-    groups = tuple(search.named(tried, tried.verdict) for tried in tested)
-    explained: list[tuple[_Tried, float]] = []
+    groups = tuple(search.named(tried) for tried in tested)
+    explained: list[_Tried] = []
     width = len(problem.estimate)
     while len(explained) < _MOST_FOUND:
         best = min([*search.explanations(problem), *tested], key=lambda tried: tried.log_chance, default=None)
         if best is None or best.log_chance > math.log(CHANCE):
             break
-        best, problem, length = best.explained(problem)
-        verdict = replace(best.verdict, shift=problem.estimate[:width])
-        explained.append((replace(best, verdict=verdict), length))
+        best, problem = best.explained(problem)
+        explained.append(replace(best, verdict=replace(best.verdict, shift=problem.estimate[:width])))
         if not best.components:
             break
         tested = search.groups(problem)
     found = []
-    for tried, length in explained:
-        end = width + tried.columns.shape[1]
-        amounts = problem.estimate[width:end] / length
-        found.append(search.named(tried, replace(tried.verdict, estimate=amounts)))
-        width = end
+    for tried in explained:
+        begin, width = width, width + tried.columns.shape[1]
+        verdict = replace(tried.verdict, estimate=problem.estimate[begin:width])
+        found.append(search.named(replace(tried, verdict=verdict)))
     return Consistency(groups, tuple(found))
 
 
@@ -271,36 +266,54 @@ class _Search:
     epoch_utc: Epochs
     enu_by_parameters: _Floats | None
     considered: ConsideredErrors | None
-
-    def links_by_name(self, problem: BinnedProblem) -> dict[tuple[str, str], dict[int, float]]:
-        """Series of single observations of each link, type and station, with the sign of what is at a station."""
-        codes = np.unique(problem.code).tolist()
-        found = {("link", self.order.name_of(code)): {code: 1.0} for code in codes}
-        for code in codes:
-            found.setdefault(("type", self.order.type_of(code)), {})[code] = 1.0
-        for code in codes:
-            for station, sign in self.order.stations[code].items():
-                found.setdefault(("station", station), {})[code] = sign
-        return found
+    codes: list[int]  # series of single observations
 
     def groups(self, problem: BinnedProblem) -> list[_Tried]:
-        """The estimate without each group: stations and their passes, links, types."""
-        every = self.links_by_name(problem)
-        count = sum(kind == "link" for kind, _ in every)
-        tested: list[tuple[str, str, tuple[float, float] | None, Mapping[int, float]]] = []
-        for (kind, name), mine in every.items():
-            spans = _passes(problem, mine) if kind == "station" else []
+        """The estimate without each group: links, types, stations and their passes."""
+        order, width = self.order, self.fit.factor.root_covariance().shape[1]
+        every: dict[tuple[str, str], _Links] = {
+            ("link", order.name_of(code)): {code: 1.0} for code in self.codes
+        }
+        for code in self.codes:
+            every.setdefault(("type", order.type_of(code)), {})[code] = 1.0
+        every |= {("station", name): links for name, links in self._of_stations().items()}
+        tested: list[tuple[str, str, _Links, tuple[float, float] | None]] = []
+        for (kind, name), links in every.items():
+            spans = _passes(problem, links) if kind == "station" else []
             if 1 < len(spans) < _MOST_GROUPS - len(tested):
-                tested += [("pass", name, span_s, mine) for span_s in spans]
-            if len(mine) < count:
-                tested.append((kind, name, None, mine))
-        width = self.fit.factor.root_covariance().shape[1]
-        found = [_tried(problem, kind, name, links, span_s, width) for kind, name, span_s, links in tested]
-        return _judged(found, len(tested))
+                tested += [("pass", name, links, span_s) for span_s in spans]
+            if len(links) < len(self.codes):
+                tested.append((kind, name, links, None))
+        return _judged((_of_links(problem, *one, width) for one in tested), len(tested))
+
+    def _of_stations(self) -> dict[str, _Links]:
+        """Series of each station, with the sign of its reception."""
+        found: dict[str, _Links] = {}
+        for code in self.codes:
+            for station, sign in self.order.stations[code].items():
+                found.setdefault(station, {})[code] = sign
+        return found
 
     def explanations(self, problem: BinnedProblem) -> list[_Tried]:
-        """A-priori values set free, steps and offsets."""
-        return [*self._wrong_priors(problem), *self._steps(problem), *self._offsets(problem)]
+        """A-priori values set free; steps and offsets of links, and of stations with several links of one type."""
+        order = self.order
+        sets = [(order.name_of(code), {code: 1.0}) for code in self.codes]
+        for station, links in self._of_stations().items():
+            for kind in sorted({order.type_of(code) for code in links}):
+                some = {code: sign for code, sign in links.items() if sign and order.type_of(code) == kind}
+                if len(some) > 1:
+                    sets.append((f"{station} {kind}", some))
+        steps, edges, offsets = [], 0, []
+        for name, links in sets:
+            edges_s = problem.times_s(links)[_FEWEST : 1 - _FEWEST]
+            edges += len(edges_s)
+            if len(edges_s):
+                best = int(np.argmax(problem.chi2_of_each(problem.columns(links, (edges_s, np.inf)))))
+                steps.append(_of_links(problem, "jump", name, links, (float(edges_s[best]), np.inf)))
+            passes = _passes(problem, links)
+            spans = (None, *(passes if len(passes) > 1 else ()))
+            offsets += [_of_links(problem, "offset", name, links, span_s) for span_s in spans]
+        return [*self._wrong_priors(problem), *_judged(steps, edges), *_judged(offsets, len(offsets))]
 
     def _wrong_priors(self, problem: BinnedProblem) -> list[_Tried]:
         """A-priori values that are set free, each, and all components of one together."""
@@ -315,54 +328,19 @@ class _Search:
         for places in sets.values():
             columns = np.zeros((len(problem.whitened), len(places)))
             columns[first + np.array(places), np.arange(len(places))] = 1.0
-            if (verdict := problem.test(columns)) is None:
-                continue
             items = [known[place] for place in places]
             kind, _, of = items[0].name.partition(".")
             whose, _, component = of.partition(".") if kind != "position" else (of, "", "")
             parts = tuple(item.name.rpartition(".")[2] if component else "" for item in items)
             # The residual is the a-priori value less the estimate
-            sigmas, named = -np.array([item.prior_sigma for item in items]), f"{kind}.{whose}".rstrip(".")
-            found.append(_Tried("a priori", named, columns, verdict, parts, sigmas, items[0].unit))
+            sigmas, name = -np.array([item.prior_sigma for item in items]), f"{kind}.{whose}".rstrip(".")
+            found.append(_tried(problem, "a priori", name, columns, parts, sigmas, unit=items[0].unit))
         return _judged(found, len(sets))
 
-    def _sets(self, problem: BinnedProblem) -> Iterator[tuple[str, dict[int, float]]]:
-        """Links, and stations with several links of one type, with signs."""
-        for (kind, name), mine in self.links_by_name(problem).items():
-            if kind == "link":
-                yield name, mine
-            elif kind == "station":
-                for of in sorted({self.order.type_of(code) for code in mine}):
-                    some = {
-                        code: sign for code, sign in mine.items() if sign and self.order.type_of(code) == of
-                    }
-                    if len(some) > 1:
-                        yield f"{name} {of}", some
-
-    def _steps(self, problem: BinnedProblem) -> list[_Tried]:
-        """The step that fits best of each set, all epochs allowed for."""
-        found, total = [], 0
-        for name, mine in self._sets(problem):
-            edges_s = problem.times_s(mine)[_FEWEST : 1 - _FEWEST]
-            total += len(edges_s)
-            if len(edges_s):
-                chi2, _ = problem.each(problem.columns(mine, (edges_s, np.inf)))
-                span_s = float(edges_s[int(np.argmax(chi2))]), np.inf
-                found.append(_tried(problem, "jump", name, mine, span_s))
-        return _judged(found, total)
-
-    def _offsets(self, problem: BinnedProblem) -> list[_Tried]:
-        """Links that are off in one pass or throughout."""
-        found = []
-        for name, mine in self._sets(problem):
-            passes = _passes(problem, mine)
-            spans = (None, *(passes if len(passes) > 1 else ()))
-            found += [_tried(problem, "offset", name, mine, span_s) for span_s in spans]
-        return _judged(found, len(found))
-
-    def named(self, tried: _Tried, verdict: Verdict) -> Inconsistency:
+    def named(self, tried: _Tried) -> Inconsistency:
         """What was found, with its numbers."""
         shift = sigma = None
+        verdict = tried.verdict
         if self.enu_by_parameters is not None:
             root = self.fit.factor.root_covariance()
             by_unit = self.enu_by_parameters[:, self.fit.parameters.free] @ root
@@ -406,20 +384,37 @@ class _Search:
         return str(epochs[0]), "" if math.isinf(end_s) else str(epochs[1])
 
 
+def _of_links(
+    problem: BinnedProblem,
+    kind: str,
+    name: str,
+    links: _Links,
+    span_s: tuple[float, float] | None,
+    parameters: int = 0,
+) -> _Tried | None:
+    """Links in a span of time with parameters of their own, or with a constant."""
+    columns = problem.columns(links, span_s or (-np.inf, np.inf), parameters)
+    components, width_s = () if parameters else ("",), problem.width_s(links) if kind == "jump" else 0.0
+    return _tried(problem, kind, name, columns, components, links=links, span_s=span_s, width_s=width_s)
+
+
 def _tried(
     problem: BinnedProblem,
     kind: str,
     name: str,
-    links: Mapping[int, float],
-    span_s: tuple[float, float] | None,
-    parameters: int = 0,
+    columns: _Floats,
+    components: tuple[str, ...],
+    scale: float | _Floats = 1.0,
+    **more: Any,
 ) -> _Tried | None:
-    """Links in a span of time with parameters of their own, or with a constant; none where nothing is told."""
-    columns = problem.columns(links, span_s or (-np.inf, np.inf), parameters)
-    if (verdict := problem.test(columns, links)) is None:
+    """What a test says of columns; none where nothing is told."""
+    length = float(np.linalg.norm(columns))
+    verdict = problem.test(columns / max(length, 1e-300), more.get("links"))
+    if verdict is None:
         return None
-    components, width_s = () if parameters else ("",), problem.width_s(links) if kind == "jump" else 0.0
-    return _Tried(kind, name, columns, verdict, components, span_s=span_s, links=links, width_s=width_s)
+    return _Tried(
+        kind, name, columns / length, verdict, components, np.ones(len(components)) * scale / length, **more
+    )
 
 
 def _judged(tried: Iterable[_Tried | None], count: int) -> list[_Tried]:

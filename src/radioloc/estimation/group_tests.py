@@ -49,12 +49,7 @@ class Verdict:
     estimate: _Floats  # (k,)
     shift: _Floats  # (c,), of the parameters
     root_of_shift: _Floats  # (c, dof), square root of the covariance of that shift where nothing is wrong
-    inflation: float = 1.0  # of the variance, by what the residuals of several series have in common
-
-    @property
-    def log_chance(self) -> float:
-        """Logarithm of the probability that chance alone makes it as large."""
-        return log_probability(self.chi2 / self.inflation, self.dof)
+    log_chance: float  # logarithm of the probability that chance alone makes it as large
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -211,12 +206,12 @@ class BinnedProblem:
         root = scale[:, None] * axes[:, told] / np.sqrt(values[told])
         along = root.T @ score
         estimate, shift = root @ along, -gain @ root @ along
-        inflation = 1.0
-        if links is not None:
+        chi2, dof, inflation = float(along @ along), int(told.sum()), 1.0
+        if links:
             left = self.left - self.whitened[:, 1:] @ shift
             left[rows] -= z @ estimate
             inflation = self._inflation(left, links)
-        return Verdict(float(along @ along), int(told.sum()), estimate, shift, gain @ root, inflation)
+        return Verdict(chi2, dof, estimate, shift, gain @ root, log_probability(chi2 / inflation, dof))
 
     def _inflation(self, left: _Floats, links: Mapping[int, float]) -> float:
         """Factor on the variance of what links have in common, 1 where they are independent."""
@@ -224,14 +219,13 @@ class BinnedProblem:
         which = np.unique(self.points.time_s[place], return_inverse=True)[1]
         return _spread(np.bincount(which, sign * left[place]) / np.sqrt(np.bincount(which)))
 
-    def each(self, columns: _Floats) -> tuple[_Floats, _Floats]:
-        """Chi-square of each of some columns alone, and its estimate, (w,)."""
+    def chi2_of_each(self, columns: _Floats) -> _Floats:
+        """Chi-square of each of some columns alone, (w,)."""
         _, z, with_partials, score = self._scored(columns)
         squares = np.einsum("nw,nw->w", z, z)
         information = squares - np.einsum("wc,cd,wd->w", with_partials, self.inverse, with_partials)
         told = information > _TOLD * squares
-        estimate = np.divide(score, information, out=np.zeros_like(score), where=told)
-        return estimate * score, estimate
+        return np.divide(score**2, information, out=np.zeros_like(score), where=told)
 
     def with_columns(self, columns: _Floats) -> BinnedProblem:
         """The problem with further parameters, and the noise that is then left."""

@@ -90,8 +90,7 @@ def test_added_columns(noise):
         fit.factor.root_covariance() @ verdict.shift, refit.x[:-1] - fit.x, atol=STOPPED
     )
     assert verdict.chi2 == pytest.approx(fit.chi2 - refit.chi2, rel=1e-4)
-    chi2, estimate = binned.each(raw)
-    assert (chi2[0], estimate[0]) == pytest.approx((verdict.chi2, verdict.estimate[0]))
+    assert binned.chi2_of_each(raw)[0] == pytest.approx(verdict.chi2)
 
 
 def test_a_column_that_the_parameters_hold_already():
@@ -99,7 +98,7 @@ def test_a_column_that_the_parameters_hold_already():
     clock = np.linalg.inv(fit.factor.root_covariance())[:, 3:]  # it has no a-priori sigma
     held = np.concatenate([binned.points.unit @ clock, np.zeros((2, 1))])
     assert binned.test(held) is None
-    assert binned.each(held)[0] == 0.0
+    assert binned.chi2_of_each(held)[0] == 0.0
 
 
 @pytest.mark.study

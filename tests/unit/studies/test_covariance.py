@@ -13,7 +13,8 @@ from radioloc import cli
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
 from radioloc.measurements import PhysicalModel, active_terms
-from radioloc.report.covariance import plans_card, plot_covariance, radius_95_m
+from radioloc.report import plot_covariance
+from radioloc.report.covariance import plans_card, radius_95_m
 from radioloc.simulation import (
     Noise,
     NoiseModel,

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.errors import FileFormatError, InputError
+from radioloc.errors import FileFormatError, InputError, named
 
 BLOCK_BYTES = 2**22
 """Bytes of a file that are read at once: enough to be quick, few enough that their pieces do not fill the memory."""
@@ -68,7 +68,10 @@ def json_file(path: str | Path, otherwise: str) -> Iterator[Any]:
     """What a file of JSON holds; where it is none, or lacks what is asked of it within, an error says so by a text."""
     text = read_text(path)
     try:
-        yield json.loads(text)
+        with named(f"{path}:"):
+            yield json.loads(text)
+    except InputError:
+        raise
     except (ValueError, LookupError, TypeError, AttributeError):
         raise InputError(f"{path}: {otherwise}") from None
 

@@ -36,19 +36,17 @@ from radioloc.report.solution_table import solution_table
 from radioloc.report.spice_kernels import FIRST_SITE, write_spice
 from radioloc.report.text_table import TABLE_ENDINGS, write_table_file
 from radioloc.studies import locate
-from radioloc.studies.arcs import arcs
+from radioloc.studies.arcs import arcs, leave_one_out
 from radioloc.studies.comparison import compare, read_solutions
 from radioloc.studies.covariance import covariance
 from radioloc.studies.image_study import read_image_study
 from radioloc.studies.images import locate_images
-from radioloc.studies.light_times import light_times
 from radioloc.studies.monte_carlo import monte_carlo
-from radioloc.studies.passes import visibility
+from radioloc.studies.passes import light_times, visibility
 from radioloc.studies.selection import DEFAULT_HOURS
 from radioloc.studies.simulate import simulate
 from radioloc.studies.study import Study, TerrainPrior
 from radioloc.studies.study_file import read_study
-from radioloc.studies.subsets import leave_one_out
 from radioloc.studies.verification import verify
 
 

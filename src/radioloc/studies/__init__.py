@@ -1,5 +1,6 @@
 """Whole jobs: a study file in, a solution out. The jobs themselves are functions of :mod:`radioloc`."""
 
+from radioloc.studies.arcs import leave_one_out
 from radioloc.studies.comparison import compare
 from radioloc.studies.image_study import (
     CameraChoice,
@@ -11,10 +12,9 @@ from radioloc.studies.image_study import (
     StereoChoice,
     read_image_study,
 )
-from radioloc.studies.light_times import light_times
 from radioloc.studies.locate import arc_of
 from radioloc.studies.map_positions import PlaceOnMap
-from radioloc.studies.passes import visibility
+from radioloc.studies.passes import light_times, visibility
 from radioloc.studies.study import (
     EstimateChoice,
     HeightPrior,
@@ -25,7 +25,6 @@ from radioloc.studies.study import (
     TerrainPrior,
 )
 from radioloc.studies.study_file import read_study
-from radioloc.studies.subsets import leave_one_out
 from radioloc.studies.verification import Verification, verify
 from radioloc.studies.weights import Weight
 

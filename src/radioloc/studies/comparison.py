@@ -1,11 +1,14 @@
-"""Solutions compared: each method and arc beside a benchmark, whether they agree, and what they give together."""
+"""Solutions compared: each method and arc beside a benchmark, whether they agree, and what they give together.
+
+Beside solutions stand positions with their sigmas as somebody else states them, in a TOML file.
+"""
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -18,15 +21,19 @@ from radioloc.estimation.combination import PositionEstimate, agreement, joint_e
 from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.position import LunarPosition
+from radioloc.parameters.maps import MAP_TIE
 from radioloc.report.arc_study import ArcStudy
 from radioloc.report.comparison import Comparison
 from radioloc.report.image_solution import ImageSolution
 from radioloc.report.point_solution import PointSolution
-from radioloc.report.position_table import Place, PositionRow, place_fields
-from radioloc.studies.stated_positions import read_stated
-from radioloc.text_files import read_text
+from radioloc.report.position_table import METHODS, Place, PositionRow, place_fields
+from radioloc.studies.schema import Hints, TomlTable, check, entry
+from radioloc.studies.study_file import Place as PositionTable
+from radioloc.studies.study_file import position_of, toml_content
+from radioloc.text_files import json_file
 
 _JOINT = "joint estimate"
+_AXES = ("east", "north", "up")
 
 Result = ArcStudy | ImageSolution | PointSolution | Solution
 
@@ -59,7 +66,7 @@ def compare(solutions: Iterable[str | Path | Result], reference: str | None = No
     references: dict[str, Place] = {}
     for given in solutions:
         is_stated = isinstance(given, str | Path) and Path(given).suffix == ".toml"
-        found, known = (_stated(Path(str(given))), {}) if is_stated else read_solutions(given)
+        found, known = (_read_stated(Path(str(given))), {}) if is_stated else read_solutions(given)
         recorded += found
         references = known | references
     if not recorded:
@@ -121,9 +128,10 @@ class RecordedSolution:
 
 def read_solutions(given: str | Path | Result) -> tuple[list[RecordedSolution], dict[str, Place]]:
     """The solutions of a ``solution.json``, an ``arcs.json`` or a result, and the references that it knows."""
-    text = read_text(Path(given)) if isinstance(given, str | Path) else None
-    try:
-        content = given.to_dict() if text is None else json.loads(text)  # type: ignore[union-attr]
+    what = "is neither a solution.json nor an arcs.json of this version of radioloc; make it again"
+    if not isinstance(given, str | Path | Result):
+        raise InputError(f"{given}: {what}")
+    with json_file(given, what) if isinstance(given, str | Path) else nullcontext(given.to_dict()) as content:
         # A solution has arcs too, of an orbit with states of their own.
         arcs = content["arcs"] if "positions" in content else [{"solution": content}]
         references = {
@@ -143,20 +151,7 @@ def read_solutions(given: str | Path | Result) -> tuple[list[RecordedSolution], 
             )
             for arc in arcs
         ]
-    except InputError as error:
-        raise InputError(f"{given}: {error}") from None
-    except (ValueError, LookupError, TypeError, AttributeError):
-        raise InputError(
-            f"{given}: is neither a solution.json nor an arcs.json of this version of radioloc; make it again"
-        ) from None
     return solutions, references or places
-
-
-def _stated(path: Path) -> list[RecordedSolution]:
-    """Positions that somebody else states."""
-    return [
-        RecordedSolution(str(path), one, PositionEstimate.from_solution(one)) for one in read_stated(path)
-    ]
 
 
 def _names(solutions: Sequence[RecordedSolution]) -> list[str]:
@@ -181,7 +176,7 @@ def _row(content: Mapping[str, Any], name: str, place: Mapping[str, Any]) -> Pos
         content.get("method", "tracking"),
         name,
         **place,
-        **_sigmas([content["sigma"][f"{axis}_m"] for axis in ("east", "north", "up")]),
+        **_sigmas([content["sigma"][f"{axis}_m"] for axis in _AXES]),
         used=fit["used"],
         left_out=fit["rejected"],
         wrms_m=fit.get("wrms_m"),
@@ -191,3 +186,81 @@ def _row(content: Mapping[str, Any], name: str, place: Mapping[str, Any]) -> Pos
 
 def _sigmas(values: Iterable[float | None]) -> dict[str, Any]:
     return dict(zip(("sigma_west_m", "sigma_north_m", "sigma_up_m"), values, strict=True))
+
+
+@dataclass(frozen=True, slots=True)
+class StatedPosition(PositionTable):
+    """Keys of ``[positions.NAME]``: a position, and what is known of it.
+
+    Parameters
+    ----------
+    method : {"tracking", "images"}
+    sigma_m : float or tuple of float, or None
+        Standard deviations east and north, m; without them the position is shown, but not tested.
+    sigma_up_m : float or None
+        Of the height, which has no part in a test without it.
+    map : str or None
+        The map on which it was read, whose tie it has in common with all that was read there.
+    map_sigma_m : float or tuple of float, or None
+        Sigmas of that tie, in addition.
+    """
+
+    method: str = entry("tracking", choices=METHODS)
+    sigma_m: tuple[float, float] | None = entry(None, positive=True, kind=float | tuple[float, float])
+    sigma_up_m: float | None = entry(None, positive=True)
+    map: str | None = None
+    map_sigma_m: tuple[float, float] | None = entry(None, positive=True, kind=float | tuple[float, float])
+
+    def __post_init__(self) -> None:
+        for key in ("sigma_m", "map_sigma_m"):
+            if isinstance(value := getattr(self, key), int | float):
+                object.__setattr__(self, key, (float(value),) * 2)
+        check(self)
+
+
+def _read_stated(path: Path) -> list[RecordedSolution]:
+    """The positions that somebody else states in a file, with the keys of ``solution.json`` where they have them."""
+    top = TomlTable(path, "", toml_content(path), Hints())
+    positions = top.table("positions")
+    top.finish()
+    if positions is None:
+        top.fail("positions", "is missing; each position is a table [positions.NAME]")
+    contents = [_content(table, name) for name, table in positions.named().items()]
+    return [RecordedSolution(str(path), one, PositionEstimate.from_solution(one)) for one in contents]
+
+
+def _content(table: TomlTable, name: str) -> dict[str, Any]:
+    given = table.read(StatedPosition)
+    place = position_of(table, given)
+    if not place.frame.startswith("ME_"):
+        table.fail("frame", f"must be mean-Earth axes, such as ME_DE421, not {place.frame!r}")
+    if (given.map is None) != (given.map_sigma_m is None):
+        table.fail("map", "belongs to map_sigma_m; give both or neither")
+    sigma_m = np.array([*(given.sigma_m or (math.nan,) * 2), given.sigma_up_m or math.nan])
+    ties_m = given.map_sigma_m or ()
+    total_m2 = sigma_m**2
+    total_m2[: len(ties_m)] += np.square(ties_m)
+    longitude_deg, latitude_deg, height_m = place.selenographic
+    me = {"longitude_deg": longitude_deg, "latitude_deg": latitude_deg, "height_m": height_m}
+    known = np.isfinite(total_m2)
+    covariance = np.where(np.outer(known, known), np.diag(total_m2), math.nan)
+    return {
+        "name": given.name or name,
+        "method": given.method,
+        "converged": True,
+        "position": {
+            "me": {"frame": place.frame, **me} | dict(zip(("x_m", "y_m", "z_m"), place.xyz_m, strict=True))
+        },
+        "sigma": {
+            f"{axis}_m": finite_or_none(math.sqrt(value))
+            for axis, value in zip(_AXES, total_m2.tolist(), strict=True)
+        },
+        "covariance": {"enu_m2": covariance},
+        "considered": [
+            {"name": f"{MAP_TIE.name}.{given.map}.{axis}", "position_enu_m": tie_m * np.eye(3)[k]}
+            for k, (axis, tie_m) in enumerate(zip(_AXES, ties_m, strict=False))
+        ],
+        "fit": {"used": None, "rejected": None},
+        "reference": None,
+        "provenance": {},
+    }

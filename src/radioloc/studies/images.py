@@ -24,10 +24,8 @@ from radioloc.lunar import LunarPosition, TerrainModel
 from radioloc.progress import progress_bar
 from radioloc.report.image_solution import ImageSolution
 from radioloc.report.point_solution import PointSolution
-from radioloc.studies.image_inputs import FRAME, ground_at, provenance_of
-from radioloc.studies.image_point import locate_point
+from radioloc.studies.image_points import FRAME, ground_at, locate_point, locate_stereo, provenance_of
 from radioloc.studies.image_study import ImageChoice, ImageStudy, PointStudy, StereoChoice, read_image_study
-from radioloc.studies.stereo import locate_stereo
 from radioloc.text_files import json_file
 
 Floats = NDArray[np.float64]

@@ -5,7 +5,7 @@ A trial is a sum of vectors (noise, and partials times drawn errors) and a linea
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,16 +15,17 @@ from radioloc.estimation.consider import Effects, moved_by
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.linearization import LinearProblem
-from radioloc.estimation.m_estimator import fit_with_huber
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL
 from radioloc.estimation.series import SeriesOrder
-from radioloc.estimation.time_correlation import estimated_covariance, fit_with_correlated_weights
+from radioloc.estimation.time_correlation import estimated_covariance
 from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.report.trial_statistics import sides_of
 from radioloc.simulation.noise import NoiseDraws
 from radioloc.simulation.truth import DrawnErrors
+from radioloc.studies.problem import weighed
+from radioloc.studies.study import EstimateChoice
 from radioloc.studies.verdict import WIDEST_M, heights, misfits
 
 _Floats = NDArray[np.float64]
@@ -71,14 +72,11 @@ class LinearArc:
     compared: Compared
     noise: ObservationNoise  # as stated
     status: Labels  # before the fit
-    threshold: float  # expected sigmas beyond which a residual is an outlier
     order: SeriesOrder
-    groups: Labels | None  # that have a variance component each
+    estimate: EstimateChoice
     height_m: float | None  # of the true position; of none on an orbit
     considered_m: _Floats  # (m, r), effects of independent errors of unit variance that are considered
     count_at_stations: int  # how many of them, the first, are at stations or in the air
-    correlated: bool  # whether series are weighed as their residuals ask for
-    huber: bool  # whether the last fit is by Huber's loss
 
     @property
     def at_stations(self) -> Effects | None:
@@ -97,13 +95,11 @@ class LinearArc:
             self.parameters,
             self.noise,
             order=self.order,
-            groups=self.groups,
+            groups=self.estimate.component_groups(self.order),
             status=self.status,
-            threshold=self.threshold,
+            threshold=self.estimate.rejection_sigma,
         )
-        if self.correlated:
-            found = fit_with_correlated_weights(linear, found, self.order, self.at_stations)
-        return fit_with_huber(linear, found, self.order) if self.huber else found
+        return weighed(linear, found, self.order, self.estimate, self.at_stations)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -153,21 +149,16 @@ class LinearTrials:
         covariances_m2 = by @ covariance @ np.swapaxes(by, 1, 2) + compared.added_m2
         covariances_m2 += considered_m @ np.swapaxes(considered_m, 1, 2)
         known = np.trace(covariances_m2[0, :3, :3]) <= WIDEST_M**2
-        return [
-            row_of(
-                self.columns,
-                converged=found.converged and not doubts and bool(known),
-                used=int(fit.used.sum()),
-                rejected=int((~fit.used).sum()),
-                error_m=error_m,
-                covariance_m2=covariance_m2,
-                noise_scale=fit.noise_scale,
-                excess_noise_m=dict(found.additive_sigma_m),
-                parameters={p.name: (x[j], sigmas[j]) for j, p in enumerate(arc.parameters)},
-                true=true_values(self.errors, self.drawn.by_name(errors)),
-            )
-            for error_m, covariance_m2 in zip(errors_m, covariances_m2, strict=True)
-        ]
+        return rows_of(
+            self.columns,
+            errors_m,
+            covariances_m2,
+            (found.converged and not doubts and known, fit.used.sum(), (~fit.used).sum()),
+            fit.noise_scale,
+            found.additive_sigma_m,
+            {p.name: (x[j], sigmas[j]) for j, p in enumerate(arc.parameters)},
+            true_values(self.errors, self.drawn.by_name(errors)),
+        )
 
 
 def trial_seed(seed: int, trial: int) -> int:
@@ -181,34 +172,35 @@ def true_values(fixed: dict[str, float], drawn: dict[str, float]) -> dict[str, f
     return fixed | {name: fixed.get(name, 0.0) + value for name, value in drawn.items()}
 
 
-def row_of(
+def rows_of(
     columns: Sequence[str],
-    *,
-    converged: bool,
-    used: int,
-    rejected: int,
-    error_m: _Floats,
-    covariance_m2: _Floats,
+    errors_m: _Floats,
+    covariances_m2: _Floats,
+    outcome: tuple[float, float, float],
     noise_scale: float,
-    excess_noise_m: dict[str, float],
-    parameters: dict[str, tuple[float, float]],
-    true: dict[str, float],
-) -> _Floats:
-    """One row of results in the order of the columns; NaN where an arc has no such number.
+    excess_noise_m: Mapping[str, float],
+    parameters: Mapping[str, tuple[float, float]],
+    true: Mapping[str, float],
+) -> list[_Floats]:
+    """A row of results in the order of the columns for each place of comparison; NaN where an arc has no such number.
 
-    Of an orbit the velocity comes after the position.
+    Errors (q, d) and covariances (q, d, d) are of a position, or of positions and velocities of an orbit. The outcome
+    is whether the fit converged, and how many observations were used and rejected. Parameters have values and sigmas.
     """
-    sigma_m = np.sqrt(np.diag(covariance_m2))[:3]
-    correlation, nees = np.nan, dict.fromkeys((2, 3, len(error_m)), np.nan)
-    if np.isfinite(covariance_m2).all():
-        correlation = covariance_m2[0, 1] / (sigma_m[0] * sigma_m[1])
-        nees = {n: float(error_m[:n] @ np.linalg.solve(covariance_m2[:n, :n], error_m[:n])) for n in nees}
-    base = (converged, used, rejected, *error_m[:3], *sigma_m, correlation, nees[3], nees[2], noise_scale)
-    of_state = (nees[6],) if 6 in nees else ()
-    known = dict(zip(base_columns(sides_of(columns)), (*base, *of_state), strict=True))
-    known |= {f"excess_noise_m.{kind}": value for kind, value in excess_noise_m.items()}
+    known = {f"excess_noise_m.{kind}": value for kind, value in excess_noise_m.items()}
     for name, (value, sigma) in parameters.items():
-        known[name], known[f"{name}.sigma"] = value, sigma
         # A bias of a pass is the station's.
-        known[f"{name}.error"] = value - true.get(name, true.get(name.rpartition(" ")[0], 0.0))
-    return np.array([float(known.get(column, np.nan)) for column in columns])
+        error = value - true.get(name, true.get(name.rpartition(" ")[0], 0.0))
+        known |= {name: value, f"{name}.sigma": sigma, f"{name}.error": error}
+    names, rows = base_columns(sides_of(columns)), []
+    for error_m, covariance_m2 in zip(errors_m, covariances_m2, strict=True):
+        sigma_m = np.sqrt(np.diag(covariance_m2))[:3]
+        correlation, nees = np.nan, dict.fromkeys((2, 3, len(error_m)), np.nan)
+        if np.isfinite(covariance_m2).all():
+            correlation = covariance_m2[0, 1] / (sigma_m[0] * sigma_m[1])
+            nees = {n: error_m[:n] @ np.linalg.solve(covariance_m2[:n, :n], error_m[:n]) for n in nees}
+        of_state = (nees[6],) if 6 in nees else ()
+        base = (*outcome, *error_m[:3], *sigma_m, correlation, nees[3], nees[2], noise_scale, *of_state)
+        row = known | dict(zip(names, base, strict=True))
+        rows.append(np.array([float(row.get(column, np.nan)) for column in columns]))
+    return rows

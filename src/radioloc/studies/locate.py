@@ -27,12 +27,10 @@ from radioloc.estimation.editing import (
 )
 from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.least_squares import FitStatus
-from radioloc.estimation.m_estimator import fit_with_huber
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.orbit_overlap import overlaps, states_of_arcs
 from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
 from radioloc.estimation.solution import Solution, TargetPosition
-from radioloc.estimation.time_correlation import fit_with_correlated_weights
 from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.io.formats import read_observations
 from radioloc.lunar import rot_pa_to_me
@@ -54,7 +52,6 @@ from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphe
 from radioloc.parameters.design import ObservationModel, tracking_of
 from radioloc.studies.coarse_search import near_starts
 from radioloc.studies.first_orbit import first_orbit
-from radioloc.studies.independent_clocks import with_independent_clocks
 from radioloc.studies.landing_fit import near_landing, state_before
 from radioloc.studies.manoeuvres import HIDDEN, Manoeuvre
 from radioloc.studies.notes import notes_of, provenance
@@ -63,6 +60,7 @@ from radioloc.studies.orbit_arcs import orbit_arcs
 from radioloc.studies.orbit_start import near_orbit
 from radioloc.studies.orbiter import Orbiter
 from radioloc.studies.problem import (
+    allows_for_correlation,
     considered_errors,
     disturbed,
     needs_more_partials,
@@ -73,6 +71,8 @@ from radioloc.studies.problem import (
     start_pa_m,
     status_of,
     targets_in_pa,
+    weighed,
+    with_independent_clocks,
 )
 from radioloc.studies.selection import select_observations, with_target_names
 from radioloc.studies.station_noise import considered_ties_m, stated_noise
@@ -204,9 +204,7 @@ def fit_arc(
     types = Labels.coded(KINDS, observations.kind)
     order = SeriesOrder.of(types, paths, seconds_since_midnight(observations.epoch))
     # The weights will allow for what is considered; until they do, a tie of a map is noise of the places on it.
-    process_noise = None if estimate is None or estimate.orbit is None else estimate.orbit.process_noise
-    allowed = estimate is not None and estimate.weights == "correlated" and process_noise is None
-    ties_m = considered_ties_m(arc, problem.parameters, study) * allowed
+    ties_m = considered_ties_m(arc, problem.parameters, study) * allows_for_correlation(estimate)
     wide = noise.with_added(ties_m) if ties_m.any() else noise
     epoch = study.target.epoch if isinstance(study.target, Orbiter) else None
     orbit = arc.trajectory
@@ -234,11 +232,8 @@ def fit_arc(
                 noise=ObservationNoise(own_m, fitted.fit.noise.shared, phase=fitted.fit.noise.phase),
             ),
         )
-    if allowed:
-        common = None if considered is None else considered.at_stations
-        fitted = fit_with_correlated_weights(problem.linearize, fitted, order, common)
-    if estimate is not None and estimate.estimator == "huber":
-        fitted = fit_with_huber(problem.linearize, fitted, order)
+    common = None if considered is None else considered.at_stations
+    fitted = weighed(problem.linearize, fitted, order, estimate, common)
     x, used = fitted.fit.x, fitted.fit.used
     elevation_deg = _elevation_deg(arc, problem.all_positions_pa_m(x))
     doubts: list[Doubt] = []

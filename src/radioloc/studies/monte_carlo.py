@@ -1,30 +1,39 @@
-"""Monte Carlo studies: many simulated realizations of a tracking plan, each fitted as a user would, for some arcs."""
+"""Monte Carlo studies: many simulated realizations of a tracking plan, each fitted as a user would, for some arcs.
+
+What an interrupted study has found already is on disk. Each chunk of trials is a file of its own,
+``parts/linear-000000-000049.npz``, that is there as a whole or not at all. ``study.json`` says what the trials depend
+on; trials of another study are never taken over.
+"""
 
 from __future__ import annotations
 
+import json
 import logging
-from collections.abc import Iterable
-from dataclasses import dataclass
+import zlib
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.progress import progress_bar
+from radioloc.report.files import OF_A_MONTE_CARLO, made_folder, remove_files, write_json
 from radioloc.report.monte_carlo import MonteCarlo, Proof
 from radioloc.report.trial_statistics import sides_of
 from radioloc.simulation.noise import generator, require_seed
 from radioloc.studies.linear_trials import LinearTrials
 from radioloc.studies.one_thread import on_one_blas_thread
-from radioloc.studies.prepared_trials import FullTrials, Prepared
+from radioloc.studies.prepared_trials import Prepared
+from radioloc.studies.record import settings_of, versions
 from radioloc.studies.selection import DEFAULT_HOURS, arc_lengths
 from radioloc.studies.simulate import scenario_of
 from radioloc.studies.study import Study
 from radioloc.studies.study_file import as_study
-from radioloc.studies.trial_files import TrialFolder, refuse_other_study, study_record
-from radioloc.studies.workers import Job, Workers, workers_of
+from radioloc.studies.workers import workers_of
+from radioloc.text_files import json_file, replaced_file
 
 logger = logging.getLogger(__name__)
 
@@ -120,29 +129,43 @@ def monte_carlo(
         raise InputError("to resume needs the folder of the trials; give it as out")
     record = study_record(study, lengths, seed)
     known = resume and out is not None and refuse_other_study(out, record)
-    with workers_of(workers, client) as started:
+    with workers_of(workers, client) as run:
         ready = Prepared.of(study, lengths)
         folder = None if out is None else TrialFolder(out, record, ready.columns, ready.hours)
         if folder is not None and not known:
             folder.start()
-        chunks = None if workers == 1 and client is None else _CHUNKS_PER_WORKER * workers
-        run = _Runner(seed, trials, folder, started, chunks, progress)
-        in_full = FullTrials(ready)
+        shares = 1 if workers == 1 and client is None else _CHUNKS_PER_WORKER * workers
+
+        def results(job: LinearTrials | Prepared) -> _Floats:
+            """Results of all trials, those that are kept already included."""
+            way = "linear" if isinstance(job, LinearTrials) else "full"
+            found = {} if folder is None else folder.found(way)
+            found = {trial: values for trial, values in found.items() if trial < trials}
+            missing = [trial for trial in range(trials) if trial not in found]
+            at_once = max(1, min(_MOST_IN_CHUNK, -(-len(missing) // shares))) if way == "linear" else 1
+            chunks = [missing[k : k + at_once] for k in range(0, len(missing), at_once)]
+            with progress_bar(wanted=progress, total=trials, initial=len(found), unit="trial") as bar:
+                for chunk, values in run(job, seed, chunks):
+                    if folder is not None:
+                        folder.add(way, chunk, values)
+                    found |= dict(zip(chunk, values, strict=True))
+                    bar.update(len(chunk))
+            return np.array([found[trial] for trial in range(trials)])
+
         linear = None if full else ready.linear()
-        values, proof = None, None
+        proof = None
         if linear is not None:
-            values = run.all("linear", linear)
-            proof = _prove(linear, in_full, seed, values)
+            values = results(linear)
+            proof = _prove(linear, ready, seed, values)
             if not proof.passed:
+                linear = None
                 logger.warning(
                     "the linear model is off by %.4g m, %.3g sigmas: all trials are fitted in full",
                     proof.largest_m,
                     proof.largest_sigmas,
                 )
-                values = None
-        if values is None:
-            linear = None
-            values = run.all("full", in_full)
+        if linear is None:
+            values = results(ready)
     return MonteCarlo(
         name=study.name,
         seed=int(seed),
@@ -157,37 +180,7 @@ def monte_carlo(
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Runner:
-    """How the trials are run and kept; `chunks` is how many there are at least, None without others to share them."""
-
-    seed: int
-    trials: int
-    folder: TrialFolder | None
-    workers: Workers
-    chunks: int | None
-    progress: bool
-
-    def all(self, way: str, job: Job) -> _Floats:
-        """Results of all trials, those that are kept already included."""
-        found = {} if self.folder is None else self.folder.found(way)
-        found = {trial: values for trial, values in found.items() if trial < self.trials}
-        missing = [trial for trial in range(self.trials) if trial not in found]
-        if self.chunks is None:
-            at_once = _MOST_IN_CHUNK if way == "linear" else 1
-        else:
-            at_once = max(1, min(_MOST_IN_CHUNK, -(-len(missing) // self.chunks)))
-        chunks = [missing[k : k + at_once] for k in range(0, len(missing), at_once)]
-        with progress_bar(wanted=self.progress, total=self.trials, initial=len(found), unit="trial") as bar:
-            for chunk, values in self.workers.run(job, self.seed, chunks):
-                if self.folder is not None:
-                    self.folder.add(way, chunk, values)
-                found |= dict(zip(chunk, values, strict=True))
-                bar.update(len(chunk))
-        return np.array([found[trial] for trial in range(self.trials)])
-
-
-def _prove(linear: LinearTrials, full: FullTrials, seed: int, values: _Floats) -> Proof:
+def _prove(linear: LinearTrials, full: Prepared, seed: int, values: _Floats) -> Proof:
     """Compare the linear model with full fits where it is most likely to be wrong, and elsewhere."""
     columns = {name: k for k, name in enumerate(linear.columns)}
     sides = sides_of(linear.columns)
@@ -211,3 +204,75 @@ def _prove(linear: LinearTrials, full: FullTrials, seed: int, values: _Floats) -
     return Proof(
         chosen, float(apart_m.max()), float(max(in_sigmas.max(), of_sigmas.max())), bool(passed.all())
     )
+
+
+class TrialFolder:
+    """The folder of a study's trials; `record` is from :func:`study_record`."""
+
+    def __init__(
+        self, folder: str | Path, record: dict[str, Any], columns: Sequence[str], hours: Sequence[float]
+    ) -> None:
+        self._folder = made_folder(folder)
+        self._parts = made_folder(self._folder / "parts")
+        self._record, self._columns, self._hours = record, tuple(columns), tuple(hours)
+
+    def start(self) -> None:
+        """Begin anew: trials that are there from before are removed, and what was made of them."""
+        remove_files(self._parts, ("*-*-*.*",))
+        remove_files(self._folder, OF_A_MONTE_CARLO)
+        write_json(self._folder / "study.json", self._record)
+
+    def found(self, way: str) -> dict[int, NDArray[np.float64]]:
+        """Results that are there already, (arcs, columns), by number of the trial; `way` is "linear" or "full"."""
+        out: dict[int, NDArray[np.float64]] = {}
+        for path in sorted(self._parts.glob(f"{way}-*.npz")):
+            try:
+                with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+                    trials, values, columns = (file[name] for name in ("trials", "values", "columns"))
+                if tuple(columns.tolist()) != self._columns:
+                    raise ValueError("the columns are not those of the study")
+                if values.shape != (*trials.shape, len(self._hours), len(self._columns)):
+                    raise ValueError(f"{values.shape} numbers do not fit {trials.shape} trials")
+                out |= dict(zip(trials.tolist(), values.astype(np.float64), strict=True))
+            except (
+                OSError,
+                EOFError,
+                RuntimeError,
+                LookupError,
+                ValueError,
+                BadZipFile,
+                zlib.error,
+            ) as error:
+                [reason, *_] = str(error).splitlines() or ["no content"]
+                raise InputError(f"{path}: is damaged ({reason}); remove the file and resume") from None
+        return out
+
+    def add(self, way: str, trials: Sequence[int], values: NDArray[np.float64]) -> None:
+        """Keep results of some trials, (trials, arcs, columns)."""
+        path = self._parts / f"{way}-{min(trials):06d}-{max(trials):06d}.npz"
+        with replaced_file(path) as temporary, temporary.open("wb") as stream:
+            np.savez(stream, trials=np.array(trials), values=values, columns=np.array(self._columns))
+
+
+def study_record(study: Study, hours: Sequence[float], seed: int) -> dict[str, Any]:
+    """What the trials of a study depend on, in types that JSON has; not their number."""
+    return {"versions": versions(), "seed": seed, "hours": list(hours), **settings_of(study)}
+
+
+def refuse_other_study(folder: str | Path, record: dict[str, Any]) -> bool:
+    """Whether a folder holds trials of this study; an error where they are of another one, or it cannot be told."""
+    path = Path(folder) / "study.json"
+    if not path.is_file():
+        return False
+    now = json.loads(json.dumps(record))
+    try:
+        with json_file(path, "") as before:
+            changed = [key for key in now if dict(before).get(key) != now[key]]
+    except InputError:
+        raise InputError(f"{path}: is damaged; start anew, without resuming") from None
+    if changed:
+        raise InputError(
+            f"{folder}: the trials there are of another study (what differs: {', '.join(changed)}); "
+            "give another folder, or start anew, without resuming"
+        )
+    return True

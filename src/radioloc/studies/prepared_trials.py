@@ -1,7 +1,7 @@
 """A Monte Carlo study made ready, and its trials with the whole model.
 
 :class:`Prepared` has the world without noise and an arc for each length; from it come the fast trials
-(:mod:`radioloc.studies.linear_trials`) and those that they are proved by, simulated and fitted in full, a second each.
+(:mod:`radioloc.studies.linear_trials`), and it runs those that they are proved by, simulated and fitted in full.
 """
 
 from __future__ import annotations
@@ -32,7 +32,6 @@ from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
 from radioloc.estimation.solution import Solution
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.evaluation import prepare_predictor
-from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.registry import KINDS
 from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.design import ObservationModel
@@ -40,14 +39,13 @@ from radioloc.parameters.kind import Scope
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.simulation import World
 from radioloc.simulation.noise import NoiseDraws
-from radioloc.simulation.simulate import rot_pa_to_enu
 from radioloc.simulation.truth import GRAVITY_ERROR
 from radioloc.studies.linear_trials import (
     Compared,
     LinearArc,
     LinearTrials,
     base_columns,
-    row_of,
+    rows_of,
     trial_seed,
     true_values,
 )
@@ -80,11 +78,9 @@ class Prepared:
     """A study made ready: the world without noise, and an arc for each length."""
 
     study: Study
-    model: PhysicalModel  # the nominal one
     world: World  # with the errors of the truth, none drawn
     rows: NDArray[np.intp]  # those of the plan that the study asks for
     parts: tuple[ArcPart, ...]  # the longest arc first
-    rot_pa_to_enu: _Floats  # (3, 3), at the true position
     columns: tuple[str, ...]
 
     @property
@@ -142,25 +138,20 @@ class Prepared:
             raise InputError(
                 'a Monte Carlo study needs the position estimated: [estimate] position is "none"'
             )
-        model = model_of(study)
+        model, orbit = model_of(study), None
         constants = model.ephemeris.constants
-        targets, orbit = targets_in_pa(study, constants), None
+        targets = targets_in_pa(study, constants)
         if isinstance(scenario.position, LunarPosition):
             position_in_pa("[simulation.position]", scenario.position, constants)
         if isinstance(study.target, Orbiter):
             assert study.estimate.orbit is not None
             orbit = scenario.orbit(model, study.target, study.estimate.orbit.parameters(study.target.forces))
         world = scenario.world(model)
-        choice = replace(study.observations, hours=hours[-1])
-        rows = np.flatnonzero(
-            selected(world.plan.observations, choice, study.catalogue, sources=model.sources)[0]
-        )
-        planned = weighted_observations(
-            world.plan.observations.select(rows), study.observations.weights, study.catalogue
-        )
+        planned, choice = world.plan.observations, replace(study.observations, hours=hours[-1])
+        rows = np.flatnonzero(selected(planned, choice, study.catalogue, sources=model.sources)[0])
         longest = prepare_predictor(
             model,
-            planned,
+            weighted_observations(planned.select(rows), choice.weights, study.catalogue),
             start_pa_m(targets),
             study.model.evaluation,
             trajectory=orbit,
@@ -175,25 +166,51 @@ class Prepared:
         )
         biases = study.estimate.parameters.get("range_bias", ParameterChoice())
         by_station = biases.scope(PARAMETERS["range_bias"]) in (Scope.STATION, Scope.PASS)
-        has_error = [name for name in names if by_station and name.startswith("range_bias.")]
-        kinds = [KINDS[k] for k in np.unique(longest.observations.kind)]
-        return cls(
-            study=study,
-            model=model,
-            world=world,
-            rows=rows,
-            parts=tuple(parts),
-            rot_pa_to_enu=np.eye(3) if orbit else rot_pa_to_enu(world.target_pa_m, model),
-            columns=(
-                *base_columns(ALONG_ACROSS_RADIAL if orbit else EAST_NORTH_UP),
-                *(f"excess_noise_m.{kind}" for kind in kinds),
-                *(
-                    column
-                    for name in names
-                    for column in (name, f"{name}.sigma", *([f"{name}.error"] if name in has_error else []))
-                ),
-            ),
-        )
+        columns = list(base_columns(ALONG_ACROSS_RADIAL if orbit else EAST_NORTH_UP))
+        columns += [f"excess_noise_m.{KINDS[k]}" for k in np.unique(longest.observations.kind)]
+        for name in names:
+            columns += [name, f"{name}.sigma"]
+            if by_station and name.startswith("range_bias."):
+                columns.append(f"{name}.error")
+        return cls(study, world, rows, tuple(parts), tuple(columns))
+
+    def run(self, seed: int, trials: Iterable[int]) -> _Floats:
+        """Trials with the whole model, as :meth:`LinearTrials.run`: each arc fitted from the a-priori position on."""
+        return np.array([self._trial(trial_seed(seed, trial)) for trial in trials])
+
+    def _trial(self, seed: int) -> list[_Floats]:
+        world, found = self.world, list[_Floats]()
+        errors = world.drawn.draw(seed)
+        noise_m = world.scenario.noise.draw(world.plan, seed)[0]
+        value_m = (world.value_m + errors @ world.drawn.partials + noise_m)[self.rows]
+        study = replace(self.study, reference=None)
+        for part in self.parts:
+            arc = part.arc.with_values(value_m[part.rows])
+            solution = fit_arc(study, arc, {}, part.estimate, consistency=False)
+            sigmas, total = solution.sigmas(), solution.fit.total
+            found += rows_of(
+                self.columns,
+                *self._errors_m(part, solution, errors),
+                (solution.converged, total.used, total.rejected),
+                solution.noise_scale,
+                solution.fit.excess_noise_m,
+                {p.name: (solution.values[j], sigmas[j]) for j, p in enumerate(solution.parameters)},
+                true_values(world.errors, world.drawn.by_name(errors)),
+            )
+        return found
+
+    def _errors_m(self, part: ArcPart, solution: Solution, drawn: _Floats) -> tuple[_Floats, _Floats]:
+        """How far a solution is from the truth, (q, d), and what it says of that, (q, d, d)."""
+        world = self.world
+        moved_m = self.drawn_moves(part, world.drawn.names) @ drawn
+        if solution.state is None:
+            error_m = world.enu_pa @ (solution.position_pa_m - world.target_pa_m)
+            return error_m - moved_m, solution.position_covariance("enu")[None]
+        assert isinstance(world.trajectory, Orbit)
+        tdb = self.epochs(part)
+        apart = np.hstack(solution.state.orbit.states(tdb)) - np.hstack(world.trajectory.states(tdb))
+        covariances = solution.state.covariance_rtn(tdb)[:, LOCAL_LEVEL][:, :, LOCAL_LEVEL]
+        return _local(world.trajectory, tdb, apart[..., None])[..., 0] - moved_m, covariances
 
     def linear(self) -> LinearTrials | None:
         """The trials by the linear model; none where it cannot stand for the fit of every arc."""
@@ -224,7 +241,7 @@ class Prepared:
     @property
     def _targets_pa(self) -> dict[str, LunarPosition]:
         """A-priori position."""
-        return targets_in_pa(self.study, self.model.ephemeris.constants)
+        return targets_in_pa(self.study, self.parts[0].arc.model.ephemeris.constants)
 
     def at_truth(self, part: ArcPart) -> tuple[ObservationModel, _Floats]:
         """The problem of a part, and its parameters of the true position or state, the others a priori."""
@@ -257,7 +274,7 @@ class Prepared:
         by_drawn = self.drawn_moves(part, self.world.drawn.names)
         if not problem.of_orbit:
             return Compared(
-                (self.rot_pa_to_enu @ problem.position_partials(x))[None],
+                (self.world.enu_pa @ problem.position_partials(x))[None],
                 by_drawn,
                 np.zeros((1, 3, count)),
                 np.zeros((1, 3)),
@@ -314,16 +331,13 @@ class Prepared:
             compared=self._compared(part, problem, x, errant, considered_m.shape[1]),
             noise=noise,
             status=Labels((~usable).astype(np.int32), (USED, "not usable")),
-            threshold=study.estimate.rejection_sigma,
             order=order,
-            groups=part.estimate.component_groups(order),
+            estimate=replace(part.estimate, height_prior=None),  # which is in the parameters; a map is large
             height_m=None
             if problem.of_orbit
             else float(np.linalg.norm(self.world.target_pa_m)) - MEAN_LUNAR_RADIUS_M,
             considered_m=considered_m,
             count_at_stations=count_at_stations,
-            correlated=study.estimate.weights == "correlated",
-            huber=study.estimate.estimator == "huber",
         )
 
 
@@ -344,57 +358,3 @@ def _parameters_at(problem: ObservationModel, wanted: _Floats) -> _Floats:
     raise InputError(
         "the true position is not among those that the parameters describe; move [target] closer to it"
     )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FullTrials:
-    """Trials with the whole model: each world simulated, each arc fitted from the a-priori position on."""
-
-    ready: Prepared  # workers get it as it is; they need no kernels or tables of their own
-
-    def run(self, seed: int, trials: Iterable[int]) -> _Floats:
-        """As :meth:`LinearTrials.run`."""
-        return np.array([_full_trial(self.ready, trial_seed(seed, trial)) for trial in trials])
-
-
-def _full_trial(ready: Prepared, seed: int) -> _Floats:
-    world = ready.world
-    errors = world.drawn.draw(seed)
-    value_m = world.value_m + errors @ world.drawn.partials + world.scenario.noise.draw(world.plan, seed)[0]
-    value_m = value_m[ready.rows]
-    study = replace(ready.study, reference=None)
-    found: list[_Floats] = []
-    for part in ready.parts:
-        arc = part.arc.with_values(value_m[part.rows])
-        solution = fit_arc(study, arc, {}, part.estimate, consistency=False)
-        found += _solution_rows(ready, part, solution, errors)
-    return np.array(found)
-
-
-def _solution_rows(ready: Prepared, part: ArcPart, solution: Solution, errors: _Floats) -> list[_Floats]:
-    world, sigmas = ready.world, solution.sigmas()
-    moved_m = ready.drawn_moves(part, world.drawn.names) @ errors
-    if solution.state is None:
-        errors_m = (ready.rot_pa_to_enu @ (solution.position_pa_m - world.target_pa_m))[None] - moved_m
-        covariances_m2 = solution.position_covariance("enu")[None]
-    else:
-        assert isinstance(world.trajectory, Orbit)
-        tdb = ready.epochs(part)
-        apart = np.hstack(solution.state.orbit.states(tdb)) - np.hstack(world.trajectory.states(tdb))
-        errors_m = _local(world.trajectory, tdb, apart[..., None])[..., 0] - moved_m
-        covariances_m2 = solution.state.covariance_rtn(tdb)[:, LOCAL_LEVEL][:, :, LOCAL_LEVEL]
-    return [
-        row_of(
-            ready.columns,
-            converged=solution.converged,
-            used=solution.fit.total.used,
-            rejected=solution.fit.total.rejected,
-            error_m=error_m,
-            covariance_m2=covariance_m2,
-            noise_scale=solution.noise_scale,
-            excess_noise_m=dict(solution.fit.excess_noise_m),
-            parameters={p.name: (solution.values[j], sigmas[j]) for j, p in enumerate(solution.parameters)},
-            true=true_values(world.errors, world.drawn.by_name(errors)),
-        )
-        for error_m, covariance_m2 in zip(errors_m, covariances_m2, strict=True)
-    ]

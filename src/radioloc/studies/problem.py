@@ -1,4 +1,11 @@
-"""The problem that a study's arc is: what is solved for, which observations can be used, and why others cannot."""
+"""The problem that a study's arc is: what is solved for, which observations can be used, and why others cannot.
+
+Of clocks that nothing ties together, how they differ is estimated unless a study says otherwise. Three-way Doppler is
+counted against the receiving station's frequency standard and transmitted by another's; one-way Doppler has the
+target's oscillator at its start. An offset of 1e-12, usual of all but hydrogen masers, moves a lander by hundreds of
+metres, a listener's quartz by more than the Moon is large, and the residuals do not show it. Where there are delays of
+quasars, the stations' clocks, by which they are off by some microseconds, are in all delays still.
+"""
 
 from __future__ import annotations
 
@@ -16,24 +23,32 @@ from radioloc.dynamics.arcs import OrbitArcs, disturbed_arcs
 from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.errors import InputError, named
-from radioloc.estimation.consider import Consider, ConsideredErrors, is_at_station
+from radioloc.estimation.consider import Consider, ConsideredErrors, Effects, is_at_station
+from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.labels import USED, Labels
+from radioloc.estimation.linearization import ResidualFunction
+from radioloc.estimation.m_estimator import fit_with_huber
 from radioloc.estimation.orbit_state import OrbitState
+from radioloc.estimation.series import SeriesOrder
+from radioloc.estimation.time_correlation import fit_with_correlated_weights
 from radioloc.lunar.position import LunarPosition
 from radioloc.lunar.visibility import earth_elevation_rad
 from radioloc.measurements.link import canonical_target
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor, blocks, reasons
+from radioloc.measurements.registry import kind_of
 from radioloc.media.status import Status
 from radioloc.parameters.choice import ParameterChoice, chosen_parameters
 from radioloc.parameters.columns import Columns
 from radioloc.parameters.considered import resolved
-from radioloc.parameters.design import DesignMatrix, ObservationModel, simple_predictor
+from radioloc.parameters.design import DesignMatrix, ObservationModel, simple_predictor, tracking_of
+from radioloc.parameters.kind import Scope
 from radioloc.parameters.landing import Ground, LandingParameters, landing_parameters
 from radioloc.parameters.orbit import arcs_parameters, orbit_parameters
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.position import PositionParameters, cartesian, on_sphere, on_terrain
 from radioloc.parameters.registry import PARAMETERS
+from radioloc.parameters.rows import networks
 from radioloc.studies.orbit_arcs import cut_by_borders
 from radioloc.studies.orbiter import OrbitChoice, Orbiter
 from radioloc.studies.study import EstimateChoice, Study, TerrainPrior
@@ -41,6 +56,8 @@ from radioloc.studies.verdict import LOWEST_EARTH_DEG
 from radioloc.time import Epochs, evaluate_smooth, tt_to_tdb, utc_to_tt
 
 _OF_THE_EPHEMERIS = ("moon_position", "moon_position_variation", "libration", "libration_variation")
+_RATE_SIGMA = 1e-11
+"""Ten times that of a hydrogen maser which nobody has set; from one scan of each target a rate is not told."""
 
 
 def observation_model(
@@ -78,6 +95,28 @@ def observation_model(
             "use `radioloc residuals` to see residuals at the given position"
         )
     return model
+
+
+def allows_for_correlation(estimate: EstimateChoice | None) -> bool:
+    """Whether weights are to allow for correlation in time; process noise takes its place."""
+    if estimate is None or estimate.weights != "correlated":
+        return False
+    return estimate.orbit is None or estimate.orbit.process_noise is None
+
+
+def weighed(
+    residual_function: ResidualFunction,
+    fitted: EditedFit,
+    order: SeriesOrder,
+    estimate: EstimateChoice | None,
+    common: Effects | None,
+) -> EditedFit:
+    """The fit again with the weights and the estimator that a study asks for; `common` are effects of known errors."""
+    if allows_for_correlation(estimate):
+        fitted = fit_with_correlated_weights(residual_function, fitted, order, common)
+    if estimate is not None and estimate.estimator == "huber":
+        fitted = fit_with_huber(residual_function, fitted, order)
+    return fitted
 
 
 def needs_more_partials(study: Study) -> bool:
@@ -350,3 +389,45 @@ def _lowest(earth_deg: Callable[[Epochs], NDArray[np.float64]], epoch_utc: Epoch
     return float(
         earth_deg(Epochs.from_jd(first.jd, first.fraction + np.linspace(0.0, span_d, count), "TDB")).min()
     )
+
+
+def with_independent_clocks(study: Study, estimate: EstimateChoice, arc: Predictor) -> EstimateChoice:
+    """The same with what tells clocks apart that are independent: frequency offsets, and clocks beside quasars.
+
+    Unless the study wants nothing by default (``[consider] defaults = false``).
+    """
+    if not study.consider_defaults:
+        return estimate
+    tracking, estimated, considered = tracking_of(arc), set(estimate.parameters), set(study.consider)
+    chosen = _frequency_offsets(estimated | (considered & {"frequency_offset"}), tracking)
+    chosen |= _clocks(estimated | considered, tracking)
+    return replace(estimate, parameters={**estimate.parameters, **chosen}) if chosen else estimate
+
+
+def _frequency_offsets(said: set[str], tracking: Predictor) -> dict[str, ParameterChoice]:
+    """A free one for each link and pass of one- and three-way Doppler.
+
+    Unless frequency offsets are estimated, held or considered, or clock rates estimated; of one-way Doppler also unless
+    the target's frequency is.
+    """
+    if said & {"frequency_offset", "clock_rate"}:
+        return {}
+    observations = tracking.observations
+    three_way = [bool(link.transmitter) and link.transmitter != link.receiver for link in observations.links]
+    free = (observations.kind == kind_of("doppler")) & np.array(three_way)[observations.link]
+    if "target_frequency" not in said:
+        free |= observations.kind == kind_of("one_way_doppler")
+    paths = tuple(observations.links[k].path for k in np.unique(observations.link[free]))
+    return {"frequency_offset": ParameterChoice(paths, per=Scope.LINK_AND_PASS)} if paths else {}
+
+
+def _clocks(said: set[str], tracking: Predictor) -> dict[str, ParameterChoice]:
+    """Offsets, free, and rates of the stations that have delays of quasars, but for the first, unless any are said."""
+    of_quasars = (tracking.target < 0) & (tracking.observations.kind == kind_of("vlbi_delay"))
+    if said & {"clock", "clock_rate"} or not of_quasars.any():
+        return {}
+    ends = np.stack([tracking.transmitters, tracking.receivers], axis=-1)[of_quasars]
+    network, there = networks(ends, len(tracking.stations)), np.unique(ends)
+    first = {network[k]: k for k in there[::-1]}
+    names = tuple(tracking.stations[k] for k in there if first[network[k]] != k)
+    return {"clock": ParameterChoice(names), "clock_rate": ParameterChoice(names, sigma=_RATE_SIGMA)}

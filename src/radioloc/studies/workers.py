@@ -9,11 +9,11 @@ from __future__ import annotations
 import os
 import pickle
 import signal
-from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from functools import lru_cache
+from functools import lru_cache, partial
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait
 from pathlib import Path
@@ -29,7 +29,6 @@ from radioloc.extras import optional
 
 Chunk = Sequence[int]
 """Numbers of trials that are run together."""
-Results = Iterator[tuple[Chunk, NDArray[np.float64]]]
 
 _GUARD = 'a script that asks for several workers needs if __name__ == "__main__":, as they are spawned'
 
@@ -45,104 +44,78 @@ class Job(Protocol):
         """Results of some trials, shape (trials, arcs, columns); the same in any company and in any process."""
 
 
-class Workers(Protocol):
-    """Where trials run."""
-
-    def run(self, job: Job, seed: int, chunks: Sequence[Chunk]) -> Results:
-        """Run trials and give each chunk's results as soon as they are there, in any order."""
+Run = Callable[[Job, int, Sequence[Chunk]], Iterator[tuple[Chunk, NDArray[np.float64]]]]
+"""Runs chunks of trials of a seed and gives the results of each as soon as they are there, in any order."""
 
 
 @contextmanager
-def workers_of(count: int = 1, client: Any = None) -> Iterator[Workers]:
-    """Workers, until the block ends; processes start at once, beside what the block does before it needs them.
+def workers_of(count: int = 1, client: Any = None) -> Iterator[Run]:
+    """What runs trials, until the block ends; processes start at once, beside what the block does before it needs them.
 
     So many processes, with 1 this one; or in their place a :class:`distributed.Client`.
     """
-    _require_workers(count, client)
+    if isinstance(count, bool) or not isinstance(count, int) or count < 1:
+        raise InputError(f"workers is {count!r}; give a whole number above zero")
     if client is not None:
-        yield _Cluster(client)
+        distributed = optional("distributed", "a Dask cluster needs distributed:", "dask")
+        if not isinstance(client, distributed.Client):
+            raise InputError(f"client is {client!r}; give a distributed.Client, or workers for processes")
+        yield partial(_on_cluster, client)
     elif count == 1:
-        yield _ThisProcess()
+        yield lambda job, seed, chunks: ((chunk, job.run(seed, chunk)) for chunk in chunks)
     else:
-        with _Pool(count) as pool:
-            yield pool
-
-
-def _require_workers(workers: int, client: Any) -> None:
-    if isinstance(workers, bool) or not isinstance(workers, int) or workers < 1:
-        raise InputError(f"workers is {workers!r}; give a whole number above zero")
-    if client is None:
-        return
-    distributed = optional("distributed", "a Dask cluster needs distributed:", "dask")
-    if not isinstance(client, distributed.Client):
-        raise InputError(f"client is {client!r}; give a distributed.Client, or workers for processes")
-
-
-class _ThisProcess:
-    def run(self, job: Job, seed: int, chunks: Sequence[Chunk]) -> Results:
-        for chunk in chunks:
-            yield chunk, job.run(seed, chunk)
-
-
-class _Pool:
-    """Processes, which read each job from a file once."""
-
-    def __init__(self, count: int) -> None:
         # Processes are spawned, not forked: a fork of a process with threads may hang, and some systems cannot.
-        self._pool = ProcessPoolExecutor(count, get_context("spawn"), _begin)
-        self._folder = TemporaryDirectory(prefix="radioloc-")
-        self._jobs = 0
-        try:
-            with _spawning():
-                for _ in range(count):
-                    self._pool.submit(_import_what_jobs_need)
-        except RuntimeError:  # of a script that is being imported by a process that it has spawned itself
-            self.__exit__()
-            raise InputError(_GUARD) from None
-
-    def __enter__(self) -> _Pool:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        # The pool cancels what is left itself: of futures that are cancelled here it would say, where an interrupt has
-        # ended its processes at the same moment, that their state is invalid.
-        self._pool.shutdown(cancel_futures=True)
-        self._folder.cleanup()
-
-    def run(self, job: Job, seed: int, chunks: Sequence[Chunk]) -> Results:
-        self._jobs += 1
-        file = Path(self._folder.name) / f"job{self._jobs}.pickle"
-        file.write_bytes(pickle.dumps(job))
-        futures: dict[Future[NDArray[np.float64]], Chunk] = {}
-        try:
-            with _spawning():
-                for chunk in chunks:
-                    futures[self._pool.submit(_run_from, str(file), seed, chunk)] = chunk
-            for future in as_completed(futures):
-                yield futures[future], future.result()
-        except BrokenProcessPool:
-            raise RadiolocError(
-                f"a worker process ended before its trials did: {_GUARD}; or it was killed, as by a system that is "
-                "short of memory"
-            ) from None
+        pool = ProcessPoolExecutor(count, get_context("spawn"), _begin)
+        with TemporaryDirectory(prefix="radioloc-") as folder:
+            try:
+                _start(pool, count)
+                yield partial(_in_processes, pool, Path(folder))
+            finally:
+                # The pool cancels what is left itself: of futures that are cancelled here it would say, where an
+                # interrupt has ended its processes at the same moment, that their state is invalid.
+                pool.shutdown(cancel_futures=True)
 
 
-class _Cluster:
-    """A Dask cluster; each job is sent to each of its workers once."""
+def _start(pool: ProcessPoolExecutor, count: int) -> None:
+    try:
+        with _spawning():
+            for _ in range(count):
+                pool.submit(_import_what_jobs_need)
+    except RuntimeError:  # of a script that is being imported by a process that it has spawned itself
+        raise InputError(_GUARD) from None
 
-    def __init__(self, client: Any) -> None:
-        self._client = client
 
-    def run(self, job: Job, seed: int, chunks: Sequence[Chunk]) -> Results:
-        from distributed import as_completed
+def _in_processes(
+    pool: ProcessPoolExecutor, folder: Path, job: Job, seed: int, chunks: Sequence[Chunk]
+) -> Iterator[tuple[Chunk, NDArray[np.float64]]]:
+    """Run in a pool of processes, which read each job from a file once."""
+    file = folder / f"job{len(list(folder.iterdir()))}.pickle"
+    file.write_bytes(pickle.dumps(job))
+    try:
+        with _spawning():
+            futures = {pool.submit(_run_from, str(file), seed, chunk): chunk for chunk in chunks}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    except BrokenProcessPool:
+        raise RadiolocError(
+            f"a worker process ended before its trials did: {_GUARD}; or it was killed, as by a system that is "
+            "short of memory"
+        ) from None
 
-        there = self._client.scatter(job, broadcast=True)
-        futures = {self._client.submit(_run, there, seed, chunk, pure=False): chunk for chunk in chunks}
-        try:
-            for future, result in as_completed(futures, with_results=True):
-                yield futures[future], result
-        finally:
-            self._client.cancel(list(futures))
+
+def _on_cluster(
+    client: Any, job: Job, seed: int, chunks: Sequence[Chunk]
+) -> Iterator[tuple[Chunk, NDArray[np.float64]]]:
+    """Run on a Dask cluster; each job is sent to each of its workers once."""
+    from distributed import as_completed
+
+    there = client.scatter(job, broadcast=True)
+    futures = {client.submit(_run, there, seed, chunk, pure=False): chunk for chunk in chunks}
+    try:
+        for future, result in as_completed(futures, with_results=True):
+            yield futures[future], result
+    finally:
+        client.cancel(list(futures))
 
 
 @contextmanager
@@ -192,7 +165,7 @@ def _job_from(file: str) -> Job:
 
 
 def _run_from(file: str, seed: int, chunk: Chunk) -> NDArray[np.float64]:
-    return _job_from(file).run(seed, chunk)
+    return _run(_job_from(file), seed, chunk)
 
 
 def _run(job: Job, seed: int, chunk: Chunk) -> NDArray[np.float64]:

@@ -7,10 +7,10 @@ from radioloc.errors import InputError
 from radioloc.io import write_table
 from radioloc.measurements import Link, Observations
 from radioloc.measurements.registry import kind_of
-from radioloc.studies.averaging import with_averaged_counts
 from radioloc.studies.covariance import covariance
 from radioloc.studies.locate import prepared_arc
 from radioloc.studies.monte_carlo import monte_carlo
+from radioloc.studies.selection import with_averaged_counts
 from radioloc.studies.study_file import read_study
 from radioloc.time import epochs_from_strings, tai_to_utc, utc_to_tai
 

@@ -36,7 +36,7 @@ from radioloc.simulation import (
 )
 from radioloc.studies import EstimateChoice, HeightPrior, ModelChoice, ObservationChoice
 from radioloc.studies.linear_trials import trial_seed
-from radioloc.studies.prepared_trials import FullTrials, Prepared
+from radioloc.studies.prepared_trials import Prepared
 
 HOURS = (12.0, 24.0)
 NOISE = NoiseModel(
@@ -110,7 +110,7 @@ def columns_of(ready, values, *names):
 
 @pytest.mark.study
 def test_linear_trials_are_the_full_ones(study, ready):
-    linear, full = ready.linear().run(5, range(4)), FullTrials(ready).run(5, range(4))
+    linear, full = ready.linear().run(5, range(4)), ready.run(5, range(4))
     error_m, sigma_m = ("east_m", "north_m", "up_m"), ("sigma_east_m", "sigma_north_m", "sigma_up_m")
     apart_m = np.abs(columns_of(ready, linear - full, *error_m))
     assert (apart_m < np.maximum(1e-3, 0.01 * columns_of(ready, full, *sigma_m))).all()
@@ -132,7 +132,7 @@ def test_correlated_weights_are_those_of_the_full_fit(vlbi_station_sigma_m):
     study = study_of(600.0, observations=choice, weights="correlated")
     plain = study_of(600.0, observations=choice, weights="independent")
     ready = Prepared.of(study, (24.0,))
-    linear, full = (way.run(5, [1]) for way in (ready.linear(), FullTrials(ready)))
+    linear, full = (way.run(5, [1]) for way in (ready.linear(), ready))
     errors = columns_of(ready, linear - full, "east_m", "north_m", "up_m")
     sigmas = ("sigma_east_m", "sigma_north_m", "sigma_up_m")
     assert (np.abs(errors) < 0.01 * columns_of(ready, full, *sigmas)).all()
@@ -149,7 +149,7 @@ def test_trials_by_huber_are_those_of_the_full_fit(weights):
     """Its sigmas are those of least squares or somewhat larger: noise is normal."""
     study, plain = (study_of(600.0, weights=weights, estimator=one) for one in ("huber", "least_squares"))
     ready = Prepared.of(study, HOURS)
-    linear, full = ready.linear().run(11, range(3)), FullTrials(ready).run(11, range(3))
+    linear, full = ready.linear().run(11, range(3)), ready.run(11, range(3))
     of_plain = Prepared.of(plain, HOURS).linear().run(11, range(3))
     names = ("east_m", "north_m", "up_m")
     sigmas = [f"sigma_{name}" for name in names]
@@ -173,7 +173,7 @@ def test_a_full_trial_is_what_locate_gives(study, ready):
         ),
         made.observations,
     )
-    trial = FullTrials(Prepared.of(one, HOURS)).run(5, [3])[0, 0]
+    trial = Prepared.of(one, HOURS).run(5, [3])[0, 0]
     known = dict(zip(ready.columns, trial, strict=True))
     np.testing.assert_allclose(
         [known[f"{axis}_m"] for axis in ("east", "north", "up")],
@@ -191,7 +191,7 @@ def test_a_full_trial_is_what_locate_gives(study, ready):
 def test_noise_and_selection_are_those_of_the_study(changes):
     one = study_of(observations=ObservationChoice(**changes))
     ready = Prepared.of(one, (12.0,))
-    linear, full = ready.linear().run(1, range(2)), FullTrials(ready).run(1, range(2))
+    linear, full = ready.linear().run(1, range(2)), ready.run(1, range(2))
     same = columns_of(ready, linear - full, "east_m", "north_m", "up_m", "sigma_east_m")
     assert np.abs(same).max() < 0.05
     assert (columns_of(ready, linear, "used") == columns_of(ready, full, "used")).all()
@@ -200,7 +200,7 @@ def test_noise_and_selection_are_those_of_the_study(changes):
 def test_biases_with_a_priori_values():
     one = study_of(range_bias_m={"KASHI": 7.0})
     ready = Prepared.of(one, (12.0,))
-    linear, full = ready.linear().run(1, range(2)), FullTrials(ready).run(1, range(2))
+    linear, full = ready.linear().run(1, range(2)), ready.run(1, range(2))
     names = ("range_bias.KASHI", "range_bias.JIAMUSI", "east_m", "up_m")
     np.testing.assert_allclose(
         columns_of(ready, linear, *names), columns_of(ready, full, *names), rtol=0.0, atol=0.05
@@ -229,7 +229,7 @@ def test_processes_fit_in_full_as_well(study, ready):
     assert not in_pool.linear
     assert in_pool.proof is None
     # Least squares of some hundred rows, in one thread or two: rounding.
-    np.testing.assert_allclose(in_pool.values, FullTrials(ready).run(5, range(4)), rtol=1e-6)
+    np.testing.assert_allclose(in_pool.values, ready.run(5, range(4)), rtol=1e-6)
 
 
 @pytest.mark.slow
@@ -272,7 +272,7 @@ def test_where_the_linear_model_is_off_all_is_fitted_in_full(study, ready, monke
     result = radioloc.monte_carlo(study, 3, HOURS)
     assert not result.linear
     assert not result.proof.passed
-    np.testing.assert_array_equal(result.values, FullTrials(ready).run(5, range(3)))
+    np.testing.assert_array_equal(result.values, ready.run(5, range(3)))
     assert "every trial fitted in full: the linear model is off by up to" in str(result)
 
 
@@ -292,8 +292,8 @@ def test_where_not_everything_is_determined_all_is_fitted_in_full():
 
 UNGUARDED = """
 from radioloc.studies.workers import workers_of
-with workers_of(2) as workers:
-    list(workers.run(None, 0, [[0], [1]]))
+with workers_of(2) as run:
+    list(run(None, 0, [[0], [1]]))
 """
 
 
@@ -335,7 +335,7 @@ KILLED = """
 import os, signal, sys
 sys.path[:0] = sys.argv[2:]
 import radioloc
-from radioloc.studies.trial_files import TrialFolder
+from radioloc.studies.monte_carlo import TrialFolder
 from test_monte_carlo import HOURS, study_of
 
 add = TrialFolder.add

@@ -17,7 +17,7 @@ from radioloc.imaging import Sphere, TangentPlane, image_to_ground, read_isd, re
 from radioloc.lunar import TerrainModel
 from radioloc.report import write_images
 from radioloc.studies import PlaceOnMap, compare, read_image_study
-from radioloc.studies.image_inputs import ground_at
+from radioloc.studies.image_points import ground_at
 from radioloc.studies.image_study import GroundChoice
 
 EXAMPLES = Path(__file__).parents[3] / "examples"

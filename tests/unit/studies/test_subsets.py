@@ -11,8 +11,8 @@ from radioloc.errors import InputError
 from radioloc.estimation.combination import PositionEstimate
 from radioloc.report.leave_one_out import Without
 from radioloc.studies import leave_one_out
+from radioloc.studies.arcs import _groups
 from radioloc.studies.locate import prepared_arc
-from radioloc.studies.subsets import _groups
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 SAME_M = 1e-3

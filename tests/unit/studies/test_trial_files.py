@@ -9,7 +9,7 @@ import pytest
 from radioloc import LunarPosition, Study
 from radioloc.errors import InputError
 from radioloc.studies import EstimateChoice
-from radioloc.studies.trial_files import TrialFolder, refuse_other_study, study_record
+from radioloc.studies.monte_carlo import TrialFolder, refuse_other_study, study_record
 
 
 @pytest.fixture

@@ -1,29 +1,94 @@
-"""Locating a rover or lander by its stereo images of landmarks that a map shows (Chang'e-3 descent images, 2014)."""
+"""Locating a point that one image shows, or a rover or lander by its stereo images of landmarks that a map shows.
+
+The latter as of Chang'e-3 (descent images, 2014). Here is also what all studies of images have in common: the ground's
+height at a place, and what a result was made from.
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
-from radioloc.errors import InputError
-from radioloc.imaging import StereoPair, TangentPlane, body_position, resect
-from radioloc.lunar import LunarPosition
+from radioloc.errors import CoverageError, InputError
+from radioloc.imaging import (
+    ImagePointSigmas,
+    LineScanModel,
+    Sphere,
+    StereoPair,
+    TangentPlane,
+    Terrain,
+    body_position,
+    locate_image_point,
+    read_isd,
+    resect,
+)
+from radioloc.kernels import sha256_of
+from radioloc.lunar import LunarPosition, TerrainModel
 from radioloc.report.cards import Field, metres
 from radioloc.report.image_solution import MAP_TIE
 from radioloc.report.point_solution import ErrorSource, PointSolution
-from radioloc.studies.image_inputs import FRAME, ground_at, provenance_of
-from radioloc.studies.image_study import PointStudy, StereoChoice
+from radioloc.studies.image_study import GroundChoice, ImagePointChoice, PointStudy, StereoChoice
+from radioloc.studies.record import versions
+from radioloc.time import Epochs, to_scale, utc_strings
 
 Floats = NDArray[np.float64]
+
+FRAME = "ME_DE421"
+"""The axes of lunar maps."""
 
 _UNLIKELY = 1e-3
 """Chance of distances below which they do not agree with the map."""
 _FARTHEST_M = 10e3
 _MISFIT = 3.29
 """Sigmas by which rays pass each other once in 1000."""
+
+
+class Ground(NamedTuple):
+    """The ground at a place."""
+
+    height_m: float
+    sigma_m: float  # NaN where nothing tells the height
+    to_enu: Floats  # (3, 2): east, north and up on the ground by east and north
+    notes: tuple[str, ...]
+
+
+def ground_at(chosen: GroundChoice, longitude_deg: float, latitude_deg: float) -> Ground:
+    """The height of the ground as far as it is known, and how it follows the place."""
+    if chosen.height_m is not None:
+        return Ground(chosen.height_m, chosen.height_sigma_m, np.eye(3)[:, :2], ())
+    if chosen.dem is None:
+        note = "no height is known: give dem or height_m; the position stands on the sphere of 1737.4 km"
+        return Ground(0.0, math.nan, np.vstack([np.eye(2), [math.nan, math.nan]]), (note,))
+    longitude, latitude = np.radians([[longitude_deg], [latitude_deg]])
+    height_m, by_longitude, by_latitude = (
+        float(np.ravel(v)[0]) for v in TerrainModel.open(chosen.dem).height_and_slope(longitude, latitude)
+    )
+    slope = np.array([by_longitude / math.cos(latitude[0]), by_latitude]) / (MEAN_LUNAR_RADIUS_M + height_m)
+    return Ground(height_m, chosen.dem_sigma_m, np.vstack([np.eye(2), slope]), ())
+
+
+def provenance_of(
+    study: Path | None, images: Iterable[Path], others: Iterable[Path | None]
+) -> dict[str, Any]:
+    """What a solution is from: the study, the images that it measures or else its own numbers, and other files."""
+    measured = [*images] or ([] if study is None else [study])
+    files = dict.fromkeys([*measured, *(path for path in others if path is not None)])
+    origin = None
+    if study is not None:
+        origin = {
+            "file": str(study.resolve()),
+            "sha256": sha256_of(study),
+            "hours": None,
+            "inputs": [{"file": path.name, "sha256": sha256_of(path)} for path in files],
+        }
+    return {**versions(), "study": origin, "files": [path.name for path in measured]}
 
 
 class _Distances(NamedTuple):
@@ -192,4 +257,81 @@ def _field(names: list[str], measured: _Distances, residuals_m: Floats, chi2: fl
     heading = ("landmark", "distance, m", "sigma, m", "residual, m", "rays, sigmas")
     return Field(
         "distances", (), heading, rows, (f"chi-square {chi2:.2f} of {len(names) - 2} degrees of freedom",)
+    )
+
+
+def locate_point(study: PointStudy) -> PointSolution:
+    """Locate the point of ``[image_point]``."""
+    chosen = study.chosen
+    assert isinstance(chosen, ImagePointChoice)
+    support = read_isd(chosen.model)
+    if not support.model.axes.startswith("ME_"):
+        support = read_isd(chosen.model, axes=FRAME)
+    model = support.model
+    if chosen.dem is not None:
+        surface: Terrain | Sphere = Terrain(TerrainModel.open(chosen.dem))
+        of_height, sigma_m = chosen.dem.name, chosen.dem_sigma_m
+    else:
+        assert chosen.height_m is not None
+        surface = Sphere(MEAN_LUNAR_RADIUS_M + chosen.height_m)
+        of_height, sigma_m = study.name, chosen.height_sigma_m
+    sigmas = ImagePointSigmas(
+        chosen.point_sigma_px, chosen.position_sigma_m, chosen.attitude_sigma_rad, sigma_m
+    )
+    found = locate_image_point(model, chosen.point, surface, sigmas)
+    image = chosen.model.name
+    of_image = (
+        ("position", "orbit", "m", ("east", "north", "up"), chosen.position_sigma_m),
+        ("attitude", "pointing", "rad", ("x", "y", "z"), chosen.attitude_sigma_rad),
+    )
+    sources = (
+        ErrorSource("pixel", found.errors_enu_m["pixel"]),
+        *(
+            ErrorSource(
+                name,
+                found.errors_enu_m[part],
+                tuple(
+                    (f"{name}.{axis}.{image}", unit, sigma) for axis, sigma in zip(axes, each, strict=True)
+                ),
+            )
+            for part, name, unit, axes, each in of_image
+        ),
+        ErrorSource("height", found.errors_enu_m["height"], ((f"height.{of_height}", "m", sigma_m),)),
+    )
+    rays = model.rays([found.pixel])
+    up = found.position_me.xyz_m / np.linalg.norm(found.position_me.xyz_m)
+    emission_deg = math.degrees(math.acos(float(-rays.directions[0] @ up)))
+    time_s = 0.0
+    if isinstance(model, LineScanModel):
+        time_s = float(model.times_s(np.array([found.pixel[1]]))[0][0])
+    taken = Epochs.from_tdb_seconds([support.epoch_tdb_s]).shifted(time_s)
+    with suppress(CoverageError):  # before 1972, as Apollo's images, it stays TDB
+        taken = to_scale(taken, "UTC")
+    epoch = f"{utc_strings(taken, 3)[0]} {taken.scale}"
+    sensor = " ".join(part for part in (support.platform, support.sensor) if part)
+    across_m, along_m = found.pixel_size_m
+    lines = (
+        f"{image}{f', {sensor}' if sensor else ''}, {epoch}",
+        f"point at sample {found.pixel[0]:.2f}, line {found.pixel[1]:.2f}; pixels of {across_m:.3g} x {along_m:.3g} m "
+        f"on the ground, seen from {emission_deg:.1f} deg off the vertical",
+    )
+    details = {
+        "model": image,
+        "sensor": sensor,
+        "epoch": epoch,
+        "point_px": list(found.pixel),
+        "pixel_size_m": [across_m, along_m],
+        "emission_deg": emission_deg,
+    }
+    return PointSolution(
+        study.name,
+        "image_point",
+        "",
+        found.position_me,
+        sources,
+        (Field("image", lines),),
+        details,
+        1,
+        references={one.name: one.position for one in study.references},
+        provenance=provenance_of(study.path, (), (chosen.model, chosen.dem)),
     )

@@ -1,6 +1,6 @@
 """Process noise: a square-root information filter and smoother.
 
-Stochastic accelerations (:mod:`~radioloc.parameters.stochastic`) are a process of first order, u_(k+1) = m u_k + w. The
+Stochastic accelerations (:mod:`~radioloc.dynamics.stochastic`) are a process of first order, u_(k+1) = m u_k + w. The
 filter goes from both ends of the arc inward, interval by interval: the triangle of what lies outside, the process and
 the interval's observations stand above each other, and Householder reflections eliminate the outer u (Bierman 1977,
 chapters V and VII; Tapley, Schutz and Born 2004, section 5.10). What no unknown of the process is in any more are
@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.dynamics.stochastic import ACROSS, AFTER, BEFORE, Chains, StochasticAccelerations
 from radioloc.estimation.observation_noise import Combinations, ObservationNoise
-from radioloc.parameters.stochastic import ACROSS, AFTER, BEFORE, Chains, StochasticAccelerations
 
 Floats = NDArray[np.float64]
 RowsOf = Callable[[NDArray[np.intp]], Floats]

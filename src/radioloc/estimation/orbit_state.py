@@ -17,8 +17,7 @@ from radioloc.time import Epochs, utc_strings
 if TYPE_CHECKING:
     from radioloc.dynamics import AdjustableOrbit
     from radioloc.dynamics.disturbed import DisturbedOrbit
-    from radioloc.dynamics.stochastic import StochasticEffects
-    from radioloc.parameters.stochastic import Chains
+    from radioloc.dynamics.stochastic import Chains, StochasticEffects
 
 Floats = NDArray[np.float64]
 

@@ -10,16 +10,16 @@ masers 1e-13 is usual; 1e-12 moves a Doppler solution of a lander by hundreds of
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
-from radioloc.parameters import apriori
-from radioloc.parameters.kind import ParameterKind, Scope
+from radioloc.parameters.kind import Members, ParameterKind, Scope, Sigmas
 from radioloc.parameters.rows import ObservationRows
 
 _STATIONS_OR_LINKS = (Scope.STATION, Scope.PASS, Scope.LINK, Scope.LINK_AND_PASS)
-_LINKS = (Scope.LINK, Scope.LINK_AND_PASS, Scope.PASS)
 
 
 def _at_second(acts: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -55,6 +55,16 @@ def _counted(rows: ObservationRows) -> NDArray[np.bool_]:
 
 def _offset(rows: ObservationRows) -> NDArray[np.float64]:
     return (_counted(rows) * (C_M_S * rows.count_s - rows.computed.value_m)[:, None])[..., None]
+
+
+def _offsets_left(rows: ObservationRows, members: Members) -> Sigmas:
+    """Of two masers, and what quasars leave in delay rates; two-way there is none, one-way it is to be estimated."""
+    link, three_way = rows.observations.link, ~rows.baseline & ~rows.two_way & ~rows.one_way
+    sigmas: Sigmas = {}
+    for of, sigma in ((rows.baseline, 1e-14), (three_way, 1e-13)):
+        found = np.unique(link[of & rows.integrated])
+        sigmas |= {name: sigma for name, k in members.items() if k in found}
+    return sigmas
 
 
 RANGE_BIAS = ParameterKind(
@@ -98,18 +108,18 @@ FREQUENCY_OFFSET = ParameterKind(
     unit="1",
     description="fractional offset of the received frequency's reference against the transmitted one's, of Doppler and "
     "delay rates",
-    scopes=_LINKS,
+    scopes=(Scope.LINK, Scope.LINK_AND_PASS, Scope.PASS),
     partials=_offset,
     acts_on=_counted,
     scale=1e-10,
-    considered=apriori.frequency_offsets,
+    considered=_offsets_left,
 )
-FREQUENCY_RATE = ParameterKind(
+FREQUENCY_RATE = replace(
+    FREQUENCY_OFFSET,
     name="frequency_rate",
     unit="1/s",
     description="drift of the frequency offset, about its value at the reference epoch, the middle of the arc",
-    scopes=_LINKS,
     partials=lambda rows: _offset(rows) * rows.elapsed_s[:, None, None],
-    acts_on=_counted,
     scale=1e-14,
+    considered=None,
 )

@@ -17,8 +17,8 @@ import numpy as np
 from radioloc.errors import InputError, named
 from radioloc.measurements.link import Link, canonical_target
 from radioloc.measurements.predictor import Predictor
-from radioloc.parameters.columns import PASS_GAP_H, Columns, Members, columns_of, everyone, members
-from radioloc.parameters.kind import Amount, ParameterKind, Scope
+from radioloc.parameters.columns import PASS_GAP_H, Columns, columns_of, everyone, members
+from radioloc.parameters.kind import Amount, Members, ParameterKind, Scope
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import ObservationRows, networks

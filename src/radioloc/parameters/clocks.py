@@ -8,12 +8,13 @@ the interval.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
-from radioloc.parameters import apriori
-from radioloc.parameters.kind import ParameterKind, Scope
+from radioloc.parameters.kind import Members, ParameterKind, Scope, Sigmas
 from radioloc.parameters.rows import TRANSMIT, ObservationRows
 
 _SIGN = np.array([-1.0, 1.0])
@@ -76,7 +77,17 @@ def _target_drift(rows: ObservationRows) -> NDArray[np.float64]:
     return _target_gains(rows, gained_s, counted * since_s)
 
 
-_TARGET_OR_LINKS = (Scope.TARGET, Scope.LINK, Scope.LINK_AND_PASS)
+def _offsets_left(rows: ObservationRows, members: Members) -> Sigmas:
+    """Quasars leave 0.2 ns of the clocks in VLBI delays; stations that range are synchronized to 10 ns."""
+    by_quasars = np.unique(rows.ends[rows.baseline & ~rows.integrated])
+    return {name: 0.2e-9 if k in by_quasars else 10e-9 for name, k in members.items()}
+
+
+def _rates_left(rows: ObservationRows, members: Members) -> Sigmas:
+    """What quasars leave of hydrogen masers in VLBI delays; in counted observations they are offsets of frequency."""
+    by_quasars = np.unique(rows.ends[rows.baseline & ~rows.integrated])
+    return {name: 5e-15 for name, k in members.items() if k in by_quasars}
+
 
 CLOCK = ParameterKind(
     name="clock",
@@ -88,25 +99,23 @@ CLOCK = ParameterKind(
     acts_on=_offset_shows,
     scale=1.0 / C_M_S,
     relative=True,
-    considered=apriori.clocks,
+    considered=_offsets_left,
 )
-CLOCK_RATE = ParameterKind(
+CLOCK_RATE = replace(
+    CLOCK,
     name="clock_rate",
     unit="s/s",
     description="rate of a station's clock, about the offset at the reference epoch, the middle of the arc",
-    scopes=(Scope.STATION, Scope.PASS, Scope.LINK, Scope.LINK_AND_PASS),
-    of_links_second=True,
     partials=_rate,
     acts_on=_rate_shows,
     scale=1e-5 / C_M_S,
-    relative=True,
-    considered=apriori.clock_rates,
+    considered=_rates_left,
 )
 TARGET_CLOCK = ParameterKind(
     name="target_clock",
     unit="s",
     description="offset of the clock by which the target transmits, for one-way ranges",
-    scopes=_TARGET_OR_LINKS,
+    scopes=(Scope.TARGET, Scope.LINK, Scope.LINK_AND_PASS),
     partials=_target_offset,
     acts_on=lambda rows: (rows.one_way & ~rows.integrated)[:, None],
     scale=1.0 / C_M_S,
@@ -115,17 +124,16 @@ TARGET_FREQUENCY = ParameterKind(
     name="target_frequency",
     unit="1",
     description="fractional frequency offset of the oscillator by which the target transmits, the rate of its clock",
-    scopes=_TARGET_OR_LINKS,
+    scopes=(Scope.TARGET, Scope.LINK, Scope.LINK_AND_PASS),
     partials=_target_rate,
     acts_on=lambda rows: rows.one_way[:, None],
     scale=1e-5 / C_M_S,
 )
-TARGET_FREQUENCY_RATE = ParameterKind(
+TARGET_FREQUENCY_RATE = replace(
+    TARGET_FREQUENCY,
     name="target_frequency_rate",
     unit="1/s",
     description="drift of that frequency offset, about its value at the reference epoch, the middle of the arc",
-    scopes=_TARGET_OR_LINKS,
     partials=_target_drift,
-    acts_on=lambda rows: rows.one_way[:, None],
     scale=1e-9 / C_M_S,
 )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.measurements.predictor import Predictor
-from radioloc.parameters.kind import ParameterKind, Scope
+from radioloc.parameters.kind import Members, ParameterKind, Scope
 from radioloc.parameters.rows import ObservationRows
 from radioloc.plugins import named_where_it_fails
 from radioloc.time import utc_strings
@@ -19,9 +19,6 @@ from radioloc.time import utc_strings
 PASS_GAP_H = 4.0
 """A station that has not observed for so long begins a new pass. Between two passes the Moon is down for 5 h or more at
 latitudes up to 57 degrees; within one a station is seldom silent for longer than this."""
-
-Members = dict[str, int]
-"""Stations, links or targets by name, with their index in the predictor; the whole has no name and the index 0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.dynamics.stochastic import StochasticAccelerations
 from radioloc.ephemeris.trajectory import AdjustableTrajectory
 from radioloc.measurements.combined_predictor import CombinedPrediction, CombinedPredictor
 from radioloc.measurements.map_predictor import JointPrediction, JointPredictor
@@ -19,7 +20,6 @@ from radioloc.parameters.landing import LandingParameters
 from radioloc.parameters.parameter import Parameter, ParameterSet
 from radioloc.parameters.position import PositionFunction, PositionParameters
 from radioloc.parameters.rows import ObservationRows, middle_of
-from radioloc.parameters.stochastic import StochasticAccelerations
 from radioloc.time import Epochs
 
 Rows = NDArray[np.intp]

@@ -1,4 +1,8 @@
-"""Where the stations are: their coordinates (m), UT1 (s) and the pole (rad), each beyond the model's."""
+"""Where the stations are and what is above them, each beyond the model's.
+
+Their coordinates (m), UT1 (s) and the pole (rad); zenith delay of the troposphere (m) and vertical electron content
+(TECU).
+"""
 
 from __future__ import annotations
 
@@ -6,9 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import EARTH_ROTATION_RAD_S
+from radioloc.earth.eop_prediction import orientation_errors
 from radioloc.earth.geodesy import rot_itrf_to_enu
-from radioloc.parameters import apriori
-from radioloc.parameters.kind import ParameterKind, Scope, both_stations, everywhere
+from radioloc.errors import InputError
+from radioloc.media.csp import CHARGED, WET
+from radioloc.media.ionosphere import UniformTec
+from radioloc.parameters.kind import Members, ParameterKind, Scope, Sigmas, both_stations, everywhere
 from radioloc.parameters.rows import ObservationRows
 
 
@@ -41,6 +48,63 @@ def _pole(rows: ObservationRows) -> NDArray[np.float64]:
     return _displaced(rows, np.stack([by_xp, by_yp], axis=-1))
 
 
+def _electron_content(rows: ObservationRows) -> NDArray[np.float64]:
+    by_content = rows.computed.by_electron_content_m
+    if np.isnan(by_content).any():
+        row = int(rows.rows[np.flatnonzero(np.isnan(by_content).any(axis=-1))[0]])
+        raise InputError(
+            f"{rows.observations.origin(row)}: the electron content acts by the signal's frequency, which is not "
+            "recorded; give uplink_hz and wavelength_um"
+        )
+    return (by_content * (rows.ends >= 0))[..., None]
+
+
+def _positions_left(rows: ObservationRows, members: Members) -> Sigmas:
+    """By what the catalogue states of each station, or its quality."""
+    return {name: rows.model.catalogue.get(name).position_sigma_m for name in members}
+
+
+def _orientation_left(rows: ObservationRows) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Of UT1 and the pole, measured or predicted by lead time; the largest of the arc."""
+    last = rows.observations.epoch.mjd.max(keepdims=True)
+    return orientation_errors(rows.model.earth.table, last)
+
+
+def _delays_left(rows: ObservationRows, members: Members) -> Sigmas:
+    """Of radio: standard atmosphere and GPT3 know no weather, of which VMF3 and calibrations of the DSN leave 1 cm."""
+    files, calibrations = rows.model.radio_atmosphere, rows.model.media_calibrations
+    sigmas: Sigmas = {}
+    for name in _of_radio(rows, members):
+        station = rows.model.catalogue.get(name)
+        calibrated = calibrations is not None and calibrations.serves(station, WET)
+        known = calibrated or (files is not None and files.source_of(station) == "VMF3")
+        sigmas[name] = 0.01 if known else 0.03
+    return sigmas
+
+
+def _contents_left(rows: ObservationRows, members: Members) -> Sigmas | str:
+    """What maps and calibrations leave; one content for everywhere, or none, leaves more.
+
+    Where the ionosphere is switched off, the observations are taken to be free of it, as by maps.
+    """
+    if np.isnan(rows.observations.wavelength_um[rows.radio]).any():
+        return "the frequency of some signals is not recorded"
+    model = rows.model
+    sigma = 3.0
+    if model.has("ionosphere") and (model.ionosphere is None or isinstance(model.ionosphere, UniformTec)):
+        sigma = 20.0 if model.ionosphere is None else 10.0
+    calibrations, catalogue = model.media_calibrations, model.catalogue
+    return {
+        name: 3.0 if calibrations is not None and calibrations.serves(catalogue.get(name), CHARGED) else sigma
+        for name in _of_radio(rows, members)
+    }
+
+
+def _of_radio(rows: ObservationRows, members: Members) -> list[str]:
+    found = np.unique(rows.ends[rows.radio])
+    return [name for name, k in members.items() if k in found]
+
+
 STATION_POSITION = ParameterKind(
     name="station_position",
     unit="m",
@@ -50,7 +114,7 @@ STATION_POSITION = ParameterKind(
     acts_on=both_stations,
     components=("east", "north", "up"),
     more_partials=True,
-    considered=apriori.station_positions,
+    considered=_positions_left,
 )
 UT1 = ParameterKind(
     name="ut1",
@@ -61,7 +125,7 @@ UT1 = ParameterKind(
     acts_on=everywhere,
     scale=2e-3,
     more_partials=True,
-    considered=apriori.ut1,
+    considered=lambda rows, _: {"": float(_orientation_left(rows)[0].max())},
 )
 POLE = ParameterKind(
     name="pole",
@@ -73,5 +137,29 @@ POLE = ParameterKind(
     components=("x", "y"),
     scale=1.6e-7,
     more_partials=True,
-    considered=apriori.pole,
+    considered=lambda rows, _: {"": float(_orientation_left(rows)[1].max())},
+)
+ZENITH_DELAY = ParameterKind(
+    name="zenith_delay",
+    unit="m",
+    description="wet zenith delay of radio signals above a station, beyond the model's",
+    scopes=(Scope.STATION, Scope.PASS),
+    partials=lambda rows: (rows.computed.by_zenith_wet * (rows.ends >= 0))[..., None],
+    acts_on=both_stations,
+    scale=0.3,
+    term="troposphere",
+    considered=_delays_left,
+    considered_per=Scope.PASS,
+)
+ELECTRON_CONTENT = ParameterKind(
+    name="electron_content",
+    unit="tecu",
+    description="vertical electron content above a station, beyond the model's, 1e16 per square metre",
+    scopes=(Scope.STATION, Scope.PASS),
+    partials=_electron_content,
+    acts_on=both_stations,
+    scale=10.0,
+    more_partials=True,
+    considered=_contents_left,
+    considered_per=Scope.PASS,
 )

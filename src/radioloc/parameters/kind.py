@@ -38,6 +38,12 @@ class Scope(Enum):
 Amount = float | tuple[float, ...] | None
 """A number, or one for each component."""
 
+Members = dict[str, int]
+"""Stations, links or targets by name, with their index in the predictor; the whole has no name and the index 0."""
+
+Sigmas = dict[str, Amount]
+"""A-priori sigmas by member."""
+
 
 @dataclass(frozen=True, slots=True)
 class ParameterKind:
@@ -102,7 +108,7 @@ class ParameterKind:
     term: str = ""
     relative: bool = False
     of_links_second: bool = False
-    considered: Callable[[ObservationRows, Mapping[str, int]], Mapping[str, Amount] | str] | None = None
+    considered: Callable[[ObservationRows, Members], Mapping[str, Amount] | str] | None = None
     considered_per: Scope | None = None
 
     def __post_init__(self) -> None:

@@ -1,4 +1,4 @@
-"""Where the Moon is and how it is turned, its tide and its lengths, each beyond the model's.
+"""Where the Moon is and how it is turned, its tide and its lengths, each beyond the model's; how maps are tied to it.
 
 The Moon's place acts along the way from the Earth, along its orbit and along the orbit's normal. Errors of place and
 librations are constant amounts, and others in each session.
@@ -14,11 +14,14 @@ from numpy.typing import NDArray
 
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.lunar.tide import solid_tide
-from radioloc.parameters import apriori
-from radioloc.parameters.kind import ParameterKind, Scope, everywhere
+from radioloc.measurements.map_predictor import MapPredictor
+from radioloc.measurements.registry import is_on_map, kind_of
+from radioloc.parameters.kind import Members, ParameterKind, Scope, Sigmas, everywhere
 from radioloc.parameters.rows import ObservationRows
 from radioloc.time import Epochs
 from radioloc.vectors import dot
+
+_MJD_2000, _DAYS_PER_YEAR = 51544.5, 365.25
 
 
 def _moon_position(rows: ObservationRows) -> NDArray[np.float64]:
@@ -63,6 +66,60 @@ def _love_numbers(rows: ObservationRows) -> NDArray[np.float64]:
     return columns[np.arange(len(rows)), which.reshape(-1)][:, None, :]
 
 
+def _position_left(rows: ObservationRows, _: Members) -> Sigmas:
+    """By ephemeris; one that is not known counts as DE421.
+
+    DE421, of data until 2007, less DE440 from 1992 to 2050: 0.3 m (rms) away from the Earth, 0.4 m normal to the orbit,
+    and along it 0.8 m and what grows with the square of time, 1.2 m in 2005 to 2010, 2.8 m in 2019 to 2025. DE440 is
+    tied to the ICRF to 0.2 mas (Park et al. 2021), 0.4 m at the Moon, and by ranges to the reflectors to decimetres.
+    """
+    if rows.model.ephemeris.name == "DE440":
+        return {"": (0.1, 0.4, 0.4)}
+    return {"": (0.3, 0.8 + 0.0042 * _years(rows) ** 2, 0.4)}
+
+
+def _position_varies(rows: ObservationRows, _: Members) -> Sigmas:
+    """What comes and goes with the month in DE421 less DE440; half of it for DE440, which has 13 years of data more.
+
+    About the mean of some years, rms: away from the Earth 0.03 m until 2008, 0.07 m in 2010 to 2020, 0.14 m in 2020 to
+    2030, 0.29 m in 2030 to 2049; along the orbit 0.1 m besides its trend; normal to it 0.4 m.
+    """
+    half = 0.5 if rows.model.ephemeris.name == "DE440" else 1.0
+    return {"": (half * (0.03 + 0.00016 * _years(rows) ** 2), half * 0.1, half * 0.4)}
+
+
+def _years(rows: ObservationRows) -> float:
+    """Of the last observation, since 2000."""
+    return (float(rows.observations.epoch.mjd.max()) - _MJD_2000) / _DAYS_PER_YEAR
+
+
+def _libration_left(rows: ObservationRows, _: Members) -> Sigmas:
+    """DE421 less DE440 in mean-Earth axes, rms from 1992 to 2050; of DE440 what varies in that."""
+    newer = rows.model.ephemeris.name == "DE440"
+    return {"": (5e-8, 5e-8, 5e-8) if newer else (0.9e-7, 1.5e-7, 0.7e-7)}
+
+
+def _libration_varies(rows: ObservationRows, _: Members) -> Sigmas:
+    """DE421 less DE440 about its mean from 2006 to 2024, 0.07, 0.07, 0.11 m rms on the ground; half of it for DE440."""
+    half = 0.5 if rows.model.ephemeris.name == "DE440" else 1.0
+    return {"": (half * 4e-8, half * 4e-8, half * 6e-8)}
+
+
+def _on_map(rows: ObservationRows) -> NDArray[np.bool_]:
+    return is_on_map(rows.kind)[:, None]
+
+
+def _by_tie(rows: ObservationRows) -> NDArray[np.float64]:
+    components = [rows.kind == kind_of(name) for name in ("map_east", "map_north")]
+    return np.stack(components, axis=-1)[:, None, :].astype(np.float64)
+
+
+def _ties_stated(rows: ObservationRows, _: Members) -> Sigmas:
+    """What is stated of each map."""
+    assert isinstance(rows.predictor, MapPredictor)  # nothing else has members
+    return dict(rows.predictor.map_sigma_m)
+
+
 MOON_POSITION = ParameterKind(
     name="moon_position",
     unit="m",
@@ -72,7 +129,7 @@ MOON_POSITION = ParameterKind(
     acts_on=everywhere,
     components=("radial", "along", "normal"),
     more_partials=True,
-    considered=apriori.moon_position,
+    considered=_position_left,
 )
 LIBRATION = ParameterKind(
     name="libration",
@@ -83,7 +140,7 @@ LIBRATION = ParameterKind(
     acts_on=everywhere,
     components=("x", "y", "z"),
     scale=6e-7,
-    considered=apriori.libration,
+    considered=_libration_left,
 )
 # What an ephemeris has wrong in the month and in the year: constant for a night, of no memory from one to the next.
 MOON_POSITION_VARIATION = replace(
@@ -91,14 +148,14 @@ MOON_POSITION_VARIATION = replace(
     name="moon_position_variation",
     description="the same of one session, beyond `moon_position`",
     scopes=(Scope.SESSION,),
-    considered=apriori.moon_position_variation,
+    considered=_position_varies,
 )
 LIBRATION_VARIATION = replace(
     LIBRATION,
     name="libration_variation",
     description="the same of one session, beyond `libration`",
     scopes=(Scope.SESSION,),
-    considered=apriori.libration_variation,
+    considered=_libration_varies,
 )
 LOVE_NUMBERS = ParameterKind(
     name="love_numbers",
@@ -119,4 +176,14 @@ LUNAR_LENGTHS = ParameterKind(
     partials=lambda rows: dot(rows.computed.by_position_pa, rows.target_pa_m)[:, None, None],
     acts_on=everywhere,
     scale=6e-7,
+)
+MAP_TIE = ParameterKind(
+    name="map_tie",
+    unit="m",
+    description="how far a map shows everything too far east and north; with the sigma that is stated of the map",
+    scopes=(Scope.MAP,),
+    partials=_by_tie,
+    acts_on=_on_map,
+    components=("east", "north"),
+    considered=_ties_stated,
 )

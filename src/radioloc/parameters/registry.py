@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from radioloc.parameters import biases, clocks, earth, maps, media, moon
+from radioloc.parameters import biases, clocks, earth, moon
 from radioloc.parameters.kind import ParameterKind
 from radioloc.plugins import registry
 
@@ -22,8 +22,8 @@ PARAMETERS: Mapping[str, ParameterKind] = registry(
         clocks.CLOCK_RATE,
         biases.FREQUENCY_OFFSET,
         biases.FREQUENCY_RATE,
-        media.ZENITH_DELAY,
-        media.ELECTRON_CONTENT,
+        earth.ZENITH_DELAY,
+        earth.ELECTRON_CONTENT,
         biases.TRANSPONDER_DELAY,
         biases.STATION_DELAY,
         clocks.TARGET_CLOCK,
@@ -38,7 +38,7 @@ PARAMETERS: Mapping[str, ParameterKind] = registry(
         moon.LIBRATION_VARIATION,
         moon.LOVE_NUMBERS,
         moon.LUNAR_LENGTHS,
-        maps.MAP_TIE,
+        moon.MAP_TIE,
     ],
 )
 """Kinds of parameter by name, in the order of the columns of the design matrix."""

@@ -21,7 +21,7 @@ from radioloc.estimation.combination import PositionEstimate, agreement, joint_e
 from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.position import LunarPosition
-from radioloc.parameters.maps import MAP_TIE
+from radioloc.parameters.moon import MAP_TIE
 from radioloc.report.arc_study import ArcStudy
 from radioloc.report.comparison import Comparison
 from radioloc.report.image_solution import ImageSolution

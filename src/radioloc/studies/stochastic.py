@@ -9,7 +9,17 @@ from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.dynamics.disturbed import DisturbedOrbit
-from radioloc.dynamics.stochastic import COLOURS, StochasticEffects, colours, stochastic_forces
+from radioloc.dynamics.stochastic import (
+    ACROSS,
+    AFTER,
+    BEFORE,
+    COLOURS,
+    Chains,
+    StochasticAccelerations,
+    StochasticEffects,
+    colours,
+    stochastic_forces,
+)
 from radioloc.errors import InputError
 from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.information_filter import InformationFilter
@@ -18,7 +28,6 @@ from radioloc.estimation.orbit_state import OrbitState, ProcessEstimate
 from radioloc.estimation.solution import Solution
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.parameters.design import ObservationModel
-from radioloc.parameters.stochastic import ACROSS, AFTER, BEFORE, Chains, StochasticAccelerations
 from radioloc.studies.orbiter import ProcessNoise
 from radioloc.time import tt_to_tdb, utc_to_tt
 

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from radioloc.dynamics.stochastic import ACROSS, AFTER, BEFORE, StochasticAccelerations
 from radioloc.estimation import Parameter, ParameterSet, fit_least_squares, fit_with_editing
 from radioloc.estimation.linearization import DenseLinearization
 from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
 from radioloc.estimation.variance_components import part_of_parameters
-from radioloc.parameters.stochastic import ACROSS, AFTER, BEFORE, StochasticAccelerations
 
 N, INTERVALS, OTHERS = 120, (7, 4), 8
 SIGMA_M = 0.3

@@ -19,8 +19,7 @@ from radioloc.estimation.consistency import Consistency
 from radioloc.estimation.gauss_markov import SeriesWeight, TimeCorrelation
 from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.observability import Observability
-from radioloc.estimation.orbit_overlap import OrbitOverlap
-from radioloc.estimation.orbit_state import OrbitState
+from radioloc.estimation.orbit_state import OrbitOverlap, OrbitState
 from radioloc.estimation.statistics import FitStatistics, Residuals, finite_or_none, read_only
 from radioloc.estimation.transmitter_passes import TransmitterPass
 from radioloc.lunar.position import LunarPosition

@@ -28,7 +28,7 @@ from radioloc.estimation.editing import (
 from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.observation_noise import ObservationNoise
-from radioloc.estimation.orbit_overlap import overlaps, states_of_arcs
+from radioloc.estimation.orbit_state import overlaps, states_of_arcs
 from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
 from radioloc.estimation.solution import Solution, TargetPosition
 from radioloc.estimation.variance_components import fit_with_variance_components
@@ -52,12 +52,10 @@ from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphe
 from radioloc.parameters.design import ObservationModel, tracking_of
 from radioloc.studies.coarse_search import near_starts
 from radioloc.studies.first_orbit import first_orbit
-from radioloc.studies.landing_fit import near_landing, state_before
 from radioloc.studies.manoeuvres import HIDDEN, Manoeuvre
 from radioloc.studies.notes import notes_of, provenance
 from radioloc.studies.one_thread import on_one_blas_thread
-from radioloc.studies.orbit_arcs import orbit_arcs
-from radioloc.studies.orbit_start import near_orbit
+from radioloc.studies.orbit_start import near_landing, near_orbit, orbit_arcs
 from radioloc.studies.orbiter import Orbiter
 from radioloc.studies.problem import (
     allows_for_correlation,
@@ -288,7 +286,7 @@ def fit_arc(
     )
     if problem.landing is not None and isinstance(study.target, Orbiter):
         assert not isinstance(errant, OrbitArcs)  # a landing has one arc
-        state = state_before(problem, study.target, solution, errant)
+        state = study.target.state_before(problem.landing, solution, errant)
         solution = replace(solution, state=state)
     elif isinstance(arc.trajectory, AdjustableOrbit):
         assert not isinstance(errant, OrbitArcs)

@@ -1,9 +1,8 @@
-"""A target that flies: its state at an epoch and the forces on it, and what of them is estimated."""
+"""A target that flies: its state at an epoch, the forces on it, and where it lands."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,29 +12,27 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.boundary import bare_fields
-from radioloc.dynamics import BODIES, STATE, Acceleration, AdjustableOrbit, Forces, GravityField, Impulse
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.dynamics import AdjustableOrbit, Forces
 from radioloc.dynamics.disturbed import DisturbedOrbit
-from radioloc.dynamics.elements import FORMS, equatorial_axes, state_of_elements
-from radioloc.dynamics.gravity import SHIPPED
+from radioloc.dynamics.elements import equatorial_axes, state_of_elements
 from radioloc.dynamics.gravity_errors import draw_gravity_errors, errors_along
 from radioloc.dynamics.orbit import initial_state
 from radioloc.ephemeris import CONSTANTS, Ephemeris, LunarOrientation
 from radioloc.errors import InputError
+from radioloc.estimation.orbit_state import OrbitState
+from radioloc.estimation.solution import Solution
+from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.parameters.orbit import RTN
-from radioloc.studies.landing import Landing
-from radioloc.studies.schema import TomlTable, check, entry
-from radioloc.time import Epochs, epochs_from_strings, tt_to_tdb, utc_strings, utc_to_tt
+from radioloc.parameters.landing import Ground, LandingParameters
+from radioloc.time import Epochs, tt_to_tdb, utc_strings, utc_to_tt
 
-EMPIRICAL = ("none", "constant", "once_per_revolution")
-EMPIRICAL_NAME = "empirical"
-EMPIRICAL_SIGMA_M_S2 = 3e-9
-"""What a field to degree 150 leaves out at 50 km is some 1e-8 m/s2, little of it with the period of the orbit."""
+Floats = NDArray[np.float64]
+
 GRAVITY_ERRORS = 12
 """Draws by which a sigma is good to a fifth."""
 GRAVITY_ERROR_DEGREE = 200
-_STATE_FORMS = {"rtn": RTN, **FORMS}
 _NEAR_M = 66e6
 """The Moon's sphere of influence."""
 _FASTEST_M_S = 3e3
@@ -45,14 +42,12 @@ _SLOWEST = 0.005
 _MARGIN_S = 60.0
 """Beyond the first and the last tag: half of a count interval and the light time."""
 _HIGHEST_M = 2e6
-MOST_SEGMENTS = 1000
 _LONGEST_ARC_S = 40.0 * 86400.0
-
-
-def _gravity(table: TomlTable, key: str) -> str | Path | None:
-    """A field that ships, by its name, or a file beside the study."""
-    name = table.get(key, str)
-    return name if name is None or name in SHIPPED else table.files(key, [name])[0]
+_LOWEST_END_M, _HIGHEST_END_M = -20e3, 25e3
+"""Heights at which a-priori trajectories may end: those of the ground, give or take what the thrust may be wrong."""
+_FARTHEST_M = 200e3
+_BEFORE_S = 1.0
+"""The state of an orbit is told until so long before the touchdown, where it has a plane yet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +91,83 @@ class RoughOrbit:
         return self.inclination_deg is not None and self.node_deg is not None
 
 
-def _require_orbit(state: NDArray[np.float64]) -> None:
+@dataclass(frozen=True, slots=True, eq=False)
+class Landing:
+    """When a spacecraft comes to rest on the Moon, and where.
+
+    Parameters
+    ----------
+    epoch : Epochs
+        Of the touchdown, TDB, one.
+    place : LunarPosition, optional
+        The a-priori place; where the a-priori trajectory ends, if not given.
+    """
+
+    epoch: Epochs
+    place: LunarPosition | None = None
+
+    def __post_init__(self) -> None:
+        bare_fields(self)
+        self.epoch.require("TDB")
+        if len(self.epoch) != 1:
+            raise InputError(f"epoch of the landing must be one, not {len(self.epoch)}")
+
+    def __str__(self) -> str:
+        return f"touchdown at {utc_strings(self.epoch, 3)[0]} TDB"
+
+    def place_pa_m(self, model: PhysicalModel) -> Floats | None:
+        """The a-priori place in principal axes, m, if it is given."""
+        return None if self.place is None else self.place.to_axes("PA", model.ephemeris.constants).xyz_m
+
+    def forces(self, given: Forces, epoch: Epochs, state: Floats) -> Forces:
+        """Forces whose radial, transverse and normal axes keep to the plane of the a-priori orbit.
+
+        The orbit's own turns and vanishes as the velocity does.
+        """
+        for one in given.accelerations:
+            for moment in (one.start, one.stop):
+                if moment is not None and not (
+                    moment.seconds_since(epoch)[0] >= 0.0 and self.epoch.seconds_since(moment)[0] >= 0.0
+                ):
+                    raise InputError(
+                        f"acceleration {one.name} starts or stops at {utc_strings(moment, 3)[0]} TDB, which is not "
+                        f"between the epoch of the state, {utc_strings(epoch, 3)[0]}, and the {self}; correct its "
+                        "times"
+                    )
+        normal = np.cross(state[:3], state[3:])
+        x, y, z = (normal / np.linalg.norm(normal)).tolist()
+        return replace(
+            given, accelerations=tuple(replace(one, normal=(x, y, z)) for one in given.accelerations)
+        )
+
+    def at_rest(self, flight: AdjustableOrbit, model: PhysicalModel) -> AdjustableOrbit:
+        """The orbit that comes to rest at the a-priori place."""
+        ground, place_pa_m = Ground(model, self.epoch), self.place_pa_m(model)
+        if place_pa_m is None:
+            place_pa_m = ground.place_pa_m(self.landed(flight, model).state)
+        return flight.moved_to(self.epoch, ground.at_rest(place_pa_m))
+
+    def landed(self, flight: AdjustableOrbit, model: PhysicalModel) -> AdjustableOrbit:
+        """The orbit of an a-priori state, with its end as the state; an InputError where that is not at the ground."""
+        landed = flight.moved_to(self.epoch)
+        end_pa_m = Ground(model, self.epoch).place_pa_m(landed.state)
+        height_m, place_pa_m = float(np.linalg.norm(end_pa_m)) - MEAN_LUNAR_RADIUS_M, self.place_pa_m(model)
+        off = ""
+        if not _LOWEST_END_M < height_m < _HIGHEST_END_M:
+            off = f"{height_m / 1e3:.1f} km above the sphere of 1737.4 km"
+        elif (
+            place_pa_m is not None and (away_m := float(np.linalg.norm(end_pa_m - place_pa_m))) > _FARTHEST_M
+        ):
+            off = f"{away_m / 1e3:.0f} km from the a-priori place"
+        if off:
+            raise InputError(
+                f"the a-priori trajectory of {flight.name} is {off} at the {self}; correct its state, the "
+                "accelerations or the epoch of [target.landing]"
+            )
+        return landed
+
+
+def _require_orbit(state: Floats) -> None:
     """Raise an InputError of a velocity that no spacecraft near the Moon has."""
     distance_m, speed_m_s = np.linalg.norm(state.reshape(2, 3), axis=1).tolist()
     escape_m_s = math.sqrt(2.0 * CONSTANTS["DE421"].gm_m3_s2("moon") / distance_m)
@@ -223,7 +294,7 @@ class Orbiter:
         return f"<Orbiter {self.name}, {known} at {self.epoch.day_strings()[0]}>"
 
     @property
-    def state(self) -> NDArray[np.float64]:
+    def state(self) -> Floats:
         """Position, m, and velocity, m/s, shape (6,); an InputError of an orbiter without."""
         if self.position_m is None or self.velocity_m_s is None:
             raise InputError(
@@ -231,7 +302,7 @@ class Orbiter:
             )
         return np.array([*self.position_m, *self.velocity_m_s], dtype=np.float64)
 
-    def at(self, state: NDArray[np.float64]) -> Orbiter:
+    def at(self, state: Floats) -> Orbiter:
         """The same with a state, shape (6,)."""
         x, y, z, vx, vy, vz = state.tolist()
         return replace(self, position_m=(x, y, z), velocity_m_s=(vx, vy, vz), rough=None)
@@ -245,6 +316,30 @@ class Orbiter:
             return None
         errors = draw_gravity_errors(field, count, max(field.degree, self.gravity_error_degree), seed)
         return DisturbedOrbit(orbit, errors_along(orbit.nearest()[0], errors, orbit.libration).at)
+
+    def state_before(
+        self, landing: LandingParameters, solution: Solution, errant: DisturbedOrbit | None
+    ) -> OrbitState:
+        """The state at the epoch of an orbit that was fitted to end on the ground; its covariance until there."""
+        mine = slice(0, len(landing.parameters))
+        changes, by_x = landing.changes(solution.values[mine])
+        landed = landing.orbit.corrected(changes)
+        by_x = np.vstack(
+            [landed.partials(self.epoch)[0] @ by_x, by_x[6:]]
+        )  # of the state there, then of the forces
+        covariance = solution.parameter_covariance()[mine, mine]
+        flight = landed.moved_to(self.epoch)
+        until_s = float(landed.epoch.seconds_since(self.epoch)[0]) - _BEFORE_S
+        flight = replace(flight, span_s=(flight.span_s[0], until_s))
+        consider = solution.consider
+        by_gravity = [] if consider is None else list(consider.parameters.of_kind("gravity_error"))
+        if not by_gravity or consider is None or errant is None:
+            return OrbitState(flight, by_x @ covariance @ by_x.T, body=self.body)
+        sensitivity = consider.sensitivity[mine][:, by_gravity]
+        moved = by_x @ sensitivity
+        moved[:6] -= errant.effects(self.epoch)[0]
+        covariance = by_x @ (covariance - sensitivity @ sensitivity.T) @ by_x.T + moved @ moved.T
+        return OrbitState(flight, covariance, self.disturbed(flight), moved, self.body)
 
     def record(self) -> dict[str, Any]:
         """State and forces, in types that JSON has."""
@@ -333,267 +428,3 @@ class Orbiter:
                     f"[[forces.{kind}]] {name} acts {'after' if late else 'before'} the arc, which is from {first} to "
                     f"{last} TDB (epoch and observations); correct its time, or leave it out"
                 )
-
-
-@dataclass(frozen=True, slots=True)
-class GivenAcceleration:
-    """Keys of ``[[forces.accelerations]]``: an empirical acceleration, or the thrust of a finite manoeuvre.
-
-    Parameters are those of :class:`~radioloc.dynamics.Acceleration`; dates are TDB. With `every_s` it is divided into
-    segments of about this length, NAME.1, NAME.2 and so on, each with its own parameters.
-    """
-
-    name: str
-    axes: str = entry("RTN", choices=("RTN", "ICRF"))
-    constant_m_s2: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    cosine_m_s2: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    sine_m_s2: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    start: str | None = None
-    stop: str | None = None
-    sigma_m_s2: float | None = entry(None, positive=True)
-    every_s: float | None = entry(None, positive=True)
-
-    def __post_init__(self) -> None:
-        check(self)
-
-    def read(self) -> list[Acceleration]:
-        """It, as a force, or as one for each of its segments."""
-        given: dict[str, Any] = asdict(self)
-        every_s = given.pop("every_s")
-        for key in ("start", "stop"):
-            given[key] = None if given[key] is None else epochs_from_strings(given[key], "TDB")
-        whole = Acceleration(**given)
-        if every_s is None:
-            return [whole]
-        if whole.start is None or whole.stop is None:
-            raise InputError(f"acceleration {self.name}: every_s divides it from start to stop; give both")
-        length_s = float(whole.stop.seconds_since(whole.start)[0])
-        count = max(1, round(length_s / every_s))
-        if count > MOST_SEGMENTS:
-            raise InputError(
-                f"acceleration {self.name}: every_s makes {count} segments; {MOST_SEGMENTS} are the most"
-            )
-        ends = [whole.start.shifted(length_s * k / count) for k in range(count)] + [whole.stop]
-        return [
-            replace(whole, name=f"{self.name}.{k + 1}", start=ends[k], stop=ends[k + 1]) for k in range(count)
-        ]
-
-
-@dataclass(frozen=True, slots=True)
-class GivenImpulse:
-    """Keys of ``[[forces.impulses]]``: a manoeuvre that changes the velocity at once; the epoch is TDB."""
-
-    name: str
-    epoch: str
-    delta_v_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    axes: str = entry("RTN", choices=("RTN", "ICRF"))
-
-    def read(self) -> Impulse:
-        """It, as a force."""
-        given: dict[str, Any] = asdict(self)
-        return Impulse(**given | {"epoch": epochs_from_strings(self.epoch, "TDB")})
-
-
-@dataclass(frozen=True, slots=True)
-class ForcesChoice:
-    """What acts on an orbiter.
-
-    Parameters
-    ----------
-    gravity : str
-        ``"GRGM660PRIM"``, or the path of a gravity field of the Moon (ICGEM ``.gfc``, SHADR ``.tab``).
-    degree : int or None
-        Highest degree and order; all of the field where ``None``.
-    gm_m3_s2 : float or None
-        GM of the Moon; that of the ephemeris where ``None``.
-    bodies : tuple of str
-        Point masses beside the Moon.
-    tides : bool
-        Whether Earth and Sun raise tides on the Moon.
-    k2 : float or None
-        Their Love number, where it is not that of :class:`~radioloc.dynamics.Forces`.
-    figures, relativity : bool
-        The figures of Earth and Moon under the other's pull; post-Newtonian terms.
-    radiation_m2_kg : float
-        C_R A/m of sunlight, m2/kg; zero leaves it out.
-    moonlight : bool
-        Whether light and heat of the Moon's ground press, too.
-    empirical : {"none", "constant", "once_per_revolution"}
-        Empirical acceleration along radial, transverse and normal, zero a priori, to be estimated.
-    accelerations, impulses : tuple
-        Thrust, further empirical accelerations and manoeuvres.
-    gradient_degree : int or None
-        Highest degree of the harmonics in the partials; that of the field where ``None``.
-    gravity_errors, gravity_error_degree : int
-        As of :class:`Orbiter`.
-    """
-
-    gravity: str | Path = entry("GRGM660PRIM", read=_gravity)
-    degree: int | None = entry(None, positive=True)
-    gm_m3_s2: float | None = entry(None, positive=True)
-    bodies: tuple[str, ...] = BODIES
-    tides: bool = True
-    k2: float | None = None
-    figures: bool = True
-    relativity: bool = True
-    radiation_m2_kg: float = entry(0.0, not_negative=True)
-    moonlight: bool = True
-    empirical: str = entry("none", choices=EMPIRICAL)
-    accelerations: tuple[GivenAcceleration, ...] = ()
-    impulses: tuple[GivenImpulse, ...] = ()
-    gradient_degree: int | None = None
-    gravity_errors: int = entry(GRAVITY_ERRORS, not_negative=True)
-    gravity_error_degree: int = entry(GRAVITY_ERROR_DEGREE, positive=True)
-
-    def __post_init__(self) -> None:
-        check(self)
-
-    def forces(self) -> Forces:
-        """What acts, with its gravity field read."""
-        accelerations = [segment for one in self.accelerations for segment in one.read()]
-        if self.empirical != "none":
-            accelerations.append(Acceleration(EMPIRICAL_NAME))
-        k2 = {} if self.k2 is None and self.tides else {"k2": (self.k2 or 0.0) * self.tides}
-        field = GravityField.open(self.gravity, self.degree)
-        return Forces(
-            field,
-            gm_m3_s2=self.gm_m3_s2,
-            bodies=self.bodies,
-            **k2,
-            figures=self.figures,
-            relativity=self.relativity,
-            radiation_m2_kg=self.radiation_m2_kg,
-            moonlight=self.moonlight,
-            accelerations=tuple(accelerations),
-            impulses=tuple(one.read() for one in self.impulses),
-            gradient_degree=field.degree if self.gradient_degree is None else self.gradient_degree,
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class ProcessNoise:
-    """Keys of ``[estimate.orbit] process_noise``: stochastic accelerations, constant over intervals from the epoch on.
-
-    Parameters
-    ----------
-    radial_m_s2, along_m_s2, across_m_s2 : float
-        Their sigmas.
-    interval_s : float
-        For how long each lasts.
-    correlation_s : float
-        Correlation time (first-order Gauss-Markov); zero where each interval's is independent of the others.
-    """
-
-    radial_m_s2: float = entry(0.0, not_negative=True)
-    along_m_s2: float = entry(0.0, not_negative=True)
-    across_m_s2: float = entry(0.0, not_negative=True)
-    interval_s: float = entry(600.0, positive=True)
-    correlation_s: float = entry(0.0, not_negative=True)
-
-    def __post_init__(self) -> None:
-        check(self)
-        if not any(self.sigma_m_s2):
-            raise InputError(
-                "process_noise needs a sigma above zero: radial_m_s2, along_m_s2 or across_m_s2; docs/dynamics.md has "
-                "sizes"
-            )
-
-    @property
-    def sigma_m_s2(self) -> NDArray[np.float64]:
-        """Radial, along, across, shape (3,)."""
-        return np.array([self.radial_m_s2, self.along_m_s2, self.across_m_s2])
-
-    @property
-    def persistence(self) -> float:
-        """Correlation of an acceleration with that of the next interval."""
-        return math.exp(-self.interval_s / self.correlation_s) if self.correlation_s else 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class OrbitChoice:
-    """Keys of ``[estimate.orbit]``: what is estimated of an orbit.
-
-    Parameters
-    ----------
-    state : bool
-        Whether the state at the epoch is.
-    state_sigma_m, state_sigma_m_s : float or None
-        A-priori sigmas of each component; free where ``None``.
-    state_sigma : mapping of str to float
-        In their place sigmas by name, of one of three forms, whose components then are the parameters: radial, along
-        and across (``radial_m`` to ``across_m_s``), Keplerian or equinoctial elements to the Moon's equator
-        (:data:`~radioloc.dynamics.elements.FORMS`). What is left out is free.
-    touchdown_sigma_m_s : float
-        A-priori sigma of each component of the velocity at a touchdown, relative to the ground and zero a priori.
-    forces : tuple of str or None
-        Names of parameters of the forces (:meth:`~radioloc.dynamics.Forces.parameters`), or of accelerations and
-        impulses, all components of which then are. By default the radiation coefficient and the empirical
-        acceleration, where there are such, and all given impulses.
-    sigma : mapping of str to float
-        Their a-priori sigmas by the same names, SI units. By default of the radiation coefficient half its value, of
-        the empirical acceleration 3e-9 m/s2; all others are free.
-    process_noise : ProcessNoise or None
-        Stochastic accelerations. They take the place of weights that allow for correlation in time, and of considered
-        errors of the gravity field.
-    """
-
-    state: bool = True
-    state_sigma_m: float | None = entry(None, positive=True)
-    state_sigma_m_s: float | None = entry(None, positive=True)
-    state_sigma: Mapping[str, float] = entry(factory=dict, positive=True)
-    touchdown_sigma_m_s: float = entry(1.0, positive=True)
-    forces: tuple[str, ...] | None = None
-    sigma: Mapping[str, float] = entry(factory=dict, positive=True)
-    process_noise: ProcessNoise | None = None
-
-    def __post_init__(self) -> None:
-        check(self)
-        if self.state_sigma and (self.state_sigma_m or self.state_sigma_m_s):
-            raise InputError(
-                "[estimate.orbit] state_sigma: give either it or state_sigma_m and state_sigma_m_s"
-            )
-        if self.state_sigma and self.form == "cartesian":
-            known = "; ".join(", ".join(names) for names in _STATE_FORMS.values())
-            raise InputError(
-                f"[estimate.orbit] state_sigma: {', '.join(self.state_sigma)} are not of one form; there are {known}"
-            )
-
-    @property
-    def form(self) -> str:
-        """Of the state's parameters: that of the sigmas' names."""
-        fits = (form for form, names in _STATE_FORMS.items() if {*self.state_sigma} <= {*names})
-        return next(fits, "cartesian") if self.state_sigma else "cartesian"
-
-    def parameters(self, forces: Forces) -> tuple[str, ...]:
-        """Parameters of the forces that are estimated; an InputError where a name is of none."""
-        known = forces.parameters()
-        groups = tuple(dict.fromkeys(one.rpartition(".")[0] or one for one in known))
-        asked = self.forces
-        if asked is None:
-            impulses = tuple(one.name for one in forces.impulses)
-            asked = (*(("radiation",) if forces.radiation_m2_kg else ()), *impulses)
-            asked += (EMPIRICAL_NAME,) if EMPIRICAL_NAME in groups else ()
-        found: dict[str, None] = {}
-        for one in forces.accelerations:
-            found |= dict.fromkeys(one.names()[0] if one.sigma_m_s2 is not None else ())
-        for name in (*asked, *self.sigma):
-            mine = [one for one in known if one == name or one.rpartition(".")[0] == name]
-            if not mine:
-                raise InputError(
-                    f"[estimate.orbit] forces: there is no {name!r}; there are {', '.join(groups)}"
-                )
-            found |= dict.fromkeys(mine) if name in asked else {}
-        return tuple(found)
-
-    def sigmas(self, forces: Forces) -> dict[str, float]:
-        """A-priori sigmas of all parameters that have one."""
-        given = dict(self.sigma)
-        if forces.radiation_m2_kg:
-            given.setdefault("radiation", 0.5 * forces.radiation_m2_kg)
-        given.setdefault(EMPIRICAL_NAME, EMPIRICAL_SIGMA_M_S2)
-        for one in forces.accelerations:
-            given |= {} if one.sigma_m_s2 is None else dict.fromkeys(one.names()[0], one.sigma_m_s2)
-        state = dict.fromkeys(STATE[:3], self.state_sigma_m) | dict.fromkeys(STATE[3:], self.state_sigma_m_s)
-        by_name = {one: given.get(one, given.get(one.rpartition(".")[0])) for one in self.parameters(forces)}
-        by_name |= self.state_sigma or state
-        return {name: sigma for name, sigma in by_name.items() if sigma is not None}

@@ -49,8 +49,9 @@ from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.position import PositionParameters, cartesian, on_sphere, on_terrain
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import networks
-from radioloc.studies.orbit_arcs import cut_by_borders
-from radioloc.studies.orbiter import OrbitChoice, Orbiter
+from radioloc.studies.orbit_choice import OrbitChoice
+from radioloc.studies.orbit_start import cut_by_borders
+from radioloc.studies.orbiter import Orbiter
 from radioloc.studies.study import EstimateChoice, Study, TerrainPrior
 from radioloc.studies.verdict import LOWEST_EARTH_DEG
 from radioloc.time import Epochs, evaluate_smooth, tt_to_tdb, utc_to_tt

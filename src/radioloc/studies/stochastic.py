@@ -28,7 +28,7 @@ from radioloc.estimation.orbit_state import OrbitState, ProcessEstimate
 from radioloc.estimation.solution import Solution
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.parameters.design import ObservationModel
-from radioloc.studies.orbiter import ProcessNoise
+from radioloc.studies.orbit_choice import ProcessNoise
 from radioloc.time import tt_to_tdb, utc_to_tt
 
 Floats = NDArray[np.float64]

@@ -37,7 +37,8 @@ from radioloc.parameters.registry import PARAMETERS
 from radioloc.plugins import LazyNames
 from radioloc.simulation.simulate import Scenario
 from radioloc.studies.map_positions import PlaceOnMap
-from radioloc.studies.orbiter import OrbitChoice, Orbiter
+from radioloc.studies.orbit_choice import OrbitChoice
+from radioloc.studies.orbiter import Orbiter
 from radioloc.studies.schema import TomlTable, check, entry, names_of
 from radioloc.studies.weights import Weight
 from radioloc.time import Epochs, utc_to_tai

@@ -25,17 +25,15 @@ from radioloc.lunar.position import LunarPosition
 from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.considered import considered_choices
 from radioloc.simulation import Scenario
-from radioloc.studies.landing import Landing
 from radioloc.studies.map_positions import PlaceOnMap
-from radioloc.studies.orbiter import (
+from radioloc.studies.orbit_choice import (
     ForcesChoice,
     GivenAcceleration,
     GivenImpulse,
     OrbitChoice,
-    Orbiter,
     ProcessNoise,
-    RoughOrbit,
 )
+from radioloc.studies.orbiter import Landing, Orbiter, RoughOrbit
 from radioloc.studies.schema import Hints, TomlTable, check, entry, keys_of
 from radioloc.studies.simulation_file import scenario
 from radioloc.studies.study import (

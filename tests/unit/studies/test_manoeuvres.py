@@ -14,7 +14,8 @@ from radioloc.errors import InputError
 from radioloc.estimation import FitStatus
 from radioloc.measurements import ExactPredictor, Link, Observations, PhysicalModel
 from radioloc.measurements.observations import DOPPLER
-from radioloc.studies.orbiter import OrbitChoice, Orbiter
+from radioloc.studies.orbit_choice import OrbitChoice
+from radioloc.studies.orbiter import Orbiter
 from radioloc.time import epochs_from_strings, tai_to_utc, tdb_to_tt, tt_to_tai
 
 EPOCH = epochs_from_strings("2012-04-09T04:30:00", "TDB")

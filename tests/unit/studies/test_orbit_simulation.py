@@ -15,7 +15,7 @@ from radioloc.errors import InputError
 from radioloc.measurements import ExactPredictor, PhysicalModel
 from radioloc.simulation import TruthSigma, windows
 from radioloc.studies import light_times, visibility
-from radioloc.studies.orbiter import ProcessNoise
+from radioloc.studies.orbit_choice import ProcessNoise
 from radioloc.time import utc_strings
 
 TRUE_M = np.array([575839.0, -463349.0, -1631539.0])

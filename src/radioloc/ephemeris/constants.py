@@ -22,7 +22,7 @@ Love numbers
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from radioloc.errors import InputError
 
@@ -52,48 +52,40 @@ class EphemerisConstants:
         return float(getattr(self, f"gm_{body}_m3_s2"))
 
 
-CONSTANTS = {
-    constants.name: constants
-    for constants in (
-        EphemerisConstants(
-            name="DE421",
-            gm_sun_m3_s2=132712440040.944e9,
-            gm_earth_m3_s2=398600.436233e9,
-            gm_moon_m3_s2=4902.800076e9,
-            gm_venus_m3_s2=324858.592e9,
-            gm_jupiter_m3_s2=126712764.8e9,
-            gm_saturn_m3_s2=37940585.2e9,
-            pa_to_me_arcsec=(-0.30, -78.56, -67.92),
-            me_frame="ME_DE421",
-            h2=0.0379,
-            l2=0.0105,
-        ),
-        EphemerisConstants(
-            name="DE430",
-            gm_sun_m3_s2=132712440041.9394e9,
-            gm_earth_m3_s2=398600.435436e9,
-            gm_moon_m3_s2=4902.800066e9,
-            gm_venus_m3_s2=324858.592e9,
-            gm_jupiter_m3_s2=126712764.8e9,
-            gm_saturn_m3_s2=37940585.2e9,
-            pa_to_me_arcsec=(-0.285, -78.580, -67.573),
-            me_frame="ME_DE430",
-            h2=0.0424,
-            l2=0.0107,
-        ),
-        EphemerisConstants(
-            name="DE440",
-            gm_sun_m3_s2=132712440041.279419e9,
-            gm_earth_m3_s2=398600.435507e9,
-            gm_moon_m3_s2=4902.800118e9,
-            gm_venus_m3_s2=324858.592e9,
-            gm_jupiter_m3_s2=126712764.1e9,
-            gm_saturn_m3_s2=37940584.8418e9,
-            pa_to_me_arcsec=(-0.2785, -78.6944, -67.8526),
-            me_frame="ME_DE421",
-            h2=0.0424,
-            l2=0.0107,
-        ),
-    )
-}
+_DE421 = EphemerisConstants(
+    name="DE421",
+    gm_sun_m3_s2=132712440040.944e9,
+    gm_earth_m3_s2=398600.436233e9,
+    gm_moon_m3_s2=4902.800076e9,
+    gm_venus_m3_s2=324858.592e9,
+    gm_jupiter_m3_s2=126712764.8e9,
+    gm_saturn_m3_s2=37940585.2e9,
+    pa_to_me_arcsec=(-0.30, -78.56, -67.92),
+    me_frame="ME_DE421",
+    h2=0.0379,
+    l2=0.0105,
+)
+_DE430 = replace(
+    _DE421,
+    name="DE430",
+    gm_sun_m3_s2=132712440041.9394e9,
+    gm_earth_m3_s2=398600.435436e9,
+    gm_moon_m3_s2=4902.800066e9,
+    pa_to_me_arcsec=(-0.285, -78.580, -67.573),
+    me_frame="ME_DE430",
+    h2=0.0424,
+    l2=0.0107,
+)
+_DE440 = replace(
+    _DE430,
+    name="DE440",
+    gm_sun_m3_s2=132712440041.279419e9,
+    gm_earth_m3_s2=398600.435507e9,
+    gm_moon_m3_s2=4902.800118e9,
+    gm_jupiter_m3_s2=126712764.1e9,
+    gm_saturn_m3_s2=37940584.8418e9,
+    pa_to_me_arcsec=(-0.2785, -78.6944, -67.8526),
+    me_frame="ME_DE421",
+)
+CONSTANTS = {constants.name: constants for constants in (_DE421, _DE430, _DE440)}
 """Constants by the ephemeris' name."""

@@ -1,4 +1,4 @@
-"""Positions and velocities of the Earth, the Moon, the Sun and large planets: ICRF axes, TDB, SI units."""
+"""Where the Earth, the Moon, the Sun and large planets are, and how clocks run there: ICRF axes, TDB, SI units."""
 
 from __future__ import annotations
 
@@ -11,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
+from radioloc.constants import C_M_S
 from radioloc.ephemeris.chebyshev import evaluate
 from radioloc.ephemeris.constants import CONSTANTS, EphemerisConstants
 from radioloc.errors import InputError, KernelError
 from radioloc.kernels import Kernel, KernelFile, open_spk
 from radioloc.time import Epochs
+from radioloc.vectors import dot, length
 
 _M_PER_KM = 1000.0
 _SOLAR_SYSTEM_BARYCENTRE, _EARTH_MOON_BARYCENTRE, _EARTH, _MOON = 0, 3, 399, 301
@@ -157,6 +159,35 @@ class Ephemeris:
         earth = self.earth(tdb)
         position_m, velocity_m_s = self.geocentric(body, tdb)
         return earth.position_m + position_m, earth.velocity_m_s + velocity_m_s
+
+    @bare_arguments
+    def clock_rate(
+        self, tdb: Epochs, place_m: _Vectors, velocity_m_s: _Vectors, leave_out: str = ""
+    ) -> _Vectors:
+        """Rate of an ideal clock against TCG at the geocentre, d(tau - TCG)/d(TDB), shape (n,).
+
+        It is -[(v^2 - v_E^2) / 2 + w(x) - w_E(x_E)] / c^2, with the barycentric velocities v of clock and Earth, the
+        potential w of all bodies at the clock and w_E of all but the Earth at the geocentre (IERS Conventions 2010,
+        section 10.1; Soffel et al. 2003). Terms of the order c^-4 are below 1e-17.
+
+        Parameters
+        ----------
+        tdb : Epochs
+            When.
+        place_m, velocity_m_s : ndarray, shape (n, 3)
+            Of the clock from the geocentre, ICRF axes.
+        leave_out : str
+            A body whose potential does not act on the clock: that in whose centre it is, for coordinate time there.
+        """
+        gm = self.constants.gm_m3_s2
+        slower = dot(self.earth(tdb).velocity_m_s + 0.5 * velocity_m_s, velocity_m_s)
+        slower = slower + gm("earth") / length(place_m)
+        for body in self.bodies:
+            body_m, _ = self.geocentric(body, tdb)
+            slower = slower - gm(body) / length(body_m)
+            if body != leave_out:
+                slower = slower + gm(body) / length(place_m - body_m)
+        return np.asarray(-slower / C_M_S**2)
 
     def _relative(
         self, target: int, center: int, tdb: Epochs, derivatives: int = 1

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.constants import J2000_JD, SECONDS_PER_DAY
-from radioloc.ephemeris.lunar_axes import LUNAR_AXES, LunarAxes, states_to_icrf
+from radioloc.ephemeris.orientation import LUNAR_AXES, LunarAxes
 from radioloc.ephemeris.positions import Ephemeris
 from radioloc.errors import CoverageError, InputError, KernelError
 from radioloc.kernels import KernelFile, find_kernel, sha256_of
@@ -96,7 +96,7 @@ class Trajectory:
         ----------
         path : path-like
             An SPK of any type that SPICE evaluates by itself, in an inertial frame or in axes of the Moon that have a
-            NAIF code (:data:`~radioloc.ephemeris.lunar_axes.LUNAR_AXES`), relative to the Earth, the Moon, the Sun or
+            NAIF code (:data:`~radioloc.ephemeris.orientation.LUNAR_AXES`), relative to the Earth, the Moon, the Sun or
             a barycentre.
         body : int
             NAIF code of the body, such as -85.
@@ -215,7 +215,7 @@ class Trajectory:
             raise KernelError(f"{self.kernel.path} is damaged: a state is not a number; fetch the file again")
         for k in np.unique(which):
             if (axes := self.segments[k].axes) is not None:
-                halves[which == k] = states_to_icrf(halves[which == k], et_s[which == k], axes)
+                halves[which == k] = axes.states_to_icrf(halves[which == k], et_s[which == k])
         return np.asarray(halves)
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc import vectors
-from radioloc.ephemeris.lunar_axes import LUNAR_AXES
+from radioloc.ephemeris.orientation import LUNAR_AXES
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.imaging.cameras import Camera
 from radioloc.imaging.distortion import KINDS, Distortion

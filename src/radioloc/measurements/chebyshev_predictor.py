@@ -13,9 +13,8 @@ from __future__ import annotations
 import copy
 import itertools
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -42,7 +41,7 @@ from radioloc.measurements.predictor import Computed, Predictor
 from radioloc.measurements.proper_time import clock_epoch as clock_epoch_of
 from radioloc.measurements.records import joined, rows_of
 from radioloc.measurements.registry import is_differenced, is_integrated
-from radioloc.time import Epochs
+from radioloc.time import Epochs, utc_to_tt
 
 CHECKED_WITHIN_M = 1e4
 """How far from the position at which the segments were checked they are used without checking them again."""
@@ -62,20 +61,6 @@ class InterpolationAccuracy:
     exact: int  # observations that are computed one by one
     segments: int
     nodes: int  # of all segments
-
-
-@contextmanager
-def _predictions_told_once() -> Iterator[None]:
-    """Let the first warning of predicted Earth orientation through, of the many of the levels of segments."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        yield
-    told = False
-    for warning in caught:
-        predicted = issubclass(warning.category, PredictedEopWarning)
-        if not (predicted and told):
-            warnings.warn(warning.message, stacklevel=4)
-        told |= predicted
 
 
 class ChebyshevPredictor(Predictor):
@@ -105,6 +90,7 @@ class ChebyshevPredictor(Predictor):
         super().__init__(model, observations, None, targets, more_partials)
         self._clock_epoch = clock_epoch or clock_epoch_of(observations)
         self._plan(np.asarray(approximate_pa_m, dtype=np.float64), series)
+        model.earth.warn_of_predictions(utc_to_tt(observations.epoch), self.predicted_eop)
 
     @property
     def predicted_eop(self) -> NDArray[np.bool_]:
@@ -174,19 +160,21 @@ class ChebyshevPredictor(Predictor):
             model, self.observations, lander_pa_m, targets=self.targets, clock_epoch=self._clock_epoch
         )
 
-    @_predictions_told_once()
     def _plan(self, lander_pa_m: NDArray[np.float64], series: DenseSeries | None = None) -> None:
         """Divide the series into segments that agree with the model, and prepare their nodes."""
 
         def exact(observations: Observations) -> ExactPredictor:
-            return ExactPredictor(
-                self.model,
-                observations,
-                lander_pa_m,
-                targets=self.targets,
-                more_partials=self.more_partials,
-                clock_epoch=self._clock_epoch,
-            )
+            with warnings.catch_warnings():
+                # Predictions of Earth orientation are told of the observations, not of nodes level by level.
+                warnings.simplefilter("ignore", PredictedEopWarning)
+                return ExactPredictor(
+                    self.model,
+                    observations,
+                    lander_pa_m,
+                    targets=self.targets,
+                    more_partials=self.more_partials,
+                    clock_epoch=self._clock_epoch,
+                )
 
         def points(degree: int) -> NDArray[np.float64]:
             return np.concatenate([nodes(degree), check_points(degree)])

@@ -40,7 +40,6 @@ from radioloc.measurements.light_path import (
     plane_wave_delay_m,
     solve_light_path,
 )
-from radioloc.measurements.line_of_sight import LineOfSight, line_of_sight, prepared_media
 from radioloc.measurements.lunar_motion import LunarMotion, lunar_motion
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
@@ -53,7 +52,7 @@ from radioloc.measurements.registry import is_combined, is_differenced, is_integ
 from radioloc.measurements.sources import with_galactic_aberration
 from radioloc.measurements.station_motion import StationMotion, rough_station_motion, station_motion
 from radioloc.media.ionosphere import delay_by_content_m
-from radioloc.media.medium import Leg, LegEnd, Weather
+from radioloc.media.medium import Leg, LegEnd, LineOfSight, Weather, line_of_sight, prepared_media
 from radioloc.media.status import first_of
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, topocentric_tdb_minus_tt, utc_to_tt
 from radioloc.vectors import dot, length, rotated

@@ -1,4 +1,4 @@
-"""Where the target is, seen from the barycentre, near the instant at which a signal meets it, and what hides it.
+"""Where the target is, seen from the barycentre, near the instant at which a signal meets it.
 
 A point fixed to the Moon, or a spacecraft on a known trajectory. The positions of its SPK are coordinates of the BCRS
 in the units of TDB already, so nothing shrinks: the terms of a point on the Moon (``lunar_tide``, ``lunar_scale``,
@@ -13,14 +13,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.constants import C_M_S, L_B, L_G, MEAN_LUNAR_RADIUS_M
+from radioloc.constants import C_M_S, L_B, L_G
 from radioloc.ephemeris import EarthState
 from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.lunar.frames import rot_icrf_to_pa_rate
 from radioloc.lunar.tide import solid_tide
-from radioloc.lunar.visibility import hidden_by_moon
 from radioloc.measurements.light_path import PLANETS_MM, MovingPoint
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.station_motion import geocentre_displacement_m
@@ -29,8 +28,6 @@ from radioloc.vectors import dot, length, rotated
 
 _FARTHEST_M = 2e10
 """After the 67 s of light the Earth's motion is no longer a parabola to 0.06 mm."""
-_DEEPEST_M = 2e4
-"""Below any terrain: heights about the sphere reach down to -9.2 km."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,17 +139,3 @@ def lunar_motion(
         shrinking=potential / C_M_S**2 + (L_B - L_G),
         bodies_m={body: geocentre_m + body_m for body, (body_m, _) in bodies.items()},
     )
-
-
-def behind_moon(
-    point_gcrs_m: NDArray[np.float64], station_gcrs_m: NDArray[np.float64], moon_gcrs_m: NDArray[np.float64]
-) -> NDArray[np.bool_]:
-    """Whether the Moon hides a spacecraft from a station; geocentric positions at the events, m.
-
-    The Moon is the 1737.4 km sphere, or a smaller one through a spacecraft that is lower, as on a landing.
-    """
-    from_moon_m = point_gcrs_m - moon_gcrs_m
-    # The sphere must not hold the spacecraft itself, by rounding.
-    radius_m = np.minimum(MEAN_LUNAR_RADIUS_M, np.linalg.norm(from_moon_m, axis=-1) - 1e-3)
-    radius_m = np.maximum(radius_m, MEAN_LUNAR_RADIUS_M - _DEEPEST_M)
-    return hidden_by_moon(from_moon_m, station_gcrs_m - moon_gcrs_m, radius_m)

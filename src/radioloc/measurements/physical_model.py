@@ -113,15 +113,14 @@ class PhysicalModel:
             table = extended(table, eop_beyond)
         stations = StationCatalogue.default() if catalogue is None else catalogue
         equipment = (delays or EquipmentDelays()).named(stations)
-        earth = _earth_orientation(table, terms)
         try:
             free = tuple(dict.fromkeys(stations.get(name).name for name in free_clocks))
         except StationError as error:
             raise StationError(f"free_clocks: {error}") from None
-        return cls(
+        model = cls(
             spk,
             pck,
-            earth,
+            EarthOrientation(table),
             stations,
             terms,
             ionosphere,
@@ -132,6 +131,7 @@ class PhysicalModel:
             added,
             media_calibrations,
         )
+        return model.with_terms(terms)
 
     def __repr__(self) -> str:
         table = self.earth.table
@@ -143,8 +143,12 @@ class PhysicalModel:
 
     def without(self, *names: str) -> PhysicalModel:
         """The same model with some more terms left out."""
-        terms = self.terms & active_terms(names, (medium.name for medium in self.added_media))
-        earth = _earth_orientation(self.earth.table, terms)
+        return self.with_terms(self.terms & active_terms(names, (medium.name for medium in self.added_media)))
+
+    def with_terms(self, terms: frozenset[str]) -> PhysicalModel:
+        """The same model with these terms and no others."""
+        subdaily = "subdaily_eop" in terms
+        earth = replace(self.earth, subdaily_tides=subdaily, libration=subdaily)
         return replace(self, earth=earth, terms=terms)
 
     @property
@@ -181,11 +185,6 @@ class PhysicalModel:
             },
             "terms_off": [name for name in TERMS if name not in self.terms],
         }
-
-
-def _earth_orientation(table: EopTable, terms: frozenset[str]) -> EarthOrientation:
-    subdaily = "subdaily_eop" in terms
-    return EarthOrientation(table, subdaily_tides=subdaily, libration=subdaily)
 
 
 def kernel_record(kernel: KernelFile, name: str) -> dict[str, str]:

@@ -2,23 +2,31 @@
 
 A leg of a light path touches one station. A :class:`Medium` is asked twice about many legs at once: to prepare what
 does not depend on where exactly the target is (:class:`LegEnd`), then, for each position of the target, for the delay
-with its derivatives (:class:`Leg`). It knows neither measurements nor parameters.
+with its derivatives (:class:`Leg`). It knows neither measurements nor parameters. What the media on a leg do together,
+and what is in its way, is the :class:`LineOfSight`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.earth.stations import Station
+from radioloc.lunar.visibility import hidden_by_moon
+from radioloc.media.status import Status, first_of
+from radioloc.plugins import named_where_it_fails
 from radioloc.time import Epochs
 from radioloc.vectors import cross, dot, length
 
 Floats = NDArray[np.float64]
+
+_DEEPEST_M = 2e4
+"""Below any terrain of the Moon: heights about the sphere reach down to -9.2 km."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,3 +165,75 @@ class Medium(Protocol):
 
     def delay(self, leg: Leg, prepared: Any) -> LegDelay | None:
         """Delay and derivatives; ``None`` where there is none at all."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LineOfSight:
+    """Delay of a signal on its way to the target or from it, and what stands against using it."""
+
+    leg: Leg
+    delay_m: Floats  # of all media together, shape (n,)
+    rate_m_s: Floats  # derivatives with respect to time,
+    by_position: Floats  # to the target's position, celestial axes, shape (n, 3),
+    by_zenith_wet: Floats  # and to the wet delay at the zenith, m/m
+    status: NDArray[np.int8]  # radioloc.media.status.Status: whether the model holds, or why not
+
+
+def prepared_media(media: Iterable[Medium], end: LegEnd) -> dict[str, Any]:
+    """What each medium has prepared for legs at one end, by name."""
+    prepared = {}
+    for medium in media:
+        with named_where_it_fails(f"medium {medium.name}", "prepare"):
+            prepared[medium.name] = medium.prepare(end)
+    return prepared
+
+
+def line_of_sight(
+    leg: Leg,
+    media: Iterable[Medium],
+    prepared: Mapping[str, Any],
+    moon_gcrs_m: Floats | None = None,
+) -> LineOfSight:
+    """Add up the delays of a leg by the media on it, from what each of them has prepared, by name.
+
+    The first medium whose status is not OK says what is wrong. `moon_gcrs_m`, shape (n, 3), is the geocentric position
+    of the Moon where it can hide the target, a spacecraft.
+    """
+    n = len(leg)
+    delay_m, rate_m_s, by_elevation_m_rad, by_zenith_wet = sums = np.zeros((4, n))
+    names = ("delay_m", "rate_m_s", "by_elevation_m_rad", "by_zenith_wet")
+    by_position: Floats | float = 0.0
+    status = np.zeros(n, dtype=np.int8)
+    for medium in media:
+        with named_where_it_fails(f"medium {medium.name}", "delay"):
+            found = medium.delay(leg, prepared.get(medium.name))
+        if found is None:
+            continue
+        for total, name in zip(sums, names, strict=True):
+            part = getattr(found, name)
+            if part is not None:
+                total += part
+        if found.by_position is not None:
+            by_position = by_position + found.by_position
+        if found.status is not None:
+            status = first_of(status, found.status)
+    elevation = leg.elevation
+    rate_m_s = rate_m_s + by_elevation_m_rad * elevation.rate_rad_s
+    by_position = by_position + by_elevation_m_rad[:, None] * elevation.by_position_rad_m
+    if moon_gcrs_m is not None:
+        hidden = behind_moon(leg.target_gcrs_m, leg.station.gcrs_m, moon_gcrs_m)
+        status = np.where(hidden, Status.BEHIND_MOON, status).astype(np.int8)
+    status = np.where(elevation.angle_rad < 0.0, Status.BELOW_HORIZON, status).astype(np.int8)
+    return LineOfSight(leg, delay_m, rate_m_s, by_position, by_zenith_wet, status)
+
+
+def behind_moon(point_gcrs_m: Floats, station_gcrs_m: Floats, moon_gcrs_m: Floats) -> NDArray[np.bool_]:
+    """Whether the Moon hides a spacecraft from a station; geocentric positions at the events, m.
+
+    The Moon is the 1737.4 km sphere, or a smaller one through a spacecraft that is lower, as on a landing.
+    """
+    from_moon_m = point_gcrs_m - moon_gcrs_m
+    # The sphere must not hold the spacecraft itself, by rounding.
+    radius_m = np.minimum(MEAN_LUNAR_RADIUS_M, np.linalg.norm(from_moon_m, axis=-1) - 1e-3)
+    radius_m = np.maximum(radius_m, MEAN_LUNAR_RADIUS_M - _DEEPEST_M)
+    return hidden_by_moon(from_moon_m, station_gcrs_m - moon_gcrs_m, radius_m)

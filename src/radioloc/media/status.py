@@ -81,16 +81,11 @@ def describe(
     if not code.any():
         return code, texts
     # Few sentences differ; each is made once. Tenths of a degree are told apart only where they are told.
-    place = (
-        np.zeros(len(code), dtype=np.int64) if ends is None else np.take_along_axis(ends, end, axis=1)[:, 0]
-    )
+    place = np.zeros(len(code)) if ends is None else np.take_along_axis(ends, end, axis=1)[:, 0]
     tenths = np.rint(10.0 * np.degrees(np.take_along_axis(elevation_rad, end, axis=1)[:, 0]))
     place = np.where(code == Status.BEHIND_MOON, place, 0)
-    tenths = np.where(code == Status.BELOW_HORIZON, tenths, 0.0).astype(np.int64)
+    tenths = np.where(code == Status.BELOW_HORIZON, tenths, 0.0)
     names = list(stations) or ["a station"]
-    key, which = np.unique((code.astype(np.int64) * len(names) + place) * 2000 - tenths, return_inverse=True)
-    made = [
-        Status(of_place // len(names)).text(-(minus_tenths / 10.0), names[of_place % len(names)])
-        for of_place, minus_tenths in zip(*(part.tolist() for part in np.divmod(key, 2000)), strict=True)
-    ]
+    told, which = np.unique(np.stack([code, place, tenths]), axis=1, return_inverse=True)
+    made = [Status(int(k)).text(tenth / 10.0, names[int(p)]) for k, p, tenth in told.T.tolist()]
     return code, np.array(made, dtype=np.str_)[which]

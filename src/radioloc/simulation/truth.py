@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
-from radioloc.earth.orientation import EarthOrientation
 from radioloc.errors import InputError
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Prediction, Predictor, blocks
@@ -79,16 +78,7 @@ class Truth:
     def model(self, nominal: PhysicalModel) -> PhysicalModel:
         """The nominal model with the world's terms."""
         terms = (nominal.terms | set(self.terms_on)) - set(self.terms_off)
-        if terms == nominal.terms:
-            return nominal
-        subdaily = "subdaily_eop" in terms
-        earth = EarthOrientation(
-            nominal.earth.table,
-            subdaily_tides=subdaily,
-            libration=subdaily,
-            zonal_tides=nominal.earth.zonal_tides,
-        )
-        return replace(nominal, earth=earth, terms=frozenset(terms))
+        return nominal if terms == nominal.terms else nominal.with_terms(terms)
 
 
 @dataclass(frozen=True, slots=True, init=False)

@@ -8,7 +8,7 @@ import spiceypy
 from spk_files import ORBITER, START_S, STOP_S, circular, position_on_moon, write_states
 
 from radioloc.ephemeris import Ephemeris, LunarOrientation, Trajectory
-from radioloc.ephemeris.lunar_axes import LUNAR_AXES
+from radioloc.ephemeris.orientation import LUNAR_AXES
 from radioloc.errors import CoverageError
 from radioloc.kernels import find_kernel
 from radioloc.report import write_spice

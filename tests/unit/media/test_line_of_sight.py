@@ -9,11 +9,9 @@ import pytest
 from legs import end, leg, state
 
 from radioloc.earth.stations import StationCatalogue
-from radioloc.measurements.line_of_sight import line_of_sight
-from radioloc.measurements.lunar_motion import behind_moon
 from radioloc.media.axis_offset import AntennaAxisOffset
 from radioloc.media.ionosphere import Ionosphere, UniformTec
-from radioloc.media.medium import Leg
+from radioloc.media.medium import Leg, behind_moon, line_of_sight
 from radioloc.media.status import Status
 from radioloc.media.troposphere import Troposphere
 

@@ -35,7 +35,7 @@ from radioloc.constants import ARCSEC_RAD, C_M_S
 from radioloc.earth.eop import EopTable
 from radioloc.earth.geodesy import geodetic_from_itrf, rot_itrf_to_enu
 from radioloc.earth.orientation import EarthOrientation
-from radioloc.earth.pole_tide import pole_tide_displacement, secular_pole_rad
+from radioloc.earth.solid_tide import pole_tide_displacement, secular_pole_rad
 from radioloc.earth.stations import StationCatalogue
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.measurements.exact_predictor import ExactPredictor

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from radioloc.earth.blq import parse_blq
-from radioloc.earth.ocean_loading import ocean_loading_enu
+from radioloc.earth.ocean_loading import loading_enu_m, sum_of_tides
 from radioloc.earth.solid_tide import solid_earth_tide
 from radioloc.time import Epochs, epochs_from_strings, utc_to_tt
 
@@ -135,6 +135,7 @@ def test_ocean_loading(site: str) -> None:
     """The program takes UTC for UT1, and so does this test."""
     seconds = 3600.0 + 645.0 + 3600.0 * np.arange(24)
     utc = Epochs.from_jd(epochs_from_strings("2009-06-25").jd, seconds / 86400.0, "UTC")
-    enu_m = ocean_loading_enu(parse_blq(BLQ, "hardisp.blq")[site], utc_to_tt(utc), utc.fraction)
+    loading_m = loading_enu_m(parse_blq(BLQ, "hardisp.blq")[site])
+    enu_m = sum_of_tides(loading_m, utc_to_tt(utc), utc.fraction)
     up_south_west_m = enu_m[:, [2, 1, 0]] * [1.0, -1.0, -1.0]
     np.testing.assert_allclose(up_south_west_m, UP_SOUTH_WEST_M[site], rtol=0.0, atol=OCEAN_LOADING_M)

@@ -80,24 +80,15 @@ _BLOCK = 256
 """Epochs of which the phases of all tides stay in the processor's cache."""
 
 
-def ocean_loading_enu(
-    coefficients: BlqCoefficients, tt: Epochs, ut1_fraction: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Displacement of a station by ocean tide loading, to the east, the north and up, m, shape (n, 3).
-
-    UTC in place of UT1 costs less than some micrometres.
-    """
-    return sum_of_tides(_loading_enu_m(coefficients), tt, ut1_fraction)
-
-
 def loading_itrf_m(
     coefficients: BlqCoefficients, station_itrf_m: NDArray[np.float64]
 ) -> NDArray[np.complex128]:
     """Amplitudes for :func:`sum_of_tides` of what ocean tide loading displaces a station by, ITRF, shape (3, 11)."""
-    return np.asarray(rot_itrf_to_enu(station_itrf_m).T @ _loading_enu_m(coefficients))
+    return np.asarray(rot_itrf_to_enu(station_itrf_m).T @ loading_enu_m(coefficients))
 
 
-def _loading_enu_m(coefficients: BlqCoefficients) -> NDArray[np.complex128]:
+def loading_enu_m(coefficients: BlqCoefficients) -> NDArray[np.complex128]:
+    """As :func:`loading_itrf_m`, to the east, the north and up."""
     amplitudes_m = coefficients.amplitude_m * np.exp(-1j * coefficients.phase_lag_rad)
     return np.asarray(_WEST_SOUTH_UP_TO_ENU @ amplitudes_m)
 

@@ -13,7 +13,7 @@ from dataclasses import fields
 from functools import cache
 
 import numpy as np
-from numpy.polynomial import chebyshev
+from numpy.polynomial import chebyshev, polynomial
 from numpy.typing import NDArray
 
 from radioloc.measurements.dense_series import CHECK_POINTS, DEGREES, check_points, nodes
@@ -167,10 +167,7 @@ def _to_powers(degree: int) -> NDArray[np.float64]:
 
 def _evaluate(coefficients: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
     """Polynomials at the same places of all segments, shape (m, n_quantities, len(x))."""
-    total = np.zeros((*coefficients.shape[:-1], len(x)))
-    for k in range(coefficients.shape[-1]):
-        total = total * x + coefficients[..., k, None]
-    return total
+    return np.asarray(polynomial.polyval(x, np.moveaxis(coefficients[..., ::-1], -1, 0)))
 
 
 def _allowed(size: NDArray[np.float64], places: Layout) -> NDArray[np.float64]:

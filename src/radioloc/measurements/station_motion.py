@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S, EARTH_ROTATION_RAD_S, L_B, L_G, SECONDS_PER_DAY
 from radioloc.earth.geodesy import geodetic_from_itrf
 from radioloc.earth.ocean_loading import TIDAL_GEOCENTRE_M, loading_itrf_m, sum_of_tides
-from radioloc.earth.pole_tide import pole_tide_displacement
-from radioloc.earth.solid_tide import solid_earth_tide
+from radioloc.earth.solid_tide import pole_tide_displacement, solid_earth_tide
 from radioloc.earth.stations import Station
 from radioloc.ephemeris import EarthState
 from radioloc.measurements.light_path import MovingPoint

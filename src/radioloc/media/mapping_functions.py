@@ -132,22 +132,13 @@ def seasons(day_of_year: Floats) -> Floats:
 
 
 def _solid_harmonics(latitude_rad: Floats | float, longitude_rad: Floats | float) -> Floats:
-    """P_nm cos(m lon), then P_nm sin(m lon), without norm, in the table's order: shape (..., 182).
+    """P_nm cos(m lon), then P_nm sin(m lon), without norm, in the table's order: shape (..., 182)."""
+    from scipy.special import lpmv
 
-    By the recursions of the solid harmonics on the unit sphere (Cunningham 1970), exact to rounding at the poles too.
-    """
-    x = np.cos(latitude_rad) * np.exp(1j * longitude_rad)
-    z = np.sin(latitude_rad)
-    p: dict[tuple[int, int], NDArray[np.complex128]] = {(0, 0): np.ones_like(x)}
-    for m in range(_VMF3_DEGREE + 1):
-        if m:
-            p[m, m] = (2 * m - 1) * x * p[m - 1, m - 1]
-        for n in range(m + 1, _VMF3_DEGREE + 1):
-            p[n, m] = (2 * n - 1) * z * p[n - 1, m] / (n - m)
-            if n > m + 1:
-                p[n, m] = p[n, m] - (n + m - 1) * p[n - 2, m] / (n - m)
-    terms = np.stack([p[n, m] for n in range(_VMF3_DEGREE + 1) for m in range(n + 1)], axis=-1)
-    return np.concatenate([terms.real, terms.imag], axis=-1)
+    n, m = np.array([(n, m) for n in range(_VMF3_DEGREE + 1) for m in range(n + 1)]).T
+    p = (-1.0) ** m * lpmv(m, n, np.sin(latitude_rad)[..., None])  # without the phase of Condon and Shortley
+    angle = m * np.asarray(longitude_rad)[..., None]
+    return np.concatenate([p * np.cos(angle), p * np.sin(angle)], axis=-1)
 
 
 @cache

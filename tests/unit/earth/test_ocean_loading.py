@@ -3,7 +3,7 @@ import pytest
 
 from radioloc.earth.blq import CONSTITUENTS, BlqCoefficients
 from radioloc.earth.geodesy import itrf_from_geodetic, rot_itrf_to_enu
-from radioloc.earth.ocean_loading import loading_itrf_m, ocean_loading_enu, sum_of_tides
+from radioloc.earth.ocean_loading import loading_enu_m, loading_itrf_m, sum_of_tides
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
 from radioloc.time import Epochs
@@ -13,6 +13,10 @@ ROUNDING_M = 1e-15
 HOURS = np.arange(0.0, 400.0, 1.0)
 UT1 = Epochs.from_jd(2459000.5, HOURS / 24.0, "UT1")
 TT = Epochs.from_jd(UT1.jd, UT1.fraction + 69.0 / 86400.0, "TT")
+
+
+def ocean_loading_enu(coefficients, tt, ut1_fraction):
+    return sum_of_tides(loading_enu_m(coefficients), tt, ut1_fraction)
 
 
 def make_coefficients(row: int, constituent: str, amplitude_m: float, lag_rad: float) -> BlqCoefficients:

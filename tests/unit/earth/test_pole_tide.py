@@ -3,7 +3,7 @@ import pytest
 
 from radioloc.constants import ARCSEC_RAD
 from radioloc.earth.geodesy import rot_itrf_to_spherical_enu
-from radioloc.earth.pole_tide import pole_tide_displacement, secular_pole_rad
+from radioloc.earth.solid_tide import pole_tide_displacement, secular_pole_rad
 from radioloc.errors import InputError
 from radioloc.time import Epochs
 

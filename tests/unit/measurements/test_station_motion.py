@@ -9,8 +9,7 @@ import pytest
 
 from radioloc.constants import C_M_S, L_B, L_G
 from radioloc.earth.ocean_loading import TIDAL_GEOCENTRE_M, loading_itrf_m, sum_of_tides
-from radioloc.earth.pole_tide import pole_tide_displacement
-from radioloc.earth.solid_tide import solid_earth_tide
+from radioloc.earth.solid_tide import pole_tide_displacement, solid_earth_tide
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Ephemeris
 from radioloc.measurements.physical_model import PhysicalModel

@@ -160,35 +160,6 @@ class Ephemeris:
         position_m, velocity_m_s = self.geocentric(body, tdb)
         return earth.position_m + position_m, earth.velocity_m_s + velocity_m_s
 
-    @bare_arguments
-    def clock_rate(
-        self, tdb: Epochs, place_m: _Vectors, velocity_m_s: _Vectors, leave_out: str = ""
-    ) -> _Vectors:
-        """Rate of an ideal clock against TCG at the geocentre, d(tau - TCG)/d(TDB), shape (n,).
-
-        It is -[(v^2 - v_E^2) / 2 + w(x) - w_E(x_E)] / c^2, with the barycentric velocities v of clock and Earth, the
-        potential w of all bodies at the clock and w_E of all but the Earth at the geocentre (IERS Conventions 2010,
-        section 10.1; Soffel et al. 2003). Terms of the order c^-4 are below 1e-17.
-
-        Parameters
-        ----------
-        tdb : Epochs
-            When.
-        place_m, velocity_m_s : ndarray, shape (n, 3)
-            Of the clock from the geocentre, ICRF axes.
-        leave_out : str
-            A body whose potential does not act on the clock: that in whose centre it is, for coordinate time there.
-        """
-        gm = self.constants.gm_m3_s2
-        slower = dot(self.earth(tdb).velocity_m_s + 0.5 * velocity_m_s, velocity_m_s)
-        slower = slower + gm("earth") / length(place_m)
-        for body in self.bodies:
-            body_m, _ = self.geocentric(body, tdb)
-            slower = slower - gm(body) / length(body_m)
-            if body != leave_out:
-                slower = slower + gm(body) / length(place_m - body_m)
-        return np.asarray(-slower / C_M_S**2)
-
     def _relative(
         self, target: int, center: int, tdb: Epochs, derivatives: int = 1
     ) -> tuple[NDArray[np.float64], ...]:
@@ -196,3 +167,34 @@ class Ephemeris:
         if target == center:
             return (np.zeros((len(tdb), 3)),) * (derivatives + 1)
         return evaluate(self.spk, self.spk.segment(target, center), tdb, derivatives)
+
+
+def clock_rate(
+    ephemeris: Ephemeris, tdb: Epochs, place_m: _Vectors, velocity_m_s: _Vectors, leave_out: str = ""
+) -> _Vectors:
+    """Rate of an ideal clock against TCG at the geocentre, d(tau - TCG)/d(TDB), shape (n,).
+
+    It is -[(v^2 - v_E^2) / 2 + w(x) - w_E(x_E)] / c^2, with the barycentric velocities v of clock and Earth, the
+    potential w of all bodies at the clock and w_E of all but the Earth at the geocentre (IERS Conventions 2010, section
+    10.1; Soffel et al. 2003). Terms of the order c^-4 are below 1e-17.
+
+    Parameters
+    ----------
+    ephemeris : Ephemeris
+        What the Earth and other bodies are taken from.
+    tdb : Epochs
+        When.
+    place_m, velocity_m_s : ndarray, shape (n, 3)
+        Of the clock from the geocentre, ICRF axes.
+    leave_out : str
+        A body whose potential does not act on the clock: that in whose centre it is, for coordinate time there.
+    """
+    gm = ephemeris.constants.gm_m3_s2
+    slower = dot(ephemeris.earth(tdb).velocity_m_s + 0.5 * velocity_m_s, velocity_m_s)
+    slower = slower + gm("earth") / length(place_m)
+    for body in ephemeris.bodies:
+        body_m, _ = ephemeris.geocentric(body, tdb)
+        slower = slower - gm(body) / length(body_m)
+        if body != leave_out:
+            slower = slower + gm(body) / length(place_m - body_m)
+    return np.asarray(-slower / C_M_S**2)

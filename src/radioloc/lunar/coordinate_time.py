@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S, J2000_JD, L_G, SECONDS_PER_DAY
 from radioloc.ephemeris import Ephemeris, LunarOrientation
+from radioloc.ephemeris.positions import clock_rate
 from radioloc.lunar.frames import rot_icrf_to_pa
 from radioloc.lunar.position import LunarPosition
 from radioloc.time import Epochs, geocentric_tdb_minus_tt
@@ -89,7 +90,7 @@ def _tcl_minus_tcg(source: Ephemeris, tdb: Epochs) -> NDArray[np.float64]:
     nodes = np.linspace(first, last, max(6, int((last - first) / _STEP_S) + 2))
     at_nodes = Epochs.from_tdb_seconds(nodes)
     rates = make_interp_spline(
-        nodes, source.clock_rate(at_nodes, *source.geocentric("moon", at_nodes), "moon"), k=5
+        nodes, clock_rate(source, at_nodes, *source.geocentric("moon", at_nodes), "moon"), k=5
     )
     integral = rates.antiderivative()
     return np.asarray(_AT_J2000_S + integral(seconds) - integral(0.0))

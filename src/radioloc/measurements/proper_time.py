@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S, L_G
 from radioloc.earth.geodesy import geodetic_from_itrf
 from radioloc.earth.stations import Station
+from radioloc.ephemeris.positions import clock_rate
 from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.measurements.light_path import MovingPoint
 from radioloc.measurements.observations import Observations
@@ -165,4 +166,4 @@ def _state(
 def _rate(model: PhysicalModel, tdb: Epochs, trajectory: AnyTrajectory | None) -> NDArray[np.float64]:
     """Rate of a clock in the spacecraft, or at the Moon's centre without its potential, against TT at the geocentre."""
     left_out = "moon" if trajectory is None else ""
-    return L_G + model.ephemeris.clock_rate(tdb, *_state(model, tdb, trajectory), left_out)
+    return L_G + clock_rate(model.ephemeris, tdb, *_state(model, tdb, trajectory), left_out)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import csv
 import errno
 import gzip
 import json
@@ -11,7 +12,7 @@ import os
 import stat
 import tempfile
 import zlib
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -136,6 +137,24 @@ def table_of(
             raise FileFormatError(path, problem, line_number)
         rows.append(numbers_of(path, line_number, words, what))
     return np.array(rows).reshape(len(rows), n_columns)
+
+
+def read_rows(path: str | Path, columns: Sequence[str], what: str) -> Iterator[tuple[int, dict[str, str]]]:
+    """Cells of the rows of a small comma-separated table by its columns, in any order, and their lines.
+
+    Blank lines and those that begin with ``#`` are passed over; `what` says in errors what has these columns.
+    """
+    lines = ((k, line) for k, line in enumerate(read_lines(path), 1) if line.strip() and line[0] != "#")
+    first, heading = next(lines, (1, ""))
+    header = [name.strip() for name in heading.split(",")]
+    if sorted(header) != sorted(columns):
+        raise FileFormatError(path, f"{what} has the columns {','.join(columns)}", first)
+    for number, line in lines:
+        [cells] = csv.reader([line])
+        if len(cells) != len(header):
+            problem = f"has {len(cells)} fields, but the header has {len(header)}: cut or damaged"
+            raise FileFormatError(path, problem, number)
+        yield number, dict(zip(header, map(str.strip, cells), strict=True))
 
 
 def require_file(path: str | Path) -> None:

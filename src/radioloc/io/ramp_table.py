@@ -8,7 +8,6 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,8 @@ from radioloc.earth.stations import StationCatalogue, station_name
 from radioloc.errors import FileFormatError, InputError
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.ramps import Ramps
-from radioloc.text_files import read_lines
+from radioloc.text_files import read_rows
+from radioloc.time import Epochs
 from radioloc.time.dates import utc_from_text
 
 COLUMNS = ("station", "start_utc", "stop_utc", "frequency_hz", "rate_hz_s")
@@ -43,29 +43,20 @@ def read_ramps(path: str | Path, *, catalogue: StationCatalogue | None = None) -
     >>> read_ramps(path)
     <Ramps 1 of KASHI>
     """
-    lines = [(k, line) for k, line in enumerate(read_lines(path), 1) if line.strip() and line[0] != "#"]
-    header = [name.strip() for name in lines[0][1].split(",")] if lines else []
-    if sorted(header) != sorted(COLUMNS):
-        raise FileFormatError(path, f"a table of ramps has the columns {','.join(COLUMNS)}", 1)
-    rows = [dict(zip(header, fields, strict=False)) for fields in csv.reader(line for _, line in lines[1:])]
-    numbers = []
-    for (line, text), row in zip(lines[1:], rows, strict=True):
+    names, spans, numbers = [], [], []
+    for line, row in read_rows(path, COLUMNS, "a table of ramps"):
+        names.append(station_name(catalogue, row["station"]))
         try:
             numbers.append([float(row["frequency_hz"]), float(row["rate_hz_s"])])
-            utc_from_text([row["start_utc"].strip(), row["stop_utc"].strip()])
-        except KeyError:
-            raise FileFormatError(
-                path, f"{text.strip()!r} has too few fields: cut or damaged", line
-            ) from None
+            spans.append(utc_from_text([row["start_utc"], row["stop_utc"]]))
         except ValueError as error:  # an InputError is one, too
             raise FileFormatError(path, str(error), line) from None
-    if not rows:
+    if not names:
         raise FileFormatError(path, "has columns, but no ramps")
-    names = [station_name(catalogue, row["station"].strip()) for row in rows]
-    start, stop = (utc_from_text([row[key].strip() for row in rows]) for key in ("start_utc", "stop_utc"))
+    span = Epochs.concatenate(spans)
     frequency_hz, rate_hz_s = np.array(numbers).T
     try:
-        return Ramps.of(names, start, stop, frequency_hz, rate_hz_s)
+        return Ramps.of(names, span[0::2], span[1::2], frequency_hz, rate_hz_s)
     except InputError as error:
         raise FileFormatError(path, str(error)) from None
 

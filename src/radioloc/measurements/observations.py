@@ -24,7 +24,6 @@ from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.ramps import Ramps
 from radioloc.measurements.registry import KINDS, MEASUREMENTS, is_integrated, kind_of
 from radioloc.measurements.table_columns import columns_of_table, require_lunar_flight_times
-from radioloc.plugins import LazyNames
 from radioloc.tables import TableForm, as_table
 from radioloc.time import Epochs, to_scale, utc_strings
 from radioloc.units import in_unit
@@ -32,8 +31,6 @@ from radioloc.units import in_unit
 RANGE, VLBI_DELAY, DOPPLER, VLBI_DELAY_RATE = (
     kind_of(name) for name in ("range", "vlbi_delay", "doppler", "vlbi_delay_rate")
 )
-BASELINE_KINDS = LazyNames(lambda: (name for name, kind in MEASUREMENTS.items() if kind.on_baseline))
-"""Types that belong to two stations which receive."""
 
 WEATHER_LIMITS = {
     "pressure_hpa": (100.0, 1100.0),

@@ -7,7 +7,6 @@ defining sources, right ascension (h, min, s) and declination (deg, arcmin, arcs
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from radioloc.constants import ARCSEC_RAD
 from radioloc.errors import FileFormatError
 from radioloc.measurements.link import canonical_target
-from radioloc.text_files import read_lines
+from radioloc.text_files import read_lines, read_rows
 from radioloc.time import Epochs
 from radioloc.vectors import dot
 
@@ -53,19 +52,14 @@ def read_sources(path: str | Path) -> dict[str, NDArray[np.float64]]:
     {'0059+581': [0.504416, 0.141696, 0.851755]}
     """
     found: dict[str, NDArray[np.float64]] = {}
-    lines = [(k, line) for k, line in enumerate(read_lines(path), 1) if line.strip() and line[0] != "#"]
-    header = [name.strip() for name in lines[0][1].split(",")] if lines else []
-    listed = [(k, line) for k, line in lines if line.startswith("ICRF J")]
-    table = sorted(header) == sorted(COLUMNS)
-    if not (table or listed):
-        raise FileFormatError(
-            path, f"a list of sources has the columns {','.join(COLUMNS)}, or lines of the ICRF"
-        )
-    for number, line in lines[1:] if table else listed:
+    icrf = [(k, line) for k, line in enumerate(read_lines(path), 1) if line.startswith("ICRF J")]
+    rows = icrf or read_rows(path, COLUMNS, "a list of sources has lines of the ICRF, or it")
+    for number, row in rows:
         try:
-            names, angles_rad = _of_table(line, header) if table else _of_icrf(line)
-        except (ValueError, IndexError, KeyError):
-            raise FileFormatError(path, f"{line.strip()!r} is no source with its place", number) from None
+            names, angles_rad = _of_icrf(row) if isinstance(row, str) else _of_table(row)
+        except (ValueError, IndexError):
+            said = row if isinstance(row, str) else ",".join(row.values())
+            raise FileFormatError(path, f"{said.strip()!r} is no source with its place", number) from None
         direction = _direction(*angles_rad)
         for name in map(canonical_target, names):
             if not np.array_equal(found.setdefault(name, direction), direction):
@@ -75,10 +69,9 @@ def read_sources(path: str | Path) -> dict[str, NDArray[np.float64]]:
     return found
 
 
-def _of_table(line: str, header: list[str]) -> tuple[list[str], tuple[float, float]]:
-    row = dict(zip(header, next(csv.reader([line])), strict=True))
+def _of_table(row: Mapping[str, str]) -> tuple[list[str], tuple[float, float]]:
     right_ascension_deg, declination_deg = (float(row[name]) for name in COLUMNS[1:])
-    return [row["source"].strip()], _checked(right_ascension_deg, declination_deg)
+    return [row["source"]], _checked(right_ascension_deg, declination_deg)
 
 
 def _of_icrf(line: str) -> tuple[list[str], tuple[float, float]]:

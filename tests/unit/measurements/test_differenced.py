@@ -15,9 +15,9 @@ from radioloc.errors import PredictedEopWarning
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.observations import BASELINE_KINDS, Observations
+from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.registry import KINDS
+from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.time import epochs_from_strings, tai_to_utc, utc_to_tai
 
 # The noise of two ranges that are differenced.
@@ -48,7 +48,7 @@ def model():
 def arc_of(model, kind, ends, tai=TAI, tag="receive", count_s=np.nan):
     observations = Observations.from_columns(
         epoch=tai_to_utc(tai),
-        links=[Link(ends[0], "apollo15", ends[1], kind in BASELINE_KINDS)],
+        links=[Link(ends[0], "apollo15", ends[1], MEASUREMENTS[kind].on_baseline)],
         value_m=1.0,
         sigma_m=1.0,
         kind=KINDS.index(kind),

@@ -223,7 +223,7 @@ def test_ramps_and_observations_come_back_from_their_tables(tmp_path, model):
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("KASHI,2024-05-02T06:00:00,2024-05-02T06:10:00,7.2e9", "line 2: .* too few fields"),
+        ("KASHI,2024-05-02T06:00:00,2024-05-02T06:10:00,7.2e9", "line 2: has 4 fields, but the header has 5"),
         ("KASHI,2024-05-02T06:00:00,2024-05-02T06:10:00,fast,0", "line 2: .*'fast'"),
         ("KASHI,2024-13-02T06:00:00,2024-05-02T06:10:00,7.2e9,0", "line 2: "),
         ("KASHI,2024-05-02T06:00:00,2024-05-02T05:10:00,7.2e9,0", "must end after it begins"),

@@ -48,7 +48,7 @@ def test_a_small_declination_keeps_its_sign(tmp_path):
     [
         (
             "source,ra\nx,1.0\n",
-            "has the columns source,right_ascension_deg,declination_deg, or lines of the ICRF",
+            "has lines of the ICRF, or it has the columns source,right_ascension_deg,declination_deg",
         ),
         (SOURCES + "a,400.0,1.0\n", "line 4: 'a,400.0,1.0' is no source with its place"),
         (SOURCES + "a,40.0\n", "line 4"),

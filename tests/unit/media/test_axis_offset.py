@@ -15,9 +15,9 @@ from radioloc.errors import StationError
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.observations import BASELINE_KINDS, Observations
+from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.registry import KINDS
+from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.time import epochs_from_strings, tai_to_utc, utc_to_tai
 
 OFFSET_M = 8.0
@@ -51,7 +51,7 @@ def model_of(mount="azimuth_elevation", offset_m=OFFSET_M, name="KUNMING", moved
 def compute(model, kind="vlbi_delay", ends=BASELINE, tai=TAI, count_s=np.nan):
     table = Observations.from_columns(
         epoch=tai_to_utc(tai),
-        links=[Link(ends[0], "apollo15", ends[1], kind in BASELINE_KINDS)],
+        links=[Link(ends[0], "apollo15", ends[1], MEASUREMENTS[kind].on_baseline)],
         value_m=1.0,
         sigma_m=1.0,
         kind=KINDS.index(kind),

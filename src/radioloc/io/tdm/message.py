@@ -24,7 +24,6 @@ from radioloc.time import Epochs, epochs_from_strings, to_scale, utc_to_tai
 from radioloc.time.dates import read_dates
 
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
-_TIME_SYSTEMS = ("UTC", "TAI", "TT", "TDB", "GPS")
 # Value as the file gives it to value in the standard's spelling; ValueError says what is wrong.
 _Rule = Callable[[str], str]
 
@@ -49,24 +48,13 @@ def _one_of(*words: str) -> _Rule:
     return rule
 
 
-def _number(
-    *, above: float = -math.inf, least: float = -math.inf, most: float = math.inf, whole: bool = False
-) -> _Rule:
-    def rule(value: str) -> str:
-        if re.fullmatch(NUMBER, value, re.ASCII) is None or not math.isfinite(float(value)):
-            raise ValueError(f"{value!r} is not a finite number")
-        number = float(value)
-        if whole and not number.is_integer():
-            raise ValueError(f"{value!r} is not a whole number")
-        if not number > above:
-            raise ValueError(f"{value} must be above zero")
-        if number < least:
-            raise ValueError(f"{value} must not be negative")
-        if number > most:
-            raise ValueError(f"{value} must not be longer than a day, in seconds")
+def _number(allowed: Callable[[float], bool] = math.isfinite, rule: str = "a finite number") -> _Rule:
+    def check(value: str) -> str:
+        if re.fullmatch(NUMBER, value, re.ASCII) is None or not allowed(float(value)):
+            raise ValueError(f"{value!r} is not {rule}")
         return value
 
-    return rule
+    return check
 
 
 def _path(value: str) -> str:
@@ -76,12 +64,6 @@ def _path(value: str) -> str:
     return path
 
 
-def _time_system(value: str) -> str:
-    if value.upper() not in _TIME_SYSTEMS:
-        raise ValueError(f"{value!r} cannot be read; use one of {', '.join(_TIME_SYSTEMS)}")
-    return value.upper()
-
-
 COLON_FRACTION = r"^(.*T\d\d:\d\d:\d\d):(\d+Z?)$"
 """A date of which a colon stands before the parts of a second, as some write it; groups are what a point joins."""
 
@@ -89,19 +71,17 @@ COLON_FRACTION = r"^(.*T\d\d:\d\d:\d\d):(\d+Z?)$"
 def date(value: str) -> str:
     """Rule of a date."""
     value = re.sub(COLON_FRACTION, r"\1.\2", value)
-    try:
-        epochs_from_strings(value)
-    except InputError as error:
-        raise ValueError(str(error)) from None
+    epochs_from_strings(value)
     return _text(value)
 
 
-_RATIO = _number(above=0.0, whole=True)
-_DELAY = _number(least=0.0, most=LONGEST_S)
+_RATIO = _number(lambda ratio: ratio > 0.0 and ratio.is_integer(), "a whole number above zero")
+_DELAY = _number(lambda delay_s: 0.0 <= delay_s <= LONGEST_S, "a number from zero to a day, in seconds")
+_COUNT = _number(lambda count_s: 0.0 < count_s <= LONGEST_S, "a number above zero, up to a day, in seconds")
 METADATA: Mapping[str, _Rule] = {
     "TRACK_ID": _text,
     "DATA_TYPES": _text,
-    "TIME_SYSTEM": _time_system,
+    "TIME_SYSTEM": _one_of("UTC", "TAI", "TT", "TDB", "GPS"),
     "START_TIME": date,
     "STOP_TIME": date,
     **dict.fromkeys(_each("PARTICIPANT"), _text),
@@ -112,11 +92,11 @@ METADATA: Mapping[str, _Rule] = {
     "TURNAROUND_NUMERATOR": _RATIO,
     "TURNAROUND_DENOMINATOR": _RATIO,
     "TIMETAG_REF": _one_of("TRANSMIT", "RECEIVE"),
-    "INTEGRATION_INTERVAL": _number(above=0.0, most=LONGEST_S),
+    "INTEGRATION_INTERVAL": _COUNT,
     "INTEGRATION_REF": _one_of("START", "MIDDLE", "END"),
     "FREQ_OFFSET": _number(),
     "RANGE_MODE": _one_of("COHERENT", "CONSTANT", "ONE_WAY"),
-    "RANGE_MODULUS": _number(least=0.0),
+    "RANGE_MODULUS": _number(lambda modulus: 0.0 <= modulus < math.inf, "zero or a number above it"),
     "RANGE_UNITS": _one_of("km", "s", "RU"),
     **dict.fromkeys(("ANGLE_TYPE", "REFERENCE_FRAME", "INTERPOLATION", "INTERPOLATION_DEGREE"), _text),
     **dict.fromkeys(("DOPPLER_COUNT_BIAS", "DOPPLER_COUNT_SCALE"), _text),
@@ -323,9 +303,9 @@ class MessageBuilder:
             except ValueError as error:
                 raise self.fail(f"{keyword}: {error}", lines[keyword]) from None
         participants = [keyword for keyword in made if keyword.startswith("PARTICIPANT_")]
-        missing = ["TIME_SYSTEM"] * ("TIME_SYSTEM" not in made) + ["PARTICIPANT_1"] * (not participants)
-        if missing:
-            raise self.fail(f"the metadata have no {missing[0]}; add it", lines[""])
+        for needed, given in (("TIME_SYSTEM", "TIME_SYSTEM" in made), ("PARTICIPANT_1", bool(participants))):
+            if not given:
+                raise self.fail(f"the metadata have no {needed}; add it", lines[""])
         first = self._segments[0].metadata["TIME_SYSTEM"] if self._segments else made["TIME_SYSTEM"]
         if made["TIME_SYSTEM"] != first:
             problem = f"TIME_SYSTEM is {made['TIME_SYSTEM']}, but {first} in the segments before"

@@ -9,7 +9,7 @@ from typing import Any, Literal
 from radioloc.errors import InputError
 from radioloc.extras import optional
 from radioloc.time import Epochs
-from radioloc.time.scales import utc_datetimes
+from radioloc.time.dates import utc_datetimes
 from radioloc.units import unit_of
 
 TableForm = Literal["astropy", "pandas"]

@@ -23,10 +23,17 @@ from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.ramps import Ramps
 from radioloc.measurements.registry import KINDS, MEASUREMENTS, is_integrated, kind_of
-from radioloc.measurements.table_columns import columns_of_table, require_lunar_flight_times
+from radioloc.measurements.table_columns import (
+    UNITS,
+    as_codes,
+    as_column,
+    columns_of_table,
+    each_once,
+    recoded,
+    require_lunar_flight_times,
+)
 from radioloc.tables import TableForm, as_table
 from radioloc.time import Epochs, to_scale, utc_strings
-from radioloc.units import in_unit
 
 RANGE, VLBI_DELAY, DOPPLER, VLBI_DELAY_RATE = (
     kind_of(name) for name in ("range", "vlbi_delay", "doppler", "vlbi_delay_rate")
@@ -43,17 +50,6 @@ WEATHER_LIMITS = {
 _SIGMA_LIMITS_M = (1e-9, 1e12)
 _TURNAROUND_LIMITS = (0.05, 20.0)
 """From Ka band up to S band down it is 0.067, the reverse 15; catches millimetres and wavelengths of light."""
-_UNITS = {
-    "value_m": "m",
-    "sigma_m": "m",
-    "pressure_hpa": "hPa",
-    "temperature_k": "K",
-    "relative_humidity": "1",
-    "wavelength_um": "um",
-    "uplink_hz": "Hz",
-    "count_s": "s",
-    "modulus_m": "m",
-}
 _OF_ALL = ("links", "files", "ramps")
 _IN_MEMORY = "in memory"
 
@@ -168,29 +164,29 @@ class Observations:
             epoch = to_scale(Epochs.from_time(epoch), "UTC")
         epoch.require("UTC")
         n = len(epoch)
-        unique_links, link_codes = _unique(links)
-        unique_files, file_codes = _unique(files or (_IN_MEMORY,))
+        unique_links, link_codes = each_once(links)
+        unique_files, file_codes = each_once(files or (_IN_MEMORY,))
         made = cls(
             epoch=Epochs(
-                _column("epoch.jd", epoch.jd, n), _column("epoch.fraction", epoch.fraction, n), "UTC"
+                as_column("epoch.jd", epoch.jd, n), as_column("epoch.fraction", epoch.fraction, n), "UTC"
             ),
-            tag=_codes("tag", tag, n, len(TIME_TAGS), np.int8),
-            kind=_codes("kind", kind, n, len(KINDS), np.int8),
-            link=_recode(link_codes, _codes("link", link, n, len(links), np.int32)),
+            tag=as_codes("tag", tag, n, len(TIME_TAGS), np.int8),
+            kind=as_codes("kind", kind, n, len(KINDS), np.int8),
+            link=recoded(link_codes, as_codes("link", link, n, len(links), np.int32)),
             links=unique_links,
-            value_m=_column("value_m", value_m, n),
-            sigma_m=_column("sigma_m", sigma_m, n),
-            pressure_hpa=_column("pressure_hpa", pressure_hpa, n),
-            temperature_k=_column("temperature_k", temperature_k, n),
-            relative_humidity=_column("relative_humidity", relative_humidity, n),
-            wavelength_um=_column("wavelength_um", wavelength_um, n),
-            uplink_hz=_column("uplink_hz", uplink_hz, n),
-            count_s=_column("count_s", count_s, n),
-            modulus_m=_column("modulus_m", modulus_m, n),
-            ramped=_column("ramped", ramped, n, np.bool_),
+            value_m=as_column("value_m", value_m, n),
+            sigma_m=as_column("sigma_m", sigma_m, n),
+            pressure_hpa=as_column("pressure_hpa", pressure_hpa, n),
+            temperature_k=as_column("temperature_k", temperature_k, n),
+            relative_humidity=as_column("relative_humidity", relative_humidity, n),
+            wavelength_um=as_column("wavelength_um", wavelength_um, n),
+            uplink_hz=as_column("uplink_hz", uplink_hz, n),
+            count_s=as_column("count_s", count_s, n),
+            modulus_m=as_column("modulus_m", modulus_m, n),
+            ramped=as_column("ramped", ramped, n, np.bool_),
             files=unique_files,
-            file=_recode(file_codes, _codes("file", file, n, len(file_codes), np.int32)),
-            line=_column("line", np.arange(1, n + 1) if line is None else line, n, np.int32),
+            file=recoded(file_codes, as_codes("file", file, n, len(file_codes), np.int32)),
+            line=as_column("line", np.arange(1, n + 1) if line is None else line, n, np.int32),
             ramps=Ramps.none() if ramps is None else ramps,
         )
         made._validate()
@@ -257,8 +253,8 @@ class Observations:
         """Join tables, in order."""
         if not parts:
             raise InputError("no observations to join; give at least one table")
-        links, link_codes = _unique([link for part in parts for link in part.links])
-        files, file_codes = _unique([file for part in parts for file in part.files])
+        links, link_codes = each_once([link for part in parts for link in part.links])
+        files, file_codes = each_once([file for part in parts for file in part.files])
         columns: dict[str, Any] = {"links": links, "files": files}
         columns["epoch"] = Epochs.concatenate([p.epoch for p in parts])
         columns["ramps"] = Ramps.concatenate([p.ramps for p in parts])
@@ -342,7 +338,7 @@ class Observations:
         <Quantity [794279.926, 794512.76 , 794821.912] km>
         """
         columns: dict[str, Any] = {"epoch_utc": self.epoch, "type": self.types(), "path": self.paths()}
-        columns |= {"time_tag": self.tags()} | {name: getattr(self, name) for name in _UNITS}
+        columns |= {"time_tag": self.tags()} | {name: getattr(self, name) for name in UNITS}
         columns |= {"ramped": self.ramped}
         columns |= {"file": np.array(self.files, dtype=np.str_)[self.file], "line": self.line}
         return as_table(columns, form)
@@ -427,47 +423,6 @@ class Observations:
         if source == _IN_MEMORY:
             raise InputError(f"observation {row + 1}: {problem}")
         raise FileFormatError(source, problem, int(self.line[row]))
-
-
-def _column(name: str, values: ArrayLike, n: int, dtype: Any = np.float64) -> Any:
-    """A column as a read-only contiguous array of n values: a copy, unless it is one that nobody else can write to."""
-    mask = getattr(values, "mask", None)  # which NumPy drops with the unit
-    if name in _UNITS:
-        values = in_unit(values, _UNITS[name], name)
-    array = np.asarray(getattr(values, "unmasked", values), dtype=dtype)
-    if isinstance(mask, np.ndarray | np.bool_) and np.any(mask):
-        if dtype is not np.float64:
-            raise InputError(f"{name} has masked entries; leave their rows out")
-        array = np.where(mask, np.nan, array)
-    if array is values and array.shape == (n,) and array.flags.owndata and not array.flags.writeable:
-        return array
-    if array.shape not in ((), (n,)):
-        raise InputError(f"{name} has shape {array.shape}; {n} epochs need one value or {n}")
-    out = np.empty(n, dtype=dtype)
-    out[...] = array
-    out.flags.writeable = False
-    return out
-
-
-def _codes(name: str, values: ArrayLike, n: int, count: int, dtype: Any) -> Any:
-    wide = _column(name, values, n, np.int64)
-    if n and not (wide.min() >= 0 and wide.max() < count):
-        held = f"{wide.min()} to {wide.max()}"
-        raise InputError(f"{name} holds codes from {held}; allowed are 0 to {count - 1}")
-    return _column(name, wide, n, dtype)
-
-
-def _recode(codes: NDArray[np.int32], column: NDArray[np.int32]) -> NDArray[np.int32]:
-    out = codes[column] if len(column) else column.copy()
-    out.flags.writeable = False
-    return out
-
-
-def _unique(items: Sequence[Any]) -> tuple[tuple[Any, ...], NDArray[np.int32]]:
-    """Each item once, in order of first appearance, and for each item where it now is."""
-    place: dict[Any, int] = {}
-    codes = np.array([place.setdefault(item, len(place)) for item in items], dtype=np.int32)
-    return tuple(place), codes
 
 
 def _frozen(observations: Observations) -> Observations:

@@ -8,12 +8,12 @@ Columns are read as Arrow has them, which is imported when the first is, since t
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.earth.stations import StationCatalogue
@@ -35,6 +35,19 @@ COLUMNS = ("epoch_utc", "type", "path", *VALUE, *SIGMA, "time_tag", *OPTIONAL)
 
 FLIGHT_TIME_LIMITS_S = (2.2, 2.8)
 """Round-trip light times between the Earth's and the Moon's surface lie well inside (2.31 to 2.74 s)."""
+
+UNITS = {
+    "value_m": "m",
+    "sigma_m": "m",
+    "pressure_hpa": "hPa",
+    "temperature_k": "K",
+    "relative_humidity": "1",
+    "wavelength_um": "um",
+    "uplink_hz": "Hz",
+    "count_s": "s",
+    "modulus_m": "m",
+}
+"""Of the columns of numbers of a table of observations, as astropy spells them."""
 
 _KNOWN = (*COLUMNS, *SPLIT_EPOCH)
 _SAME = {"value_m": "observed_m"}
@@ -378,3 +391,46 @@ def _in_unit(name: str, column: Any, own: str, unit: str | None, wanted: str) ->
         raise InputError(f"units: {name} is in {own}, as the table says, not in {unit}; leave it out")
     found: NDArray[np.float64] = in_unit(Quantity(numbers, given), wanted, name)
     return found
+
+
+def as_column(name: str, values: ArrayLike, n: int, dtype: Any = np.float64) -> Any:
+    """A column as a read-only contiguous array of n values: a copy, unless it is one that nobody else can write to."""
+    mask = getattr(values, "mask", None)  # which NumPy drops with the unit
+    if name in UNITS:
+        values = in_unit(values, UNITS[name], name)
+    array = np.asarray(getattr(values, "unmasked", values), dtype=dtype)
+    if isinstance(mask, np.ndarray | np.bool_) and np.any(mask):
+        if dtype is not np.float64:
+            raise InputError(f"{name} has masked entries; leave their rows out")
+        array = np.where(mask, np.nan, array)
+    if array is values and array.shape == (n,) and array.flags.owndata and not array.flags.writeable:
+        return array
+    if array.shape not in ((), (n,)):
+        raise InputError(f"{name} has shape {array.shape}; {n} epochs need one value or {n}")
+    out = np.empty(n, dtype=dtype)
+    out[...] = array
+    out.flags.writeable = False
+    return out
+
+
+def as_codes(name: str, values: ArrayLike, n: int, count: int, dtype: Any) -> Any:
+    """Codes as a column: indices below a count."""
+    wide = as_column(name, values, n, np.int64)
+    if n and not (wide.min() >= 0 and wide.max() < count):
+        held = f"{wide.min()} to {wide.max()}"
+        raise InputError(f"{name} holds codes from {held}; allowed are 0 to {count - 1}")
+    return as_column(name, wide, n, dtype)
+
+
+def recoded(codes: NDArray[np.int32], column: NDArray[np.int32]) -> NDArray[np.int32]:
+    """A read-only column of codes by the places that they now have."""
+    out = codes[column] if len(column) else column.copy()
+    out.flags.writeable = False
+    return out
+
+
+def each_once(items: Sequence[Any]) -> tuple[tuple[Any, ...], NDArray[np.int32]]:
+    """Each item once, in order of first appearance, and for each item where it now is."""
+    place: dict[Any, int] = {}
+    codes = np.array([place.setdefault(item, len(place)) for item in items], dtype=np.int32)
+    return tuple(place), codes

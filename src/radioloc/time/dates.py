@@ -166,6 +166,18 @@ def utc_to_picoseconds(utc: Epochs) -> tuple[NDArray[np.int64], NDArray[np.int64
     return days, np.where(new_day, picoseconds % _PICOSECONDS, picoseconds)
 
 
+def utc_datetimes(utc: Epochs) -> NDArray[np.datetime64]:
+    """Dates of NumPy to the nanosecond, shape (n,); :class:`InputError` for a leap second, which they do not have."""
+    days, picoseconds = utc_to_picoseconds(utc)
+    nanoseconds = (picoseconds + 500) // 1000
+    leap = np.flatnonzero(picoseconds >= int(SECONDS_PER_DAY) * _PICOSECONDS)
+    if len(leap):
+        raise InputError(
+            f"{utc_to_text(utc[leap[:1]])[0][:-9]} is in a leap second, which dates of NumPy do not have"
+        )
+    return np.asarray(days.astype("datetime64[D]") + nanoseconds.astype("timedelta64[ns]"))
+
+
 def utc_from_picoseconds(days: NDArray[np.int64], picoseconds: NDArray[np.int64]) -> Epochs:
     """Epochs from days since 1970-01-01 and picoseconds since their midnights, back from :func:`utc_to_picoseconds`."""
     jd = _JD_1970 + days.astype(np.float64)

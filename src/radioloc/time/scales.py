@@ -345,21 +345,6 @@ def utc_strings(utc: Epochs, decimals: int = 9) -> NDArray[np.str_]:
     return np.array(texts, dtype=np.str_)
 
 
-def utc_datetimes(utc: Epochs) -> NDArray[np.datetime64]:
-    """Dates of NumPy to the nanosecond, shape (n,); :class:`InputError` for a leap second, which they do not have."""
-    with _any_year():
-        year, month, day, hms = erfa.d2dtf(utc.scale, 9, utc.jd, utc.fraction)
-    leap = np.flatnonzero(hms["s"] == 60)
-    if len(leap):
-        raise InputError(
-            f"{utc_strings(utc[leap[:1]], 3)[0]} is in a leap second, which dates of NumPy do not have"
-        )
-    months = (12 * (year.astype(np.int64) - 1970) + month - 1).astype("datetime64[M]")
-    seconds = (hms["h"].astype(np.int64) * 60 + hms["m"]) * 60 + hms["s"]
-    nanoseconds = (seconds * 10**9 + hms["f"]).astype("timedelta64[ns]")
-    return np.asarray(months.astype("datetime64[D]") + (day - 1) + nanoseconds)
-
-
 def to_scale(epochs: Epochs, scale: str) -> Epochs:
     """Epochs in another scale: UTC (from 1972 on), TAI, TT or TDB (at the geocentre); UT1 needs Earth orientation.
 

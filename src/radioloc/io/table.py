@@ -6,8 +6,7 @@ Both have the columns of :mod:`radioloc.measurements.table_columns`. In text the
     epoch_utc,type,path,light_time_s,sigma_s,time_tag,pressure_hpa,temperature_k,relative_humidity,wavelength_um
     2006-04-07T06:26:30.000000000000,range,APOLLO>apollo15>APOLLO,2.6494326499837,5.38e-11,transmit,721.6,...
 
-Numbers are written with as many digits as give back the same float. Arrow takes blocks of lines apart; those that it
-cannot, and those with quotes, Python's ``csv``, which finds the line of a mistake.
+Numbers are written with as many digits as give back the same float.
 
 A timestamp of Parquet counts nanoseconds and knows no leap second; a time tag has picoseconds, and a laser range to the
 Moon needs those beyond the nanosecond, in which the range changes by up to a micrometre. So there the epoch is written
@@ -20,7 +19,6 @@ Source: Apache Parquet format, logical types.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Iterator
 from itertools import chain
 from pathlib import Path
@@ -224,8 +222,7 @@ def _from_blocks(
         text, line = _content(block, first_line)
         if not header and len(line):
             head, _, text = text.partition(b"\n")
-            [names] = _split(path, [head.decode()], line[:1])
-            header = [name.strip() for name in names]
+            header = [name.strip(' "') for name in head.decode().split(",")]
             require_columns(path, header, int(line[0]))
             line = line[1:]
         if len(line):
@@ -260,37 +257,25 @@ def _columns(path: str | Path, header: list[str], text: bytes, line: NDArray[np.
     import pyarrow
     import pyarrow.csv
 
-    if b'"' not in text:
-        try:
-            table = pyarrow.csv.read_csv(
-                pyarrow.BufferReader(text),
-                pyarrow.csv.ReadOptions(column_names=header, block_size=len(text) + 1, use_threads=False),
-                pyarrow.csv.ParseOptions(quote_char=False),
-                pyarrow.csv.ConvertOptions(column_types=dict.fromkeys(header, pyarrow.string())),
-            )
-            return {name: table[name].combine_chunks() for name in header}
-        except pyarrow.ArrowInvalid:
-            pass
-    rows = _split(path, text.decode().split("\n")[:-1], line)
-    for row, number in zip(rows, line, strict=True):
-        if len(row) != len(header):
-            problem = f"has {len(row)} fields, but the header has {len(header)}: cut or damaged"
+    quoted = b'"' in text
+    for number, row in zip(line, text.split(b"\n"), strict=False) if quoted else ():
+        if row.count(b'"') % 2:
+            problem = "a quoted field does not end on its line; correct the quotes"
             raise FileFormatError(path, problem, int(number))
-    return {
-        name: pyarrow.array(cells, pyarrow.string())
-        for name, cells in zip(header, zip(*rows, strict=True), strict=True)
-    }
 
+    wrong: list[Any] = []
 
-def _split(path: str | Path, lines: list[str], numbers: NDArray[np.int32]) -> list[list[str]]:
-    """Fields of lines, quotes taken off."""
-    rows: list[list[str]] = []
-    reader = csv.reader(lines, strict=True, skipinitialspace=True)
-    try:
-        for row in reader:
-            if reader.line_num != len(rows) + 1:
-                raise csv.Error("a quoted field does not end on its line")
-            rows.append(row)
-    except csv.Error as error:
-        raise FileFormatError(path, f"{error}; correct the quotes", int(numbers[len(rows)])) from error
-    return rows
+    def pass_over(row: Any) -> str:
+        wrong.append(row)
+        return "skip"
+
+    table = pyarrow.csv.read_csv(
+        pyarrow.BufferReader(text),
+        pyarrow.csv.ReadOptions(column_names=header, block_size=len(text) + 1, use_threads=False),
+        pyarrow.csv.ParseOptions(quote_char='"' if quoted else False, invalid_row_handler=pass_over),
+        pyarrow.csv.ConvertOptions(column_types=dict.fromkeys(header, pyarrow.string())),
+    )
+    for row in wrong[:1]:
+        problem = f"has {row.actual_columns} fields, but the header has {len(header)}: cut or damaged"
+        raise FileFormatError(path, problem, int(line[row.number - 1]))
+    return {name: table[name].combine_chunks() for name in header}

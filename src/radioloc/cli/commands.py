@@ -15,6 +15,7 @@ from radioloc.errors import InputError
 from radioloc.io.formats import read_observations, require_writable, write_observations
 from radioloc.io.tdm import TdmAgreement
 from radioloc.lunar.position import LunarPosition
+from radioloc.report.ccsds import write_oem, write_residuals_tdm
 from radioloc.report.covariance import plans_card
 from radioloc.report.figures import save_figure
 from radioloc.report.files import (
@@ -28,13 +29,10 @@ from radioloc.report.files import (
 )
 from radioloc.report.gis import GIS_ENDINGS, write_gis
 from radioloc.report.map_figure import plot_map
-from radioloc.report.oem import write_oem
 from radioloc.report.page import require_page
-from radioloc.report.residuals_tdm import write_residuals_tdm
 from radioloc.report.sinex import write_sinex
-from radioloc.report.solution_table import solution_table
 from radioloc.report.spice_kernels import FIRST_SITE, write_spice
-from radioloc.report.text_table import TABLE_ENDINGS, write_table_file
+from radioloc.report.tables import TABLE_ENDINGS, solution_table, write_table_file
 from radioloc.studies import locate
 from radioloc.studies.arcs import arcs, leave_one_out
 from radioloc.studies.comparison import compare, read_solutions

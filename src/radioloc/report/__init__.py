@@ -1,6 +1,6 @@
 """Everything that shows results: cards, tables, figures, and the files of an output folder."""
 
-from radioloc.report.arc_study import ArcStudy
+from radioloc.report.ccsds import write_oem, write_orbit_oem, write_orbit_opm, write_residuals_tdm
 from radioloc.report.comparison import Comparison
 from radioloc.report.covariance import CovarianceStudy
 from radioloc.report.estimate_figures import plot_budget, plot_contours, plot_correlations
@@ -17,20 +17,15 @@ from radioloc.report.files import (
 )
 from radioloc.report.gis import write_gis
 from radioloc.report.image_figures import plot_images
-from radioloc.report.image_solution import ImageSolution
-from radioloc.report.light_times import LightTimes
+from radioloc.report.image_solution import ImageSolution, PointSolution
 from radioloc.report.map_figure import plot_map
 from radioloc.report.monte_carlo import MonteCarlo
-from radioloc.report.oem import write_oem
-from radioloc.report.orbit_files import write_orbit_oem, write_orbit_opm, write_orbit_spk
 from radioloc.report.page import write_html
-from radioloc.report.point_solution import PointSolution
 from radioloc.report.position_figures import plot_arcs, plot_comparison, plot_point, plot_position
+from radioloc.report.predictions import LightTimes
 from radioloc.report.residual_figures import plot_distribution, plot_links, plot_residuals, plot_terms
-from radioloc.report.residuals_tdm import write_residuals_tdm
 from radioloc.report.sinex import write_sinex
-from radioloc.report.solution_table import solution_table
-from radioloc.report.spice_kernels import write_spice
+from radioloc.report.spice_kernels import write_orbit_spk, write_spice
 from radioloc.report.station_figures import plot_stations, plot_visibility
 from radioloc.report.study_figures import (
     plot_covariance,
@@ -38,7 +33,8 @@ from radioloc.report.study_figures import (
     plot_error_by_length,
     plot_trials,
 )
-from radioloc.report.text_table import TextTable
+from radioloc.report.subsets import ArcStudy
+from radioloc.report.tables import TextTable, solution_table
 
 __all__ = [
     "ArcStudy",

@@ -11,6 +11,7 @@ import math
 import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from radioloc.estimation.statistics import Residuals
 from radioloc.measurements.link import Link
@@ -94,6 +95,10 @@ class Shown:
         """What it says."""
         raise NotImplementedError
 
+    def to_dict(self) -> dict[str, Any]:
+        """All its numbers, in types that JSON has."""
+        raise NotImplementedError
+
     def __str__(self) -> str:
         return str(self.card())
 
@@ -123,6 +128,18 @@ def text_table(heading: Sequence[str], rows: Iterable[Sequence[str]], width: int
     with console.capture() as capture:
         console.print(table)
     return capture.get().splitlines()
+
+
+def table(
+    label: str,
+    heading: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    most: int,
+    below: Iterable[str] = (),
+    where: str = "solution.json",
+) -> Field:
+    """A field that is a table, of whose rows a card has the first, and says where the others are."""
+    return Field(label, (), heading, rows[:most], below, rows[most:], where)
 
 
 def more(count: int, most: int, where: str = "solution.json") -> tuple[str, ...]:

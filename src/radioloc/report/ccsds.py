@@ -1,62 +1,339 @@
-"""What CCSDS orbit data messages have in common, in KVN.
+"""Messages of the CCSDS: landers and orbits as those of ephemerides and parameters, residuals as those of tracking.
 
-Source: CCSDS 502.0-B-2 (2009), chapters 3, 5 and 7, which issue 3 (2023) goes on to read.
+Sources: CCSDS 502.0-B-2 (2009), chapters 3, 5 and 7, which issue 3 (2023) goes on to read, and 503.0-B-2.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc.boundary import bare_arguments
+from radioloc.dynamics import Orbit
+from radioloc.ephemeris import CONSTANTS, LunarOrientation
 from radioloc.errors import InputError
+from radioloc.estimation.solution import Solution
+from radioloc.io.tdm.message import WEATHER, TdmFile, TdmHeader
+from radioloc.io.tdm.write import tdm_of, write_tdm_file
+from radioloc.lunar import east_north_up, rot_icrf_to_pa, rot_pa_to_me
+from radioloc.lunar.frames import rot_icrf_to_pa_rate
+from radioloc.measurements.observations import Observations
+from radioloc.report.spice_kernels import M_PER_KM, orbit_parts, states_km
+from radioloc.report.tables import Located, content_of
+from radioloc.text_files import write_text
+from radioloc.time import Epochs, epochs_from_strings, to_scale, utc_strings
 
-M_PER_KM = 1000.0
+_Floats = NDArray[np.float64]
+
+_LONGEST_STEP_S = 86400.0
+"""Polynomials of degree 7 through states a day apart are off by 0.1 mm."""
+_DEGREE_AT_REST, _DEGREE_OF_ORBIT = 7, 11
+_RESIDUALS = "the values are residuals, observed minus computed, not observations"
 
 
-def header(kind: str, originator: str, creation_date: str | None) -> list[str]:
-    """The first lines of a message such as an OEM; its date is now if none is given."""
-    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S")
-    fields = {"CREATION_DATE": creation_date or now, "ORIGINATOR": originator}
-    return [f"CCSDS_{kind}_VERS = 2.0", *message_fields(fields)]
+@bare_arguments
+def write_oem(
+    solution: Located,
+    path: str | Path,
+    start_utc: str,
+    stop_utc: str,
+    *,
+    originator: str,
+    step_s: float = 3600.0,
+    object_id: str = "UNKNOWN",
+    creation_date: str | None = None,
+) -> Path:
+    """Write where a lander is, as it turns with the Moon, with its covariance at the first epoch.
+
+    Parameters
+    ----------
+    solution : Solution, ImageSolution or mapping
+        Whose position is written; a mapping is what ``solution.json`` holds.
+    path : path-like
+        The message, in KVN.
+    start_utc, stop_utc : str
+        First and last epoch, UTC.
+    originator : str
+        Agency that makes the message.
+    step_s : float
+        From state to state, s, a day at most.
+    object_id : str
+        International designator, such as ``"2020-087B"``.
+    creation_date : str, optional
+        UTC date of the message; now by default.
+
+    Raises
+    ------
+    InputError
+        The solution has no position, the stop is not after the start, the step is not one, or a text is not printable
+        ASCII.
+    KernelError
+        The axes of the position are those of an ephemeris whose orientation does not ship.
+    CoverageError
+        An epoch lies outside the orientation's span.
+
+    Notes
+    -----
+    The position is that of the solution in principal axes, turned by their libration; tides are not added. With
+    radii r in principal axes and the rotation R from these to the ICRF, states are (R r, R' r), and their covariance
+    is J P J' with J = (R, R') and the position's total covariance P.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
+    >>> days = "2007-06-01", "2007-06-08"
+    >>> radioloc.report.write_oem(solution, "apollo15.oem", *days, originator="AGENCY").name
+    'apollo15.oem'
+    """
+    content = content_of(solution)
+    if not content["position"]:
+        raise InputError(
+            f"{content['name']}: there is no fixed position to write; it has a trajectory already"
+        )
+    tai = _epochs(start_utc, stop_utc, step_s)
+    pa = content["position"]["pa"]
+    to_icrf = _rotation(pa["frame"], tai)
+    states = to_icrf @ [pa[f"{axis}_m"] / M_PER_KM for axis in "xyz"]
+    dates = [str(date) for date in utc_strings(to_scale(tai, "UTC"), decimals=6)]
+    covariance_pa_m2 = _covariance_pa_m2(content)
+    at_first = None
+    if covariance_pa_m2 is not None:
+        at_first = dates[0], to_icrf[0] @ covariance_pa_m2 @ to_icrf[0].T
+    metadata = _metadata(content["name"], object_id, "UTC")
+    comment = f"a point at rest in {pa['frame']}, tides left out"
+    segment = _segment(metadata, dates, states, _DEGREE_AT_REST, at_first, comment)
+    return _write(path, "OEM", originator, creation_date, segment)
 
 
-def lunar_metadata(name: str, object_id: str, scale: str) -> dict[str, str]:
+@bare_arguments
+def write_orbit_oem(
+    orbit: Orbit | Sequence[Orbit],
+    path: str | Path,
+    *,
+    originator: str,
+    step_s: float = 15.0,
+    object_id: str = "UNKNOWN",
+    covariance: ArrayLike | None = None,
+    creation_date: str | None = None,
+) -> Path:
+    """Write an orbit as an Orbit Ephemeris Message, in KVN: Moon-centred, axes of the ICRF, TDB.
+
+    Parameters
+    ----------
+    orbit : Orbit or sequence of Orbit
+        One, or several from one after the other. Where an impulse or thrust begins or ends, so does a segment.
+    path : path-like
+    originator : str
+        Agency that makes the message.
+    step_s : float
+        From state to state, s, 600 at most.
+    object_id : str
+        International designator, such as ``"2011-046B"``.
+    covariance : array_like, shape (6, 6), optional
+        Of the state at the epoch of the first orbit, ICRF axes, m and m/s.
+    creation_date : str, optional
+        UTC date of the message; now by default.
+
+    Raises
+    ------
+    InputError
+        The step is not one, the covariance is none, or a text is not printable ASCII.
+
+    Examples
+    --------
+    >>> from radioloc.dynamics import Forces, GravityField, propagate
+    >>> from radioloc.report import write_orbit_oem
+    >>> from radioloc.time import epochs_from_strings
+    >>> epoch = epochs_from_strings("2012-04-09T04:30:00", "TDB")
+    >>> forces = Forces(GravityField.open("GRGM660PRIM", degree=20))
+    >>> orbit = propagate(epoch, [575750.0, -463261.0, -1631634.0], [-567.855, 1434.222, -600.22], forces, (0, 600))
+    >>> write_orbit_oem(orbit, "orbit.oem", originator="AGENCY").name
+    'orbit.oem'
+    """
+    lines = []
+    for part, times_s in orbit_parts(orbit, step_s):
+        dates = [str(date) for date in utc_strings(part.epoch.shifted(times_s), 9)]
+        at_epoch = None
+        if covariance is not None and times_s[0] <= 0.0 <= times_s[-1]:
+            at_epoch, covariance = (str(utc_strings(part.epoch, 9)[0]), covariance), None
+        metadata = _metadata(part.name, object_id, "TDB")
+        lines += _segment(metadata, dates, states_km(part, times_s), _DEGREE_OF_ORBIT, at_epoch)
+    return _write(path, "OEM", originator, creation_date, lines)
+
+
+@bare_arguments
+def write_orbit_opm(
+    orbit: Orbit,
+    path: str | Path,
+    *,
+    originator: str,
+    object_id: str = "UNKNOWN",
+    covariance: ArrayLike | None = None,
+    creation_date: str | None = None,
+) -> Path:
+    """Write an orbit's state at its epoch and its impulses as an Orbit Parameter Message, in KVN.
+
+    Parameters as those of :func:`write_orbit_oem`, errors too.
+
+    Examples
+    --------
+    >>> from radioloc.dynamics import Forces, GravityField, propagate
+    >>> from radioloc.report import write_orbit_opm
+    >>> from radioloc.time import epochs_from_strings
+    >>> epoch = epochs_from_strings("2012-04-09T04:30:00", "TDB")
+    >>> forces = Forces(GravityField.open("GRGM660PRIM", degree=20))
+    >>> orbit = propagate(epoch, [575750.0, -463261.0, -1631634.0], [-567.855, 1434.222, -600.22], forces, (0, 600))
+    >>> write_orbit_opm(orbit, "orbit.opm", originator="AGENCY").name
+    'orbit.opm'
+    """
+    (state,) = states_km(orbit, np.zeros(1))
+    fields = _metadata(orbit.name, object_id, "TDB") | {"EPOCH": str(utc_strings(orbit.epoch, 9)[0])}
+    names = ["X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT"]
+    fields |= {name: f"{x:.12f}" for name, x in zip(names, state, strict=True)}
+    if covariance is not None:
+        fields["COV_REF_FRAME"] = "ICRF"
+        for name, row in zip(names, _triangle_km2(covariance), strict=True):
+            fields |= {f"C{name}_{other}": f"{x:.12e}" for other, x in zip(names, row, strict=False)}
+    lines = [*_lines(fields)]
+    for impulse in orbit.forces.impulses:
+        lines += _lines(
+            {
+                "MAN_EPOCH_IGNITION": str(utc_strings(impulse.epoch, 9)[0]),
+                "MAN_DURATION": "0.0",
+                "MAN_DELTA_MASS": "0.0",
+                "MAN_REF_FRAME": impulse.axes,
+            }
+            | {f"MAN_DV_{k}": f"{dv / M_PER_KM:.12f}" for k, dv in enumerate(impulse.delta_v_m_s, 1)}
+        )
+    return _write(path, "OPM", originator, creation_date, lines)
+
+
+def write_residuals_tdm(
+    solution: Solution,
+    observations: Observations,
+    path: str | Path,
+    *,
+    originator: str,
+    creation_date: str | None = None,
+) -> Path:
+    """Write residuals as a message: XML where the file's name ends in ``.xml``, else KVN.
+
+    The standard (CCSDS 503.0-B-2) has no keywords for residuals: they stand under those of what was observed, in its
+    units, and comments say so in the header and in each segment. Segments of observations that took part in the fit
+    have DATA_QUALITY = VALIDATED, those of others DEGRADED. Whole wavelengths are kept, weather is not.
+
+    Parameters
+    ----------
+    solution : Solution
+        Whose residuals are written.
+    observations : Observations
+        That it was made from, row by row: ``observations`` of :func:`~radioloc.studies.locate.arc_of`'s predictor.
+    path : path-like
+        The file; an existing one is replaced.
+    originator : str
+        Agency that makes the message.
+    creation_date : str, optional
+        UTC date of the message; now by default.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        The observations are others, or some that a message cannot hold (:func:`radioloc.io.tdm.write_tdm`).
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> study = radioloc.read_study("examples/change5/short_arc.toml")
+    >>> predictor, _ = radioloc.studies.arc_of(study)
+    >>> solution = radioloc.residuals(study)
+    >>> file = radioloc.report.write_residuals_tdm(solution, predictor.observations, "oc.tdm", originator="AGENCY")
+    >>> file.name
+    'oc.tdm'
+    """
+    rows = solution.residuals
+    if not (
+        len(rows) == len(observations)
+        and np.array_equal(rows.epoch_utc.jd, observations.epoch.jd)
+        and np.array_equal(rows.epoch_utc.fraction, observations.epoch.fraction)
+    ):
+        raise InputError(f"{solution.name}: the solution is not of these {len(observations)} observations")
+    unrecorded: dict[str, Any] = dict.fromkeys([*WEATHER.values(), "modulus_m"], np.full(len(rows), np.nan))
+    lengths = np.zeros(len(rows), dtype=bool)  # also where cycles of ramps were observed
+    residuals = replace(observations, value_m=rows.residual_m, ramped=lengths, **unrecorded)
+    header = TdmHeader(
+        creation_date or _now(),
+        originator,
+        comments=(f"{solution.name}: {_RESIDUALS}",),
+    )
+    segments = [
+        replace(segment, metadata={**segment.metadata, "DATA_QUALITY": quality}, data_comments=(_RESIDUALS,))
+        for quality, which in (("VALIDATED", rows.used), ("DEGRADED", ~rows.used))
+        if which.any()
+        for segment in tdm_of(residuals.select(which), header).segments
+    ]
+    write_tdm_file(path, TdmFile(str(path), header, tuple(segments)))
+    return Path(path)
+
+
+def _now() -> str:
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S")
+
+
+def _write(
+    path: str | Path, kind: str, originator: str, creation_date: str | None, lines: Sequence[str]
+) -> Path:
+    """Write a message such as an OEM, in KVN; its date is now if none is given."""
+    header = _lines({"CREATION_DATE": creation_date or _now(), "ORIGINATOR": originator})
+    write_text(path, "\n".join([f"CCSDS_{kind}_VERS = 2.0", *header, *lines]) + "\n")
+    return Path(path)
+
+
+def _metadata(name: str, object_id: str, scale: str) -> dict[str, str]:
     """Whose states they are: about the Moon's centre, axes of the ICRF."""
     centre = {"CENTER_NAME": "MOON", "REF_FRAME": "ICRF", "TIME_SYSTEM": scale}
     return {"OBJECT_NAME": name, "OBJECT_ID": object_id} | centre
 
 
-def ephemeris_segment(
+def _segment(
     metadata: Mapping[str, str],
     dates: Sequence[str],
-    states_km: NDArray[np.float64],
+    states: _Floats,
     degree: int,
+    covariance: tuple[str, ArrayLike] | None,
     comment: str | None = None,
-    covariance: tuple[str, ArrayLike] | None = None,
 ) -> list[str]:
-    """A segment of an OEM: states, shape (n, 6), and a covariance at a date, m and m/s, shape (6, 6)."""
+    """A segment of an OEM: states, km and km/s, shape (n, 6), and a covariance at a date, m and m/s, shape (6, 6)."""
     fields = dict(metadata) | {
         "START_TIME": dates[0],
         "STOP_TIME": dates[-1],
         "INTERPOLATION": "HERMITE",
         "INTERPOLATION_DEGREE": str(min(degree, 2 * len(dates) - 1)),
     }
-    lines = ["META_START", *message_fields(fields), "META_STOP"]
+    lines = ["META_START", *_lines(fields), "META_STOP"]
     lines += [] if comment is None else [f"COMMENT {comment}"]
-    for date, state in zip(dates, states_km, strict=True):
+    for date, state in zip(dates, states, strict=True):
         place = " ".join(f"{x:.9f}" for x in state[:3])
         lines.append(f"{date} {place} {' '.join(f'{x:.12f}' for x in state[3:])}")
     if covariance is not None:
         date, of_state = covariance
-        rows = (" ".join(f"{x:.9e}" for x in row) for row in triangle_km2(of_state))
+        rows = (" ".join(f"{x:.9e}" for x in row) for row in _triangle_km2(of_state))
         lines += ["COVARIANCE_START", f"EPOCH = {date}", *rows, "COVARIANCE_STOP"]
     return lines
 
 
-def triangle_km2(covariance: ArrayLike) -> list[list[float]]:
+def _triangle_km2(covariance: ArrayLike) -> list[list[float]]:
     """Lower triangle by rows, km and km/s, of a state's covariance in m and m/s, shape (6, 6)."""
     whole = np.asarray(covariance, dtype=np.float64)
     if whole.shape != (6, 6) or not np.isfinite(whole).all() or (np.diag(whole) < 0.0).any():
@@ -64,7 +341,7 @@ def triangle_km2(covariance: ArrayLike) -> list[list[float]]:
     return [(row[: k + 1] / M_PER_KM**2).tolist() for k, row in enumerate(whole)]
 
 
-def message_fields(fields: Mapping[str, str]) -> Iterator[str]:
+def _lines(fields: Mapping[str, str]) -> Iterator[str]:
     """Lines of keywords and texts, which have to be printable ASCII."""
     for keyword, text in fields.items():
         if not (text.strip() and text.isascii() and text.isprintable()):
@@ -72,3 +349,35 @@ def message_fields(fields: Mapping[str, str]) -> Iterator[str]:
                 f"{keyword} {text!r} cannot stand in a message of the CCSDS; give printable ASCII text of one line"
             )
         yield f"{keyword} = {text}"
+
+
+def _epochs(start_utc: str, stop_utc: str, step_s: float) -> Epochs:
+    """Epochs of TAI at equal steps, and the last where it comes between two."""
+    start, stop = (to_scale(epochs_from_strings(date), "TAI") for date in (start_utc, stop_utc))
+    span_s = float(stop.seconds_since(start)[0])
+    if not span_s > 0.0:
+        raise InputError(f"stop {stop_utc} is not after start {start_utc}; exchange or correct them")
+    if not 0.0 < step_s <= _LONGEST_STEP_S:
+        raise InputError(f"step {step_s!r} s is not more than 0 and at most {_LONGEST_STEP_S:.0f} s")
+    offsets_s = np.append(np.arange(math.ceil(span_s / step_s)) * step_s, span_s)
+    return start[np.zeros(len(offsets_s), dtype=int)].shifted(offsets_s)
+
+
+def _rotation(frame: str, epochs: Epochs) -> _Floats:
+    """From a point at rest in principal axes to its state in the ICRF, shape (n, 6, 3)."""
+    orientation = LunarOrientation.open(frame.removeprefix("PA_"))
+    angles_rad, rates_rad_s = orientation.angles(to_scale(epochs, "TDB"))
+    halves = rot_icrf_to_pa(angles_rad), rot_icrf_to_pa_rate(angles_rad, rates_rad_s)
+    return np.concatenate([np.swapaxes(half, -1, -2) for half in halves], axis=-2)
+
+
+def _covariance_pa_m2(content: Mapping[str, Any]) -> _Floats | None:
+    """Total covariance of the position in principal axes; None where it is not determined, or held."""
+    me, ephemeris = content["position"]["me"], content["position"]["pa"]["frame"].removeprefix("PA_")
+    of_enu = np.array(content["covariance"]["enu_m2"], dtype=np.float64)
+    if not (np.isfinite(of_enu).all() and of_enu.any()):
+        return None
+    to_enu = east_north_up(
+        math.radians(me["longitude_deg"]), math.radians(me["latitude_deg"])
+    ) @ rot_pa_to_me(CONSTANTS[ephemeris])
+    return np.asarray(to_enu.T @ of_enu @ to_enu)

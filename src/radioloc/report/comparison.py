@@ -12,12 +12,11 @@ from radioloc.estimation.combination import Agreement, JointEstimate
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.position import LunarPosition
 from radioloc.report.cards import Card, Field, Shown, metres, plural
-from radioloc.report.position_table import (
-    HEADING,
+from radioloc.report.tables import (
     PositionRow,
     csv_table,
     east_longitude_deg,
-    position_cells,
+    position_fields,
     position_table,
 )
 
@@ -55,27 +54,30 @@ class Comparison(Shown):
     joint: JointEstimate | None
 
     @property
+    def estimates(self) -> list[PositionRow]:
+        """The rows that are no references."""
+        return [row for row in self.rows if row.method != "reference"]
+
+    @property
     def consistent(self) -> bool:
         """Whether no difference is less likely than one in a thousand, and all solutions converged."""
-        chances = [pair.chance for pair in self.agreements]
-        if self.joint is not None:
-            chances.append(self.joint.chance)
-        likely = all(chance is None or chance >= UNLIKELY for chance in chances)
-        return likely and all(row.converged is not False for row in self.rows)
+        return self._likely and all(row.converged is not False for row in self.rows)
+
+    @property
+    def _likely(self) -> bool:
+        chances = [one.chance for one in (*self.agreements, self.joint) if one is not None]
+        return all(chance is None or chance >= UNLIKELY for chance in chances)
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers, in types that JSON has."""
         joint = None
         if self.joint is not None:
             place = LunarPosition.from_cartesian(self.joint.position_me_m, self.frame)
-            names = ("longitude_deg", "latitude_deg", "height_m")
+            named = zip(("longitude_deg", "latitude_deg", "height_m"), place.selenographic, strict=True)
+            covariance = [[finite_or_none(v) for v in row] for row in self.joint.covariance_enu_m2]
             joint = {
-                "position": {
-                    "me": {"frame": self.frame, **dict(zip(names, place.selenographic, strict=True))}
-                },
-                "covariance": {
-                    "enu_m2": [[finite_or_none(v) for v in row] for row in self.joint.covariance_enu_m2]
-                },
+                "position": {"me": {"frame": self.frame, **dict(named)}},
+                "covariance": {"enu_m2": covariance},
                 "of": list(self.joint.names),
                 "left_out": dict(self.joint.left_out),
                 "chi2": self.joint.chi2,
@@ -106,30 +108,21 @@ class Comparison(Shown):
 
     def card(self) -> Card:
         """Card of the comparison."""
-        axes = (
-            f"{self.frame}; L east longitude, B latitude; dL, dB relative to {self.benchmark}, on the sphere of "
-            f"{MEAN_LUNAR_RADIUS_M / 1e3:.1f} km"
-        )
         sizes = ("1 sigma", "L, m", "B, m", "h, m", "height, m")
         pairs = ("difference", "east, m", "north, m", "up, m", "sigmas", "chance, %")
         return Card(
             (
-                Field(
-                    "comparison", (plural(sum(row.method != "reference" for row in self.rows), "estimate"),)
-                ),
-                Field("status", tuple(self._status())),
-                Field("axes", (axes,)),
-                Field("positions", (), HEADING, [(row.name, *position_cells(row)) for row in self.rows]),
-                Field("", (), sizes, [_sizes(row) for row in self.rows if row.method != "reference"]),
-                Field(
-                    "agreement", (), pairs, [_pair(pair) for pair in self.agreements], tuple(self._untested())
-                ),
-                Field("joint", tuple(self._joint())),
+                Field("comparison", (plural(len(self.estimates), "estimate"),)),
+                Field("status", self._status()),
+                *position_fields(self.rows, self.frame, self.benchmark),
+                Field("", (), sizes, map(_sizes, self.estimates)),
+                Field("agreement", (), pairs, map(_pair, self.agreements), self._untested()),
+                Field("joint", self._joint()),
             )
         )
 
     def __repr__(self) -> str:
-        names = ", ".join(row.name for row in self.rows if row.method != "reference")
+        names = ", ".join(row.name for row in self.estimates)
         return f"<Comparison {names}: {'consistent' if self.consistent else 'NOT CONSISTENT'}>"
 
     def _status(self) -> Iterator[str]:
@@ -141,10 +134,10 @@ class Comparison(Shown):
         ]
         if failed:
             yield f"NOT CONVERGED: {', '.join(failed)}"
+        if not (apart or self._likely):
+            apart = ["together the estimates"]
         if apart:
             yield f"NOT CONSISTENT: {'; '.join(apart)} differ by more than their sigmas allow"
-        elif self.joint is not None and self.joint.chance is not None and self.joint.chance < UNLIKELY:
-            yield "NOT CONSISTENT: together the estimates differ by more than their sigmas allow"
         elif not failed:
             tested = [(pair.chance, pair) for pair in self.agreements if pair.chance is not None]
             yield _agreeing(*min(tested, key=lambda one: one[0])) if tested else "nothing could be tested"
@@ -187,9 +180,5 @@ def _pair(pair: Agreement) -> tuple[str, ...]:
     sigmas, chance = "-", "-"
     if pair.chi2 is not None and pair.chance is not None:
         sigmas, chance = f"{math.sqrt(pair.chi2):.2f}", f"{100.0 * pair.chance:.2g}"
-    return (
-        f"{pair.one} - {pair.two}",
-        *(f"{round(value, 1) + 0.0:.1f}" for value in pair.difference_enu_m),
-        sigmas,
-        chance,
-    )
+    apart = (f"{round(value, 1) + 0.0:.1f}" for value in pair.difference_enu_m)
+    return f"{pair.one} - {pair.two}", *apart, sigmas, chance

@@ -9,8 +9,6 @@ all directions of (1 - exp(-R^2 k / 2)) / (k sqrt(det C)).
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -22,7 +20,7 @@ from numpy.typing import NDArray
 from radioloc.estimation.consider import NOISE
 from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL, EAST_NORTH_UP, RTN, OrbitState
 from radioloc.estimation.statistics import finite_or_none
-from radioloc.report.cards import Card, Field, Shown, metres
+from radioloc.report.cards import Card, Field, Shown, metres, table
 from radioloc.time import utc_strings
 
 _Floats = NDArray[np.float64]
@@ -65,13 +63,6 @@ class ErrorSource:
     def label(self) -> str:
         """Both in one text."""
         return f"{self.source} {self.name}".strip()
-
-    def to_dict(self, names: Iterable[str]) -> dict[str, Any]:
-        """Its standard deviations by axes of some names, in types that JSON has."""
-        sigma_m = np.sqrt(np.maximum(np.diag(self.covariance_m2), 0.0))
-        total_m = math.sqrt(float(sigma_m @ sigma_m))
-        axes = {f"{axis}_m": float(s) for axis, s in zip(names, sigma_m, strict=True)}
-        return {"source": self.source, "name": self.name, **axes, "total_m": total_m}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,7 +135,14 @@ class PlannedArc:
 
     def budget(self) -> list[dict[str, Any]]:
         """What its sources make, the largest first."""
-        records = (source.to_dict(self.axes) for source in self.sources)
+        records = []
+        for source in self.sources:
+            sides_m = np.sqrt(np.maximum(np.diag(source.covariance_m2), 0.0))
+            sigmas_m = zip(
+                (*self.axes, "total"), [*sides_m.tolist(), float(np.linalg.norm(sides_m))], strict=True
+            )
+            named = {f"{axis}_m": sigma_m for axis, sigma_m in sigmas_m}
+            records.append({"source": source.source, "name": source.name, **named})
         return sorted(records, key=lambda record: -record["total_m"])
 
 
@@ -214,33 +212,42 @@ class CovarianceStudy(Shown):
     def to_csv(self) -> str:
         """One row for each length, with the standard deviation by each kind of source, all axes together."""
         kinds = dict.fromkeys(kind for arc in reversed(self.arcs) for kind in arc.by_source())
-        stream = io.StringIO()
-        writer = csv.writer(stream, lineterminator="\n")
         sigmas = [f"sigma_{axis}_m" for axis in self.longest.axes]
-        writer.writerow(
-            ["hours", "span_h", "observations", *sigmas, "radius_95_m", *(f"{k}_m" for k in kinds)]
-        )
+        rows = [["hours", "span_h", "observations", *sigmas, "radius_95_m", *(f"{k}_m" for k in kinds)]]
         for arc in self.arcs:
             by_source = arc.by_source()
             parts = [math.sqrt(by_source[k].sum()) if k in by_source else math.inf for k in kinds]
             numbers = [*arc.sigma_m.tolist(), arc.radius_95_m, *parts]
             shown = [f"{x:.6g}" if math.isfinite(x) else "" for x in numbers]
-            writer.writerow([f"{arc.hours:g}", f"{arc.span_h:.4f}", arc.count, *shown])
-        return stream.getvalue()
+            rows.append([f"{arc.hours:g}", f"{arc.span_h:.4f}", str(arc.count), *shown])
+        return "".join(f"{','.join(row)}\n" for row in rows)
 
     def card(self) -> Card:
         """Card of the study."""
-        heading = ("length", "span, h", "obs.", *self.longest.axes, "95 % radius")
+        longest = self.longest
+        heading = ("length", "span, h", "obs.", *longest.axes, "95 % radius")
+        over = "; all are means over the arc" if longest.state else ""
+        holds = f"95 % radius: of the horizontal circle that holds the true point in 95 % of cases{over}"
+        keys = [f"{axis}_m" for axis in (*longest.axes, "total")]
+        sources = [
+            (f"{one['source']} {one['name']}".strip(), *(metres(one[key]) for key in keys))
+            for one in longest.budget()
+        ]
+        of_sources = (f"of {longest.hours:g} h, m", *longest.axes, "3D")
+        shares = (
+            (f"{one.group} {one.name}", str(one.count), _radius(one.alone_m), _radius(one.without_m))
+            for one in self.shares
+        )
         return Card(
             (
                 Field("covariance", (self.name,)),
                 Field("status", _status(self)),
                 Field("1 sigma, m", (), heading, map(_length_cells, self.arcs)),
-                Field("", (_of_the_radius(self.longest),)),
-                *_state(self.longest),
-                *_budget(self.longest),
-                *_information(self),
-                *_gains(self),
+                Field("", (holds,)),
+                *_state(longest),
+                table("budget", of_sources, sources, _MOST_SOURCES, where=_FILE),
+                Field("information", (), ("95 % radius, m", "obs.", "alone", "without"), shares),
+                _gains(self),
                 Field("notes", self.notes),
             )
         )
@@ -294,11 +301,6 @@ def _length_cells(arc: PlannedArc) -> tuple[str, ...]:
     return (f"{arc.hours:g} h", f"{arc.span_h:.2f}", str(arc.count), *sigmas, radius)
 
 
-def _of_the_radius(arc: PlannedArc) -> str:
-    holds = "of the horizontal circle that holds the true point in 95 % of cases"
-    return f"95 % radius: {holds}{'; all are means over the arc' if arc.state else ''}"
-
-
 def _state(arc: PlannedArc) -> Iterator[Field]:
     """The sigmas of the state at its epoch, radial, along and across."""
     if arc.state is None:
@@ -311,40 +313,17 @@ def _state(arc: PlannedArc) -> Iterator[Field]:
     yield Field("state", (), (f"of {arc.hours:g} h, at {utc_strings(arc.state.epoch, 0)[0]} TDB", *RTN), rows)
 
 
-def _budget(arc: PlannedArc) -> Iterator[Field]:
-    axes = [f"{axis}_m" for axis in (*arc.axes, "total")]
-    rows = [(f"{r['source']} {r['name']}".strip(), *(metres(r[key]) for key in axes)) for r in arc.budget()]
-    yield Field(
-        "budget",
-        (),
-        (f"of {arc.hours:g} h, m", *arc.axes, "3D"),
-        rows[:_MOST_SOURCES],
-        rest=rows[_MOST_SOURCES:],
-        where=_FILE,
-    )
-
-
-def _information(study: CovarianceStudy) -> Iterator[Field]:
-    rows = (
-        (f"{share.group} {share.name}", str(share.count), _radius(share.alone_m), _radius(share.without_m))
-        for share in study.shares
-    )
-    yield Field("information", (), ("95 % radius, m", "obs.", "alone", "without"), rows)
-
-
 def _radius(radius_m: float) -> str:
     return metres(radius_m) if math.isfinite(radius_m) else "not observable"
 
 
-def _gains(study: CovarianceStudy) -> Iterator[Field]:
+def _gains(study: CovarianceStudy) -> Field:
     now_m = study.longest.radius_95_m
-    better = [gain for gain in study.gains if gain.radius_95_m < (1.0 - _WORTH) * now_m]
     rows = [
         (gain.what, metres(gain.radius_95_m), f"-{100.0 * (1.0 - gain.radius_95_m / now_m):.0f} %")
-        for gain in better
+        for gain in study.gains
+        if gain.radius_95_m < (1.0 - _WORTH) * now_m
     ]
-    below = []
-    if little := len(study.gains) - len(better):
-        below.append(f"{little} others would buy less than {100.0 * _WORTH:g} %")
-    heading = ("95 % radius, m, with", "", "")
-    yield Field("would buy", (), heading, rows[:_MOST_GAINS], below, rows[_MOST_GAINS:], _FILE)
+    little = len(study.gains) - len(rows)
+    below = [f"{little} others would buy less than {100.0 * _WORTH:g} %"] if little else []
+    return table("would buy", ("95 % radius, m, with", "", ""), rows, _MOST_GAINS, below, _FILE)

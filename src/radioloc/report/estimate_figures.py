@@ -127,10 +127,9 @@ def plot_correlations(solution: Solution, ax: Axes | None = None) -> Figure:
     ['position.east', 'position.north', 'position.height']
     """
     everything = _determined(solution)
-    strongest = _position_and_others(solution, _MOST_CORRELATED)
-    names = [name for name in everything if name in strongest]
-    _require_drawable(solution, names, _MOST_CORRELATED)
-    total, without = (_covariance(solution, names, level) for level in ("total", "scaled"))
+    chosen = sorted([*everything][:_MOST_CORRELATED])
+    names = _drawable_names(solution, chosen, _MOST_CORRELATED)
+    total, without = (_covariance(solution, chosen, level) for level in ("total", "scaled"))
     coefficients = np.tril(_correlation(total)) + np.triu(_correlation(without), 1)
     side_in = 2.2 + 0.34 * len(names)
     axes = one_panel(ax, side_in + 1.4, side_in + 0.3, f"{solution.name}: correlations")
@@ -177,11 +176,13 @@ def plot_contours(solution: Solution, names: Sequence[str] | None = None, ax: Ax
     >>> len(radioloc.report.plot_contours(solution).axes)
     6
     """
-    names = _about_the_position(solution) if names is None else list(names)
-    _require_drawable(solution, names, _MOST_PAIRED)
-    covariances = [_covariance(solution, names)]
+    if names is None:
+        names = [solution.parameters.names[k] for k in _about_the_position(solution)]
+    chosen = [solution.parameters.index(name) for name in names]
+    names = _drawable_names(solution, chosen, _MOST_PAIRED)
+    covariances = [_covariance(solution, chosen)]
     if solution.consider is not None:
-        covariances.append(_covariance(solution, names, "scaled"))
+        covariances.append(_covariance(solution, chosen, "scaled"))
     count, limits = len(names), 3.2 * np.sqrt(np.diag(covariances[0]))
     units = [solution.parameters[name].unit for name in names]
     figure = several_panels(ax, 2.3 * count + 0.6, 2.3 * count, f"{solution.name}: about the estimate")
@@ -197,13 +198,16 @@ def plot_contours(solution: Solution, names: Sequence[str] | None = None, ax: Ax
             if row == column:
                 axes.set_ylim(0.0, 9.0)
                 axes.set_ylabel("increase of chi-square", fontsize=7)
-                _draw_profiles(axes, [covariance[row, row] for covariance in covariances], limits[row])
             else:
                 axes.set_ylim(-limits[row], limits[row])
-                pair = np.ix_([column, row], [column, row])
-                _draw_ellipses(axes, [covariance[pair] for covariance in covariances])
-                if column == 0:
-                    axes.set_ylabel(f"{names[row]}, {units[row]}", fontsize=8)
+            if column == 0 < row:
+                axes.set_ylabel(f"{names[row]}, {units[row]}", fontsize=8)
+            for covariance, style in zip(covariances, ({}, _DASHED), strict=False):
+                if row == column:
+                    offset = np.linspace(-limits[row], limits[row], 201)
+                    axes.plot(offset, offset**2 / covariance[row, row], **{"color": COLORS[0]} | style)
+                else:
+                    _draw_levels(axes, covariance[np.ix_([column, row], [column, row])], style)
             if row == count - 1:
                 axes.set_xlabel(f"{names[column]}, {units[column]}", fontsize=8)
             axes.tick_params(labelsize=7)
@@ -218,50 +222,35 @@ def can_be_drawn(solution: Solution) -> tuple[bool, bool]:
     return len(_determined(solution)) > 1, contours
 
 
-def _determined(solution: Solution) -> list[str]:
-    """Names of the parameters that are estimated and determined."""
+def _determined(solution: Solution) -> dict[int, float]:
+    """Places of the parameters that are estimated and determined, and their correlation with the position.
+
+    Those first that it is correlated with most; its own, before them, have 2.
+    """
     variances = np.diag(solution.covariance)
-    usable = solution.parameters.free & np.isfinite(variances) & (variances > 0.0)
-    return [solution.parameters.names[k] for k in np.flatnonzero(usable)]
+    usable = np.flatnonzero(solution.parameters.free & np.isfinite(variances) & (variances > 0.0))
+    own = solution.position_partials[:, usable].any(axis=0)
+    correlation = np.abs(_correlation(_covariance(solution, usable.tolist())))
+    shared = np.where(own, 2.0, correlation[:, own].max(axis=1, initial=0.0))
+    order = np.argsort(-shared, kind="stable")
+    return dict(zip(usable[order].tolist(), shared[order].tolist(), strict=True))
 
 
-def _about_the_position(solution: Solution) -> list[str]:
+def _about_the_position(solution: Solution) -> list[int]:
     """The position's parameters and the few others that it is correlated with most; none where it is held."""
-    position = [name for name in _determined(solution) if _is_of_position(solution, name)]
-    most = len(position) + _MOST_BESIDE_POSITION if position else 0
-    return _position_and_others(solution, most, _WORTH_SHOWING)
+    found = _determined(solution)
+    own = [k for k, shared in found.items() if shared == 2.0]
+    others = [k for k, shared in found.items() if _WORTH_SHOWING <= shared < 2.0]
+    return own + others[:_MOST_BESIDE_POSITION] if own else []
 
 
-def _is_of_position(solution: Solution, name: str) -> bool:
-    return bool(solution.position_partials[:, solution.parameters.index(name)].any())
-
-
-def _position_and_others(solution: Solution, most: int, least_correlation: float = 0.0) -> list[str]:
-    """The position's parameters, then others, those first that it is correlated with most."""
-    names = _determined(solution)
-    position = np.array([_is_of_position(solution, name) for name in names], dtype=bool)
-    if not names:
-        return []
-    correlation = np.abs(_correlation(_covariance(solution, names)))
-    shared = np.where(position, 2.0, correlation[:, position].max(axis=1, initial=0.0))
-    order = np.argsort(-shared, kind="stable")[:most]
-    return [names[k] for k in order if shared[k] >= least_correlation]
-
-
-def _draw_profiles(ax: Axes, variances: Sequence[float], limit: float) -> None:
-    offset = np.linspace(-limit, limit, 201)
-    for variance, style in zip(variances, ({}, _DASHED), strict=False):
-        ax.plot(offset, offset**2 / variance, **{"color": COLORS[0]} | style)
-
-
-def _draw_ellipses(ax: Axes, covariances: Sequence[_Floats]) -> None:
-    for covariance, style in zip(covariances, ({}, _DASHED), strict=False):
-        variances, axes = np.linalg.eigh(covariance)
-        root = axes * np.sqrt(np.maximum(variances, 0.0))
-        for (label, factor), color in zip(_LEVELS.items(), COLORS, strict=False):
-            x, y = factor * root @ np.stack([np.cos(_CIRCLE), np.sin(_CIRCLE)])
-            note = f"{label} {_WITHOUT}" if style else label
-            ax.plot(x, y, **{"color": color, "label": note} | style)
+def _draw_levels(ax: Axes, covariance: _Floats, style: dict[str, Any]) -> None:
+    variances, axes = np.linalg.eigh(covariance)
+    root = axes * np.sqrt(np.maximum(variances, 0.0))
+    for (label, factor), color in zip(_LEVELS.items(), COLORS, strict=False):
+        x, y = factor * root @ np.stack([np.cos(_CIRCLE), np.sin(_CIRCLE)])
+        note = f"{label} {_WITHOUT}" if style else label
+        ax.plot(x, y, **{"color": color, "label": note} | style)
 
 
 def _correlation(covariance: _Floats) -> _Floats:
@@ -269,16 +258,16 @@ def _correlation(covariance: _Floats) -> _Floats:
     return np.asarray(covariance / sigmas / sigmas[:, None])
 
 
-def _covariance(solution: Solution, names: Sequence[str], level: Level = "total") -> _Floats:
-    chosen = [solution.parameters.index(name) for name in names]
+def _covariance(solution: Solution, chosen: list[int], level: Level = "total") -> _Floats:
     return solution.parameter_covariance(level)[np.ix_(chosen, chosen)]
 
 
-def _require_drawable(solution: Solution, names: Sequence[str], most: int) -> None:
-    """Raise unless parameters are estimated and determined, and neither too few nor too many."""
-    usable = _determined(solution)
-    for name in names:
-        if solution.parameters[name].name not in usable:
+def _drawable_names(solution: Solution, chosen: Sequence[int], most: int) -> list[str]:
+    """Names of parameters, which must be estimated and determined, and neither too few nor too many."""
+    names, usable = [solution.parameters.names[k] for k in chosen], _determined(solution)
+    for k, name in zip(chosen, names, strict=True):
+        if k not in usable:
             raise InputError(f"{name} is not estimated, or not determined")
     if not 2 <= len(names) <= most:
         raise InputError(f"{len(names)} parameters cannot be drawn; give 2 to {most} that are estimated")
+    return names

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,25 +16,24 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.estimation.labels import Labels
+from radioloc.estimation.orbit_state import OrbitState
 from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import Residuals
 from radioloc.lunar import TerrainModel
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
-from radioloc.report.arc_study import ArcStudy
+from radioloc.report.ccsds import write_orbit_oem, write_orbit_opm
 from radioloc.report.comparison import Comparison
 from radioloc.report.covariance import CovarianceStudy
 from radioloc.report.figures import save_figure
-from radioloc.report.image_solution import ImageSolution
-from radioloc.report.leave_one_out import LeaveOneOut
+from radioloc.report.image_solution import ImageSolution, PointSolution
 from radioloc.report.map_figure import plot_map
 from radioloc.report.monte_carlo import MonteCarlo
-from radioloc.report.orbit_files import ORBIT_FILES, orbit_writers
-from radioloc.report.page import PAGE, write_page
-from radioloc.report.point_solution import PointSolution
+from radioloc.report.page import PAGE, Result, figures_of, write_page
 from radioloc.report.residual_figures import plot_terms
-from radioloc.report.result_figures import Result, figures_of
+from radioloc.report.spice_kernels import write_orbit_spk
+from radioloc.report.subsets import ArcStudy, LeaveOneOut
 from radioloc.text_files import disk_failed, write_text
 
 if TYPE_CHECKING:
@@ -46,6 +47,10 @@ INCOMPLETE = "INCOMPLETE"
 """File of a folder whose other files may be of different results, as it was not written to the end."""
 OF_A_MONTE_CARLO = ("montecarlo.json", "trials.csv", "trials.[ps][nv]g", "error_by_length.[ps][nv]g", PAGE)
 """Files of a Monte Carlo study, by name or pattern."""
+
+
+ORBIT_FILES = ("orbit.bsp", "orbit.oem", "orbit.opm")
+"""Names of the files of an orbit that was determined."""
 
 
 def write_report(
@@ -98,15 +103,33 @@ def write_report(
         contents["terms.csv"] = partial(_write_terms, terms, observations)
         more["terms"] = partial(plot_terms, terms, observations)
     if solution.state is not None and solution.converged:
-        contents |= orbit_writers(solution.state, solution.arcs)
-    if (
-        dem is not None
-        and solution.converged
-        and 3.0 * max(solution.sigma_enu_m()) > dem.metadata.resolution_m
-    ):
+        contents |= _orbit_writers(solution.state, solution.arcs)
+    cell_m = math.inf if dem is None else dem.metadata.resolution_m
+    if dem is not None and solution.converged and 3.0 * max(solution.sigma_enu_m()) > cell_m:
         more["map"] = partial(_on_terrain, solution, dem)
     earlier = ("terms.csv", "map.[ps][nv]g", *ORBIT_FILES)
     return _write(solution, folder, contents, html, earlier, more)
+
+
+def _orbit_writers(state: OrbitState, arcs: Sequence[OrbitState] = ()) -> dict[str, Callable[[Path], Path]]:
+    """What writes an orbit that was determined, or its arcs up to the epoch of the next, to :data:`ORBIT_FILES`.
+
+    Both messages have the covariance of the first state; the OPM is of that one alone.
+    """
+    whole = [one.orbit for one in (arcs or (state,))]
+    starts_s = [whole[0].span_s[0], *(0.0 for _ in whole[1:])]
+    stops_s = [float(b.epoch.seconds_since(a.epoch)[0]) for a, b in pairwise(whole)] + [whole[-1].span_s[1]]
+    spans_s = zip(starts_s, stops_s, strict=True)
+    orbits = [replace(one, span_s=s).integrate() for one, s in zip(whole, spans_s, strict=True)]
+    message: dict[str, Any] = {"originator": "radioloc"}
+    if np.isfinite(state.covariance).all() and state.covariance.any():
+        message["covariance"] = state.covariance
+    writers = (
+        partial(write_orbit_spk, orbits, body=state.body),
+        partial(write_orbit_oem, orbits, **message),
+        partial(write_orbit_opm, orbits[0], **message),
+    )
+    return dict(zip(ORBIT_FILES, writers, strict=True))
 
 
 def _on_terrain(solution: Solution, dem: TerrainModel) -> Figure:
@@ -177,8 +200,6 @@ def remove_files(folder: Path, names: tuple[str, ...], but: Collection[Path] = (
 
 def write_residuals(path: Path, rows: Residuals) -> None:
     """Write residuals, one row for each observation in the order given, columns :data:`RESIDUAL_COLUMNS`."""
-    from radioloc.io.csv_file import batches_of, write_csv
-
     if rows.elevation_deg is None:
         raise InputError(
             "the solution has no elevations, which residuals.csv lists; give them to build_solution"
@@ -191,7 +212,13 @@ def write_residuals(path: Path, rows: Residuals) -> None:
         if name in _DECIMALS and name != "elevation_deg" and not np.isfinite(column).all():
             bad = int(np.argmin(np.isfinite(column)))
             raise InputError(f"{name} of observation {bad + 1} is {column[bad]}; residuals must be finite")
-    write_csv(path, batches_of(columns, _DECIMALS | {"residual_mm_s": 5}))
+    _write_csv(path, columns, _DECIMALS | {"residual_mm_s": 5})
+
+
+def _write_csv(path: Path, columns: Mapping[str, Any], decimals: Mapping[str, int] | None = None) -> None:
+    from radioloc.io.csv_file import batches_of, write_csv
+
+    write_csv(path, batches_of(columns, decimals or {}))
 
 
 def write_terms(predictor: Predictor, solution: Solution, folder: str | Path) -> Path:
@@ -220,13 +247,11 @@ def write_terms(predictor: Predictor, solution: Solution, folder: str | Path) ->
 
 
 def _write_terms(terms: Mapping[str, NDArray[np.float64]], rows: Observations, path: Path) -> None:
-    from radioloc.io.csv_file import batches_of, write_csv
-
     types = Labels(rows.kind.astype(np.int32), tuple(KINDS))
     paths = Labels(rows.link, tuple(link.path for link in rows.links))
     columns = {"epoch_utc": rows.epoch, "type": types, "path": paths}
     named = {f"{name}_m": values for name, values in terms.items()}
-    write_csv(path, batches_of(columns | named, dict.fromkeys(named, 6)))
+    _write_csv(path, columns | named, dict.fromkeys(named, 6))
 
 
 def write_arcs(study: ArcStudy, folder: str | Path, *, html: bool = False) -> list[Path]:
@@ -243,12 +268,7 @@ def write_arcs(study: ArcStudy, folder: str | Path, *, html: bool = False) -> li
     >>> [path.name for path in radioloc.report.write_arcs(found, "out") if path.suffix == ".png"]
     ['figure2.png', 'arcs.png']
     """
-    contents: dict[str, _Content] = {
-        "table1.csv": study.to_csv(),
-        "table1.md": study.to_markdown(),
-        "table1.tex": study.to_latex(),
-    }
-    contents["arcs.json"] = study.to_dict()
+    contents = _table1(study) | {"arcs.json": study.to_dict()}
     for arc in study.arcs:
         contents |= _numbers(arc.solution, f"{arc.hours:g}h/")
     earlier = ("[0-9]*h/solution.json", "[0-9]*h/residuals.csv")
@@ -269,9 +289,7 @@ def write_monte_carlo(study: MonteCarlo, folder: str | Path, *, html: bool = Fal
     >>> [path.name for path in radioloc.report.write_monte_carlo(found, "out")][:2]
     ['montecarlo.json', 'trials.csv']
     """
-    from radioloc.io.csv_file import batches_of, write_csv
-
-    trials = partial(write_csv, batches=batches_of(study.columns_of_trials()))
+    trials = partial(_write_csv, columns=study.columns_of_trials())
     return _write(study, folder, {"montecarlo.json": study.to_dict(), "trials.csv": trials}, html)
 
 
@@ -303,11 +321,8 @@ def write_leave_one_out(found: LeaveOneOut, folder: str | Path, *, html: bool = 
     >>> [path.name for path in radioloc.report.write_leave_one_out(found, "out")]
     ['leave_one_out.json', 'leave_one_out.csv']
     """
-    from radioloc.io.csv_file import batches_of, write_csv
-
-    table = partial(write_csv, batches=batches_of(found.columns()))
-    contents: dict[str, _Content] = {"leave_one_out.json": found.to_dict(), "leave_one_out.csv": table}
-    return _write(found, folder, contents, html)
+    table = partial(_write_csv, columns=found.columns())
+    return _write(found, folder, {"leave_one_out.json": found.to_dict(), "leave_one_out.csv": table}, html)
 
 
 def write_images(
@@ -340,13 +355,15 @@ def write_comparison(found: Comparison, folder: str | Path, *, html: bool = Fals
     >>> [path.name for path in radioloc.report.write_comparison(found, "compared")][:2]
     ['table1.csv', 'table1.md']
     """
-    contents: dict[str, _Content] = {
+    return _write(found, folder, _table1(found) | {"comparison.json": found.to_dict()}, html)
+
+
+def _table1(found: ArcStudy | Comparison) -> dict[str, _Content]:
+    return {
         "table1.csv": found.to_csv(),
         "table1.md": found.to_markdown(),
         "table1.tex": found.to_latex(),
-        "comparison.json": found.to_dict(),
     }
-    return _write(found, folder, contents, html)
 
 
 def write_figure(figure: Figure, folder: Path, name: str) -> list[Path]:

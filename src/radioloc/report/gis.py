@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from radioloc.errors import InputError
-from radioloc.estimation.solution import Solution
 from radioloc.extras import optional
 from radioloc.lunar.selenographic import (
     cartesian_to_selenographic,
@@ -24,8 +23,7 @@ from radioloc.lunar.selenographic import (
     selenographic_to_cartesian,
 )
 from radioloc.report.figures import SCALE_95
-from radioloc.report.image_solution import ImageSolution
-from radioloc.report.one_position import references_of
+from radioloc.report.tables import Located, content_of, references_of
 from radioloc.text_files import write_blocks, write_text
 
 CRS = "IAU_2015:30100"
@@ -35,7 +33,7 @@ _CORNERS = 90
 GIS_ENDINGS = (".geojson", ".gpkg")
 
 
-def write_gis(solutions: Iterable[Solution | ImageSolution | Mapping[str, Any]], path: str | Path) -> Path:
+def write_gis(solutions: Iterable[Located], path: str | Path) -> Path:
     """Write positions, error ellipses and references for QGIS and its like.
 
     Parameters
@@ -59,7 +57,7 @@ def write_gis(solutions: Iterable[Solution | ImageSolution | Mapping[str, Any]],
     'apollo15.geojson'
     """
     file = Path(path)
-    contents = [one if isinstance(one, Mapping) else one.to_dict() for one in solutions]
+    contents = [content_of(one) for one in solutions]
     positions = _positions(contents)
     ellipses = [feature for content in contents for feature in _ellipses(content)]
     match file.suffix:
@@ -119,29 +117,16 @@ def _ellipses(content: Mapping[str, Any]) -> list[dict[str, Any]]:
         # Next to each other in longitude, also where the ellipse crosses 180 degrees.
         unwrapped = np.degrees(longitude_rad + np.angle(np.exp(1j * (longitudes - longitude_rad))))
         ring = np.stack([unwrapped, np.degrees(latitudes)], axis=-1).tolist()
-        semi_axes = factor * np.sqrt(np.maximum(variances, 0.0))
-        features.append(
-            _feature(
-                "Polygon",
-                [ring],
-                {
-                    "kind": "ellipse",
-                    "name": f"{content['name']}, {name}",
-                    "frame": me["frame"],
-                    "semi_major_m": float(semi_axes[1]),
-                    "semi_minor_m": float(semi_axes[0]),
-                },
-            )
-        )
+        minor_m, major_m = (factor * np.sqrt(np.maximum(variances, 0.0))).tolist()
+        named = {"kind": "ellipse", "name": f"{content['name']}, {name}", "frame": me["frame"]}
+        sizes = {"semi_major_m": major_m, "semi_minor_m": minor_m}
+        features.append(_feature("Polygon", [ring], named | sizes))
     return features
 
 
 def _feature(geometry: str, coordinates: object, properties: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        "type": "Feature",
-        "properties": dict(properties),
-        "geometry": {"type": geometry, "coordinates": coordinates},
-    }
+    place = {"type": geometry, "coordinates": coordinates}
+    return {"type": "Feature", "properties": dict(properties), "geometry": place}
 
 
 def _collection(features: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -159,15 +144,6 @@ def _write_geopackage(file: Path, layers: Mapping[str, Sequence[Mapping[str, Any
                 continue
             content = json.dumps(_collection(features)).encode()
             meta, _, geometry, columns = raw.read(content)
-            raw.write(
-                made,
-                geometry,
-                columns,
-                meta["fields"],
-                layer=name,
-                driver="GPKG",
-                geometry_type=meta["geometry_type"],
-                crs=CRS,
-                append=made.exists(),
-            )
+            kind = {"driver": "GPKG", "geometry_type": meta["geometry_type"], "crs": CRS}
+            raw.write(made, geometry, columns, meta["fields"], layer=name, append=made.exists(), **kind)
         write_blocks(file, [made.read_bytes()])

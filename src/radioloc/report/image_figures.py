@@ -22,9 +22,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_Tables = dict[tuple[int, ...], NDArray[np.float32]]
-"""Samples and lines, in images of a shape, of the pixels of images without distortion."""
-
 _PANELS = 3
 _PART = 0.15  # of an image
 _PIXELS = 700
@@ -63,7 +60,6 @@ def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
     figure = several_panels(ax, 13.0, 4.9, title)
     panels = figure.subplots(1, _PANELS)
     centres = np.concatenate([_in_plane(frame, [[1, 1]]) for frame in frames])
-    tables: _Tables = {}
     for k, (axes, width) in enumerate(zip(panels, widths, strict=True)):
         middle = 0.5 * (corners[0].min(axis=0) + corners[0].max(axis=0)) if k == 0 else lander
         west, north = middle[0] - 0.5 * width - lander[0], middle[1] + 0.5 * width - lander[1]
@@ -71,7 +67,7 @@ def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
         style_axes(axes)
         axes.grid(visible=False)
         edges = [factor * edge for edge in (west, west + width, north - width, north)]
-        mosaic = _mosaic(solution, west + lander[0], north + lander[1], width, tables)
+        mosaic = _mosaic(solution, west + lander[0], north + lander[1], width)
         axes.imshow(mosaic, extent=edges, cmap="gray", vmin=0, vmax=255, interpolation="bilinear")
         for corner in corners:
             if np.ptp(corner, axis=0).max() > 0.02 * width:
@@ -123,9 +119,7 @@ def _apart(frames: Sequence[RegisteredFrame]) -> Iterator[RegisteredFrame]:
             yield frame
 
 
-def _mosaic(
-    solution: ImageSolution, west_m: float, north_m: float, width_m: float, tables: _Tables
-) -> NDArray[np.uint8]:
+def _mosaic(solution: ImageSolution, west_m: float, north_m: float, width_m: float) -> NDArray[np.uint8]:
     """The map and, over it, the images from high to low."""
     cv2 = load_opencv()
     pixel_m = width_m / _PIXELS
@@ -141,7 +135,7 @@ def _mosaic(
         assert frame.homography is not None
         if frame.pixel_m * 2.0 * frame.centre.max() < 0.01 * width_m:
             continue  # too small to be seen
-        image, usable = _undistorted(solution, frame, tables)
+        image, usable = _undistorted(solution, frame)
         # From the canvas to the image's pixels, which are put together where the canvas is coarser.
         matrix = frame.homography.matrix @ to_plane
         reduction = max(1, int(pixel_m / frame.pixel_m))
@@ -154,7 +148,7 @@ def _mosaic(
 
 
 def _undistorted(
-    solution: ImageSolution, frame: RegisteredFrame, tables: _Tables
+    solution: ImageSolution, frame: RegisteredFrame
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """An image without its camera's distortion, and 255 where it shows the ground."""
     cv2 = load_opencv()
@@ -162,16 +156,11 @@ def _undistorted(
     usable = np.full(image.shape, 255, np.uint8)
     if solution.mask is not None:
         usable[~solution.mask] = 0
-    if solution.camera is None or not any(solution.camera.distortion):
+    if solution.camera is None:
         return image, usable
-    if image.shape not in tables:
-        real = solution.camera.camera(image.shape)
-        ideal = real.without_distortion()
-        lines, samples = image.shape
-        table = np.empty((2, lines, samples), np.float32)
-        for line in range(lines):  # all at once would take a gigabyte
-            pixels = np.stack([np.arange(samples), np.full(samples, line)], axis=-1)
-            table[:, line] = real.pixels(ideal.directions(pixels))[0].T
-        tables[image.shape] = table
-    x, y = tables[image.shape]
+    camera = solution.camera(image.shape)
+    matrix = np.eye(3)
+    matrix[:2, :2], matrix[:2, 2] = camera.focal_length_mm * camera.pixel_per_mm, camera.principal_point_px
+    lens = np.array(camera.distortion.coefficients)
+    x, y = cv2.initUndistortRectifyMap(matrix, lens, None, matrix, image.shape[::-1], cv2.CV_32FC1)
     return cv2.remap(image, x, y, cv2.INTER_LINEAR), cv2.remap(usable, x, y, cv2.INTER_NEAREST)

@@ -1,24 +1,28 @@
-"""A position from descent images: what came out, its card and its dictionary."""
+"""Positions from images, of a descent, of a point or of landmarks: what came out, their cards and dictionaries."""
 
 from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.errors import InputError
+from radioloc.estimation.combination import horizontal_ellipse
+from radioloc.estimation.orbit_state import EAST_NORTH_UP
+from radioloc.estimation.statistics import finite_or_none
 from radioloc.imaging import Camera, Map
 from radioloc.imaging.image_chain import FrameStatus
 from radioloc.imaging.registration import RegisteredFrame, Registration
 from radioloc.lunar.position import LunarPosition
 from radioloc.report.cards import Card, Field, Shown, metres, plural
-from radioloc.report.one_position import ENU, position_content, position_field, reference_field
+from radioloc.report.tables import difference
 
 Floats = NDArray[np.float64]
 
@@ -27,19 +31,218 @@ MAP_TIE = "map_tie"
 """Name of the considered error that all points of a map have in common."""
 
 
-class CameraOf(Protocol):
-    """A camera that is known, for images of any size."""
+class _FromImages(Shown):
+    """What all positions from images have in common."""
+
+    __slots__ = ()
+    name: str
+    message: str
+    position: LunarPosition
+    covariance_enu_m2: Floats
+    references: Mapping[str, LunarPosition]
+    notes: tuple[str, ...]
+    provenance: Mapping[str, Any]
 
     @property
-    def distortion(self) -> tuple[float, ...]:
-        """Its coefficients."""
+    def converged(self) -> bool:
+        """Whether the position can be used."""
+        return not self.message
 
-    def camera(self, shape: tuple[int, int]) -> Camera:
-        """That of images of so many lines and samples."""
+    @property
+    def sigma_enu_m(self) -> Floats:
+        """Total standard deviations east, north, up, m; NaN where not determined."""
+        return np.sqrt(np.diag(self.covariance_enu_m2))
+
+    def _content(self, method: str, **measured: Any) -> dict[str, Any]:
+        """Keys of ``solution.json``, with those of what was measured."""
+        pa = self.position.to_axes("PA", CONSTANTS["DE421"])
+        degrees = dict(zip(_GEOGRAPHIC, self.position.selenographic, strict=True))
+        return {
+            "name": self.name,
+            "method": method,
+            "converged": self.converged,
+            "status": "converged" if self.converged else "not converged",
+            "message": self.message,
+            "position": {
+                "pa": {"frame": pa.frame, **_named("xyz", pa.xyz_m)},
+                "me": {"frame": self.position.frame, **degrees, **_named("xyz", self.position.xyz_m)},
+            },
+            "sigma": _named(EAST_NORTH_UP, self.sigma_enu_m),
+            "covariance": {"enu_m2": [_finite(row) for row in self.covariance_enu_m2]},
+            "reference": next(self._beside(), None),
+            **measured,
+            "notes": list(self.notes),
+            "provenance": dict(self.provenance),
+        }
+
+    def _card(self, *fields: Field) -> Card:
+        """A card with what was measured between the position and the notes."""
+        longitude, latitude, height = self.position.selenographic
+        place = (
+            f"{longitude:.6f} deg E, {latitude:.6f} deg N ({self.position.frame})",
+            f"{height:.1f} m above the 1737.4 km sphere",
+        )
+        status = "CONVERGED" if self.converged else f"NOT CONVERGED: {self.message}"
+        return Card(
+            (
+                Field("solution", (self.name,)),
+                Field("status", (status,)),
+                Field("position", place),
+                *fields,
+                Field("notes", self.notes),
+            )
+        )
+
+    def _reference_field(self) -> Field:
+        """How far the position is from known ones."""
+        lines = (
+            f"solution - {one['name']}: east {metres(one['east_m'])}, north {metres(one['north_m'])}, "
+            f"up {metres(round(one['up_m'], 4))} m; {metres(one['horizontal_m'])} m horizontal"
+            for one in self._beside()
+        )
+        return Field("reference", lines)
+
+    def _beside(self) -> Iterator[dict[str, Any]]:
+        for name, place in self.references.items():
+            *_, west_m, north_m, up_m = difference(self.position.selenographic, place.selenographic)
+            yield {
+                "name": name,
+                **dict(zip(_GEOGRAPHIC, place.selenographic, strict=True)),
+                **_named(EAST_NORTH_UP, (-west_m, north_m, up_m)),
+                "horizontal_m": math.hypot(west_m, north_m),
+            }
+
+    def __repr__(self) -> str:
+        longitude, latitude, _ = self.position.selenographic
+        state = "converged" if self.converged else "NOT CONVERGED"
+        return f"<{type(self).__name__} {self.name}: {longitude:.6f} deg E, {latitude:.6f} deg N, {state}>"
 
 
-@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
-class ImageSolution(Shown):
+_GEOGRAPHIC = ("longitude_deg", "latitude_deg", "height_m")
+
+
+def _finite(values: Iterable[float]) -> list[float | None]:
+    return [finite_or_none(float(value)) for value in values]
+
+
+def _named(names: Iterable[str], values: Iterable[float]) -> dict[str, float | None]:
+    return {f"{name}_m": value for name, value in zip(names, _finite(values), strict=True)}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ErrorSource:
+    """What a part of the covariance is from.
+
+    Parameters
+    ----------
+    name : str
+        On the card.
+    errors_enu_m : ndarray, shape (3, k)
+        How far each error of one sigma moves the position; NaN up where nothing tells the height.
+    shared : tuple of (str, str, float), optional
+        Name, unit and sigma of each, where other solutions have the same errors.
+    """
+
+    name: str
+    errors_enu_m: Floats
+    shared: tuple[tuple[str, str, float], ...] = ()
+
+    @property
+    def covariance_enu_m2(self) -> Floats:
+        """Its part of the covariance, shape (3, 3)."""
+        return self.errors_enu_m @ self.errors_enu_m.T
+
+    @property
+    def sigma_enu_m(self) -> Floats:
+        """Standard deviations by it alone, east, north, up, m."""
+        return np.sqrt(np.diag(self.covariance_enu_m2))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PointSolution(_FromImages):
+    """Where a point is that an image shows, or a rover or lander that took stereo images.
+
+    Parameters
+    ----------
+    name : str
+        Of the study.
+    method : {"image_point", "stereo"}
+    message : str
+        Why the position cannot be used; empty where it can.
+    position : LunarPosition
+        Mean-Earth axes.
+    sources : tuple of ErrorSource
+        What its covariance is from; it is their sum.
+    fields : tuple of Field
+        What the card says of the measurements.
+    details : mapping
+        The same in numbers.
+    used : int
+        Points or landmarks.
+    wrms_m : float, optional
+        Of distances, weighted.
+    references : mapping of str to LunarPosition
+        Known positions.
+    notes : tuple of str
+    provenance : mapping
+    landmarks_en_m, distances_m : ndarray, shape (n, 2) and (n,), optional
+        Of a stereo solution: landmarks east and north of the position and their horizontal distances, m.
+    """
+
+    name: str
+    method: str
+    message: str
+    position: LunarPosition
+    sources: tuple[ErrorSource, ...]
+    fields: tuple[Field, ...]
+    details: Mapping[str, Any]
+    used: int
+    wrms_m: float | None = None
+    references: Mapping[str, LunarPosition] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    landmarks_en_m: Floats | None = None
+    distances_m: Floats | None = None
+
+    @property
+    def covariance_enu_m2(self) -> Floats:  # type: ignore[override]
+        """Total covariance, shape (3, 3); NaN for a height that nothing determines."""
+        return sum((source.covariance_enu_m2 for source in self.sources), np.zeros((3, 3)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """All numbers, with the keys of :meth:`radioloc.Solution.to_dict`, and one of the method's name."""
+        considered = [
+            {"name": name, "unit": unit, "sigma": sigma, "position_enu_m": _finite(source.errors_enu_m[:, k])}
+            for source in self.sources
+            for k, (name, unit, sigma) in enumerate(source.shared)
+        ]
+        return self._content(
+            self.method,
+            budget={source.name: _finite(source.sigma_enu_m) for source in self.sources},
+            biases={},
+            considered=considered,
+            fit={"used": self.used, "rejected": 0, "wrms_m": self.wrms_m, "by_station": {}},
+            **{self.method: dict(self.details)},
+        )
+
+    def card(self) -> Card:
+        """Card of the solution."""
+        ellipse = horizontal_ellipse(self.covariance_enu_m2[:2, :2])
+        line = (
+            f"95 % error ellipse, horizontal: {metres(ellipse.semi_major_m)} m x "
+            f"{metres(ellipse.semi_minor_m)} m, azimuth {ellipse.azimuth_deg:.0f} deg"
+        )
+        sigmas = {source.name: source.sigma_enu_m for source in self.sources} | {"all": self.sigma_enu_m}
+        rows = [
+            (name, *(metres(round(side, 4)) if math.isfinite(side) else "-" for side in sides))
+            for name, sides in sigmas.items()
+        ]
+        sigma = Field("sigma", (line,), ("1 sigma, m", *EAST_NORTH_UP), rows)
+        return self._card(sigma, *self.fields, self._reference_field())
+
+
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True, repr=False)
+class ImageSolution(_FromImages):
     """Where a lander stands by its descent images, and how each image was registered.
 
     Parameters
@@ -61,7 +264,8 @@ class ImageSolution(Shown):
     altitudes_m : mapping of str to float
         Of the camera above the ground, by image, where the camera is known.
     base : Map
-    camera : CameraChoice or None
+    camera : callable or None
+        The :class:`~radioloc.imaging.Camera` of images of so many lines and samples, where it is known.
     mask : ndarray of bool or None
         Which pixels of the images show the ground.
     references : mapping of str to LunarPosition
@@ -80,23 +284,13 @@ class ImageSolution(Shown):
     map_sigma_m: tuple[float, float]
     registration: Registration
     base: Map
-    camera: CameraOf | None = None
+    camera: Callable[[tuple[int, int]], Camera] | None = None
     mask: NDArray[np.bool_] | None = None
     altitudes_m: Mapping[str, float] = field(default_factory=dict)
     references: Mapping[str, LunarPosition] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
-    paths: Mapping[str, Path] = field(default_factory=dict, repr=False)
-
-    @property
-    def converged(self) -> bool:
-        """Whether the position can be used."""
-        return not self.message
-
-    @property
-    def sigma_enu_m(self) -> Floats:
-        """Total standard deviations east, north, up, m; NaN where not determined."""
-        return np.sqrt(np.diag(self.covariance_enu_m2))
+    paths: Mapping[str, Path] = field(default_factory=dict)
 
     @property
     def registered(self) -> tuple[RegisteredFrame, ...]:
@@ -116,37 +310,27 @@ class ImageSolution(Shown):
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers, with the keys of :meth:`radioloc.Solution.to_dict`, and ``images``."""
-        return {
-            "name": self.name,
-            "method": "images",
-            "converged": self.converged,
-            "status": "converged" if self.converged else "not converged",
-            "message": self.message,
-            **position_content(self.position, self.covariance_enu_m2, self.references),
-            "biases": {},
-            "considered": [
-                {
-                    "name": f"{MAP_TIE}.{self.map_name}.{axis}",
-                    "unit": "m",
-                    "sigma": sigma_m,
-                    "position_enu_m": (sigma_m * np.eye(3)[k]).tolist(),
-                }
-                for k, (axis, sigma_m) in enumerate(zip(ENU, self.map_sigma_m, strict=False))
-            ],
-            "fit": {
-                "used": sum(frame.inliers for frame in self.registered),
-                "rejected": sum(max(frame.candidates - frame.inliers, 0) for frame in self.registered),
-                "wrms_m": self.wrms_m,
-                "rms_px": float(np.sqrt(np.mean([frame.rms_px**2 for frame in self.registered]))),
-                "sigma_factor_images": self.registration.sigma_factors[0],
-                "sigma_factor_map": self.registration.sigma_factors[1],
-                "redundancy": self.registration.redundancy,
-                "by_station": {},
-            },
-            "images": [self._image(frame) for frame in self.registration.frames],
-            "notes": list(self.notes),
-            "provenance": dict(self.provenance),
+        considered = [
+            {
+                "name": f"{MAP_TIE}.{self.map_name}.{axis}",
+                "unit": "m",
+                "sigma": sigma_m,
+                "position_enu_m": (sigma_m * np.eye(3)[k]).tolist(),
+            }
+            for k, (axis, sigma_m) in enumerate(zip(EAST_NORTH_UP, self.map_sigma_m, strict=False))
+        ]
+        fit = {
+            "used": sum(frame.inliers for frame in self.registered),
+            "rejected": sum(max(frame.candidates - frame.inliers, 0) for frame in self.registered),
+            "wrms_m": self.wrms_m,
+            "rms_px": float(np.sqrt(np.mean([frame.rms_px**2 for frame in self.registered]))),
+            "sigma_factor_images": self.registration.sigma_factors[0],
+            "sigma_factor_map": self.registration.sigma_factors[1],
+            "redundancy": self.registration.redundancy,
+            "by_station": {},
         }
+        images = [self._image(frame) for frame in self.registration.frames]
+        return self._content("images", biases={}, considered=considered, fit=fit, images=images)
 
     def _image(self, frame: RegisteredFrame) -> dict[str, Any]:
         content: dict[str, Any] = {
@@ -190,36 +374,20 @@ class ImageSolution(Shown):
         # The first and the last images tell most.
         frames, half = list(self.registration.frames), _MOST_ROWS // 2
         shown = frames if len(frames) <= _MOST_ROWS else frames[:half] + frames[-half:]
-        return Card(
-            (
-                Field("solution", (self.name,)),
-                Field("status", ("CONVERGED" if self.converged else f"NOT CONVERGED: {self.message}",)),
-                position_field(self.position),
-                Field(
-                    "1 sigma",
-                    (
-                        f"east {metres(sigmas[0])}, north {metres(sigmas[1])} m, up {up} m",
-                        f"in it the tie of {self.map_name} to the Moon's axes, {tie} m east and north",
-                    ),
-                ),
-                reference_field(self.position, self.references),
-                Field(
-                    "images",
-                    (f"{len(self.registered)} of {len(frames)} registered",),
-                    ("image", "status", "matched to", "inliers", "rms, px", "pixel, m", "altitude, m"),
-                    map(self._row, shown),
-                    rest=map(self._row, frames[half : len(frames) - len(shown) + half]),
-                    where="solution.json",
-                ),
-                Field("left out", tuple(self._left_out())),
-                Field("notes", self.notes),
-            )
+        sigma = (
+            f"east {metres(sigmas[0])}, north {metres(sigmas[1])} m, up {up} m",
+            f"in it the tie of {self.map_name} to the Moon's axes, {tie} m east and north",
         )
-
-    def __repr__(self) -> str:
-        longitude, latitude, _ = self.position.selenographic
-        state = "converged" if self.converged else "NOT CONVERGED"
-        return f"<ImageSolution {self.name}: {longitude:.6f} deg E, {latitude:.6f} deg N, {state}>"
+        images = Field(
+            "images",
+            (f"{len(self.registered)} of {len(frames)} registered",),
+            ("image", "status", "matched to", "inliers", "rms, px", "pixel, m", "altitude, m"),
+            map(self._row, shown),
+            rest=map(self._row, frames[half : len(frames) - len(shown) + half]),
+            where="solution.json",
+        )
+        left_out = Field("left out", self._left_out())
+        return self._card(Field("1 sigma", sigma), self._reference_field(), images, left_out)
 
     def _row(self, frame: RegisteredFrame) -> tuple[str, ...]:
         numbers = ("-", "-", "-", "-")

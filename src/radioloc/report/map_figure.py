@@ -19,17 +19,16 @@ from radioloc.estimation.solution import Solution
 from radioloc.imaging import Map, TangentPlane
 from radioloc.lunar.terrain import TerrainModel
 from radioloc.lunar.terrain_window import LargeWindowError, NoTerrainError
+from radioloc.report.cards import Shown
 from radioloc.report.figures import COLORS, draw_ellipse, legend_below, length_unit, one_panel
-from radioloc.report.image_solution import ImageSolution
-from radioloc.report.one_position import references_of
 from radioloc.report.position_figures import marker_style
+from radioloc.report.tables import Located, content_of, references_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _Floats = NDArray[np.float64]
-Located = Solution | ImageSolution | Mapping[str, Any]
 
 _PIXELS = 600
 _SIGMAS = ((3.0, 0.10), (1.0, 0.25))  # of the ellipses, and how opaque they are
@@ -82,8 +81,8 @@ def plot_map(
     >>> figure.axes[0].get_xlabel()
     'east longitude, ME_DE421 (deg)'
     """
-    several = [solutions] if isinstance(solutions, Solution | ImageSolution | Mapping) else list(solutions)
-    contents = [one if isinstance(one, Mapping) else one.to_dict() for one in several]
+    several = [solutions] if isinstance(solutions, Solution | Shown | Mapping) else list(solutions)
+    contents = [content_of(one) for one in several]
     if dem is not None and base_map is not None:
         raise InputError("give either dem or base_map to draw a map on, not both")
     frame = _frame(contents)

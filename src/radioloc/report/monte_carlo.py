@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -11,18 +11,102 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
+from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL, EAST_NORTH_UP
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.report.cards import Card, Field, Shown, metres, plural
-from radioloc.report.trial_statistics import ArcSummary, Nees, sides_of, summarize
 from radioloc.tables import TableForm, as_table
 from radioloc.units import ASTROPY_UNITS, unit_of
 
 _Floats = NDArray[np.float64]
+_Three = tuple[float, ...]
 _MAX_PARAMETERS = 8
+SIDES = EAST_NORTH_UP
+NORMAL_95, CHI2_2_95, CHI2_6_95 = 1.959963984540054, 5.991464547107979, 12.591587243743977
+"""Quantile of 97.5 % of the normal distribution; of 95 % of chi-square of two and of six degrees of freedom."""
 _OF_AN_ORBIT = (
     "T along, N across the orbit, R radial; hours from the state's epoch: there, in the middle and at the end"
 )
 _SHORT = {"along": "T", "across": "N", "radial": "R", "east": "E", "north": "N", "up": "U"}
+
+
+def sides_of(columns: Sequence[str]) -> tuple[str, ...]:
+    """Axes of the errors that results have: of a place, or of an orbit."""
+    return SIDES if "east_m" in columns else ALONG_ACROSS_RADIAL
+
+
+@dataclass(frozen=True, slots=True)
+class Inside:
+    """How often the truth is inside a claimed interval or ellipse of 95 %.
+
+    ``count`` of ``trials``; the fraction lies from ``low`` to ``high`` in 95 % of studies with so many trials if the
+    claim is right.
+    """
+
+    count: int
+    trials: int
+    low: float
+    high: float
+
+    @property
+    def fraction(self) -> float:
+        """Part of the trials."""
+        return self.count / self.trials
+
+
+@dataclass(frozen=True, slots=True)
+class Nees:
+    """Normalized estimation error squared, error' covariance^-1 error over its dimension, mean over the trials.
+
+    If the claimed covariance is right, 1 is expected, and ``low`` to ``high`` in 95 % of studies with so many trials.
+    """
+
+    mean: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterSummary:
+    """Mean and standard deviation of a parameter's estimates, rms of their errors, median of the claimed sigma."""
+
+    name: str
+    mean: float
+    std: float
+    rms_error: float | None  # None where the truth of the parameter is not known
+    sigma: float
+
+
+@dataclass(frozen=True, slots=True)
+class ArcSummary:
+    """One arc's trials; statistics are of those that converged."""
+
+    hours: float
+    span_h: float
+    trials: int
+    converged: int
+    mean_m: _Three  # position less truth by the axes, as the next two; the claimed sigma is the median
+    rms_m: _Three
+    sigma_m: _Three
+    rms_horizontal_m: float
+    radius_68_m: float  # horizontal distance from the truth that 68 % are within; of 95 % likewise
+    radius_95_m: float
+    # By the axes: the claimed interval of 95 %; horizontal: the claimed ellipse of 95 %; of an orbit also the state.
+    inside: dict[str, Inside]
+    nees: Nees  # of the position in space; of that on the sphere the next
+    nees_horizontal: Nees
+    used: float  # mean number of observations that took part; of those that did not the mean and the largest
+    rejected: float
+    rejected_most: int
+    # Horizontal distance from the longest arc's position that 95 % are within; None for that itself.
+    from_longest_95_m: float | None
+    parameters: tuple[ParameterSummary, ...]
+    at_h: float | None = None  # of an orbit when its position is compared, from the state's epoch
+    nees_state: Nees | None = None  # of an orbit's position and velocity
+
+    @property
+    def name(self) -> str:
+        """Length as text, such as ``12 h``, and of an orbit when."""
+        return f"{self.hours:g} h" + ("" if self.at_h is None else f" at {self.at_h:.1f} h")
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,17 +198,62 @@ class MonteCarlo(Shown):
     @property
     def arcs(self) -> tuple[ArcSummary | None, ...]:
         """What the trials of each arc say together, the longest first; None where none converged."""
+        return tuple(map(self._arc, range(len(self.hours))))
+
+    def _arc(self, k: int) -> ArcSummary | None:
+        good = self["converged"][:, k] == 1.0
+        n = int(good.sum())
+        if not n:
+            return None
+        sides = self.sides
+        found = dict(zip(self.columns, self.values[good, k].T, strict=True))
+        error_m, sigma_m = self.errors_m[good, k], self.sigmas_m[good, k]
+        horizontal_m = np.hypot(error_m[:, 0], error_m[:, 1])
+        held = np.abs(error_m) <= NORMAL_95 * sigma_m
+        counts = dict(zip(sides, held.sum(axis=0).tolist(), strict=True))
+        counts["horizontal"] = int((found["nees_horizontal"] <= CHI2_2_95).sum())
+        if self.at_h:
+            counts["state"] = int((found["nees_state"] <= CHI2_6_95).sum())
+        low, high = binomial_bounds(n, 0.95)
+        apart = None
         epochs = self.hours.count(self.hours[0])  # of an orbit several
-        return tuple(
-            summarize(
-                length,
-                span,
-                self.columns,
-                self.values[:, k],
-                self.values[:, k % epochs] if k >= epochs else None,
-                self.at_h[k] if self.at_h else None,
+        both = good & (self["converged"][:, k % epochs] == 1.0)
+        if k >= epochs and both.any():
+            moved_m = (self.errors_m[:, k] - self.errors_m[:, k % epochs])[both]
+            apart = float(np.quantile(np.hypot(moved_m[:, 0], moved_m[:, 1]), 0.95))
+        parameters = (
+            ParameterSummary(
+                name,
+                float(found[name].mean()),
+                float(found[name].std()),
+                _rms(found[f"{name}.error"]) if f"{name}.error" in found else None,
+                float(np.median(found[f"{name}.sigma"])),
             )
-            for k, (length, span) in enumerate(zip(self.hours, self.span_h, strict=True))
+            for name in self.columns
+            # NaN in an arc without observations that the parameter acts on.
+            if f"{name}.sigma" in found and not np.isnan(found[name]).any()
+        )
+        return ArcSummary(
+            hours=self.hours[k],
+            span_h=self.span_h[k],
+            trials=self.trials,
+            converged=n,
+            mean_m=tuple(error_m.mean(axis=0).tolist()),
+            rms_m=tuple(np.sqrt((error_m**2).mean(axis=0)).tolist()),
+            sigma_m=tuple(np.median(sigma_m, axis=0).tolist()),
+            rms_horizontal_m=_rms(horizontal_m),
+            radius_68_m=float(np.quantile(horizontal_m, 0.68)),
+            radius_95_m=float(np.quantile(horizontal_m, 0.95)),
+            inside={key: Inside(count, n, low, high) for key, count in counts.items()},
+            nees=_nees(found["nees"], 3),
+            nees_horizontal=_nees(found["nees_horizontal"], 2),
+            used=float(found["used"].mean()),
+            rejected=float(found["rejected"].mean()),
+            rejected_most=int(found["rejected"].max()),
+            from_longest_95_m=apart,
+            parameters=tuple(parameters),
+            at_h=self.at_h[k] if self.at_h else None,
+            nees_state=_nees(found["nees_state"], 6) if self.at_h else None,
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -189,17 +318,17 @@ class MonteCarlo(Shown):
 def _tables(arcs: list[ArcSummary]) -> Iterator[Field]:
     """What the trials of each arc say together, as tables with a row for each arc."""
 
-    def table(label: str, heading: tuple[str, ...], cells: Callable[[ArcSummary], Iterable[str]]) -> Field:
+    def of_arcs(label: str, heading: tuple[str, ...], cells: Callable[[ArcSummary], Iterable[str]]) -> Field:
         return Field(label, (), ("", *heading), ((arc.name, *cells(arc)) for arc in arcs))
 
     places = list(arcs[0].inside)
     first, *others = (_SHORT[place] for place in places[:3])
-    yield table(
+    yield of_arcs(
         "error, m",
         (f"mean {first}", *others, f"rms {first}", *others, "68 %", "95 %"),
         lambda arc: map(metres, (*arc.mean_m, *arc.rms_m, arc.radius_68_m, arc.radius_95_m)),
     )
-    yield table(
+    yield of_arcs(
         "1 sigma, m",
         (f"claimed {first}", *others, f"rms/sigma {first}", *others, f"95 % from {arcs[0].hours:g} h"),
         lambda arc: (
@@ -208,7 +337,7 @@ def _tables(arcs: list[ArcSummary]) -> Iterator[Field]:
             "-" if arc.from_longest_95_m is None else metres(arc.from_longest_95_m),
         ),
     )
-    yield table(
+    yield of_arcs(
         "inside 95 %",
         (*places, "expected"),
         lambda arc: (
@@ -216,19 +345,15 @@ def _tables(arcs: list[ArcSummary]) -> Iterator[Field]:
             f"{100.0 * arc.inside['horizontal'].low:.1f} to {100.0 * arc.inside['horizontal'].high:.1f} %",
         ),
     )
-    yield table(
+    of_state = ["state", "expected"] if "state" in places else []
+    yield of_arcs(
         "nees",
-        (
-            "in space",
-            "expected",
-            "horizontal",
-            "expected",
-            *(["state", "expected"] if "state" in places else []),
-        ),
+        ("in space", "expected", "horizontal", "expected", *of_state),
         lambda arc: (
-            *_nees(arc.nees),
-            *_nees(arc.nees_horizontal),
-            *(() if arc.nees_state is None else _nees(arc.nees_state)),
+            cell
+            for nees in (arc.nees, arc.nees_horizontal, arc.nees_state)
+            if nees is not None
+            for cell in (f"{nees.mean:.3g}", f"{nees.low:.3f} to {nees.high:.3f}")
         ),
     )
     once = [replace(arc, at_h=None) for arc in {arc.hours: arc for arc in arcs}.values()]
@@ -266,10 +391,6 @@ def _status(study: MonteCarlo) -> Iterator[str]:
         yield f"every trial fitted in full: the linear model is off by up to {off_m} m, {off_percent}"
 
 
-def _nees(nees: Nees) -> tuple[str, str]:
-    return f"{nees.mean:.3g}", f"{nees.low:.3f} to {nees.high:.3f}"
-
-
 def _notes(arc: ArcSummary) -> Iterator[str]:
     inside, nees = arc.inside["horizontal"], arc.nees
     holds = f"{arc.name}: the claimed 95 % ellipse holds the truth in {100.0 * inside.fraction:.1f} %"
@@ -280,3 +401,24 @@ def _notes(arc: ArcSummary) -> Iterator[str]:
         )
     elif nees.mean < nees.low and inside.fraction > inside.high:
         yield f"{holds}; the sigmas are too large"
+
+
+def binomial_bounds(n: int, probability: float) -> tuple[float, float]:
+    """Fractions that the successes in n > 0 trials lie within in 95 % of cases, both ends included."""
+    from scipy.special import bdtr
+
+    below = bdtr(np.arange(n + 1), n, probability)
+    low, high = (int(np.searchsorted(below, quantile)) for quantile in (0.025, 0.975))
+    return low / n, min(high, n) / n
+
+
+def _rms(values: _Floats) -> float:
+    return float(np.sqrt((values**2).mean()))
+
+
+def _nees(values: _Floats, dimension: int) -> Nees:
+    from scipy.special import chdtri
+
+    dof = dimension * len(values)
+    low, high = (float(chdtri(dof, 1.0 - quantile)) / dof for quantile in (0.025, 0.975))
+    return Nees(float(values.mean()) / dimension, low, high)

@@ -6,8 +6,9 @@ import base64
 import gzip
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from types import ModuleType
@@ -17,18 +18,42 @@ from radioloc._version import __version__
 from radioloc.errors import InputError
 from radioloc.estimation.solution import Solution
 from radioloc.extras import optional
-from radioloc.report.arc_study import ArcStudy
 from radioloc.report.cards import Field, metres, more
-from radioloc.report.image_solution import ImageSolution
+from radioloc.report.comparison import Comparison
+from radioloc.report.covariance import CovarianceStudy
+from radioloc.report.estimate_figures import can_be_drawn, plot_budget, plot_contours, plot_correlations
+from radioloc.report.fit_card import left_out_rows
+from radioloc.report.image_figures import plot_images
+from radioloc.report.image_solution import ImageSolution, PointSolution
 from radioloc.report.map_figure import plot_map
-from radioloc.report.point_solution import PointSolution
+from radioloc.report.monte_carlo import MonteCarlo
+from radioloc.report.position_figures import plot_arcs, plot_comparison, plot_point, plot_position
 from radioloc.report.residual_charts import Chart, residual_charts
-from radioloc.report.result_figures import Result, figures_of
-from radioloc.report.solution_card import MAX_PARAMETERS, left_out_rows, parameter_field, solution_card
+from radioloc.report.residual_figures import plot_distribution, plot_links, plot_residuals
+from radioloc.report.solution_card import solution_card
+from radioloc.report.study_figures import (
+    plot_covariance,
+    plot_covariance_on_arc,
+    plot_error_by_length,
+    plot_trials,
+)
+from radioloc.report.subsets import ArcStudy, LeaveOneOut
 from radioloc.text_files import write_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+Result = (
+    Solution
+    | ArcStudy
+    | ImageSolution
+    | PointSolution
+    | Comparison
+    | MonteCarlo
+    | CovarianceStudy
+    | LeaveOneOut
+)
+"""What has an output folder."""
 
 PAGE = "report.html"
 """Name of the page in an output folder."""
@@ -72,26 +97,13 @@ _FIGURES = {
     ),
 }
 """Which section shows a figure, and what it shows, for those who do not see it."""
-_PHOTOGRAPHS = ("images",)
-
-
-@dataclass(frozen=True, slots=True)
-class _Image:
-    """A figure within the page; its size is that on a screen of 96 dots per inch."""
-
-    uri: str
-    alt: str
-    width: int
-    height: int
-    photograph: bool
-    replaced: bool  # by charts, where there can be any
 
 
 @dataclass(frozen=True, slots=True)
 class _Section:
     title: str
     fields: list[Field] = field(default_factory=list)
-    images: list[_Image] = field(default_factory=list)
+    images: list[dict[str, Any]] = field(default_factory=list)
     charts: list[Chart] = field(default_factory=list)
     more: list[tuple[str, Sequence[Field]]] = field(default_factory=list)
 
@@ -105,6 +117,51 @@ class _Section:
     def anchor(self) -> str:
         """What links within the page call it."""
         return self.title.lower().replace(" ", "-")
+
+
+def figures_of(result: Result) -> dict[str, Callable[[], Figure] | None]:
+    """What draws each figure of a result, by name; None for those that such a result can have, and this one has not."""
+    match result:
+        case Solution():
+            return _of_a_solution(result)
+        case ArcStudy():
+            return {"figure2": partial(plot_links, result.longest), "arcs": partial(plot_arcs, result)}
+        case ImageSolution():
+            return {"images": partial(plot_images, result), "position": None}
+        case PointSolution():
+            return {"images": None, "position": partial(plot_point, result)}
+        case Comparison():
+            return {"comparison": partial(plot_comparison, result)}
+        case MonteCarlo():
+            some = bool((result["converged"] == 1.0).any())
+            drawn = {"trials": plot_trials, "error_by_length": plot_error_by_length}
+            return {name: partial(draw, result) if some else None for name, draw in drawn.items()}
+        case CovarianceStudy():
+            on_arc = result.longest.state is not None
+            return {
+                "covariance": partial(plot_covariance, result) if result.determined else None,
+                "covariance_on_arc": partial(plot_covariance_on_arc, result) if on_arc else None,
+            }
+        case LeaveOneOut():
+            return {}
+
+
+def _of_a_solution(solution: Solution) -> dict[str, Callable[[], Figure] | None]:
+    rows = solution.residuals
+    # Ranges and Doppler of a station have no common scale, and a delay belongs to two stations.
+    apart = len(rows.types.present()) > 1 or any("<" in path for path in rows.paths.present())
+    located = solution.position_estimated and solution.position_determined
+    over_elevation = rows.elevation_deg is not None and rows.used.any()
+    correlations, contours = can_be_drawn(solution)
+    return {
+        "residuals": partial(plot_links if apart else plot_residuals, solution),
+        "position": partial(plot_position, solution) if located else None,
+        "correlations": partial(plot_correlations, solution) if correlations else None,
+        "contours": partial(plot_contours, solution) if contours else None,
+        "distribution": partial(plot_distribution, solution) if over_elevation else None,
+        "budget": partial(plot_budget, solution) if solution.budget else None,
+        "terms": None,  # only where they were asked for
+    }
 
 
 def write_html(result: Result, path: str | Path) -> None:
@@ -143,7 +200,8 @@ def require_page() -> tuple[ModuleType, ModuleType]:
 def write_page(result: Result, figures: Mapping[str, Path | BytesIO], path: str | Path) -> None:
     """As :func:`write_html`, with the result's figures as PNG."""
     jinja2, plotly = require_page()
-    sections = _sections(result, figures)
+    title = str(getattr(result, "name", "Comparison"))
+    sections = _sections(result, title, figures)
     charts = [chart for section in sections for chart in section.charts]
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("radioloc.report"),
@@ -154,7 +212,7 @@ def write_page(result: Result, figures: Mapping[str, Path | BytesIO], path: str 
     )
     environment.filters["kinds"] = _kinds
     text = environment.get_template("report.html").render(
-        title=_title(result),
+        title=title,
         verdict=_verdict(result),
         sections=sections,
         library=_packed(plotly.get_plotlyjs()) if charts else "",
@@ -171,22 +229,12 @@ def _packed(text: str) -> str:
 
 def _kinds(rows: Sequence[Sequence[str]]) -> list[str]:
     """Of each column: numbers stand to the right, and neither these nor what is short is broken."""
-    return [
-        "number" if _mostly_numbers(cells) else "word" if _short(cells) else ""
-        for cells in zip(*rows, strict=True)
-    ]
-
-
-def _mostly_numbers(cells: Sequence[str]) -> bool:
-    return 2 * sum(_NUMBER.fullmatch(cell) is not None for cell in cells) > len(cells)
-
-
-def _short(cells: Sequence[str]) -> bool:
-    return all(len(cell) < (_SHORT if " " in cell else _LONG_WORD) for cell in cells)
-
-
-def _title(result: Result) -> str:
-    return str(getattr(result, "name", "Comparison"))
+    kinds = []
+    for cells in zip(*rows, strict=True):
+        numbers = sum(_NUMBER.fullmatch(cell) is not None for cell in cells)
+        short = all(len(cell) < (_SHORT if " " in cell else _LONG_WORD) for cell in cells)
+        kinds.append("number" if 2 * numbers > len(cells) else "word" if short else "")
+    return kinds
 
 
 def _verdict(result: Result) -> str:
@@ -197,12 +245,12 @@ def _verdict(result: Result) -> str:
     return "good" if good else "failed"
 
 
-def _sections(result: Result, figures: Mapping[str, Path | BytesIO]) -> list[_Section]:
+def _sections(result: Result, name: str, figures: Mapping[str, Path | BytesIO]) -> list[_Section]:
     """What the page shows, in order."""
     found = {title: _Section(title) for title in _TITLES}
     of = _RESULT
     sections = _SECTION_OF if isinstance(result, Solution | ArcStudy) else {}
-    card = solution_card(result, parameters=MAX_PARAMETERS) if isinstance(result, Solution) else result.card()
+    card = solution_card(result) if isinstance(result, Solution) else result.card()
     for item in card.fields:
         of = sections.get(item.label, _RESULT) if item.label else of
         found[of].fields.append(item)
@@ -214,23 +262,26 @@ def _sections(result: Result, figures: Mapping[str, Path | BytesIO]) -> list[_Se
     solution = result.longest if isinstance(result, ArcStudy) else result
     if isinstance(solution, Solution) and len(solution.residuals):
         found[_RESIDUALS].charts.extend(residual_charts(solution))
-    for name, figure in drawn.items():
-        title, alt = _FIGURES.get(name, (_RESULT, name.replace("_", " ")))
-        replaced = name in ("residuals", "figure2") and bool(found[title].charts)
-        found[title].images.append(_image(figure, f"{_title(result)}: {alt}", name in _PHOTOGRAPHS, replaced))
+    for key, figure in drawn.items():
+        title, alt = _FIGURES.get(key, (_RESULT, key.replace("_", " ")))
+        # By charts, where there can be any.
+        replaced = key in ("residuals", "figure2") and bool(found[title].charts)
+        style = {"photograph": key == "images", "replaced": replaced}
+        found[title].images.append({"alt": f"{name}: {alt}", **style, **_image(figure)})
     if isinstance(solution, Solution):
-        table = _left_out(solution)
-        if solution.fit.total.rejected <= _FEW_LEFT_OUT:
+        rows, count = left_out_rows(solution, _MOST_LEFT_OUT), solution.fit.total.rejected
+        heading = ("UTC", "link", "residual, m", "reason")
+        table = Field("largest first", (), heading, rows, more(count, len(rows), "residuals.csv"))
+        if count <= _FEW_LEFT_OUT:
             found[_LEFT_OUT].fields[:] = [table]
         else:
             found[_LEFT_OUT].more.append(("More of them, the largest residuals first", (table,)))
     if isinstance(result, Solution):
-        for title, name, table in _tables(result):
-            found[title].more.append((name, (table,)))
+        for title, what, table in _tables(result):
+            found[title].more.append((what, (table,)))
     if isinstance(result, ArcStudy):
         for arc in result.arcs:
-            whole = solution_card(arc.solution, parameters=len(arc.solution.parameters))
-            found[_RESULT].more.append((f"The arc of {arc.name}", tuple(whole.fields)))
+            found[_RESULT].more.append((f"The arc of {arc.name}", tuple(solution_card(arc.solution).fields)))
     provenance = getattr(getattr(result, "solution", solution), "provenance", {})
     origin = Field("", (), ("key", "value"), _flat(provenance))
     found[_PROVENANCE].more.append(("Files, versions and settings that make this result again", (origin,)))
@@ -239,19 +290,21 @@ def _sections(result: Result, figures: Mapping[str, Path | BytesIO]) -> list[_Se
 
 def _map(result: Result) -> dict[str, BytesIO]:
     """The position, or those of all arcs, on a map."""
+    located: dict[str, Solution | ImageSolution | PointSolution] = {}
     if isinstance(result, ArcStudy):
-        where = [arc.solution.to_dict() | {"name": arc.name} for arc in result.arcs if _located(arc.solution)]
-        return {"map": _png(plot_map(where))} if where else {}
-    if isinstance(result, Solution) and _located(result):
-        name = result.targets[0].name if result.targets else result.name
-        return {"map": _png(plot_map(result.to_dict() | {"name": name}))}
-    if isinstance(result, ImageSolution | PointSolution):
-        return {"map": _png(plot_map(result.to_dict()))}
-    return {}
+        located = {arc.name: arc.solution for arc in result.arcs}
+    elif isinstance(result, Solution):
+        located = {result.targets[0].name if result.targets else result.name: result}
+    elif isinstance(result, ImageSolution | PointSolution):
+        located = {result.name: result}
+    where = [one.to_dict() | {"name": name} for name, one in located.items() if _on_map(one)]
+    return {"map": _png(plot_map(where))} if where else {}
 
 
-def _located(solution: Solution) -> bool:
-    return solution.trajectory is None and solution.position_estimated and solution.position_determined
+def _on_map(one: Solution | ImageSolution | PointSolution) -> bool:
+    if not isinstance(one, Solution):
+        return True
+    return one.trajectory is None and one.position_estimated and one.position_determined
 
 
 def _png(figure: Figure) -> BytesIO:
@@ -261,7 +314,8 @@ def _png(figure: Figure) -> BytesIO:
     return stream
 
 
-def _image(png: Path | BytesIO, alt: str, photograph: bool, replaced: bool) -> _Image:
+def _image(png: Path | BytesIO) -> dict[str, Any]:
+    """A figure within the page; its size is that on a screen of 96 dots per inch."""
     from PIL import Image  # which matplotlib needs
 
     flat, rich = BytesIO(), BytesIO()
@@ -275,7 +329,7 @@ def _image(png: Path | BytesIO, alt: str, photograph: bool, replaced: bool) -> _
     plain.save(rich, "webp", quality=80)
     data = min(flat.getvalue(), rich.getvalue(), key=len)
     uri = f"data:image/webp;base64,{base64.b64encode(data).decode()}"
-    return _Image(uri, alt, width, height, photograph, replaced)
+    return {"uri": uri, "width": width, "height": height}
 
 
 def _tables(solution: Solution) -> Iterator[tuple[str, str, Field]]:
@@ -285,19 +339,9 @@ def _tables(solution: Solution) -> Iterator[tuple[str, str, Field]]:
         for item in solution.budget
     ]
     yield _BUDGET, "Every source", Field("", (), ("1 sigma, m", "of", "east", "north", "up", "3D"), rows)
-    yield _OBSERVABILITY, "All parameters", parameter_field(solution, len(solution.parameters))
     pairs = solution.observability.correlations
     rows = [(pair.first, pair.second, f"{pair.coefficient:+.4f}") for pair in pairs]
     yield _OBSERVABILITY, "All large correlations", Field("", (), ("parameter", "and", "correlation"), rows)
-
-
-def _left_out(solution: Solution) -> Field:
-    """More of what was left out than the card has."""
-    rows = left_out_rows(solution, _MOST_LEFT_OUT)
-    heading = ("UTC", "link", "residual, m", "reason")
-    return Field(
-        "largest first", (), heading, rows, more(solution.fit.total.rejected, len(rows), "residuals.csv")
-    )
 
 
 def _flat(value: Any, key: str = "") -> Iterator[tuple[str, str]]:

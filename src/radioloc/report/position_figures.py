@@ -14,7 +14,6 @@ from radioloc.errors import InputError
 from radioloc.estimation.build import compare_with
 from radioloc.estimation.combination import ReferenceComparison
 from radioloc.estimation.solution import Solution
-from radioloc.report.arc_study import ArcStudy
 from radioloc.report.cards import to_sigma
 from radioloc.report.comparison import Comparison
 from radioloc.report.figures import (
@@ -29,9 +28,10 @@ from radioloc.report.figures import (
     several_panels,
     style_axes,
 )
-from radioloc.report.point_solution import PointSolution
-from radioloc.report.position_table import PositionRow, difference
-from radioloc.report.trial_statistics import NORMAL_95, SIDES
+from radioloc.report.image_solution import PointSolution
+from radioloc.report.monte_carlo import NORMAL_95, SIDES
+from radioloc.report.subsets import ArcStudy
+from radioloc.report.tables import PositionRow, difference
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

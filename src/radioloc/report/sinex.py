@@ -11,6 +11,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from radioloc._version import __version__
 from radioloc.errors import ConvergenceError, InputError
-from radioloc.estimation.solution import Solution, TargetPosition
+from radioloc.estimation.solution import Solution
 from radioloc.lunar.selenographic import cartesian_to_selenographic
 from radioloc.text_files import write_text
 from radioloc.time import Epochs, utc_strings
@@ -81,9 +82,9 @@ def write_sinex(solution: Solution, path: str | Path) -> Path:
         if not item.fixed and item.kind != "position" and np.isfinite(solution.covariance[k, k])
     ]
     targets = solution.targets or (solution,)
-    names = [target.name for target in targets]
+    places_me_m = {target.name: solution.rot_pa_to_me @ target.position_pa_m for target in targets}
     owners = [_OF_A_STATION.fullmatch(items[k].name.partition(".")[2]) for k in others]
-    codes = _codes([*names, *(owner[1] for owner in owners if owner)])
+    codes = _codes([*places_me_m, *(owner[1] for owner in owners if owner)])
 
     height_known = any(math.isfinite(item.prior_sigma) for item in items if item.kind == "position")
     lines = [
@@ -138,7 +139,7 @@ def write_sinex(solution: Solution, path: str | Path) -> Path:
         ],
         "SITE/ID": [
             "*CODE PT __DOMES__ T _STATION DESCRIPTION__ _LONGITUDE_ _LATITUDE__ HEIGHT_",
-            *(_site(code, name, solution, targets) for name, code in codes.items()),
+            *(_site(code, name, places_me_m.get(name)) for name, code in codes.items()),
         ],
         "SOLUTION/EPOCHS": [
             "*CODE PT SOLN T _DATA_START_ __DATA_END__ _MEAN_EPOCH_",
@@ -205,21 +206,13 @@ def _codes(names: Sequence[str]) -> dict[str, str]:
     return codes
 
 
-def _site(code: str, name: str, solution: Solution, targets: Sequence[Solution | TargetPosition]) -> str:
+def _site(code: str, name: str, position_me_m: NDArray[np.float64] | None) -> str:
     """A line of SITE/ID; the place of a station on Earth is left at zero, which means that it is not given."""
-    place = [f"{0:3d} {0:2d} {0.0:4.1f}"] * 2
-    height_m = 0.0
-    for target in targets:
-        if target.name == name:
-            longitude_rad, latitude_rad, height = cartesian_to_selenographic(
-                solution.rot_pa_to_me @ target.position_pa_m
-            )
-            place = [
-                _sexagesimal(math.degrees(longitude_rad) % 360.0),
-                _sexagesimal(math.degrees(latitude_rad)),
-            ]
-            height_m = float(height)
-    return f" {code:<4s}  A {'---------':<9s} C {_ascii(name, 22):<22s} {place[0]} {place[1]} {height_m:7.1f}"
+    longitude, latitude, height_m = (0.0, 0.0, 0.0)
+    if position_me_m is not None:
+        longitude, latitude, height_m = map(float, cartesian_to_selenographic(position_me_m))
+    place = f"{_sexagesimal(math.degrees(longitude) % 360.0)} {_sexagesimal(math.degrees(latitude))}"
+    return f" {code:<4s}  A {'---------':<9s} C {_ascii(name, 22):<22s} {place} {height_m:7.1f}"
 
 
 def _sexagesimal(angle_deg: float) -> str:
@@ -239,7 +232,5 @@ def _ascii(text: str, length: int) -> str:
 def _epoch(epoch: Epochs) -> str:
     """Year, day of the year and second of the day, UTC, as YY:DDD:SSSSS."""
     text = str(utc_strings(epoch, decimals=0)[0])
-    day = np.datetime64(text[:10])
-    number = int((day - day.astype("datetime64[Y]")).astype(int)) + 1
     seconds = 3600 * int(text[11:13]) + 60 * int(text[14:16]) + int(text[17:19])
-    return f"{text[2:4]}:{number:03d}:{seconds:05d}"
+    return f"{date.fromisoformat(text[:10]):%y:%j}:{seconds:05d}"

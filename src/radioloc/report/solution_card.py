@@ -1,48 +1,28 @@
-"""The card of a solution: where the target is, how well that is known, and how well observations are fitted."""
+"""The card of a solution: where the target is and how well that is known, beside how well observations are fitted."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.consider import A_PRIORI, EPHEMERIS, NOISE, BudgetItem, by_source
-from radioloc.estimation.consistency import Inconsistency
-from radioloc.estimation.labels import Labels
 from radioloc.estimation.orbit_state import OrbitState, ProcessEstimate
 from radioloc.estimation.solution import Level, Solution, card_of
-from radioloc.estimation.statistics import Residuals
-from radioloc.measurements.link import Link
-from radioloc.measurements.registry import KINDS, is_integrated
+from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.parameters.parameter import Role
-from radioloc.report.cards import (
-    Card,
-    Field,
-    duration,
-    have_paths,
-    metres,
-    more,
-    plural,
-    short_names,
-    sigma_text,
-    signed_metres,
-    to_sigma,
-)
+from radioloc.report.cards import Card, Field, metres, plural, sigma_text, signed_metres, table, to_sigma
+from radioloc.report.fit_card import fit_fields, inconsistent
 from radioloc.time import utc_strings
 
 # A card is to fit a screen; to_dict() has all rows.
 _MAX_ROWS = 6
-_MAX_CANDIDATES = 3
-_MAX_LINKS = 12  # six baselines of four stations, and some that range
-MAX_PARAMETERS = 12
+_MAX_PARAMETERS = 12
 _MAX_OUTLIERS = 3
 _MAX_SENTENCES = 4
-_MAX_SERIES = 3
 _LEAST_SHARE = 0.005
 """Sources with a smaller part of the variance are shown together."""
 _MEASURES = {
@@ -50,7 +30,10 @@ _MEASURES = {
     "a-priori values": (A_PRIORI,),
     "the ephemeris": (
         EPHEMERIS,
-        *("moon_position", "moon_position_variation", "libration", "libration_variation"),
+        "moon_position",
+        "moon_position_variation",
+        "libration",
+        "libration_variation",
     ),
     "coordinates of stations": ("station_position",),
     "clocks and frequencies": ("clock", "clock_rate", "frequency_offset", "frequency_rate"),
@@ -62,19 +45,13 @@ _MEASURES = {
 """What one measure would improve, and the sources of error that this is; others are called by their names."""
 _COARSE_M = 10.0
 """Coordinates worse than that are not surveyed."""
-_SPLIT_SIGMAS = 3.3
-"""Means of two links that differ by more do so by chance in 1 of 1000 cases."""
-_ENLARGED = 1.05
-_MUCH_LARGER = 3.0
-"""A sigma that grows by more belongs to an estimate that other weights make much better."""
 
 
 @card_of.register(Solution)
-def solution_card(solution: Solution, *, parameters: int | None = None) -> Card:
-    """Collect what the card of a solution says, in order; on a page, with so many parameters, all rows of the rest."""
-    page = parameters is not None
+def solution_card(solution: Solution) -> Card:
+    """Collect what the card of a solution says, in order."""
     sentences = (
-        *doppler_alone(solution),
+        *_doppler_alone(solution),
         *solution.observability.describe()[:_MAX_SENTENCES],
         *which_sigmas((solution,)),
     )
@@ -96,19 +73,10 @@ def solution_card(solution: Solution, *, parameters: int | None = None) -> Card:
             _budget(solution),
             Field("reference", _reference(solution)),
             Field("a priori", _position_priors(solution)),
-            parameter_field(solution, MAX_PARAMETERS)
-            if parameters is None
-            else parameter_field(solution, parameters, "the table of all parameters"),
+            _estimated(solution),
             Field("held", _held(solution)),
-            Field("passes", _passes(solution, page)),
-            Field("data", _data(solution)),
-            _transmitters(solution),
-            Field("fit", _fit(solution)),
-            Field(
-                "misfit", (str(item) for item in solution.consistency.found if not _strong(solution, item))
-            ),
-            *_groups(solution, page),
-            Field("left out", _left_out(solution)),
+            _passes(solution),
+            *fit_fields(solution),
             Field("observable", sentences),
             Field("notes", solution.notes),
         )
@@ -169,11 +137,11 @@ def _overlaps(solution: Solution) -> Field:
     return Field("arcs", (), heading, rows, below if rows else ())
 
 
-def doppler_alone(solution: Solution) -> Iterator[str]:
+def _doppler_alone(solution: Solution) -> Iterator[str]:
     """What is known of a position best and worst where all that was used are counts: they measure no distance."""
-    kinds = [group.label for group in solution.fit.by_type if group.used]
-    counted = [kind in KINDS and bool(is_integrated(np.array(KINDS.index(kind)))) for kind in kinds]
-    if not (counted and all(counted)) or not (solution.position_estimated and solution.position_determined):
+    kinds = {group.label for group in solution.fit.by_type if group.used}
+    known = solution.position_estimated and solution.position_determined
+    if not (known and kinds and all(kind in KINDS and MEASUREMENTS[kind].integrated for kind in kinds)):
         return
     variances, axes = np.linalg.eigh(solution.position_covariance())
     best, *_, worst = (
@@ -220,16 +188,7 @@ def _status(solution: Solution) -> Iterator[str]:
     yield f"{state} ({iterations}, {plural(solution.passes, 'editing pass', 'es')})"
     if solution.message:
         yield solution.message
-    for item in solution.consistency.found:
-        if _strong(solution, item):
-            yield f"WARNING: {item}"
-
-
-def _strong(solution: Solution, item: Inconsistency) -> bool:
-    """Whether what does not fit moves the position by more than its sigma."""
-    if item.shift_enu_m is None:
-        return False
-    return math.hypot(*item.shift_enu_m) > float(np.linalg.norm(solution.sigma_enu_m()))
+    yield from (f"WARNING: {item}" for item in inconsistent(solution, strongly=True))
 
 
 def _position(solution: Solution) -> Iterator[str]:
@@ -394,222 +353,19 @@ def _held(solution: Solution) -> Iterator[str]:
         yield ", ".join(f"{item.name} {item.prior_value:.6g} {item.unit}" for item in items)
 
 
-def parameter_field(solution: Solution, most: int, where: str = "solution.json") -> Field:
-    """Estimated parameters beside the position, the first of them, and where the others are."""
-    others, sigmas = _others(solution), solution.sigmas()
-    rows = []
-    for k in others[:most]:
+def _estimated(solution: Solution) -> Field:
+    """Estimated parameters beside the position."""
+    sigmas, rows = solution.sigmas(), []
+    for k in _others(solution):
         item = solution.parameters.parameters[k]
-        prior = (
-            "free" if math.isinf(item.prior_sigma) else f"{item.prior_value:.4g} +- {item.prior_sigma:.4g}"
-        )
-        rows.append(
-            (item.name, to_sigma(solution.values[k], sigmas[k]), sigma_text(sigmas[k]), item.unit, prior)
-        )
-    heading = ("parameter", "value", "sigma", "unit", "a priori")
-    return Field("estimated", (), heading, rows, more(len(others), most, where))
+        free = math.isinf(item.prior_sigma)
+        prior = "free" if free else f"{item.prior_value:.4g} +- {item.prior_sigma:.4g}"
+        value = to_sigma(solution.values[k], sigmas[k])
+        rows.append((item.name, value, sigma_text(sigmas[k]), item.unit, prior))
+    return table("estimated", ("parameter", "value", "sigma", "unit", "a priori"), rows, _MAX_PARAMETERS)
 
 
-def _passes(solution: Solution, every: bool) -> Iterator[str]:
+def _passes(solution: Solution) -> Field:
     """When the passes were that have parameters of their own."""
-    items = [item for item in solution.parameters if item.span_utc is not None]
-    most = len(items) if every else _MAX_ROWS
-    for item in items[:most]:
-        yield f"{item.name}: {' to '.join(item.span_utc or ())} UTC"
-    yield from more(len(items), most)
-
-
-def _data(solution: Solution) -> Iterator[str]:
-    rows = solution.residuals
-    if not len(rows):
-        yield "no observations"
-        return
-    ends = rows.epoch_utc[np.lexsort((rows.epoch_utc.fraction, rows.epoch_utc.jd))[[0, -1]]]
-    span_s = SECONDS_PER_DAY * float(np.diff(ends.jd)[0] + np.diff(ends.fraction)[0])
-    stations = plural(len(_ends(rows)), "station")
-    yield f"{plural(len(rows), 'observation')} from {stations} over {duration(span_s)},"
-    yield f"{' to '.join(utc_strings(ends, decimals=0))} UTC"
-
-
-def _transmitters(solution: Solution) -> Field:
-    """Candidates for the transmitter of each pass, with the rms that each leaves; of many, the next best alone."""
-    passes = solution.transmitters
-    names = list(dict.fromkeys(name for one in passes for name in one.rms_m_s))
-    few = len(names) <= _MAX_CANDIDATES
-    rows: list[tuple[str, ...]] = []
-    for one in passes:
-        taken = one.taken if one.decided else f"{one.taken}?"
-        next_best = [(name, one.size(name)) for name in one.ranking if name != one.taken][:1] or [("-", "-")]
-        sizes = (*map(one.size, names), taken) if few else (taken, one.size(one.taken), *next_best[0])
-        rows.append((f"{one.receiver} {one.first_utc[5:16]}", *sizes))
-    heading = ("rms of pass", *names, "taken") if few else ("pass", "taken", "rms", "next best", "rms")
-    cells = [cell for row in rows[:_MAX_LINKS] for cell in row]
-    below = ["- does not see the target"] * ("-" in cells)
-    below += ["? undecided: another fits about as well"] * any(cell.endswith("?") for cell in cells)
-    shown, rest = rows[:_MAX_LINKS], rows[_MAX_LINKS:]
-    return Field("transmitter", (), heading, shown, below, rest, "solution.json")
-
-
-def _fit(solution: Solution) -> Iterator[str]:
-    fit = solution.fit
-    line = f"{fit.total.used} used, {fit.total.rejected} left out"
-    # Types whose metres are of different things have no common one.
-    if fit.total.wrms_m is not None and len(fit.by_type) <= 1:
-        line += f"; wrms {metres(fit.total.wrms_m)} m"
-        if {group.label for group in fit.by_type} == {"range"}:
-            line += f" round trip ({metres(0.5 * fit.total.wrms_m)} m one way)"
-    yield line
-    added = fit.excess_noise_m
-    if len(added) > _MAX_ROWS and any(added.values()):
-        least, *_, most = sorted(added, key=lambda kind: added[kind])
-        yield (
-            f"additive variance components of {len(added)} links and passes: sigma {metres(added[least])} m ({least}) "
-            f"to {metres(added[most])} m ({most}), added in quadrature to the stated sigmas"
-        )
-    for kind, added_m in added.items() if len(added) <= _MAX_ROWS else ():
-        if added_m > 0.0:
-            yield (
-                f"additive variance component of {kind}: sigma {metres(added_m)} m, added in quadrature to the "
-                "stated sigmas"
-            )
-        elif " of " in kind and any(added.values()):
-            yield f"{kind} has no additive variance component, unlike the others"
-    if fit.shared_noise_m:
-        sizes = ", ".join(f"{name} {metres(sigma_m)} m" for name, sigma_m in fit.shared_noise_m.items())
-        yield f"delays of one epoch share errors of stations, as their residuals show: sigma {sizes}"
-    yield from _time_correlation(solution)
-    if fit.chi2_per_dof is None or fit.chi2_per_dof_bound is None:
-        yield "no redundancy: nothing tests the stated sigmas"
-        return
-    verdict = f"chi2/dof {fit.chi2_per_dof:.3g} with {fit.dof} degrees of freedom"
-    if fit.chi2_per_dof > fit.chi2_per_dof_bound:
-        verdict += (
-            f": the residuals are {math.sqrt(fit.chi2_per_dof):.3g} times larger than stated "
-            f"(by chance chi2/dof stays below {fit.chi2_per_dof_bound:.3g} in 99.9 %)"
-        )
-    yield verdict
-
-
-def _time_correlation(solution: Solution) -> Iterator[str]:
-    """Which residuals are correlated in time, those with the least information first, and what that does to sigma."""
-    if solution.time_correlation is None:
-        return
-    series = sorted(solution.time_correlation.series, key=lambda item: item.effective_count / item.count)
-    lines = [
-        f"time-correlated residuals of {item.name} (Gauss-Markov, correlation time "
-        f"{duration(item.correlation_time_s)}): {item.count} observations carry the information of "
-        f"{max(item.effective_count, 1.0):.0f}"
-        for item in series[:_MAX_SERIES]
-    ]
-    if len(series) > _MAX_SERIES:
-        lines[-1] += f"; likewise {len(series) - _MAX_SERIES} more series"
-    weights = sorted(solution.series_weights, key=lambda item: -item.sigma_factor)
-    lines += [
-        f"weight of {item.name}: that of {max(item.weighed_as, 1.0):.0f} independent observations"
-        for item in weights[:_MAX_SERIES]
-    ]
-    if len(weights) > _MAX_SERIES:
-        least, most = (max(end(w.weighed_as for w in weights[_MAX_SERIES:]), 1.0) for end in (min, max))
-        lines[-1] += f"; of {len(weights) - _MAX_SERIES} more series that of {least:.0f} to {most:.0f}"
-    yield from lines
-    if solution.correlation_factor < _ENLARGED:  # also where there is no position, or none that is determined
-        return
-    enlarged = (
-        f"the time correlation enlarges the position sigma by a factor of {solution.correlation_factor:.2g}"
-    )
-    if solution.correlation_factor > _MUCH_LARGER and not weights:
-        enlarged += '; [estimate] weights = "correlated" allows for it in the weights too'
-    yield enlarged
-
-
-def _ends(rows: Residuals) -> set[str]:
-    """Stations at either end of some path."""
-    if not have_paths(rows):
-        return set(rows.stations.present())
-    return {station for path in rows.paths.present() for station in Link.from_path(path).stations}
-
-
-def _links(rows: Residuals) -> Labels:
-    """What the station or link of each observation is called, with the type where those differ."""
-    if not have_paths(rows):
-        return rows.stations
-    # Of several types a station has no one rms: metres of range and of range difference are not alike.
-    several = len(rows.types.present()) > 1
-    names = [
-        # "one-way" is said by the place already.
-        f"{place} {kind.removeprefix('one_way_') if 'one-way' in place else kind}" if several else place
-        for place in short_names([Link.from_path(path) for path in rows.paths.texts])
-        for kind in rows.types.texts
-    ]
-    return Labels.coded(names, rows.paths.codes * len(rows.types.texts) + rows.types.codes)
-
-
-def _groups(solution: Solution, every: bool) -> Iterator[Field]:
-    """Statistics by station; where types differ, or a station has part in several paths, by type and by path."""
-    rows, fit = solution.residuals, solution.fit
-    if not have_paths(rows) or len(fit.by_path) == len(fit.by_station) == len(_ends(rows)):
-        found = [("stations", fit.by_station, _MAX_ROWS)]
-    else:
-        found = [("types", fit.by_type, _MAX_ROWS)] if len(fit.by_type) > 1 else []
-        found.append(("links", rows.statistics_by(_links(rows)), _MAX_LINKS))
-    heading = ("residuals, m", "used", "left out", "mean", "rms", "wrms")
-    for label, groups, at_most in found:
-        most, cells = len(groups) if every else at_most, []
-        for group in groups[:most]:
-            sizes = ("-" if x is None else metres(x) for x in (group.mean_m, group.rms_m, group.wrms_m))
-            cells.append((group.label, str(group.used), str(group.rejected), *sizes))
-        split = _split(solution) if label == "links" else ()
-        yield Field(label, (), heading, cells, (*more(len(groups), most), *split))
-
-
-def _split(solution: Solution) -> Iterator[str]:
-    """Ranges of two links of one station whose means differ significantly, which the station's mean can hide."""
-    worth = {}
-    if solution.time_correlation is not None:
-        worth = {item.name: max(item.effective_count, 1.0) for item in solution.time_correlation.series}
-    of_station: dict[str, list[tuple[str, float, float]]] = {}
-    for group in solution.fit.by_path:
-        kind, _, path = group.label.partition(" ")
-        if kind != "range" or not group.used or group.mean_m is None or group.rms_m is None:
-            continue
-        link = Link.from_path(path)
-        scatter_m = max(group.rms_m**2 - group.mean_m**2, 0.0) ** 0.5
-        count = worth.get(group.label, float(group.used))
-        way = "two-way" if link.transmitter == link.receiver else f"from {link.transmitter}"
-        of_station.setdefault(link.receiver, []).append((way, group.mean_m, scatter_m / count**0.5))
-    for station, means in of_station.items():
-        pairs = list(combinations(means, 2))
-        apart = [
-            (abs(one[1] - two[1]) / max(math.hypot(one[2], two[2]), 1e-9), one, two) for one, two in pairs
-        ]
-        sigmas, one, two = max(apart, default=(0.0, None, None), key=lambda found: found[0])
-        if sigmas > _SPLIT_SIGMAS and one is not None and two is not None:
-            yield (
-                f"ranges of {station}, {one[0]} {signed_metres(one[1])} m and {two[0]} {signed_metres(two[1])} m, "
-                f'disagree by {sigmas:.1f} sigmas: [estimate] clock = "all" or range_bias_per = "link" would absorb it'
-            )
-
-
-def _left_out(solution: Solution) -> Iterator[str]:
-    """The largest outliers; counts with one fault, such as those before the lock, together."""
-    rows = left_out_rows(solution, solution.fit.total.rejected)
-    alike: dict[tuple[str, str], list[str]] = {}
-    for epoch, name, _, reason in rows:
-        alike.setdefault((name, reason), []).append(epoch)
-    shown = 0
-    for (name, reason), epochs in list(alike.items())[:_MAX_OUTLIERS]:
-        shown += len(epochs)
-        times = f"{min(epochs)} and {len(epochs) - 1} later" if len(epochs) > 1 else epochs[0]
-        yield f"{times} {name}: {reason}"
-    yield from more(len(rows), shown)
-
-
-def left_out_rows(solution: Solution, most: int) -> list[tuple[str, ...]]:
-    """Epoch, link, residual (m) and reason of observations left out, those with the largest residuals first."""
-    rows = solution.residuals
-    out = np.flatnonzero(~rows.used)
-    # The largest outliers say most; what was left out from the beginning has its own reasons.
-    out = out[np.argsort(-np.abs(rows.residual_m[out] / rows.sigma_m[out]), kind="stable")][:most]
-    sizes = (f"{value:.4g}" for value in rows.residual_m[out])
-    columns = utc_strings(rows.epoch_utc[out], decimals=0), _links(rows)[out], sizes, rows.statuses[out]
-    return list(zip(*columns, strict=True))
+    rows = [(item.name, *item.span_utc) for item in solution.parameters if item.span_utc is not None]
+    return table("passes", ("of a pass", "from (UTC)", "to"), rows, _MAX_ROWS)

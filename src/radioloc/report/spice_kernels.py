@@ -1,16 +1,26 @@
-"""A lander as SPICE kernels: an SPK with its place and a frames kernel with the Moon's axes and its horizon."""
+"""SPICE kernels: a lander as an SPK and a frames kernel with the Moon's axes and its horizon; an orbit as an SPK.
+
+Source: NAIF's *SPK Required Reading*.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.boundary import bare_arguments
+from radioloc.constants import J2000_JD, SECONDS_PER_DAY
+from radioloc.dynamics import Orbit
 from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.errors import InputError
-from radioloc.estimation.solution import Solution
-from radioloc.report.image_solution import ImageSolution
+from radioloc.report.tables import Located, content_of
 from radioloc.text_files import replaced_file, write_text
 
 FIRST_SITE = 301001
@@ -22,12 +32,14 @@ _MEAN_EARTH = {"PA_DE421": ("MOON_ME_DE421", 31007), "PA_DE440": ("MOON_ME_DE440
 _OF_A_PCK, _FIXED = 2, 4  # SPICE's classes of frames
 _REACH_S = 3.2e9  # before and after J2000: 1898 to 2101
 _LONGEST_NAME = 27  # SPICE's frames have names of at most 32, and _TOPO is added
-_M_PER_KM = 1000.0
+M_PER_KM = 1000.0
+_DEGREE = 11
+_LONGEST_STEP_S = 600.0
+
+_Floats = NDArray[np.float64]
 
 
-def write_spice(
-    solution: Solution | ImageSolution | Mapping[str, Any], path: str | Path, *, code: int = FIRST_SITE
-) -> tuple[Path, Path]:
+def write_spice(solution: Located, path: str | Path, *, code: int = FIRST_SITE) -> tuple[Path, Path]:
     """Write an SPK with a lander's place, and beside it a frames kernel that SPICE needs to read it.
 
     Parameters
@@ -64,7 +76,7 @@ def write_spice(
     """
     import spiceypy
 
-    content = solution if isinstance(solution, Mapping) else solution.to_dict()
+    content = content_of(solution)
     spk, frames = Path(path), Path(path).with_suffix(".tf")
     if spk.suffix != ".bsp":
         raise InputError(f"{spk}: an SPK ends in .bsp")
@@ -81,21 +93,14 @@ def write_spice(
         known = ", ".join(_PRINCIPAL_AXES)
         raise InputError(f"{content['name']}: SPICE has no frame for {pa['frame']}; it has some for {known}")
     write_text(frames, _frames(content, code))
-    state = [pa[f"{axis}_m"] / _M_PER_KM for axis in "xyz"] + [0.0] * 3
-    with replaced_file(spk) as temporary:
-        temporary.unlink()
-        spiceypy.furnsh(str(frames))
-        try:
-            handle = spiceypy.spkopn(str(temporary), "radioloc", 0)
-            try:
-                axes, span = f"MOON_{pa['frame']}", [-_REACH_S, _REACH_S]
-                spiceypy.spkw09(
-                    handle, code, _MOON, axes, *span, content["name"][:40], 1, 2, [state] * 2, span
-                )
-            finally:
-                spiceypy.spkcls(handle)
-        finally:
-            spiceypy.unload(str(frames))
+    state = [pa[f"{axis}_m"] / M_PER_KM for axis in "xyz"] + [0.0] * 3
+    spiceypy.furnsh(str(frames))
+    try:
+        with _new_spk(spk) as handle:
+            axes, span = f"MOON_{pa['frame']}", [-_REACH_S, _REACH_S]
+            spiceypy.spkw09(handle, code, _MOON, axes, *span, content["name"][:40], 1, 2, [state] * 2, span)
+    finally:
+        spiceypy.unload(str(frames))
     return spk, frames
 
 
@@ -148,3 +153,91 @@ def _fixed(
         f"TKFRAME_{number}_AXES = ( {', '.join(map(str, axes))} )",
         f"TKFRAME_{number}_ANGLES = ( {', '.join(repr(float(angle)) for angle in angles)} )",
     ]
+
+
+@bare_arguments
+def write_orbit_spk(
+    orbit: Orbit | Sequence[Orbit], path: str | Path, body: int, *, step_s: float = 15.0
+) -> Path:
+    """Write an orbit as an SPK of type 13, Hermite polynomials of degree 11 through states at equal steps.
+
+    Parameters
+    ----------
+    orbit : Orbit or sequence of Orbit
+        One, or several from one after the other, each with segments of its own.
+    path : path-like
+        The file, ``.bsp``; one that is there is replaced.
+    body : int
+        NAIF code of the spacecraft, negative, such as -177.
+    step_s : float
+        From state to state, s, 600 at most; of 15 s the error is a micrometre in a low orbit and a field to degree 150.
+
+    Raises
+    ------
+    InputError
+        The code is not one of a spacecraft, or the step is not one.
+
+    Examples
+    --------
+    >>> from radioloc.dynamics import Forces, GravityField, propagate
+    >>> from radioloc.ephemeris import Trajectory
+    >>> from radioloc.report import write_orbit_spk
+    >>> from radioloc.time import epochs_from_strings
+    >>> epoch = epochs_from_strings("2012-04-09T04:30:00", "TDB")
+    >>> forces = Forces(GravityField.open("GRGM660PRIM", degree=20))
+    >>> orbit = propagate(epoch, [575750.0, -463261.0, -1631634.0], [-567.855, 1434.222, -600.22], forces, (0, 600))
+    >>> print(Trajectory.open(write_orbit_spk(orbit, "orbit.bsp", -177), -177))
+    body -177 of orbit.bsp, 2012-04-09T04:30:00 to 2012-04-09T04:40:00 TDB
+    """
+    import spiceypy
+
+    if isinstance(body, bool) or not isinstance(body, int) or not -(2**31) < body < 0:
+        raise InputError(
+            f"body {body!r} is no NAIF code of a spacecraft; give a negative integer such as -177"
+        )
+    with _new_spk(path) as handle:
+        for part, times_s in orbit_parts(orbit, step_s):
+            midnight_s = float((part.epoch.jd[0] - J2000_JD) * SECONDS_PER_DAY)
+            of_day_s = float(part.epoch.fraction[0] * SECONDS_PER_DAY)
+            et_s = midnight_s + of_day_s + times_s
+            states = states_km(part, times_s)
+            # A float of seconds since J2000 is off by up to 0.06 us: 0.1 mm along a low orbit.
+            rest_s = (midnight_s - et_s) + of_day_s + times_s
+            states[:, :3] -= states[:, 3:] * rest_s[:, None]
+            count = len(et_s)
+            degree = min(_DEGREE, 2 * count - 1)
+            segment = (body, _MOON, "J2000", et_s[0], et_s[-1], part.name[:40])
+            spiceypy.spkw13(handle, *segment, degree, count, states.tolist(), et_s.tolist())
+    return Path(path)
+
+
+@contextmanager
+def _new_spk(path: str | Path) -> Iterator[int]:
+    """The handle of a new SPK, which takes the place of one that is there once it is whole."""
+    import spiceypy
+
+    with replaced_file(path) as temporary:
+        temporary.unlink()
+        handle = spiceypy.spkopn(str(temporary), "radioloc", 0)
+        try:
+            yield handle
+        finally:
+            spiceypy.spkcls(handle)
+
+
+def orbit_parts(orbit: Orbit | Sequence[Orbit], step_s: float) -> Iterator[tuple[Orbit, _Floats]]:
+    """Each part without a jump, and equally spaced times in it from its epoch, both ends included."""
+    if not 0.0 < step_s <= _LONGEST_STEP_S:
+        raise InputError(f"step {step_s!r} s is not more than 0 and at most {_LONGEST_STEP_S:.0f} s")
+    for one in (orbit,) if isinstance(orbit, Orbit) else orbit:
+        for leg in one.legs:
+            first_s, last_s = leg.span_s
+            yield (
+                replace(one, legs=(leg,)),
+                np.linspace(first_s, last_s, 2 + int((last_s - first_s) / step_s)),
+            )
+
+
+def states_km(orbit: Orbit, times_s: _Floats) -> _Floats:
+    """States at times from the orbit's epoch, km and km/s, shape (n, 6)."""
+    return np.hstack(orbit.states(orbit.epoch.shifted(times_s))) / M_PER_KM

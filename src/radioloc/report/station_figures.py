@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from importlib.resources import files
 from typing import TYPE_CHECKING
 
+import erfa
 import numpy as np
 from numpy.typing import NDArray
 
@@ -108,6 +109,7 @@ def plot_stations(
     for (differenced, _), line in lines.items():
         color, dashes, label = styles[differenced]
         axes.plot(*_about(line, middle_deg), color=color, linestyle=dashes, linewidth=1.2, label=label)
+        styles[differenced] = color, dashes, "_"  # each kind of line is named once
     for name, at_deg in where.items():
         [at] = _about(at_deg[np.newaxis], middle_deg).T
         axes.plot(*at, "^", color="black", markersize=6, markeredgecolor="white", zorder=3)
@@ -119,11 +121,6 @@ def plot_stations(
     )
     axes.set_xlabel("east longitude (deg)")
     axes.set_ylabel("latitude (deg)")
-    # Each kind of line once.
-    handles, labels = axes.get_legend_handles_labels()
-    for handle, label, again in zip(handles, labels, (labels[:k] for k in range(len(labels))), strict=True):
-        if label in again:
-            handle.set_label("_")
     if lines:
         legend_below(axes, ax, 2)
     return axes.figure.figure
@@ -165,20 +162,9 @@ def _about(line: _Floats, middle_deg: float) -> _Floats:
 
 def _great_circle(one_deg: _Floats, other_deg: _Floats) -> _Floats:
     """Longitude and latitude along the shorter way, shape (n, 2)."""
-    ends = []
-    for longitude, latitude in np.radians([one_deg, other_deg]):
-        ends.append(
-            [
-                np.cos(latitude) * np.cos(longitude),
-                np.cos(latitude) * np.sin(longitude),
-                np.sin(latitude),
-            ]
-        )
-    one, other = np.array(ends)
+    one, other = erfa.s2c(*np.radians([one_deg, other_deg]).T)
     part = np.linspace(0.0, 1.0, 91)[:, np.newaxis]
-    angle = np.arccos(np.clip(one @ other, -1.0, 1.0))
-    x, y, z = (np.sin((1.0 - part) * angle) * one + np.sin(part * angle) * other).T
-    return np.degrees(np.stack([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))], axis=-1))
+    return np.degrees(np.stack(erfa.c2s((1.0 - part) * one + part * other), axis=-1))
 
 
 def _coastlines() -> list[_Floats]:

@@ -17,9 +17,8 @@ from radioloc.estimation.statistics import finite_or_none
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.progress import progress_bar
-from radioloc.report.arc_study import Arc, ArcStudy, apart
 from radioloc.report.covariance import radius_95_m
-from radioloc.report.leave_one_out import LeaveOneOut, Without
+from radioloc.report.subsets import Arc, ArcStudy, LeaveOneOut, Without, apart
 from radioloc.studies.locate import fit_arc, logger, prepared_arc
 from radioloc.studies.orbiter import Orbiter
 from radioloc.studies.selection import DEFAULT_HOURS, arc_lengths, arc_parts

@@ -22,11 +22,10 @@ from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.position import LunarPosition
 from radioloc.parameters.moon import MAP_TIE
-from radioloc.report.arc_study import ArcStudy
 from radioloc.report.comparison import Comparison
-from radioloc.report.image_solution import ImageSolution
-from radioloc.report.point_solution import PointSolution
-from radioloc.report.position_table import METHODS, Place, PositionRow, place_fields
+from radioloc.report.image_solution import ImageSolution, PointSolution
+from radioloc.report.subsets import ArcStudy
+from radioloc.report.tables import METHODS, Place, PositionRow, place_fields
 from radioloc.studies.schema import Hints, TomlTable, check, entry
 from radioloc.studies.study_file import Place as PositionTable
 from radioloc.studies.study_file import position_of, toml_content

@@ -32,8 +32,7 @@ from radioloc.imaging import (
 from radioloc.kernels import sha256_of
 from radioloc.lunar import LunarPosition, TerrainModel
 from radioloc.report.cards import Field, metres
-from radioloc.report.image_solution import MAP_TIE
-from radioloc.report.point_solution import ErrorSource, PointSolution
+from radioloc.report.image_solution import MAP_TIE, ErrorSource, PointSolution
 from radioloc.studies.image_study import GroundChoice, ImagePointChoice, PointStudy, StereoChoice
 from radioloc.studies.record import versions
 from radioloc.time import Epochs, to_scale, utc_strings

@@ -22,8 +22,7 @@ from radioloc.imaging.registration import Registration, register_chain
 from radioloc.imaging.shading import sun_over_map, write_shaded_map
 from radioloc.lunar import LunarPosition, TerrainModel
 from radioloc.progress import progress_bar
-from radioloc.report.image_solution import ImageSolution
-from radioloc.report.point_solution import PointSolution
+from radioloc.report.image_solution import ImageSolution, PointSolution
 from radioloc.studies.image_points import FRAME, ground_at, locate_point, locate_stereo, provenance_of
 from radioloc.studies.image_study import ImageChoice, ImageStudy, PointStudy, StereoChoice, read_image_study
 from radioloc.text_files import json_file
@@ -206,7 +205,7 @@ def _solution(
         chosen.base_map_sigma_m,
         registration,
         base,
-        camera,
+        None if camera is None else camera.camera,
         mask,
         altitudes,
         {reference.name: reference.position for reference in study.references},

@@ -21,7 +21,7 @@ from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.time_correlation import estimated_covariance
 from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.parameters.parameter import ParameterSet
-from radioloc.report.trial_statistics import sides_of
+from radioloc.report.monte_carlo import sides_of
 from radioloc.simulation.noise import NoiseDraws
 from radioloc.simulation.truth import DrawnErrors
 from radioloc.studies.problem import weighed

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError
 from radioloc.progress import progress_bar
 from radioloc.report.files import OF_A_MONTE_CARLO, made_folder, remove_files, write_json
-from radioloc.report.monte_carlo import MonteCarlo, Proof
-from radioloc.report.trial_statistics import sides_of
+from radioloc.report.monte_carlo import MonteCarlo, Proof, sides_of
 from radioloc.simulation.noise import generator, require_seed
 from radioloc.studies.linear_trials import LinearTrials
 from radioloc.studies.one_thread import on_one_blas_thread

@@ -23,8 +23,7 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.pointing import Direction, direction
 from radioloc.measurements.predictor import reasons
 from radioloc.measurements.registry import is_one_way, kind_of
-from radioloc.report.light_times import LightTimes
-from radioloc.report.passes import Pass, Passes
+from radioloc.report.predictions import LightTimes, Pass, Passes
 from radioloc.simulation.schedule import LINKS, Schedule, Session
 from radioloc.simulation.simulate import StateAndForces
 from radioloc.simulation.visibility import Masks, Target, Window, elevations, windows

@@ -10,8 +10,8 @@ from radioloc.estimation.consider import by_source, prior_effects
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.parameters.considered import considered_choices
 from radioloc.parameters.parameter import Parameter, ParameterSet
-from radioloc.report.arc_study import sigmas_apart
 from radioloc.report.cards import metres
+from radioloc.report.subsets import sigmas_apart
 
 RNG = np.random.default_rng(7)
 

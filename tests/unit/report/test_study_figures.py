@@ -19,8 +19,8 @@ from radioloc.report import (
     plot_terms,
     plot_visibility,
 )
-from radioloc.report.arc_study import Arc, ArcStudy
 from radioloc.report.station_figures import _coastlines
+from radioloc.report.subsets import Arc, ArcStudy
 from radioloc.simulation import Masks, windows
 from radioloc.time import epochs_from_strings
 

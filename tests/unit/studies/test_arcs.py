@@ -15,8 +15,8 @@ from radioloc.cli import main
 from radioloc.errors import InputError
 from radioloc.estimation.solution import Solution
 from radioloc.io.table import write_table
-from radioloc.report.arc_study import sigmas_apart
-from radioloc.report.position_table import difference
+from radioloc.report.subsets import sigmas_apart
+from radioloc.report.tables import difference
 from radioloc.studies import EstimateChoice, ObservationChoice, Reference
 from radioloc.studies.study import HeightPrior
 

@@ -22,7 +22,7 @@ from radioloc import Study
 from radioloc.cli import main
 from radioloc.errors import InputError
 from radioloc.parameters.considered import considered_choices
-from radioloc.report.trial_statistics import binomial_bounds, summarize
+from radioloc.report.monte_carlo import MonteCarlo, binomial_bounds
 from radioloc.simulation import (
     Noise,
     NoiseModel,
@@ -430,7 +430,8 @@ def test_trials_that_did_not_converge_do_not_count():
     columns += ("sigma_up_m", "nees", "nees_horizontal")
     good = [1.0, 10.0, 1.0, 3.0, 4.0, 0.0, 1.0, 1.0, 1.0, 25.0, 25.0]
     bad = [0.0, 10.0, 1.0, 3e3, 4e3, 0.0, 1.0, 1.0, 1.0, np.nan, np.nan]
-    found = summarize(12.0, 11.9, columns, np.array([good, bad, good]), None)
+    values = np.array([[good], [bad], [good]])
+    [found] = MonteCarlo("plan", 1, (12.0,), (11.9,), columns, values, True, None, ()).arcs
     assert (found.trials, found.converged) == (3, 2)
     assert found.radius_95_m == pytest.approx(5.0)
     assert found.inside["horizontal"].count == 0

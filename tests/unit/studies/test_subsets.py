@@ -9,7 +9,7 @@ import pytest
 import radioloc
 from radioloc.errors import InputError
 from radioloc.estimation.combination import PositionEstimate
-from radioloc.report.leave_one_out import Without
+from radioloc.report.subsets import Without
 from radioloc.studies import leave_one_out
 from radioloc.studies.arcs import _groups
 from radioloc.studies.locate import prepared_arc

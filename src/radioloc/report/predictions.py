@@ -1,9 +1,9 @@
-"""Light times, ranges and pointing over a grid of epochs, as a table."""
+"""What is to be expected of a target: light times, ranges and pointing over a grid of epochs, passes over stations."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -129,39 +129,140 @@ class LightTimes(Shown):
         """The first rows of each link."""
         count = plural(len(self), "row")
         unseen = f"; {self.unseen} left out, when a station does not see it" if self.unseen else ""
+        pointing = "at reception, no refraction; apparent ra and dec, of date"
         return Card(
             [
                 Field("light time", [self.name]),
                 Field("span", [f"{self.start_utc} to {self.stop_utc} UTC, of reception"]),
                 Field("rows", [count + unseen]),
                 *self._tables("signal", _SIGNAL, "light times in TDB; rate of the range"),
-                *self._tables(
-                    "pointing",
-                    _POINTING,
-                    "at reception, no refraction; apparent ra and dec, of date",
-                ),
+                *self._tables("pointing", _POINTING, pointing),
             ]
         )
 
     def _tables(self, label: str, names: dict[str, tuple[str, int]], what: str) -> Iterator[Field]:
         yield Field(label, [what])
-        shown = {name: cell for name, cell in names.items() if self._has(name)}
-        heading = ["UTC", *(title for title, _ in shown.values())]
+        shown = [name for name in names if name in self.columns and np.isfinite(self[name]).any()]
+        heading = ["UTC", *(names[name][0] for name in shown)]
         for code, text in enumerate(self.path.texts):
             rows = np.flatnonzero(self.path.codes == code)
-            cells = [self._cells(row, shown) for row in rows[:_MOST_ROWS].tolist()]
-            if cells:
-                yield Field("", [text], heading, cells, more(len(rows), len(cells), _WHERE))
-
-    def _has(self, name: str) -> bool:
-        return name in self.columns and bool(np.isfinite(self[name]).any())
-
-    def _cells(self, row: int, shown: dict[str, tuple[str, int]]) -> tuple[str, ...]:
-        date = str(utc_strings(self.epoch[row], 0)[0])
-        numbers = ((self[name][row], decimals) for name, (_, decimals) in shown.items())
-        cells = ("-" if np.isnan(value) else f"{value:.{decimals}f}" for value, decimals in numbers)
-        return date[5:].replace("T", " "), *cells
+            first = rows[:_MOST_ROWS]
+            dates = [date[5:].replace("T", " ") for date in utc_strings(self.epoch[first], 0).tolist()]
+            columns = [
+                ["-" if np.isnan(x) else f"{x:.{names[name][1]}f}" for x in self[name][first]]
+                for name in shown
+            ]
+            cells = zip(dates, *columns, strict=True)
+            if len(rows):
+                yield Field("", [text], heading, cells, more(len(rows), len(first), _WHERE))
 
 
 def _decimals(name: str) -> int:
     return next(digits for unit, digits in reversed(_DECIMALS.items()) if name.endswith(f"_{unit}"))
+
+
+@dataclass(frozen=True, slots=True)
+class Pass:
+    """A time in which a station sees the target above its mask.
+
+    Parameters
+    ----------
+    station : str
+        Name in the catalogue.
+    start_utc, stop_utc : str
+        First and last whole second.
+    rises, sets : bool
+        Whether it begins by a rise and ends by a set rather than by the limits of the search.
+    hours : float
+        How long it lasts, h.
+    highest_deg : float
+        Highest elevation, to the minute, without refraction.
+    highest_utc : str
+        When that is.
+    target : str
+        Which of several it is.
+    """
+
+    station: str
+    start_utc: str
+    stop_utc: str
+    rises: bool
+    sets: bool
+    hours: float
+    highest_deg: float
+    highest_utc: str
+    target: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Passes(Shown):
+    """All passes of targets over some stations; ``str()`` is a card.
+
+    Parameters
+    ----------
+    name : str
+        Name of the study.
+    start_utc, stop_utc : str
+        Limits of the search.
+    masks_deg : dict of str to float
+        Elevation of each station below which it does not see the target, in the order of the stations.
+    target_mask_deg : float
+        The same of the target.
+    passes : tuple of Pass
+        By target and station, then in the order of time.
+    targets : tuple of str
+        Names of several.
+    """
+
+    name: str
+    start_utc: str
+    stop_utc: str
+    masks_deg: dict[str, float]
+    target_mask_deg: float
+    passes: tuple[Pass, ...]
+    targets: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it, in types that JSON has."""
+        return asdict(self)
+
+    def card(self) -> Card:
+        """A table of the passes."""
+        heading = (*["target"] * bool(self.targets), "station", "rise", "set", "hours", "max, deg", "at")
+        span = f"{self.start_utc} to {self.stop_utc} UTC"
+        masks = sorted(set(self.masks_deg.values()))
+        above = " or ".join(f"{mask:g}" for mask in masks)
+        return Card(
+            [
+                Field("visibility", [self.name]),
+                Field("span", [span]),
+                Field("mask", [f"{above} deg at the stations, {self.target_mask_deg:g} deg at the target"]),
+                Field(
+                    "passes", [plural(len(self.passes), "pass", "es")], heading, map(_pass_cells, self.passes)
+                ),
+                Field("never seen", self._never()),
+            ]
+        )
+
+    def _never(self) -> Iterator[str]:
+        seen = {(one.target, one.station) for one in self.passes}
+        for target in self.targets or ("",):
+            if unseen := [name for name in self.masks_deg if (target, name) not in seen]:
+                yield f"{target} by {', '.join(unseen)}".lstrip()
+
+
+def _pass_cells(one: Pass) -> tuple[str, ...]:
+    """Month, day and time; the span has the year."""
+    return (
+        *[one.target] * bool(one.target),
+        one.station,
+        _short(one.start_utc) if one.rises else "already up",
+        _short(one.stop_utc) if one.sets else "still up",
+        f"{one.hours:.2f}",
+        f"{one.highest_deg:.1f}",
+        one.highest_utc[11:16],
+    )
+
+
+def _short(utc: str) -> str:
+    return utc[5:19].replace("T", " ")

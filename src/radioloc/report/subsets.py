@@ -1,4 +1,7 @@
-"""Arc-length studies: positions from arcs of several lengths beside known ones, as in Wang et al. (2021), table 1."""
+"""Positions from parts of the data: from arcs of several lengths, and without each station and link.
+
+The table of arcs beside known positions is that of Wang et al. (2021), table 1.
+"""
 
 from __future__ import annotations
 
@@ -8,24 +11,36 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.combination import Agreement, PositionEstimate, agreement
 from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.position import LunarPosition
-from radioloc.report.cards import Card, Field, Shown, metres, sigma_text, to_sigma
-from radioloc.report.position_table import (
-    HEADING,
+from radioloc.measurements.link import Link
+from radioloc.report.cards import (
+    Card,
+    Field,
+    Shown,
+    metres,
+    sigma_text,
+    signed_metres,
+    table,
+    to_sigma,
+    ways,
+)
+from radioloc.report.covariance import radius_95_m
+from radioloc.report.solution_card import which_sigmas
+from radioloc.report.tables import (
     PositionRow,
+    TextTable,
     csv_table,
     difference,
     place_fields,
-    position_cells,
+    position_fields,
     position_table,
 )
-from radioloc.report.solution_card import which_sigmas
-from radioloc.report.text_table import TextTable
 from radioloc.tables import TableForm, as_table
 
 _ARCS_IN_ROW = 3
@@ -33,8 +48,8 @@ _WIDE = 18  # characters of a value with its sigma of which one fewer goes into 
 _MAX_PARAMETERS = 12  # a card is to fit a screen; to_dict() has them all
 _FILLED = 0.95
 """Of an arc, where its data last to its end, but for the time from one observation to the next."""
-_UNLIKELY_SIGMAS = 3.72
-"""Two coordinates of a right model stay below this in 99.9 %."""
+_UNLIKELY_SIGMAS = {2: 3.72, 3: 4.03}
+"""Two and three coordinates of a right model stay below this in 99.9 %."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,23 +201,14 @@ class ArcStudy(Shown):
         """Card of the study."""
         longest, rows = self.longest, self.rows
         failed = [arc.name for arc in self.arcs if not arc.solution.converged]
-        axes = (
-            f"{longest.me_frame}, fitted in {longest.pa_frame}; L east longitude, B latitude; dL, dB relative to "
-            f"{self.benchmark}, on the sphere of {MEAN_LUNAR_RADIUS_M / 1e3:.1f} km"
-        )
+        axes = f"{longest.me_frame}, fitted in {longest.pa_frame}"
         sizes = ("", "L, m", "B, m", "h, m", "height, m", f"from {self.arcs[0].name}, m", "in sigmas")
         counts = ("", "span, h", "used", "left out", "wrms, m", "chi2/dof")
         return Card(
             (
                 Field("arc lengths", (self.name,)),
                 Field("status", (f"NOT CONVERGED: {', '.join(failed)}" if failed else "all arcs converged",)),
-                Field("axes", (axes,)),
-                Field(
-                    "positions",
-                    (),
-                    HEADING,
-                    ((row.name, *position_cells(row, to_360=self.longitude_to_360)) for row in rows),
-                ),
+                *position_fields(rows, axes, self.benchmark, self.longitude_to_360),
                 Field("1 sigma", (), sizes, map(_sigma_cells, self.arcs, rows)),
                 Field("data", (), counts, map(_data_cells, self.arcs, rows)),
                 *_parameter_fields(self),
@@ -267,9 +273,9 @@ def _parameter_fields(study: ArcStudy) -> Iterator[Field]:
             for name, unit in units.items()
         ]
         heading = ("value +- 1 sigma", *(arc.name for arc in arcs))
+        # The last says how many there are beside.
         where = "arcs.json" if start + in_row >= len(study.arcs) else ""
-        rest = rows[_MAX_PARAMETERS:]
-        yield Field("" if start else "estimated", (), heading, rows[:_MAX_PARAMETERS], (), rest, where)
+        yield table("" if start else "estimated", heading, rows, _MAX_PARAMETERS, where=where)
 
 
 def _with_sigma(found: tuple[float, float] | None) -> str:
@@ -295,11 +301,138 @@ def _notes(study: ArcStudy, rows: tuple[PositionRow, ...]) -> Iterator[str]:
         if arc.span_h < _FILLED * arc.hours:
             yield f"the arc of {arc.name} is longer than its data, which end after {arc.span_h:.2f} h"
     for row in rows:
-        if row.from_longest_sigmas is not None and row.from_longest_sigmas > _UNLIKELY_SIGMAS:
+        if row.from_longest_sigmas is not None and row.from_longest_sigmas > _UNLIKELY_SIGMAS[2]:
             yield (
                 f"{row.name} and {study.arcs[0].name} are {row.from_longest_m:.1f} m apart, "
-                f"{row.from_longest_sigmas:.1f} sigmas of that difference (99.9 % are below {_UNLIKELY_SIGMAS}): the "
-                "sigmas are too small, as errors of the data are correlated or the model is incomplete"
+                f"{row.from_longest_sigmas:.1f} sigmas of that difference (99.9 % are below {_UNLIKELY_SIGMAS[2]}): "
+                "the sigmas are too small, as errors of the data are correlated or the model is incomplete"
             )
     # What several arcs say alike is said once, of the longest; counts of observations differ from arc to arc.
     yield from (note for note in study.longest.notes if "not selected:" not in note)
+
+
+@dataclass(frozen=True, slots=True)
+class Without:
+    """The position without a station or a link.
+
+    Parameters
+    ----------
+    kind : {"station", "link"}
+    name : str
+        The station, or the path of the link.
+    left_out : int
+        Observations that go with it.
+    used : int
+        Observations that are used without it.
+    converged : bool
+        Whether the fit converges without it.
+    radius_95_m : float or None
+        95 % radius of the horizontal position, m; None where it is not determined without it.
+    shift_enu_m : tuple of float or None
+        The position without it less that with all, east, north, up, m; None where it is not determined.
+    sigma_enu_m : tuple of float or None
+        Standard deviation of that shift, m; None where it is not known.
+    sigmas : float or None
+        Length of the shift in standard deviations of it, over all components.
+    """
+
+    kind: str
+    name: str
+    left_out: int
+    used: int
+    converged: bool
+    radius_95_m: float | None = None
+    shift_enu_m: tuple[float, float, float] | None = None
+    sigma_enu_m: tuple[float | None, ...] | None = None
+    sigmas: float | None = None
+
+    @property
+    def shown(self) -> str:
+        """Name on the card, such as ``KASHI two-way`` of a link."""
+        if self.kind == "station":
+            return self.name
+        link = Link.from_path(self.name)
+        return f"{link.place} {ways([link])[0]}".rstrip()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LeaveOneOut(Shown):
+    """A solution, and the positions without each of its stations and links; ``str()`` is a card.
+
+    Parameters
+    ----------
+    solution : Solution
+        From all observations.
+    without : tuple of Without
+        Stations, then links.
+    """
+
+    solution: Solution
+    without: tuple[Without, ...]
+
+    @property
+    def name(self) -> str:
+        """The study's."""
+        return self.solution.name
+
+    @property
+    def converged(self) -> bool:
+        """Whether the fit to all observations did."""
+        return self.solution.converged
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """What is found without each, by name; NaN where it is not known."""
+        rows = [asdict(one) for one in self.without]
+        found = {key: np.array([row[key] for row in rows]) for key in ("kind", "name", "left_out", "used")}
+        found["converged"] = np.array([int(one.converged) for one in self.without])
+        numbers: dict[str, Any] = {"radius_95_m": [one.radius_95_m for one in self.without]}
+        for key in ("shift", "sigma"):
+            enu = np.array([row[f"{key}_enu_m"] or (None,) * 3 for row in rows]).reshape(-1, 3)
+            numbers |= {f"{key}_{axis}_m": enu[:, k] for k, axis in enumerate(("east", "north", "up"))}
+        numbers["sigmas"] = [one.sigmas for one in self.without]
+        return found | {key: np.array(column, dtype=np.float64) for key, column in numbers.items()}
+
+    def to_table(self, form: TableForm = "astropy") -> Any:
+        """One row for each as a ``QTable`` of astropy, with units, or a ``DataFrame`` of pandas."""
+        return as_table(self.columns(), form)
+
+    def to_dict(self) -> dict[str, Any]:
+        """All but single residuals, in types that JSON has."""
+        return {"solution": self.solution.to_dict(), "without": [asdict(one) for one in self.without]}
+
+    def card(self) -> Card:
+        """By how much the position moves without each."""
+        heading = ("without", "used", "east, m", "north, m", "up, m", "sigmas", "95 %, m")
+        radius_m = radius_95_m(self.solution.position_covariance()[:2, :2])
+        return Card(
+            [
+                Field("left out", [f"each station and link of {self.solution.name} in turn"]),
+                Field(
+                    "all",
+                    [f"{self.solution.fit.total.used} observations used; 95 % within {metres(radius_m)} m"],
+                ),
+                Field("shift", (), heading, map(_shift_cells, self.without)),
+                Field("notes", self._notes()),
+            ]
+        )
+
+    def _notes(self) -> Iterator[str]:
+        for one in self.without:
+            if one.shift_enu_m is None:
+                yield f"without {one.shown} the position is not determined"
+            elif not one.converged:
+                yield f"without {one.shown} the fit does not converge"
+            elif one.sigmas is not None and one.sigmas > _UNLIKELY_SIGMAS[3]:
+                yield (
+                    f"without {one.shown} the position moves by {math.hypot(*one.shift_enu_m):.3g} m, {one.sigmas:.1f} "
+                    f"sigmas of that shift (99.9 % are below {_UNLIKELY_SIGMAS[3]}): it does not fit the others, or "
+                    "the sigmas are too small"
+                )
+        yield from which_sigmas([self.solution])
+
+
+def _shift_cells(one: Without) -> tuple[str, ...]:
+    if one.shift_enu_m is None:
+        return (one.shown, str(one.used), *("-" * 5))
+    sigmas = "-" if one.sigmas is None else f"{one.sigmas:.1f}"
+    return (one.shown, str(one.used), *map(signed_metres, one.shift_enu_m), sigmas, metres(one.radius_95_m))

@@ -147,6 +147,11 @@ def more(count: int, most: int, where: str = "solution.json") -> tuple[str, ...]
     return (f"{count - most} more in {where}",) if count > most else ()
 
 
+def first_of(lines: Sequence[str], most: int) -> list[str]:
+    """The first lines, and how many are not shown."""
+    return [*lines[:most], *more(len(lines), most)]
+
+
 def plural(count: int, noun: str, ending: str = "s") -> str:
     """A count with its noun."""
     return f"{count} {noun}{'' if count == 1 else ending}"

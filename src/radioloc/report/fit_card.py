@@ -17,6 +17,7 @@ from radioloc.measurements.link import Link
 from radioloc.report.cards import (
     Field,
     duration,
+    first_of,
     have_paths,
     metres,
     more,
@@ -97,21 +98,14 @@ def _fit(solution: Solution) -> Iterator[str]:
         if {group.label for group in fit.by_type} == {"range"}:
             line += f" round trip ({metres(0.5 * fit.total.wrms_m)} m one way)"
     yield line
-    added = fit.excess_noise_m
-    if len(added) > _MAX_ROWS and any(added.values()):
-        least, *_, most = sorted(added, key=lambda kind: added[kind])
-        yield (
-            f"additive variance components of {len(added)} links and passes: sigma {metres(added[least])} m ({least}) "
-            f"to {metres(added[most])} m ({most}), added in quadrature to the stated sigmas"
-        )
-    for kind, added_m in added.items() if len(added) <= _MAX_ROWS else ():
-        if added_m > 0.0:
-            yield (
-                f"additive variance component of {kind}: sigma {metres(added_m)} m, added in quadrature to the "
-                "stated sigmas"
-            )
-        elif " of " in kind and any(added.values()):
-            yield f"{kind} has no additive variance component, unlike the others"
+    components = [
+        f"additive variance component of {kind}: sigma {metres(added_m)} m, added in quadrature to the stated sigmas"
+        if added_m > 0.0
+        else f"{kind} has no additive variance component, unlike the others"
+        for kind, added_m in fit.excess_noise_m.items()
+        if added_m > 0.0 or (" of " in kind and any(fit.excess_noise_m.values()))
+    ]
+    yield from first_of(components, _MAX_ROWS)
     if fit.shared_noise_m:
         sizes = ", ".join(f"{name} {metres(sigma_m)} m" for name, sigma_m in fit.shared_noise_m.items())
         yield f"delays of one epoch share errors of stations, as their residuals show: sigma {sizes}"
@@ -137,19 +131,15 @@ def _time_correlation(solution: Solution) -> Iterator[str]:
         f"time-correlated residuals of {item.name} (Gauss-Markov, correlation time "
         f"{duration(item.correlation_time_s)}): {item.count} observations carry the information of "
         f"{max(item.effective_count, 1.0):.0f}"
-        for item in series[:_MAX_SERIES]
+        for item in series
     ]
-    if len(series) > _MAX_SERIES:
-        lines[-1] += f"; likewise {len(series) - _MAX_SERIES} more series"
+    yield from first_of(lines, _MAX_SERIES)
     weights = sorted(solution.series_weights, key=lambda item: -item.sigma_factor)
-    lines += [
+    lines = [
         f"weight of {item.name}: that of {max(item.weighed_as, 1.0):.0f} independent observations"
-        for item in weights[:_MAX_SERIES]
+        for item in weights
     ]
-    if len(weights) > _MAX_SERIES:
-        least, most = (max(end(w.weighed_as for w in weights[_MAX_SERIES:]), 1.0) for end in (min, max))
-        lines[-1] += f"; of {len(weights) - _MAX_SERIES} more series that of {least:.0f} to {most:.0f}"
-    yield from lines
+    yield from first_of(lines, _MAX_SERIES)
     if solution.correlation_factor < _ENLARGED:  # also where there is no position, or none that is determined
         return
     enlarged = (

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -288,38 +288,14 @@ class EstimateChoice:
     orbit: OrbitChoice | None = None
     parameters: Mapping[str, ParameterChoice] = entry(factory=dict, keys=PARAMETER_KEYS, read=read_parameters)
 
-    def __init__(
-        self,
-        *,
-        position: str = "geographic",
-        height_prior: HeightPrior | TerrainPrior | None = None,
-        ephemeris_sigma_m: float | tuple[float, float, float] = 0.0,
-        rejection_sigma: float = 5.0,
-        weights: str = "correlated",
-        variance_components: str = "type",
-        estimator: str = "least_squares",
-        pass_gap_h: float = PASS_GAP_H,
-        orbit: OrbitChoice | None = None,
-        parameters: Mapping[str, ParameterChoice] | None = None,
-        **keys: Any,
-    ) -> None:
-        ephemeris_sigma_m = bare("ephemeris_sigma_m", ephemeris_sigma_m)
-        of_axes = (
-            tuple(ephemeris_sigma_m) if isinstance(ephemeris_sigma_m, Iterable) else (ephemeris_sigma_m,) * 3
-        )
-        for name, value in (
-            ("position", position),
-            ("height_prior", height_prior),
-            ("ephemeris_sigma_m", of_axes),
-            ("rejection_sigma", rejection_sigma),
-            ("weights", weights),
-            ("variance_components", variance_components),
-            ("estimator", estimator),
-            ("pass_gap_h", pass_gap_h),
-            ("orbit", orbit),
-            ("parameters", parameter_choices(keys, parameters)),
-        ):
-            object.__setattr__(self, name, value)
+    def __init__(self, *, parameters: Mapping[str, ParameterChoice] | None = None, **keys: Any) -> None:
+        for f in fields(self):
+            if f.name != "parameters":
+                object.__setattr__(self, f.name, keys.pop(f.name, f.default))
+        object.__setattr__(self, "parameters", parameter_choices(keys, parameters))
+        of_axes = bare("ephemeris_sigma_m", self.ephemeris_sigma_m)
+        of_axes = tuple(of_axes) if isinstance(of_axes, Iterable) else (of_axes,) * 3
+        object.__setattr__(self, "ephemeris_sigma_m", of_axes)
         check(self)
         if self.height_prior is not None and self.position != "geographic":
             raise InputError('height_prior needs position = "geographic", where the height is a parameter')

@@ -7,20 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from low_orbit import EPOCH
+from tracked_orbit import FIRST_PASS_S, STATE, tracked
 
 import radioloc
 from radioloc.dynamics import Forces, GravityField
 from radioloc.dynamics.elements import equatorial_axes, plane_deg
 from radioloc.errors import InputError
-from radioloc.measurements import ExactPredictor, Link, Observations, PhysicalModel
-from radioloc.measurements.observations import DOPPLER
+from radioloc.measurements import PhysicalModel
 from radioloc.studies import first_orbit
 from radioloc.studies.orbit_steps import turned_state
 from radioloc.studies.orbiter import Orbiter, RoughOrbit
-from radioloc.time import epochs_from_strings, tai_to_utc, tdb_to_tt, tt_to_tai
 
-EPOCH = epochs_from_strings("2012-04-09T04:30:00", "TDB")
-STATE = np.array([575739.0, -463249.0, -1631639.0, -567.864, 1434.223, -600.209])
 SIGMA_M = 2e-4
 ALTITUDE_M, INCLINATION_DEG, NODE_DEG = 55e3, 88.8, 115.0
 REAL = Path(__file__).parents[4] / "shared" / "data" / "odf"
@@ -37,28 +35,15 @@ def forces():
 
 
 def counted(model, forces, state, seconds):
-    """Counts of 60 s of the orbit that begins with a state, with noise, where it is not behind the Moon."""
-    tdb = EPOCH.shifted(seconds)
-    empty = Observations.from_columns(
-        epoch=tai_to_utc(tt_to_tai(tdb_to_tt(tdb))),
-        links=[Link("DSS-65", "craft", "DSS-65")],
-        kind=DOPPLER,
-        tag=1,
-        value_m=1.0,
-        sigma_m=SIGMA_M,
-        count_s=60.0,
-        wavelength_um=3.6e4,
-    )
-    orbit = Orbiter(EPOCH, tuple(state[:3]), tuple(state[3:]), forces).orbit(model, empty, ())
-    computed = ExactPredictor(model, empty, np.zeros(3), orbit).compute(np.zeros(3))
-    noise_m = SIGMA_M * np.random.default_rng(20120409).normal(size=len(seconds))
-    return replace(empty, value_m=computed.value_m + noise_m).select(computed.usable)
+    """By one station, where the orbit is not behind the Moon."""
+    made, usable, _ = tracked(model, forces, SIGMA_M, seconds, state, handover_s=np.inf)
+    return made.select(usable)
 
 
 @pytest.fixture(scope="module")
 def doppler(model, forces):
     """Of an hour, of which a half is behind the Moon."""
-    made = counted(model, forces, STATE, np.arange(1200.0, 5000.0, 60.0))
+    made = counted(model, forces, STATE, FIRST_PASS_S)
     value_m = made.value_m.copy()
     value_m[10] += 3e4  # a count that was not locked
     return replace(made, value_m=value_m)

@@ -7,23 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from low_orbit import EPOCH
+from tracked_orbit import OFF, PASSES_S, STATE, craft, tracked
 
 import radioloc
 from radioloc.dynamics import Acceleration, Forces, GravityField, Impulse
 from radioloc.errors import InputError
 from radioloc.estimation import FitStatus
-from radioloc.measurements import ExactPredictor, Link, Observations, PhysicalModel
-from radioloc.measurements.observations import DOPPLER
+from radioloc.measurements import PhysicalModel
 from radioloc.studies.orbit_choice import OrbitChoice
-from radioloc.studies.orbiter import Orbiter
-from radioloc.time import epochs_from_strings, tai_to_utc, tdb_to_tt, tt_to_tai
+from radioloc.time import epochs_from_strings
 
-EPOCH = epochs_from_strings("2012-04-09T04:30:00", "TDB")
-STATE = np.array([575739.0, -463249.0, -1631639.0, -567.864, 1434.223, -600.209])
-OFF = np.array([300.0, -200.0, 100.0, 0.3, -0.2, 0.1])
 SIGMA_M = 2e-3  # of 60 s: what counts of real links of 0.03 mm/s have
 FORCES = Forces(GravityField.open("GRGM660PRIM", 20), radiation_m2_kg=0.018, gradient_degree=20)
-SECONDS = np.concatenate([np.arange(1200.0, 5000.0, 60.0), np.arange(7200.0, 12000.0, 60.0)])
 
 
 @pytest.fixture(scope="module")
@@ -35,28 +31,12 @@ def burn(time_s, delta_v_m_s):
     return Impulse("burn", EPOCH.shifted(time_s), delta_v_m_s)
 
 
-def tracked(model, forces):
-    """Counts of two passes, in which noise is always the same, of an orbit under some forces."""
-    tdb = EPOCH.shifted(SECONDS)
-    empty = Observations.from_columns(
-        epoch=tai_to_utc(tt_to_tai(tdb_to_tt(tdb))),
-        links=[Link("DSS-24", "craft", "DSS-24"), Link("DSS-65", "craft", "DSS-65")],
-        link=(SECONDS < 6000.0).astype(int),
-        kind=DOPPLER,
-        tag=1,
-        value_m=1.0,
-        sigma_m=SIGMA_M,
-        count_s=60.0,
-        wavelength_um=3.6e4,
-    )
-    orbit = Orbiter(EPOCH, tuple(STATE[:3]), tuple(STATE[3:]), forces).orbit(model, empty, ())
-    value_m = ExactPredictor(model, empty, np.zeros(3), orbit).compute(np.zeros(3)).value_m
-    return replace(empty, value_m=value_m + SIGMA_M * np.random.default_rng(7).normal(size=len(SECONDS)))
+def counts(model, forces):
+    return tracked(model, forces, SIGMA_M, seed=7)[0]
 
 
 def located(forces, observations):
-    state = STATE + OFF
-    target = Orbiter(EPOCH, tuple(state[:3]), tuple(state[3:]), forces, "craft", 0)
+    target = craft(STATE + OFF, forces)
     estimate = radioloc.studies.EstimateChoice(orbit=OrbitChoice())
     study = radioloc.Study(target, estimate=estimate, consider_defaults=False, name="orbit")
     return radioloc.locate(study, observations)
@@ -79,7 +59,7 @@ def told(message):
     ],
 )
 def test_a_manoeuvre_that_is_not_named_is_told_by_time_and_size(model, time_s, delta_v_m_s):
-    solution = located(FORCES, tracked(model, replace(FORCES, impulses=(burn(time_s, delta_v_m_s),))))
+    solution = located(FORCES, counts(model, replace(FORCES, impulses=(burn(time_s, delta_v_m_s),))))
     assert solution.status is FitStatus.MANOEUVRE
     found_s, sigma_s, found_m_s = told(solution.message)
     assert abs(found_s - time_s) < 4.0 * sigma_s + 1.0
@@ -87,7 +67,7 @@ def test_a_manoeuvre_that_is_not_named_is_told_by_time_and_size(model, time_s, d
     assert np.abs(found_m_s - delta_v_m_s).max() < 0.02 * np.linalg.norm(delta_v_m_s)
     assert ("in the gap of the data from 2012-04-09T05:5" in solution.message) == (time_s == 6000.0)
     # The state is that of the orbit before it, from what was observed before it.
-    before = np.count_nonzero(time_s > SECONDS + 30.0)
+    before = np.count_nonzero(time_s > PASSES_S + 30.0)
     assert before - 8 < solution.residuals.used.sum() <= before
     error = np.concatenate([solution.state.position_m, solution.state.velocity_m_s]) - STATE
     assert (np.abs(error) < 4.0 * np.sqrt(np.diag(solution.state.covariance))).all()
@@ -98,7 +78,7 @@ def test_a_burn_of_a_minute_is_told_as_an_impulse(model):
     thrust = Acceleration(
         "burn", constant_m_s2=(0.0, 0.01, 0.0), start=EPOCH.shifted(9470.0), stop=EPOCH.shifted(9530.0)
     )
-    solution = located(FORCES, tracked(model, replace(FORCES, accelerations=(thrust,))))
+    solution = located(FORCES, counts(model, replace(FORCES, accelerations=(thrust,))))
     found_s, _, found_m_s = told(solution.message)
     assert abs(found_s - 9500.0) < 15.0
     np.testing.assert_allclose(found_m_s, [0.0, 0.6, 0.0], atol=0.02)
@@ -106,7 +86,7 @@ def test_a_burn_of_a_minute_is_told_as_an_impulse(model):
 
 @pytest.mark.study
 def test_a_manoeuvre_that_is_named_is_estimated(model):
-    observations = tracked(model, replace(FORCES, impulses=(burn(9500.0, (0.0, 0.5, 0.1)),)))
+    observations = counts(model, replace(FORCES, impulses=(burn(9500.0, (0.0, 0.5, 0.1)),)))
     solution = located(replace(FORCES, impulses=(burn(9500.0, (0.0, 0.45, 0.0)),)), observations)
     assert solution.converged
     values = dict(zip([one.name for one in solution.parameters], solution.values, strict=True))
@@ -117,7 +97,7 @@ def test_a_manoeuvre_that_is_named_is_estimated(model):
 
 @pytest.mark.study
 def test_an_orbit_without_a_manoeuvre_is_left_alone(model):
-    assert located(FORCES, tracked(model, FORCES)).converged
+    assert located(FORCES, counts(model, FORCES)).converged
 
 
 @pytest.mark.parametrize(
@@ -139,4 +119,4 @@ def test_an_orbit_without_a_manoeuvre_is_left_alone(model):
 )
 def test_manoeuvres_that_are_not_on_the_arc(model, forces, message):
     with pytest.raises(InputError, match=message):
-        located(forces, tracked(model, FORCES))
+        located(forces, counts(model, FORCES))

@@ -9,20 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 import spiceypy
+from low_orbit import EPOCH
+from tracked_orbit import OFF, STATE, craft, tracked
 
 import radioloc
 from radioloc.dynamics import Forces, GravityField, draw_gravity_errors, propagate
 from radioloc.dynamics.elements import FORMS, elements_of_state, equatorial_axes, rtn_axes
 from radioloc.errors import InputError
 from radioloc.estimation.least_squares import FitStatus
-from radioloc.measurements import ExactPredictor, Link, Observations, PhysicalModel
-from radioloc.measurements.observations import DOPPLER
+from radioloc.measurements import ExactPredictor, PhysicalModel
 from radioloc.studies.orbit_choice import OrbitChoice
 from radioloc.studies.orbiter import Orbiter
-from radioloc.time import Epochs, epochs_from_strings, tai_to_utc, tdb_to_tt, tt_to_tai
+from radioloc.time import Epochs
 
-EPOCH = epochs_from_strings("2012-04-09T04:30:00", "TDB")
-STATE = np.array([575739.0, -463249.0, -1631639.0, -567.864, 1434.223, -600.209])
 SIGMA_M = 2e-4
 REAL = Path(__file__).parents[4] / "shared" / "data" / "odf"
 
@@ -39,29 +38,11 @@ def forces():
 
 @pytest.fixture(scope="module")
 def doppler(model, forces):
-    """Counts of 60 s of two passes by two stations, with noise, of the orbit that begins with STATE."""
-    seconds = np.concatenate([np.arange(1200.0, 5000.0, 60.0), np.arange(7200.0, 12000.0, 60.0)])
-    tdb = EPOCH.shifted(seconds)
-    empty = Observations.from_columns(
-        epoch=tai_to_utc(tt_to_tai(tdb_to_tt(tdb))),
-        links=[Link("DSS-24", "craft", "DSS-24"), Link("DSS-65", "craft", "DSS-65")],
-        link=(seconds < 6000.0).astype(int),
-        kind=DOPPLER,
-        tag=1,
-        value_m=1.0,
-        sigma_m=SIGMA_M,
-        count_s=60.0,
-        wavelength_um=3.6e4,
-    )
-    orbit = Orbiter(EPOCH, tuple(STATE[:3]), tuple(STATE[3:]), forces).orbit(model, empty, ("radiation",))
-    value_m = ExactPredictor(model, empty, np.zeros(3), orbit).compute(np.zeros(3)).value_m
-    noise_m = SIGMA_M * np.random.default_rng(20120409).normal(size=len(seconds))
-    return replace(empty, value_m=value_m + noise_m)
+    return tracked(model, forces, SIGMA_M)[0]
 
 
-def study_of(acting, off=(300.0, -200.0, 100.0, 0.3, -0.2, 0.1), errors=0, **orbit):
-    state = STATE + off
-    target = Orbiter(EPOCH, tuple(state[:3]), tuple(state[3:]), acting, "craft", errors, 40, body=-181)
+def study_of(acting, off=OFF, errors=0, **orbit):
+    target = craft(STATE + off, acting, errors, gravity_error_degree=40, body=-181)
     estimate = radioloc.studies.EstimateChoice(orbit=OrbitChoice(**orbit))
     return radioloc.Study(target, estimate=estimate, consider_defaults=False, name="orbit")
 
@@ -149,7 +130,7 @@ def test_sigmas_on_the_arc_are_those_of_the_partials(solution, forces):
 
 @pytest.mark.study
 def test_partials_by_the_orbit_are_those_of_differences(model, forces, doppler):
-    target = Orbiter(EPOCH, tuple(STATE[:3]), tuple(STATE[3:]), forces)
+    target = craft(STATE, forces)
     predictor = ExactPredictor(model, doppler, np.zeros(3), target.orbit(model, doppler, ("radiation",)))
     by_orbit = predictor.compute(np.zeros(3)).by_orbit
     # Farther than what is taken as linear, so that both ends are integrated.
@@ -181,7 +162,7 @@ def test_an_error_of_the_field_moves_the_orbit_as_its_sigmas_say(model, forces, 
     """The truth has a thousandth of the one error that is considered, and the orbit is off by a thousandth of it."""
     error = draw_gravity_errors(forces.gravity, 1, 40)[0]
     true = replace(forces, gravity=with_errors(forces.gravity, error, 1e-3), gradient_degree=20)
-    orbit = Orbiter(EPOCH, tuple(STATE[:3]), tuple(STATE[3:]), true).orbit(model, doppler, ("radiation",))
+    orbit = craft(STATE, true).orbit(model, doppler, ())
     value_m = ExactPredictor(model, doppler, np.zeros(3), orbit).compute(np.zeros(3)).value_m
     state = radioloc.locate(study_of(forces, errors=1), replace(doppler, value_m=value_m)).state
     times = state.orbit.times(9)
@@ -291,7 +272,7 @@ def test_orbits_in_fields_that_are_not_the_models_are_within_their_sigmas(model,
     for k, error in enumerate(draw_gravity_errors(forces.gravity, 24, 40, seed=5)):
         true_field = with_errors(forces.gravity, error, np.sqrt(24))
         true = replace(forces, gravity=true_field, gradient_degree=20)
-        orbit = Orbiter(EPOCH, tuple(STATE[:3]), tuple(STATE[3:]), true).orbit(model, doppler, ("radiation",))
+        orbit = craft(STATE, true).orbit(model, doppler, ())
         value_m = ExactPredictor(model, doppler, np.zeros(3), orbit).compute(np.zeros(3)).value_m
         value_m = value_m + SIGMA_M * np.random.default_rng(k).normal(size=len(value_m))
         found = radioloc.locate(study_of(forces, errors=16), replace(doppler, value_m=value_m))
@@ -517,7 +498,7 @@ def test_a_day_of_grail_fits_to_what_the_field_leaves(tmp_path):
 
 def counted(model, empty, acting):
     """Values of observations of the orbit that begins with STATE under some forces."""
-    orbit = Orbiter(EPOCH, tuple(STATE[:3]), tuple(STATE[3:]), acting).orbit(model, empty, ())
+    orbit = craft(STATE, acting).orbit(model, empty, ())
     return ExactPredictor(model, empty, np.zeros(3), orbit).compute(np.zeros(3)).value_m
 
 

@@ -7,20 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from low_orbit import EPOCH
+from tracked_orbit import OFF, PASSES_S, STATE, craft, tracked
 
 import radioloc
 from radioloc.dynamics import Acceleration, Forces, GravityField
 from radioloc.dynamics.elements import rtn_axes
 from radioloc.dynamics.stochastic import stochastic_forces
 from radioloc.errors import InputError
-from radioloc.measurements import ExactPredictor, Link, Observations, PhysicalModel
-from radioloc.measurements.observations import DOPPLER
+from radioloc.measurements import ExactPredictor, PhysicalModel
 from radioloc.studies.orbit_choice import OrbitChoice, ProcessNoise
-from radioloc.studies.orbiter import Orbiter
-from radioloc.time import epochs_from_strings, tai_to_utc, tdb_to_tt, tt_to_tai
 
-EPOCH = epochs_from_strings("2012-04-09T04:30:00", "TDB")
-STATE = np.array([575739.0, -463249.0, -1631639.0, -567.864, 1434.223, -600.209])
 SIGMA_M = 2e-4
 SIGMA_M_S2 = 1e-7
 NOISE = ProcessNoise(SIGMA_M_S2, 0.5 * SIGMA_M_S2, SIGMA_M_S2, interval_s=600.0, correlation_s=600.0)
@@ -50,39 +47,23 @@ def drawn(seed, interval_s, correlation_s, span_s=(-4100.0, 12100.0)):
     return stochastic_forces(EPOCH, (in_order[before:], in_order[:before][::-1]), interval_s)
 
 
-def tracked(model, forces, accelerations, seed=20120409):
-    """Counts of 60 s of three passes by two stations, with noise, and the orbit that begins with STATE."""
-    spans = ((-4000.0, -1000.0), (1200.0, 5000.0), (7200.0, 12000.0))
-    seconds = np.concatenate([np.arange(*span, 60.0) for span in spans])
-    tdb = EPOCH.shifted(seconds)
-    empty = Observations.from_columns(
-        epoch=tai_to_utc(tt_to_tai(tdb_to_tt(tdb))),
-        links=[Link("DSS-24", "craft", "DSS-24"), Link("DSS-65", "craft", "DSS-65")],
-        link=(seconds < 6000.0).astype(int),
-        kind=DOPPLER,
-        tag=1,
-        value_m=1.0,
-        sigma_m=SIGMA_M,
-        count_s=60.0,
-        wavelength_um=3.6e4,
-    )
+def counts(model, forces, accelerations, seed=20120409):
+    """Of three passes, and the orbit."""
+    seconds = np.concatenate([np.arange(-4000.0, -1000.0, 60.0), PASSES_S])
     true = replace(forces, accelerations=accelerations)
-    orbit = Orbiter(EPOCH, tuple(STATE[:3]), tuple(STATE[3:]), true).orbit(model, empty, ())
-    value_m = ExactPredictor(model, empty, np.zeros(3), orbit).compute(np.zeros(3)).value_m
-    noise_m = SIGMA_M * np.random.default_rng(seed).normal(size=len(seconds))
-    return replace(empty, value_m=value_m + noise_m), orbit
+    observations, _, orbit = tracked(model, true, SIGMA_M, seconds, seed=seed)
+    return observations, orbit
 
 
 def study_of(acting, estimate=None, **orbit):
-    state = STATE + np.array([30.0, -20.0, 10.0, 0.03, -0.02, 0.01])
-    target = Orbiter(EPOCH, tuple(state[:3]), tuple(state[3:]), acting, "craft", 0)
+    target = craft(STATE + 0.1 * np.array(OFF), acting)
     chosen = radioloc.studies.EstimateChoice(orbit=OrbitChoice(**orbit), **(estimate or {}))
     return radioloc.Study(target, estimate=chosen, consider_defaults=False, name="orbit")
 
 
 @pytest.fixture(scope="module")
 def doppler(model, forces):
-    return tracked(model, forces, drawn(1, 600.0, 600.0))
+    return counts(model, forces, drawn(1, 600.0, 600.0))
 
 
 @pytest.fixture(scope="module")
@@ -167,7 +148,7 @@ def test_the_filter_is_a_batch_fit_of_accelerations_by_variational_equations(for
 @pytest.mark.study
 def test_without_process_noise_there_is_none(model, forces):
     """Of accelerations that are far below what could be seen, the fit is the batch fit."""
-    observations, _ = tracked(model, forces, ())
+    observations, _ = counts(model, forces, ())
     small = replace(NOISE, radial_m_s2=1e-18, along_m_s2=1e-18, across_m_s2=1e-18)
     held = radioloc.locate(study_of(forces, process_noise=small), observations)
     batch = radioloc.locate(study_of(forces, estimate={"weights": "independent"}), observations)
@@ -222,7 +203,7 @@ def test_orbits_with_forces_that_the_model_lacks_are_within_their_sigmas(model, 
     noise = replace(NOISE, interval_s=150.0)
     squares, without = [], []
     for seed in range(24):
-        observations, orbit = tracked(model, forces, drawn(seed, 150.0, 600.0), seed)
+        observations, orbit = counts(model, forces, drawn(seed, 150.0, 600.0), seed)
         for found, more in ((squares, {"process_noise": noise}), (without, {})):
             solution = radioloc.locate(study_of(forces, **more), observations)
             times = solution.state.orbit.times(4)[1:-1]

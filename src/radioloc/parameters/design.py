@@ -16,7 +16,7 @@ from radioloc.measurements.map_predictor import JointPrediction, JointPredictor
 from radioloc.measurements.predictor import ROWS_AT_ONCE, Prediction, Predictor
 from radioloc.parameters.columns import Columns
 from radioloc.parameters.kind import ParameterKind, Scope
-from radioloc.parameters.landing import LandingParameters
+from radioloc.parameters.orbit import LandingParameters
 from radioloc.parameters.parameter import Parameter, ParameterSet
 from radioloc.parameters.position import PositionFunction, PositionParameters
 from radioloc.parameters.rows import ObservationRows, middle_of

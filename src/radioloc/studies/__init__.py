@@ -14,12 +14,12 @@ from radioloc.studies.image_study import (
 )
 from radioloc.studies.locate import arc_of
 from radioloc.studies.map_positions import PlaceOnMap
+from radioloc.studies.observation_choice import ObservationChoice
 from radioloc.studies.passes import light_times, visibility
 from radioloc.studies.study import (
     EstimateChoice,
     HeightPrior,
     ModelChoice,
-    ObservationChoice,
     Reference,
     Study,
     TerrainPrior,

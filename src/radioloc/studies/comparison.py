@@ -26,9 +26,9 @@ from radioloc.report.comparison import Comparison
 from radioloc.report.image_solution import ImageSolution, PointSolution
 from radioloc.report.subsets import ArcStudy
 from radioloc.report.tables import METHODS, Place, PositionRow, place_fields
-from radioloc.studies.schema import Hints, TomlTable, check, entry
-from radioloc.studies.study_file import Place as PositionTable
-from radioloc.studies.study_file import position_of, toml_content
+from radioloc.studies.schema import Hints, TomlTable, check, entry, toml_content
+from radioloc.studies.target_file import Place as PositionTable
+from radioloc.studies.target_file import position_of
 from radioloc.text_files import json_file
 
 _JOINT = "joint estimate"

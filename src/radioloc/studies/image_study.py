@@ -12,9 +12,9 @@ from pathlib import Path
 from radioloc.errors import InputError
 from radioloc.imaging import Camera
 from radioloc.lunar.terrain_source import HIGHEST_M, LOWEST_M
-from radioloc.studies.schema import Hints, TomlTable, check, entry, keys_of
+from radioloc.studies.schema import Hints, TomlTable, check, entry, keys_of, source_of, toml_content
 from radioloc.studies.study import Reference
-from radioloc.studies.study_file import references_of, source_of, toml_content
+from radioloc.studies.target_file import references_of
 from radioloc.time import Epochs
 
 DETECTORS = ("sift", "orb")

@@ -25,7 +25,7 @@ from radioloc.estimation.solution import Solution
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.parameters.landing import Ground, LandingParameters
+from radioloc.parameters.orbit import Ground, LandingParameters
 from radioloc.time import Epochs, tt_to_tdb, utc_strings, utc_to_tt
 
 Floats = NDArray[np.float64]

@@ -43,8 +43,13 @@ from radioloc.parameters.columns import Columns
 from radioloc.parameters.considered import resolved
 from radioloc.parameters.design import DesignMatrix, ObservationModel, simple_predictor, tracking_of
 from radioloc.parameters.kind import Scope
-from radioloc.parameters.landing import Ground, LandingParameters, landing_parameters
-from radioloc.parameters.orbit import arcs_parameters, orbit_parameters
+from radioloc.parameters.orbit import (
+    Ground,
+    LandingParameters,
+    arcs_parameters,
+    landing_parameters,
+    orbit_parameters,
+)
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.position import PositionParameters, cartesian, on_sphere, on_terrain
 from radioloc.parameters.registry import PARAMETERS

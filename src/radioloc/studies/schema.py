@@ -9,6 +9,8 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
+import sys
+import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from numbers import Real
@@ -19,6 +21,9 @@ from typing import Any, NoReturn, TypeVar, Union, get_args, get_origin, get_type
 from radioloc.boundary import bare_fields
 from radioloc.errors import InputError
 from radioloc.time import Epochs, epochs_from_strings
+
+STDIN = Path("-")
+"""In place of a study file: standard input."""
 
 _Made = TypeVar("_Made")
 _LONGEST_SHOWN = 80
@@ -323,3 +328,28 @@ def _shown(value: Any) -> str:
     """What was given, short enough for a message of one line."""
     text = repr(value)
     return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."
+
+
+def source_of(path: str | Path) -> tuple[Path, Path | None]:
+    """What messages call a study file, with the folder that paths in it are relative to; and the file, if it is one."""
+    return (Path("stdin"), None) if Path(path) == STDIN else (Path(path), Path(path))
+
+
+def toml_content(path: Path) -> dict[str, object]:
+    """What a study file says; a mistake is one sentence."""
+    try:
+        content = sys.stdin.buffer.read() if path == STDIN else path.read_bytes()
+        # Some editors put a byte order mark in front, which TOML does not know.
+        return tomllib.loads(content.decode("utf-8-sig"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such study file; check the name and the directory") from None
+    except IsADirectoryError:
+        raise InputError(f"{path}: is a directory; give the study file in it") from None
+    except OSError as error:
+        raise InputError(f"{path}: the study file cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path}: byte 0x{error.object[error.start]:02x} is not UTF-8; save the study file as UTF-8"
+        ) from None
+    except (ValueError, RecursionError) as error:  # of the former TOMLDecodeError is one
+        raise InputError(f"{path}: not valid TOML: {error}") from None

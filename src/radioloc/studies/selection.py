@@ -19,8 +19,9 @@ from radioloc.measurements.link import canonical_target
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS, is_integrated
+from radioloc.studies.observation_choice import ObservationChoice
 from radioloc.studies.problem import with_independent_clocks
-from radioloc.studies.study import EstimateChoice, ObservationChoice, Study
+from radioloc.studies.study import EstimateChoice, Study
 from radioloc.studies.weights import ends_of
 from radioloc.time import tai_to_utc, utc_to_tai
 

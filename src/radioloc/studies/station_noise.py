@@ -22,7 +22,8 @@ from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import kind_of
 from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.parameter import ParameterSet
-from radioloc.studies.study import ObservationChoice, Study
+from radioloc.studies.observation_choice import ObservationChoice
+from radioloc.studies.study import Study
 from radioloc.time import Epochs, utc_to_tai
 
 _CONTIGUOUS = 0.01

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
-import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -14,8 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from radioloc.dynamics import Forces
-from radioloc.dynamics.elements import EQUINOCTIAL, KEPLERIAN
 from radioloc.earth.reference_frames import frames
 from radioloc.earth.stations import Station, StationCatalogue
 from radioloc.ephemeris import Trajectory
@@ -26,6 +22,7 @@ from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.considered import considered_choices
 from radioloc.simulation import Scenario
 from radioloc.studies.map_positions import PlaceOnMap
+from radioloc.studies.observation_choice import ObservationChoice
 from radioloc.studies.orbit_choice import (
     ForcesChoice,
     GivenAcceleration,
@@ -33,23 +30,28 @@ from radioloc.studies.orbit_choice import (
     OrbitChoice,
     ProcessNoise,
 )
-from radioloc.studies.orbiter import Landing, Orbiter, RoughOrbit
-from radioloc.studies.schema import Hints, TomlTable, check, entry, keys_of
+from radioloc.studies.orbiter import Orbiter
+from radioloc.studies.schema import Hints, TomlTable, check, entry, keys_of, source_of, toml_content
 from radioloc.studies.simulation_file import scenario
 from radioloc.studies.study import (
     PARAMETER_KEYS,
     CovarianceChoice,
     EstimateChoice,
     ModelChoice,
-    ObservationChoice,
-    Reference,
     Study,
 )
+from radioloc.studies.target_file import (
+    LandingKeys,
+    Place,
+    Target,
+    named_positions,
+    position_of,
+    read_forces,
+    read_target,
+    reference_of,
+    true_orbiter,
+)
 from radioloc.studies.weights import Weight
-from radioloc.time import epochs_from_strings
-
-STDIN = Path("-")
-"""In place of a study file: standard input."""
 
 _FASTEST_PLATE_M_YR = 1.0
 """Plates move by up to 0.1 m a year; more is another unit."""
@@ -57,62 +59,8 @@ _FARTHEST_ALIAS_KM = 10.0
 """A station of the catalogue that a study calls by an alias and puts farther off is another one."""
 GEODETIC = ("longitude_deg", "latitude_deg", "height_m")
 """Keys of a position above an ellipsoid."""
-_OF_THE_FIT = ("empirical", "gravity_errors", "gravity_error_degree")
-"""Keys of the forces that the true ones have not."""
 _STATION_YEARS = (1900.0, 2100.0)
 """An epoch outside is no Julian year but another count of days."""
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    """Keys of ``[target]``, ``[targets.NAME]``, ``[reference]`` and ``[references.NAME]``: a position on the Moon."""
-
-    name: str | None = None
-    frame: str = "ME_DE421"
-    position_m: tuple[float, float, float] | None = None
-    longitude_deg: float | None = None
-    latitude_deg: float | None = None
-    height_m: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Target(Place):
-    """Keys of ``[target]``: in place of a position it may be a trajectory, or the state of an orbiter."""
-
-    trajectory: Path | None = None
-    body: int | None = entry(None, advice="it is a NAIF code, such as -85")
-    dynamics: str | None = entry(None, choices=("moon",))
-    epoch: str | None = None
-    velocity_m_s: tuple[float, float, float] | None = None
-    altitude_m: float | None = None
-    inclination_deg: float | None = None
-    node_deg: float | None = None
-    semi_major_axis_m: float | None = None
-    eccentricity: float | None = None
-    periapsis_deg: float | None = None
-    true_anomaly_deg: float | None = None
-    ex: float | None = None
-    ey: float | None = None
-    hx: float | None = None
-    hy: float | None = None
-    true_longitude_deg: float | None = None
-    arcs_hours: float | None = None
-    axes: str | None = entry(None, choices=("equator", "ICRF"))
-
-
-@dataclass(frozen=True, slots=True)
-class LandingKeys(Place):
-    """Keys of ``[target.landing]``: when an orbiter comes to rest on the Moon (TDB), and where a priori."""
-
-    epoch: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class TrueState:
-    """Keys of ``[simulation.state]``: the true state of an orbiter, where it is not the a-priori one."""
-
-    position_m: tuple[float, float, float] | None = None
-    velocity_m_s: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,15 +192,15 @@ def read_study(path: str | Path) -> Study:
     for site in () if observations is None else chain.from_iterable(map(read_sites, observations.sites)):
         if site.name not in catalogue:  # the study itself says better where it is
             catalogue = catalogue.with_station(site)
-    targets = made("targets", _positions)
+    targets = made("targets", named_positions)
     if targets == {}:
         raise InputError(f"{path}: [targets] names none; give at least one [targets.NAME]")
-    forces = made("forces", _forces)
+    forces = made("forces", read_forces)
     if forces is not None and "dynamics" not in content.get("target", {}):
         raise InputError(f'{path}: [forces] act on a target with dynamics = "moon"; leave them out')
     model = made("model", partial(_model, catalogue=catalogue))
     target = (
-        made("target", partial(_target, forces=forces, model=model or ModelChoice()))
+        made("target", partial(read_target, forces=forces, model=model or ModelChoice()))
         or next(iter(targets.values())).position
     )
     considered, defaults = made("consider", _considered) or ({}, True)
@@ -268,8 +216,8 @@ def read_study(path: str | Path) -> Study:
         consider_defaults=defaults,
         model=model,
         catalogue=catalogue,
-        reference=made("reference", _reference),
-        references=tuple((made("references", _positions) or {}).values()),
+        reference=made("reference", reference_of),
+        references=tuple((made("references", named_positions) or {}).values()),
         name=path.stem,
         path=file,
         candidates=None if planned is None else planned.candidates,
@@ -288,160 +236,6 @@ def as_study(study: Study | str | Path) -> Study:
     if not isinstance(study, Study):
         raise InputError(f"{study!r} is no study; give a Study, or the path of a study file")
     return study
-
-
-def source_of(path: str | Path) -> tuple[Path, Path | None]:
-    """What messages call a study file, with the folder that paths in it are relative to; and the file, if it is one."""
-    return (Path("stdin"), None) if Path(path) == STDIN else (Path(path), Path(path))
-
-
-def toml_content(path: Path) -> dict[str, object]:
-    """What a study file says; a mistake is one sentence."""
-    try:
-        content = sys.stdin.buffer.read() if path == STDIN else path.read_bytes()
-        # Some editors put a byte order mark in front, which TOML does not know.
-        return tomllib.loads(content.decode("utf-8-sig"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such study file; check the name and the directory") from None
-    except IsADirectoryError:
-        raise InputError(f"{path}: is a directory; give the study file in it") from None
-    except OSError as error:
-        raise InputError(f"{path}: the study file cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise InputError(
-            f"{path}: byte 0x{error.object[error.start]:02x} is not UTF-8; save the study file as UTF-8"
-        ) from None
-    except (ValueError, RecursionError) as error:  # of the former TOMLDecodeError is one
-        raise InputError(f"{path}: not valid TOML: {error}") from None
-
-
-def _target(
-    table: TomlTable, forces: tuple[ForcesChoice, Forces] | None, model: ModelChoice
-) -> LunarPosition | Trajectory | Orbiter:
-    if "dynamics" in table:
-        return _orbiter(table, forces, model)
-    if "trajectory" not in table and "body" not in table:
-        return position_of(table, table.read(Target))
-    for key in keys_of(Place):
-        if key != "name" and key in table:
-            table.fail(key, "give either a position or a trajectory with its body, not both")
-    given = table.read(Target)
-    if given.trajectory is None or given.body is None:
-        table.fail(
-            "trajectory" if given.trajectory is None else "body",
-            "is missing; a trajectory is the name of an SPK file and the NAIF code of the body in it, such as -85",
-        )
-    return table.build(Trajectory.open, path=given.trajectory, body=given.body)
-
-
-def _forces(table: TomlTable) -> tuple[ForcesChoice, Forces]:
-    choice = table.read(ForcesChoice)
-    return choice, table.build(choice.forces)
-
-
-_CARTESIAN = ("position_m", "velocity_m_s")
-_ROUGH = ("altitude_m", "inclination_deg", "node_deg")
-
-
-def _orbiter(table: TomlTable, acting: tuple[ForcesChoice, Forces] | None, model: ModelChoice) -> Orbiter:
-    choice, forces = acting or (default := ForcesChoice(), default.forces())
-    ending = table.table("landing")
-    given = table.read(Target)
-    if given.dynamics != "moon":
-        table.fail("dynamics", f'must be "moon", not {given.dynamics!r}')
-    # The first of a kind says which one it is: what else it needs, and may have.
-    kinds: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-        "altitude_m": (_ROUGH[:1], _ROUGH),
-        "ex": (EQUINOCTIAL, (*EQUINOCTIAL, "axes")),
-        "semi_major_axis_m": (KEPLERIAN, (*KEPLERIAN, "axes")),
-        "position_m": (_CARTESIAN, _CARTESIAN),
-    }
-    kind = next((one for one in kinds if getattr(given, one) is not None), "position_m")
-    needed, possible = kinds[kind]
-    for key in ("epoch", *needed):
-        if getattr(given, key) is None:
-            table.fail(
-                key,
-                "is missing; an orbiter has epoch (TDB), and position_m and velocity_m_s (Moon-centred ICRF), six "
-                "elements, or a rough altitude_m",
-            )
-    if str(given.epoch).strip().upper().endswith("Z"):
-        table.fail("epoch", "is TDB, 64 to 69 s ahead of UTC since 1999: convert it, and leave the Z out")
-    for key in dict.fromkeys(key for _, keys in kinds.values() for key in keys):
-        if key not in possible and getattr(given, key) is not None:
-            table.fail(
-                key,
-                "give one of position_m and velocity_m_s, six elements, or altitude_m and what is known of the plane",
-            )
-    for key in ("longitude_deg", "latitude_deg", "height_m", "trajectory"):
-        if getattr(given, key) is not None:
-            table.fail(key, "belongs to another kind of target than an orbiter; leave it out")
-    fields: dict[str, Any] = {
-        "epoch": epochs_from_strings(str(given.epoch), "TDB"),
-        "forces": forces,
-        "name": given.name,
-        "body": given.body,
-        "arcs_hours": given.arcs_hours,
-        "gravity_errors": choice.gravity_errors,
-        "gravity_error_degree": choice.gravity_error_degree,
-        "landing": None if ending is None else _landing(ending),
-    }
-    values = {key: getattr(given, key) for key in possible}
-    if kind in ("ex", "semi_major_axis_m"):
-        return table.build(
-            partial(Orbiter.from_elements, ephemeris=model.ephemeris, libration=model.libration),
-            elements=[values[key] for key in needed],
-            form="equinoctial" if kind == "ex" else "keplerian",
-            axes=given.axes,
-            **fields,
-        )
-    if kind == "altitude_m":
-        rough = table.build(RoughOrbit, **values)
-        return table.build(partial(Orbiter, position_m=None, velocity_m_s=None), rough=rough, **fields)
-    return table.build(Orbiter, **values, **fields)
-
-
-def _landing(table: TomlTable) -> Landing:
-    given = table.read(LandingKeys)
-    if given.epoch is None:
-        table.fail("epoch", "is missing; it is when the target comes to rest on the Moon, TDB")
-    placed = any(getattr(given, key) is not None for key in ("position_m", "longitude_deg", "latitude_deg"))
-    place = position_of(table, given) if placed else None
-    return table.build(Landing, epoch=epochs_from_strings(str(given.epoch), "TDB"), place=place)
-
-
-def _positions(table: TomlTable) -> dict[str, Reference]:
-    return {name: _reference(entry, name) for name, entry in table.named().items()}
-
-
-def references_of(one: TomlTable | None, more: TomlTable | None) -> tuple[Reference, ...]:
-    """The known positions of ``[reference]`` and ``[references]``, in this order."""
-    first = () if one is None else (_reference(one),)
-    return (*first, *(() if more is None else _positions(more).values()))
-
-
-def _reference(table: TomlTable, name: str = "reference") -> Reference:
-    place = table.read(Place)
-    return Reference(position_of(table, place), place.name or name)
-
-
-def position_of(table: TomlTable, place: Place) -> LunarPosition:
-    """The position that the keys of a table give."""
-    geographic = {key: getattr(place, key) for key in ("longitude_deg", "latitude_deg", "height_m")}
-    given = [key for key, value in geographic.items() if value is not None]
-    if place.position_m is not None:
-        if given:
-            table.fail(
-                "position_m",
-                f"give either position_m or longitude and latitude, not both ({', '.join(given)})",
-            )
-        return table.build(LunarPosition.from_cartesian, xyz_m=place.position_m, frame=place.frame)
-    missing = [key for key in geographic if key not in given]
-    if missing:
-        table.fail(
-            missing[0], "is missing; a position is longitude_deg, latitude_deg and height_m, or position_m"
-        )
-    return table.build(LunarPosition.from_selenographic, **geographic, frame=place.frame)
 
 
 def _considered(table: TomlTable) -> tuple[dict[str, ParameterChoice], bool]:
@@ -470,7 +264,7 @@ def _simulation(
             table.fail(key, f"belongs to {kind} on the Moon; use [simulation.{instead}]")
     true, state, acting = (table.table(key) for key in ("position", "state", "forces"))
     if isinstance(target, Orbiter):
-        truth = _true_orbiter(target, state, acting, forces)
+        truth = true_orbiter(target, state, acting, forces)
         if true is not None and truth.landing is not None:
             place = position_of(true, true.read(Place))
             truth = replace(truth, landing=replace(truth.landing, place=place))
@@ -488,21 +282,6 @@ def _simulation(
             f"{table.path}: [simulation.truth_sigma] gravity_errors belongs to an orbiter; leave it out"
         )
     return planned
-
-
-def _true_orbiter(
-    target: Orbiter, state: TomlTable | None, acting: TomlTable | None, forces: Mapping[str, Any]
-) -> Orbiter:
-    """The a-priori orbiter, but for what the simulation gives; of the forces each key by itself."""
-    changes: dict[str, Any] = {} if state is None else asdict(state.read(TrueState))
-    if None not in (changes.get("position_m"), changes.get("velocity_m_s")):
-        target = replace(target, **changes, rough=None)
-    if acting is not None:
-        for key in _OF_THE_FIT:
-            if key in acting:
-                acting.fail(key, "is of the fit, not of the world; it belongs to [forces]")
-        changes["forces"] = _forces(acting.completed(forces))[1]
-    return replace(target, **{key: value for key, value in changes.items() if value is not None})
 
 
 def _observations(table: TomlTable, may_be_missing: bool) -> ObservationChoice:

@@ -10,9 +10,8 @@ from radioloc.constants import C_M_S
 from radioloc.errors import InputError, StationError
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY, Observations
-from radioloc.studies import EstimateChoice
+from radioloc.studies import EstimateChoice, ModelChoice, ObservationChoice
 from radioloc.studies.problem import observation_model
-from radioloc.studies.study import ModelChoice, ObservationChoice
 from radioloc.time import Epochs, tai_to_utc
 
 TARGET = LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)

@@ -8,7 +8,8 @@
 Here are the names that most users need. What they rest on is in the packages, each with an ``__all__`` of its own:
 :mod:`radioloc.measurements`, :mod:`radioloc.parameters`, :mod:`radioloc.media`, :mod:`radioloc.estimation`,
 :mod:`radioloc.simulation`, :mod:`radioloc.studies`, :mod:`radioloc.io`, :mod:`radioloc.report`, :mod:`radioloc.earth`,
-:mod:`radioloc.lunar`, :mod:`radioloc.ephemeris`, :mod:`radioloc.time` and :mod:`radioloc.errors`.
+:mod:`radioloc.lunar`, :mod:`radioloc.dynamics`, :mod:`radioloc.imaging`, :mod:`radioloc.ephemeris`,
+:mod:`radioloc.kernels`, :mod:`radioloc.time` and :mod:`radioloc.errors`.
 """
 
 import warnings as _warnings

@@ -108,5 +108,5 @@ def named_where_it_fails(entry: str, function: str) -> Iterator[None]:
     except Exception as error:
         raise InputError(
             f"the {entry} cannot be used: {function} fails with {type(error).__name__}: {error}; "
-            "mend the package that it is from, or leave it out"
+            "fix the package that provides it, or leave it out"
         ) from error

@@ -21,7 +21,7 @@ import radioloc
 from radioloc.cli import main
 from radioloc.errors import InputError
 from radioloc.io.formats import READERS
-from radioloc.measurements import Geometry
+from radioloc.measurements import Geometry, Part
 from radioloc.measurements.combined_predictor import expanded
 from radioloc.measurements.registry import MEASUREMENTS
 from radioloc.media.registry import MEDIA
@@ -234,7 +234,7 @@ def test_what_fails_in_an_entry_of_a_registry_is_one_line_that_names_it(what, fu
     [line] = capsys.readouterr().err.splitlines()
     assert line.removeprefix("radioloc: ").removeprefix("[consider] ") == (
         f"the {what} {name} cannot be used: {function} fails with KeyError: 'radome'; "
-        "mend the package that it is from, or leave it out"
+        "fix the package that provides it, or leave it out"
     )
 
 
@@ -243,6 +243,18 @@ def test_parts_that_fail_are_named(monkeypatch):
     monkeypatch.setitem(MEASUREMENTS._made, "range", broken)
     words = "the type of measurement range cannot be used: parts fails with KeyError: 'radome'"
     with pytest.raises(InputError, match=words):
+        expanded(radioloc.read_observations(SHORT_ARC.with_suffix(".csv")))
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [(), ((1.0, "range"),), (Part(1.0, "twice_the_range", None),), (Part(1.0, "differenced_range", None),)],
+    ids=["none", "a tuple", "an unknown type", "a combined type"],
+)
+def test_parts_that_cannot_be_combined_are_refused(monkeypatch, parts):
+    broken = replace(MEASUREMENTS["range"], geometry=Geometry.COMBINED, parts=lambda link: parts)
+    monkeypatch.setitem(MEASUREMENTS._made, "range", broken)
+    with pytest.raises(InputError, match=r"range cannot be used: parts gives .* one or more Part\(weight"):
         expanded(radioloc.read_observations(SHORT_ARC.with_suffix(".csv")))
 
 

@@ -7,7 +7,7 @@ Of coherent data it is cycles of the transmitted frequency, which the file has a
 (:mod:`radioloc.measurements.ramps`). A reference whose band is not that of the link is multiplied: of one-way data
 by 880/240 from S to X band.
 
-A sequential range is the integral of F f_T over the round trip in range units, known but for multiples of 2^(n+6)
+A sequential range is the integral of F f_T over the round trip in range units, ambiguous by multiples of 2^(n+6)
 where n is the lowest component, and free of the station's delay. F is 1/2 in S band and smaller in others by the ratio
 of the uplinks.
 

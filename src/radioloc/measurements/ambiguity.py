@@ -1,6 +1,6 @@
-"""Ranges that are known but for multiples of a modulus: which multiple, is told by the range that is expected.
+"""Ambiguous ranges, known up to multiples of a modulus: which multiple, is told by the range that is expected.
 
-A ranging code that repeats after M leaves the light path known but for multiples of c M. The multiple that comes
+A ranging code that repeats after M leaves the light path ambiguous by multiples of c M. The multiple that comes
 nearest to the predicted range is right if the prediction is good to half of the modulus. Up to a quarter is
 allowed, so that the next multiple is three times as far off or more.
 """
@@ -22,7 +22,7 @@ OUTLIERS = 0.1
 
 
 def without_ambiguity(observations: Observations, expected_m: NDArray[np.float64]) -> Observations:
-    """Ranges in full, in the place of those that are known but for multiples of their modulus.
+    """Ranges in full, in the place of those that are ambiguous by their modulus.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def without_ambiguity(observations: Observations, expected_m: NDArray[np.float64
     if far.sum() > OUTLIERS * known.sum():
         row = int(np.argmax(far))
         raise InputError(
-            f"{observations.origin(row)}: the range is known but for multiples of {observations.modulus_m[row]:.6g} m, "
+            f"{observations.origin(row)}: the range is ambiguous by multiples of {observations.modulus_m[row]:.6g} m, "
             f"and the nearest is {abs(value_m - expected_m)[row]:.6g} m from what the target's a-priori position or "
             f"trajectory makes of it ({far.sum()} of {known.sum()} such ranges are more than a quarter of that off); "
             "give a better one, or leave these ranges out"

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.ephemeris.trajectory import AdjustableTrajectory
+from radioloc.errors import InputError
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import Part
 from radioloc.measurements.observations import Observations
@@ -45,12 +46,7 @@ def expanded(observations: Observations) -> tuple[Observations, Combinations]:
     pairs, pair = np.unique(
         observations.kind.astype(np.int64) * len(links) + observations.link, return_inverse=True
     )
-    parts: list[tuple[Part, ...]] = []
-    for code in pairs.tolist():
-        kind, link = KINDS[code // len(links)], links[code % len(links)]
-        split = MEASUREMENTS[kind].parts
-        with named_where_it_fails(f"type of measurement {kind}", "parts"):
-            parts.append((Part(1.0, kind, link),) if split is None else tuple(split(link)))
+    parts = [_parts(KINDS[code // len(links)], links[code % len(links)]) for code in pairs.tolist()]
     flat = [part for group in parts for part in group]
     simple_links: dict[Link, int] = {}
     link_code = np.array(
@@ -67,6 +63,22 @@ def expanded(observations: Observations) -> tuple[Observations, Combinations]:
         links=tuple(simple_links),
     )
     return simple, Combinations(np.append(begin, len(part)), of_pairs.weight[part])
+
+
+def _parts(kind: str, link: Link) -> tuple[Part, ...]:
+    """What a type of measurement combines; of a simple one itself."""
+    split = MEASUREMENTS[kind].parts
+    if split is None:
+        return (Part(1.0, kind, link),)
+    with named_where_it_fails(f"type of measurement {kind}", "parts"):
+        parts = tuple(split(link))
+    simple = [name for name, other in MEASUREMENTS.items() if other.parts is None]
+    if not parts or not all(isinstance(part, Part) and part.type in simple for part in parts):
+        raise InputError(
+            f"the type of measurement {kind} cannot be used: parts gives {parts!r}; it must give one or more "
+            f"Part(weight, type, link), the type one that is not combined itself: {', '.join(simple)}"
+        )
+    return parts
 
 
 class CombinedPredictor(Predictor):

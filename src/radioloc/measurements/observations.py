@@ -87,7 +87,7 @@ class Observations:
     count_s : ndarray, shape (n,)
         Count interval of Doppler and of a delay rate, s; NaN for other kinds.
     modulus_m : ndarray, shape (n,)
-        What a range is known but for multiples of, m of light path; NaN where it is known in full.
+        Modulus of an ambiguous range, m of light path; NaN where it is known in full.
     ramped : ndarray of bool, shape (n,)
         Whether the value counts cycles of a transmitted frequency that changes, as ``ramps`` say, with ``uplink_hz``,
         or one-way that of ``wavelength_um``, as the reference frequency that they are in metres by

@@ -71,6 +71,6 @@ def active_terms(off: Iterable[str] = (), added: Iterable[str] = ()) -> frozense
     for name in off:
         if name not in terms:
             near = difflib.get_close_matches(name, terms, n=1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
+            hint = f" (did you mean {near[0]!r}?)" if near else ""
             raise InputError(f"{name!r} is not a term of the model{hint}; the terms are {', '.join(terms)}")
     return frozenset(terms) - frozenset(off)

@@ -32,7 +32,7 @@ def _range(rows: ObservationRows) -> NDArray[np.bool_]:
 
 
 def _tagging(rows: ObservationRows) -> NDArray[np.bool_]:
-    """A tag that names the bounce, or a spacecraft's transmission, is put down to the receiving station."""
+    """A tag that names the bounce, or a spacecraft's transmission, is attributed to the receiving station."""
     first = rows.tagged[:, 0]
     return np.stack([first, ~first], axis=-1)
 

@@ -63,7 +63,13 @@ class Columns:
 
 def _asked(kind: ParameterKind, what: Literal["partials", "acts_on"], rows: ObservationRows) -> NDArray[Any]:
     with named_where_it_fails(f"parameter {kind.name}", what):
-        return np.asarray(getattr(kind, what)(rows))
+        found = np.asarray(getattr(kind, what)(rows))
+    if what == "acts_on" and (found.ndim != 2 or found.shape[0] != len(rows) or found.shape[1] not in (1, 2)):
+        raise InputError(
+            f"acts_on of {kind.name} has the shape {found.shape}; it needs ({len(rows)}, ends), for the observations "
+            "rows.rows, with one or two ends"
+        )
+    return found
 
 
 def owners(scope: Scope, rows: ObservationRows) -> NDArray[np.int32]:

@@ -1,4 +1,4 @@
-"""What a kind of parameter is: a physical quantity, whom it belongs to, and how an observation answers to it."""
+"""What a kind of parameter is: a physical quantity, its scope, and how an observation answers to it."""
 
 from __future__ import annotations
 

@@ -355,12 +355,12 @@ def _held(solution: Solution) -> Iterator[str]:
 
 def _estimated(solution: Solution) -> Field:
     """Estimated parameters beside the position."""
-    sigmas, rows = solution.sigmas(), []
+    sigmas, formal, rows = solution.sigmas(), solution.sigmas("formal"), []
     for k in _others(solution):
         item = solution.parameters.parameters[k]
         free = math.isinf(item.prior_sigma)
         prior = "free" if free else f"{item.prior_value:.4g} +- {item.prior_sigma:.4g}"
-        value = to_sigma(solution.values[k], sigmas[k])
+        value = to_sigma(solution.values[k], formal[k])
         rows.append((item.name, value, sigma_text(sigmas[k]), item.unit, prior))
     return table("estimated", ("parameter", "value", "sigma", "unit", "a priori"), rows, _MAX_PARAMETERS)
 

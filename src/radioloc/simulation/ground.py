@@ -1,4 +1,4 @@
-"""Ground with craters of all sizes, without end in detail: its heights, what a camera sees of it, and maps of it."""
+"""Procedural ground with craters of all sizes: its heights, what a camera sees of it, and maps of it."""
 
 from __future__ import annotations
 

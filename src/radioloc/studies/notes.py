@@ -163,13 +163,13 @@ def _of_stations(arc: Predictor) -> Iterator[str]:
     for term, lacking, text in (
         (
             "",
-            [s.quality == "rounded" for s in stations],
+            [s.quality == "rounded" and s.sigma_m is None for s in stations],
             "catalogue positions of {} are rounded, good to 100 m to 1 km only; give better ones under "
             "[stations.NAME], or what they are good to as [consider] station_position_sigma_m",
         ),
         (
             "",
-            [s.quality == "approximate" for s in stations],
+            [s.quality == "approximate" and s.sigma_m is None for s in stations],
             "catalogue positions of {} are good to about a metre only; give better ones under [stations.NAME]",
         ),
         (

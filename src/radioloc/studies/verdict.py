@@ -74,7 +74,8 @@ def misfits(edited: EditedFit, stated_m: NDArray[np.float64], types: Labels) -> 
             FitStatus.MISFIT,
             f"the residuals are far beyond their stated sigmas{floored}: {', '.join(beyond)}; no model error explains "
             f"more than {LARGEST_MISFIT:g} times: look for a wrong station, target (an orbiter needs a trajectory or "
-            "dynamics) or sign, for outliers among few observations, a term switched off",
+            "dynamics) or sign, for outliers among few observations, a term switched off, or a "
+            "considered parameter to estimate",
         )
 
 

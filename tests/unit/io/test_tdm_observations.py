@@ -513,7 +513,7 @@ REFUSED = {
     "ambiguous differenced range": (
         DELAY | {"RANGE_MODULUS": "1000.0"},
         ["RANGE = 2021-03-28T14:00:00 1.5"],
-        "RANGE_MODULUS is 1e[+]06 m: the difference is known but for multiples",
+        "RANGE_MODULUS is 1e[+]06 m: the difference is ambiguous by multiples",
     ),
     "sent tag of a differenced range": (
         DELAY | {"TIMETAG_REF": "TRANSMIT"},

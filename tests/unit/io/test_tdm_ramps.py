@@ -86,7 +86,7 @@ def test_the_same_by_another_reference_frequency(model, tmp_path):
 
 
 def test_ramped_ranges_there_and_back(model, tmp_path):
-    """In range units of a nanosecond at the first frequency, known but for multiples of a modulus."""
+    """In range units of a nanosecond at the first frequency, ambiguous by a modulus."""
     ranges = counts(kind=RANGE, link=0, count_s=np.nan, value_m=7.7e8, modulus_m=3e5)
     modelled_m = computed(model, ranges).value_m
     observed = counts(kind=RANGE, link=0, count_s=np.nan, value_m=modelled_m % 3e5, modulus_m=3e5)

@@ -115,3 +115,5 @@ def test_what_fails_in_a_kind_of_another_package_names_the_parameter():
         columns.design(ObservationRows(arc))
     with pytest.raises(InputError, match="range_bias cannot be used: acts_on fails with IndexError: index 7"):
         members(replace(RANGE_BIAS, acts_on=fails), Scope.STATION, arc)
+    with pytest.raises(InputError, match=r"acts_on of range_bias has the shape \(1,\); it needs \(1, ends\)"):
+        members(replace(RANGE_BIAS, acts_on=lambda rows: np.ones(len(rows), bool)), Scope.STATION, arc)

@@ -211,7 +211,7 @@ def _ranges(part: SegmentReader, keyword: str) -> dict[str, Any]:
     value_m = unit_m * part.segment.values(keyword)
     value_m = part.less_delays(keyword, value_m, delay_s, correction_m)
     if modulus_m and part.link.differenced:
-        problem = f"RANGE_MODULUS is {modulus_m:.6g} m: the difference is known but for multiples of it"
+        problem = f"RANGE_MODULUS is {modulus_m:.6g} m: the difference is ambiguous by multiples of it"
         raise part.fail("RANGE_MODULUS", f"{problem}; resolve it and set RANGE_MODULUS = 0")
     columns: dict[str, Any] = {"epoch": epoch, "value_m": value_m} | part.frequencies(keyword)
     if units == "RU" and part.sent is not None:

@@ -22,9 +22,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.linalg import LinAlgError
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
-from scipy.stats import chi2 as chi_squared
 
 from radioloc.errors import ConvergenceError, InputError
 from radioloc.imaging._kernels import eliminate, explained_on_map, places_moved
@@ -220,13 +219,15 @@ class _Observed:
 
     def kept(self, residuals: Floats, map_residuals: Floats) -> _Observed:
         """Without the worst observation of each tie point whose chi squared is beyond chance."""
+        from scipy.special import chdtri
+
         count = self.ties.count
         point = np.concatenate([self.ties.point, self.ties.map_point])
         kept = np.concatenate([self.used, self.map_used])
         chi2 = np.concatenate(self.chi2(residuals, map_residuals))
         number = np.bincount(point[kept], minlength=count)
         total = np.bincount(point[kept], weights=chi2[kept], minlength=count)
-        bad = total > chi_squared.isf(_RARE, 2 * np.maximum(number - 1, 1))
+        bad = total > chdtri(2 * np.maximum(number - 1, 1), _RARE)
         worst = np.zeros(count)
         np.maximum.at(worst, point[kept], chi2[kept])
         kept = kept & ~(bad[point] & (chi2 >= worst[point]))
@@ -250,11 +251,14 @@ class _NormalEquations:
     map_weight: Floats  # shape (points,)
 
     def inverse(self) -> Floats:
-        return np.asarray(cho_solve(self.factor, np.eye(len(self.right))))
+        """Covariance of all images' parameters."""
+        return self.solved(np.eye(len(self.right)))
 
-    def step(self) -> Floats:
-        """Of all images."""
-        return np.asarray(cho_solve(self.factor, self.right))
+    def solved(self, right: Floats) -> Floats:
+        """With another right side, or more than one."""
+        from scipy.linalg import cho_solve
+
+        return np.asarray(cho_solve(self.factor, right))
 
     def places_moved(self, step: Floats) -> Floats:
         """What a step of the images does to the places, shape (points, 2)."""
@@ -279,7 +283,7 @@ def _solve(
     chi2 = observed.total_chi2(model, places)
     for _ in range(_STEPS):
         normal = _normal_equations(observed, model, places)
-        step = normal.step()
+        step = normal.solved(normal.right)
         moved = normal.places_moved(step)
         model, places, chi2 = _stepped(observed, model, places, chi2, step.reshape(model.images, -1), moved)
         if small := bool(step @ normal.right < _CONVERGED):
@@ -303,6 +307,8 @@ def _stepped(
 
 
 def _normal_equations(observed: _Observed, model: Projections, places: Floats) -> _NormalEquations:
+    from scipy.linalg import cho_factor
+
     ties, map_used = observed.ties, observed.map_used
     pixels = observed.order[observed.used[observed.order]]
     image, point = ties.image[pixels], ties.point[pixels]

@@ -10,21 +10,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import ConvergenceError, InputError, RadiolocError
+from radioloc.imaging.adjustment import TiePoints
 from radioloc.imaging.cameras import Camera, undistorted
 from radioloc.imaging.frames import Image, Mask, load_opencv
 from radioloc.imaging.homography import derivative, fit_homography, transformed
 from radioloc.imaging.map_features import MapFeatures
 from radioloc.imaging.matching import Features, Matches, MatchStatus, detect, match
 from radioloc.imaging.tie_points import TiePoint
-
-if TYPE_CHECKING:
-    from radioloc.imaging.adjustment import TiePoints
 
 Floats = NDArray[np.float64]
 Node = tuple[int, ...]  # a feature: frame, reduction, number; or -1, level, tile, number of the map
@@ -344,11 +341,8 @@ class ImageChain:
         ConvergenceError
             There is none.
         """
-        from radioloc.imaging.adjustment import TiePoints  # brings much of scipy
-
         tracks = _tracks(self.pairs, left_out)
-        tied = _tied_frames(tracks)
-        images = sorted(n for n in tied if self.taken[n].to_plane is not None)
+        images = sorted(n for n in _tied_frames(tracks) if self.taken[n].to_plane is not None)
         if not images:
             raise ConvergenceError(self._nobody())
         order = {number: k for k, number in enumerate(images)}
@@ -397,33 +391,28 @@ def pixel_size_m(to_plane: Floats, size: tuple[int, int]) -> float:
 
 def _tracks(pairs: list[tuple[Node, Node]], left_out: set[int]) -> list[list[Node]]:
     """Features that are tied to each other, directly or not; of one image or the map the first in each."""
-    parent: dict[Node, Node] = {}
+    from scipy.cluster.hierarchy import DisjointSet
 
-    def root(node: Node) -> Node:
-        while parent.setdefault(node, node) != node:
-            parent[node] = parent[parent[node]]
-            node = parent[node]
-        return node
-
+    joined = DisjointSet()
     for one, other in pairs:
         if one[0] not in left_out and other[0] not in left_out:
-            parent[root(one)] = root(other)
+            joined.add(other)
+            joined.add(one)
+            joined.merge(one, other)
     tracks: dict[Node, dict[tuple[int, ...], Node]] = {}
-    for node in parent:
-        tracks.setdefault(root(node), {}).setdefault(node[:2] if node[0] >= 0 else (-1,), node)
+    for node in joined:
+        tracks.setdefault(joined[node], {}).setdefault(node[:2] if node[0] >= 0 else (-1,), node)
     return [list(track.values()) for track in tracks.values() if len(track) > 1]
 
 
 def _tied_frames(tracks: list[list[Node]]) -> set[int]:
     """Images with a way to the map along tie points."""
-    neighbours: dict[int, set[int]] = {}
-    for track in tracks:
-        numbers = {node[0] for node in track}
-        for n in numbers:
-            neighbours.setdefault(n, set()).update(numbers)
-    reached, front = {-1}, [-1]
-    while front:
-        new = neighbours.get(front.pop(), set()) - reached
-        reached |= new
-        front += new
-    return reached - {-1}
+    from scipy.cluster.hierarchy import DisjointSet
+
+    joined = DisjointSet([-1])
+    for first, *others in ({node[0] for node in track} for track in tracks):
+        joined.add(first)
+        for other in others:
+            joined.add(other)
+            joined.merge(first, other)
+    return set(joined.subset(-1)) - {-1}

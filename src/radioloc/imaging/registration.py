@@ -7,26 +7,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
+from radioloc.imaging.adjustment import Adjusted, TiePoints, adjust, approximate_places
 from radioloc.imaging.frames import Mask
 from radioloc.imaging.homography import Homography
 from radioloc.imaging.image_chain import Frame, FrameStatus, ImageChain, Taken, pixel_size_m
 from radioloc.imaging.map_features import MapFeatures
 from radioloc.imaging.maps import Map, TangentPlane
 from radioloc.imaging.matching import Detector
+from radioloc.imaging.projections import Homographies, Poses, Projections, Relief, camera_matrix
 from radioloc.imaging.tie_points import TiePoint
 from radioloc.lunar import TerrainModel
 from radioloc.lunar.terrain_window import NoTerrainError
-
-if TYPE_CHECKING:
-    from radioloc.imaging.adjustment import Adjusted, TiePoints
-    from radioloc.imaging.projections import Projections
 
 Floats = NDArray[np.float64]
 
@@ -201,8 +198,6 @@ def _plane_of(base: Map, near: tuple[float, float, float] | None) -> TangentPlan
 
 def _adjusted(chain: ImageChain, terrain: TerrainModel | None) -> tuple[list[int], TiePoints, Adjusted]:
     """Adjust what is tied to the map, leaving out images of which too little agrees."""
-    from radioloc.imaging.adjustment import adjust  # brings much of scipy
-
     chain.place_all()
     left_out: set[int] = set()
     while True:
@@ -223,10 +218,6 @@ def _modelled(
     chain: ImageChain, taken: Sequence[Taken], ties: TiePoints, terrain: TerrainModel | None
 ) -> tuple[TiePoints, Projections, Floats]:
     """Approximate images, with the tie points whose ground they know and the places of these."""
-    from radioloc.imaging.adjustment import approximate_places
-    from radioloc.imaging.poses import PosesAndHomographies, Relief, camera_matrix
-    from radioloc.imaging.projections import Homographies
-
     matrices = np.array([np.linalg.inv(one.to_plane) for one in taken])  # type: ignore[arg-type]
     places = approximate_places(ties, matrices)
     homographies = Homographies.of_matrices(matrices, np.array([one.size for one in taken], dtype=np.float64))
@@ -249,14 +240,12 @@ def _modelled(
         return ties, homographies, places
     places = places[known]
     seen = some.image, places[some.point]
-    return some, PosesAndHomographies.of_homographies(relief, np.array(cameras), homographies, *seen), places
+    return some, Poses.of_homographies(relief, np.array(cameras), homographies, *seen), places
 
 
 def _registration(
     chain: ImageChain, map_sigma_m: tuple[float, float], terrain: TerrainModel | None
 ) -> Registration:
-    from radioloc.imaging.poses import PosesAndHomographies
-
     images, ties, result = _adjusted(chain, terrain)
     on_map = np.zeros(ties.count, bool)
     on_map[ties.map_point[result.map_used]] = True
@@ -285,13 +274,11 @@ def _registration(
                 rms_px=rms_px,
                 rms_m=rms_px * pixel_m,
                 pixel_m=pixel_m,
-                altitude_m=result.model.altitude_m(k)
-                if isinstance(result.model, PosesAndHomographies)
-                else float("nan"),
+                altitude_m=result.model.altitude_m(k),
                 homography=homography,
             )
         frames.append(frame)
-    relief = isinstance(result.model, PosesAndHomographies)
+    relief = isinstance(result.model, Poses)
     common_m = _COMMON_PART * chain.map.base.resolution_m
     if not relief:
         rms_m = float(np.sqrt(np.mean(result.map_residuals_m[result.map_used] ** 2)))

@@ -56,51 +56,6 @@ def lunar_lambert(cos_incidence: ArrayLike, cos_emission: ArrayLike, phase_rad: 
     return np.asarray(2.0 * weight * sun / both + (1.0 - weight) * sun)
 
 
-def shaded_relief(
-    heights_m: ArrayLike, pixel_m: float, sun_azimuth_deg: float, sun_elevation_deg: float
-) -> Floats:
-    """Brightness of an elevation model seen from above, without the shadows that it casts.
-
-    Parameters
-    ----------
-    heights_m : array_like, shape (n, m)
-        North at the top, east to the right, m.
-    pixel_m : float
-        Size of a pixel on the ground, m.
-    sun_azimuth_deg, sun_elevation_deg : float
-        From north over east, and above the horizon.
-
-    Returns
-    -------
-    ndarray, shape (n, m)
-        0 to some 1.3; NaN at and beside heights that are none.
-
-    Raises
-    ------
-    InputError
-        Fewer than two lines or samples, a pixel without size, or the Sun not above the horizon.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from radioloc.imaging.shading import shaded_relief
-    >>> slope_to_the_east = np.tile([0.0, -1.0, -2.0], (3, 1))
-    >>> east, west = (shaded_relief(slope_to_the_east, 10.0, azimuth, 30.0) for azimuth in (90.0, 270.0))
-    >>> bool((east > west).all())
-    True
-    """
-    heights = np.asarray(heights_m, dtype=np.float64)
-    if heights.ndim != 2 or min(heights.shape) < 2:
-        raise InputError(
-            f"heights_m has shape {heights.shape}; a table of two lines and samples or more is needed"
-        )
-    if not pixel_m > 0.0:
-        raise InputError(f"pixel_m = {pixel_m!r} is not a positive number of metres")
-    down, right = np.gradient(heights, pixel_m)
-    bright = brightness_of_slopes(right, -down, sun_direction(sun_azimuth_deg, sun_elevation_deg))
-    return np.where(np.isfinite(heights), bright, np.nan)
-
-
 def brightness_of_slopes(by_east: ArrayLike, by_north: ArrayLike, sun: Floats) -> Floats:
     """Brightness from above of ground that rises so much toward east and north; ``sun`` is a unit vector to the Sun."""
     by_east, by_north = np.asarray(by_east), np.asarray(by_north)

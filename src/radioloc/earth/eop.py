@@ -13,7 +13,6 @@ days alone: the longer ones are smooth to 0.2 ns either way, and one table is si
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
@@ -22,11 +21,11 @@ from typing import Any
 
 import astropy_iers_data
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.constants import SECONDS_PER_DAY, TT_MINUS_TAI_S
-from radioloc.earth.eop_files import EopRows, read_eop_rows
+from radioloc.earth.eop_files import day_of, read_eop_rows
 from radioloc.earth.eop_tides import zonal_tides
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.time import Epochs, utc_to_tt
@@ -105,7 +104,7 @@ class EopTable:
         ut1_minus_tt_s = self.ut1_minus_utc_s - tai_minus_utc_s - TT_MINUS_TAI_S
         jumps = np.abs(np.diff(ut1_minus_tt_s)) > _LARGEST_DAILY_CHANGE_S * np.diff(self.mjd_utc)
         if jumps.any():
-            day = _day(self.mjd_utc[int(np.argmax(jumps)) + 1])
+            day = day_of(self.mjd_utc[int(np.argmax(jumps)) + 1])
             raise InputError(
                 f"UT1-TAI jumps at {day}: UT1-UTC and the list of leap seconds disagree; "
                 "update astropy-iers-data"
@@ -125,40 +124,27 @@ class EopTable:
     @classmethod
     def from_file(cls, path: str | Path) -> EopTable:
         """Read a C04 or finals2000A file of one's own; the part before 1972 is left out."""
-        rows = read_eop_rows(path, _MJD_1972)
+        columns, sources = read_eop_rows(path, _MJD_1972)
         try:
-            return cls._from_rows([rows])
+            return cls(**columns, sources=sources)
         except InputError as error:
             raise FileFormatError(path, str(error)) from error
-
-    @classmethod
-    def _from_rows(cls, parts: Sequence[EopRows], note: str = "") -> EopTable:
-        dates = [p.columns["mjd_utc"] for p in parts]
-        sources = tuple(
-            f"{p.series} {p.path.name}{note}, {_day(mjd[0])} to {_day(mjd[-1])}, sha256 {p.sha256}"
-            for p, mjd in zip(parts, dates, strict=True)
-            if len(mjd)
-        )
-        columns: dict[str, Any] = {
-            name: np.concatenate([p.columns[name] for p in parts]) for name in parts[0].columns
-        }
-        return cls(**columns, sources=sources)
 
     @property
     def first_date(self) -> str:
         """First day, UTC."""
-        return _day(self.mjd_utc[0])
+        return day_of(self.mjd_utc[0])
 
     @property
     def last_date(self) -> str:
         """Last day, measured or predicted, UTC."""
-        return _day(self.mjd_utc[-1])
+        return day_of(self.mjd_utc[-1])
 
     @property
     def last_measured_date(self) -> str | None:
         """Last day of which all values are measured, UTC; None where there is none."""
         measured = np.flatnonzero(~self.predicted)
-        return _day(self.mjd_utc[measured[-1]]) if len(measured) else None
+        return day_of(self.mjd_utc[measured[-1]]) if len(measured) else None
 
     @property
     def at_0h_utc(self) -> tuple[NDArray[np.float64], Epochs]:
@@ -223,7 +209,9 @@ def _refuse(wrong: Epochs, source: str, mjd_utc: NDArray[np.float64], advice: st
     if len(wrong):
         days = np.sort(wrong.day_strings())
         covered = (
-            [f"{_day(mjd)} UTC" for mjd in (mjd_utc[0], mjd_utc[-1])] if len(mjd_utc) else ["no date", "none"]
+            [f"{day_of(mjd)} UTC" for mjd in (mjd_utc[0], mjd_utc[-1])]
+            if len(mjd_utc)
+            else ["no date", "none"]
         )
         raise CoverageError(source, (covered[0], covered[1]), (f"{days[0]} TT", f"{days[-1]} TT"), advice)
 
@@ -245,10 +233,9 @@ def _cubic_through(
 
 @cache
 def _packaged_table() -> EopTable:
-    c04 = read_eop_rows(astropy_iers_data.IERS_B_FILE, _MJD_1972)
-    bulletin_a = read_eop_rows(astropy_iers_data.IERS_A_FILE, float(c04.columns["mjd_utc"][-1]) + 1.0)
-    return EopTable._from_rows([c04, bulletin_a], f" of astropy-iers-data {version('astropy-iers-data')}")
-
-
-def _day(mjd: ArrayLike) -> str:
-    return str(Epochs.from_jd(_JD_MINUS_MJD, mjd, "UTC").day_strings()[0])
+    package = f" of astropy-iers-data {version('astropy-iers-data')}"
+    c04, measured = read_eop_rows(astropy_iers_data.IERS_B_FILE, _MJD_1972, package)
+    after = float(c04["mjd_utc"][-1]) + 1.0
+    bulletin_a, predicted = read_eop_rows(astropy_iers_data.IERS_A_FILE, after, package)
+    columns: dict[str, Any] = {name: np.concatenate([c04[name], bulletin_a[name]]) for name in c04}
+    return EopTable(**columns, sources=(*measured, *predicted))

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import re
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from radioloc.constants import ARCSEC_RAD
 from radioloc.errors import FileFormatError
 from radioloc.text_files import read_blocks
+from radioloc.time import Epochs
 
 _LARGEST_POLE_OFFSET_ARCSEC = 0.03
 """IAU 2000A offsets stay below 9 mas in all published rows; those of the 1980 theory reach 120 mas."""
@@ -52,34 +52,29 @@ _BULLETIN_A = _Layout(
 )
 
 
-class EopRows(NamedTuple):
-    """Rows of one file; ``columns`` are those of :class:`radioloc.earth.eop.EopTable`, ``series`` C04 or Bulletin A."""
-
-    path: Path
-    sha256: str
-    series: str
-    columns: dict[str, NDArray]
-
-
-def read_eop_rows(path: str | Path, first_mjd_utc: float = 0.0) -> EopRows:
+def read_eop_rows(
+    path: str | Path, first_mjd_utc: float = 0.0, package: str = ""
+) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
     """Read a C04 or finals2000A file, plain or gzip; which of the two it is, its rows tell.
 
-    A missing value or day, and pole offsets of the 1980 nutation theory, are a :class:`FileFormatError`.
+    Returns the columns of :class:`radioloc.earth.eop.EopTable` from a date on, and its sources: the file, which may be
+    that of a package. A missing value or day, and pole offsets of the 1980 nutation theory, are a
+    :class:`FileFormatError`.
     """
     path = Path(path)
     texts = b"".join(block for _, block in read_blocks(path, encoding="latin-1")).split(b"\n")
-    line_numbers = [k for k, text in enumerate(texts) if text.strip() and not text.startswith(b"#")]
-    if not line_numbers:
+    lines = np.array([k for k, text in enumerate(texts) if text.strip() and not text.startswith(b"#")]) + 1
+    if not len(lines):
         raise FileFormatError(path, "has no rows; fetch or write it again")
     if len(texts) > 1 and 0 < len(texts[-1]) < len(texts[-2]):
         raise FileFormatError(path, "the last row was cut; fetch or write the file again", len(texts))
-    layout = next((one for one in (_C04, _BULLETIN_A) if one.row.match(texts[line_numbers[0]])), None)
+    layout = next((one for one in (_C04, _BULLETIN_A) if one.row.match(texts[lines[0] - 1])), None)
     if layout is None:
         raise FileFormatError(
             path,
             "this is a row of neither IERS 20 C04 (year, month, day, hour, MJD, x, y, UT1-UTC, dX, dY ...) "
             "nor finals2000A; download eopc04.1962-now or finals2000A.all",
-            line_numbers[0] + 1,
+            int(lines[0]),
         )
     places = layout.places.values()
     fields: Any = {
@@ -88,51 +83,10 @@ def read_eop_rows(path: str | Path, first_mjd_utc: float = 0.0) -> EopRows:
         "offsets": [first - 1 for first, _ in places],
         "itemsize": layout.width,
     }
-    rows = np.array([texts[k] for k in line_numbers], dtype=f"S{layout.width}").view(np.dtype(fields))
-    table = _Table(path, layout, rows, np.array(line_numbers) + 1)
-    table = table.select(table.numbers("MJD") >= first_mjd_utc)
-    of_bulletin_a = layout is _BULLETIN_A
-    if of_bulletin_a:  # rows after the last prediction hold a date alone
-        filled = np.flatnonzero(np.char.strip(table.texts["UT1-UTC"]) != b"")
-        table = table.select(slice(0, filled[-1] + 1 if len(filled) else 0))
-    mjd, x, y, ut1 = (table.numbers(name) for name in ("MJD", "x", "y", "UT1-UTC"))
-    skipped = np.flatnonzero(np.diff(mjd) != 1.0)
-    if len(skipped):
-        k = skipped[0]
-        problem = f"MJD {mjd[k + 1]:.2f} follows {mjd[k]:.2f}; daily rows are needed"
-        raise FileFormatError(path, problem, table.lines[k + 1])
-    dx, dy = (layout.pole_offset_arcsec * table.numbers(name, of_bulletin_a) for name in ("dX", "dY"))
-    too_large = np.flatnonzero(np.maximum(np.abs(dx), np.abs(dy)) > _LARGEST_POLE_OFFSET_ARCSEC)
-    if len(too_large):
-        raise FileFormatError(
-            path,
-            "the celestial pole offset is too large to be dX, dY of IAU 2000A: offsets of the 1980 nutation "
-            "theory (dPsi, dEpsilon) are of no use here; take the file with dX, dY",
-            table.lines[too_large[0]],
-        )
-    predicted = np.zeros(len(mjd), dtype=np.bool_)
-    for flag in _FLAGS if of_bulletin_a else ():
-        predicted |= table.texts[flag] == b"P"
-    angles = {"xp_rad": x, "yp_rad": y, "dx_rad": dx, "dy_rad": dy}
-    columns: dict[str, NDArray] = {name: arcsec * ARCSEC_RAD for name, arcsec in angles.items()}
-    columns |= {"mjd_utc": mjd, "ut1_minus_utc_s": ut1, "predicted": predicted}
-    return EopRows(path, hashlib.sha256(path.read_bytes()).hexdigest(), layout.series, columns)
+    rows = np.array([texts[k - 1] for k in lines], dtype=f"S{layout.width}").view(np.dtype(fields))
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Table:
-    """Rows of a file as texts, and the lines that they are from."""
-
-    path: Path
-    layout: _Layout
-    texts: NDArray[np.void]
-    lines: NDArray[np.int64]
-
-    def select(self, index: NDArray[np.bool_] | slice) -> _Table:
-        return replace(self, texts=self.texts[index], lines=self.lines[index])
-
-    def numbers(self, name: str, blank_allowed: bool = False) -> NDArray[np.float64]:
-        text = self.texts[name]
+    def numbers(name: str, blank_allowed: bool = False) -> NDArray[np.float64]:
+        text = rows[name]
         if blank_allowed:
             text = np.where(np.char.strip(text) != b"", text, b"nan")
         try:
@@ -141,11 +95,48 @@ class _Table:
             values = np.array([_number(item) for item in text])
         wrong = np.flatnonzero(~np.isfinite(values) & ~(blank_allowed & (text == b"nan")))
         if len(wrong):
-            first, last = self.layout.places[name]
+            first, last = layout.places[name]
             shown = text[wrong[0]].decode("ascii", "replace")
             problem = f"columns {first} to {last} should hold {name}, but hold {shown!r}"
-            raise FileFormatError(self.path, problem, int(self.lines[wrong[0]]))
-        return values
+            raise FileFormatError(path, problem, int(lines[wrong[0]]))
+        return np.asarray(values)
+
+    used = numbers("MJD") >= first_mjd_utc
+    of_bulletin_a = layout is _BULLETIN_A
+    if of_bulletin_a:  # rows after the last prediction hold a date alone
+        filled = np.flatnonzero(np.char.strip(rows["UT1-UTC"]) != b"")
+        used[filled[-1] + 1 if len(filled) else 0 :] = False
+    rows, lines = rows[used], lines[used]
+    mjd, x, y, ut1 = (numbers(name) for name in ("MJD", "x", "y", "UT1-UTC"))
+    skipped = np.flatnonzero(np.diff(mjd) != 1.0)
+    if len(skipped):
+        k = skipped[0]
+        problem = f"MJD {mjd[k + 1]:.2f} follows {mjd[k]:.2f}; daily rows are needed"
+        raise FileFormatError(path, problem, int(lines[k + 1]))
+    dx, dy = (layout.pole_offset_arcsec * numbers(name, of_bulletin_a) for name in ("dX", "dY"))
+    too_large = np.flatnonzero(np.maximum(np.abs(dx), np.abs(dy)) > _LARGEST_POLE_OFFSET_ARCSEC)
+    if len(too_large):
+        raise FileFormatError(
+            path,
+            "the celestial pole offset is too large to be dX, dY of IAU 2000A: offsets of the 1980 nutation "
+            "theory (dPsi, dEpsilon) are of no use here; take the file with dX, dY",
+            int(lines[too_large[0]]),
+        )
+    predicted = np.zeros(len(mjd), dtype=np.bool_)
+    for flag in _FLAGS if of_bulletin_a else ():
+        predicted |= rows[flag] == b"P"
+    angles = {"xp_rad": x, "yp_rad": y, "dx_rad": dx, "dy_rad": dy}
+    columns: dict[str, NDArray[Any]] = {name: arcsec * ARCSEC_RAD for name, arcsec in angles.items()}
+    columns |= {"mjd_utc": mjd, "ut1_minus_utc_s": ut1, "predicted": predicted}
+    if not len(mjd):
+        return columns, ()
+    name, sha256 = path.name + package, hashlib.sha256(path.read_bytes()).hexdigest()
+    return columns, (f"{layout.series} {name}, {day_of(mjd[0])} to {day_of(mjd[-1])}, sha256 {sha256}",)
+
+
+def day_of(mjd_utc: float) -> str:
+    """A date as text, yyyy-mm-dd."""
+    return str(Epochs.from_jd(2400000.5, mjd_utc, "UTC").day_strings()[0])
 
 
 def _number(text: bytes) -> float:

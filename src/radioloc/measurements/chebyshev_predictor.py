@@ -11,12 +11,11 @@ where that would leave too few observations to a segment, these are computed one
 from __future__ import annotations
 
 import copy
-import itertools
 import warnings
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -277,10 +276,7 @@ def _in_threads(
     if threads < 2:
         quantities(segment, x, coefficients, out, 0, n)
         return
-    bounds = itertools.pairwise(np.linspace(0, n, threads + 1).astype(int).tolist())
-    mine = next(bounds)
-    with ThreadPoolExecutor(threads - 1) as pool:
-        others = [pool.submit(quantities, segment, x, coefficients, out, *rows) for rows in bounds]
-        quantities(segment, x, coefficients, out, *mine)
-        for other in others:
-            other.result()
+    bounds = np.linspace(0, n, threads + 1).astype(int).tolist()
+    with ThreadPoolExecutor(threads) as pool:
+        parts = pool.map(partial(quantities, segment, x, coefficients, out), bounds[:-1], bounds[1:])
+        list(parts)  # raises what one of them did

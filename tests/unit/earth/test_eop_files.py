@@ -15,13 +15,13 @@ def write(tmp_path, *rows):
 
 
 def test_c04_is_read(tmp_path):
-    rows = read_eop_rows(write(tmp_path, C04.rstrip()))
-    assert rows.series == "C04"
-    np.testing.assert_array_equal(rows.columns["mjd_utc"], [58849.0, 58850.0])
-    np.testing.assert_array_equal(rows.columns["xp_rad"], np.array([0.076577, 0.075350]) * ARCSEC_RAD)
-    np.testing.assert_array_equal(rows.columns["ut1_minus_utc_s"], [-0.1771554, -0.1775])
-    np.testing.assert_array_equal(rows.columns["dy_rad"], np.array([-0.000108, -0.000110]) * ARCSEC_RAD)
-    assert not rows.columns["predicted"].any()
+    columns, sources = read_eop_rows(write(tmp_path, C04.rstrip()))
+    assert sources[0].startswith("C04 eop.txt, 2020-01-01 to 2020-01-02, sha256 ")
+    np.testing.assert_array_equal(columns["mjd_utc"], [58849.0, 58850.0])
+    np.testing.assert_array_equal(columns["xp_rad"], np.array([0.076577, 0.075350]) * ARCSEC_RAD)
+    np.testing.assert_array_equal(columns["ut1_minus_utc_s"], [-0.1771554, -0.1775])
+    np.testing.assert_array_equal(columns["dy_rad"], np.array([-0.000108, -0.000110]) * ARCSEC_RAD)
+    assert not columns["predicted"].any()
 
 
 @pytest.mark.parametrize("lost", [1, 40, 125])
@@ -40,18 +40,18 @@ def test_bulletin_a_is_read_in_arcseconds_with_its_flags_and_blanks(tmp_path):
         finals_row(58851, flags="PP ", dx="", dy=""),
         finals_row(58852, flags="   ", x="", y="", ut1="", dx="", dy=""),
     )
-    rows = read_eop_rows(path)
-    assert rows.series == "Bulletin A"
-    np.testing.assert_array_equal(rows.columns["mjd_utc"], [58849.0, 58850.0, 58851.0])
-    np.testing.assert_allclose(rows.columns["dx_rad"][:2], 0.000101 * ARCSEC_RAD, rtol=1e-15)
-    assert np.isnan(rows.columns["dx_rad"][2])
-    np.testing.assert_array_equal(rows.columns["predicted"], [False, True, True])
+    columns, sources = read_eop_rows(path)
+    assert sources[0].startswith("Bulletin A eop.txt, 2020-01-01 to 2020-01-03, sha256 ")
+    np.testing.assert_array_equal(columns["mjd_utc"], [58849.0, 58850.0, 58851.0])
+    np.testing.assert_allclose(columns["dx_rad"][:2], 0.000101 * ARCSEC_RAD, rtol=1e-15)
+    assert np.isnan(columns["dx_rad"][2])
+    np.testing.assert_array_equal(columns["predicted"], [False, True, True])
 
 
 def test_rows_before_a_date_are_left_out(tmp_path):
-    assert list(read_eop_rows(write(tmp_path, C04.rstrip()), 58850.0).columns["mjd_utc"]) == [58850.0]
-    assert len(read_eop_rows(write(tmp_path, finals_row(58849)), 60000.0).columns["mjd_utc"]) == 0
-    assert len(read_eop_rows(write(tmp_path, C04.rstrip()), 60000.0).columns["mjd_utc"]) == 0
+    assert list(read_eop_rows(write(tmp_path, C04.rstrip()), 58850.0)[0]["mjd_utc"]) == [58850.0]
+    assert len(read_eop_rows(write(tmp_path, finals_row(58849)), 60000.0)[0]["mjd_utc"]) == 0
+    assert len(read_eop_rows(write(tmp_path, C04.rstrip()), 60000.0)[0]["mjd_utc"]) == 0
 
 
 @pytest.mark.parametrize(
@@ -77,24 +77,15 @@ def test_what_cannot_be_used_is_named_with_its_line(tmp_path, rows, line, words)
 
 
 def test_packaged_files_are_both_read():
-    c04 = read_eop_rows(astropy_iers_data.IERS_B_FILE)
-    bulletin_a = read_eop_rows(astropy_iers_data.IERS_A_FILE)
-    assert (c04.series, bulletin_a.series) == ("C04", "Bulletin A")
-    assert c04.columns["mjd_utc"][0] == 37665.0
-    assert bulletin_a.columns["mjd_utc"][0] == 41684.0
-    assert bulletin_a.columns["predicted"][-1]
+    c04, _ = read_eop_rows(astropy_iers_data.IERS_B_FILE)
+    bulletin_a, _ = read_eop_rows(astropy_iers_data.IERS_A_FILE)
+    assert c04["mjd_utc"][0] == 37665.0
+    assert bulletin_a["mjd_utc"][0] == 41684.0
+    assert bulletin_a["predicted"][-1]
     # Two independent products of the same days: 0.2 mas and 0.1 ms are ten times their usual difference.
     day_c04, day_a = (
-        np.searchsorted(rows.columns["mjd_utc"], np.arange(58000, 60000)) for rows in (c04, bulletin_a)
+        np.searchsorted(columns["mjd_utc"], np.arange(58000, 60000)) for columns in (c04, bulletin_a)
     )
-    assert (
-        np.abs(c04.columns["xp_rad"][day_c04] - bulletin_a.columns["xp_rad"][day_a]).max() < 5e-4 * ARCSEC_RAD
-    )
-    assert (
-        np.abs(c04.columns["ut1_minus_utc_s"][day_c04] - bulletin_a.columns["ut1_minus_utc_s"][day_a]).max()
-        < 2e-4
-    )
-    assert (
-        np.abs(np.mean(c04.columns["dx_rad"][day_c04] - bulletin_a.columns["dx_rad"][day_a]))
-        < 5e-5 * ARCSEC_RAD
-    )
+    assert np.abs(c04["xp_rad"][day_c04] - bulletin_a["xp_rad"][day_a]).max() < 5e-4 * ARCSEC_RAD
+    assert np.abs(c04["ut1_minus_utc_s"][day_c04] - bulletin_a["ut1_minus_utc_s"][day_a]).max() < 2e-4
+    assert np.abs(np.mean(c04["dx_rad"][day_c04] - bulletin_a["dx_rad"][day_a])) < 5e-5 * ARCSEC_RAD

@@ -54,7 +54,7 @@ _BULLETIN_A = _Layout(
 
 def read_eop_rows(
     path: str | Path, first_mjd_utc: float = 0.0, package: str = ""
-) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
+) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Read a C04 or finals2000A file, plain or gzip; which of the two it is, its rows tell.
 
     Returns the columns of :class:`radioloc.earth.eop.EopTable` from a date on, and its sources: the file, which may be
@@ -126,7 +126,7 @@ def read_eop_rows(
     for flag in _FLAGS if of_bulletin_a else ():
         predicted |= rows[flag] == b"P"
     angles = {"xp_rad": x, "yp_rad": y, "dx_rad": dx, "dy_rad": dy}
-    columns: dict[str, NDArray[Any]] = {name: arcsec * ARCSEC_RAD for name, arcsec in angles.items()}
+    columns: dict[str, Any] = {name: arcsec * ARCSEC_RAD for name, arcsec in angles.items()}
     columns |= {"mjd_utc": mjd, "ut1_minus_utc_s": ut1, "predicted": predicted}
     if not len(mjd):
         return columns, ()

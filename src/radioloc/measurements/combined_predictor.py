@@ -1,4 +1,4 @@
-"""Measurements that are linear combinations of simpler ones, predicted by those.
+"""Measurements that are linear combinations of simpler ones, predicted by those, and places on maps beside tracking.
 
 A type with ``Geometry.COMBINED`` says which measurements it combines and with which weights. Their observations are
 predicted by another predictor, and values and partials, by whatever parameter, combine with the same weights.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from radioloc.boundary import bare_arguments
 from radioloc.ephemeris.trajectory import AdjustableTrajectory
 from radioloc.errors import InputError
 from radioloc.measurements.link import Link
+from radioloc.measurements.map_predictor import MapPredictor
 from radioloc.measurements.measurement_type import Part
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
@@ -32,6 +34,16 @@ class Combinations:
 
     first: NDArray[np.intp]  # where each combination begins, and the end of the last, shape (n + 1,)
     weight: NDArray[np.float64]  # of each simple observation
+
+    @classmethod
+    def none(cls, n: int) -> Combinations:
+        """Of n observations that are simple ones."""
+        return cls(np.arange(n + 1), np.ones(n))
+
+    @property
+    def any(self) -> bool:
+        """Whether any observation is not a simple one."""
+        return len(self.weight) >= len(self.first) or bool((self.weight != 1.0).any())
 
     def rows(self, which: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Simple observations of some combinations, shape (k,), and where each combination begins among them."""
@@ -82,48 +94,91 @@ def _parts(kind: str, link: Link) -> tuple[Part, ...]:
 
 
 class CombinedPredictor(Predictor):
-    """Predicts observations some of which are combinations of simple ones, which `inner` predicts."""
+    """Predicts tracking, some of which may combine simple observations, and then places on maps.
 
-    def __init__(self, observations: Observations, parts: Combinations, inner: Predictor) -> None:
+    `parts` say how the observations follow from simple ones, which `inner` predicts. The places are the last rows, and
+    all there are, of any selection.
+    """
+
+    def __init__(
+        self,
+        observations: Observations,
+        parts: Combinations,
+        inner: Predictor,
+        places: MapPredictor | None = None,
+    ) -> None:
         super().__init__(inner.model, observations, inner.trajectory, inner.targets, inner.more_partials)
-        self.parts, self.inner = parts, inner
+        self.parts, self.inner, self.places, self._tracked = parts, inner, places, observations
+        if places is not None:
+            self.observations = Observations.concatenate([observations, places.observations])
+            self.maps, on_maps = places.maps, len(self.stations) + places.receivers
+            self.target = np.concatenate([self.target, places.target])
+            self.transmitters = np.concatenate([self.transmitters, on_maps])
+            self.receivers = np.concatenate([self.receivers, on_maps])
+
+    @classmethod
+    def beside(cls, tracking: Predictor, places: MapPredictor) -> CombinedPredictor:
+        """Tracking and places on maps."""
+        if isinstance(tracking, CombinedPredictor):
+            return cls(tracking.observations, tracking.parts, tracking.inner, places)
+        return cls(tracking.observations, Combinations.none(len(tracking.observations)), tracking, places)
+
+    @property
+    def tracking(self) -> Predictor:
+        """As :attr:`Predictor.tracking`."""
+        return CombinedPredictor(self._tracked, self.parts, self.inner) if self.parts.any else self.inner
+
+    @property
+    def simple(self) -> Predictor:
+        """As :attr:`Predictor.simple`."""
+        return self.inner
 
     @property
     def predicted_eop(self) -> NDArray[np.bool_]:
         """Whether an observation rests on predicted Earth orientation, shape (n,)."""
-        return np.logical_or.reduceat(self.inner.predicted_eop, self.parts.first[:-1])
+        of_tracking = np.logical_or.reduceat(self.inner.predicted_eop, self.parts.first[:-1])
+        return np.append(of_tracking, np.zeros(len(self.observations) - len(of_tracking), dtype=bool))
 
     @bare_arguments
     def at(self, lander_pa_m: NDArray[np.float64]) -> CombinedPrediction:
         """The predictions for a position."""
-        return CombinedPrediction(self.parts, self.inner.at(lander_pa_m))
+        return CombinedPrediction(self, lander_pa_m)
 
     def select(self, which: Any) -> CombinedPredictor:
-        """The arc of some of the observations (a mask, a slice or indices), already prepared."""
+        """The arc of some of the tracking (a mask, a slice or indices), already prepared, with all places on maps."""
         rows = np.arange(len(self.observations))[which]
-        simple, begin = self.parts.rows(rows)
+        tracked = rows[rows < len(self._tracked)]
+        assert len(rows) - len(tracked) == len(self.observations) - len(self._tracked)
+        simple, begin = self.parts.rows(tracked)
         parts = Combinations(np.append(begin, len(simple)), self.parts.weight[simple])
-        return CombinedPredictor(self.observations.select(rows), parts, self.inner.select(simple))
+        values_m = self.observations.value_m[tracked]
+        observations = replace(self._tracked.select(tracked), value_m=values_m)
+        return CombinedPredictor(observations, parts, self.inner.select(simple), self.places)
 
     def along(self, trajectory: AdjustableTrajectory) -> CombinedPredictor:
         """As :meth:`Predictor.along`."""
-        return CombinedPredictor(self.observations, self.parts, self.inner.along(trajectory))
+        return CombinedPredictor(self._tracked, self.parts, self.inner.along(trajectory), self.places)
 
     def with_model(self, model: PhysicalModel, lander_pa_m: NDArray[np.float64]) -> CombinedPredictor:
         """The same observations prepared with another model, for values only."""
-        return CombinedPredictor(self.observations, self.parts, self.inner.with_model(model, lander_pa_m))
+        inner = self.inner.with_model(model, lander_pa_m)
+        return CombinedPredictor(self._tracked, self.parts, inner, self.places)
 
 
 class CombinedPrediction:
-    """Predictions of combined observations for one position."""
+    """Predictions of tracking that may be combined, and of places on maps, for one position."""
 
-    def __init__(self, parts: Combinations, inner: Prediction) -> None:
-        self._parts, self._inner = parts, inner
+    def __init__(self, predictor: CombinedPredictor, lander_pa_m: NDArray[np.float64]) -> None:
+        self._parts, self._tracking = predictor.parts, predictor.inner
+        self._at = predictor.inner.at(lander_pa_m)
+        self._places = predictor.places
+        self._at_places = None if predictor.places is None else predictor.places.at(lander_pa_m)
 
-    @property
+    @cached_property
     def value_m(self) -> NDArray[np.float64]:
         """Value of every observation, m, shape (n,)."""
-        return np.add.reduceat(self._inner.value_m * self._parts.weight, self._parts.first[:-1])
+        tracking_m = np.add.reduceat(self._at.value_m * self._parts.weight, self._parts.first[:-1])
+        return tracking_m if self._at_places is None else np.append(tracking_m, self._at_places.value_m)
 
     def rows(self, which: Any) -> Computed:
         """Values and partials of the rows chosen by a mask, a slice or indices, in that order.
@@ -131,9 +186,9 @@ class CombinedPrediction:
         Partials that belong to the ends of a path (by the position of the target, by the stations) are those of the
         first part where there are several: whoever needs them all asks :meth:`combine`. The elevations are the lowest.
         """
-        chosen = np.arange(len(self._parts.first) - 1)[which]
-        simple, begin = self._parts.rows(chosen)
-        inner, weight = self._inner.rows(simple), self._parts.weight[simple]
+        chosen, tracked = self._chosen(which)
+        simple, begin = self._parts.rows(chosen[tracked])
+        inner, weight = self._at.rows(simple), self._parts.weight[simple]
         columns = {field.name: getattr(inner, field.name)[begin] for field in fields(Computed)}
         for name in ("value_m", "by_time_m_s", "by_transponder_delay_m_s"):
             columns[name] = np.add.reduceat(getattr(inner, name) * weight, begin)
@@ -143,13 +198,42 @@ class CombinedPrediction:
             rows = np.flatnonzero(part == k)
             owner = np.searchsorted(begin, rows, side="right") - 1
             columns["status"][owner] = first_of(columns["status"][owner], inner.status[rows])
+        if self._at_places is not None:
+            on_map = self._at_places.rows(chosen[~tracked] - len(self._parts.first) + 1)
+            for name, column in columns.items():
+                columns[name] = _merged(tracked, column, getattr(on_map, name))
         return Computed(**columns)
 
     def combine(
-        self, which: NDArray[np.intp], columns: Callable[[NDArray[np.intp], Prediction], NDArray[np.float64]]
+        self,
+        which: NDArray[np.intp],
+        columns: Callable[[NDArray[np.intp], Prediction, Predictor], NDArray[np.float64]],
     ) -> NDArray[np.float64]:
-        """What a function gives for the simple observations of some rows, combined; shape (m, ...)."""
-        simple, begin = self._parts.rows(which)
-        of_simple = columns(simple, self._inner)
-        weight = self._parts.weight[simple].reshape(-1, *[1] * (of_simple.ndim - 1))
-        return np.add.reduceat(of_simple * weight, begin, axis=0)
+        """What a function gives for simple observations, by rows of a predictor and its prediction, of some rows here.
+
+        Those of combinations are combined; shape (m, ...).
+        """
+        chosen, tracked = self._chosen(which)
+        simple, begin = self._parts.rows(chosen[tracked])
+        combined = columns(simple, self._at, self._tracking)
+        if self._parts.any:
+            weight = self._parts.weight[simple].reshape(-1, *[1] * (combined.ndim - 1))
+            combined = np.add.reduceat(combined * weight, begin, axis=0)
+        if self._places is None or self._at_places is None or tracked.all():
+            return combined
+        rows = chosen[~tracked] - len(self._parts.first) + 1
+        return _merged(tracked, combined, columns(rows, self._at_places, self._places))
+
+    def _chosen(self, which: Any) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+        """Some rows, and which of them are tracking."""
+        chosen = np.arange(len(self.value_m))[which]
+        return chosen, chosen < len(self._parts.first) - 1
+
+
+def _merged(tracked: NDArray[np.bool_], tracking: NDArray[Any], on_map: NDArray[Any]) -> NDArray[Any]:
+    """Rows of tracking and of places on maps, of which there is nothing that was not asked for."""
+    out = np.zeros((len(tracked), *tracking.shape[1:]), dtype=tracking.dtype, order="F")
+    out[tracked] = tracking
+    if on_map.shape[1:] == tracking.shape[1:]:
+        out[~tracked] = on_map
+    return out

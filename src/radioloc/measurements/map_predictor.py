@@ -1,23 +1,22 @@
-"""Predictions of where targets are seen on maps, alone and beside tracking."""
+"""Predictions of where targets are seen on maps."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
-from radioloc.ephemeris.trajectory import AdjustableTrajectory
 from radioloc.errors import InputError
 from radioloc.lunar import cartesian_to_selenographic, east_north_up, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import Link, canonical_target
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.predictor import Computed, Prediction, Predictor
+from radioloc.measurements.predictor import Computed, Predictor
 from radioloc.measurements.registry import kind_of
 
 
@@ -178,69 +177,3 @@ class MapPredictor(Predictor):
     def with_model(self, model: PhysicalModel, lander_pa_m: NDArray[np.float64]) -> MapPredictor:
         """The same: no term of the model is in it."""
         return self
-
-
-class JointPredictor(Predictor):
-    """Predicts tracking, and then places on maps; of any selection these are the last rows, and all of them."""
-
-    def __init__(self, tracking: Predictor, places: MapPredictor) -> None:
-        self.tracking, self.places = tracking, places
-        self.model, self.trajectory, self.targets = tracking.model, tracking.trajectory, tracking.targets
-        self.stations, self.maps, self.more_partials = tracking.stations, places.maps, tracking.more_partials
-        self.observations = Observations.concatenate([tracking.observations, places.observations])
-        self.target = np.concatenate([tracking.target, places.target])
-        of_maps = len(self.stations) + places.receivers
-        self.transmitters = np.concatenate([tracking.transmitters, of_maps])
-        self.receivers = np.concatenate([tracking.receivers, of_maps])
-
-    @property
-    def predicted_eop(self) -> NDArray[np.bool_]:
-        """Whether an observation rests on predicted Earth orientation, shape (n,)."""
-        return np.concatenate([self.tracking.predicted_eop, self.places.predicted_eop])
-
-    @bare_arguments
-    def at(self, lander_pa_m: NDArray[np.float64]) -> JointPrediction:
-        """The predictions for a position."""
-        return JointPrediction(self.tracking.at(lander_pa_m), self.places.at(lander_pa_m))
-
-    def select(self, which: Any) -> JointPredictor:
-        """The arc of some of the tracking (a mask, a slice or indices), with all places on maps."""
-        rows, first = np.arange(len(self.observations))[which], len(self.tracking.observations)
-        assert (rows >= first).sum() == len(self.places.observations)
-        return JointPredictor(self.tracking.select(rows[rows < first]), self.places)
-
-    def along(self, trajectory: AdjustableTrajectory) -> JointPredictor:
-        """As :meth:`Predictor.along`."""
-        return JointPredictor(self.tracking.along(trajectory), self.places)
-
-    def with_model(self, model: PhysicalModel, lander_pa_m: NDArray[np.float64]) -> JointPredictor:
-        """The same observations prepared with another model, for values only."""
-        return JointPredictor(self.tracking.with_model(model, lander_pa_m), self.places)
-
-
-class JointPrediction:
-    """Predictions of tracking and of places on maps for one position."""
-
-    def __init__(self, tracking: Prediction, places: Computed) -> None:
-        self.tracking, self.places = tracking, places
-        self.value_m = np.concatenate([tracking.value_m, places.value_m])
-
-    def split(self, which: Any) -> tuple[NDArray[np.bool_], NDArray[np.intp], NDArray[np.intp]]:
-        """Which of some rows are places on maps, and the rows among tracking and among places."""
-        rows = np.arange(len(self.value_m))[which]
-        first = len(self.tracking.value_m)
-        on_map = rows >= first
-        return on_map, rows[~on_map], rows[on_map] - first
-
-    def rows(self, which: Any) -> Computed:
-        """Values and partials of the rows chosen by a mask, a slice or indices, in that order."""
-        on_map, tracked, placed = self.split(which)
-        tracking, places = self.tracking.rows(tracked), self.places.rows(placed)
-        columns = {}
-        for field in fields(Computed):
-            of_tracking, of_places = getattr(tracking, field.name), getattr(places, field.name)
-            columns[field.name] = np.zeros((len(on_map), *of_tracking.shape[1:]), dtype=of_tracking.dtype)
-            columns[field.name][~on_map] = of_tracking
-            if of_places.shape[1:] == of_tracking.shape[1:]:  # others were not asked for, and are zero
-                columns[field.name][on_map] = of_places
-        return Computed(**columns)

@@ -127,6 +127,8 @@ class Predictor(ABC):
         Names of the stations that take part, each once.
     maps : tuple of str
         Names of maps on which targets are seen, which stand after the stations.
+    places : MapPredictor or None
+        Predicts the places on maps, which are the last rows.
     transmitters, receivers : ndarray of int32, shape (n,)
         Index into ``stations`` and ``maps`` of each observation's first and second station; without a first one it is
         the second.
@@ -135,6 +137,7 @@ class Predictor(ABC):
     """
 
     maps: tuple[str, ...] = ()
+    places: Any = None
 
     def __init__(
         self,
@@ -184,6 +187,16 @@ class Predictor(ABC):
         self.stations, self._stations = tuple(found), tuple(found.values())
         self.transmitters, self.receivers, self.target = (column[observations.link] for column in ends.T)
         self._source = directions[observations.link]
+
+    @property
+    def tracking(self) -> Predictor:
+        """The predictor of the tracking alone, without places on maps."""
+        return self
+
+    @property
+    def simple(self) -> Predictor:
+        """The predictor of the simple observations that the tracking consists of."""
+        return self
 
     @property
     @abstractmethod

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from radioloc.dynamics.stochastic import StochasticAccelerations
 from radioloc.ephemeris.trajectory import AdjustableTrajectory
-from radioloc.measurements.combined_predictor import CombinedPrediction, CombinedPredictor
-from radioloc.measurements.map_predictor import JointPrediction, JointPredictor
+from radioloc.measurements.combined_predictor import CombinedPrediction
 from radioloc.measurements.predictor import ROWS_AT_ONCE, Prediction, Predictor
 from radioloc.parameters.columns import Columns
 from radioloc.parameters.kind import ParameterKind, Scope
@@ -25,17 +24,10 @@ from radioloc.time import Epochs
 Rows = NDArray[np.intp]
 
 
-def tracking_of(predictor: Predictor) -> Predictor:
-    """The predictor of the tracking alone."""
-    return predictor.tracking if isinstance(predictor, JointPredictor) else predictor
-
-
 def simple_predictor(predictor: Predictor, kind: ParameterKind | None = None) -> Predictor:
     """The predictor of the tracking that combinations consist of, or of places on maps if a kind acts on those."""
-    if isinstance(predictor, JointPredictor) and kind is not None and Scope.MAP in kind.scopes:
-        return predictor.places
-    tracking = tracking_of(predictor)
-    return tracking.inner if isinstance(tracking, CombinedPredictor) else tracking
+    on_maps = predictor.places is not None and kind is not None and Scope.MAP in kind.scopes
+    return predictor.places if on_maps else predictor.simple
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,24 +134,12 @@ class DesignMatrix:
 
     def partials(self, rows: Rows, *, of_kinds_only: bool = False) -> NDArray[np.float64]:
         """d(computed)/d(parameter) of some observations, shape (m, p); or those by all but the positions."""
-        first = 0 if of_kinds_only else len(self.model.positions)
-        if not isinstance(self.at, JointPrediction):
-            return self._of_tracking(rows, self.at, first)
-        on_map, tracked, placed = self.at.split(rows)
-        of_tracking = self._of_tracking(tracked, self.at.tracking, first)
-        if not on_map.any():
-            return of_tracking
-        assert isinstance(self.model.predictor, JointPredictor)
-        out = np.empty((of_tracking.shape[1], len(rows))).T
-        out[~on_map] = of_tracking
-        out[on_map] = self._simple(placed, self.at.places, first, self.model.predictor.places)
-        return out
+        columns = partial(self._simple, first=0 if of_kinds_only else len(self.model.positions))
+        if isinstance(self.at, CombinedPrediction):
+            return self.at.combine(rows, columns)
+        return columns(rows, self.at, self.model.predictor)
 
-    def _of_tracking(self, rows: Rows, at: Prediction, first: int) -> NDArray[np.float64]:
-        columns = partial(self._simple, first=first, predictor=simple_predictor(self.model.predictor))
-        return at.combine(rows, columns) if isinstance(at, CombinedPrediction) else columns(rows, at)
-
-    def _simple(self, rows: Rows, at: Prediction, first: int, predictor: Predictor) -> NDArray[np.float64]:
+    def _simple(self, rows: Rows, at: Prediction, predictor: Predictor, first: int) -> NDArray[np.float64]:
         """Partials of observations that are not combined, by the first positions and all kinds of parameter."""
         model = self.model
         place = np.zeros(3) if model.of_orbit else self.positions_pa_m

@@ -26,7 +26,6 @@ from radioloc.measurements.link import canonical_target
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
-from radioloc.parameters.design import tracking_of
 from radioloc.studies.problem import observation_model
 from radioloc.studies.study import EstimateChoice, HeightPrior
 
@@ -56,7 +55,7 @@ def near_starts(
 
     Of several targets each is sought by its own observations; one that is only observed beside another moves with it.
     """
-    arc = tracking_of(arc)
+    arc = arc.tracking
     if arc.trajectory is not None or estimate.position == "none" or not len(arc.observations):
         return {}
     observed = [[canonical_target(name) for name in link.targets] for link in arc.observations.links]

@@ -44,10 +44,9 @@ from radioloc.estimation.process_noise import ProcessNoise
 from radioloc.estimation.series import seconds_since_midnight
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import Link
-from radioloc.measurements.map_predictor import JointPredictor
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
-from radioloc.parameters.design import ObservationModel, tracking_of
+from radioloc.parameters.design import ObservationModel
 from radioloc.parameters.parameter import Role
 from radioloc.report.covariance import CovarianceStudy, ErrorSource, Gain, PlannedArc, Share
 from radioloc.simulation import Scenario, Session
@@ -198,11 +197,11 @@ class _Planned:
             )
             longest, left_out = prepared_arc(study, plan.observations.select(rows), orbit)
             noise = scenario.noise.processes(plan).select(rows)
-            if isinstance(longest, JointPredictor):
+            if longest.places is not None:
                 on_maps = np.arange(len(rows), len(longest.observations))
                 noise = noise.followed_by(_stated(study, longest).select(on_maps))
             silent = [
-                kind for kind in tracking_of(longest).observations.types() if kind not in scenario.noise.link
+                kind for kind in longest.tracking.observations.types() if kind not in scenario.noise.link
             ]
             notes += [
                 f"[simulation.noise.{kind}] is not given: white noise of the sessions' sigma_m"

@@ -36,9 +36,10 @@ from radioloc.io.formats import read_observations
 from radioloc.lunar import rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.ambiguity import without_ambiguity
+from radioloc.measurements.combined_predictor import CombinedPredictor
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.map_predictor import JointPredictor, MapPredictor
+from radioloc.measurements.map_predictor import MapPredictor
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor, blocks
@@ -49,7 +50,7 @@ from radioloc.media.csp import read_csp
 from radioloc.media.ionex import read_ionex
 from radioloc.media.ionosphere import UniformTec
 from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
-from radioloc.parameters.design import ObservationModel, tracking_of
+from radioloc.parameters.design import ObservationModel
 from radioloc.studies.coarse_search import near_starts
 from radioloc.studies.first_orbit import first_orbit
 from radioloc.studies.manoeuvres import HIDDEN, Manoeuvre
@@ -166,7 +167,7 @@ def prepared_arc(
     arc = _arc(study, model, chosen, targets, orbit)
     logger.info("prepared the model for %d observations by %s", len(chosen), ", ".join(arc.stations))
     if places := study.observations.map_positions:
-        arc = JointPredictor(arc, MapPredictor(arc, [place.read() for place in places]))
+        arc = CombinedPredictor.beside(arc, MapPredictor(arc, [place.read() for place in places]))
     return arc, left_out
 
 
@@ -307,7 +308,7 @@ def fit_arc(
         return solution
     aim = problem.all_positions_pa_m(x if solution.converged else problem.parameters.prior_values)
     search = TransmitterSearch(study, model, aim, arc.trajectory, arc.targets)
-    transmitters = search.passes(tracking_of(arc).observations)
+    transmitters = search.passes(arc.tracking.observations)
     notes = (*solution.notes, *(str(one) for one in transmitters if not one.decided))
     return replace(solution, transmitters=transmitters, notes=notes)
 

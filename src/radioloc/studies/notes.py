@@ -27,14 +27,12 @@ from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.exact_predictor import is_radio
 from radioloc.measurements.light_path import PLANETS_MM
-from radioloc.measurements.map_predictor import JointPredictor
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import kernel_record
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.terms import TERMS
 from radioloc.media.csp import CHARGED, DRY, WET
 from radioloc.parameters.choice import chosen_keys
-from radioloc.parameters.design import tracking_of
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.report.cards import metres, plural
@@ -251,7 +249,7 @@ def provenance(
 ) -> dict[str, Any]:
     """Versions, files, choices and kernels of a fit, and how its observations were computed at the positions found."""
     evaluation: dict[str, Any] = {"kind": "exact"}
-    if isinstance(tracking := tracking_of(arc), ChebyshevPredictor):
+    if isinstance(tracking := arc.tracking, ChebyshevPredictor):
         evaluation = {"kind": "interpolated", **asdict(tracking.check(positions_pa_m))}
     model, chosen = arc.model, study.model
     one_each = {"vmf3_orography": chosen.vmf3_orography, "gpt3": chosen.gpt3}
@@ -261,7 +259,7 @@ def provenance(
         "study": study_origin(study) if _of_its_files(study, tracking.observations) else None,
         "files": [Path(name).name for name in arc.observations.files],
         "images": sorted({key for place in arc.places.positions for key in place.data})
-        if isinstance(arc, JointPredictor)
+        if arc.places is not None
         else [],
         "not_selected": left_out,
         "doppler_average_s": study.observations.doppler_average_s,

@@ -41,7 +41,7 @@ from radioloc.media.status import Status
 from radioloc.parameters.choice import ParameterChoice, chosen_parameters
 from radioloc.parameters.columns import Columns
 from radioloc.parameters.considered import resolved
-from radioloc.parameters.design import DesignMatrix, ObservationModel, simple_predictor, tracking_of
+from radioloc.parameters.design import DesignMatrix, ObservationModel, simple_predictor
 from radioloc.parameters.kind import Scope
 from radioloc.parameters.orbit import (
     Ground,
@@ -404,7 +404,7 @@ def with_independent_clocks(study: Study, estimate: EstimateChoice, arc: Predict
     """
     if not study.consider_defaults:
         return estimate
-    tracking, estimated, considered = tracking_of(arc), set(estimate.parameters), set(study.consider)
+    tracking, estimated, considered = arc.tracking, set(estimate.parameters), set(study.consider)
     chosen = _frequency_offsets(estimated | (considered & {"frequency_offset"}), tracking)
     chosen |= _clocks(estimated | considered, tracking)
     return replace(estimate, parameters={**estimate.parameters, **chosen}) if chosen else estimate

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError, named
 from radioloc.estimation.noise_structure import SAME_EPOCH_S, epoch_numbers
 from radioloc.estimation.observation_noise import ALONE, ObservationNoise, PhaseNoise, SharedErrors
-from radioloc.measurements.map_predictor import JointPredictor
 from radioloc.measurements.observations import DOPPLER, VLBI_DELAY, VLBI_DELAY_RATE
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import kind_of
@@ -47,7 +46,7 @@ def stated_noise(arc: Predictor, choice: ObservationChoice) -> ObservationNoise:
         group[rows] = group.max() + 1 + number.reshape(-1)
         effect_m[rows] = ends_m * [-1.0, 1.0]
     source = np.stack([arc.transmitters, arc.receivers], axis=-1).astype(np.intp)
-    if isinstance(arc, JointPredictor):
+    if arc.places is not None:
         first = len(arc.tracking.observations)
         for row, place in zip(range(first, len(own_m), 2), arc.places.positions, strict=True):
             (east_m2, both_m2), (_, north_m2) = place.covariance_en_m2
@@ -86,7 +85,7 @@ def considered_ties_m(arc: Predictor, parameters: ParameterSet, study: Study) ->
     """Sigma of the tie of its map for each observation, m, shape (n,); zero where that is not considered, or no map."""
     ties_m = np.zeros(len(arc.observations))
     choice = study.consider.get("map_tie", ParameterChoice("all" if study.consider_defaults else "none"))
-    if isinstance(arc, JointPredictor):
+    if arc.places is not None:
         first = len(arc.tracking.observations)
         for row, place in zip(range(first, len(ties_m), 2), arc.places.positions, strict=True):
             chosen = choice.names == "all" or place.map in choice.names

@@ -98,7 +98,7 @@ def test_values_and_partials_are_those_of_the_parts(arc, by_hand):
             np.testing.assert_allclose(getattr(found, name)[mine], expected, rtol=0, atol=SAME_M)
         np.testing.assert_array_equal(value_m[mine], found.value_m[mine])
         by_target = arc.at(POSITIONS_M).combine(
-            np.arange(len(CASES) * N)[mine], lambda rows, inner: inner.rows(rows).by_position_pa
+            np.arange(len(CASES) * N)[mine], lambda rows, inner, _: inner.rows(rows).by_position_pa
         )
         expected = sum(weight * one.by_position_pa for weight, one in computed)
         np.testing.assert_allclose(by_target, expected, rtol=0, atol=1e-9)

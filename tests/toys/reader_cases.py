@@ -19,11 +19,10 @@ from radioloc.io.table import read_parquet, read_table
 from radioloc.io.tdm import TdmAgreement, read_tdm
 from radioloc.lunar import TerrainModel
 from radioloc.measurements.sources import read_sources
+from radioloc.media.air_files import read_gpt3, read_vmf3_grids, read_vmf3_sites
 from radioloc.media.csp import read_csp
-from radioloc.media.gpt3 import read_gpt3
 from radioloc.media.ionex import read_ionex
 from radioloc.media.radio_atmosphere import read_radio_atmosphere
-from radioloc.media.vmf3_files import read_vmf3_grids, read_vmf3_sites
 from radioloc.studies.study_file import read_study
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

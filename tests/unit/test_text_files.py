@@ -6,9 +6,8 @@ import os
 import pytest
 
 from radioloc.errors import FileFormatError
-from radioloc.media.gpt3 import read_gpt3
+from radioloc.media.air_files import read_gpt3, read_vmf3_grids, read_vmf3_sites
 from radioloc.media.ionex import read_ionex
-from radioloc.media.vmf3_files import read_vmf3_grids, read_vmf3_sites
 from radioloc.text_files import read_lines, read_text, write_text
 
 

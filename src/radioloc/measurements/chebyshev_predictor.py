@@ -24,18 +24,22 @@ from numpy.typing import NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S
 from radioloc.errors import PredictedEopWarning
-from radioloc.measurements.dense_series import CHECK_POINTS, DenseSeries, Segments, check_points, nodes
-from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.observations import Observations
-from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.piecewise_chebyshev import (
+from radioloc.measurements.dense_series import (
+    CHECK_POINTS,
+    DenseSeries,
+    Segments,
+    check_points,
     compare,
     first_nodes,
     layout,
+    nodes,
     polynomials,
     stacked,
     unstacked,
 )
+from radioloc.measurements.exact_predictor import ExactPredictor
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed, Predictor
 from radioloc.measurements.proper_time import clock_epoch as clock_epoch_of
 from radioloc.measurements.records import joined, rows_of

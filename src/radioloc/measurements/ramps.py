@@ -1,17 +1,20 @@
-"""Ramps: the frequency that stations transmit, piece by piece linear in time, and its cycles.
+"""The frequencies of deep-space links: ramps, in which stations transmit, piece by piece linear in time, and bands.
 
 A coherent measurement counts cycles of the transmitted frequency f_T. In metres, by the reference frequency f_0 of the
 observation, Doppler over the count interval T is c T less c / f_0 times the integral of f_T from t1 at its start to t1
 at its end, and a range is c / f_0 times the integral from t1 to t3. Both are the length of the light path, or its
 growth, less c / f_0 times the integral of f_T - f_0 up to the transmission at t1, and need no light time from the user.
 
-Source: Moyer (2003), sections 13.3 and 13.5.
+Source: Moyer (2003), sections 13.3 and 13.5; of the bands, S, X and Ka, and the ratios by which a transponder
+multiplies the uplink's frequency, DSN Telecommunications Link Design Handbook (810-005), module 201, tables of channels
+and turnaround ratios, and Moyer's table 13-1.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +24,12 @@ from radioloc.constants import C_M_S
 from radioloc.errors import InputError
 from radioloc.media.status import Status
 from radioloc.time import Epochs, tai_to_tt, tai_to_utc, utc_strings, utc_to_tai
+
+UPLINK = {"S": 221, "X": 749, "Ka": 3599}
+"""Uplinks of one channel are to each other as these numbers."""
+DOWNLINK = {"S": 240, "X": 880, "Ka": 3344}
+"""Coherent downlinks of the channel, on the scale of its uplinks."""
+DOWNLINK_LIMITS_HZ = {"S": (2.20e9, 2.31e9), "X": (8.40e9, 8.50e9), "Ka": (31.8e9, 32.3e9)}
 
 _SAME_S = 1e-6
 """Ramps that meet to this time are contiguous: a station's frequency is set to the microsecond."""
@@ -279,3 +288,15 @@ class TransmittedFrequency:
         k = np.maximum(np.searchsorted(self._start_s, time_s, side="right") - 1, 0)
         within_s = time_s - self._start_s[k]
         return k, (within_s >= 0.0) & (within_s <= self._duration_s[k] + _SAME_S)
+
+
+def turnaround_ratio(uplink: str, downlink: str) -> Fraction:
+    """Ratio of the coherent downlink's frequency to the uplink's, of bands by their names.
+
+    Examples
+    --------
+    >>> from radioloc.measurements.ramps import turnaround_ratio
+    >>> turnaround_ratio("X", "Ka")
+    Fraction(3344, 749)
+    """
+    return Fraction(DOWNLINK[downlink], UPLINK[uplink])

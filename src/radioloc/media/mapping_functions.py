@@ -3,9 +3,9 @@
 All mapping functions in use are one continued fraction in the sine of elevation, with three coefficients a, b, c.
 Niell (1996) gives them from latitude, height and season alone, good to 1 % at 5 degrees of elevation, so to some
 3 mm of delay at 20 degrees. VMF3 (Landskron and Boehm 2018) is good to less than a millimetre there: its a come every
-six hours from ray tracing through weather models (:mod:`radioloc.media.vmf3_files`) or from a climatology
-(:mod:`radioloc.media.gpt3`); its b and c are a fit to ten years of such rays, spherical harmonics of degree and order
-12 with annual and semiannual terms, and are packaged with the library.
+six hours from ray tracing through weather models or from a climatology (:mod:`radioloc.media.air_files`); its b and c
+are a fit to ten years of such rays, spherical harmonics of degree and order 12 with annual and semiannual terms, which
+ships.
 """
 
 from __future__ import annotations

@@ -26,8 +26,16 @@ from numpy.typing import NDArray
 from radioloc.earth.geodesy import geodetic_from_itrf
 from radioloc.earth.stations import Station
 from radioloc.errors import CoverageError, InputError
+from radioloc.media.air_files import (
+    Gpt3Grid,
+    Vmf3Grids,
+    Vmf3Site,
+    Vmf3Values,
+    read_gpt3,
+    read_vmf3_grids,
+    read_vmf3_sites,
+)
 from radioloc.media.csp import DRY, WET, MediaCalibrations
-from radioloc.media.gpt3 import Gpt3Grid, read_gpt3
 from radioloc.media.mapping_functions import (
     Floats,
     MappingFactors,
@@ -44,7 +52,6 @@ from radioloc.media.neutral_atmosphere import (
     zenith_wet_delay_askne_nordius_m,
     zenith_wet_delay_m,
 )
-from radioloc.media.vmf3_files import Vmf3Grids, Vmf3Site, Vmf3Values, read_vmf3_grids, read_vmf3_sites
 from radioloc.text_files import ANY_BYTE, read_lines
 from radioloc.time import Epochs
 

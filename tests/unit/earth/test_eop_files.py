@@ -4,7 +4,7 @@ import pytest
 from earth_files import C04, finals_row
 
 from radioloc.constants import ARCSEC_RAD
-from radioloc.earth.eop_files import read_eop_rows
+from radioloc.earth.eop import read_eop_rows
 from radioloc.errors import FileFormatError
 
 

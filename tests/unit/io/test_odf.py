@@ -15,7 +15,7 @@ from radioloc.errors import DataQualityWarning, FileFormatError
 from radioloc.io import read_observations
 from radioloc.io.odf import read_odf, read_odf_file
 from radioloc.measurements import ExactPredictor, PhysicalModel
-from radioloc.measurements.bands import turnaround_ratio
+from radioloc.measurements.ramps import turnaround_ratio
 from radioloc.time import epochs_from_strings, utc_to_tai
 
 REAL = sorted(Path(os.environ.get("RADIOLOC_ODF_FILES", "no folder")).glob("*.odf"))

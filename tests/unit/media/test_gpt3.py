@@ -5,7 +5,7 @@ import pytest
 from atmosphere_files import GPT3_CORNERS
 
 from radioloc.errors import FileFormatError, InputError
-from radioloc.media.gpt3 import Gpt3Grid, Gpt3Values, read_gpt3
+from radioloc.media.air_files import Gpt3Grid, Gpt3Values, read_gpt3
 from radioloc.media.neutral_atmosphere import zenith_hydrostatic_delay_m, zenith_wet_delay_askne_nordius_m
 from radioloc.time import epochs_from_strings
 

@@ -20,7 +20,7 @@ from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.registry import KINDS
-from radioloc.media.gpt3 import Gpt3Grid
+from radioloc.media.air_files import Gpt3Grid, Vmf3Grids
 from radioloc.media.grids import LatLonGrid
 from radioloc.media.mapping_functions import day_of_year
 from radioloc.media.neutral_atmosphere import (
@@ -29,7 +29,6 @@ from radioloc.media.neutral_atmosphere import (
     zenith_wet_delay_askne_nordius_m,
 )
 from radioloc.media.radio_atmosphere import RadioAtmosphere, air_above, read_radio_atmosphere
-from radioloc.media.vmf3_files import Vmf3Grids
 from radioloc.time import epochs_from_strings, tai_to_utc, utc_to_tai, utc_to_tt
 
 SAME_M = 1e-6

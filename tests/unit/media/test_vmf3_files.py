@@ -6,8 +6,8 @@ import pytest
 from atmosphere_files import VMF3_SITES, orography_text, vmf3_map_text
 
 from radioloc.errors import CoverageError, FileFormatError, InputError
+from radioloc.media.air_files import read_vmf3_grids, read_vmf3_sites
 from radioloc.media.neutral_atmosphere import zenith_hydrostatic_delay_m
-from radioloc.media.vmf3_files import read_vmf3_grids, read_vmf3_sites
 from radioloc.time import epochs_from_strings, utc_to_tt
 
 WITH_GRADIENTS = """\

@@ -44,10 +44,10 @@ from radioloc.io.tdm.message import (
     TdmSegment,
     exponent_of,
 )
-from radioloc.measurements.bands import DOWNLINK, UPLINK, turnaround_ratio
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
+from radioloc.measurements.ramps import DOWNLINK, UPLINK, turnaround_ratio
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.text_files import write_blocks
 from radioloc.time import Epochs, utc_to_tai

@@ -28,12 +28,10 @@ from radioloc.report.figures import (
 )
 from radioloc.report.residual_panels import (
     BINS,
-    MOST_MARKS,
     MOST_POINTS,
     Dates,
     Limits,
     Panel,
-    apart,
     envelope_of,
     half_heights_m,
     kind_word,
@@ -55,6 +53,8 @@ ENVELOPE_NOTE = (
 )
 """What a figure with an envelope says of it."""
 _REJECTED_COLOR = "#B00020"
+_MOST_MARKS = 800
+"""More marks in one panel are drawn as an image within a vector file."""
 _EDGE = 0.93  # where, in half heights, observations beyond it are shown
 _LEGEND_STRIP = 1.3  # where a panel with a legend ends below, in half heights
 _LONGEST_TITLES = 58  # characters that find room above a panel
@@ -209,7 +209,7 @@ def _draw(
             sigma = factor * residuals.sigma_m[kept]
             handles.append(axes.errorbar(dates[kept], y[kept], sigma, elinewidth=0.7, alpha=0.85, **style))
     size = 4 if panel.like else 5
-    marks = _draw_left_out(axes, dates[panel.out], y[panel.out], limits, middle, half_height, size)
+    marks = _draw_left_out(axes, dates[panel.out], y[panel.out], middle, half_height, size)
     below = _LEGEND_STRIP if panel.like and any(panel.links) else 1.0
     axes.set_ylim(middle - half_height * below, middle + half_height)
     axes.set_ylabel(f"residual ({unit})", fontsize=8)
@@ -254,7 +254,6 @@ def _draw_left_out(
     axes: Axes,
     dates: Dates,
     values: _Floats,
-    limits: Limits,
     middle: float,
     half_height: float,
     size: float,
@@ -262,26 +261,17 @@ def _draw_left_out(
     """Mark what was left out, beyond the panel by triangles at its edge; return the handles, labelled by how many."""
     away, edge = values - middle, _EDGE * half_height
     beyond = np.abs(away) > edge
+    style: dict[str, Any] = {"color": _REJECTED_COLOR, "markersize": size, "linestyle": "none"}
     handles = []
     for which, marker, name in (
         (~beyond, "x", "left out"),
         (beyond & (away > 0.0), "^", "left out, above"),
         (beyond & (away < 0.0), "v", "left out, below"),
     ):
-        if not which.any():
-            continue
-        shown = middle + np.clip(away[which], -edge, edge)
-        some = apart(dates[which], shown, limits, 2.0 * half_height)
-        handles += axes.plot(
-            dates[which][some],
-            shown[some],
-            marker,
-            color=_REJECTED_COLOR,
-            markersize=size,
-            linestyle="none",
-            rasterized=len(some) > MOST_MARKS,
-            label=f"{which.sum()} {name}",
-        )
+        if count := int(which.sum()):
+            shown = middle + np.clip(away[which], -edge, edge)
+            style |= {"rasterized": count > _MOST_MARKS, "label": f"{count} {name}"}
+            handles += axes.plot(dates[which], shown, marker, **style)
     return handles
 
 

@@ -2,7 +2,7 @@
 
 More dots than a panel has columns of pixels hide each other. The envelope shows, for each short bin of time, the range
 of the values, so that none is missed, and in a darker colour their mean and standard deviation, which dots would hide.
-Observations that were left out are all drawn, but for those that would lie within a pixel of another.
+Observations that were left out are all drawn.
 """
 
 from __future__ import annotations
@@ -28,10 +28,6 @@ MOST_POINTS = 5000
 """More in one panel are drawn as an envelope."""
 BINS = 400
 """Bins of time in the width of a panel."""
-MOST_MARKS = 800
-"""More marks in one panel are drawn as an image within a vector file, one for each pixel that has any."""
-PLACES = (2000, 1000)
-"""Places in the width and the height of a panel, which are finer than its pixels."""
 _MAX_HEIGHT_RATIO = 4.0  # panels share a scale unless one would be squeezed by more than this
 _LONGEST_NAMES = 44  # characters of links that find room above a station's panel, beside numbers
 _LEAST_PART = 0.3  # of a panel about zero that residuals fill, or else it is about their middle
@@ -191,24 +187,8 @@ def envelope_of(dates: Dates, values: NDArray[np.float64], limits: Limits) -> En
     return Envelope(middle, count[there], lowest[there], highest[there], mean, deviation)
 
 
-def apart(dates: Dates, values: NDArray[np.float64], limits: Limits, height: float) -> NDArray[np.intp]:
-    """Indices of points of which no two would be drawn on one pixel: all if they are few, else one of each place."""
-    if len(dates) <= MOST_MARKS:
-        return np.arange(len(dates))
-    across, up = PLACES
-    column = np.floor(_part_of(dates, limits) * across)
-    row = np.floor(values / height * up)
-    _, first = np.unique(column * (2 * up + 1) + row, return_index=True)
-    return np.sort(first)
-
-
 def bin_of(dates: Dates, limits: Limits) -> NDArray[np.intp]:
     """Number of the bin of time that each date is in, 0 to BINS - 1."""
-    return np.minimum((_part_of(dates, limits) * BINS).astype(np.intp), BINS - 1)
-
-
-def _part_of(dates: Dates, limits: Limits) -> NDArray[np.float64]:
-    """How far from the first to the last date of a panel, 0 to 1."""
     whole = max((limits[1] - limits[0]) / np.timedelta64(1, "ms"), 1.0)
-    part: NDArray[np.float64] = (dates - limits[0]) / np.timedelta64(1, "ms") / whole
-    return part
+    part = (dates - limits[0]) / np.timedelta64(1, "ms") / whole
+    return np.minimum((part * BINS).astype(np.intp), BINS - 1)

@@ -26,7 +26,7 @@ from radioloc.lunar import east_north_up, rot_icrf_to_pa, rot_pa_to_me
 from radioloc.lunar.frames import rot_icrf_to_pa_rate
 from radioloc.measurements.observations import Observations
 from radioloc.report.spice_kernels import M_PER_KM, orbit_parts, states_km
-from radioloc.report.tables import Located, content_of
+from radioloc.report.tables import Located, content_of, position_of
 from radioloc.text_files import write_text
 from radioloc.time import Epochs, epochs_from_strings, to_scale, utc_strings
 
@@ -94,12 +94,8 @@ def write_oem(
     'apollo15.oem'
     """
     content = content_of(solution)
-    if not content["position"]:
-        raise InputError(
-            f"{content['name']}: there is no fixed position to write; it has a trajectory already"
-        )
+    pa = position_of(content)["pa"]
     tai = _epochs(start_utc, stop_utc, step_s)
-    pa = content["position"]["pa"]
     to_icrf = _rotation(pa["frame"], tai)
     states = to_icrf @ [pa[f"{axis}_m"] / M_PER_KM for axis in "xyz"]
     dates = [str(date) for date in utc_strings(to_scale(tai, "UTC"), decimals=6)]

@@ -23,7 +23,13 @@ from radioloc.lunar.selenographic import (
     selenographic_to_cartesian,
 )
 from radioloc.report.figures import SCALE_95
-from radioloc.report.tables import Located, content_of, references_of
+from radioloc.report.tables import (
+    Located,
+    content_of,
+    horizontal_covariance_of,
+    position_of,
+    references_of,
+)
 from radioloc.text_files import write_blocks, write_text
 
 CRS = "IAU_2015:30100"
@@ -76,7 +82,7 @@ def _positions(contents: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     points = []
     references = {}
     for content in contents:
-        me = _position(content)
+        me = position_of(content)["me"]
         what = {"frame": me["frame"], "height_m": me["height_m"]}
         sigmas = {f"sigma_{axis}_m": content["sigma"][f"{axis}_m"] for axis in ("east", "north", "up")}
         named = {"kind": content.get("method", "tracking"), "name": content["name"], **what, **sigmas}
@@ -89,18 +95,11 @@ def _positions(contents: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return [*points, *references.values()]
 
 
-def _position(content: Mapping[str, Any]) -> Mapping[str, Any]:
-    if not content["position"]:
-        raise InputError(f"{content['name']}: there is no position on the Moon to put on a map")
-    me: Mapping[str, Any] = content["position"]["me"]
-    return me
-
-
 def _ellipses(content: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Horizontal error ellipses of a solution; none where the position is not determined or held."""
-    me = _position(content)
-    covariance = np.array(content["covariance"]["enu_m2"], dtype=np.float64)[:2, :2]
-    if not np.isfinite(covariance).all() or not covariance.any():
+    me = position_of(content)["me"]
+    covariance = horizontal_covariance_of(content)
+    if covariance is None or not covariance.any():
         return []
     longitude_rad, latitude_rad = math.radians(me["longitude_deg"]), math.radians(me["latitude_deg"])
     variances, axes = np.linalg.eigh(covariance)

@@ -22,7 +22,13 @@ from radioloc.lunar.terrain_window import LargeWindowError, NoTerrainError
 from radioloc.report.cards import Shown
 from radioloc.report.figures import COLORS, draw_ellipse, legend_below, length_unit, one_panel
 from radioloc.report.position_figures import marker_style
-from radioloc.report.tables import Located, content_of, references_of
+from radioloc.report.tables import (
+    Located,
+    content_of,
+    horizontal_covariance_of,
+    position_of,
+    references_of,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -122,19 +128,12 @@ def _place(angles: Mapping[str, Any]) -> tuple[float, float]:
 
 def _frame(contents: Sequence[Mapping[str, Any]]) -> str:
     """The axes of all positions."""
-    without = [content["name"] for content in contents if not content["position"]]
-    if without or not contents:
-        raise InputError(f"{', '.join(without) or 'nothing given'}: there is no position to draw on a map")
-    frames = {content["position"]["me"]["frame"] for content in contents}
+    if not contents:
+        raise InputError("there is no position to draw on a map")
+    frames = {position_of(content)["me"]["frame"] for content in contents}
     if len(frames) > 1:
         raise InputError(f"positions of different axes ({', '.join(sorted(frames))}) do not go on one map")
     return str(frames.pop())
-
-
-def _covariance(content: Mapping[str, Any]) -> _Floats | None:
-    """Of east and north, m^2; None where the position is not determined."""
-    covariance = np.array(content["covariance"]["enu_m2"], dtype=np.float64)[:2, :2]
-    return covariance if np.isfinite(covariance).all() else None
 
 
 def _reach_m(
@@ -145,7 +144,7 @@ def _reach_m(
 ) -> float:
     sizes_m = []
     for content in contents:
-        covariance = _covariance(content)
+        covariance = horizontal_covariance_of(content)
         size_m = 0.0 if covariance is None else _SIGMAS[0][0] * float(np.sqrt(np.diag(covariance)).max())
         sizes_m.append(size_m)
     places = [_place(content["position"]["me"]) for content in contents] + [place for _, place in references]
@@ -196,7 +195,7 @@ def _draw_solution(
 ) -> None:
     at = plane.from_longitude_latitude([_place(content["position"]["me"])])[0]
     style = marker_style(content.get("method", "tracking"), number)
-    covariance = _covariance(content)
+    covariance = horizontal_covariance_of(content)
     if covariance is not None:
         for scale, opacity in _SIGMAS:
             look = {"facecolor": (style["color"], opacity), "edgecolor": style["color"], "linewidth": 1.1}

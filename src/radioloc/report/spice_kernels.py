@@ -20,7 +20,7 @@ from radioloc.constants import J2000_JD, SECONDS_PER_DAY
 from radioloc.dynamics import Orbit
 from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.errors import InputError
-from radioloc.report.tables import Located, content_of
+from radioloc.report.tables import Located, content_of, position_of
 from radioloc.text_files import replaced_file, write_text
 
 FIRST_SITE = 301001
@@ -84,11 +84,7 @@ def write_spice(solution: Located, path: str | Path, *, code: int = FIRST_SITE) 
         raise InputError(
             f"code {code!r} is not one for a lander; use one such as {FIRST_SITE}, or a negative one"
         )
-    if not content["position"]:
-        raise InputError(
-            f"{content['name']}: there is no fixed position to write; its trajectory is an SPK already"
-        )
-    pa = content["position"]["pa"]
+    pa = position_of(content)["pa"]
     if pa["frame"] not in _PRINCIPAL_AXES:
         known = ", ".join(_PRINCIPAL_AXES)
         raise InputError(f"{content['name']}: SPICE has no frame for {pa['frame']}; it has some for {known}")

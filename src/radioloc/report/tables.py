@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
@@ -212,9 +213,23 @@ def references_of(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [*([] if first is None else [first]), *content.get("references", ())]
 
 
-def solution_table(
-    solutions: Iterable[Located],
-) -> TextTable:
+def position_of(content: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The position of what ``solution.json`` holds, in principal and mean-Earth axes; an error where there is none."""
+    if not content["position"]:
+        raise InputError(
+            f"{content['name']}: there is no fixed position on the Moon; it has a trajectory already"
+        )
+    found: Mapping[str, Any] = content["position"]
+    return found
+
+
+def horizontal_covariance_of(content: Mapping[str, Any]) -> NDArray[np.float64] | None:
+    """Of east and north, m^2, shape (2, 2); None where the position is not determined."""
+    covariance = np.array(content["covariance"]["enu_m2"], dtype=np.float64)[:2, :2]
+    return covariance if np.isfinite(covariance).all() else None
+
+
+def solution_table(solutions: Iterable[Located]) -> TextTable:
     """Position, sigmas, fit and other estimated parameters of solutions, one column each.
 
     Parameters
@@ -276,8 +291,7 @@ def _position(content: Mapping[str, Any]) -> dict[str, str]:
     if any(content["sigma"][f"{axis}_m"] != 0.0 for axis in EAST_NORTH_UP):  # the position was not held
         for axis in EAST_NORTH_UP:
             cells[f"1 sigma {axis}, m"] = metres(content["sigma"][f"{axis}_m"])
-        covariance = np.array(content["covariance"]["enu_m2"], dtype=np.float64)[:2, :2]
-        if np.isfinite(covariance).all():
+        if (covariance := horizontal_covariance_of(content)) is not None:
             ellipse = horizontal_ellipse(covariance)
             axes = f"{metres(ellipse.semi_major_m)} × {metres(ellipse.semi_minor_m)}"
             cells |= {"95 % ellipse, m": axes, "its azimuth, °": f"{ellipse.azimuth_deg:.0f}"}

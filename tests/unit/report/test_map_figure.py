@@ -92,7 +92,7 @@ def test_the_ground_is_under_the_position():
     ("given", "options", "message"),
     [
         ([], {}, "no position to draw"),
-        ([content() | {"position": None}], {}, "no position to draw"),
+        ([content() | {"position": None}], {}, "no fixed position"),
         ([content(), content("b", frame="ME_DE430")], {}, "different axes"),
         ([content()], {"dem": "a", "base_map": "b"}, "not both"),
         ([content(place=(3.0, 26.0)) | {"reference": None}], {"dem": EXAMPLE / "dem.tif"}, "outside"),

@@ -137,19 +137,15 @@ def style_axes(axes: Axes) -> None:
     """Give axes the common look: a light grid below the data, no frame at the top and to the right."""
     axes.grid(True, color="0.9", linewidth=0.6)
     axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    for side in ("left", "bottom"):
-        axes.spines[side].set_color("0.4")
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color("0.4")
     axes.tick_params(labelsize=8, color="0.4")
     axes.xaxis.label.set_fontsize(9)
     axes.yaxis.label.set_fontsize(9)
 
 
-def draw_square(
-    axes: Axes, centre_m: _Floats | Sequence[float], reach_m: float, origin: str
-) -> tuple[float, str]:
-    """A square east and north of an origin, so far from its centre; the factor from metres to its unit, and that."""
+def draw_square(axes: Axes, centre_m: _Floats | Sequence[float], reach_m: float, origin: str) -> float:
+    """A square east and north of an origin, so far from its centre; the factor from metres to its unit."""
     factor, unit = length_unit(reach_m)
     style_axes(axes)
     axes.set_aspect("equal")
@@ -157,7 +153,7 @@ def draw_square(
     axes.set_ylim(factor * (centre_m[1] - reach_m), factor * (centre_m[1] + reach_m))
     axes.set_xlabel(f"east of {origin} ({unit})")
     axes.set_ylabel(f"north of {origin} ({unit})")
-    return factor, unit
+    return factor
 
 
 def draw_ellipse(

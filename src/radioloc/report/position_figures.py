@@ -59,7 +59,7 @@ def marker_style(method: str, number: int) -> dict[str, Any]:
     return style | {"marker": _OF_REFERENCES[number % len(_OF_REFERENCES)], "path_effects": [halo]}
 
 
-def _square_around(axes: Axes, corners_m: _Floats, origin: str) -> tuple[float, str]:
+def _square_around(axes: Axes, corners_m: _Floats, origin: str) -> float:
     """A square with room around the corners, shape (n, 2)."""
     lowest_m, highest_m = corners_m.min(axis=0), corners_m.max(axis=0)
     reach_m = 0.58 * float((highest_m - lowest_m).max()) or 1.0
@@ -116,7 +116,7 @@ def plot_position(
     of = f" of {solution.targets[0].name}" if solution.targets else ""
     axes = one_panel(ax, 5.2, 5.6, f"{solution.name}: position{of}")
     corners_m = np.array([origin_m - reach_m, origin_m + reach_m, *others_m])
-    factor, _ = _square_around(axes, corners_m, known[0].name if known else "the estimate")
+    factor = _square_around(axes, corners_m, known[0].name if known else "the estimate")
     covariance_m2 = solution.position_covariance("enu")[:2, :2]
     for scale, opacity, label in ((SCALE_95, 0.15, "95 %"), (1.0, 0.3, "1 sigma")):
         style = {"facecolor": (COLORS[0], opacity), "edgecolor": COLORS[0], "linewidth": 0.9, "label": label}
@@ -181,7 +181,7 @@ def _draw_rows(
     """Positions about the benchmark, and the ellipses of 95 % of those that have a covariance."""
     at_m = np.array([_offset_m(row)[:2] for row in rows])
     sizes_m = np.array([np.zeros(2) if c is None else SCALE_95 * np.sqrt(np.diag(c)) for c in covariances_m2])
-    factor, _ = _square_around(axes, np.concatenate([at_m + sizes_m, at_m - sizes_m]), benchmark)
+    factor = _square_around(axes, np.concatenate([at_m + sizes_m, at_m - sizes_m]), benchmark)
     seen: Counter[bool] = Counter()
     for row, place_m, covariance_m2 in zip(rows, at_m, covariances_m2, strict=True):
         known = row.method == "reference"
@@ -328,7 +328,7 @@ def _draw_landmarks(axes: Axes, solution: PointSolution) -> None:
 
 def _draw_about(axes: Axes, solution: PointSolution, reach_m: float) -> float:
     """A square about the position, with the known ones that are in it; the factor from metres to its unit."""
-    factor, _ = draw_square(axes, (0.0, 0.0), reach_m, "the position")
+    factor = draw_square(axes, (0.0, 0.0), reach_m, "the position")
     axes.plot(0.0, 0.0, label="position", **marker_style(solution.method, 0))
     for k, (name, place) in enumerate(solution.references.items()):
         _, _, west_m, north_m, _ = difference(place.selenographic, solution.position.selenographic)

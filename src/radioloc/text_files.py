@@ -111,7 +111,7 @@ def read_blocks(
         raise FileFormatError(path, "is empty; fetch or write it again")
 
 
-def numbers_of(path: str | Path, line_number: int, words: list[str], what: str) -> list[float]:
+def numbers_of(path: str | Path, line_number: int | None, words: list[str], what: str) -> list[float]:
     """Finite numbers of a line's words; :class:`FileFormatError` where a word is none."""
     numbers = []
     for word in words:

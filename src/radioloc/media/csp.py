@@ -232,57 +232,50 @@ def _cards(path: Path) -> Iterator[Card]:
     begin = re.search(r"^\s*ADJUST\b", text, re.MULTILINE)
     if begin is None:
         raise FileFormatError(path, "there is no card ADJUST(...), as media calibrations of the DSN have")
-    place, line = begin.start(), text.count("\n", 0, begin.start()) + 1
-    while place < len(text):
-        reader = _CardReader(path, text, place, line)
-        card = reader.read()
-        line += text.count("\n", place, reader.place)
-        place = reader.place
-        if card is not None:
-            yield card
+    place, line, items = 0, 1, _Items(path)
+    begins = begin.start()
+    while begins < len(text):
+        item = _ITEM.match(text, begins)
+        here = begins if item is None else item.start(1)
+        place, line = here, line + text.count("\n", place, here)
+        if item is None:
+            problem = "KEYWORD(...) is wanted, or the full stop that ends a card; it may have been cut"
+            raise FileFormatError(path, problem, line)
+        items.add(" ".join(item[1].split()), " ".join(item[2].split()), line)
+        begins = item.end()
+        if item[3]:
+            card, items = items.card(), _Items(path)
+            if card is not None:
+                yield card
+    if items.lines:
+        raise items.fail("KEYWORD(...) is wanted, or the full stop that ends a card; it may have been cut")
 
 
-class _CardReader:
-    """One card of a file's text, from a place on, which is on a line."""
+class _Items:
+    """The items of one card by their keywords, and their lines."""
 
-    def __init__(self, path: Path, text: str, place: int, line: int) -> None:
-        self.path, self.text, self.place = path, text, place
-        self.start, self.first_line = place, line
+    def __init__(self, path: Path) -> None:
+        self.path = path
         self.items: dict[str, str] = {}
-        self.places: dict[str, int] = {}
-
-    def line_of(self, keyword: str) -> int:
-        """Number of the line of a keyword, or of where the reader is."""
-        return self.first_line + self.text.count("\n", self.start, self.places.get(keyword, self.place))
+        self.lines: dict[str, int] = {}
 
     def fail(self, problem: str, keyword: str = "") -> FileFormatError:
-        """Error about a keyword, or about where the reader is."""
-        return FileFormatError(self.path, problem, self.line_of(keyword))
+        """Error about a keyword, or about the end of the card."""
+        return FileFormatError(self.path, problem, self.lines.get(keyword, max(self.lines.values())))
 
-    def read(self) -> Card | None:
+    def add(self, keyword: str, text: str, line: int) -> None:
+        if keyword in self.items:
+            raise FileFormatError(self.path, f"{keyword} comes twice in a card", line)
+        self.items[keyword], self.lines[keyword] = text, line
+
+    def card(self) -> Card | None:
         """The card; ``None`` where it is of data that we do not have."""
-        ended = False
-        while not ended:
-            item = _ITEM.match(self.text, self.place)
-            if item is None:
-                raise self.fail(
-                    "KEYWORD(...) is wanted, or the full stop that ends a card; it may have been cut"
-                )
-            keyword = " ".join(item[1].split())
-            self.places.setdefault(keyword, item.start(1))
-            if keyword in self.items:
-                raise self.fail(f"{keyword} comes twice in a card")
-            self.items[keyword] = " ".join(item[2].split())
-            self.place, ended = item.end(), bool(item[3])
-        return self._card()
-
-    def _card(self) -> Card | None:
         by = next((keyword for keyword in self.items if keyword.startswith("BY ")), "BY")
         data, model = self._one_of("ADJUST", _DATA), self._one_of("MODEL", _MODELS)
         shape = by.removeprefix("BY ").removeprefix("D").replace("CNSTNT", "CONST")
         if shape not in _SHAPES:
             raise self.fail(f"{by} is none of BY {', BY '.join(_SHAPES)}", by)
-        coefficients = tuple(numbers_of(self.path, self.line_of(by), self._words(by), "a coefficient"))
+        coefficients = tuple(numbers_of(self.path, self.lines.get(by), self._words(by), "a coefficient"))
         stations, quasar, scid = (
             tuple(self._words("DSN")),
             self.items.pop("QUASAR", None),

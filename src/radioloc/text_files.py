@@ -14,6 +14,7 @@ import tempfile
 import zlib
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -87,7 +88,7 @@ def read_blocks(
 ) -> Iterator[tuple[int, bytes]]:
     """Text of a file, plain or gzip: whole lines, some megabytes at a time, with the number of the first of them."""
     first_line, blank, rest, start = 1, True, b"", b""
-    for content in _pieces(path, size):
+    for content in chain(_pieces(path, size), [b""]):
         start = start or content[:8]
         if b"\0" in content:
             raise FileFormatError(
@@ -95,18 +96,15 @@ def read_blocks(
             )
         # A piece ends where a line does; what is behind it waits for the next.
         whole, line_end, begun = content.rpartition(b"\n")
-        if not line_end:
+        if content and not line_end:
             rest += begun
             continue
         block = _text_block(path, rest + whole + line_end, first_line, encoding)
         rest = begun
         blank = blank and not block.decode(encoding).strip()
-        yield first_line, block
+        if block:
+            yield first_line, block
         first_line += block.count(b"\n")
-    if rest:
-        block = _text_block(path, rest, first_line, encoding)
-        blank = blank and not block.decode(encoding).strip()
-        yield first_line, block
     if blank:
         raise FileFormatError(path, "is empty; fetch or write it again")
 

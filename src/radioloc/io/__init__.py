@@ -5,8 +5,7 @@ from radioloc.io.formats import READERS, Reader, ReadSettings, read_observations
 from radioloc.io.frequencies import FrequencyAgreement, read_fdets, read_sites, read_strf
 from radioloc.io.mini import read_mini
 from radioloc.io.odf import read_odf
-from radioloc.io.ramp_table import read_ramps, write_ramps
-from radioloc.io.table import read_parquet, read_table, write_parquet, write_table
+from radioloc.io.table import read_parquet, read_ramps, read_table, write_parquet, write_ramps, write_table
 from radioloc.io.tdm import TdmAgreement, read_tdm, write_tdm
 
 __all__ = [

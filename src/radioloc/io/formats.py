@@ -22,8 +22,16 @@ from radioloc.io.frequencies import (
 from radioloc.io.mini import looks_like_mini, read_mini
 from radioloc.io.odf import read_odf
 from radioloc.io.odf_records import looks_like_odf
-from radioloc.io.ramp_table import looks_like_ramps, read_ramps_only, write_ramps
-from radioloc.io.table import looks_like_table, read_parquet, read_table, write_parquet, write_table
+from radioloc.io.table import (
+    looks_like_ramps,
+    looks_like_table,
+    read_parquet,
+    read_ramps_only,
+    read_table,
+    write_parquet,
+    write_ramps,
+    write_table,
+)
 from radioloc.io.tdm import TdmAgreement, looks_like_tdm, read_tdm, write_tdm
 from radioloc.measurements.observations import Observations, counted_once, without_duplicates
 from radioloc.measurements.registry import is_integrated

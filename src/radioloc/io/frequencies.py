@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import NamedTuple
@@ -162,17 +162,28 @@ def agreement_on(path: str | Path, agreements: Iterable[FrequencyAgreement]) -> 
     return next(matching, None)
 
 
-def growth_s(
-    received_hz: NDArray[np.float64], offset_hz: float, sent_hz: float, ratio: tuple[int, int], count_s: float
+def growth_m(
+    received_hz: NDArray[np.float64],
+    offset_hz: float,
+    sent_hz: float,
+    ratio: tuple[int, int],
+    count_s: float,
+    fail: Callable[[str, int], FileFormatError],
 ) -> NDArray[np.float64]:
-    """By how much the light time grows over count intervals, s, from mean received frequencies less an offset.
+    """By how much the light path grows over count intervals, m, from mean received frequencies less an offset.
 
-    Growth that nothing in space has is NaN: then the frequency sent or the ratio is another.
+    Where it grows as nothing in space does, the frequency sent or the ratio is another: an error of that row.
     """
     up, down = ratio
     # Differences of nearly equal frequencies first: the digits that cancel are then gone without loss.
     part = ((up * sent_hz - down * offset_hz) - down * received_hz) / (up * sent_hz)
-    return np.where(np.abs(part) < _FASTEST_M_S / C_M_S, count_s * part, np.nan)
+    wrong = ~(np.abs(part) < _FASTEST_M_S / C_M_S)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        problem = f"{float(offset_hz + received_hz[row])!r} Hz cannot be received of {sent_hz!r} Hz sent"
+        advice = "correct the ratio, the offset or the frequency"
+        raise fail(f"{problem}, with a turnaround of {up}/{down}; {advice}", row)
+    return np.asarray(C_M_S * (count_s * part))
 
 
 def frequency_observations(
@@ -192,7 +203,7 @@ def frequency_observations(
     if not readings:
         raise FileFormatError(path, "has no readings; fetch it again")
     midnight, second_of_day, hz, lines, stations = zip(*readings, strict=True)
-    received_hz, line = np.array(hz), np.array(lines, dtype=np.int32)
+    received_hz = np.array(hz)
     places = {ends: k for k, ends in enumerate(dict.fromkeys(stations))}
     station = np.array([places[ends] for ends in stations], dtype=np.int32)
     its = agreement_on(path, agreements)
@@ -203,16 +214,14 @@ def frequency_observations(
     if count_s is None:
         problem = "does not say how long a frequency was integrated; say count_s"
         raise FileFormatError(path, f"{problem} under [[observations.frequencies]]")
-    grown_s = growth_s(received_hz, offset_hz, its.transmit_hz, its.ratio, count_s)
-    if np.isnan(grown_s).any():
-        row = int(np.argmax(np.isnan(grown_s)))
-        problem = (
-            f"{float(offset_hz + received_hz[row])!r} Hz cannot be received of {its.transmit_hz!r} Hz sent"
-        )
-        advice = "correct the frequency, transmit_hz or turnaround"
-        raise FileFormatError(
-            path, f"{problem} and the ratio {its.ratio[0]}/{its.ratio[1]}; {advice}", int(line[row])
-        )
+    value_m = growth_m(
+        received_hz,
+        offset_hz,
+        its.transmit_hz,
+        its.ratio,
+        count_s,
+        lambda problem, row: FileFormatError(path, problem, lines[row]),
+    )
     links = [Link(up or its.transmitter, its.target, down).named(catalogue) for up, down in places]
     one_way = np.array([not link.transmitter for link in links])[station]
     observations = Observations.from_columns(
@@ -221,13 +230,13 @@ def frequency_observations(
         link=station,
         tag=1,
         kind=np.where(one_way, KINDS.index("one_way_doppler"), KINDS.index("doppler")),
-        value_m=C_M_S * grown_s,
+        value_m=value_m,
         sigma_m=C_M_S * count_s * its.sigma_hz / its.received_hz,
         count_s=count_s,
         uplink_hz=np.where(one_way, np.nan, its.transmit_hz),
         wavelength_um=MICROMETRES * C_M_S / its.received_hz,
         files=(str(path),),
-        line=line,
+        line=lines,
     )
     return without_duplicates(observations, first_counts=True)
 

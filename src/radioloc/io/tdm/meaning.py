@@ -19,6 +19,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,7 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
-from radioloc.io.frequencies import MICROMETRES, growth_s
+from radioloc.io.frequencies import MICROMETRES, growth_m
 from radioloc.io.tdm.agreement import TdmAgreement
 from radioloc.io.tdm.message import (
     MEASURED,
@@ -311,14 +312,10 @@ def _received(part: SegmentReader, keyword: str) -> dict[str, Any]:
     epoch = part.tagged(keyword, middle_s)
     offset_hz = part.segment.number("FREQ_OFFSET")
     value_hz = part.segment.values(keyword) + part.segment.correction("RECEIVE")
-    change_s = growth_s(value_hz, offset_hz, base_hz, ratio, count_s)
-    if np.isnan(change_s).any():
-        row = int(np.argmax(np.isnan(change_s)))
-        problem = f"{float(offset_hz + value_hz[row])!r} Hz cannot be received of {base_hz!r} Hz sent"
-        advice = "correct the ratio, the offset or the frequency"
-        raise part.fail(keyword, f"{problem}, with a turnaround of {ratio[0]}/{ratio[1]}; {advice}", row)
+    fail = partial(part.fail, keyword)
+    value_m = growth_m(value_hz, offset_hz, base_hz, ratio, count_s, fail)
     received_hz = offset_hz + value_hz
-    columns = {"epoch": epoch, "value_m": C_M_S * change_s, "count_s": count_s} | part.frequencies(keyword)
+    columns = {"epoch": epoch, "value_m": value_m, "count_s": count_s} | part.frequencies(keyword)
     columns["wavelength_um"] = MICROMETRES * C_M_S / np.where(received_hz > 0.0, received_hz, np.nan)
     if part.sent is None and link.transmitter:
         columns["uplink_hz"] = base_hz

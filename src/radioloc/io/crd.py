@@ -75,12 +75,6 @@ _LONGEST_PASS_S = 22.0 * 3600.0
 _PASS_MARGIN_S = 3600.0
 
 
-def looks_like_crd(lines: list[str]) -> bool:
-    """Whether the first record that is not a comment is a CRD format header."""
-    first = next((line for line in lines if line.strip() and not line.startswith("00")), "")
-    return re.match(r"h1\s+crd\b", first, re.IGNORECASE) is not None
-
-
 def read_crd(path: str | Path, *, catalogue: StationCatalogue | None = None) -> Observations:
     r"""Read a CRD file of normal points, plain or gzip; without a catalogue stations keep their pad numbers.
 

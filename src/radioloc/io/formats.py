@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import FileFormatError, InputError
-from radioloc.io.crd import looks_like_crd, read_crd
+from radioloc.io.crd import read_crd
 from radioloc.io.frequencies import (
     FrequencyAgreement,
     looks_like_fdets,
@@ -19,12 +20,10 @@ from radioloc.io.frequencies import (
     read_fdets,
     read_strf,
 )
-from radioloc.io.mini import looks_like_mini, read_mini
+from radioloc.io.mini import read_mini
 from radioloc.io.odf import read_odf
 from radioloc.io.odf_records import looks_like_odf
 from radioloc.io.table import (
-    looks_like_ramps,
-    looks_like_table,
     read_parquet,
     read_ramps_only,
     read_table,
@@ -105,6 +104,16 @@ def _by_lines(looks_like: Callable[[list[str]], bool]) -> Callable[[bytes], bool
     return lambda head: looks_like(head.decode(errors="replace").splitlines())
 
 
+def _first_line(form: str, comment: str = "#") -> Callable[[bytes], bool]:
+    """Whether a file's first line that is neither blank nor a comment begins in a form."""
+
+    def looks_like(lines: list[str]) -> bool:
+        said = (line for line in lines if line.strip() and not line.lstrip().startswith(comment))
+        return re.match(form, next(said, ""), re.ASCII) is not None
+
+    return _by_lines(looks_like)
+
+
 READERS = registry(
     "radioloc.readers",
     Reader,
@@ -127,13 +136,13 @@ READERS = registry(
         Reader(
             "CRD normal points",
             "first record: H1 CRD",
-            _by_lines(looks_like_crd),
+            _first_line(r"(?i)h1\s+crd\b", comment="00"),
             lambda paths, settings: read_crd(paths[0], catalogue=settings.catalogue),
         ),
         Reader(
             "MINI normal points",
             "lines start with 51 and a date",
-            _by_lines(looks_like_mini),
+            _first_line(r"51(19|20)\d\d[ \d]{17}"),
             lambda paths, settings: read_mini(paths[0], catalogue=settings.catalogue),
         ),
         Reader(
@@ -151,13 +160,13 @@ READERS = registry(
         Reader(
             "table of observations",
             "first line names columns: epoch_utc,type,path,...",
-            _by_lines(looks_like_table),
+            _first_line(r".*epoch_utc"),
             lambda paths, its: read_table(paths[0], catalogue=its.catalogue, lunar=its.lunar),
         ),
         Reader(
             "table of ramps",
             "first line names columns: station,start_utc,stop_utc,frequency_hz,rate_hz_s",
-            _by_lines(looks_like_ramps),
+            _first_line(r"(?=.*start_utc).*frequency_hz"),
             lambda paths, its: read_ramps_only(paths[0], catalogue=its.catalogue),
         ),
         Reader(

@@ -47,13 +47,6 @@ _COLUMNS = (
 _INTEGER = re.compile(r" *-?\d+", re.ASCII)
 
 
-def looks_like_mini(lines: list[str]) -> bool:
-    """Whether the first line that is not blank has the shape of a MINI normal point."""
-    first = next((line for line in lines if line.strip()), "")
-    # The date only: a time of flight that is not one is to be told as such.
-    return re.match(r"51(19|20)\d\d[ \d]{17}", first, re.ASCII) is not None
-
-
 def read_mini(path: str | Path, *, catalogue: StationCatalogue | None = None) -> Observations:
     r"""Read a MINI file, plain or gzip; without a catalogue stations keep their pad numbers.
 

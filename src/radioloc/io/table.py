@@ -283,17 +283,6 @@ def write_ramps(path: str | Path, ramps: Ramps) -> None:
     write_csv(path, batches_of(columns))
 
 
-def looks_like_table(lines: list[str]) -> bool:
-    """Whether the first line that is not a comment names the epoch's column."""
-    return "epoch_utc" in next((line for line in lines if _is_content(line)), "")
-
-
-def looks_like_ramps(lines: list[str]) -> bool:
-    """Whether the first line that is no comment names the columns."""
-    first = next((line for line in lines if line.strip() and not line.startswith("#")), "")
-    return "start_utc" in first and "frequency_hz" in first
-
-
 def _is_content(line: str) -> bool:
     """Whether a line is neither blank nor a comment."""
     stripped = line.strip()

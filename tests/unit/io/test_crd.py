@@ -9,7 +9,7 @@ import pytest
 
 from radioloc.constants import C_M_S
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
-from radioloc.io.crd import looks_like_crd, parse_crd, read_crd
+from radioloc.io.crd import parse_crd, read_crd
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.time import epochs_from_strings, utc_to_tai
 
@@ -279,5 +279,3 @@ def test_no_warning_for_good_data(crd_lines, tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert len(read_crd(file)) == 3
-    assert looks_like_crd(["00 first", "", "h1 crd 2 2024"])
-    assert not looks_like_crd(["h1 crdx 2 2024"])

@@ -5,7 +5,7 @@ import pytest
 
 from radioloc.constants import C_M_S
 from radioloc.errors import DataQualityWarning, FileFormatError
-from radioloc.io.mini import looks_like_mini, parse_mini
+from radioloc.io.mini import parse_mini
 from radioloc.time import utc_strings
 
 
@@ -91,10 +91,3 @@ def test_stations_get_catalogue_names_and_unknown_ones_keep_their_code(mini_line
     lines = changed(mini_lines, 39, 43, "12345")
     paths = parse_mini("a.np", lines, StationCatalogue.default()).paths().tolist()
     assert paths[:2] == ["APOLLO>apollo15>APOLLO", "12345>apollo11>12345"]
-
-
-def test_looks_like_mini(mini_lines):
-    assert looks_like_mini(["", *mini_lines])
-    assert not looks_like_mini(["51", "51200604"])
-    with pytest.raises(FileFormatError, match="no normal points"):
-        parse_mini("a.np", ["", " "], None)

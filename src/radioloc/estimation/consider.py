@@ -27,10 +27,12 @@ from radioloc.estimation.observation_noise import Whitening
 from radioloc.parameters.parameter import Parameter, ParameterSet
 from radioloc.parameters.registry import PARAMETERS
 
+_Floats = NDArray[np.float64]
+
 NOISE, A_PRIORI, EPHEMERIS = "measurement noise", "a priori", "ephemeris"
 """Sources of error that are no considered parameters."""
 
-Effects = Callable[[Rows], NDArray[np.float64]]
+Effects = Callable[[Rows], _Floats]
 """What independent errors of unit variance do to observations, m, from their indices (m,), shape (m, c)."""
 
 _OF_FRAMES = frozenset(
@@ -54,8 +56,8 @@ class ConsideredErrors:
     """
 
     parameters: ParameterSet
-    partials: Callable[[Rows], NDArray[np.float64]]
-    station_partials: Callable[[Rows], NDArray[np.float64]] | None = None
+    partials: Callable[[Rows], _Floats]
+    station_partials: Callable[[Rows], _Floats] | None = None
 
     @property
     def at_stations(self) -> Effects | None:
@@ -84,8 +86,8 @@ class CommonErrors:
     """
 
     noise: Whitening
-    effects: tuple[NDArray[np.float64], ...]  # E, part by part
-    variance: NDArray[np.float64]  # (r,), diagonal of (1 + E^T E)^-1
+    effects: tuple[_Floats, ...]  # E, part by part
+    variance: _Floats  # (r,), diagonal of (1 + E^T E)^-1
 
     @classmethod
     def of(cls, noise: Whitening, effects_m: Effects) -> CommonErrors:
@@ -96,15 +98,13 @@ class CommonErrors:
         effects = tuple(part @ axes[:, felt] for part in whitened)
         return cls(noise, effects, 1.0 / (1.0 + squares[felt]))
 
-    def whitened(self, rows_of: Callable[[Rows], NDArray[np.float64]]) -> Iterator[NDArray[np.float64]]:
+    def whitened(self, rows_of: Callable[[Rows], _Floats]) -> Iterator[_Floats]:
         """Independent combinations part by part, and the estimates of the errors as the last part."""
         parts, estimates = self.weighted(rows_of)
         yield from parts
         yield estimates
 
-    def weighted(
-        self, rows_of: Callable[[Rows], NDArray[np.float64]]
-    ) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
+    def weighted(self, rows_of: Callable[[Rows], _Floats]) -> tuple[list[_Floats], _Floats]:
         """Columns whitened by the noise times (1 + E E^T)^-1, part by part, and the estimates of the errors in them."""
         parts = list(self.noise.whitened(rows_of))
         along = sum(gram(effect, part) for effect, part in zip(self.effects, parts, strict=True))
@@ -123,18 +123,18 @@ class Consider:
     """
 
     parameters: ParameterSet  # the considered ones, c
-    sensitivity: NDArray[np.float64]  # (p, c)
+    sensitivity: _Floats  # (p, c)
 
     def __repr__(self) -> str:
         kinds = ", ".join(dict.fromkeys(item.kind for item in self.parameters))
         return f"<Consider {len(self.parameters)} parameters: {kinds}>"
 
     @property
-    def covariance(self) -> NDArray[np.float64]:
+    def covariance(self) -> _Floats:
         """What they add to the covariance of the estimate, shape (p, p)."""
         return np.asarray(self.sensitivity @ self.sensitivity.T)
 
-    def to_list(self, enu_by_parameters: NDArray[np.float64] | None) -> list[dict[str, Any]]:
+    def to_list(self, enu_by_parameters: _Floats | None) -> list[dict[str, Any]]:
         """One record for each, the one that moves the position most first; no displacements without partials (3, p)."""
         records: list[dict[str, Any]] = []
         for k, item in enumerate(self.parameters):
@@ -150,9 +150,7 @@ def consider(fit: FitResult, errors: ConsideredErrors) -> Consider:
     return Consider(errors.parameters, moved * errors.parameters.prior_sigmas)
 
 
-def moved_by(
-    fit: FitResult, effects_m: Callable[[Rows], NDArray[np.float64]], count: int
-) -> NDArray[np.float64]:
+def moved_by(fit: FitResult, effects_m: Callable[[Rows], _Floats], count: int) -> _Floats:
     """By how much errors move the estimate, shape (p, count), from their effects on observations (m,), (m, count).
 
     Directions that the data do not determine have no part in it: their variance is infinite already.
@@ -171,7 +169,7 @@ def moved_by(
     return moved
 
 
-def few_errors(errors: ConsideredErrors, sigma_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]:
+def few_errors(errors: ConsideredErrors, sigma_m: _Floats) -> tuple[_Floats, int]:
     """Effects (n, r), m, of some independent errors that stand for all, and how many of them, the first, at stations.
 
     What is left out of a variance is below 1 % of that which observations of `sigma_m` (n,) would leave.
@@ -208,7 +206,7 @@ class BudgetItem:
     total_m: float
 
     @classmethod
-    def of(cls, source: str, name: str, variances_m2: NDArray[np.float64]) -> BudgetItem:
+    def of(cls, source: str, name: str, variances_m2: _Floats) -> BudgetItem:
         """Of variances to the east, to the north and up, m^2."""
         sides = np.sqrt(np.maximum(variances_m2, 0.0))
         east_m, north_m, up_m = sides.tolist()
@@ -219,7 +217,7 @@ class BudgetItem:
         return asdict(self)
 
 
-def prior_effects(fit: FitResult) -> NDArray[np.float64]:
+def prior_effects(fit: FitResult) -> _Floats:
     """Change of the estimate by an error of one sigma of each a-priori value (columns), shape (p, p)."""
     free = np.flatnonzero(fit.parameters.free)
     root = fit.factor.root_covariance()
@@ -230,13 +228,13 @@ def prior_effects(fit: FitResult) -> NDArray[np.float64]:
 
 def sources(
     parameters: ParameterSet,
-    enu_by_parameters: NDArray[np.float64],
-    enu_covariance_m2: NDArray[np.float64],
-    effects: NDArray[np.float64],
+    enu_by_parameters: _Floats,
+    enu_covariance_m2: _Floats,
+    effects: _Floats,
     considered: Consider | None,
-    ephemeris_sigma_enu_m: NDArray[np.float64],
-    direct_m: NDArray[np.float64] | float = 0.0,
-) -> dict[tuple[str, str], NDArray[np.float64]]:
+    ephemeris_sigma_enu_m: _Floats,
+    direct_m: _Floats | float = 0.0,
+) -> dict[tuple[str, str], _Floats]:
     """Covariance of the position by each source that there may be and its name, m^2, shape (..., 3, 3).
 
     Parameters
@@ -256,7 +254,7 @@ def sources(
         What errors of the considered parameters, one sigma each, add to the position's error by themselves.
     """
 
-    def squared(moved_m: NDArray[np.float64], k: int) -> NDArray[np.float64]:
+    def squared(moved_m: _Floats, k: int) -> _Floats:
         return np.asarray(moved_m[..., :, None, k] * moved_m[..., None, :, k])
 
     of_priors_m = enu_by_parameters @ effects
@@ -272,7 +270,7 @@ def sources(
     return found
 
 
-def error_budget(found: Mapping[tuple[str, str], NDArray[np.float64]]) -> tuple[BudgetItem, ...]:
+def error_budget(found: Mapping[tuple[str, str], _Floats]) -> tuple[BudgetItem, ...]:
     """Sigmas by those of the :func:`sources` that have any, the largest first."""
     items = (BudgetItem.of(*key, np.diag(covariance_m2)) for key, covariance_m2 in found.items())
     return tuple(sorted((item for item in items if item.total_m > 0.0), key=lambda item: -item.total_m))

@@ -125,16 +125,11 @@ class SeriesNoise:
         weight = self.coloured if self.coloured.any() else np.ones(len(self.tau_s))
         return float(np.exp((weight * np.log(self.tau_s)).sum() / weight.sum()))
 
-    def products(
-        self, step_s: _Floats, gain: _Floats, columns: _Floats, width_s: float = 0.0, *, less: float = 0.0
-    ) -> _Floats:
-        """Columns (n, m) times the covariance of points, of some gain (n,), times columns, shape (m, m).
-
-        The covariance is less that of white noise of some variance.
-        """
+    def products(self, step_s: _Floats, gain: _Floats, columns: _Floats, width_s: float = 0.0) -> _Floats:
+        """Columns (n, m) times the covariance of points, of some gain (n,), times columns, shape (m, m)."""
         from radioloc.estimation._kernels import products
 
-        return products(step_s, gain, columns, width_s, self.white - less, self.tau_s, self.coloured)
+        return products(step_s, gain, columns, width_s, self.white, self.tau_s, self.coloured)
 
     def whitened(self, step_s: _Floats, gain: _Floats, columns: _Floats, width_s: float = 0.0) -> _Floats:
         """Columns (n, m) of points by the root of the inverse covariance: innovations over their sigmas, (n, m)."""

@@ -38,6 +38,8 @@ from radioloc.estimation.observation_noise import Combinations, ObservationNoise
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.parameters.parameter import ParameterSet
 
+_Floats = NDArray[np.float64]
+
 _MAX_ITERATIONS = 30
 
 _STEP_TOLERANCE = 1e-3
@@ -117,8 +119,8 @@ class FitResult:
     """
 
     parameters: ParameterSet
-    x: NDArray[np.float64]
-    covariance: NDArray[np.float64]
+    x: _Floats
+    covariance: _Floats
     linearization: Linearization
     noise: ObservationNoise
     used: NDArray[np.bool_]
@@ -137,17 +139,17 @@ class FitResult:
         return self.status is FitStatus.CONVERGED
 
     @property
-    def residual_m(self) -> NDArray[np.float64]:
+    def residual_m(self) -> _Floats:
         """Observed - computed at `x`, for all observations, used or not, m, shape (n,)."""
         return self.linearization.residual_m if self.smoothed is None else self.smoothed.residual_m
 
     @property
-    def sigmas(self) -> NDArray[np.float64]:
+    def sigmas(self) -> _Floats:
         """Formal standard deviations of the parameters, shape (p,)."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
-    def sigma_m(self) -> NDArray[np.float64]:
+    def sigma_m(self) -> _Floats:
         """Stated standard deviation of each observation, all its errors together, m, shape (n,)."""
         return self.noise.sigma_m
 
@@ -165,7 +167,7 @@ class FitResult:
         significant = self.dof > 0 and self.chi2 > chi2_quantile(SCALING_PROBABILITY, self.dof)
         return math.sqrt(self.chi2 / self.dof) if significant and self.independent_weights else 1.0
 
-    def unit_partials(self) -> Callable[[Rows], NDArray[np.float64]]:
+    def unit_partials(self) -> Callable[[Rows], _Floats]:
         """From rows (m,) to partials by parameters of unit formal covariance, (m, q)."""
         free, root = self.parameters.free, self.factor.root_covariance()
         turned = np.zeros((len(free), root.shape[1]))
@@ -293,7 +295,7 @@ def _smoothed(problem: _Problem, here: _Point, factor: Factor) -> Smoothed | Non
 class _Point:
     """The model at one set of values."""
 
-    x: NDArray[np.float64]
+    x: _Floats
     linearization: Linearization
     chi2: float
 
@@ -307,7 +309,7 @@ class _Problem:
     whitening: Whitening
     n_used: int
 
-    def point(self, x: NDArray[np.float64], linearization: Linearization) -> _Point:
+    def point(self, x: _Floats, linearization: Linearization) -> _Point:
         if isinstance(linearization, OrthonormalLinearization):
             return _Point(x, linearization, math.nan)
         chi2 = sum_of_squares(linearization.residual_m, self.whitening, self.parameters, x)
@@ -385,9 +387,7 @@ class _Problem:
         return here, factor, FitStatus.MAX_ITERATIONS, _MAX_ITERATIONS
 
 
-def sum_of_squares(
-    residual_m: NDArray[np.float64], whitening: Whitening, parameters: ParameterSet, x: NDArray[np.float64]
-) -> float:
+def sum_of_squares(residual_m: _Floats, whitening: Whitening, parameters: ParameterSet, x: _Floats) -> float:
     """Weighted sum of squares with the a-priori rows; infinite where the model gives no finite number."""
     prior = ((x - parameters.prior_values) / parameters.prior_sigmas)[parameters.free]
     total = float((prior * prior).sum())

@@ -22,6 +22,8 @@ from radioloc.estimation.observation_noise import Combinations, Whitening
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.parameters.parameter import ParameterSet
 
+_Floats = NDArray[np.float64]
+
 Rows = NDArray[np.intp]
 """Indices of observations, in any order."""
 
@@ -30,14 +32,14 @@ class Linearization(Protocol):
     """What a model says of its observations at one set of parameters."""
 
     @property
-    def residual_m(self) -> NDArray[np.float64]:
+    def residual_m(self) -> _Floats:
         """Observed - computed, m, shape (n,)."""
 
-    def partials(self, rows: Rows) -> NDArray[np.float64]:
+    def partials(self, rows: Rows) -> _Floats:
         """d(computed)/d(parameter) of some observations, shape (m, p)."""
 
 
-ResidualFunction = Callable[[NDArray[np.float64]], Any]
+ResidualFunction = Callable[[_Floats], Any]
 """From parameters (p,) to a :class:`Linearization`; or, where there is room, to the pair of residuals observed -
 computed (n,), m, and partials d(computed)/d(parameter) (n, p)."""
 
@@ -46,15 +48,15 @@ computed (n,), m, and partials d(computed)/d(parameter) (n, p)."""
 class DenseLinearization:
     """A linearization that holds all its partials."""
 
-    residual_m: NDArray[np.float64]  # (n,)
-    matrix: NDArray[np.float64]  # (n, p)
+    residual_m: _Floats  # (n,)
+    matrix: _Floats  # (n, p)
 
-    def partials(self, rows: Rows) -> NDArray[np.float64]:
+    def partials(self, rows: Rows) -> _Floats:
         """d(computed)/d(parameter) of some observations, shape (m, p)."""
         return self.matrix[rows]
 
 
-def evaluate(residual_function: ResidualFunction, x: NDArray[np.float64]) -> Linearization:
+def evaluate(residual_function: ResidualFunction, x: _Floats) -> Linearization:
     """Linearization at x; :class:`InputError` if its shapes do not agree."""
     given = residual_function(x)
     if not isinstance(given, tuple):
@@ -71,9 +73,7 @@ def evaluate(residual_function: ResidualFunction, x: NDArray[np.float64]) -> Lin
     return DenseLinearization(residual_m, partials)
 
 
-def evaluate_step(
-    residual_function: ResidualFunction, x: NDArray[np.float64], before: Linearization
-) -> Linearization:
+def evaluate_step(residual_function: ResidualFunction, x: _Floats, before: Linearization) -> Linearization:
     """Linearization where a step leads to; of infinite residuals where that is beyond what the model can compute."""
     try:
         return evaluate(residual_function, x)
@@ -126,10 +126,10 @@ class Factor:
     """
 
     # (q,), length of each whitened column with its a-priori row; 1/scale for a column of zeros
-    column_norms: NDArray[np.float64]
-    singular_values: NDArray[np.float64]  # (q,), of the matrix with columns of length one, descending
-    vectors: NDArray[np.float64]  # (q, q), right singular vectors in columns
-    right_side: NDArray[np.float64]  # (q,), whitened residuals in the singular basis
+    column_norms: _Floats
+    singular_values: _Floats  # (q,), of the matrix with columns of length one, descending
+    vectors: _Floats  # (q, q), right singular vectors in columns
+    right_side: _Floats  # (q,), whitened residuals in the singular basis
     determined: NDArray[np.bool_]  # (q,), which singular directions the data and the a-priori rows determine
 
     @property
@@ -142,25 +142,25 @@ class Factor:
         """The first damping that is tried: the least singular value of a determined direction."""
         return float(self.singular_values[self.determined].min(initial=1.0))
 
-    def step(self, damping: float) -> NDArray[np.float64]:
+    def step(self, damping: float) -> _Floats:
         """Change of the free parameters, none of it along undetermined directions, shape (q,)."""
         s = self.singular_values[self.determined]
         along = s * self.right_side[self.determined] / (s**2 + damping**2)
         return (self.vectors[:, self.determined] @ along) / self.column_norms
 
-    def root_covariance(self) -> NDArray[np.float64]:
+    def root_covariance(self) -> _Floats:
         """Square root of the covariance: times its transpose it is the determined part's, shape (q, r)."""
-        root: NDArray[np.float64] = self.vectors[:, self.determined] / self.singular_values[self.determined]
+        root: _Floats = self.vectors[:, self.determined] / self.singular_values[self.determined]
         return root / self.column_norms[:, None]
 
-    def undetermined_directions(self) -> NDArray[np.float64]:
+    def undetermined_directions(self) -> _Floats:
         """Undetermined directions in parameter units, one per row, shape (q - r, q)."""
-        directions: NDArray[np.float64] = self.vectors[:, ~self.determined].T / self.column_norms
+        directions: _Floats = self.vectors[:, ~self.determined].T / self.column_norms
         return directions
 
 
 def factorize(
-    linearization: Linearization, whitening: Whitening, parameters: ParameterSet, x: NDArray[np.float64]
+    linearization: Linearization, whitening: Whitening, parameters: ParameterSet, x: _Floats
 ) -> Factor | None:
     """Reduce one linearized problem, a-priori rows included, to its singular values; none where it is not finite."""
     free = np.flatnonzero(parameters.free)
@@ -195,13 +195,13 @@ def factorize(
 
 def _whitened_rows(
     linearization: Linearization, whitening: Whitening, free: NDArray[np.intp]
-) -> Iterator[NDArray[np.float64]]:
+) -> Iterator[_Floats]:
     """Whitened partials by the free parameters with the residuals as last column, part by part."""
     if isinstance(linearization, OrthonormalLinearization):
         return iter((linearization.condensed(whitening),))
     q = len(free)
 
-    def rows_of(rows: Rows) -> NDArray[np.float64]:
+    def rows_of(rows: Rows) -> _Floats:
         partials = linearization.partials(rows)
         out = np.empty((len(rows), q + 1))
         out[:, :q] = partials if partials.shape[1] == q else partials[:, free]
@@ -219,19 +219,17 @@ class LinearProblem:
     equations lose no digits, and a fit takes no orthogonal factorization of all rows.
     """
 
-    partials: NDArray[np.float64]  # (n, p)
-    x: NDArray[np.float64]  # (p,), values that residuals belong to
-    basis: NDArray[np.float64]  # (n, q), partials by the orthonormal coordinates
-    from_free: NDArray[np.float64]  # (q, q), from changes of the free parameters to coordinates and back
-    to_free: NDArray[np.float64]
+    partials: _Floats  # (n, p)
+    x: _Floats  # (p,), values that residuals belong to
+    basis: _Floats  # (n, q), partials by the orthonormal coordinates
+    from_free: _Floats  # (q, q), from changes of the free parameters to coordinates and back
+    to_free: _Floats
     start_rows: NDArray[np.intp]  # (m,), usable observations that make the robust start
 
-    def of(
-        self, residual_m: NDArray[np.float64]
-    ) -> Callable[[NDArray[np.float64]], OrthonormalLinearization]:
+    def of(self, residual_m: _Floats) -> Callable[[_Floats], OrthonormalLinearization]:
         """Residual function of residuals (n,) at the values `x`, m."""
 
-        def linearized(x: NDArray[np.float64]) -> OrthonormalLinearization:
+        def linearized(x: _Floats) -> OrthonormalLinearization:
             # Summed by numpy itself: the result does not depend on the number of threads
             left_m = residual_m - np.einsum("np,p->n", self.partials, x - self.x)
             return OrthonormalLinearization(self, left_m)
@@ -244,13 +242,13 @@ class OrthonormalLinearization:
     """Linearization of a :class:`LinearProblem`."""
 
     problem: LinearProblem
-    residual_m: NDArray[np.float64]
+    residual_m: _Floats
 
-    def partials(self, rows: Rows) -> NDArray[np.float64]:
+    def partials(self, rows: Rows) -> _Floats:
         """d(computed)/d(parameter) of some observations, shape (m, p)."""
         return self.problem.partials[rows]
 
-    def condensed(self, whitening: Whitening) -> NDArray[np.float64]:
+    def condensed(self, whitening: Whitening) -> _Floats:
         """Rows (q, q + 1) with the normal equations of the independent combinations of all observations."""
         basis = self.problem.basis
         weight = whitening.weights() if isinstance(whitening, Combinations) else None
@@ -270,7 +268,7 @@ class OrthonormalLinearization:
         return np.column_stack([root[:, None] * axes.T @ self.problem.from_free, along])
 
 
-def gram(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def gram(a: _Floats, b: _Floats) -> _Floats:
     """a^T b of tall matrices, in slabs too small for linear algebra libraries to share them out among threads."""
     columns, others = a.shape[1], b.shape[1]
     width = max(columns, others, 1)
@@ -289,7 +287,7 @@ def refreshed(
     linearization: Linearization,
     whitening: Whitening,
     parameters: ParameterSet,
-    x: NDArray[np.float64],
+    x: _Floats,
 ) -> Factor:
     """Factor of a neighbouring point: its right side from the gradient here, its triangle as it was there.
 
@@ -308,7 +306,7 @@ def refreshed(
     return replace(factor, right_side=right_side)
 
 
-def reduced(triangle: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[np.float64]:
+def reduced(triangle: _Floats, rows: _Floats) -> _Floats:
     """Triangle of a triangle (k, c) with more rows (m, c) beneath it, shape (min(k + m, c), c)."""
     columns = rows.shape[1]
     leaf = max(2 * columns, _LEAF_ELEMENTS // columns)
@@ -319,9 +317,7 @@ def reduced(triangle: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray
     return np.asarray(np.linalg.qr(np.concatenate([triangle, rows]), mode="r"))
 
 
-def covariance_of(
-    factor: Factor, parameters: ParameterSet, unit: NDArray[np.float64] | None = None
-) -> NDArray[np.float64]:
+def covariance_of(factor: Factor, parameters: ParameterSet, unit: _Floats | None = None) -> _Floats:
     """Covariance over all parameters, shape (p, p)."""
     root = factor.root_covariance()
     covariance_free = root @ root.T if unit is None else root @ unit @ root.T

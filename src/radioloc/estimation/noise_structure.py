@@ -279,10 +279,8 @@ def _patterns(
     used = fit.used[rows]
     row_of = np.full((epoch.max() + 1, len(signs)), -1)
     row_of[epoch[used], of_code[used]] = rows[used]
-    packed = np.packbits(row_of >= 0, axis=1)
-    _, first, which = np.unique(packed.view(f"V{packed.shape[1]}"), return_index=True, return_inverse=True)
-    for k, one in enumerate(first.tolist()):
-        there = row_of[one] >= 0
+    kinds, which = np.unique(row_of >= 0, axis=0, return_inverse=True)
+    for k, there in enumerate(kinds):
         mine = np.flatnonzero(which.ravel() == k)
         part = mine * _BATCHES // len(row_of)
         epochs = np.bincount(part, minlength=_BATCHES)

@@ -14,6 +14,8 @@ from radioloc.estimation.linearization import covariance_of
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.parameters.parameter import ParameterSet
 
+_Floats = NDArray[np.float64]
+
 WEAK_FACTOR = 100.0
 """A combination is weak when its sigma is this many times the median sigma of one observation: errors of the model
 (centimetres) then stand in the answer as metres, whatever the sigma says."""
@@ -126,7 +128,7 @@ class Observability:
         Kinds of parameters of which the data hardly tell more than differences.
     """
 
-    singular_values: NDArray[np.float64]
+    singular_values: _Floats
     undetermined: tuple[Direction, ...]
     weak: tuple[Direction, ...]
     correlations: tuple[Correlation, ...]
@@ -234,9 +236,7 @@ def assess_observability(fit: FitResult, counted: NDArray[np.bool_] | None = Non
     )
 
 
-def _common_parts(
-    parameters: ParameterSet, covariance: NDArray[np.float64], sigma_m: float
-) -> tuple[CommonPart, ...]:
+def _common_parts(parameters: ParameterSet, covariance: _Floats, sigma_m: float) -> tuple[CommonPart, ...]:
     """Kinds whose mean is hardly better known than a priori, or, without a-priori sigmas, weak."""
 
     def rows_of(kind: str) -> list[int]:
@@ -271,7 +271,7 @@ def _common_parts(
     return tuple(found)
 
 
-def correlation_matrix(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+def correlation_matrix(covariance: _Floats) -> _Floats:
     """Correlations of a covariance, shape (p, p); zero beside fixed and undetermined parameters."""
     sigmas = np.sqrt(np.diag(covariance))
     known = np.isfinite(sigmas) & (sigmas > 0.0)
@@ -281,14 +281,14 @@ def correlation_matrix(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     return correlations
 
 
-def _strong_correlations(covariance: NDArray[np.float64], names: tuple[str, ...]) -> tuple[Correlation, ...]:
+def _strong_correlations(covariance: _Floats, names: tuple[str, ...]) -> tuple[Correlation, ...]:
     matrix = correlation_matrix(covariance)
     pairs = np.argwhere(np.triu(np.abs(matrix) > STRONG_CORRELATION, k=1))
     found = [Correlation(names[i], names[j], float(matrix[i, j])) for i, j in pairs]
     return tuple(sorted(found, key=lambda item: -abs(item.coefficient)))
 
 
-def _direction(vector: NDArray[np.float64], sigma: float, parameters: ParameterSet) -> Direction:
+def _direction(vector: _Floats, sigma: float, parameters: ParameterSet) -> Direction:
     """That of a unit vector over the free parameters, in their scales."""
     free = np.flatnonzero(parameters.free)
     order = [int(k) for k in np.argsort(-np.abs(vector), kind="stable") if abs(vector[k]) >= _SMALLEST_WEIGHT]
@@ -308,7 +308,7 @@ def _change(value: float, unit: str) -> str:
     return text if unit == "1" else f"{text} {unit}"
 
 
-def _simple_basis(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+def _simple_basis(rows: _Floats) -> _Floats:
     """Reduced echelon form of independent rows (largest pivot first), each then scaled to length one."""
     basis = np.array(rows)
     if not len(basis):

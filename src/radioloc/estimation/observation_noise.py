@@ -26,10 +26,12 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.errors import InputError
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 
+_Floats = NDArray[np.float64]
+
 ALONE = -1
 """Group of an observation that shares no error."""
 
-RowsOf = Callable[[NDArray[np.intp]], NDArray[np.float64]]
+RowsOf = Callable[[NDArray[np.intp]], _Floats]
 """From indices of observations (m,) to numbers that belong to them, such as partials, (m, c)."""
 
 _FLATTEST = 1e-10
@@ -52,14 +54,14 @@ class SharedErrors:
 
     group: NDArray[np.intp]
     source: NDArray[np.intp]
-    effect_m: NDArray[np.float64]
+    effect_m: _Floats
 
-    def variance_m2(self) -> NDArray[np.float64]:
+    def variance_m2(self) -> _Floats:
         """What all shared errors together add to the variance of each observation, shape (n,)."""
         each = np.arange(len(self.group))[:, None]
         return np.where(self.group == ALONE, 0.0, self.covariance_m2(each)[:, 0, 0])
 
-    def covariance_m2(self, rows: NDArray[np.intp]) -> NDArray[np.float64]:
+    def covariance_m2(self, rows: NDArray[np.intp]) -> _Floats:
         """Covariance of observations (b, k), each of the b in one group, shape (b, k, k)."""
         source, effect_m = self.source[rows], self.effect_m[rows]
         covariance = np.zeros((*rows.shape, rows.shape[1]))
@@ -84,11 +86,11 @@ class PhaseNoise:
         Counts with phase noise, each after the one before it.
     """
 
-    sigma_m: NDArray[np.float64]
+    sigma_m: _Floats
     before: NDArray[np.intp]
     order: NDArray[np.intp]
 
-    def factor(self, rows: NDArray[np.intp], own_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def factor(self, rows: NDArray[np.intp], own_m: _Floats) -> _Floats:
         """Cholesky factor of the covariance of some rows (k,) in their order: its diagonal, what is below, (2, k)."""
         from scipy.linalg import cholesky_banded
 
@@ -105,7 +107,7 @@ def slices(n: int, width: int = 1) -> Iterator[slice]:
     return (slice(start, start + at_once) for start in range(0, n, at_once))
 
 
-def slices_of_chain(factor: NDArray[np.float64]) -> Iterator[slice]:
+def slices_of_chain(factor: _Floats) -> Iterator[slice]:
     """Likewise, cut where no row depends on the one before it, so that each can be whitened by itself."""
     cuts, start = np.flatnonzero(factor[1] == 0.0) + 1, 0
     for end in cuts[np.diff(cuts // ROWS_AT_ONCE, append=-1) != 0].tolist():
@@ -113,7 +115,7 @@ def slices_of_chain(factor: NDArray[np.float64]) -> Iterator[slice]:
         start = end
 
 
-def unchained(factor: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+def unchained(factor: _Floats, values: _Floats) -> _Floats:
     """Independent combinations of unit variance of rows (k, c), by the factor of their covariance (2, k)."""
     from scipy.linalg import solve_banded
 
@@ -147,11 +149,11 @@ class ObservationNoise:
         larger than the own ones that the block cannot be told from a singular one.
     """
 
-    own_m: NDArray[np.float64]
+    own_m: _Floats
     shared: SharedErrors | None = None
     blocks: tuple[Block, ...] = field(default=(), repr=False)
     phase: PhaseNoise | None = None
-    sigma_m: NDArray[np.float64] = field(init=False)
+    sigma_m: _Floats = field(init=False)
 
     def __post_init__(self) -> None:
         bad = np.flatnonzero(~(np.isfinite(self.own_m) & (self.own_m > 0.0)))
@@ -192,7 +194,7 @@ class ObservationNoise:
     def __len__(self) -> int:
         return len(self.own_m)
 
-    def with_added(self, excess_m: NDArray[np.float64]) -> ObservationNoise:
+    def with_added(self, excess_m: _Floats) -> ObservationNoise:
         """Noise with another independent error in each observation, standard deviations (n,), m.
 
         An error of one size in all observations of a block is one of that size along each of its axes, which stay.
@@ -232,7 +234,7 @@ class ObservationNoise:
 class Whitening(Protocol):
     """Observations in use, brought to independent ones of unit variance."""
 
-    def whitened(self, rows_of: RowsOf) -> Iterator[NDArray[np.float64]]:
+    def whitened(self, rows_of: RowsOf) -> Iterator[_Floats]:
         """Independent combinations part by part, from indices of rows (m,) to numbers that belong to them (m, k)."""
 
 
@@ -240,17 +242,17 @@ class Whitening(Protocol):
 class Combinations:
     """Independent combinations of those observations that are in use; made by :meth:`ObservationNoise.among`."""
 
-    own_m: NDArray[np.float64]  # (n,), of all observations
+    own_m: _Floats  # (n,), of all observations
     alone: NDArray[np.bool_]  # (n,), those in use that share no error
     blocks: tuple[Block, ...]  # those that share errors with others in use, and what is left of their blocks
     counts: NDArray[np.intp]  # (k,), those in use with phase noise, in order
-    factor: NDArray[np.float64]  # (2, k), of their covariance
+    factor: _Floats  # (2, k), of their covariance
 
-    def weights(self) -> NDArray[np.float64] | None:
+    def weights(self) -> _Floats | None:
         """Weights (n,), zero of those not in use; none where observations share errors."""
         return None if self.blocks or len(self.counts) else np.where(self.alone, self.own_m**-2.0, 0.0)
 
-    def parts(self, rows_of: RowsOf) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    def parts(self, rows_of: RowsOf) -> Iterator[tuple[_Floats, _Floats]]:
         """Independent combinations (m, k) and their standard deviations (m,), m, part by part in their own order."""
         alone = np.flatnonzero(self.alone)
         for some in slices(len(alone)):
@@ -262,7 +264,7 @@ class Combinations:
                 combined = np.swapaxes(part.axes, 1, 2) @ values
                 yield combined.reshape(part.rows.size, -1), part.combined_m.ravel()
 
-    def combined(self, values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def combined(self, values: _Floats) -> tuple[_Floats, _Floats]:
         """Independent combinations of values (n,), such as residuals, and their standard deviations, m, both (m,).
 
         Without counts of a phase, in whose combinations noise that is added to each is none of one size.
@@ -273,7 +275,7 @@ class Combinations:
         combined, sigma_m = (np.concatenate(column, axis=None) for column in zip(*parts, strict=True))
         return combined, sigma_m
 
-    def whitened(self, rows_of: RowsOf) -> Iterator[NDArray[np.float64]]:
+    def whitened(self, rows_of: RowsOf) -> Iterator[_Floats]:
         """Combinations over their standard deviations: all are independent and of unit variance."""
         for combined, sigma_m in self.parts(rows_of):
             combined *= (1.0 / sigma_m)[:, None]
@@ -287,15 +289,15 @@ class Block:
     """Blocks of one size."""
 
     rows: NDArray[np.intp]  # (b, k), observations of each block
-    axes: NDArray[np.float64]  # (b, k, k), principal axes of their covariance in columns
-    combined_m: NDArray[np.float64]  # (b, k), standard deviations along the axes
+    axes: _Floats  # (b, k, k), principal axes of their covariance in columns
+    combined_m: _Floats  # (b, k), standard deviations along the axes
 
     def select(self, which: NDArray[np.bool_] | slice) -> Block:
         """Some of the blocks."""
         return Block(self.rows[which], self.axes[which], self.combined_m[which])
 
 
-def _blocks_of(own_m: NDArray[np.float64], shared: SharedErrors, rows: NDArray[np.intp]) -> tuple[Block, ...]:
+def _blocks_of(own_m: _Floats, shared: SharedErrors, rows: NDArray[np.intp]) -> tuple[Block, ...]:
     """Blocks of some rows (m,) that share errors, those of one size together."""
     if not len(rows):
         return ()

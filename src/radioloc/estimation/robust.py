@@ -79,62 +79,52 @@ def robust_start(
     `whole` is the linearization at the start, or without one at the a-priori values; returned is that at the estimate.
     """
     x = parameters.prior_values if start is None else start
-    free = np.flatnonzero(parameters.free)
+    free, q = parameters.free, int(parameters.free.sum())
     check_residuals(whole, usable)
     prepared = whole.problem if isinstance(whole, OrthonormalLinearization) else None
     rows = sample(whole, sigma_m, usable, parameters) if prepared is None else prepared.start_rows
+    group = np.zeros(len(rows), dtype=np.intp) if groups is None else groups.codes[rows].astype(np.intp)
     sigma_m = sigma_m[rows]
-    residual_m, partials = whole.residual_m[rows], whole.partials(rows)
-    loss = _huber_loss(residual_m / sigma_m, parameters, x)
-    root = np.zeros((len(free), 0))
-    for _ in range(_MAX_LINEARIZATIONS):
+    root = np.zeros((q, 0)) if prepared is None else prepared.to_free
+
+    def after(x: _Floats, step: _Floats) -> tuple[_Floats, Linearization, _Floats]:
+        moved = x.copy()
+        moved[free] += step
+        there = evaluate_step(residual_function, moved, whole)
+        return moved, there, there.residual_m[rows] / sigma_m
+
+    left = whole.residual_m[rows] / sigma_m
+    for _ in range(_MAX_LINEARIZATIONS if prepared is None else 1):  # a linear problem needs one step
+        partials = whole.partials(rows)
         if prepared is None:
-            dense = DenseLinearization(residual_m, partials)
+            dense = DenseLinearization(whole.residual_m[rows], partials)
             factor = factorize(dense, ObservationNoise(sigma_m).among(), parameters, x)
             if factor is None:
                 break
             root = factor.root_covariance()
-        else:
-            root = prepared.to_free
-        step = _huber_step(residual_m, partials, sigma_m, parameters, x, root)
-        moved = np.abs(partials[:, free] @ step) / sigma_m
-        spread = robust_scale(residual_m / sigma_m, len(free))
-        if moved.max(initial=0.0) < _SETTLED * max(1.0, spread):
+        basis = partials[:, free] @ root / sigma_m[:, None]
+        y = _huber_estimate(basis, left, *_prior_terms(parameters, x, root))
+        if np.abs(basis @ y).max(initial=0.0) < _SETTLED * max(1.0, robust_scale(left, q)):
             break
-        for _ in range(10):
-            trial = x.copy()
-            trial[free] += step
-            trial_whole = evaluate_step(residual_function, trial, whole)
-            trial_residual_m = trial_whole.residual_m[rows]
-            trial_loss = _huber_loss(trial_residual_m / sigma_m, parameters, trial)
-            if trial_loss < loss:
+        loss = _huber_loss(left, parameters, x)
+        for part in 0.5 ** np.arange(10.0):
+            trial, there, trial_left = after(x, part * (root @ y))
+            if _huber_loss(trial_left, parameters, trial) < loss:
                 break
-            step = 0.5 * step
         else:
             break
-        x, whole, loss = trial, trial_whole, trial_loss
-        residual_m, partials = trial_residual_m, whole.partials(rows)
-        if prepared is not None:  # linear: another step would be none
-            break
-    group = np.zeros(len(rows), dtype=np.intp) if groups is None else groups.codes[rows].astype(np.intp)
-    spreads = _spreads(residual_m / sigma_m, group, len(free))
-    trial, trial_whole = x, whole
+        x, whole, left = trial, there, trial_left
+    spreads = _spreads(left, group, q)
+    trial, there, trial_left = x, whole, left
     for _ in range(_MOST_TRIMMED if max(spreads) > _CLEAN else 0):
-        residual_m, partials = trial_whole.residual_m[rows], trial_whole.partials(rows)
-        y = least_trimmed(
-            partials[:, free] @ root / sigma_m[:, None],
-            residual_m / sigma_m,
-            *_prior_terms(parameters, trial, root),
-            group,
-        )
-        if y is None:
+        basis = there.partials(rows)[:, free] @ root / sigma_m[:, None]
+        found = least_trimmed(basis, trial_left, *_prior_terms(parameters, trial, root), group)
+        if found is None:
             break
-        trial = trial.copy()
-        trial[free] += root @ y
-        trial_whole = evaluate_step(residual_function, trial, whole)
-        after = _spreads(trial_whole.residual_m[rows] / sigma_m, group, len(free))
-        if any(a < _MUCH_LESS * b and b > _CLEAN for a, b in zip(after, spreads, strict=True)):
-            return trial, trial_whole
+        trial, there, trial_left = after(trial, root @ found)
+        trimmed = _spreads(trial_left, group, q)
+        if any(new < _MUCH_LESS * old and old > _CLEAN for new, old in zip(trimmed, spreads, strict=True)):
+            return trial, there
     return x, whole
 
 
@@ -207,34 +197,22 @@ def sample(
     return np.flatnonzero(drawn)
 
 
-def _huber_step(
-    residual_m: _Floats,
-    partials: _Floats,
-    sigma_m: _Floats,
-    parameters: ParameterSet,
-    x: _Floats,
-    root: _Floats,
+def _huber_estimate(
+    basis: _Floats, normalized: _Floats, prior_normal: _Floats, prior_side: _Floats
 ) -> _Floats:
-    """Change of the free parameters that minimizes Huber's loss of the linearized residuals, shape (q,).
-
-    Weights are changed in coordinates in which the problem is orthonormal without them, where normal equations serve;
-    `root` leads from these to the parameters.
-    """
-    basis = partials[:, parameters.free] @ root / sigma_m[:, None]
-    prior_normal, prior_side = _prior_terms(parameters, x, root)
-    normalized = residual_m / sigma_m
+    """Where Huber's loss of residuals (n,) is least, in coordinates in which the problem is orthonormal, shape (q,)."""
     y: _Floats = np.zeros(basis.shape[1])
     remaining = normalized
     for _ in range(_MAX_REWEIGHTINGS):
         weighted = basis * huber_weight(remaining)[:, None]
         side = gram(weighted, normalized[:, None])[:, 0]
-        new = np.linalg.solve(prior_normal + gram(weighted, basis), prior_side + side).astype(np.float64)
-        moved = np.abs(np.einsum("nq,q->n", basis, new - y)).max(initial=0.0)
-        y = np.asarray(new)
-        remaining = normalized - np.einsum("nq,q->n", basis, new)
-        if moved < _SETTLED or moved < _SETTLED * robust_scale(remaining, len(root)):
+        before = y
+        y = np.linalg.solve(prior_normal + gram(weighted, basis), prior_side + side).astype(np.float64)
+        moved = np.abs(np.einsum("nq,q->n", basis, y - before)).max(initial=0.0)
+        remaining = normalized - np.einsum("nq,q->n", basis, y)
+        if moved < _SETTLED or moved < _SETTLED * robust_scale(remaining, len(y)):
             break
-    return np.asarray(root @ y)
+    return y
 
 
 def _prior_terms(parameters: ParameterSet, x: _Floats, root: _Floats) -> tuple[_Floats, _Floats]:

@@ -109,15 +109,15 @@ class Bundle:
         return replace(self, rows=self.rows[:, [j]], whitening=self.whitening[:, :, [j]])
 
 
-def points_of(bundles: Sequence[Bundle], rows_of: RowsOf, root: _Floats, most: int = MOST_POINTS) -> Points:
-    """Each series, averaged where there are more than `most`, with partials by the parameters times `root`.
+def points_of(bundles: Sequence[Bundle], rows_of: RowsOf, root: _Floats) -> Points:
+    """Each series, averaged where it has more than :data:`MOST_POINTS`, with partials by the parameters times `root`.
 
     `rows_of` gives residuals and partials side by side. Sums of bins are over the root of their count, so they are of
     unit variance where observations are independent.
     """
     columns, of_series, of_points = [], [], []
     for one in bundles:
-        place, duration_s = bins(one.time_s, most)
+        place, duration_s = bins(one.time_s, MOST_POINTS)
         in_bin, k = np.bincount(place), len(one.series)
         sums, squares = np.zeros((0, 0, 0)), np.zeros(k)
         for part, values in one.parts(rows_of):

@@ -27,6 +27,8 @@ from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.tables import TableForm, as_table
 
+_Floats = NDArray[np.float64]
+
 Axes = Literal["enu", "pa", "me", "geographic"]
 Level = Literal["total", "scaled", "formal"]
 _ENU = ("east", "north", "up")
@@ -50,8 +52,8 @@ class TargetPosition:
     """One of several targets: its name, its position (3,), m, and d(position)/d(parameter) (3, p), principal axes."""
 
     name: str
-    position_pa_m: NDArray[np.float64]
-    position_partials: NDArray[np.float64]
+    position_pa_m: _Floats
+    position_partials: _Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,20 +138,20 @@ class Solution:
     status: FitStatus
     message: str
     parameters: ParameterSet
-    values: NDArray[np.float64]
-    formal_covariance: NDArray[np.float64]
-    covariance: NDArray[np.float64]
+    values: _Floats
+    formal_covariance: _Floats
+    covariance: _Floats
     noise_scale: float
     pa_frame: str
     me_frame: str
-    position_pa_m: NDArray[np.float64]
-    position_partials: NDArray[np.float64]
-    rot_pa_to_me: NDArray[np.float64]
+    position_pa_m: _Floats
+    position_partials: _Floats
+    rot_pa_to_me: _Floats
     fit: FitStatistics
     residuals: Residuals
     observability: Observability
     name: str = "solution"
-    ephemeris_sigma_enu_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    ephemeris_sigma_enu_m: _Floats = field(default_factory=lambda: np.zeros(3))
     time_correlation: TimeCorrelation | None = None
     series_weights: tuple[SeriesWeight, ...] = ()
     iterations: int = 0
@@ -163,7 +165,7 @@ class Solution:
     arcs: tuple[OrbitState, ...] = ()
     overlaps: tuple[OrbitOverlap, ...] = ()
     consider: Consider | None = None
-    prior_effects: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0)))
+    prior_effects: _Floats = field(default_factory=lambda: np.zeros((0, 0)))
     targets: tuple[TargetPosition, ...] = ()
     consistency: Consistency = field(default_factory=Consistency)
     transmitters: tuple[TransmitterPass, ...] = ()
@@ -215,7 +217,7 @@ class Solution:
         return self.status is FitStatus.CONVERGED
 
     @property
-    def position_me_m(self) -> NDArray[np.float64]:
+    def position_me_m(self) -> _Floats:
         """:attr:`position_pa_m` in mean-Earth axes, m, shape (3,)."""
         return np.asarray(self.rot_pa_to_me @ self.position_pa_m)
 
@@ -239,13 +241,13 @@ class Solution:
         return math.degrees(longitude_rad), math.degrees(latitude_rad), height_m
 
     @property
-    def rot_pa_to_enu(self) -> NDArray[np.float64]:
+    def rot_pa_to_enu(self) -> _Floats:
         """Rotation from principal axes to east, north, up (of mean-Earth axes) there, shape (3, 3)."""
         longitude_rad, latitude_rad, _ = self._place_rad()
         return np.asarray(east_north_up(longitude_rad, latitude_rad) @ self.rot_pa_to_me)
 
     @property
-    def enu_by_parameters(self) -> NDArray[np.float64]:
+    def enu_by_parameters(self) -> _Floats:
         """d(position east, north, up)/d(parameter), shape (3, p)."""
         return np.asarray(self.rot_pa_to_enu @ self.position_partials)
 
@@ -264,7 +266,7 @@ class Solution:
         """Whether no parameter that the position depends on is left undetermined."""
         return bool(np.isfinite(np.diag(self.covariance)[self._involved]).all())
 
-    def position_covariance(self, axes: Axes = "enu", level: Level = "total") -> NDArray[np.float64]:
+    def position_covariance(self, axes: Axes = "enu", level: Level = "total") -> _Floats:
         """Covariance of the position, shape (3, 3).
 
         Parameters
@@ -305,18 +307,18 @@ class Solution:
             "me": self.rot_pa_to_me @ self.rot_pa_to_enu.T,
             "geographic": np.diag([1.0 / (radius_m * math.cos(latitude_rad)), 1.0 / radius_m, 1.0]),
         }[axes]
-        turned: NDArray[np.float64] = from_enu @ in_enu @ from_enu.T
+        turned: _Floats = from_enu @ in_enu @ from_enu.T
         return 0.5 * (turned + turned.T)
 
-    def sigma_enu_m(self, level: Level = "total") -> NDArray[np.float64]:
+    def sigma_enu_m(self, level: Level = "total") -> _Floats:
         """Return standard deviations east, north, up, m, shape (3,); infinite where not determined."""
         return np.sqrt(np.diag(self.position_covariance("enu", level)))
 
-    def sigmas(self, level: Level = "total") -> NDArray[np.float64]:
+    def sigmas(self, level: Level = "total") -> _Floats:
         """Return standard deviations of the parameters, shape (p,); infinite where not determined."""
         return np.sqrt(np.diag(self.parameter_covariance(level)))
 
-    def parameter_covariance(self, level: Level = "total") -> NDArray[np.float64]:
+    def parameter_covariance(self, level: Level = "total") -> _Floats:
         """Return the covariance of the parameters, shape (p, p); infinite variances for what is not determined.
 
         The total one has what the considered parameters add; the assumed error of the ephemeris is the position's only.
@@ -530,9 +532,9 @@ class Solution:
         return float(longitude_rad), float(latitude_rad), float(height_m)
 
 
-def _components(names: Iterable[str], vector_m: NDArray[np.float64]) -> dict[str, float | None]:
+def _components(names: Iterable[str], vector_m: _Floats) -> dict[str, float | None]:
     return {f"{name}_m": finite_or_none(value) for name, value in zip(names, vector_m, strict=True)}
 
 
-def _matrix(matrix: NDArray[np.float64]) -> list[list[float | None]]:
+def _matrix(matrix: _Floats) -> list[list[float | None]]:
     return [[finite_or_none(value) for value in row] for row in matrix]

@@ -15,6 +15,8 @@ from radioloc.estimation.labels import USED, Labels
 from radioloc.tables import TableForm, as_table
 from radioloc.time import Epochs, utc_strings
 
+_Floats = NDArray[np.float64]
+
 SCALING_PROBABILITY = 0.999
 """The formal covariance is scaled up when the reduced chi-square would exceed its value by chance in fewer than one
 fit of a thousand."""
@@ -48,12 +50,12 @@ class Residuals:
     stations: Labels
     types: Labels
     paths: Labels
-    observed_m: NDArray[np.float64]
-    residual_m: NDArray[np.float64]
-    sigma_m: NDArray[np.float64]
+    observed_m: _Floats
+    residual_m: _Floats
+    sigma_m: _Floats
     statuses: Labels
-    elevation_deg: NDArray[np.float64] | None = None
-    count_s: NDArray[np.float64] | None = None
+    elevation_deg: _Floats | None = None
+    count_s: _Floats | None = None
 
     def __post_init__(self) -> None:
         n = len(self.residual_m)
@@ -79,7 +81,7 @@ class Residuals:
         return Residuals(**columns)
 
     @property
-    def residual_mm_s(self) -> NDArray[np.float64]:
+    def residual_mm_s(self) -> _Floats:
         """Residual of Doppler as a rate of the whole light path, mm/s, shape (n,); NaN of what is not counted."""
         return 1e3 * self.residual_m / (np.nan if self.count_s is None else self.count_s)
 
@@ -109,7 +111,7 @@ class Residuals:
         return self.statuses.are(USED)
 
     @property
-    def computed_m(self) -> NDArray[np.float64]:
+    def computed_m(self) -> _Floats:
         """Computed values, m, shape (n,)."""
         return self.observed_m - self.residual_m
 
@@ -246,7 +248,7 @@ class FitStatistics:
         }
 
 
-def read_only(values: ArrayLike) -> NDArray[np.float64]:
+def read_only(values: ArrayLike) -> _Floats:
     """Array of floats that cannot be written to; a copy unless it owns its numbers and is read-only already."""
     array = np.asarray(values, dtype=np.float64)
     if array.flags.writeable or not array.flags.owndata:
@@ -260,7 +262,7 @@ def finite_or_none(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def robust_scale(normalized: NDArray[np.float64], n_parameters: int) -> float:
+def robust_scale(normalized: _Floats, n_parameters: int) -> float:
     """Spread of normalized residuals, 1 where the stated sigmas are right, by the median absolute deviation.
 
     The deviation is taken from zero, where the residuals of a fit should be centred. Zero if there are no

@@ -33,7 +33,6 @@ from radioloc.estimation.consider import CommonErrors, Effects
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.gauss_markov import (
     DENSE,
-    Points,
     SeriesCorrelation,
     SeriesNoise,
     SeriesWeight,
@@ -94,6 +93,8 @@ def assess_time_correlation(
     >>> [found.count for found in assess_time_correlation(fit, order).series]
     [400]
     """
+    from scipy.linalg import block_diag
+
     if fit.time_correlation is not None:  # assessed already
         return fit.time_correlation
     nothing = TimeCorrelation((), np.zeros_like(fit.covariance), {})
@@ -101,28 +102,28 @@ def assess_time_correlation(
         return nothing
     root = fit.factor.root_covariance()
     bundles = series_of(order, fit.noise, fit.used) if bundles is None else bundles
-    if common is None:
-        points, sigmas = points_of(bundles, rows_of(fit), root), np.full(root.shape[1], _FREE)
-    else:
-        points, sigmas = _with_errors(bundles, fit, root, common)
-    noise = noise_of_series(points, sigmas)
+    q, errors = root.shape[1], 0 if common is None else common(np.zeros(1, dtype=np.intp)).shape[1]
+    points = points_of(bundles, rows_of(fit, common), block_diag(root, np.eye(errors)))
+    noise = noise_of_series(points, np.repeat([_FREE, 1.0], [q, errors]))
     if not noise:
         return nothing
-    unit = points.unit[:, : root.shape[1]]
-    added = np.zeros((root.shape[1],) * 2)
+    added = np.zeros((q, q))
     found: dict[str, SeriesCorrelation] = {}
     for k, one in enumerate(points.series):
-        errors = noise.get(one.key)
-        if errors is None:
+        if one.key not in noise:
             continue
-        part, count = points.of(k), int(points.count[k])
-        points_of_one = (points.step_s[part], points.gain[part])
-        width_s = float(points.width_s[k])
-        added += errors.products(*points_of_one, unit[part], width_s, less=1.0)
-        of_sum = float(errors.products(*points_of_one, points.gain[part, None], width_s)[0, 0])
-        effective = count**2 * (errors.white + float(errors.coloured.sum())) / of_sum
+        process, part, count = noise[one.key], points.of(k), int(points.count[k])
+        unit, gain = points.unit[part, :q], points.gain[part]
+        columns, width_s = np.column_stack([unit, gain]), float(points.width_s[k])
+        products = process.products(points.step_s[part], gain, columns, width_s)
+        added += products[:q, :q] - gram(unit, unit)
+        variance = process.white + float(process.coloured.sum())
         found[one.key] = SeriesCorrelation(
-            one.name, count, effective, errors.correlation_time_s, errors.share
+            one.name,
+            count,
+            count**2 * variance / float(products[q, q]),
+            process.correlation_time_s,
+            process.share,
         )
     noise = {key: noise[key] for key in found}
     return TimeCorrelation(tuple(found.values()), in_parameters(added, fit), noise)
@@ -160,18 +161,6 @@ def noise_of_each(fit: FitResult, order: SeriesOrder) -> dict[str, SeriesNoise]:
     """Noise that each series shows by itself: an offset of one of them is none."""
     points = points_of(series_of(order, fit.noise, fit.used), rows_of(fit), fit.factor.root_covariance())
     return noise_of_series(points, ABSORBED, jointly=False)
-
-
-def _with_errors(
-    bundles: Sequence[Bundle], fit: FitResult, root: _Floats, common: Effects
-) -> tuple[Points, _Floats]:
-    """Points with effects of common errors as further parameters, and sigmas of all."""
-    count = common(np.zeros(1, dtype=np.intp)).shape[1]
-    both = np.zeros((root.shape[0] + count, root.shape[1] + count))
-    both[: root.shape[0], : root.shape[1]] = root
-    both[root.shape[0] :, root.shape[1] :] = np.eye(count)
-    points = points_of(bundles, rows_of(fit, common), both)
-    return points, np.repeat([_FREE, 1.0], [root.shape[1], count])
 
 
 def rows_of(fit: FitResult, common: Effects | None = None) -> Callable[[Rows], _Floats]:
@@ -304,10 +293,11 @@ def _with_covariances(fit: FitResult, noise: _Whitening, found: TimeCorrelation)
     for bundle, whitened in zip(noise.bundles, parts, strict=False):
         values = whitened.reshape(len(bundle.series), len(bundle.rows), -1)
         for one, weighted in zip(bundle.series, noise.of_series(bundle, values, adjoint=True), strict=True):
-            unit += gram(weighted, weighted)
+            squares = gram(weighted, weighted)
+            unit += squares
             if one.key in found.noise:
                 points = (bundle.step_s, np.ones(len(weighted)), weighted)
-                added += found.noise[one.key].products(*points, less=1.0)
+                added += found.noise[one.key].products(*points) - squares
     fit = replace(fit, covariance=covariance_of(fit.factor, fit.parameters, unit))
     return replace(fit, time_correlation=replace(found, added_covariance=in_parameters(added, fit)))
 

@@ -28,6 +28,8 @@ from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile, robust_scale
 from radioloc.parameters.parameter import ParameterSet
 
+_Floats = NDArray[np.float64]
+
 _MAX_PASSES = 15
 _MOST_SPLIT = 10
 """Stations and links that may have a component of their own."""
@@ -45,7 +47,7 @@ def fit_with_variance_components(
     groups: Labels | None = None,
     status: ArrayLike | Labels | None = None,
     threshold: float | None = THRESHOLD,
-    start: NDArray[np.float64] | None = None,
+    start: _Floats | None = None,
 ) -> EditedFit:
     """Fit with editing, adding noise to the stated sigmas where the residuals ask for it.
 
@@ -102,7 +104,7 @@ class _Problem:
     given: Labels
     threshold: float | None
 
-    def fit_with(self, added_m: NDArray[np.float64], previous: EditedFit) -> EditedFit:
+    def fit_with(self, added_m: _Floats, previous: EditedFit) -> EditedFit:
         """Fit with components (n,), m; a fit that did not come to its end is nothing to start from."""
         return fit_with_editing(
             self.residual_function,
@@ -146,7 +148,7 @@ class _Problem:
         """Fit with the components of groups, from a fit with others or none on."""
         labels, group = groups.texts, groups.codes
 
-        def noisy(edited: EditedFit, added_m: NDArray[np.float64], message: str = "") -> EditedFit:
+        def noisy(edited: EditedFit, added_m: _Floats, message: str = "") -> EditedFit:
             present = set(groups.present())
             found = {
                 name: value for name, value in zip(labels, added_m.tolist(), strict=True) if name in present
@@ -188,7 +190,7 @@ def _wanted_m(
     group: NDArray[np.int32],
     count: int,
     probability: float | None,
-) -> NDArray[np.float64]:
+) -> _Floats:
     """Standard deviation that each group asks for.
 
     An independent error of one size in each observation of a block is one of that size in each of its combinations.
@@ -228,13 +230,13 @@ def part_of_parameters(fit: FitResult) -> float:
     return float(fit.factor.determined.sum() - a_priori.sum() + absorbed) / max(int(fit.used.sum()), 1)
 
 
-def _same(one_m: NDArray[np.float64], other_m: NDArray[np.float64]) -> bool:
+def _same(one_m: _Floats, other_m: _Floats) -> bool:
     return bool((np.abs(one_m - other_m) <= _SETTLED * one_m).all())
 
 
 def additive_sigma_m(
-    residual_m: NDArray[np.float64],
-    sigma_m: NDArray[np.float64],
+    residual_m: _Floats,
+    sigma_m: _Floats,
     dof: int,
     probability: float | None = SCALING_PROBABILITY,
 ) -> float:
@@ -249,7 +251,7 @@ def additive_sigma_m(
 
 def _enough_m(
     squares: Callable[[float], float],
-    residual_m: NDArray[np.float64],
+    residual_m: _Floats,
     dof: int,
     probability: float | None,
     precision: float = 1e-12,

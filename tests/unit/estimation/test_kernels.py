@@ -187,13 +187,14 @@ def test_few_observations_and_those_of_one_instant_have_bins_of_no_duration():
 def test_sums_of_bins_are_those_of_whitened_values(monkeypatch, at_once):
     """Twelve times two observations that are combined, in bins of some, so many at a time."""
     monkeypatch.setattr("radioloc.estimation.observation_noise.ROWS_AT_ONCE", at_once)
+    monkeypatch.setattr("radioloc.estimation.series.MOST_POINTS", 4)
     rng = np.random.default_rng(3)
     values, rows = rng.normal(size=(24, 3)), rng.permutation(24).reshape(12, 2)
     series = tuple(Series(name, name, "g", "range") for name in "ab")
     bundle = Bundle(series, rows, 60.0 * np.arange(12), rng.normal(size=(12, 2, 2)))
     whitened = np.moveaxis(bundle.whitening @ values[rows], 1, 0)
     np.testing.assert_allclose(bundle.whitened(lambda rows: values[rows]), whitened, rtol=1e-12)
-    found = points_of([bundle], lambda rows: values[rows], np.eye(2), 4)
+    found = points_of([bundle], lambda rows: values[rows], np.eye(2))
     place, _ = bins(bundle.time_s, 4)
     in_bin = place == np.arange(place[-1] + 1)[:, None]
     expected = (in_bin @ whitened / np.sqrt(in_bin.sum(axis=1))[:, None]).reshape(-1, 3)

@@ -25,6 +25,7 @@ from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.gauss_markov import Points, SeriesNoise, noise_of_series
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import Rows
+from radioloc.estimation.observation_noise import column
 from radioloc.estimation.series import SeriesOrder, points_of, series_of
 from radioloc.estimation.time_correlation import ABSORBED
 
@@ -104,7 +105,7 @@ class BinnedProblem:
             return np.hstack(columns if considered is None else [*columns, considered.partials(rows)])
 
         bundles = series_of(order, fit.noise, fit.used)
-        points = points_of(bundles, lambda rows: fit.residual_m[rows, None], np.zeros((0, 0)))
+        points = points_of(bundles, column(fit.residual_m), np.zeros((0, 0)))
         found, begin = [], 0
         for bundle in bundles:
             for j, link in enumerate(order.code[bundle.rows[0]].tolist()):

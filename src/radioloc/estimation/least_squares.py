@@ -34,7 +34,7 @@ from radioloc.estimation.linearization import (
     factorize,
     refreshed,
 )
-from radioloc.estimation.observation_noise import Combinations, ObservationNoise, Whitening
+from radioloc.estimation.observation_noise import Combinations, ObservationNoise, Whitening, column
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.parameters.parameter import ParameterSet
 
@@ -391,6 +391,6 @@ def sum_of_squares(residual_m: _Floats, whitening: Whitening, parameters: Parame
     """Weighted sum of squares with the a-priori rows; infinite where the model gives no finite number."""
     prior = ((x - parameters.prior_values) / parameters.prior_sigmas)[parameters.free]
     total = float((prior * prior).sum())
-    for part in whitening.whitened(lambda rows: residual_m[rows, None]):
+    for part in whitening.whitened(column(residual_m)):
         total += float(np.square(part, out=part).sum())
     return total if np.isfinite(total) else np.inf

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.least_squares import FitResult, fit_least_squares
 from radioloc.estimation.linearization import ResidualFunction, Rows, covariance_of, gram
-from radioloc.estimation.observation_noise import Whitening
+from radioloc.estimation.observation_noise import Whitening, column
 from radioloc.estimation.robust import huber_weight
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.time_correlation import assess_time_correlation, in_parameters, rows_of
@@ -77,23 +77,20 @@ def fit_with_huber(residual_function: ResidualFunction, edited: EditedFit, order
         return edited
     found, fit = assess_time_correlation(first, order), first
     for _ in range(_MOST):
-        parts = first.whitening.whitened(lambda rows: fit.residual_m[rows, None])  # noqa: B023
-        weights = [huber_weight(part[:, 0], CORNER) for part in parts]
-        before, fit = (
-            fit,
-            fit_least_squares(
-                residual_function,
-                first.parameters,
-                first.noise,
-                used=first.used,
-                start=fit.x,
-                linearization=fit.linearization,
-                whitening=_Reweighted(first.whitening, weights),
-            ),
+        before = fit
+        left = first.whitening.whitened(column(before.residual_m))
+        whitening = _Reweighted(first.whitening, [huber_weight(part[:, 0], CORNER) for part in left])
+        fit = fit_least_squares(
+            residual_function,
+            first.parameters,
+            first.noise,
+            used=first.used,
+            start=before.x,
+            linearization=before.linearization,
+            whitening=whitening,
         )
-        step = first.factor.vectors.T @ (
-            first.factor.column_norms * (fit.x - before.x)[first.parameters.free]
-        )
+        moved = (fit.x - before.x)[first.parameters.free]
+        step = first.factor.vectors.T @ (first.factor.column_norms * moved)
         if float(np.linalg.norm(first.factor.singular_values * step)) < _SETTLED:
             break
     else:

@@ -101,6 +101,11 @@ class PhaseNoise:
         return np.asarray(cholesky_banded(banded, lower=True))
 
 
+def column(values: _Floats) -> RowsOf:
+    """A number of each observation as a column."""
+    return lambda rows: values[rows, None]
+
+
 def slices(n: int, width: int = 1) -> Iterator[slice]:
     """Some thousand rows after others, fewer where each is of several observations."""
     at_once = max(1, ROWS_AT_ONCE // width)
@@ -269,7 +274,7 @@ class Combinations:
 
         Without counts of a phase, in whose combinations noise that is added to each is none of one size.
         """
-        parts = list(self.parts(lambda rows: values[rows, None]))
+        parts = list(self.parts(column(values)))
         if not parts:
             return np.zeros(0), np.zeros(0)
         combined, sigma_m = (np.concatenate(column, axis=None) for column in zip(*parts, strict=True))

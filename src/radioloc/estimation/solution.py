@@ -20,8 +20,13 @@ from radioloc.estimation.gauss_markov import SeriesWeight, TimeCorrelation
 from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.observability import Observability
 from radioloc.estimation.orbit_state import OrbitOverlap, OrbitState
-from radioloc.estimation.statistics import FitStatistics, Residuals, finite_or_none, read_only
-from radioloc.estimation.transmitter_passes import TransmitterPass
+from radioloc.estimation.statistics import (
+    FitStatistics,
+    Residuals,
+    TransmitterPass,
+    finite_or_none,
+    read_only,
+)
 from radioloc.lunar.position import LunarPosition
 from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up
 from radioloc.parameters.parameter import ParameterSet

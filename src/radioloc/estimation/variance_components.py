@@ -23,7 +23,7 @@ from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.least_squares import FitResult, FitStatus
 from radioloc.estimation.linearization import ResidualFunction
 from radioloc.estimation.noise_structure import noise_with_shared, split
-from radioloc.estimation.observation_noise import ObservationNoise
+from radioloc.estimation.observation_noise import ObservationNoise, column
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile, robust_scale
 from radioloc.parameters.parameter import ParameterSet
@@ -146,21 +146,11 @@ class _Problem:
 
     def settled(self, edited: EditedFit, groups: Labels) -> EditedFit:
         """Fit with the components of groups, from a fit with others or none on."""
-        labels, group = groups.texts, groups.codes
-
-        def noisy(edited: EditedFit, added_m: _Floats, message: str = "") -> EditedFit:
-            present = set(groups.present())
-            found = {
-                name: value for name, value in zip(labels, added_m.tolist(), strict=True) if name in present
-            }
-            texts = "; ".join(text for text in (message, edited.message) if text)
-            return replace(edited, additive_sigma_m=dict(sorted(found.items())), message=texts)
-
-        before = edited.additive_sigma_m
-        tried_m = [np.array([before.get(name, 0.0) for name in labels])]
+        labels, group, message = groups.texts, groups.codes, ""
+        tried_m = [np.array([edited.additive_sigma_m.get(name, 0.0) for name in labels])]
         for _ in range(_MAX_PASSES):
             if edited.fit.status in (FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS):
-                return noisy(edited, tried_m[-1])
+                break
             # Significance is asked for once; asked again, it would take away what it had just found to be there.
             probability = SCALING_PROBABILITY if len(tried_m) == 1 else None
             wanted_m = _wanted_m(edited, self.stated, group, len(labels), probability)
@@ -168,20 +158,28 @@ class _Problem:
                 # A group that was explained by its stated sigmas at first stays without.
                 wanted_m = np.where(tried_m[1] > 0.0, wanted_m, 0.0)
             if _same(wanted_m, tried_m[-1]):
-                return noisy(edited, tried_m[-1])
-            repeated = [k for k, earlier_m in enumerate(tried_m) if _same(wanted_m, earlier_m)]
-            if repeated:
-                largest_m = np.max(tried_m[repeated[0] :], axis=0)
-                edited = self.fit_with(largest_m[group], edited)
-                return noisy(
-                    edited,
-                    largest_m,
-                    "variance components and outliers depend on each other: the largest components were taken",
+                break
+            circle = next(
+                (tried_m[k:] for k, earlier_m in enumerate(tried_m) if _same(wanted_m, earlier_m)), []
+            )
+            tried_m.append(np.max(circle, axis=0) if circle else wanted_m)
+            edited = self.fit_with(tried_m[-1][group], edited)
+            if circle:
+                message = (
+                    "variance components and outliers depend on each other: the largest components were taken"
                 )
-            tried_m.append(wanted_m)
-            edited = self.fit_with(wanted_m[group], edited)
-        edited = replace(edited, complete=False)
-        return noisy(edited, tried_m[-1], "the additive variance components did not settle")
+                break
+        else:
+            edited, message = (
+                replace(edited, complete=False),
+                "the additive variance components did not settle",
+            )
+        found = dict(zip(labels, tried_m[-1].tolist(), strict=True))
+        return replace(
+            edited,
+            additive_sigma_m={name: found[name] for name in groups.present()},
+            message="; ".join(text for text in (message, edited.message) if text),
+        )
 
 
 def _wanted_m(
@@ -215,7 +213,7 @@ def _wanted_m(
 def _squares_of(fit: FitResult, stated: ObservationNoise, mine: NDArray[np.bool_], added_m: float) -> float:
     """Sum of squares of some observations with an added error."""
     whitened = stated.with_added(np.where(mine, added_m, 0.0)).among(mine).whitened
-    return sum(float(np.square(part).sum()) for part in whitened(lambda rows: fit.residual_m[rows, None]))
+    return sum(float(np.square(part).sum()) for part in whitened(column(fit.residual_m)))
 
 
 def part_of_parameters(fit: FitResult) -> float:

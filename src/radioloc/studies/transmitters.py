@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S
 from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError, named
-from radioloc.estimation.statistics import robust_scale
-from radioloc.estimation.transmitter_passes import TransmitterPass
+from radioloc.estimation.statistics import TransmitterPass, robust_scale
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import DOPPLER, Observations

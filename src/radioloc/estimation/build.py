@@ -125,10 +125,6 @@ def build_solution(
         count_s=count_s,
         statuses=edited.status,
     )
-    series = Labels.coded(
-        [f"{kind} {path}" for kind in types.texts for path in paths.texts],
-        types.codes * len(paths.texts) + paths.codes,
-    )
     if order is None:
         order = SeriesOrder.of(types, paths, seconds_since_midnight(epoch_utc))
     common = None if considered is None else considered.at_stations
@@ -148,7 +144,7 @@ def build_solution(
             total=residuals.statistics("all"),
             by_station=residuals.statistics_by(residuals.stations),
             by_type=residuals.statistics_by(types),
-            by_path=residuals.statistics_by(series),
+            by_path=residuals.statistics_by(order.links),
             chi2=fit.chi2,
             dof=fit.dof,
             robust_scale=edited.robust_scale,

@@ -253,7 +253,7 @@ def assess_consistency(
 def _readmitted(edited: EditedFit, order: SeriesOrder) -> NDArray[np.bool_]:
     """Observations in use, and those of series of which the editing has left out most: these are no outliers."""
     usable, used = edited.given.are(USED), edited.fit.used
-    count, kept = (np.bincount(order.code[of], minlength=order.code.max() + 1) for of in (usable, used))
+    count, kept = (np.bincount(order.code[of], minlength=len(order.series)) for of in (usable, used))
     return np.asarray(used | (usable & (kept < _MOST_KEPT * count)[order.code]))
 
 
@@ -272,11 +272,11 @@ class _Search:
         """The estimate without each group: links, types, stations and their passes."""
         order, width = self.order, self.fit.factor.root_covariance().shape[1]
         every: dict[tuple[str, str], _Links] = {
-            ("link", order.name_of(code)): {code: 1.0} for code in self.codes
+            ("link", order.series[code].name): {code: 1.0} for code in self.codes
         }
         for code in self.codes:
-            every.setdefault(("type", order.type_of(code)), {})[code] = 1.0
-        every |= {("station", name): links for name, links in self._of_stations().items()}
+            every.setdefault(("type", order.series[code].kind), {})[code] = 1.0
+        every |= {("station", name): links for name, links in order.of_stations(self.codes).items()}
         tested: list[tuple[str, str, _Links, tuple[float, float] | None]] = []
         for (kind, name), links in every.items():
             spans = _passes(problem, links) if kind == "station" else []
@@ -286,21 +286,15 @@ class _Search:
                 tested.append((kind, name, links, None))
         return _judged((_of_links(problem, *one, width) for one in tested), len(tested))
 
-    def _of_stations(self) -> dict[str, _Links]:
-        """Series of each station, with the sign of its reception."""
-        found: dict[str, _Links] = {}
-        for code in self.codes:
-            for station, sign in self.order.stations[code].items():
-                found.setdefault(station, {})[code] = sign
-        return found
-
     def explanations(self, problem: BinnedProblem) -> list[_Tried]:
         """A-priori values set free; steps and offsets of links, and of stations with several links of one type."""
         order = self.order
-        sets = [(order.name_of(code), {code: 1.0}) for code in self.codes]
-        for station, links in self._of_stations().items():
-            for kind in sorted({order.type_of(code) for code in links}):
-                some = {code: sign for code, sign in links.items() if sign and order.type_of(code) == kind}
+        sets = [(order.series[code].name, {code: 1.0}) for code in self.codes]
+        for station, links in order.of_stations(self.codes).items():
+            for kind in sorted({order.series[code].kind for code in links}):
+                some = {
+                    code: sign for code, sign in links.items() if sign and order.series[code].kind == kind
+                }
                 if len(some) > 1:
                     sets.append((f"{station} {kind}", some))
         steps, edges, offsets = [], 0, []

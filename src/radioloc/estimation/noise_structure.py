@@ -65,9 +65,9 @@ def by_link(order: SeriesOrder, gap_s: float = np.inf) -> Labels:
     texts, number = [], 0
     for start, count in zip(starts.tolist(), np.bincount(run).tolist(), strict=True):
         number = 1 if first[start] else number + 1
-        kind, path = order.type_of(code[start]), order.path_of(code[start])
-        name = f"{kind} of {path}" + (f" {number}" if np.isfinite(gap_s) else "")
-        texts.append(name if count >= FEWEST else kind)
+        link = order.series[code[start]]
+        name = f"{link.kind} of {link.path}" + (f" {number}" if np.isfinite(gap_s) else "")
+        texts.append(name if count >= FEWEST else link.kind)
     group = np.empty(len(code), dtype=np.intp)
     group[order.order] = run
     return Labels.coded(texts, group)
@@ -110,27 +110,21 @@ def _candidates(
 
     They are rows of the second, shape (2, series).
     """
-    count = order.code.max(initial=0) + 1
-    group_of = np.full(count, -1)
+    group_of = np.full(len(order.series), -1)
     group_of[order.code] = groups.codes
     found: dict[tuple[int, tuple[int, ...]], str] = {}
     for group in np.unique(group_of[codes]).tolist():
         whole = codes[group_of[codes] == group].tolist()
-        members: dict[str, list[int]] = {}
-        for code in whole:
-            for station, sign in order.stations[code].items():
-                if sign:
-                    members.setdefault(station, []).append(code)
-        members |= {order.path_of(code): [code] for code in whole}
-        for name, mine in members.items():
-            if len(mine) < len(whole):
-                found.setdefault((group, tuple(mine)), f"{order.type_of(mine[0])} of {name}")
-    present = np.zeros(count, dtype=bool)
-    present[codes] = True
-    for (group, chosen), name in found.items():
-        inside = np.zeros(count, dtype=bool)
-        inside[list(chosen)] = True
-        yield name, np.stack([inside, present & (group_of == group) & ~inside])
+        stations = order.of_stations(whole).items()
+        members = {name: [code for code, sign in mine.items() if sign] for name, mine in stations}
+        members |= {order.series[code].path: [code] for code in whole}
+        for name, chosen in members.items():
+            if 0 < len(chosen) < len(whole):
+                found.setdefault((group, tuple(chosen)), f"{order.series[chosen[0]].kind} of {name}")
+    every = np.arange(len(order.series))
+    for (group, of_one), name in found.items():
+        inside = np.isin(every, of_one)
+        yield name, np.stack([inside, np.isin(every, codes) & (group_of == group) & ~inside])
 
 
 def _of_batches(fit: FitResult, order: SeriesOrder) -> tuple[_Floats, _Floats]:
@@ -217,9 +211,9 @@ def noise_with_shared(
     """
     found: dict[str, float] = {}
     codes_of: dict[str, list[int]] = {}
-    for code, ends in order.stations.items():
-        if -1.0 in ends.values():
-            codes_of.setdefault(order.type_of(code), []).append(code)
+    for code, link in enumerate(order.series):
+        if -1.0 in link.signs.values():
+            codes_of.setdefault(link.kind, []).append(code)
     noise_m, shared = fit.noise.own_m.copy(), fit.noise.shared
     if shared is None:
         group = np.full(len(own_m), ALONE)
@@ -228,12 +222,11 @@ def noise_with_shared(
         return None
     else:  # of places on maps
         group, source, effect_m = shared.group.copy(), shared.source.copy(), shared.effect_m.copy()
-    for kind, unsorted in codes_of.items():
-        codes = sorted(unsorted)
+    for kind, codes in codes_of.items():
         rows = np.flatnonzero(order.types.are(kind))
         epoch = epoch_numbers(order.time_s[rows])
-        names = sorted({name for code in codes for name in order.stations[code]})
-        signs = np.array([[order.stations[code].get(name, 0.0) for name in names] for code in codes])
+        names = sorted(order.of_stations(codes))
+        signs = np.array([[order.series[code].signs.get(name, 0.0) for name in names] for code in codes])
         of_code = np.searchsorted(codes, order.code[rows])
         patterns = list(_patterns(fit, rows, epoch, of_code, signs, own_m))
         variance_m2 = _components(patterns, len(names))

@@ -7,7 +7,7 @@ serve for all epochs at which the same baselines were observed, so that a combin
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,42 +36,53 @@ _ONE_SIGMA = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class LinkSeries:
+    """What one link measures of one kind."""
+
+    kind: str
+    path: str
+    signs: Mapping[str, float]  # with which the reception at each station is in the value
+
+    @property
+    def name(self) -> str:
+        """Kind of measurement and path."""
+        return f"{self.kind} {self.path}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class SeriesOrder:
     """Rows in order of series and time; the same for all fits of the same observations."""
 
-    types: Labels  # kind and light path of the n observations; those of one kind and path are a series
-    paths: Labels
+    types: Labels  # kinds of the n observations
     time_s: _Floats  # (n,), when each was made, s from any instant
-    code: NDArray[np.intp]  # (n,), series of each observation
+    series: tuple[LinkSeries, ...]
+    code: NDArray[np.intp]  # (n,), which of the series an observation belongs to
     order: NDArray[np.intp]  # (n,), rows, sorted by series and time
-    links: Labels  # type and path of each observation
-    # Of each series, with the sign of each one's reception in the value
-    stations: Mapping[int, Mapping[str, float]]
 
     @classmethod
     def of(cls, types: Labels, paths: Labels, time_s: _Floats) -> SeriesOrder:
         """That of observations of some types and paths (n,), made at some times (n,), s."""
-        code = types.codes.astype(np.intp) * len(paths.texts) + paths.codes
-        codes, number = np.unique(code, return_inverse=True)
-        names, stations = [], {}
-        for one in codes.tolist():
-            kind, path = types.texts[one // len(paths.texts)], paths.texts[one % len(paths.texts)]
-            names.append(f"{kind} {path}")
-            stations[one] = Link.from_path(path).reception_signs if ">" in path else {path: 1.0}
-        links = Labels(number.astype(np.int32), tuple(names))
-        return cls(types, paths, time_s, code, np.lexsort((time_s, code)), links, stations)
+        pairs = types.codes.astype(np.intp) * len(paths.texts) + paths.codes
+        series = []
+        present, code = np.unique(pairs, return_inverse=True)
+        for pair in present.tolist():
+            kind, path = types.texts[pair // len(paths.texts)], paths.texts[pair % len(paths.texts)]
+            signs = Link.from_path(path).reception_signs if ">" in path else {path: 1.0}
+            series.append(LinkSeries(kind, path, signs))
+        return cls(types, time_s, tuple(series), code, np.lexsort((time_s, code)))
 
-    def type_of(self, code: int) -> str:
-        """Kind of measurement."""
-        return self.types.texts[code // len(self.paths.texts)]
+    @property
+    def links(self) -> Labels:
+        """Kind and path of each observation."""
+        return Labels(self.code.astype(np.int32), tuple(one.name for one in self.series))
 
-    def name_of(self, code: int) -> str:
-        """Kind of measurement and path."""
-        return f"{self.type_of(code)} {self.path_of(code)}"
-
-    def path_of(self, code: int) -> str:
-        """Path."""
-        return self.paths.texts[code % len(self.paths.texts)]
+    def of_stations(self, codes: Iterable[int]) -> dict[str, dict[int, float]]:
+        """Those of some series that each station has part in, with its sign."""
+        found: dict[str, dict[int, float]] = {}
+        for code in codes:
+            for station, sign in self.series[code].signs.items():
+                found.setdefault(station, {})[code] = sign
+        return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,11 +180,11 @@ def series_of(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.bool
     rows = order.order[taken[order.order]]
     bundles = []
     for mine in np.split(rows, np.flatnonzero(np.diff(order.code[rows])) + 1) if len(rows) else ():
-        name, kind = order.name_of(order.code[mine[0]]), order.type_of(order.code[mine[0]])
+        link = order.series[order.code[mine[0]]]
         whitening, factor = (1.0 / noise.own_m[mine])[:, None, None], None
         if noise.phase is not None and noise.phase.sigma_m[mine].any():
             whitening, factor = np.ones_like(whitening), noise.phase.factor(mine, noise.own_m)
-        series = (Series(name, name, kind, kind),)
+        series = (Series(link.name, link.name, link.kind, link.kind),)
         bundles.append(Bundle(series, mine[:, None], order.time_s[mine], whitening, factor))
     return bundles + _combinations(order, noise, used)
 
@@ -198,7 +209,7 @@ def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.
     for key, pieces in found.items():
         rows, root, axes, combined_m = (np.concatenate(part) for part in zip(*pieces, strict=True))
         sort = np.argsort(order.time_s[rows[:, 0]], kind="stable")
-        first, kind = sort[0], order.type_of(key[0])
+        first, kind = sort[0], order.series[key[0]].kind
         # Errors of stations and those of baselines alone are in different combinations, of which one may be correlated
         # in time and the other not, however near their sigmas are
         part = np.cumsum(np.diff(combined_m[first], prepend=-np.inf) > _ONE_SIGMA * combined_m[first])

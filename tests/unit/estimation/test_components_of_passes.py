@@ -20,11 +20,8 @@ NOISE_M = (1.0, 30.0, 5.0, 1.0)
 PER_PASS = 100
 PASS = np.repeat(np.arange(4), PER_PASS)
 TIME_S = 10.0 * (np.arange(4 * PER_PASS) % (2 * PER_PASS)) + 40000.0 * (PASS % 2)
-ORDER = SeriesOrder.of(
-    Labels.of(["doppler"] * len(PASS)),
-    Labels.of([("A>x>A", "B>x>B")[k // 2] for k in PASS]),
-    TIME_S,
-)
+PATHS = Labels.of([("A>x>A", "B>x>B")[k // 2] for k in PASS])
+ORDER = SeriesOrder.of(Labels.of(["doppler"] * len(PASS)), PATHS, TIME_S)
 PASSES = by_link(ORDER, 14400.0)
 
 
@@ -48,7 +45,7 @@ def test_groups_are_links_and_their_passes():
 
 def test_passes_of_few_observations_are_those_of_their_type():
     kept = np.flatnonzero((PASS != 1) | (np.arange(len(PASS)) % 20 == 0))
-    few = SeriesOrder.of(ORDER.types.select(kept), ORDER.paths.select(kept), TIME_S[kept])
+    few = SeriesOrder.of(ORDER.types.select(kept), PATHS.select(kept), TIME_S[kept])
     assert set(by_link(few, 14400.0).present()) == {"doppler", *PASSES.present()} - {"doppler of A>x>A 2"}
 
 

@@ -28,7 +28,7 @@ from radioloc.report.files import (
     write_report,
 )
 from radioloc.report.gis import GIS_ENDINGS, write_gis
-from radioloc.report.map_figure import plot_map
+from radioloc.report.map_figures import plot_map
 from radioloc.report.page import require_page
 from radioloc.report.sinex import write_sinex
 from radioloc.report.spice_kernels import FIRST_SITE, write_spice

@@ -16,9 +16,8 @@ from radioloc.report.files import (
     write_terms,
 )
 from radioloc.report.gis import write_gis
-from radioloc.report.image_figures import plot_images
 from radioloc.report.image_solution import ImageSolution, PointSolution
-from radioloc.report.map_figure import plot_map
+from radioloc.report.map_figures import plot_images, plot_map
 from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.page import write_html
 from radioloc.report.position_figures import plot_arcs, plot_comparison, plot_point, plot_position

@@ -28,7 +28,7 @@ from radioloc.report.comparison import Comparison
 from radioloc.report.covariance import CovarianceStudy
 from radioloc.report.figures import save_figure
 from radioloc.report.image_solution import ImageSolution, PointSolution
-from radioloc.report.map_figure import plot_map
+from radioloc.report.map_figures import plot_map
 from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.page import PAGE, Result, figures_of, write_page
 from radioloc.report.residual_figures import plot_terms

@@ -23,13 +23,12 @@ from radioloc.report.comparison import Comparison
 from radioloc.report.covariance import CovarianceStudy
 from radioloc.report.estimate_figures import can_be_drawn, plot_budget, plot_contours, plot_correlations
 from radioloc.report.fit_card import left_out_rows
-from radioloc.report.image_figures import plot_images
 from radioloc.report.image_solution import ImageSolution, PointSolution
-from radioloc.report.map_figure import plot_map
+from radioloc.report.map_figures import plot_images, plot_map
 from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.position_figures import plot_arcs, plot_comparison, plot_point, plot_position
-from radioloc.report.residual_charts import Chart, residual_charts
 from radioloc.report.residual_figures import plot_distribution, plot_links, plot_residuals
+from radioloc.report.residual_panels import Chart, residual_charts
 from radioloc.report.solution_card import solution_card
 from radioloc.report.study_figures import (
     plot_covariance,

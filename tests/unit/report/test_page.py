@@ -25,8 +25,7 @@ from radioloc.report import plot_correlations
 from radioloc.report.cards import Card, Field, Shown, metres
 from radioloc.report.files import write_report
 from radioloc.report.page import write_html, write_page
-from radioloc.report.residual_charts import residual_charts
-from radioloc.report.residual_panels import BINS, MOST_POINTS
+from radioloc.report.residual_panels import BINS, MOST_POINTS, residual_charts
 from radioloc.report.subsets import Arc, ArcStudy
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"

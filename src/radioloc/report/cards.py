@@ -148,8 +148,9 @@ def more(count: int, most: int, where: str = "solution.json") -> tuple[str, ...]
 
 
 def first_of(lines: Sequence[str], most: int) -> list[str]:
-    """The first lines, and how many are not shown."""
-    return [*lines[:most], *more(len(lines), most)]
+    """The first lines, and how many there are that say the same."""
+    rest = len(lines) - most
+    return [*lines[:most], *([f"likewise {rest} more"] if rest > 0 else [])]
 
 
 def plural(count: int, noun: str, ending: str = "s") -> str:

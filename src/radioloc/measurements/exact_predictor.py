@@ -35,9 +35,8 @@ from radioloc.measurements.light_path import (
     TRANSMIT,
     LightPath,
     MovingPoint,
-    gravitational_delay_m,
+    delay_by_bodies_m,
     path_length_partials,
-    plane_wave_delay_m,
     solve_light_path,
 )
 from radioloc.measurements.lunar_motion import LunarMotion, lunar_motion
@@ -110,7 +109,7 @@ class ExactPredictor(Predictor):
     ) -> None:
         super().__init__(model, observations, trajectory, targets, more_partials)
         self._clock_epoch = clock_epoch or clock_epoch_of(observations, trajectory)
-        self._orbit, self._orbit_x = trajectory, np.full(1, np.nan)
+        self._orbit, self._orbit_of, self._orbit_x = trajectory, trajectory, np.full(1, np.nan)
         if is_combined(observations.kind).any():
             raise InputError(
                 "some observations combine others; radioloc.measurements.prepare_predictor takes them"
@@ -262,9 +261,9 @@ class ExactPredictor(Predictor):
         """Position beside the trajectory; one that is adjustable goes where changes of its parameters take it."""
         if not isinstance(self.trajectory, AdjustableTrajectory):
             return x
-        if not np.array_equal(x, self._orbit_x):
+        if self._orbit_of is not self.trajectory or not np.array_equal(x, self._orbit_x):
             self._orbit = self.trajectory.corrected(x) if np.any(x) else self.trajectory
-            self._orbit_x = np.array(x)
+            self._orbit_of, self._orbit_x = self.trajectory, np.array(x)
             if hasattr(self, "_moon"):
                 self._moon = self._moon.with_craft(self._orbit, self.model, self._reference)
         return np.zeros(3)
@@ -298,14 +297,8 @@ class ExactPredictor(Predictor):
             seconds = (self._reference.jd[paths] - self._reference.jd[0]) + self._reference.fraction[paths]
             ends = part._reference[[int(seconds.argmin()), int(seconds.argmax())]]
             first, last = ends[0].shifted(-_MARGIN_S), ends[1].shifted(_MARGIN_S)
-            part.trajectory, part._orbit_x = self.trajectory.over(first, last), np.full(1, np.nan)
+            part.trajectory = self.trajectory.over(first, last)
         return part
-
-    def along(self, trajectory: AdjustableTrajectory) -> ExactPredictor:
-        """As :meth:`Predictor.along`."""
-        other = super().along(trajectory)
-        other._orbit_x = np.full(1, np.nan)
-        return other
 
     @classmethod
     def concatenate(cls, arcs: Sequence[ExactPredictor]) -> ExactPredictor:
@@ -405,11 +398,12 @@ class ExactPredictor(Predictor):
         A one-way path has none at its first end.
         """
         free = self.model.free_clocks if self.model.has("station_proper_time") else ()
-        rates = np.array([station_rate(one) if one.name in free else 0.0 for one in self._stations])
-        rate = rates[self._which]
+        rate = np.array([station_rate(one) if one.name in free else 0.0 for one in self._stations])[
+            self._which
+        ]
         rate[self._half(0)][self._sign == 0.0] = 0.0
         since_s = np.zeros(len(self._tag))
-        if rates.any() and self._clock_epoch is not None:
+        if rate.any() and self._clock_epoch is not None:
             since_s = self._reference.seconds_since(self._clock_epoch)
         return rate * _twice(since_s), rate
 
@@ -444,6 +438,11 @@ class ExactPredictor(Predictor):
         relay = self._moon.point(self.model, lander_pa_m)
         return replace(relay, velocity_m_s=relay.velocity_m_s * (self._target >= 0)[:, None])
 
+    @property
+    def _at_infinity(self) -> Floats | None:
+        """Directions of sources at infinity, zeros of other targets; None where there are no sources."""
+        return None if (self._target >= 0).all() else self._far
+
     def _solver(
         self, ends: MovingPoint, relay: MovingPoint, topocentric_s: Floats
     ) -> Callable[..., LightPath]:
@@ -464,7 +463,7 @@ class ExactPredictor(Predictor):
             tagged_s,
             sign=self._sign,
             hold_s=self._equipment.hold_s,
-            source=None if (self._target >= 0).all() else self._far,
+            source=self._at_infinity,
         )
 
     def _solve(self, lander_pa_m: Floats) -> tuple[LightPath, MovingPoint, LineOfSight]:
@@ -493,26 +492,15 @@ class ExactPredictor(Predictor):
         The Sun and the planets stand still in the barycentric frame to what matters; for the Earth and the Moon, which
         do not, the frame that moves with the Earth is the one in which they do.
         """
-        total_m = np.zeros(len(self._which))
         if not self.model.has("shapiro"):
-            return total_m
-        gm = self.model.ephemeris.constants.gm_m3_s2
-        lander_m = relay.at(path.bounce_s)
+            return np.zeros(len(self._which))
+        gm, lander_m = self.model.ephemeris.constants.gm_m3_s2, relay.at(path.bounce_s)
         lander_gcrs_m, _ = self._moon.geocentric(relay, path.bounce_s)
-        terrestrial = {"earth": np.zeros_like(lander_m), "moon": self._moon.moon_gcrs_m}
-        far, source = np.flatnonzero(_twice(self._target) < 0), _twice(self._far)
-        at_rest = (
-            (lander_m, self._ends.point.at(path.ends_s), self._moon.bodies_m),
-            (lander_gcrs_m, self._ends.gcrs_m, terrestrial),
-        )
-        for point_m, ends_m, bodies_m in at_rest:
-            leg_m = length(_twice(point_m) - ends_m)
-            for body, body_m in bodies_m.items():
-                to_end_m, to_point_m = ends_m - _twice(body_m), _twice(length(point_m - body_m))
-                delay_m = gravitational_delay_m(length(to_end_m), to_point_m, leg_m, gm(body))
-                delay_m[far] = plane_wave_delay_m(to_end_m[far], source[far], gm(body))
-                total_m += delay_m
-        return total_m
+        near = {"earth": np.zeros_like(lander_m), "moon": self._moon.moon_gcrs_m}
+        ends_m = self._ends.point.at(path.ends_s)
+        far = self._at_infinity
+        delay_m = delay_by_bodies_m(self._moon.bodies_m, lander_m, ends_m, gm, far)
+        return delay_m + delay_by_bodies_m(near, lander_gcrs_m, self._ends.gcrs_m, gm, far)
 
     def _lines_of_sight(self, path: LightPath, relay: MovingPoint) -> LineOfSight:
         """The views from both ends."""

@@ -21,6 +21,7 @@ Over the millisecond for which it is used, the fastest curvature (a station's 0.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -187,6 +188,30 @@ def path_length_partials(
         by_down_delay=by_down,
         by_hold=C_M_S + np.where(received, -by_up * closing_up, by_down * closing_down),
     )
+
+
+def delay_by_bodies_m(
+    bodies_m: Mapping[str, NDArray[np.float64]],
+    point_m: NDArray[np.float64],
+    ends_m: NDArray[np.float64],
+    gm_m3_s2: Callable[[str], float],
+    source: NDArray[np.float64] | None = None,
+) -> NDArray[np.float64]:
+    """Gravitational delay of legs between points and stations, (n, 3) and (2 n, 3), by bodies at rest, m, shape (2 n,).
+
+    `source` as :func:`solve_light_path` has it.
+    """
+    total_m = np.zeros(len(ends_m))
+    leg_m = length(np.concatenate([point_m, point_m]) - ends_m)
+    for body, body_m in bodies_m.items():
+        to_end_m, to_point_m = ends_m - np.concatenate([body_m, body_m]), np.tile(length(point_m - body_m), 2)
+        delay_m = gravitational_delay_m(length(to_end_m), to_point_m, leg_m, gm_m3_s2(body))
+        if source is not None:
+            far = np.flatnonzero(np.tile(source.any(axis=-1), 2))
+            there = source[far % len(source)]
+            delay_m[far] = plane_wave_delay_m(to_end_m[far], there, gm_m3_s2(body))
+        total_m += delay_m
+    return total_m
 
 
 def plane_wave_delay_m(

@@ -62,9 +62,9 @@ def test_libration_gives_the_values_of_pmsdnut2_and_utlibr():
 
 
 def test_libration_gives_all_printed_digits_with_coefficients_in_single_precision(monkeypatch):
-    table = eop_tides.tide_table
+    table = eop_tides.table_of
     monkeypatch.setattr(
-        eop_tides, "tide_table", lambda name: table(name).astype(np.float32).astype(np.float64)
+        eop_tides, "table_of", lambda *name: table(*name).astype(np.float32).astype(np.float64)
     )
     pole = eop_tides.libration(PMSDNUT2["mjd"])[0][0, :2] / UAS_RAD
     np.testing.assert_allclose(pole, PMSDNUT2["pole_uas"], rtol=0.0, atol=SINGLE_PRECISION_TOL_UAS)
@@ -87,7 +87,7 @@ def test_libration_gives_all_printed_digits_with_coefficients_in_single_precisio
 def test_ocean_tide_lines_have_the_amplitudes_of_tables_8_2_and_8_3(
     cycles_per_day, xp_sin_cos_uas, ut1_sin_cos_us
 ):
-    frequency = eop_tides.tide_table("rotation_tide_lines")[:, 3] / (2 * np.pi)
+    frequency = eop_tides.table_of("radioloc.earth", "rotation_tide_lines.csv")[:, 3] / (2 * np.pi)
     line = int(np.argmin(np.abs(frequency - cycles_per_day)))
     sine, cosine = eop_tides._ocean_tide_coefficients()
     # The phases of the two differ by quarters of a turn and signs, so amplitudes are compared; the tables

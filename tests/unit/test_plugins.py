@@ -24,7 +24,7 @@ from radioloc.io.formats import READERS
 from radioloc.measurements import Geometry, Part
 from radioloc.measurements.combined_predictor import expanded
 from radioloc.measurements.registry import MEASUREMENTS
-from radioloc.media.registry import MEDIA
+from radioloc.media import MEDIA
 from radioloc.parameters.registry import PARAMETERS
 
 ROOT = Path(__file__).resolve().parents[2]

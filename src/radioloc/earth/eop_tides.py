@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import ARCSEC_RAD, SECONDS_PER_DAY
-from radioloc.earth.tide_tables import tide_table
+from radioloc.time.tabulated import table_of
 
 _DAYS_PER_CENTURY = 36525.0
 _MJD_J2000 = 51544.5
@@ -62,7 +62,7 @@ def zonal_tides(centuries_tt: NDArray[np.float64]) -> tuple[NDArray[np.float64],
     IERS Conventions (2010), eq. 8.1 and Table 8.1 (Yoder et al. 1981; Wahr and Bergen 1986; Kantha et al. 1998): all 62
     terms from 5 days to 18.6 years.
     """
-    table = tide_table("ut1_zonal_tides")
+    table = table_of("radioloc.earth", "ut1_zonal_tides.csv")
     angles = _delaunay(centuries_tt) @ table[:, :5].T
     rates = table[:, :5] @ _delaunay_rates_rad_s()
     value, rate = _harmonic_sum(angles, rates, table[:, 5:6] * 1e-4, table[:, 6:7] * 1e-4)
@@ -76,7 +76,7 @@ def ocean_tides(mjd_ut1: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDAr
     days before and after. As these are sums over the same lines, the response is worked out once for each line, and one
     sum over 71 lines remains. The date may be UT1 or UTC.
     """
-    order, _, phase, frequency = tide_table("rotation_tide_lines").T
+    order, _, phase, frequency = table_of("radioloc.earth", "rotation_tide_lines.csv").T
     # A diurnal line is a sine where a semidiurnal one is a cosine.
     angles = np.multiply.outer(mjd_ut1 - 37076.5, frequency) + (phase - np.where(order == 1, np.pi / 2, 0.0))
     sine, cosine = _ocean_tide_coefficients()
@@ -99,7 +99,10 @@ def libration(mjd_ut1: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArra
     argument_rates = np.concatenate([[chi_rate], _delaunay_rates_rad_s()])
     sums = [
         _harmonic_sum(arguments @ t[:, :6].T, t[:, :6] @ argument_rates, t[:, 6::2], t[:, 7::2])
-        for t in (tide_table("pole_libration"), tide_table("ut1_libration"))
+        for t in (
+            table_of("radioloc.earth", "pole_libration.csv"),
+            table_of("radioloc.earth", "ut1_libration.csv"),
+        )
     ]
     value, rate = (np.hstack(parts) * _EOP_UNITS for parts in zip(*sums, strict=True))
     return value, rate
@@ -134,7 +137,7 @@ def _ocean_tide_coefficients() -> tuple[NDArray[np.float64], NDArray[np.float64]
     2 h sin(2 w) times the line itself, in phase and in quadrature; the three orthotides then are three real
     factors.
     """
-    order, height, _, frequency = tide_table("rotation_tide_lines").T
+    order, height, _, frequency = table_of("radioloc.earth", "rotation_tide_lines.csv").T
     band = order.astype(np.int64) - 1
     f0, f1, f2, f3, f4, f5 = _ORTHOTIDE_FACTORS[band].T
     lag_cosine, lag_sine = 2.0 * np.cos(2.0 * frequency), 2.0 * np.sin(2.0 * frequency)

@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 
 from radioloc.earth.blq import BlqCoefficients
 from radioloc.earth.geodesy import rot_itrf_to_enu
-from radioloc.earth.tide_tables import tide_table
 from radioloc.time import Epochs, evaluate_smooth
+from radioloc.time.tabulated import table_of
 
 # fmt: off
 GIVEN_TIDES = np.array([
@@ -192,5 +192,5 @@ def _doodson_arguments_rad(centuries_tt: NDArray[np.float64]) -> NDArray[np.floa
 
 def tidal_potential() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Multipliers, shape (342, 6), and equilibrium amplitudes, m, of the tides."""
-    table = tide_table("tide_potential")
+    table = table_of("radioloc.earth", "tide_potential.csv")
     return table[:, :6], table[:, 6]

@@ -167,7 +167,7 @@ def _celestial_pole(tt: Epochs) -> tuple[NDArray[np.float64], NDArray[np.float64
 
     IAU 2006/2000A, from 1972 to 2049 by polynomials that follow the series of ERFA to 2e-14 rad, 0.1 um on the ground.
     """
-    table = table_of("radioloc.earth", "celestial_pole")
+    table = table_of("radioloc.earth", "celestial_pole.npy")
     return tabulated(table, tt, lambda at: erfa.xys06a(at.jd, at.fraction)[:2])
 
 

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from radioloc.constants import ARCSEC_RAD
 from radioloc.earth.geodesy import rot_itrf_to_spherical_enu
-from radioloc.earth.tide_tables import tide_table
 from radioloc.time import Epochs
+from radioloc.time.tabulated import table_of
 
 # Masses in Earth masses and the equatorial radius, as the conventional model has them.
 _SUN_MASS_RATIO = 332946.0482
@@ -193,7 +193,7 @@ def _step_2(
     arguments = np.remainder(np.stack([moon, *slow], axis=-1), 360.0)
 
     cos_lat = np.sqrt(1.0 - sin_lat**2)
-    diurnal = tide_table("solid_tide_diurnal")
+    diurnal = table_of("radioloc.earth", "solid_tide_diurnal.csv")
     theta = np.deg2rad(np.remainder(tau, 360.0)[:, np.newaxis] + arguments @ diurnal[:, :5].T)
     theta += longitude[:, np.newaxis]
     sine, cosine = np.sin(theta), np.cos(theta)

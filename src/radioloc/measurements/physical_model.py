@@ -18,11 +18,11 @@ from radioloc.measurements.equipment_delays import EquipmentDelays
 from radioloc.measurements.light_path import PLANETS_MM
 from radioloc.measurements.sources import Sources
 from radioloc.measurements.terms import TERMS, active_terms
+from radioloc.media import MEDIA
 from radioloc.media.csp import MediaCalibrations
 from radioloc.media.ionosphere import ElectronContent, Ionosphere
 from radioloc.media.medium import Medium
 from radioloc.media.radio_atmosphere import RadioAtmosphere
-from radioloc.media.registry import MEDIA
 from radioloc.media.troposphere import Troposphere
 
 
@@ -83,7 +83,7 @@ class PhysicalModel:
         media_calibrations : MediaCalibrations, optional
             TRO and ION files of the Deep Space Network, from :func:`~radioloc.media.csp.read_csp`, for its stations.
         media : iterable of Medium
-            Media besides those of :data:`~radioloc.media.registry.MEDIA`, or in place of those of the same names.
+            Media besides those of :data:`~radioloc.media.MEDIA`, or in place of those of the same names.
         free_clocks : iterable of str
             Stations whose frequency standards run free, at the rate of proper time at their height, and do not follow
             UTC.

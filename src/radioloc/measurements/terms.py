@@ -10,7 +10,7 @@ import difflib
 from collections.abc import Iterable, Mapping
 
 from radioloc.errors import InputError
-from radioloc.media.registry import MEDIA
+from radioloc.media import MEDIA
 from radioloc.plugins import LazyMapping
 
 

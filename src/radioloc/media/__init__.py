@@ -1,16 +1,21 @@
 """What the signal meets on its way: each medium gives the delay of a leg, its partials, and why it has none.
 
-:data:`MEDIA` are those of the model (:class:`Medium`); the readers give them files. Delays and lengths are metres,
+:data:`MEDIA` are those of the model (:class:`Medium`), one line each, and those of other packages, which an entry point
+of the group ``radioloc.media`` names. The readers give them files. Delays and lengths are metres,
 angles radians, electron contents TECU (1e16 per square metre).
 """
 
+from collections.abc import Mapping
+
+from radioloc.media.axis_offset import AntennaAxisOffset
 from radioloc.media.csp import MediaCalibrations, read_csp
 from radioloc.media.ionex import IonexMaps, read_ionex
-from radioloc.media.ionosphere import UniformTec
+from radioloc.media.ionosphere import Ionosphere, UniformTec
 from radioloc.media.medium import Elevation, Leg, LegDelay, LegEnd, Medium
 from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
-from radioloc.media.registry import MEDIA
 from radioloc.media.status import Status
+from radioloc.media.troposphere import Troposphere
+from radioloc.plugins import registry
 
 __all__ = [
     "MEDIA",
@@ -28,3 +33,10 @@ __all__ = [
     "read_ionex",
     "read_radio_atmosphere",
 ]
+
+MEDIA: Mapping[str, Medium] = registry(
+    "radioloc.media",
+    Medium,  # type: ignore[type-abstract]
+    [Troposphere(), Ionosphere(), AntennaAxisOffset()],
+)
+"""Media by name, as they are without files."""

@@ -12,13 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
-from importlib.resources import files
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.time import Epochs
+from radioloc.time.tabulated import table_of
 
 Floats = NDArray[np.float64]
 
@@ -144,9 +144,7 @@ def _solid_harmonics(latitude_rad: Floats | float, longitude_rad: Floats | float
 @cache
 def _vmf3_table() -> Floats:
     """Factors of the harmonics, shape (4, 182, 5): which coefficient, which harmonic, which season."""
-    lines = (files("radioloc.media") / "data" / "vmf3_bc.csv").read_text(encoding="ascii").splitlines()
-    rows = [line.split(",")[3:] for line in lines if not line.startswith(("#", "coefficient"))]
-    numbers = np.array(rows, dtype=np.float64).reshape(4, _VMF3_TERMS, 2, 5)
+    numbers = table_of("radioloc.media", "vmf3_bc.csv", 3).reshape(4, _VMF3_TERMS, 2, 5)
     # Cosines of the longitude first, then sines.
     table = np.ascontiguousarray(np.swapaxes(numbers, 1, 2)).reshape(4, 2 * _VMF3_TERMS, 5)
     table.setflags(write=False)

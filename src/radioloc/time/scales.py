@@ -210,7 +210,7 @@ def geocentric_tdb_minus_tt(epochs: Epochs) -> NDArray[np.float64]:
     if not isinstance(epochs, Epochs):
         epochs = in_scale(epochs, "TDB")
     values_s, _ = tabulated(
-        table_of("radioloc.time", "tdb_minus_tt"),
+        table_of("radioloc.time", "tdb_minus_tt.npy"),
         epochs,
         lambda at: erfa.dtdb(at.jd, at.fraction, 0.0, 0.0, 0.0, 0.0)[None],
     )

@@ -45,9 +45,18 @@ def tabulated(
 
 
 @cache
-def table_of(package: str, name: str) -> NDArray[np.float64]:
-    """Coefficients of a table that ships with a package, lowest degree first, shape (spans, functions, degrees)."""
-    with (files(package) / "data" / f"{name}.npy").open("rb") as file:
-        table = np.load(file)
+def table_of(package: str, name: str, text_columns: int = 0) -> NDArray[np.float64]:
+    """Numbers of a table that ships with a package, read-only.
+
+    Of ``.npy`` coefficients, lowest degree first, shape (spans, functions, degrees); of ``.csv`` the rows under the
+    columns' names, behind those of text. What a table holds and where it is from, its head says.
+    """
+    with (files(package) / "data" / name).open("rb") as file:
+        if name.endswith(".npy"):
+            table = np.load(file)
+        else:
+            lines = [line for line in file.read().decode().splitlines() if not line.startswith("#")]
+            columns = range(text_columns, lines[0].count(",") + 1)
+            table = np.loadtxt(lines[1:], delimiter=",", usecols=columns, ndmin=2)
     table.setflags(write=False)
     return np.asarray(table, dtype=np.float64)

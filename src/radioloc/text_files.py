@@ -30,8 +30,8 @@ ANY_BYTE = "latin-1"
 """Encoding of files whose comments are not all ASCII, as numbers and keywords are."""
 
 # Text of tracking data shrinks to a third or a tenth; a file made to fill the memory to a thousandth.
-_LARGEST_GROWTH = 50
-_ALWAYS_UNPACKED_BYTES = 2**24
+LARGEST_GROWTH = 50
+ALWAYS_UNPACKED_BYTES = 2**24
 _DISK_FAILURES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 _GZIP_MAGIC = b"\x1f\x8b"
 _COMPRESS_MAGIC = b"\x1f\x9d"
@@ -206,13 +206,13 @@ def _raw_pieces(path: str | Path, size: int) -> Generator[bytes]:
 
 def _unpacked_pieces(path: str | Path, size: int) -> Generator[bytes]:
     try:
-        most = max(_LARGEST_GROWTH * Path(path).stat().st_size, _ALWAYS_UNPACKED_BYTES)
+        most = max(LARGEST_GROWTH * Path(path).stat().st_size, ALWAYS_UNPACKED_BYTES)
         with gzip.open(path, "rb") as stream:
             while piece := stream.read(size):
                 most -= len(piece)
                 if most < 0:
                     problem = (
-                        f"unpacks to more than {_LARGEST_GROWTH} times its size, as no data do; it is refused"
+                        f"unpacks to more than {LARGEST_GROWTH} times its size, as no data do; it is refused"
                     )
                     raise FileFormatError(path, problem)
                 yield piece

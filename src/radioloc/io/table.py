@@ -1,7 +1,7 @@
-"""Observations as tables: comma-separated text that a spreadsheet opens and nothing is lost in, and Parquet.
+"""Tables: comma-separated text that a spreadsheet opens and nothing is lost in, and Parquet; those of observations.
 
-Both have the columns of :mod:`radioloc.measurements.table_columns`. In text the first line that is not a comment
-(``#``) or blank names them, in any order::
+Both have the columns of :mod:`radioloc.measurements.table_columns`; text is written of other columns, too. In text the
+first line that is not a comment (``#``) or blank names them, in any order::
 
     epoch_utc,type,path,light_time_s,sigma_s,time_tag,pressure_hpa,temperature_k,relative_humidity,wavelength_um
     2006-04-07T06:26:30.000000000000,range,APOLLO>apollo15>APOLLO,2.6494326499837,5.38e-11,transmit,721.6,...
@@ -24,14 +24,16 @@ Source: Apache Parquet format, logical types.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc._version import __version__
 from radioloc.constants import C_M_S
 from radioloc.earth.stations import StationCatalogue, station_name
 from radioloc.errors import FileFormatError, InputError
@@ -48,19 +50,25 @@ from radioloc.measurements.table_columns import (
     ColumnReader,
     require_columns,
 )
-from radioloc.text_files import CUT_LINE, read_blocks, read_rows, replaced_file, require_file
+from radioloc.text_files import (
+    ALWAYS_UNPACKED_BYTES,
+    CUT_LINE,
+    LARGEST_GROWTH,
+    read_blocks,
+    read_rows,
+    replaced_file,
+    require_file,
+)
 from radioloc.time import Epochs
-from radioloc.time.dates import utc_from_text, utc_to_picoseconds
+from radioloc.time.dates import utc_from_text, utc_to_picoseconds, utc_to_text
 
 RAMP_COLUMNS = ("station", "start_utc", "stop_utc", "frequency_hz", "rate_hz_s")
 
 # A line that begins with a lower or a higher character may be blank or a comment.
 _HASH, _DELETE, _NEW_LINE = 0x23, 0x7F, 0x0A
-_ROWS_READ, _ROWS_WRITTEN = 2**17, 2**16
+_ROWS_READ, _ROWS_WRITTEN, _ROWS_OF_TEXT = 2**17, 2**16, 2**14
 # What measures something takes bytes, however well it is packed; a file that says otherwise would fill the memory.
 _MOST_ROWS_A_BYTE = 2
-_LARGEST_GROWTH = 50
-_ALWAYS_UNPACKED_BYTES = 2**24
 _UNITS = {"utc_ps": "ps", "relative_humidity": "1"} | {
     name: name.rpartition("_")[2]
     for name in (*VALUE, *SIGMA, *OPTIONAL)
@@ -100,8 +108,6 @@ def write_table(
     >>> read_table(path)
     <Observations 5 2006-04-07 to 2006-04-08>
     """
-    from radioloc.io.csv_file import write_csv
-
     write_csv(path, _record_batches(observations, light_time=light_time), comments=comments)
 
 
@@ -134,10 +140,10 @@ def read_parquet(
             groups = (file.metadata.row_group(k) for k in range(file.metadata.num_row_groups))
             unpacked = sum(group.total_byte_size for group in groups)
             if rows > _MOST_ROWS_A_BYTE * size or unpacked > max(
-                _LARGEST_GROWTH * size, _ALWAYS_UNPACKED_BYTES
+                LARGEST_GROWTH * size, ALWAYS_UNPACKED_BYTES
             ):
                 says = f"says that it has {rows} rows of {unpacked} bytes, more than it can hold"
-                bound = f"{_MOST_ROWS_A_BYTE} rows a byte and {_LARGEST_GROWTH} times its size"
+                bound = f"{_MOST_ROWS_A_BYTE} rows a byte and {LARGEST_GROWTH} times its size"
                 raise FileFormatError(path, f"{says} (the bound is {bound}); it is refused")
             for batch in file.iter_batches(_ROWS_READ):
                 # Text that is not UTF-8 and places that a dictionary does not have.
@@ -185,8 +191,6 @@ def _record_batches(
 
     Columns of radio are there only if there is something in them; what was not recorded is null.
     """
-    from radioloc.io.csv_file import batches_of
-
     unit = C_M_S if light_time else 1.0
     columns: dict[str, Any] = {"epoch_utc": observations.epoch}
     if split_epoch:
@@ -270,9 +274,6 @@ def write_ramps(path: str | Path, ramps: Ramps) -> None:
     >>> read_ramps(path)
     <Ramps 1 of KASHI>
     """
-    # Arrow takes a tenth of a second to import.
-    from radioloc.io.csv_file import batches_of, write_csv
-
     columns = {
         "station": Labels(ramps.station, ramps.stations),
         "start_utc": ramps.start_utc,
@@ -358,3 +359,82 @@ def _columns(path: str | Path, header: list[str], text: bytes, line: NDArray[np.
         problem = f"has {row.actual_columns} fields, but the header has {len(header)}: cut or damaged"
         raise FileFormatError(path, problem, int(line[row.number - 1]))
     return {name: table[name].combine_chunks() for name in header}
+
+
+def write_csv(path: str | Path, batches: Iterable[Any], *, comments: Iterable[str] = ()) -> None:
+    """Write a table; numbers with as many digits as give back the same float, null as nothing.
+
+    All batches have the same columns; there is at least one, which may have no rows. Comments go on top, after ``#``.
+    """
+    import pyarrow
+    from pyarrow import csv
+
+    notes = [f"# {comment}".rstrip() for text in comments for comment in text.split("\n")]
+    options = csv.WriteOptions(include_header=False, quoting_style="none")
+    with replaced_file(path) as temporary, temporary.open("wb") as stream:
+        try:
+            batches = iter(batches)
+            first = next(batches)
+            stream.write("\n".join([*notes, ",".join(first.schema.names), ""]).encode())
+            with csv.CSVWriter(stream, first.schema, write_options=options) as writer:
+                for batch in chain([first], batches):
+                    writer.write_batch(batch)
+        except UnicodeEncodeError as error:
+            wrong = error.object[error.start : error.end]
+            raise InputError(f"{wrong!r} is not text; leave it out") from error
+        except pyarrow.ArrowInvalid as error:
+            raise InputError(f"{path}: a text cannot stand between commas ({error})") from error
+
+
+def batches_of(
+    columns: Mapping[str, Any],
+    decimals: Mapping[str, int] = MappingProxyType({}),
+    units: Mapping[str, str] = MappingProxyType({}),
+    rows_at_once: int = _ROWS_OF_TEXT,
+) -> Iterator[Any]:
+    """Some thousand rows at a time of columns of epochs, labels, texts or numbers, with their units.
+
+    Of numbers with decimals the text; others stay numbers, null where they are not.
+    """
+    import pyarrow
+
+    count = len(next(iter(columns.values())))
+    for start in range(0, max(count, 1), rows_at_once):
+        rows = slice(start, min(start + rows_at_once, count))
+        arrays = {name: _cells(column, rows, decimals.get(name)) for name, column in columns.items()}
+        fields = [
+            pyarrow.field(name, array.type, metadata={"unit": units[name]} if name in units else None)
+            for name, array in arrays.items()
+        ]
+        schema = pyarrow.schema(fields, metadata={"radioloc": __version__})
+        yield pyarrow.RecordBatch.from_arrays(list(arrays.values()), schema=schema)
+
+
+def _cells(column: Any, rows: slice, decimals: int | None) -> Any:
+    import pyarrow
+
+    part: Any = column.codes[rows] if isinstance(column, Labels) else column[rows]
+    match column:
+        case Epochs():
+            # Observations of one instant stand one after another in dense data.
+            new = np.ones(len(part), dtype=bool)
+            new[1:] = (part.jd[1:] != part.jd[:-1]) | (part.fraction[1:] != part.fraction[:-1])
+            return _label_texts(np.cumsum(new) - 1, utc_to_text(part[new]).tolist())
+        case Labels():
+            return _label_texts(part, column.texts)
+    if decimals is not None:
+        # Python's formatting is exact; one operation for many numbers is twice as fast as one for each.
+        values = part.tolist()
+        text = (f"%.{decimals}f\n" * len(values)) % tuple(values)
+        return pyarrow.array(text.split("\n")[:-1], pyarrow.string(), mask=np.isnan(part))
+    if isinstance(part, np.ndarray) and part.dtype.kind != "U":
+        return pyarrow.array(part, from_pandas=True)
+    return pyarrow.array(np.asarray(part, dtype=np.str_).tolist(), pyarrow.string())
+
+
+def _label_texts(codes: NDArray[Any], labels: Sequence[str]) -> Any:
+    """Texts of which few differ, from an index into them."""
+    import pyarrow
+
+    texts = pyarrow.array(list(labels) or [""], pyarrow.string())
+    return pyarrow.DictionaryArray.from_arrays(pyarrow.array(codes), texts)

@@ -216,7 +216,7 @@ def write_residuals(path: Path, rows: Residuals) -> None:
 
 
 def _write_csv(path: Path, columns: Mapping[str, Any], decimals: Mapping[str, int] | None = None) -> None:
-    from radioloc.io.csv_file import batches_of, write_csv
+    from radioloc.io.table import batches_of, write_csv
 
     write_csv(path, batches_of(columns, decimals or {}))
 

@@ -101,7 +101,7 @@ class LightTimes(Shown):
 
     def write_csv(self, path: str | Path) -> None:
         """Write all columns as comma-separated text."""
-        from radioloc.io.csv_file import batches_of, write_csv
+        from radioloc.io.table import batches_of, write_csv
 
         write_csv(path, batches_of(self._named(), {name: _decimals(name) for name in self.columns}))
 

@@ -6,7 +6,7 @@ import pytest
 
 from radioloc.errors import FileFormatError, InputError
 from radioloc.estimation.labels import Labels
-from radioloc.io.csv_file import batches_of, write_csv
+from radioloc.io.table import batches_of, write_csv
 
 
 def write(path, columns, decimals=None, **options):

@@ -62,12 +62,13 @@ _EVENT_TAGS = {0: TIME_TAGS.index("receive"), 1: TIME_TAGS.index("bounce"), 2: T
 _UTC_TIME_SCALES = (3, 4, 7)
 _TRANSPONDERS = (3, 4)
 _H2 = re.compile(r"H2\s+(\S.*?)\s+(\d{4})\s+(\S+)\s+(\S+)\s+(\d{1,3})(\s.*)?", re.ASCII | re.IGNORECASE)
-# Flags of H4 from its sixteenth field on, with what the CRD manual requires of normal points.
-_H4_FLAGS = {
-    "refraction corrected": 0,
-    "centre of mass corrected": 0,
-    "receive amplitude corrected": None,
-    "system delay applied": 1,
+# Fields of H4 by their places, with what the CRD manual requires of normal points, and two-way ranges.
+_H4_FIELDS = {
+    1: ("data type", 1),
+    15: ("refraction corrected", 0),
+    16: ("centre of mass corrected", 0),
+    18: ("system delay applied", 1),
+    20: ("range type", 2),
 }
 # A longer pass would leave open which day a second of day belongs to.
 _LONGEST_PASS_S = 22.0 * 3600.0
@@ -322,17 +323,10 @@ class _File:
         """The pass that begins, once what H4 says of the data has been found usable."""
         if not self._station or not self._target:
             record.fail("comes before the station (H2) and the target (H3) are named")
-        if record.integer(1, "data type") != 1:
-            record.fail(f"data type {record.fields[1]} is not normal points (1); give normal points")
-        for place, (name, wanted) in enumerate(_H4_FLAGS.items(), start=15):
-            flag = record.integer(place, name)
-            if wanted is not None and flag != wanted:
-                record.fail(f"{name!r} is {flag}, but normal points must have {wanted}; leave the pass out")
-        record.integer(19, "spacecraft delay applied")
-        range_type, alert = record.integer(20, "range type"), record.integer(21, "data quality alert")
-        if range_type != 2:
-            record.fail(f"range type {range_type} is not modelled; only two-way ranges (2) are")
-        if alert != 0:
+        for place, (name, wanted) in _H4_FIELDS.items():
+            if (given := record.integer(place, name)) != wanted:
+                record.fail(f"{name!r} is {given}, but normal points must have {wanted}; leave the pass out")
+        if (alert := record.integer(21, "data quality alert")) != 0:
             warnings.warn(
                 f"{record.path}, line {record.line}: the station marks this pass as "
                 f"{'suspect' if alert == 1 else 'poor'} (data quality alert {alert}); its points are kept",

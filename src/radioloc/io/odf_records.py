@@ -11,7 +11,6 @@ Source: DSN External Interface Specification 820-013, TRK-2-18, Orbit Data File 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,54 +34,20 @@ _NAMES = {
     _SUMMARY: "data summary",
     _END: "end of file",
 }
-# Name, bits, and whether the highest bit is a sign.
-_Field = tuple[str, int, bool]
-_ORBIT_FIELDS: tuple[_Field, ...] = (
-    ("time_s", 32, False),
-    ("time_ms", 10, False),
-    ("receiver_delay_ns", 22, False),
-    ("observable", 32, True),
-    ("observable_1e9", 32, True),
-    ("format", 3, False),
-    ("receiver", 7, False),
-    ("transmitter", 7, False),
-    ("network", 2, False),
-    ("type", 6, False),
-    ("downlink", 2, False),
-    ("uplink", 2, False),
-    ("exciter", 2, False),
-    ("invalid", 1, False),
-    ("channel", 7, False),
-    ("spacecraft", 10, False),
-    ("independent", 1, False),
-    ("reference_2e24_mhz", 22, False),
-    ("reference_mhz", 24, False),
-    ("item_20", 20, True),
-    ("item_21", 22, False),
-    ("transmitter_delay_ns", 22, False),
+# Names of fields and their bits, with a minus sign where the highest bit is one.
+_ORBIT_FIELDS = (
+    "time_s 32, time_ms 10, receiver_delay_ns 22, observable -32, observable_1e9 -32, format 3, receiver 7, "
+    "transmitter 7, network 2, type 6, downlink 2, uplink 2, exciter 2, invalid 1, channel 7, spacecraft 10, "
+    "independent 1, reference_2e24_mhz 22, reference_mhz 24, item_20 -20, item_21 22, "
+    "transmitter_delay_ns 22"
 )
-_RAMP_FIELDS: tuple[_Field, ...] = (
-    ("start_s", 32, False),
-    ("start_ns", 32, False),
-    ("rate_hz_s", 32, True),
-    ("rate_nhz_s", 32, True),
-    ("frequency_ghz", 22, False),
-    ("station", 10, False),
-    ("frequency_hz", 32, False),
-    ("frequency_nhz", 32, False),
-    ("stop_s", 32, False),
-    ("stop_ns", 32, False),
+_RAMP_FIELDS = (
+    "start_s 32, start_ns 32, rate_hz_s -32, rate_nhz_s -32, frequency_ghz 22, station 10, frequency_hz 32, "
+    "frequency_nhz 32, stop_s 32, stop_ns 32"
 )
-_CLOCK_FIELDS: tuple[_Field, ...] = (
-    ("start_s", 32, False),
-    ("start_ns", 32, False),
-    ("offset_s", 32, True),
-    ("offset_ns", 32, True),
-    ("station", 32, False),
-    ("second_station", 32, False),
-    ("reserved", 32, False),
-    ("stop_s", 32, False),
-    ("stop_ns", 32, False),
+_CLOCK_FIELDS = (
+    "start_s 32, start_ns 32, offset_s -32, offset_ns -32, station 32, second_station 32, reserved 32, "
+    "stop_s 32, stop_ns 32"
 )
 
 
@@ -240,8 +205,9 @@ def _groups(path: str | Path, words: NDArray[np.uint32]) -> list[tuple[int, int,
     raise FileFormatError(path, problem)
 
 
-def _fields(words: NDArray[np.uint32], fields: Sequence[_Field]) -> NDArray[np.void]:
+def _fields(words: NDArray[np.uint32], table: str) -> NDArray[np.void]:
     """Fields of bits of some records, as a structured array."""
+    fields = [(name, abs(int(bits)), int(bits) < 0) for name, bits in map(str.split, table.split(", "))]
     found = np.empty(len(words), dtype=[(name, np.int64) for name, _, _ in fields])
     wide = np.pad(words.astype(np.uint64), ((0, 0), (0, 1)))
     bit = 0

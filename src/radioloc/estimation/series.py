@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,7 +86,7 @@ class SeriesOrder:
         return found
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Bundle:
     """The k series of combinations of the same j baselines, b values each; of single observations one series."""
 
@@ -97,7 +98,7 @@ class Bundle:
         None  # (2, b), of counts of a phase, by which they are brought to independent ones before
     )
 
-    @property
+    @cached_property
     def step_s(self) -> _Floats:
         """Time since the value before, s, shape (b,)."""
         return np.diff(self.time_s, prepend=self.time_s[0])

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.dynamics.arcs import OrbitArcs
 from radioloc.dynamics.disturbed import DisturbedOrbit
-from radioloc.ephemeris import Trajectory
+from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.estimation.build import Doubt, build_solution, compare_with
 from radioloc.estimation.editing import (
@@ -158,11 +157,7 @@ def prepared_arc(
     model = model_of(study)
     constants = model.ephemeris.constants
     targets = targets_in_pa(study, constants)
-    # A reference in a wrong frame is to be told before the work, not after it.
-    if study.reference is not None:
-        position_in_pa("[reference]", study.reference.position, constants)
-    for reference in study.references:
-        position_in_pa(f"[references] {reference.name}", reference.position, constants)
+    _references(study, constants)  # one in a wrong frame is to be told before the work, not after it
     chosen, left_out = _observations(study, observations, model, targets)
     arc = _arc(study, model, chosen, targets, orbit)
     logger.info("prepared the model for %d observations by %s", len(chosen), ", ".join(arc.stations))
@@ -189,15 +184,10 @@ def fit_arc(
     if estimate is not None:
         estimate = with_independent_clocks(study, estimate, arc)
     targets = targets_in_pa(study, constants)
-    reference = (
-        None
-        if study.reference is None
-        else position_in_pa("[reference]", study.reference.position, constants)
-    )
-    set_up = partial(observation_model, arc, estimate=estimate, held=study.estimate)
     starts = {} if estimate is None else near_starts(arc, targets, estimate)
     targets |= {name: start for name, (start, _) in starts.items()}
-    problem = set_up(targets or planned_place(study, constants))
+    aimed = targets or planned_place(study, constants)
+    problem = observation_model(arc, aimed, estimate, held=study.estimate)
     noise = stated_noise(arc, study.observations)
     paths = Labels.coded([link.path for link in observations.links], observations.link)
     types = Labels.coded(KINDS, observations.kind)
@@ -224,32 +214,20 @@ def fit_arc(
     considered, not_considered = considered_errors(study, problem, estimate, fitted.fit.x, errant)
     if ties_m.any():
         own_m = np.sqrt(fitted.fit.noise.own_m**2 - ties_m**2)
-        fitted = replace(
-            fitted,
-            fit=replace(
-                fitted.fit,
-                noise=ObservationNoise(own_m, fitted.fit.noise.shared, phase=fitted.fit.noise.phase),
-            ),
-        )
+        whole = fitted.fit.noise
+        own = ObservationNoise(own_m, whole.shared, phase=whole.phase)
+        fitted = replace(fitted, fit=replace(fitted.fit, noise=own))
     common = None if considered is None else considered.at_stations
     fitted = weighed(problem.linearize, fitted, order, estimate, common)
     x, used = fitted.fit.x, fitted.fit.used
     elevation_deg = _elevation_deg(arc, problem.all_positions_pa_m(x))
-    doubts: list[Doubt] = []
+    doubts = [Doubt(FitStatus.MANOEUVRE, str(one)) for one in manoeuvres]
+    doubts += [] if estimate is None else misfits(fitted, wide.sigma_m, types)
+    fits = not doubts
     # Where the residuals do not fit at all, place and sigmas say nothing of their own.
-    misfit = [Doubt(FitStatus.MANOEUVRE, str(one)) for one in manoeuvres]
-    misfit += [] if estimate is None else misfits(fitted, wide.sigma_m, types)
-    if not misfit and estimate is not None and arc.trajectory is None and estimate.position != "none":
+    if fits and estimate is not None and arc.trajectory is None and estimate.position != "none":
         doubts = [*places(arc, problem.all_positions_pa_m(x), used, elevation_deg)]
-    in_sigma = any(estimate.ephemeris_sigma_m) if estimate is not None else False
-    if considered is not None:
-        in_sigma |= any(considered.parameters.of_kind(kind) for kind in ("moon_position", "libration"))
     lander_pa_m = problem.position_pa_m(x)
-    others = {
-        one.name: position_in_pa(f"[references] {one.name}", one.position, constants).xyz_m
-        for one in study.references
-        if one is not study.reference
-    }
     several = tuple(
         TargetPosition(name, problem.position_pa_m(x, k), problem.position_partials(x, k))
         for k, name in enumerate(targets if len(targets) > 1 else ())
@@ -268,16 +246,18 @@ def fit_arc(
         type=types,
         elevation_deg=elevation_deg,
         count_s=observations.count_s,
-        doubts=misfit or doubts,
+        doubts=doubts,
         order=order,
         consistency=consistency,
         ephemeris_sigma_enu_m=np.zeros(3) if estimate is None else np.array(estimate.ephemeris_sigma_m),
-        reference_pa_m=None if reference is None else reference.xyz_m,
-        reference_name="reference" if study.reference is None else study.reference.name,
         name=study.name,
         notes=(
-            *_of_the_starts({name: away_m for name, (_, away_m) in starts.items()}),
-            *notes_of(study, arc, left_out, estimate, fitted, lander_pa_m, in_sigma),
+            *(
+                f"the fit{f' of {name}' if name else ''} began {away_m / 1e3:.0f} km from the a-priori position, where "
+                "a coarse search over the near side found that the data fit better"
+                for name, (_, away_m) in starts.items()
+            ),
+            *notes_of(study, arc, left_out, estimate, fitted, lander_pa_m, considered),
             *not_considered,
         ),
         provenance=provenance(study, arc, left_out, estimate, problem.all_positions_pa_m(x)),
@@ -300,9 +280,10 @@ def fit_arc(
     elif isinstance(arc.trajectory, OrbitArcs):
         assert not isinstance(errant, DisturbedOrbit)
         solution = _with_arcs(solution, study, problem, arc.trajectory, errant)
-    known = tuple(compare_with(solution, xyz_m, name) for name, xyz_m in others.items())
-    solution = replace(solution, references=known)
-    if not misfit:
+    known = [compare_with(solution, xyz_m, name) for name, xyz_m in _references(study, constants)]
+    first = None if study.reference is None else known.pop(0)
+    solution = replace(solution, reference=first, references=tuple(known))
+    if fits:
         solution = nowhere(solution)
     if not consistency:
         return solution
@@ -334,13 +315,11 @@ def _with_arcs(
     return replace(solution, trajectory=str(there), state=states[0], arcs=states, overlaps=meeting)
 
 
-def _of_the_starts(away_m: Mapping[str, float]) -> Iterator[str]:
-    for name, distance_m in away_m.items():
-        of = f" of {name}" if name else ""
-        yield (
-            f"the fit{of} began {distance_m / 1e3:.0f} km from the a-priori position, where a coarse search over the "
-            "near side found that the data fit better"
-        )
+def _references(study: Study, constants: EphemerisConstants) -> list[tuple[str, NDArray[np.float64]]]:
+    """Names of known positions and these in principal axes, m, that of ``[reference]`` first."""
+    given = [] if study.reference is None else [("[reference]", study.reference)]
+    given += [(f"[references] {one.name}", one) for one in study.references if one is not study.reference]
+    return [(one.name, position_in_pa(table, one.position, constants).xyz_m) for table, one in given]
 
 
 def model_of(study: Study) -> PhysicalModel:

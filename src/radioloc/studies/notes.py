@@ -20,6 +20,7 @@ from radioloc.earth.stations import Station
 from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.ephemeris.trajectory import AdjustableTrajectory
 from radioloc.errors import InputError
+from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.editing import EditedFit
 from radioloc.kernels import sha256_of
 from radioloc.lunar import cartesian_to_selenographic, rot_pa_to_me
@@ -57,9 +58,9 @@ def notes_of(
     estimate: EstimateChoice | None,
     fitted: EditedFit,
     lander_pa_m: NDArray[np.float64],
-    moon_considered: bool,
+    considered: ConsideredErrors | None,
 ) -> list[str]:
-    """All notes of a result, warnings first; `moon_considered` says whether the ephemeris' error is in the sigma."""
+    """All notes of a result, warnings first."""
     notes = list(_turned(study, arc.model.ephemeris.constants))
     if weights := study.observations.weights:
         notes.append(f"sigmas changed: {'; '.join(map(str, weights))}")
@@ -68,7 +69,10 @@ def notes_of(
         notes += _terrain_doubt(arc, estimate.height_prior, parameters, lander_pa_m)
     notes += notes_of_plan(arc, left_out)
     if estimate is not None:
-        if arc.trajectory is None and not moon_considered:
+        in_sigma = any(estimate.ephemeris_sigma_m)
+        if considered is not None:
+            in_sigma |= any(map(considered.parameters.of_kind, ("moon_position", "libration")))
+        if arc.trajectory is None and not in_sigma:
             notes.append(
                 f"the sigma does not include the error of {arc.model.ephemeris.name}: neither moon_position nor "
                 "libration is considered, and no [estimate] ephemeris_sigma_m is given"

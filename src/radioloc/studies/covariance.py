@@ -60,7 +60,7 @@ from radioloc.studies.problem import (
     considered_errors,
     observation_model,
     orbit_state,
-    require_plain_orbit,
+    require_position_or_orbit,
     start_pa_m,
     status_of,
     targets_in_pa,
@@ -131,10 +131,7 @@ def covariance(
         raise InputError(
             f"{study.name}: a covariance study is of one position on the Moon, or of an orbit that is estimated"
         )
-    if isinstance(study.target, Orbiter):
-        require_plain_orbit(study, "a covariance study")
-    elif study.estimate.position == "none":
-        raise InputError('a covariance study needs the position estimated: [estimate] position is "none"')
+    require_position_or_orbit(study, "a covariance study")
     if reach_m is not None and not (np.isfinite(reach_m) and reach_m > 0.0):
         raise InputError(f"the 95 % radius to be reached is {reach_m!r} m; give a number above zero")
     plan = _Planned.of(study)

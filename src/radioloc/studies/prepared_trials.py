@@ -31,7 +31,6 @@ from radioloc.estimation.robust import linear_problem
 from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
 from radioloc.estimation.solution import Solution
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.design import ObservationModel
@@ -49,17 +48,15 @@ from radioloc.studies.linear_trials import (
     trial_seed,
     true_values,
 )
-from radioloc.studies.locate import fit_arc, model_of
+from radioloc.studies.locate import fit_arc, model_of, prepared_arc
 from radioloc.studies.orbiter import Orbiter
 from radioloc.studies.problem import (
     considered_errors,
     disturbed,
     gravity_errors,
-    needs_more_partials,
     observation_model,
     position_in_pa,
-    require_plain_orbit,
-    start_pa_m,
+    require_position_or_orbit,
     status_of,
     targets_in_pa,
 )
@@ -67,7 +64,6 @@ from radioloc.studies.selection import ArcPart, arc_parts, require_planned_count
 from radioloc.studies.simulate import scenario_of
 from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.study import Study
-from radioloc.studies.weights import weighted_observations
 from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
 
 _Floats = NDArray[np.float64]
@@ -132,12 +128,7 @@ class Prepared:
                 f"{study.name}: a Monte Carlo study draws tracking, but no places on maps; leave "
                 "[[observations.map_positions]] out, or use `radioloc covariance`, which allows for them"
             )
-        if isinstance(study.target, Orbiter):
-            require_plain_orbit(study, "a Monte Carlo study")
-        elif study.estimate.position == "none":
-            raise InputError(
-                'a Monte Carlo study needs the position estimated: [estimate] position is "none"'
-            )
+        require_position_or_orbit(study, "a Monte Carlo study")
         model, orbit = model_of(study), None
         constants = model.ephemeris.constants
         targets = targets_in_pa(study, constants)
@@ -147,16 +138,13 @@ class Prepared:
             assert study.estimate.orbit is not None
             orbit = scenario.orbit(model, study.target, study.estimate.orbit.parameters(study.target.forces))
         world = scenario.world(model)
-        planned, choice = world.plan.observations, replace(study.observations, hours=hours[-1])
-        rows = np.flatnonzero(selected(planned, choice, study.catalogue, sources=model.sources)[0])
-        longest = prepare_predictor(
-            model,
-            weighted_observations(planned.select(rows), choice.weights, study.catalogue),
-            start_pa_m(targets),
-            study.model.evaluation,
-            trajectory=orbit,
-            more_partials=needs_more_partials(study),
+        whole = replace(study, reference=None, references=())
+        whole = replace(whole, observations=replace(study.observations, hours=hours[-1]))
+        planned = world.plan.observations
+        rows = np.flatnonzero(
+            selected(planned, whole.observations, study.catalogue, sources=model.sources)[0]
         )
+        longest, _ = prepared_arc(whole, planned.select(rows), orbit)
         parts = arc_parts(longest, study, reversed(hours))
         names = dict.fromkeys(
             p.name

@@ -177,15 +177,19 @@ def disturbed(
     return target.disturbed(orbit.corrected(problem.all_positions_pa_m(x)))
 
 
-def require_plain_orbit(study: Study, what: str) -> None:
-    """Raise an :class:`InputError` of an orbiter that lands, or whose orbit has arcs or process noise."""
+def require_position_or_orbit(study: Study, what: str) -> None:
+    """Raise an :class:`InputError` without an estimated position, or of an orbit that lands, has arcs or process noise."""
     orbit = study.estimate.orbit
-    if isinstance(study.target, Orbiter) and study.target.landing is not None:
+    if not isinstance(study.target, Orbiter):
+        if study.estimate.position == "none":
+            raise InputError(f'{what} needs the position estimated: [estimate] position is "none"')
+        return
+    if study.target.landing is not None:
         raise InputError(
             f"{what} is of a position or an orbit, not of a descent; use `radioloc simulate` and `radioloc locate`, or "
             "leave [target.landing] out"
         )
-    if isinstance(study.target, Orbiter) and study.target.arcs_hours is not None:
+    if study.target.arcs_hours is not None:
         raise InputError(f"{what} of an orbit is of one arc; leave [target] arcs_hours out")
     if orbit is not None and orbit.process_noise is not None:
         raise InputError(f"{what} of an orbit has no process noise; leave [estimate.orbit] process_noise out")

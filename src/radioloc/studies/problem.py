@@ -178,7 +178,7 @@ def disturbed(
 
 
 def require_position_or_orbit(study: Study, what: str) -> None:
-    """Raise an :class:`InputError` without an estimated position, or of an orbit that lands, has arcs or process noise."""
+    """Refuse a study without an estimated position, or of an orbit that lands, or has arcs or process noise."""
     orbit = study.estimate.orbit
     if not isinstance(study.target, Orbiter):
         if study.estimate.position == "none":

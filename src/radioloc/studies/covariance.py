@@ -28,7 +28,6 @@ from radioloc.estimation.consider import (
     NOISE,
     CommonErrors,
     ConsideredErrors,
-    Effects,
     consider,
     moved_by,
     prior_effects,
@@ -57,6 +56,7 @@ from radioloc.studies.notes import notes_of_plan
 from radioloc.studies.one_thread import on_one_blas_thread
 from radioloc.studies.orbiter import Orbiter
 from radioloc.studies.problem import (
+    allows_for_correlation,
     considered_errors,
     observation_model,
     orbit_state,
@@ -84,7 +84,7 @@ _MAPPED_S, _FEWEST_EPOCHS = 600.0, 13
 
 
 @bare_arguments
-@on_one_blas_thread
+@on_one_blas_thread()
 def covariance(
     study: Study | str | Path,
     hours: Iterable[float] | float | None = None,
@@ -251,7 +251,7 @@ class _Solved:
     noise: ProcessNoise  # of the part
     problem: ObservationModel
     x: _Floats
-    fit: FitResult
+    used: _Mask
     considered: ConsideredErrors | None
     not_considered: tuple[str, ...]  # notes
 
@@ -262,14 +262,13 @@ class _Solved:
         targets = targets_in_pa(study, arc.model.ephemeris.constants)
         problem = observation_model(arc, targets or None, part.estimate)
         x = problem.parameters.prior_values
-        noise = plan.noise.select(part.rows)
+        noise, used = plan.noise.select(part.rows), plan.usable[part.rows]
         considered, not_considered = considered_errors(study, problem, part.estimate, x, plan.errant)
-        fit = _solve(problem, noise, plan.usable[part.rows], x, _common(part, considered))
-        return cls(plan, part, noise, problem, x, fit, considered, tuple(not_considered))
+        return cls(plan, part, noise, problem, x, used, considered, tuple(not_considered))
 
     def among(self, used: _Mask) -> PlannedArc:
         """The same with some of its observations only."""
-        return self._solved(self.problem, used & self.fit.used)
+        return replace(self, used=used & self.used).planned
 
     def known(self, kind: str) -> PlannedArc:
         """The same with the parameters of a kind that is estimated known."""
@@ -277,12 +276,41 @@ class _Solved:
         for k in parameters.of_kind(kind):
             if kind != "position" or parameters.names[k].startswith("position.height"):
                 parameters = parameters.changed(parameters.names[k], role=Role.FIXED)
-        problem = replace(self.problem, parameters=parameters)
-        return self._solved(problem, self.fit.used)
+        return replace(self, problem=replace(self.problem, parameters=parameters)).planned
 
-    def _solved(self, problem: ObservationModel, used: _Mask) -> PlannedArc:
-        fit = _solve(problem, self.noise, used, self.x, _common(self.part, self.considered))
-        return replace(self, problem=problem, fit=fit).planned
+    @cached_property
+    def fit(self) -> FitResult:
+        """The fit without values: what determines what, and how well."""
+        parameters, used, common = self.problem.parameters, self.used, None
+        if self.considered is not None and used.any() and allows_for_correlation(self.part.estimate):
+            common = self.considered.at_stations
+        linearization = self.problem.linearize(self.x)
+        whitening: Whitening = self.noise.among(used)
+        if common is not None:
+            whitening = CommonErrors.of(whitening, common)
+        factor = factorize(linearization, whitening, parameters, self.x)
+        if factor is None:
+            raise InputError("the partials of the observations are not finite numbers")
+        determined = bool(factor.determined.all())
+        fit = FitResult(
+            parameters=parameters,
+            x=self.x,
+            covariance=covariance_of(factor, parameters),
+            linearization=linearization,
+            noise=ObservationNoise(self.noise.sigma_m),
+            used=used,
+            chi2=0.0,
+            dof=0,
+            status=FitStatus.CONVERGED if determined else FitStatus.UNOBSERVABLE,
+            iterations=0,
+            factor=factor,
+            whitening=whitening,
+        )
+        if common is None:
+            return fit
+        # The inverse of the information holds these errors already, which are sources of their own.
+        moved = moved_by(fit, common, common(np.zeros(1, dtype=np.intp)).shape[1])
+        return replace(fit, covariance=fit.covariance - moved @ moved.T)
 
     @cached_property
     def planned(self) -> PlannedArc:
@@ -353,44 +381,6 @@ class _Solved:
         length_s = float(ends[1].seconds_since(ends[0])[0])
         count = max(_FEWEST_EPOCHS, int(length_s / _MAPPED_S) + 1)
         return ends[:1].shifted(np.linspace(0.0, length_s, count))
-
-
-def _common(part: ArcPart, considered: ConsideredErrors | None) -> Effects | None:
-    """Considered errors for which the weights of the fit will allow."""
-    return None if considered is None or part.estimate.weights != "correlated" else considered.at_stations
-
-
-def _solve(
-    problem: ObservationModel, noise: ProcessNoise, used: _Mask, x: _Floats, common: Effects | None
-) -> FitResult:
-    """Fit without values: what determines what, and how well."""
-    linearization = problem.linearize(x)
-    whitening: Whitening = noise.among(used)
-    if common is not None and used.any():
-        whitening = CommonErrors.of(whitening, common)
-    factor = factorize(linearization, whitening, problem.parameters, x)
-    if factor is None:
-        raise InputError("the partials of the observations are not finite numbers")
-    determined = bool(factor.determined.all())
-    fit = FitResult(
-        parameters=problem.parameters,
-        x=x,
-        covariance=covariance_of(factor, problem.parameters),
-        linearization=linearization,
-        noise=ObservationNoise(noise.sigma_m),
-        used=used,
-        chi2=0.0,
-        dof=0,
-        status=FitStatus.CONVERGED if determined else FitStatus.UNOBSERVABLE,
-        iterations=0,
-        factor=factor,
-        whitening=whitening,
-    )
-    if common is None or not used.any():
-        return fit
-    # The inverse of the information holds these errors already, which are sources of their own.
-    moved = moved_by(fit, common, common(np.zeros(1, dtype=np.intp)).shape[1])
-    return replace(fit, covariance=fit.covariance - moved @ moved.T)
 
 
 def _reached_h(plan: _Planned, arcs: Sequence[PlannedArc], reach_m: float) -> float | None:

@@ -146,7 +146,7 @@ def arc_of(
     return arc, start_pa_m(targets_in_pa(study, arc.model.ephemeris.constants))
 
 
-@on_one_blas_thread
+@on_one_blas_thread()
 def prepared_arc(
     study: Study, observations: Observations | None = None, orbit: AdjustableOrbit | None = None
 ) -> tuple[Predictor, dict[str, int]]:
@@ -166,7 +166,7 @@ def prepared_arc(
     return arc, left_out
 
 
-@on_one_blas_thread
+@on_one_blas_thread()
 def fit_arc(
     study: Study,
     arc: Predictor,

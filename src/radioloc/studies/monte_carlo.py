@@ -49,7 +49,7 @@ _ALLOWED_OF_SIGMAS = 0.02
 when outliers are left out, and that alone moves sigmas by up to 1 %."""
 
 
-@on_one_blas_thread
+@on_one_blas_thread()
 def monte_carlo(
     study: Study | str | Path,
     trials: int = 1000,

@@ -7,23 +7,15 @@ hence the last digits of results, depend on how many there are.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import wraps
-from typing import ParamSpec, TypeVar
-
-_P = ParamSpec("_P")
-_T = TypeVar("_T")
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 
-def on_one_blas_thread(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Make a function that has BLAS use one thread while it runs, and as many as before when it is done."""
+@contextmanager
+def on_one_blas_thread() -> Iterator[None]:
+    """Have BLAS use one thread in a block, or in a function that this decorates, and as many as before after it."""
+    import scipy.linalg  # noqa: F401  # the library that it brings is limited only if it is there
+    from threadpoolctl import threadpool_limits
 
-    @wraps(function)
-    def limited(*args: _P.args, **kwargs: _P.kwargs) -> _T:
-        import scipy.linalg  # noqa: F401  # the library that it brings is limited only if it is there
-        from threadpoolctl import threadpool_limits
-
-        with threadpool_limits(1, user_api="blas"):
-            return function(*args, **kwargs)
-
-    return limited
+    with threadpool_limits(1, user_api="blas"):
+        yield

@@ -13,7 +13,7 @@ from radioloc.studies.study import Study
 from radioloc.studies.study_file import as_study
 
 
-@on_one_blas_thread
+@on_one_blas_thread()
 def simulate(study: Study | str | Path, seed: int | None = None, *, draw_errors: bool = False) -> Simulated:
     """Simulate the tracking that a study describes.
 

@@ -1,4 +1,5 @@
 import pytest
+import scipy.linalg  # noqa: F401  # whose library is then there from the beginning
 from threadpoolctl import threadpool_info
 
 from radioloc.studies.one_thread import on_one_blas_thread
@@ -8,7 +9,7 @@ def threads():
     return [library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"]
 
 
-@on_one_blas_thread
+@on_one_blas_thread()
 def threads_within(fail):
     if fail:
         raise ValueError("the reason")

@@ -228,26 +228,33 @@ def _chart(residuals: Residuals, dates: Dates, panel: Panel, half_height_m: floa
     factor, unit = length_unit(abs(panel.middle_m) + half_height_m)
     y, middle, half_height = factor * residuals.residual_m, factor * panel.middle_m, factor * half_height_m
     sigma = factor * residuals.sigma_m
-    crowded = len(panel.used) > most
+    ends = dates.min(), dates.max()
+    crowded, out = len(panel.used) > most, panel.out
     traces: list[dict[str, Any]] = []
     for k, (name, rows) in enumerate(panel.links.items()):
         used = rows[residuals.used[rows]]
         if not len(used):
             continue
-        trace = {"name": escape(name or panel.title, quote=False), "marker": {"size": 4, "color": k}}
+        which = "%{fullData.name}<br>" if len(panel.links) > 1 else ""
         if crowded:
-            trace |= _envelope(dates[used], y[used], (dates.min(), dates.max()), unit)
+            trace = _envelope(dates[used], y[used], ends, unit, which)
         else:
-            trace |= _dots(dates[used], y[used], sigma[used], unit, len(panel.used) <= _MOST_WITH_BARS)
-        if len(panel.links) > 1:
-            trace["hovertemplate"] = f"%{{fullData.name}}<br>{trace['hovertemplate']}"
-        traces.append(trace)
-    if len(panel.out):
-        traces.append(_left_out(residuals, dates, y, panel.out, unit))
+            hover = f"{which}{_HOVER}%{{y:.4g}} ± %{{customdata:.3g}} {unit}"
+            trace = _dots(dates[used], y[used], hover, customdata=_packed(sigma[used]))
+            if len(panel.used) <= _MOST_WITH_BARS:
+                trace["error_y"] = _bars(sigma[used])
+        label = escape(name or panel.title, quote=False)
+        traces.append({"name": label, "marker": {"size": 4, "color": k}, **trace})
     notes = [f"bars: minimum to maximum in 1/{BINS} of the time, dots: mean"] if crowded else []
-    if beyond := int((np.abs(y[panel.out] - middle) > half_height).sum()):
+    if len(out):
+        # Of too many those that are farthest off.
+        shown = np.sort(out[np.argsort(-np.abs(y[out]), kind="stable")[:MOST_POINTS]])
+        look = {"size": 7, "symbol": "x-thin", "color": "left out"}
+        texts = [escape(text, quote=False) for text in residuals.statuses[shown]]
+        trace = _dots(dates[shown], y[shown], f"{_HOVER}%{{y:.4g}} {unit}<br>%{{text}}", text=texts)
+        traces.append({"name": f"{len(out)} left out", "marker": look, **trace})
+    if beyond := int((np.abs(y[out] - middle) > half_height).sum()):
         notes.insert(0, f"{beyond} of these beyond the chart")
-    ends = dates.min(), dates.max()
     pad = max(0.02 * (ends[1] - ends[0]), np.timedelta64(1, "m"))
     layout = {
         "xaxis": {"type": "date", "range": [_milliseconds(ends[0] - pad), _milliseconds(ends[1] + pad)]},
@@ -257,58 +264,28 @@ def _chart(residuals: Residuals, dates: Dates, panel: Panel, half_height_m: floa
         },
         "showlegend": len(panel.links) > 1,
     }
-    return Chart(
-        panel.title, panel.statement(factor, unit), "; ".join(notes), {"data": traces, "layout": layout}
-    )
+    content = {"data": traces, "layout": layout}
+    return Chart(panel.title, panel.statement(factor, unit), "; ".join(notes), content)
 
 
-def _dots(
-    dates: Dates, y: NDArray[np.float64], sigma: NDArray[np.float64], unit: str, bars: bool
-) -> dict[str, Any]:
-    trace: dict[str, Any] = {"mode": "markers", "x": _packed(_milliseconds(dates), "f8"), "y": _packed(y)}
-    trace["customdata"] = _packed(sigma)
-    trace["hovertemplate"] = f"{_HOVER}%{{y:.4g}} ± %{{customdata:.3g}} {unit}"
-    if bars:
-        trace["error_y"] = {"type": "data", "array": _packed(sigma), "thickness": 1, "width": 0}
-    return trace
+def _dots(dates: Dates, y: NDArray[np.float64], hover: str, **more: Any) -> dict[str, Any]:
+    place = {"x": _packed(_milliseconds(dates), "f8"), "y": _packed(y)}
+    return {"mode": "markers", **place, "hovertemplate": hover, **more}
 
 
-def _envelope(dates: Dates, y: NDArray[np.float64], limits: Limits, unit: str) -> dict[str, Any]:
+def _bars(up: NDArray[np.float64], **more: Any) -> dict[str, Any]:
+    return {"type": "data", "array": _packed(up), "thickness": 1, "width": 0, **more}
+
+
+def _envelope(dates: Dates, y: NDArray[np.float64], limits: Limits, unit: str, which: str) -> dict[str, Any]:
     found = envelope_of(dates, y, limits)
-    return {
-        "mode": "markers",
-        "x": _packed(_milliseconds(found.middle), "f8"),
-        "y": _packed(found.mean),
-        "text": [
-            f"{n} observations, {low:.4g} to {high:.4g}, mean {mean:.4g} ± {deviation:.3g} {unit}"
-            for _, n, low, high, mean, deviation in zip(*found, strict=True)
-        ],
-        "hovertemplate": f"{_HOVER}%{{text}}",
-        "error_y": {
-            "type": "data",
-            "symmetric": False,
-            "array": _packed(found.highest - found.mean),
-            "arrayminus": _packed(found.mean - found.lowest),
-            "thickness": 1,
-            "width": 0,
-        },
-    }
-
-
-def _left_out(
-    residuals: Residuals, dates: Dates, y: NDArray[np.float64], out: NDArray[np.intp], unit: str
-) -> dict[str, Any]:
-    """What was left out, of too many those that are farthest off."""
-    shown = np.sort(out[np.argsort(-np.abs(y[out]), kind="stable")[:MOST_POINTS]])
-    return {
-        "name": f"{len(out)} left out",
-        "mode": "markers",
-        "marker": {"size": 7, "symbol": "x-thin", "color": "left out"},
-        "x": _packed(_milliseconds(dates[shown]), "f8"),
-        "y": _packed(y[shown]),
-        "text": [escape(text, quote=False) for text in residuals.statuses[shown]],
-        "hovertemplate": f"{_HOVER}%{{y:.4g}} {unit}<br>%{{text}}",
-    }
+    texts = [
+        f"{n} observations, {low:.4g} to {high:.4g}, mean {mean:.4g} ± {deviation:.3g} {unit}"
+        for _, n, low, high, mean, deviation in zip(*found, strict=True)
+    ]
+    below = {"symmetric": False, "arrayminus": _packed(found.mean - found.lowest)}
+    bars = _bars(found.highest - found.mean, **below)
+    return _dots(found.middle, found.mean, f"{which}{_HOVER}%{{text}}", text=texts, error_y=bars)
 
 
 def _milliseconds(dates: Any) -> Any:

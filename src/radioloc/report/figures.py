@@ -264,9 +264,8 @@ def _cut_out_gaps(panels: Sequence[Axes], parts: _Floats, most_ticks: int) -> No
     labels: list[str] = []
     for (first, last), share in zip(edges, (width / width.sum()).ravel(), strict=True):
         most = max(3, round(share * most_ticks))
-        locator = AutoDateLocator(
-            minticks=(most - 1) // 2, maxticks=most
-        )  # more of the least, and it may find none
+        # More of the least, and it may find none.
+        locator = AutoDateLocator(minticks=(most - 1) // 2, maxticks=most)
         # Whatever the version of matplotlib, the ticks of a locator may lie outside.
         ticks = locator.tick_values(num2date(first), num2date(last))
         inside = [day for day in ticks if first <= day <= last]

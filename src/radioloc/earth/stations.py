@@ -102,37 +102,29 @@ class Station:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.strip():
             raise StationError("a station needs a name")
-        for field, known in (
-            ("kind", KINDS),
-            ("quality", QUALITIES),
-            ("mount", MOUNTS),
-            ("frame", frames()),
-        ):
-            if getattr(self, field) not in known:
-                given = f"{field} {getattr(self, field)!r}"
-                raise StationError(f"station {self.name}: {given} is not one of {', '.join(known)}")
+        known = {"kind": KINDS, "quality": QUALITIES, "mount": MOUNTS, "frame": frames()}
+        for field, names in known.items():
+            if (given := getattr(self, field)) not in names:
+                raise StationError(f"station {self.name}: {field} {given!r} is not one of {', '.join(names)}")
+        object.__setattr__(self, "aliases", tuple(self.aliases))
         year: Any = self.epoch_year
         if hasattr(year, "jyear"):
             object.__setattr__(self, "epoch_year", year.tt.jyear)
         self._set_numbers("epoch_year", "yr", ())
-        object.__setattr__(self, "aliases", tuple(self.aliases))
         self._set_numbers("itrf_m", "m", (3,))
-        if self.velocity_m_yr is not None:
-            self._set_numbers("velocity_m_yr", "m / yr", (3,))
+        optional = {"velocity_m_yr": ("m / yr", (3,)), "sigma_m": ("m", ()), "axis_offset_m": ("m", ())}
+        for field, (unit, shape) in optional.items():
+            if getattr(self, field) is not None:
+                self._set_numbers(field, unit, shape)
         radius_m = math.hypot(*self.itrf_m)
         if not _RADIUS_RANGE_M[0] < radius_m < _RADIUS_RANGE_M[1]:
             raise StationError(
                 f"station {self.name} is {radius_m:.6g} m from the geocentre; the ground is between "
                 f"{_RADIUS_RANGE_M[0]:.2e} and {_RADIUS_RANGE_M[1]:.2e} m: give metres, geocentric"
             )
-        if self.sigma_m is not None:
-            self._set_numbers("sigma_m", "m", ())
-            if not self.sigma_m > 0.0:
-                raise StationError(f"station {self.name}: sigma_m must be above zero, but is {self.sigma_m}")
-        if self.axis_offset_m is None:
-            return
-        self._set_numbers("axis_offset_m", "m", ())
-        if abs(self.axis_offset_m) > _LONGEST_AXIS_OFFSET_M:
+        if self.sigma_m is not None and not self.sigma_m > 0.0:
+            raise StationError(f"station {self.name}: sigma_m must be above zero, but is {self.sigma_m}")
+        if abs(self.axis_offset_m or 0.0) > _LONGEST_AXIS_OFFSET_M:
             raise StationError(
                 f"station {self.name}: no antenna has an axis offset of {self.axis_offset_m} m; give metres, up to "
                 f"{_LONGEST_AXIS_OFFSET_M:g}"

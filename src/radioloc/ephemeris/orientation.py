@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.constants import ARCSEC_RAD
-from radioloc.ephemeris.chebyshev import evaluate
 from radioloc.ephemeris.constants import CONSTANTS
+from radioloc.ephemeris.positions import evaluate
 from radioloc.errors import KernelError
 from radioloc.kernels import Kernel, KernelFile, open_pck
 from radioloc.time import Epochs

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
-from radioloc.constants import C_M_S
-from radioloc.ephemeris.chebyshev import evaluate
+from radioloc.chebyshev import chebyshev_sums
+from radioloc.constants import C_M_S, J2000_JD, SECONDS_PER_DAY
 from radioloc.ephemeris.constants import CONSTANTS, EphemerisConstants
-from radioloc.errors import InputError, KernelError
-from radioloc.kernels import Kernel, KernelFile, open_spk
-from radioloc.time import Epochs
+from radioloc.errors import CoverageError, InputError, KernelError
+from radioloc.kernels import Kernel, KernelFile, Segment, open_spk
+from radioloc.time import Epochs, utc_strings
 from radioloc.vectors import dot, length
 
 _M_PER_KM = 1000.0
@@ -198,3 +198,39 @@ def clock_rate(
         if body != leave_out:
             slower = slower + gm(body) / length(place_m - body_m)
     return np.asarray(-slower / C_M_S**2)
+
+
+def evaluate(
+    kernel: Kernel, segment: Segment, tdb: Epochs, derivatives: int = 1
+) -> tuple[NDArray[np.float64], ...]:
+    """Evaluate a segment: components and their derivatives up to an order, shapes (n, 3), in the file's units and s.
+
+    The epoch's two floats meet only within a record, so an epoch is resolved to 1e-10 s: 0.1 micrometre of the Moon
+    about the Earth.
+    """
+    tdb.require("TDB")
+    midnight_s = (tdb.jd - J2000_JD) * SECONDS_PER_DAY  # exact: a whole number of half days
+    rest_s = tdb.fraction * SECONDS_PER_DAY
+    outside = ((midnight_s - segment.start_s) + rest_s < 0) | ((midnight_s - segment.end_s) + rest_s > 0)
+    if outside.any():
+        first, last = utc_strings(tdb[np.lexsort((rest_s, midnight_s))[[0, -1]]], 3)
+        raise CoverageError(
+            f"{kernel.file.path} (NAIF code {segment.target})",
+            segment.span,
+            (f"{first} TDB", f"{last} TDB"),
+            "open a kernel that covers these epochs, or leave them out",
+        )
+    length_s = segment.record_length_s
+    index, offset_s = np.divmod(midnight_s - segment.first_record_s, length_s)
+    carry, offset_s = np.divmod(offset_s + rest_s, length_s)
+    record = (index + carry).astype(np.int64)
+    # The very end of the last record belongs to it.
+    past_end = record == len(segment.coefficients)
+    record = record - past_end
+    offset_s = offset_s + past_end * length_s
+    s = 2.0 * offset_s / length_s - 1.0
+    present, which = np.unique(record, return_inverse=True)
+    coefficients = np.take(segment.coefficients[present].transpose(2, 1, 0), which.reshape(-1), axis=2)
+    sums = chebyshev_sums(coefficients, s, derivatives)
+    per_second = 2.0 / length_s
+    return tuple(part.T if order == 0 else part.T * per_second**order for order, part in enumerate(sums))

@@ -169,7 +169,7 @@ class CombinedPrediction:
     """Predictions of tracking that may be combined, and of places on maps, for one position."""
 
     def __init__(self, predictor: CombinedPredictor, lander_pa_m: NDArray[np.float64]) -> None:
-        self._parts, self._tracking = predictor.parts, predictor.inner
+        self._n, self._parts, self._tracking = len(predictor.observations), predictor.parts, predictor.inner
         self._at = predictor.inner.at(lander_pa_m)
         self._places = predictor.places
         self._at_places = None if predictor.places is None else predictor.places.at(lander_pa_m)
@@ -226,7 +226,7 @@ class CombinedPrediction:
 
     def _chosen(self, which: Any) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
         """Some rows, and which of them are tracking."""
-        chosen = np.arange(len(self.value_m))[which]
+        chosen = np.arange(self._n)[which]
         return chosen, chosen < len(self._parts.first) - 1
 
 

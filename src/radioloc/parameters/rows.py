@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
-from radioloc.measurements.exact_predictor import is_radio
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed, Prediction, Predictor
+from radioloc.measurements.prepared_paths import is_radio
 from radioloc.measurements.registry import is_differenced, is_integrated, is_one_way
 from radioloc.time import Epochs, evaluate_smooth, tt_to_tdb, utc_to_tai, utc_to_tt
 from radioloc.vectors import length

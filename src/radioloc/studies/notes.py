@@ -26,11 +26,11 @@ from radioloc.kernels import sha256_of
 from radioloc.lunar import cartesian_to_selenographic, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
-from radioloc.measurements.exact_predictor import is_radio
 from radioloc.measurements.light_path import PLANETS_MM
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import kernel_record
 from radioloc.measurements.predictor import Predictor
+from radioloc.measurements.prepared_paths import is_radio
 from radioloc.measurements.terms import TERMS
 from radioloc.media.csp import CHARGED, DRY, WET
 from radioloc.parameters.choice import chosen_keys

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.dynamics.adjustable import AdjustableOrbit
-from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.dynamics.forces import Forces
 from radioloc.dynamics.orbit import STATE
 from radioloc.ephemeris import Ephemeris
@@ -20,18 +19,15 @@ from radioloc.time import Epochs
 Floats = NDArray[np.float64]
 
 
-Arc = TypeVar("Arc", AdjustableOrbit, DisturbedOrbit)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class OrbitArcs(Generic[Arc]):
+class OrbitArcs:
     """Arcs of an orbit, each from its border with the one before to that with the next.
 
     An :class:`~radioloc.ephemeris.trajectory.AdjustableTrajectory`, whose parameters are those of all arcs.
 
     Parameters
     ----------
-    arcs : tuple of AdjustableOrbit, or of DisturbedOrbit
+    arcs : tuple of AdjustableOrbit
         In the order of time, with spans that meet.
     borders : Epochs
         Where one ends and the next begins, TDB, one less than arcs.
@@ -45,7 +41,7 @@ class OrbitArcs(Generic[Arc]):
         By how much the parameters are larger where a fit should begin.
     """
 
-    arcs: tuple[Arc, ...]
+    arcs: tuple[AdjustableOrbit, ...]
     borders: Epochs
     columns: tuple[NDArray[np.intp], ...]
     names: tuple[str, ...]
@@ -63,23 +59,30 @@ class OrbitArcs(Generic[Arc]):
     @property
     def notes(self) -> tuple[str, ...]:
         """How the first state was found."""
-        first = self.arcs[0]
-        return first.notes if isinstance(first, AdjustableOrbit) else ()
+        return self.arcs[0].notes
 
     def arc_at(self, tdb: Epochs) -> NDArray[np.intp]:
         """Which arc an epoch belongs to, shape (n,)."""
         borders_s = self.borders.seconds_since(self.borders[:1])
         return np.searchsorted(borders_s, tdb.seconds_since(self.borders[:1]))
 
+    def of_each(self, functions: Sequence[Callable[[Epochs], Floats]], tdb: Epochs) -> Floats:
+        """What functions, one for each arc, give at epochs in its arc, shape (n, ...)."""
+        which = self.arc_at(tdb)
+        present = np.unique(which) if len(tdb) else np.zeros(1, dtype=np.intp)
+        rows = [np.flatnonzero(which == k) for k in present]
+        found = [functions[k](tdb[mine]) for k, mine in zip(present, rows, strict=True)]
+        return np.concatenate(found)[np.argsort(np.concatenate(rows))]
+
     @bare_arguments
     def geocentric(self, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
         """As :meth:`~radioloc.dynamics.orbit.Orbit.geocentric`."""
-        position_m, velocity_m_s = np.empty((2, len(tdb), 3))
-        which = self.arc_at(tdb)
-        for k in np.unique(which):
-            rows = which == k
-            position_m[rows], velocity_m_s[rows] = self.arcs[k].geocentric(ephemeris, tdb[rows])
-        return position_m, velocity_m_s
+
+        def states(arc: AdjustableOrbit, at: Epochs) -> Floats:
+            return np.hstack(arc.geocentric(ephemeris, at))
+
+        found = self.of_each([partial(states, arc) for arc in self.arcs], tdb)
+        return found[:, :3], found[:, 3:]
 
     def spans_s(self) -> list[tuple[float, float]]:
         """What they cover together, TDB seconds since J2000: one span."""
@@ -88,18 +91,19 @@ class OrbitArcs(Generic[Arc]):
     @bare_arguments
     def position_partials(self, tdb: Epochs) -> Floats:
         """Partials of the position by the parameters at epochs of TDB, ICRF axes, shape (n, 3, p)."""
-        out = np.zeros((len(tdb), 3, len(self.names)))
-        which = self.arc_at(tdb)
-        for k in np.unique(which):
-            rows = np.flatnonzero(which == k)
-            out[np.ix_(rows, np.arange(3), self.columns[k])] = self.arcs[k].position_partials(tdb[rows])
-        return out
 
-    def over(self, first: Epochs, last: Epochs) -> OrbitArcs[Arc]:
+        def of_arc(k: int, at: Epochs) -> Floats:
+            out = np.zeros((len(at), 3, len(self.names)))
+            out[:, :, self.columns[k]] = self.arcs[k].position_partials(at)
+            return out
+
+        return self.of_each([partial(of_arc, k) for k in range(len(self.arcs))], tdb)
+
+    def over(self, first: Epochs, last: Epochs) -> OrbitArcs:
         """The whole of it: of an arc no more is integrated than it has."""
         return self
 
-    def corrected(self, x: Floats) -> OrbitArcs[Arc]:
+    def corrected(self, x: Floats) -> OrbitArcs:
         """The arcs of parameters that are larger by x."""
         arcs = tuple(arc.corrected(x[mine]) for arc, mine in zip(self.arcs, self.columns, strict=True))
         return replace(self, arcs=arcs)
@@ -111,7 +115,7 @@ def arcs_of(
     own: Collection[str],
     forces: Forces,
     first_start: Floats,
-) -> OrbitArcs[AdjustableOrbit]:
+) -> OrbitArcs:
     """Arcs whose states are their own, and parameters of the forces in `own`, too; others are common.
 
     `first_start` is how much larger the first state is, shape (6,), where a fit should begin.
@@ -129,17 +133,3 @@ def arcs_of(
     start = np.zeros(len(all_names))
     start[:6] = first_start
     return OrbitArcs(arcs, borders, columns, all_names, forces, start)
-
-
-def disturbed_arcs(
-    whole: OrbitArcs[AdjustableOrbit], arcs: tuple[DisturbedOrbit, ...], count: int
-) -> OrbitArcs[DisturbedOrbit]:
-    """Arcs whose parameters are so many errors of the gravity field, the same of all."""
-    return OrbitArcs(
-        arcs,
-        whole.borders,
-        (np.arange(count),) * len(whole.arcs),
-        tuple(f"gravity_error.{k}" for k in range(1, count + 1)),
-        whole.forces,
-        np.zeros(count),
-    )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.dynamics.adjustable import AdjustableOrbit
+from radioloc.dynamics.arcs import OrbitArcs
 from radioloc.dynamics.orbit import Orbit
 from radioloc.ephemeris import Ephemeris
 from radioloc.time import Epochs
@@ -46,7 +47,7 @@ class AddedAccelerations:
         times_s = tdb.seconds_since(self.orbit.epoch)
         columns = self._total.reshape(len(self._ends_s), -1).T
         at_times = np.stack([np.interp(times_s, self._ends_s, column) for column in columns], axis=-1)
-        return at_times.reshape(len(times_s), 6, -1)
+        return at_times.reshape(len(times_s), *self._total.shape[1:])
 
     def at(self, tdb: Epochs) -> Floats:
         """Changes of the states at epochs of TDB, m and m/s, ICRF axes, shape (n, 6, c)."""
@@ -59,13 +60,16 @@ class DisturbedOrbit:
 
     Parameters
     ----------
-    orbit : AdjustableOrbit
+    orbit : AdjustableOrbit or OrbitArcs
     effects : callable
         Changes of the states at epochs of TDB, m and m/s, ICRF axes, shape (n, 6, c).
+    arcs : tuple of DisturbedOrbit
+        Of an orbit in arcs each of these.
     """
 
-    orbit: AdjustableOrbit
+    orbit: AdjustableOrbit | OrbitArcs
     effects: Callable[[Epochs], Floats]
+    arcs: tuple[DisturbedOrbit, ...] = ()
 
     @property
     def name(self) -> str:

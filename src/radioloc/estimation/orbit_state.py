@@ -285,9 +285,9 @@ class OrbitOverlap:
 
 
 def states_of_arcs(
-    arcs: OrbitArcs[AdjustableOrbit],
+    arcs: OrbitArcs,
     covariance: Floats,
-    disturbed: OrbitArcs[DisturbedOrbit] | None,
+    disturbed: DisturbedOrbit | None,
     sensitivity: Floats,
     body: int,
 ) -> tuple[OrbitState, ...]:
@@ -301,9 +301,9 @@ def states_of_arcs(
 
 
 def overlaps(
-    arcs: OrbitArcs[AdjustableOrbit],
+    arcs: OrbitArcs,
     covariance: Floats,
-    disturbed: OrbitArcs[DisturbedOrbit] | None,
+    disturbed: DisturbedOrbit | None,
     sensitivity: Floats,
 ) -> tuple[OrbitOverlap, ...]:
     """Differences of neighbours; parameters as of :func:`states_of_arcs`."""

@@ -82,7 +82,7 @@ def orbit_parameters(
 
 
 def arcs_parameters(
-    arcs: OrbitArcs[AdjustableOrbit],
+    arcs: OrbitArcs,
     sigmas: Mapping[str, float],
     estimated: bool,
     state: bool = True,

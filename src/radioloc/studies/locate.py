@@ -266,11 +266,9 @@ def fit_arc(
         targets=several,
     )
     if problem.landing is not None and isinstance(study.target, Orbiter):
-        assert not isinstance(errant, OrbitArcs)  # a landing has one arc
         state = study.target.state_before(problem.landing, solution, errant)
         solution = replace(solution, state=state)
     elif isinstance(arc.trajectory, AdjustableOrbit):
-        assert not isinstance(errant, OrbitArcs)
         orbit = arc.trajectory.corrected(problem.all_positions_pa_m(x))
         covariance = solution.parameter_covariance()
         state = orbit_state(study, problem, x, orbit, covariance, solution.consider, errant)
@@ -278,7 +276,6 @@ def fit_arc(
             state = stochastic.smoothed(state, fitted.fit, solution, considered)
         solution = replace(solution, trajectory=str(state.orbit), state=state)
     elif isinstance(arc.trajectory, OrbitArcs):
-        assert not isinstance(errant, DisturbedOrbit)
         solution = _with_arcs(solution, study, problem, arc.trajectory, errant)
     known = [compare_with(solution, xyz_m, name) for name, xyz_m in _references(study, constants)]
     first = None if study.reference is None else known.pop(0)
@@ -298,8 +295,8 @@ def _with_arcs(
     solution: Solution,
     study: Study,
     problem: ObservationModel,
-    orbit: OrbitArcs[AdjustableOrbit],
-    errant: OrbitArcs[DisturbedOrbit] | None,
+    orbit: OrbitArcs,
+    errant: DisturbedOrbit | None,
 ) -> Solution:
     """The solution with the states of an orbit's arcs, and how they differ where they meet."""
     assert isinstance(study.target, Orbiter)
@@ -444,11 +441,9 @@ def _aim(
     model: PhysicalModel,
     observations: Observations,
     orbit: AdjustableOrbit | None = None,
-) -> tuple[
-    NDArray[np.float64], Trajectory | AdjustableOrbit | OrbitArcs[AdjustableOrbit] | None, tuple[str, ...]
-]:
+) -> tuple[NDArray[np.float64], Trajectory | AdjustableOrbit | OrbitArcs | None, tuple[str, ...]]:
     """What is predicted: positions or a trajectory, and names of several targets; of one, observations may have any."""
-    trajectory: Trajectory | AdjustableOrbit | OrbitArcs[AdjustableOrbit] | None = orbit
+    trajectory: Trajectory | AdjustableOrbit | OrbitArcs | None = orbit
     if isinstance(study.target, Orbiter) and orbit is None:
         assert study.estimate.orbit is not None  # the study has seen to that
         parameters = study.estimate.orbit.parameters(study.target.forces)

@@ -109,7 +109,7 @@ def unnamed_manoeuvre(
     orbit = part.trajectory
     assert isinstance(orbit, AdjustableOrbit)
     search = _Search(part, sigma_m, orbit, apriori, free, sigmas)
-    found: list[_Settled] = []
+    found: list[tuple[float, Manoeuvre]] = []
     plain: Floats | None = None
     for x in starts:
         guess = search.scanned(x)
@@ -123,10 +123,11 @@ def unnamed_manoeuvre(
             logger.info("it does not settle: %s", error)
             continue
         if settled is not None:
-            found.append(settled)
-            if settled.spread < _FITS:
+            gain, spread, manoeuvre = settled
+            found.append((gain, manoeuvre))
+            if spread < _FITS:
                 break
-    return max(found, key=lambda one: one.gain).manoeuvre if found else None
+    return max(found, key=lambda one: one[0])[1] if found else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,15 +139,6 @@ class _Guess:
     delta_v_m_s: Floats
     x: Floats
     promising: bool
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Settled:
-    """A manoeuvre, by how much it makes the squares smaller, and the robust scale of what they leave."""
-
-    gain: float
-    spread: float
-    manoeuvre: Manoeuvre
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,8 +236,10 @@ class _Search:
         promising = gain > (_PROMISING_FAR if far else _PROMISING)
         return _Guess(gain, float(tried_s[best]), impulse, moved, bool(promising))
 
-    def settled(self, guess: _Guess, plain: Floats) -> _Settled | None:
+    def settled(self, guess: _Guess, plain: Floats) -> tuple[float, float, Manoeuvre] | None:
         """The impulse, integrated, with its time; ``None`` where it explains too little.
+
+        Before it by how much it makes the squares smaller, and the robust scale of what they leave.
 
         `plain` are parameters of the orbit without it that fits best.
         """
@@ -301,7 +295,7 @@ class _Search:
         manoeuvre = Manoeuvre(
             orbit.epoch.shifted([reached_s]), sigma_s, in_rtn, sigma_m_s, gap, x, reached_s > 0.0
         )
-        return _Settled(gain, spread, manoeuvre)
+        return gain, spread, manoeuvre
 
     def behind(self, time_s: float) -> Floats:
         """How observations answer to a change at a time: as to the state after it, or, before the epoch, before."""

@@ -128,7 +128,7 @@ def orbit_arcs(
     choice: OrbitChoice,
     model: PhysicalModel,
     observations: Observations,
-) -> AdjustableOrbit | OrbitArcs[AdjustableOrbit]:
+) -> AdjustableOrbit | OrbitArcs:
     """An orbit in arcs of some hours, each fitted from where the one before ends; the orbit itself where it is one arc.
 
     Parameters
@@ -178,7 +178,7 @@ def orbit_arcs(
     return arcs_of(tuple(arcs), borders, frozenset(own), whole.forces, first_start)
 
 
-def cut_by_borders(arcs: OrbitArcs[AdjustableOrbit], observations: Observations) -> NDArray[np.bool_]:
+def cut_by_borders(arcs: OrbitArcs, observations: Observations) -> NDArray[np.bool_]:
     """Which observations have events in two arcs, shape (n,)."""
     first_s, last_s = _events_s(observations, arcs.borders[:1])
     borders_s = arcs.borders.seconds_since(arcs.borders[:1])

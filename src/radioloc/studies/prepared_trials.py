@@ -209,7 +209,6 @@ class Prepared:
         ).value_m
         usable = status_of(longest, self._targets_pa)[0].are(USED)
         errant = disturbed(self.study, problem, x)
-        assert not isinstance(errant, OrbitArcs)  # such studies are refused
         arcs = []
         for part in self.parts:
             one = self._linear_arc(part, usable[part.rows], errant)
@@ -250,6 +249,7 @@ class Prepared:
         moves = np.zeros((3, 6, len(names)))
         errant = self.world.errant
         if errant is not None:
+            assert not isinstance(errant.orbit, OrbitArcs)  # such studies are refused
             of_gravity = [name.startswith(f"{GRAVITY_ERROR}.") for name in names]
             tdb = self.epochs(part)
             moves[..., of_gravity] = _local(errant.orbit, tdb, errant.effects(tdb))

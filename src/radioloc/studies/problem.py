@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.dynamics import AdjustableOrbit
-from radioloc.dynamics.arcs import OrbitArcs, disturbed_arcs
+from radioloc.dynamics.arcs import OrbitArcs
 from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.errors import InputError, named
@@ -136,7 +136,7 @@ def considered_errors(
     problem: ObservationModel,
     estimate: EstimateChoice | None,
     x: NDArray[np.float64],
-    orbit: DisturbedOrbit | OrbitArcs[DisturbedOrbit] | None = None,
+    orbit: DisturbedOrbit | None = None,
 ) -> tuple[ConsideredErrors | None, list[str]]:
     """What is considered in an arc, with its partials at the parameters x of `problem`; and notes on what is not.
 
@@ -161,17 +161,16 @@ def considered_errors(
     return _together(ConsideredErrors(model.parameters, here.partials, there.partials), gravity), notes
 
 
-def disturbed(
-    study: Study, problem: ObservationModel, x: NDArray[np.float64]
-) -> DisturbedOrbit | OrbitArcs[DisturbedOrbit] | None:
+def disturbed(study: Study, problem: ObservationModel, x: NDArray[np.float64]) -> DisturbedOrbit | None:
     """The orbit at parameters x, with the errors of its gravity field that are considered, if it is one."""
     orbit, target = problem.predictor.trajectory, study.target
     if problem.process is not None or not isinstance(target, Orbiter):
         return None  # process noise stands for what the field leaves out
     if isinstance(orbit, OrbitArcs):
         there = orbit.corrected(problem.all_positions_pa_m(x))
-        arcs = [one for one in map(target.disturbed, there.arcs) if one is not None]
-        return disturbed_arcs(there, tuple(arcs), target.gravity_errors) if arcs else None
+        arcs = tuple(one for one in map(target.disturbed, there.arcs) if one is not None)
+        effects = [one.effects for one in arcs]
+        return DisturbedOrbit(there, partial(there.of_each, effects), arcs) if arcs else None
     if not isinstance(orbit, AdjustableOrbit):
         return None
     return target.disturbed(orbit.corrected(problem.all_positions_pa_m(x)))
@@ -215,9 +214,7 @@ def orbit_state(
     return replace(state, disturbed=errant, sensitivity=by @ consider.sensitivity[mine][:, list(by_gravity)])
 
 
-def gravity_errors(
-    orbit: DisturbedOrbit | OrbitArcs[DisturbedOrbit] | None, problem: ObservationModel
-) -> ConsideredErrors | None:
+def gravity_errors(orbit: DisturbedOrbit | None, problem: ObservationModel) -> ConsideredErrors | None:
     """Errors of an orbit's gravity field, with what they do to the observations."""
     if orbit is None:
         return None
@@ -302,9 +299,7 @@ def _landing(
     return landing_parameters(orbit, ground, place, choice.orbit.touchdown_sigma_m_s, sigmas)
 
 
-def _orbit(
-    orbit: AdjustableOrbit | OrbitArcs[AdjustableOrbit], choice: OrbitChoice | None
-) -> PositionParameters:
+def _orbit(orbit: AdjustableOrbit | OrbitArcs, choice: OrbitChoice | None) -> PositionParameters:
     sigmas = {} if choice is None else choice.sigmas(orbit.forces)
     given, estimated = choice or OrbitChoice(), choice is not None
     if isinstance(orbit, OrbitArcs):

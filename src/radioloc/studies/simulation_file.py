@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar
 
 from radioloc.earth.stations import StationCatalogue
@@ -100,17 +100,7 @@ def _session(table: TomlTable, catalogue: StationCatalogue) -> Session:
     if possible and links not in possible:
         table.fail("links", f"{links!r} does not go with kind {given.kind!r}; use {' or '.join(possible)}")
     stations = [_station(table, "stations", name, catalogue) for name in given.stations]
-    same = (
-        "kind",
-        "step_s",
-        "sigma_m",
-        "one_uplink",
-        "time_tag",
-        "count_s",
-        "uplink_hz",
-        "wavelength_um",
-        "source",
-    )
+    same = {f.name for f in fields(SessionKeys)} & {f.name for f in fields(Session)}
     return table.build(
         Session,
         pairs=LINKS[links][1](*stations),

@@ -423,13 +423,13 @@ class Study:
         elif first is not None and self.target is not first:
             raise InputError("give either [target] or [targets.NAME], not both")
         if len(named) > 1:
-            for what, given in (
-                ("[reference] is compared with", self.reference),
-                ("[references] is compared with", self.references),
-                ("[simulation] is of", self.simulation),
-            ):
-                if given:
-                    raise InputError(f"{what} one position, but [targets] gives several; leave it out")
+            given = {
+                "[reference] is compared with": self.reference,
+                "[references] is compared with": self.references,
+                "[simulation] is of": self.simulation,
+            }
+            for what in filter(given.get, given):
+                raise InputError(f"{what} one position, but [targets] gives several; leave it out")
 
     def _estimate_ties(self) -> None:
         """Weights that allow for nothing that is considered would take maps as exact: there ties are estimated."""
@@ -476,16 +476,15 @@ class Study:
                 "[estimate.orbit] process_noise belongs to a target that does not land; one that does has thrust in "
                 "segments, [[forces.accelerations]] every_s"
             )
-        for key, given in (
-            ("[observations] doppler_phase_sigma_m", self.observations.doppler_phase_sigma_m),
-            ('[estimate] estimator = "huber"', self.estimate.estimator == "huber"),
-            ("[target] arcs_hours", isinstance(self.target, Orbiter) and self.target.arcs_hours is not None),
-        ):
-            if given:
-                raise InputError(
-                    f"[estimate.orbit] process_noise is for one arc and observations of independent noise; leave {key} "
-                    "out"
-                )
+        given = {
+            "[observations] doppler_phase_sigma_m": self.observations.doppler_phase_sigma_m,
+            '[estimate] estimator = "huber"': self.estimate.estimator == "huber",
+            "[target] arcs_hours": isinstance(self.target, Orbiter) and self.target.arcs_hours is not None,
+        }
+        for key in filter(given.get, given):
+            raise InputError(
+                f"[estimate.orbit] process_noise is for one arc and observations of independent noise; leave {key} out"
+            )
 
     def _require_no_position(self, trajectory: Trajectory | Orbiter) -> None:
         lands = isinstance(trajectory, Orbiter) and trajectory.landing is not None
@@ -501,9 +500,8 @@ class Study:
             "[simulation]": self.simulation is not None and not isinstance(trajectory, Orbiter),
             "[[observations.map_positions]]": bool(self.observations.map_positions),
         }
-        for key, present in given.items():
-            if present:
-                raise InputError(
-                    f"{key} belongs to a position on the Moon, but the target is a trajectory ({trajectory.name}); "
-                    "leave it out"
-                )
+        for key in filter(given.get, given):
+            raise InputError(
+                f"{key} belongs to a position on the Moon, but the target is a trajectory ({trajectory.name}); "
+                "leave it out"
+            )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -64,14 +64,6 @@ class LandingKeys(Place):
     """Keys of ``[target.landing]``: when an orbiter comes to rest on the Moon (TDB), and where a priori."""
 
     epoch: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class TrueState:
-    """Keys of ``[simulation.state]``: the true state of an orbiter, where it is not the a-priori one."""
-
-    position_m: tuple[float, float, float] | None = None
-    velocity_m_s: tuple[float, float, float] | None = None
 
 
 def read_target(
@@ -211,7 +203,10 @@ def true_orbiter(
     target: Orbiter, state: TomlTable | None, acting: TomlTable | None, forces: Mapping[str, Any]
 ) -> Orbiter:
     """The a-priori orbiter, but for what the simulation gives; of the forces each key by itself."""
-    changes: dict[str, Any] = {} if state is None else asdict(state.read(TrueState))
+    changes: dict[str, Any] = {}
+    if state is not None:
+        changes = {key: state.get(key, tuple[float, float, float]) for key in _CARTESIAN}
+        state.finish()
     if None not in (changes.get("position_m"), changes.get("velocity_m_s")):
         target = replace(target, **changes, rough=None)
     if acting is not None:

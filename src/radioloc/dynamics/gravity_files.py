@@ -144,16 +144,13 @@ class _Table:
                 self.path,
                 f"is cut: degree {n}, order {m}, is missing of a field to {self.degree}; fetch it again",
             )
-        c, s, sigma_c, sigma_s = np.nan_to_num(np.moveaxis(self.values, -1, 0))
+        squares = np.nan_to_num(np.moveaxis(self.values, -1, 0))
         return {
             "name": name,
             "gm_m3_s2": self.gm_m3_s2,
             "radius_m": self.radius_m,
             "tide_system": tide_system,
-            "c": c,
-            "s": s,
-            "sigma_c": sigma_c,
-            "sigma_s": sigma_s,
+            **dict(zip(("c", "s", "sigma_c", "sigma_s"), squares, strict=True)),
         }
 
 

@@ -6,22 +6,20 @@ Of several arcs also by how much neighbours differ where they meet.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.dynamics import AdjustableOrbit
+from radioloc.dynamics.arcs import OrbitArcs
+from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.dynamics.elements import FORMS, elements_of_state, rtn_axes, state_by_elements
+from radioloc.dynamics.stochastic import Chains, StochasticEffects
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.time import Epochs, utc_strings
-
-if TYPE_CHECKING:
-    from radioloc.dynamics import AdjustableOrbit
-    from radioloc.dynamics.arcs import OrbitArcs
-    from radioloc.dynamics.disturbed import DisturbedOrbit
-    from radioloc.dynamics.stochastic import Chains, StochasticEffects
 
 Floats = NDArray[np.float64]
 

@@ -8,21 +8,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.dynamics import STATE, AdjustableOrbit
+from radioloc.dynamics.arcs import OrbitArcs
+from radioloc.dynamics.elements import FORMS, elements_of_state, rtn_axes, state_by_elements
 from radioloc.lunar import cartesian_to_selenographic, east_north_up
 from radioloc.measurements.lunar_motion import lunar_motion
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.parameters.position import PositionFunction, PositionParameters
 from radioloc.time import Epochs
-
-if TYPE_CHECKING:
-    from radioloc.dynamics import AdjustableOrbit
-    from radioloc.dynamics.arcs import OrbitArcs
 
 Floats = NDArray[np.float64]
 
@@ -35,7 +33,7 @@ _SIZE_M = 2e6
 
 
 def orbit_parameters(
-    orbit: AdjustableOrbit,
+    orbit: AdjustableOrbit | OrbitArcs,
     sigmas: Mapping[str, float],
     estimated: bool,
     state: bool = True,
@@ -44,8 +42,11 @@ def orbit_parameters(
     """The parameters of an orbit, with a-priori sigmas by name; those without one are free.
 
     Nothing is `estimated`, or all but the state. The state is ``"cartesian"``, ``"rtn"``, ``"keplerian"`` or
-    ``"equinoctial"``: sigmas and correlations are then of these, with angles from the Moon's equator.
+    ``"equinoctial"``: sigmas and correlations are then of these, with angles from the Moon's equator. Of several arcs
+    sigmas of the state are of the first's.
     """
+    if isinstance(orbit, OrbitArcs):
+        return _of_arcs(orbit, sigmas, estimated, state, form)
     impulses = {one.name for one in orbit.forces.impulses}
     # Thrust moves the spacecraft by a metre while it lasts, about.
     of_thrust = {
@@ -81,16 +82,9 @@ def orbit_parameters(
     return parameters, changes
 
 
-def arcs_parameters(
-    arcs: OrbitArcs,
-    sigmas: Mapping[str, float],
-    estimated: bool,
-    state: bool = True,
-    form: str = "cartesian",
+def _of_arcs(
+    arcs: OrbitArcs, sigmas: Mapping[str, float], estimated: bool, state: bool, form: str
 ) -> PositionParameters:
-    """The parameters of all arcs of an orbit, as :func:`orbit_parameters`; sigmas of the state are of the first's."""
-    from radioloc.dynamics import STATE
-
     parameters: dict[int, Parameter] = {}
     functions = []
     for k, (arc, mine) in enumerate(zip(arcs.arcs, arcs.columns, strict=True)):
@@ -114,15 +108,6 @@ def _state(
     orbit: AdjustableOrbit, form: str
 ) -> tuple[dict[str, tuple[str, float]], Floats, Callable[[Floats], tuple[Floats, Floats]]]:
     """Names of the state's parameters with units and scales, values, and what they make: the state and its partials."""
-    # The compiler takes a third of a second to import.
-    from radioloc.dynamics import STATE
-    from radioloc.dynamics.elements import (
-        FORMS,
-        elements_of_state,
-        rtn_axes,
-        state_by_elements,
-    )
-
     of_lengths = [("m", 1.0)] * 3 + [("m/s", 1e-3)] * 3
     if form == "cartesian":
         return dict(zip(STATE, of_lengths, strict=True)), orbit.state, lambda x: (x, np.eye(6))

@@ -46,7 +46,6 @@ from radioloc.parameters.kind import Scope
 from radioloc.parameters.orbit import (
     Ground,
     LandingParameters,
-    arcs_parameters,
     landing_parameters,
     orbit_parameters,
 )
@@ -267,7 +266,9 @@ def _position(
     predictor: Predictor, target_pa: LunarPosition | None, choice: EstimateChoice, name: str = "position"
 ) -> PositionParameters:
     if isinstance(predictor.trajectory, AdjustableOrbit | OrbitArcs):
-        return _orbit(predictor.trajectory, choice.orbit)
+        given, estimated = choice.orbit or OrbitChoice(), choice.orbit is not None
+        sigmas = given.sigmas(predictor.trajectory.forces) if estimated else {}
+        return orbit_parameters(predictor.trajectory, sigmas, estimated, given.state, given.form)
     if target_pa is None:
         return cartesian(np.zeros(3), role=Role.FIXED, name="offset")
     return _place(predictor, target_pa.xyz_m, choice, name)
@@ -297,14 +298,6 @@ def _landing(
     start_pa_m = ground.place_pa_m(orbit.state) if target_pa is None else target_pa.xyz_m
     place, sigmas = _place(predictor, start_pa_m, choice), choice.orbit.sigmas(orbit.forces)
     return landing_parameters(orbit, ground, place, choice.orbit.touchdown_sigma_m_s, sigmas)
-
-
-def _orbit(orbit: AdjustableOrbit | OrbitArcs, choice: OrbitChoice | None) -> PositionParameters:
-    sigmas = {} if choice is None else choice.sigmas(orbit.forces)
-    given, estimated = choice or OrbitChoice(), choice is not None
-    if isinstance(orbit, OrbitArcs):
-        return arcs_parameters(orbit, sigmas, estimated, given.state, given.form)
-    return orbit_parameters(orbit, sigmas, estimated, given.state, given.form)
 
 
 def targets_in_pa(study: Study, constants: EphemerisConstants) -> dict[str, LunarPosition]:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from radioloc.cli.output import complain, say, tell
 from radioloc.cli.parser import DONE, INTERRUPTED, NOT_CONVERGED
@@ -48,13 +48,6 @@ from radioloc.studies.study_file import read_study
 from radioloc.studies.verification import verify
 
 
-class Result(Protocol):
-    """What a study comes to: ``str()`` is its card."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """All numbers of it."""
-
-
 def ready(options: argparse.Namespace) -> None:
     """Complain, before work that may take long, of a page that could not be written after it."""
     if getattr(options, "report", False):
@@ -63,8 +56,8 @@ def ready(options: argparse.Namespace) -> None:
         require_page()
 
 
-def _done(options: argparse.Namespace, found: Result, write: Callable[..., object], good: bool) -> int:
-    """Write the files of a result if asked for, print it, and give the exit status."""
+def _done(options: argparse.Namespace, found: Any, write: Callable[..., object], good: bool) -> int:
+    """Write the files of a result if asked for, print its card or its numbers, and give the exit status."""
     if options.out is not None:
         write(found, options.out, html=options.report)
     tell(options, found, found.to_dict)
@@ -173,18 +166,24 @@ def _compare(options: argparse.Namespace) -> int:
     return _done(options, found, write_comparison, found.consistent)
 
 
-def _map(options: argparse.Namespace) -> int:
-    contents = [one.content for path in options.solutions for one in read_solutions(path)[0]]
-    made = plot_map(contents, dem=options.dem, base_map=options.base_map, reach_m=options.reach)
-    save_figure(made, options.out)
+def _contents(options: argparse.Namespace) -> list[Mapping[str, Any]]:
+    return [one.content for path in options.solutions for one in read_solutions(path)[0]]
+
+
+def _written(options: argparse.Namespace, files: Sequence[Path]) -> int:
     if not options.quiet:
-        say(f"written to {options.out}")
+        say("written to " + " and ".join(map(str, files)))
     return DONE
 
 
+def _map(options: argparse.Namespace) -> int:
+    made = plot_map(_contents(options), dem=options.dem, base_map=options.base_map, reach_m=options.reach)
+    save_figure(made, options.out)
+    return _written(options, [options.out])
+
+
 def _export(options: argparse.Namespace) -> int:
-    contents = [one.content for path in options.solutions for one in read_solutions(path)[0]]
-    ending = options.out.suffix
+    contents, ending = _contents(options), options.out.suffix
     if ending in (".bsp", ".oem") and len(contents) > 1:
         raise InputError(f"{options.out}: such a file holds one lander; give one solution")
     if ending == ".bsp":
@@ -203,9 +202,7 @@ def _export(options: argparse.Namespace) -> int:
     else:
         known = ", ".join((*GIS_ENDINGS, ".bsp", ".oem", *TABLE_ENDINGS))
         raise InputError(f"{options.out}: the ending says no format that is written; use one of {known}")
-    if not options.quiet:
-        say("written to " + " and ".join(map(str, written)))
-    return DONE
+    return _written(options, written)
 
 
 def _verify(options: argparse.Namespace) -> int:

@@ -46,10 +46,9 @@ class _Line:
     code: str
     unit: str
     value: float
+    constrained: bool
     prior_value: float = 0.0
     prior_sigma: float = math.inf
-    factor: float = 1.0  # from the unit of the solution
-    constrained: bool = False
 
 
 def write_sinex(solution: Solution, path: str | Path) -> Path:
@@ -88,27 +87,20 @@ def write_sinex(solution: Solution, path: str | Path) -> Path:
 
     height_known = any(math.isfinite(item.prior_sigma) for item in items if item.kind == "position")
     lines = [
-        _Line(axis, codes[target.name], "m", value, constrained=height_known)
+        _Line(axis, codes[target.name], "m", value, height_known)
         for target in targets
         for axis, value in zip(("STAX", "STAY", "STAZ"), target.position_pa_m.tolist(), strict=True)
     ]
+    factors = []  # from the units of the solution
     for k, owner in zip(others, owners, strict=True):
         item = items[k]
         first_letters = item.kind.replace("_", "").upper()[:6]
         kind, unit, factor = _TYPES.get(item.kind, (first_letters, item.unit[:4], 1.0))
-        lines.append(
-            _Line(
-                kind,
-                codes[owner[1]] if owner else "----",
-                unit,
-                factor * float(solution.values[k]),
-                factor * item.prior_value,
-                factor * item.prior_sigma,
-                factor,
-                constrained=math.isfinite(item.prior_sigma),
-            )
-        )
-    covariance = _covariance(solution, others, np.array([line.factor for line in lines[3 * len(targets) :]]))
+        code, constrained = codes[owner[1]] if owner else "----", math.isfinite(item.prior_sigma)
+        sizes = (factor * size for size in (item.prior_value, item.prior_sigma))
+        lines.append(_Line(kind, code, unit, factor * float(solution.values[k]), constrained, *sizes))
+        factors.append(factor)
+    covariance = _covariance(solution, others, np.array(factors))
 
     used = solution.residuals.epoch_utc[np.flatnonzero(solution.residuals.used)]
     order = np.lexsort((used.fraction, used.jd))

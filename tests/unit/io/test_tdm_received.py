@@ -78,7 +78,8 @@ def test_messages_of_several_observers(tmp_path):
     (tmp_path / "b.tdm").write_text(TELESCOPE)
     files = sorted(tmp_path.glob("*.tdm"))
     with pytest.warns(
-        DataQualityWarning, match=r"a.tdm, line 24: RECEIVE_FREQ_1 is there twice .*, first in line 23"
+        DataQualityWarning,
+        match=r"a.tdm, line 24: a frequency of this epoch is already there, in .*, line 23",
     ):
         got = read_observations(files, frequencies=[BEACON])
     assert got.paths().tolist() == ["2022-156a>COSPAR 8049"] * 3 + ["orion>DWINGELOO RADIO TELESCOPE"]

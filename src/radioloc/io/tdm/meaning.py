@@ -44,7 +44,7 @@ from radioloc.io.tdm.message import (
 from radioloc.io.tdm.segment import Reading, SegmentReader
 from radioloc.measurements.ambiguity import without_ambiguity
 from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.observations import Observations, without_duplicates
+from radioloc.measurements.observations import Observations, counted_once, without_duplicates
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.measurements.table_columns import FLIGHT_TIME_LIMITS_S
 
@@ -178,6 +178,10 @@ def _read(part: SegmentReader, keyword: str) -> Observations:
         line=part.segment.line[part.segment.rows(keyword)],
         **columns,
     )
+    if keyword in RECEIVED:
+        # Who reads peaks off a spectrum clicks some twice; of these the first counts.
+        again = np.flatnonzero((np.diff(made.epoch.jd) == 0.0) & (np.diff(made.epoch.fraction) == 0.0))
+        made = counted_once(made, again, again + 1, "a frequency of this epoch is already there")
     if np.isnan(made.modulus_m).all() or made.ramped.any():
         return made
     light_s = part.agreement.known_light_time_s(made.epoch, part.link, part.tag)

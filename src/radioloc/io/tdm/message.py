@@ -10,15 +10,14 @@ from __future__ import annotations
 
 import math
 import re
-import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.errors import DataQualityWarning, FileFormatError, InputError
+from radioloc.errors import FileFormatError, InputError
 from radioloc.io.frequencies import LONGEST_S
 from radioloc.time import Epochs, epochs_from_strings, to_scale, utc_to_tai
 from radioloc.time.dates import read_dates
@@ -349,7 +348,6 @@ class MessageBuilder:
             tuple(data_comments),
         )
         self._columns = []
-        made = _without_repeats(made)
         for name in made.counts():
             if name in ORDERED:
                 _require_order(made, name)
@@ -366,38 +364,14 @@ class MessageBuilder:
         return TdmFile(self.path, self._header, tuple(self._segments))
 
 
-def _without_repeats(segment: TdmSegment) -> TdmSegment:
-    """The segment with received frequencies at each epoch once: who reads peaks off a spectrum clicks some twice."""
-    kept = np.ones(len(segment.line), dtype=bool)
-    for keyword in set(RECEIVED) & set(segment.counts()):
-        rows = segment.rows(keyword)
-        again = np.flatnonzero(_steps(segment.epoch[rows]) == 0.0)
-        if len(again):
-            first, second = segment.line[rows[again[0]]], segment.line[rows[again[0] + 1]]
-            warnings.warn(
-                f"{segment.path}, line {second}: {keyword} is there twice at one epoch, first in line {first} "
-                f"({len(again)} such pair(s) in all); the first counts",
-                DataQualityWarning,
-                stacklevel=6,
-            )
-            kept[rows[again + 1]] = False
-    if kept.all():
-        return segment
-    columns = {name: getattr(segment, name)[kept] for name in ("keyword", "epoch", "value", "line")}
-    return replace(segment, **columns)
-
-
-def _steps(epoch: Epochs) -> NDArray[np.float64]:
-    """From each epoch to the next, days."""
-    day = np.diff(epoch.jd)
-    return np.where(day == 0.0, np.diff(epoch.fraction), day)
-
-
 def _require_order(segment: TdmSegment, keyword: str) -> None:
-    step = _steps(segment.epochs(keyword))
-    if (step > 0.0).all():
+    epoch = segment.epochs(keyword)
+    day = np.diff(epoch.jd)
+    step = np.where(day == 0.0, np.diff(epoch.fraction), day)
+    sound = step >= 0.0 if keyword in RECEIVED else step > 0.0
+    if sound.all():
         return
-    place = int(np.argmin(step > 0.0))
+    place = int(np.argmin(sound))
     first = segment.line_of(keyword, place)
     if step[place] == 0.0:
         problem = f"is there twice at one epoch, first in line {first}; leave one of them out"

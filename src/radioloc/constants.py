@@ -21,6 +21,15 @@ the Earth rotation angle by UT1, 2 pi 1.00273781191135448 / 86400 (ibid., eq. 5.
 J2000_JD = 2451545.0
 """Julian date of J2000.0."""
 
+MJD_ZERO_JD = 2400000.5
+"""Julian date from which modified Julian dates count."""
+
+UNIX_JD = 2440587.5
+"""Julian date of 1970-01-01, from which dates of NumPy count."""
+
+UTC_JD = 2441317.5
+"""Julian date of 1972-01-01, when UTC with leap seconds began."""
+
 TT_MINUS_TAI_S = 32.184
 """TT - TAI, s; exact (IAU 1991 resolution A4)."""
 

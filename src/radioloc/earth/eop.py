@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
-from radioloc.constants import ARCSEC_RAD, SECONDS_PER_DAY, TT_MINUS_TAI_S
+from radioloc.constants import ARCSEC_RAD, MJD_ZERO_JD, SECONDS_PER_DAY, TT_MINUS_TAI_S
 from radioloc.earth.eop_tides import zonal_tides
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.text_files import read_blocks
@@ -38,7 +38,6 @@ from radioloc.time import Epochs, utc_to_tt
 from radioloc.units import in_unit
 
 _MJD_1972 = 41317.0
-_JD_MINUS_MJD = 2400000.5
 _BEYOND = 'or, for planning, set [model] eop_beyond = "hold" or "extrapolate"'
 _LARGEST_DAILY_CHANGE_S = 0.1
 """UT1-TAI changes by a few ms a day; a whole second means a leap second that one side does not know of."""
@@ -105,8 +104,8 @@ class EopTable:
             object.__setattr__(self, name, column)
         if (np.diff(self.mjd_utc) <= 0.0).any():
             raise InputError("the dates of EOP must rise from row to row")
-        nodes = utc_to_tt(Epochs.from_jd(self.mjd_utc + _JD_MINUS_MJD, 0.0, "UTC"))
-        tt_minus_utc_s = ((nodes.jd - _JD_MINUS_MJD - self.mjd_utc) + nodes.fraction) * SECONDS_PER_DAY
+        nodes = utc_to_tt(Epochs.from_jd(self.mjd_utc + MJD_ZERO_JD, 0.0, "UTC"))
+        tt_minus_utc_s = ((nodes.jd - MJD_ZERO_JD - self.mjd_utc) + nodes.fraction) * SECONDS_PER_DAY
         # TAI-UTC is whole since 1972; rounding takes away what the fraction of a day lost.
         tai_minus_utc_s = np.round(tt_minus_utc_s - TT_MINUS_TAI_S)
         ut1_minus_tt_s = self.ut1_minus_utc_s - tai_minus_utc_s - TT_MINUS_TAI_S
@@ -361,7 +360,7 @@ def read_eop_rows(
 
 def day_of(mjd_utc: float) -> str:
     """A date as text, yyyy-mm-dd."""
-    return str(Epochs.from_jd(2400000.5, mjd_utc, "UTC").day_strings()[0])
+    return str(Epochs.from_jd(MJD_ZERO_JD, mjd_utc, "UTC").day_strings()[0])
 
 
 def _number(text: bytes) -> float:

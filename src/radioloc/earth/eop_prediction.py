@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.constants import ARCSEC_RAD, SECONDS_PER_DAY
+from radioloc.constants import ARCSEC_RAD, MJD_ZERO_JD, SECONDS_PER_DAY
 from radioloc.earth.eop import EopTable
 from radioloc.earth.eop_tides import zonal_tides
 from radioloc.errors import InputError
@@ -30,7 +30,6 @@ _LONGEST_D = 3000
 """Lead times up to which errors are known."""
 _FITTED_D = 1461
 _YEAR_D, _HALF_YEAR_D, _CHANDLER_D = 365.2422, 182.6211, 433.0
-_JD_MINUS_MJD = 2400000.5
 _MEASURED_S, _MEASURED_RAD = 10e-6, 60e-6 * ARCSEC_RAD
 """Errors of measured values."""
 
@@ -55,9 +54,9 @@ def extended(table: EopTable, how: str) -> EopTable:
     last, end = float(table.mjd_utc[-1]), int(last_measured_mjd(table)) + _LONGEST_D
     lead_d = np.arange(1.0, end - last + 1.0)
     seconds, xp_rad, yp_rad = _continued(table, lead_d, how)
-    tt = utc_to_tt(Epochs.from_jd(last + lead_d + _JD_MINUS_MJD, 0.0, "UTC"))
+    tt = utc_to_tt(Epochs.from_jd(last + lead_d + MJD_ZERO_JD, 0.0, "UTC"))
     tide_s, _ = zonal_tides(tt.centuries_since_j2000())
-    tt_minus_utc_s = ((tt.jd - _JD_MINUS_MJD - last - lead_d) + tt.fraction) * SECONDS_PER_DAY
+    tt_minus_utc_s = ((tt.jd - MJD_ZERO_JD - last - lead_d) + tt.fraction) * SECONDS_PER_DAY
     more = {
         "mjd_utc": last + lead_d,
         "xp_rad": xp_rad,

@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.boundary import bare_fields
-from radioloc.constants import C_M_S, SECONDS_PER_DAY
+from radioloc.constants import C_M_S, MJD_ZERO_JD, SECONDS_PER_DAY
 from radioloc.earth.stations import Station, StationCatalogue
 from radioloc.errors import FileFormatError, InputError
 from radioloc.io.checks import midnight_and_second
@@ -46,7 +46,6 @@ LONGEST_S = 86400.0
 """Longest delay, count interval, light time or clock difference that is believed, s."""
 MICROMETRES = 1e6
 _FASTEST_M_S = 3e5
-_JD_MJD_0 = 2400000.5
 _MJD_SPAN = (41317, 88069)  # 1972 to 2099
 _NUMBER = r"[+-]?\d+(?:\.\d*)?(?:[eE][+-]?\d+)?"
 _READING = re.compile(
@@ -297,7 +296,7 @@ def read_strf(
             date = 2000 + int(year), month, day, hour, minute, float(second)
             midnight, second_of_day = midnight_and_second(path, number, *date)
         elif _MJD_SPAN[0] <= int(mjd) <= _MJD_SPAN[1]:
-            midnight, second_of_day = _JD_MJD_0 + int(mjd), SECONDS_PER_DAY * float(part)
+            midnight, second_of_day = MJD_ZERO_JD + int(mjd), SECONDS_PER_DAY * float(part)
         else:
             raise FileFormatError(
                 path, f"the modified Julian date {mjd} is not of the years 1972 to 2099", number
@@ -447,7 +446,7 @@ def _midnight_and_second(
     if not 0.0 <= second_of_day < 2.0 * SECONDS_PER_DAY:
         raise ValueError
     if before and "by_day" in head:
-        date_of = Epochs.from_jd(_JD_MJD_0 + float(before[0]), 0.0, "UTC").day_strings()[0]
+        date_of = Epochs.from_jd(MJD_ZERO_JD + float(before[0]), 0.0, "UTC").day_strings()[0]
     elif "day" in head:
         date_of = "-".join(head["day"].groups()[:3])
     else:

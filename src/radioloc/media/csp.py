@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
-from radioloc.constants import SECONDS_PER_DAY
+from radioloc.constants import MJD_ZERO_JD, SECONDS_PER_DAY
 from radioloc.earth.stations import Station
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.text_files import ANY_BYTE, numbers_of, read_text
@@ -220,7 +220,7 @@ def _names(station: Station) -> set[str]:
 
 def _second(mjd_utc: float) -> str:
     return (
-        str(utc_strings(Epochs.from_jd(2400000.5, mjd_utc, "UTC"), 0)[0])
+        str(utc_strings(Epochs.from_jd(MJD_ZERO_JD, mjd_utc, "UTC"), 0)[0])
         if np.isfinite(mjd_utc)
         else "no epoch"
     )

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc.constants import MJD_ZERO_JD
 from radioloc.errors import CoverageError, InputError
 from radioloc.time import Epochs
 
@@ -154,5 +155,5 @@ def epochs_around(
 
 
 def _hour(mjd_utc: float) -> str:
-    epoch = Epochs.from_jd(2400000.5, mjd_utc, "UTC")
+    epoch = Epochs.from_jd(MJD_ZERO_JD, mjd_utc, "UTC")
     return f"{epoch.day_strings()[0]} {24.0 * epoch.fraction[0]:04.1f} h UTC"

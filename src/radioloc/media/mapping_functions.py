@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.constants import UNIX_JD
 from radioloc.time import Epochs
 from radioloc.time.tabulated import table_of
 
@@ -153,6 +154,6 @@ def _vmf3_table() -> Floats:
 
 def day_of_year(epochs: Epochs) -> Floats:
     """Day of the year with its fraction, 1 at 0h on 1 January, shape (n,); in the epochs' own scale."""
-    days = np.floor(epochs.jd - 2440587.5).astype(np.int64).astype("datetime64[D]")
+    days = np.floor(epochs.jd - UNIX_JD).astype(np.int64).astype("datetime64[D]")
     since_january = (days - days.astype("datetime64[Y]").astype("datetime64[D]")).astype(np.float64)
     return 1.0 + since_january + epochs.fraction

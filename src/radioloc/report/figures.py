@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.constants import UNIX_JD
 from radioloc.errors import InputError
 from radioloc.text_files import replaced_file
 from radioloc.time import Epochs
@@ -38,7 +39,6 @@ _DPI = 200
 """Dots per inch of files made of dots."""
 _LEAST_LOG_RATIO = 4.0
 """Of the largest value to the smallest: a smaller span may hold none or one of 1, 2, 5, 10 ..."""
-_UNIX_EPOCH_JD = 2440587.5
 _UNITS = ((1e-3, 1e3, "mm"), (0.5, 1e2, "cm"), (1e3, 1.0, "m"), (float("inf"), 1e-3, "km"))
 _UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 """Metadata that keeps the time of writing out of a file; PNG has none."""
@@ -202,7 +202,7 @@ def length_unit(size_m: float) -> tuple[float, str]:
 
 def utc_dates(epoch_utc: Epochs) -> NDArray[np.datetime64]:
     """UTC as numpy dates to the millisecond; a leap second is drawn on the midnight after it."""
-    days = (epoch_utc.jd - _UNIX_EPOCH_JD).astype(np.int64).astype("datetime64[D]")
+    days = (epoch_utc.jd - UNIX_JD).astype(np.int64).astype("datetime64[D]")
     milliseconds = np.rint(epoch_utc.fraction * 86400e3).astype("timedelta64[ms]")
     return days.astype("datetime64[ms]") + milliseconds
 

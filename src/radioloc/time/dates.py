@@ -14,14 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.constants import SECONDS_PER_DAY
+from radioloc.constants import SECONDS_PER_DAY, UNIX_JD, UTC_JD
 from radioloc.errors import InputError
 from radioloc.time.epochs import Epochs
 from radioloc.time.scales import epochs_from_strings, utc_to_tai
 
 _FULL_DATE = r"^\d{4}-\d\d-\d\d[T ](?:[01]\d|2[0-3]):[0-5]\d:(?:[0-5]\d|60)(?:\.\d{0,18})?Z?$"
-_JD_1972 = 2441317.5
-_JD_1970 = 2440587.5
 _JD_9999 = 5373119.5
 # Half of a double's bits: a fraction cut here and a whole number of seconds multiply without rounding.
 _SPLIT = float(2**26)
@@ -31,11 +29,11 @@ _PICOSECONDS = 10**12
 def day_lengths_s(jd: NDArray[np.float64]) -> NDArray[np.float64]:
     """Length of UTC days from 1972 to 9998, s, by the Julian dates of the midnights that begin them."""
     days, inverse = np.unique(jd, return_inverse=True)
-    if len(days) and days[0] < _JD_1972:
+    if len(days) and days[0] < UTC_JD:
         early = Epochs.from_jd(days[0], 0.0, "UTC").day_strings()[0]
         raise InputError(f"{early} is before 1972, when UTC had another rate than TAI; leave such data out")
     if len(days) and days[-1] >= _JD_9999:
-        raise InputError(f"a date {days[-1] - _JD_1970:.0f} days after 1970 is none of a measurement")
+        raise InputError(f"a date {days[-1] - UNIX_JD:.0f} days after 1970 is none of a measurement")
     start = utc_to_tai(Epochs.from_jd(days, 0.0, "UTC"))
     end = utc_to_tai(Epochs.from_jd(days + 1.0, 0.0, "UTC"))
     return np.round(end.seconds_since(start))[inverse]
@@ -109,7 +107,7 @@ def read_dates(texts: Any, scale: str) -> ReadDates:
         power = np.where(inside, 10.0 * power, power)
     second = number(17, 18)
     whole_s = 3600 * number(11, 12) + 60 * number(14, 15) + second
-    jd = np.where(exists, _JD_1970 + midnight.astype(np.float64), _JD_1972)
+    jd = np.where(exists, UNIX_JD + midnight.astype(np.float64), UTC_JD)
     length_s = day_lengths_s(jd) if scale == "UTC" else np.full(len(jd), SECONDS_PER_DAY)
     # Only a day that is longer has a second 86400.
     no_leap_second = (second == 60) & ((whole_s != SECONDS_PER_DAY) | (length_s == SECONDS_PER_DAY))
@@ -162,7 +160,7 @@ def utc_to_picoseconds(utc: Epochs) -> tuple[NDArray[np.int64], NDArray[np.int64
     part = np.rint(np.where(is_short, short_s, rest_s) * 1e12).astype(np.int64)
     picoseconds = whole_s.astype(np.int64) * _PICOSECONDS + part
     new_day = picoseconds >= length_s.astype(np.int64) * _PICOSECONDS
-    days = (utc.jd - _JD_1970).astype(np.int64) + new_day
+    days = (utc.jd - UNIX_JD).astype(np.int64) + new_day
     return days, np.where(new_day, picoseconds % _PICOSECONDS, picoseconds)
 
 
@@ -180,7 +178,7 @@ def utc_datetimes(utc: Epochs) -> NDArray[np.datetime64]:
 
 def utc_from_picoseconds(days: NDArray[np.int64], picoseconds: NDArray[np.int64]) -> Epochs:
     """Epochs from days since 1970-01-01 and picoseconds since their midnights, back from :func:`utc_to_picoseconds`."""
-    jd = _JD_1970 + days.astype(np.float64)
+    jd = UNIX_JD + days.astype(np.float64)
     length_s = day_lengths_s(jd)
     second, rest = np.divmod(picoseconds, _PICOSECONDS)
     wrong = np.flatnonzero((second < 0) | (second >= length_s))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.constants import J2000_JD, SECONDS_PER_DAY
+from radioloc.constants import J2000_JD, MJD_ZERO_JD, SECONDS_PER_DAY, UNIX_JD
 from radioloc.errors import InputError
 from radioloc.units import as_float_array
 
@@ -111,7 +111,7 @@ class Epochs:
     @property
     def mjd(self) -> NDArray[np.float64]:
         """Modified Julian date in one float (resolves about a microsecond), shape (n,)."""
-        return (self.jd - 2400000.5) + self.fraction
+        return (self.jd - MJD_ZERO_JD) + self.fraction
 
     def require(self, scale: str) -> None:
         """Raise :class:`InputError` unless the epochs are in the given scale."""
@@ -139,7 +139,7 @@ class Epochs:
 
     def day_strings(self) -> NDArray[np.str_]:
         """Calendar dates yyyy-mm-dd of the midnights, shape (n,)."""
-        days = (self.jd - 2440587.5).astype(np.int64).astype("datetime64[D]")
+        days = (self.jd - UNIX_JD).astype(np.int64).astype("datetime64[D]")
         return np.datetime_as_string(days)
 
     @staticmethod

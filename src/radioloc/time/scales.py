@@ -23,13 +23,12 @@ import erfa
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.constants import C_M_S, SECONDS_PER_DAY, TT_MINUS_TAI_S
+from radioloc.constants import C_M_S, SECONDS_PER_DAY, TT_MINUS_TAI_S, UNIX_JD, UTC_JD
 from radioloc.errors import CoverageError, InputError
 from radioloc.time.epochs import Epochs
 from radioloc.time.tabulated import table_of, tabulated
 from radioloc.units import as_float_array
 
-_JD_1972 = 2441317.5
 _ISO = re.compile(
     r"(?P<year>\d{4})-(?:(?P<month>\d{2})-(?P<day>\d{2})|(?P<doy>\d{3}))"
     r"(?:[T ](?P<hour>\d{2}):(?P<minute>\d{2})(?::(?P<second>\d{2}(?:\.\d*)?))?)?Z?",
@@ -73,7 +72,7 @@ def in_scale(epochs: Epochs | Any, scale: str) -> Epochs:
 
 
 def _require_utc_era(utc: Epochs) -> None:
-    if len(utc) and utc.jd.min() < _JD_1972:
+    if len(utc) and utc.jd.min() < UTC_JD:
         early = utc[int(np.argmin(utc.jd))].day_strings()[0]
         raise CoverageError(
             "UTC with leap seconds",
@@ -299,11 +298,11 @@ def calendar_to_jd(
         midnight = midnight + np.timedelta64(day - 1, "D")
         if day < 1 or int(str(midnight)[:4]) != year:
             raise InputError(f"{shown!r}: the year {year} has no day {day}")
-    jd = 2440587.5 + float(midnight.astype(np.int64))
+    jd = UNIX_JD + float(midnight.astype(np.int64))
     if not (0 <= hour < 24 and 0 <= minute < 60 and 0.0 <= second < 61.0):
         raise InputError(f"{shown!r} is not a time of day that exists")
     day_length_s = SECONDS_PER_DAY
-    if scale == "UTC" and jd >= _JD_1972:
+    if scale == "UTC" and jd >= UTC_JD:
         day_length_s += _leap_second_after(jd)
     seconds = 3600.0 * hour + 60.0 * minute + second
     if second >= 60.0 and not (hour == 23 and minute == 59 and seconds < day_length_s):

@@ -67,32 +67,32 @@ class LazyNames(Sequence[str]):
 
 
 def registry(group: str, kind: type[T], own: Iterable[T]) -> LazyMapping[T]:
-    """What :func:`with_plugins` gives, when it is first looked into."""
-    return LazyMapping(lambda: with_plugins(group, kind, own))
-
-
-def with_plugins(group: str, kind: type[T], own: Iterable[T]) -> dict[str, T]:
-    """Registry by name: the package's own entries, then those of a group of entry points (``"radioloc.media"``).
+    """Entries by name: the package's own, then those of a group of entry points (``"radioloc.media"``).
 
     An entry point that cannot be loaded, is of another type, or has a name that is taken is left out with a
     :class:`~radioloc.errors.PluginWarning`: a package that is broken must not break the others.
     """
-    registry = {entry.name: entry for entry in own}
-    for point in sorted(entry_points(group=group), key=lambda point: point.name):
-        try:
-            entry = point.load()
-        except Exception as error:
-            problem = f"cannot be loaded ({error})"
-        else:
-            if isinstance(entry, kind) and entry.name not in registry:
-                registry[entry.name] = entry
-                continue
-            problem = f"is a {type(entry).__name__}, not a {kind.__name__}"
-            if isinstance(entry, kind):
-                problem = f"has the name {entry.name!r}, which is taken"
-        text = f"{point.value} of the entry points {group} {problem}; it is left out"
-        warnings.warn(text, PluginWarning, stacklevel=2)
-    return registry
+
+    def made() -> dict[str, T]:
+        found = {entry.name: entry for entry in own}
+        for point in sorted(entry_points(group=group), key=lambda point: point.name):
+            try:
+                entry = point.load()
+            except Exception as error:
+                problem = f"cannot be loaded ({error})"
+            else:
+                if not isinstance(entry, kind):
+                    problem = f"is a {type(entry).__name__}, not a {kind.__name__}"
+                elif entry.name in found:
+                    problem = f"has the name {entry.name!r}, which is taken"
+                else:
+                    found[entry.name] = entry
+                    continue
+            text = f"{point.value} of the entry points {group} {problem}; it is left out"
+            warnings.warn(text, PluginWarning, stacklevel=2)
+        return found
+
+    return LazyMapping(made)
 
 
 @contextmanager

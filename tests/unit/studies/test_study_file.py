@@ -370,7 +370,7 @@ def test_estimate(line, message, read):
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ('off = ["shapro"]', "off: 'shapro' is not a term of the model; did you mean 'shapiro'?"),
+        ('off = ["shapro"]', "off: 'shapro' is not a term of the model (did you mean 'shapiro'?)"),
         ("off = [3]", "off: must be a list of strings"),
         ("off = 3", "off: must be a list of strings"),
         ("ephemeris = 3", "ephemeris: must be a string"),

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -38,8 +37,6 @@ STATIONS = {"70610": "7045", "01910": "7845", "07941": "7941", "71112": "7080"}
 """Pad numbers of the station codes in columns 39-43."""
 
 _WIDTH = 73
-# A column of numbers takes a tenth of the memory of the rows it is made of.
-_ROWS_AT_ONCE = 20_000
 _COLUMNS = (
     *("jd", "second_of_day", "flight_s", "sigma_s", "pressure_hpa", "temperature_k", "relative_humidity"),
     *("wavelength_um", "link", "line"),
@@ -67,13 +64,11 @@ def read_mini(path: str | Path, *, catalogue: StationCatalogue | None = None) ->
 def parse_mini(path: str | Path, lines: Iterable[str], catalogue: StationCatalogue | None) -> Observations:
     """As :func:`read_mini`, from the file's lines."""
     links: list[Link] = []
-    rows = _rows(path, lines, catalogue, links)
-    parts = []
-    while part := list(islice(rows, _ROWS_AT_ONCE)):
-        parts.append(np.array(part).T)
-    if not parts:
+    row = np.dtype((np.float64, len(_COLUMNS)))
+    rows = np.fromiter(_rows(path, lines, catalogue, links), dtype=row)
+    if not len(rows):
         raise FileFormatError(path, "has no normal points; fetch it again")
-    return normal_points(path, links, dict(zip(_COLUMNS, np.concatenate(parts, axis=1), strict=True)))
+    return normal_points(path, links, dict(zip(_COLUMNS, rows.T, strict=True)))
 
 
 def _rows(

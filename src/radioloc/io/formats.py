@@ -242,16 +242,13 @@ def read_observations(
         lunar,
         tuple(frequencies),
     )
-    groups: list[tuple[Reader, list[str | Path]]] = []
-    for file in files:
+    groups: dict[tuple[str, int], list[str | Path]] = {}
+    for place, file in enumerate(files):
         reader = _reader_of(file)
-        same = next((group for known, group in groups if known is reader and reader.together), None)
-        if same is None:
-            groups.append((reader, [file]))
-        else:
-            same.append(file)
+        groups.setdefault((reader.name, -1 if reader.together else place), []).append(file)
     parts = []
-    for reader, group in groups:
+    for (name, _), group in groups.items():
+        reader = READERS[name]
         with named_where_it_fails(f"reader {reader.name}", "read"):
             parts.append(reader.read(group, settings))
         logger.info(

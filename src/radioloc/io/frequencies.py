@@ -38,6 +38,7 @@ from radioloc.io.checks import midnight_and_second
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations, without_duplicates
 from radioloc.measurements.registry import KINDS
+from radioloc.measurements.table_columns import each_once
 from radioloc.text_files import read_lines
 from radioloc.time import Epochs
 from radioloc.time.dates import utc_from_seconds_of_day
@@ -203,8 +204,7 @@ def frequency_observations(
         raise FileFormatError(path, "has no readings; fetch it again")
     midnight, second_of_day, hz, lines, stations = zip(*readings, strict=True)
     received_hz = np.array(hz)
-    places = {ends: k for k, ends in enumerate(dict.fromkeys(stations))}
-    station = np.array([places[ends] for ends in stations], dtype=np.int32)
+    ends, station = each_once(stations)
     its = agreement_on(path, agreements)
     if its is None:
         problem = "holds received frequencies, but not what was sent; say transmit_hz and sigma_hz under"
@@ -221,7 +221,7 @@ def frequency_observations(
         count_s,
         lambda problem, row: FileFormatError(path, problem, lines[row]),
     )
-    links = [Link(up or its.transmitter, its.target, down).named(catalogue) for up, down in places]
+    links = [Link(up or its.transmitter, its.target, down).named(catalogue) for up, down in ends]
     one_way = np.array([not link.transmitter for link in links])[station]
     observations = Observations.from_columns(
         epoch=utc_from_seconds_of_day(np.array(midnight), np.array(second_of_day)),

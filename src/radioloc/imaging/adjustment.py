@@ -341,8 +341,9 @@ def _normal_equations(observed: _Observed, model: Projections, places: Floats) -
 
 def approximate_places(ties: TiePoints, matrices: Floats) -> Floats:
     """Places of the points: the map's, or the means over their images by homographies, shape (images, 3, 3)."""
-    homogeneous = np.insert(ties.pixels, 2, 1.0, axis=1)
-    ground = np.einsum("nij,nj->ni", np.linalg.inv(matrices)[ties.image], homogeneous)
+    ground = np.einsum(
+        "nij,nj->ni", np.linalg.inv(matrices)[ties.image], np.insert(ties.pixels, 2, 1.0, axis=1)
+    )
     number = np.bincount(ties.point, minlength=ties.count)[:, np.newaxis]
     sums = [np.bincount(ties.point, ground[:, k] / ground[:, 2], minlength=ties.count) for k in (0, 1)]
     places = np.stack(sums, axis=1) / np.maximum(number, 1)

@@ -56,16 +56,11 @@ class Camera:
 
     def __post_init__(self) -> None:
         bare_fields(self)
-        matrix, point = (
-            np.array(value, dtype=np.float64) for value in (self.pixel_per_mm, self.principal_point_px)
-        )
+        matrix = np.array(self.pixel_per_mm, dtype=np.float64)
+        point = as_vector(self.principal_point_px, 2, "principal_point_px")
         if not (np.isfinite(self.focal_length_mm) and self.focal_length_mm > 0.0):
             raise InputError(
                 f"focal_length_mm = {self.focal_length_mm!r} is not a positive number of millimetres"
-            )
-        if point.shape != (2,) or not np.isfinite(point).all():
-            raise InputError(
-                f"principal_point_px = {self.principal_point_px!r} is not two finite numbers (sample, line)"
             )
         if matrix.shape != (2, 2) or not np.isfinite(matrix).all() or np.linalg.matrix_rank(matrix) < 2:
             raise InputError(
@@ -187,6 +182,25 @@ def as_points(values: ArrayLike, components: int, name: str) -> Floats:
     return points
 
 
+def as_vector(values: ArrayLike, size: int, name: str) -> Floats:
+    """So many finite numbers as an array that is not the one given."""
+    try:
+        vector = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        vector = np.empty(0)
+    if vector.shape != (size,) or not np.isfinite(vector).all():
+        raise InputError(f"{name} = {values!r} is not {size} finite numbers")
+    return vector
+
+
+def as_rotation(values: ArrayLike, name: str) -> Floats:
+    """A rotation matrix, shape (3, 3)."""
+    rotation = np.array(values, dtype=np.float64)
+    if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), rtol=0.0, atol=1e-6):
+        raise InputError(f"{name} is not a rotation matrix, shape (3, 3)")
+    return rotation
+
+
 def field_of_view_rad(camera: Camera, size_px: int) -> float:
     """Full angle that a row of so many pixels through the principal point covers, without distortion, rad.
 
@@ -270,14 +284,11 @@ def rectification(camera: Camera, down: ArrayLike) -> Floats:
     >>> (nadir[:2] / nadir[2]).round(6).tolist()
     [511.5, 511.5]
     """
-    vertical = np.asarray(down, dtype=np.float64)
-    length = np.linalg.norm(vertical)
-    if vertical.shape != (3,) or not np.isfinite(vertical).all() or length == 0.0:
-        raise InputError(f"down = {down!r} is not a direction of three finite numbers")
-    vertical = vertical / length
+    vertical = as_vector(down, 3, "down")
+    vertical = vertical / (np.linalg.norm(vertical) or 1.0)
     axis = np.array([0.0, 0.0, float(camera.looks_along_z)])
     if vertical @ axis <= 0.0:
-        raise InputError(f"down = {down!r} is behind the camera, which looks up or at the horizon")
+        raise InputError(f"down = {down!r} is not before the camera, which looks up or at the horizon")
     cross = np.cross(vertical, axis)
     skew = vectors.cross_matrices(cross)
     turn = np.eye(3) + skew + skew @ skew / (1.0 + vertical @ axis)  # brings the vertical to the axis

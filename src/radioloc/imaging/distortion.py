@@ -93,16 +93,20 @@ class Distortion:
 
         Points are on the focal plane in millimetres, or in units of the focal length (``about.in_millimetres``).
         """
-        return self._formula(measured) if self.about.removes else self._inverse(measured)
+        return self._converted(measured, self.about.removes)
 
     def measured(self, ideal: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
         """Points where the lens has them, from points without distortion; shapes and units as :meth:`ideal`."""
-        return self._inverse(ideal) if self.about.removes else self._formula(ideal)
+        return self._converted(ideal, not self.about.removes)
+
+    def _converted(self, points: Floats, by_formula: bool) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+        if not any(self.coefficients):
+            identity = np.broadcast_to(np.eye(2), (len(points), 2, 2))
+            return np.asarray(points, dtype=np.float64), identity, np.ones(len(points), dtype=bool)
+        return self._formula(points) if by_formula else self._inverse(points)
 
     def _formula(self, points: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
         """By the formula; valid where the way back leads to the same point, or, from a pixel, begins to."""
-        if not any(self.coefficients):
-            return points, np.broadcast_to(np.eye(2), (len(points), 2, 2)), np.ones(len(points), dtype=bool)
         with np.errstate(over="ignore", invalid="ignore"):
             there, derivatives = self.about.formula(points, self.coefficients)
             if self.about.removes:
@@ -115,8 +119,6 @@ class Distortion:
         """Points that the formula sends to the target, by Newton's method from the target itself."""
         points = np.array(target, dtype=np.float64)
         derivatives = np.broadcast_to(np.eye(2), (len(points), 2, 2)).copy()
-        if not any(self.coefficients):
-            return points, derivatives, np.ones(len(points), dtype=bool)
         valid = np.zeros(len(points), dtype=bool)
         active = np.flatnonzero(np.isfinite(points).all(axis=-1))
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
@@ -155,10 +157,6 @@ def inverse_2x2(matrices: Floats) -> Floats:
 
 def _matrices(xx: Floats, xy: Floats, yx: Floats, yy: Floats) -> Floats:
     return np.stack([xx, xy, yx, yy], axis=-1).reshape(-1, 2, 2)
-
-
-def _identity(points: Floats, c: tuple[float, ...]) -> tuple[Floats, Floats]:
-    return points, np.broadcast_to(np.eye(2), (len(points), 2, 2))
 
 
 def _radial(points: Floats, c: tuple[float, ...]) -> tuple[Floats, Floats]:
@@ -222,50 +220,23 @@ def _kaguya(points: Floats, c: tuple[float, ...]) -> tuple[Floats, Floats]:
     return points + shift, jacobian
 
 
+_RADIAL = "k0, k1, k2 of ideal = measured (1 - k0 - k1 r^2 - k2 r^4), mm"
+_BROWN = "k1, k2, p1, p2, k3 as OpenCV orders them, in units of the focal length"
+_TRANSVERSE = "ten coefficients of x, then ten of y, of 1 x y xx xy yy xxx xxy xyy yyy, mm"
+_LROC_NAC = "k of ideal y = measured y / (1 + k y^2), mm"
+_KAGUYA = (
+    "boresight x, a0 to a3, boresight y, b0 to b3 of ideal x = measured x + boresight "
+    "x + a0 + a1 r + a2 r^2 + a3 r^3, and y with b, mm"
+)
 KINDS = {
     kind.name: kind
     for kind in (
-        DistortionKind("none", "no coefficients", _identity, True, False, 0, 0),
-        DistortionKind(
-            "radial",
-            "k0, k1, k2 of ideal = measured (1 - k0 - k1 r^2 - k2 r^4), mm",
-            _radial,
-            True,
-            True,
-            3,
-            3,
-        ),
-        DistortionKind(
-            "brown",
-            "k1, k2, p1, p2, k3 as OpenCV orders them, in units of the focal length",
-            _brown,
-            False,
-            False,
-            1,
-            5,
-        ),
-        DistortionKind(
-            "transverse",
-            "ten coefficients of x, then ten of y, of 1 x y xx xy yy xxx xxy xyy yyy, mm",
-            _transverse,
-            False,
-            True,
-            20,
-            20,
-        ),
-        DistortionKind(
-            "lrolrocnac", "k of ideal y = measured y / (1 + k y^2), mm", _lroc_nac, True, True, 1, 1
-        ),
-        DistortionKind(
-            "kaguyalism",
-            "boresight x, a0 to a3, boresight y, b0 to b3 of ideal x = measured x + boresight "
-            "x + a0 + a1 r + a2 r^2 + a3 r^3, and y with b, mm",
-            _kaguya,
-            True,
-            True,
-            10,
-            10,
-        ),
+        DistortionKind("none", "no coefficients", _radial, True, False, 0, 0),
+        DistortionKind("radial", _RADIAL, _radial, True, True, 3, 3),
+        DistortionKind("brown", _BROWN, _brown, False, False, 1, 5),
+        DistortionKind("transverse", _TRANSVERSE, _transverse, False, True, 20, 20),
+        DistortionKind("lrolrocnac", _LROC_NAC, _lroc_nac, True, True, 1, 1),
+        DistortionKind("kaguyalism", _KAGUYA, _kaguya, True, True, 10, 10),
     )
 }
 """By name: those of image support data (Laura et al., ``usgscsm``; for Kaguya its SPICE instrument kernels,

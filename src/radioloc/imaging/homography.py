@@ -67,7 +67,8 @@ class Homography:
         [[1.25, 0.0], [0.0, 5.0]]
         """
         points = np.asarray(points, dtype=np.float64)
-        by_parameters = _by_elements(self.matrix, points)[..., :8]
+        ahead = points @ self.matrix[2, :2] + self.matrix[2, 2]
+        by_parameters = _by_elements(_homogeneous(points) / ahead[:, np.newaxis], self.apply(points))[..., :8]
         result = by_parameters @ self.covariance @ by_parameters.transpose(0, 2, 1)
         if covariances is not None:
             by_points = derivative(self.matrix, points)
@@ -205,11 +206,7 @@ def normalization(points: Floats) -> Floats:
 
 def by_correction(normalized: Floats) -> Floats:
     """Partial derivatives of normalized transformed points by the eight elements of a correction, shape (n, 2, 8)."""
-    x, y = normalized.T
-    one, zero = np.ones_like(x), np.zeros_like(x)
-    first = np.stack([x, y, one, zero, zero, zero, -x * x, -x * y], axis=-1)
-    second = np.stack([zero, zero, zero, x, y, one, -x * y, -y * y], axis=-1)
-    return np.stack([first, second], axis=1)
+    return _by_elements(_homogeneous(normalized), normalized)[..., :8]
 
 
 def corrected(matrix: Floats, normal: Floats, step: Floats) -> Floats:
@@ -238,11 +235,15 @@ def of_elements(matrix: Floats, covariance: Floats) -> Homography:
     return Homography(scaled, change @ covariance @ change.T)
 
 
-def _by_elements(matrix: Floats, points: Floats) -> Floats:
-    """Partial derivatives of transformed points by the nine elements of the matrix, shape (n, 2, 9)."""
-    scale = (points @ matrix[2, :2] + matrix[2, 2])[:, np.newaxis]
-    image = transformed(matrix, points)
-    row = np.column_stack([points, np.ones(len(points))]) / scale
+def _homogeneous(points: Floats) -> Floats:
+    return np.insert(points, 2, 1.0, axis=1)
+
+
+def _by_elements(row: Floats, image: Floats) -> Floats:
+    """Partial derivatives by a matrix's nine elements, shape (n, 2, 9), of points (n, 2) that it makes of rows (n, 3).
+
+    The rows are such that the third component of their products is one.
+    """
     zero = np.zeros_like(row)
     first = np.concatenate([row, zero, -image[:, :1] * row], axis=1)
     second = np.concatenate([zero, row, -image[:, 1:] * row], axis=1)
@@ -259,10 +260,6 @@ def _weights(matrix: Floats, start: Floats, start_variance: Floats, end_variance
 def _direct(start: Floats, end: Floats) -> Floats:
     """The direct linear transformation with normalized coordinates (Hartley and Zisserman 2004, algorithm 4.2)."""
     of_start, of_end = normalization(start), normalization(end)
-    x, y = transformed(of_start, start).T
-    u, v = transformed(of_end, end).T
-    one, zero = np.ones_like(x), np.zeros_like(x)
-    first = np.stack([x, y, one, zero, zero, zero, -u * x, -u * y, -u], axis=-1)
-    second = np.stack([zero, zero, zero, x, y, one, -v * x, -v * y, -v], axis=-1)
-    matrix = np.linalg.svd(np.concatenate([first, second]))[2][-1].reshape(3, 3)
+    equations = _by_elements(_homogeneous(transformed(of_start, start)), transformed(of_end, end))
+    matrix = np.linalg.svd(equations.reshape(-1, 9))[2][-1].reshape(3, 3)
     return np.asarray(np.linalg.inv(of_end) @ matrix @ of_start)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.boundary import bare_arguments, bare_fields
 from radioloc.errors import InputError
-from radioloc.imaging.cameras import as_points
+from radioloc.imaging.cameras import as_points, as_rotation, as_vector
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -45,13 +45,8 @@ class ConstantOrientation:
     rot_camera_to_moon: Floats
 
     def __post_init__(self) -> None:
-        position = np.array(self.position_m, dtype=np.float64)
-        rotation = np.array(self.rot_camera_to_moon, dtype=np.float64)
-        if position.shape != (3,) or not np.isfinite(position).all():
-            raise InputError(f"position_m = {self.position_m!r} is not three finite numbers")
-        if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), rtol=0.0, atol=1e-6):
-            raise InputError("rot_camera_to_moon is not a rotation matrix")
-        object.__setattr__(self, "position_m", position)
+        object.__setattr__(self, "position_m", as_vector(self.position_m, 3, "position_m"))
+        rotation = as_rotation(self.rot_camera_to_moon, "rot_camera_to_moon")
         object.__setattr__(self, "rot_camera_to_moon", rotation)
 
     @property

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.errors import ConvergenceError, InputError
-from radioloc.imaging.cameras import Camera, as_points
+from radioloc.imaging.cameras import Camera, as_points, as_rotation, as_vector
 
 Floats = NDArray[np.float64]
 
@@ -81,16 +81,12 @@ class StereoPair:
     rot_left_to_right: Floats | None = None
 
     def __post_init__(self) -> None:
-        baseline = np.array(self.baseline_m, dtype=np.float64)
-        if baseline.shape != (3,) or not np.isfinite(baseline).all() or not baseline.any():
-            raise InputError(f"baseline_m = {self.baseline_m!r} is not three finite numbers, not all zero")
-        rotation = (
-            np.eye(3) if self.rot_left_to_right is None else np.array(self.rot_left_to_right, dtype=float)
-        )
-        if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6):
-            raise InputError("rot_left_to_right is not a rotation, shape (3, 3)")
+        baseline = as_vector(self.baseline_m, 3, "baseline_m")
+        if not baseline.any():
+            raise InputError("baseline_m is zero: the two cameras stand at one place")
+        rotation = np.eye(3) if self.rot_left_to_right is None else self.rot_left_to_right
         object.__setattr__(self, "baseline_m", baseline)
-        object.__setattr__(self, "rot_left_to_right", rotation)
+        object.__setattr__(self, "rot_left_to_right", as_rotation(rotation, "rot_left_to_right"))
 
     @bare_arguments
     def intersect(self, left_px: ArrayLike, right_px: ArrayLike, sigma_px: float = 0.3) -> Intersection:

@@ -15,6 +15,7 @@ from radioloc import vectors
 from radioloc.boundary import bare_fields
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
+from radioloc.imaging.cameras import as_vector
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic
 from radioloc.lunar.terrain_source import HIGHEST_M, LOWEST_M
 from radioloc.lunar.terrain_window import LargeWindowError, NoTerrainError, TerrainWindow
@@ -63,15 +64,11 @@ class Plane:
     mean_earth: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
-        for name in ("point_m", "normal"):
-            value = np.array(getattr(self, name), dtype=np.float64)
-            if value.shape != (3,) or not np.isfinite(value).all():
-                raise InputError(f"{name} = {getattr(self, name)!r} is not three finite numbers")
-            object.__setattr__(self, name, value)
-        size = np.linalg.norm(self.normal)
-        if size == 0.0:
+        normal = as_vector(self.normal, 3, "normal")
+        if not normal.any():
             raise InputError("the normal of a plane has no direction")
-        object.__setattr__(self, "normal", self.normal / size)
+        object.__setattr__(self, "point_m", as_vector(self.point_m, 3, "point_m"))
+        object.__setattr__(self, "normal", normal / np.linalg.norm(normal))
 
     def intersect(self, origins_m: Floats, directions: Floats) -> tuple[Floats, NDArray[np.bool_]]:
         """Points on rays from either side."""

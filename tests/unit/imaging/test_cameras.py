@@ -144,7 +144,7 @@ def test_a_pixel_beyond_what_the_distortion_reaches_is_refused():
         (lambda: Distortion("brown", [np.nan]), "takes 1 to 5 finite numbers"),
         (lambda: Distortion("brown", ["x"]), "takes 1 to 5 finite numbers"),
         (lambda: camera("none", focal_length_mm=0.0), "focal_length_mm = 0.0 is not a positive"),
-        (lambda: camera("none", principal_point_px=[1.0]), "not two finite numbers"),
+        (lambda: camera("none", principal_point_px=[1.0]), "not 2 finite numbers"),
         (lambda: camera("none", pixel_per_mm=[[1.0, 1.0], [1.0, 1.0]]), "is the size of the pixels right"),
         (lambda: Camera.of_pinhole(8.3, -6.7, [0.0, 0.0]), "pixel_size_um = -6.7 is not a positive"),
         (lambda: camera("none").directions([[1.0, 2.0, 3.0]]), r"pixels: 2 numbers a point are needed"),

@@ -93,8 +93,8 @@ def test_the_approximate_attitude_finds_more_in_a_very_oblique_image(tmp_path):
 @pytest.mark.parametrize(
     ("down", "message"),
     [
-        ([0.0, 0.0, 0.0], "not a direction"),
-        ([0.0, np.nan, 1.0], "not a direction"),
+        ([0.0, 0.0, 0.0], "not before the camera"),
+        ([0.0, np.nan, 1.0], "not 3 finite numbers"),
         ([0, 0, -1.0], "looks up"),
     ],
 )

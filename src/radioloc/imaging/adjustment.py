@@ -129,33 +129,35 @@ def adjust(ties: TiePoints, model: Projections, places: Floats) -> Adjusted:
     ConvergenceError
         The iteration does not settle.
     """
-    used, map_used = np.ones(len(ties.point), bool), np.ones(len(ties.map_point), bool)
-    observed = _Observed(ties, np.lexsort((ties.image, ties.point)), used, map_used, np.ones(2))
+    pixels = len(ties.point)
+    used = np.ones(pixels + len(ties.map_point), bool)
+    observed = _Observed(ties, np.lexsort((ties.image, ties.point)), used, np.ones(2))
     apart = True
     for number in range(_ROUNDS):
-        observed = observed.without(~model.known(places))
+        observed = replace(observed, used=observed.used & model.known(places)[observed.points])
         try:
             model, places, normal, small = _solve(observed, model, places)
         except LinAlgError:
             raise InputError(
                 "the tie points do not determine the images; some image has too few, or all on a line"
             ) from None
-        residuals, map_residuals = observed.residuals(model, places)
+        residuals = observed.residuals(model, places)
         shares, redundancy = normal.redundancies(observed)
         # Where few observations are left to tell the two apart, both have one factor, and keep it.
         apart = apart and bool((shares > _ENOUGH_REDUNDANCY).all())
-        factors = observed.components(residuals, map_residuals, shares, apart)
-        following = replace(observed, factors=factors).kept(residuals, map_residuals)
-        settled = small and following.changes(observed) <= _FEW_CHANGES * observed.number
+        factors = observed.components(residuals, shares, apart)
+        following = replace(observed, factors=factors).kept(residuals)
+        changed = (following.used != observed.used).sum()
+        settled = small and changed <= _FEW_CHANGES * observed.used.sum()
         if settled and number and np.abs(factors / observed.factors - 1.0).max() < _SETTLED:
             return Adjusted(
                 model,
-                normal.inverse(),
+                normal.solved(np.eye(len(normal.right))),
                 places,
-                observed.used,
-                observed.map_used,
-                residuals,
-                map_residuals,
+                observed.used[:pixels],
+                observed.used[pixels:],
+                residuals[:pixels],
+                residuals[pixels:],
                 (float(observed.factors[0]), float(observed.factors[1])),
                 redundancy,
             )
@@ -167,73 +169,52 @@ def adjust(ties: TiePoints, model: Projections, places: Floats) -> Adjusted:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Observed:
-    """Tie points, which of their observations are used, and the factors of the sigmas of pixels and of the map."""
+    """Observations of tie points, first all pixels, then all places on the map."""
 
     ties: TiePoints
     order: Indices  # of the pixels by points, and of those of a point by images
     used: NDArray[np.bool_]
-    map_used: NDArray[np.bool_]
-    factors: Floats
+    factors: Floats  # of the sigmas of pixels and of the map
 
     @property
-    def number(self) -> int:
-        """How many observations are used."""
-        return int(self.used.sum() + self.map_used.sum())
+    def points(self) -> Indices:
+        """Which point each is of."""
+        return np.concatenate([self.ties.point, self.ties.map_point])
 
-    def changes(self, other: _Observed) -> int:
-        """How many are used in one and not in the other."""
-        return int((self.used != other.used).sum() + (self.map_used != other.map_used).sum())
+    def residuals(self, model: Projections, places: Floats) -> Floats:
+        """In pixels and in metres, shape (n, 2)."""
+        ties = self.ties
+        pixels = model.project(ties.image, ties.point, places).pixels
+        return np.concatenate([ties.pixels - pixels, ties.map_m - places[ties.map_point]])
 
-    def without(self, points: NDArray[np.bool_]) -> _Observed:
-        """Without some points."""
-        used, map_used = self.used & ~points[self.ties.point], self.map_used & ~points[self.ties.map_point]
-        return replace(self, used=used, map_used=map_used)
+    def chi2(self, residuals: Floats, factors: Floats) -> Floats:
+        """Of each observation, two degrees of freedom; of those that are not used nothing."""
+        sigmas = np.concatenate([factors[0] * self.ties.sigma_px, factors[1] * self.ties.map_sigma_m])
+        return np.where(self.used, (residuals**2).sum(axis=1) / sigmas**2, 0.0)
 
-    def components(
-        self, residuals: Floats, map_residuals: Floats, redundancies: Floats, apart: bool
-    ) -> Floats:
+    def components(self, residuals: Floats, redundancies: Floats, apart: bool) -> Floats:
         """Factors of the sigmas of pixels and of places on the map, apart or one, from residuals and redundancies."""
-        chi2, map_chi2 = replace(self, factors=np.ones(2)).chi2(residuals, map_residuals)
-        sums = np.array([chi2[self.used].sum(), map_chi2[self.map_used].sum()])
+        of_pixels, of_map = np.split(self.chi2(residuals, np.ones(2)), [len(self.ties.point)])
+        sums = np.array([of_pixels.sum(), of_map.sum()])
         if apart:
             return np.maximum(np.sqrt(sums / redundancies), _LEAST_FACTOR)
         redundancy = float(redundancies.sum())
         factor = float(np.sqrt(sums.sum() / max(redundancy, 1.0)))
         return np.full(2, max(factor, _LEAST_FACTOR if redundancy > _ENOUGH_REDUNDANCY else 1.0))
 
-    def residuals(self, model: Projections, places: Floats) -> tuple[Floats, Floats]:
-        """Of pixels, and of places on the map."""
-        ties = self.ties
-        pixels = model.project(ties.image, ties.point, places).pixels
-        return ties.pixels - pixels, ties.map_m - places[ties.map_point]
-
-    def total_chi2(self, model: Projections, places: Floats) -> float:
-        """Of all observations that are used."""
-        chi2, map_chi2 = self.chi2(*self.residuals(model, places))
-        return float(chi2[self.used].sum() + map_chi2[self.map_used].sum())
-
-    def chi2(self, residuals: Floats, map_residuals: Floats) -> tuple[Floats, Floats]:
-        """Of each observation, two degrees of freedom."""
-        sigma_px, map_sigma_m = self.factors[0] * self.ties.sigma_px, self.factors[1] * self.ties.map_sigma_m
-        return (residuals**2).sum(axis=1) / sigma_px**2, (map_residuals**2).sum(axis=1) / map_sigma_m**2
-
-    def kept(self, residuals: Floats, map_residuals: Floats) -> _Observed:
+    def kept(self, residuals: Floats) -> _Observed:
         """Without the worst observation of each tie point whose chi squared is beyond chance."""
         from scipy.special import chdtri
 
-        count = self.ties.count
-        point = np.concatenate([self.ties.point, self.ties.map_point])
-        kept = np.concatenate([self.used, self.map_used])
-        chi2 = np.concatenate(self.chi2(residuals, map_residuals))
-        number = np.bincount(point[kept], minlength=count)
-        total = np.bincount(point[kept], weights=chi2[kept], minlength=count)
-        bad = total > chdtri(2 * np.maximum(number - 1, 1), _RARE)
+        point, count = self.points, self.ties.count
+        chi2 = self.chi2(residuals, self.factors)
+        number = np.bincount(point[self.used], minlength=count)
+        bad = np.bincount(point, weights=chi2, minlength=count) > chdtri(2 * np.maximum(number - 1, 1), _RARE)
         worst = np.zeros(count)
-        np.maximum.at(worst, point[kept], chi2[kept])
-        kept = kept & ~(bad[point] & (chi2 >= worst[point]))
-        alone = np.bincount(point[kept], minlength=count) < 2  # one observation of a point says nothing
-        kept &= ~alone[point]
-        return replace(self, used=kept[: len(self.used)], map_used=kept[len(self.used) :])
+        np.maximum.at(worst, point, chi2)
+        used = self.used & ~(bad[point] & (chi2 >= worst[point]))
+        alone = np.bincount(point[used], minlength=count) < 2  # one observation of a point says nothing
+        return replace(self, used=used & ~alone[point])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -250,12 +231,8 @@ class _NormalEquations:
     points_right: Floats  # shape (points, 2)
     map_weight: Floats  # shape (points,)
 
-    def inverse(self) -> Floats:
-        """Covariance of all images' parameters."""
-        return self.solved(np.eye(len(self.right)))
-
     def solved(self, right: Floats) -> Floats:
-        """With another right side, or more than one."""
+        """For a right side, or more than one."""
         from scipy.linalg import cho_solve
 
         return np.asarray(cho_solve(self.factor, right))
@@ -269,10 +246,11 @@ class _NormalEquations:
         """Redundancies of the pixels together and of the map's places together, and their sum."""
         on_map = self.map_weight > 0.0
         seen = on_map | (np.diff(self.first) > 0)
-        total = 2 * (observed.number - int(seen.sum())) - self.parameters
+        total = 2 * int(observed.used.sum() - seen.sum()) - self.parameters
         parts = self.coupling, self.points_inverse, self.map_weight
-        explained = explained_on_map(self.first, self.image, *parts, self.inverse())
-        of_map = 2.0 * int(observed.map_used.sum()) - explained
+        covariance = self.solved(np.eye(len(self.right)))
+        explained = explained_on_map(self.first, self.image, *parts, covariance)
+        of_map = 2.0 * int(observed.used[len(observed.ties.point) :].sum()) - explained
         return np.array([total - of_map, of_map]), total
 
 
@@ -280,37 +258,29 @@ def _solve(
     observed: _Observed, model: Projections, places: Floats
 ) -> tuple[Projections, Floats, _NormalEquations, bool]:
     """The model and the places after some steps, the normal equations of the last one, and whether it was small."""
-    chi2 = observed.total_chi2(model, places)
+    chi2 = observed.chi2(observed.residuals(model, places), observed.factors).sum()
     for _ in range(_STEPS):
         normal = _normal_equations(observed, model, places)
         step = normal.solved(normal.right)
-        moved = normal.places_moved(step)
-        model, places, chi2 = _stepped(observed, model, places, chi2, step.reshape(model.images, -1), moved)
+        of_images, of_places = step.reshape(model.images, -1), normal.places_moved(step)
+        # Halved until chi squared does not grow: from far off a whole step may lead beyond a horizon.
+        for part in 0.5 ** np.arange(_HALVINGS + 1):
+            following = model.corrected(part * of_images), places + part * of_places
+            after = observed.chi2(observed.residuals(*following), observed.factors).sum()
+            if after <= (1.0 + _ROUNDING) * chi2:
+                break
+        (model, places), chi2 = following, after
         if small := bool(step @ normal.right < _CONVERGED):
             break
     return model, places, normal, small
 
 
-def _stepped(
-    observed: _Observed, model: Projections, places: Floats, chi2: float, step: Floats, of_places: Floats
-) -> tuple[Projections, Floats, float]:
-    """After a step, and chi squared there.
-
-    It is halved until that does not grow: from far off a whole step may lead beyond a horizon.
-    """
-    for part in 0.5 ** np.arange(_HALVINGS + 1):
-        following = model.corrected(part * step), places + part * of_places
-        after = observed.total_chi2(*following)
-        if after <= (1.0 + _ROUNDING) * chi2:
-            break
-    return *following, after
-
-
 def _normal_equations(observed: _Observed, model: Projections, places: Floats) -> _NormalEquations:
     from scipy.linalg import cho_factor
 
-    ties, map_used = observed.ties, observed.map_used
+    ties = observed.ties
     pixels = observed.order[observed.used[observed.order]]
+    map_used = observed.used[len(ties.point) :]
     image, point = ties.image[pixels], ties.point[pixels]
     found = model.project(image, point, places)
     weight = (observed.factors[0] * ties.sigma_px[pixels]) ** -1.0

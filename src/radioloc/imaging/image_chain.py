@@ -19,7 +19,7 @@ from radioloc.imaging.adjustment import TiePoints
 from radioloc.imaging.cameras import Camera, undistorted
 from radioloc.imaging.frames import Image, Mask, load_opencv
 from radioloc.imaging.homography import derivative, fit_homography, transformed
-from radioloc.imaging.map_features import MapFeatures
+from radioloc.imaging.map_features import MapFeatures, MapPart
 from radioloc.imaging.matching import Features, Matches, MatchStatus, detect, match
 from radioloc.imaging.tie_points import TiePoint
 
@@ -33,9 +33,8 @@ _LEAST_WIDTH_ON_MAP_PIXELS = 90
 _SEARCHES = 6  # of the whole map, for the first images
 _SEARCH_PIXELS = 500, 4200  # sides of the whole map, reduced, at which it is searched
 _PREDICTED_PART = 0.08  # of an image's width: how far a prediction along the chain may be off
-_MAGNIFIED = (
-    0.25  # of the largest distance along the axis that a pixel of an oblique image has in the view from above
-)
+# Of the largest distance along the axis that a pixel of an oblique image has in the view from above.
+_MAGNIFIED = 0.25
 
 
 class FrameStatus(StrEnum):
@@ -90,6 +89,12 @@ class Taken:
     def centre(self) -> Floats:
         """The pixel in the middle."""
         return 0.5 * (np.array(self.size, dtype=np.float64) - 1.0)
+
+    def match(self, name: str, candidates: int) -> None:
+        """Note what it was matched to."""
+        self.status = FrameStatus.UNTIED
+        self.matched_to.append(name)
+        self.candidates += candidates
 
     def undistorted(self, pixels: Floats) -> Floats:
         """Pixels, shape (n, 2), where they would be without distortion."""
@@ -166,12 +171,11 @@ class ImageChain:
                 return
             if not found.matched or found.matrix is None:
                 continue
-            this.status = FrameStatus.UNTIED
-            this.matched_to.append(other.name)
-            this.candidates += found.candidates
+            this.match(other.name, found.candidates)
             self.links.append((number, number - back, found.matrix))
             for i, j in zip(found.first, found.second, strict=True):
-                self._tie(self._node(number, 0, features, i), self._node(number - back, 0, other.features, j))
+                before = self._node(number - back, 0, other.features, j)
+                self.pairs.append((self._node(number, 0, features, i), before))
             if other.to_plane is not None and len(found.first) > best:
                 best, this.to_plane = len(found.first), _product(other.to_plane, found.matrix)
         self._tie_to_map(frame, number, image, reduction)
@@ -188,7 +192,7 @@ class ImageChain:
                 first = self.first_of_given.setdefault(k, node)
                 if first == node:
                     continue
-                self._tie(node, first)
+                self.pairs.append((node, first))
                 place, sigma = self.place[first]
                 if first[0] >= 0:
                     to_plane = self.taken[first[0]].to_plane
@@ -200,9 +204,7 @@ class ImageChain:
         if len(known) >= 4:
             pixels, sigma_px, places, sigma_m = (np.array(column) for column in zip(*known, strict=True))
             this.to_plane = fit_homography(pixels, places, sigma_px, sigma_m).homography.matrix
-            this.status = FrameStatus.UNTIED
-            this.matched_to.append("given")
-            this.candidates += len(known)
+            this.match("given", len(known))
 
     def _features(self, this: Taken, frame: Frame, image: Image, reduction: int) -> Features:
         """Features of an image reduced by a whole number, at their pixels in the image itself, undistorted."""
@@ -249,7 +251,7 @@ class ImageChain:
 
     def _tie_to_map(self, frame: Frame, number: int, image: Image, reduction: int) -> None:
         this = self.taken[number]
-        found: tuple[Matches, Features, NDArray[np.int64], float] | None = None
+        found: tuple[Matches, MapPart] | None = None
         features, kind = this.features, 0
         if features is None:
             return
@@ -268,21 +270,18 @@ class ImageChain:
             found = self._anywhere(features)
         if found is None or found[0].matrix is None:
             return
-        matches, map_features, names, map_pixel_m = found
-        this.status = FrameStatus.UNTIED
-        this.matched_to.append("map")
-        this.candidates += matches.candidates
-        to_plane = np.diag([map_pixel_m, -map_pixel_m, 1.0]) @ found[0].matrix
-        this.to_plane = to_plane
+        matches, part = found
+        this.match("map", matches.candidates)
+        this.to_plane = part.to_plane @ found[0].matrix
         for i, j in zip(matches.first, matches.second, strict=True):
-            node = (-1, *(int(n) for n in names[j]))
-            sigma_m = float(map_features.sigma_px[j]) * map_pixel_m
-            self.place[node] = (map_features.pixels[j] * [map_pixel_m, -map_pixel_m], sigma_m)
-            self._tie(self._node(number, kind, features, i), node)
+            node = (-1, *part.names[j].tolist())
+            place = part.features.pixels[j] * [part.pixel_m, -part.pixel_m]
+            self.place[node] = (place, float(part.features.sigma_px[j]) * part.pixel_m)
+            self.pairs.append((self._node(number, kind, features, i), node))
 
     def _near_prediction(
         self, features: Features, this: Taken, level: int, width_m: float
-    ) -> tuple[Matches, Features, NDArray[np.int64], float] | None:
+    ) -> tuple[Matches, MapPart] | None:
         assert this.to_plane is not None
         samples, lines = this.size
         corners = transformed(
@@ -293,38 +292,30 @@ class ImageChain:
         east, north = corners.max(axis=0) + margin_m
         if max(east - west, north - south) > 10.0 * width_m:
             return None
-        pixel_m = self.map.pixel_m(level)
-        map_features, names = self.map.around(level, (west, south, east, north))
-        predicted = np.diag([1.0 / pixel_m, -1.0 / pixel_m, 1.0]) @ this.to_plane
-        radius_px = max(10.0, margin_m / pixel_m)
-        matches = match(features, map_features, predicted, radius_px)
-        return (matches, map_features, names, pixel_m) if matches.matched else None
+        part = self.map.around(level, (west, south, east, north))
+        predicted = np.diag([1.0 / part.pixel_m, -1.0 / part.pixel_m, 1.0]) @ this.to_plane
+        matches = match(features, part.features, predicted, max(10.0, margin_m / part.pixel_m))
+        return (matches, part) if matches.matched else None
 
-    def _anywhere(self, features: Features) -> tuple[Matches, Features, NDArray[np.int64], float] | None:
-        """The image sought on the whole map, or near a place, at sizes of the map's pixels from coarse to fine.
-
-        How large the image's own pixels are is not known yet: of all sizes that match, the one is taken that chance
-        makes the least.
-        """
+    def _anywhere(self, features: Features) -> tuple[Matches, MapPart] | None:
+        """The image sought on the whole map, or near a place, at sizes of the map's pixels from coarse to fine."""
+        # The size of the image's own pixels is not known yet: of all that match, chance makes the one taken the least.
         west, south, east, north = self.extent_m
         side_m = max(east - west, north - south)
         found = []
         for level in range(self.map.level(side_m / _SEARCH_PIXELS[0]), -1, -1):
             if side_m > _SEARCH_PIXELS[1] * self.map.pixel_m(level):
                 break
-            map_features, names = self.map.around(level, self.extent_m)
-            matches = match(features, map_features)
+            part = self.map.around(level, self.extent_m)
+            matches = match(features, part.features)
             if matches.matched:
-                found.append((matches, map_features, names, self.map.pixel_m(level)))
+                found.append((matches, part))
         return min(found, key=lambda one: one[0].log10_false_alarms, default=None)
 
     def _node(self, number: int, kind: int, features: Features, k: int) -> Node:
         node = (number, kind, int(k))
         self.place[node] = (features.pixels[k], float(features.sigma_px[k]))
         return node
-
-    def _tie(self, one: Node, other: Node) -> None:
-        self.pairs.append((one, other))
 
     def place_all(self) -> None:
         """Approximate homographies of images that come before the first that was found on the map."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,19 @@ _TILE_PIXELS = 1024
 _OVERLAP_PIXELS = 32  # features near an edge are described from what is beyond it
 _FEATURES_OF_TILE = 8000
 _MOST_FEATURES = 12000
+
+
+class MapPart(NamedTuple):
+    """Features of a part of the map, their pixels counted from the plane's origin, to the east and to the south."""
+
+    features: Features
+    names: NDArray[np.int64]  # shape (n, 4)
+    pixel_m: float
+
+    @property
+    def to_plane(self) -> Floats:
+        """From these pixels to the plane, m, shape (3, 3)."""
+        return np.diag([self.pixel_m, -self.pixel_m, 1.0])
 
 
 @dataclass(slots=True, eq=False)
@@ -37,22 +51,20 @@ class MapFeatures:
         """The level whose pixels are nearest in size, not below 0."""
         return max(0, round(math.log2(pixel_m / self.base.resolution_m)))
 
-    def around(
-        self, level: int, extent_m: tuple[float, float, float, float]
-    ) -> tuple[Features, NDArray[np.int64]]:
-        """Features within west, south, east, north, and their names, shape (n, 4).
-
-        Pixels of these features are counted from the plane's origin, to the east and to the south.
-        """
+    def around(self, level: int, extent_m: tuple[float, float, float, float]) -> MapPart:
+        """Features within west, south, east, north."""
         west, south, east, north = extent_m
-        side_m = _TILE_PIXELS * self.pixel_m(level)
+        pixel_m = self.pixel_m(level)
+        side_m = _TILE_PIXELS * pixel_m
         rows = range(math.floor(-north / side_m), math.floor(-south / side_m) + 1)
         columns = range(math.floor(west / side_m), math.floor(east / side_m) + 1)
         tiles = [(level, row, column) for row in rows for column in columns]
         features = [self._tile(tile) for tile in tiles]
-        names = np.concatenate([_names(tile, f) for tile, f in zip(tiles, features, strict=True)])
+        counts = [len(f.pixels) for f in features]
+        numbers = np.concatenate([np.arange(count) for count in counts])
+        names = np.column_stack([np.repeat(tiles, counts, axis=0), numbers])
         pixels = np.concatenate([f.pixels for f in features])
-        place_m = pixels * [1.0, -1.0] * self.pixel_m(level)
+        place_m = pixels * [1.0, -1.0] * pixel_m
         kept = np.flatnonzero(((place_m >= [west, south]) & (place_m <= [east, north])).all(axis=1))
         # The number in its tile is a feature's rank among those of its surroundings.
         kept = kept[np.argsort(names[kept, 3], kind="stable")[:_MOST_FEATURES]]
@@ -60,13 +72,10 @@ class MapFeatures:
             pixels[kept],
             np.concatenate([f.sigma_px for f in features])[kept],
             np.concatenate([f.descriptors for f in features])[kept],
-            (
-                math.ceil((north - south) / self.pixel_m(level)),
-                math.ceil((east - west) / self.pixel_m(level)),
-            ),
+            (math.ceil((north - south) / pixel_m), math.ceil((east - west) / pixel_m)),
             self.detector,
         )
-        return joined, names[kept]
+        return MapPart(joined, names[kept], pixel_m)
 
     def _tile(self, tile: Tile) -> Features:
         if tile not in self._tiles:
@@ -87,8 +96,3 @@ class MapFeatures:
                 self.detector,
             )
         return self._tiles[tile]
-
-
-def _names(tile: Tile, features: Features) -> NDArray[np.int64]:
-    count = len(features.pixels)
-    return np.column_stack([np.tile(np.array(tile, np.int64), (count, 1)), np.arange(count)])

@@ -26,7 +26,7 @@ from radioloc.lunar.map_grid import MapGrid, load_rasterio
 Floats = NDArray[np.float64]
 
 _NODE_PIXELS = (
-    32  # between these the projection is interpolated: 0.2 mm off for pixels of 1.5 m at latitude 45
+    32  # between nodes the projection is interpolated: 0.2 mm off for pixels of 1.5 m at latitude 45
 )
 _LARGEST_VIEW_PIXELS = 2**26
 

@@ -29,9 +29,8 @@ Floats = NDArray[np.float64]
 
 _FEWEST_TIES = 6
 _FEWEST_WITH_HEIGHT = 0.5  # of an image's tie points: the model of heights covers what it shows
-_FARTHEST = (
-    4.0  # from the middle of an image's tie points, in standard deviations of these; of a square's corner 2.4
-)
+# From the middle of an image's tie points, in standard deviations of these; of a square's corner 2.4.
+_FARTHEST = 4.0
 # What all features of the map have in common beside its tie, of a pixel of the map: under another sun craters seem to
 # move, each by up to a pixel, all together by less than a tenth; no number of tie points makes that smaller.
 _COMMON_PART = 0.1
@@ -77,9 +76,7 @@ class Registration:
     plane: TangentPlane
     map_sigma_m: tuple[float, float]
     common_sigma_m: float  # of what features of the map have in common beside its tie, east and north
-    sigma_factors: tuple[
-        float, float
-    ]  # of features' stated sigmas in images and on the map, found from residuals
+    sigma_factors: tuple[float, float]  # of stated sigmas in images and on the map, found from residuals
     redundancy: int
     map_places_m: Floats  # adjusted places in the plane of the tie points with the map, shape (k, 2)
     relief: bool  # whether heights of the ground were taken into account
@@ -186,14 +183,11 @@ def register_chain(
     >>> found.frames[0].status.value
     'registered'
     """
-    chain = ImageChain(frames, MapFeatures(base, _plane_of(base, near), detector), mask, near, ties)
+    plane = base.plane() if near is None else TangentPlane(near[0], near[1])
+    chain = ImageChain(frames, MapFeatures(base, plane, detector), mask, near, ties)
     for frame in progress(frames):
         chain.add(frame)
     return _registration(chain, map_sigma_m, terrain)
-
-
-def _plane_of(base: Map, near: tuple[float, float, float] | None) -> TangentPlane:
-    return base.plane() if near is None else TangentPlane(near[0], near[1])
 
 
 def _adjusted(chain: ImageChain, terrain: TerrainModel | None) -> tuple[list[int], TiePoints, Adjusted]:
@@ -226,9 +220,8 @@ def _modelled(
         return ties, homographies, places
     west, south, east, north = chain.extent_m
     size = np.array([east - west, north - south])  # wrong tie points may seem to be anywhere
-    known = np.asarray(
-        (np.abs(places - 0.5 * np.array([west + east, south + north])) < 1.5 * size).all(axis=1)
-    )
+    middle = 0.5 * np.array([west + east, south + north])
+    known = np.asarray((np.abs(places - middle) < 1.5 * size).all(axis=1))
     try:
         relief = Relief.around(chain.map.plane, terrain, places[known])
     except NoTerrainError:
@@ -249,35 +242,29 @@ def _registration(
     images, ties, result = _adjusted(chain, terrain)
     on_map = np.zeros(ties.count, bool)
     on_map[ties.map_point[result.map_used]] = True
-    frames = []
-    for number, taken in enumerate(chain.taken):
-        frame = RegisteredFrame(
-            taken.name,
-            taken.status,
-            taken.reason,
-            tuple(taken.matched_to),
-            taken.candidates,
-            centre=taken.centre,
+    frames = [
+        RegisteredFrame(
+            one.name, one.status, one.reason, tuple(one.matched_to), one.candidates, centre=one.centre
         )
-        if number in images:
-            k = images.index(number)
-            block = result.block(k)
-            homography = result.model.homography(k, result.covariance[block, block])
-            mine = result.used & (ties.image == k)
-            rms_px = float(np.sqrt(np.mean(result.residuals_px[mine] ** 2)))
-            pixel_m = pixel_size_m(homography.inverse().matrix, taken.size)
-            frame = replace(
-                frame,
-                status=FrameStatus.REGISTERED,
-                inliers=int(mine.sum()),
-                map_inliers=int(on_map[ties.point[mine]].sum()),
-                rms_px=rms_px,
-                rms_m=rms_px * pixel_m,
-                pixel_m=pixel_m,
-                altitude_m=result.model.altitude_m(k),
-                homography=homography,
-            )
-        frames.append(frame)
+        for one in chain.taken
+    ]
+    for k, number in enumerate(images):
+        block = result.block(k)
+        homography = result.model.homography(k, result.covariance[block, block])
+        mine = result.used & (ties.image == k)
+        rms_px = float(np.sqrt(np.mean(result.residuals_px[mine] ** 2)))
+        pixel_m = pixel_size_m(homography.inverse().matrix, chain.taken[number].size)
+        frames[number] = replace(
+            frames[number],
+            status=FrameStatus.REGISTERED,
+            inliers=int(mine.sum()),
+            map_inliers=int(on_map[ties.point[mine]].sum()),
+            rms_px=rms_px,
+            rms_m=rms_px * pixel_m,
+            pixel_m=pixel_m,
+            altitude_m=result.model.altitude_m(k),
+            homography=homography,
+        )
     relief = isinstance(result.model, Poses)
     common_m = _COMMON_PART * chain.map.base.resolution_m
     if not relief:

@@ -23,8 +23,7 @@ from radioloc.ephemeris.orientation import LUNAR_AXES
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.imaging.cameras import Camera
 from radioloc.imaging.distortion import KINDS, Distortion
-from radioloc.imaging.isis_cube import is_isis_cube, isd_of_cube
-from radioloc.imaging.json_keys import Keys
+from radioloc.imaging.labels import Keys, is_isis_cube, isd_of_cube
 from radioloc.imaging.orientation import (
     ConstantOrientation,
     TabulatedOrientation,

@@ -23,14 +23,12 @@ from radioloc.lunar import TerrainModel, cartesian_to_selenographic, selenograph
 from radioloc.lunar.interpolation import Stencil
 from radioloc.lunar.map_files import new_geotiff
 from radioloc.lunar.map_grid import MapGrid, load_rasterio
-from radioloc.lunar.terrain_window import LargeWindowError, NoTerrainError
+from radioloc.lunar.terrain import LargeWindowError, NoTerrainError
 
 Floats = NDArray[np.float64]
 
-_BLOCK_CELLS = 512
 _OUTLINE_POINTS = 65
-_HIDDEN_CELLS = 1.0
-"""A ray that meets the ground farther than this before the point does not show it."""
+_HIDDEN_CELLS = 1.0  # a ray that meets the ground farther than this before the point does not show it
 
 _STEEPEST = 1.7
 """Tangent of a slope, 60 degrees, that terrain in cells of an elevation map does not exceed: so much above the horizon
@@ -136,23 +134,21 @@ def write_mosaic(
     crs = _reference_system(projection, resolution_m)
     grid = _covered(crs, [model for _, model in images], Terrain(terrain), resolution_m)
     shown = False
-    file = new_geotiff(path, crs, grid.transform, (grid.rows, grid.columns), types.pop())
+    [kind] = types
+    file = new_geotiff(path, crs, grid.transform, (grid.rows, grid.columns), kind)
     with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True), file:
-        for row in range(0, grid.rows, _BLOCK_CELLS):
-            for column in range(0, grid.columns, _BLOCK_CELLS):
-                height, width = min(_BLOCK_CELLS, grid.rows - row), min(_BLOCK_CELLS, grid.columns - column)
-                rows, columns = (
-                    np.mgrid[row : row + height, column : column + width].reshape(2, -1).astype(float)
+        for _, window in file.block_windows(1):
+            rows, columns = np.mgrid[window.toslices()].reshape(2, -1).astype(float)
+            values, seen = np.zeros(len(rows), kind), np.zeros(len(rows), bool)
+            for image, model in reversed(images):
+                hole = np.flatnonzero(~seen)
+                values[hole], seen[hole] = _block(
+                    image, model, terrain, grid, rows[hole], columns[hole], interpolation
                 )
-                values, seen = _block(*images[-1], terrain, grid, rows, columns, interpolation)
-                for image, model in images[-2::-1]:
-                    hole = np.flatnonzero(~seen)
-                    below = _block(image, model, terrain, grid, rows[hole], columns[hole], interpolation)
-                    values[hole], seen[hole] = below
-                window = rasterio.windows.Window(column, row, width, height)
-                file.write(values.reshape(height, width), 1, window=window)
-                file.write_mask(seen.reshape(height, width), window=window)
-                shown |= bool(seen.any())
+            shape = window.height, window.width
+            file.write(values.reshape(shape), 1, window=window)
+            file.write_mask(seen.reshape(shape), window=window)
+            shown |= bool(seen.any())
     if not shown:
         Path(path).unlink()
         raise InputError("no cell of the map is seen in any image")

@@ -39,7 +39,7 @@ from radioloc.imaging.maps import TangentPlane
 from radioloc.imaging.orientation import rotation_of
 from radioloc.imaging.surfaces import Terrain
 from radioloc.lunar import TerrainModel
-from radioloc.lunar.terrain_window import TerrainWindow
+from radioloc.lunar.terrain import TerrainWindow
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -23,7 +23,7 @@ from radioloc.imaging.matching import Detector
 from radioloc.imaging.projections import Homographies, Poses, Projections, Relief, camera_matrix
 from radioloc.imaging.tie_points import TiePoint
 from radioloc.lunar import TerrainModel
-from radioloc.lunar.terrain_window import NoTerrainError
+from radioloc.lunar.terrain import NoTerrainError
 
 Floats = NDArray[np.float64]
 

@@ -22,7 +22,6 @@ from radioloc.time import Epochs, utc_strings
 
 Floats = NDArray[np.float64]
 
-_SIDE = 512  # cells of a block
 _BLANK = 0
 
 LUNAR_LAMBERT = (1.0, -0.019, 2.42e-4, -1.46e-6)
@@ -82,13 +81,8 @@ def sun_direction(azimuth_deg: float, elevation_deg: float) -> Floats:
     if not (0.0 < elevation_deg <= 90.0 and math.isfinite(azimuth_deg)):
         raise InputError(f"a Sun at an elevation of {elevation_deg!r} degrees lights no ground; give 0 to 90")
     azimuth, elevation = math.radians(azimuth_deg), math.radians(elevation_deg)
-    return np.array(
-        [
-            math.sin(azimuth) * math.cos(elevation),
-            math.cos(azimuth) * math.cos(elevation),
-            math.sin(elevation),
-        ]
-    )
+    level = math.cos(elevation)
+    return np.array([math.sin(azimuth) * level, math.cos(azimuth) * level, math.sin(elevation)])
 
 
 def write_shaded_map(
@@ -113,25 +107,25 @@ def write_shaded_map(
     sun = sun_direction(sun_azimuth_deg, sun_elevation_deg)
     about = TerrainModel.open(dem).metadata
     base = Map.open(dem)
-    lines, samples = base.shape
     sun_me = base.plane().axes().T @ sun
     with open_dataset(Path(dem)) as source:
         crs, transform = source.crs, source.transform
     with new_geotiff(path, crs, transform, base.shape, "uint8", _BLANK) as file:
-        for line in range(0, lines, _SIDE):
-            for sample in range(0, samples, _SIDE):
-                # One cell more on each side, so that slopes go on over the edges of blocks.
-                rows = np.clip(np.arange(line - 1, min(line + _SIDE, lines) + 1), 0, lines - 1)
-                columns = np.clip(np.arange(sample - 1, min(sample + _SIDE, samples) + 1), 0, samples - 1)
-                heights = heights_m(about, *np.meshgrid(rows, columns, indexing="ij"))
-                by_line, by_sample = (np.asarray(part)[1:-1, 1:-1] for part in np.gradient(heights))
-                plane, to_m = _metres_by_pixel(base, columns.mean(), rows.mean())
-                to_px = np.linalg.inv(to_m)
-                by_east, by_north = (by_sample * to_px[0, k] + by_line * to_px[1, k] for k in (0, 1))
-                bright = brightness_of_slopes(by_east, by_north, plane.axes() @ sun_me)
-                band = np.maximum(in_bytes(bright, sun), _BLANK + 1)
-                band = np.where(np.isfinite(heights[1:-1, 1:-1]), band, _BLANK).astype(np.uint8)
-                file.write(band, 1, window=((line, line + len(band)), (sample, sample + band.shape[1])))
+        for _, window in file.block_windows(1):
+            # One cell more on each side, so that slopes go on over the edges of blocks.
+            rows, columns = (
+                np.clip(np.arange(part.start - 1, part.stop + 1), 0, size - 1)
+                for part, size in zip(window.toslices(), base.shape, strict=True)
+            )
+            heights = heights_m(about, *np.meshgrid(rows, columns, indexing="ij"))
+            by_line, by_sample = (np.asarray(part)[1:-1, 1:-1] for part in np.gradient(heights))
+            plane, to_m = _metres_by_pixel(base, columns.mean(), rows.mean())
+            to_px = np.linalg.inv(to_m)
+            by_east, by_north = (by_sample * to_px[0, k] + by_line * to_px[1, k] for k in (0, 1))
+            bright = brightness_of_slopes(by_east, by_north, plane.axes() @ sun_me)
+            band = np.maximum(in_bytes(bright, sun), _BLANK + 1)
+            band = np.where(np.isfinite(heights[1:-1, 1:-1]), band, _BLANK).astype(np.uint8)
+            file.write(band, 1, window=window)
 
 
 def sun_over_map(dem: str | Path, epoch: Epochs) -> tuple[float, float]:

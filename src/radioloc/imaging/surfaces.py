@@ -17,8 +17,8 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.imaging.cameras import as_vector
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic
+from radioloc.lunar.terrain import LargeWindowError, NoTerrainError, TerrainWindow
 from radioloc.lunar.terrain_source import HIGHEST_M, LOWEST_M
-from radioloc.lunar.terrain_window import LargeWindowError, NoTerrainError, TerrainWindow
 
 Floats = NDArray[np.float64]
 

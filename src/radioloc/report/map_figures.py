@@ -20,8 +20,7 @@ from radioloc.imaging import Map, TangentPlane, read_frame
 from radioloc.imaging.frames import load_opencv
 from radioloc.imaging.homography import transformed
 from radioloc.imaging.registration import RegisteredFrame
-from radioloc.lunar.terrain import TerrainModel
-from radioloc.lunar.terrain_window import LargeWindowError, NoTerrainError
+from radioloc.lunar.terrain import LargeWindowError, NoTerrainError, TerrainModel
 from radioloc.report.cards import Shown
 from radioloc.report.figures import (
     COLORS,

@@ -236,7 +236,7 @@ def test_a_fine_elevation_map_is_read_in_parts(tmp_path, monkeypatch):
     image, _, _ = spots(model, terrain)
     maps = []
     for cells in (10**6, 400):
-        monkeypatch.setattr("radioloc.lunar.terrain_window._LARGEST_CELLS", cells)
+        monkeypatch.setattr("radioloc.lunar.terrain._LARGEST_CELLS", cells)
         write_orthophoto(tmp_path / "map.tif", image, model, terrain, resolution_m=20.0)
         with rasterio.open(tmp_path / "map.tif") as file:
             maps.append((file.read(1), file.read_masks(1)))

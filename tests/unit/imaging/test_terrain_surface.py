@@ -249,7 +249,7 @@ def test_a_window_that_does_not_fit_into_memory_is_refused(monkeypatch, hills):
     model = camera_above(3e3, 60.0)
     rays = model.rays(np.random.default_rng(14).uniform(0.0, 399.0, size=(40, 2)))
     points, hits = Terrain(terrain).intersect(rays.origins_m, rays.directions)
-    monkeypatch.setattr("radioloc.lunar.terrain_window._LARGEST_CELLS", 3000)
+    monkeypatch.setattr("radioloc.lunar.terrain._LARGEST_CELLS", 3000)
     with pytest.raises(InputError, match="cells are asked for at once, more than 3000"):
         terrain.window(np.array([-0.002, 0.002]), np.array([-0.002, 0.002]))
     # rays are then taken by halves, and each in pieces

@@ -43,6 +43,7 @@ _ROOT_SCALE = 512.0  # the largest of 128 numbers is below 255
 _CONTRAST_LIMIT, _CONTRAST_TILES = 3.0, (8, 8)
 _SATURATED_PART = 0.9
 _FEWEST_FEATURES = 12
+_CHUNK_DISTANCES = 2**19
 
 # Scatter of places of features of one scene under other suns: of small ones 0.5 pixel, of large ones a twentieth of
 # their diameter (the pairs of real images in the tests).
@@ -283,11 +284,16 @@ def _candidates(
     first: Features, second: Features, predicted: Floats | None, radius_px: float
 ) -> tuple[Indices, Indices]:
     """Pairs that are each other's nearest in description, the second nearest being farther by the ratio."""
-    distance = _distances(first, second)
-    if predicted is not None:
-        near = transformed(predicted, first.pixels)
-        for k in (0, 1):
-            distance[~(np.abs(near[:, k, np.newaxis] - second.pixels[:, k]) <= radius_px)] = np.inf
+    near = None if predicted is None else transformed(predicted, first.pixels)
+    distance = np.empty((len(first.pixels), len(second.pixels)), np.float32)
+    step = max(1, _CHUNK_DISTANCES // len(second.pixels))  # what is computed stays in the processor's memory
+    for begin in range(0, len(distance), step):
+        rows = slice(begin, begin + step)
+        distance[rows] = _distances(first, second, rows)
+        if near is not None:
+            for k in (0, 1):
+                far = ~(np.abs(near[rows, k, np.newaxis] - second.pixels[:, k]) <= radius_px)
+                distance[rows][far] = np.inf
     i, backward = np.arange(len(distance)), distance.argmin(axis=0)
     forward = distance.argmin(axis=1)
     least = distance[i, forward]
@@ -297,14 +303,16 @@ def _candidates(
     return i, forward[i]
 
 
-def _distances(first: Features, second: Features) -> NDArray[np.float32]:
+def _distances(first: Features, second: Features, rows: slice) -> NDArray[np.float32]:
     """Distances of descriptions: Euclidean of SIFT, numbers of different bits of ORB."""
     if first.detector is not second.detector:
         raise InputError("features of two detectors cannot be compared; detect both with the same")
     if first.detector is Detector.SIFT:
-        a, b = (one.descriptors.astype(np.float32) for one in (first, second))
+        a, b = first.descriptors[rows].astype(np.float32), second.descriptors.astype(np.float32)
     else:
-        a, b = (np.unpackbits(one.descriptors, axis=1).astype(np.float32) for one in (first, second))
+        a, b = (
+            np.unpackbits(d, axis=1).astype(np.float32) for d in (first.descriptors[rows], second.descriptors)
+        )
     squares = (a * a).sum(axis=1)[:, np.newaxis] + (b * b).sum(axis=1) - 2.0 * (a @ b.T)
     return np.asarray(np.sqrt(np.maximum(squares, 0.0)) if first.detector is Detector.SIFT else squares)
 

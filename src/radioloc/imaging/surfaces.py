@@ -64,10 +64,10 @@ class Plane:
     mean_earth: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "point_m", as_vector(self.point_m, 3, "point_m"))
         normal = as_vector(self.normal, 3, "normal")
         if not normal.any():
             raise InputError("the normal of a plane has no direction")
-        object.__setattr__(self, "point_m", as_vector(self.point_m, 3, "point_m"))
         object.__setattr__(self, "normal", normal / np.linalg.norm(normal))
 
     def intersect(self, origins_m: Floats, directions: Floats) -> tuple[Floats, NDArray[np.bool_]]:

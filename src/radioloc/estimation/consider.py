@@ -14,7 +14,7 @@ ephemeris.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation.least_squares import FitResult
-from radioloc.estimation.linearization import Rows, gram
-from radioloc.estimation.observation_noise import Whitening
+from radioloc.estimation.linearization import gram
+from radioloc.estimation.observation_noise import RowsOf, Whitening
 from radioloc.parameters.parameter import Parameter, ParameterSet
 from radioloc.parameters.registry import PARAMETERS
 
@@ -32,7 +32,7 @@ _Floats = NDArray[np.float64]
 NOISE, A_PRIORI, EPHEMERIS = "measurement noise", "a priori", "ephemeris"
 """Sources of error that are no considered parameters."""
 
-Effects = Callable[[Rows], _Floats]
+Effects = RowsOf
 """What independent errors of unit variance do to observations, m, from their indices (m,), shape (m, c)."""
 
 _OF_FRAMES = frozenset(
@@ -56,8 +56,8 @@ class ConsideredErrors:
     """
 
     parameters: ParameterSet
-    partials: Callable[[Rows], _Floats]
-    station_partials: Callable[[Rows], _Floats] | None = None
+    partials: RowsOf
+    station_partials: RowsOf | None = None
 
     @property
     def at_stations(self) -> Effects | None:
@@ -98,13 +98,13 @@ class CommonErrors:
         effects = tuple(part @ axes[:, felt] for part in whitened)
         return cls(noise, effects, 1.0 / (1.0 + squares[felt]))
 
-    def whitened(self, rows_of: Callable[[Rows], _Floats]) -> Iterator[_Floats]:
+    def whitened(self, rows_of: RowsOf) -> Iterator[_Floats]:
         """Independent combinations part by part, and the estimates of the errors as the last part."""
         parts, estimates = self.weighted(rows_of)
         yield from parts
         yield estimates
 
-    def weighted(self, rows_of: Callable[[Rows], _Floats]) -> tuple[list[_Floats], _Floats]:
+    def weighted(self, rows_of: RowsOf) -> tuple[list[_Floats], _Floats]:
         """Columns whitened by the noise times (1 + E E^T)^-1, part by part, and the estimates of the errors in them."""
         parts = list(self.noise.whitened(rows_of))
         along = sum(gram(effect, part) for effect, part in zip(self.effects, parts, strict=True))
@@ -150,7 +150,7 @@ def consider(fit: FitResult, errors: ConsideredErrors) -> Consider:
     return Consider(errors.parameters, moved * errors.parameters.prior_sigmas)
 
 
-def moved_by(fit: FitResult, effects_m: Callable[[Rows], _Floats], count: int) -> _Floats:
+def moved_by(fit: FitResult, effects_m: RowsOf, count: int) -> _Floats:
     """By how much errors move the estimate, shape (p, count), from their effects on observations (m,), (m, count).
 
     Directions that the data do not determine have no part in it: their variance is infinite already.

@@ -20,11 +20,13 @@ from radioloc.estimation.gauss_markov import SeriesWeight
 from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.least_squares import FitResult, FitStatus, fit_least_squares
 from radioloc.estimation.linearization import Linearization, ResidualFunction, evaluate
-from radioloc.estimation.observation_noise import ObservationNoise
+from radioloc.estimation.observation_noise import ObservationNoise, Rows
 from radioloc.estimation.robust import robust_start
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import robust_scale
 from radioloc.parameters.parameter import ParameterSet
+
+_Floats = NDArray[np.float64]
 
 THRESHOLD = 5.0
 """Expected sigmas beyond which a residual is an outlier: of normal ones one in 1.7 million."""
@@ -129,7 +131,7 @@ def fit_with_editing(
     status: ArrayLike | Labels | None = None,
     threshold: float | None = THRESHOLD,
     previous: EditedFit | None = None,
-    start: NDArray[np.float64] | None = None,
+    start: _Floats | None = None,
 ) -> EditedFit:
     """Fit, leaving out gross errors.
 
@@ -199,12 +201,12 @@ def fit_with_editing(
     # Those with an a-priori value do without an observation.
     n_free = int((parameters.free & np.isinf(parameters.prior_sigmas)).sum())
 
-    def fit(used: NDArray[np.bool_], start: NDArray[np.float64], at_start: Linearization) -> FitResult:
+    def fit(used: NDArray[np.bool_], start: _Floats, at_start: Linearization) -> FitResult:
         return fit_least_squares(
             residual_function, parameters, noise, used=used, start=start, linearization=at_start
         )
 
-    def spread(residual_m: NDArray[np.float64]) -> float:
+    def spread(residual_m: _Floats) -> float:
         return robust_scale(residual_m[usable] / noise.sigma_m[usable], n_free)
 
     # An outlier can be told from the rest only if at least one observation is left over without it.
@@ -228,22 +230,20 @@ def fit_with_editing(
         if seen and np.array_equal(used, seen[-1]):
             return EditedFit(result, given, scale, len(seen))
         used, message = _without_wavering(used, seen)
-        last, complete = bool(message), True
+        complete = True
         n_rejected = n_usable - int(used.sum())
         if n_rejected > most:
-            last, complete = True, False
-            used = usable
+            used, complete = usable, False
             message = (
                 f"{n_rejected} of {n_usable} observations exceed {threshold:g} sigmas, more than the "
                 f"{most} that may be left out, so none was: check stations, sigmas and model"
             )
         elif len(seen) >= _MAX_PASSES:
-            last, complete = True, False
-            message = f"the editing did not settle in {_MAX_PASSES} passes"
+            complete, message = False, f"the editing did not settle in {_MAX_PASSES} passes"
         result = fit(used, x, at_x)
         scale = spread(result.residual_m)
         seen.append(used)
-        if last or result.status in (FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS):
+        if message or result.status in (FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS):
             return EditedFit(result, given, scale, len(seen), complete, message)
         x, at_x, residual_m = result.x, result.linearization, result.residual_m
 
@@ -297,10 +297,6 @@ def _metres(value_m: float) -> str:
     return np.format_float_positional(value_m, precision=2, unique=False, fractional=False)
 
 
-_Floats = NDArray[np.float64]
-_Rows = NDArray[np.intp]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class PhaseCounts:
     """What is known of n observations as counts of a phase.
@@ -335,7 +331,7 @@ def phase_faults(edited: EditedFit, order: SeriesOrder, counts: PhaseCounts) -> 
     return found
 
 
-def _of_pass(edited: EditedFit, rows: _Rows, counts: PhaseCounts) -> Iterator[tuple[int, str]]:
+def _of_pass(edited: EditedFit, rows: Rows, counts: PhaseCounts) -> Iterator[tuple[int, str]]:
     """Those of one pass, in order of time."""
     residual_m, used = edited.fit.residual_m[rows], edited.fit.used[rows]
     sigma_m = edited.fit.sigma_m[rows] * max(1.0, edited.robust_scale)

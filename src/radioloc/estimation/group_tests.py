@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.gauss_markov import Points, SeriesNoise, noise_of_series
 from radioloc.estimation.least_squares import FitResult
-from radioloc.estimation.linearization import Rows
-from radioloc.estimation.observation_noise import column
+from radioloc.estimation.observation_noise import Rows, column
 from radioloc.estimation.series import SeriesOrder, points_of, series_of
 from radioloc.estimation.time_correlation import ABSORBED
 

@@ -10,17 +10,16 @@ are kept for the smoother, which goes outward from the epoch, where the deviatio
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.dynamics.stochastic import ACROSS, AFTER, BEFORE, Chains, StochasticAccelerations
-from radioloc.estimation.observation_noise import Combinations, ObservationNoise
+from radioloc.estimation.observation_noise import Combinations, ObservationNoise, RowsOf
 
 Floats = NDArray[np.float64]
-RowsOf = Callable[[NDArray[np.intp]], Floats]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +24,6 @@ from radioloc.estimation.linearization import (
     Linearization,
     OrthonormalLinearization,
     ResidualFunction,
-    Rows,
     check_partials,
     check_residuals,
     covariance_of,
@@ -34,7 +32,13 @@ from radioloc.estimation.linearization import (
     factorize,
     refreshed,
 )
-from radioloc.estimation.observation_noise import Combinations, ObservationNoise, Whitening, column
+from radioloc.estimation.observation_noise import (
+    Combinations,
+    ObservationNoise,
+    RowsOf,
+    Whitening,
+    column,
+)
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.parameters.parameter import ParameterSet
 
@@ -167,7 +171,7 @@ class FitResult:
         significant = self.dof > 0 and self.chi2 > chi2_quantile(SCALING_PROBABILITY, self.dof)
         return math.sqrt(self.chi2 / self.dof) if significant and self.independent_weights else 1.0
 
-    def unit_partials(self) -> Callable[[Rows], _Floats]:
+    def unit_partials(self) -> RowsOf:
         """From rows (m,) to partials by parameters of unit formal covariance, (m, q)."""
         free, root = self.parameters.free, self.factor.root_covariance()
         turned = np.zeros((len(free), root.shape[1]))

@@ -18,14 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError, RadiolocError
-from radioloc.estimation.observation_noise import Combinations, Whitening
+from radioloc.estimation.observation_noise import Combinations, Rows, Whitening
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.parameters.parameter import ParameterSet
 
 _Floats = NDArray[np.float64]
-
-Rows = NDArray[np.intp]
-"""Indices of observations, in any order."""
 
 
 class Linearization(Protocol):

@@ -17,7 +17,7 @@ With correlated weights u are the innovations.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.least_squares import FitResult, fit_least_squares
-from radioloc.estimation.linearization import ResidualFunction, Rows, covariance_of, gram
-from radioloc.estimation.observation_noise import Whitening, column
+from radioloc.estimation.linearization import ResidualFunction, covariance_of, gram
+from radioloc.estimation.observation_noise import Rows, RowsOf, Whitening, column
 from radioloc.estimation.robust import huber_weight
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.time_correlation import assess_time_correlation, in_parameters, rows_of
@@ -49,7 +49,7 @@ class _Reweighted:
     whitening: Whitening
     weights: Sequence[_Floats]  # part by part
 
-    def whitened(self, rows_of: Callable[[Rows], _Floats]) -> Iterator[_Floats]:
+    def whitened(self, rows_of: RowsOf) -> Iterator[_Floats]:
         for part, weight in zip(self.whitening.whitened(rows_of), self.weights, strict=True):
             yield part * np.sqrt(weight)[:, None]
 

@@ -31,7 +31,10 @@ _Floats = NDArray[np.float64]
 ALONE = -1
 """Group of an observation that shares no error."""
 
-RowsOf = Callable[[NDArray[np.intp]], _Floats]
+Rows = NDArray[np.intp]
+"""Indices of observations, in any order."""
+
+RowsOf = Callable[[Rows], _Floats]
 """From indices of observations (m,) to numbers that belong to them, such as partials, (m, c)."""
 
 _FLATTEST = 1e-10

@@ -10,14 +10,14 @@ observations: A^T V^-1 A is then exact, at a cost linear in the observations.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation.observation_noise import ALONE, ObservationNoise, PhaseNoise
+from radioloc.estimation.observation_noise import ALONE, ObservationNoise, PhaseNoise, RowsOf
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.parameters.rows import networks
 
@@ -143,9 +143,7 @@ class ProcessWhitening:
     noise: ProcessNoise
     used: NDArray[np.bool_]
 
-    def whitened(
-        self, rows_of: Callable[[NDArray[np.intp]], NDArray[np.float64]]
-    ) -> Iterator[NDArray[np.float64]]:
+    def whitened(self, rows_of: RowsOf) -> Iterator[NDArray[np.float64]]:
         """Innovations over their standard deviations, part by part."""
         from radioloc.estimation._kernels import filter_processes
 

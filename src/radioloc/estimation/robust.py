@@ -15,13 +15,12 @@ from radioloc.estimation.linearization import (
     LinearProblem,
     OrthonormalLinearization,
     ResidualFunction,
-    Rows,
     check_residuals,
     evaluate_step,
     factorize,
     gram,
 )
-from radioloc.estimation.observation_noise import ObservationNoise
+from radioloc.estimation.observation_noise import ObservationNoise, Rows
 from radioloc.estimation.statistics import robust_scale
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.parameters.parameter import ParameterSet

@@ -23,7 +23,7 @@ correlated.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,8 +40,8 @@ from radioloc.estimation.gauss_markov import (
     noise_of_series,
 )
 from radioloc.estimation.least_squares import FitResult, fit_least_squares
-from radioloc.estimation.linearization import ResidualFunction, Rows, covariance_of, gram
-from radioloc.estimation.observation_noise import RowsOf, Whitening
+from radioloc.estimation.linearization import ResidualFunction, covariance_of, gram
+from radioloc.estimation.observation_noise import Rows, RowsOf, Whitening
 from radioloc.estimation.series import Bundle, SeriesOrder, points_of, series_of
 
 _Floats = NDArray[np.float64]
@@ -163,7 +163,7 @@ def noise_of_each(fit: FitResult, order: SeriesOrder) -> dict[str, SeriesNoise]:
     return noise_of_series(points, ABSORBED, jointly=False)
 
 
-def rows_of(fit: FitResult, common: Effects | None = None) -> Callable[[Rows], _Floats]:
+def rows_of(fit: FitResult, common: Effects | None = None) -> RowsOf:
     """Residuals, partials by the free parameters and effects side by side, of rows (m,), shape (m, 1 + q + c)."""
     free = fit.parameters.free
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -139,7 +139,7 @@ class PositionEstimate:
             raise InputError(f"{content['name']}: the target moves along a trajectory; there is no position")
         provenance = content["provenance"]
         study = provenance.get("study") or {}
-        errors = {item["name"]: _vector(item["position_enu_m"]) for item in content.get("considered", ())}
+        errors = {item["name"]: np.array(item["position_enu_m"]) for item in content.get("considered", ())}
         sigmas = content["sigma"].get("ephemeris", {}).values()
         for axis, name, sigma_m in zip(np.eye(3), _AXES, sigmas, strict=False):
             errors[f"ephemeris.{name}"] = axis * sigma_m
@@ -148,7 +148,7 @@ class PositionEstimate:
         given = {item["sha256"] or item["file"] for item in study.get("inputs", ()) if item["file"] in files}
         return cls(
             content["name"],
-            _vector([content["position"]["me"][f"{axis}_m"] for axis in "xyz"]),
+            np.array([content["position"]["me"][f"{axis}_m"] for axis in "xyz"]),
             total - _squares(errors),
             errors,
             frozenset(given or files) | frozenset(provenance.get("images", ())),
@@ -267,7 +267,7 @@ def agreement(one: PositionEstimate, two: PositionEstimate, *, horizontal: bool 
         part, whole = (two, one) if one.contains(two) else (one, two)
         covariance = part.noise_enu_m2 - whole.noise_enu_m2
     elif one.data & two.data:
-        return _untested(compared, "they share observations")
+        return replace(compared, why="they share observations")
     else:
         covariance = one.noise_enu_m2 + two.noise_enu_m2
     for name in dict.fromkeys([*one.errors_enu_m, *two.errors_enu_m]):
@@ -276,15 +276,15 @@ def agreement(one: PositionEstimate, two: PositionEstimate, *, horizontal: bool 
     held = np.flatnonzero(np.isfinite(np.diag(covariance)) & [True, True, not horizontal])
     tested = covariance[np.ix_(held, held)]
     if not held.size:
-        return _untested(compared, "the sigmas of one are not known")
+        return replace(compared, why="the sigmas of one are not known")
     if not (np.linalg.eigvalsh(tested) > 0.0).all():
-        return _untested(compared, "one is stated to know as much from a part as the other from the whole")
+        return replace(compared, why="one is stated to know as much from a part as the other from the whole")
     # Of a height that is not tested, a part may be stated to know as much as the whole.
     sigmas = tuple(
         None if variance < 0.0 else finite_or_none(math.sqrt(variance)) for variance in np.diag(covariance)
     )
     statistic = float(apart_m[held] @ np.linalg.solve(tested, apart_m[held]))
-    return Agreement(one.name, two.name, compared.difference_enu_m, sigmas, held.size, statistic)
+    return replace(compared, sigma_enu_m=sigmas, components=held.size, chi2=statistic)
 
 
 def joint_estimate(estimates: Sequence[PositionEstimate]) -> JointEstimate | None:
@@ -347,11 +347,3 @@ def _axes(estimate: PositionEstimate) -> _Floats:
 
 def _squares(errors_enu_m: Mapping[str, _Floats]) -> _Floats:
     return sum((np.outer(moved, moved) for moved in errors_enu_m.values()), np.zeros((3, 3)))
-
-
-def _untested(compared: Agreement, why: str) -> Agreement:
-    return Agreement(compared.one, compared.two, compared.difference_enu_m, why=why)
-
-
-def _vector(values: Sequence[float]) -> _Floats:
-    return np.array(values, dtype=np.float64)

@@ -112,7 +112,7 @@ class BinnedProblem:
                 there = np.arange(begin, begin + len(one.residual))
                 found.append((there, np.full_like(there, link), np.column_stack([one.residual, one.unit])))
             begin = int(there[-1]) + 1
-        place, code, values = (np.concatenate(column) for column in zip(*found, strict=True))
+        place, code, values = (np.concatenate(parts) for parts in zip(*found, strict=True))
         partials = np.zeros((begin, unit.shape[1]))
         np.add.at(partials, place, values[:, 1:])
         known = np.isfinite(sigmas)

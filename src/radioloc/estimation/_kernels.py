@@ -197,35 +197,37 @@ def likelihoods(
 
 @compiled(error_model="numpy")
 def whiten(
-    step_s: Floats, white: float, tau_s: float, ratio: float, columns: Floats, adjoint: bool
+    step_s: Floats, white: Floats, tau_s: Floats, ratio: Floats, values: Floats, adjoint: bool
 ) -> Floats:
-    """Innovations of a series over their standard deviations, shape (n, m), for gains of one; or transposed.
+    """Innovations of series over their standard deviations, shape (k, n, m), for gains of one; or transposed.
 
     Both operations one after the other multiply by the inverse of the covariance.
     """
-    n, m = columns.shape
-    out = np.empty((n, m))
-    decay, kalman, scale, state = np.empty(n), np.empty(n), np.empty(n), np.zeros(m)
-    variance = ratio
-    for i in range(n):
-        same = i > 0 and step_s[i] == step_s[i - 1]
-        decay[i] = decay[i - 1] if same else math.exp(-step_s[i] / tau_s)
-        predicted = ratio + decay[i] * decay[i] * (variance - ratio)
-        kalman[i] = predicted / (predicted + 1.0)
-        scale[i] = 1.0 / math.sqrt(white * (predicted + 1.0))
-        variance = kalman[i]
-    for k in range(n):
-        i = n - 1 - k if adjoint else k
-        for j in range(m):
-            if adjoint:
-                left = columns[i, j] * scale[i] + kalman[i] * state[j]
-                out[i, j] = left
-                state[j] = decay[i] * (state[j] - left)
-            else:
-                before = decay[i] * state[j]
-                left = columns[i, j] - before
-                state[j] = before + kalman[i] * left
-                out[i, j] = left * scale[i]
+    series, n, m = values.shape
+    out = np.empty((series, n, m))
+    decay, kalman, scale, state = np.empty(n), np.empty(n), np.empty(n), np.empty(m)
+    for s in range(series):
+        variance = ratio[s]
+        for i in range(n):
+            same = i > 0 and step_s[i] == step_s[i - 1]
+            decay[i] = decay[i - 1] if same else math.exp(-step_s[i] / tau_s[s])
+            predicted = ratio[s] + decay[i] * decay[i] * (variance - ratio[s])
+            kalman[i] = predicted / (predicted + 1.0)
+            scale[i] = 1.0 / math.sqrt(white[s] * (predicted + 1.0))
+            variance = kalman[i]
+        state[:] = 0.0
+        for k in range(n):
+            i = n - 1 - k if adjoint else k
+            for j in range(m):
+                if adjoint:
+                    left = values[s, i, j] * scale[i] + kalman[i] * state[j]
+                    out[s, i, j] = left
+                    state[j] = decay[i] * (state[j] - left)
+                else:
+                    before = decay[i] * state[j]
+                    left = values[s, i, j] - before
+                    state[j] = before + kalman[i] * left
+                    out[s, i, j] = left * scale[i]
     return out
 
 

@@ -150,18 +150,6 @@ class SeriesNoise:
             np.cumsum(step_s), process, sign, white, np.zeros(n), *of_processes, *ongoing, columns
         )
 
-    def weighed(self, step_s: _Floats, columns: _Floats, *, adjoint: bool = False) -> _Floats:
-        """As :meth:`whitened`, of single observations and with one process in place of all: what weights allow for.
-
-        Columns once more, by the transposed root, `adjoint`, are those times the inverse covariance.
-        """
-        from radioloc.estimation._kernels import whiten
-
-        if not self.coloured.any():
-            return columns / math.sqrt(self.white)
-        columns = np.ascontiguousarray(columns)
-        return whiten(step_s, self.white, self.correlation_time_s, self.ratio, columns, adjoint)
-
     def times(self, factor: float) -> SeriesNoise:
         """Noise of a variance that is larger by a factor."""
         return replace(self, white=factor * self.white, coloured=factor * self.coloured)

@@ -26,6 +26,7 @@ from radioloc.estimation.observation_noise import (
     unchained,
 )
 from radioloc.measurements.link import Link
+from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.time import Epochs
 
 _Floats = NDArray[np.float64]
@@ -94,9 +95,8 @@ class Bundle:
     rows: NDArray[np.intp]  # (b, j), observations, in order of time
     time_s: _Floats  # (b,)
     whitening: _Floats  # (b, k, j), from observations to independent combinations of unit variance
-    factor: _Floats | None = (
-        None  # (2, b), of counts of a phase, by which they are brought to independent ones before
-    )
+    # (2, b), of counts of a phase, by which they are brought to independent ones before
+    factor: _Floats | None = None
 
     @cached_property
     def step_s(self) -> _Floats:
@@ -114,11 +114,37 @@ class Bundle:
 
     def whitened(self, rows_of: RowsOf) -> _Floats:
         """All values, (k, b, c)."""
-        return np.concatenate([values for _, values in self.parts(rows_of)], axis=1)
+        return np.ascontiguousarray(np.concatenate([values for _, values in self.parts(rows_of)], axis=1))
 
     def of_observation(self, j: int) -> Bundle:
         """What one observation of each combination has in them."""
         return replace(self, rows=self.rows[:, [j]], whitening=self.whitening[:, :, [j]])
+
+
+def together(bundles: Sequence[Bundle]) -> list[list[Bundle]]:
+    """Bundles of some thousand rows together; a longer one alone."""
+    groups: list[list[Bundle]] = []
+    size = 0
+    for one in bundles:
+        size += one.rows.size
+        if size >= ROWS_AT_ONCE or not groups:
+            groups.append([])
+            size = one.rows.size
+        groups[-1].append(one)
+    return groups
+
+
+def with_numbers(group: Sequence[Bundle], rows_of: RowsOf) -> Iterator[tuple[Bundle, RowsOf]]:
+    """Bundles that are together with what gives the numbers of their rows, which are asked for once."""
+    if len(group) == 1:
+        return iter([(group[0], rows_of)])
+    rows = [one.rows.ravel() for one in group]
+    parts = np.split(rows_of(np.concatenate(rows)), np.cumsum([len(some) for some in rows])[:-1])
+
+    def known(part: _Floats) -> RowsOf:
+        return lambda _: part
+
+    return ((one, known(part)) for one, part in zip(group, parts, strict=True))
 
 
 def points_of(bundles: Sequence[Bundle], rows_of: RowsOf, root: _Floats) -> Points:
@@ -128,14 +154,14 @@ def points_of(bundles: Sequence[Bundle], rows_of: RowsOf, root: _Floats) -> Poin
     unit variance where observations are independent.
     """
     columns, of_series, of_points = [], [], []
-    for one in bundles:
+    for one, numbers in (pair for group in together(bundles) for pair in with_numbers(group, rows_of)):
         place, duration_s = bins(one.time_s, MOST_POINTS)
         in_bin, k = np.bincount(place), len(one.series)
         sums, squares = np.zeros((0, 0, 0)), np.zeros(k)
-        for part, values in one.parts(rows_of):
-            there, begin = np.unique(place[part], return_index=True)
+        for part, values in one.parts(numbers):
+            begin = np.flatnonzero(np.diff(place[part], prepend=-1))
             sums = sums if part.start else np.zeros((k, len(in_bin), values.shape[2]))
-            sums[:, there] += np.add.reduceat(values, begin, axis=1)
+            sums[:, place[part][begin]] += np.add.reduceat(values, begin, axis=1)
             squares += np.square(values[:, :, 0]).sum(axis=1)
         time_s = np.bincount(place, one.time_s) / in_bin
         gain, step_s = np.sqrt(in_bin), np.diff(time_s, prepend=time_s[0])

@@ -42,7 +42,14 @@ from radioloc.estimation.gauss_markov import (
 from radioloc.estimation.least_squares import FitResult, fit_least_squares
 from radioloc.estimation.linearization import ResidualFunction, covariance_of, gram
 from radioloc.estimation.observation_noise import Rows, RowsOf, Whitening
-from radioloc.estimation.series import Bundle, SeriesOrder, points_of, series_of
+from radioloc.estimation.series import (
+    Bundle,
+    SeriesOrder,
+    points_of,
+    series_of,
+    together,
+    with_numbers,
+)
 
 _Floats = NDArray[np.float64]
 
@@ -197,13 +204,21 @@ class _Whitening:
 
     def whitened(self, rows_of: RowsOf) -> Iterator[_Floats]:
         """Independent combinations of unit variance, part by part."""
-        for bundle in self.bundles:
-            yield np.concatenate(self.of_series(bundle, bundle.whitened(rows_of)))
+        for group in together(self.bundles):
+            pairs = with_numbers(group, rows_of)
+            whitened = [self.filtered(one, one.whitened(numbers)) for one, numbers in pairs]
+            yield np.concatenate([values.reshape(-1, values.shape[2]) for values in whitened])
 
-    def of_series(self, bundle: Bundle, values: _Floats, *, adjoint: bool = False) -> list[_Floats]:
-        """Values of the series of a bundle, (k, b, c), by the root of the inverse covariance, or it transposed."""
-        of_each = (self.noise.get(one.key, _UNIT) for one in bundle.series)
-        return [n.weighed(bundle.step_s, v, adjoint=adjoint) for n, v in zip(of_each, values, strict=True)]
+    def filtered(self, bundle: Bundle, values: _Floats, *, adjoint: bool = False) -> _Floats:
+        """Values of a bundle, (k, b, c), by the root of the inverse covariance, or it transposed.
+
+        Weights allow for one process in place of all that a series has.
+        """
+        from radioloc.estimation._kernels import whiten
+
+        noise = (self.noise.get(one.key, _UNIT) for one in bundle.series)
+        numbers = np.array([(one.white, one.correlation_time_s, one.ratio) for one in noise])
+        return whiten(bundle.step_s, *np.ascontiguousarray(numbers.T), values, adjoint)
 
 
 def fit_with_correlated_weights(
@@ -290,14 +305,17 @@ def _with_covariances(fit: FitResult, noise: _Whitening, found: TimeCorrelation)
     for whitened in parts:
         unit -= gram(whitened, whitened)
     # Estimates of common errors come last
-    for bundle, whitened in zip(noise.bundles, parts, strict=False):
-        values = whitened.reshape(len(bundle.series), len(bundle.rows), -1)
-        for one, weighted in zip(bundle.series, noise.of_series(bundle, values, adjoint=True), strict=True):
-            squares = gram(weighted, weighted)
-            unit += squares
-            if one.key in found.noise:
-                points = (bundle.step_s, np.ones(len(weighted)), weighted)
-                added += found.noise[one.key].products(*points) - squares
+    for group, whitened in zip(together(noise.bundles), parts, strict=False):
+        ends = np.cumsum([bundle.rows.size for bundle in group])[:-1]
+        for bundle, of_bundle in zip(group, np.split(whitened, ends), strict=True):
+            values = of_bundle.reshape(len(bundle.series), len(bundle.rows), -1)
+            weighted = noise.filtered(bundle, values, adjoint=True)
+            flat = weighted.reshape(of_bundle.shape)
+            unit += gram(flat, flat)
+            for one, columns in zip(bundle.series, weighted, strict=True):
+                if one.key in found.noise:
+                    points = (bundle.step_s, np.ones(len(columns)), columns)
+                    added += found.noise[one.key].products(*points) - gram(columns, columns)
     fit = replace(fit, covariance=covariance_of(fit.factor, fit.parameters, unit))
     return replace(fit, time_correlation=replace(found, added_covariance=in_parameters(added, fit)))
 

@@ -139,13 +139,15 @@ def test_restricted_likelihood_of_bins_is_that_of_their_observations(width_s):
 
 def test_whitening_is_a_root_of_the_inverse_covariance(case):
     step_s, _, columns = case
-    whitened = whiten(step_s, 0.8, 600.0, 3.0, np.eye(150), False)
+    # Two series, the second without noise of its own but white.
+    numbers = np.array([[0.8, 600.0, 3.0], [4.0, 1.0, 0.0]]).T.copy()
+    whitened, white = whiten(step_s, *numbers, np.stack([np.eye(150)] * 2), False)
+    np.testing.assert_array_equal(white, 0.5 * np.eye(150))
     expected = np.linalg.inv(0.8 * dense(step_s, np.ones(150), 600.0, 3.0))
     np.testing.assert_allclose(whitened.T @ whitened, expected, rtol=0.0, atol=ROUNDING)
     np.testing.assert_allclose(np.triu(whitened, 1), 0.0, rtol=0.0, atol=ROUNDING)
-    np.testing.assert_allclose(
-        whiten(step_s, 0.8, 600.0, 3.0, columns, True), whitened.T @ columns, rtol=0.0, atol=ROUNDING
-    )
+    adjoint, _ = whiten(step_s, *numbers, np.stack([columns] * 2), True)
+    np.testing.assert_allclose(adjoint, whitened.T @ columns, rtol=0.0, atol=ROUNDING)
 
 
 def test_noise_of_a_series_multiplies_as_its_covariance(case):

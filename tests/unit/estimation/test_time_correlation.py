@@ -16,6 +16,7 @@ from radioloc.estimation import (
     fit_least_squares,
     fit_with_editing,
     observation_noise,
+    series,
 )
 from radioloc.estimation.series import MOST_POINTS, SeriesOrder, points_of, series_of
 from radioloc.estimation.time_correlation import assess_time_correlation, estimated_covariance
@@ -136,7 +137,8 @@ def test_order_of_rows_and_size_of_parts_do_not_matter(monkeypatch):
     order = np.random.default_rng(1).permutation(len(time_s))
     design, residual = fit.linearization.partials(order), fit.residual_m[order]
     mixed = fit_least_squares(lambda x: (residual - design @ x, design), fit.parameters, 1.0)
-    monkeypatch.setattr(observation_noise, "ROWS_AT_ONCE", 333)
+    for module in (observation_noise, series):
+        monkeypatch.setattr(module, "ROWS_AT_ONCE", 333)
     other = assessed(mixed, types, path.select(order), time_s[order]).added_covariance
     np.testing.assert_allclose(other, found, rtol=0.0, atol=1e-6 * np.abs(found).max())
 

@@ -8,7 +8,7 @@ import pytest
 
 from radioloc.cli import main
 from radioloc.earth.eop import EopTable
-from radioloc.kernels import registry
+from radioloc.kernels import files
 from radioloc.studies import doctor as module
 from radioloc.studies.doctor import doctor
 
@@ -19,7 +19,7 @@ def test_a_sound_installation_is_called_sound(capsys):
     assert told.splitlines()[0] == "status      sound"
     assert EopTable.packaged().last_measured_date in told
     assert "before 2017-01-01" in told  # IERS Bulletin C: none since
-    for kernel in registry.registered():
+    for kernel in files.registered():
         assert kernel.name in told
 
 
@@ -33,15 +33,15 @@ def test_old_earth_orientation_is_to_be_updated():
     ("change", "words"), [("damaged", "not the file that was"), ("missing", "is missing")]
 )
 def test_kernels_that_are_not_those_shipped_are_told(tmp_path, monkeypatch, capsys, change, words):
-    folder = shutil.copytree(registry.kernel_directory(), tmp_path / "kernels")
-    kernel = folder / registry.registered()[0].name
+    folder = shutil.copytree(files.kernel_directory(), tmp_path / "kernels")
+    kernel = folder / files.registered()[0].name
     if change == "missing":
         kernel.unlink()
     else:
         content = bytearray(kernel.read_bytes())
         content[5000] ^= 1
         kernel.write_bytes(content)
-    there = [replace(one, folder=folder) for one in registry.registered()]
+    there = [replace(one, folder=folder) for one in files.registered()]
     monkeypatch.setattr(module, "registered", lambda: there)
     assert main(["doctor"]) == 3
     told = capsys.readouterr().out

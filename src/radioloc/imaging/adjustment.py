@@ -26,7 +26,6 @@ from numpy.linalg import LinAlgError
 from numpy.typing import NDArray
 
 from radioloc.errors import ConvergenceError, InputError
-from radioloc.imaging._kernels import eliminate, explained_on_map, places_moved
 from radioloc.imaging.projections import Projections
 
 Floats = NDArray[np.float64]
@@ -239,11 +238,15 @@ class _NormalEquations:
 
     def places_moved(self, step: Floats) -> Floats:
         """What a step of the images does to the places, shape (points, 2)."""
+        from radioloc.imaging._kernels import places_moved  # brings numba, as below
+
         parts = self.coupling, self.points_inverse, self.points_right
         return np.asarray(places_moved(self.first, self.image, *parts, step))
 
     def redundancies(self, observed: _Observed) -> tuple[Floats, int]:
         """Redundancies of the pixels together and of the map's places together, and their sum."""
+        from radioloc.imaging._kernels import explained_on_map
+
         on_map = self.map_weight > 0.0
         seen = on_map | (np.diff(self.first) > 0)
         total = 2 * int(observed.used.sum() - seen.sum()) - self.parameters
@@ -277,6 +280,8 @@ def _solve(
 
 def _normal_equations(observed: _Observed, model: Projections, places: Floats) -> _NormalEquations:
     from scipy.linalg import cho_factor
+
+    from radioloc.imaging._kernels import eliminate
 
     ties = observed.ties
     pixels = observed.order[observed.used[observed.order]]

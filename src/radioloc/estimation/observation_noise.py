@@ -77,7 +77,7 @@ class SharedErrors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhaseNoise:
-    """White noise of the phase that counts are the growth of.
+    """White noise of the phase whose change a count is.
 
     Parameters
     ----------

@@ -162,7 +162,7 @@ def agreement_on(path: str | Path, agreements: Iterable[FrequencyAgreement]) -> 
     return next(matching, None)
 
 
-def growth_m(
+def range_change_m(
     received_hz: NDArray[np.float64],
     offset_hz: float,
     sent_hz: float,
@@ -170,9 +170,9 @@ def growth_m(
     count_s: float,
     fail: Callable[[str, int], FileFormatError],
 ) -> NDArray[np.float64]:
-    """By how much the light path grows over count intervals, m, from mean received frequencies less an offset.
+    """Change of the light path over count intervals, m, from mean received frequencies less an offset.
 
-    Where it grows as nothing in space does, the frequency sent or the ratio is another: an error of that row.
+    Where it changes as nothing in space moves, the frequency sent or the ratio is another: an error of that row.
     """
     up, down = ratio
     # Differences of nearly equal frequencies first: the digits that cancel are then gone without loss.
@@ -213,7 +213,7 @@ def frequency_observations(
     if count_s is None:
         problem = "does not say how long a frequency was integrated; say count_s"
         raise FileFormatError(path, f"{problem} under [[observations.frequencies]]")
-    value_m = growth_m(
+    value_m = range_change_m(
         received_hz,
         offset_hz,
         its.transmit_hz,

@@ -3,7 +3,7 @@
 A coherent measurement counts cycles of the transmitted frequency f_T. In metres, by the reference frequency f_0 of the
 observation, Doppler over the count interval T is c T less c / f_0 times the integral of f_T from t1 at its start to t1
 at its end, and a range is c / f_0 times the integral from t1 to t3. Both are the length of the light path, or its
-growth, less c / f_0 times the integral of f_T - f_0 up to the transmission at t1, and need no light time from the user.
+change, less c / f_0 times the integral of f_T - f_0 up to the transmission at t1, and need no light time from the user.
 
 Source: Moyer (2003), sections 13.3 and 13.5; of the bands, S, X and Ka, and the ratios by which a transponder
 multiplies the uplink's frequency, DSN Telecommunications Link Design Handbook (810-005), module 201, tables of channels

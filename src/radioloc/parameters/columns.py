@@ -49,7 +49,7 @@ class Columns:
                 f"({len(rows)}, ends, {components}), for the observations rows.rows"
             )
         ends = partials.shape[1]
-        which = rows.rows if self.code.ndim == 2 else owners(self.scope, rows)
+        which = rows.rows if self.code.ndim == 2 else members_of_ends(self.scope, rows)
         code = np.broadcast_to(self.code[which], (len(rows), ends))
         # Column by column in memory: several times as fast as row by row.
         columns = np.zeros((len(self.names), components, len(rows)))
@@ -72,7 +72,7 @@ def _asked(kind: ParameterKind, what: Literal["partials", "acts_on"], rows: Obse
     return found
 
 
-def owners(scope: Scope, rows: ObservationRows) -> NDArray[np.int32]:
+def members_of_ends(scope: Scope, rows: ObservationRows) -> NDArray[np.int32]:
     """Index of the member that each end of an observation belongs to, shape (m, ends); -1 where there is none."""
     if scope in (Scope.STATION, Scope.PASS):
         return rows.ends
@@ -102,7 +102,7 @@ def everyone(scope: Scope, predictor: Predictor) -> Members:
 def members(kind: ParameterKind, scope: Scope, predictor: Predictor) -> Members:
     """Those of them with observations that the kind acts on."""
     rows = ObservationRows(predictor)
-    acts, owner = _asked(kind, "acts_on", rows), owners(scope, rows)
+    acts, owner = _asked(kind, "acts_on", rows), members_of_ends(scope, rows)
     if owner.shape[1] == 1:
         acts = np.asarray(acts.any(axis=1, keepdims=True))
     there = np.bincount(owner[acts & (owner >= 0)], minlength=1)
@@ -127,7 +127,7 @@ def columns_of(
         by_member[list(chosen.values())] = np.arange(len(chosen))
         return Columns(kind, scope, tuple(chosen), tuple(chosen), (None,) * len(chosen), by_member)
     rows = ObservationRows(predictor)
-    owner, since_s = owners(scope, rows), rows.elapsed_s
+    owner, since_s = members_of_ends(scope, rows), rows.elapsed_s
     acts = _asked(kind, "acts_on", rows)
     if scope is not Scope.PASS:
         acts = np.asarray(acts.any(axis=1, keepdims=True))

@@ -79,7 +79,7 @@ def plot_stations(
     from matplotlib.patheffects import withStroke
 
     links = _links_of(tracking)
-    catalogue = catalogue or StationCatalogue.default()
+    catalogue = StationCatalogue.default() if catalogue is None else catalogue
     where = {}
     for name in dict.fromkeys(name for link in links for name in link.stations):
         place = geodetic_from_itrf(catalogue.get(name).itrf_m)

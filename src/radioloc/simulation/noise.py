@@ -43,7 +43,7 @@ class Noise:
     # Standard deviation of flicker noise in each factor of ten of frequency, from one over the step down to one over
     # the session's length: a power spectral density that falls as 1/f.
     flicker_m: float = 0.0
-    # Standard deviation of the phase at either end of a count interval, whose growth is in the count: contiguous counts
+    # Standard deviation of the phase at either end of a count interval, whose change is the count: contiguous counts
     # share the phase between them with opposite signs, and are correlated by -1/2.
     phase_m: float = 0.0
 

@@ -74,7 +74,7 @@ class Simulated:
             *(f"drawn {name}: {_shown(value)}" for name, value in _by_kind(self.drawn).items()),
             f"noise of station arrivals (VLBI): {_shown(self.noise.vlbi_station)}",
             *(
-                [f"noise of the growth of station arrivals (VLBI): {_shown(self.noise.vlbi_station_rate)}"]
+                [f"noise of the change of station arrivals (VLBI): {_shown(self.noise.vlbi_station_rate)}"]
                 if "vlbi_delay_rate" in self.observations.types()
                 else []
             ),

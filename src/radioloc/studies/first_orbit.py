@@ -61,7 +61,7 @@ class Candidate:
     """An orbit that may be the one: its state, and how Doppler near the epoch fits it."""
 
     state: Floats  # m and m/s, Moon-centred ICRF, at the epoch
-    misfit_m_s: float  # robust spread of the growth of the path
+    misfit_m_s: float  # robust spread of the range rates
     inclination_deg: float  # to the Moon's equator
     node_deg: float
 

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
-from radioloc.io.frequencies import MICROMETRES, growth_m
+from radioloc.io.frequencies import MICROMETRES, range_change_m
 from radioloc.io.tdm.agreement import TdmAgreement
 from radioloc.io.tdm.message import (
     MEASURED,
@@ -317,7 +317,7 @@ def _received(part: SegmentReader, keyword: str) -> dict[str, Any]:
     offset_hz = part.segment.number("FREQ_OFFSET")
     value_hz = part.segment.values(keyword) + part.segment.correction("RECEIVE")
     fail = partial(part.fail, keyword)
-    value_m = growth_m(value_hz, offset_hz, base_hz, ratio, count_s, fail)
+    value_m = range_change_m(value_hz, offset_hz, base_hz, ratio, count_s, fail)
     received_hz = offset_hz + value_hz
     columns = {"epoch": epoch, "value_m": value_m, "count_s": count_s} | part.frequencies(keyword)
     columns["wavelength_um"] = MICROMETRES * C_M_S / np.where(received_hz > 0.0, received_hz, np.nan)

@@ -184,7 +184,7 @@ def test_passes_have_biases_of_their_own(ranges):
     # Tags are TAI - 37 s.
     assert biases["KASHI 2"]["first_utc"].startswith("2020-12-03T15:59:23")
     assert biases["KASHI 2"]["last_utc"].startswith("2020-12-03T18:23:23")
-    assert "passes      range_bias.KASHI 1: 2020-12-02T15:29:23" in str(found)
+    assert "range_bias.KASHI 1    2020-12-02T15:29:23  2020-12-02T20:29:23" in str(found)
 
 
 def test_a_gap_makes_a_pass(ranges):
@@ -228,7 +228,7 @@ def test_sessions_of_all_stations_have_a_moon_of_their_own(ranges):
     assert list(radial) == ["moon_position_variation.1.radial", "moon_position_variation.2.radial"]
     # The path to the station is as far from that to the geocentre as 1 degree, 0.00015 in its cosine.
     assert list(radial.values()) == pytest.approx([1.0, 3.0], abs=1e-3)
-    assert "moon_position_variation.2.radial: 2020-12-03T11:59:23 to 2020-12-03T18:23:23 UTC" in " ".join(
+    assert "moon_position_variation. 2020-12-03T11:59:23 2020-12-03T18:23:23 2.radial" in " ".join(
         str(found).split()
     )
 

@@ -56,6 +56,7 @@ def test_epochs_too_dense_to_tell_are_refused():
 def test_ranges_share_nothing():
     kinds = ["vlbi_delay", "range", "vlbi_delay", "doppler", "vlbi_delay"]
     arc = SimpleNamespace(
+        places=None,
         transmitters=np.array([0, 0, 0, 0, 1]),
         receivers=np.array([1, 1, 2, 1, 2]),
         observations=SimpleNamespace(
@@ -77,6 +78,7 @@ def test_ranges_share_nothing():
 def test_delay_rates_share_the_growth_of_their_stations_times():
     """Of one epoch and count interval; with delays of that epoch they share nothing."""
     arc = SimpleNamespace(
+        places=None,
         transmitters=np.array([0, 0, 0, 1, 0]),
         receivers=np.array([1, 1, 2, 2, 1]),
         observations=SimpleNamespace(

@@ -98,6 +98,7 @@ def test_entries_that_cannot_be(fields, words):
 
 def test_sigmas_of_vlbi_stations_by_name():
     arc = SimpleNamespace(
+        places=None,
         stations=("SESHAN25", "KUNMING", "URUMQI"),
         transmitters=np.array([0, 0, 1]),
         receivers=np.array([1, 2, 2]),

@@ -90,9 +90,9 @@ def skyfield_three_way_m(sender_m, lander_pa_m, receiver_m, received_tdb_jd):
     from skyfield.units import Distance
 
     scale = load.timescale(builtin=True)
-    bodies = load_file(str(find_kernel("DE421", "SPK")))
-    constants = PlanetaryConstants()
-    constants.read_binary(find_kernel("DE421", "PCK").open("rb"))
+    bodies, constants = load_file(str(find_kernel("DE421", "SPK"))), PlanetaryConstants()
+    libration = find_kernel("DE421", "PCK").open("rb")
+    constants.read_binary(libration)
     constants.read_text(_frames_file())
     frame = constants.build_frame_named("MOON_PA_DE421")
     earth, moon = bodies["earth"], bodies["moon"]
@@ -115,6 +115,8 @@ def skyfield_three_way_m(sender_m, lander_pa_m, receiver_m, received_tdb_jd):
     for _ in range(ROUNDS):
         begin = station(ends[0], scale.tdb_jd(received_tdb_jd, -(down + up) / 86400.0))
         up = np.linalg.norm(middle - begin, axis=0) / C_M_S
+    bodies.close()
+    libration.close()
     return (up + down) * C_M_S
 
 

@@ -6,6 +6,8 @@ found by a loop of its own. Apparent places are ERFA's ``apco13``, which has an 
 
 from __future__ import annotations
 
+from contextlib import closing
+
 import erfa
 import numpy as np
 import pytest
@@ -199,8 +201,12 @@ def test_against_skyfield(tmp_path):
     )
     table = light_times(Study(target=LANDER), ["KASHI", "NEUQUEN"], links="one_way", **SPAN)
     longitude_deg, latitude_deg, height_m = LANDER.to_frame("PA_DE421").selenographic
-    axes, bodies = PlanetaryConstants(), load_file(str(find_kernel("DE421", "SPK")))
-    with frames.open("rb") as text, find_kernel("DE421", "PCK").open("rb") as libration:
+    axes = PlanetaryConstants()
+    with (
+        frames.open("rb") as text,
+        find_kernel("DE421", "PCK").open("rb") as libration,
+        closing(load_file(str(find_kernel("DE421", "SPK")))) as bodies,
+    ):
         axes.read_text(text)
         axes.read_binary(libration)
         place = PlanetTopos.from_latlon_distance(

@@ -88,13 +88,13 @@ autosummary_context = {"names": public_names()}
 
 
 def data_docstring(app, what, name, value, options, lines):
-    """The text below a constant, from the module that defines it."""
+    """The text below a constant, from the module that defines it: the package or one that it imports from."""
     package, _, public = name.rpartition(".")
     if what != "data" or (package, public) == ("radioloc", "__version__"):
         return
     source = Path(importlib.import_module(package).__file__).read_text()
     home = re.search(rf"^from (\S+) import [^\n]*\b{public}\b", source, re.MULTILINE)
-    lines[:] = ModuleAnalyzer.for_module(home[1]).find_attr_docs()["", public]
+    lines[:] = ModuleAnalyzer.for_module(home[1] if home else package).find_attr_docs()["", public]
 
 
 def found(name):

@@ -21,14 +21,13 @@ from radioloc.imaging import Camera, Map
 from radioloc.imaging.image_chain import FrameStatus
 from radioloc.imaging.registration import RegisteredFrame, Registration
 from radioloc.lunar.position import LunarPosition
+from radioloc.parameters.moon import MAP_TIE
 from radioloc.report.cards import Card, Field, Shown, metres, plural
 from radioloc.report.tables import difference
 
 Floats = NDArray[np.float64]
 
 _MOST_ROWS = 12
-MAP_TIE = "map_tie"
-"""Name of the considered error that all points of a map have in common."""
 
 
 class _FromImages(Shown):
@@ -312,7 +311,7 @@ class ImageSolution(_FromImages):
         """All numbers, with the keys of :meth:`radioloc.Solution.to_dict`, and ``images``."""
         considered = [
             {
-                "name": f"{MAP_TIE}.{self.map_name}.{axis}",
+                "name": f"{MAP_TIE.name}.{self.map_name}.{axis}",
                 "unit": "m",
                 "sigma": sigma_m,
                 "position_enu_m": (sigma_m * np.eye(3)[k]).tolist(),

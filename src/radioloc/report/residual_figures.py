@@ -63,7 +63,7 @@ _LEAST_REACH = 4.0  # sigmas, above and below
 _BEYOND = 3.0
 _NORMAL_BEYOND = math.erfc(_BEYOND / math.sqrt(2.0))
 _MOST_NAMED = len(COLORS) - 1  # links of which terms are drawn
-_SMALL_M = 1e-6
+_SMALL_M = 5e-6  # rounding of light paths
 
 
 def plot_residuals(
@@ -297,8 +297,8 @@ def plot_terms(
     Returns
     -------
     matplotlib.figure.Figure
-        Links have colours of their own, those with the most observations where there are more than six. Terms below a
-        micrometre are named in a line below.
+        Links have colours of their own, those with the most observations where there are more than six. Terms below
+        five micrometres are named in a line below.
 
     Raises
     ------
@@ -341,7 +341,7 @@ def plot_terms(
         panel_title(axes, f"up to {factor * largest_m[name]:.3g} {unit}", "right", fontsize=6.5)
     date_axes(panels, dates, (3, 6), columns)
     nothing = [name for name in terms if name not in shown]
-    note = f"below a micrometre: {', '.join(nothing)}" if nothing else None
+    note = f"below {1e6 * _SMALL_M:g} micrometres: {', '.join(nothing)}" if nothing else None
     legend_outside(figure, panels[0], 7, title=note, title_fontsize=7, markerscale=3.0)
     return figure.figure
 

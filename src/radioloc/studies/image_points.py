@@ -31,8 +31,9 @@ from radioloc.imaging import (
 )
 from radioloc.kernels import sha256_of
 from radioloc.lunar import LunarPosition, TerrainModel
+from radioloc.parameters.moon import MAP_TIE
 from radioloc.report.cards import Field, metres
-from radioloc.report.image_solution import MAP_TIE, ErrorSource, PointSolution
+from radioloc.report.image_solution import ErrorSource, PointSolution
 from radioloc.studies.image_study import GroundChoice, ImagePointChoice, PointStudy, StereoChoice
 from radioloc.studies.record import versions
 from radioloc.time import Epochs, to_scale, utc_strings
@@ -127,7 +128,7 @@ def locate_stereo(study: PointStudy) -> PointSolution:
     unit = (found.position_m - landmarks) / np.linalg.norm(found.position_m - landmarks, axis=1)[:, None]
     gain = found.covariance_m2 @ unit.T / (measured.sigmas_m**2 + chosen.landmark_sigma_m**2)
     ties = tuple(
-        (f"{MAP_TIE}.{chosen.map_name}.{axis}", "m", sigma_m)
+        (f"{MAP_TIE.name}.{chosen.map_name}.{axis}", "m", sigma_m)
         for axis, sigma_m in zip(("east", "north"), chosen.map_sigma_m, strict=True)
     )
     sources = (

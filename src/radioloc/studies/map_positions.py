@@ -12,7 +12,7 @@ from radioloc.estimation.combination import PositionEstimate
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import Link
 from radioloc.measurements.map_predictor import MapPosition
-from radioloc.report.image_solution import MAP_TIE
+from radioloc.parameters.moon import MAP_TIE
 from radioloc.studies.schema import check, entry
 from radioloc.text_files import json_file
 
@@ -107,7 +107,7 @@ class PlaceOnMap:
             sigma_m, names = {}, [self.map]
             for item in content["considered"]:
                 kind, _, rest = item["name"].partition(".")
-                if kind == MAP_TIE:
+                if kind == MAP_TIE.name:
                     name, _, axis = rest.rpartition(".")
                     sigma_m[axis] = float(item["sigma"])
                     names.append(name)

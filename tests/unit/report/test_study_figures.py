@@ -129,7 +129,7 @@ def test_terms_have_a_panel_each_in_a_unit_of_their_own():
         "KASHI": [0.2, 0.2],
         "KASHI from JIAMUSI": [0.2],
     }
-    assert figure.legends[0].get_title().get_text() == "below a micrometre: none"
+    assert figure.legends[0].get_title().get_text() == "below 5 micrometres: none"
     with pytest.raises(InputError, match="term bad has 2 values"):
         plot_terms({"bad": np.zeros(2)}, observations)
 

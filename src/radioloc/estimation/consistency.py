@@ -21,11 +21,10 @@ from radioloc.constants import C_M_S
 from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.gauss_markov import TimeCorrelation
-from radioloc.estimation.group_tests import BinnedProblem, Verdict, log_probability
+from radioloc.estimation.group_tests import BinnedProblem, Verdict, log_probability, noise_of_each
 from radioloc.estimation.labels import USED
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.series import SeriesOrder
-from radioloc.estimation.time_correlation import noise_of_each
 from radioloc.parameters.columns import PASS_GAP_H
 from radioloc.time import Epochs, utc_strings
 
@@ -226,8 +225,8 @@ def assess_consistency(
     if not edited.converged or fit.dof < 1 or not (fit.parameters.free.any() and fit.used.any()):
         return Consistency()
     fit = replace(fit, used=_readmitted(edited, order))
-    noise = {} if correlation is None else noise_of_each(fit, order)
-    problem = BinnedProblem.of(fit, order, noise, considered)
+    noise_of = (lambda _: {}) if correlation is None else noise_of_each
+    problem = BinnedProblem.of(fit, order, noise_of, considered)
     search = _Search(fit, order, epoch_utc, enu_by_parameters, considered, np.unique(problem.code).tolist())
     tested = search.groups(problem)
     groups = tuple(search.named(tried) for tried in tested)
@@ -302,7 +301,7 @@ class _Search:
             edges_s = problem.times_s(links)[_FEWEST : 1 - _FEWEST]
             edges += len(edges_s)
             if len(edges_s):
-                best = int(np.argmax(problem.chi2_of_each(problem.columns(links, (edges_s, np.inf)))))
+                best = int(np.argmax(problem.chi2_of_steps(links, edges_s)))
                 steps.append(_of_links(problem, "jump", name, links, (float(edges_s[best]), np.inf)))
             passes = _passes(problem, links)
             spans = (None, *(passes if len(passes) > 1 else ()))

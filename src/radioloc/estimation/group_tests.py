@@ -14,8 +14,9 @@ observations alone, its own set of all estimated parameters, take the group out 
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -24,8 +25,22 @@ from numpy.typing import NDArray
 from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.gauss_markov import Points, SeriesNoise, noise_of_series
 from radioloc.estimation.least_squares import FitResult
-from radioloc.estimation.observation_noise import Rows, column
-from radioloc.estimation.series import SeriesOrder, points_of, series_of
+from radioloc.estimation.observation_noise import (
+    Rows,
+    RowsOf,
+    column,
+    slices,
+    slices_of_chain,
+    unchained,
+)
+from radioloc.estimation.series import (
+    MOST_POINTS,
+    Bundle,
+    SeriesOrder,
+    bins,
+    points_of,
+    series_of,
+)
 from radioloc.estimation.time_correlation import ABSORBED
 
 _Floats = NDArray[np.float64]
@@ -64,36 +79,48 @@ class BinnedProblem:
     prior: _Floats  # (k, 1 + c), residual and partials over the sigmas
     place: NDArray[np.intp]  # (m,), point that a link has part in
     code: NDArray[np.intp]  # (m,), series of single observations
-    values: _Floats  # (m, 1 + c), a constant of the link, and its partials
-    noise: tuple[SeriesNoise, ...]  # of each series of the points
-    whitened: _Floats = field(init=False)  # (n + k, 1 + c), residual and partials
+    values: _Floats  # (m, 1 + q), a constant of the link, and its partials by the estimated parameters
+    roots: tuple[_Floats, ...]  # of each series of the points, of the inverse covariance V^-1 = L^T L
+    left: _Floats = field(init=False)  # (n + k,), whitened residuals that the estimate leaves
+    whitened: _Floats = field(init=False)  # (n + k, c), partials
+    weighted: _Floats = field(init=False)  # (n + k, 1 + c), residuals and partials times V^-1
     inverse: _Floats = field(init=False)  # (c, c), N^-1
     estimate: _Floats = field(init=False)  # (c,), u
 
     def __post_init__(self) -> None:
-        raw = np.concatenate([np.column_stack([self.points.residual, self.points.unit]), self.prior])
-        both = np.zeros_like(raw)
-        rows, there = self._whitened(raw)
-        both[rows] = there
+        both = np.concatenate([np.column_stack([self.points.residual, self.points.unit]), self.prior])
+        weighted = both.copy()
+        for k, root in enumerate(self.roots):
+            of = self.points.of(k)
+            both[of] = root @ both[of]
+            weighted[of] = root.T @ both[of]
         inverse = np.linalg.pinv(both[:, 1:].T @ both[:, 1:], hermitian=True)
-        object.__setattr__(self, "whitened", both)
+        estimate = inverse @ (both[:, 1:].T @ both[:, 0])
+        object.__setattr__(self, "left", both[:, 0] - both[:, 1:] @ estimate)
+        object.__setattr__(self, "whitened", both[:, 1:])
+        object.__setattr__(self, "weighted", weighted)
         object.__setattr__(self, "inverse", inverse)
-        object.__setattr__(self, "estimate", inverse @ (both[:, 1:].T @ both[:, 0]))
+        object.__setattr__(self, "estimate", estimate)
 
     @classmethod
     def of(
         cls,
         fit: FitResult,
         order: SeriesOrder,
-        noise: Mapping[str, SeriesNoise],
+        noise_of: Callable[[Points], Mapping[str, SeriesNoise]],
         considered: ConsideredErrors | None = None,
     ) -> BinnedProblem:
-        """Bin a fit. Parameters are in coordinates of unit formal covariance, then the considered ones in sigmas."""
+        """Bin a fit. Parameters are in coordinates of unit formal covariance, then the considered ones in sigmas.
+
+        From the points, with partials by the estimated parameters, follows the noise of their series; those of which
+        it says nothing have white noise.
+        """
         from scipy.linalg import block_diag
 
         free, sigmas = fit.parameters.free, fit.parameters.prior_sigmas[fit.parameters.free]
         off = (fit.parameters.prior_values - fit.x)[free]
         unit = fit.factor.root_covariance()
+        width = unit.shape[1]
         if considered is not None:
             more = considered.parameters.prior_sigmas
             unit = block_diag(unit, np.diag(more))
@@ -105,19 +132,22 @@ class BinnedProblem:
 
         bundles = series_of(order, fit.noise, fit.used)
         points = points_of(bundles, column(fit.residual_m), np.zeros((0, 0)))
-        found, begin = [], 0
+        partials, place, code, values = [], [], [], []
+        begin = 0
         for bundle in bundles:
-            for j, link in enumerate(order.code[bundle.rows[0]].tolist()):
-                one = points_of([bundle.of_observation(j)], constant_and_partials, unit)
-                there = np.arange(begin, begin + len(one.residual))
-                found.append((there, np.full_like(there, link), np.column_stack([one.residual, one.unit])))
-            begin = int(there[-1]) + 1
-        place, code, values = (np.concatenate(parts) for parts in zip(*found, strict=True))
-        partials = np.zeros((begin, unit.shape[1]))
-        np.add.at(partials, place, values[:, 1:])
+            sums = _of_each_observation(bundle, constant_and_partials)
+            partials.append(sums[:, :, 1:].sum(axis=0) @ unit)
+            for link, of_link in zip(order.code[bundle.rows[0]].tolist(), sums, strict=True):
+                place.append(np.arange(begin, begin + len(of_link)))
+                code.append(np.full(len(of_link), link))
+                values.append(np.hstack([of_link[:, :1], of_link[:, 1:] @ unit[:, :width]]))
+            begin += sums.shape[1]
         known = np.isfinite(sigmas)
         prior = np.column_stack([off, unit])[known] / sigmas[known, None]
-        problem = cls(replace(points, unit=partials), prior, place, code, values, ())
+        points = replace(points, unit=np.concatenate(partials))
+        noise = noise_of(replace(points, unit=points.unit[:, :width]))
+        of_links = (np.concatenate(place), np.concatenate(code), np.concatenate(values))
+        problem = cls(points, prior, *of_links, roots=())
         return problem._with_noise(noise, np.zeros(unit.shape[1]))
 
     def _with_noise(self, noise: Mapping[str, SeriesNoise], estimate: _Floats) -> BinnedProblem:
@@ -125,37 +155,32 @@ class BinnedProblem:
 
         A series has more where its residuals stay alike for longer than its noise has it.
         """
-        points = self.points
-        known = [noise.get(one.key) or _white(points, k, estimate) for k, one in enumerate(points.series)]
-        first = replace(self, noise=tuple(known))
-        factors = [_spread(first.left[points.of(k)]) for k in range(len(known))]
-        return replace(self, noise=tuple(one.times(f) for one, f in zip(known, factors, strict=True)))
-
-    @property
-    def left(self) -> _Floats:
-        """Whitened residuals that the estimate leaves, (n + k,)."""
-        return np.asarray(self.whitened[:, 0] - self.whitened[:, 1:] @ self.estimate)
+        points, roots = self.points, []
+        for k, one in enumerate(points.series):
+            of, known = points.of(k), noise.get(one.key) or _white(points, k, estimate)
+            each, width_s = np.eye(of.stop - of.start), float(points.width_s[k])
+            roots.append(known.whitened(points.step_s[of], points.gain[of], each, width_s))
+        first = replace(self, roots=tuple(roots))
+        spreads = [_spread(first.left[points.of(k)]) for k in range(len(roots))]
+        return replace(self, roots=tuple(r / math.sqrt(s) for r, s in zip(roots, spreads, strict=True)))
 
     def columns(
         self,
         links: Mapping[int, float],
-        span_s: tuple[float | _Floats, float] = (-np.inf, np.inf),
+        span_s: tuple[float, float] = (-np.inf, np.inf),
         parameters: int = 0,
     ) -> _Floats:
-        """Columns of some links in a span of time: their constants times signs, or their first partials.
-
-        Of several beginnings there is one column for each.
-        """
-        from scipy.sparse import csr_array
-
+        """Columns of some links in a span of time: their constants times signs, or their first partials."""
         mine, place, sign = self._of(links)
-        time_s = self.points.time_s[place, None]
+        time_s = self.points.time_s[place]
+        inside = (time_s >= span_s[0]) & (time_s <= span_s[1])
+        mine, place, sign = mine[inside], place[inside], sign[inside]
         values = (
             self.values[mine, 1 : 1 + parameters] if parameters else sign[:, None] * self.values[mine, :1]
         )
-        inside = values * ((time_s >= span_s[0]) & (time_s <= span_s[1]))
-        entries = np.ones(len(place)), (place, np.arange(len(place)))
-        return np.asarray(csr_array(entries, shape=(len(self.whitened), len(place))) @ inside)
+        found = np.zeros((len(self.whitened), values.shape[1]))
+        np.add.at(found, place, values)
+        return found
 
     def times_s(self, links: Iterable[int]) -> _Floats:
         """Instants of the points of some links, in order."""
@@ -167,26 +192,16 @@ class BinnedProblem:
 
     def _of(self, links: Mapping[int, float]) -> tuple[NDArray[np.intp], NDArray[np.intp], _Floats]:
         """Rows of some links, the points that they have part in, and the sign of each."""
-        mine = np.flatnonzero(np.isin(self.code, list(links)))
-        return mine, self.place[mine], np.array([links[code] for code in self.code[mine].tolist()])
+        signs = np.full(int(self.code.max()) + 1, np.nan)
+        signs[list(links)] = list(links.values())
+        mine = np.flatnonzero(~np.isnan(signs[self.code]))
+        return mine, self.place[mine], signs[self.code[mine]]
 
-    def _whitened(self, columns: _Floats) -> tuple[NDArray[np.intp], _Floats]:
-        """Rows that columns (n + k, w) have part in, and the columns there by the root of the inverse covariance."""
-        points, n = self.points, len(self.points.time_s)
-        rows, found = [np.arange(n, len(columns))], [columns[n:]]
-        for k, noise in enumerate(self.noise):
-            of = points.of(k)
-            if columns[of].any():
-                rows.append(np.arange(of.start, of.stop))
-                width_s = float(points.width_s[k])
-                found.append(noise.whitened(points.step_s[of], points.gain[of], columns[of], width_s))
-        return np.concatenate(rows), np.concatenate(found)
-
-    def _scored(self, columns: _Floats) -> tuple[NDArray[np.intp], _Floats, _Floats, _Floats]:
-        """As :meth:`_whitened`, then Z^T A and the score s."""
-        rows, z = self._whitened(columns)
-        with_partials = z.T @ self.whitened[rows, 1:]
-        return rows, z, with_partials, z.T @ self.whitened[rows, 0] - with_partials @ self.estimate
+    def _there(self, columns: _Floats) -> Iterator[tuple[slice, _Floats]]:
+        """Points of those series that columns (n + k, w) have part in, and the root of each."""
+        n, begin = len(self.points.time_s), self.points.begin
+        there = np.logical_or.reduceat(columns[:n].any(axis=1), begin[:-1])
+        return ((self.points.of(k), self.roots[k]) for k in np.flatnonzero(there).tolist())
 
     def test(self, columns: _Floats, links: Mapping[int, float] | None = None) -> Verdict | None:
         """Whether added columns (n + k, w) are zero; None where the parameters leave nothing of them.
@@ -194,7 +209,11 @@ class BinnedProblem:
         Errors of a station are in all its baselines, whatever the weights have made of that: residuals of links, with
         their signs, are looked through for what they have in common.
         """
-        rows, z, with_partials, score = self._scored(columns)
+        z = columns.copy()
+        for of, root in self._there(columns):
+            z[of] = root @ columns[of]
+        products = columns.T @ self.weighted
+        score, with_partials = products[:, 0] - products[:, 1:] @ self.estimate, products[:, 1:]
         gain = self.inverse @ with_partials.T
         squares = z.T @ z
         size = np.sqrt(np.diag(squares))
@@ -208,9 +227,7 @@ class BinnedProblem:
         estimate, shift = root @ along, -gain @ root @ along
         chi2, dof, inflation = float(along @ along), int(told.sum()), 1.0
         if links:
-            left = self.left - self.whitened[:, 1:] @ shift
-            left[rows] -= z @ estimate
-            inflation = self._inflation(left, links)
+            inflation = self._inflation(self.left - self.whitened @ shift - z @ estimate, links)
         return Verdict(chi2, dof, estimate, shift, gain @ root, log_probability(chi2 / inflation, dof))
 
     def _inflation(self, left: _Floats, links: Mapping[int, float]) -> float:
@@ -219,11 +236,20 @@ class BinnedProblem:
         which = np.unique(self.points.time_s[place], return_inverse=True)[1]
         return _spread(np.bincount(which, sign * left[place]) / np.sqrt(np.bincount(which)))
 
-    def chi2_of_each(self, columns: _Floats) -> _Floats:
-        """Chi-square of each of some columns alone, (w,)."""
-        _, z, with_partials, score = self._scored(columns)
-        squares = np.einsum("nw,nw->w", z, z)
-        information = squares - np.einsum("wc,cd,wd->w", with_partials, self.inverse, with_partials)
+    def chi2_of_steps(self, links: Mapping[int, float], edges_s: _Floats) -> _Floats:
+        """Chi-square of a step of some links, each by itself, at each of some instants (w,).
+
+        A step is a sum over the points from its instant on, so that sums from the last point back serve all of them.
+        """
+        lasting = self.columns(links)[:, 0]
+        squares, products = np.zeros(len(edges_s)), np.zeros((len(edges_s), self.weighted.shape[1]))
+        for of, root in self._there(lasting[:, None]):
+            at = np.searchsorted(self.points.time_s[of], edges_s)
+            squares += np.square(_sums_from(root.T * lasting[of, None])).sum(axis=1)[at]
+            products += _sums_from(self.weighted[of] * lasting[of, None])[at]
+        with_partials = products[:, 1:]
+        score = products[:, 0] - with_partials @ self.estimate
+        information = squares - np.einsum("wc,wc->w", with_partials @ self.inverse, with_partials)
         told = information > _TOLD * squares
         return np.divide(score**2, information, out=np.zeros_like(score), where=told)
 
@@ -232,7 +258,40 @@ class BinnedProblem:
         n = len(self.points.time_s)
         points = replace(self.points, unit=np.hstack([self.points.unit, columns[:n]]))
         larger = replace(self, points=points, prior=np.hstack([self.prior, columns[n:]]))
-        return larger._with_noise(noise_of_series(points, ABSORBED, jointly=False), larger.estimate)
+        return larger._with_noise(noise_of_each(points), larger.estimate)
+
+
+def noise_of_each(points: Points) -> dict[str, SeriesNoise]:
+    """Noise that each series shows by itself: an offset of one of them is none."""
+    return noise_of_series(points, ABSORBED, jointly=False)
+
+
+def _of_each_observation(bundle: Bundle, rows_of: RowsOf) -> _Floats:
+    """What each of the j observations of a bundle has in its points, shape (j, points, c), as of :func:`points_of`.
+
+    Products by the whitening and sums over a bin are one product of matrices.
+    """
+    place, _ = bins(bundle.time_s, MOST_POINTS)
+    count = np.bincount(place)
+    ends, found = np.cumsum(count), np.zeros((0, 0, 0, 0))
+    for part in slices(*bundle.rows.shape) if bundle.factor is None else slices_of_chain(bundle.factor):
+        rows = bundle.rows[part].T  # one observation after the other, each a matrix of its own in memory
+        values = rows_of(rows.ravel())
+        if bundle.factor is not None:
+            values = unchained(bundle.factor[:, part], values)
+        values, weights = values.reshape(*rows.shape, -1), np.ascontiguousarray(bundle.whitening[part].T)
+        if not part.start:
+            found = np.zeros((*weights.shape[:2], len(count), values.shape[2]))
+        first, last = place[part][[0, -1]].tolist()
+        cuts = [0, *(ends[first:last] - part.start).tolist(), rows.shape[1]]
+        for k, (begin, end) in enumerate(itertools.pairwise(cuts), first):
+            found[:, :, k] += weights[:, :, begin:end] @ values[:, begin:end]
+    return (found / np.sqrt(count)[:, None]).reshape(len(found), -1, found.shape[3])
+
+
+def _sums_from(values: _Floats) -> _Floats:
+    """Sums of values (n, w) from each row on, and of none, shape (n + 1, w)."""
+    return np.vstack([np.cumsum(values[::-1], axis=0)[::-1], np.zeros(values.shape[1])])
 
 
 def _white(points: Points, k: int, estimate: _Floats) -> SeriesNoise:

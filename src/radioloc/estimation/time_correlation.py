@@ -164,12 +164,6 @@ def scaled_covariance(fit: FitResult, noise_scale: float) -> NDArray[np.float64]
     return scaled
 
 
-def noise_of_each(fit: FitResult, order: SeriesOrder) -> dict[str, SeriesNoise]:
-    """Noise that each series shows by itself: an offset of one of them is none."""
-    points = points_of(series_of(order, fit.noise, fit.used), rows_of(fit), fit.factor.root_covariance())
-    return noise_of_series(points, ABSORBED, jointly=False)
-
-
 def rows_of(fit: FitResult, common: Effects | None = None) -> RowsOf:
     """Residuals, partials by the free parameters and effects side by side, of rows (m,), shape (m, 1 + q + c)."""
     free = fit.parameters.free

@@ -13,7 +13,7 @@ from radioloc.estimation import (
 )
 from radioloc.estimation.gauss_markov import SeriesNoise
 from radioloc.estimation.group_tests import BinnedProblem, log_probability
-from radioloc.estimation.series import SeriesOrder, series_of
+from radioloc.estimation.series import SeriesOrder
 
 PATHS = ("A<x>B", "A<x>C", "B<x>C")
 N = 36  # epochs: too few for sums over time to say anything
@@ -40,11 +40,10 @@ def problem(seed, noise):
         Labels(np.zeros(n, dtype=np.int32), ("vlbi_delay",)), paths, np.repeat(60.0 * np.arange(N), 3)
     )
     fit = fit_least_squares(linear, parameters, noise)
-    white = {
-        one.key: SeriesNoise(1.0, np.ones(1), np.zeros(1))
-        for bundle in series_of(order, fit.noise, fit.used)
-        for one in bundle.series
-    }
+
+    def white(points):
+        return {one.key: SeriesNoise(1.0, np.ones(1), np.zeros(1)) for one in points.series}
+
     return linear, order, fit, BinnedProblem.of(fit, order, white)
 
 
@@ -90,7 +89,11 @@ def test_added_columns(noise):
         fit.factor.root_covariance() @ verdict.shift, refit.x[:-1] - fit.x, atol=STOPPED
     )
     assert verdict.chi2 == pytest.approx(fit.chi2 - refit.chi2, rel=1e-4)
-    assert binned.chi2_of_each(raw)[0] == pytest.approx(verdict.chi2)
+    edges_s = 60.0 * np.arange(3, N - 3)
+    chi2 = binned.chi2_of_steps(signs, edges_s)
+    assert chi2[7] == pytest.approx(verdict.chi2)
+    of_each = [binned.test(binned.columns(signs, (edge_s, np.inf))).chi2 for edge_s in edges_s]
+    np.testing.assert_allclose(chi2, of_each, rtol=1e-9)
 
 
 def test_a_column_that_the_parameters_hold_already():
@@ -98,7 +101,15 @@ def test_a_column_that_the_parameters_hold_already():
     clock = np.linalg.inv(fit.factor.root_covariance())[:, 3:]  # it has no a-priori sigma
     held = np.concatenate([binned.points.unit @ clock, np.zeros((2, 1))])
     assert binned.test(held) is None
-    assert binned.chi2_of_each(held)[0] == 0.0
+
+
+def test_a_step_that_the_parameters_hold_already():
+    *_, binned = problem(3, ObservationNoise(np.ones(3 * N)))
+    step = binned.columns({1: 1.0}, (600.0, np.inf))
+    with_step = binned.with_columns(step)
+    chi2 = with_step.chi2_of_steps({1: 1.0}, np.array([600.0, 660.0]))
+    assert with_step.test(step) is None
+    assert chi2[0] == 0.0 < chi2[1]
 
 
 @pytest.mark.study

@@ -314,16 +314,24 @@ def _blocks_of(own_m: _Floats, shared: SharedErrors, rows: NDArray[np.intp]) -> 
     blocks = []
     for size in np.unique(counts):
         mine = order[starts[counts == size][:, None] + np.arange(size)]
-        covariance = shared.covariance_m2(mine)
-        covariance[:, np.arange(size), np.arange(size)] += own_m[mine] ** 2
+        # Epochs in which nothing has changed since the one before have its covariance
+        new = np.ones(len(mine), dtype=bool)
+        same = (own_m[mine[1:]] == own_m[mine[:-1]]).all(axis=1)
+        for one in (shared.source, shared.effect_m):
+            same &= (one[mine[1:]] == one[mine[:-1]]).all(axis=(1, 2))
+        new[1:] = ~same
+        some = mine[new]
+        covariance = shared.covariance_m2(some)
+        covariance[:, np.arange(size), np.arange(size)] += own_m[some] ** 2
         variances, axes = np.linalg.eigh(covariance)
         flat = np.flatnonzero(variances[:, 0] <= _FLATTEST * variances[:, -1])
         if len(flat):
-            row = int(mine[flat[0], np.argmin(own_m[mine[flat[0]]])])
+            row = int(some[flat[0], np.argmin(own_m[some[flat[0]]])])
             raise InputError(
                 f"sigma of observation {row} is {own_m[row]:g} m, too small beside "
                 f"the error that it shares with others, {np.abs(shared.effect_m[row]).max():g} m; give at least a "
                 "10000th of that"
             )
-        blocks.append(Block(mine, axes, np.sqrt(variances)))
+        which = np.cumsum(new) - 1
+        blocks.append(Block(mine, axes[which], np.sqrt(variances)[which]))
     return tuple(blocks)

@@ -115,26 +115,27 @@ def filter_grid(
 
 
 @compiled(error_model="numpy")
-def solved(products: Floats) -> tuple[float, float]:
-    """Logarithm of det(1 + A^T A), and squares that are left of r, from products (m, m) of columns A and r, the last.
+def solved(products: Floats) -> tuple[Floats, Floats]:
+    """Logarithms of det(1 + A^T A), and squares that are left of r, of cells.
 
-    The diagonal and what is above it count.
+    They follow from products (m, m, cells) of columns A and r, the last, of which the diagonal and what is above it
+    count.
     """
-    m = len(products)
-    triangle = np.empty((m, m))
-    log_determinant = 0.0
-    for j in range(m):
-        for k in range(j, m):
-            value = products[j, k]
-            for i in range(j):
-                value -= triangle[i, j] * triangle[i, k]
-            if k > j:
-                triangle[j, k] = value / triangle[j, j]
-            elif j < m - 1:
-                triangle[j, j] = math.sqrt(1.0 + value)
-                log_determinant += 2.0 * math.log(triangle[j, j])
-            else:
-                triangle[j, j] = value
+    m, cells = products.shape[0], products.shape[2]
+    triangle = products.copy()
+    log_determinant, scale = np.zeros(cells), np.empty(cells)
+    for j in range(m - 1):
+        pivot = triangle[j, j]
+        for g in range(cells):
+            pivot[g] += 1.0
+            log_determinant[g] += math.log(pivot[g])
+            scale[g] = 1.0 / pivot[g]
+        for k in range(j + 1, m):
+            one = triangle[j, k]
+            for i in range(k, m):
+                other, into = triangle[j, i], triangle[k, i]
+                for g in range(cells):
+                    into[g] -= one[g] * other[g] * scale[g]
     return log_determinant, triangle[m - 1, m - 1]
 
 
@@ -157,6 +158,7 @@ def likelihoods(
     tau_s: Floats,
     part: Floats,
     ratio: Floats,
+    turned: Floats,
 ) -> tuple[Floats, Floats, Floats]:
     """Logarithms of restricted likelihoods of each of s series, variances w (s, cells), and of all together (cells,).
 
@@ -164,33 +166,53 @@ def likelihoods(
     have the points `begin[k]` to `begin[k + 1]`. `numbers` (s, 4) are their observations, how many of them are
     absorbed, duration of bins, squares of the deviations from the bins' means. Exact where points are single
     observations. The mean of a bin has less of a process by the mean correlation within it, and the deviations from
-    that mean, taken as white, have the rest. Coefficients of the columns but the last, residuals, have unit variance;
-    they are the same in all series.
+    that mean, taken as white, have the rest. Coefficients of the r columns but the last, residuals, have unit variance;
+    those of a series follow by `turned` (s, r, c) from c that are the same in all.
     """
     series, cells, m = len(begin) - 1, len(tau_s) * len(ratio), columns.shape[1]
+    common = turned.shape[2]
     log, white = np.empty((series, cells + 1)), np.empty((series, cells + 1))
-    together, products = np.zeros(cells + 1), np.zeros((m, m, cells + 1))
+    together, products = np.zeros(cells + 1), np.zeros((common + 1, common + 1, cells + 1))
+    of_all, half = np.zeros((m, common + 1)), np.empty((common + 1, cells + 1))
+    of_white = np.empty(cells + 1)
+    of_all[m - 1, common] = 1.0
     deviation = np.ones(cells + 1)
     for k in range(series):
         rows = slice(begin[k], begin[k + 1])
         count, absorbed, width_s, inside = numbers[k]
+        of_all[: m - 1, :common] = turned[k]
         dof, inside_dof = count - absorbed, count - (begin[k + 1] - begin[k])
         mean = part * mean_correlation(width_s, tau_s.ravel()).reshape(tau_s.shape)
         log_determinant, mine = filter_grid(step_s[rows], gain[rows], columns[rows], tau_s, mean, ratio)
         deviation[:-1] = (1.0 + ratio * (1.0 - mean.sum(axis=1)).reshape(-1, 1)).ravel()
         for g in range(cells + 1):
-            own, squares = solved(mine[:, :, g])
             log_determinant[g] += inside_dof * math.log(deviation[g])
             mine[m - 1, m - 1, g] += inside / deviation[g]
-            white[k, g] = (squares + inside / deviation[g]) / dof
-            log[k, g] = -0.5 * (dof * math.log(white[k, g]) + log_determinant[g] + own)
+        own, squares = solved(mine)
+        for g in range(cells + 1):
+            white[k, g] = squares[g] / dof
+            of_white[g] = 1.0 / white[k, g]
+            log[k, g] = -0.5 * (dof * math.log(white[k, g]) + log_determinant[g] + own[g])
             together[g] += count * math.log(white[k, g]) + log_determinant[g]
-            for i in range(m):
-                for j in range(i, m):
-                    products[i, j, g] += mine[i, j, g] / white[k, g]
-    for g in range(cells + 1):
-        shared, squares = solved(products[:, :, g])
-        together[g] = -0.5 * (together[g] + shared + squares)
+        for i in range(m):
+            half[:] = 0.0
+            for j in range(m):
+                value = mine[min(i, j), max(i, j)]
+                for c in range(common + 1):
+                    factor = of_all[j, c]
+                    if factor != 0.0:
+                        into = half[c]
+                        for g in range(cells + 1):
+                            into[g] += factor * value[g]
+            for b in range(common + 1):
+                factor = of_all[i, b]
+                if factor != 0.0:
+                    for c in range(b, common + 1):
+                        into, part_of = products[b, c], half[c]
+                        for g in range(cells + 1):
+                            into[g] += factor * part_of[g] * of_white[g]
+    shared, squares = solved(products)
+    together = -0.5 * (together + shared + squares)
     log -= log[:, cells:].copy()
     return log[:, :cells], white[:, :cells], together[:cells] - together[cells]
 

@@ -47,6 +47,8 @@ _FLICKER_SPANS = 3.0
 _FELT = 1.0
 """Chi-square that a combination of parameters off by one sigma adds to all series of a group, from which on it is
 projected out."""
+_FELT_BY_ONE = 1e-3
+"""Likewise of a series by itself: what it feels less of changes no likelihood by more than half of that."""
 _NEAR = 6.0
 """Logarithm of the likelihood below the largest at which nothing need be looked at."""
 _MATTERS = 1e-4
@@ -270,9 +272,9 @@ class RestrictedLikelihood:
 
     points: Points
     mine: NDArray[np.intp]  # (s,), which of the series
-    columns: (
-        _Floats  # (n, m + 1), columns of coefficients of unit variance, the residuals last, of their points
-    )
+    # (n, r + 1), columns of each series' own coefficients of unit variance, the residuals last, of their points
+    columns: _Floats
+    turned: _Floats  # (s, r, m), from those m that all series have in common
     numbers: _Floats  # (s, 4), as _kernels.likelihoods takes them
     jointly: bool
 
@@ -289,17 +291,23 @@ class RestrictedLikelihood:
         grams = np.array([gram(scaled[part], scaled[part]) for part in of_series])
         squares, axes = np.linalg.eigh(grams.sum(axis=0))
         axes = axes[:, squares > _FELT]
-        columns = np.column_stack([scaled @ axes, residual])
         felt = axes.T @ grams @ axes
+        own, own_axes = np.linalg.eigh(felt)
+        most = int((own > _FELT_BY_ONE).sum(axis=1).max(initial=0))
+        turned = np.swapaxes(own_axes[:, :, len(axes.T) - most :], 1, 2)
+        parts = [scaled[part] @ (axes @ one.T) for part, one in zip(of_series, turned, strict=True)]
+        columns = np.column_stack([np.concatenate(parts), residual])
         absorbed = np.trace(np.linalg.solve(np.eye(felt.shape[1]) + felt, felt), axis1=1, axis2=2)
         inside = points.squares[mine] - np.add.reduceat(np.square(residual), ends - length)
         numbers = (points.count[mine], absorbed, points.width_s[mine], np.maximum(inside, 0.0))
-        return cls(points, mine, columns, np.column_stack(numbers), jointly)
+        return cls(points, mine, columns, np.ascontiguousarray(turned), np.column_stack(numbers), jointly)
 
     def among(self, some: NDArray[np.bool_]) -> RestrictedLikelihood:
         """Of some of these series."""
         columns = self.columns[np.repeat(some, np.diff(self.points.begin)[self.mine])]
-        return replace(self, mine=self.mine[some], columns=columns, numbers=self.numbers[some])
+        return replace(
+            self, mine=self.mine[some], columns=columns, turned=self.turned[some], numbers=self.numbers[some]
+        )
 
     @property
     def points_left(self) -> _Floats:
@@ -323,9 +331,8 @@ class RestrictedLikelihood:
         points, rows = self.points, self.points.rows(self.mine)
         begin = np.append(0, np.cumsum(np.diff(points.begin)[self.mine]))
         data = (begin, self.numbers, points.step_s[rows], points.gain[rows], self.columns)
-        log, white, together = likelihoods(
-            *data, *(np.ascontiguousarray(one) for one in (tau_s, part, ratio))
-        )
+        cells = (np.ascontiguousarray(one) for one in (tau_s, part, ratio))
+        log, white, together = likelihoods(*data, *cells, self.turned)
         return log, white, together if self.jointly else log.sum(axis=0)
 
 

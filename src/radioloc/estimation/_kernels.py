@@ -219,9 +219,52 @@ def likelihoods(
 
 @compiled(error_model="numpy")
 def whiten(
-    step_s: Floats, white: Floats, tau_s: Floats, ratio: Floats, values: Floats, adjoint: bool
+    step_s: Floats,
+    white: Floats,
+    tau_s: Floats,
+    ratio: Floats,
+    combined: Floats,
+    values: Floats,
+    variance: Floats,
+    state: Floats,
 ) -> Floats:
-    """Innovations of series over their standard deviations, shape (k, n, m), for gains of one; or transposed.
+    """Innovations of k series over their standard deviations, shape (k, n, m), for gains of one.
+
+    Values (n, j, m) of observations are combined to those of the series by `combined` (n, k, j). Variances (k,) and
+    estimates (k, m) of the processes go on from one call to the next.
+    """
+    n, observations, m = values.shape
+    series = len(white)
+    out, value = np.empty((series, n, m)), np.empty(m)
+    for s in range(series):
+        decay, last_s, now, before = 1.0, 0.0, variance[s], state[s]
+        for i in range(n):
+            factor = combined[i, s, 0]
+            for j in range(m):
+                value[j] = factor * values[i, 0, j]
+            for k in range(1, observations):
+                factor = combined[i, s, k]
+                for j in range(m):
+                    value[j] += factor * values[i, k, j]
+            into = out[s, i]
+            if step_s[i] != last_s:
+                last_s = step_s[i]
+                decay = math.exp(-last_s / tau_s[s])
+            predicted = ratio[s] + decay * decay * (now - ratio[s])
+            now = predicted / (predicted + 1.0)
+            scale = 1.0 / math.sqrt(white[s] * (predicted + 1.0))
+            for j in range(m):
+                known = decay * before[j]
+                left = value[j] - known
+                before[j] = known + now * left
+                into[j] = left * scale
+        variance[s] = now
+    return out
+
+
+@compiled(error_model="numpy")
+def weigh(step_s: Floats, white: Floats, tau_s: Floats, ratio: Floats, values: Floats) -> Floats:
+    """What :func:`whiten` does to values of series (k, n, m), transposed.
 
     Both operations one after the other multiply by the inverse of the covariance.
     """
@@ -238,19 +281,35 @@ def whiten(
             scale[i] = 1.0 / math.sqrt(white[s] * (predicted + 1.0))
             variance = kalman[i]
         state[:] = 0.0
-        for k in range(n):
-            i = n - 1 - k if adjoint else k
+        for i in range(n - 1, -1, -1):
             for j in range(m):
-                if adjoint:
-                    left = values[s, i, j] * scale[i] + kalman[i] * state[j]
-                    out[s, i, j] = left
-                    state[j] = decay[i] * (state[j] - left)
-                else:
-                    before = decay[i] * state[j]
-                    left = values[s, i, j] - before
-                    state[j] = before + kalman[i] * left
-                    out[s, i, j] = left * scale[i]
+                left = values[s, i, j] * scale[i] + kalman[i] * state[j]
+                out[s, i, j] = left
+                state[j] = decay[i] * (state[j] - left)
     return out
+
+
+@compiled(error_model="numpy")
+def add_to_bins(place: Integers, combined: Floats, values: Floats, sums: Floats, squares: Floats) -> None:
+    """Add values (n, j, m), combined to k series by `combined` (n, k, j), to sums (k, bins, m) at places (n,).
+
+    Squares of the first column go to the sums of squares (k,).
+    """
+    n, observations, m = values.shape
+    value = np.empty(m)
+    for i in range(n):
+        for s in range(len(squares)):
+            factor = combined[i, s, 0]
+            for j in range(m):
+                value[j] = factor * values[i, 0, j]
+            for k in range(1, observations):
+                factor = combined[i, s, k]
+                for j in range(m):
+                    value[j] += factor * values[i, k, j]
+            into = sums[s, place[i]]
+            for j in range(m):
+                into[j] += value[j]
+            squares[s] += value[0] * value[0]
 
 
 @compiled(error_model="numpy")

@@ -100,18 +100,13 @@ class CommonErrors:
 
     def whitened(self, rows_of: RowsOf) -> Iterator[_Floats]:
         """Independent combinations part by part, and the estimates of the errors as the last part."""
-        parts, estimates = self.weighted(rows_of)
-        yield from parts
-        yield estimates
-
-    def weighted(self, rows_of: RowsOf) -> tuple[list[_Floats], _Floats]:
-        """Columns whitened by the noise times (1 + E E^T)^-1, part by part, and the estimates of the errors in them."""
         parts = list(self.noise.whitened(rows_of))
         along = sum(gram(effect, part) for effect, part in zip(self.effects, parts, strict=True))
         estimates = self.variance[:, None] * along
         for effect, part in zip(self.effects, parts, strict=True):
             part -= effect @ estimates
-        return parts, estimates
+            yield part
+        yield estimates
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,15 +150,12 @@ def moved_by(fit: FitResult, effects_m: RowsOf, count: int) -> _Floats:
 
     Directions that the data do not determine have no part in it: their variance is infinite already.
     """
-    root, partials = fit.factor.root_covariance(), fit.unit_partials()
-    along, q = np.zeros((root.shape[1], count)), root.shape[1]
-    if isinstance(fit.whitening, CommonErrors):
-        weighted, _ = fit.whitening.weighted(partials)
-        for one, effects in zip(weighted, fit.whitening.noise.whitened(effects_m), strict=True):
-            along += gram(one, effects)
-    else:
-        for part in fit.whitening.whitened(lambda rows: np.hstack([partials(rows), effects_m(rows)])):
-            along += gram(part[:, :q], part[:, q:])
+    root = fit.factor.root_covariance()
+    along = np.zeros((root.shape[1], count))
+    # Of common errors effects are whitened by the noise alone; estimates of the errors come last
+    alone = fit.whitening.noise if isinstance(fit.whitening, CommonErrors) else fit.whitening
+    for partials, effects in zip(fit.whitened_unit_partials(), alone.whitened(effects_m), strict=False):
+        along += gram(partials, effects)
     moved = np.zeros((len(fit.parameters), count))
     moved[fit.parameters.free] = root @ along
     return moved

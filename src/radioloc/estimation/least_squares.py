@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import enum
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -177,6 +178,12 @@ class FitResult:
         turned = np.zeros((len(free), root.shape[1]))
         turned[free] = root
         return lambda rows: self.linearization.partials(rows) @ turned
+
+    def whitened_unit_partials(self) -> Iterator[_Floats]:
+        """Those of the used observations by its weights, part by part, (m, q)."""
+        if self.factor.whitened is None:
+            return self.whitening.whitened(self.unit_partials())
+        return self.factor.whitened.by(self.factor.root_covariance())
 
     @property
     def independent_weights(self) -> bool:

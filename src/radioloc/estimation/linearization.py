@@ -115,6 +115,23 @@ _MAX_SIGMA = 1e6
 the linear model that the figure rests on means nothing."""
 
 
+_ROOM = 2**22
+"""Numbers of whitened partials that are kept for what is asked of a fit afterwards; more are computed again."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WhitenedPartials:
+    """Whitened partials that are kept, part by part, by coordinates into which those of the free parameters turn."""
+
+    parts: tuple[_Floats, ...]  # (m, q)
+    from_free: _Floats  # (q, q)
+
+    def by(self, root: _Floats) -> Iterator[_Floats]:
+        """Those by parameters of which `root` (q, r) has the free ones, part by part, (m, r)."""
+        turned = self.from_free @ root
+        return (part @ turned for part in self.parts)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Factor:
     """The whitened linear problem reduced to its singular values.
@@ -128,6 +145,7 @@ class Factor:
     vectors: _Floats  # (q, q), right singular vectors in columns
     right_side: _Floats  # (q,), whitened residuals in the singular basis
     determined: NDArray[np.bool_]  # (q,), which singular directions the data and the a-priori rows determine
+    whitened: WhitenedPartials | None = None  # where there is room for them
 
     @property
     def step_sigmas(self) -> float:
@@ -168,9 +186,18 @@ def factorize(
     triangle[np.arange(len(with_prior)), with_prior] = 1.0 / prior_sigmas
     triangle[:, q] = (parameters.prior_values - x)[free][with_prior] / prior_sigmas
 
-    # The triangle carries over from part to part, so no copy of all whitened rows is made
-    for whitened in _whitened_rows(linearization, whitening, free) if q else ():
-        triangle = reduced(triangle, whitened)
+    kept: WhitenedPartials | None
+    if isinstance(linearization, OrthonormalLinearization):
+        rows, kept = linearization.condensed(whitening)
+        triangle = reduced(triangle, rows)
+    else:
+        # The triangle carries over from part to part, so no copy of all whitened rows need be made
+        parts, room = list[_Floats](), _ROOM
+        for whitened in _whitened_rows(linearization, whitening, free) if q else ():
+            triangle = reduced(triangle, whitened)
+            room -= whitened.size
+            parts = [*parts, whitened[:, :q]] if room >= 0 else []
+        kept = WhitenedPartials(tuple(parts), np.eye(q)) if room >= 0 else None
     if not np.isfinite(triangle).all():
         return None
 
@@ -187,15 +214,13 @@ def factorize(
     left, s, right = np.linalg.svd(matrix / norms)
     sizes = np.linalg.norm(right / norms / scales, axis=1)
     determined = (s > _RANK_TOLERANCE * s.max(initial=0.0)) & (s * _MAX_SIGMA > sizes)
-    return Factor(norms, s, right.T, left.T @ right_side, determined)
+    return Factor(norms, s, right.T, left.T @ right_side, determined, kept)
 
 
 def _whitened_rows(
     linearization: Linearization, whitening: Whitening, free: NDArray[np.intp]
 ) -> Iterator[_Floats]:
     """Whitened partials by the free parameters with the residuals as last column, part by part."""
-    if isinstance(linearization, OrthonormalLinearization):
-        return iter((linearization.condensed(whitening),))
     q = len(free)
 
     def rows_of(rows: Rows) -> _Floats:
@@ -245,24 +270,28 @@ class OrthonormalLinearization:
         """d(computed)/d(parameter) of some observations, shape (m, p)."""
         return self.problem.partials[rows]
 
-    def condensed(self, whitening: Whitening) -> _Floats:
-        """Rows (q, q + 1) with the normal equations of the independent combinations of all observations."""
-        basis = self.problem.basis
+    def condensed(self, whitening: Whitening) -> tuple[_Floats, WhitenedPartials | None]:
+        """Rows (q, q + 1) with the normal equations of the independent combinations of all observations.
+
+        And the whitened partials, where they are made on the way.
+        """
+        basis, from_free = self.problem.basis, self.problem.from_free
         weight = whitening.weights() if isinstance(whitening, Combinations) else None
+        kept = None
         if weight is not None:
             weighted = basis * weight[:, None]
             normal = gram(weighted, basis)
             side = gram(weighted, np.where(weight > 0.0, self.residual_m, 0.0)[:, None])[:, 0]
         else:
             both = np.column_stack([basis, self.residual_m])
-            sums = np.zeros((both.shape[1],) * 2)
-            for part in whitening.whitened(lambda rows: both[rows]):
-                sums += gram(part, part)
+            parts = list(whitening.whitened(lambda rows: both[rows]))
+            sums = sum((gram(part, part) for part in parts), np.zeros((both.shape[1],) * 2))
             normal, side = sums[:-1, :-1], sums[:-1, -1]
+            kept = WhitenedPartials(tuple(part[:, :-1] for part in parts), from_free)
         values, axes = np.linalg.eigh(normal)
         root = np.sqrt(np.maximum(values, 0.0))
         along = np.divide(axes.T @ side, root, out=np.zeros(len(root)), where=values > _NOTHING)
-        return np.column_stack([root[:, None] * axes.T @ self.problem.from_free, along])
+        return np.column_stack([root[:, None] * axes.T @ from_free, along]), kept
 
 
 def gram(a: _Floats, b: _Floats) -> _Floats:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
-from radioloc.estimation.gauss_markov import Points, Series
+from radioloc.estimation.gauss_markov import Points, Series, SeriesNoise
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.observation_noise import (
     ALONE,
@@ -104,19 +104,42 @@ class Bundle:
         return np.diff(self.time_s, prepend=self.time_s[0])
 
     def parts(self, rows_of: RowsOf) -> Iterator[tuple[slice, _Floats]]:
-        """Some thousand of the values after others, (k, m, c), from rows (m,) to numbers (m, c) that belong to them."""
+        """Some thousand of the values after others, (m, j, c), from rows (m,) to numbers (m, c) that belong to them."""
         for part in slices(*self.rows.shape) if self.factor is None else slices_of_chain(self.factor):
             values = rows_of(self.rows[part].ravel())
             if self.factor is not None:
                 values = unchained(self.factor[:, part], values)
-            values = values.reshape(*self.rows[part].shape, -1)
-            found = np.empty((len(self.series), *values.shape[::2]))
-            np.matmul(self.whitening[part], values, out=found.transpose(1, 0, 2))
-            yield part, found
+            yield part, np.ascontiguousarray(values).reshape(*self.rows[part].shape, -1)
 
-    def whitened(self, rows_of: RowsOf) -> _Floats:
-        """All values, (k, b, c)."""
-        return np.ascontiguousarray(np.concatenate([values for _, values in self.parts(rows_of)], axis=1))
+    def whitened(self, rows_of: RowsOf, noise: Mapping[str, SeriesNoise]) -> _Floats:
+        """All values, (k, b, c), by the root of the inverse covariance of the noise of series by key.
+
+        It allows for one process in place of all that a series has.
+        """
+        from radioloc.estimation._kernels import whiten
+
+        numbers, found, state = self._numbers(noise), list[_Floats](), np.zeros((0, 0))
+        variance = numbers[2].copy()
+        for part, values in self.parts(rows_of):
+            state = state if found else np.zeros((len(variance), values.shape[2]))
+            found.append(whiten(self.step_s[part], *numbers, self.whitening[part], values, variance, state))
+        return found[0] if len(found) == 1 else np.concatenate(found, axis=1)
+
+    def weighted(self, values: _Floats, noise: Mapping[str, SeriesNoise]) -> _Floats:
+        """Whitened values (k, b, c) by that root transposed, by which both are the inverse covariance's."""
+        from radioloc.estimation._kernels import weigh
+
+        return weigh(self.step_s, *self._numbers(noise), values)
+
+    def _numbers(self, noise: Mapping[str, SeriesNoise]) -> _Floats:
+        """White variance, correlation time and ratio of each series, (3, k); white of unit variance by default."""
+        found = [noise.get(one.key) for one in self.series]
+        return np.array(
+            [
+                (1.0, 1.0, 0.0) if one is None else (one.white, one.correlation_time_s, one.ratio)
+                for one in found
+            ]
+        ).T.copy()
 
     def of_observation(self, j: int) -> Bundle:
         """What one observation of each combination has in them."""
@@ -155,16 +178,16 @@ def points_of(bundles: Sequence[Bundle], rows_of: RowsOf, root: _Floats) -> Poin
     `rows_of` gives residuals and partials side by side. Sums of bins are over the root of their count, so they are of
     unit variance where observations are independent.
     """
+    from radioloc.estimation._kernels import add_to_bins
+
     columns, of_series, of_points = [], [], []
     for one, numbers in (pair for group in together(bundles) for pair in with_numbers(group, rows_of)):
         place, duration_s = bins(one.time_s, MOST_POINTS)
         in_bin, k = np.bincount(place), len(one.series)
         sums, squares = np.zeros((0, 0, 0)), np.zeros(k)
         for part, values in one.parts(numbers):
-            begin = np.flatnonzero(np.diff(place[part], prepend=-1))
             sums = sums if part.start else np.zeros((k, len(in_bin), values.shape[2]))
-            sums[:, place[part][begin]] += np.add.reduceat(values, begin, axis=1)
-            squares += np.square(values[:, :, 0]).sum(axis=1)
+            add_to_bins(place[part], one.whitening[part], values, sums, squares)
         time_s = np.bincount(place, one.time_s) / in_bin
         gain, step_s = np.sqrt(in_bin), np.diff(time_s, prepend=time_s[0])
         columns.append((sums / gain[:, None]).reshape(-1, sums.shape[2]))

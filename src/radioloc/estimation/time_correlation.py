@@ -57,7 +57,6 @@ _FREE = 300.0
 """Formal sigmas that parameters have a priori where noise is found jointly: as good as free, no column is singular."""
 ABSORBED = 30.0
 """Likewise for a series by itself: what the estimate, off by so much, takes out of it is left out of the likelihood."""
-_UNIT = SeriesNoise(1.0, np.ones(1), np.zeros(1))
 
 
 def assess_time_correlation(
@@ -199,20 +198,8 @@ class _Whitening:
     def whitened(self, rows_of: RowsOf) -> Iterator[_Floats]:
         """Independent combinations of unit variance, part by part."""
         for group in together(self.bundles):
-            pairs = with_numbers(group, rows_of)
-            whitened = [self.filtered(one, one.whitened(numbers)) for one, numbers in pairs]
+            whitened = [one.whitened(numbers, self.noise) for one, numbers in with_numbers(group, rows_of)]
             yield np.concatenate([values.reshape(-1, values.shape[2]) for values in whitened])
-
-    def filtered(self, bundle: Bundle, values: _Floats, *, adjoint: bool = False) -> _Floats:
-        """Values of a bundle, (k, b, c), by the root of the inverse covariance, or it transposed.
-
-        Weights allow for one process in place of all that a series has.
-        """
-        from radioloc.estimation._kernels import whiten
-
-        noise = (self.noise.get(one.key, _UNIT) for one in bundle.series)
-        numbers = np.array([(one.white, one.correlation_time_s, one.ratio) for one in noise])
-        return whiten(bundle.step_s, *np.ascontiguousarray(numbers.T), values, adjoint)
 
 
 def fit_with_correlated_weights(
@@ -295,7 +282,7 @@ def _with_covariances(fit: FitResult, noise: _Whitening, found: TimeCorrelation)
     """
     root = fit.factor.root_covariance()
     unit, added = np.eye(root.shape[1]), np.zeros((root.shape[1],) * 2)
-    parts = list(fit.whitening.whitened(fit.unit_partials()))
+    parts = list(fit.whitened_unit_partials())
     for whitened in parts:
         unit -= gram(whitened, whitened)
     # Estimates of common errors come last
@@ -303,7 +290,7 @@ def _with_covariances(fit: FitResult, noise: _Whitening, found: TimeCorrelation)
         ends = np.cumsum([bundle.rows.size for bundle in group])[:-1]
         for bundle, of_bundle in zip(group, np.split(whitened, ends), strict=True):
             values = of_bundle.reshape(len(bundle.series), len(bundle.rows), -1)
-            weighted = noise.filtered(bundle, values, adjoint=True)
+            weighted = bundle.weighted(values, noise.noise)
             flat = weighted.reshape(of_bundle.shape)
             unit += gram(flat, flat)
             for one, columns in zip(bundle.series, weighted, strict=True):

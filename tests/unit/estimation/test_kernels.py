@@ -9,7 +9,7 @@ import itertools
 import numpy as np
 import pytest
 
-from radioloc.estimation._kernels import filter_grid, mean_correlation, whiten
+from radioloc.estimation._kernels import filter_grid, mean_correlation, weigh, whiten
 from radioloc.estimation.gauss_markov import Points, RestrictedLikelihood, Series, SeriesNoise
 from radioloc.estimation.series import Bundle, bins, points_of
 
@@ -141,12 +141,19 @@ def test_whitening_is_a_root_of_the_inverse_covariance(case):
     step_s, _, columns = case
     # Two series, the second without noise of its own but white.
     numbers = np.array([[0.8, 600.0, 3.0], [4.0, 1.0, 0.0]]).T.copy()
-    whitened, white = whiten(step_s, *numbers, np.stack([np.eye(150)] * 2), False)
-    np.testing.assert_array_equal(white, 0.5 * np.eye(150))
+    variance, state = numbers[2].copy(), np.zeros((2, 150))
+    # Observations that are those of the first series and half of the second, in two parts
+    combined = np.full((150, 2, 1), [[1.0], [2.0]])
+    parts = [
+        whiten(step_s[part], *numbers, combined[part], np.eye(150)[part, None], variance, state)
+        for part in (slice(0, 70), slice(70, 150))
+    ]
+    whitened, white = np.concatenate(parts, axis=1)
+    np.testing.assert_array_equal(white, np.eye(150))
     expected = np.linalg.inv(0.8 * dense(step_s, np.ones(150), 600.0, 3.0))
     np.testing.assert_allclose(whitened.T @ whitened, expected, rtol=0.0, atol=ROUNDING)
     np.testing.assert_allclose(np.triu(whitened, 1), 0.0, rtol=0.0, atol=ROUNDING)
-    adjoint, _ = whiten(step_s, *numbers, np.stack([columns] * 2), True)
+    adjoint, _ = weigh(step_s, *numbers, np.stack([columns] * 2))
     np.testing.assert_allclose(adjoint, whitened.T @ columns, rtol=0.0, atol=ROUNDING)
 
 
@@ -195,7 +202,7 @@ def test_sums_of_bins_are_those_of_whitened_values(monkeypatch, at_once):
     series = tuple(Series(name, name, "g", "range") for name in "ab")
     bundle = Bundle(series, rows, 60.0 * np.arange(12), rng.normal(size=(12, 2, 2)))
     whitened = np.moveaxis(bundle.whitening @ values[rows], 1, 0)
-    np.testing.assert_allclose(bundle.whitened(lambda rows: values[rows]), whitened, rtol=1e-12)
+    np.testing.assert_allclose(bundle.whitened(lambda rows: values[rows], {}), whitened, rtol=1e-12)
     found = points_of([bundle], lambda rows: values[rows], np.eye(2))
     place, _ = bins(bundle.time_s, 4)
     in_bin = place == np.arange(place[-1] + 1)[:, None]

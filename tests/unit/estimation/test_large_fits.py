@@ -114,12 +114,29 @@ def test_blocks_are_factorized_once(monkeypatch):
     genuine = np.linalg.eigh
     monkeypatch.setattr(np.linalg, "eigh", lambda a: made.append(len(a)) or genuine(a))
     noise = network.noise
-    assert made == [50]
+    # All epochs have one covariance.
+    assert made == [1]
     more = noise.with_added(np.full(len(noise), 0.3))
     kept = np.arange(len(noise)) != 8
     list(more.among(kept).whitened(lambda rows: np.ones((len(rows), 1))))
     # One block has lost a row.
-    assert made == [50, 1]
+    assert made == [1, 1]
+
+
+def test_blocks_are_factorized_where_their_covariance_changes(monkeypatch):
+    given = DelayNetwork.make(epochs=50).noise
+    own_m = given.own_m.copy()
+    own_m[8] *= 2.0
+    made = []
+    genuine = np.linalg.eigh
+    monkeypatch.setattr(np.linalg, "eigh", lambda a: made.append(len(a)) or genuine(a))
+    noise = observation_noise.ObservationNoise(own_m, given.shared)
+    # Before, at and after the epoch of that delay
+    assert made == [3]
+    for block in noise.blocks:
+        for rows, axes, combined_m in zip(block.rows, block.axes, block.combined_m, strict=True):
+            expected = given.shared.covariance_m2(rows[None])[0] + np.diag(own_m[rows] ** 2)
+            np.testing.assert_allclose((axes * combined_m**2) @ axes.T, expected, rtol=0.0, atol=1e-12)
 
 
 def test_linearization_of_another_shape_is_refused():

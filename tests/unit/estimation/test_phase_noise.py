@@ -89,7 +89,7 @@ def test_series_are_of_independent_counts(monkeypatch, at_once):
     noise, used = counts(), RANDOM.random(N) < 0.9
     monkeypatch.setattr("radioloc.estimation.observation_noise.ROWS_AT_ONCE", at_once)
     [bundle] = series_of(order(), noise, used)
-    [values] = bundle.whitened(lambda rows: COLUMNS[rows])
+    [values] = bundle.whitened(lambda rows: COLUMNS[rows], {})
     np.testing.assert_allclose(values.T @ values, information(noise.among(used)), rtol=ROUNDING)
 
 

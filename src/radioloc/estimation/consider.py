@@ -119,6 +119,7 @@ class Consider:
 
     parameters: ParameterSet  # the considered ones, c
     sensitivity: _Floats  # (p, c)
+    in_weights: tuple[str, ...] = ()  # kinds of them that the weights of the estimate allow for
 
     def __repr__(self) -> str:
         kinds = ", ".join(dict.fromkeys(item.kind for item in self.parameters))
@@ -142,7 +143,9 @@ class Consider:
 def consider(fit: FitResult, errors: ConsideredErrors) -> Consider:
     """What considered parameters do to the estimate of a fit."""
     moved = moved_by(fit, errors.partials, len(errors.parameters))
-    return Consider(errors.parameters, moved * errors.parameters.prior_sigmas)
+    kinds = dict.fromkeys(item.kind for item in errors.parameters if is_at_station(item.kind))
+    allowed_for = tuple(kinds) if isinstance(fit.whitening, CommonErrors) else ()
+    return Consider(errors.parameters, moved * errors.parameters.prior_sigmas, allowed_for)
 
 
 def moved_by(fit: FitResult, effects_m: RowsOf, count: int) -> _Floats:

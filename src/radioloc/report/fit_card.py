@@ -110,6 +110,9 @@ def _fit(solution: Solution) -> Iterator[str]:
         sizes = ", ".join(f"{name} {metres(sigma_m)} m" for name, sigma_m in fit.shared_noise_m.items())
         yield f"delays of one epoch share errors of stations, as their residuals show: sigma {sizes}"
     yield from _time_correlation(solution)
+    if solution.consider is not None and solution.consider.in_weights:
+        kinds = ", ".join(solution.consider.in_weights)
+        yield f"weights allow for considered errors ({kinds}): what one of them moves together counts less"
     if fit.chi2_per_dof is None or fit.chi2_per_dof_bound is None:
         yield "no redundancy: nothing tests the stated sigmas"
         return

@@ -253,14 +253,14 @@ def provenance(
 ) -> dict[str, Any]:
     """Versions, files, choices and kernels of a fit, and how its observations were computed at the positions found."""
     evaluation: dict[str, Any] = {"kind": "exact"}
-    if isinstance(tracking := arc.tracking, ChebyshevPredictor):
-        evaluation = {"kind": "interpolated", **asdict(tracking.check(positions_pa_m))}
+    if isinstance(simple := arc.simple, ChebyshevPredictor):
+        evaluation = {"kind": "interpolated", **asdict(simple.check(positions_pa_m))}
     model, chosen = arc.model, study.model
     one_each = {"vmf3_orography": chosen.vmf3_orography, "gpt3": chosen.gpt3}
     of_air = {"vmf3": chosen.vmf3} | {key: () if path is None else (path,) for key, path in one_each.items()}
     return {
         **versions(),
-        "study": study_origin(study) if _of_its_files(study, tracking.observations) else None,
+        "study": study_origin(study) if _of_its_files(study, arc.tracking.observations) else None,
         "files": [Path(name).name for name in arc.observations.files],
         "images": sorted({key for place in arc.places.positions for key in place.data})
         if arc.places is not None

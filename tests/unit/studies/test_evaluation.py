@@ -8,6 +8,7 @@ from change5_case import NEAR, observations
 
 import radioloc
 from radioloc.errors import InputError
+from radioloc.measurements.registry import kind_of
 from radioloc.studies.study import EstimateChoice, ModelChoice, Study
 
 # Some micrometres of single ranges, in a position that eight hours of tracking give to metres.
@@ -30,6 +31,15 @@ def test_exact_and_interpolated_find_the_same():
     assert record["interpolated"] > 0.5 * len(table)
     assert record["range_m"] < 1e-5
     assert record["delay_s"] < 1e-14
+
+
+def test_combinations_of_interpolated_observations_are_called_so():
+    model = radioloc.measurements.PhysicalModel.build()
+    table = observations(model, 60.0, stop="2020-12-01T18:00:00")
+    delays = table.select(table.kind == kind_of("vlbi_delay"))
+    differences = replace(delays, kind=np.full(len(delays), kind_of("differenced_range"), dtype=np.int8))
+    study = Study(target=NEAR, model=ModelChoice(evaluation="interpolated"))
+    assert radioloc.residuals(study, differences).provenance["evaluation"]["kind"] == "interpolated"
 
 
 def test_evaluation_that_is_none_is_refused():

@@ -46,19 +46,18 @@ class ForceData(NamedTuple):
 DONE, STUCK, IN_MOON, IN_EARTH, TOO_MANY = range(5)
 """How an integration ended: at its end, where steps became too small, in the Moon or Earth, after the most steps."""
 
-STAGES, EXTRA, DENSE = 12, 3, 7
 SHORTEST_S = 1e-6
+NODES = 16
+"""In a step of the integration; about a low orbit 12 cost a quarter more, and 20 are no quicker."""
 
 
-class Tableau(NamedTuple):
-    """Coefficients of the method, as ``scipy.integrate.DOP853`` has them."""
+class Collocation(NamedTuple):
+    """Gauss-Legendre collocation in a step, which goes from -1 to 1."""
 
-    a: Floats  # of all stages, those of the dense output too
-    b: Floats
-    c: Floats
-    e3: Floats
-    e5: Floats
-    d: Floats
+    ends: Floats  # the nodes, and the end of the step, shape (NODES + 1,)
+    to_series: Floats  # from values at the nodes to their Legendre series, shape (NODES, NODES)
+    once: Floats  # from values at the nodes to their integrals from -1 to the ends, shape (NODES + 1, NODES)
+    twice: Floats  # likewise, to the integrals of these
 
 
 class Tolerance(NamedTuple):

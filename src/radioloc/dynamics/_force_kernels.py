@@ -390,57 +390,41 @@ def _acts_by_state(given: Floats) -> bool:
 
 
 @compiled()
-def right_hand_side(t: float, y: Floats, columns: NDArray[np.int64], data: ForceData, out: Floats) -> None:
-    """Derivatives of the state and of its partials.
+def variations(
+    y: Floats, sky: Floats, parts: Floats, columns: NDArray[np.int64], data: ForceData
+) -> tuple[Floats, Floats]:
+    """Partials of the acceleration at a state, whose :func:`accelerations` are `parts`.
 
     Parameters
     ----------
-    t : float
-    y : ndarray, shape (6 + 6 n_columns,)
-        State, then its partials by one parameter after the other.
+    y, sky, parts : ndarray
     columns : ndarray, shape (n_columns, 2)
         Of each parameter the part that it scales, or -1 for those of the state at an epoch; of the given accelerations
         also their row and component, row * COMPONENTS + component.
     data : ForceData
-    out : ndarray
-        As `y`.
+
+    Returns
+    -------
+    by_state : ndarray, shape (3, 6)
+    by_parameters : ndarray, shape (n_columns, 3)
+        With the state held.
     """
-    r, v = y[:3], y[3:6]
-    sky = quantities(t, data)
-    parts = accelerations(r, v, sky, data)
-    for i in range(3):
-        out[i], out[3 + i] = v[i], 0.0
-        for k in range(len(PARTS)):
-            out[3 + i] += data.scales[k] * parts[k, i]
-    if len(columns) == 0:
-        return
-    slope = np.zeros((3, 6))
+    r, v = y[:3], y[3:]
+    by_state = np.zeros((3, 6))
     if _acts_by_state(data.given):
-        slope = _gradient_of_given(r, v, data)
-    by_r = _gradient(r, sky, data)
-    source = np.zeros(3)
+        by_state = _gradient_of_given(r, v, data)
+    by_state[:, :3] += _gradient(r, sky, data)
+    by_parameters = np.zeros((len(columns), 3))
     for j in range(len(columns)):
         part, which = columns[j, 0], columns[j, 1]
-        for i in range(3):
-            source[i] = parts[part, i] if part >= 0 else 0.0
         if part == CENTRAL:
-            for i in range(3):
-                source[i] = (source[i] + parts[HARMONICS, i]) / data.gm[0]
+            by_parameters[j] = (parts[CENTRAL] + parts[HARMONICS]) / data.gm[0]
         elif part == SUNLIGHT:
-            for i in range(3):
-                source[i] += parts[MOONLIGHT, i]
+            by_parameters[j] = parts[SUNLIGHT] + parts[MOONLIGHT]
         elif part == GIVEN:
             one = data.given[which // COMPONENTS]
             if one[ACTS] > 0.0:
-                unit = unit_components(r, v, one, data.phase)[which % COMPONENTS]
-                for i in range(3):
-                    source[i] = unit[i]
-            else:
-                source[:] = 0.0
-        first = 6 + 6 * j
-        for i in range(3):
-            total = source[i]
-            for k in range(3):
-                total += (by_r[i, k] + slope[i, k]) * y[first + k] + slope[i, 3 + k] * y[first + 3 + k]
-            out[first + i] = y[first + 3 + i]
-            out[first + 3 + i] = total
+                by_parameters[j] = unit_components(r, v, one, data.phase)[which % COMPONENTS]
+        elif part >= 0:
+            by_parameters[j] = parts[part]
+    return by_state, by_parameters

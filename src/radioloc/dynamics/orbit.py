@@ -148,7 +148,7 @@ class Orbit(MoonCentred):
                 "propagate over a longer span, or leave these epochs out",
             )
         # The compiler takes a third of a second to import.
-        from radioloc.dynamics._dop853_kernels import interpolate
+        from radioloc.dynamics._collocation_kernels import interpolate
 
         found = np.empty((len(times_s), 1 + len(self.parameters), 6))
         ends_s = np.array([leg.span_s[1] for leg in self.legs])

@@ -6,19 +6,19 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 import numpy as np
+from numpy.polynomial import legendre
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.dynamics._force_data import (
     ACTS,
     DONE,
-    EXTRA,
     IN_MOON,
-    STAGES,
+    NODES,
     STUCK,
     TOO_MANY,
+    Collocation,
     ForceData,
-    Tableau,
     Tolerance,
 )
 from radioloc.dynamics.accelerations import force_data, parameter_columns
@@ -144,14 +144,14 @@ def _legs(
 ) -> list[Leg]:
     """From the epoch to one end, in the order in which they are integrated."""
     # The compiler takes a third of a second to import.
-    from radioloc.dynamics._dop853_kernels import integrate
+    from radioloc.dynamics._collocation_kernels import integrate
 
     def seconds(moment: Epochs | None, always_s: float) -> float:
         return always_s if moment is None else float(moment.seconds_since(epoch)[0])
 
     spans_s = [(seconds(one.start, -np.inf), seconds(one.stop, np.inf)) for one in forces.accelerations]
     impulses_s = [seconds(one.epoch, 0.0) for one in forces.impulses]
-    columns, tableau = parameter_columns(forces, names), _tableau()
+    columns, method = parameter_columns(forces, names), _collocation()
     tolerance = Tolerance(tolerance_m, tolerance_m * _VELOCITY_PER_POSITION, LOWEST_M, _MOST_STEPS)
     sign = 1.0 if end_s > 0.0 else -1.0
     corners = {time for span in spans_s for time in span} | {*impulses_s, end_s}
@@ -165,7 +165,7 @@ def _legs(
         given = data.given.copy()
         given[:, ACTS] = [start <= middle_s < stop for start, stop in spans_s]
         status, states, dense, step_s = integrate(
-            time_s, leg_end_s, step_s, y.ravel(), columns, data._replace(given=given), tableau, tolerance
+            time_s, leg_end_s, step_s, y.ravel(), columns, data._replace(given=given), method, tolerance
         )
         if status != DONE:
             _refuse(name, status, f"{utc_strings(epoch.shifted(float(states[-1, 0])), 3)[0]} TDB")
@@ -216,11 +216,14 @@ def _refuse(name: str, status: int, date: str) -> NoReturn:
     )
 
 
-def _tableau() -> Tableau:
-    from scipy.integrate import DOP853
-
-    size = STAGES + 1 + EXTRA
-    a, c = np.zeros((size, size)), np.zeros(size)
-    a[:STAGES, :STAGES], c[:STAGES] = DOP853.A, DOP853.C
-    a[STAGES + 1 :], c[STAGES + 1 :] = DOP853.A_EXTRA, DOP853.C_EXTRA
-    return Tableau(a, DOP853.B.copy(), c, DOP853.E3.copy(), DOP853.E5.copy(), DOP853.D.copy())
+def _collocation() -> Collocation:
+    nodes, weights = legendre.leggauss(NODES)
+    to_series = (np.arange(NODES) + 0.5)[:, None] * (
+        weights[:, None] * legendre.legvander(nodes, NODES - 1)
+    ).T
+    ends = np.append(nodes, 1.0)
+    once, twice = (
+        legendre.legval(ends, legendre.legint(np.eye(NODES), times, lbnd=-1.0)).T @ to_series
+        for times in (1, 2)
+    )
+    return Collocation(ends, to_series, once, twice)

@@ -1,0 +1,305 @@
+"""Compiled integration of the equations of motion by Gauss-Legendre collocation, and what it gives between its steps.
+
+The accelerations of a step are a polynomial through their values at the nodes, whose integrals are velocities and
+positions everywhere in the step (Hairer, Norsett and Wanner 1993, *Solving Ordinary Differential Equations I*, section
+II.7). These values are found by Picard's iteration. The central term is iterated by itself, at no cost, so that two
+evaluations of all others are enough (Bradley, Jones, Beylkin, Sandberg and Axelrad 2014, *Celestial Mechanics* 119,
+143). Partials follow once the path is known, by an iteration in which the gradients stay.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.compiled import compiled
+from radioloc.dynamics._force_data import (
+    CENTRAL,
+    DONE,
+    IN_EARTH,
+    IN_MOON,
+    NODES,
+    PARTS,
+    QUANTITIES,
+    SHORTEST_S,
+    STUCK,
+    TOO_MANY,
+    Collocation,
+    ForceData,
+    Tolerance,
+)
+from radioloc.dynamics._force_kernels import EARTH_RADIUS_M, accelerations, quantities, variations
+
+Floats = NDArray[np.float64]
+
+_SAFETY, _LEAST, _MOST = 0.9, 0.2, 4.0
+_EVALUATIONS, _ITERATIONS = 12, 50
+_ROUNDING = 1e-15
+"""Of positions."""
+_SETTLED = 1e-13
+"""Of the accelerations of partials; what then remains is some hundred times less."""
+
+
+@compiled()
+def _product(weights: Floats, values: Floats) -> Floats:
+    out = np.zeros((weights.shape[0], values.shape[1]))
+    for i in range(weights.shape[0]):
+        for j in range(weights.shape[1]):
+            for k in range(values.shape[1]):
+                out[i, k] += weights[i, j] * values[j, k]
+    return out
+
+
+@compiled()
+def _path(y: Floats, h: float, at: Floats, once: Floats, twice: Floats, rates: Floats) -> Floats:
+    """State and partials at places of a step, which goes from -1 to 1, shape (len(at), len(y)).
+
+    `rates` are the accelerations of state and partials, shape (NODES, len(y) / 2), and `once` and `twice` their
+    integrals up to these places.
+    """
+    speeds, moved = _product(once, rates), _product(twice, rates)
+    out = np.empty((len(at), len(y)))
+    half = 0.5 * h
+    for i in range(len(at)):
+        for j in range(len(y) // 6):
+            for k in range(6 * j, 6 * j + 3):
+                out[i, k] = y[k] + half * ((at[i] + 1.0) * y[k + 3] + half * moved[i, k - 3 * j])
+                out[i, k + 3] = y[k + 3] + half * speeds[i, k - 3 * j]
+    return out
+
+
+@compiled()
+def _farthest(one: Floats, other: Floats) -> float:
+    """Largest distance between two paths along one axis, m; no number if one has none."""
+    out = 0.0
+    for i in range(len(one)):
+        for k in range(3):
+            apart = abs(one[i, k] - other[i, k])
+            if not apart <= out:
+                out = apart
+    return out
+
+
+@compiled()
+def _others(parts: Floats, data: ForceData) -> Floats:
+    """Sum of all accelerations but the central term."""
+    out = np.zeros(3)
+    for k in range(len(PARTS)):
+        if k != CENTRAL:
+            for i in range(3):
+                out[i] += data.scales[k] * parts[k, i]
+    return out
+
+
+@compiled()
+def _flight(
+    y: Floats, h: float, sky: Floats, guess: Floats, data: ForceData, method: Collocation, tolerance_m: float
+) -> tuple[bool, Floats, Floats, Floats, Floats]:
+    """The state in a step, where `guess` is the acceleration by all but the central term.
+
+    Returns
+    -------
+    found : bool
+        Whether the iteration came to an end.
+    path : ndarray, shape (NODES + 1, 6)
+        At the nodes and at the end.
+    rates : ndarray, shape (NODES, 3)
+        Accelerations at the nodes.
+    parts : ndarray, shape (NODES, len(PARTS), 3)
+        Of these.
+    guess : ndarray, shape (3,)
+        For the next step.
+    """
+    rates, others, parts = np.zeros((NODES, 3)), np.empty((NODES, 3)), np.empty((NODES, len(PARTS), 3))
+    others[:] = guess
+    path = _path(y, h, method.ends, method.once, method.twice, rates)
+    distance = math.sqrt(y[0] ** 2 + y[1] ** 2 + y[2] ** 2)
+    enough_m = max(0.01 * tolerance_m, 10.0 * _ROUNDING * distance)
+    before_m = math.inf
+    for evaluation in range(_EVALUATIONS):
+        begin = path
+        for _ in range(_ITERATIONS):
+            for i in range(NODES):
+                square = path[i, 0] ** 2 + path[i, 1] ** 2 + path[i, 2] ** 2
+                for k in range(3):
+                    rates[i, k] = others[i, k] - data.gm[0] / (square * math.sqrt(square)) * path[i, k]
+            now = _path(y, h, method.ends, method.once, method.twice, rates)
+            settled = _farthest(now, path) <= _ROUNDING * distance
+            path = now
+            if settled:
+                break
+        moved_m = _farthest(path, begin)
+        # The next evaluation would move it by as much less again.
+        if evaluation > 0 and moved_m * min(1.0, moved_m / before_m) < enough_m:
+            return True, path, rates, parts, others[NODES - 1]
+        before_m = moved_m
+        for i in range(NODES):
+            parts[i] = accelerations(path[i, :3], path[i, 3:], sky[i], data)
+            others[i] = _others(parts[i], data)
+    return False, path, rates, parts, guess
+
+
+@compiled()
+def _carried(y: Floats, h: float, by_state: Floats, sources: Floats, method: Collocation) -> Floats:
+    """Accelerations of partials y at the nodes, shape (NODES, len(y) / 2).
+
+    `by_state` are partials of the acceleration by the state, shape (NODES, 3, 6), `sources` by the parameters
+    themselves, shape (NODES, len(y) / 2).
+    """
+    rates = sources.copy()
+    for _ in range(_ITERATIONS):
+        path = _path(y, h, method.ends, method.once, method.twice, rates)
+        settled = True
+        for j in range(len(y) // 6):
+            change, size = 0.0, 0.0
+            for i in range(NODES):
+                for k in range(3):
+                    rate = sources[i, 3 * j + k]
+                    for c in range(6):
+                        rate += by_state[i, k, c] * path[i, 6 * j + c]
+                    change, size = max(change, abs(rate - rates[i, 3 * j + k])), max(size, abs(rate))
+                    rates[i, 3 * j + k] = rate
+            settled = settled and change <= _SETTLED * size
+        if settled:
+            break
+    return rates
+
+
+@compiled()
+def _error(series: Floats, h: float, tolerance: Tolerance) -> float:
+    """Error in a step over the tolerance, by the last terms of the accelerations' Legendre series."""
+    last = 0.0
+    for k in range(3):
+        last = max(last, abs(series[NODES - 1, k]), 0.1 * abs(series[NODES - 2, k]))
+    # An integral of the term of degree n is that over n at most.
+    reach = 0.5 * abs(h) / NODES
+    return max(reach * last / tolerance.velocity_m_s, reach * reach * last / tolerance.position_m)
+
+
+@compiled()
+def _longer(a: Floats, capacity: int) -> Floats:
+    """Rows with room for more."""
+    out = np.empty((capacity, a.shape[1]))
+    for i in range(a.shape[0]):
+        for j in range(a.shape[1]):
+            out[i, j] = a[i, j]
+    return out
+
+
+@compiled()
+def _within(r: Floats, earth: Floats, tolerance: Tolerance) -> int:
+    """Whether a position is under the ground of the Moon or the Earth."""
+    from_moon, from_earth = 0.0, 0.0
+    for i in range(3):
+        from_moon += r[i] ** 2
+        from_earth += (r[i] - earth[i]) ** 2
+    if from_moon < tolerance.lowest_m**2:
+        return IN_MOON
+    return IN_EARTH if from_earth < EARTH_RADIUS_M**2 else DONE
+
+
+@compiled()
+def integrate(
+    start: float,
+    end: float,
+    first_step: float,
+    y: Floats,
+    columns: NDArray[np.int64],
+    data: ForceData,
+    method: Collocation,
+    tolerance: Tolerance,
+) -> tuple[int, Floats, Floats, float]:
+    """Integrate from a start to an end, in either direction, s.
+
+    Parameters
+    ----------
+    start, end, first_step : float
+    y : ndarray, shape (n,)
+        State and partials at the start, 6 numbers each.
+
+    Returns
+    -------
+    status : int
+    states : ndarray, shape (n_steps + 1, 1 + n)
+        Time, state and partials at the ends of the steps; after one that meets the ground, the time when it does.
+    dense : ndarray, shape (n_steps, NODES * n / 2)
+        For :func:`interpolate`.
+    next_step : float
+    """
+    n, sign = len(y), 1.0 if end > start else -1.0
+    t, h = start, sign * abs(first_step)
+    count, capacity = 0, 64
+    states, dense = np.empty((capacity + 1, 1 + n)), np.empty((capacity, NODES * n // 2))
+    states[0, 0], states[0, 1:] = t, y
+    sky = np.empty((NODES + 1, QUANTITIES))
+    by_state, sources = np.empty((NODES, 3, 6)), np.empty((NODES, n // 2 - 3))
+    guess = _others(accelerations(y[:3], y[3:6], quantities(t, data), data), data)
+    status, next_step = DONE, h
+    while sign * (end - t) > 0.0:
+        if abs(h) < SHORTEST_S or count >= tolerance.most_steps:
+            status = STUCK if abs(h) < SHORTEST_S else TOO_MANY
+            break
+        last = sign * (t + h - end) >= 0.0
+        if last:
+            h = end - t
+        else:
+            next_step = h
+        for i in range(NODES + 1):
+            sky[i] = quantities(t + 0.5 * h * (method.ends[i] + 1.0), data)
+        found, path, rates, parts, after = _flight(y[:6], h, sky, guess, data, method, tolerance.position_m)
+        series = _product(method.to_series, rates)
+        error = _error(series, h, tolerance) if found else math.inf
+        if not error < 1.0:
+            h *= max(_LEAST, _SAFETY * error ** (-1.0 / NODES)) if error > 1.0 else _LEAST
+            continue
+        if count == capacity:
+            capacity *= 2
+            states, dense = _longer(states, capacity + 1), _longer(dense, capacity)
+        of_step = dense[count].reshape((NODES, n // 2))
+        of_step[:, :3] = series
+        count += 1
+        states[count, 1:7] = path[NODES]
+        if n > 6:
+            for i in range(NODES):
+                by_state[i], of_node = variations(path[i], sky[i], parts[i], columns, data)
+                sources[i] = of_node.ravel()
+            carried = _carried(y[6:], h, by_state, sources, method)
+            of_step[:, 3:] = _product(method.to_series, carried)
+            states[count, 7:] = _path(
+                y[6:], h, method.ends[NODES:], method.once[NODES:], method.twice[NODES:], carried
+            )[0]
+        for i in range(NODES + 1):
+            status = _within(path[i], sky[i], tolerance)
+            if status != DONE:
+                states[count, 0] = t + 0.5 * h * (method.ends[i] + 1.0)
+                return status, states[: count + 1], dense[:count], next_step
+        t, y, guess = (end if last else t + h), states[count, 1:], after
+        states[count, 0] = t
+        h *= _MOST if error == 0.0 else min(_MOST, _SAFETY * error ** (-1.0 / NODES))
+    return status, states[: count + 1], dense[:count], next_step
+
+
+@compiled()
+def interpolate(t: Floats, states: Floats, dense: Floats) -> Floats:
+    """States and partials at times within the steps, shape (len(t), n)."""
+    n, last = states.shape[1] - 1, len(states) - 1
+    out = np.empty((len(t), n))
+    sign = 1.0 if states[last, 0] > states[0, 0] else -1.0
+    forward = sign * states[:, 0]
+    at, legendre, integrals = np.empty(1), np.empty(NODES + 2), np.empty(NODES + 1)
+    once, twice = np.empty((1, NODES)), np.empty((1, NODES))
+    for i in range(len(t)):
+        step = min(max(np.searchsorted(forward, sign * t[i], side="right") - 1, 0), last - 1)
+        h = states[step + 1, 0] - states[step, 0]
+        x = 2.0 * (t[i] - states[step, 0]) / h - 1.0
+        # The integral of P_k from -1 on is (P_k+1 - P_k-1) / (2 k + 1).
+        legendre[0], legendre[1] = 1.0, x
+        at[0], integrals[0], twice[0, 0] = x, x + 1.0, 0.5 * (x + 1.0) ** 2
+        for k in range(1, NODES + 1):
+            legendre[k + 1] = ((2 * k + 1) * x * legendre[k] - k * legendre[k - 1]) / (k + 1)
+            integrals[k] = (legendre[k + 1] - legendre[k - 1]) / (2 * k + 1)
+        for k in range(1, NODES):
+            twice[0, k] = (integrals[k + 1] - integrals[k - 1]) / (2 * k + 1)
+        once[0] = integrals[:NODES]
+        out[i] = _path(states[step, 1:], h, at, once, twice, dense[step].reshape((NODES, n // 2)))[0]
+    return out

@@ -20,7 +20,7 @@ flicker noise are as likely before the data are seen; the covariance is the mean
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -262,7 +262,7 @@ def noise_of_series(
     for likelihood in long:
         threshold = -math.log(_CHANCE / len(long))
         found |= _fitted(likelihood, threshold, sum(len(one.mine) for one in long))
-    found |= _taken_over(points, sigmas, found)
+    found |= _taken_over(points, long, found)
     return {points.series[k].key: noise for k, noise in found.items()}
 
 
@@ -337,7 +337,7 @@ class RestrictedLikelihood:
 
 
 def _taken_over(
-    points: Points, sigmas: float | _Floats, found: dict[int, SeriesNoise]
+    points: Points, told: Sequence[RestrictedLikelihood], found: dict[int, SeriesNoise]
 ) -> dict[int, SeriesNoise]:
     """Noise of those series that are too short to tell theirs: what others of their kind have on the average.
 
@@ -346,21 +346,21 @@ def _taken_over(
     known: dict[str, list[SeriesNoise]] = {}
     for k, noise in found.items():
         known.setdefault(points.series[k].kind, []).append(noise)
-    more: dict[int, SeriesNoise] = {}
+    means: dict[str, SeriesNoise] = {}
     for kind, noises in known.items():
         tau_s, place = np.unique(np.concatenate([one.tau_s for one in noises]), return_inverse=True)
         coloured = np.bincount(place, np.concatenate([one.coloured for one in noises])) / len(noises)
-        mean = SeriesNoise(float(np.mean([one.white for one in noises])), tau_s, coloured)
-        others = [k for k, one in enumerate(points.series) if one.kind == kind and k not in found]
-        if others:
-            likelihood = RestrictedLikelihood.of(points, np.array(others), sigmas)
-            taken = likelihood.points_left < FEWEST
-            if not taken.all():
-                told = likelihood.among(~taken)
-                log, _, _ = told.at(np.array([mean.correlation_time_s]), np.array([mean.ratio]))
-                taken[~taken] = log[:, 0] > -_TOLD
-            more |= dict.fromkeys(np.array(others)[taken].tolist(), mean)
-    return more
+        means[kind] = SeriesNoise(float(np.mean([one.white for one in noises])), tau_s, coloured)
+    others = {k: one.kind for k, one in enumerate(points.series) if k not in found and one.kind in means}
+    white = set[int]()
+    for likelihood in told:
+        left = np.array([k in others for k in likelihood.mine.tolist()])
+        if left.any():
+            some = likelihood.among(left)
+            mean = means[others[int(some.mine[0])]]
+            log, _, _ = some.at(np.array([mean.correlation_time_s]), np.array([mean.ratio]))
+            white |= set(some.mine[log[:, 0] <= -_TOLD].tolist())
+    return {k: means[kind] for k, kind in others.items() if k not in white}
 
 
 def _fitted(likelihood: RestrictedLikelihood, threshold: float, n_series: int) -> dict[int, SeriesNoise]:

@@ -278,7 +278,7 @@ def _patterns(
         part = mine * _BATCHES // len(row_of)
         epochs = np.bincount(part, minlength=_BATCHES)
         alike = np.abs(signs[there] @ signs[there].T)
-        if epochs.max() < 2 or not (alike - np.diag(np.diag(alike))).any():
+        if len(mine) < FEWEST or epochs.max() < 2 or not (alike - np.diag(np.diag(alike))).any():
             continue
         at = row_of[mine][:, there]
         residual_m = fit.residual_m[at]

@@ -1,4 +1,4 @@
-"""Time of a fit with editing, excess noise and all of its solution, by the number of observations."""
+"""Time of a fit with editing, additive noise and all of its solution, by the number of observations."""
 
 import pytest
 from harmonic_series import Series, solved

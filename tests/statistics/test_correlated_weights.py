@@ -1,4 +1,4 @@
-"""Weights that allow for residuals that stay alike: smaller errors, and 95 % regions that hold about what they claim.
+"""Weights for residuals that are correlated in time: smaller errors, and 95 % regions that hold about what they claim.
 
 Ranges and delays of a day of the Chang'e-5 lander, range biases of 10 m and a height of 5 m a priori, all drawn.
 """

@@ -1,6 +1,6 @@
 """Worlds whose errors are drawn as the fit considers them, or otherwise, and how often regions of fits hold the truth.
 
-A cell is a kind of data, a length of arc and a kind of noise, or how the world departs from what the fit is told.
+A cell is a kind of data, a length of arc and a kind of noise, or how the world differs from what the fit is told.
 Tracking of the Chang'e-5 lander, one point in five minutes, is drawn and fitted by the trials of a Monte Carlo study,
 which are the fits of `locate`. Run by itself, with a file and numbers of trials and of processes, it draws all cells as
 a figure and prints them.
@@ -68,7 +68,7 @@ SHARED = NoiseModel(
 NOISY_M = {"KASHI": 3.0 * RANGE_M, "MIYUN50": 2.0 * DELAY_M}
 """Ranges received at one station, and arrivals at one for VLBI, of which the fit is not told."""
 DRIFT_M = 0.03
-"""By how much the zenith delay departs from its mean at the ends of a pass, 1 sigma."""
+"""By how much the zenith delay differs from its mean at the ends of a pass, 1 sigma."""
 
 
 @cache

@@ -68,7 +68,7 @@ class SeriesAt:
 
 
 def solved(series: Series) -> Solution:
-    """Fit with editing and excess noise, and everything that a solution says, of six links in turn."""
+    """Fit with editing and additive noise, and everything that a solution says, of six links in turn."""
     n = series.n
     paths = Labels((np.arange(n) % 6).astype(np.int32), tuple(f"S{k}>x>S{k}" for k in range(6)))
     types = Labels(np.zeros(n, dtype=np.int32), ("range",))

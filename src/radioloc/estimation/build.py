@@ -66,7 +66,7 @@ def build_solution(
     station, path, type : Labels, or sequence of str, length n
         Station that statistics are grouped by; participants of the light path; kind of measurement.
     observed_m : array_like, shape (n,)
-        Observed values, m of the whole light path.
+        Observed values, m; ranges and Doppler are of the round trip.
     elevation_deg : array_like, shape (n,), optional
         Lower of the stations' elevations, deg.
     count_s : array_like, shape (n,), optional

@@ -48,7 +48,7 @@ _Floats = NDArray[np.float64]
 _TOLD = 1e-6
 """Least part of the square of a column that the parameters must leave of it for it to be tested."""
 _BATCH, _FEWEST_BATCHES = 10, 5
-"""Points that are summed to see whether residuals stay alike, and fewest sums that tell."""
+"""Points that are summed to see whether residuals stay correlated, and fewest sums that tell."""
 _MEDIAN_OF_SQUARE = 0.4549
 """Of a normal variable of unit variance."""
 _ENOUGH = 20
@@ -153,7 +153,7 @@ class BinnedProblem:
     def _with_noise(self, noise: Mapping[str, SeriesNoise], estimate: _Floats) -> BinnedProblem:
         """The problem with each series' noise, white as of an estimate where there is none.
 
-        A series has more where its residuals stay alike for longer than its noise has it.
+        A series has more where its residuals stay correlated for longer than its noise has it.
         """
         points, roots = self.points, []
         for k, one in enumerate(points.series):

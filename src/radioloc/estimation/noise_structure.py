@@ -38,7 +38,7 @@ FEWEST = 10
 """Observations that tell a variance of their own, to a quarter of the standard deviation."""
 _BATCHES = 10
 """Parts of the time whose means are compared, or taken off: of two days each is longer than errors of a link stay
-alike."""
+correlated."""
 SAME_EPOCH_S = 0.05
 """A delay is tagged with the arrival at its first station. One wavefront meets all stations within 43 ms, the light
 time through the Earth; epochs 0.1 s apart or more can be told from each other."""

@@ -85,7 +85,7 @@ class Residuals:
 
     @property
     def residual_mm_s(self) -> _Floats:
-        """Residual of Doppler as a rate of the whole light path, mm/s, shape (n,); NaN of what is not counted."""
+        """Residual of Doppler as a round-trip rate, mm/s, shape (n,); NaN of what is not counted."""
         return 1e3 * self.residual_m / (np.nan if self.count_s is None else self.count_s)
 
     @property

@@ -53,7 +53,7 @@ class ObservationChoice:
         summed over this interval, s.
     extra_sigma_m : float
         Error of the model and of the instruments beyond what the files state, added in quadrature to each stated
-        sigma, metres of the whole light path.
+        sigma, m; of ranges and Doppler that of the round trip.
     tdm : TdmAgreement
         What Tracking Data Messages leave to be agreed: sigmas, whether RANGE is halved, ...
     frequencies : iterable of FrequencyAgreement

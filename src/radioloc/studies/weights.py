@@ -36,12 +36,12 @@ class Weight:
     files : str or iterable of str, or None
         Names or globs of the files that the observations came from; all where ``None``.
     sigma_m : float or None
-        The sigma, in place of the stated one, metres of the whole light path.
+        The sigma, in place of the stated one, m; of ranges and Doppler that of the round trip.
     factor : float or None
         Multiplies the sigma.
     extra_sigma_m : float or None
-        Added to it in quadrature, metres of the whole light path. Of several changes this is the last, ``sigma_m``
-        the first.
+        Added to it in quadrature, m; of ranges and Doppler that of the round trip. Of several changes this is the last,
+        ``sigma_m`` the first.
 
     Raises
     ------

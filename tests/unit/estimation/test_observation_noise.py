@@ -1,4 +1,4 @@
-"""Shared errors against dense algebra: weights, editing, excess noise, whatever the order of the rows."""
+"""Shared errors against dense algebra: weights, editing, additive noise, whatever the order of the rows."""
 
 import math
 

@@ -361,7 +361,7 @@ def test_arc_for_predictions(apollo15, near15, solution):
 
 
 def test_sparse_data_keep_their_weights(apollo15, near15, solution):
-    """Two normal points in the five days that residuals stay alike, in the mean."""
+    """Two normal points in the five days that residuals stay correlated, in the mean."""
     found = fit(apollo15, near15, weights="independent")
     assert found.series_weights == solution.series_weights == ()
     assert found.time_correlation.series == solution.time_correlation.series

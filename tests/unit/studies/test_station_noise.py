@@ -185,6 +185,6 @@ def test_delays_of_four_stations_carry_half_of_what_they_seem_to(site, made):
     }
     assert "share errors of stations" in str(shown)
     assert found.sigma_enu_m("formal") == pytest.approx(shown.sigma_enu_m("formal"), rel=0.01)
-    # Not known of, it is excess noise, a little less than that of a delay.
+    # Not known of, it is an additive component, a little less than that of a delay.
     alone = locate(site, made)
     assert alone.fit.excess_noise_m["vlbi_delay"] == pytest.approx(math.sqrt(2.0) * STATION_M, rel=0.2)

@@ -7,10 +7,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.boundary import bare_arguments
 from radioloc.dynamics.elements import equatorial_axes
 from radioloc.dynamics.forces import Forces
-from radioloc.dynamics.orbit import STATE, MoonCentred, Orbit
+from radioloc.dynamics.orbit import STATE, MoonCentred, Orbit, integrated_over
 from radioloc.dynamics.propagation import propagate
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.time import Epochs
@@ -68,7 +67,12 @@ class AdjustableOrbit(MoonCentred):
     integrated: list[tuple[Floats, Orbit]] = field(default_factory=list)
 
     def __str__(self) -> str:
-        return str(self.nearest()[0])
+        return integrated_over(self.name, self.epoch, self.covered_s)
+
+    @property
+    def covered_s(self) -> tuple[float, float]:
+        """First and last time that is integrated, TDB seconds from the epoch, which is always there."""
+        return min(0.0, self.span_s[0]), max(0.0, self.span_s[1])
 
     @property
     def values(self) -> dict[str, float]:
@@ -106,7 +110,7 @@ class AdjustableOrbit(MoonCentred):
             first_s, last_s = self.span_s
             reaching = replace(self, span_s=(min(first_s, -by_s), max(last_s, -by_s)))
             state = np.concatenate(reaching.states(epoch), axis=-1)[0]
-        span_s = (min(self.span_s[0], 0.0) + by_s, max(self.span_s[1], 0.0) + by_s)
+        span_s = (self.covered_s[0] + by_s, self.covered_s[1] + by_s)
         return replace(self, epoch=epoch, state=state, span_s=span_s, integrated=[])
 
     def over(self, first: Epochs, last: Epochs) -> AdjustableOrbit:
@@ -119,23 +123,23 @@ class AdjustableOrbit(MoonCentred):
         degree = min(_COARSE_DEGREE, self.forces.gradient_degree)
         return replace(self, forces=replace(self.forces, gradient_degree=degree))
 
-    def nearest(self) -> tuple[Orbit, Floats]:
-        """An integrated orbit, and by how much the parameters are larger than its, shape (p,)."""
+    def nearest(self) -> Orbit:
+        """It, integrated, or as it follows from one that was integrated near."""
         values = np.array(list(self.values.values()))
-        begin_s, end_s = min(0.0, self.span_s[0]), max(0.0, self.span_s[1])
+        begin_s, end_s = self.covered_s
         checked = self.epoch.shifted(np.linspace(begin_s, end_s, _CHECKED + 2)[1:-1])
         for of_orbit, orbit in reversed(self.integrated):
             by = values - of_orbit
             fine = orbit.forces.gradient_degree >= self.forces.gradient_degree
             if fine and orbit.span_s[0] <= begin_s and end_s <= orbit.span_s[1]:
                 if not by.any():
-                    return orbit, by
+                    return orbit
                 if np.linalg.norm(orbit.partials(checked)[:, :3] @ by, axis=-1).max() < LINEAR_M:
-                    return orbit, by
+                    return replace(orbit, changes=by)
         made = self.integrate(self.parameters)
         self.integrated.append((values, made))
         del self.integrated[:-_KEPT]
-        return made, np.zeros(len(values))
+        return made
 
     def integrate(self, parameters: tuple[str, ...] | None = None) -> Orbit:
         """The orbit of these very values, integrated anew, with partials by some forces' parameters or with none."""
@@ -153,22 +157,14 @@ class AdjustableOrbit(MoonCentred):
             whole=False,
         )
 
-    @bare_arguments
     def states(self, tdb: Epochs) -> tuple[Floats, Floats]:
         """As :meth:`~radioloc.dynamics.orbit.Orbit.states`."""
-        orbit, by = self.nearest()
-        position_m, velocity_m_s = orbit.states(tdb)
-        if by.any():
-            moved = orbit.partials(tdb) @ by
-            position_m, velocity_m_s = position_m + moved[:, :3], velocity_m_s + moved[:, 3:]
-        return position_m, velocity_m_s
+        return self.nearest().states(tdb)
 
-    @bare_arguments
     def partials(self, tdb: Epochs) -> Floats:
         """As :meth:`~radioloc.dynamics.orbit.Orbit.partials`."""
-        return self.nearest()[0].partials(tdb)
+        return self.nearest().partials(tdb)
 
-    @bare_arguments
     def position_partials(self, tdb: Epochs) -> Floats:
         """Partials of the position by the parameters at epochs of TDB, ICRF axes, shape (n, 3, p)."""
         return self.partials(tdb)[:, :3]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -61,13 +61,31 @@ class Rest:
         return np.concatenate([fixed @ rot[1:], fixed @ rate[1:]], axis=-1)
 
 
+class WithStates(Protocol):
+    """What has states relative to the Moon's centre, ICRF axes."""
+
+    @property
+    def epoch(self) -> Epochs:
+        """TDB, one."""
+        ...
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """First and last time, TDB seconds from the epoch."""
+        ...
+
+    def states(self, tdb: Epochs) -> tuple[Floats, Floats]:
+        """Position, m, and velocity, m/s, at epochs of TDB, shapes (n, 3)."""
+        ...
+
+
 class MoonCentred:
-    """What has states relative to the Moon's centre over `span_s` about `epoch`, as a trajectory."""
+    """What makes a :class:`~radioloc.ephemeris.trajectory.AnyTrajectory` of what has states."""
 
     __slots__ = ()
 
     @bare_arguments
-    def geocentric(self: Any, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
+    def geocentric(self: WithStates, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
         """Geocentric position and velocity, geometric (no light time), in barycentric coordinates, ICRF axes.
 
         As :meth:`radioloc.ephemeris.Trajectory.geocentric`, in whose place an orbit can stand.
@@ -76,7 +94,7 @@ class MoonCentred:
         moon_m, moon_m_s = ephemeris.geocentric("moon", tdb)
         return position_m + moon_m, velocity_m_s + moon_m_s
 
-    def spans_s(self: Any) -> list[tuple[float, float]]:
+    def spans_s(self: WithStates) -> list[tuple[float, float]]:
         """What it covers, TDB seconds since J2000: one span."""
         epoch_s = float(self.epoch.seconds_since(Epochs.from_tdb_seconds(0.0))[0])
         return [(epoch_s + self.span_s[0], epoch_s + self.span_s[1])]
@@ -92,6 +110,7 @@ class Orbit(MoonCentred):
     parameters: tuple[str, ...]  # of the partials, those of the state first; none without partials
     legs: tuple[Leg, ...]  # in the order of time
     rest: Rest | None = None  # after the last leg
+    changes: Floats | None = None  # of the parameters, by which the states are others, to first order
 
     @property
     def flight_s(self) -> tuple[float, float]:
@@ -105,8 +124,7 @@ class Orbit(MoonCentred):
         return first_s, last_s if self.rest is None else max(last_s, self.rest.stop_s)
 
     def __str__(self) -> str:
-        first, last = self._dates(np.array(self.span_s))
-        return f"{self.name}, integrated from {first} to {last} TDB"
+        return integrated_over(self.name, self.epoch, self.span_s)
 
     @bare_arguments
     def states(self, tdb: Epochs) -> tuple[Floats, Floats]:
@@ -117,7 +135,8 @@ class Orbit(MoonCentred):
         CoverageError
             An epoch lies outside what was integrated.
         """
-        states = self._at(tdb)[:, 0]
+        found = self._at(tdb)
+        states = found[:, 0] if self.changes is None else found[:, 0] + self.changes @ found[:, 1:]
         return states[:, :3], states[:, 3:]
 
     @bare_arguments
@@ -143,8 +162,8 @@ class Orbit(MoonCentred):
         if ((times_s < first_s - _ROUNDING_S) | (times_s > last_s + _ROUNDING_S)).any():
             raise CoverageError(
                 self.name,
-                self._dates(np.array([first_s, last_s])),
-                self._dates(np.array([times_s.min(), times_s.max()])),
+                _dates(self.epoch, (first_s, last_s)),
+                _dates(self.epoch, (times_s.min(), times_s.max())),
                 "propagate over a longer span, or leave these epochs out",
             )
         # The compiler takes a third of a second to import.
@@ -164,9 +183,16 @@ class Orbit(MoonCentred):
             found[landed] = self.rest.carried(found[landed], self.epoch, times_s[landed])
         return found
 
-    def _dates(self, times_s: Floats) -> tuple[str, str]:
-        first, last = utc_strings(self.epoch.shifted(times_s), 3)
-        return str(first), str(last)
+
+def integrated_over(name: str, epoch: Epochs, span_s: tuple[float, float]) -> str:
+    """What an orbit of a name is, to be shown; its span is in TDB seconds from the epoch."""
+    first, last = _dates(epoch, span_s)
+    return f"{name}, integrated from {first} to {last} TDB"
+
+
+def _dates(epoch: Epochs, times_s: tuple[float, float]) -> tuple[str, str]:
+    first, last = utc_strings(epoch.shifted(np.array(times_s)), 3)
+    return str(first), str(last)
 
 
 def initial_state(position_m: ArrayLike, velocity_m_s: ArrayLike, at_rest: bool = False) -> Floats:

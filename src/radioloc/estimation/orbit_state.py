@@ -5,7 +5,7 @@ Of several arcs also by how much neighbours differ where they meet.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -103,10 +103,10 @@ class OrbitState:
         The orbit of the estimated values.
     parameter_covariance : ndarray, shape (p, p)
         Total covariance of the orbit's parameters, those of the state first; m, m/s and the forces' units.
-    disturbed : DisturbedOrbit or None
-        The orbit with the errors of its gravity field that were considered.
     sensitivity : ndarray, shape (p, k)
-        What they, each by one sigma, do to the parameters.
+        What errors of the gravity field that were considered, each by one sigma, do to the parameters.
+    disturbed : DisturbedOrbit or None
+        The orbit with these errors, if there are any.
     body : int
         NAIF code of the spacecraft in kernels.
     process : ProcessEstimate or None
@@ -115,8 +115,8 @@ class OrbitState:
 
     orbit: AdjustableOrbit
     parameter_covariance: Floats
+    sensitivity: Floats
     disturbed: DisturbedOrbit | None = None
-    sensitivity: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     body: int = -999
     process: ProcessEstimate | None = None
 
@@ -151,18 +151,15 @@ class OrbitState:
         CoverageError
             An epoch lies outside the arc.
         """
-        by_parameters, covariance = self.orbit.partials(tdb), self.parameter_covariance
         if self.process is not None:
-            by_parameters, covariance = self.process.covariance_at(tdb, by_parameters)
-        partials = turned(rtn_axes(*self.orbit.states(tdb)), by_parameters)
-        if self.disturbed is None:
+            by_parameters, covariance = self.process.covariance_at(tdb, self.orbit.partials(tdb))
+            partials = turned(rtn_axes(*self.orbit.states(tdb)), by_parameters)
             return np.asarray(partials @ covariance @ np.swapaxes(partials, 1, 2))
-        covariance = covariance - self.sensitivity @ self.sensitivity.T
+        partials, direct = self.partials_rtn(tdb)
+        own = self.parameter_covariance - self.sensitivity @ self.sensitivity.T
         # An error that the model does not have: what it does to the estimate less what it does to the truth.
-        moved = partials @ self.sensitivity - self.partials_rtn(tdb)[1]
-        return np.asarray(
-            partials @ covariance @ np.swapaxes(partials, 1, 2) + moved @ np.swapaxes(moved, 1, 2)
-        )
+        moved = partials @ self.sensitivity - direct
+        return np.asarray(partials @ own @ np.swapaxes(partials, 1, 2) + moved @ np.swapaxes(moved, 1, 2))
 
     @bare_arguments
     def partials_rtn(self, tdb: Epochs) -> tuple[Floats, Floats]:
@@ -282,45 +279,46 @@ class OrbitOverlap:
         }
 
 
-def states_of_arcs(
-    arcs: OrbitArcs,
-    covariance: Floats,
-    disturbed: DisturbedOrbit | None,
-    sensitivity: Floats,
-    body: int,
-) -> tuple[OrbitState, ...]:
-    """The states of arcs that were fitted; covariance and sensitivity are of all their parameters, Cartesian."""
-    states = []
-    for k, (arc, mine) in enumerate(zip(arcs.arcs, arcs.columns, strict=True)):
-        errors = None if disturbed is None else disturbed.arcs[k]
-        of_arc = sensitivity[mine] if len(sensitivity) else sensitivity
-        states.append(OrbitState(arc, covariance[np.ix_(mine, mine)], errors, of_arc, body))
-    return tuple(states)
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedOrbit:
+    """An orbit, in one arc or in several, that was fitted; fields are those of :class:`OrbitState`, of all arcs."""
 
+    orbit: AdjustableOrbit | OrbitArcs
+    covariance: Floats
+    sensitivity: Floats
+    disturbed: DisturbedOrbit | None
+    body: int
 
-def overlaps(
-    arcs: OrbitArcs,
-    covariance: Floats,
-    disturbed: DisturbedOrbit | None,
-    sensitivity: Floats,
-) -> tuple[OrbitOverlap, ...]:
-    """Differences of neighbours; parameters as of :func:`states_of_arcs`."""
-    found = []
-    for k in range(len(arcs.borders)):
-        epoch = arcs.borders[[k]]
-        pair, columns = arcs.arcs[k : k + 2], arcs.columns[k : k + 2]
-        (before_m, velocity_m_s), (after_m, _) = (arc.states(epoch) for arc in pair)
-        axes = rtn_axes(before_m[0], velocity_m_s[0])
-        by = np.zeros((3, len(covariance)))
-        for sign, arc, mine in zip((-1.0, 1.0), pair, columns, strict=True):
-            by[:, mine] += sign * (axes @ arc.position_partials(epoch)[0])
-        own = covariance
-        expected = np.zeros((3, 3))
-        if disturbed is not None and len(sensitivity):
-            own = covariance - sensitivity @ sensitivity.T
-            first, second = (one.position_partials(epoch)[0] for one in disturbed.arcs[k : k + 2])
-            moved = by @ sensitivity + axes @ (second - first)
-            expected = moved @ moved.T
-        expected = expected + by @ own @ by.T if np.isfinite(covariance).all() else np.full((3, 3), np.inf)
-        found.append(OrbitOverlap(epoch, axes @ (after_m - before_m)[0], expected))
-    return tuple(found)
+    def states(self) -> tuple[OrbitState, ...]:
+        """The state of each arc."""
+        if isinstance(self.orbit, AdjustableOrbit):
+            return (OrbitState(self.orbit, self.covariance, self.sensitivity, self.disturbed, self.body),)
+        errors = [None] * len(self.orbit.arcs) if self.disturbed is None else self.disturbed.arcs
+        return tuple(
+            OrbitState(arc, self.covariance[np.ix_(mine, mine)], self.sensitivity[mine], of_arc, self.body)
+            for arc, mine, of_arc in zip(self.orbit.arcs, self.orbit.columns, errors, strict=True)
+        )
+
+    def overlaps(self) -> tuple[OrbitOverlap, ...]:
+        """By how much neighbouring arcs differ where they meet."""
+        if isinstance(self.orbit, AdjustableOrbit):
+            return ()
+        own = self.covariance - self.sensitivity @ self.sensitivity.T
+        found = []
+        for k in range(len(self.orbit.borders)):
+            epoch = self.orbit.borders[[k]]
+            pair, columns = self.orbit.arcs[k : k + 2], self.orbit.columns[k : k + 2]
+            (before_m, velocity_m_s), (after_m, _) = (arc.states(epoch) for arc in pair)
+            axes = rtn_axes(before_m[0], velocity_m_s[0])
+            by = np.zeros((3, len(own)))
+            for sign, arc, mine in zip((-1.0, 1.0), pair, columns, strict=True):
+                by[:, mine] += sign * (axes @ arc.position_partials(epoch)[0])
+            moved = by @ self.sensitivity
+            if self.disturbed is not None:
+                first, second = (one.position_partials(epoch)[0] for one in self.disturbed.arcs[k : k + 2])
+                moved += axes @ (second - first)
+            expected = np.full((3, 3), np.inf)
+            if np.isfinite(self.covariance).all():
+                expected = by @ own @ by.T + moved @ moved.T
+            found.append(OrbitOverlap(epoch, axes @ (after_m - before_m)[0], expected))
+        return tuple(found)

@@ -204,7 +204,7 @@ class Scenario:
             return None if isinstance(self.position, LunarPosition) else self.position, None
         orbit = self.orbit(model, self.position)
         random = generator(self.seed, GRAVITY_ERROR)
-        return orbit.nearest()[0], self.position.disturbed(orbit, self.truth_sigma.gravity_errors, random)
+        return orbit.nearest(), self.position.disturbed(orbit, self.truth_sigma.gravity_errors, random)
 
     def orbit(
         self, model: PhysicalModel, target: StateAndForces, parameters: tuple[str, ...] = ()

@@ -58,8 +58,8 @@ from radioloc.studies.orbiter import Orbiter
 from radioloc.studies.problem import (
     allows_for_correlation,
     considered_errors,
+    fitted_orbit,
     observation_model,
-    orbit_state,
     require_position_or_orbit,
     start_pa_m,
     status_of,
@@ -186,9 +186,7 @@ class _Planned:
                 assert study.estimate.orbit is not None
                 orbit = scenario.orbit(model, target, study.estimate.orbit.parameters(target.forces))
             place_m = start_pa_m(targets_in_pa(study, model.ephemeris.constants))
-            plan = scenario.schedule.plan(
-                model, place_m if orbit is None else orbit.nearest()[0], scenario.name
-            )
+            plan = scenario.schedule.plan(model, place_m if orbit is None else orbit.nearest(), scenario.name)
             rows = np.flatnonzero(
                 selected(plan.observations, study.observations, study.catalogue, sources=model.sources)[0]
             )
@@ -347,9 +345,8 @@ class _Solved:
             axes = rot_pa_to_enu(position_pa_m, self.part.arc.model) @ self.problem.position_partials(self.x)
         else:
             total = formal if moved is None else formal + moved.covariance
-            state = orbit_state(
-                self.plan.study, self.problem, self.x, self.plan.orbit, total, moved, self.plan.errant
-            )
+            fitted = fitted_orbit(self.plan.study, self.problem, self.x, total, moved, self.plan.errant)
+            state = fitted.states()[0]
             by_orbit, by_gravity = (one[:, LOCAL_LEVEL[:3]] for one in state.partials_rtn(self._epochs))
             axes = np.zeros((*by_orbit.shape[:2], len(parameters)))
             mine = slice(0, self.problem.first)

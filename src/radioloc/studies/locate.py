@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.dynamics.arcs import OrbitArcs
-from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.ephemeris import EphemerisConstants, Trajectory
+from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.estimation.build import Doubt, build_solution, compare_with
 from radioloc.estimation.editing import (
@@ -27,7 +27,6 @@ from radioloc.estimation.editing import (
 from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.observation_noise import ObservationNoise
-from radioloc.estimation.orbit_state import overlaps, states_of_arcs
 from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
 from radioloc.estimation.solution import Solution, TargetPosition
 from radioloc.estimation.variance_components import fit_with_variance_components
@@ -61,9 +60,9 @@ from radioloc.studies.problem import (
     allows_for_correlation,
     considered_errors,
     disturbed,
+    fitted_orbit,
     needs_more_partials,
     observation_model,
-    orbit_state,
     planned_place,
     position_in_pa,
     start_pa_m,
@@ -158,7 +157,7 @@ def prepared_arc(
     constants = model.ephemeris.constants
     targets = targets_in_pa(study, constants)
     _references(study, constants)  # one in a wrong frame is to be told before the work, not after it
-    chosen, left_out = _observations(study, observations, model, targets)
+    chosen, left_out, orbit = _observations(study, observations, model, targets, orbit)
     arc = _arc(study, model, chosen, targets, orbit)
     logger.info("prepared the model for %d observations by %s", len(chosen), ", ".join(arc.stations))
     if places := study.observations.map_positions:
@@ -265,18 +264,21 @@ def fit_arc(
         trajectory=None if arc.trajectory is None or problem.landing is not None else str(there.trajectory),
         targets=several,
     )
-    if problem.landing is not None and isinstance(study.target, Orbiter):
-        state = study.target.state_before(problem.landing, solution, errant)
-        solution = replace(solution, state=state)
-    elif isinstance(arc.trajectory, AdjustableOrbit):
-        orbit = arc.trajectory.corrected(problem.all_positions_pa_m(x))
+    if isinstance(study.target, Orbiter):
         covariance = solution.parameter_covariance()
-        state = orbit_state(study, problem, x, orbit, covariance, solution.consider, errant)
+        found = fitted_orbit(study, problem, x, covariance, solution.consider, errant)
+        states = found.states()
         if stochastic is not None:
-            state = stochastic.smoothed(state, fitted.fit, solution, considered)
-        solution = replace(solution, trajectory=str(state.orbit), state=state)
-    elif isinstance(arc.trajectory, OrbitArcs):
-        solution = _with_arcs(solution, study, problem, arc.trajectory, errant)
+            states = (stochastic.smoothed(states[0], fitted.fit, solution, considered),)
+        if problem.landing is not None:
+            solution = replace(solution, state=study.target.before_landing(states[0]))
+        elif isinstance(found.orbit, OrbitArcs):
+            named = str(found.orbit)
+            solution = replace(
+                solution, trajectory=named, state=states[0], arcs=states, overlaps=found.overlaps()
+            )
+        else:
+            solution = replace(solution, trajectory=str(states[0].orbit), state=states[0])
     known = [compare_with(solution, xyz_m, name) for name, xyz_m in _references(study, constants)]
     first = None if study.reference is None else known.pop(0)
     solution = replace(solution, reference=first, references=tuple(known))
@@ -285,31 +287,10 @@ def fit_arc(
     if not consistency:
         return solution
     aim = problem.all_positions_pa_m(x if solution.converged else problem.parameters.prior_values)
-    search = TransmitterSearch(study, model, aim, arc.trajectory, arc.targets)
+    search = TransmitterSearch(study, model, aim, _coarse(arc.trajectory), arc.targets)
     transmitters = search.passes(arc.tracking.observations)
     notes = (*solution.notes, *(str(one) for one in transmitters if not one.decided))
     return replace(solution, transmitters=transmitters, notes=notes)
-
-
-def _with_arcs(
-    solution: Solution,
-    study: Study,
-    problem: ObservationModel,
-    orbit: OrbitArcs,
-    errant: DisturbedOrbit | None,
-) -> Solution:
-    """The solution with the states of an orbit's arcs, and how they differ where they meet."""
-    assert isinstance(study.target, Orbiter)
-    mine, consider = slice(0, problem.first), solution.consider
-    there = orbit.corrected(problem.all_positions_pa_m(solution.values))
-    by = problem.positions[0](solution.values[mine])[1]
-    covariance = by @ solution.parameter_covariance()[mine, mine] @ by.T
-    sensitivity = np.zeros((0, 0))
-    if errant is not None and consider is not None:
-        sensitivity = by @ consider.sensitivity[mine][:, list(consider.parameters.of_kind("gravity_error"))]
-    states = states_of_arcs(there, covariance, errant, sensitivity, study.target.body)
-    meeting = overlaps(there, covariance, errant, sensitivity)
-    return replace(solution, trajectory=str(there), state=states[0], arcs=states, overlaps=meeting)
 
 
 def _references(study: Study, constants: EphemerisConstants) -> list[tuple[str, NDArray[np.float64]]]:
@@ -355,7 +336,9 @@ def _observations(
     observations: Observations | None,
     model: PhysicalModel,
     targets: Mapping[str, LunarPosition],
-) -> tuple[Observations, dict[str, int]]:
+    orbit: AdjustableOrbit | None,
+) -> tuple[Observations, dict[str, int], AdjustableOrbit | None]:
+    """Observations of a study, how many were left out, and its a-priori orbit if that is known by now."""
     if observations is None:
         if study.simulation is not None and not study.observations.files:
             raise InputError(
@@ -377,9 +360,17 @@ def _observations(
             require_stations(chosen, key, given, study.catalogue)
     weighted = weighted_observations(chosen, study.observations.weights, study.catalogue)
     if not TransmitterSearch(study, model, start_pa_m(targets)).wanted:
-        return weighted, left_out
-    search = TransmitterSearch(study, model, *_aim(study, targets, model, weighted))
-    return search.resolved(weighted), left_out
+        return weighted, left_out, orbit
+    start_m, trajectory, names = _aim(study, targets, model, weighted, orbit)
+    resolved = TransmitterSearch(study, model, start_m, _coarse(trajectory), names).resolved(weighted)
+    if isinstance(trajectory, AdjustableOrbit) and not trajectory.notes:
+        orbit = trajectory  # a first orbit is sought anew, now that it is known who transmitted
+    return resolved, left_out, orbit
+
+
+def _coarse(trajectory: AnyTrajectory | None) -> AnyTrajectory | None:
+    """What serves where only its positions are asked for."""
+    return trajectory.coarse() if isinstance(trajectory, AdjustableOrbit) else trajectory
 
 
 def read_as(study: Study, files: Sequence[str | Path]) -> Observations:
@@ -411,9 +402,8 @@ def _arc(
     targets: Mapping[str, LunarPosition],
     given: AdjustableOrbit | None,
 ) -> Predictor:
-    start_m, trajectory, names = _aim(study, targets, model, observations, given)
-    orbit = trajectory if isinstance(trajectory, AdjustableOrbit) else None
-    trajectory = trajectory if orbit is None else orbit.coarse()  # only its positions are asked for
+    start_m, aimed, names = _aim(study, targets, model, observations, given)
+    trajectory = _coarse(aimed)
     more = needs_more_partials(study)
     try:
         if len(rows := np.flatnonzero(~np.isnan(observations.modulus_m))):
@@ -432,7 +422,7 @@ def _arc(
                 error.args = (f"{observations.origin(row)}: {error}",)
                 raise error from None
         raise
-    return arc if orbit is None else arc.along(orbit)
+    return arc.along(aimed) if isinstance(aimed, AdjustableOrbit) else arc
 
 
 def _aim(

@@ -21,11 +21,10 @@ from radioloc.dynamics.orbit import initial_state
 from radioloc.ephemeris import CONSTANTS, Ephemeris, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.estimation.orbit_state import OrbitState
-from radioloc.estimation.solution import Solution
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.parameters.orbit import Ground, LandingParameters
+from radioloc.parameters.orbit import Ground
 from radioloc.time import Epochs, tt_to_tdb, utc_strings, utc_to_tt
 
 Floats = NDArray[np.float64]
@@ -315,31 +314,24 @@ class Orbiter:
         if not count or field.degree < 2:
             return None
         errors = draw_gravity_errors(field, count, max(field.degree, self.gravity_error_degree), seed)
-        return DisturbedOrbit(orbit, errors_along(orbit.nearest()[0], errors, orbit.libration).at)
+        return DisturbedOrbit(orbit, errors_along(orbit.nearest(), errors, orbit.libration).at)
 
-    def state_before(
-        self, landing: LandingParameters, solution: Solution, errant: DisturbedOrbit | None
-    ) -> OrbitState:
-        """The state at the epoch of an orbit that was fitted to end on the ground; its covariance until there."""
-        mine = slice(0, len(landing.parameters))
-        changes, by_x = landing.changes(solution.values[mine])
-        landed = landing.orbit.corrected(changes)
-        by_x = np.vstack(
-            [landed.partials(self.epoch)[0] @ by_x, by_x[6:]]
-        )  # of the state there, then of the forces
-        covariance = solution.parameter_covariance()[mine, mine]
-        flight = landed.moved_to(self.epoch)
-        until_s = float(landed.epoch.seconds_since(self.epoch)[0]) - _BEFORE_S
+    def before_landing(self, landed: OrbitState) -> OrbitState:
+        """The state at the epoch of an orbit whose own epoch is the touchdown; its covariance until there."""
+        touchdown = landed.orbit.epoch
+        to_epoch = np.vstack(
+            [landed.orbit.partials(self.epoch)[0], np.eye(len(landed.parameter_covariance))[6:]]
+        )
+        flight = landed.orbit.moved_to(self.epoch)
+        until_s = float(touchdown.seconds_since(self.epoch)[0]) - _BEFORE_S
         flight = replace(flight, span_s=(flight.span_s[0], until_s))
-        consider = solution.consider
-        by_gravity = [] if consider is None else list(consider.parameters.of_kind("gravity_error"))
-        if not by_gravity or consider is None or errant is None:
-            return OrbitState(flight, by_x @ covariance @ by_x.T, body=self.body)
-        sensitivity = consider.sensitivity[mine][:, by_gravity]
-        moved = by_x @ sensitivity
-        moved[:6] -= errant.effects(self.epoch)[0]
-        covariance = by_x @ (covariance - sensitivity @ sensitivity.T) @ by_x.T + moved @ moved.T
-        return OrbitState(flight, covariance, self.disturbed(flight), moved, self.body)
+        moved, disturbed = to_epoch @ landed.sensitivity, None
+        if landed.disturbed is not None:
+            moved[:6] -= landed.disturbed.effects(self.epoch)[0]
+            disturbed = self.disturbed(flight)
+        own = landed.parameter_covariance - landed.sensitivity @ landed.sensitivity.T
+        covariance = to_epoch @ own @ to_epoch.T + moved @ moved.T
+        return OrbitState(flight, covariance, moved, disturbed, self.body)
 
     def record(self) -> dict[str, Any]:
         """State and forces, in types that JSON has."""

@@ -140,7 +140,7 @@ def scene_of(
             targets[name] = place
         else:
             span = epochs_from_strings([start_utc, stop_utc], "UTC")
-            targets[name] = place.orbit_over(model, span, 0.0).nearest()[0]
+            targets[name] = place.orbit_over(model, span, 0.0).nearest()
     return Scene(
         study.name,
         model,

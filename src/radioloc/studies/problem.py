@@ -28,7 +28,7 @@ from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.linearization import ResidualFunction
 from radioloc.estimation.m_estimator import fit_with_huber
-from radioloc.estimation.orbit_state import OrbitState
+from radioloc.estimation.orbit_state import FittedOrbit
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.time_correlation import fit_with_correlated_weights
 from radioloc.lunar.position import LunarPosition
@@ -193,24 +193,30 @@ def require_position_or_orbit(study: Study, what: str) -> None:
         raise InputError(f"{what} of an orbit has no process noise; leave [estimate.orbit] process_noise out")
 
 
-def orbit_state(
+def fitted_orbit(
     study: Study,
     problem: ObservationModel,
     x: NDArray[np.float64],
-    orbit: AdjustableOrbit,
     covariance: NDArray[np.float64],
     consider: Consider | None,
     errant: DisturbedOrbit | None,
-) -> OrbitState:
-    """The state of an orbit whose parameters come first in x and `covariance`, which is of all that is uncertain."""
+) -> FittedOrbit:
+    """The orbit whose parameters come first in x and `covariance`, which is of all that is uncertain."""
+    orbit = problem.predictor.trajectory
     assert isinstance(study.target, Orbiter)
+    assert isinstance(orbit, AdjustableOrbit | OrbitArcs)
     mine = slice(0, problem.first)
-    by = problem.positions[0](x[mine])[1]
-    state = OrbitState(orbit, by @ covariance[mine, mine] @ by.T, body=study.target.body)
-    by_gravity = () if consider is None else consider.parameters.of_kind("gravity_error")
-    if not by_gravity or consider is None:
-        return state
-    return replace(state, disturbed=errant, sensitivity=by @ consider.sensitivity[mine][:, list(by_gravity)])
+    changes, by = problem.positions[0](x[mine])
+    sensitivity = np.zeros((problem.first, 0))
+    if consider is not None:
+        sensitivity = consider.sensitivity[mine][:, list(consider.parameters.of_kind("gravity_error"))]
+    return FittedOrbit(
+        orbit.corrected(changes),
+        by @ covariance[mine, mine] @ by.T,
+        by @ sensitivity,
+        errant if sensitivity.size else None,
+        study.target.body,
+    )
 
 
 def gravity_errors(orbit: DisturbedOrbit | None, problem: ObservationModel) -> ConsideredErrors | None:

@@ -92,7 +92,7 @@ class StochasticProblem:
             forces = replace(orbit.forces, accelerations=orbit.forces.accelerations + given)
             orbit = replace(orbit, forces=forces, integrated=[])
         moved = orbit.corrected(without.all_positions_pa_m(x))
-        effects = StochasticEffects(moved.nearest()[0], noise.sigma_m_s2, interval_s)
+        effects = StochasticEffects(moved.nearest(), noise.sigma_m_s2, interval_s)
         partials = predictor.along(DisturbedOrbit(moved, effects.at)).compute(np.zeros(3)).by_orbit
         by_colour = partials[:, 6:].reshape(len(partials), COLOURS, 3)
         tag_s = tt_to_tdb(utc_to_tt(predictor.observations.epoch)).seconds_since(orbit.epoch)

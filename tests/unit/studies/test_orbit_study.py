@@ -167,7 +167,7 @@ def test_an_error_of_the_field_moves_the_orbit_as_its_sigmas_say(model, forces, 
     state = radioloc.locate(study_of(forces, errors=1), replace(doppler, value_m=value_m)).state
     times = state.orbit.times(9)
     own = state.parameter_covariance - state.sensitivity @ state.sensitivity.T
-    without = replace(state, parameter_covariance=own, disturbed=None)
+    without = replace(state, parameter_covariance=own, sensitivity=own[:, :0], disturbed=None)
     added = (state.covariance_rtn(times) - without.covariance_rtn(times))[:, :3, :3]
     found_m = np.linalg.norm(state.orbit.states(times)[0] - orbit.states(times)[0], axis=1)
     np.testing.assert_allclose(1e-3 * np.sqrt(np.trace(added, axis1=1, axis2=2)), found_m, atol=0.01)

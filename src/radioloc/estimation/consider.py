@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import gram
-from radioloc.estimation.observation_noise import RowsOf, Whitening
+from radioloc.estimation.observation_noise import RowsOf, Transposable, Whitening
 from radioloc.parameters.parameter import Parameter, ParameterSet
 from radioloc.parameters.registry import PARAMETERS
 
@@ -155,10 +155,16 @@ def moved_by(fit: FitResult, effects_m: RowsOf, count: int) -> _Floats:
     """
     root = fit.factor.root_covariance()
     along = np.zeros((root.shape[1], count))
-    # Of common errors effects are whitened by the noise alone; estimates of the errors come last
+    # Of common errors effects are weighed by the noise alone; estimates of the errors come last
     alone = fit.whitening.noise if isinstance(fit.whitening, CommonErrors) else fit.whitening
-    for partials, effects in zip(fit.whitened_unit_partials(), alone.whitened(effects_m), strict=False):
-        along += gram(partials, effects)
+    whitened = fit.whitened_unit_partials()
+    if isinstance(alone, Transposable):
+        # Weights of few parameters are brought to the observations, not many effects to independent combinations
+        for rows, weights in alone.transposed(whitened):
+            along += gram(weights, effects_m(rows))
+    else:
+        for partials, effects in zip(whitened, alone.whitened(effects_m), strict=False):
+            along += gram(partials, effects)
     moved = np.zeros((len(fit.parameters), count))
     moved[fit.parameters.free] = root @ along
     return moved

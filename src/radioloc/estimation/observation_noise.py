@@ -16,9 +16,9 @@ tri-diagonal, and its Cholesky factor brings them to independent ones at a cost 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -123,10 +123,15 @@ def slices_of_chain(factor: _Floats) -> Iterator[slice]:
         start = end
 
 
-def unchained(factor: _Floats, values: _Floats) -> _Floats:
-    """Independent combinations of unit variance of rows (k, c), by the factor of their covariance (2, k)."""
+def unchained(factor: _Floats, values: _Floats, *, adjoint: bool = False) -> _Floats:
+    """Independent combinations of unit variance of rows (k, c), by the factor of their covariance (2, k).
+
+    This and the `adjoint` operation after it multiply by the inverse of the covariance.
+    """
     from scipy.linalg import solve_banded
 
+    if adjoint:
+        return np.asarray(solve_banded((0, 1), np.stack([np.roll(factor[1], 1), factor[0]]), values))
     return np.asarray(solve_banded((1, 0), factor, values))
 
 
@@ -246,6 +251,14 @@ class Whitening(Protocol):
         """Independent combinations part by part, from indices of rows (m,) to numbers that belong to them (m, k)."""
 
 
+@runtime_checkable
+class Transposable(Whitening, Protocol):
+    """The same where the transposed operation is known: both after each other weigh by the inverse covariance."""
+
+    def transposed(self, parts: Iterable[_Floats]) -> Iterator[tuple[Rows, _Floats]]:
+        """Rows (m,) part by part, and numbers that belong to them (m, k), from those of independent combinations."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Combinations:
     """Independent combinations of those observations that are in use; made by :meth:`ObservationNoise.among`."""
@@ -290,6 +303,19 @@ class Combinations:
             yield combined
         for part in slices_of_chain(self.factor):
             yield unchained(self.factor[:, part], rows_of(self.counts[part]))
+
+    def transposed(self, parts: Iterable[_Floats]) -> Iterator[tuple[Rows, _Floats]]:
+        """Rows and what the transpose of :meth:`whitened` makes of such parts."""
+        part_of, alone = iter(parts), np.flatnonzero(self.alone)
+        for some in slices(len(alone)):
+            yield alone[some], next(part_of) / self.own_m[alone[some], None]
+        for block in self.blocks:
+            for some in slices(*block.rows.shape):
+                part = block.select(some)
+                values = next(part_of).reshape(*part.rows.shape, -1) / part.combined_m[..., None]
+                yield part.rows.ravel(), (part.axes @ values).reshape(part.rows.size, -1)
+        for some in slices_of_chain(self.factor):
+            yield self.counts[some], unchained(self.factor[:, some], next(part_of), adjoint=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

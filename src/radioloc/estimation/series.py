@@ -20,6 +20,7 @@ from radioloc.estimation.labels import Labels
 from radioloc.estimation.observation_noise import (
     ALONE,
     ObservationNoise,
+    Rows,
     RowsOf,
     slices,
     slices_of_chain,
@@ -130,6 +131,15 @@ class Bundle:
         from radioloc.estimation._kernels import weigh
 
         return weigh(self.step_s, *self._numbers(noise), values)
+
+    def on_observations(self, weighted: _Floats) -> Iterator[tuple[Rows, _Floats]]:
+        """Some thousand rows after others (m,), and what their combinations' :meth:`weighted` values are of them."""
+        for part in slices(*self.rows.shape) if self.factor is None else slices_of_chain(self.factor):
+            values = np.swapaxes(self.whitening[part], 1, 2) @ np.swapaxes(weighted[:, part], 0, 1)
+            values = values.reshape(-1, weighted.shape[2])
+            if self.factor is not None:
+                values = unchained(self.factor[:, part], values, adjoint=True)
+            yield self.rows[part].ravel(), values
 
     def _numbers(self, noise: Mapping[str, SeriesNoise]) -> _Floats:
         """White variance, correlation time and ratio of each series, (3, k); white of unit variance by default."""

@@ -23,7 +23,7 @@ correlated.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -201,6 +201,19 @@ class _Whitening:
             whitened = [one.whitened(numbers, self.noise) for one, numbers in with_numbers(group, rows_of)]
             yield np.concatenate([values.reshape(-1, values.shape[2]) for values in whitened])
 
+    def weighted(self, parts: Iterable[_Floats]) -> Iterator[tuple[Bundle, _Floats]]:
+        """Bundles, and their share of such parts by the root of the inverse covariance transposed, (k, b, c)."""
+        for group, part in zip(together(self.bundles), parts, strict=False):
+            ends = np.cumsum([bundle.rows.size for bundle in group])[:-1]
+            for bundle, of_bundle in zip(group, np.split(part, ends), strict=True):
+                values = of_bundle.reshape(len(bundle.series), len(bundle.rows), -1)
+                yield bundle, bundle.weighted(values, self.noise)
+
+    def transposed(self, parts: Iterable[_Floats]) -> Iterator[tuple[Rows, _Floats]]:
+        """Rows and what the transpose of :meth:`whitened` makes of such parts."""
+        for bundle, weighted in self.weighted(parts):
+            yield from bundle.on_observations(weighted)
+
 
 def fit_with_correlated_weights(
     residual_function: ResidualFunction,
@@ -286,17 +299,13 @@ def _with_covariances(fit: FitResult, noise: _Whitening, found: TimeCorrelation)
     for whitened in parts:
         unit -= gram(whitened, whitened)
     # Estimates of common errors come last
-    for group, whitened in zip(together(noise.bundles), parts, strict=False):
-        ends = np.cumsum([bundle.rows.size for bundle in group])[:-1]
-        for bundle, of_bundle in zip(group, np.split(whitened, ends), strict=True):
-            values = of_bundle.reshape(len(bundle.series), len(bundle.rows), -1)
-            weighted = bundle.weighted(values, noise.noise)
-            flat = weighted.reshape(of_bundle.shape)
-            unit += gram(flat, flat)
-            for one, columns in zip(bundle.series, weighted, strict=True):
-                if one.key in found.noise:
-                    points = (bundle.step_s, np.ones(len(columns)), columns)
-                    added += found.noise[one.key].products(*points) - gram(columns, columns)
+    for bundle, weighted in noise.weighted(parts):
+        flat = weighted.reshape(-1, weighted.shape[2])
+        unit += gram(flat, flat)
+        for one, columns in zip(bundle.series, weighted, strict=True):
+            if one.key in found.noise:
+                points = (bundle.step_s, np.ones(len(columns)), columns)
+                added += found.noise[one.key].products(*points) - gram(columns, columns)
     fit = replace(fit, covariance=covariance_of(fit.factor, fit.parameters, unit))
     return replace(fit, time_correlation=replace(found, added_covariance=in_parameters(added, fit)))
 

@@ -203,6 +203,10 @@ def test_sums_of_bins_are_those_of_whitened_values(monkeypatch, at_once):
     bundle = Bundle(series, rows, 60.0 * np.arange(12), rng.normal(size=(12, 2, 2)))
     whitened = np.moveaxis(bundle.whitening @ values[rows], 1, 0)
     np.testing.assert_allclose(bundle.whitened(lambda rows: values[rows], {}), whitened, rtol=1e-12)
+    on_rows, found = (np.concatenate(parts) for parts in zip(*bundle.on_observations(whitened), strict=True))
+    expected = np.swapaxes(bundle.whitening, 1, 2) @ np.moveaxis(whitened, 0, 1)
+    np.testing.assert_allclose(found, expected.reshape(-1, 3), rtol=1e-12)
+    np.testing.assert_array_equal(on_rows, rows.ravel())
     found = points_of([bundle], lambda rows: values[rows], np.eye(2))
     place, _ = bins(bundle.time_s, 4)
     in_bin = place == np.arange(place[-1] + 1)[:, None]

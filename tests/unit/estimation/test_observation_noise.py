@@ -62,6 +62,9 @@ def test_whitened_rows_carry_the_inverse_covariance(network):
     root = np.vstack(parts)
     weight = np.linalg.inv(network.covariance)
     np.testing.assert_allclose(root.T @ root, weight, rtol=0.0, atol=ROUNDING * weight.max())
+    rows, transposed = zip(*network.noise.among().transposed(parts), strict=True)
+    weighted = np.vstack(transposed)[np.argsort(np.concatenate(rows))]
+    np.testing.assert_allclose(weighted, weight, rtol=0.0, atol=ROUNDING * weight.max())
 
 
 def test_rows_left_out_drop_out_of_their_blocks(network):

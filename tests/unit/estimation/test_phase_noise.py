@@ -56,6 +56,26 @@ def information(whitening, columns=COLUMNS):
     return whitened.T @ whitened
 
 
+def weighted(parts):
+    """Rows of parts in their order, from rows and what belongs to them."""
+    rows, values = (np.concatenate(both) for both in zip(*parts, strict=True))
+    return values[np.argsort(rows)]
+
+
+@pytest.mark.parametrize("at_once", [7, 10000])
+def test_both_operations_multiply_by_the_inverse_covariance(monkeypatch, at_once):
+    noise = counts()
+    monkeypatch.setattr("radioloc.estimation.observation_noise.ROWS_AT_ONCE", at_once)
+    expected = np.linalg.solve(written_out(noise), COLUMNS)
+    whitening = noise.among()
+    found = weighted(whitening.transposed(whitening.whitened(lambda rows: COLUMNS[rows].copy())))
+    np.testing.assert_allclose(found, expected, rtol=ROUNDING, atol=ROUNDING)
+    [bundle] = series_of(order(), noise, np.ones(N, dtype=bool))
+    values = bundle.weighted(bundle.whitened(lambda rows: COLUMNS[rows], {}), {})
+    found = weighted(bundle.on_observations(values))
+    np.testing.assert_allclose(found, expected, rtol=ROUNDING, atol=ROUNDING)
+
+
 @pytest.mark.parametrize("own_m", [OWN_M, 1e-4 * PHASE_M])
 def test_information_is_that_of_the_covariance_written_out(own_m):
     noise = counts(own_m)

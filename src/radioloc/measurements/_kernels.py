@@ -32,19 +32,15 @@ def _polynomial(coefficients: Floats, s: int, q: int, begin: int, t: Floats, out
     """Polynomial of quantity `q` in segment `s` at the first `m` of `t`, by Horner's rule.
 
     Coefficients, powers descending, have the shape (n_segments, n_quantities, n_coefficients); those before `begin` are
-    0.
+    0, and four, or a multiple of four, come after it.
     """
-    last = coefficients.shape[2]
-    first = coefficients[s, q, begin]
-    for j in range(m):
-        out[j] = first
-    single = begin + (last - 1 - begin) % 4
-    for k in range(begin + 1, single + 1):
-        c = coefficients[s, q, k]
-        for j in range(m):
-            out[j] = out[j] * t[j] + c
     # Four steps for each time that `out` is read and written.
-    for k in range(single + 1, last, 4):
+    b, c = coefficients[s, q, begin], coefficients[s, q, begin + 1]
+    d, e, f = coefficients[s, q, begin + 2], coefficients[s, q, begin + 3], coefficients[s, q, begin + 4]
+    for j in range(m):
+        u = t[j]
+        out[j] = (((b * u + c) * u + d) * u + e) * u + f
+    for k in range(begin + 5, coefficients.shape[2], 4):
         c, d = coefficients[s, q, k], coefficients[s, q, k + 1]
         e, f = coefficients[s, q, k + 2], coefficients[s, q, k + 3]
         for j in range(m):
@@ -54,10 +50,10 @@ def _polynomial(coefficients: Floats, s: int, q: int, begin: int, t: Floats, out
 
 @compiled()
 def _leading(coefficients: Floats, s: int, q: int) -> int:
-    """Index of the first coefficient that is not zero, or of the last one."""
-    k, last = 0, coefficients.shape[2] - 1
-    while k < last and coefficients[s, q, k] == 0.0:
-        k += 1
+    """Where :func:`_polynomial` may begin: coefficients before that are zero."""
+    k = 0
+    while k + 5 < coefficients.shape[2] and not coefficients[s, q, k : k + 4].any():
+        k += 4
     return k
 
 
@@ -72,7 +68,7 @@ def quantities(
     n_quantities = coefficients.shape[1]
     next_place = np.full(coefficients.shape[0], -1, dtype=np.int64)
     found = np.empty(BINS, dtype=np.int64)
-    place = np.empty(GROUPED, dtype=np.int64)
+    place = np.empty(GROUPED, dtype=np.uint32)  # indices with a sign would be looked at for negative ones
     t, at_t = np.empty(BINS * BIN), np.empty(BINS * BIN + 1)
     at_t[-1] = np.nan
     first = begin

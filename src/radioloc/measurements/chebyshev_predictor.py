@@ -232,9 +232,9 @@ class ChebyshevPrediction:
         self._segment, self._x = segment, x
         first = first_nodes(degree)
         at_nodes, self._exact = computed.rows(slice(first[-1])), computed.rows(slice(first[-1], None))
-        # Powers descending, shape (n_segments, n_quantities, n_coefficients).
-        self._coefficients, _ = polynomials(degree, stacked(at_nodes))
         self._layout, self._status = layout(at_nodes), at_nodes.status[first[:-1]]
+        # Powers descending, shape (n_segments, n_quantities, n_coefficients).
+        self._coefficients, _ = polynomials(degree, stacked(at_nodes), self._layout)
 
     @cached_property
     def value_m(self) -> NDArray[np.float64]:

@@ -61,8 +61,8 @@ ALLOWED_M = 0.9e-4
 """Allowed deviation of a value from the model, m: 0.3 ps of delay."""
 ALLOWED_RELATIVE = 1e-6
 """Allowed deviation of partials, of the largest in the segment; of an elevation, in rad."""
-MOST = DEGREES[-1][1] + 1
-"""Most coefficients of a quantity."""
+MOST = 4 * math.ceil(DEGREES[-1][1] / 4) + 1
+"""Coefficients of a quantity: as many as the largest degree has, by fours after the first, as they are evaluated."""
 _ROUNDING = {
     "by_position_pa": 2e-12,
     "by_time_m_s": 1e-6,
@@ -75,6 +75,8 @@ _ROUNDING = {
 """Rounding of the partials themselves, which no interpolation can undercut."""
 _POSITION_MOST = 1e-9
 """Largest deviation of a partial by position, m/m: over 10 km it moves the value by 0.01 mm."""
+_NEGLIGIBLE = 1e-3
+"""Of the deviation that is allowed: what the last Chebyshev coefficients of a partial may add up to and be left out."""
 _MARGIN_RAD = np.radians(0.05)
 """An elevation this near a limit may cross it between nodes, or for a point 10 km away."""
 _SPIN_RAD_S = 7.3e-5
@@ -290,21 +292,25 @@ def first_nodes(degree: NDArray[np.intp]) -> NDArray[np.intp]:
 
 
 def polynomials(
-    degree: NDArray[np.intp], at_nodes: NDArray[np.float64]
+    degree: NDArray[np.intp], at_nodes: NDArray[np.float64], places: Layout
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Powers descending, (m, width, MOST), and sizes of the last two Chebyshev coefficients, (m, width)."""
+    """Coefficients of powers, descending, and of Chebyshev polynomials, ascending; shapes (m, width, MOST).
+
+    Many partials and elevations need fewer powers than the value: their leading coefficients are zero.
+    """
     size = len(at_nodes)
-    coefficients, tail = np.zeros((len(degree), size, MOST)), np.zeros((len(degree), size))
+    middle, series = np.empty((len(degree), size)), np.zeros((len(degree), size, MOST))
     for n, of_degree, rows in _by_degree(degree):
         values = np.moveaxis(at_nodes[:, rows].reshape(size, -1, n + 1), 0, 1)
         # Without its value in the middle, a range keeps its digits in the sums.
-        middle = values[..., n // 2].copy()
-        series = (values - middle[..., None]) @ _to_chebyshev(n)
-        tail[of_degree] = np.abs(series[..., -2:]).sum(axis=-1)
-        powers = series @ _to_powers(n)
-        powers[..., -1] += middle
-        coefficients[of_degree, :, -(n + 1) :] = powers
-    return coefficients, tail
+        middle[of_degree] = here = values[..., n // 2]
+        series[of_degree, :, : n + 1] = (values - here[..., None]) @ _to_chebyshev(n)
+    negligible = _NEGLIGIBLE * _allowed(np.abs(middle).T, places).T
+    negligible[:, places["value_m"][0]] = 0.0
+    rest = np.abs(series) @ np.tri(MOST)  # of each coefficient and those after it
+    powers = np.where(rest < negligible[..., None], 0.0, series) @ _to_powers()
+    powers[..., -1] += middle
+    return powers, series
 
 
 def compare(
@@ -319,7 +325,7 @@ def compare(
     values, places = stacked(at_nodes), layout(at_nodes)
     size = len(values)
     model = np.moveaxis(stacked(at_checks).reshape(size, m, CHECK_POINTS), 0, 1)
-    coefficients, tail = polynomials(degree, values)
+    coefficients, series = polynomials(degree, values, places)
     good, deviation = np.ones(m, dtype=bool), np.zeros((m, size))
     # Elevations have to stay away from limits; what is integrated ends elsewhere than its tag says.
     limits_rad = {0.0}.union(*(medium.limits_rad for medium in nodes.model.media))
@@ -329,7 +335,8 @@ def compare(
         here = np.abs(model[of_degree] - _evaluate(mine, check_points(n))).max(axis=-1)
         deviation[of_degree] = here
         largest = np.abs(values[:, rows].reshape(size, -1, n + 1)).max(axis=-1)
-        agrees = _allowed(largest, places) >= np.maximum(here, tail[of_degree]).T
+        tail = np.abs(series[of_degree, :, n - 1 : n + 1]).sum(axis=-1)
+        agrees = _allowed(largest, places) >= np.maximum(here, tail).T
         content = places["by_electron_content_m"][0]
         agrees[content] |= np.isnan(largest[content])  # of signals whose frequency is not recorded
         good[of_degree] &= agrees.all(axis=0)
@@ -367,12 +374,11 @@ def _to_chebyshev(degree: int) -> NDArray[np.float64]:
 
 
 @cache
-def _to_powers(degree: int) -> NDArray[np.float64]:
+def _to_powers() -> NDArray[np.float64]:
     """Matrix from Chebyshev coefficients to those of powers, descending."""
-    matrix = np.zeros((degree + 1, degree + 1))
-    for k, unit in enumerate(np.eye(degree + 1)):
-        powers = chebyshev.cheb2poly(unit)
-        matrix[k, degree + 1 - len(powers) :] = powers[::-1]
+    matrix = np.zeros((MOST, MOST))
+    for k, unit in enumerate(np.eye(MOST)):
+        matrix[k, MOST - 1 - k :] = chebyshev.cheb2poly(unit)[::-1]
     return matrix
 
 

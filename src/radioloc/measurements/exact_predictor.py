@@ -20,12 +20,9 @@ from numpy.typing import NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S
 from radioloc.ephemeris.trajectory import AdjustableTrajectory
-from radioloc.measurements.light_path import (
-    LightPath,
-    path_length_partials,
-)
+from radioloc.measurements.light_path import LightPath, halves, path_length_partials, twice
 from radioloc.measurements.predictor import Computed
-from radioloc.measurements.prepared_paths import PreparedPaths, split_ends, summed_ends, twice
+from radioloc.measurements.prepared_paths import PreparedPaths, summed_ends
 from radioloc.measurements.ramps import RampTerm, ramp_term
 from radioloc.measurements.records import rows_of
 from radioloc.measurements.registry import is_integrated
@@ -65,35 +62,35 @@ class ExactPredictor(PreparedPaths):
     def at(self, lander_pa_m: Floats) -> Computed:
         """Predict all observations for a position; a ConvergenceError where the light times do not settle."""
         lander_pa_m = self._beside(lander_pa_m)
-        path, relay, views = self._solve(lander_pa_m)
+        path, relay, views, drag = self._solve(lander_pa_m)
         if not (self._ends.point.holds_at(path.ends_s) and self._moon.centre.holds_at(path.bounce_s)):
             self._place(lander_pa_m)
-            path, relay, views = self._solve(lander_pa_m)
+            path, relay, views, drag = self._solve(lander_pa_m)
         ramp, one_way, tdb_tt = self._ramp(path), self._sign == 0.0, self.model.has("tdb_tt")
-        up, down = split_ends(self._ends.point)
+        up, down = self._ends.point.halves()
         partials = path_length_partials(path, up, relay, down, self._tag, self._sign)
         partials = partials.scaled(ramp.scale)
 
         ahead_s, ahead_rate, ahead_by_place = self._clock.at(self._moon.origin, relay, path.bounce_s)
-        first_ahead_s, second_ahead_s = np.split(self._gained_s + self._gained_rate * path.ends_s, 2)
+        first_ahead_s, second_ahead_s = halves(self._gained_s + self._gained_rate * path.ends_s)
         gained_s = second_ahead_s - first_ahead_s - ahead_s
         flight_s = self._sign * path.up_s + (path.down_s + self._equipment.in_value_s) + gained_s
         length_m = C_M_S * flight_s - ramp.excess_m
         if tdb_tt:
-            first_s, second_s = np.split(self._ends.tdb_minus_tt_at(path.ends_s), 2)
+            first_s, second_s = halves(self._ends.tdb_minus_tt_at(path.ends_s))
             first_s = np.where(one_way, self._geocentric_tdb_minus_tt_s(path.bounce_s), first_s)
             length_m = length_m - C_M_S * (second_s - first_s)
 
-        first_rate, second_rate = np.split(self._gained_rate, 2)
+        first_rate, second_rate = halves(self._gained_rate)
         by_time = partials.by_tag + C_M_S * (second_rate - first_rate - ahead_rate)
         if tdb_tt:
             # 1e-5 m/s in two-way, but up to 0.1 m/s between two stations, whose velocities differ.
-            first_rate, second_rate = np.split(self._ends.tdb_rate, 2)
-            geocentric_rate = np.split(self._ends.geocentric_tdb_rate, 2)[0]
+            first_rate, second_rate = halves(self._ends.tdb_rate)
+            geocentric_rate = halves(self._ends.geocentric_tdb_rate)[0]
             first_rate = np.where(one_way, geocentric_rate, first_rate)
             by_time = by_time - C_M_S * ramp.scale * (second_rate - first_rate)
         by_delay = np.concatenate([partials.by_up_delay, partials.by_down_delay])
-        by_media = by_delay * self._drag(path)
+        by_media = by_delay * drag
         by_time = by_time + ramp.by_tag_m_s + summed_ends(by_media * views.rate_m_s)
         by_position = partials.by_position - C_M_S * ahead_by_place
         by_position = by_position + summed_ends(by_media[:, None] * views.by_position)
@@ -148,7 +145,7 @@ class ExactPredictor(PreparedPaths):
         # The transmitter's clock reads TT, from the epoch that the tag says, or the end of the count.
         one_way = self._sign == 0.0
         sent_s = np.where(one_way, path.bounce_s, path.transmit_s - self._equipment.transmit_s)
-        at_station_s = np.split(self._ends.tdb_minus_tt_at(twice(sent_s)), 2)[0]
+        at_station_s = halves(self._ends.tdb_minus_tt_at(twice(sent_s)))[0]
         ahead_s = np.where(one_way, self._geocentric_tdb_minus_tt_s(sent_s), at_station_s)
         sent_s = sent_s + self._geocentric_tdb_minus_tt_s(0.0 * sent_s) - ahead_s
         other = np.arange(len(paths))
@@ -161,11 +158,11 @@ class ExactPredictor(PreparedPaths):
 
     def _geocentric_tdb_minus_tt_s(self, offset_s: Floats) -> Floats:
         """TDB - TT at the geocentre near the first events."""
-        return np.split(self._ends.geocentric_tdb_minus_tt_at(twice(offset_s)), 2)[0]
+        return halves(self._ends.geocentric_tdb_minus_tt_at(twice(offset_s)))[0]
 
     def _by_orbit(self, path: LightPath, by_position: Floats) -> Floats:
         """Partials by the parameters of an adjustable trajectory, shape (n, p)."""
-        if not isinstance(self._orbit, AdjustableTrajectory):
+        if self._orbit is None or not isinstance(self._orbit, AdjustableTrajectory):
             return np.zeros((len(self.observations), 0))
         moved = self._orbit.position_partials(self._reference.shifted(path.bounce_s))
         return self._observed(np.einsum("ni,nip->np", by_position, moved))

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,6 +40,17 @@ PLANETS_MM = {"venus": 0.1, "jupiter": 2.0, "saturn": 0.3}
 """Planets whose delay is modelled beside those of the Sun, the Earth and the Moon: largest size on one way, mm."""
 
 
+def twice(of_paths: NDArray[Any]) -> NDArray[Any]:
+    """What belongs to paths, for both of their ends."""
+    return np.concatenate([of_paths, of_paths])
+
+
+def halves(of_ends: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """What belongs to the ends of paths, of all first ones and of all second ones."""
+    n = len(of_ends) // 2
+    return of_ends[:n], of_ends[n:]
+
+
 @dataclass(frozen=True, slots=True)
 class MovingPoint:
     """A point that moves along a straight line near its event, BCRS axes from the geocentre at the reference epochs."""
@@ -50,6 +62,12 @@ class MovingPoint:
     def at(self, offset_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Position at another instant, shape (n, 3)."""
         return self.position_m + self.velocity_m_s * (offset_s - self.offset_s)[:, None]
+
+    def halves(self) -> tuple[MovingPoint, MovingPoint]:
+        """The motions of the first and of the second ends of paths."""
+        columns = (halves(column) for column in (self.offset_s, self.position_m, self.velocity_m_s))
+        first, second = zip(*columns, strict=True)
+        return MovingPoint(*first), MovingPoint(*second)
 
     def holds_at(self, offset_s: NDArray[np.float64]) -> bool:
         """Whether other instants are near enough for a straight line."""
@@ -111,7 +129,7 @@ def solve_light_path(
 
     `tag` names the event that happens at `tag_offset_s`. Delays are those of each leg beyond its straight length.
     `sign` is that of the first leg, see above; `source`, shape (n, 3), has the directions of sources at infinity, and
-    zeros of all others. A path `near` the one wanted is where to begin. Repeated substitution
+    zeros of all others. A path `near` the one wanted, but for the delays, is where to begin. Repeated substitution
     contracts by v/c = 1e-4 a step, so the durations are good to a ten-thousandth of the tolerance.
     """
     sent, received = tag == TRANSMIT, tag == RECEIVE
@@ -121,11 +139,12 @@ def solve_light_path(
         up_s = length(relay.position_m - transmitter.position_m) / C_M_S
         down_s = length(receiver.position_m - relay.position_m) / C_M_S
     else:
-        up_s, down_s = near.up_s, near.down_s
+        up_s, down_s = near.up_s + up_delay_m / C_M_S, near.down_s + down_delay_m / C_M_S
     for _ in range(_MAX_ITERATIONS):
-        bounce_s = tag_offset_s + np.where(sent, sign * up_s, np.where(received, -down_s - hold_s, 0.0))
+        ahead_s = sign * up_s
+        bounce_s = tag_offset_s + np.where(sent, ahead_s, np.where(received, -down_s - hold_s, 0.0))
         leave_s = bounce_s + hold_s
-        transmit_s = np.where(sent, tag_offset_s, bounce_s - sign * up_s)
+        transmit_s = np.where(sent, tag_offset_s, bounce_s - ahead_s)
         receive_s = np.where(received, tag_offset_s, leave_s + down_s)
         up_m = relay.at(bounce_s) - transmitter.at(transmit_s)
         down_m = receiver.at(receive_s) - relay.at(leave_s)
@@ -202,12 +221,12 @@ def delay_by_bodies_m(
     `source` as :func:`solve_light_path` has it.
     """
     total_m = np.zeros(len(ends_m))
-    leg_m = length(np.concatenate([point_m, point_m]) - ends_m)
+    leg_m = length(twice(point_m) - ends_m)
     for body, body_m in bodies_m.items():
-        to_end_m, to_point_m = ends_m - np.concatenate([body_m, body_m]), np.tile(length(point_m - body_m), 2)
+        to_end_m, to_point_m = ends_m - twice(body_m), twice(length(point_m - body_m))
         delay_m = gravitational_delay_m(length(to_end_m), to_point_m, leg_m, gm_m3_s2(body))
         if source is not None:
-            far = np.flatnonzero(np.tile(source.any(axis=-1), 2))
+            far = np.flatnonzero(twice(np.asarray(source.any(axis=-1))))
             there = source[far % len(source)]
             delay_m[far] = plane_wave_delay_m(to_end_m[far], there, gm_m3_s2(body))
         total_m += delay_m

@@ -29,7 +29,9 @@ from radioloc.measurements.light_path import (
     LightPath,
     MovingPoint,
     delay_by_bodies_m,
+    halves,
     solve_light_path,
+    twice,
 )
 from radioloc.measurements.lunar_motion import LunarMotion, lunar_motion
 from radioloc.measurements.observations import Observations
@@ -183,7 +185,7 @@ class PreparedPaths(Predictor):
 
     def _beside(self, x: Floats) -> Floats:
         """Position beside the trajectory; one that is adjustable goes where changes of its parameters take it."""
-        if not isinstance(self.trajectory, AdjustableTrajectory):
+        if self.trajectory is None or not isinstance(self.trajectory, AdjustableTrajectory):
             return x
         if self._orbit_of is not self.trajectory or not np.array_equal(x, self._orbit_x):
             self._orbit = self.trajectory.corrected(x) if np.any(x) else self.trajectory
@@ -288,9 +290,9 @@ class PreparedPaths(Predictor):
         # one-way transmission, with which the path begins, is tagged by the target's clock.
         zero = np.zeros(len(self._tag))
         ahead_s, _, _ = self._clock.at(self._moon.origin, relay, zero)
-        first_s, second_s = np.split(topocentric_s - self._gained_s, 2)
+        first_s, second_s = halves(topocentric_s - self._gained_s)
         tagged_s = np.choose(self._tag, (first_s, second_s, -ahead_s)) + self._equipment.after_tag_s
-        up, down = split_ends(ends)
+        up, down = ends.halves()
         return partial(
             solve_light_path,
             up,
@@ -303,8 +305,8 @@ class PreparedPaths(Predictor):
             source=self._at_infinity,
         )
 
-    def _solve(self, lander_pa_m: Floats) -> tuple[LightPath, MovingPoint, LineOfSight]:
-        """The path, the motion of the point, and the views from both ends.
+    def _solve(self, lander_pa_m: Floats) -> tuple[LightPath, MovingPoint, LineOfSight, Floats]:
+        """The path, the motion of the point, the views from both ends and the drag of the media.
 
         The views are those along the path without delays, in which elevations are off by 1e-10 rad.
         """
@@ -312,8 +314,9 @@ class PreparedPaths(Predictor):
         solve = self._solver(self._ends.point, relay, self._ends.topocentric_s)
         path = solve(0.0, 0.0, tolerance_s=_ROUGHLY_S)
         views = self._lines_of_sight(path, relay)
-        delay_m = self._gravity(path, relay) + self._drag(path) * views.delay_m
-        return solve(*np.split(delay_m, 2), near=path), relay, views
+        drag = self._drag(path)
+        delay_m = self._gravity(path, relay) + drag * views.delay_m
+        return solve(*halves(delay_m), near=path), relay, views, drag
 
     def _drag(self, path: LightPath) -> Floats:
         """Media's delay of legs in the barycentric frame, over that in the frame in which the media rest.
@@ -353,22 +356,10 @@ class PreparedPaths(Predictor):
         return line_of_sight(leg, self.model.media, self._media, moon_gcrs_m)
 
 
-def twice(of_paths: NDArray[Any]) -> NDArray[Any]:
-    """What belongs to paths, for both of their ends."""
-    return np.concatenate([of_paths, of_paths])
-
-
 def summed_ends(of_ends: Floats) -> Floats:
     """What belongs to the ends of paths, summed."""
-    first, second = np.split(of_ends, 2)
+    first, second = halves(of_ends)
     return np.asarray(first + second)
-
-
-def split_ends(ends: MovingPoint) -> tuple[MovingPoint, MovingPoint]:
-    """The motions of the first and of the second stations."""
-    columns = (np.split(column, 2) for column in (ends.offset_s, ends.position_m, ends.velocity_m_s))
-    up, down = (MovingPoint(*half) for half in zip(*columns, strict=True))
-    return up, down
 
 
 def is_radio(

@@ -59,14 +59,14 @@ class AntennaAxisOffset:
         fixed = _fixed_axes(leg)
         sine = dot(up, unit)
         lift = _REFRACTION_RAD / np.sqrt(sine**2 + _LEVEL_SINE**2)
-        apparent = _normalized(unit + lift[:, None] * (up - sine[:, None] * unit))
+        apparent = unit + lift[:, None] * (up - sine[:, None] * unit)
         along = dot(unit, fixed)
         # Towards the end of the fixed axis the delay has a corner, and no derivative.
         slope = offset_m * along / np.maximum(length(cross(unit, fixed)), 1e-9)
         by_position = (fixed - unit * along[:, None]) * slope[:, None] / leg.distance_m
         turning = EARTH_ROTATION_RAD_S * dot(cross(pole, fixed), unit) * slope
         return LegDelay(
-            delay_m=-offset_m * length(cross(apparent, fixed)),
+            delay_m=-offset_m * length(cross(apparent, fixed)) / length(apparent),
             rate_m_s=dot(by_position, leg.velocity_m_s) + turning,
             by_position=by_position,
         )

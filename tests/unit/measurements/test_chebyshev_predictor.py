@@ -385,7 +385,8 @@ def test_kernel_against_numpy():
     segment = random.integers(-2, 5, n).astype(np.int32)
     x = random.uniform(-1.0, 1.0, n)
     for terms in (1, 2, 5, 7, 17):
-        coefficients = random.normal(size=(5, quantities, terms))
+        coefficients = np.zeros((5, quantities, 17))
+        coefficients[..., -terms:] = random.normal(size=(5, quantities, terms))
         out, plain = np.zeros((quantities, n)), np.zeros((quantities, n))
         _kernels.quantities(segment, x, coefficients, out, 0, n)
         getattr(_kernels.quantities, "py_func", _kernels.quantities)(segment, x, coefficients, plain, 3, n)

@@ -308,7 +308,8 @@ def polynomials(
     negligible = _NEGLIGIBLE * _allowed(np.abs(middle).T, places).T
     negligible[:, places["value_m"][0]] = 0.0
     rest = np.abs(series) @ np.tri(MOST)  # of each coefficient and those after it
-    powers = np.where(rest < negligible[..., None], 0.0, series) @ _to_powers()
+    np.copyto(series, 0.0, where=rest < negligible[..., None])
+    powers = series @ _to_powers()
     powers[..., -1] += middle
     return powers, series
 

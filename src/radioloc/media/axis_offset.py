@@ -75,13 +75,15 @@ class AntennaAxisOffset:
 def _fixed_axes(leg: Leg) -> Floats:
     """Direction of the fixed axis of each leg's station, shape (n, 3)."""
     up, pole = leg.station.up_gcrs, leg.station.pole_gcrs
-    mounts = leg.end.of_station([station.mount for station in leg.end.stations])
-    if (mounts == "azimuth_elevation").all():
-        return up
-    east = _normalized(cross(pole, up))
+    mounts = [station.mount for station in leg.end.stations]
     fixed = up
-    for mount, axis in (("equatorial", pole), ("xy_north", cross(up, east)), ("xy_east", east)):
-        fixed = np.where((mounts == mount)[:, None], axis, fixed)
+    for mount in {*mounts} - {"azimuth_elevation"}:
+        axis = pole
+        if mount != "equatorial":
+            east = _normalized(cross(pole, up))
+            axis = cross(up, east) if mount == "xy_north" else east
+        mine = leg.end.of_station([one == mount for one in mounts])
+        fixed = np.where(mine[:, None], axis, fixed)
     return fixed
 
 

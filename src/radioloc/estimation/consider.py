@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import gram
-from radioloc.estimation.observation_noise import RowsOf, Transposable, Whitening
+from radioloc.estimation.observation_noise import FEW_COLUMNS, RowsOf, Transposable, Whitening, slices
 from radioloc.parameters.parameter import Parameter, ParameterSet
 from radioloc.parameters.registry import PARAMETERS
 
@@ -161,7 +161,8 @@ def moved_by(fit: FitResult, effects_m: RowsOf, count: int) -> _Floats:
     if isinstance(alone, Transposable):
         # Weights of few parameters are brought to the observations, not many effects to independent combinations
         for rows, weights in alone.transposed(whitened):
-            along += gram(weights, effects_m(rows))
+            for some in slices(len(rows), 1 + count // FEW_COLUMNS):
+                along += gram(weights[some], effects_m(rows[some]))
     else:
         for partials, effects in zip(whitened, alone.whitened(effects_m), strict=False):
             along += gram(partials, effects)

@@ -26,6 +26,7 @@ from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.gauss_markov import Points, SeriesNoise, noise_of_series
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.observation_noise import (
+    FEW_COLUMNS,
     Rows,
     RowsOf,
     column,
@@ -135,7 +136,7 @@ class BinnedProblem:
         partials, place, code, values = [], [], [], []
         begin = 0
         for bundle in bundles:
-            sums = _of_each_observation(bundle, constant_and_partials)
+            sums = _of_each_observation(bundle, constant_and_partials, 1 + len(unit))
             partials.append(sums[:, :, 1:].sum(axis=0) @ unit)
             for link, of_link in zip(order.code[bundle.rows[0]].tolist(), sums, strict=True):
                 place.append(np.arange(begin, begin + len(of_link)))
@@ -266,7 +267,7 @@ def noise_of_each(points: Points) -> dict[str, SeriesNoise]:
     return noise_of_series(points, ABSORBED, jointly=False)
 
 
-def _of_each_observation(bundle: Bundle, rows_of: RowsOf) -> _Floats:
+def _of_each_observation(bundle: Bundle, rows_of: RowsOf, columns: int) -> _Floats:
     """What each of the j observations of a bundle has in its points, shape (j, points, c), as of :func:`points_of`.
 
     Products by the whitening and sums over a bin are one product of matrices.
@@ -274,7 +275,8 @@ def _of_each_observation(bundle: Bundle, rows_of: RowsOf) -> _Floats:
     place, _ = bins(bundle.time_s, MOST_POINTS)
     count = np.bincount(place)
     ends, found = np.cumsum(count), np.zeros((0, 0, 0, 0))
-    for part in slices(*bundle.rows.shape) if bundle.factor is None else slices_of_chain(bundle.factor):
+    parts = slices(len(place), bundle.rows.shape[1] * (1 + columns // FEW_COLUMNS))
+    for part in parts if bundle.factor is None else slices_of_chain(bundle.factor):
         rows = bundle.rows[part].T  # one observation after the other, each a matrix of its own in memory
         values = rows_of(rows.ravel())
         if bundle.factor is not None:

@@ -31,6 +31,9 @@ _Floats = NDArray[np.float64]
 ALONE = -1
 """Group of an observation that shares no error."""
 
+FEW_COLUMNS = 16
+"""Of more columns fewer rows are held together."""
+
 Rows = NDArray[np.intp]
 """Indices of observations, in any order."""
 

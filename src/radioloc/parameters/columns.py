@@ -37,8 +37,11 @@ class Columns:
     def __len__(self) -> int:
         return len(self.names) * len(self.kind.components)
 
-    def design(self, rows: ObservationRows) -> NDArray[np.float64]:
-        """Partial derivatives of computed values by the parameters, shape (m, number of columns)."""
+    def design(self, rows: ObservationRows, out: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+        """Partial derivatives of computed values by the parameters, shape (m, number of columns); into zeros if given.
+
+        They are stored column by column: several times as fast as row by row.
+        """
         partials = _asked(self.kind, "partials", rows)
         if self.kind.of_links_second and self.scope in (Scope.LINK, Scope.LINK_AND_PASS):
             partials = partials[:, -1:]
@@ -51,19 +54,18 @@ class Columns:
         ends = partials.shape[1]
         which = rows.rows if self.code.ndim == 2 else members_of_ends(self.scope, rows)
         code = np.broadcast_to(self.code[which], (len(rows), ends))
-        # Column by column in memory: several times as fast as row by row.
-        columns = np.zeros((len(self.names), components, len(rows)))
+        out = np.zeros((len(self), len(rows))).T if out is None else out
         for end in range(ends):
             for group in np.flatnonzero(np.bincount(code[:, end] + 1)[1:]):
                 mine = code[:, end] == group
                 for component in range(components):
-                    columns[group, component] += np.where(mine, partials[:, end, component], 0.0)
-        return columns.reshape(len(self), len(rows)).T
+                    out[:, group * components + component] += np.where(mine, partials[:, end, component], 0.0)
+        return out
 
 
 def _asked(kind: ParameterKind, what: Literal["partials", "acts_on"], rows: ObservationRows) -> NDArray[Any]:
     with named_where_it_fails(f"parameter {kind.name}", what):
-        found = np.asarray(getattr(kind, what)(rows))
+        found = np.asarray(rows.asked(getattr(kind, what)))
     if what == "acts_on" and (found.ndim != 2 or found.shape[0] != len(rows) or found.shape[1] not in (1, 2)):
         raise InputError(
             f"acts_on of {kind.name} has the shape {found.shape}; it needs ({len(rows)}, ends), for the observations "

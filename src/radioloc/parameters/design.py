@@ -146,7 +146,7 @@ class DesignMatrix:
         part = ObservationRows(predictor, rows, model.reference, at, place)
         start = model.first if first else 0
         # Column by column in memory, as the factorization reads them.
-        out = np.empty((start + sum(map(len, model.columns)), len(rows))).T
+        out = np.zeros((start + sum(map(len, model.columns)), len(rows))).T
         for target, function in enumerate(model.positions[:first]):
             mine = model._mine(target)
             by_place = part.computed.by_orbit if model.of_orbit else part.computed.by_position_pa
@@ -154,7 +154,7 @@ class DesignMatrix:
             if len(model.positions) > 1:
                 out[:, mine] *= (part.target == target)[:, None]
         for columns in model.columns:
-            acts = simple_predictor(model.predictor, columns.kind) is predictor
-            out[:, start : start + len(columns)] = columns.design(part) if acts else 0.0
+            if simple_predictor(model.predictor, columns.kind) is predictor:
+                columns.design(part, out[:, start : start + len(columns)])
             start += len(columns)
         return out

@@ -26,13 +26,17 @@ def _itrf_m(rows: ObservationRows) -> NDArray[np.float64]:
 
 def _station_position(rows: ObservationRows) -> NDArray[np.float64]:
     to_enu = np.array([rot_itrf_to_enu(itrf_m) for itrf_m in _itrf_m(rows)])
-    by_enu = np.einsum("mekl,mel->mek", to_enu[rows.ends], rows.computed.by_station_itrf)
-    return np.asarray(by_enu * (rows.ends >= 0)[..., None])
+    return _displaced(rows, np.swapaxes(to_enu, 1, 2)) * (rows.ends >= 0)[..., None]
 
 
 def _displaced(rows: ObservationRows, shifts: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Partials by what displaces all stations, ITRF, m per unit, shape (n_stations, 3, components)."""
-    return np.asarray(np.einsum("mel,melc->mec", rows.computed.by_station_itrf, shifts[rows.ends]))
+    """Partials by what displaces stations, ITRF, m per unit, shape (n_stations, 3, components)."""
+    by_station, components = rows.computed.by_station_itrf, range(shifts.shape[2])
+    # One component after the other in memory
+    found = np.stack(
+        [sum(by_station[..., i] * shifts[:, i, c][rows.ends] for i in range(3)) for c in components]
+    )
+    return np.moveaxis(found, 0, -1)
 
 
 def _ut1(rows: ObservationRows) -> NDArray[np.float64]:

@@ -16,10 +16,13 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed, Prediction, Predictor
 from radioloc.measurements.prepared_paths import is_radio
 from radioloc.measurements.registry import is_differenced, is_integrated, is_one_way
-from radioloc.time import Epochs, evaluate_smooth, tt_to_tdb, utc_to_tai, utc_to_tt
-from radioloc.vectors import length
+from radioloc.time import Epochs, evaluate_smooth, utc_to_tai, utc_to_tt
+from radioloc.vectors import dot, length
 
 TRANSMIT, RECEIVE, BOUNCE = (TIME_TAGS.index(tag) for tag in ("transmit", "receive", "bounce"))
+
+
+RowFunction = Callable[["ObservationRows"], Any]
 
 
 class ObservationRows:
@@ -53,9 +56,16 @@ class ObservationRows:
             position_pa_m,
         )
         self.rows = np.arange(len(predictor.observations)) if rows is None else rows
+        self._known: dict[RowFunction, Any] = {}
 
     def __len__(self) -> int:
         return len(self.rows)
+
+    def asked(self, function: RowFunction) -> Any:
+        """What a function says of these rows; kinds of parameter that have it in common ask once."""
+        if function not in self._known:
+            self._known[function] = function(self)
+        return self._known[function]
 
     @property
     def model(self) -> PhysicalModel:
@@ -150,23 +160,30 @@ class ObservationRows:
         # When the signal meets the Moon, to 0.1 s, in which nothing that varies in days moves.
         late = np.where(self.baseline | (self.tag == RECEIVE), -1.0, np.where(self.tag == TRANSMIT, 1.0, 0.0))
         late = np.where(self.one_way & (self.tag == TRANSMIT), 0.0, late)
-        tdb = tt_to_tdb(utc_to_tt(self.observations.epoch[self.rows]))
         met_s = late * self.light_time_s
-        middle = evaluate_smooth(displacement_pa_m, tdb.shifted(met_s))
-        partials = np.asarray(np.einsum("mi,mci->mc", self.computed.by_position_pa, middle))
+        middle = evaluate_smooth(displacement_pa_m, self._rough_tdb.shifted(met_s))
+        partials = dot(self.computed.by_position_pa[:, None], middle)
         if self.integrated.any():
             ends = [
-                evaluate_smooth(displacement_pa_m, tdb.shifted(met_s + sign * 0.5 * self.count_s))
+                evaluate_smooth(displacement_pa_m, self._rough_tdb.shifted(met_s + sign * 0.5 * self.count_s))
                 for sign in (1.0, -1.0)
             ]
-            partials += np.einsum("mi,mci->mc", self.computed.mean_by_position_pa, ends[0] - ends[1])
+            partials += dot(self.computed.mean_by_position_pa[:, None], ends[0] - ends[1])
         return partials
 
     @cached_property
     def light_time_s(self) -> NDArray[np.float64]:
         """One way at the time tags, from the Moon's centre to that of the Earth: of a path to 0.03 s."""
-        tdb = tt_to_tdb(utc_to_tt(self.observations.epoch[self.rows]))
-        return evaluate_smooth(lambda at: length(self.model.ephemeris.geocentric("moon", at)[0]), tdb) / C_M_S
+        distance_m = evaluate_smooth(
+            lambda at: length(self.model.ephemeris.geocentric("moon", at)[0]), self._rough_tdb
+        )
+        return distance_m / C_M_S
+
+    @cached_property
+    def _rough_tdb(self) -> Epochs:
+        """Time tags as TDB, to 2 ms: TT in its place."""
+        tt = utc_to_tt(self.observations.epoch[self.rows])
+        return Epochs(tt.jd, tt.fraction, "TDB")
 
     @cached_property
     def radio(self) -> NDArray[np.bool_]:

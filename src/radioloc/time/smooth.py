@@ -33,20 +33,31 @@ def evaluate_smooth(function: Callable[[Epochs], NDArray[Any]], epochs: Epochs) 
     >>> monthly.shape
     (1440,)
     """
+    if not len(epochs):
+        return function(epochs)
     place = epochs.fraction * NODES_PER_DAY
     first = np.floor(place)
     # Nodes are counted in whole numbers from the first day.
-    day = float(epochs.jd.min()) if len(epochs) else 0.0
-    start = ((epochs.jd - day) * NODES_PER_DAY + first).astype(np.int64) - (_POINTS // 2 - 1)
-    starts, row = np.unique(start, return_inverse=True)
-    nodes, which = np.unique(starts[:, None] + np.arange(_POINTS), return_inverse=True)
+    day = float(epochs.jd.min())
+    before = ((epochs.jd - day) * NODES_PER_DAY + first).astype(np.int64)
+    earliest = int(before.min())
+    before -= earliest
+    there = np.bincount(before) > 0
+    needed = np.convolve(there, np.ones(_POINTS)) > 0.5
+    nodes = np.flatnonzero(needed) + earliest - (_POINTS // 2 - 1)
     if len(nodes) > _MOST_NODES * len(epochs):
         return function(epochs)
     whole, part = np.divmod(nodes, NODES_PER_DAY)
     values = np.asarray(function(Epochs(day + whole, part / NODES_PER_DAY, epochs.scale)))
-    around = values[which.reshape(len(starts), _POINTS)][row]
-    weights = lagrange_weights(place - first)
-    return np.asarray(np.einsum("nk,nk...->n...", weights, around))
+    around = (np.cumsum(needed) - 1)[before]  # the first of the nodes of each epoch; the others follow
+    weights = lagrange_weights(place - first).T
+    # One component after the other in memory
+    columns = np.ascontiguousarray(values.reshape(len(nodes), -1).T)
+    found = np.zeros((len(columns), len(epochs)), dtype=columns.dtype)
+    for k in range(_POINTS):
+        for of_nodes, into in zip(columns, found, strict=True):
+            into += weights[k] * of_nodes[around + k]
+    return found.T.reshape(len(epochs), *values.shape[1:])
 
 
 def lagrange_weights(u: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -103,6 +103,8 @@ def panel_grid(
     panels = list(figure.subplots(rows, columns, squeeze=False, **shared).flat)
     for axes in panels[count:]:
         axes.set_visible(False)
+    for axes in panels[:count]:
+        style_axes(axes)
     return figure, panels[:count], columns
 
 
@@ -111,18 +113,18 @@ def columns_for(count: int, most: int) -> int:
     return min(range(min(count, most), min(count, most) // 2, -1), key=lambda columns: -count % columns)
 
 
-def legend_outside(figure: Figure | SubFigure, axes: Axes, columns: int, **style: Any) -> Legend:
-    """A legend of what one panel shows, below all panels."""
+def legend_outside(figure: Figure | SubFigure, panels: Iterable[Axes], columns: int, **style: Any) -> Legend:
+    """A legend below all panels, of what some of them show."""
+    entries = (zip(*axes.get_legend_handles_labels(), strict=True) for axes in panels)
+    handles = {label: handle for of_one in entries for handle, label in of_one}
     style = {"fontsize": 8, "frameon": False} | style
-    return figure.legend(
-        *axes.get_legend_handles_labels(), loc="outside lower center", ncols=columns, **style
-    )
+    return figure.legend(handles.values(), handles, loc="outside lower center", ncols=columns, **style)
 
 
 def legend_below(axes: Axes, ax: Axes | None, columns: int) -> None:
     """A legend below the only panel of a figure; within axes that were given, as ``ax``."""
     if ax is None:
-        legend_outside(axes.figure, axes, columns)
+        legend_outside(axes.figure, [axes], columns)
     else:
         axes.legend(fontsize=7, framealpha=0.85)
 

@@ -33,7 +33,7 @@ from radioloc.report.figures import (
     style_axes,
 )
 from radioloc.report.image_solution import ImageSolution
-from radioloc.report.position_figures import marker_style
+from radioloc.report.position_figures import draw_place
 from radioloc.report.tables import (
     Located,
     content_of,
@@ -51,10 +51,11 @@ _Floats = NDArray[np.float64]
 _PIXELS, _MOSAIC_PIXELS = 600, 700
 _PANELS = 3  # of descent images
 _PART = 0.15  # of an image
-_SIGMAS = ((3.0, 0.10), (1.0, 0.25))  # of the ellipses, and how opaque they are
+_SHADES = {3.0: (0.10, ""), 1.0: (0.25, "")}  # ellipses of so many sigmas: how opaque they are, no labels
 _SUN_AZIMUTH_DEG, _SUN_ELEVATION_DEG = 315.0, 40.0  # from the upper left, as eyes expect
 _LEAST_CELLS = 60.0  # of the terrain or the image, across
 _MOST_NAMED = 3  # studies in the title
+_FARTHEST_DEG = 150.0  # in longitude from the middle, where lines of it end at a pole that is on the map
 _FARTHEST_M = 5e5  # of the edges; the plane that touches the sphere shows no more without distortion
 
 
@@ -121,10 +122,13 @@ def plot_map(
         image = _shown(ground, plane, reach_m)
         axes.imshow(image, extent=edges, cmap="gray", interpolation="bilinear")  # type: ignore[arg-type]
     for k, content in enumerate(contents):
-        _draw_solution(axes, content, plane, factor, k)
+        [at_m] = plane.from_longitude_latitude([_place(content["position"]["me"])])
+        covariance_m2, method = horizontal_covariance_of(content), content.get("method", "tracking")
+        name = content["name"] + (", 1 and 3 sigma" if covariance_m2 is not None else "")
+        draw_place(axes, factor, at_m, name, method, k, covariance_m2, _SHADES)
     for k, (name, place) in enumerate(references):
-        at = factor * plane.from_longitude_latitude([place])[0]
-        axes.plot(*at, label=name, **marker_style("reference", k))
+        [at_m] = plane.from_longitude_latitude([place])
+        draw_place(axes, factor, at_m, name, "reference", k)
     axes.set_xlim(edges[0], edges[1])
     axes.set_ylim(edges[2], edges[3])
     axes.set_aspect("equal")
@@ -159,7 +163,7 @@ def _reach_m(
     sizes_m = []
     for content in contents:
         covariance = horizontal_covariance_of(content)
-        size_m = 0.0 if covariance is None else _SIGMAS[0][0] * float(np.sqrt(np.diag(covariance)).max())
+        size_m = 0.0 if covariance is None else max(_SHADES) * float(np.sqrt(np.diag(covariance)).max())
         sizes_m.append(size_m)
     places = [_place(content["position"]["me"]) for content in contents] + [place for _, place in references]
     offsets_m = np.abs(plane.from_longitude_latitude(places)).max(axis=1)
@@ -204,59 +208,27 @@ def _heights_m(ground: TerrainModel, longitude: NDArray[Any], latitude: NDArray[
     return ground.height_m(longitude, latitude)  # slower, and says what the map lacks
 
 
-def _draw_solution(
-    axes: Axes, content: Mapping[str, Any], plane: TangentPlane, factor: float, number: int
-) -> None:
-    at = plane.from_longitude_latitude([_place(content["position"]["me"])])[0]
-    style = marker_style(content.get("method", "tracking"), number)
-    covariance = horizontal_covariance_of(content)
-    if covariance is not None:
-        for scale, opacity in _SIGMAS:
-            look = {"facecolor": (style["color"], opacity), "edgecolor": style["color"], "linewidth": 1.1}
-            draw_ellipse(axes, at, covariance, scale, factor, **look)
-    label = content["name"] if covariance is None else f"{content['name']}, 1 and 3 sigma"
-    axes.plot(*(factor * at), label=label, **style)
-
-
 def _draw_grid(axes: Axes, plane: TangentPlane, reach_m: float, factor: float, frame: str) -> None:
     """Lines of equal longitude and latitude, with their degrees where they leave the map below and to the left."""
-    side = np.linspace(-reach_m, reach_m, 201)
-    lowest = np.full_like(side, -reach_m)
-    borders = (
-        plane.to_longitude_latitude(np.column_stack([side, lowest])),
-        plane.to_longitude_latitude(np.column_stack([lowest, side])),
-    )
-    middle = plane.longitude_deg
-    for k, (border, set_ticks) in enumerate(zip(borders, (axes.set_xticks, axes.set_yticks), strict=True)):
-        along = border[:, k]
-        if k == 0:
-            along = middle + (along - middle + 180.0) % 360.0 - 180.0
+    side = np.linspace(-reach_m, reach_m, 101)
+    places = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    longitude, latitude = plane.to_longitude_latitude(places).T.reshape(2, len(side), len(side))
+    away = (longitude - plane.longitude_deg + 180.0) % 360.0 - 180.0
+    longitude = np.where(np.abs(away) < _FARTHEST_DEG, plane.longitude_deg + away, np.nan)
+    borders = (longitude, longitude[0], axes.set_xticks), (latitude, latitude[:, 0], axes.set_yticks)
+    for angle_deg, along, set_ticks in borders:
         if not (np.diff(along) > 0.0).all():
-            continue  # a pole is on the map
+            set_ticks([])  # a pole is on the map
+            continue
         step = _nice((along[-1] - along[0]) / 4.0)
         values = step * np.arange(math.ceil(along[0] / step), math.floor(along[-1] / step) + 1)
         decimals = max(0, -math.floor(math.log10(step) + 1e-9))
         set_ticks(factor * np.interp(values, along, side), [f"{value:.{decimals}f}" for value in values])
-        for value in values:
-            other = np.linspace(*_span(plane, reach_m, 1 - k), 50)
-            line = np.column_stack([np.full(50, value), other] if k == 0 else [other, np.full(50, value)])
-            axes.plot(
-                *(factor * plane.from_longitude_latitude(line).T), color="0.6", lw=0.4, alpha=0.7, zorder=1
-            )
+        look: dict[str, Any] = {"colors": "0.6", "linewidths": 0.4, "linestyles": "-", "alpha": 0.7}
+        axes.contour(factor * side, factor * side, angle_deg, values, zorder=1, **look)
     axes.set_xlabel(f"east longitude, {frame} (deg)", fontsize=9)
     axes.set_ylabel("latitude (deg)", fontsize=9)
     axes.tick_params(labelsize=8, color="0.4")
-
-
-def _span(plane: TangentPlane, reach_m: float, k: int) -> tuple[float, float]:
-    """Least and largest longitude (0) or latitude (1) in the corners of the map, and a little more."""
-    corners = plane.to_longitude_latitude(
-        1.1 * reach_m * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1], [0, 1], [0, -1]])
-    )
-    values = corners[:, k]
-    if k == 0:
-        values = plane.longitude_deg + (values - plane.longitude_deg + 180.0) % 360.0 - 180.0
-    return float(values.min()), float(values.max())
 
 
 def _nice(size: float) -> float:

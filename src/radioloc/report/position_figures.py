@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -46,7 +47,7 @@ _LEAST_SHARE = 1e-2
 """Sources with a smaller part of the sigma are not drawn."""
 
 
-def marker_style(method: str, number: int) -> dict[str, Any]:
+def _marker_style(method: str, number: int) -> dict[str, Any]:
     """How the first, second ... estimate is marked; black and open if it is a reference, not to hide another."""
     style: dict[str, Any] = {"markersize": 8, "linestyle": ""}
     if method != "reference":
@@ -57,6 +58,24 @@ def marker_style(method: str, number: int) -> dict[str, Any]:
     style |= {"color": "black", "fillstyle": "none", "markeredgewidth": 1.4}
     halo = withStroke(linewidth=3.0, foreground="white")
     return style | {"marker": _OF_REFERENCES[number % len(_OF_REFERENCES)], "path_effects": [halo]}
+
+
+def draw_place(
+    axes: Axes,
+    factor: float,
+    place_m: _Floats,
+    name: str,
+    method: str,
+    number: int,
+    covariance_m2: _Floats | None = None,
+    shades: Mapping[float, tuple[float, str]] = MappingProxyType({}),
+) -> None:
+    """Mark a position, with its error ellipses: by how many sigmas they are, how opaque, and their labels."""
+    style = _marker_style(method, number)
+    for scale, (opacity, label) in shades.items() if covariance_m2 is not None else ():
+        look = {"facecolor": (style["color"], opacity), "edgecolor": style["color"], "linewidth": 1.1}
+        draw_ellipse(axes, place_m, covariance_m2, scale, factor, label=label, **look)
+    axes.plot(*(factor * np.asarray(place_m)), label=name, zorder=3, **style)
 
 
 def _square_around(axes: Axes, corners_m: _Floats, origin: str) -> float:
@@ -118,12 +137,10 @@ def plot_position(
     corners_m = np.array([origin_m - reach_m, origin_m + reach_m, *others_m])
     factor = _square_around(axes, corners_m, known[0].name if known else "the estimate")
     covariance_m2 = solution.position_covariance("enu")[:2, :2]
-    for scale, opacity, label in ((SCALE_95, 0.15, "95 %"), (1.0, 0.3, "1 sigma")):
-        style = {"facecolor": (COLORS[0], opacity), "edgecolor": COLORS[0], "linewidth": 0.9, "label": label}
-        draw_ellipse(axes, origin_m, covariance_m2, scale, factor, **style)
-    axes.plot(*(factor * origin_m), label="estimate", **marker_style("tracking", 0))
+    shades = {SCALE_95: (0.15, "95 %"), 1.0: (0.3, "1 sigma")}
+    draw_place(axes, factor, origin_m, "estimate", "tracking", 0, covariance_m2, shades)
     for k, (one, at_m) in enumerate(zip(known, others_m, strict=True)):
-        axes.plot(*(factor * at_m), label=one.name, **marker_style("reference", k))
+        draw_place(axes, factor, at_m, one.name, "reference", k)
     axes.legend(loc="best", fontsize=8, frameon=True, framealpha=0.9, edgecolor="0.8")
     axes.set_title("\n".join(_caption(solution, known)), fontsize=8, color="0.3")
     return axes.figure.figure
@@ -156,10 +173,6 @@ def plot_comparison(comparison: Comparison, ax: Axes | None = None) -> Figure:
     ax : matplotlib.axes.Axes, optional
         Axes to draw in, in place of a figure of its own.
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-
     Examples
     --------
     >>> import radioloc
@@ -185,12 +198,9 @@ def _draw_rows(
     seen: Counter[bool] = Counter()
     for row, place_m, covariance_m2 in zip(rows, at_m, covariances_m2, strict=True):
         known = row.method == "reference"
-        style = marker_style(row.method, seen[known])
+        shades = {SCALE_95: (0.08, "")}
+        draw_place(axes, factor, place_m, row.name, row.method, seen[known], covariance_m2, shades)
         seen[known] += 1
-        if covariance_m2 is not None:
-            look = {"facecolor": (style["color"], 0.08), "edgecolor": style["color"], "linewidth": 1.1}
-            draw_ellipse(axes, place_m, covariance_m2, SCALE_95, factor, **look)
-        axes.plot(*(factor * place_m), label=row.name, zorder=3, **style)
     axes.set_title("ellipses of 95 %", fontsize=8, color="0.3")
 
 
@@ -242,7 +252,7 @@ def plot_arcs(study: ArcStudy, ax: Axes | None = None) -> Figure:
             offset = factor * _offset_m(row)[k]
             axes.axhline(offset, color="black", linewidth=0.9, linestyle=line, label=row.name)
         for number, length in enumerate(hours):
-            style = marker_style("tracking", number)
+            style = _marker_style("tracking", number)
             bar = factor * NORMAL_95 * sigmas_m[number, k]
             axes.errorbar(length, factor * offsets_m[number, k], bar, capsize=3, elinewidth=1.2, **style)
         axes.plot(hours, factor * offsets_m[: len(hours), k], color=COLORS[0], linewidth=0.7, alpha=0.5)
@@ -254,7 +264,7 @@ def plot_arcs(study: ArcStudy, ax: Axes | None = None) -> Figure:
     if len(rows) > len(hours):
         beside[0].legend(fontsize=6.5, framealpha=0.85, loc="best")
     beside[-1].set_xlabel("length of the arc (h)")
-    legend_outside(figure, plane, 4)
+    legend_outside(figure, [plane], 4)
     return figure.figure
 
 
@@ -286,10 +296,7 @@ def plot_point(solution: PointSolution, ax: Axes | None = None) -> Figure:
     if stereo:
         _draw_landmarks(panels[0], solution)
     _draw_sources(panels[-1], solution)
-    entries = (zip(*axes.get_legend_handles_labels(), strict=True) for axes in panels)
-    handles = {label: handle for of_one in entries for handle, label in of_one}
-    style = {"ncols": 6 if stereo else 3, "fontsize": 8, "frameon": False}
-    figure.legend(handles.values(), handles, loc="outside lower center", **style)
+    legend_outside(figure, panels, 6 if stereo else 3)
     return figure.figure
 
 
@@ -329,9 +336,9 @@ def _draw_landmarks(axes: Axes, solution: PointSolution) -> None:
 def _draw_about(axes: Axes, solution: PointSolution, reach_m: float) -> float:
     """A square about the position, with the known ones that are in it; the factor from metres to its unit."""
     factor = draw_square(axes, (0.0, 0.0), reach_m, "the position")
-    axes.plot(0.0, 0.0, label="position", **marker_style(solution.method, 0))
+    draw_place(axes, factor, np.zeros(2), "position", solution.method, 0)
     for k, (name, place) in enumerate(solution.references.items()):
         _, _, west_m, north_m, _ = difference(place.selenographic, solution.position.selenographic)
         if max(abs(west_m), abs(north_m)) < reach_m:
-            axes.plot(-factor * west_m, factor * north_m, label=name, **marker_style("reference", k))
+            draw_place(axes, factor, np.array([-west_m, north_m]), name, "reference", k)
     return factor

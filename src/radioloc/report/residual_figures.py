@@ -187,7 +187,6 @@ def _draw(
     color: str,
 ) -> None:
     """Residuals of one panel: of a station in its colour, with bars; of each link in a colour of its own."""
-    style_axes(axes)
     axes.axhline(0.0, color="0.4", linewidth=0.8)
     factor, unit = length_unit(abs(panel.middle_m) + half_height_m)
     y, limits = factor * residuals.residual_m, (dates.min(), dates.max())
@@ -332,7 +331,6 @@ def plot_terms(
         groups.append((~np.isin(observations.link, named), "0.6", f"{len(numbers) - len(named)} other links"))
     style: dict[str, Any] = {"marker": ".", "linestyle": "", "markersize": 2.5, "rasterized": True}
     for axes, name in zip(panels, shown, strict=True):
-        style_axes(axes)
         factor, unit = length_unit(largest_m[name])
         for mine, color, label in groups:
             axes.plot(dates[mine], factor * terms[name][mine], color=color, label=label, **style)
@@ -342,7 +340,7 @@ def plot_terms(
     date_axes(panels, dates, (3, 6), columns)
     nothing = [name for name in terms if name not in shown]
     note = f"below {1e6 * _SMALL_M:g} micrometres: {', '.join(nothing)}" if nothing else None
-    legend_outside(figure, panels[0], 7, title=note, title_fontsize=7, markerscale=3.0)
+    legend_outside(figure, panels[:1], 7, title=note, title_fontsize=7, markerscale=3.0)
     return figure.figure
 
 
@@ -358,10 +356,6 @@ def plot_distribution(solution: Solution | Residuals, ax: Axes | None = None) ->
     solution : Solution or Residuals
     ax : matplotlib.axes.Axes, optional
         Axes of a grid whose place the panels take, in place of a figure of their own.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
 
     Raises
     ------
@@ -420,7 +414,7 @@ def plot_distribution(solution: Solution | Residuals, ax: Axes | None = None) ->
         color="0.3",
     )
     right.legend(fontsize=7, frameon=False, loc="lower right")
-    legend = legend_outside(figure, left, 6, markerscale=1.5)
+    legend = legend_outside(figure, [left], 6, markerscale=1.5)
     for handle in legend.get_lines():
         handle.set_alpha(1.0)
     return figure.figure

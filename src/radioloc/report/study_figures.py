@@ -79,7 +79,6 @@ def plot_trials(study: MonteCarlo, ax: Axes | None = None) -> Figure:
     sizes_in = (3.1, 3.1), (0.5, 0.9)
     figure, panels, columns = panel_grid(ax, len(arcs), 4, sizes_in, title, sharex=True, sharey=True)
     for axes, k, error_m, covariance_m2 in zip(panels, arcs, errors_m, claimed_m2, strict=True):
-        style_axes(axes)
         axes.set_aspect("equal")
         opacity = max(0.15, min(0.7, 60.0 / len(error_m)))
         dots: dict[str, Any] = {"s": 6, "color": COLORS[0], "alpha": opacity, "linewidths": 0}
@@ -100,7 +99,7 @@ def plot_trials(study: MonteCarlo, ax: Axes | None = None) -> Figure:
         axes.set_xlabel(f"{first}{of} the truth ({unit})")
     for axes in panels[::columns]:
         axes.set_ylabel(f"{second}{of} the truth ({unit})")
-    legend_outside(figure, panels[0], 4)
+    legend_outside(figure, panels[:1], 4)
     return figure.figure
 
 
@@ -257,5 +256,5 @@ def plot_covariance_on_arc(study: CovarianceStudy, ax: Axes | None = None) -> Fi
         log_scale(axes)
         style_axes(axes)
     panels[-1].set_xlabel(f"hours from {utc_strings(last.epoch, 0)[0]} TDB")
-    legend_outside(figure, panels[0], 8, title="tracked for")
+    legend_outside(figure, panels[:1], 8, title="tracked for")
     return figure.figure

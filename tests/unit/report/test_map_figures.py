@@ -63,6 +63,12 @@ def test_degrees_stand_where_they_are(place):
         np.testing.assert_allclose(ticks, (degrees - place[k]) * per_deg_m, atol=0.02)
 
 
+def test_a_map_with_a_pole_on_it_has_degrees_where_there_are_some():
+    axes = plot_map(content(place=(120.0, 88.0)) | {"reference": None}, reach_m=4e5).axes[0]
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["80", "100", "120", "140", "160"]
+    assert not len(axes.get_yticks())
+
+
 def test_a_position_without_sigmas_is_a_point():
     undetermined = content() | {"covariance": {"enu_m2": [[None] * 3] * 3}, "reference": None}
     figure = plot_map(undetermined)

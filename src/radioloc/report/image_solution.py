@@ -130,20 +130,12 @@ def _named(names: Iterable[str], values: Iterable[float]) -> dict[str, float | N
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ErrorSource:
-    """What a part of the covariance is from.
+    """What a part of the covariance is from."""
 
-    Parameters
-    ----------
-    name : str
-        On the card.
-    errors_enu_m : ndarray, shape (3, k)
-        How far each error of one sigma moves the position; NaN up where nothing tells the height.
-    shared : tuple of (str, str, float), optional
-        Name, unit and sigma of each, where other solutions have the same errors.
-    """
-
-    name: str
+    name: str  # on the card
+    # How far each error of one sigma moves the position, shape (3, k); NaN up where nothing tells the height.
     errors_enu_m: Floats
+    # Name, unit and sigma of each, where other solutions have the same errors.
     shared: tuple[tuple[str, str, float], ...] = ()
 
     @property

@@ -163,64 +163,30 @@ def _decimals(name: str) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Pass:
-    """A time in which a station sees the target above its mask.
+    """A time in which a station sees the target above its mask."""
 
-    Parameters
-    ----------
-    station : str
-        Name in the catalogue.
-    start_utc, stop_utc : str
-        First and last whole second.
-    rises, sets : bool
-        Whether it begins by a rise and ends by a set rather than by the limits of the search.
-    hours : float
-        How long it lasts, h.
-    highest_deg : float
-        Highest elevation, to the minute, without refraction.
-    highest_utc : str
-        When that is.
-    target : str
-        Which of several it is.
-    """
-
-    station: str
-    start_utc: str
+    station: str  # name in the catalogue
+    start_utc: str  # first and last whole second
     stop_utc: str
-    rises: bool
-    sets: bool
-    hours: float
-    highest_deg: float
+    rises: bool  # whether it begins by a rise rather than by the limit of the search
+    sets: bool  # likewise whether it ends by a set
+    hours: float  # how long it lasts
+    highest_deg: float  # elevation, to the minute, without refraction
     highest_utc: str
-    target: str = ""
+    target: str = ""  # which of several it is
 
 
 @dataclass(frozen=True, slots=True)
 class Passes(Shown):
-    """All passes of targets over some stations; ``str()`` is a card.
+    """All passes of targets over some stations; ``str()`` is a card."""
 
-    Parameters
-    ----------
-    name : str
-        Name of the study.
-    start_utc, stop_utc : str
-        Limits of the search.
-    masks_deg : dict of str to float
-        Elevation of each station below which it does not see the target, in the order of the stations.
-    target_mask_deg : float
-        The same of the target.
-    passes : tuple of Pass
-        By target and station, then in the order of time.
-    targets : tuple of str
-        Names of several.
-    """
-
-    name: str
-    start_utc: str
+    name: str  # of the study
+    start_utc: str  # limits of the search
     stop_utc: str
-    masks_deg: dict[str, float]
-    target_mask_deg: float
-    passes: tuple[Pass, ...]
-    targets: tuple[str, ...] = ()
+    masks_deg: dict[str, float]  # elevations below which stations do not see the target, in their order
+    target_mask_deg: float  # the same of the target
+    passes: tuple[Pass, ...]  # by target and station, then in the order of time
+    targets: tuple[str, ...] = ()  # names of several
 
     def to_dict(self) -> dict[str, Any]:
         """All of it, in types that JSON has."""

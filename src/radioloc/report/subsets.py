@@ -313,38 +313,17 @@ def _notes(study: ArcStudy, rows: tuple[PositionRow, ...]) -> Iterator[str]:
 
 @dataclass(frozen=True, slots=True)
 class Without:
-    """The position without a station or a link.
+    """The position without a station or a link; what is not determined without it is None."""
 
-    Parameters
-    ----------
-    kind : {"station", "link"}
-    name : str
-        The station, or the path of the link.
-    left_out : int
-        Observations that go with it.
-    used : int
-        Observations that are used without it.
-    converged : bool
-        Whether the fit converges without it.
-    radius_95_m : float or None
-        95 % radius of the horizontal position, m; None where it is not determined without it.
-    shift_enu_m : tuple of float or None
-        The position without it less that with all, east, north, up, m; None where it is not determined.
-    sigma_enu_m : tuple of float or None
-        Standard deviation of that shift, m; None where it is not known.
-    sigmas : float or None
-        Length of the shift in standard deviations of it, over all components.
-    """
-
-    kind: str
-    name: str
-    left_out: int
-    used: int
+    kind: str  # "station" or "link"
+    name: str  # the station, or the path of the link
+    left_out: int  # observations that go with it
+    used: int  # observations that are used without it
     converged: bool
-    radius_95_m: float | None = None
-    shift_enu_m: tuple[float, float, float] | None = None
-    sigma_enu_m: tuple[float | None, ...] | None = None
-    sigmas: float | None = None
+    radius_95_m: float | None = None  # of the horizontal position
+    shift_enu_m: tuple[float, float, float] | None = None  # the position without it less that with all
+    sigma_enu_m: tuple[float | None, ...] | None = None  # of that shift
+    sigmas: float | None = None  # length of the shift in standard deviations of it, over all components
 
     @property
     def shown(self) -> str:
@@ -357,18 +336,10 @@ class Without:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LeaveOneOut(Shown):
-    """A solution, and the positions without each of its stations and links; ``str()`` is a card.
+    """A solution, and the positions without each of its stations and links; ``str()`` is a card."""
 
-    Parameters
-    ----------
-    solution : Solution
-        From all observations.
-    without : tuple of Without
-        Stations, then links.
-    """
-
-    solution: Solution
-    without: tuple[Without, ...]
+    solution: Solution  # from all observations
+    without: tuple[Without, ...]  # stations, then links
 
     @property
     def name(self) -> str:

@@ -83,10 +83,22 @@ def test_quick_way_is_taken(monkeypatch):
         ("<observation>", "<observation >"),
     ],
 )
-def test_other_ways_of_writing_the_same(old, new):
+def test_other_ways_of_writing_the_same(old, new, monkeypatch):
     text = xml(*SEGMENTS)
     assert old in text
-    assert_same(parse_xml("a.xml", text.replace(old, new, 1)), parse_kvn("a.kvn", kvn(*SEGMENTS)))
+    for chunk in (10**6, 1):  # with one, observations before it are read the quick way
+        monkeypatch.setattr(tdm_xml, "_CHUNK", chunk)
+        assert_same(parse_xml("a.xml", text.replace(old, new, 1)), parse_kvn("a.kvn", kvn(*SEGMENTS)))
+
+
+def test_after_plain_observations_another_has_its_line(monkeypatch):
+    monkeypatch.setattr(tdm_xml, "_CHUNK", 1)
+    lines = xml((TWO_WAY, RANGES)).split("\n")
+    last = max(k for k, line in enumerate(lines) if "<EPOCH>" in line)
+    lines[last : last + 2] = lines[last + 1], lines[last]
+    read = parse_xml("a.xml", "\n".join(lines))
+    wanted = [k + 1 for k, line in enumerate(lines) if "<EPOCH>" in line]
+    assert np.concatenate([segment.line for segment in read.segments]).tolist() == wanted
 
 
 def test_comments_are_kept():

@@ -53,21 +53,11 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TdmReadout:
-    """Observations from messages, and what else was in them.
+    """Observations from messages, and what else was in them."""
 
-    Parameters
-    ----------
-    observations : Observations
-        The observations, segment by segment, in each by keyword, in order of time.
-    ignored : mapping of str to int
-        How many records of each keyword became no observation and changed none.
-    notes : tuple of str
-        What was done to the values and time tags beyond a change of unit.
-    """
-
-    observations: Observations
-    ignored: Mapping[str, int]
-    notes: tuple[str, ...]
+    observations: Observations  # segment by segment, in each by keyword, in order of time
+    ignored: Mapping[str, int]  # how many records of each keyword became no observation and changed none
+    notes: tuple[str, ...]  # what was done to the values and time tags beyond a change of unit
 
     def summary(self) -> str:
         """Text for people: what was read, what was done to it, what was passed over."""

@@ -47,14 +47,7 @@ def looks_like_xml(text: str) -> bool:
 
 def parse_xml(path: str | Path, text: str) -> TdmFile:
     """Read a message from the text of an XML file; :class:`FileFormatError` names the line that is wrong."""
-    try:
-        return _XmlReader(str(path)).read(text, bulk=True)
-    except _NotPlainError:
-        return _XmlReader(str(path)).read(text, bulk=False)
-
-
-class _NotPlainError(Exception):
-    """Observations are not in the form that can be read in bulk."""
+    return _XmlReader(str(path)).read(text)
 
 
 @dataclass(slots=True)
@@ -88,20 +81,20 @@ class _XmlReader:
     def fail(self, problem: str, line: int | None = None) -> FileFormatError:
         return self.made.fail(problem, line or self.parser.CurrentLineNumber)
 
-    def read(self, text: str, *, bulk: bool) -> TdmFile:
+    def read(self, text: str) -> TdmFile:
         done, line = 0, 1
         try:
-            for start, end, prefix in _observations(text) if bulk else ():
+            for start, end, prefix in _observations(text):
                 self.parser.Parse(text[done:start].encode(), False)
-                if self.open[-1].name != "data":
-                    raise _NotPlainError
-                self.take_observations()
                 line += text.count("\n", done, start)
-                self.plain_records(text, start, end, prefix, line)
-                # The parser keeps count of the lines.
-                newlines = text.count("\n", start, end)
-                self.parser.Parse(b"\n" * newlines, False)
-                done, line = end, line + newlines
+                done = start
+                if self.open[-1].name == "data":
+                    self.take_observations()
+                    done = self.plain_records(text, start, end, prefix, line)
+                    # The parser keeps count of the lines.
+                    newlines = text.count("\n", start, done)
+                    self.parser.Parse(b"\n" * newlines, False)
+                    line += newlines
             self.parser.Parse(text[done:].encode(), True)
         except expat.ExpatError as error:
             problem = f"is not whole XML: {expat.ErrorString(error.code)}; fetch it again"
@@ -174,8 +167,8 @@ class _XmlReader:
             self.made.records(keywords, epochs, values, np.array(lines, dtype=np.int32))
             self.observations = []
 
-    def plain_records(self, text: str, start: int, end: int, prefix: str, line: int) -> None:
-        """Records of observations <observation><EPOCH>t</EPOCH><KEY>v</KEY></observation>, the first in a line."""
+    def plain_records(self, text: str, start: int, end: int, prefix: str, line: int) -> int:
+        """Take records <observation><EPOCH>t</EPOCH><KEY>v</KEY></observation>, the first in a line; where they end."""
         import pyarrow as pa
         import pyarrow.compute as pc
 
@@ -185,17 +178,17 @@ class _XmlReader:
             before, *pieces = f"{text[start:stop]}{opening}".split(f"<{prefix}EPOCH>")
             texts = pa.array(pieces, pa.string())
             found = pc.extract_regex(texts, _PLAIN.replace("PREFIX", re.escape(prefix)))
-            if before.strip() != opening or found.null_count:
-                raise _NotPlainError
             epochs, keywords, values, closed = found.flatten()
-            if not pc.all(pc.equal(keywords, closed)).as_py():
-                raise _NotPlainError
+            plain = before.strip() == opening and not found.null_count
+            if not (plain and pc.all(pc.equal(keywords, closed)).as_py()):
+                return start
             newlines = pc.count_substring(texts, "\n").to_numpy()
             line += before.count("\n")
             lines = line + np.cumsum(newlines) - newlines
             self.made.records(keywords, epochs, values, lines.astype(np.int32))
             line += int(newlines.sum())
             start = stop
+        return end
 
 
 def _observations(text: str) -> Iterator[tuple[int, int, str]]:

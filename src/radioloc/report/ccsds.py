@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,7 @@ from radioloc.ephemeris import CONSTANTS, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.estimation.solution import Solution
 from radioloc.io.tdm.message import WEATHER, TdmFile, TdmHeader
-from radioloc.io.tdm.write import tdm_of, write_tdm_file
+from radioloc.io.tdm.write import now, tdm_of, write_tdm_file
 from radioloc.lunar import east_north_up, rot_icrf_to_pa, rot_pa_to_me
 from radioloc.lunar.frames import rot_icrf_to_pa_rate
 from radioloc.measurements.observations import Observations
@@ -127,16 +126,12 @@ def write_orbit_oem(
     orbit : Orbit or sequence of Orbit
         One, or several from one after the other. Where an impulse or thrust begins or ends, so does a segment.
     path : path-like
-    originator : str
-        Agency that makes the message.
+    originator, object_id, creation_date
+        As of :func:`write_oem`.
     step_s : float
         From state to state, s, 600 at most.
-    object_id : str
-        International designator, such as ``"2011-046B"``.
     covariance : array_like, shape (6, 6), optional
         Of the state at the epoch of the first orbit, ICRF axes, m and m/s.
-    creation_date : str, optional
-        UTC date of the message; now by default.
 
     Raises
     ------
@@ -234,14 +229,8 @@ def write_residuals_tdm(
         That it was made from, row by row: ``observations`` of :func:`~radioloc.studies.locate.arc_of`'s predictor.
     path : path-like
         The file; an existing one is replaced.
-    originator : str
-        Agency that makes the message.
-    creation_date : str, optional
-        UTC date of the message; now by default.
-
-    Returns
-    -------
-    Path
+    originator, creation_date
+        As of :func:`write_oem`.
 
     Raises
     ------
@@ -268,11 +257,7 @@ def write_residuals_tdm(
     unrecorded: dict[str, Any] = dict.fromkeys([*WEATHER.values(), "modulus_m"], np.full(len(rows), np.nan))
     lengths = np.zeros(len(rows), dtype=bool)  # also where cycles of ramps were observed
     residuals = replace(observations, value_m=rows.residual_m, ramped=lengths, **unrecorded)
-    header = TdmHeader(
-        creation_date or _now(),
-        originator,
-        comments=(f"{solution.name}: {_RESIDUALS}",),
-    )
+    header = TdmHeader(creation_date or now(), originator, comments=(f"{solution.name}: {_RESIDUALS}",))
     segments = [
         replace(segment, metadata={**segment.metadata, "DATA_QUALITY": quality}, data_comments=(_RESIDUALS,))
         for quality, which in (("VALIDATED", rows.used), ("DEGRADED", ~rows.used))
@@ -283,15 +268,11 @@ def write_residuals_tdm(
     return Path(path)
 
 
-def _now() -> str:
-    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S")
-
-
 def _write(
     path: str | Path, kind: str, originator: str, creation_date: str | None, lines: Sequence[str]
 ) -> Path:
     """Write a message such as an OEM, in KVN; its date is now if none is given."""
-    header = _lines({"CREATION_DATE": creation_date or _now(), "ORIGINATOR": originator})
+    header = _lines({"CREATION_DATE": creation_date or now(), "ORIGINATOR": originator})
     write_text(path, "\n".join([f"CCSDS_{kind}_VERS = 2.0", *header, *lines]) + "\n")
     return Path(path)
 

@@ -19,6 +19,7 @@ from radioloc.estimation.labels import Labels
 from radioloc.estimation.orbit_state import OrbitState
 from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import Residuals
+from radioloc.io.table import batches_of, write_csv
 from radioloc.lunar import TerrainModel
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
@@ -216,8 +217,6 @@ def write_residuals(path: Path, rows: Residuals) -> None:
 
 
 def _write_csv(path: Path, columns: Mapping[str, Any], decimals: Mapping[str, int] | None = None) -> None:
-    from radioloc.io.table import batches_of, write_csv
-
     write_csv(path, batches_of(columns, decimals or {}))
 
 

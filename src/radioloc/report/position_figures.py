@@ -72,9 +72,10 @@ def draw_place(
 ) -> None:
     """Mark a position, with its error ellipses: by how many sigmas they are, how opaque, and their labels."""
     style = _marker_style(method, number)
-    for scale, (opacity, label) in shades.items() if covariance_m2 is not None else ():
-        look = {"facecolor": (style["color"], opacity), "edgecolor": style["color"], "linewidth": 1.1}
-        draw_ellipse(axes, place_m, covariance_m2, scale, factor, label=label, **look)
+    if covariance_m2 is not None:
+        for scale, (opacity, label) in shades.items():
+            look = {"facecolor": (style["color"], opacity), "edgecolor": style["color"], "linewidth": 1.1}
+            draw_ellipse(axes, place_m, covariance_m2, scale, factor, label=label, **look)
     axes.plot(*(factor * np.asarray(place_m)), label=name, zorder=3, **style)
 
 

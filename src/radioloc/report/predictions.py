@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation.labels import Labels
+from radioloc.io.table import batches_of, write_csv
 from radioloc.report.cards import Card, Field, Shown, more, plural
 from radioloc.tables import TableForm, as_table
 from radioloc.time import Epochs, utc_strings
@@ -101,8 +102,6 @@ class LightTimes(Shown):
 
     def write_csv(self, path: str | Path) -> None:
         """Write all columns as comma-separated text."""
-        from radioloc.io.table import batches_of, write_csv
-
         write_csv(path, batches_of(self._named(), {name: _decimals(name) for name in self.columns}))
 
     def to_dict(self) -> dict[str, Any]:

@@ -114,9 +114,13 @@ def write_tdm(
     >>> read_tdm(path, TdmAgreement(sigma_m={"range": 2.5}))
     <Observations 10 2020-12-01 to 2020-12-01>
     """
-    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S")
-    header = TdmHeader(creation_date or now, originator, message_id, tuple(comments))
+    header = TdmHeader(creation_date or now(), originator, message_id, tuple(comments))
     write_tdm_file(path, tdm_of(observations, header))
+
+
+def now() -> str:
+    """UTC as a message of the CCSDS says when it was made."""
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S")
 
 
 def write_tdm_file(path: str | Path, message: TdmFile) -> None:

@@ -29,7 +29,7 @@ from radioloc.report.files import (
 )
 from radioloc.report.gis import GIS_ENDINGS, write_gis
 from radioloc.report.map_figures import plot_map
-from radioloc.report.page import require_page
+from radioloc.report.page import is_usable, require_page
 from radioloc.report.sinex import write_sinex
 from radioloc.report.spice_kernels import FIRST_SITE, write_spice
 from radioloc.report.tables import TABLE_ENDINGS, solution_table, write_table_file
@@ -56,12 +56,12 @@ def ready(options: argparse.Namespace) -> None:
         require_page()
 
 
-def _done(options: argparse.Namespace, found: Any, write: Callable[..., object], good: bool) -> int:
+def _done(options: argparse.Namespace, found: Any, write: Callable[..., object]) -> int:
     """Write the files of a result if asked for, print its card or its numbers, and give the exit status."""
     if options.out is not None:
         write(found, options.out, html=options.report)
     tell(options, found, found.to_dict)
-    return DONE if good else NOT_CONVERGED
+    return DONE if is_usable(found) else NOT_CONVERGED
 
 
 def _locate(options: argparse.Namespace) -> int:
@@ -84,11 +84,6 @@ def _locate(options: argparse.Namespace) -> int:
     if options.sinex is not None:  # after the card, which says why a solution has none
         write_sinex(solution, options.sinex)
     return DONE if solution.converged or not fitted else NOT_CONVERGED
-
-
-def _arcs(options: argparse.Namespace) -> int:
-    found = arcs(read_study(options.study), options.hours or DEFAULT_HOURS)
-    return _done(options, found, write_arcs, found.converged)
 
 
 def _simulate(options: argparse.Namespace) -> int:
@@ -153,17 +148,12 @@ def _monte_carlo(options: argparse.Namespace) -> int:
         keeps = f"{options.out} keeps" if options.out else "with --out DIR, it keeps"
         complain(f"interrupted; {keeps} the trials made so far, and the same command with --resume goes on")
         return INTERRUPTED
-    return _done(options, found, write_monte_carlo, found.converged)
+    return _done(options, found, write_monte_carlo)
 
 
 def _images(options: argparse.Namespace) -> int:
-    solution = locate_images(read_image_study(options.study), progress=not options.quiet)
-    return _done(options, solution, write_images, solution.converged)
-
-
-def _compare(options: argparse.Namespace) -> int:
-    found = compare(options.solutions, options.reference)
-    return _done(options, found, write_comparison, found.consistent)
+    found = locate_images(read_image_study(options.study), progress=not options.quiet)
+    return _done(options, found, write_images)
 
 
 def _contents(options: argparse.Namespace) -> list[Mapping[str, Any]]:
@@ -265,25 +255,20 @@ def _light_time(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _leave_one_out(options: argparse.Namespace) -> int:
-    found = leave_one_out(options.study, progress=not options.quiet)
-    return _done(options, found, write_leave_one_out, found.converged)
-
-
 COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "locate": _locate,
     "residuals": _locate,
-    "arcs": _arcs,
+    "arcs": lambda o: _done(o, arcs(read_study(o.study), o.hours or DEFAULT_HOURS), write_arcs),
     "simulate": _simulate,
     "convert": _convert,
     "montecarlo": _monte_carlo,
     "images": _images,
-    "compare": _compare,
+    "compare": lambda o: _done(o, compare(o.solutions, o.reference), write_comparison),
     "export": _export,
     "map": _map,
     "verify": _verify,
     "covariance": _covariance,
-    "leave-one-out": _leave_one_out,
+    "leave-one-out": lambda o: _done(o, leave_one_out(o.study, progress=not o.quiet), write_leave_one_out),
     "light-time": _light_time,
     "visibility": _visibility,
 }

@@ -240,8 +240,12 @@ def _verdict(result: Result) -> str:
     """Whether the result can be used as it is; of a solution without a fit there is nothing to say."""
     if isinstance(result, Solution) and not result.parameters.free.any():
         return ""
-    good = all(getattr(result, name, True) for name in ("converged", "consistent", "determined"))
-    return "good" if good else "failed"
+    return "good" if is_usable(result) else "failed"
+
+
+def is_usable(result: Result) -> bool:
+    """Whether a result converged, is determined and consistent, as far as it says so."""
+    return all(getattr(result, name, True) for name in ("converged", "consistent", "determined"))
 
 
 def _sections(result: Result, name: str, figures: Mapping[str, Path | BytesIO]) -> list[_Section]:

@@ -53,48 +53,24 @@ _CLOCK_FIELDS = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OdfFile:
-    """The content of an orbit data file; structured arrays of whole numbers have one row for each record.
-
-    Parameters
-    ----------
-    path : str
-        The file.
-    system, program : str
-        What made it.
-    spacecraft : int
-        Number of the spacecraft by the Deep Space Network; with a minus sign NAIF's, as a rule.
-    created : tuple of int
-        Date (years since 1900, month and day as one number) and time (hours, minutes and seconds as one).
-    reference : tuple of int
-        Likewise what times count from, the year in full.
-    identifier : str
-        Text of the identifier group.
-    orbit : ndarray
-        Measurements. ``observable_1e9`` is the observable's fraction, ``reference_2e24_mhz`` the part of the reference
-        frequency above 2^24 millihertz. Of Doppler ``item_21`` is the count interval in hundredths of a second, of
-        ranges ``channel`` the number of the lowest component.
-    ramps : ndarray
-        Transmitted frequencies, all groups.
-    clocks : ndarray
-        Differences of clocks.
-    summary : ndarray of uint32, shape (n, 9)
-        Words of the data summary.
-    orbit_record : ndarray of int
-        Number of each record of orbit data in the file, counted from 1.
-    """
+    """The content of an orbit data file; structured arrays of whole numbers have one row for each record."""
 
     path: str
-    system: str
+    system: str  # what made it, as the next
     program: str
-    spacecraft: int
+    spacecraft: int  # its number by the Deep Space Network; with a minus sign NAIF's, as a rule
+    # Date (years since 1900, month and day as one number) and time (hours, minutes and seconds as one).
     created: tuple[int, int]
-    reference: tuple[int, int]
-    identifier: str
+    reference: tuple[int, int]  # likewise what times count from, the year in full
+    identifier: str  # text of the identifier group
+    # Measurements. ``observable_1e9`` is the observable's fraction, ``reference_2e24_mhz`` the part of the reference
+    # frequency above 2^24 millihertz. Of Doppler ``item_21`` is the count interval in hundredths of a second, of
+    # ranges ``channel`` the number of the lowest component.
     orbit: NDArray[np.void]
-    ramps: NDArray[np.void]
-    clocks: NDArray[np.void]
-    summary: NDArray[np.uint32]
-    orbit_record: NDArray[np.int32]
+    ramps: NDArray[np.void]  # transmitted frequencies, all groups
+    clocks: NDArray[np.void]  # differences of clocks
+    summary: NDArray[np.uint32]  # words of the data summary, shape (n, 9)
+    orbit_record: NDArray[np.int32]  # number of each record of orbit data in the file, counted from 1
 
 
 def looks_like_odf(head: bytes) -> bool:

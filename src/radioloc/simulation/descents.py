@@ -26,46 +26,24 @@ Image = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Descent:
-    """A camera that descends to the point of contact of the ground's plane.
-
-    Parameters
-    ----------
-    ground : Ground
-    camera : Camera
-    shape : tuple of int
-        Lines and samples.
-    frames : int
-        How many, from the highest to the lowest, at altitudes in geometric progression.
-    altitudes_m : tuple of float
-        Of the first and of the last frame.
-    oblique_above_m, tilt_deg : float
-        Above this altitude the camera looks ahead by this angle from straight down; the turn to straight down ends at
-        three fifths of it.
-    heading_deg : float
-        Direction of flight, from north over east.
-    sun_azimuth_deg, sun_elevation_deg : float
-    blur_px, noise : float
-        Standard deviations of the optics' blur and of the values, of 255.
-    spacecraft : bool
-        Whether parts of the spacecraft are in view.
-    seed : int
-        Of attitudes, drift and noise.
-    """
+    """A camera that descends to the point of contact of the ground's plane."""
 
     ground: Ground
     camera: Camera
-    shape: tuple[int, int]
-    frames: int = 24
-    altitudes_m: tuple[float, float] = (9000.0, 4.0)
+    shape: tuple[int, int]  # lines and samples
+    frames: int = 24  # from the highest to the lowest, at altitudes in geometric progression
+    altitudes_m: tuple[float, float] = (9000.0, 4.0)  # of the first and of the last frame
+    # Above this altitude the camera looks ahead by this angle from straight down; the turn to straight down ends at
+    # three fifths of it.
     oblique_above_m: float = 3000.0
     tilt_deg: float = 30.0
-    heading_deg: float = 280.0
+    heading_deg: float = 280.0  # direction of flight, from north over east
     sun_azimuth_deg: float = 100.0
     sun_elevation_deg: float = 35.0
-    blur_px: float = 0.7
-    noise: float = 2.0
-    spacecraft: bool = True
-    seed: int = 0
+    blur_px: float = 0.7  # standard deviation of the optics' blur
+    noise: float = 2.0  # likewise of the values, of 255
+    spacecraft: bool = True  # whether parts of it are in view
+    seed: int = 0  # of attitudes, drift and noise
     _drawn: Floats = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

@@ -30,33 +30,21 @@ _BLOCK_LINES = 64
 class Ground:
     """Relief of fractal slopes and craters over heights that are given; one seed is one relief.
 
-    Parameters
-    ----------
-    plane : TangentPlane
-        Where it is; places are counted east and north of the point of contact, of the point on the sphere below.
-    seed : int
-    heights_m : array_like, shape (n, m), optional
-        Heights above the 1737.4 km sphere on a grid in the plane, north at the top; beyond it those of its edges go
-        on. Zero if not given.
-    corner_m : tuple of float
-        East and north of the grid's first height.
-    pixel_m : float
-        Of the grid.
-    largest_m : float
-        Longest wavelength of the relief that is added; its craters are up to half as wide.
-
-    Notes
-    -----
     Each octave of wavelengths has gradient noise with slopes of some 5 degrees, and craters in 60 % of its cells, from
     fresh to worn; so craters are as many as the square of one over their size. Nothing casts shadows.
     """
 
+    # Where it is; places are counted east and north of the point of contact, of the point on the sphere below.
     plane: TangentPlane
     seed: int = 0
+    # Heights above the 1737.4 km sphere on a grid in the plane, north at the top, shape (n, m); beyond it those of its
+    # edges go on.
     heights_m: ArrayLike = ((0.0, 0.0), (0.0, 0.0))
-    corner_m: tuple[float, float] = (0.0, 0.0)
-    pixel_m: float = 1.0
-    largest_m: float = 4000.0
+    corner_m: tuple[float, float] = (0.0, 0.0)  # east and north of the grid's first height
+    pixel_m: float = 1.0  # of the grid
+    largest_m: float = (
+        4000.0  # longest wavelength of the relief that is added; craters are up to half as wide
+    )
 
     def __post_init__(self) -> None:
         heights = np.array(self.heights_m, dtype=np.float64)

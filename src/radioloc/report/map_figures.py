@@ -27,6 +27,7 @@ from radioloc.report.figures import (
     SCALE_95,
     draw_ellipse,
     legend_below,
+    legend_outside,
     length_unit,
     one_panel,
     several_panels,
@@ -319,32 +320,26 @@ def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
         for corner in corners:
             if np.ptp(corner, axis=0).max() > 0.02 * width:
                 ring = factor * (np.vstack([corner, corner[:1]]) - lander)
-                axes.plot(*ring.T, color=COLORS[3], linewidth=0.7, alpha=0.8)
+                axes.plot(*ring.T, color=COLORS[3], linewidth=0.7, alpha=0.8, label="images")
         ties = factor * (solution.registration.map_places_m - lander)
-        axes.plot(*ties.T, ".", color=COLORS[2], markersize=2.5, alpha=0.7)
-        axes.plot(*(factor * (centres - lander)).T, "o-", color=COLORS[0], markersize=3, linewidth=1.0)
+        dots = {"markersize": 2.5, "alpha": 0.7, "label": "tie points with the map"}
+        axes.plot(*ties.T, ".", color=COLORS[2], **dots)
+        path = {"markersize": 3, "linewidth": 1.0, "label": "middles of the images"}
+        axes.plot(*(factor * (centres - lander)).T, "o-", color=COLORS[0], **path)
+        axes.plot(0.0, 0.0, "+", color=COLORS[1], markersize=13, markeredgewidth=1.8, label="lander")
         total_m2, relative_m2 = solution.covariance_enu_m2[:2, :2], solution.relative_covariance_en_m2
-        for covariance_m2, dashes in ((total_m2, "-"), (relative_m2, ":")):
-            style = {"fill": False, "edgecolor": COLORS[1], "linewidth": 1.3, "linestyle": dashes}
-            draw_ellipse(axes, (0.0, 0.0), covariance_m2, SCALE_95, factor, **style)
-        axes.plot(0.0, 0.0, "+", color=COLORS[1], markersize=13, markeredgewidth=1.8)
+        for covariance_m2, dashes, label in (
+            (total_m2, "-", "95 % ellipse"),
+            (relative_m2, ":", "the same, relative to the map"),
+        ):
+            style = {"edgecolor": COLORS[1], "linewidth": 1.3, "linestyle": dashes, "label": label}
+            draw_ellipse(axes, (0.0, 0.0), covariance_m2, SCALE_95, factor, fill=False, **style)
         axes.set_xlim(edges[:2])
         axes.set_ylim(edges[2:])
         axes.set_xlabel(f"east of the lander ({unit})")
         if k == 0:
             axes.set_ylabel("north of the lander")
-    handles = [
-        panels[0].plot([], [], color=COLORS[color], marker=marker, linestyle=line, label=label)[0]
-        for marker, color, line, label in (
-            ("", 3, "-", "images"),
-            (".", 2, "", "tie points with the map"),
-            ("o", 0, "-", "middles of the images"),
-            ("+", 1, "", "lander"),
-            ("", 1, "-", "95 % ellipse"),
-            ("", 1, ":", "the same, relative to the map"),
-        )
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=6, fontsize=8, frameon=False)
+    legend_outside(figure, panels[:1], 6)
     return figure.figure
 
 

@@ -22,9 +22,9 @@ from radioloc.imaging.homography import derivative, fit_homography, transformed
 from radioloc.imaging.map_features import MapFeatures, MapPart
 from radioloc.imaging.matching import Features, Matches, MatchStatus, detect, match
 from radioloc.imaging.tie_points import TiePoint
+from radioloc.imaging.tracks import MAP
 
 Floats = NDArray[np.float64]
-Node = tuple[int, ...]  # a feature: frame, reduction, number; or -1, level, tile, number of the map
 
 _STEPS_BACK = (1, 2, 4, 8)
 _LARGEST_SIDE_PIXELS = 1200  # of images in which features are sought
@@ -33,6 +33,7 @@ _LEAST_WIDTH_ON_MAP_PIXELS = 90
 _SEARCHES = 6  # of the whole map, for the first images
 _SEARCH_PIXELS = 500, 4200  # sides of the whole map, reduced, at which it is searched
 _PREDICTED_PART = 0.08  # of an image's width: how far a prediction along the chain may be off
+_FOUND, _FOR_MAP, _GIVEN = range(3)  # measurements: features, those at the map's size of pixels, given ones
 # Of the largest distance along the axis that a pixel of an oblique image has in the view from above.
 _MAGNIFIED = 0.25
 
@@ -80,6 +81,7 @@ class Taken:
     status: FrameStatus
     reason: str = ""
     features: Features | None = None
+    first: int = 0  # number of the first of them
     matched_to: list[str] = field(default_factory=list)
     candidates: int = 0
     to_plane: Floats | None = None  # approximate
@@ -117,20 +119,19 @@ class ImageChain:
             raise InputError(f"images have the same name: {sorted({n for n in names if names.count(n) > 1})}")
         self.mask, self.map = mask, on_map
         self.taken: list[Taken] = []
-        self.pairs: list[tuple[Node, Node]] = []
+        self.tracks = on_map.tracks
         self.links: list[tuple[int, int, Floats]] = []  # homographies between images
-        self.place: dict[Node, tuple[Floats, float]] = {}  # pixel or place in the plane, with sigma
         self.given = [tie for tie in ties if {m.image for m in tie.measurements} & set(names)]
         if ties and not self.given:
             raise InputError(
                 f"none of the {len(ties)} tie points is measured in one of the images; compare names"
             )
-        self.first_of_given: dict[int, Node] = {}
+        # The first measurement of each: its number, the image, the pixel or place, and its sigma.
+        self.first_of_given: dict[int, tuple[int, int, Floats, float]] = {}
         for k, tie in enumerate(self.given):
             if tie.longitude_deg is not None and tie.latitude_deg is not None:
-                place = on_map.plane.from_longitude_latitude([[tie.longitude_deg, tie.latitude_deg]])[0]
-                self.first_of_given[k] = (-1, -1, 0, k)
-                self.place[-1, -1, 0, k] = (place, tie.sigma_m or on_map.base.resolution_m)
+                [place] = on_map.plane.from_longitude_latitude([[tie.longitude_deg, tie.latitude_deg]])
+                self._give(k, MAP, place, tie.sigma_m or on_map.base.resolution_m)
         self.searches = 0
         self.extent_m = on_map.base.extent_m(on_map.plane)
         if near is not None:
@@ -157,6 +158,7 @@ class ImageChain:
         this = Taken(frame.name, size, FrameStatus.UNMATCHED, camera=camera)
         this.features = features = self._features(this, frame, image, reduction)
         number = len(self.taken)
+        this.first = self.tracks.add(number, _FOUND, features.pixels, features.sigma_px)
         self.taken.append(this)
         self._take_given(frame, number)
         best = 0
@@ -173,9 +175,7 @@ class ImageChain:
                 continue
             this.match(other.name, found.candidates)
             self.links.append((number, number - back, found.matrix))
-            for i, j in zip(found.first, found.second, strict=True):
-                before = self._node(number - back, 0, other.features, j)
-                self.pairs.append((self._node(number, 0, features, i), before))
+            self.tracks.join(this.first + found.first, other.first + found.second)
             if other.to_plane is not None and len(found.first) > best:
                 best, this.to_plane = len(found.first), _product(other.to_plane, found.matrix)
         self._tie_to_map(frame, number, image, reduction)
@@ -187,24 +187,26 @@ class ImageChain:
         for k, tie in enumerate(self.given):
             for m in (m for m in tie.measurements if m.image == frame.name):
                 pixel = this.undistorted(np.array([[m.sample, m.line]]))[0]
-                node = (number, 2, k)
-                self.place[node] = (pixel, m.sigma_px)
-                first = self.first_of_given.setdefault(k, node)
-                if first == node:
-                    continue
-                self.pairs.append((node, first))
-                place, sigma = self.place[first]
-                if first[0] >= 0:
-                    to_plane = self.taken[first[0]].to_plane
+                image, place, sigma = self._give(k, number, pixel, m.sigma_px)
+                if image != MAP:
+                    to_plane = self.taken[image].to_plane
                     if to_plane is None:
                         continue
-                    sigma *= pixel_size_m(to_plane, self.taken[first[0]].size)
+                    sigma *= pixel_size_m(to_plane, self.taken[image].size)
                     place = transformed(to_plane, place[np.newaxis])[0]
                 known.append((pixel, m.sigma_px, place, sigma))
         if len(known) >= 4:
             pixels, sigma_px, places, sigma_m = (np.array(column) for column in zip(*known, strict=True))
             this.to_plane = fit_homography(pixels, places, sigma_px, sigma_m).homography.matrix
             this.match("given", len(known))
+
+    def _give(self, k: int, image: int, place: Floats, sigma: float) -> tuple[int, Floats, float]:
+        """Note a measurement of a given point, tied to its first one: image, pixel or place, and sigma of that."""
+        here = self.tracks.add(image, _GIVEN, place[np.newaxis], [sigma])
+        first = self.first_of_given.setdefault(k, (here, image, place, sigma))
+        if first[0] != here:
+            self.tracks.join([here], [first[0]])
+        return first[1:]
 
     def _features(self, this: Taken, frame: Frame, image: Image, reduction: int) -> Features:
         """Features of an image reduced by a whole number, at their pixels in the image itself, undistorted."""
@@ -252,7 +254,7 @@ class ImageChain:
     def _tie_to_map(self, frame: Frame, number: int, image: Image, reduction: int) -> None:
         this = self.taken[number]
         found: tuple[Matches, MapPart] | None = None
-        features, kind = this.features, 0
+        features, first = this.features, this.first
         if features is None:
             return
         if this.to_plane is not None:
@@ -262,7 +264,8 @@ class ImageChain:
                 return
             needed = int(self.map.base.resolution_m / pixel_m)
             if needed > 1.5 * reduction:
-                features, kind = self._features(this, frame, image, needed), 1
+                features = self._features(this, frame, image, needed)
+                first = self.tracks.add(number, _FOR_MAP, features.pixels, features.sigma_px)
             level = self.map.level(pixel_m * max(reduction, needed))
             found = self._near_prediction(features, this, level, width_m)
         elif self.searches < _SEARCHES:
@@ -273,11 +276,7 @@ class ImageChain:
         matches, part = found
         this.match("map", matches.candidates)
         this.to_plane = part.to_plane @ found[0].matrix
-        for i, j in zip(matches.first, matches.second, strict=True):
-            node = (-1, *part.names[j].tolist())
-            place = part.features.pixels[j] * [part.pixel_m, -part.pixel_m]
-            self.place[node] = (place, float(part.features.sigma_px[j]) * part.pixel_m)
-            self.pairs.append((self._node(number, kind, features, i), node))
+        self.tracks.join(first + matches.first, part.numbers[matches.second])
 
     def _near_prediction(
         self, features: Features, this: Taken, level: int, width_m: float
@@ -312,11 +311,6 @@ class ImageChain:
                 found.append((matches, part))
         return min(found, key=lambda one: one[0].log10_false_alarms, default=None)
 
-    def _node(self, number: int, kind: int, features: Features, k: int) -> Node:
-        node = (number, kind, int(k))
-        self.place[node] = (features.pixels[k], float(features.sigma_px[k]))
-        return node
-
     def place_all(self) -> None:
         """Approximate homographies of images that come before the first that was found on the map."""
         for number, other, matrix in reversed(self.links):
@@ -332,32 +326,10 @@ class ImageChain:
         ConvergenceError
             There is none.
         """
-        tracks = _tracks(self.pairs, left_out)
-        images = sorted(n for n in _tied_frames(tracks) if self.taken[n].to_plane is not None)
-        if not images:
+        images, ties = self.tracks.ties(left_out, np.array([one.to_plane is not None for one in self.taken]))
+        if not len(images):
             raise ConvergenceError(self._nobody())
-        order = {number: k for k, number in enumerate(images)}
-        pixels: list[tuple[int, int, Node]] = []
-        places: list[tuple[int, Node]] = []
-        count = 0
-        for track in tracks:
-            seen = [n for n in track if n[0] in order]
-            on_map = [n for n in track if n[0] < 0][:1]
-            if len(seen) + len(on_map) < 2 or not seen:
-                continue
-            pixels += [(order[n[0]], count, n) for n in seen]
-            places += [(count, n) for n in on_map]
-            count += 1
-        ties = TiePoints(
-            image=np.array([k for k, _, _ in pixels], dtype=np.int64),
-            point=np.array([j for _, j, _ in pixels], dtype=np.int64),
-            pixels=np.array([self.place[n][0] for _, _, n in pixels]),
-            sigma_px=np.array([self.place[n][1] for _, _, n in pixels]),
-            map_point=np.array([j for j, _ in places], dtype=np.int64),
-            map_m=np.array([self.place[n][0] for _, n in places]).reshape(-1, 2),
-            map_sigma_m=np.array([self.place[n][1] for _, n in places]),
-        )
-        return images, ties
+        return images.tolist(), ties
 
     def _nobody(self) -> str:
         status = [f"{taken.name} {taken.status.value}" for taken in self.taken[:5]]
@@ -378,32 +350,3 @@ def pixel_size_m(to_plane: Floats, size: tuple[int, int]) -> float:
     """Size of a pixel on the ground at the centre of an image."""
     centre = 0.5 * (np.array([size], dtype=np.float64) - 1.0)
     return float(np.sqrt(np.abs(np.linalg.det(derivative(to_plane, centre)[0]))))
-
-
-def _tracks(pairs: list[tuple[Node, Node]], left_out: set[int]) -> list[list[Node]]:
-    """Features that are tied to each other, directly or not; of one image or the map the first in each."""
-    from scipy.cluster.hierarchy import DisjointSet
-
-    joined = DisjointSet()
-    for one, other in pairs:
-        if one[0] not in left_out and other[0] not in left_out:
-            joined.add(other)
-            joined.add(one)
-            joined.merge(one, other)
-    tracks: dict[Node, dict[tuple[int, ...], Node]] = {}
-    for node in joined:
-        tracks.setdefault(joined[node], {}).setdefault(node[:2] if node[0] >= 0 else (-1,), node)
-    return [list(track.values()) for track in tracks.values() if len(track) > 1]
-
-
-def _tied_frames(tracks: list[list[Node]]) -> set[int]:
-    """Images with a way to the map along tie points."""
-    from scipy.cluster.hierarchy import DisjointSet
-
-    joined = DisjointSet([-1])
-    for first, *others in ({node[0] for node in track} for track in tracks):
-        joined.add(first)
-        for other in others:
-            joined.add(other)
-            joined.merge(first, other)
-    return set(joined.subset(-1)) - {-1}

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from radioloc.imaging.maps import Map, TangentPlane
 from radioloc.imaging.matching import Detector, Features, detect
+from radioloc.imaging.tracks import MAP, Tracks
 
 Floats = NDArray[np.float64]
 Tile = tuple[int, int, int]  # level, line and column of the tile
@@ -25,7 +26,7 @@ class MapPart(NamedTuple):
     """Features of a part of the map, their pixels counted from the plane's origin, to the east and to the south."""
 
     features: Features
-    names: NDArray[np.int64]  # shape (n, 4)
+    numbers: NDArray[np.int64]  # among the measurements of all tracks, shape (n,)
     pixel_m: float
 
     @property
@@ -36,12 +37,13 @@ class MapPart(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class MapFeatures:
-    """Features of a map in a plane. A feature is named by level, tile and its number there, for good."""
+    """Features of a map in a plane, and the tracks to which they are added as places."""
 
     base: Map
     plane: TangentPlane
     detector: Detector = Detector.SIFT
-    _tiles: dict[Tile, Features] = field(default_factory=dict, repr=False)
+    tracks: Tracks = field(default_factory=Tracks, repr=False)
+    _tiles: dict[Tile, tuple[Features, int]] = field(default_factory=dict, repr=False)
 
     def pixel_m(self, level: int) -> float:
         """Size of a pixel at a level; at level 0 that of the map."""
@@ -59,15 +61,14 @@ class MapFeatures:
         rows = range(math.floor(-north / side_m), math.floor(-south / side_m) + 1)
         columns = range(math.floor(west / side_m), math.floor(east / side_m) + 1)
         tiles = [(level, row, column) for row in rows for column in columns]
-        features = [self._tile(tile) for tile in tiles]
-        counts = [len(f.pixels) for f in features]
-        numbers = np.concatenate([np.arange(count) for count in counts])
-        names = np.column_stack([np.repeat(tiles, counts, axis=0), numbers])
+        features, first = zip(*(self._tile(tile) for tile in tiles), strict=True)
+        in_tile = np.concatenate([np.arange(len(f.pixels)) for f in features])
+        numbers = in_tile + np.repeat(first, [len(f.pixels) for f in features])
         pixels = np.concatenate([f.pixels for f in features])
         place_m = pixels * [1.0, -1.0] * pixel_m
         kept = np.flatnonzero(((place_m >= [west, south]) & (place_m <= [east, north])).all(axis=1))
         # The number in its tile is a feature's rank among those of its surroundings.
-        kept = kept[np.argsort(names[kept, 3], kind="stable")[:_MOST_FEATURES]]
+        kept = kept[np.argsort(in_tile[kept], kind="stable")[:_MOST_FEATURES]]
         joined = Features(
             pixels[kept],
             np.concatenate([f.sigma_px for f in features])[kept],
@@ -75,9 +76,10 @@ class MapFeatures:
             (math.ceil((north - south) / pixel_m), math.ceil((east - west) / pixel_m)),
             self.detector,
         )
-        return MapPart(joined, names[kept], pixel_m)
+        return MapPart(joined, numbers[kept], pixel_m)
 
-    def _tile(self, tile: Tile) -> Features:
+    def _tile(self, tile: Tile) -> tuple[Features, int]:
+        """Features of a tile, and the number of the first."""
         if tile not in self._tiles:
             level, row, column = tile
             first = np.array([column, row]) * _TILE_PIXELS - _OVERLAP_PIXELS
@@ -88,11 +90,8 @@ class MapFeatures:
             found = detect(view, valid, self.detector, _FEATURES_OF_TILE)
             low, high = _OVERLAP_PIXELS - 0.5, size - _OVERLAP_PIXELS - 0.5
             inner = ((found.pixels >= low) & (found.pixels < high)).all(axis=1)
-            self._tiles[tile] = Features(
-                found.pixels[inner] + first,
-                found.sigma_px[inner],
-                found.descriptors[inner],
-                found.shape,
-                self.detector,
-            )
+            pixels, sigma_px = found.pixels[inner] + first, found.sigma_px[inner]
+            features = Features(pixels, sigma_px, found.descriptors[inner], found.shape, self.detector)
+            number = self.tracks.add(MAP, 0, pixels * [pixel_m, -pixel_m], sigma_px * pixel_m)
+            self._tiles[tile] = features, number
         return self._tiles[tile]

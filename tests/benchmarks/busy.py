@@ -17,20 +17,29 @@ def skip_if_busy(most_load: float, what: str) -> None:
         pytest.skip(f"the machine is busy (load {load:.1f}): {what}")
 
 
+# A process is told the peak of the one that starts it as its own, and the tests are large: a small one is between.
+_BETWEEN = """
+import resource, subprocess, sys
+code = subprocess.call(sys.argv[1:])
+usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(f"\\n{usage.ru_utime + usage.ru_stime} {usage.ru_maxrss}")
+sys.exit(code)
+"""
+
+
 def run(folder, *command, **environment):
     """Wall time, s, CPU time, s, peak memory, MB, and the output of a process of Python."""
     started = time.perf_counter()
-    process = subprocess.Popen(
-        [sys.executable, *command],
+    done = subprocess.run(
+        [sys.executable, "-c", _BETWEEN, sys.executable, *command],
         cwd=folder,
         env=os.environ | {"PYTHONWARNINGS": "ignore"} | environment,
         stdout=subprocess.PIPE,
         text=True,
+        check=False,
     )
-    output = process.stdout.read()
-    process.stdout.close()
-    _, status, usage = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    assert process.returncode == 0, output
-    peak_kb = usage.ru_maxrss / (1024 if sys.platform == "darwin" else 1)
-    return time.perf_counter() - started, usage.ru_utime + usage.ru_stime, peak_kb / 1e3, output
+    wall_s = time.perf_counter() - started
+    assert done.returncode == 0, done.stdout
+    output, cpu_s, peak = done.stdout.rsplit(maxsplit=2)
+    peak_kb = float(peak) / (1024 if sys.platform == "darwin" else 1)
+    return wall_s, float(cpu_s), peak_kb / 1e3, output

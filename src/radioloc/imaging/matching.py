@@ -18,6 +18,7 @@ ground makes is refused: one that turns the plane over, as of a mirrored image, 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -59,7 +60,8 @@ class Detector(StrEnum):
 
 _DESCRIPTOR_BYTES = {Detector.SIFT: 128, Detector.ORB: 32}
 # Lowe 2004, section 7.1, has 0.8. With square roots of SIFT's numbers more pairs are right where their ratio is near 1.
-_RATIO = {Detector.SIFT: 0.9, Detector.ORB: 0.8}
+# It is of distances: Euclidean ones of SIFT, here squared, and numbers of bits of ORB.
+_RATIO = {Detector.SIFT: 0.9**2, Detector.ORB: 0.8}
 
 
 class MatchStatus(StrEnum):
@@ -284,37 +286,54 @@ def _candidates(
     first: Features, second: Features, predicted: Floats | None, radius_px: float
 ) -> tuple[Indices, Indices]:
     """Pairs that are each other's nearest in description, the second nearest being farther by the ratio."""
-    near = None if predicted is None else transformed(predicted, first.pixels)
-    distance = np.empty((len(first.pixels), len(second.pixels)), np.float32)
-    step = max(1, _CHUNK_DISTANCES // len(second.pixels))  # what is computed stays in the processor's memory
-    for begin in range(0, len(distance), step):
-        rows = slice(begin, begin + step)
-        distance[rows] = _distances(first, second, rows)
-        if near is not None:
-            for k in (0, 1):
-                far = ~(np.abs(near[rows, k, np.newaxis] - second.pixels[:, k]) <= radius_px)
-                distance[rows][far] = np.inf
-    i, backward = np.arange(len(distance)), distance.argmin(axis=0)
-    forward = distance.argmin(axis=1)
-    least = distance[i, forward]
-    distance[i, forward] = np.inf
-    good = np.isfinite(least) & (least < _RATIO[first.detector] * distance.min(axis=1))
-    i = np.flatnonzero(good & (backward[forward] == i))
+    if first.detector is not second.detector:
+        raise InputError("features of two detectors cannot be compared; detect both with the same")
+    these, those = _numbers(first), _numbers(second)
+    near = first.pixels if predicted is None else transformed(predicted, first.pixels)
+    least, following = np.full((2, len(these)), np.inf, np.float32)
+    least_of_second = np.full(len(those), np.inf, np.float32)
+    forward = np.zeros(len(these), np.int64)
+    for rows in _neighbours(near, radius_px, max(1, _CHUNK_DISTANCES // len(those))):
+        low, high = near[rows].min(axis=0) - radius_px, near[rows].max(axis=0) + radius_px
+        there = np.flatnonzero(((second.pixels >= low) & (second.pixels <= high)).all(axis=1))
+        if not len(there):
+            continue
+        distance = _squared_distances(these[rows], those[there])
+        if np.isfinite(radius_px):
+            for place, other in zip(near[rows].T, second.pixels[there].T, strict=True):
+                np.putmask(distance, np.abs(place[:, np.newaxis] - other) > radius_px, np.inf)
+        every, nearest = np.arange(len(rows)), distance.argmin(axis=1)
+        forward[rows], least[rows] = there[nearest], distance[every, nearest]
+        least_of_second[there] = np.minimum(least_of_second[there], distance.min(axis=0))
+        distance[every, nearest] = np.inf
+        following[rows] = distance.min(axis=1)
+    good = np.isfinite(least) & (least < _RATIO[first.detector] * following)
+    i = np.flatnonzero(good & (least <= least_of_second[forward]))
     return i, forward[i]
 
 
-def _distances(first: Features, second: Features, rows: slice) -> NDArray[np.float32]:
-    """Distances of descriptions: Euclidean of SIFT, numbers of different bits of ORB."""
-    if first.detector is not second.detector:
-        raise InputError("features of two detectors cannot be compared; detect both with the same")
-    if first.detector is Detector.SIFT:
-        a, b = first.descriptors[rows].astype(np.float32), second.descriptors.astype(np.float32)
-    else:
-        a, b = (
-            np.unpackbits(d, axis=1).astype(np.float32) for d in (first.descriptors[rows], second.descriptors)
-        )
-    squares = (a * a).sum(axis=1)[:, np.newaxis] + (b * b).sum(axis=1) - 2.0 * (a @ b.T)
-    return np.asarray(np.sqrt(np.maximum(squares, 0.0)) if first.detector is Detector.SIFT else squares)
+def _neighbours(near: Floats, radius_px: float, most: int) -> Iterator[Indices]:
+    """Features of the first image by where their partners are sought, so many together at most."""
+    _, cell = np.unique(near // (2.0 * radius_px), axis=0, return_inverse=True)
+    order = np.argsort(cell, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(cell[order])) + 1):
+        yield from np.array_split(rows, -(-len(rows) // most))
+
+
+def _numbers(features: Features) -> NDArray[np.float32]:
+    """Descriptions as vectors whose squared distance counts: of ORB the number of bits that are different."""
+    of_bits = features.detector is Detector.ORB
+    return (np.unpackbits(features.descriptors, axis=1) if of_bits else features.descriptors).astype(
+        np.float32
+    )
+
+
+def _squared_distances(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Between all rows; of whole numbers below 256, 128 in a row, they are exact."""
+    distances = a @ (-2.0 * b.T)
+    distances += (a * a).sum(axis=1)[:, np.newaxis]
+    distances += (b * b).sum(axis=1)
+    return np.asarray(distances)
 
 
 def _distinct(first: Features, second: Features, i: Indices, j: Indices) -> tuple[Indices, Indices]:

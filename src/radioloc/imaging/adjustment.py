@@ -183,7 +183,7 @@ class _Observed:
     def residuals(self, model: Projections, places: Floats) -> Floats:
         """In pixels and in metres, shape (n, 2)."""
         ties = self.ties
-        pixels = model.project(ties.image, ties.point, places).pixels
+        pixels = model.pixels(ties.image, ties.point, places)
         return np.concatenate([ties.pixels - pixels, ties.map_m - places[ties.map_point]])
 
     def chi2(self, residuals: Floats, factors: Floats) -> Floats:
@@ -223,8 +223,9 @@ class _NormalEquations:
     factor: tuple[Floats, bool]
     right: Floats
     parameters: int  # that have an effect
-    first: Indices  # where each point's pixels begin, and how many there are,
-    image: Indices  # of each of these
+    image: Indices  # of each pixel that is used, and the point:
+    point: Indices
+    first: Indices  # where each point's pixels begin, and how many there are
     coupling: Floats  # W^T, shape (n, 2, 8)
     points_inverse: Floats  # V^-1, shape (points, 2, 2)
     points_right: Floats  # shape (points, 2)
@@ -237,23 +238,23 @@ class _NormalEquations:
         return np.asarray(cho_solve(self.factor, right))
 
     def places_moved(self, step: Floats) -> Floats:
-        """What a step of the images does to the places, shape (points, 2)."""
-        from radioloc.imaging._kernels import places_moved  # brings numba, as below
-
-        parts = self.coupling, self.points_inverse, self.points_right
-        return np.asarray(places_moved(self.first, self.image, *parts, step))
+        """What a step of the images, shape (images, 8), does to the places, shape (points, 2)."""
+        by_images = np.einsum("nip,np->ni", self.coupling, step[self.image])
+        left = self.points_right - _sums(self.point, by_images, len(self.points_right))
+        return np.einsum("nij,nj->ni", self.points_inverse, left)
 
     def redundancies(self, observed: _Observed) -> tuple[Floats, int]:
         """Redundancies of the pixels together and of the map's places together, and their sum."""
-        from radioloc.imaging._kernels import explained_on_map
-
         on_map = self.map_weight > 0.0
         seen = on_map | (np.diff(self.first) > 0)
         total = 2 * int(observed.used.sum() - seen.sum()) - self.parameters
-        parts = self.coupling, self.points_inverse, self.map_weight
-        covariance = self.solved(np.eye(len(self.right)))
-        explained = explained_on_map(self.first, self.image, *parts, covariance)
-        of_map = 2.0 * int(observed.used[len(observed.ties.point) :].sum()) - explained
+        # Of each place the variances, of the covariance V^-1 + V^-1 W^T C W V^-1, times what they weigh on the map.
+        between = self.map_weight[:, np.newaxis, np.newaxis] * (self.points_inverse @ self.points_inverse)
+        lower = _coupled(self.first, self.image, self.coupling, between, len(self.right))
+        inverse = self.solved(np.eye(len(self.right)))
+        explained = 2.0 * np.vdot(lower, inverse) - np.vdot(lower.diagonal(), inverse.diagonal())
+        explained += self.map_weight @ np.trace(self.points_inverse, axis1=1, axis2=2)
+        of_map = 2.0 * int(observed.used[len(observed.ties.point) :].sum()) - float(explained)
         return np.array([total - of_map, of_map]), total
 
 
@@ -265,7 +266,8 @@ def _solve(
     for _ in range(_STEPS):
         normal = _normal_equations(observed, model, places)
         step = normal.solved(normal.right)
-        of_images, of_places = step.reshape(model.images, -1), normal.places_moved(step)
+        of_images = step.reshape(model.images, -1)
+        of_places = normal.places_moved(of_images)
         # Halved until chi squared does not grow: from far off a whole step may lead beyond a horizon.
         for part in 0.5 ** np.arange(_HALVINGS + 1):
             following = model.corrected(part * of_images), places + part * of_places
@@ -281,37 +283,54 @@ def _solve(
 def _normal_equations(observed: _Observed, model: Projections, places: Floats) -> _NormalEquations:
     from scipy.linalg import cho_factor
 
-    from radioloc.imaging._kernels import eliminate
-
-    ties = observed.ties
+    ties, count = observed.ties, len(places)
     pixels = observed.order[observed.used[observed.order]]
     map_used = observed.used[len(ties.point) :]
     image, point = ties.image[pixels], ties.point[pixels]
     found = model.project(image, point, places)
-    weight = (observed.factors[0] * ties.sigma_px[pixels]) ** -1.0
-    by_image = found.by_parameters * weight[:, np.newaxis, np.newaxis]
-    by_place = found.by_place * weight[:, np.newaxis, np.newaxis]
-    residual = (ties.pixels[pixels] - found.pixels) * weight[:, np.newaxis]
+    weight = (observed.factors[0] * ties.sigma_px[pixels, np.newaxis]) ** -1.0
+    by_image = found.by_parameters * weight[..., np.newaxis]
+    to_place = (found.by_place * weight[..., np.newaxis]).transpose(0, 2, 1)
+    residual = (ties.pixels[pixels] - found.pixels) * weight
     map_point = ties.map_point[map_used]
-    map_weights = (observed.factors[1] * ties.map_sigma_m[map_used]) ** -2.0
-    count, size = len(places), 8 * model.images
-    map_weight, map_right = np.zeros(count), np.zeros((count, 2))
-    np.add.at(map_weight, map_point, map_weights)
-    np.add.at(map_right, map_point, map_weights[:, np.newaxis] * (ties.map_m[map_used] - places[map_point]))
+    map_weights = (observed.factors[1] * ties.map_sigma_m[map_used, np.newaxis]) ** -2.0
+    [map_weight] = _sums(map_point, map_weights, count).T
+    # The points' own part, of those of which nothing is used such that nothing moves them.
     first = np.searchsorted(point, np.arange(count + 1))
-    reduced, right = np.zeros((size, size)), np.zeros(size)
-    coupling, inverse, points_right = (
-        np.empty((len(pixels), 2, 8)),
-        np.empty((count, 2, 2)),
-        np.empty((count, 2)),
-    )
-    given = by_image, by_place, residual, map_weight, map_right
-    if not eliminate(first, image, *given, reduced, right, coupling, inverse, points_right):
-        raise LinAlgError
+    alone = (np.diff(first) == 0) & (map_weight == 0.0)
+    own = (map_weight + alone)[:, np.newaxis, np.newaxis] * np.eye(2)
+    own += _sums(point, (to_place @ to_place.transpose(0, 2, 1)).reshape(-1, 4), count).reshape(-1, 2, 2)
+    inverse = np.linalg.inv(own)
+    points_right = _sums(map_point, map_weights * (ties.map_m[map_used] - places[map_point]), count)
+    points_right += _sums(point, np.einsum("nij,nj->ni", to_place, residual), count)
+    coupling = to_place @ by_image
+    reduced = -_coupled(first, image, coupling, inverse, 8 * model.images)
+    residual -= np.einsum("nji,nj->ni", to_place, np.einsum("nij,nj->ni", inverse, points_right)[point])
+    right = np.zeros((model.images, 8))
+    rows = np.argsort(image, kind="stable")
+    for k, mine in enumerate(np.split(rows, np.searchsorted(image[rows], np.arange(1, model.images)))):
+        block, design = slice(8 * k, 8 * k + 8), by_image[mine].reshape(-1, 8)
+        reduced[block, block] += design.T @ design
+        right[k] = design.T @ residual[mine].ravel()
     held = model.held().ravel()
     reduced[held, held] = 1.0
-    of_places = first, image, coupling, inverse, points_right, map_weight
-    return _NormalEquations(cho_factor(reduced, lower=True), right, int((~held).sum()), *of_places)
+    of_points = image, point, first, coupling, inverse, points_right, map_weight
+    return _NormalEquations(cho_factor(reduced, lower=True), right.ravel(), int((~held).sum()), *of_points)
+
+
+def _coupled(first: Indices, image: Indices, coupling: Floats, between: Floats, size: int) -> Floats:
+    """The lower triangle of the sum over all points of W B W^T, with B between, shape (points, 2, 2)."""
+    from radioloc.imaging._kernels import coupled  # brings numba
+
+    out = np.zeros((size, size))
+    coupled(first, image, coupling, between, out)
+    return np.tril(out)
+
+
+def _sums(number: Indices, values: Floats, count: int) -> Floats:
+    """Sums of the rows of each number, shape (count, columns)."""
+    sums = [np.bincount(number, column, minlength=count) for column in values.T]
+    return np.stack(sums, axis=1, dtype=np.float64)  # of no rows at all they are integers
 
 
 def approximate_places(ties: TiePoints, matrices: Floats) -> Floats:
@@ -319,8 +338,7 @@ def approximate_places(ties: TiePoints, matrices: Floats) -> Floats:
     ground = np.einsum(
         "nij,nj->ni", np.linalg.inv(matrices)[ties.image], np.insert(ties.pixels, 2, 1.0, axis=1)
     )
-    number = np.bincount(ties.point, minlength=ties.count)[:, np.newaxis]
-    sums = [np.bincount(ties.point, ground[:, k] / ground[:, 2], minlength=ties.count) for k in (0, 1)]
-    places = np.stack(sums, axis=1) / np.maximum(number, 1)
+    sums = _sums(ties.point, np.insert(ground[:, :2] / ground[:, 2:], 2, 1.0, axis=1), ties.count)
+    places = sums[:, :2] / np.maximum(sums[:, 2:], 1.0)
     places[ties.map_point] = ties.map_m
     return places

@@ -102,6 +102,14 @@ class Camera:
         lens = Distortion("brown", distortion) if len(distortion) else Distortion("none", ())
         return cls(focal_length_mm, np.eye(2) * 1e3 / pixel_size_um, np.asarray(principal_point_px), lens)
 
+    @property
+    def matrix(self) -> Floats:
+        """From directions to homogeneous pixels without distortion, shape (3, 3)."""
+        matrix = np.eye(3)
+        matrix[:2, :2] = self.focal_length_mm * self.pixel_per_mm
+        matrix[:2, 2] = self.principal_point_px
+        return matrix
+
     def without_distortion(self) -> Camera:
         """The same camera with a lens that has none."""
         return replace(self, distortion=Distortion("none", ()))
@@ -292,10 +300,4 @@ def rectification(camera: Camera, down: ArrayLike) -> Floats:
     cross = np.cross(vertical, axis)
     skew = vectors.cross_matrices(cross)
     turn = np.eye(3) + skew + skew @ skew / (1.0 + vertical @ axis)  # brings the vertical to the axis
-    straight = camera.without_distortion()
-    point = straight.principal_point_px
-    partials = straight.directions_and_partials(point[np.newaxis])[1][0, :2]
-    to_direction = np.zeros((3, 3))
-    to_direction[:2, :2], to_direction[:2, 2] = partials, -partials @ point
-    to_direction[2, 2] = axis[2]
-    return np.asarray(np.linalg.inv(to_direction) @ turn @ to_direction)
+    return np.asarray(camera.matrix @ turn @ np.linalg.inv(camera.matrix))

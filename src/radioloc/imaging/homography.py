@@ -157,7 +157,10 @@ def fit_homography(
             raise InputError(
                 f"{used.sum()} of {len(start)} tie points agree with each other; four are needed"
             )
-        partials = by_correction(transformed(normal @ matrix, start[used])) / normal[0, 0]
+        normalized = transformed(normal @ matrix, start[used])
+        partials = by_correction(
+            normalized, np.broadcast_to(np.eye(2) / normal[0, 0], (len(normalized), 2, 2))
+        )
         information = np.einsum("nik,nij,njl->kl", partials, weights[used], partials)
         if np.linalg.cond(information) > 1e14:
             raise InputError(_ON_A_LINE)
@@ -204,9 +207,15 @@ def normalization(points: Floats) -> Floats:
     )
 
 
-def by_correction(normalized: Floats) -> Floats:
-    """Partial derivatives of normalized transformed points by the eight elements of a correction, shape (n, 2, 8)."""
-    return _by_elements(_homogeneous(normalized), normalized)[..., :8]
+def by_correction(normalized: Floats, by_normalized: Floats) -> Floats:
+    """Partial derivatives by the eight elements of a correction of what has derivatives, (n, 2, 2), by points, (n, 2).
+
+    The points are those to which the corrected transformation leads, normalized.
+    """
+    row = _homogeneous(normalized)[:, np.newaxis]
+    moved = by_normalized @ normalized[..., np.newaxis]
+    parts = by_normalized[..., :1] * row, by_normalized[..., 1:] * row, -moved * row[..., :2]
+    return np.concatenate(parts, axis=2)
 
 
 def corrected(matrix: Floats, normal: Floats, step: Floats) -> Floats:

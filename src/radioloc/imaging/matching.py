@@ -363,12 +363,8 @@ def _log10_false_alarms(candidates: int, agreeing: int, alpha: float) -> float:
     n, k = candidates, agreeing
     if k <= 4:
         return math.inf
-    choices = math.log(n - 4) + _log_binomial(n, k) + _log_binomial(k, 4)
-    return (choices + (k - 4) * math.log(min(alpha, 1.0))) / math.log(10.0)
-
-
-def _log_binomial(n: int, k: int) -> float:
-    return math.lgamma(n + 1) - math.lgamma(k + 1) - math.lgamma(n - k + 1)
+    choices = (n - 4) * math.comb(n, k) * math.comb(k, 4)
+    return math.log10(choices) + (k - 4) * math.log10(min(alpha, 1.0))
 
 
 def _plausible(by_place: Floats) -> bool:

@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 from radioloc import vectors
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
-from radioloc.imaging.cameras import Camera
 from radioloc.imaging.homography import (
     Homography,
     by_correction,
@@ -78,14 +77,18 @@ class Homographies:
         """How many."""
         return len(self.matrices)
 
+    def pixels(self, image: Indices, point: Indices, places_m: Floats) -> Floats:
+        """Pixels of tie points, shape (n, 2)."""
+        return _dehomogenized(_applied(self.matrices[image], places_m[point]))
+
     def project(self, image: Indices, point: Indices, places_m: Floats) -> Projected:
-        """Pixels of tie points."""
-        matrix, normals = self.matrices[image], self._normals_of_places()
-        normal, place_by_normalized = normals[image], np.linalg.inv(normals[:, :2, :2])[image]
-        ahead = np.einsum("nij,nj->ni", matrix[:, :, :2], places_m[point]) + matrix[:, :, 2]
-        pixels, by_place = dehomogenized(ahead, matrix[:, :, :2])
-        normalized = np.einsum("nij,nj->ni", normal[:, :2, :2], places_m[point]) + normal[:, :2, 2]
-        return Projected(pixels, by_place, by_place @ place_by_normalized @ by_correction(normalized))
+        """Pixels of tie points, with derivatives."""
+        place, matrix, normals = places_m[point], self.matrices[image], self._normals_of_places()
+        ahead = _applied(matrix, place)
+        by_place = _dehomogenized_partials(ahead, matrix[:, :, :2])
+        by_normalized = by_place @ np.linalg.inv(normals[:, :2, :2])[image]
+        normalized = _applied(normals[image, :2], place)
+        return Projected(_dehomogenized(ahead), by_place, by_correction(normalized, by_normalized))
 
     def known(self, places_m: Floats) -> NDArray[np.bool_]:
         """All of the plane."""
@@ -224,17 +227,24 @@ class Poses:
         """How many."""
         return len(self.cameras)
 
+    def pixels(self, image: Indices, point: Indices, places_m: Floats) -> Floats:
+        """Pixels of tie points, shape (n, 2)."""
+        ahead = self._ahead(image, self.relief.points(places_m)[0][point])
+        posed = _dehomogenized(vectors.rotated(self.cameras[image], ahead))
+        return np.where(self.low[image, np.newaxis], self.homographies.pixels(image, point, places_m), posed)
+
     def project(self, image: Indices, point: Indices, places_m: Floats) -> Projected:
-        """Pixels of tie points."""
+        """Pixels of tie points, with derivatives."""
         points, point_by_place = (part[point] for part in self.relief.points(places_m))
         to_pixel = self.cameras[image] @ self.rotations[image]
-        ahead = np.einsum("nij,nj->ni", self.rotations[image], points - self.positions_m[image])
+        ahead = self._ahead(image, points)
         by_angles = -self.cameras[image] @ vectors.cross_matrices(ahead)
         by_position = -to_pixel * self._ranges_m()[image, np.newaxis, np.newaxis]
         none = np.zeros((len(image), 3, 2))
         partials = np.concatenate([to_pixel @ point_by_place, by_angles, by_position, none], axis=2)
-        pixels, of_pixels = dehomogenized(np.einsum("nij,nj->ni", self.cameras[image], ahead), partials)
-        posed = Projected(pixels, of_pixels[:, :, :2], of_pixels[:, :, 2:])
+        homogeneous = vectors.rotated(self.cameras[image], ahead)
+        of_pixels = _dehomogenized_partials(homogeneous, partials)
+        posed = Projected(_dehomogenized(homogeneous), of_pixels[:, :, :2], of_pixels[:, :, 2:])
         low = self.low[image, np.newaxis, np.newaxis]
         flat = self.homographies.project(image, point, places_m)
         return Projected(
@@ -295,19 +305,15 @@ class Poses:
             return float("nan")
         return float(np.linalg.norm(self.positions_m[image]) - np.linalg.norm(self.middles_m[image]))
 
+    def _ahead(self, image: Indices, points_m: Floats) -> Floats:
+        """Points from the cameras, in the cameras' axes, shape (n, 3)."""
+        return vectors.rotated(self.rotations[image], points_m - self.positions_m[image])
+
     def _ranges_m(self) -> Floats:
         return vectors.length(self.positions_m - self.middles_m)
 
 
 Projections = Homographies | Poses
-
-
-def camera_matrix(camera: Camera) -> Floats:
-    """K of a camera without its distortion, in axes of which z is ahead: from directions to pixels, shape (3, 3)."""
-    matrix = np.eye(3)
-    matrix[:2, :2] = camera.focal_length_mm * camera.pixel_per_mm * [camera.looks_along_z, 1.0]
-    matrix[:2, 2] = camera.principal_point_px
-    return matrix
 
 
 def _to_height(point_m: Floats) -> Floats:
@@ -321,11 +327,20 @@ def _angles(plane: TangentPlane, places_m: Floats) -> tuple[Floats, Floats]:
     return longitude, latitude
 
 
-def dehomogenized(values: Floats, partials: Floats) -> tuple[Floats, Floats]:
-    """Pixels, shape (n, 2), of homogeneous ones, shape (n, 3), and their derivatives of those, shape (n, 3, m)."""
-    pixels = values[:, :2] / values[:, 2:]
-    of_pixels = partials[:, :2] - pixels[:, :, np.newaxis] * partials[:, 2:]
-    return pixels, of_pixels / values[:, 2:, np.newaxis]
+def _applied(matrices: Floats, places_m: Floats) -> Floats:
+    """Matrices, shape (n, m, 3), applied to east, north and one, shape (n, m)."""
+    return np.einsum("nij,nj->ni", matrices[..., :2], places_m) + matrices[..., 2]
+
+
+def _dehomogenized(values: Floats) -> Floats:
+    """Pixels, shape (n, 2), of homogeneous ones, shape (n, 3)."""
+    return values[:, :2] / values[:, 2:]
+
+
+def _dehomogenized_partials(values: Floats, partials: Floats) -> Floats:
+    """Derivatives of pixels, shape (n, 2, m), of those of homogeneous ones, shape (n, 3, m)."""
+    of_pixels = partials[:, :2] - _dehomogenized(values)[:, :, np.newaxis] * partials[:, 2:]
+    return of_pixels / values[:, 2:, np.newaxis]
 
 
 def _of_size(size: Floats) -> Floats:

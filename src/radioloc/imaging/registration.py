@@ -20,7 +20,7 @@ from radioloc.imaging.image_chain import Frame, FrameStatus, ImageChain, Taken, 
 from radioloc.imaging.map_features import MapFeatures
 from radioloc.imaging.maps import Map, TangentPlane
 from radioloc.imaging.matching import Detector
-from radioloc.imaging.projections import Homographies, Poses, Projections, Relief, camera_matrix
+from radioloc.imaging.projections import Homographies, Poses, Projections, Relief
 from radioloc.imaging.tie_points import TiePoint
 from radioloc.lunar import TerrainModel
 from radioloc.lunar.terrain import NoTerrainError
@@ -215,7 +215,10 @@ def _modelled(
     matrices = np.array([np.linalg.inv(one.to_plane) for one in taken])  # type: ignore[arg-type]
     places = approximate_places(ties, matrices)
     homographies = Homographies.of_matrices(matrices, np.array([one.size for one in taken], dtype=np.float64))
-    cameras = [camera_matrix(one.camera) for one in taken if one.camera is not None]
+    # In axes of which z is ahead.
+    cameras = [
+        one.camera.matrix * [one.camera.looks_along_z, 1.0, 1.0] for one in taken if one.camera is not None
+    ]
     if terrain is None or len(cameras) < len(taken):
         return ties, homographies, places
     west, south, east, north = chain.extent_m

@@ -401,8 +401,8 @@ def _undistorted(
     if solution.camera is None:
         return image, usable
     camera = solution.camera(image.shape)
-    matrix = np.eye(3)
-    matrix[:2, :2], matrix[:2, 2] = camera.focal_length_mm * camera.pixel_per_mm, camera.principal_point_px
     lens = np.array(camera.distortion.coefficients)
-    x, y = cv2.initUndistortRectifyMap(matrix, lens, None, matrix, image.shape[::-1], cv2.CV_32FC1)
+    x, y = cv2.initUndistortRectifyMap(
+        camera.matrix, lens, None, camera.matrix, image.shape[::-1], cv2.CV_32FC1
+    )
     return cv2.remap(image, x, y, cv2.INTER_LINEAR), cv2.remap(usable, x, y, cv2.INTER_NEAREST)

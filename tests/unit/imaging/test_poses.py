@@ -22,7 +22,7 @@ from radioloc.imaging import (
     register_chain,
 )
 from radioloc.imaging.adjustment import TiePoints, adjust, approximate_places
-from radioloc.imaging.projections import Homographies, Poses, Relief, camera_matrix
+from radioloc.imaging.projections import Homographies, Poses, Relief
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic
 from radioloc.simulation.descents import Descent
 from radioloc.simulation.ground import Ground
@@ -105,7 +105,7 @@ def adjusted(terrain, ties, places):
     matrices = homographies(ties, places)
     start = approximate_places(ties, matrices)
     relief = Relief.around(PLANE, terrain, start)
-    cameras = np.repeat(camera_matrix(CAMERA)[None], 6, axis=0)
+    cameras = np.repeat(CAMERA.matrix[None], 6, axis=0)
     flat = Homographies.of_matrices(matrices, np.full((6, 2), SIZE))
     model = Poses.of_homographies(relief, cameras, flat, ties.image, start[ties.point])
     return adjust(ties, replace(model, low=np.zeros(6, bool)), start)

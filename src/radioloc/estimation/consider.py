@@ -86,25 +86,37 @@ class CommonErrors:
     """
 
     noise: Whitening
-    effects: tuple[_Floats, ...]  # E, part by part
+    effects: tuple[
+        tuple[NDArray[np.intp], _Floats], ...
+    ]  # part by part, columns that are not zero and which they are
+    axes: _Floats  # (c, r), combinations of the columns that are E
     variance: _Floats  # (r,), diagonal of (1 + E^T E)^-1
 
     @classmethod
     def of(cls, noise: Whitening, effects_m: Effects) -> CommonErrors:
         """Effects on rows (m,), m, shape (m, c), of which those are kept that the noise does not hide."""
-        whitened = list(noise.whitened(effects_m))
-        squares, axes = np.linalg.eigh(sum(gram(part, part) for part in whitened))
+        effects, products = list[tuple[NDArray[np.intp], _Floats]](), np.zeros((0, 0))
+        for part in noise.whitened(effects_m):
+            # Of errors of all stations and passes few have part in any observation
+            there = np.flatnonzero(part.any(axis=0))
+            some = part[:, there]
+            products = products if effects else np.zeros((part.shape[1],) * 2)
+            products[np.ix_(there, there)] += gram(some, some)
+            effects.append((there, some))
+        squares, axes = np.linalg.eigh(products)
         felt = squares > _NEGLIGIBLE**2
-        effects = tuple(part @ axes[:, felt] for part in whitened)
-        return cls(noise, effects, 1.0 / (1.0 + squares[felt]))
+        return cls(noise, tuple(effects), axes[:, felt], 1.0 / (1.0 + squares[felt]))
 
     def whitened(self, rows_of: RowsOf) -> Iterator[_Floats]:
         """Independent combinations part by part, and the estimates of the errors as the last part."""
         parts = list(self.noise.whitened(rows_of))
-        along = sum(gram(effect, part) for effect, part in zip(self.effects, parts, strict=True))
-        estimates = self.variance[:, None] * along
-        for effect, part in zip(self.effects, parts, strict=True):
-            part -= effect @ estimates
+        along = np.zeros((len(self.axes), parts[0].shape[1]))
+        for (there, some), part in zip(self.effects, parts, strict=True):
+            along[there] += gram(some, part)
+        estimates = self.variance[:, None] * (self.axes.T @ along)
+        taken = self.axes @ estimates
+        for (there, some), part in zip(self.effects, parts, strict=True):
+            part -= some @ taken[there]
             yield part
         yield estimates
 

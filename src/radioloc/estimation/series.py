@@ -8,7 +8,7 @@ serve for all epochs at which the same baselines were observed, so that a combin
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -112,19 +112,22 @@ class Bundle:
                 values = unchained(self.factor[:, part], values)
             yield part, np.ascontiguousarray(values).reshape(*self.rows[part].shape, -1)
 
-    def whitened(self, rows_of: RowsOf, noise: Mapping[str, SeriesNoise]) -> _Floats:
-        """All values, (k, b, c), by the root of the inverse covariance of the noise of series by key.
+    def whitened_parts(self, rows_of: RowsOf, noise: Mapping[str, SeriesNoise]) -> Iterator[_Floats]:
+        """Values (k, m, c), some thousand after others, by the root of the inverse covariance of noise by series' keys.
 
         It allows for one process in place of all that a series has.
         """
         from radioloc.estimation._kernels import whiten
 
-        numbers, found, state = self._numbers(noise), list[_Floats](), np.zeros((0, 0))
+        numbers, state = self._numbers(noise), np.zeros((0, 0))
         variance = numbers[2].copy()
         for part, values in self.parts(rows_of):
-            state = state if found else np.zeros((len(variance), values.shape[2]))
-            found.append(whiten(self.step_s[part], *numbers, self.whitening[part], values, variance, state))
-        return found[0] if len(found) == 1 else np.concatenate(found, axis=1)
+            state = state if part.start else np.zeros((len(variance), values.shape[2]))
+            yield whiten(self.step_s[part], *numbers, self.whitening[part], values, variance, state)
+
+    def whitened(self, rows_of: RowsOf, noise: Mapping[str, SeriesNoise]) -> _Floats:
+        """All of them at once, (k, b, c)."""
+        return np.concatenate(list(self.whitened_parts(rows_of, noise)), axis=1)
 
     def weighted(self, values: _Floats, noise: Mapping[str, SeriesNoise]) -> _Floats:
         """Whitened values (k, b, c) by that root transposed, by which both are the inverse covariance's."""
@@ -150,10 +153,6 @@ class Bundle:
                 for one in found
             ]
         ).T.copy()
-
-    def of_observation(self, j: int) -> Bundle:
-        """What one observation of each combination has in them."""
-        return replace(self, rows=self.rows[:, [j]], whitening=self.whitening[:, :, [j]])
 
 
 def together(bundles: Sequence[Bundle]) -> list[list[Bundle]]:

@@ -198,14 +198,26 @@ class _Whitening:
     def whitened(self, rows_of: RowsOf) -> Iterator[_Floats]:
         """Independent combinations of unit variance, part by part."""
         for group in together(self.bundles):
-            whitened = [one.whitened(numbers, self.noise) for one, numbers in with_numbers(group, rows_of)]
-            yield np.concatenate([values.reshape(-1, values.shape[2]) for values in whitened])
+            if len(group) == 1:
+                for values in group[0].whitened_parts(rows_of, self.noise):
+                    yield values.reshape(-1, values.shape[2])
+            else:
+                parts = [one.whitened(numbers, self.noise) for one, numbers in with_numbers(group, rows_of)]
+                yield np.concatenate([values.reshape(-1, values.shape[2]) for values in parts])
 
     def weighted(self, parts: Iterable[_Floats]) -> Iterator[tuple[Bundle, _Floats]]:
         """Bundles, and their share of such parts by the root of the inverse covariance transposed, (k, b, c)."""
-        for group, part in zip(together(self.bundles), parts, strict=False):
-            ends = np.cumsum([bundle.rows.size for bundle in group])[:-1]
-            for bundle, of_bundle in zip(group, np.split(part, ends), strict=True):
+        part_of = iter(parts)
+        for group in together(self.bundles):
+            sizes, found = [bundle.rows.size for bundle in group], [next(part_of)]
+            if len(group) == 1:
+                while sum(map(len, found)) < sizes[0]:
+                    found.append(next(part_of))
+                series = len(group[0].series)
+                split = [np.concatenate([part.reshape(series, -1, part.shape[1]) for part in found], axis=1)]
+            else:
+                split = np.split(found[0], np.cumsum(sizes)[:-1])
+            for bundle, of_bundle in zip(group, split, strict=True):
                 values = of_bundle.reshape(len(bundle.series), len(bundle.rows), -1)
                 yield bundle, bundle.weighted(values, self.noise)
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from datetime import datetime
-from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,7 +34,7 @@ COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#00
 SCALE_95 = math.sqrt(-2.0 * math.log(0.05))
 """Of the axes of one sigma to those of the ellipse that holds 95 % in the plane."""
 
-_DPI = 200
+DPI = 200
 """Dots per inch of files made of dots."""
 _LEAST_LOG_RATIO = 4.0
 """Of the largest value to the smallest: a smaller span may hold none or one of 1, 2, 5, 10 ..."""
@@ -62,7 +61,7 @@ def new_figure(width_in: float, height_in: float, title: str = "") -> Figure:
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
     FigureCanvasAgg(figure)
     # Notebooks show a plain figure only once pyplot, with its state and its choice of a window system, is imported.
-    figure._repr_png_ = partial(_png, figure)  # type: ignore[attr-defined]
+    figure._repr_png_ = lambda: png_of(figure).getvalue()  # type: ignore[attr-defined]
     if title:
         figure.suptitle(title, fontsize=11, fontweight="bold")
     return figure
@@ -129,10 +128,12 @@ def legend_below(axes: Axes, ax: Axes | None, columns: int) -> None:
         axes.legend(fontsize=7, framealpha=0.85)
 
 
-def _png(figure: Figure) -> bytes:
+def png_of(figure: Figure, dpi: float | str = "figure") -> BytesIO:
+    """A figure as an image."""
     image = BytesIO()
-    figure.savefig(image, format="png")
-    return image.getvalue()
+    figure.savefig(image, format="png", dpi=dpi)
+    image.seek(0)
+    return image
 
 
 def style_axes(axes: Axes) -> None:
@@ -342,13 +343,13 @@ def save_figure(figure: Figure, paths: Iterable[str | Path] | str | Path) -> Non
     }
     with rc_context(fixed):
         try:
-            figure.dpi = _DPI
+            figure.dpi = DPI
             if engine is not None:
                 engine.execute(figure)
             figure.set_layout_engine(None)
             for path, ending in zip(files, endings, strict=True):
                 with replaced_file(path) as temporary:
-                    figure.savefig(temporary, format=ending, dpi=_DPI, metadata=_UNDATED.get(ending))
+                    figure.savefig(temporary, format=ending, dpi=DPI, metadata=_UNDATED.get(ending))
         finally:
             figure.dpi = own_dpi
             figure.set_layout_engine(engine)

@@ -22,6 +22,7 @@ from radioloc.report.cards import Field, metres, more
 from radioloc.report.comparison import Comparison
 from radioloc.report.covariance import CovarianceStudy
 from radioloc.report.estimate_figures import can_be_drawn, plot_budget, plot_contours, plot_correlations
+from radioloc.report.figures import DPI, png_of
 from radioloc.report.fit_card import left_out_rows
 from radioloc.report.image_solution import ImageSolution, PointSolution
 from radioloc.report.map_figures import plot_images, plot_map
@@ -56,7 +57,6 @@ Result = (
 
 PAGE = "report.html"
 """Name of the page in an output folder."""
-_DPI = 200  # of images, as of the files
 _FEW_LEFT_OUT, _MOST_LEFT_OUT = 20, 300
 _NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?|-")
 _SHORT, _LONG_WORD = 16, 30
@@ -186,7 +186,7 @@ def write_html(result: Result, path: str | Path) -> None:
     >>> radioloc.report.write_html(solution, "apollo15.html")
     """
     require_page()
-    drawn = {name: _png(draw()) for name, draw in figures_of(result).items() if draw is not None}
+    drawn = {name: png_of(draw(), DPI) for name, draw in figures_of(result).items() if draw is not None}
     write_page(result, drawn, path)
 
 
@@ -301,7 +301,7 @@ def _map(result: Result) -> dict[str, BytesIO]:
     elif isinstance(result, ImageSolution | PointSolution):
         located = {result.name: result}
     where = [one.to_dict() | {"name": name} for name, one in located.items() if _on_map(one)]
-    return {"map": _png(plot_map(where))} if where else {}
+    return {"map": png_of(plot_map(where), DPI)} if where else {}
 
 
 def _on_map(one: Solution | ImageSolution | PointSolution) -> bool:
@@ -310,20 +310,13 @@ def _on_map(one: Solution | ImageSolution | PointSolution) -> bool:
     return one.trajectory is None and one.position_estimated and one.position_determined
 
 
-def _png(figure: Figure) -> BytesIO:
-    stream = BytesIO()
-    figure.savefig(stream, format="png", dpi=_DPI)
-    stream.seek(0)
-    return stream
-
-
 def _image(png: Path | BytesIO) -> dict[str, Any]:
     """A figure within the page; its size is that on a screen of 96 dots per inch."""
     from PIL import Image  # which matplotlib needs
 
     flat, rich = BytesIO(), BytesIO()
     with Image.open(png) as image:
-        width, height = (round(96 * side / _DPI) for side in image.size)
+        width, height = (round(96 * side / DPI) for side in image.size)
         plain = image.convert("RGB")
     # What is smaller: of lines and letters it is the first, of clouds of dots and of photographs the second. Among the
     # ways to choose 256 colours, this one keeps those of maps of colours too, within 2 %.

@@ -279,13 +279,8 @@ def _require_usable(predictor: Predictor, at: Prediction) -> None:
 
 def _of_orbit(orbit: Orbit) -> tuple[str, ...]:
     """State and forces of a true orbit."""
-    given = orbit.forces.accelerations
-    thrusts = [
-        f"true thrust {one.name}: {_shown(one.constant_m_s2)} m/s2 along {one.axes}"
-        for one in given
-        if one.normal is not None
-    ]
-    of_thrust = {name for one in given if one.normal is not None for names in one.names() for name in names}
+    thrusts = [one for one in orbit.forces.accelerations if one.normal is not None]
+    of_thrust = {name for one in thrusts for names in one.names() for name in names}
     shown = {name: value for name, value in orbit.forces.parameters().items() if name not in of_thrust}
     (x, y, z), (vx, vy, vz) = (of[0].tolist() for of in orbit.states(orbit.epoch))
     field = orbit.forces.gravity
@@ -293,7 +288,7 @@ def _of_orbit(orbit: Orbit) -> tuple[str, ...]:
         f"true state at {utc_strings(orbit.epoch, 6)[0]} TDB, Moon-centred ICRF, m and m/s: "
         f"{x:.4f} {y:.4f} {z:.4f} {vx:.7f} {vy:.7f} {vz:.7f}",
         f"true forces: {field.name} to degree {field.degree}; {_shown(shown)}",
-        *thrusts,
+        *(f"true thrust {one.name}: {_shown(one.constant_m_s2)} m/s2 along {one.axes}" for one in thrusts),
     )
 
 

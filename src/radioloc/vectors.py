@@ -20,6 +20,11 @@ def length(a: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.sqrt(dot(a, a)))
 
 
+def normalized(a: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit vectors along vectors, shape (..., 3)."""
+    return np.asarray(a / length(a)[..., np.newaxis])
+
+
 def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """Vector products, shapes (n, 3), row by row; shape (n, 3)."""
     out = np.empty((3, len(a)))
@@ -33,6 +38,12 @@ def cross_matrices(a: NDArray[np.float64]) -> NDArray[np.float64]:
     x, y, z = np.moveaxis(a, -1, 0)
     zero = np.zeros_like(x)
     return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*a.shape, 3)
+
+
+def rtn_axes(position_m: NDArray[np.float64], velocity_m_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Radial, along and across axes of states, shape (..., 3, 3), one a row."""
+    across = np.cross(position_m, velocity_m_s)
+    return normalized(np.stack([position_m, np.cross(across, position_m), across], axis=-2))
 
 
 def rotated(rotation: NDArray[np.float64], a: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -28,7 +28,6 @@ from radioloc.dynamics._force_data import (
     TIDES,
     ForceData,
 )
-from radioloc.dynamics.elements import rtn_axes
 from radioloc.dynamics.forces import BODIES, Forces
 from radioloc.dynamics.gravity import acceleration_series, gradient_series, recursion, stacked
 from radioloc.dynamics.orbit import STATE, initial_state
@@ -36,6 +35,7 @@ from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.lunar import rot_between, rot_icrf_to_pa
 from radioloc.time import Epochs
+from radioloc.vectors import rtn_axes
 
 Floats = NDArray[np.float64]
 

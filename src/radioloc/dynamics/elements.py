@@ -52,13 +52,6 @@ def plane_deg(state: Floats, axes: Floats) -> tuple[float, float]:
     return float(np.degrees(np.arctan2(np.hypot(x, y), z))), float(np.degrees(np.arctan2(x, -y)) % 360.0)
 
 
-def rtn_axes(position_m: Floats, velocity_m_s: Floats) -> Floats:
-    """Radial, along and across axes of states, shape (..., 3, 3), one a row."""
-    across = np.cross(position_m, velocity_m_s)
-    axes = np.stack([position_m, np.cross(across, position_m), across], axis=-2)
-    return np.asarray(axes / np.linalg.norm(axes, axis=-1)[..., None])
-
-
 def elements_of_state(state: ArrayLike, gm_m3_s2: float, axes: ArrayLike, form: str = "keplerian") -> Floats:
     """Osculating elements of a state.
 

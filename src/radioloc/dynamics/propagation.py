@@ -22,12 +22,12 @@ from radioloc.dynamics._force_data import (
     Tolerance,
 )
 from radioloc.dynamics.accelerations import force_data, parameter_columns
-from radioloc.dynamics.elements import rtn_axes
 from radioloc.dynamics.forces import Forces, Impulse
 from radioloc.dynamics.orbit import LOWEST_M, STATE, Leg, Orbit, Rest, initial_state
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import ConvergenceError, InputError
 from radioloc.time import Epochs, utc_strings
+from radioloc.vectors import rtn_axes
 
 Floats = NDArray[np.float64]
 

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.dynamics.disturbed import AddedAccelerations
-from radioloc.dynamics.elements import rtn_axes
 from radioloc.dynamics.forces import Acceleration
 from radioloc.dynamics.orbit import Orbit
 from radioloc.time import Epochs
+from radioloc.vectors import rtn_axes
 
 Floats = NDArray[np.float64]
 Chains = tuple[Floats, Floats]

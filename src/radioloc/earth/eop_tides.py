@@ -26,11 +26,10 @@ _MJD_J2000 = 51544.5
 _UAS_RAD = 1e-6 * ARCSEC_RAD
 _EOP_UNITS = np.array([_UAS_RAD, _UAS_RAD, 1e-6])
 
-_DELAUNAY_RATES_ARCSEC_CY = np.array(
+_DELAUNAY_RATES_RAD_S = np.array(
     [1717915923.2178, 129596581.0481, 1739527262.8478, 1602961601.2090, -6962890.5431]
-)
-"""Linear terms of l, l', F, D, Omega (IERS 2010 eq. 5.43), arcsec per Julian century; enough for
-derivatives."""
+) * (ARCSEC_RAD / (_DAYS_PER_CENTURY * SECONDS_PER_DAY))
+"""Linear terms of l, l', F, D, Omega (IERS 2010 eq. 5.43, arcsec per Julian century); enough for derivatives."""
 
 _ORTHOTIDE_FACTORS = np.array(
     [(0.0298, 0.1408, 0.0805, 0.6002, 0.3025, 0.1517), (0.0200, 0.0905, 0.0638, 0.3476, 0.1645, 0.0923)]
@@ -64,7 +63,7 @@ def zonal_tides(centuries_tt: NDArray[np.float64]) -> tuple[NDArray[np.float64],
     """
     table = table_of("radioloc.earth", "ut1_zonal_tides.csv")
     angles = _delaunay(centuries_tt) @ table[:, :5].T
-    rates = table[:, :5] @ _delaunay_rates_rad_s()
+    rates = table[:, :5] @ _DELAUNAY_RATES_RAD_S
     value, rate = _harmonic_sum(angles, rates, table[:, 5:6] * 1e-4, table[:, 6:7] * 1e-4)
     return value[:, 0], rate[:, 0]
 
@@ -96,7 +95,7 @@ def libration(mjd_ut1: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArra
     chi = np.fmod(gmst_s, SECONDS_PER_DAY) * (2 * np.pi / SECONDS_PER_DAY) + np.pi
     arguments = np.column_stack([chi, _delaunay(centuries)])
     chi_rate = _GMST_RATE_S_CY * (2 * np.pi / SECONDS_PER_DAY) / (_DAYS_PER_CENTURY * SECONDS_PER_DAY)
-    argument_rates = np.concatenate([[chi_rate], _delaunay_rates_rad_s()])
+    argument_rates = np.concatenate([[chi_rate], _DELAUNAY_RATES_RAD_S])
     sums = [
         _harmonic_sum(arguments @ t[:, :6].T, t[:, :6] @ argument_rates, t[:, 6::2], t[:, 7::2])
         for t in (
@@ -113,10 +112,6 @@ def _delaunay(centuries: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.column_stack(
         [f(centuries) for f in (erfa.fal03, erfa.falp03, erfa.faf03, erfa.fad03, erfa.faom03)]
     )
-
-
-def _delaunay_rates_rad_s() -> NDArray[np.float64]:
-    return _DELAUNAY_RATES_ARCSEC_CY * ARCSEC_RAD / (_DAYS_PER_CENTURY * SECONDS_PER_DAY)
 
 
 def _harmonic_sum(

@@ -26,6 +26,7 @@ from radioloc.earth.eop_tides import libration, ocean_tides
 from radioloc.errors import PredictedEopWarning
 from radioloc.time import Epochs
 from radioloc.time.tabulated import table_of, tabulated
+from radioloc.vectors import cross_matrices
 
 _ERA_AT_J2000_TURNS = 0.7790572732640
 _ERA_EXCESS_TURNS_PER_DAY = 0.00273781191135448
@@ -109,10 +110,10 @@ class EarthOrientation:
         z_rate = -(pole[:, 0] * x_rate + pole[:, 1] * y_rate) / pole[:, 2]
         pole_rate = np.stack([x_rate, y_rate, z_rate], axis=-1)
         angular_velocity = spin_rad_s[:, None] * pole + np.cross(pole, pole_rate)
-        rate = np.cross(angular_velocity[:, None, :], np.swapaxes(rotation, -1, -2))
-        rate = np.swapaxes(rate, -1, -2) + rotation @ _polar_motion_rate(
-            eop.xp_rate_rad_s + added_rate[:, 0], eop.yp_rate_rad_s + added_rate[:, 1]
-        )
+        # Polar motion turns to first order by -yp about x and by -xp about y.
+        xp_rate, yp_rate = eop.xp_rate_rad_s + added_rate[:, 0], eop.yp_rate_rad_s + added_rate[:, 1]
+        of_pole = cross_matrices(np.stack([-yp_rate, -xp_rate, np.zeros_like(xp_rate)], axis=-1))
+        rate = cross_matrices(angular_velocity) @ rotation + rotation @ of_pole
         return EarthRotation(rotation, rate, ut1, xp_rad, yp_rad, eop.xp_rad, eop.yp_rad, eop.predicted)
 
     @bare_arguments
@@ -169,11 +170,3 @@ def _celestial_pole(tt: Epochs) -> tuple[NDArray[np.float64], NDArray[np.float64
     """
     table = table_of("radioloc.earth", "celestial_pole.npy")
     return tabulated(table, tt, lambda at: erfa.xys06a(at.jd, at.fraction)[:2])
-
-
-def _polar_motion_rate(xp_rate: NDArray[np.float64], yp_rate: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rate of the rotation by polar motion to first order in the pole: antisymmetric, 1/s, (n, 3, 3)."""
-    matrix = np.zeros((len(xp_rate), 3, 3))
-    matrix[:, 2, 0], matrix[:, 0, 2] = xp_rate, -xp_rate
-    matrix[:, 1, 2], matrix[:, 2, 1] = yp_rate, -yp_rate
-    return matrix

@@ -21,6 +21,7 @@ and 0.6 mm sideways.
 from __future__ import annotations
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
 from radioloc.constants import ARCSEC_RAD
@@ -186,10 +187,10 @@ def _step_2(
     ut1_fraction: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Sum the corrections in the frequency domain: east, north, radial, m, shape (n, 3)."""
-    moon_of_date = _polynomial(_MEAN_MOON_OF_DATE, centuries_tt)
-    tau = 360.0 * ut1_fraction + _polynomial(_MEAN_SUN_AT_MIDNIGHT, centuries_tt) - moon_of_date
-    moon = moon_of_date + _polynomial(_PRECESSION, centuries_tt)
-    slow = [_polynomial(coefficients, centuries_tt) for coefficients in _SLOW_ARGUMENTS]
+    moon_of_date = polyval(centuries_tt, _MEAN_MOON_OF_DATE)
+    tau = 360.0 * ut1_fraction + polyval(centuries_tt, _MEAN_SUN_AT_MIDNIGHT) - moon_of_date
+    moon = moon_of_date + polyval(centuries_tt, _PRECESSION)
+    slow = [polyval(centuries_tt, coefficients) for coefficients in _SLOW_ARGUMENTS]
     arguments = np.remainder(np.stack([moon, *slow], axis=-1), 360.0)
 
     cos_lat = np.sqrt(1.0 - sin_lat**2)
@@ -208,7 +209,3 @@ def _step_2(
     up += (1.5 * sin_lat**2 - 0.5) * (cosine @ radial_in + sine @ radial_out)
     north += 2.0 * sin_lat * cos_lat * (cosine @ transverse_in + sine @ transverse_out)
     return np.stack([east, north, up], axis=-1) * 1e-3
-
-
-def _polynomial(coefficients: tuple[float, ...], x: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(np.polynomial.polynomial.polyval(x, coefficients), dtype=np.float64)

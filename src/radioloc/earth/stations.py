@@ -240,9 +240,14 @@ class StationCatalogue:
                     raise StationError(f"stations {other.name} and {station.name} are both called {label!r}")
 
     @classmethod
+    @cache
     def default(cls) -> StationCatalogue:
         """Return the stations that ship with the library."""
-        return _packaged_catalogue()
+        data = files("radioloc.earth") / "data"
+        loading = parse_blq((data / "ocean_loading.blq").read_text(encoding="utf-8"), "ocean_loading.blq")
+        lines = (data / "stations.csv").read_text(encoding="utf-8").splitlines()
+        rows = csv.DictReader(line for line in lines if not line.startswith("#"))
+        return cls(_station_from_row(row, loading) for row in rows)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -320,17 +325,6 @@ def station_name(catalogue: StationCatalogue | None, *names: str) -> str:
 
 def _key(name: str | int) -> str:
     return re.sub(r"[\s_-]", "", str(name)).upper()
-
-
-@cache
-def _packaged_catalogue() -> StationCatalogue:
-    data = files("radioloc.earth") / "data"
-    loading = parse_blq((data / "ocean_loading.blq").read_text(encoding="utf-8"), "ocean_loading.blq")
-    lines = (data / "stations.csv").read_text(encoding="utf-8").splitlines()
-    return StationCatalogue(
-        _station_from_row(row, loading)
-        for row in csv.DictReader(line for line in lines if not line.startswith("#"))
-    )
 
 
 def _station_from_row(row: dict[str, str], loading: dict[str, BlqCoefficients]) -> Station:

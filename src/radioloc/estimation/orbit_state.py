@@ -16,10 +16,11 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.dynamics.arcs import OrbitArcs
 from radioloc.dynamics.disturbed import DisturbedOrbit
-from radioloc.dynamics.elements import FORMS, elements_of_state, rtn_axes, state_by_elements
+from radioloc.dynamics.elements import FORMS, elements_of_state, state_by_elements
 from radioloc.dynamics.stochastic import Chains, StochasticEffects
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.time import Epochs, utc_strings
+from radioloc.vectors import rtn_axes
 
 Floats = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from radioloc.ephemeris.positions import clock_rate
 from radioloc.lunar.frames import rot_icrf_to_pa
 from radioloc.lunar.position import LunarPosition
 from radioloc.time import Epochs, geocentric_tdb_minus_tt
-from radioloc.vectors import dot, rotated
+from radioloc.vectors import dot
 
 _START = Epochs.from_jd(2443144.5, 32.184 / SECONDS_PER_DAY, "TDB")
 """When TCB, TCG, TCL were alike and TT 65.5 microseconds before TDB; the number is that of TT."""
@@ -72,11 +72,8 @@ def tcl_minus_tdb(
     found = _tcl_minus_tcg(source, tdb) + L_G / (1.0 - L_G) * tt_since_1977_s - tdb_minus_tt_s
     if position is not None:
         pa_m = position.to_axes("PA", source.constants).xyz_m
-        rot_pa_to_icrf = np.swapaxes(
-            rot_icrf_to_pa(LunarOrientation.open(source.name).angles(tdb)[0]), -1, -2
-        )
-        velocity_m_s = source.barycentric("moon", tdb)[1]
-        found = found - dot(velocity_m_s, rotated(rot_pa_to_icrf, np.tile(pa_m, (len(tdb), 1)))) / C_M_S**2
+        icrf_m = pa_m @ rot_icrf_to_pa(LunarOrientation.open(source.name).angles(tdb)[0])
+        found = found - dot(source.barycentric("moon", tdb)[1], icrf_m) / C_M_S**2
     return found
 
 

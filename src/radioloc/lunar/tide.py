@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import EphemerisConstants
 from radioloc.lunar.frames import rot_pa_to_me
-from radioloc.vectors import dot, length
+from radioloc.vectors import dot, length, normalized
 
 # Mean of (a / R)^3 u u^T for the direction u and distance R of the Earth and the Sun, in mean-Earth axes over
 # four nodal periods of 18.6 years from 1969 (DE421); what is off the diagonal, below 2e-4, is 0.2 mm of
@@ -49,12 +49,12 @@ def solid_tide(
     a Love number about half as large: 1.5 mm, of which all but some 0.4 mm is constant) and the lag by
     dissipation (quality factor about 38 at a month: up to 3 mm).
     """
-    up = _unit(np.atleast_2d(point_pa_m))
+    up = normalized(np.atleast_2d(point_pa_m))
     bodies = ((constants.gm_earth_m3_s2, earth_pa_m), (constants.gm_sun_m3_s2, sun_pa_m))
     # S r and the trace of S.
     pull, trace = np.zeros((1, 3)), np.zeros((1, 1))
     for gm_m3_s2, place_m in bodies:
-        unit, strength = _unit(place_m), (gm_m3_s2 / length(place_m) ** 3)[:, np.newaxis]
+        unit, strength = normalized(place_m), (gm_m3_s2 / length(place_m) ** 3)[:, np.newaxis]
         pull = pull + strength * dot(unit, up)[:, np.newaxis] * unit
         trace = trace + strength
     if permanent == "removed":
@@ -68,7 +68,3 @@ def solid_tide(
     radial = constants.h2 * (1.5 * along_up - 0.5 * trace) * up
     tangential = 3.0 * constants.l2 * (pull - along_up * up)
     return MEAN_LUNAR_RADIUS_M**4 / constants.gm_moon_m3_s2 * (radial + tangential)
-
-
-def _unit(vectors_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    return vectors_m / length(vectors_m)[:, np.newaxis]

@@ -13,23 +13,10 @@ from radioloc.measurements.measurement_type import Geometry, MeasurementType, Pa
 
 
 def _of_stations(one_way: str) -> Callable[[Link], tuple[Part, ...]]:
-    def parts(link: Link) -> tuple[Part, ...]:
-        return (
-            Part(1.0, one_way, Link("", link.target, link.receiver)),
-            Part(-1.0, one_way, Link("", link.target, link.transmitter)),
-        )
-
-    return parts
-
-
-def _of_targets(delay: str) -> Callable[[Link], tuple[Part, ...]]:
-    def parts(link: Link) -> tuple[Part, ...]:
-        return (
-            Part(1.0, delay, Link(link.transmitter, link.target, link.receiver, True)),
-            Part(-1.0, delay, Link(link.transmitter, link.second_target, link.receiver, True)),
-        )
-
-    return parts
+    return lambda link: (
+        Part(1.0, one_way, Link("", link.target, link.receiver)),
+        Part(-1.0, one_way, Link("", link.target, link.transmitter)),
+    )
 
 
 DIFFERENCED_RANGE = MeasurementType(
@@ -56,5 +43,8 @@ DIFFERENCED_DELAY = MeasurementType(
     geometry=Geometry.COMBINED,
     form="station1<target1|target2>station2",
     tags=("receive",),
-    parts=_of_targets("vlbi_delay"),
+    parts=lambda link: (
+        Part(1.0, "vlbi_delay", Link(link.transmitter, link.target, link.receiver, True)),
+        Part(-1.0, "vlbi_delay", Link(link.transmitter, link.second_target, link.receiver, True)),
+    ),
 )

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S
 from radioloc.measurements.station_motion import StationMotion
 from radioloc.time import Epochs
-from radioloc.vectors import cross, dot, rotated
+from radioloc.vectors import cross, dot, normalized, rotated
 
 _SUN_AU = 1.0
 """Of the distance to the Sun depends the aberration's relativistic part, below 1e-7 arcseconds."""
@@ -53,10 +53,8 @@ def direction(
     beta = station.point.velocity_m_s / C_M_S * (-1.0 if sends else 1.0)
     seen = np.asarray(erfa.ab(unit_bcrs, beta, _SUN_AU, np.sqrt(1.0 - dot(beta, beta))))
     up = station.up_gcrs
-    east = cross(station.pole_gcrs, up)
-    north = cross(up, east) / np.linalg.norm(east, axis=-1)[:, None]
-    east = east / np.linalg.norm(east, axis=-1)[:, None]
-    horizontal = dot(east, seen), dot(north, seen)
+    east = normalized(cross(station.pole_gcrs, up))
+    horizontal = dot(east, seen), dot(cross(up, east), seen)
     ra_deg, dec_deg = _angles_deg(rotated(erfa.pnm06a(tt.jd, tt.fraction), seen))
     return Direction(
         np.degrees(np.arctan2(*horizontal)) % 360.0,

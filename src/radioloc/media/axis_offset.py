@@ -22,7 +22,7 @@ import numpy as np
 
 from radioloc.constants import EARTH_ROTATION_RAD_S
 from radioloc.media.medium import Floats, Leg, LegDelay, LegEnd
-from radioloc.vectors import cross, dot, length
+from radioloc.vectors import cross, dot, length, normalized
 
 _REFRACTION_RAD = 3.13e-4
 """Refractivity of the air on the ground: refraction is this times the cotangent of the elevation."""
@@ -80,12 +80,8 @@ def _fixed_axes(leg: Leg) -> Floats:
     for mount in {*mounts} - {"azimuth_elevation"}:
         axis = pole
         if mount != "equatorial":
-            east = _normalized(cross(pole, up))
+            east = normalized(cross(pole, up))
             axis = cross(up, east) if mount == "xy_north" else east
         mine = leg.end.of_station([one == mount for one in mounts])
         fixed = np.where(mine[:, None], axis, fixed)
     return fixed
-
-
-def _normalized(vectors: Floats) -> Floats:
-    return np.asarray(vectors / length(vectors)[:, None])

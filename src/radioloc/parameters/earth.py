@@ -39,17 +39,9 @@ def _displaced(rows: ObservationRows, shifts: NDArray[np.float64]) -> NDArray[np
     return np.moveaxis(found, 0, -1)
 
 
-def _ut1(rows: ObservationRows) -> NDArray[np.float64]:
-    x, y, z = _itrf_m(rows).T
-    return _displaced(rows, EARTH_ROTATION_RAD_S * np.stack([-y, x, 0.0 * z], axis=-1)[..., None])
-
-
-def _pole(rows: ObservationRows) -> NDArray[np.float64]:
-    """W = R3(-s') R2(xp) R1(yp), IERS Conventions 2010, equation 5.3."""
-    x, y, z = _itrf_m(rows).T
-    zero = 0.0 * x
-    by_xp, by_yp = np.stack([-z, zero, x], axis=-1), np.stack([zero, z, -y], axis=-1)
-    return _displaced(rows, np.stack([by_xp, by_yp], axis=-1))
+def _turned(rows: ObservationRows, axes: list[list[float]]) -> NDArray[np.float64]:
+    """Partials by turns of the Earth about axes, ITRF, rad per unit, shape (components, 3)."""
+    return _displaced(rows, np.swapaxes(np.cross(axes, _itrf_m(rows)[:, None]), 1, 2))
 
 
 def _electron_content(rows: ObservationRows) -> NDArray[np.float64]:
@@ -125,7 +117,7 @@ UT1 = ParameterKind(
     unit="s",
     description="correction to the tabulated UT1",
     scopes=(Scope.EARTH, Scope.SESSION),
-    partials=_ut1,
+    partials=lambda rows: _turned(rows, [[0.0, 0.0, EARTH_ROTATION_RAD_S]]),
     acts_on=everywhere,
     scale=2e-3,
     more_partials=True,
@@ -136,7 +128,8 @@ POLE = ParameterKind(
     unit="rad",
     description="correction to the tabulated pole coordinates xp and yp",
     scopes=(Scope.EARTH, Scope.SESSION),
-    partials=_pole,
+    # W = R3(-s') R2(xp) R1(yp), IERS Conventions 2010, equation 5.3.
+    partials=lambda rows: _turned(rows, [[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0]]),
     acts_on=everywhere,
     components=("x", "y"),
     scale=1.6e-7,

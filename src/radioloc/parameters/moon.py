@@ -19,7 +19,7 @@ from radioloc.measurements.registry import is_on_map, kind_of
 from radioloc.parameters.kind import Members, ParameterKind, Scope, Sigmas, everywhere
 from radioloc.parameters.rows import ObservationRows
 from radioloc.time import Epochs
-from radioloc.vectors import dot
+from radioloc.vectors import dot, rtn_axes
 
 _MJD_2000, _DAYS_PER_YEAR = 51544.5, 365.25
 
@@ -28,13 +28,8 @@ def _moon_position(rows: ObservationRows) -> NDArray[np.float64]:
     model = rows.model
 
     def axes_pa(tdb: Epochs) -> NDArray[np.float64]:
-        position_m, velocity_m_s = model.ephemeris.geocentric("moon", tdb)
-        radial = position_m / np.linalg.norm(position_m, axis=-1)[:, None]
-        normal = np.cross(position_m, velocity_m_s)
-        normal = normal / np.linalg.norm(normal, axis=-1)[:, None]
-        axes = np.stack([radial, np.cross(normal, radial), normal], axis=1)
-        to_pa = rot_icrf_to_pa(model.libration.angles(tdb)[0])
-        return np.asarray(np.einsum("nij,nkj->nki", to_pa, axes))
+        axes = rtn_axes(*model.ephemeris.geocentric("moon", tdb))
+        return axes @ np.swapaxes(rot_icrf_to_pa(model.libration.angles(tdb)[0]), -1, -2)
 
     return rows.by_displacement(axes_pa)[:, None, :]
 

@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 
 from radioloc.dynamics import STATE, AdjustableOrbit
 from radioloc.dynamics.arcs import OrbitArcs
-from radioloc.dynamics.elements import FORMS, elements_of_state, rtn_axes, state_by_elements
+from radioloc.dynamics.elements import FORMS, elements_of_state, state_by_elements
 from radioloc.lunar import cartesian_to_selenographic, east_north_up
 from radioloc.measurements.lunar_motion import lunar_motion
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.parameters.position import PositionFunction, PositionParameters
 from radioloc.time import Epochs
+from radioloc.vectors import rtn_axes
 
 Floats = NDArray[np.float64]
 

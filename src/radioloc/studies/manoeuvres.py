@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit, Impulse
-from radioloc.dynamics.elements import rtn_axes
 from radioloc.errors import RadiolocError
 from radioloc.estimation.orbit_state import RTN
 from radioloc.estimation.statistics import robust_scale
@@ -25,6 +24,7 @@ from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import is_integrated
 from radioloc.studies.orbit_steps import fitted_state
 from radioloc.time import Epochs, tt_to_tdb, utc_strings, utc_to_tt
+from radioloc.vectors import rtn_axes
 
 logger = logging.getLogger(__name__)
 

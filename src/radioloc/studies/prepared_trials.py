@@ -16,7 +16,6 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit, Orbit
 from radioloc.dynamics.arcs import OrbitArcs
 from radioloc.dynamics.disturbed import DisturbedOrbit
-from radioloc.dynamics.elements import rtn_axes
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.estimation.consider import few_errors
@@ -65,6 +64,7 @@ from radioloc.studies.simulate import scenario_of
 from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.study import Study
 from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
+from radioloc.vectors import rtn_axes
 
 _Floats = NDArray[np.float64]
 

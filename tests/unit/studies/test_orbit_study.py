@@ -14,13 +14,14 @@ from tracked_orbit import OFF, STATE, craft, tracked
 
 import radioloc
 from radioloc.dynamics import Forces, GravityField, draw_gravity_errors, propagate
-from radioloc.dynamics.elements import FORMS, elements_of_state, equatorial_axes, rtn_axes
+from radioloc.dynamics.elements import FORMS, elements_of_state, equatorial_axes
 from radioloc.errors import InputError
 from radioloc.estimation.least_squares import FitStatus
 from radioloc.measurements import ExactPredictor, PhysicalModel
 from radioloc.studies.orbit_choice import OrbitChoice
 from radioloc.studies.orbiter import Orbiter
 from radioloc.time import Epochs
+from radioloc.vectors import rtn_axes
 
 SIGMA_M = 2e-4
 REAL = Path(__file__).parents[4] / "shared" / "data" / "odf"

@@ -12,11 +12,11 @@ from tracked_orbit import OFF, PASSES_S, STATE, craft, tracked
 
 import radioloc
 from radioloc.dynamics import Acceleration, Forces, GravityField
-from radioloc.dynamics.elements import rtn_axes
 from radioloc.dynamics.stochastic import stochastic_forces
 from radioloc.errors import InputError
 from radioloc.measurements import ExactPredictor, PhysicalModel
 from radioloc.studies.orbit_choice import OrbitChoice, ProcessNoise
+from radioloc.vectors import rtn_axes
 
 SIGMA_M = 2e-4
 SIGMA_M_S2 = 1e-7

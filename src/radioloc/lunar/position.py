@@ -157,8 +157,8 @@ class LunarPosition:
         light_s, xyz_m = 0.0, np.zeros((len(tdb), 3))
         for _ in range(2):
             left = tdb.shifted(-light_s)
-            rot_pa_to_icrf = np.swapaxes(rot_icrf_to_pa(libration.angles(left)[0]), -1, -2)
-            xyz_m = ephemeris.geocentric("moon", left)[0] + rot_pa_to_icrf @ pa_m
+            from_centre_m = pa_m @ rot_icrf_to_pa(libration.angles(left)[0])
+            xyz_m = ephemeris.geocentric("moon", left)[0] + from_centre_m
             light_s = np.linalg.norm(xyz_m, axis=-1) / C_M_S
         return SkyCoord(GCRS(CartesianRepresentation(xyz_m, unit="m", xyz_axis=-1), obstime=tdb.to_time()))
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from radioloc.boundary import bare_fields
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError, StationError
-from radioloc.measurements.light_path import RECEIVE, TRANSMIT
+from radioloc.measurements.light_path import RECEIVE, TRANSMIT, halves
 
 LONGEST_DELAY_S = 1e-3
 """Transponders and ground equipment hold a signal for up to some microseconds; motions are straight for so long."""
@@ -118,7 +118,7 @@ class EquipmentDelays:
             for k, name in enumerate(stations):
                 delay = self.stations.get(name, StationDelay())
                 by_station_s[k] = delay.transmit_s or 0.0, delay.receive_s or 0.0
-        transmitter, receiver = np.split(which, 2)
+        transmitter, receiver = halves(which)
         # The first station's arrival comes at its reference point before the tag, and is taken off the difference.
         transmit_s, receive_s = by_station_s[transmitter].T
         first_s = np.where(sign > 0.0, transmit_s, np.where(sign < 0.0, -receive_s, 0.0))

@@ -22,7 +22,7 @@ from radioloc.constants import C_M_S
 from radioloc.ephemeris.trajectory import AdjustableTrajectory
 from radioloc.measurements.light_path import LightPath, halves, path_length_partials, twice
 from radioloc.measurements.predictor import Computed
-from radioloc.measurements.prepared_paths import PreparedPaths, summed_ends
+from radioloc.measurements.prepared_paths import PreparedPaths
 from radioloc.measurements.ramps import RampTerm, ramp_term
 from radioloc.measurements.records import rows_of
 from radioloc.measurements.registry import is_integrated
@@ -91,9 +91,9 @@ class ExactPredictor(PreparedPaths):
             by_time = by_time - C_M_S * ramp.scale * (second_rate - first_rate)
         by_delay = np.concatenate([partials.by_up_delay, partials.by_down_delay])
         by_media = by_delay * drag
-        by_time = by_time + ramp.by_tag_m_s + summed_ends(by_media * views.rate_m_s)
+        by_time = by_time + ramp.by_tag_m_s + np.add(*halves(by_media * views.rate_m_s))
         by_position = partials.by_position - C_M_S * ahead_by_place
-        by_position = by_position + summed_ends(by_media[:, None] * views.by_position)
+        by_position = by_position + np.add(*halves(by_media[:, None] * views.by_position))
         by_position = by_position * (self._target >= 0)[:, None]
         by_position_pa = rotated(np.swapaxes(self._moon.rot_pa_to_icrf, -1, -2), by_position)
 

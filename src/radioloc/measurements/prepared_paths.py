@@ -179,10 +179,6 @@ class PreparedPaths(Predictor):
         catalogue = self.model.catalogue
         return catalogue.get(transmitter).name if transmitter in catalogue else transmitter
 
-    def _half(self, end: int) -> slice:
-        n = len(self._tag)
-        return slice(end * n, (end + 1) * n)
-
     def _beside(self, x: Floats) -> Floats:
         """Position beside the trajectory; one that is adjustable goes where changes of its parameters take it."""
         if self.trajectory is None or not isinstance(self.trajectory, AdjustableTrajectory):
@@ -240,7 +236,7 @@ class PreparedPaths(Predictor):
         rate = np.array([station_rate(one) if one.name in free else 0.0 for one in self._stations])[
             self._which
         ]
-        rate[self._half(0)][self._sign == 0.0] = 0.0
+        halves(rate)[0][self._sign == 0.0] = 0.0
         since_s = np.zeros(len(self._tag))
         if rate.any() and self._clock_epoch is not None:
             since_s = self._reference.seconds_since(self._clock_epoch)
@@ -257,12 +253,12 @@ class PreparedPaths(Predictor):
             self._stations,
             which,
             self._tt[twice(np.arange(len(paths)))],
-            twice(is_radio(paths.wavelength_um, self._stations, which[self._half(1)])),
+            twice(is_radio(paths.wavelength_um, self._stations, halves(which)[1])),
             twice(is_integrated(paths.kind)),
             np.where(sent & ~np.isnan(uplink_hz), uplink_hz, down_hz),
             twice(paths.wavelength_um),
             Weather(*map(twice, weather)),
-            which == twice(which[self._half(1)]),
+            which == twice(halves(which)[1]),
         )
 
     def _relay(self, lander_pa_m: Floats) -> MovingPoint:
@@ -354,12 +350,6 @@ class PreparedPaths(Predictor):
         moon_gcrs_m = None if self.trajectory is None else twice(self._moon.moon_gcrs_m)
         leg = Leg(self._end, self._ends, twice(lander_gcrs_m), twice(velocity_m_s))
         return line_of_sight(leg, self.model.media, self._media, moon_gcrs_m)
-
-
-def summed_ends(of_ends: Floats) -> Floats:
-    """What belongs to the ends of paths, summed."""
-    first, second = halves(of_ends)
-    return np.asarray(first + second)
 
 
 def is_radio(

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+import erfa
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,7 +19,7 @@ from radioloc.errors import FileFormatError
 from radioloc.measurements.link import canonical_target
 from radioloc.text_files import read_lines, read_rows
 from radioloc.time import Epochs
-from radioloc.vectors import dot
+from radioloc.vectors import dot, normalized
 
 COLUMNS = ("source", "right_ascension_deg", "declination_deg")
 
@@ -60,7 +61,7 @@ def read_sources(path: str | Path) -> dict[str, NDArray[np.float64]]:
         except (ValueError, IndexError):
             said = row if isinstance(row, str) else ",".join(row.values())
             raise FileFormatError(path, f"{said.strip()!r} is no source with its place", number) from None
-        direction = _direction(*angles_rad)
+        direction = erfa.s2c(*angles_rad)
         for name in map(canonical_target, names):
             if not np.array_equal(found.setdefault(name, direction), direction):
                 raise FileFormatError(path, f"{name} is there twice, in two places", number)
@@ -90,17 +91,6 @@ def _checked(right_ascension_deg: float, declination_deg: float) -> tuple[float,
     return np.radians(right_ascension_deg), np.radians(declination_deg)
 
 
-def _direction(right_ascension_rad: float, declination_rad: float) -> NDArray[np.float64]:
-    cosine = np.cos(declination_rad)
-    return np.array(
-        [
-            cosine * np.cos(right_ascension_rad),
-            cosine * np.sin(right_ascension_rad),
-            np.sin(declination_rad),
-        ]
-    )
-
-
 def with_galactic_aberration(direction: NDArray[np.float64], tdb: Epochs) -> NDArray[np.float64]:
     """Directions, shape (n, 3), at epochs, of sources that are given for 2015.0, as in the ICRF3.
 
@@ -108,7 +98,7 @@ def with_galactic_aberration(direction: NDArray[np.float64], tdb: Epochs) -> NDA
     microarcseconds a year (Charlot et al. 2020, Astron. Astrophys. 644, A159).
     """
     years = ((tdb.jd - _EPOCH_JD) + tdb.fraction) / 365.25
-    towards = np.broadcast_to(_direction(*_TO_GALACTIC_CENTRE), direction.shape)
+    towards = np.broadcast_to(erfa.s2c(*_TO_GALACTIC_CENTRE), direction.shape)
     across = towards - direction * dot(towards, direction)[:, None]
     moved = direction + across * (_ABERRATION_RAD_YR * years)[:, None]
-    return moved / np.sqrt(dot(moved, moved))[:, None]
+    return normalized(moved)

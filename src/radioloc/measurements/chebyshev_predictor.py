@@ -256,8 +256,8 @@ class ChebyshevPrediction:
             smooth = np.flatnonzero(segment >= 0)
             status[smooth] = self._status[segment[smooth]]
         computed = unstacked(out, self._layout, status)
-        if len(self._exact.value_m):
-            few = np.flatnonzero(segment < 0)
+        few = np.flatnonzero(segment < 0)
+        if len(few):
             exact = self._exact.rows(-1 - segment[few])
             for name in (*self._layout, "status"):
                 getattr(computed, name)[few] = getattr(exact, name)

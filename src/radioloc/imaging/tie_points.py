@@ -13,6 +13,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +22,7 @@ import numpy as np
 
 from radioloc.errors import FileFormatError, InputError
 from radioloc.imaging.maps import Map
-from radioloc.text_files import read_text, write_text
+from radioloc.text_files import numbers_of, read_text, write_text
 
 _COLUMNS = ("point", "image", "sample", "line", "sigma_px", "longitude_deg", "latitude_deg", "sigma_m")
 _QGIS = ("mapX", "mapY", "sourceX", "sourceY", "enable")
@@ -79,12 +80,16 @@ def read_tie_points(path: str | Path, *, image: str | None = None, base: Map | N
     (-19.51, 174.0)
     """
     path = Path(path)
-    text = read_text(path)
+    lines = read_text(path).split("\n")
     if path.suffix.lower() == ".gcp":
-        return _read_gcp(path, text)
-    if path.suffix.lower() == ".points":
-        return _read_qgis(path, text, image or path.stem, base)
-    return _read_table(path, text)
+        points = _read_gcp(path, lines)
+    elif path.suffix.lower() == ".points":
+        points = _read_qgis(path, lines, image or path.stem, base)
+    else:
+        points = _read_table(path, lines)
+    if not points:
+        raise FileFormatError(path, "has no tie points")
+    return points
 
 
 def write_tie_points(
@@ -128,9 +133,9 @@ def write_tie_points(
     write_text(path, text)
 
 
-def _read_gcp(path: Path, text: str) -> list[TiePoint]:
+def _read_gcp(path: Path, lines: list[str]) -> list[TiePoint]:
     points = []
-    for number, line in enumerate(text.split("\n"), start=1):
+    for number, line in enumerate(lines, start=1):
         fields = line.partition("#")[0].replace(",", " ").split()
         if not fields:
             continue
@@ -141,45 +146,41 @@ def _read_gcp(path: Path, text: str) -> list[TiePoint]:
                 "each image its name, column, row and two sigmas",
                 number,
             )
-        latitude, longitude, height_m, *sigmas_m = (_number(path, f, number) for f in fields[1:_GCP_FIELDS])
+        about = numbers_of(path, number, fields[1:_GCP_FIELDS], "a place with its sigmas")
+        latitude, longitude, height_m, *sigmas_m = about
         measurements = []
         for k in range(_GCP_FIELDS, len(fields), _MEASURE_FIELDS):
-            sample, row, *sigmas = (_number(path, f, number) for f in fields[k + 1 : k + _MEASURE_FIELDS])
+            words = fields[k + 1 : k + _MEASURE_FIELDS]
+            sample, row, *sigmas = numbers_of(path, number, words, "a pixel with its sigmas")
             measurements.append(Measurement(Path(fields[k]).name, sample, row, _mean(path, sigmas, number)))
         place = _place(path, longitude, latitude, number)
         points.append(
             TiePoint(fields[0], tuple(measurements), *place, _mean(path, sigmas_m[:2], number), height_m)
         )
-    return _some(path, points)
+    return points
 
 
-def _read_qgis(path: Path, text: str, image: str, base: Map | None) -> list[TiePoint]:
-    lines = [(k, line) for k, line in enumerate(text.split("\n"), start=1) if line.strip()]
-    lines = [(k, line) for k, line in lines if not line.startswith("#CRS")]
-    if not lines or lines[0][1].strip().split(",")[:4] not in (
-        list(_QGIS[:4]),
-        ["mapX", "mapY", "pixelX", "pixelY"],
-    ):
+def _read_qgis(path: Path, lines: list[str], image: str, base: Map | None) -> list[TiePoint]:
+    rows = [(k, line) for k, line in enumerate(lines, start=1) if line.strip() and line[:4] != "#CRS"]
+    if not rows or not re.match(r"mapX,mapY,(sourceX,sourceY|pixelX,pixelY)\b", rows[0][1]):
         raise FileFormatError(path, f"has no heading {','.join(_QGIS)}, with which files of QGIS begin", 1)
     points = []
-    for number, line in lines[1:]:
+    for number, line in rows[1:]:
         fields = line.split(",")
         if len(fields) < len(_QGIS):
             raise FileFormatError(path, f"{len(fields)} fields; a point of QGIS has five or more", number)
-        x, y, source_x, source_y, enabled = (_number(path, f, number) for f in fields[: len(_QGIS)])
+        x, y, source_x, source_y, enabled = numbers_of(path, number, fields[: len(_QGIS)], "a coordinate")
         if not enabled:
             continue
-        if base is None:
-            longitude, latitude = x, y
-        else:
-            longitude, latitude = (float(v) for v in base.longitude_latitude_deg(base.from_xy_m([[x, y]]))[0])
+        if base is not None:
+            x, y = base.longitude_latitude_deg(base.from_xy_m([[x, y]]))[0].tolist()
         measured = Measurement(image, source_x - 0.5, -source_y - 0.5)
-        points.append(TiePoint(str(number), (measured,), *_place(path, longitude, latitude, number), None))
-    return _some(path, points)
+        points.append(TiePoint(str(number), (measured,), *_place(path, x, y, number), None))
+    return points
 
 
-def _read_table(path: Path, text: str) -> list[TiePoint]:
-    rows = list(csv.reader(io.StringIO(text)))
+def _read_table(path: Path, lines: list[str]) -> list[TiePoint]:
+    rows = list(csv.reader(lines))
     if not rows or any(name not in rows[0] for name in _COLUMNS[:4]):
         raise FileFormatError(path, f"has no heading with {', '.join(_COLUMNS[:4])}", 1)
     unknown = sorted(set(rows[0]) - set(_COLUMNS))
@@ -194,23 +195,24 @@ def _read_table(path: Path, text: str) -> list[TiePoint]:
             continue
         if len(row) != len(rows[0]):
             raise FileFormatError(path, f"{len(row)} fields where the heading has {len(rows[0])}", number)
-        cells = dict(zip(rows[0], row, strict=True))
-        sample, line = (_number(path, cells[name], number) for name in ("sample", "line"))
-        sigma = cells.get("sigma_px")
-        sigma_px = _mean(path, [_number(path, sigma, number)], number) if sigma else _DEFAULT_SIGMA_PX
-        measured.setdefault(cells["point"], []).append(Measurement(cells["image"], sample, line, sigma_px))
-        degrees = [cells.get(name) or None for name in ("longitude_deg", "latitude_deg")]
-        if (degrees[0] is None) != (degrees[1] is None):
+        cells = dict.fromkeys(_COLUMNS, "") | dict(zip(rows[0], row, strict=True))
+        point = cells["point"]
+        words = [cells["sample"], cells["line"], cells["sigma_px"] or str(_DEFAULT_SIGMA_PX)]
+        sample, line, sigma_px = numbers_of(path, number, words, "a pixel with its sigma")
+        here = Measurement(cells["image"], sample, line, _mean(path, [sigma_px], number))
+        measured.setdefault(point, []).append(here)
+        degrees = [word for word in (cells["longitude_deg"], cells["latitude_deg"]) if word]
+        if len(degrees) == 1:
             raise FileFormatError(path, "longitude_deg or latitude_deg is empty, but not both", number)
-        if degrees[0] is not None and degrees[1] is not None:
-            longitude, latitude = (_number(path, d, number) for d in (degrees[0], degrees[1]))
+        if degrees:
+            degrees += [cells["sigma_m"]] if cells["sigma_m"] else []
+            longitude, latitude, *sigma_m = numbers_of(path, number, degrees, "a place with its sigma")
             at = _place(path, longitude, latitude, number)
-            sigma = cells.get("sigma_m")
-            here = (*at, _mean(path, [_number(path, sigma, number)], number) if sigma else None)
-            if places.setdefault(cells["point"], here) != here:
-                raise FileFormatError(path, f"point {cells['point']!r} has two places", number)
+            place = (*at, _mean(path, sigma_m, number) if sigma_m else None)
+            if places.setdefault(point, place) != place:
+                raise FileFormatError(path, f"point {point!r} has two places", number)
     nowhere = (None, None, None)
-    return _some(path, [TiePoint(name, tuple(m), *places.get(name, nowhere)) for name, m in measured.items()])
+    return [TiePoint(name, tuple(m), *places.get(name, nowhere)) for name, m in measured.items()]
 
 
 def _gcp_line(point: TiePoint) -> str:
@@ -253,16 +255,6 @@ def _table_text(points: Sequence[TiePoint]) -> str:
     return stream.getvalue()
 
 
-def _number(path: Path, field: str, line: int) -> float:
-    try:
-        value = float(field)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise FileFormatError(path, f"{field!r} is not a number", line)
-    return value
-
-
 def _mean(path: Path, sigmas: Iterable[float], line: int) -> float:
     """One sigma of two coordinates, their root mean square."""
     values = list(sigmas)
@@ -279,9 +271,3 @@ def _place(path: Path, longitude: float, latitude: float, line: int) -> tuple[fl
             line,
         )
     return longitude - 360.0 * round(longitude / 360.0), latitude
-
-
-def _some(path: Path, points: list[TiePoint]) -> list[TiePoint]:
-    if not points:
-        raise FileFormatError(path, "has no tie points")
-    return points

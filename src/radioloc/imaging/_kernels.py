@@ -52,19 +52,21 @@ def lagrange(times_s: Floats, values: Floats, time_s: Floats) -> Floats:
 
 @compiled()
 def coupled(first: Indices, image: Indices, coupling: Floats, between: Floats, out: Floats) -> None:
-    """Add the sum of W B W^T over all points to the lower triangle of `out`.
+    """Add the sum of W B W^T over all points to `out`, shape (images, images, 8, 8), where the first image is not less.
 
     Given are W^T of each observation, shape (n, 2, 8), and B of each point, symmetric, shape (points, 2, 2).
     """
+    s, t = np.empty(8), np.empty(8)
     for j in range(len(first) - 1):
         a, b, c = between[j, 0, 0], between[j, 0, 1], between[j, 1, 1]
         for k in range(first[j], first[j + 1]):
             for p in range(8):
                 u, v = coupling[k, 0, p], coupling[k, 1, p]
-                s, t = a * u + b * v, b * u + c * v
-                row = out[8 * image[k] + p]
-                for m in range(first[j], first[j + 1]):
-                    if image[m] > image[k]:
-                        break
+                s[p], t[p] = a * u + b * v, b * u + c * v
+            for m in range(first[j], first[j + 1]):
+                if image[m] > image[k]:
+                    break
+                block = out[image[k], image[m]]
+                for p in range(8):
                     for q in range(8):
-                        row[8 * image[m] + q] += s * coupling[m, 0, q] + t * coupling[m, 1, q]
+                        block[p, q] += s[p] * coupling[m, 0, q] + t[p] * coupling[m, 1, q]

@@ -19,6 +19,7 @@ once in 1000.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -151,7 +152,7 @@ def adjust(ties: TiePoints, model: Projections, places: Floats) -> Adjusted:
         if settled and number and np.abs(factors / observed.factors - 1.0).max() < _SETTLED:
             return Adjusted(
                 model,
-                normal.solved(np.eye(len(normal.right))),
+                normal.covariance(),
                 places,
                 observed.used[:pixels],
                 observed.used[pixels:],
@@ -220,7 +221,7 @@ class _Observed:
 class _NormalEquations:
     """The normal equations of the images, places eliminated."""
 
-    factor: tuple[Floats, bool]
+    factor: Floats  # of Cholesky, below the diagonal
     right: Floats
     parameters: int  # that have an effect
     image: Indices  # of each pixel that is used, and the point:
@@ -231,16 +232,23 @@ class _NormalEquations:
     points_right: Floats  # shape (points, 2)
     map_weight: Floats  # shape (points,)
 
-    def solved(self, right: Floats) -> Floats:
-        """For a right side, or more than one."""
+    def step(self) -> Floats:
+        """Corrections of the images, shape (images, 8)."""
         from scipy.linalg import cho_solve
 
-        return np.asarray(cho_solve(self.factor, right))
+        return np.asarray(cho_solve((self.factor, True), self.right)).reshape(-1, 8)
+
+    def covariance(self) -> Floats:
+        """The inverse."""
+        from scipy.linalg.lapack import dpotri
+
+        lower = np.tril(dpotri(self.factor, lower=True)[0])
+        return np.asarray(lower + np.tril(lower, -1).T)
 
     def places_moved(self, step: Floats) -> Floats:
         """What a step of the images, shape (images, 8), does to the places, shape (points, 2)."""
-        by_images = np.einsum("nip,np->ni", self.coupling, step[self.image])
-        left = self.points_right - _sums(self.point, by_images, len(self.points_right))
+        by_images = np.einsum("nip,np->in", self.coupling, step[self.image])
+        left = self.points_right - _sums(self.point, by_images, len(self.points_right)).T
         return np.einsum("nij,nj->ni", self.points_inverse, left)
 
     def redundancies(self, observed: _Observed) -> tuple[Floats, int]:
@@ -250,9 +258,10 @@ class _NormalEquations:
         total = 2 * int(observed.used.sum() - seen.sum()) - self.parameters
         # Of each place the variances, of the covariance V^-1 + V^-1 W^T C W V^-1, times what they weigh on the map.
         between = self.map_weight[:, np.newaxis, np.newaxis] * (self.points_inverse @ self.points_inverse)
-        lower = _coupled(self.first, self.image, self.coupling, between, len(self.right))
-        inverse = self.solved(np.eye(len(self.right)))
-        explained = 2.0 * np.vdot(lower, inverse) - np.vdot(lower.diagonal(), inverse.diagonal())
+        blocks = _coupled(self.first, self.image, self.coupling, between, len(self.right) // 8)
+        covariance = self.covariance().reshape(len(blocks), 8, len(blocks), 8)
+        explained = 2.0 * np.einsum("ijpq,ipjq", blocks, covariance)
+        explained -= np.einsum("iipq,ipiq", blocks, covariance)
         explained += self.map_weight @ np.trace(self.points_inverse, axis1=1, axis2=2)
         of_map = 2.0 * int(observed.used[len(observed.ties.point) :].sum()) - float(explained)
         return np.array([total - of_map, of_map]), total
@@ -265,8 +274,7 @@ def _solve(
     chi2 = observed.chi2(observed.residuals(model, places), observed.factors).sum()
     for _ in range(_STEPS):
         normal = _normal_equations(observed, model, places)
-        step = normal.solved(normal.right)
-        of_images = step.reshape(model.images, -1)
+        of_images = normal.step()
         of_places = normal.places_moved(of_images)
         # Halved until chi squared does not grow: from far off a whole step may lead beyond a horizon.
         for part in 0.5 ** np.arange(_HALVINGS + 1):
@@ -275,7 +283,7 @@ def _solve(
             if after <= (1.0 + _ROUNDING) * chi2:
                 break
         (model, places), chi2 = following, after
-        if small := bool(step @ normal.right < _CONVERGED):
+        if small := bool(np.vdot(of_images, normal.right) < _CONVERGED):
             break
     return model, places, normal, small
 
@@ -288,57 +296,68 @@ def _normal_equations(observed: _Observed, model: Projections, places: Floats) -
     map_used = observed.used[len(ties.point) :]
     image, point = ties.image[pixels], ties.point[pixels]
     found = model.project(image, point, places)
-    weight = (observed.factors[0] * ties.sigma_px[pixels, np.newaxis]) ** -1.0
-    by_image = found.by_parameters * weight[..., np.newaxis]
-    to_place = (found.by_place * weight[..., np.newaxis]).transpose(0, 2, 1)
-    residual = (ties.pixels[pixels] - found.pixels) * weight
+    # Components are rows here, of all observations: derivatives by images (2, 8, n) and places (2, 2, n).
+    weight = (observed.factors[0] * ties.sigma_px[pixels]) ** -1.0
+    by_image, by_place = (np.moveaxis(part, 0, -1) * weight for part in (found.by_parameters, found.by_place))
+    residual = (ties.pixels[pixels] - found.pixels).T * weight
     map_point = ties.map_point[map_used]
-    map_weights = (observed.factors[1] * ties.map_sigma_m[map_used, np.newaxis]) ** -2.0
-    [map_weight] = _sums(map_point, map_weights, count).T
+    map_weights = (observed.factors[1] * ties.map_sigma_m[map_used]) ** -2.0
+    map_weight = _sums(map_point, map_weights, count)
     # The points' own part, of those of which nothing is used such that nothing moves them.
     first = np.searchsorted(point, np.arange(count + 1))
     alone = (np.diff(first) == 0) & (map_weight == 0.0)
-    own = (map_weight + alone)[:, np.newaxis, np.newaxis] * np.eye(2)
-    own += _sums(point, (to_place @ to_place.transpose(0, 2, 1)).reshape(-1, 4), count).reshape(-1, 2, 2)
-    inverse = np.linalg.inv(own)
-    points_right = _sums(map_point, map_weights * (ties.map_m[map_used] - places[map_point]), count)
-    points_right += _sums(point, np.einsum("nij,nj->ni", to_place, residual), count)
-    coupling = to_place @ by_image
-    reduced = -_coupled(first, image, coupling, inverse, 8 * model.images)
-    residual -= np.einsum("nji,nj->ni", to_place, np.einsum("nij,nj->ni", inverse, points_right)[point])
+    own = _sums(point, _products(by_place, by_place), count)
+    own[[0, 1], [0, 1]] += map_weight + alone
+    inverse = np.asarray(np.linalg.inv(np.moveaxis(own, -1, 0)), dtype=np.float64)
+    map_residual = (ties.map_m[map_used] - places[map_point]).T
+    points_right = _sums(map_point, map_weights * map_residual, count).T
+    points_right += _sums(point, _products(by_place, residual[:, np.newaxis])[:, 0], count).T
+    coupling = np.ascontiguousarray(np.moveaxis(_products(by_place, by_image), -1, 0))
+    blocks = _coupled(first, image, coupling, inverse, model.images)
+    reduced = -blocks.transpose(0, 2, 1, 3).reshape(8 * model.images, -1)
+    east, north = np.einsum("nij,nj->in", inverse, points_right)[:, point]
+    residual -= by_place[:, 0] * east + by_place[:, 1] * north
     right = np.zeros((model.images, 8))
-    rows = np.argsort(image, kind="stable")
-    for k, mine in enumerate(np.split(rows, np.searchsorted(image[rows], np.arange(1, model.images)))):
-        block, design = slice(8 * k, 8 * k + 8), by_image[mine].reshape(-1, 8)
-        reduced[block, block] += design.T @ design
-        right[k] = design.T @ residual[mine].ravel()
+    order = np.argsort(image, kind="stable")
+    for k, mine in enumerate(np.split(order, np.searchsorted(image[order], np.arange(1, model.images)))):
+        block, design = slice(8 * k, 8 * k + 8), np.hstack(by_image.take(mine, axis=2))
+        reduced[block, block] += design @ design.T
+        right[k] = design @ np.hstack(residual.take(mine, axis=1))
     held = model.held().ravel()
     reduced[held, held] = 1.0
     of_points = image, point, first, coupling, inverse, points_right, map_weight
-    return _NormalEquations(cho_factor(reduced, lower=True), right.ravel(), int((~held).sum()), *of_points)
+    return _NormalEquations(cho_factor(reduced, lower=True)[0], right.ravel(), int((~held).sum()), *of_points)
 
 
-def _coupled(first: Indices, image: Indices, coupling: Floats, between: Floats, size: int) -> Floats:
-    """The lower triangle of the sum over all points of W B W^T, with B between, shape (points, 2, 2)."""
+def _coupled(first: Indices, image: Indices, coupling: Floats, between: Floats, images: int) -> Floats:
+    """The sum over all points of W B W^T, with B between, by images, of which the first is not less than the second."""
     from radioloc.imaging._kernels import coupled  # brings numba
 
-    out = np.zeros((size, size))
+    out = np.zeros((images, images, 8, 8))
     coupled(first, image, coupling, between, out)
-    return np.tril(out)
+    return out
+
+
+def _products(a: Floats, b: Floats) -> Floats:
+    """Products A^T B of matrices (2, i, n) and (2, j, n), shape (i, j, n)."""
+    return a[0, :, np.newaxis] * b[0] + a[1, :, np.newaxis] * b[1]
 
 
 def _sums(number: Indices, values: Floats, count: int) -> Floats:
-    """Sums of the rows of each number, shape (count, columns)."""
-    sums = [np.bincount(number, column, minlength=count) for column in values.T]
-    return np.stack(sums, axis=1, dtype=np.float64)  # of no rows at all they are integers
+    """Sums over the last axis by numbers, shape (..., count)."""
+    rows = values.reshape(math.prod(values.shape[:-1]), -1)
+    sums = [np.bincount(number, row, minlength=count) for row in rows]
+    return np.array(sums, dtype=np.float64).reshape(*values.shape[:-1], count)
 
 
 def approximate_places(ties: TiePoints, matrices: Floats) -> Floats:
     """Places of the points: the map's, or the means over their images by homographies, shape (images, 3, 3)."""
-    ground = np.einsum(
-        "nij,nj->ni", np.linalg.inv(matrices)[ties.image], np.insert(ties.pixels, 2, 1.0, axis=1)
+    one, other, scale = np.einsum(
+        "nij,nj->in", np.linalg.inv(matrices)[ties.image], np.insert(ties.pixels, 2, 1.0, axis=1)
     )
-    sums = _sums(ties.point, np.insert(ground[:, :2] / ground[:, 2:], 2, 1.0, axis=1), ties.count)
-    places = sums[:, :2] / np.maximum(sums[:, 2:], 1.0)
+    east, north, number = _sums(
+        ties.point, np.array([one / scale, other / scale, np.ones_like(scale)]), ties.count
+    )
+    places = np.column_stack([east, north]) / np.maximum(number, 1.0)[:, np.newaxis]
     places[ties.map_point] = ties.map_m
     return places

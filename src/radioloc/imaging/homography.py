@@ -210,12 +210,15 @@ def normalization(points: Floats) -> Floats:
 def by_correction(normalized: Floats, by_normalized: Floats) -> Floats:
     """Partial derivatives by the eight elements of a correction of what has derivatives, (n, 2, 2), by points, (n, 2).
 
-    The points are those to which the corrected transformation leads, normalized.
+    The points are those to which the corrected transformation leads, normalized. In memory the components are rows.
     """
-    row = _homogeneous(normalized)[:, np.newaxis]
-    moved = by_normalized @ normalized[..., np.newaxis]
-    parts = by_normalized[..., :1] * row, by_normalized[..., 1:] * row, -moved * row[..., :2]
-    return np.concatenate(parts, axis=2)
+    point = normalized.T
+    partials = np.empty((2, 8, len(normalized)))
+    for row, (by_first, by_second) in zip(partials, np.moveaxis(by_normalized, 0, -1), strict=True):
+        row[:2], row[2] = by_first * point, by_first
+        row[3:5], row[5] = by_second * point, by_second
+        row[6:] = -(by_first * point[0] + by_second * point[1]) * point
+    return np.moveaxis(partials, -1, 0)
 
 
 def corrected(matrix: Floats, normal: Floats, step: Floats) -> Floats:

@@ -314,7 +314,11 @@ def _from_blocks(
                 raise FileFormatError(path, CUT_LINE.format(header[-1]), last)
     if not header:
         raise FileFormatError(path, "has no header line; name the columns (epoch_utc,type,path,...)", 1)
-    return observations_of(reader.columns(), lunar)
+    observations = observations_of(reader.columns(), lunar)
+    import pyarrow
+
+    pyarrow.default_memory_pool().release_unused()  # as much again as the table takes
+    return observations
 
 
 def _content(block: bytes, first_line: int) -> tuple[bytes, NDArray[np.int32]]:

@@ -186,7 +186,7 @@ class Predictor(ABC):
                 ends[i, 2] = position[canonical_target(link.target)]
         self.stations, self._stations = tuple(found), tuple(found.values())
         self.transmitters, self.receivers, self.target = (column[observations.link] for column in ends.T)
-        self._source = directions[observations.link]
+        self._directions = directions  # of sources at infinity, by link
 
     @property
     def tracking(self) -> Predictor:

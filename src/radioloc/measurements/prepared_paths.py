@@ -104,7 +104,7 @@ class PreparedPaths(Predictor):
             tt.jd, tt.fraction + geocentric_tdb_minus_tt(tt) / SECONDS_PER_DAY, "TDB"
         )
         self._earth = model.ephemeris.earth(self._reference)
-        self._far = self._source[self._rows]
+        self._far = self._directions[self.observations.link[self._rows]]
         if model.has("galactic_aberration"):
             far = np.flatnonzero(self._target < 0)
             self._far[far] = with_galactic_aberration(self._far[far], self._reference[far])

@@ -34,6 +34,8 @@ _Floats = NDArray[np.float64]
 
 MOST_POINTS = 250
 """Longer series are averaged over bins of equal duration to about so many points before a noise model is sought."""
+_WIDE = 4
+"""Numbers of a row are so many times those of a usual one: effects of errors are beside its partials."""
 _ONE_SIGMA = 1e-6
 """Part by which sigmas of combinations may differ that are one but for rounding."""
 
@@ -104,9 +106,14 @@ class Bundle:
         """Time since the value before, s, shape (b,)."""
         return np.diff(self.time_s, prepend=self.time_s[0])
 
+    def _slices(self) -> Iterator[slice]:
+        if self.factor is not None:
+            return slices_of_chain(self.factor)
+        return slices(len(self.rows), _WIDE * self.rows.shape[1])
+
     def parts(self, rows_of: RowsOf) -> Iterator[tuple[slice, _Floats]]:
         """Some thousand of the values after others, (m, j, c), from rows (m,) to numbers (m, c) that belong to them."""
-        for part in slices(*self.rows.shape) if self.factor is None else slices_of_chain(self.factor):
+        for part in self._slices():
             values = rows_of(self.rows[part].ravel())
             if self.factor is not None:
                 values = unchained(self.factor[:, part], values)
@@ -137,7 +144,7 @@ class Bundle:
 
     def on_observations(self, weighted: _Floats) -> Iterator[tuple[Rows, _Floats]]:
         """Some thousand rows after others (m,), and what their combinations' :meth:`weighted` values are of them."""
-        for part in slices(*self.rows.shape) if self.factor is None else slices_of_chain(self.factor):
+        for part in self._slices():
             values = np.swapaxes(self.whitening[part], 1, 2) @ np.swapaxes(weighted[:, part], 0, 1)
             values = values.reshape(-1, weighted.shape[2])
             if self.factor is not None:
@@ -161,7 +168,7 @@ def together(bundles: Sequence[Bundle]) -> list[list[Bundle]]:
     size = 0
     for one in bundles:
         size += one.rows.size
-        if size >= ROWS_AT_ONCE or not groups:
+        if size >= ROWS_AT_ONCE // _WIDE or not groups:
             groups.append([])
             size = one.rows.size
         groups[-1].append(one)
@@ -252,28 +259,33 @@ def series_of(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.bool
 
 def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.bool_]) -> list[Bundle]:
     """Combinations of observations that share errors, by the kinds of observations that are in a block."""
-    found: dict[tuple[int, ...], list[tuple[NDArray[np.intp], _Floats, _Floats, _Floats]]] = {}
+    found: dict[tuple[int, ...], list[tuple[NDArray[np.intp], _Floats, _Floats]]] = {}
     for block in noise.among(used).blocks:
         sort = np.argsort(order.code[block.rows], axis=1, kind="stable")
         rows = np.take_along_axis(block.rows, sort, axis=1)
         codes = order.code[rows]
         axes = np.take_along_axis(block.axes, sort[:, :, None], axis=1)
-        root = (axes / block.combined_m[:, None, :]) @ np.swapaxes(axes, 1, 2)
         keys, which = codes[:1], np.zeros(len(codes), dtype=np.intp)
         if (codes != keys).any():
             keys, which = np.unique(codes, axis=0, return_inverse=True)
         for k, key in enumerate(keys):
             mine = which.ravel() == k
-            parts = (rows[mine], root[mine], axes[mine], block.combined_m[mine])
+            parts = (rows[mine], axes[mine], block.combined_m[mine])
             found.setdefault(tuple(key.tolist()), []).append(parts)
     bundles = []
     for key, pieces in found.items():
-        rows, root, axes, combined_m = (np.concatenate(part) for part in zip(*pieces, strict=True))
+        rows, axes, combined_m = (np.concatenate(part) for part in zip(*pieces, strict=True))
         sort = np.argsort(order.time_s[rows[:, 0]], kind="stable")
-        first, kind = sort[0], order.series[key[0]].kind
+        rows, axes, combined_m = rows[sort], axes[sort], combined_m[sort]
+        kind = order.series[key[0]].kind
+        # Epochs of the covariance of the one before are brought to the same combinations in the same way
+        new = np.ones(len(rows), dtype=bool)
+        new[1:] = (axes[1:] != axes[:-1]).any(axis=(1, 2)) | (combined_m[1:] != combined_m[:-1]).any(axis=1)
+        root = (axes[new] / combined_m[new, None, :]) @ np.swapaxes(axes[new], 1, 2)
+        whitening = (axes[0].T @ root)[np.cumsum(new) - 1]
         # Errors of stations and those of baselines alone are in different combinations, of which one may be correlated
         # in time and the other not, however near their sigmas are
-        part = np.cumsum(np.diff(combined_m[first], prepend=-np.inf) > _ONE_SIGMA * combined_m[first])
+        part = np.cumsum(np.diff(combined_m[0], prepend=-np.inf) > _ONE_SIGMA * combined_m[0])
         shared = f"{kind} that share errors"
         series = tuple(
             Series(
@@ -285,7 +297,7 @@ def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.
             )
             for j, number in enumerate(part.tolist())
         )
-        bundles.append(Bundle(series, rows[sort], order.time_s[rows[sort, 0]], axes[first].T @ root[sort]))
+        bundles.append(Bundle(series, rows, order.time_s[rows[:, 0]], whitening))
     return bundles
 
 

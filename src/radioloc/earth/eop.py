@@ -124,9 +124,15 @@ class EopTable:
         return f"<EopTable {self.first_date} to {self.last_date}, measured to {self.last_measured_date}>"
 
     @classmethod
+    @cache
     def packaged(cls) -> EopTable:
         """C04 and then Bulletin A, of the installed ``astropy-iers-data``; read once in a process."""
-        return _packaged_table()
+        package = f" of astropy-iers-data {version('astropy-iers-data')}"
+        c04, measured = read_eop_rows(astropy_iers_data.IERS_B_FILE, _MJD_1972, package)
+        after = float(c04["mjd_utc"][-1]) + 1.0
+        bulletin_a, predicted = read_eop_rows(astropy_iers_data.IERS_A_FILE, after, package)
+        columns: dict[str, Any] = {name: np.concatenate([c04[name], bulletin_a[name]]) for name in c04}
+        return cls(**columns, sources=(*measured, *predicted))
 
     @classmethod
     def from_file(cls, path: str | Path) -> EopTable:
@@ -236,16 +242,6 @@ def _cubic_through(
         weights[:, j] = -a * b * c / scale
         slopes[:, j] = (a * b + b * c + c * a) / scale
     return np.einsum("nj,njk->nk", weights, node_values), np.einsum("nj,njk->nk", slopes, node_values)
-
-
-@cache
-def _packaged_table() -> EopTable:
-    package = f" of astropy-iers-data {version('astropy-iers-data')}"
-    c04, measured = read_eop_rows(astropy_iers_data.IERS_B_FILE, _MJD_1972, package)
-    after = float(c04["mjd_utc"][-1]) + 1.0
-    bulletin_a, predicted = read_eop_rows(astropy_iers_data.IERS_A_FILE, after, package)
-    columns: dict[str, Any] = {name: np.concatenate([c04[name], bulletin_a[name]]) for name in c04}
-    return EopTable(**columns, sources=(*measured, *predicted))
 
 
 class _Layout(NamedTuple):

@@ -24,8 +24,7 @@ def earth_elevation_rad(
     moon_m, _ = ephemeris.geocentric("moon", tdb)
     angles_rad, _ = libration.angles(tdb)
     to_earth_m = np.einsum("nij,nj->ni", rot_icrf_to_pa(angles_rad), -moon_m) - point_pa_m
-    up = point_pa_m / np.linalg.norm(point_pa_m)
-    sine = (to_earth_m @ up) / np.linalg.norm(to_earth_m, axis=-1)
+    sine = vectors.normalized(to_earth_m) @ vectors.normalized(point_pa_m)
     return np.arcsin(np.clip(sine, -1.0, 1.0))
 
 

@@ -42,7 +42,7 @@ from radioloc.measurements.proper_time import clock_epoch as clock_epoch_of
 from radioloc.measurements.records import joined, rows_of
 from radioloc.measurements.registry import is_combined, is_differenced, is_integrated, is_one_way
 from radioloc.measurements.sources import with_galactic_aberration
-from radioloc.measurements.station_motion import StationMotion, rough_station_motion, station_motion
+from radioloc.measurements.station_motion import rough_station_motion, station_motion
 from radioloc.media.medium import Leg, LegEnd, LineOfSight, Weather, line_of_sight, prepared_media
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, topocentric_tdb_minus_tt, utc_to_tt
 from radioloc.vectors import dot, length
@@ -193,19 +193,17 @@ class PreparedPaths(Predictor):
     def _place(self, lander_pa_m: Floats) -> None:
         """Place the straight motions at the events of the path to this position."""
         path = self._rough_path(lander_pa_m)
-        row, ends_s = twice(np.arange(len(self._tag))), path.ends_s
-        blocks = [slice(first, first + _BLOCK) for first in range(0, max(len(row), 1), _BLOCK)]
-        self._ends = joined([self._stations_at(row, ends_s, block) for block in blocks])
+        row, ends_s, ends = twice(np.arange(len(self._tag))), path.ends_s, []
+        for first in range(0, max(len(row), 1), _BLOCK):
+            block = slice(first, first + _BLOCK)
+            reference, earth = self._reference[row[block]], rows_of(self._earth, row[block])
+            which = self._which[block]
+            ends.append(station_motion(self.model, self._stations, which, reference, earth, ends_s[block]))
+        self._ends = joined(ends)
         self._place_target(path.bounce_s, lander_pa_m)
         for name in ("_ends", "_moon", "_clock"):
             setattr(self, name, rows_of(getattr(self, name), slice(None)))  # by component
         self.model.earth.warn_of_predictions(self._tt[: len(self.observations)], self.predicted_eop)
-
-    def _stations_at(self, row: NDArray[np.intp], offset_s: Floats, block: slice) -> StationMotion:
-        reference, earth = self._reference[row[block]], rows_of(self._earth, row[block])
-        return station_motion(
-            self.model, self._stations, self._which[block], reference, earth, offset_s[block]
-        )
 
     def _rough_path(self, lander_pa_m: Floats) -> LightPath:
         """The path to 0.1 microseconds, from motions that are straight from the reference epochs on."""

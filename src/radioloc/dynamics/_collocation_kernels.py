@@ -69,18 +69,6 @@ def _path(y: Floats, h: float, at: Floats, once: Floats, twice: Floats, rates: F
 
 
 @compiled()
-def _farthest(one: Floats, other: Floats) -> float:
-    """Largest distance between two paths along one axis, m; no number if one has none."""
-    out = 0.0
-    for i in range(len(one)):
-        for k in range(3):
-            apart = abs(one[i, k] - other[i, k])
-            if not apart <= out:
-                out = apart
-    return out
-
-
-@compiled()
 def _others(parts: Floats, data: ForceData) -> Floats:
     """Sum of all accelerations but the central term."""
     out = np.zeros(3)
@@ -124,11 +112,11 @@ def _flight(
                 for k in range(3):
                     rates[i, k] = others[i, k] - data.gm[0] / (square * math.sqrt(square)) * path[i, k]
             now = _path(y, h, method.ends, method.once, method.twice, rates)
-            settled = _farthest(now, path) <= _ROUNDING * distance
+            settled = np.abs(now - path)[:, :3].max() <= _ROUNDING * distance
             path = now
             if settled:
                 break
-        moved_m = _farthest(path, begin)
+        moved_m = np.abs(path - begin)[:, :3].max()
         # The next evaluation would move it by as much less again.
         if evaluation > 0 and moved_m * min(1.0, moved_m / before_m) < enough_m:
             return True, path, rates, parts, others[NODES - 1]
@@ -168,34 +156,18 @@ def _carried(y: Floats, h: float, by_state: Floats, sources: Floats, method: Col
 @compiled()
 def _error(series: Floats, h: float, tolerance: Tolerance) -> float:
     """Error in a step over the tolerance, by the last terms of the accelerations' Legendre series."""
-    last = 0.0
-    for k in range(3):
-        last = max(last, abs(series[NODES - 1, k]), 0.1 * abs(series[NODES - 2, k]))
+    last = max(np.abs(series[NODES - 1]).max(), 0.1 * np.abs(series[NODES - 2]).max())
     # An integral of the term of degree n is that over n at most.
     reach = 0.5 * abs(h) / NODES
     return max(reach * last / tolerance.velocity_m_s, reach * reach * last / tolerance.position_m)
 
 
 @compiled()
-def _longer(a: Floats, capacity: int) -> Floats:
-    """Rows with room for more."""
-    out = np.empty((capacity, a.shape[1]))
-    for i in range(a.shape[0]):
-        for j in range(a.shape[1]):
-            out[i, j] = a[i, j]
-    return out
-
-
-@compiled()
 def _within(r: Floats, earth: Floats, tolerance: Tolerance) -> int:
     """Whether a position is under the ground of the Moon or the Earth."""
-    from_moon, from_earth = 0.0, 0.0
-    for i in range(3):
-        from_moon += r[i] ** 2
-        from_earth += (r[i] - earth[i]) ** 2
-    if from_moon < tolerance.lowest_m**2:
+    if np.square(r).sum() < tolerance.lowest_m**2:
         return IN_MOON
-    return IN_EARTH if from_earth < EARTH_RADIUS_M**2 else DONE
+    return IN_EARTH if np.square(r - earth).sum() < EARTH_RADIUS_M**2 else DONE
 
 
 @compiled()
@@ -228,8 +200,8 @@ def integrate(
     """
     n, sign = len(y), 1.0 if end > start else -1.0
     t, h = start, sign * abs(first_step)
-    count, capacity = 0, 64
-    states, dense = np.empty((capacity + 1, 1 + n)), np.empty((capacity, NODES * n // 2))
+    count = 0
+    states, dense = np.empty((65, 1 + n)), np.empty((64, NODES * n // 2))
     states[0, 0], states[0, 1:] = t, y
     sky = np.empty((NODES + 1, QUANTITIES))
     by_state, sources = np.empty((NODES, 3, 6)), np.empty((NODES, n // 2 - 3))
@@ -252,9 +224,9 @@ def integrate(
         if not error < 1.0:
             h *= max(_LEAST, _SAFETY * error ** (-1.0 / NODES)) if error > 1.0 else _LEAST
             continue
-        if count == capacity:
-            capacity *= 2
-            states, dense = _longer(states, capacity + 1), _longer(dense, capacity)
+        if count == len(dense):
+            states = np.concatenate((states, np.empty_like(states)))
+            dense = np.concatenate((dense, np.empty_like(dense)))
         of_step = dense[count].reshape((NODES, n // 2))
         of_step[:, :3] = series
         count += 1
@@ -269,7 +241,7 @@ def integrate(
                 y[6:], h, method.ends[NODES:], method.once[NODES:], method.twice[NODES:], carried
             )[0]
         for i in range(NODES + 1):
-            status = _within(path[i], sky[i], tolerance)
+            status = _within(path[i, :3], sky[i, :3], tolerance)
             if status != DONE:
                 states[count, 0] = t + 0.5 * h * (method.ends[i] + 1.0)
                 return status, states[: count + 1], dense[:count], next_step

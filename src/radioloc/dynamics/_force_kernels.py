@@ -320,18 +320,25 @@ def accelerations(r: Floats, v: Floats, sky: Floats, data: ForceData) -> Floats:
 
 
 @compiled()
+def _of_point_mass(to: Floats, gm: float) -> Floats:
+    """Partials of the acceleration by a point mass."""
+    square = _dot(to, to)
+    scale = gm / (square * math.sqrt(square))
+    out = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = 3.0 * scale * to[i] * to[j] / square
+        out[i, i] -= scale
+    return out
+
+
+@compiled()
 def _gradient(r: Floats, sky: Floats, data: ForceData) -> Floats:
     """Partials of the acceleration by position: central term, harmonics, tides and point masses.
 
     Those of light, relativity and the figures are below 1e-7 of the central one.
     """
-    out = np.zeros((3, 3))
-    square = _dot(r, r)
-    scale = data.gm[0] / (square * math.sqrt(square))
-    for i in range(3):
-        out[i, i] -= scale
-        for j in range(3):
-            out[i, j] += 3.0 * scale * r[i] * r[j] / square
+    out = _of_point_mass(r, data.gm[0])
     if data.on[HARMONICS]:
         rotation = _rotation(sky)
         p = _times(rotation, r)
@@ -340,7 +347,7 @@ def _gradient(r: Floats, sky: Floats, data: ForceData) -> Floats:
         own = np.array([[s[0], s[1], s[2]], [s[1], s[3], s[4]], [s[2], s[4], -s[0] - s[3]]])
         out += rotation.T @ (own @ rotation)
     if data.on[TIDES]:
-        tensor = _tensor(sky, data)
+        tensor, square = _tensor(sky, data), _dot(r, r)
         trace = tensor[0, 0] + tensor[1, 1] + tensor[2, 2]
         pulled = _times(tensor, r)
         along = 3.0 * _dot(r, pulled) - trace * square
@@ -353,13 +360,7 @@ def _gradient(r: Floats, sky: Floats, data: ForceData) -> Floats:
                 out[i, j] += factor * (6.0 * tensor[i, j] - 5.0 * mixed / square)
     for body in range(1, len(data.gm)):
         if data.on[EARTH + body - 1]:
-            to = sky[3 * body - 3 : 3 * body] - r
-            near = _dot(to, to)
-            scale = data.gm[body] / (near * math.sqrt(near))
-            for i in range(3):
-                out[i, i] -= scale
-                for j in range(3):
-                    out[i, j] += 3.0 * scale * to[i] * to[j] / near
+            out += _of_point_mass(sky[3 * body - 3 : 3 * body] - r, data.gm[body])
     return out
 
 

@@ -350,7 +350,7 @@ def _observations(
                 f"{study.path or study.name}: [observations] files is missing; name at least one file (relative to the "
                 "study file, globs allowed)"
             )
-        observations = _read(study, study.observations.files, model)
+        observations = read_as(study, study.observations.files, model)
     chosen, left_out = select_observations(
         observations, study.observations, study.catalogue, study.targets, model.sources
     )
@@ -373,23 +373,18 @@ def _coarse(trajectory: AnyTrajectory | None) -> AnyTrajectory | None:
     return trajectory.coarse() if isinstance(trajectory, AdjustableOrbit) else trajectory
 
 
-def read_as(study: Study, files: Sequence[str | Path]) -> Observations:
-    """Observations of files, read by what a study says of stations and Tracking Data Messages.
+def read_as(study: Study, files: Sequence[str | Path], model: PhysicalModel | None = None) -> Observations:
+    """Observations of files, read by what a study, or its model, says of stations and Tracking Data Messages.
 
     Errors as of :func:`locate`.
     """
-    return _read(study, files, model_of(study))
-
-
-def _read(study: Study, files: Sequence[str | Path], model: PhysicalModel) -> Observations:
     # What the model has of delays, a file's are not to be taken off as well.
-    tdm = replace(study.observations.tdm, modelled=model.delays)
-    lunar = not isinstance(study.target, Trajectory | Orbiter)
+    tdm = replace(study.observations.tdm, modelled=(model or model_of(study)).delays)
     observations = read_observations(
         files,
         catalogue=study.catalogue,
         tdm=tdm,
-        lunar=lunar,
+        lunar=not isinstance(study.target, Trajectory | Orbiter),
         frequencies=study.observations.frequencies,
     )
     return with_target_names(observations, study.observations.target_names)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from itertools import compress
 from pathlib import Path
@@ -45,10 +45,13 @@ _EQUATOR_M_S = 465.1
 """How fast a station on the Earth's equator goes round."""
 _ROUGHER = 1.5
 """Ratio of the sigmas that a terrain's roughness gives here and there, from which on a note says so."""
-
-
 _FARTHEST_OFFSET = 1e-4
 """Part of its frequency by which an oscillator may be off: that of a simple quartz."""
+_OF_OBSERVATIONS = (
+    *("doppler_average_s", "extra_sigma_m", "vlbi_station_sigma_m", "vlbi_station_rate_sigma_m"),
+    "doppler_phase_sigma_m",
+)
+"""Keys of ``[observations]`` that a result repeats."""
 
 
 def notes_of(
@@ -266,23 +269,16 @@ def provenance(
         if arc.places is not None
         else [],
         "not_selected": left_out,
-        "doppler_average_s": study.observations.doppler_average_s,
-        "extra_sigma_m": study.observations.extra_sigma_m,
-        "vlbi_station_sigma_m": study.observations.vlbi_station_sigma_m,
-        "vlbi_station_rate_sigma_m": study.observations.vlbi_station_rate_sigma_m,
-        "doppler_phase_sigma_m": study.observations.doppler_phase_sigma_m,
+        **{key: getattr(study.observations, key) for key in _OF_OBSERVATIONS},
         "weights": [weight.record() for weight in study.observations.weights],
         "estimate": None if estimate is None else _estimate_record(estimate),
         **_target_record(study.target),
         "ionosphere": {"ionex": [path.name for path in chosen.ionex], "tec_tecu": chosen.tec_tecu},
-        "troposphere": {
-            key: [{"name": path.name, "sha256": sha256_of(path)} for path in paths]
-            for key, paths in of_air.items()
-        },
-        "sources": [{"name": path.name, "sha256": sha256_of(path)} for path in chosen.sources],
+        "troposphere": {key: _named(paths) for key, paths in of_air.items()},
+        "sources": _named(chosen.sources),
         "free_clocks": list(model.free_clocks),
         "media_calibrations": {
-            "csp": [{"name": path.name, "sha256": sha256_of(path)} for path in chosen.csp],
+            "csp": _named(chosen.csp),
             "scid": chosen.csp_scid,
         },
         "delays": {
@@ -292,6 +288,10 @@ def provenance(
         **model.provenance(),
         "evaluation": evaluation,
     }
+
+
+def _named(files: Iterable[Path]) -> list[dict[str, str]]:
+    return [{"name": path.name, "sha256": sha256_of(path)} for path in files]
 
 
 def _of_its_files(study: Study, observations: Observations) -> bool:
@@ -323,14 +323,17 @@ def _estimate_record(estimate: EstimateChoice) -> dict[str, Any]:
     elif prior is not None:
         prior = asdict(prior)
     noise = None if estimate.orbit is None else estimate.orbit.process_noise
+    keys = (
+        "position",
+        "height_prior",
+        "ephemeris_sigma_m",
+        "rejection_sigma",
+        "weights",
+        "variance_components",
+    )
     return {
-        "position": estimate.position,
+        **{key: getattr(estimate, key) for key in (*keys, "estimator")},
         "height_prior": prior,
-        "ephemeris_sigma_m": estimate.ephemeris_sigma_m,
-        "rejection_sigma": estimate.rejection_sigma,
-        "weights": estimate.weights,
-        "variance_components": estimate.variance_components,
-        "estimator": estimate.estimator,
         "process_noise": None if noise is None else asdict(noise),
         "pass_gap_h": estimate.pass_gap_h,
         **dict.fromkeys(PARAMETERS, "none"),

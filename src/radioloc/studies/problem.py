@@ -34,7 +34,6 @@ from radioloc.estimation.time_correlation import fit_with_correlated_weights
 from radioloc.lunar.position import LunarPosition
 from radioloc.lunar.visibility import earth_elevation_rad
 from radioloc.measurements.link import canonical_target
-from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor, blocks, reasons
 from radioloc.measurements.registry import kind_of
 from radioloc.media.status import Status
@@ -341,9 +340,12 @@ def position_in_pa(table: str, position: LunarPosition, constants: EphemerisCons
 def status_of(arc: Predictor, targets: Mapping[str, LunarPosition]) -> tuple[Labels, NDArray[np.int8]]:
     """Which observations can be used at all, seen from the a-priori position, or why not, in words and by code."""
     at, model = arc.at(start_pa_m(targets)), arc.model
-    earth_deg = [partial(_earth_deg, model, position_pa_m=position.xyz_m) for position in targets.values()]
+    earth_rad = [
+        partial(earth_elevation_rad, model.ephemeris, model.libration, point_pa_m=position.xyz_m)
+        for position in targets.values()
+    ]
     # Of a spacecraft the arc itself knows what the Moon hides.
-    may_set = [_lowest(above, arc.observations.epoch) < LOWEST_EARTH_DEG + 1.0 for above in earth_deg]
+    may_set = [_lowest_deg(above, arc.observations.epoch) < LOWEST_EARTH_DEG + 1.0 for above in earth_rad]
     reason = np.zeros(len(arc.observations), dtype=np.int8)
     labels = np.zeros(len(arc.observations), dtype=np.int32)
     places = {USED: 0}
@@ -358,7 +360,7 @@ def status_of(arc: Predictor, targets: Mapping[str, LunarPosition]) -> tuple[Lab
             mine = rows[(arc.target[rows] == target) & (reason[rows] == Status.OK)]
             # The Earth moves in the lander's sky with the librations, in days.
             tdb = tt_to_tdb(utc_to_tt(arc.observations.epoch[mine]))
-            above_deg = evaluate_smooth(earth_deg[target], tdb)
+            above_deg = np.degrees(evaluate_smooth(earth_rad[target], tdb))
             for k in np.flatnonzero(above_deg < LOWEST_EARTH_DEG):
                 text = Status.EARTH_BELOW_HORIZON.text(above_deg[k])
                 reason[mine[k]] = Status.EARTH_BELOW_HORIZON
@@ -370,14 +372,7 @@ def status_of(arc: Predictor, targets: Mapping[str, LunarPosition]) -> tuple[Lab
     return Labels(labels, tuple(places)), reason
 
 
-def _earth_deg(
-    model: PhysicalModel, epochs: Epochs, position_pa_m: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Elevation of the Earth above a place's horizon, deg, shape (n,)."""
-    return np.degrees(earth_elevation_rad(model.ephemeris, model.libration, epochs, position_pa_m))
-
-
-def _lowest(earth_deg: Callable[[Epochs], NDArray[np.float64]], epoch_utc: Epochs) -> float:
+def _lowest_deg(earth_rad: Callable[[Epochs], NDArray[np.float64]], epoch_utc: Epochs) -> float:
     """Lowest elevation of the Earth in the span of epochs, every six hours, in which it moves half a degree.
 
     Minus infinity if the epochs themselves are fewer.
@@ -390,9 +385,8 @@ def _lowest(earth_deg: Callable[[Epochs], NDArray[np.float64]], epoch_utc: Epoch
     count = int(4.0 * span_d) + 2
     if count > len(epoch_utc):
         return -math.inf
-    return float(
-        earth_deg(Epochs.from_jd(first.jd, first.fraction + np.linspace(0.0, span_d, count), "TDB")).min()
-    )
+    epochs = Epochs.from_jd(first.jd, first.fraction + np.linspace(0.0, span_d, count), "TDB")
+    return float(np.degrees(earth_rad(epochs).min()))
 
 
 def with_independent_clocks(study: Study, estimate: EstimateChoice, arc: Predictor) -> EstimateChoice:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from radioloc.dynamics.elements import equatorial_axes
 from radioloc.dynamics.forces import Forces
-from radioloc.dynamics.orbit import STATE, MoonCentred, Orbit, integrated_over
+from radioloc.dynamics.orbit import STATE, Orbit, integrated_over, since_j2000_s
 from radioloc.dynamics.propagation import propagate
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.time import Epochs
@@ -26,7 +27,7 @@ _KEPT = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AdjustableOrbit(MoonCentred):
+class AdjustableOrbit:
     """An orbit as a function of its parameters; what predictors adjust.
 
     It is integrated when it is asked where it is, unless one that was integrated before is near.
@@ -49,6 +50,9 @@ class AdjustableOrbit(MoonCentred):
         How its state was found, for results.
     touchdown : Epochs or None
         From when on it rests on the Moon, TDB, one.
+    errors : callable or None
+        What errors do to its states, for :meth:`effects`. With them it is an
+        :class:`~radioloc.ephemeris.trajectory.AdjustableTrajectory` of these errors, which are held at zero.
     integrated : list
         What was integrated: values of the parameters, and the orbit; shared by those that differ in them, in their span
         or in the degree of their partials only.
@@ -64,6 +68,7 @@ class AdjustableOrbit(MoonCentred):
     name: str = "orbit"
     notes: tuple[str, ...] = ()
     touchdown: Epochs | None = None
+    errors: Callable[[Epochs], Floats] | None = None
     integrated: list[tuple[Floats, Orbit]] = field(default_factory=list)
 
     def __str__(self) -> str:
@@ -161,10 +166,22 @@ class AdjustableOrbit(MoonCentred):
         """As :meth:`~radioloc.dynamics.orbit.Orbit.states`."""
         return self.nearest().states(tdb)
 
+    def geocentric(self, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
+        """As :meth:`~radioloc.dynamics.orbit.Orbit.geocentric`."""
+        return self.nearest().geocentric(ephemeris, tdb)
+
+    def spans_s(self) -> list[tuple[float, float]]:
+        """As :meth:`~radioloc.dynamics.orbit.Orbit.spans_s`, of what is wanted."""
+        return [since_j2000_s(self.epoch, self.span_s)]
+
     def partials(self, tdb: Epochs) -> Floats:
         """As :meth:`~radioloc.dynamics.orbit.Orbit.partials`."""
         return self.nearest().partials(tdb)
 
     def position_partials(self, tdb: Epochs) -> Floats:
-        """Partials of the position by the parameters at epochs of TDB, ICRF axes, shape (n, 3, p)."""
-        return self.partials(tdb)[:, :3]
+        """Partials of the position by the parameters, or by errors, at epochs of TDB, ICRF axes, shape (n, 3, p)."""
+        return (self.partials(tdb) if self.errors is None else self.effects(tdb))[:, :3]
+
+    def effects(self, tdb: Epochs) -> Floats:
+        """Changes of the states by errors at epochs of TDB, m and m/s, ICRF axes, shape (n, 6, n_errors)."""
+        return np.zeros((len(tdb), 6, 0)) if self.errors is None else self.errors(tdb)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,27 +60,19 @@ class OrbitArcs:
         """How the first state was found."""
         return self.arcs[0].notes
 
-    def arc_at(self, tdb: Epochs) -> NDArray[np.intp]:
-        """Which arc an epoch belongs to, shape (n,)."""
+    def _of_each(self, of_arc: Callable[[int, Epochs], Floats], tdb: Epochs) -> Floats:
+        """What a function of an arc's index gives at epochs in that arc, shape (n, ...)."""
         borders_s = self.borders.seconds_since(self.borders[:1])
-        return np.searchsorted(borders_s, tdb.seconds_since(self.borders[:1]))
-
-    def of_each(self, functions: Sequence[Callable[[Epochs], Floats]], tdb: Epochs) -> Floats:
-        """What functions, one for each arc, give at epochs in its arc, shape (n, ...)."""
-        which = self.arc_at(tdb)
+        which = np.searchsorted(borders_s, tdb.seconds_since(self.borders[:1]))
         present = np.unique(which) if len(tdb) else np.zeros(1, dtype=np.intp)
         rows = [np.flatnonzero(which == k) for k in present]
-        found = [functions[k](tdb[mine]) for k, mine in zip(present, rows, strict=True)]
+        found = [of_arc(k, tdb[mine]) for k, mine in zip(present, rows, strict=True)]
         return np.concatenate(found)[np.argsort(np.concatenate(rows))]
 
     @bare_arguments
     def geocentric(self, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
         """As :meth:`~radioloc.dynamics.orbit.Orbit.geocentric`."""
-
-        def states(arc: AdjustableOrbit, at: Epochs) -> Floats:
-            return np.hstack(arc.geocentric(ephemeris, at))
-
-        found = self.of_each([partial(states, arc) for arc in self.arcs], tdb)
+        found = self._of_each(lambda k, at: np.hstack(self.arcs[k].geocentric(ephemeris, at)), tdb)
         return found[:, :3], found[:, 3:]
 
     def spans_s(self) -> list[tuple[float, float]]:
@@ -97,7 +88,7 @@ class OrbitArcs:
             out[:, :, self.columns[k]] = self.arcs[k].position_partials(at)
             return out
 
-        return self.of_each([partial(of_arc, k) for k in range(len(self.arcs))], tdb)
+        return self._of_each(of_arc, tdb)
 
     def over(self, first: Epochs, last: Epochs) -> OrbitArcs:
         """The whole of it: of an arc no more is integrated than it has."""

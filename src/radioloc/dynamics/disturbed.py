@@ -1,17 +1,13 @@
-"""An orbit whose parameters are small accelerations that else may act on it: what they do to first order."""
+"""What small accelerations that else may act on an orbit do to it, to first order."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.dynamics.adjustable import AdjustableOrbit
-from radioloc.dynamics.arcs import OrbitArcs
 from radioloc.dynamics.orbit import Orbit
-from radioloc.ephemeris import Ephemeris
 from radioloc.time import Epochs
 
 Floats = NDArray[np.float64]
@@ -52,46 +48,3 @@ class AddedAccelerations:
     def at(self, tdb: Epochs) -> Floats:
         """Changes of the states at epochs of TDB, m and m/s, ICRF axes, shape (n, 6, c)."""
         return np.asarray(self.orbit.partials(tdb)[:, :, :6] @ self.at_epoch(tdb))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DisturbedOrbit:
-    """An orbit as something moves it; an :class:`~radioloc.ephemeris.trajectory.AdjustableTrajectory`.
-
-    Parameters
-    ----------
-    orbit : AdjustableOrbit or OrbitArcs
-    effects : callable
-        Changes of the states at epochs of TDB, m and m/s, ICRF axes, shape (n, 6, c).
-    arcs : tuple of DisturbedOrbit
-        Of an orbit in arcs each of these.
-    """
-
-    orbit: AdjustableOrbit | OrbitArcs
-    effects: Callable[[Epochs], Floats]
-    arcs: tuple[DisturbedOrbit, ...] = ()
-
-    @property
-    def name(self) -> str:
-        """That of the orbit."""
-        return self.orbit.name
-
-    def geocentric(self, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
-        """As without them."""
-        return self.orbit.geocentric(ephemeris, tdb)
-
-    def spans_s(self) -> list[tuple[float, float]]:
-        """As without them."""
-        return self.orbit.spans_s()
-
-    def position_partials(self, tdb: Epochs) -> Floats:
-        """By how much each effect moves the position, m, ICRF axes, shape (n, 3, c)."""
-        return self.effects(tdb)[:, :3]
-
-    def over(self, first: Epochs, last: Epochs) -> DisturbedOrbit:
-        """The whole of it."""
-        return self
-
-    def corrected(self, x: Floats) -> DisturbedOrbit:
-        """The same: effects are held at zero."""
-        return self

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -61,47 +60,8 @@ class Rest:
         return np.concatenate([fixed @ rot[1:], fixed @ rate[1:]], axis=-1)
 
 
-class WithStates(Protocol):
-    """What has states relative to the Moon's centre, ICRF axes."""
-
-    @property
-    def epoch(self) -> Epochs:
-        """TDB, one."""
-        ...
-
-    @property
-    def span_s(self) -> tuple[float, float]:
-        """First and last time, TDB seconds from the epoch."""
-        ...
-
-    def states(self, tdb: Epochs) -> tuple[Floats, Floats]:
-        """Position, m, and velocity, m/s, at epochs of TDB, shapes (n, 3)."""
-        ...
-
-
-class MoonCentred:
-    """What makes a :class:`~radioloc.ephemeris.trajectory.AnyTrajectory` of what has states."""
-
-    __slots__ = ()
-
-    @bare_arguments
-    def geocentric(self: WithStates, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
-        """Geocentric position and velocity, geometric (no light time), in barycentric coordinates, ICRF axes.
-
-        As :meth:`radioloc.ephemeris.Trajectory.geocentric`, in whose place an orbit can stand.
-        """
-        position_m, velocity_m_s = self.states(tdb)
-        moon_m, moon_m_s = ephemeris.geocentric("moon", tdb)
-        return position_m + moon_m, velocity_m_s + moon_m_s
-
-    def spans_s(self: WithStates) -> list[tuple[float, float]]:
-        """What it covers, TDB seconds since J2000: one span."""
-        epoch_s = float(self.epoch.seconds_since(Epochs.from_tdb_seconds(0.0))[0])
-        return [(epoch_s + self.span_s[0], epoch_s + self.span_s[1])]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class Orbit(MoonCentred):
+class Orbit:
     """An integrated orbit about the Moon; made by :func:`propagate`."""
 
     name: str
@@ -138,6 +98,20 @@ class Orbit(MoonCentred):
         found = self._at(tdb)
         states = found[:, 0] if self.changes is None else found[:, 0] + self.changes @ found[:, 1:]
         return states[:, :3], states[:, 3:]
+
+    @bare_arguments
+    def geocentric(self, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
+        """Geocentric position and velocity, geometric (no light time), in barycentric coordinates, ICRF axes.
+
+        As :meth:`radioloc.ephemeris.Trajectory.geocentric`, in whose place an orbit can stand.
+        """
+        position_m, velocity_m_s = self.states(tdb)
+        moon_m, moon_m_s = ephemeris.geocentric("moon", tdb)
+        return position_m + moon_m, velocity_m_s + moon_m_s
+
+    def spans_s(self) -> list[tuple[float, float]]:
+        """What it covers, TDB seconds since J2000: one span."""
+        return [since_j2000_s(self.epoch, self.span_s)]
 
     @bare_arguments
     def partials(self, tdb: Epochs) -> Floats:
@@ -182,6 +156,12 @@ class Orbit(MoonCentred):
         if len(landed) and self.rest is not None:
             found[landed] = self.rest.carried(found[landed], self.epoch, times_s[landed])
         return found
+
+
+def since_j2000_s(epoch: Epochs, span_s: tuple[float, float]) -> tuple[float, float]:
+    """A span from an epoch, TDB seconds since J2000."""
+    epoch_s = float(epoch.seconds_since(Epochs.from_tdb_seconds(0.0))[0])
+    return epoch_s + span_s[0], epoch_s + span_s[1]
 
 
 def integrated_over(name: str, epoch: Epochs, span_s: tuple[float, float]) -> str:

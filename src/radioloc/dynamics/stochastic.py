@@ -66,7 +66,9 @@ class StochasticEffects:
         chain = (times_s < 0.0).astype(np.intp)
         last = np.array([len(one) for one in self.moved]) - 1
         step = np.minimum((abs(times_s) / self.interval_s).astype(np.intp), last[chain])
-        begun = np.where((chain == 0)[:, None, None], self._edge(0, step), self._edge(1, step))
+        begun = np.empty((len(step), 6, 3))
+        for which, edges in enumerate(self._edges):
+            begun[chain == which] = edges[step[chain == which]]
         near = self.orbit.partials(tdb)[:, :, :6] @ (self.added.at_epoch(tdb) - begun)
         return chain, step, near
 
@@ -85,10 +87,6 @@ class StochasticEffects:
             mine = np.flatnonzero((chain == which) & (step > 0))
             out[mine, :, colours(chain[mine], step[mine] - 1)] = transition[mine] @ moved[step[mine] - 1]
         return np.concatenate([transition, out.reshape(len(step), 6, -1)], axis=2)
-
-    def _edge(self, chain: int, step: NDArray[np.intp]) -> Floats:
-        edges = self._edges[chain]
-        return np.asarray(edges[np.minimum(step, len(edges) - 1)])
 
 
 def colours(chain: NDArray[np.intp], step: NDArray[np.intp]) -> NDArray[np.intp]:

@@ -15,7 +15,6 @@ from radioloc.boundary import bare_arguments
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.dynamics.arcs import OrbitArcs
-from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.dynamics.elements import FORMS, elements_of_state, state_by_elements
 from radioloc.dynamics.stochastic import Chains, StochasticEffects
 from radioloc.estimation.statistics import finite_or_none
@@ -106,8 +105,8 @@ class OrbitState:
         Total covariance of the orbit's parameters, those of the state first; m, m/s and the forces' units.
     sensitivity : ndarray, shape (p, k)
         What errors of the gravity field that were considered, each by one sigma, do to the parameters.
-    disturbed : DisturbedOrbit or None
-        The orbit with these errors, if there are any.
+    disturbed : AdjustableOrbit or None
+        The orbit with the effects of these errors, if there are any.
     body : int
         NAIF code of the spacecraft in kernels.
     process : ProcessEstimate or None
@@ -117,7 +116,7 @@ class OrbitState:
     orbit: AdjustableOrbit
     parameter_covariance: Floats
     sensitivity: Floats
-    disturbed: DisturbedOrbit | None = None
+    disturbed: AdjustableOrbit | None = None
     body: int = -999
     process: ProcessEstimate | None = None
 
@@ -170,7 +169,7 @@ class OrbitState:
         errors of :meth:`covariance_rtn`.
         """
         axes = rtn_axes(*self.orbit.states(tdb))
-        direct = np.zeros((len(axes), 6, 0)) if self.disturbed is None else self.disturbed.effects(tdb)
+        direct = (self.disturbed or self.orbit).effects(tdb)
         return turned(axes, self.orbit.partials(tdb)), turned(axes, direct)
 
     @bare_arguments
@@ -287,17 +286,18 @@ class FittedOrbit:
     orbit: AdjustableOrbit | OrbitArcs
     covariance: Floats
     sensitivity: Floats
-    disturbed: DisturbedOrbit | None
+    disturbed: AdjustableOrbit | OrbitArcs | None
     body: int
 
     def states(self) -> tuple[OrbitState, ...]:
         """The state of each arc."""
-        if isinstance(self.orbit, AdjustableOrbit):
-            return (OrbitState(self.orbit, self.covariance, self.sensitivity, self.disturbed, self.body),)
-        errors = [None] * len(self.orbit.arcs) if self.disturbed is None else self.disturbed.arcs
+        whole = (np.arange(len(self.covariance)),)
+        columns = whole if isinstance(self.orbit, AdjustableOrbit) else self.orbit.columns
         return tuple(
-            OrbitState(arc, self.covariance[np.ix_(mine, mine)], self.sensitivity[mine], of_arc, self.body)
-            for arc, mine, of_arc in zip(self.orbit.arcs, self.orbit.columns, errors, strict=True)
+            OrbitState(arc, self.covariance[np.ix_(mine, mine)], self.sensitivity[mine], disturbed, self.body)
+            for arc, mine, disturbed in zip(
+                _arcs(self.orbit), columns, _arcs(self.disturbed) or [None] * len(columns), strict=True
+            )
         )
 
     def overlaps(self) -> tuple[OrbitOverlap, ...]:
@@ -314,12 +314,18 @@ class FittedOrbit:
             by = np.zeros((3, len(own)))
             for sign, arc, mine in zip((-1.0, 1.0), pair, columns, strict=True):
                 by[:, mine] += sign * (axes @ arc.position_partials(epoch)[0])
-            moved = by @ self.sensitivity
-            if self.disturbed is not None:
-                first, second = (one.position_partials(epoch)[0] for one in self.disturbed.arcs[k : k + 2])
-                moved += axes @ (second - first)
+            first, second = (
+                one.effects(epoch)[0, :3] for one in _arcs(self.disturbed or self.orbit)[k : k + 2]
+            )
+            moved = by @ self.sensitivity + axes @ (second - first)
             expected = np.full((3, 3), np.inf)
             if np.isfinite(self.covariance).all():
                 expected = by @ own @ by.T + moved @ moved.T
             found.append(OrbitOverlap(epoch, axes @ (after_m - before_m)[0], expected))
         return tuple(found)
+
+
+def _arcs(orbit: AdjustableOrbit | OrbitArcs | None) -> tuple[AdjustableOrbit, ...]:
+    if orbit is None:
+        return ()
+    return (orbit,) if isinstance(orbit, AdjustableOrbit) else orbit.arcs

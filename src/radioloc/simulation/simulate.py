@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit, Orbit
-from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError
 from radioloc.lunar import cartesian_to_selenographic, east_north_up, rot_pa_to_me
@@ -96,7 +95,7 @@ class World:
     trajectory: AnyTrajectory | None
     drawn: DrawnErrors  # errors that a trial of a Monte Carlo study draws, and draw if asked to
     enu_pa: NDArray[np.float64]  # east, north and up at the target, in principal axes, as rows, shape (3, 3)
-    errant: DisturbedOrbit | None = None  # an orbit with the errors of gravity that are drawn
+    errant: AdjustableOrbit | None = None  # an orbit with the errors of gravity that are drawn
 
     def __repr__(self) -> str:
         return f"<World {len(self.plan.observations)} observations of {self.scenario.name}>"
@@ -149,7 +148,7 @@ class StateAndForces(Protocol):
 
     def disturbed(
         self, orbit: AdjustableOrbit, count: int, seed: np.random.Generator
-    ) -> DisturbedOrbit | None:
+    ) -> AdjustableOrbit | None:
         """Such an orbit with drawn errors of its gravity field; ``None`` without any."""
         ...
 
@@ -198,7 +197,7 @@ class Scenario:
             drawn = drawn.with_gravity(predictor.along(errant).compute(target_pa_m).by_orbit)
         return World(self, plan, target_pa_m, at.value_m, added_m, errors, trajectory, drawn, enu_pa, errant)
 
-    def _trajectory(self, model: PhysicalModel) -> tuple[AnyTrajectory | None, DisturbedOrbit | None]:
+    def _trajectory(self, model: PhysicalModel) -> tuple[AnyTrajectory | None, AdjustableOrbit | None]:
         """Where a spacecraft truly is, and the same with the errors of gravity that are drawn."""
         if isinstance(self.position, LunarPosition | AnyTrajectory):
             return None if isinstance(self.position, LunarPosition) else self.position, None

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.dynamics import AdjustableOrbit
-from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
@@ -161,7 +160,7 @@ class _Planned:
     usable: _Mask
     notes: tuple[str, ...]
     orbit: AdjustableOrbit | None = None  # over the whole plan
-    errant: DisturbedOrbit | None = None  # with the errors of gravity that are considered
+    errant: AdjustableOrbit | None = None  # with the errors of gravity that are considered
 
     @classmethod
     def of(cls, study: Study, like: _Planned | None = None) -> _Planned:

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.boundary import bare_fields
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit, Forces
-from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.dynamics.elements import equatorial_axes, state_of_elements
 from radioloc.dynamics.gravity_errors import draw_gravity_errors, errors_along
 from radioloc.dynamics.orbit import initial_state
@@ -308,13 +307,13 @@ class Orbiter:
 
     def disturbed(
         self, orbit: AdjustableOrbit, count: int | None = None, seed: Generator | int = 0
-    ) -> DisturbedOrbit | None:
+    ) -> AdjustableOrbit | None:
         """Its orbit with the errors of gravity that are considered, or with others, if there are any."""
         field, count = self.forces.gravity, self.gravity_errors if count is None else count
         if not count or field.degree < 2:
             return None
         errors = draw_gravity_errors(field, count, max(field.degree, self.gravity_error_degree), seed)
-        return DisturbedOrbit(orbit, errors_along(orbit.nearest(), errors, orbit.libration).at)
+        return replace(orbit, errors=errors_along(orbit.nearest(), errors, orbit.libration).at)
 
     def before_landing(self, landed: OrbitState) -> OrbitState:
         """The state at the epoch of an orbit whose own epoch is the touchdown; its covariance until there."""

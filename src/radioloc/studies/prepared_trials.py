@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit, Orbit
 from radioloc.dynamics.arcs import OrbitArcs
-from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.estimation.consider import few_errors
@@ -209,6 +208,7 @@ class Prepared:
         ).value_m
         usable = status_of(longest, self._targets_pa)[0].are(USED)
         errant = disturbed(self.study, problem, x)
+        assert not isinstance(errant, OrbitArcs)  # such studies are refused
         arcs = []
         for part in self.parts:
             one = self._linear_arc(part, usable[part.rows], errant)
@@ -249,14 +249,13 @@ class Prepared:
         moves = np.zeros((3, 6, len(names)))
         errant = self.world.errant
         if errant is not None:
-            assert not isinstance(errant.orbit, OrbitArcs)  # such studies are refused
             of_gravity = [name.startswith(f"{GRAVITY_ERROR}.") for name in names]
             tdb = self.epochs(part)
-            moves[..., of_gravity] = _local(errant.orbit, tdb, errant.effects(tdb))
+            moves[..., of_gravity] = _local(errant, tdb, errant.effects(tdb))
         return moves
 
     def _compared(
-        self, part: ArcPart, problem: ObservationModel, x: _Floats, errant: DisturbedOrbit | None, count: int
+        self, part: ArcPart, problem: ObservationModel, x: _Floats, errant: AdjustableOrbit | None, count: int
     ) -> Compared:
         """What estimates are compared with, of so many considered errors, of which those of gravity are the last."""
         by_drawn = self.drawn_moves(part, self.world.drawn.names)
@@ -291,7 +290,7 @@ class Prepared:
         return orbit
 
     def _linear_arc(
-        self, part: ArcPart, usable: NDArray[np.bool_], errant: DisturbedOrbit | None
+        self, part: ArcPart, usable: NDArray[np.bool_], errant: AdjustableOrbit | None
     ) -> LinearArc | None:
         study, arc = self.study, part.arc
         problem, x = self.at_truth(part)

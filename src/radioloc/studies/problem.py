@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.dynamics.arcs import OrbitArcs
-from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.errors import InputError, named
 from radioloc.estimation.consider import Consider, ConsideredErrors, Effects, is_at_station
@@ -134,7 +133,7 @@ def considered_errors(
     problem: ObservationModel,
     estimate: EstimateChoice | None,
     x: NDArray[np.float64],
-    orbit: DisturbedOrbit | None = None,
+    orbit: AdjustableOrbit | OrbitArcs | None = None,
 ) -> tuple[ConsideredErrors | None, list[str]]:
     """What is considered in an arc, with its partials at the parameters x of `problem`; and notes on what is not.
 
@@ -159,19 +158,22 @@ def considered_errors(
     return _together(ConsideredErrors(model.parameters, here.partials, there.partials), gravity), notes
 
 
-def disturbed(study: Study, problem: ObservationModel, x: NDArray[np.float64]) -> DisturbedOrbit | None:
+def disturbed(
+    study: Study, problem: ObservationModel, x: NDArray[np.float64]
+) -> AdjustableOrbit | OrbitArcs | None:
     """The orbit at parameters x, with the errors of its gravity field that are considered, if it is one."""
     orbit, target = problem.predictor.trajectory, study.target
     if problem.process is not None or not isinstance(target, Orbiter):
         return None  # process noise stands for what the field leaves out
-    if isinstance(orbit, OrbitArcs):
-        there = orbit.corrected(problem.all_positions_pa_m(x))
-        arcs = tuple(one for one in map(target.disturbed, there.arcs) if one is not None)
-        effects = [one.effects for one in arcs]
-        return DisturbedOrbit(there, partial(there.of_each, effects), arcs) if arcs else None
-    if not isinstance(orbit, AdjustableOrbit):
-        return None
-    return target.disturbed(orbit.corrected(problem.all_positions_pa_m(x)))
+    assert isinstance(orbit, AdjustableOrbit | OrbitArcs)
+    there = orbit.corrected(problem.all_positions_pa_m(x))
+    if isinstance(there, AdjustableOrbit):
+        return target.disturbed(there)
+    arcs = tuple(filter(None, map(target.disturbed, there.arcs)))
+    names = tuple(f"gravity_error.{k + 1}" for k in range(target.gravity_errors))
+    return (
+        replace(there, arcs=arcs, columns=(np.arange(len(names)),) * len(arcs), names=names) if arcs else None
+    )
 
 
 def require_position_or_orbit(study: Study, what: str) -> None:
@@ -198,7 +200,7 @@ def fitted_orbit(
     x: NDArray[np.float64],
     covariance: NDArray[np.float64],
     consider: Consider | None,
-    errant: DisturbedOrbit | None,
+    errant: AdjustableOrbit | OrbitArcs | None,
 ) -> FittedOrbit:
     """The orbit whose parameters come first in x and `covariance`, which is of all that is uncertain."""
     orbit = problem.predictor.trajectory
@@ -218,7 +220,9 @@ def fitted_orbit(
     )
 
 
-def gravity_errors(orbit: DisturbedOrbit | None, problem: ObservationModel) -> ConsideredErrors | None:
+def gravity_errors(
+    orbit: AdjustableOrbit | OrbitArcs | None, problem: ObservationModel
+) -> ConsideredErrors | None:
     """Errors of an orbit's gravity field, with what they do to the observations."""
     if orbit is None:
         return None

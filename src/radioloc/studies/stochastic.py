@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit
-from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.dynamics.stochastic import (
     ACROSS,
     AFTER,
@@ -93,7 +92,7 @@ class StochasticProblem:
             orbit = replace(orbit, forces=forces, integrated=[])
         moved = orbit.corrected(without.all_positions_pa_m(x))
         effects = StochasticEffects(moved.nearest(), noise.sigma_m_s2, interval_s)
-        partials = predictor.along(DisturbedOrbit(moved, effects.at)).compute(np.zeros(3)).by_orbit
+        partials = predictor.along(replace(moved, errors=effects.at)).compute(np.zeros(3)).by_orbit
         by_colour = partials[:, 6:].reshape(len(partials), COLOURS, 3)
         tag_s = tt_to_tdb(utc_to_tt(predictor.observations.epoch)).seconds_since(orbit.epoch)
         first, last = (

@@ -88,16 +88,6 @@ def _times(matrix: Floats, a: Floats) -> Floats:
 
 
 @compiled()
-def _rotation(sky: Floats) -> Floats:
-    """Rotation from the ICRF to the field's axes."""
-    out = np.empty((3, 3))
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = sky[ROTATION + 3 * i + j]
-    return out
-
-
-@compiled()
 def _harmonics(r: Floats, rotation: Floats, data: ForceData) -> Floats:
     """Acceleration by all but the central term, for a GM of 1."""
     p = _times(rotation, r)
@@ -283,7 +273,7 @@ def accelerations(r: Floats, v: Floats, sky: Floats, data: ForceData) -> Floats:
     out = np.zeros((len(PARTS), 3))
     square = _dot(r, r)
     earth, sun = sky[:3], sky[3:6]
-    rotation = _rotation(sky)
+    rotation = sky[ROTATION : ROTATION + 9].reshape((3, 3))  # from the ICRF to the field's axes
     gm, on = data.gm, data.on
     out[CENTRAL] = -gm[0] / (square * math.sqrt(square)) * r
     if on[HARMONICS]:
@@ -340,7 +330,7 @@ def _gradient(r: Floats, sky: Floats, data: ForceData) -> Floats:
     """
     out = _of_point_mass(r, data.gm[0])
     if data.on[HARMONICS]:
-        rotation = _rotation(sky)
+        rotation = sky[ROTATION : ROTATION + 9].reshape((3, 3))
         p = _times(rotation, r)
         s = harmonic_sums(p[0], p[1], p[2], data.radius_m, data.gradient_series, data.recursion)
         s *= data.gm[0] / data.radius_m**3

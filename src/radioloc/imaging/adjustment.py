@@ -312,7 +312,9 @@ def _normal_equations(observed: _Observed, model: Projections, places: Floats) -
     map_residual = (ties.map_m[map_used] - places[map_point]).T
     points_right = _sums(map_point, map_weights * map_residual, count).T
     points_right += _sums(point, _products(by_place, residual[:, np.newaxis])[:, 0], count).T
-    coupling = np.ascontiguousarray(np.moveaxis(_products(by_place, by_image), -1, 0))
+    coupling, designs = (
+        np.ascontiguousarray(np.moveaxis(part, -1, 0)) for part in (_products(by_place, by_image), by_image)
+    )
     blocks = _coupled(first, image, coupling, inverse, model.images)
     reduced = -blocks.transpose(0, 2, 1, 3).reshape(8 * model.images, -1)
     east, north = np.einsum("nij,nj->in", inverse, points_right)[:, point]
@@ -320,9 +322,9 @@ def _normal_equations(observed: _Observed, model: Projections, places: Floats) -
     right = np.zeros((model.images, 8))
     order = np.argsort(image, kind="stable")
     for k, mine in enumerate(np.split(order, np.searchsorted(image[order], np.arange(1, model.images)))):
-        block, design = slice(8 * k, 8 * k + 8), np.hstack(by_image.take(mine, axis=2))
-        reduced[block, block] += design @ design.T
-        right[k] = design @ np.hstack(residual.take(mine, axis=1))
+        block, design = slice(8 * k, 8 * k + 8), designs[mine].reshape(-1, 8)
+        reduced[block, block] += design.T @ design
+        right[k] = design.T @ residual.T[mine].ravel()
     held = model.held().ravel()
     reduced[held, held] = 1.0
     of_points = image, point, first, coupling, inverse, points_right, map_weight

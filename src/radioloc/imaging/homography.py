@@ -222,10 +222,10 @@ def by_correction(normalized: Floats, by_normalized: Floats) -> Floats:
 
 
 def corrected(matrix: Floats, normal: Floats, step: Floats) -> Floats:
-    """The matrix after a correction of eight elements, of unit norm."""
-    delta = np.append(step, 0.0).reshape(3, 3)
+    """Matrices, shape (..., 3, 3), after corrections of eight elements, shape (..., 8), of unit norm."""
+    delta = np.insert(step, 8, 0.0, axis=-1).reshape(matrix.shape)
     result = np.linalg.solve(normal, (np.eye(3) + delta) @ normal @ matrix)
-    return np.asarray(result / np.linalg.norm(result))
+    return np.asarray(result / np.linalg.norm(result, axis=(-2, -1), keepdims=True))
 
 
 def of_correction(matrix: Floats, normal: Floats, covariance: Floats) -> Homography:

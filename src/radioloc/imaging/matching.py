@@ -292,7 +292,7 @@ def _candidates(
     near = first.pixels if predicted is None else transformed(predicted, first.pixels)
     least, following = np.full((2, len(these)), np.inf, np.float32)
     least_of_second = np.full(len(those), np.inf, np.float32)
-    forward = np.zeros(len(these), np.int64)
+    forward, backward = np.zeros(len(these), np.int64), np.zeros(len(those), np.int64)
     for rows in _neighbours(near, radius_px, max(1, _CHUNK_DISTANCES // len(those))):
         low, high = near[rows].min(axis=0) - radius_px, near[rows].max(axis=0) + radius_px
         there = np.flatnonzero(((second.pixels >= low) & (second.pixels <= high)).all(axis=1))
@@ -304,11 +304,15 @@ def _candidates(
                 np.putmask(distance, np.abs(place[:, np.newaxis] - other) > radius_px, np.inf)
         every, nearest = np.arange(len(rows)), distance.argmin(axis=1)
         forward[rows], least[rows] = there[nearest], distance[every, nearest]
-        least_of_second[there] = np.minimum(least_of_second[there], distance.min(axis=0))
+        nearest_back = distance.argmin(axis=0)
+        least_back = distance[nearest_back, np.arange(len(there))]
+        nearer = least_back < least_of_second[there]  # of two that are as near the first
+        backward[there[nearer]] = rows[nearest_back[nearer]]
+        least_of_second[there[nearer]] = least_back[nearer]
         distance[every, nearest] = np.inf
         following[rows] = distance.min(axis=1)
     good = np.isfinite(least) & (least < _RATIO[first.detector] * following)
-    i = np.flatnonzero(good & (least <= least_of_second[forward]))
+    i = np.flatnonzero(good & (backward[forward] == np.arange(len(these))))
     return i, forward[i]
 
 

@@ -69,8 +69,8 @@ class Homographies:
     @classmethod
     def of_matrices(cls, matrices: Floats, sizes: Floats) -> Homographies:
         """From approximate matrices, and samples and lines of the images, shape (images, 2)."""
-        unit = [matrix / np.linalg.norm(matrix) for matrix in matrices]
-        return cls(np.array(unit), np.array([_of_size(size) for size in sizes]))
+        unit = matrices / np.linalg.norm(matrices, axis=(1, 2), keepdims=True)
+        return cls(unit, np.array([_of_size(size) for size in sizes]))
 
     @property
     def images(self) -> int:
@@ -101,8 +101,7 @@ class Homographies:
     def corrected(self, steps: Floats) -> Homographies:
         """After corrections."""
         normals = self._normals_of_places() @ np.linalg.inv(self.matrices)
-        matrices = [corrected(*one) for one in zip(self.matrices, normals, steps, strict=True)]
-        return replace(self, matrices=np.array(matrices))
+        return replace(self, matrices=corrected(self.matrices, normals, steps))
 
     def place(self, image: int, pixel: Floats) -> Floats:
         """The place that a pixel shows."""

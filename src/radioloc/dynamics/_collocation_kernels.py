@@ -118,7 +118,7 @@ def _flight(
                 break
         moved_m = np.abs(path - begin)[:, :3].max()
         # The next evaluation would move it by as much less again.
-        if evaluation > 0 and moved_m * min(1.0, moved_m / before_m) < enough_m:
+        if evaluation > 0 and (moved_m < enough_m or moved_m * moved_m < enough_m * before_m):
             return True, path, rates, parts, others[NODES - 1]
         before_m = moved_m
         for i in range(NODES):

@@ -47,6 +47,12 @@ def test_two_bodies_move_by_keplers_laws():
         assert error_m < STEP_ERROR_M
 
 
+@pytest.mark.parametrize("span_s", [2e-6, 1e-2])
+def test_a_step_in_which_no_acceleration_moves_anything(span_s):
+    orbit = propagated(forces(0, **TWO_BODY), (0.0, span_s))
+    np.testing.assert_allclose(at(orbit, span_s)[0], kepler(STATE, GM_M3_S2, span_s), rtol=1e-14, atol=1e-8)
+
+
 def test_energy_and_angular_momentum_of_two_bodies_do_not_drift():
     states = at(propagated(forces(0, **TWO_BODY), (0.0, 5 * DAY_S)), np.linspace(0.0, 5 * DAY_S, 50))
     r, v = states[:, :3], states[:, 3:]

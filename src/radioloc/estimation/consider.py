@@ -86,9 +86,8 @@ class CommonErrors:
     """
 
     noise: Whitening
-    effects: tuple[
-        tuple[NDArray[np.intp], _Floats], ...
-    ]  # part by part, columns that are not zero and which they are
+    # Part by part, which columns are not zero, and these
+    effects: tuple[tuple[NDArray[np.intp], _Floats], ...]
     axes: _Floats  # (c, r), combinations of the columns that are E
     variance: _Floats  # (r,), diagonal of (1 + E^T E)^-1
 

@@ -40,6 +40,7 @@ def run(folder, *command, **environment):
     )
     wall_s = time.perf_counter() - started
     assert done.returncode == 0, done.stdout
-    output, cpu_s, peak = done.stdout.rsplit(maxsplit=2)
+    output, _, measured = done.stdout.rstrip("\n").rpartition("\n")
+    cpu_s, peak = measured.split()
     peak_kb = float(peak) / (1024 if sys.platform == "darwin" else 1)
     return wall_s, float(cpu_s), peak_kb / 1e3, output

@@ -124,11 +124,7 @@ class Terrain:
     def gradient(self, points_m: Floats) -> Floats:
         """Derivatives of the height above the terrain by x, y, z, shape (n, 3)."""
         longitude, latitude, height_m = cartesian_to_selenographic(points_m)
-        try:
-            slopes = self.model.window(longitude, latitude).heights_and_slopes
-        except LargeWindowError:
-            slopes = self.model.height_and_slope
-        _, by_longitude, by_latitude = slopes(longitude, latitude)
+        _, by_longitude, by_latitude = self.model.height_and_slope(longitude, latitude)
         east, north, up = np.moveaxis(vectors.east_north_up(longitude, latitude), -2, 0)
         radius_m = MEAN_LUNAR_RADIUS_M + height_m
         east_slope = by_longitude / (radius_m * np.maximum(np.cos(latitude), 1e-12))

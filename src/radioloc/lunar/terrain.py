@@ -111,7 +111,10 @@ class TerrainModel:
     @bare_arguments
     def height_m(self, longitude_rad: ArrayLike, latitude_rad: ArrayLike) -> Floats:
         """Height of the terrain above the sphere of 1737.4 km, m, shape (...,); see :meth:`height_and_slope`."""
-        return self.height_and_slope(longitude_rad, latitude_rad)[0]
+        longitude, latitude = _checked(longitude_rad, latitude_rad)
+        place = longitude.ravel(), latitude.ravel()
+        stencil, cells = self._stencil(*self._grid.cells(*place), *place)
+        return stencil.value(cells).reshape(longitude.shape)[()]
 
     @bare_arguments
     def window(self, longitude_rad: ArrayLike, latitude_rad: ArrayLike) -> TerrainWindow:
@@ -156,12 +159,9 @@ class TerrainModel:
         longitude, latitude = _checked(longitude_rad, latitude_rad)
         place = longitude.ravel(), latitude.ravel()
         row, column, by_angle = self._grid.cells_and_derivatives(*place)
-        # a number of a row or column; nor NaN
-        self._require((np.abs(row) < _FARTHEST_CELL) & (np.abs(column) < _FARTHEST_CELL), *place)
-        stencil = Stencil.around(row, column, (self._grid.rows, self._grid.columns), self.interpolation)
-        heights = self._heights(stencil.rows, stencil.columns, *place)
+        stencil, cells = self._stencil(row, column, *place)
         height, by_longitude, by_latitude = (
-            one.reshape(longitude.shape)[()] for one in stencil.value_and_slopes(heights, by_angle)
+            one.reshape(longitude.shape)[()] for one in stencil.value_and_slopes(cells, by_angle)
         )
         return height, by_longitude, by_latitude
 
@@ -207,6 +207,16 @@ class TerrainModel:
         if not 0.0 < own_sigma_m < math.inf:
             raise InputError(f"own_sigma_m = {own_sigma_m!r} is not a positive number of metres")
         return np.hypot(own_sigma_m, self.roughness_m(longitude_rad, latitude_rad, radius_m))
+
+    def _stencil(
+        self, row: Floats, column: Floats, longitude: Floats, latitude: Floats
+    ) -> tuple[Stencil, Floats]:
+        """Cells around points, and their heights, shape (n, size, size)."""
+        # a number of a row or column; nor NaN
+        inside = (np.abs(row) < _FARTHEST_CELL) & (np.abs(column) < _FARTHEST_CELL)
+        self._require(inside, longitude, latitude)
+        stencil = Stencil.around(row, column, (self._grid.rows, self._grid.columns), self.interpolation)
+        return stencil, self._heights(stencil.rows, stencil.columns, longitude, latitude)
 
     def _heights(
         self, rows: NDArray[np.int64], columns: NDArray[np.int64], longitude: Floats, latitude: Floats

@@ -58,8 +58,11 @@ def heights_m(
     """Heights of cells of the map, m, in the shape of ``rows``; NaN where the map is void."""
     heights = np.empty(rows.shape, dtype=np.float64)
     tile_rows, tile_columns = rows // _TILE_CELLS, columns // _TILE_CELLS
-    for i, j in np.unique(np.stack([tile_rows.ravel(), tile_columns.ravel()]), axis=1).T.tolist():
-        here = (tile_rows == i) & (tile_columns == j)
+    across = int(tile_columns.max(initial=0)) + 1
+    tiles = tile_rows * across + tile_columns
+    for tile in np.unique(tiles).tolist():
+        i, j = divmod(tile, across)
+        here = tiles == tile
         heights[here] = _tile(about, i, j)[rows[here] - i * _TILE_CELLS, columns[here] - j * _TILE_CELLS]
     return heights
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +19,7 @@ from radioloc.imaging import Map, TangentPlane, read_frame
 from radioloc.imaging.frames import load_opencv
 from radioloc.imaging.homography import transformed
 from radioloc.imaging.registration import RegisteredFrame
-from radioloc.lunar.terrain import LargeWindowError, NoTerrainError, TerrainModel
+from radioloc.lunar.terrain import TerrainModel
 from radioloc.report.cards import Shown
 from radioloc.report.figures import (
     COLORS,
@@ -196,17 +195,9 @@ def _shown(ground: Map | TerrainModel, plane: TangentPlane, reach_m: float) -> N
 
     east, north = np.meshgrid(*[np.linspace(-first_m, first_m, _PIXELS)] * 2)
     degrees = plane.to_longitude_latitude(np.column_stack([east.ravel(), north[::-1].ravel()]))
-    heights = _heights_m(ground, *np.radians(degrees).T).reshape(east.shape)
+    heights = ground.height_m(*np.radians(degrees).T).reshape(east.shape)
     light = LightSource(_SUN_AZIMUTH_DEG, _SUN_ELEVATION_DEG)
     return np.asarray(light.hillshade(heights, vert_exag=1.0, dx=pixel_m, dy=pixel_m))
-
-
-def _heights_m(ground: TerrainModel, longitude: NDArray[Any], latitude: NDArray[Any]) -> NDArray[Any]:
-    with suppress(LargeWindowError, NoTerrainError):
-        heights, known = ground.window(longitude, latitude).heights(longitude, latitude)
-        if known.all():
-            return heights
-    return ground.height_m(longitude, latitude)  # slower, and says what the map lacks
 
 
 def _draw_grid(axes: Axes, plane: TangentPlane, reach_m: float, factor: float, frame: str) -> None:

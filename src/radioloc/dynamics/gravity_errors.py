@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
-from radioloc.dynamics.disturbed import AddedAccelerations
 from radioloc.dynamics.gravity import GravityField, acceleration_series, recursion
 from radioloc.dynamics.orbit import Orbit
+from radioloc.dynamics.perturbations import Perturbations
 from radioloc.ephemeris import LunarOrientation
 from radioloc.errors import InputError
 from radioloc.lunar import rot_between, rot_icrf_to_pa
@@ -119,7 +119,7 @@ def gravity_error_effects(
     return errors_along(orbit, errors, libration or LunarOrientation.open()).at(tdb)
 
 
-def errors_along(orbit: Orbit, errors: list[GravityField], libration: LunarOrientation) -> AddedAccelerations:
+def errors_along(orbit: Orbit, errors: list[GravityField], libration: LunarOrientation) -> Perturbations:
     """What :func:`gravity_error_effects` gives, prepared for any epochs of the orbit."""
 
     def pulls(moments: Epochs) -> Floats:
@@ -127,7 +127,7 @@ def errors_along(orbit: Orbit, errors: list[GravityField], libration: LunarOrien
         points_m = np.ascontiguousarray(np.einsum("nij,nj->ni", rot, orbit.states(moments)[0]))
         return np.asarray(np.swapaxes(rot, 1, 2) @ _pulls(errors, points_m))
 
-    return AddedAccelerations(orbit, pulls)
+    return Perturbations(orbit, pulls)
 
 
 def _pulls(errors: list[GravityField], points_m: Floats) -> Floats:

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.dynamics.disturbed import AddedAccelerations
 from radioloc.dynamics.forces import Acceleration
 from radioloc.dynamics.orbit import Orbit
+from radioloc.dynamics.perturbations import Perturbations
 from radioloc.time import Epochs
 from radioloc.vectors import rtn_axes
 
@@ -49,14 +49,14 @@ class StochasticEffects:
 
     def __init__(self, orbit: Orbit, sigma_m_s2: Floats, interval_s: float) -> None:
         self.orbit, self.interval_s = orbit, interval_s
-        self.added = AddedAccelerations(
+        self.perturbations = Perturbations(
             orbit, lambda moments: np.swapaxes(rtn_axes(*orbit.states(moments)), 1, 2) * sigma_m_s2
         )
         first_s, last_s = orbit.span_s
         edges = []
         for end_s in (last_s, first_s):
             edges_s = np.append(np.sign(end_s) * np.arange(0.0, abs(end_s), interval_s), end_s)
-            edges.append(self.added.at_epoch(orbit.epoch.shifted(edges_s)))
+            edges.append(self.perturbations.mapped_to_epoch(orbit.epoch.shifted(edges_s)))
         self._edges = edges
         self.moved = (np.diff(edges[0], axis=0), np.diff(edges[1], axis=0))
 
@@ -69,7 +69,7 @@ class StochasticEffects:
         begun = np.empty((len(step), 6, 3))
         for which, edges in enumerate(self._edges):
             begun[chain == which] = edges[step[chain == which]]
-        near = self.orbit.partials(tdb)[:, :, :6] @ (self.added.at_epoch(tdb) - begun)
+        near = self.orbit.partials(tdb)[:, :, :6] @ (self.perturbations.mapped_to_epoch(tdb) - begun)
         return chain, step, near
 
     def at(self, tdb: Epochs) -> Floats:

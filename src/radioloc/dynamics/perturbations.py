@@ -1,4 +1,4 @@
-"""What small accelerations that else may act on an orbit do to it, to first order."""
+"""What small perturbing accelerations do to an orbit, to first order."""
 
 from __future__ import annotations
 
@@ -16,11 +16,18 @@ _STEP_S = 10.0
 """Accelerations of degree 220 in a low orbit have a wave of 30 km, 18 s; they are had in the middle of steps too."""
 
 
-class AddedAccelerations:
-    """The integral of F(s)^-1 (0, a(s)) from the orbit's epoch on, by Simpson's rule.
+class Perturbations:
+    """Changes of an orbit's states by small accelerations a, one column each, which leave its state at the epoch.
 
-    With the state transition matrix F from the epoch, times F(t) it is the change of the state at t (Montenbruck and
-    Gill 2000, section 7.1). `accelerations` gives them at epochs of TDB, m/s2, shape (n, 3, c); the orbit has partials.
+    With the state transition matrix F from the epoch they are F(t) times the integral of F(s)^-1 (0, a(s)) from the
+    epoch on (Montenbruck and Gill 2000, section 7.1), here by Simpson's rule.
+
+    Parameters
+    ----------
+    orbit : Orbit
+        With partials by its state at the epoch.
+    accelerations : callable
+        From epochs of TDB to accelerations, m/s^2, ICRF axes, shape (n, 3, c).
     """
 
     def __init__(self, orbit: Orbit, accelerations: Callable[[Epochs], Floats]) -> None:
@@ -31,20 +38,20 @@ class AddedAccelerations:
         ends_s = np.union1d(np.linspace(first_s, 0.0, before + 1), np.linspace(0.0, last_s, after + 1))
         grid_s = np.sort(np.concatenate([ends_s, 0.5 * (ends_s[1:] + ends_s[:-1])]))
         moments = orbit.epoch.shifted(grid_s)
-        added = accelerations(moments)
+        perturbing = accelerations(moments)
         transition = orbit.partials(moments)[:, :, :6]
-        rates = np.linalg.solve(transition, np.concatenate([np.zeros_like(added), added], axis=1))
+        rates = np.linalg.solve(transition, np.concatenate([np.zeros_like(perturbing), perturbing], axis=1))
         steps = np.diff(ends_s)[:, None, None] / 6.0 * (rates[:-2:2] + 4.0 * rates[1::2] + rates[2::2])
         total = np.concatenate([np.zeros((1, *steps.shape[1:])), np.cumsum(steps, axis=0)])
-        self._ends_s, self._total = ends_s, total - total[np.searchsorted(ends_s, 0.0)]
+        self._ends_s, self._mapped = ends_s, total - total[np.searchsorted(ends_s, 0.0)]
 
-    def at_epoch(self, tdb: Epochs) -> Floats:
-        """The integral up to epochs of TDB, m and m/s, shape (n, 6, c)."""
+    def mapped_to_epoch(self, tdb: Epochs) -> Floats:
+        """The integral up to epochs of TDB: changes mapped to the orbit's epoch, m and m/s, shape (n, 6, c)."""
         times_s = tdb.seconds_since(self.orbit.epoch)
-        columns = self._total.reshape(len(self._ends_s), -1).T
+        columns = self._mapped.reshape(len(self._ends_s), -1).T
         at_times = np.stack([np.interp(times_s, self._ends_s, column) for column in columns], axis=-1)
-        return at_times.reshape(len(times_s), *self._total.shape[1:])
+        return at_times.reshape(len(times_s), *self._mapped.shape[1:])
 
     def at(self, tdb: Epochs) -> Floats:
         """Changes of the states at epochs of TDB, m and m/s, ICRF axes, shape (n, 6, c)."""
-        return np.asarray(self.orbit.partials(tdb)[:, :, :6] @ self.at_epoch(tdb))
+        return np.asarray(self.orbit.partials(tdb)[:, :, :6] @ self.mapped_to_epoch(tdb))

@@ -28,7 +28,7 @@ from radioloc.dynamics._force_data import (
     TIDES,
     ForceData,
 )
-from radioloc.dynamics.forces import BODIES, Forces
+from radioloc.dynamics.forces import BODIES, Forces, require_one_epoch
 from radioloc.dynamics.gravity import acceleration_series, gradient_series, recursion, stacked
 from radioloc.dynamics.orbit import STATE, initial_state
 from radioloc.ephemeris import Ephemeris, LunarOrientation
@@ -86,6 +86,7 @@ def acceleration_terms(
     """
     ephemeris = ephemeris or Ephemeris.open()
     libration = libration or LunarOrientation.open(ephemeris.name)
+    require_one_epoch("epoch", epoch)
     state = initial_state(position_m, velocity_m_s)
     data = force_data(forces, ephemeris, libration, epoch, (0.0, 0.0), state)
     # The compiler takes a third of a second to import.

@@ -71,6 +71,12 @@ def elements_of_state(state: ArrayLike, gm_m3_s2: float, axes: ArrayLike, form: 
         Named by :data:`KEPLERIAN` or :data:`EQUINOCTIAL`; node, periapsis, anomaly and longitude from 0 to 360 deg. Of
         a hyperbola the semi-major axis is negative.
 
+    Raises
+    ------
+    InputError
+        The state has no plane, is that of a parabola, or is retrograde in the plane of the first two axes; the form is
+        not known.
+
     Examples
     --------
     >>> import numpy as np
@@ -79,19 +85,27 @@ def elements_of_state(state: ArrayLike, gm_m3_s2: float, axes: ArrayLike, form: 
     >>> elements_of_state(state, 4.9028e12, np.eye(3)).round(6).tolist()
     [1800000.0, 0.01, 88.0, 115.0, 30.0, 200.0]
     """
+    _require_form(form)
     r, v = (np.asarray(axes) @ half for half in np.reshape(state, (2, 3)))
     momentum = np.cross(r, v)
-    distance = np.linalg.norm(r)
-    axis_m = 1.0 / (2.0 / distance - v @ v / gm_m3_s2)
-    wx, wy, wz = momentum / np.linalg.norm(momentum)
-    # The pole of an orbit against the axes' has no node to be counted from, and no such elements.
-    hx, hy = -wy / (1.0 + wz), wx / (1.0 + wz)
-    first, second = _basis(hx, hy)
-    shape = np.cross(v, momentum) / gm_m3_s2 - r / distance
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = np.linalg.norm(r)
+        axis_m = 1.0 / (2.0 / distance - v @ v / gm_m3_s2)
+        wx, wy, wz = momentum / np.linalg.norm(momentum)
+        # A pole against that of the axes has no node to be counted from.
+        hx, hy = -wy / (1.0 + wz), wx / (1.0 + wz)
+        first, second = _basis(hx, hy)
+        shape = np.cross(v, momentum) / gm_m3_s2 - r / distance
     ex, ey = shape @ first, shape @ second
     longitude = np.arctan2(r @ second, r @ first)
+    equinoctial = np.array([axis_m, ex, ey, hx, hy, np.degrees(longitude) % 360.0])
+    if not np.isfinite(equinoctial).all():
+        raise InputError(
+            f"the state {np.ravel(state).tolist()} has no osculating elements: it has no plane or is that of a "
+            "parabola, or its inclination is 180 deg"
+        )
     if form == "equinoctial":
-        return np.array([axis_m, ex, ey, hx, hy, np.degrees(longitude) % 360.0])
+        return equinoctial
     node, from_node = np.arctan2(hy, hx), np.arctan2(ey, ex)
     angles = np.degrees([node, from_node - node, longitude - from_node]) % 360.0
     return np.array([axis_m, np.hypot(ex, ey), np.degrees(2.0 * np.arctan(np.hypot(hx, hy))), *angles])
@@ -105,7 +119,7 @@ def state_of_elements(
     Raises
     ------
     InputError
-        They are not those of an ellipse, or of an inclination from 0 to less than 180 deg.
+        They are not those of an ellipse, or of an inclination from 0 to less than 180 deg; the form is not known.
 
     Examples
     --------
@@ -114,9 +128,12 @@ def state_of_elements(
     >>> state_of_elements([2e6, 0.1, 90.0, 0.0, 0.0, 0.0], 4.9028e12, np.eye(3)).round(3).tolist()
     [1800000.0, 0.0, 0.0, 0.0, 0.0, 1730.941]
     """
+    _require_form(form)
     values = np.asarray(elements, dtype=np.float64)
+    if values.shape != (6,) or not np.isfinite(values).all():
+        raise InputError(f"elements must be six finite numbers, {', '.join(FORMS[form])}, not {elements!r}")
     axis_m, size = values[0], values[1] if form == "keplerian" else np.hypot(values[1], values[2])
-    if values.shape != (6,) or not np.isfinite(values).all() or not (axis_m > 0.0 and 0.0 <= size < 1.0):
+    if not (axis_m > 0.0 and 0.0 <= size < 1.0):
         raise InputError(
             f"semi_major_axis_m {axis_m:g} with eccentricity {size:g} is no ellipse; the axis is above 0, the "
             "eccentricity from 0 to less than 1; a hyperbola is given by position_m and velocity_m_s"
@@ -131,6 +148,11 @@ def state_by_elements(elements: Floats, gm_m3_s2: float, axes: Floats, form: str
     steps = elements + 1j * _IMAGINARY * np.eye(6)
     states = np.stack([_state(step, gm_m3_s2, axes, form) for step in steps], axis=-1)
     return states[:, 0].real, states.imag / _IMAGINARY
+
+
+def _require_form(form: str) -> None:
+    if form not in FORMS:
+        raise InputError(f"form {form!r} is not known; use {' or '.join(FORMS)}")
 
 
 def _state(elements: NDArray[Any], gm_m3_s2: float, axes: Floats, form: str) -> NDArray[Any]:

@@ -46,7 +46,8 @@ class Acceleration:
         bare_fields(self)
         _require_axes(self.name, self.axes)
         for moment in (self.start, self.stop):
-            _require_moment(self.name, moment)
+            if moment is not None:
+                require_one_epoch(self.name, moment)
         if self.start is not None and self.stop is not None and self.stop.seconds_since(self.start)[0] <= 0.0:
             raise InputError(f"acceleration {self.name}: stop is not after start; exchange or correct them")
 
@@ -69,7 +70,7 @@ class Impulse:
     def __post_init__(self) -> None:
         bare_fields(self)
         _require_axes(self.name, self.axes)
-        _require_moment(self.name, self.epoch)
+        require_one_epoch(self.name, self.epoch)
 
     def names(self) -> list[str]:
         """Names of its components, such as ``NAME.r``."""
@@ -130,6 +131,8 @@ class Forces:
 
     def __post_init__(self) -> None:
         bare_fields(self)
+        if not (isinstance(self.gradient_degree, int) and self.gradient_degree >= 0):
+            raise InputError(f"gradient_degree {self.gradient_degree!r} is not 0 or a higher integer")
         for body in self.bodies:
             if body not in BODIES:
                 raise InputError(f"body {body!r} is not known as a force; use some of {', '.join(BODIES)}")
@@ -194,8 +197,8 @@ def _require_axes(name: str, axes: str) -> None:
         raise InputError(f"{name}: axes {axes!r} are not known; use RTN or ICRF")
 
 
-def _require_moment(name: str, moment: Epochs | None) -> None:
-    if moment is not None:
-        moment.require("TDB")
-        if len(moment) != 1:
-            raise InputError(f"{name}: one epoch is needed, but {len(moment)} are given")
+def require_one_epoch(name: str, moment: Epochs) -> None:
+    """Raise :class:`InputError` unless it is one epoch of TDB."""
+    moment.require("TDB")
+    if len(moment) != 1:
+        raise InputError(f"{name}: one epoch is needed, but {len(moment)} are given")

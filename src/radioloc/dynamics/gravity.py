@@ -145,6 +145,8 @@ class GravityField:
         points_m = as_float_array(position_pa_m, "m", "position_pa_m")
         if points_m.ndim == 0 or points_m.shape[-1] != 3:
             raise InputError(f"position_pa_m has the shape {points_m.shape}; give (3,) or (n, 3)")
+        if not np.isfinite(points_m).all():
+            raise InputError("position_pa_m holds what is not a finite number")
         if not np.linalg.norm(points_m, axis=-1).all():
             raise InputError("position_pa_m holds the Moon's centre, where the series has no value")
         # The compiler takes a third of a second to import.

@@ -96,7 +96,7 @@ def gravity_error_effects(
     Raises
     ------
     InputError
-        The orbit has no partials.
+        The orbit has no partials; there are no errors, or their degrees differ.
     CoverageError
         An epoch lies outside the orbit.
 
@@ -116,6 +116,8 @@ def gravity_error_effects(
     >>> effects.shape
     (1, 6, 4)
     """
+    if len({error.degree for error in errors}) != 1:
+        raise InputError("errors of one degree are needed, as draw_gravity_errors makes them")
     return errors_along(orbit, errors, libration or LunarOrientation.open()).at(tdb)
 
 

@@ -22,7 +22,7 @@ from radioloc.dynamics._force_data import (
     Tolerance,
 )
 from radioloc.dynamics.accelerations import force_data, parameter_columns
-from radioloc.dynamics.forces import Forces, Impulse
+from radioloc.dynamics.forces import Forces, Impulse, require_one_epoch
 from radioloc.dynamics.orbit import LOWEST_M, STATE, Leg, Orbit, Rest, initial_state
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import ConvergenceError, InputError
@@ -83,7 +83,8 @@ def propagate(
     ------
     InputError
         A state under the ground or one that comes down to it, without finite numbers or velocity; an unknown parameter
-        or a body that the ephemeris does not hold; an impulse outside the span or at the epoch.
+        or a body that the ephemeris does not hold; an impulse outside the span or at the epoch; no single epoch; a
+        tolerance that is not above 0.
     CoverageError
         The ephemeris does not cover the span.
     ConvergenceError
@@ -102,12 +103,15 @@ def propagate(
     """
     ephemeris = ephemeris or Ephemeris.open()
     libration = libration or LunarOrientation.open(ephemeris.name)
-    epoch.require("TDB")
+    require_one_epoch(name, epoch)
+    if not tolerance_m > 0.0:
+        raise InputError(f"tolerance_m = {tolerance_m!r} is not above 0")
     state = initial_state(position_m, velocity_m_s, at_rest=touchdown is not None)
     start_s, stop_s = min(0.0, float(span_s[0])), max(0.0, float(span_s[1]))
     if touchdown is None:
         rest = None
     else:
+        require_one_epoch(name, touchdown)
         rest = Rest(float(touchdown.seconds_since(epoch)[0]), stop_s, libration)
         if rest.start_s < 0.0:
             raise InputError(

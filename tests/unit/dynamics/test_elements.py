@@ -5,7 +5,7 @@ import pytest
 import spiceypy
 
 from radioloc.dynamics import elements_of_state, state_of_elements
-from radioloc.dynamics.elements import equatorial_axes, state_by_elements
+from radioloc.dynamics.elements import FORMS, equatorial_axes, state_by_elements
 from radioloc.ephemeris import LunarOrientation
 from radioloc.errors import InputError
 from radioloc.time import epochs_from_strings
@@ -83,3 +83,24 @@ def test_elements_that_are_no_ellipse(changes, message):
     elements = [changes.get(k, value) for k, value in enumerate(KEPLERIAN[0])]
     with pytest.raises(InputError, match=message):
         state_of_elements(elements, GM, np.eye(3))
+
+
+@pytest.mark.parametrize(
+    "state",
+    [[1.8e6, 0.0, 0.0, 0.0, -1650.0, 0.0], [1.8e6, 0.0, 0.0, 100.0, 0.0, 0.0], [0.0] * 6, [np.nan] * 6],
+    ids=["against the axes", "no plane", "at the centre", "no numbers"],
+)
+@pytest.mark.parametrize("form", FORMS)
+def test_a_state_without_elements(state, form):
+    with pytest.raises(InputError, match="has no osculating elements"):
+        elements_of_state(state, GM, np.eye(3), form)
+
+
+def test_forms_and_numbers_of_elements():
+    with pytest.raises(InputError, match="form 'Keplerian' is not known; use keplerian or equinoctial"):
+        elements_of_state([1.8e6, 0.0, 0.0, 0.0, 1650.0, 0.0], GM, np.eye(3), "Keplerian")
+    with pytest.raises(InputError, match="form 'delaunay' is not known"):
+        state_of_elements(KEPLERIAN[0], GM, np.eye(3), "delaunay")
+    for form in FORMS:
+        with pytest.raises(InputError, match="six finite numbers"):
+            state_of_elements([1.8e6], GM, np.eye(3), form)

@@ -132,7 +132,14 @@ def test_a_degree_that_the_field_does_not_have(degree):
 
 
 @pytest.mark.parametrize(
-    ("point_m", "problem"), [((0.0, 0.0, 0.0), "centre"), ((1.0, 2.0), "shape"), (5.0, "shape")]
+    ("point_m", "problem"),
+    [
+        ((0.0, 0.0, 0.0), "centre"),
+        ((1.0, 2.0), "shape"),
+        (5.0, "shape"),
+        ((np.nan, 0.0, 0.0), "not a finite number"),
+        ((0.0, np.inf, 0.0), "not a finite number"),
+    ],
 )
 def test_points_without_a_value(point_m, problem):
     with pytest.raises(InputError, match=problem):

@@ -42,6 +42,13 @@ def test_changes_of_an_orbit_are_those_of_integrations():
             np.testing.assert_allclose(found[:, half, k], moved[:, half], rtol=0, atol=LINEAR * largest)
 
 
+@pytest.mark.parametrize("degrees", [(), (10, 20)])
+def test_errors_of_one_degree_are_needed(degrees):
+    orbit = propagated(forces(0), (0.0, 600.0), parameters=())
+    with pytest.raises(InputError, match="errors of one degree are needed"):
+        gravity_error_effects(orbit, [FIELD.to_degree(degree) for degree in degrees], orbit.epoch)
+
+
 @pytest.mark.parametrize(("count", "degree"), [(0, 60), (1, 40)])
 def test_errors_that_cannot_be_drawn(count, degree):
     with pytest.raises(InputError, match="must be at least 1 and 50"):

@@ -237,6 +237,8 @@ BAD = {
     "two numbers": ({"velocity_m_s": [0.0, 1.0]}, "three finite numbers"),
     "no plane": ({"velocity_m_s": POSITION_M / 1e3}, "no plane"),
     "falls": ({"velocity_m_s": VELOCITY_M_S / 2}, "comes down to the ground of the Moon at 2012-04-09T0"),
+    "two epochs": ({"epoch": EPOCH.shifted([0.0, 60.0])}, "orbit: one epoch is needed, but 2 are given"),
+    "no tolerance": ({"tolerance_m": 0.0}, "tolerance_m = 0.0 is not above 0"),
     "no span": ({"span_s": (0.0, 0.0)}, "has no length"),
     "parameter": ({"parameters": ("drag",)}, "no force has the parameter 'drag'; there are gm, k2"),
     "impulse outside": (

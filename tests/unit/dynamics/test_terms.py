@@ -167,6 +167,8 @@ def test_given_accelerations_at_the_epoch():
     ("more", "problem"),
     [
         ({"bodies": ("mars",)}, "body 'mars' is not known"),
+        ({"gradient_degree": -1}, "gradient_degree -1 is not 0 or a higher integer"),
+        ({"gradient_degree": 2.5}, "gradient_degree 2.5 is not 0 or a higher integer"),
         (
             {"accelerations": (Acceleration("a"), Acceleration("a", "ICRF"))},
             "the names a, a; give each its own",
@@ -185,6 +187,11 @@ def test_given_accelerations_that_cannot_be():
         Acceleration("a", start=EPOCH, stop=EPOCH)
     with pytest.raises(InputError, match=r"no force has the parameter 'b\.r'; there are a\.cos_n"):
         forces(0, accelerations=(Acceleration("a"),)).with_parameters({"b.r": 1.0})
+
+
+def test_accelerations_are_those_at_one_epoch():
+    with pytest.raises(InputError, match="epoch: one epoch is needed, but 2 are given"):
+        acceleration_terms(EPOCH.shifted([0.0, 60.0]), POSITION_M, VELOCITY_M_S, forces(0))
 
 
 def test_parameters_change_by_name():

@@ -57,6 +57,7 @@ _LEAST_CELLS = 60.0  # of the terrain or the image, across
 _MOST_NAMED = 3  # studies in the title
 _FARTHEST_DEG = 150.0  # in longitude from the middle, where lines of it end at a pole that is on the map
 _FARTHEST_M = 5e5  # of the edges; the plane that touches the sphere shows no more without distortion
+_WIDEST_M = 1e6  # where that is accepted; the corners are on the Moon still
 
 
 @bare_arguments
@@ -79,7 +80,8 @@ def plot_map(
     base_map : path-like, optional
         A map image, in place of that; of any format that :class:`~radioloc.imaging.Map` opens.
     reach_m : float, optional
-        From the middle to the edges, m; by default all that is drawn, and some of the ground around it.
+        From the middle to the edges, 1000 km at most, m; by default all that is drawn, and some of the ground around
+        it.
     ax : matplotlib.axes.Axes, optional
         Axes to draw in, in place of a figure of its own; without the globe.
 
@@ -91,8 +93,8 @@ def plot_map(
     Raises
     ------
     InputError
-        There is no position to draw, they are of different axes, both backgrounds are given, or a map does not cover
-        what is drawn.
+        There is no position to draw, they are of different axes, both backgrounds are given, a map does not cover what
+        is drawn, or there is no such reach.
 
     Examples
     --------
@@ -106,12 +108,14 @@ def plot_map(
     contents = [content_of(one) for one in several]
     if dem is not None and base_map is not None:
         raise InputError("give either dem or base_map to draw a map on, not both")
+    if reach_m is not None and not 0.0 < reach_m <= _WIDEST_M:
+        raise InputError(f"reach_m = {reach_m!r} is not above 0 and at most {_WIDEST_M:g} m")
     frame = _frame(contents)
     plane = TangentPlane(*_place(contents[0]["position"]["me"]))
     # In the order of the solutions, each once.
     references = dict.fromkeys((item["name"], _place(item)) for c in contents for item in references_of(c))
     ground = _ground(dem, base_map)
-    reach_m = reach_m or _reach_m(contents, references, plane, ground)
+    reach_m = _reach_m(contents, references, plane, ground) if reach_m is None else reach_m
     factor, unit = length_unit(2.0 * reach_m)
     studies = list(dict.fromkeys(re.sub(r", [0-9.]+ h$", "", content["name"]) for content in contents))
     title = " and ".join(studies) if len(studies) <= _MOST_NAMED else f"{len(studies)} studies"

@@ -300,7 +300,7 @@ def locate_point(study: PointStudy) -> PointSolution:
     )
     rays = model.rays([found.pixel])
     up = found.position_me.xyz_m / np.linalg.norm(found.position_me.xyz_m)
-    emission_deg = math.degrees(math.acos(float(-rays.directions[0] @ up)))
+    emission_deg = math.degrees(math.acos(min(1.0, float(-rays.directions[0] @ up))))
     time_s = 0.0
     if isinstance(model, LineScanModel):
         time_s = float(model.times_s(np.array([found.pixel[1]]))[0][0])

@@ -13,8 +13,8 @@ from radioloc.dynamics.elements import EQUINOCTIAL, KEPLERIAN
 from radioloc.ephemeris import Trajectory
 from radioloc.lunar.position import LunarPosition
 from radioloc.studies.orbit_choice import ForcesChoice
-from radioloc.studies.orbiter import Landing, Orbiter, RoughOrbit
-from radioloc.studies.schema import TomlTable, entry, keys_of
+from radioloc.studies.orbiter import AXES, Landing, Orbiter, RoughOrbit
+from radioloc.studies.schema import TomlTable, check, entry, keys_of
 from radioloc.studies.study import ModelChoice, Reference
 from radioloc.time import epochs_from_strings
 
@@ -56,7 +56,10 @@ class Target(Place):
     hy: float | None = None
     true_longitude_deg: float | None = None
     arcs_hours: float | None = None
-    axes: str | None = entry(None, choices=("equator", "ICRF"))
+    axes: str | None = entry(None, choices=AXES)
+
+    def __post_init__(self) -> None:
+        check(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,8 +103,6 @@ def _orbiter(table: TomlTable, acting: tuple[ForcesChoice, Forces] | None, model
     choice, forces = acting or (default := ForcesChoice(), default.forces())
     ending = table.table("landing")
     given = table.read(Target)
-    if given.dynamics != "moon":
-        table.fail("dynamics", f'must be "moon", not {given.dynamics!r}')
     # The first of a kind says which one it is: what else it needs, and may have.
     kinds: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         "altitude_m": (_ROUGH[:1], _ROUGH),

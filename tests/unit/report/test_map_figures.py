@@ -104,6 +104,10 @@ def test_the_ground_is_under_the_position():
         ([content(place=(3.0, 26.0)) | {"reference": None}], {"dem": EXAMPLE / "dem.tif"}, "outside"),
         ([content(), content("far", (3.0, 26.0))], {}, "too far apart"),
         ([content(), content("behind", (150.0, -26.0))], {}, "too far apart"),
+        ([content()], {"reach_m": 0.0}, "reach_m = 0.0 is not above 0"),
+        ([content()], {"reach_m": -5.0}, "reach_m = -5.0 is not above 0"),
+        ([content()], {"reach_m": math.nan}, "reach_m = nan is not above 0"),
+        ([content()], {"reach_m": 3e6}, "at most 1e\\+06 m"),
     ],
 )
 def test_what_cannot_be_drawn_is_told(given, options, message):

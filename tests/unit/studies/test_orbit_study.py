@@ -391,6 +391,21 @@ def test_a_study_file_gives_the_state_by_elements(tmp_path, model, form, axes):
     ]
     path.write_text("\n".join(kept))
     np.testing.assert_allclose(radioloc.read_study(path).target.state, STATE, rtol=0, atol=1e-7)
+    path.write_text("\n".join(kept).replace(f'axes = "{axes}"', 'axes = "icrf"'))
+    with pytest.raises(InputError, match=r"\[target\] axes must be one of \"equator\", \"ICRF\", not 'icrf'"):
+        radioloc.read_study(path)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"axes": "icrf"}, "axes 'icrf' of the elements is not known; use equator or ICRF"),
+        ({"form": "kepler"}, "form 'kepler'"),
+    ],
+)
+def test_elements_are_in_axes_and_of_a_form_that_are_known(forces, given, message):
+    with pytest.raises(InputError, match=message):
+        Orbiter.from_elements(EPOCH, [1.8e6, 0.01, 90.0, 0.0, 0.0, 0.0], forces, **given)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,16 @@ from descent_images import FOLDER
 import radioloc
 from radioloc.cli import main
 from radioloc.errors import ConvergenceError, InputError
-from radioloc.imaging import Sphere, TangentPlane, image_to_ground, read_isd, resect
+from radioloc.imaging import (
+    Camera,
+    ConstantOrientation,
+    FrameModel,
+    Sphere,
+    TangentPlane,
+    image_to_ground,
+    read_isd,
+    resect,
+)
 from radioloc.lunar import TerrainModel
 from radioloc.report import write_images
 from radioloc.studies import PlaceOnMap, compare, read_image_study
@@ -298,3 +307,18 @@ def test_what_is_wrong_is_one_sentence(study, old, new, says, tmp_path, capsys):
 def test_three_landmarks_are_too_few(stereo):
     with pytest.raises(InputError, match="3 landmarks; four or more are needed"):
         changed(stereo, landmarks=stereo.chosen.landmarks[:3])
+
+
+def test_a_camera_may_look_straight_down(monkeypatch, orbital):
+    camera = Camera.of_pinhole(700.0, 7.0, [511.5, 511.5])
+    support = read_isd(orbital.chosen.model, axes="ME_DE421")
+    study = changed(orbital, dem=None, height_m=0.0, point=(511.5, 511.5))
+    for longitude_rad in np.linspace(0.0, 1.0, 30):
+        sine, cosine = np.sin(longitude_rad), np.cos(longitude_rad)
+        down = np.array([[-sine, 0.0, -cosine], [cosine, 0.0, -sine], [0.0, -1.0, 0.0]])
+        above = ConstantOrientation([1787400.0 * cosine, 1787400.0 * sine, 0.0], down)
+        model = FrameModel(camera, above, (1024, 1024), axes="ME_DE421")
+        monkeypatch.setattr(
+            "radioloc.studies.image_points.read_isd", lambda _, model=model: replace(support, model=model)
+        )
+        assert radioloc.locate_images(study).details["emission_deg"] < 1e-5

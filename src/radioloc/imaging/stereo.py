@@ -28,21 +28,11 @@ _DIRECTIONS = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Intersection:
-    """Points seen by both cameras, in the axes of the left one.
+    """Points seen by both cameras, in the axes of the left one."""
 
-    Parameters
-    ----------
-    points_m : ndarray, shape (n, 3)
-        m.
-    covariance_m2 : ndarray, shape (n, 3, 3)
-        From the sigma of the pixels.
-    misfit : ndarray, shape (n,)
-        How far the two rays pass each other in sigmas; the square is of one degree of freedom.
-    """
-
-    points_m: Floats
-    covariance_m2: Floats
-    misfit: Floats
+    points_m: Floats  # shape (n, 3)
+    covariance_m2: Floats  # from the sigma of the pixels, shape (n, 3, 3)
+    misfit: Floats  # how far the two rays pass each other in sigmas; the square is of one degree of freedom
 
     @property
     def distances_m(self) -> Floats:
@@ -163,24 +153,12 @@ class StereoPair:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Resection:
-    """The place of a camera from distances to landmarks.
+    """The place of a camera from n distances to landmarks, in d dimensions."""
 
-    Parameters
-    ----------
-    position_m : ndarray, shape (d,)
-        On the map's axes, m.
-    covariance_m2 : ndarray, shape (d, d)
-        From the sigmas of distances and landmarks.
-    residuals_m : ndarray, shape (n,)
-        Measured less computed distances, m.
-    chi2 : float
-        Of the residuals, with n - d degrees of freedom.
-    """
-
-    position_m: Floats
-    covariance_m2: Floats
-    residuals_m: Floats
-    chi2: float
+    position_m: Floats  # on the map's axes, shape (d,)
+    covariance_m2: Floats  # from the sigmas of distances and landmarks, shape (d, d)
+    residuals_m: Floats  # measured less computed distances, shape (n,)
+    chi2: float  # of the residuals, with n - d degrees of freedom
 
 
 @bare_arguments

@@ -161,10 +161,10 @@ def chosen_parameters(
         amounts = (
             np.broadcast_to(of.get(member, none), count) for of, none in ((values, 0.0), (sigmas, math.inf))
         )
-        for component, value, sigma in zip(kind.components, *amounts, strict=True):
+        for parameter, value, sigma in zip(kind.parameter_names(name), *amounts, strict=True):
             parameters.append(
                 Parameter(
-                    ".".join(part for part in (kind.name, name, component) if part),
+                    parameter,
                     kind.unit,
                     kind.name,
                     float(value),

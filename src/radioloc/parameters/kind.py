@@ -133,6 +133,10 @@ class ParameterKind:
             "per": f"{self.name}_per",
         }
 
+    def parameter_names(self, whose: str) -> list[str]:
+        """Names of the parameters of one that has this kind, such as ``station_position.KASHI.east``."""
+        return [".".join(filter(None, (self.name, whose, component))) for component in self.components]
+
     @property
     def value_key(self) -> str:
         """Key of the a-priori value."""

@@ -303,12 +303,14 @@ class ImageSolution(_FromImages):
         """All numbers, with the keys of :meth:`radioloc.Solution.to_dict`, and ``images``."""
         considered = [
             {
-                "name": f"{MAP_TIE.name}.{self.map_name}.{axis}",
+                "name": name,
                 "unit": "m",
                 "sigma": sigma_m,
-                "position_enu_m": (sigma_m * np.eye(3)[k]).tolist(),
+                "position_enu_m": (sigma_m * side).tolist(),
             }
-            for k, (axis, sigma_m) in enumerate(zip(EAST_NORTH_UP, self.map_sigma_m, strict=False))
+            for name, sigma_m, side in zip(
+                MAP_TIE.parameter_names(self.map_name), self.map_sigma_m, np.eye(2, 3), strict=True
+            )
         ]
         fit = {
             "used": sum(frame.inliers for frame in self.registered),

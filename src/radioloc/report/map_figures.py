@@ -51,7 +51,7 @@ _Floats = NDArray[np.float64]
 _PIXELS, _MOSAIC_PIXELS = 600, 700
 _PANELS = 3  # of descent images
 _PART = 0.15  # of an image
-_SHADES = {3.0: (0.10, ""), 1.0: (0.25, "")}  # ellipses of so many sigmas: how opaque they are, no labels
+_SHADES = (3.0, 0.10, ""), (1.0, 0.25, "")  # ellipses of so many sigmas: how opaque they are, no labels
 _SUN_AZIMUTH_DEG, _SUN_ELEVATION_DEG = 315.0, 40.0  # from the upper left, as eyes expect
 _LEAST_CELLS = 60.0  # of the terrain or the image, across
 _MOST_NAMED = 3  # studies in the title
@@ -167,7 +167,7 @@ def _reach_m(
     sizes_m = []
     for content in contents:
         covariance = horizontal_covariance_of(content)
-        size_m = 0.0 if covariance is None else max(_SHADES) * float(np.sqrt(np.diag(covariance)).max())
+        size_m = 0.0 if covariance is None else _SHADES[0][0] * float(np.sqrt(np.diag(covariance)).max())
         sizes_m.append(size_m)
     places = [_place(content["position"]["me"]) for content in contents] + [place for _, place in references]
     offsets_m = np.abs(plane.from_longitude_latitude(places)).max(axis=1)

@@ -20,7 +20,6 @@ from radioloc.units import ASTROPY_UNITS, unit_of
 _Floats = NDArray[np.float64]
 _Three = tuple[float, ...]
 _MAX_PARAMETERS = 8
-SIDES = EAST_NORTH_UP
 NORMAL_95, CHI2_2_95, CHI2_6_95 = 1.959963984540054, 5.991464547107979, 12.591587243743977
 """Quantile of 97.5 % of the normal distribution; of 95 % of chi-square of two and of six degrees of freedom."""
 _OF_AN_ORBIT = (
@@ -31,7 +30,7 @@ _SHORT = {"along": "T", "across": "N", "radial": "R", "east": "E", "north": "N",
 
 def sides_of(columns: Sequence[str]) -> tuple[str, ...]:
     """Axes of the errors that results have: of a place, or of an orbit."""
-    return SIDES if "east_m" in columns else ALONG_ACROSS_RADIAL
+    return EAST_NORTH_UP if "east_m" in columns else ALONG_ACROSS_RADIAL
 
 
 @dataclass(frozen=True, slots=True)

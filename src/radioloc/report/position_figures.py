@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.estimation.build import compare_with
 from radioloc.estimation.combination import ReferenceComparison
+from radioloc.estimation.orbit_state import EAST_NORTH_UP
 from radioloc.estimation.solution import Solution
 from radioloc.report.cards import to_sigma
 from radioloc.report.comparison import Comparison
@@ -30,7 +30,7 @@ from radioloc.report.figures import (
     style_axes,
 )
 from radioloc.report.image_solution import PointSolution
-from radioloc.report.monte_carlo import NORMAL_95, SIDES
+from radioloc.report.monte_carlo import NORMAL_95
 from radioloc.report.subsets import ArcStudy
 from radioloc.report.tables import PositionRow, difference
 
@@ -68,12 +68,12 @@ def draw_place(
     method: str,
     number: int,
     covariance_m2: _Floats | None = None,
-    shades: Mapping[float, tuple[float, str]] = MappingProxyType({}),
+    shades: Sequence[tuple[float, float, str]] = (),
 ) -> None:
     """Mark a position, with its error ellipses: by how many sigmas they are, how opaque, and their labels."""
     style = _marker_style(method, number)
     if covariance_m2 is not None:
-        for scale, (opacity, label) in shades.items():
+        for scale, opacity, label in shades:
             look = {"facecolor": (style["color"], opacity), "edgecolor": style["color"], "linewidth": 1.1}
             draw_ellipse(axes, place_m, covariance_m2, scale, factor, label=label, **look)
     axes.plot(*(factor * np.asarray(place_m)), label=name, zorder=3, **style)
@@ -138,7 +138,7 @@ def plot_position(
     corners_m = np.array([origin_m - reach_m, origin_m + reach_m, *others_m])
     factor = _square_around(axes, corners_m, known[0].name if known else "the estimate")
     covariance_m2 = solution.position_covariance("enu")[:2, :2]
-    shades = {SCALE_95: (0.15, "95 %"), 1.0: (0.3, "1 sigma")}
+    shades = (SCALE_95, 0.15, "95 %"), (1.0, 0.3, "1 sigma")
     draw_place(axes, factor, origin_m, "estimate", "tracking", 0, covariance_m2, shades)
     for k, (one, at_m) in enumerate(zip(known, others_m, strict=True)):
         draw_place(axes, factor, at_m, one.name, "reference", k)
@@ -199,8 +199,8 @@ def _draw_rows(
     seen: Counter[bool] = Counter()
     for row, place_m, covariance_m2 in zip(rows, at_m, covariances_m2, strict=True):
         known = row.method == "reference"
-        shades = {SCALE_95: (0.08, "")}
-        draw_place(axes, factor, place_m, row.name, row.method, seen[known], covariance_m2, shades)
+        shade = (SCALE_95, 0.08, "")
+        draw_place(axes, factor, place_m, row.name, row.method, seen[known], covariance_m2, [shade])
         seen[known] += 1
     axes.set_title("ellipses of 95 %", fontsize=8, color="0.3")
 
@@ -245,8 +245,8 @@ def plot_arcs(study: ArcStudy, ax: Axes | None = None) -> Figure:
     sigmas_m = np.array([[row.sigma_west_m, row.sigma_north_m, row.sigma_up_m] for row in rows], dtype=float)
     reach_m = float(np.nanmax(np.abs(offsets_m) + NORMAL_95 * np.nan_to_num(sigmas_m)))
     factor, unit = length_unit(reach_m or 1.0)
-    beside = [figure.add_subplot(grid[k, 1]) for k in range(len(SIDES))]
-    for k, (axes, side) in enumerate(zip(beside, SIDES, strict=True)):
+    beside = [figure.add_subplot(grid[k, 1]) for k in range(len(EAST_NORTH_UP))]
+    for k, (axes, side) in enumerate(zip(beside, EAST_NORTH_UP, strict=True)):
         style_axes(axes)
         for number, row in enumerate(rows[len(hours) :]):
             line = _LINES[number % len(_LINES)]
@@ -258,7 +258,7 @@ def plot_arcs(study: ArcStudy, ax: Axes | None = None) -> Figure:
             axes.errorbar(length, factor * offsets_m[number, k], bar, capsize=3, elinewidth=1.2, **style)
         axes.plot(hours, factor * offsets_m[: len(hours), k], color=COLORS[0], linewidth=0.7, alpha=0.5)
         axes.set_xscale("log")
-        axes.set_xticks(hours, [f"{length:g}" if k == len(SIDES) - 1 else "" for length in hours])
+        axes.set_xticks(hours, [f"{length:g}" if axes is beside[-1] else "" for length in hours])
         axes.minorticks_off()
         axes.set_ylabel(f"{side} ({unit})")
     beside[0].set_title(f"less {study.benchmark}; bars: 95 %", fontsize=8, color="0.3")

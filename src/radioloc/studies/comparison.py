@@ -18,6 +18,7 @@ import numpy as np
 
 from radioloc.errors import InputError
 from radioloc.estimation.combination import PositionEstimate, agreement, joint_estimate
+from radioloc.estimation.orbit_state import EAST_NORTH_UP
 from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.position import LunarPosition
@@ -32,7 +33,6 @@ from radioloc.studies.target_file import position_of
 from radioloc.text_files import json_file
 
 _JOINT = "joint estimate"
-_AXES = ("east", "north", "up")
 
 Result = ArcStudy | ImageSolution | PointSolution | Solution
 
@@ -175,7 +175,7 @@ def _row(content: Mapping[str, Any], name: str, place: Mapping[str, Any]) -> Pos
         content.get("method", "tracking"),
         name,
         **place,
-        **_sigmas([content["sigma"][f"{axis}_m"] for axis in _AXES]),
+        **_sigmas([content["sigma"][f"{axis}_m"] for axis in EAST_NORTH_UP]),
         used=fit["used"],
         left_out=fit["rejected"],
         wrms_m=fit.get("wrms_m"),
@@ -205,15 +205,12 @@ class StatedPosition(PositionTable):
     """
 
     method: str = entry("tracking", choices=METHODS)
-    sigma_m: tuple[float, float] | None = entry(None, positive=True, kind=float | tuple[float, float])
+    sigma_m: tuple[float, float] | None = entry(None, positive=True, both=True)
     sigma_up_m: float | None = entry(None, positive=True)
     map: str | None = None
-    map_sigma_m: tuple[float, float] | None = entry(None, positive=True, kind=float | tuple[float, float])
+    map_sigma_m: tuple[float, float] | None = entry(None, positive=True, both=True)
 
     def __post_init__(self) -> None:
-        for key in ("sigma_m", "map_sigma_m"):
-            if isinstance(value := getattr(self, key), int | float):
-                object.__setattr__(self, key, (float(value),) * 2)
         check(self)
 
 
@@ -252,12 +249,14 @@ def _content(table: TomlTable, name: str) -> dict[str, Any]:
         },
         "sigma": {
             f"{axis}_m": finite_or_none(math.sqrt(value))
-            for axis, value in zip(_AXES, total_m2.tolist(), strict=True)
+            for axis, value in zip(EAST_NORTH_UP, total_m2.tolist(), strict=True)
         },
         "covariance": {"enu_m2": covariance},
         "considered": [
-            {"name": f"{MAP_TIE.name}.{given.map}.{axis}", "position_enu_m": tie_m * np.eye(3)[k]}
-            for k, (axis, tie_m) in enumerate(zip(_AXES, ties_m, strict=False))
+            {"name": name, "position_enu_m": tie_m * side}
+            for name, tie_m, side in zip(
+                MAP_TIE.parameter_names(given.map or ""), ties_m, np.eye(3), strict=False
+            )
         ],
         "fit": {"used": None, "rejected": None},
         "reference": None,

@@ -25,21 +25,11 @@ _UPDATE = "pip install --upgrade astropy-iers-data"
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What one check found.
+    """What one check found."""
 
-    Parameters
-    ----------
-    about : str
-        What was looked at.
-    text : str
-        What it is, and what to do where something is wrong.
-    sound : bool
-        Whether results can be trusted as far as this goes.
-    """
-
-    about: str
-    text: str
-    sound: bool = True
+    about: str  # what was looked at
+    text: str  # what it is, and what to do where something is wrong
+    sound: bool = True  # whether results can be trusted as far as this goes
 
 
 @dataclass(frozen=True, slots=True)

@@ -128,8 +128,8 @@ def locate_stereo(study: PointStudy) -> PointSolution:
     unit = (found.position_m - landmarks) / np.linalg.norm(found.position_m - landmarks, axis=1)[:, None]
     gain = found.covariance_m2 @ unit.T / (measured.sigmas_m**2 + chosen.landmark_sigma_m**2)
     ties = tuple(
-        (f"{MAP_TIE.name}.{chosen.map_name}.{axis}", "m", sigma_m)
-        for axis, sigma_m in zip(("east", "north"), chosen.map_sigma_m, strict=True)
+        (name, "m", sigma_m)
+        for name, sigma_m in zip(MAP_TIE.parameter_names(chosen.map_name), chosen.map_sigma_m, strict=True)
     )
     sources = (
         ErrorSource("distances", ground.to_enu @ gain * measured.sigmas_m),

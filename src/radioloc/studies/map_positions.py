@@ -52,19 +52,15 @@ class PlaceOnMap:
     longitude_deg: float | None = None
     latitude_deg: float | None = None
     height_m: float | None = None
-    sigma_m: tuple[float, float] | None = entry(None, positive=True, kind=float | tuple[float, float])
+    sigma_m: tuple[float, float] | None = entry(None, positive=True, both=True)
     map: str | None = None
-    map_sigma_m: tuple[float, float] | None = entry(None, positive=True, kind=float | tuple[float, float])
+    map_sigma_m: tuple[float, float] | None = entry(None, positive=True, both=True)
     target: str | None = None
     known_deg_m: tuple[float, float, float] | None = None
     frame: str = "ME_DE421"
 
     def __post_init__(self) -> None:
         check(self)
-        for key in ("sigma_m", "map_sigma_m"):
-            value = getattr(self, key)
-            if isinstance(value, int | float):
-                object.__setattr__(self, key, (float(value),) * 2)
         given = [key for key in _EITHER if getattr(self, key) is not None]
         if self.solution is not None and given:
             raise InputError(f"map_positions: {given[0]} is in the solution already; give either of them")

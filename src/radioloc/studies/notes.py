@@ -48,7 +48,10 @@ _ROUGHER = 1.5
 _FARTHEST_OFFSET = 1e-4
 """Part of its frequency by which an oscillator may be off: that of a simple quartz."""
 _OF_OBSERVATIONS = (
-    *("doppler_average_s", "extra_sigma_m", "vlbi_station_sigma_m", "vlbi_station_rate_sigma_m"),
+    "doppler_average_s",
+    "extra_sigma_m",
+    "vlbi_station_sigma_m",
+    "vlbi_station_rate_sigma_m",
     "doppler_phase_sigma_m",
 )
 """Keys of ``[observations]`` that a result repeats."""
@@ -277,10 +280,7 @@ def provenance(
         "troposphere": {key: _named(paths) for key, paths in of_air.items()},
         "sources": _named(chosen.sources),
         "free_clocks": list(model.free_clocks),
-        "media_calibrations": {
-            "csp": _named(chosen.csp),
-            "scid": chosen.csp_scid,
-        },
+        "media_calibrations": {"csp": _named(chosen.csp), "scid": chosen.csp_scid},
         "delays": {
             "transponder_s": model.delays.transponder_s,
             "stations": {name: asdict(delay) for name, delay in model.delays.stations.items()},
@@ -330,9 +330,10 @@ def _estimate_record(estimate: EstimateChoice) -> dict[str, Any]:
         "rejection_sigma",
         "weights",
         "variance_components",
+        "estimator",
     )
     return {
-        **{key: getattr(estimate, key) for key in (*keys, "estimator")},
+        **{key: getattr(estimate, key) for key in keys},
         "height_prior": prior,
         "process_noise": None if noise is None else asdict(noise),
         "pass_gap_h": estimate.pass_gap_h,

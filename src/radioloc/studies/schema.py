@@ -34,9 +34,9 @@ def entry(default: Any = dataclasses.MISSING, *, factory: Any = dataclasses.MISS
     """A field with rules.
 
     Rules of values, which :func:`check` looks at: ``positive``, ``not_negative``, ``choices``, ``names`` (one or more
-    of them), ``moment`` (one epoch, UTC). Rules of reading: ``advice``, where something else belongs, for values of
-    another kind; ``kind``, the type that the file has where it is not the field's; or ``read``, a function of table and
-    key that takes the ``keys`` that the file has in place of the field.
+    of them), ``both`` (two numbers, or one that is both), ``moment`` (one epoch, UTC). Rules of reading: ``advice``,
+    where something else belongs, for values of another kind; ``kind``, the type that the file has where it is not the
+    field's; or ``read``, a function of table and key that takes the ``keys`` that the file has in place of the field.
     """
     return dataclasses.field(default=default, default_factory=factory, metadata=rules)
 
@@ -53,6 +53,9 @@ def check(record: Any) -> None:
             object.__setattr__(record, f.name, value)
             if not value:
                 raise InputError(f"{f.name} names none; leave it out to take all")
+        if rules.get("both") and isinstance(value, Real):
+            value = (float(value),) * 2
+            object.__setattr__(record, f.name, value)
         if rules.get("moment"):
             if isinstance(value, str) or hasattr(value, "jd1"):
                 value = epochs_from_strings(value)
@@ -167,7 +170,8 @@ class TomlTable:
             if "read" in rules:
                 given[name] = rules["read"](self, key)
             else:
-                given[name] = self.get(key, rules.get("kind", kinds[name]))
+                kind = float | kinds[name] if rules.get("both") else kinds[name]
+                given[name] = self.get(key, rules.get("kind", kind))
         if whole:
             self.finish()
         for name, f in fields.items():

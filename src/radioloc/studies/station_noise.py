@@ -20,6 +20,7 @@ from radioloc.measurements.observations import DOPPLER, VLBI_DELAY, VLBI_DELAY_R
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import kind_of
 from radioloc.parameters.choice import ParameterChoice
+from radioloc.parameters.moon import MAP_TIE
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.studies.observation_choice import ObservationChoice
 from radioloc.studies.study import Study
@@ -84,12 +85,12 @@ def _phase_noise(arc: Predictor, choice: ObservationChoice) -> PhaseNoise | None
 def considered_ties_m(arc: Predictor, parameters: ParameterSet, study: Study) -> NDArray[np.float64]:
     """Sigma of the tie of its map for each observation, m, shape (n,); zero where that is not considered, or no map."""
     ties_m = np.zeros(len(arc.observations))
-    choice = study.consider.get("map_tie", ParameterChoice("all" if study.consider_defaults else "none"))
+    choice = study.consider.get(MAP_TIE.name, ParameterChoice("all" if study.consider_defaults else "none"))
     if arc.places is not None:
         first = len(arc.tracking.observations)
         for row, place in zip(range(first, len(ties_m), 2), arc.places.positions, strict=True):
             chosen = choice.names == "all" or place.map in choice.names
-            if chosen and f"map_tie.{place.map}.east" not in parameters:
+            if chosen and MAP_TIE.parameter_names(place.map)[0] not in parameters:
                 ties_m[row : row + 2] = place.map_sigma_m
     return ties_m
 

@@ -40,21 +40,11 @@ _LINEAR_M = 2.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StochasticProblem:
-    """A problem whose orbit has stochastic accelerations.
+    """A problem whose orbit has stochastic accelerations."""
 
-    Parameters
-    ----------
-    without : ObservationModel
-        The problem of the orbit without them.
-    noise : ProcessNoise
-    here : ObservationModel
-        The problem about the orbit that was integrated with the reference accelerations.
-    effects : StochasticEffects
-    """
-
-    without: ObservationModel
+    without: ObservationModel  # of the orbit without them
     noise: ProcessNoise
-    here: ObservationModel
+    here: ObservationModel  # about the orbit that was integrated with the reference accelerations
     effects: StochasticEffects
 
     @classmethod

@@ -38,7 +38,7 @@ from radioloc.imaging.maps import TangentPlane
 from radioloc.imaging.orientation import rotation_of
 from radioloc.imaging.surfaces import Terrain
 from radioloc.lunar import TerrainModel
-from radioloc.lunar.terrain import TerrainWindow
+from radioloc.lunar.terrain import TerrainWindow, height_and_gradient
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -164,15 +164,13 @@ class Relief:
     def points(self, places_m: Floats) -> tuple[Floats, Floats]:
         """Points from the Moon's centre, m, shape (n, 3), of places, and their derivatives, shape (n, 3, 2)."""
         longitude, latitude = _angles(self.plane, places_m)
-        height_m, by_longitude, by_latitude = self.window.heights_and_slopes(longitude, latitude)
+        height_m, gradient = height_and_gradient(self.window.heights_and_slopes, longitude, latitude)
         up_m = np.sqrt(MEAN_LUNAR_RADIUS_M**2 - (places_m**2).sum(axis=1))
         on_sphere = np.column_stack([places_m, up_m])
         sphere_by_place = np.broadcast_to(np.eye(3, 2), (len(places_m), 3, 2)).copy()
         sphere_by_place[:, 2] = -places_m / up_m[:, np.newaxis]
-        east, north, _ = np.moveaxis(vectors.east_north_up(longitude, latitude), -2, 0)
-        slope = (by_longitude / np.cos(latitude))[:, np.newaxis] * east + by_latitude[:, np.newaxis] * north
-        slope_local = slope @ self.plane.axes().T / MEAN_LUNAR_RADIUS_M
-        height_by_place = np.einsum("ni,nik->nk", slope_local, sphere_by_place)
+        gradient_local = gradient @ self.plane.axes().T / MEAN_LUNAR_RADIUS_M
+        height_by_place = np.einsum("ni,nik->nk", gradient_local, sphere_by_place)
         scale = (1.0 + height_m / MEAN_LUNAR_RADIUS_M)[:, np.newaxis]
         by_place = scale[:, :, np.newaxis] * sphere_by_place
         by_place += on_sphere[:, :, np.newaxis] / MEAN_LUNAR_RADIUS_M * height_by_place[:, np.newaxis]

@@ -17,7 +17,7 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.imaging.cameras import as_vector
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic
-from radioloc.lunar.terrain import LargeWindowError, NoTerrainError, TerrainWindow
+from radioloc.lunar.terrain import LargeWindowError, NoTerrainError, TerrainWindow, height_and_gradient
 from radioloc.lunar.terrain_source import HIGHEST_M, LOWEST_M
 
 Floats = NDArray[np.float64]
@@ -52,7 +52,7 @@ class Sphere:
 
     def gradient(self, points_m: Floats) -> Floats:
         """Up."""
-        return np.asarray(points_m / vectors.length(points_m)[:, None])
+        return vectors.normalized(points_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,11 +124,8 @@ class Terrain:
     def gradient(self, points_m: Floats) -> Floats:
         """Derivatives of the height above the terrain by x, y, z, shape (n, 3)."""
         longitude, latitude, height_m = cartesian_to_selenographic(points_m)
-        _, by_longitude, by_latitude = self.model.height_and_slope(longitude, latitude)
-        east, north, up = np.moveaxis(vectors.east_north_up(longitude, latitude), -2, 0)
-        radius_m = MEAN_LUNAR_RADIUS_M + height_m
-        east_slope = by_longitude / (radius_m * np.maximum(np.cos(latitude), 1e-12))
-        return np.asarray(up - east_slope[:, None] * east - (by_latitude / radius_m)[:, None] * north)
+        _, gradient = height_and_gradient(self.model.height_and_slope, longitude, latitude)
+        return vectors.normalized(points_m) - gradient / (MEAN_LUNAR_RADIUS_M + height_m)[:, None]
 
     def _in_parts(
         self, origins: Floats, directions: Floats, first: Floats, last: Floats

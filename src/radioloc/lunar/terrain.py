@@ -8,6 +8,7 @@ terrain is read up to 875 m away.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -15,6 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc import vectors
 from radioloc.boundary import bare_arguments
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
@@ -45,6 +47,7 @@ _SCALE_POINTS = 9  # along each side, at which the size of cells on the ground i
 _LARGEST_ROUGHNESS_RADIUS_M = 1.0e5
 _FARTHEST_CELL = 2.0**31
 _RINGS = 16  # points on a radius, at most, at which roughness looks up cells
+_NEAREST_POLE_RAD = 1e-7  # 0.2 m; nearer by, derivatives by longitude are lost in rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -274,6 +277,25 @@ class TerrainModel:
             )
         residuals_m = heights_m - design @ np.linalg.lstsq(design, heights_m, rcond=None)[0]
         return math.sqrt(float(residuals_m @ residuals_m) / (heights_m.size - 3))
+
+
+def height_and_gradient(
+    height_and_slope: Callable[[Floats, Floats], tuple[Floats, Floats, Floats]],
+    longitude_rad: Floats,
+    latitude_rad: Floats,
+) -> tuple[Floats, Floats]:
+    """Heights, m, shape (...,), and their gradients along the unit sphere, m/rad, mean-Earth axes, shape (..., 3).
+
+    `height_and_slope` is that of a :class:`TerrainModel`, or of a window.
+    """
+    pole_rad = np.copysign(0.5 * math.pi, latitude_rad)
+    at_pole = np.abs(pole_rad - latitude_rad) < _NEAREST_POLE_RAD
+    latitude = np.where(at_pole, pole_rad * (1.0 - _NEAREST_POLE_RAD), latitude_rad)
+    height_m, by_longitude, by_latitude = height_and_slope(longitude_rad, latitude)
+    east, north, _ = np.moveaxis(vectors.east_north_up(longitude_rad, latitude), -2, 0)
+    by_east = by_longitude / np.cos(latitude)
+    gradient = by_east[..., np.newaxis] * east + by_latitude[..., np.newaxis] * north
+    return height_m + by_latitude * (latitude_rad - latitude), gradient
 
 
 def _checked(longitude_rad: ArrayLike, latitude_rad: ArrayLike) -> tuple[Floats, Floats]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import EphemerisConstants
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic, east_north_up, rot_pa_to_me
+from radioloc.lunar.terrain import height_and_gradient
 from radioloc.parameters.parameter import Parameter, Role
 
 logger = logging.getLogger(__name__)
@@ -90,13 +91,8 @@ def on_terrain(
         below_pa_m, along = along_sphere(np.array([x[0], x[1], 0.0]))
         me_m, along_me = rot @ below_pa_m, rot @ along
         longitude, latitude, _ = cartesian_to_selenographic(me_m)
-        height_m, by_longitude, by_latitude = (
-            float(v) for v in terrain.height_and_slope(longitude, latitude)
-        )
-        to_east, to_north, _ = east_north_up(longitude, latitude)
-        radius_m = MEAN_LUNAR_RADIUS_M
-        slope = by_longitude / (radius_m * math.cos(float(latitude))) * (to_east @ along_me[:, :2])
-        slope = slope + by_latitude / radius_m * (to_north @ along_me[:, :2])
+        height_m, gradient = height_and_gradient(terrain.height_and_slope, longitude, latitude)
+        slope = gradient @ along_me[:, :2] / MEAN_LUNAR_RADIUS_M
         pa_m, partials = along_sphere(np.array([x[0], x[1], height_m + x[2]]))
         partials[:, :2] += np.outer(partials[:, 2], slope)
         return pa_m, partials

@@ -30,7 +30,8 @@ from radioloc.imaging import (
     resect,
 )
 from radioloc.kernels import sha256_of
-from radioloc.lunar import LunarPosition, TerrainModel
+from radioloc.lunar import LunarPosition, TerrainModel, east_north_up
+from radioloc.lunar.terrain import height_and_gradient
 from radioloc.parameters.moon import MAP_TIE
 from radioloc.report.cards import Field, metres
 from radioloc.report.image_solution import ErrorSource, PointSolution
@@ -66,12 +67,10 @@ def ground_at(chosen: GroundChoice, longitude_deg: float, latitude_deg: float) -
     if chosen.dem is None:
         note = "no height is known: give dem or height_m; the position stands on the sphere of 1737.4 km"
         return Ground(0.0, math.nan, np.vstack([np.eye(2), [math.nan, math.nan]]), (note,))
-    longitude, latitude = np.radians([[longitude_deg], [latitude_deg]])
-    height_m, by_longitude, by_latitude = (
-        float(np.ravel(v)[0]) for v in TerrainModel.open(chosen.dem).height_and_slope(longitude, latitude)
-    )
-    slope = np.array([by_longitude / math.cos(latitude[0]), by_latitude]) / (MEAN_LUNAR_RADIUS_M + height_m)
-    return Ground(height_m, chosen.dem_sigma_m, np.vstack([np.eye(2), slope]), ())
+    place = np.radians(longitude_deg), np.radians(latitude_deg)
+    height_m, gradient = height_and_gradient(TerrainModel.open(chosen.dem).height_and_slope, *place)
+    slope = east_north_up(*place)[:2] @ gradient / (MEAN_LUNAR_RADIUS_M + height_m)
+    return Ground(float(height_m), chosen.dem_sigma_m, np.vstack([np.eye(2), slope]), ())
 
 
 def provenance_of(

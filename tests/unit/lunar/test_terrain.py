@@ -34,6 +34,7 @@ from terrain_maps import (
 
 from radioloc.errors import InputError
 from radioloc.lunar import TerrainModel
+from radioloc.lunar.terrain import height_and_gradient
 
 
 @pytest.fixture(scope="module")
@@ -88,6 +89,16 @@ def test_slope_at_the_pole_of_a_polar_map(maps):
     # toward the equator along 0 and 90 E the surface rises by 1500 and 1000 m/rad, z contributes nothing
     np.testing.assert_allclose(by_lat, [1500.0, 1000.0], rtol=0, atol=1.0)
     np.testing.assert_allclose(by_lon, 0.0, rtol=0, atol=1e-6)
+
+
+def test_the_gradient_at_the_pole_of_a_polar_map(maps):
+    model = TerrainModel.open(maps["polar stereographic, south"], interpolation="bicubic")
+    place = degrees((0.0, -90.0), (90.0, -90.0), (37.0, -90.0), (37.0, -89.9999999))
+    height_m, gradient = height_and_gradient(model.height_and_slope, *place)
+    np.testing.assert_allclose(height_m, model.height_m(*place), rtol=0, atol=1e-5)
+    np.testing.assert_allclose(gradient, [[1500.0, 1000.0, 0.0]] * 4, rtol=0, atol=1.0)
+    with pytest.raises(InputError, match="beyond a pole"):
+        height_and_gradient(model.height_and_slope, *degrees((0.0, -95.0)))
 
 
 @pytest.mark.parametrize("name", ["equirectangular, 0 to 360", "polar stereographic, north"])

@@ -188,6 +188,11 @@ def match(
     Matches
         With a status; of what did not match there are no tie points.
 
+    Raises
+    ------
+    InputError
+        Features of two detectors, or a radius that is not above 0.
+
     Examples
     --------
     >>> import numpy as np
@@ -197,6 +202,8 @@ def match(
     >>> found.status.value
     'matched'
     """
+    if not radius_px > 0.0:
+        raise InputError(f"radius_px = {radius_px!r} is not above 0")
     if min(len(first.pixels), len(second.pixels)) < _FEWEST_FEATURES:
         return _none(MatchStatus.FEATURELESS)
     candidates = _distinct(first, second, *_candidates(first, second, predicted, radius_px))

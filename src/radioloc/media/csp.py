@@ -276,11 +276,8 @@ class _Items:
         if shape not in _SHAPES:
             raise self.fail(f"{by} is none of BY {', BY '.join(_SHAPES)}", by)
         coefficients = tuple(numbers_of(self.path, self.lines.get(by), self._words(by), "a coefficient"))
-        stations, quasar, scid = (
-            tuple(self._words("DSN")),
-            self.items.pop("QUASAR", None),
-            self.items.pop("SCID", None),
-        )
+        stations = tuple(self._words("DSN"))
+        quasar, scid = self.items.pop("QUASAR", None), self.items.pop("SCID", None)
         start, stop = self._moment("FROM"), self._moment("TO") if "TO" in self.items else np.inf
         if self.items:
             keyword = next(iter(self.items))

@@ -49,12 +49,8 @@ class ObservationRows:
         at: Prediction | None = None,
         position_pa_m: NDArray[np.float64] | None = None,
     ) -> None:
-        self.predictor, self._reference, self._at, self._position_pa_m = (
-            predictor,
-            reference,
-            at,
-            position_pa_m,
-        )
+        self.predictor, self._reference = predictor, reference
+        self._at, self._position_pa_m = at, position_pa_m
         self.rows = np.arange(len(predictor.observations)) if rows is None else rows
         self._known: dict[RowFunction, Any] = {}
 

@@ -131,11 +131,8 @@ class _Linearized:
         # In units in which every parameter has partials of one.
         norm = np.sqrt(np.square(rows).sum(axis=0))
         self._norm = np.where(norm > 0.0, norm, 1.0)
-        self._place_m, self._residual, self._partials = (
-            place_m,
-            at.residual_m[usable] / sigma_m,
-            rows / self._norm,
-        )
+        self._place_m = place_m
+        self._residual, self._partials = at.residual_m[usable] / sigma_m, rows / self._norm
         self._prior = np.diag((self._norm * problem.parameters.prior_sigmas[free]) ** -2.0 + 1e-12)
 
     def __len__(self) -> int:

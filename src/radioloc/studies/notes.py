@@ -152,17 +152,12 @@ def _terrain_doubt(
 
 def _radio_stations(arc: Predictor) -> list[Station]:
     """Stations of signals that are radio, whatever the kind that the catalogue gives them."""
-    stations, wavelength_um = (
-        [arc.model.catalogue.get(name) for name in arc.stations],
-        arc.observations.wavelength_um,
-    )
-    return [
-        station
-        for i, station in enumerate(stations)
-        if is_radio(
-            wavelength_um[(arc.transmitters == i) | (arc.receivers == i)], [station], np.array(0)
-        ).any()
-    ]
+    found = []
+    for i, name in enumerate(arc.stations):
+        station, rows = arc.model.catalogue.get(name), (arc.transmitters == i) | (arc.receivers == i)
+        if is_radio(arc.observations.wavelength_um[rows], [station], np.array(0)).any():
+            found.append(station)
+    return found
 
 
 def _of_stations(arc: Predictor) -> Iterator[str]:

@@ -138,6 +138,13 @@ def test_a_prediction_finds_more_under_another_sun():
     assert np.abs(transformed(guided.matrix, CORNERS) - transformed(truth, CORNERS)).max() < 2.0
 
 
+@pytest.mark.parametrize("radius_px", [0.0, -3.0, np.nan])
+def test_a_radius_that_is_not_above_zero_is_refused(radius_px):
+    features = detect(scene()[:400, :400])
+    with pytest.raises(InputError, match="is not above 0"):
+        match(features, features, np.eye(3), radius_px)
+
+
 def other_scene():
     return frame(scene(2), frame_matrix((740.0, 760.0), 1.5), seed=3)
 

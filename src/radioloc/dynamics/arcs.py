@@ -124,3 +124,7 @@ def arcs_of(
     start = np.zeros(len(all_names))
     start[:6] = first_start
     return OrbitArcs(arcs, borders, columns, all_names, forces, start)
+
+
+AnyOrbit = AdjustableOrbit | OrbitArcs
+"""An orbit to be estimated, in one arc or in several."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.dynamics import STATE, AdjustableOrbit
-from radioloc.dynamics.arcs import OrbitArcs
+from radioloc.dynamics.arcs import AnyOrbit, OrbitArcs
 from radioloc.dynamics.elements import FORMS, elements_of_state, state_by_elements
 from radioloc.lunar import cartesian_to_selenographic, east_north_up
 from radioloc.measurements.lunar_motion import lunar_motion
@@ -34,7 +34,7 @@ _SIZE_M = 2e6
 
 
 def orbit_parameters(
-    orbit: AdjustableOrbit | OrbitArcs,
+    orbit: AnyOrbit,
     sigmas: Mapping[str, float],
     estimated: bool,
     state: bool = True,

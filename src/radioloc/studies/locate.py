@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit
-from radioloc.dynamics.arcs import OrbitArcs
+from radioloc.dynamics.arcs import AnyOrbit, OrbitArcs
 from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import CoverageError, FileFormatError, InputError
@@ -426,9 +426,9 @@ def _aim(
     model: PhysicalModel,
     observations: Observations,
     orbit: AdjustableOrbit | None = None,
-) -> tuple[NDArray[np.float64], Trajectory | AdjustableOrbit | OrbitArcs | None, tuple[str, ...]]:
+) -> tuple[NDArray[np.float64], Trajectory | AnyOrbit | None, tuple[str, ...]]:
     """What is predicted: positions or a trajectory, and names of several targets; of one, observations may have any."""
-    trajectory: Trajectory | AdjustableOrbit | OrbitArcs | None = orbit
+    trajectory: Trajectory | AnyOrbit | None = orbit
     if isinstance(study.target, Orbiter) and orbit is None:
         assert study.estimate.orbit is not None  # the study has seen to that
         parameters = study.estimate.orbit.parameters(study.target.forces)

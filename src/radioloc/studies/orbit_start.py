@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit
-from radioloc.dynamics.arcs import OrbitArcs, arcs_of
+from radioloc.dynamics.arcs import AnyOrbit, OrbitArcs, arcs_of
 from radioloc.errors import InputError
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.exact_predictor import ExactPredictor
@@ -128,7 +128,7 @@ def orbit_arcs(
     choice: OrbitChoice,
     model: PhysicalModel,
     observations: Observations,
-) -> AdjustableOrbit | OrbitArcs:
+) -> AnyOrbit:
     """An orbit in arcs of some hours, each fitted from where the one before ends; the orbit itself where it is one arc.
 
     Parameters

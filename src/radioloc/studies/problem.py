@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.dynamics import AdjustableOrbit
-from radioloc.dynamics.arcs import OrbitArcs
+from radioloc.dynamics.arcs import AnyOrbit, OrbitArcs
 from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.errors import InputError, named
 from radioloc.estimation.consider import Consider, ConsideredErrors, Effects, is_at_station
@@ -133,7 +133,7 @@ def considered_errors(
     problem: ObservationModel,
     estimate: EstimateChoice | None,
     x: NDArray[np.float64],
-    orbit: AdjustableOrbit | OrbitArcs | None = None,
+    orbit: AnyOrbit | None = None,
 ) -> tuple[ConsideredErrors | None, list[str]]:
     """What is considered in an arc, with its partials at the parameters x of `problem`; and notes on what is not.
 
@@ -158,22 +158,20 @@ def considered_errors(
     return _together(ConsideredErrors(model.parameters, here.partials, there.partials), gravity), notes
 
 
-def disturbed(
-    study: Study, problem: ObservationModel, x: NDArray[np.float64]
-) -> AdjustableOrbit | OrbitArcs | None:
+def disturbed(study: Study, problem: ObservationModel, x: NDArray[np.float64]) -> AnyOrbit | None:
     """The orbit at parameters x, with the errors of its gravity field that are considered, if it is one."""
     orbit, target = problem.predictor.trajectory, study.target
     if problem.process is not None or not isinstance(target, Orbiter):
         return None  # process noise stands for what the field leaves out
-    assert isinstance(orbit, AdjustableOrbit | OrbitArcs)
+    assert isinstance(orbit, AnyOrbit)
     there = orbit.corrected(problem.all_positions_pa_m(x))
     if isinstance(there, AdjustableOrbit):
         return target.disturbed(there)
     arcs = tuple(filter(None, map(target.disturbed, there.arcs)))
+    if not arcs:
+        return None
     names = tuple(f"gravity_error.{k + 1}" for k in range(target.gravity_errors))
-    return (
-        replace(there, arcs=arcs, columns=(np.arange(len(names)),) * len(arcs), names=names) if arcs else None
-    )
+    return replace(there, arcs=arcs, columns=(np.arange(len(names)),) * len(arcs), names=names)
 
 
 def require_position_or_orbit(study: Study, what: str) -> None:
@@ -200,12 +198,12 @@ def fitted_orbit(
     x: NDArray[np.float64],
     covariance: NDArray[np.float64],
     consider: Consider | None,
-    errant: AdjustableOrbit | OrbitArcs | None,
+    errant: AnyOrbit | None,
 ) -> FittedOrbit:
     """The orbit whose parameters come first in x and `covariance`, which is of all that is uncertain."""
     orbit = problem.predictor.trajectory
     assert isinstance(study.target, Orbiter)
-    assert isinstance(orbit, AdjustableOrbit | OrbitArcs)
+    assert isinstance(orbit, AnyOrbit)
     mine = slice(0, problem.first)
     changes, by = problem.positions[0](x[mine])
     sensitivity = np.zeros((problem.first, 0))
@@ -220,9 +218,7 @@ def fitted_orbit(
     )
 
 
-def gravity_errors(
-    orbit: AdjustableOrbit | OrbitArcs | None, problem: ObservationModel
-) -> ConsideredErrors | None:
+def gravity_errors(orbit: AnyOrbit | None, problem: ObservationModel) -> ConsideredErrors | None:
     """Errors of an orbit's gravity field, with what they do to the observations."""
     if orbit is None:
         return None
@@ -274,7 +270,7 @@ def _columns(
 def _position(
     predictor: Predictor, target_pa: LunarPosition | None, choice: EstimateChoice, name: str = "position"
 ) -> PositionParameters:
-    if isinstance(predictor.trajectory, AdjustableOrbit | OrbitArcs):
+    if isinstance(predictor.trajectory, AnyOrbit):
         given, estimated = choice.orbit or OrbitChoice(), choice.orbit is not None
         sigmas = given.sigmas(predictor.trajectory.forces) if estimated else {}
         return orbit_parameters(predictor.trajectory, sigmas, estimated, given.state, given.form)

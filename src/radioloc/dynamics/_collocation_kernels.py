@@ -33,9 +33,11 @@ from radioloc.dynamics._force_kernels import EARTH_RADIUS_M, accelerations, quan
 Floats = NDArray[np.float64]
 
 _SAFETY, _LEAST, _MOST = 0.9, 0.2, 4.0
+"""Of the length that the error allows a next step, what is taken; least and most of it, of this one (ibid., II.4)."""
 _EVALUATIONS, _ITERATIONS = 12, 50
+"""At most, of all accelerations in a step, and of the central term or the partials."""
 _ROUNDING = 1e-15
-"""Of positions."""
+"""Of positions, relative."""
 _SETTLED = 1e-13
 """Of the accelerations of partials; what then remains is some hundred times less."""
 

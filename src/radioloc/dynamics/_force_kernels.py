@@ -36,11 +36,11 @@ from radioloc.dynamics._harmonic_kernels import harmonic_sums
 
 Floats = NDArray[np.float64]
 
-SUN_RADIUS_M = 6.957e8  # IAU 2015 resolution B3, as the two below
-EARTH_RADIUS_M = 6378136.6
+SUN_RADIUS_M = 6.957e8  # IAU 2015 resolution B3, as the Sun's irradiance below
+EARTH_RADIUS_M = 6378136.6  # IERS Conventions 2010, table 1.1
 SUNLIGHT_N_M2 = 1361.0 / C_M_S
 """Pressure of sunlight on a black surface at one astronomical unit."""
-AU_M = 149597870700.0
+AU_M = 149597870700.0  # IAU 2012 resolution B2
 EARTH_J2 = 1.0826359e-3  # IERS Conventions 2010, table 1.1; to the radius above
 
 RINGS = 3

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 
 import numpy as np
+from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.boundary import bare_arguments
@@ -14,16 +16,20 @@ from radioloc.dynamics._force_data import (
     CENTRAL,
     COMPONENTS,
     EARTH,
+    EARTH_VELOCITY,
     FIGURES,
     FIRST,
     GIVEN,
     HARMONICS,
+    MOON_VELOCITY,
     MOONLIGHT,
     NORMAL,
     OF_RTN,
     PARTS,
     QUANTITIES,
     RELATIVITY,
+    ROTATION,
+    SUN_VELOCITY,
     SUNLIGHT,
     TIDES,
     ForceData,
@@ -157,7 +163,7 @@ def force_data(
     masses = [ephemeris.constants.gm_m3_s2(body) for body in ("moon", *BODIES)]
     if forces.gm_m3_s2 is not None:
         masses[0] = forces.gm_m3_s2
-    on, scales = np.ones((2, len(PARTS)))
+    on, scales = np.ones(len(PARTS), dtype=bool), np.ones(len(PARTS))
     scales[TIDES], scales[SUNLIGHT], scales[MOONLIGHT] = forces.k2, *[forces.radiation_m2_kg] * 2
     for k, body in enumerate(BODIES):
         on[EARTH + k] = body in forces.bodies
@@ -180,7 +186,7 @@ def force_data(
         series,
         stacked(gradient_series(coefficients[part, part])),
         recursion(len(series) + 1),
-        on > 0.0,
+        on,
         scales,
         given,
         rtn_axes(state[:3], state[3:] + _NEARLY_REST * np.roll(state[:3], 1))[:2],
@@ -205,8 +211,8 @@ def body_table(
     """
     count = max(1, int(np.ceil((span_s[1] - span_s[0]) / _SEGMENT_S)))
     length_s = max(span_s[1] - span_s[0], 1.0) / count
-    angle = np.pi * (np.arange(_NODES) + 0.5) / _NODES
-    nodes_s = span_s[0] + length_s * (np.arange(count)[:, None] + 0.5 * (1.0 + np.cos(angle)))
+    nodes = chebyshev.chebpts1(_NODES)
+    nodes_s = span_s[0] + length_s * (np.arange(count)[:, None] + 0.5 * (1.0 + nodes))
     tdb = epoch.shifted(nodes_s.ravel())
     values = np.zeros((nodes_s.size, QUANTITIES))
     moon_m, moon_m_s = ephemeris.geocentric("moon", tdb)
@@ -215,23 +221,22 @@ def body_table(
         if body in ephemeris.bodies:
             values[:, 3 * k : 3 * k + 3] = ephemeris.geocentric(body, tdb)[0] - moon_m
     to_frame = rot_between(libration.frame, frame)
-    values[:, 15:24] = (to_frame @ rot_icrf_to_pa(libration.angles(tdb)[0])).reshape(-1, 9)
-    values[:, 24:27] = -moon_m_s
-    values[:, 27:30] = ephemeris.geocentric("sun", tdb)[1] - moon_m_s
-    values[:, 30:] = ephemeris.earth(tdb).velocity_m_s + moon_m_s
-    to_series = 2.0 / _NODES * np.cos(np.outer(np.arange(_NODES), angle))
-    to_series[0] *= 0.5
+    rotation = to_frame @ rot_icrf_to_pa(libration.angles(tdb)[0])
+    values[:, ROTATION:EARTH_VELOCITY] = rotation.reshape(-1, 9)
+    values[:, EARTH_VELOCITY:SUN_VELOCITY] = -moon_m_s
+    values[:, SUN_VELOCITY:MOON_VELOCITY] = ephemeris.geocentric("sun", tdb)[1] - moon_m_s
+    values[:, MOON_VELOCITY:] = ephemeris.earth(tdb).velocity_m_s + moon_m_s
+    to_series = np.linalg.inv(chebyshev.chebvander(nodes, _NODES - 1))
     table = np.einsum("kj,sjq->sqk", to_series, values.reshape(count, _NODES, QUANTITIES))
     return np.ascontiguousarray(table), span_s[0], length_s
 
 
 def parameter_columns(forces: Forces, names: Sequence[str]) -> NDArray[np.int64]:
-    """Part and index of each parameter, for the right-hand side."""
+    """Part and index of each parameter, as compiled :func:`variations` takes them."""
     known = {"gm": (CENTRAL, 0), "k2": (TIDES, 0), "radiation": (SUNLIGHT, 0)}
     known |= dict.fromkeys(STATE, (-1, 0))
     for row, one in enumerate(forces.accelerations):
-        own = [name for names in one.names() for name in names]
-        known |= {name: (GIVEN, row * COMPONENTS + k) for k, name in enumerate(own)}
+        known |= {name: (GIVEN, row * COMPONENTS + k) for k, name in enumerate(chain(*one.names()))}
     for impulse in forces.impulses:
         known |= dict.fromkeys(impulse.names(), (-1, 0))
     for name in names:

@@ -221,10 +221,8 @@ def _refuse(name: str, status: int, date: str) -> NoReturn:
 
 
 def _collocation() -> Collocation:
-    nodes, weights = legendre.leggauss(NODES)
-    to_series = (np.arange(NODES) + 0.5)[:, None] * (
-        weights[:, None] * legendre.legvander(nodes, NODES - 1)
-    ).T
+    nodes, _ = legendre.leggauss(NODES)
+    to_series = np.asarray(np.linalg.inv(legendre.legvander(nodes, NODES - 1)), dtype=np.float64)
     ends = np.append(nodes, 1.0)
     once, twice = (
         legendre.legval(ends, legendre.legint(np.eye(NODES), times, lbnd=-1.0)).T @ to_series

@@ -12,7 +12,7 @@ from radioloc.dynamics import Acceleration, Impulse, propagate
 from radioloc.dynamics._force_kernels import accelerations, quantities
 from radioloc.dynamics.accelerations import body_table, force_data
 from radioloc.ephemeris import Ephemeris, LunarOrientation
-from radioloc.errors import CoverageError, InputError
+from radioloc.errors import ConvergenceError, CoverageError, InputError
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.lunar.frames import angular_velocity_pa
 
@@ -51,6 +51,22 @@ def test_two_bodies_move_by_keplers_laws():
 def test_a_step_in_which_no_acceleration_moves_anything(span_s):
     orbit = propagated(forces(0, **TWO_BODY), (0.0, span_s))
     np.testing.assert_allclose(at(orbit, span_s)[0], kepler(STATE, GM_M3_S2, span_s), rtol=1e-14, atol=1e-8)
+
+
+def test_a_step_whose_iteration_does_not_settle_is_made_shorter():
+    """Towards the pericentre of an eccentric orbit steps that a loose tolerance lets grow are too long for it."""
+    state = np.array([1.75e6, 0.0, 0.0, 0.0, 0.0, 2300.0])
+    orbit = propagated(forces(0, **TWO_BODY), (0.0, 5 * DAY_S), state, tolerance_m=10.0)
+    for time_s in (3600.0, 3.3 * DAY_S, 5 * DAY_S):
+        assert np.linalg.norm(at(orbit, time_s)[0, :3] - kepler(state, GM_M3_S2, time_s)[:3]) < 0.1
+
+
+def test_an_acceleration_that_is_no_number_ends_the_integration():
+    thrust = Acceleration("burn", constant_m_s2=(np.nan, 0.0, 0.0), start=EPOCH.shifted(60.0))
+    with pytest.raises(
+        ConvergenceError, match=r"orbit cannot be integrated beyond 2012-04-09T04:31:00.000 TDB"
+    ):
+        propagated(forces(0, accelerations=(thrust,)), (0.0, 600.0))
 
 
 def test_energy_and_angular_momentum_of_two_bodies_do_not_drift():

@@ -26,21 +26,32 @@ class Acceleration:
     """A given acceleration: empirical, constant and once per revolution, or the thrust of a finite manoeuvre.
 
     Constant + cosine cos u + sine sin u; u is the angle along the orbit from the position at the arc's epoch.
+
+    Parameters
+    ----------
+    name : str
+    axes : {"RTN", "ICRF"}
+        Radial, transverse and normal, or those of the ICRF.
+    constant_m_s2, cosine_m_s2, sine_m_s2 : tuple of float
+        Components along the axes.
+    start, stop : Epochs, optional
+        TDB, one each; without one it acts always before or after.
+    normal : tuple of float, optional
+        Of a plane that radial, transverse and normal axes keep to, ICRF axes: on a descent that of the orbit turns and
+        vanishes.
+    sigma_m_s2 : float, optional
+        A priori, of each component of the constant; without one it is not estimated.
     """
 
     name: str
-    axes: Axes = "RTN"  # radial, transverse, normal, or those of the ICRF
+    axes: Axes = "RTN"
     constant_m_s2: Vector = _ZERO
     cosine_m_s2: Vector = _ZERO
     sine_m_s2: Vector = _ZERO
-    start: Epochs | None = None  # TDB; without one, always
+    start: Epochs | None = None
     stop: Epochs | None = None
-    normal: Vector | None = (
-        None  # of a plane that RTN keep to, ICRF: on a descent the orbit's own turns and vanishes
-    )
-    sigma_m_s2: float | None = (
-        None  # a priori, of each component of the constant; None where it is not estimated
-    )
+    normal: Vector | None = None
+    sigma_m_s2: float | None = None
 
     def __post_init__(self) -> None:
         bare_fields(self)

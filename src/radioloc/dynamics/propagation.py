@@ -189,11 +189,9 @@ def _jump(y: Floats, impulse: Impulse, names: tuple[str, ...], sign: float) -> N
         return rtn_axes(state[:3], state[3:]).T if impulse.axes == "RTN" else np.eye(3)
 
     before = y[0].copy()
-    if (
-        sign < 0.0
-    ):  # its axes are those of the state before it: a contraction by the impulse over the velocity
-        for _ in range(50):
-            before[3:] = y[0, 3:] - turned(before) @ delta
+    if sign < 0.0:
+        axes = _axes_before(y[0], impulse) if impulse.axes == "RTN" else np.eye(3)
+        before[3:] -= delta @ axes
     across = np.eye(6)
     steps = np.repeat([1e-5 * np.linalg.norm(before[:3]), 1e-5 * np.linalg.norm(before[3:])], 3)
     for k, step in enumerate(np.diag(steps)):
@@ -208,6 +206,25 @@ def _jump(y: Floats, impulse: Impulse, names: tuple[str, ...], sign: float) -> N
     else:
         y[0] = before
         y[1:] = np.linalg.solve(across, (y[1:] - own).T).T
+
+
+def _axes_before(after: Floats, impulse: Impulse) -> Floats:
+    """Radial, transverse and normal axes of the state before an impulse, a row each, from the state after it.
+
+    Of two such states this is the one from which the impulse does not turn the motion back.
+    """
+    axes = rtn_axes(after[:3], after[3:])
+    _, along, across = impulse.delta_v_m_s
+    speed = axes[1] @ after[3:]
+    # Its part across turned the plane about the radial axis; the rest of the speed along is what was there before.
+    rest = speed**2 - across**2
+    if rest <= 0.0 or np.sqrt(rest) <= along:
+        raise InputError(
+            f"no velocity before impulse {impulse.name} in radial, transverse and normal axes becomes that after it; "
+            "correct the impulse or the state, or give the state at an epoch before it"
+        )
+    cosine, sine = np.sqrt(rest) / speed, across / speed
+    return np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]]) @ axes
 
 
 def _refuse(name: str, status: int, date: str) -> NoReturn:

@@ -207,6 +207,21 @@ def test_forward_and_back_is_where_it_began(model):
     assert np.linalg.norm(velocity_m_s - VELOCITY_M_S) < 1e-7
 
 
+@pytest.mark.parametrize("delta_v_m_s", [(200.0, -1400.0, 600.0), (0.0, -1600.0, 30.0), (0.0, 0.0, 2000.0)])
+def test_an_impulse_as_large_as_the_velocity_is_undone(delta_v_m_s):
+    model = forces(0, **TWO_BODY, impulses=(Impulse("large", EPOCH.shifted(1.0), delta_v_m_s),))
+    after = at(propagated(model, (0.0, 2.0)), 2.0)[0]
+    back = propagate(EPOCH.shifted(2.0), after[:3], after[3:], model, (-2.0, 0.0))
+    np.testing.assert_allclose(np.ravel(back.states(EPOCH)), STATE, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("delta_v_m_s", [(0.0, 0.0, -2000.0), (0.0, 2000.0, 0.0)])
+def test_an_impulse_before_which_there_was_no_state(delta_v_m_s):
+    model = forces(0, impulses=(Impulse("wrong", EPOCH.shifted(-60.0), delta_v_m_s),))
+    with pytest.raises(InputError, match=r"no velocity before impulse wrong .* becomes that after it"):
+        propagated(model, (-120.0, 0.0))
+
+
 def test_the_table_of_bodies_is_the_ephemeris():
     ephemeris, libration = Ephemeris.open(), LunarOrientation.open()
     table, first_s, length_s = body_table(ephemeris, libration, "PA_DE421", EPOCH, (-1e5, 2e5))

@@ -29,6 +29,7 @@ from radioloc.dynamics._force_data import (
     Tolerance,
 )
 from radioloc.dynamics._force_kernels import EARTH_RADIUS_M, accelerations, quantities, variations
+from radioloc.dynamics._vector_kernels import add, dot, minus, put
 
 Floats = NDArray[np.float64]
 
@@ -76,9 +77,21 @@ def _others(parts: Floats, data: ForceData) -> Floats:
     out = np.zeros(3)
     for k in range(len(PARTS)):
         if k != CENTRAL:
-            for i in range(3):
-                out[i] += data.scales[k] * parts[k, i]
+            add(out, data.scales[k], parts[k])
     return out
+
+
+@compiled()
+def _moved(before: Floats, now: Floats) -> float:
+    """Largest change of a coordinate of the positions of two paths; not a number if any is."""
+    largest = 0.0
+    for i in range(len(now)):
+        for k in range(3):
+            change = abs(now[i, k] - before[i, k])
+            if math.isnan(change):
+                return change
+            largest = max(largest, change)
+    return largest
 
 
 @compiled()
@@ -101,7 +114,8 @@ def _flight(
         For the next step.
     """
     rates, others, parts = np.zeros((NODES, 3)), np.empty((NODES, 3)), np.empty((NODES, len(PARTS), 3))
-    others[:] = guess
+    for i in range(NODES):
+        put(others[i], guess)
     path = _path(y, h, method.ends, method.once, method.twice, rates)
     distance = math.sqrt(y[0] ** 2 + y[1] ** 2 + y[2] ** 2)
     enough_m = max(0.01 * tolerance_m, 10.0 * _ROUNDING * distance)
@@ -114,18 +128,20 @@ def _flight(
                 for k in range(3):
                     rates[i, k] = others[i, k] - data.gm[0] / (square * math.sqrt(square)) * path[i, k]
             now = _path(y, h, method.ends, method.once, method.twice, rates)
-            settled = np.abs(now - path)[:, :3].max() <= _ROUNDING * distance
+            settled = _moved(path, now) <= _ROUNDING * distance
             path = now
             if settled:
                 break
-        moved_m = np.abs(path - begin)[:, :3].max()
+        moved_m = _moved(begin, path)
         # The next evaluation would move it by as much less again.
         if evaluation > 0 and (moved_m < enough_m or moved_m * moved_m < enough_m * before_m):
             return True, path, rates, parts, others[NODES - 1]
         before_m = moved_m
         for i in range(NODES):
-            parts[i] = accelerations(path[i, :3], path[i, 3:], sky[i], data)
-            others[i] = _others(parts[i], data)
+            of_node = accelerations(path[i, :3], path[i, 3:], sky[i], data)
+            for k in range(len(PARTS)):
+                put(parts[i, k], of_node[k])
+            put(others[i], _others(of_node, data))
     return False, path, rates, parts, guess
 
 
@@ -167,9 +183,16 @@ def _error(series: Floats, h: float, tolerance: Tolerance) -> float:
 @compiled()
 def _within(r: Floats, earth: Floats, tolerance: Tolerance) -> int:
     """Whether a position is under the ground of the Moon or the Earth."""
-    if np.square(r).sum() < tolerance.lowest_m**2:
+    if dot(r, r) < tolerance.lowest_m**2:
         return IN_MOON
-    return IN_EARTH if np.square(r - earth).sum() < EARTH_RADIUS_M**2 else DONE
+    from_earth = minus(r, earth)
+    return IN_EARTH if dot(from_earth, from_earth) < EARTH_RADIUS_M**2 else DONE
+
+
+@compiled()
+def _with_room(rows: Floats) -> Floats:
+    """These rows, and room for as many more."""
+    return np.concatenate((rows, np.empty_like(rows)))
 
 
 @compiled()
@@ -204,7 +227,8 @@ def integrate(
     t, h = start, sign * abs(first_step)
     count = 0
     states, dense = np.empty((65, 1 + n)), np.empty((64, NODES * n // 2))
-    states[0, 0], states[0, 1:] = t, y
+    states[0, 0] = t
+    put(states[0, 1:], y)
     sky = np.empty((NODES + 1, QUANTITIES))
     by_state, sources = np.empty((NODES, 3, 6)), np.empty((NODES, n // 2 - 3))
     guess = _others(accelerations(y[:3], y[3:6], quantities(t, data), data), data)
@@ -219,7 +243,7 @@ def integrate(
         else:
             next_step = h
         for i in range(NODES + 1):
-            sky[i] = quantities(t + 0.5 * h * (method.ends[i] + 1.0), data)
+            put(sky[i], quantities(t + 0.5 * h * (method.ends[i] + 1.0), data))
         found, path, rates, parts, after = _flight(y[:6], h, sky, guess, data, method, tolerance.position_m)
         series = _product(method.to_series, rates)
         error = _error(series, h, tolerance) if found else math.inf
@@ -227,21 +251,24 @@ def integrate(
             h *= max(_LEAST, _SAFETY * error ** (-1.0 / NODES)) if error > 1.0 else _LEAST
             continue
         if count == len(dense):
-            states = np.concatenate((states, np.empty_like(states)))
-            dense = np.concatenate((dense, np.empty_like(dense)))
+            states, dense = _with_room(states), _with_room(dense)
         of_step = dense[count].reshape((NODES, n // 2))
-        of_step[:, :3] = series
+        for i in range(NODES):
+            put(of_step[i, :3], series[i])
         count += 1
-        states[count, 1:7] = path[NODES]
+        put(states[count, 1:7], path[NODES])
         if n > 6:
             for i in range(NODES):
-                by_state[i], of_node = variations(path[i], sky[i], parts[i], columns, data)
-                sources[i] = of_node.ravel()
+                gradient, of_node = variations(path[i], sky[i], parts[i], columns, data)
+                for k in range(3):
+                    put(by_state[i, k], gradient[k])
+                put(sources[i], of_node.ravel())
             carried = _carried(y[6:], h, by_state, sources, method)
-            of_step[:, 3:] = _product(method.to_series, carried)
-            states[count, 7:] = _path(
-                y[6:], h, method.ends[NODES:], method.once[NODES:], method.twice[NODES:], carried
-            )[0]
+            series = _product(method.to_series, carried)
+            for i in range(NODES):
+                put(of_step[i, 3:], series[i])
+            at_end = _path(y[6:], h, method.ends[NODES:], method.once[NODES:], method.twice[NODES:], carried)
+            put(states[count, 7:], at_end[0])
         for i in range(NODES + 1):
             status = _within(path[i, :3], sky[i, :3], tolerance)
             if status != DONE:
@@ -274,6 +301,6 @@ def interpolate(t: Floats, states: Floats, dense: Floats) -> Floats:
             integrals[k] = (legendre[k + 1] - legendre[k - 1]) / (2 * k + 1)
         for k in range(1, NODES):
             twice[0, k] = (integrals[k + 1] - integrals[k - 1]) / (2 * k + 1)
-        once[0] = integrals[:NODES]
-        out[i] = _path(states[step, 1:], h, at, once, twice, dense[step].reshape((NODES, n // 2)))[0]
+        put(once[0], integrals[:NODES])
+        put(out[i], _path(states[step, 1:], h, at, once, twice, dense[step].reshape((NODES, n // 2)))[0])
     return out

@@ -33,6 +33,7 @@ from radioloc.dynamics._force_data import (
     ForceData,
 )
 from radioloc.dynamics._harmonic_kernels import harmonic_sums
+from radioloc.dynamics._vector_kernels import add, cross, dot, minus, times, unit
 
 Floats = NDArray[np.float64]
 
@@ -66,33 +67,14 @@ def quantities(t: float, data: ForceData) -> Floats:
 
 
 @compiled()
-def _dot(a: Floats, b: Floats) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@compiled()
-def _cross(a: Floats, b: Floats) -> Floats:
-    out = np.empty(3)
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
-    return out
-
-
-@compiled()
-def _times(matrix: Floats, a: Floats) -> Floats:
-    out = np.empty(3)
-    for i in range(3):
-        out[i] = _dot(matrix[i], a)
-    return out
-
-
-@compiled()
 def _harmonics(r: Floats, rotation: Floats, data: ForceData) -> Floats:
     """Acceleration by all but the central term, for a GM of 1."""
-    p = _times(rotation, r)
+    p = times(rotation, r)
     sums = harmonic_sums(p[0], p[1], p[2], data.radius_m, data.series, data.recursion)
-    return _times(rotation.T, sums / data.radius_m**2)
+    out = np.zeros(3)
+    for i in range(3):
+        add(out, sums[i] / data.radius_m**2, rotation[i])
+    return out
 
 
 @compiled()
@@ -101,7 +83,7 @@ def _tensor(sky: Floats, data: ForceData) -> Floats:
     out = np.zeros((3, 3))
     for body in range(1, 3):
         place = sky[3 * body - 3 : 3 * body]
-        square = _dot(place, place)
+        square = dot(place, place)
         factor = data.gm[body] / (square * square * math.sqrt(square))
         for i in range(3):
             for j in range(3):
@@ -112,21 +94,25 @@ def _tensor(sky: Floats, data: ForceData) -> Floats:
 @compiled()
 def _tides(r: Floats, tensor: Floats, radius_m: float) -> Floats:
     """Acceleration by the tidal bulge for k2 = 1: gradient of R^5 (3 r.S r - tr S r^2) / (2 r^5)."""
-    square = _dot(r, r)
+    square = dot(r, r)
     trace = tensor[0, 0] + tensor[1, 1] + tensor[2, 2]
-    pulled = _times(tensor, r)
-    along = 3.0 * _dot(r, pulled) - trace * square
+    pulled = times(tensor, r)
+    along = 3.0 * dot(r, pulled) - trace * square
     factor = 0.5 * radius_m**5 / (square * square * math.sqrt(square))
-    return factor * (6.0 * pulled - 2.0 * trace * r - 5.0 * along / square * r)
+    out = np.empty(3)
+    for i in range(3):
+        out[i] = factor * (6.0 * pulled[i] - 2.0 * trace * r[i] - 5.0 * along / square * r[i])
+    return out
 
 
 @compiled()
 def _oblate(r: Floats, gm: float) -> Floats:
     """Acceleration by the Earth's J2 at a position from its centre; its axis is taken to be the ICRF's."""
-    square = _dot(r, r)
+    square = dot(r, r)
     sine2 = r[2] * r[2] / square
     factor = -1.5 * EARTH_J2 * gm * EARTH_RADIUS_M**2 / (square * square * math.sqrt(square))
-    out = factor * (1.0 - 5.0 * sine2) * r
+    out = np.zeros(3)
+    add(out, factor * (1.0 - 5.0 * sine2), r)
     out[2] += 2.0 * factor * r[2]
     return out
 
@@ -141,32 +127,36 @@ def _post_newtonian(r: Floats, v: Floats, first: int, places: Floats, speeds: Fl
     out = np.zeros(3)
     potential = 0.0
     for j in range(first, 3):
-        potential += gm[j] / math.sqrt(_dot(places[j] - r, places[j] - r))
+        to = minus(places[j], r)
+        potential += gm[j] / math.sqrt(dot(to, to))
     for j in range(first, 3):
-        to = places[j] - r
-        square = _dot(to, to)
+        to, speed = minus(places[j], r), speeds[j]
+        square = dot(to, to)
         distance = math.sqrt(square)
-        bracket = -4.0 * potential + _dot(v, v) + 2.0 * _dot(speeds[j], speeds[j]) - 4.0 * _dot(v, speeds[j])
-        bracket -= 1.5 * _dot(to, speeds[j]) ** 2 / square
+        bracket = -4.0 * potential + dot(v, v) + 2.0 * dot(speed, speed) - 4.0 * dot(v, speed)
+        bracket -= 1.5 * dot(to, speed) ** 2 / square
         for k in range(3):
             if k != j:
-                apart = places[k] - places[j]
-                bracket -= gm[k] / math.sqrt(_dot(apart, apart))
+                apart = minus(places[k], places[j])
+                bracket -= gm[k] / math.sqrt(dot(apart, apart))
         factor = gm[j] / (C_M_S**2 * square * distance)
-        along = -_dot(to, 4.0 * v - 3.0 * speeds[j])
-        out += factor * (bracket * to + along * (v - speeds[j]))
+        along = 0.0
+        for i in range(3):
+            along -= to[i] * (4.0 * v[i] - 3.0 * speed[i])
+        for i in range(3):
+            out[i] += factor * (bracket * to[i] + along * (v[i] - speed[i]))
     return out
 
 
 @compiled()
 def sunlit(r: Floats, sun: Floats, body: Floats, radius_m: float) -> float:
     """Visible part of the Sun's disk behind a sphere (Montenbruck and Gill 2000, section 3.4.2)."""
-    to_sun, to_body = sun - r, body - r
-    sun_m, body_m = math.sqrt(_dot(to_sun, to_sun)), math.sqrt(_dot(to_body, to_body))
+    to_sun, to_body = minus(sun, r), minus(body, r)
+    sun_m, body_m = math.sqrt(dot(to_sun, to_sun)), math.sqrt(dot(to_body, to_body))
     if body_m >= sun_m or body_m <= radius_m:
         return 1.0
     a, b = math.asin(SUN_RADIUS_M / sun_m), math.asin(radius_m / body_m)
-    c = math.acos(min(1.0, max(-1.0, _dot(to_sun, to_body) / (sun_m * body_m))))
+    c = math.acos(min(1.0, max(-1.0, dot(to_sun, to_body) / (sun_m * body_m))))
     if c >= a + b:
         return 1.0
     if c <= b - a:
@@ -182,10 +172,12 @@ def sunlit(r: Floats, sun: Floats, body: Floats, radius_m: float) -> float:
 @compiled()
 def _sunlight(r: Floats, sun: Floats, earth: Floats) -> Floats:
     """Acceleration by sunlight for a radiation coefficient of 1 m^2/kg."""
-    from_sun = r - sun
-    square = _dot(from_sun, from_sun)
+    from_sun = minus(r, sun)
+    square = dot(from_sun, from_sun)
     visible = sunlit(r, sun, np.zeros(3), MEAN_LUNAR_RADIUS_M) * sunlit(r, sun, earth, EARTH_RADIUS_M)
-    return SUNLIGHT_N_M2 * visible * AU_M**2 / (square * math.sqrt(square)) * from_sun
+    out = np.zeros(3)
+    add(out, SUNLIGHT_N_M2 * visible * AU_M**2 / (square * math.sqrt(square)), from_sun)
+    return out
 
 
 @compiled()
@@ -196,18 +188,19 @@ def _moonlight(r: Floats, sun: Floats) -> Floats:
     radiance is summed over directions of equal solid angle, the middle and rings around it as in Knocke, Ries and
     Tapley (1988), AIAA 88-4292.
     """
-    distance = math.sqrt(_dot(r, r))
-    sun_m = math.sqrt(_dot(sun, sun))
-    up, to_sun = r / distance, sun / sun_m
+    distance = math.sqrt(dot(r, r))
+    sun_m = math.sqrt(dot(sun, sun))
+    up, to_sun = unit(r), unit(sun)
     # Directions are symmetric about the plane of the Sun.
-    side = to_sun - _dot(to_sun, up) * up
-    if _dot(side, side) < 1e-12:
+    side = to_sun.copy()
+    add(side, -dot(to_sun, up), up)
+    if dot(side, side) < 1e-12:
         side = np.array([-up[1], up[0], 0.0]) if abs(up[2]) < 0.9 else np.array([0.0, -up[2], up[1]])
-    side = side / math.sqrt(_dot(side, side))
-    across = _cross(up, side)
+    side = unit(side)
+    across = cross(up, side)
     limb = math.sqrt(1.0 - min(1.0, (MEAN_LUNAR_RADIUS_M / distance) ** 2))
     count = 1 + 3 * RINGS * (RINGS - 1)
-    out = np.zeros(3)
+    down, ground, summed, out = np.empty(3), np.empty(3), np.zeros(3), np.zeros(3)
     within = 0
     for ring in range(RINGS):
         members = max(1, 6 * ring)
@@ -218,23 +211,26 @@ def _moonlight(r: Floats, sun: Floats) -> Floats:
         reach = distance * cosine - math.sqrt(max(0.0, root))
         for k in range(members):
             angle = 2.0 * math.pi * (k + 0.5) / members
-            down = -cosine * up + sine * (math.cos(angle) * side + math.sin(angle) * across)
-            ground = (r + reach * down) / MEAN_LUNAR_RADIUS_M
-            height = _dot(ground, to_sun)
-            out -= 0.5 * (height + math.sqrt(height * height + TERMINATOR * TERMINATOR)) * down
+            along, aside = math.cos(angle), math.sin(angle)
+            for i in range(3):
+                down[i] = -cosine * up[i] + sine * (along * side[i] + aside * across[i])
+                ground[i] = (r[i] + reach * down[i]) / MEAN_LUNAR_RADIUS_M
+            height = dot(ground, to_sun)
+            add(summed, -0.5 * (height + math.sqrt(height * height + TERMINATOR * TERMINATOR)), down)
     # Radiance = irradiance / pi; each direction stands for this solid angle.
     solid = 2.0 * math.pi * (1.0 - limb) / count
-    return SUNLIGHT_N_M2 * (AU_M / sun_m) ** 2 * solid / math.pi * out
+    add(out, SUNLIGHT_N_M2 * (AU_M / sun_m) ** 2 * solid / math.pi, summed)
+    return out
 
 
 @compiled()
 def axes(r: Floats, v: Floats) -> Floats:
     """Radial, transverse and normal unit vectors as rows."""
+    radial, normal = unit(r), unit(cross(r, v))
+    transverse = cross(normal, radial)
     out = np.empty((3, 3))
-    out[0] = r / math.sqrt(_dot(r, r))
-    normal = _cross(r, v)
-    out[2] = normal / math.sqrt(_dot(normal, normal))
-    out[1] = _cross(out[2], out[0])
+    for i in range(3):
+        out[0, i], out[1, i], out[2, i] = radial[i], transverse[i], normal[i]
     return out
 
 
@@ -242,15 +238,17 @@ def axes(r: Floats, v: Floats) -> Floats:
 def unit_components(r: Floats, v: Floats, one: Floats, phase: Floats) -> Floats:
     """Accelerations for each of the COMPONENTS of a given one at 1 m/s^2, shape (COMPONENTS, 3)."""
     out = np.empty((COMPONENTS, 3))
-    base = np.eye(3)
+    base = np.zeros((3, 3))
+    for k in range(3):
+        base[k, k] = 1.0
     if one[OF_RTN] > 0.0:
         normal = one[NORMAL : NORMAL + 3]
-        base = axes(r, _cross(normal, r) if _dot(normal, normal) > 0.0 else v)
-    angle = math.atan2(_dot(r, phase[1]), _dot(r, phase[0]))
+        base = axes(r, cross(normal, r) if dot(normal, normal) > 0.0 else v)
+    angle = math.atan2(dot(r, phase[1]), dot(r, phase[0]))
+    cosine, sine = math.cos(angle), math.sin(angle)
     for k in range(3):
-        out[k] = base[k]
-        out[3 + k] = math.cos(angle) * base[k]
-        out[6 + k] = math.sin(angle) * base[k]
+        for i in range(3):
+            out[k, i], out[3 + k, i], out[6 + k, i] = base[k, i], cosine * base[k, i], sine * base[k, i]
     return out
 
 
@@ -263,7 +261,7 @@ def _given(r: Floats, v: Floats, data: ForceData) -> Floats:
         if one[ACTS] > 0.0:
             units = unit_components(r, v, one, data.phase)
             for k in range(COMPONENTS):
-                out += one[FIRST + k] * units[k]
+                add(out, one[FIRST + k], units[k])
     return out
 
 
@@ -271,55 +269,57 @@ def _given(r: Floats, v: Floats, data: ForceData) -> Floats:
 def accelerations(r: Floats, v: Floats, sky: Floats, data: ForceData) -> Floats:
     """Each of PARTS for a scale of 1, m/s^2, shape (len(PARTS), 3); zeros for those that are not on."""
     out = np.zeros((len(PARTS), 3))
-    square = _dot(r, r)
+    square = dot(r, r)
     earth, sun = sky[:3], sky[3:6]
     rotation = sky[ROTATION : ROTATION + 9].reshape((3, 3))  # from the ICRF to the field's axes
     gm, on = data.gm, data.on
-    out[CENTRAL] = -gm[0] / (square * math.sqrt(square)) * r
+    add(out[CENTRAL], -gm[0] / (square * math.sqrt(square)), r)
     if on[HARMONICS]:
-        out[HARMONICS] = gm[0] * _harmonics(r, rotation, data)
+        add(out[HARMONICS], gm[0], _harmonics(r, rotation, data))
     if on[TIDES]:
-        out[TIDES] = _tides(r, _tensor(sky, data), data.radius_m)
+        add(out[TIDES], 1.0, _tides(r, _tensor(sky, data), data.radius_m))
     for body in range(1, len(gm)):
         if on[EARTH + body - 1]:
             place = sky[3 * body - 3 : 3 * body]
-            to = place - r
-            near, far = _dot(to, to), _dot(place, place)
-            out[EARTH + body - 1] = gm[body] * (
-                to / (near * math.sqrt(near)) - place / (far * math.sqrt(far))
-            )
+            to = minus(place, r)
+            near, far = dot(to, to), dot(place, place)
+            for i in range(3):
+                direct, indirect = to[i] / (near * math.sqrt(near)), place[i] / (far * math.sqrt(far))
+                out[EARTH + body - 1, i] = gm[body] * (direct - indirect)
     if on[FIGURES]:
-        out[FIGURES] = _oblate(r - earth, gm[1]) - _oblate(-earth, gm[1])
+        add(out[FIGURES], 1.0, _oblate(minus(r, earth), gm[1]))
+        add(out[FIGURES], 1.0, _oblate(earth, gm[1]))  # less that at -earth, where the Moon is
         # The Earth pulls the Moon's figure as that pulls the Earth.
-        out[FIGURES] += gm[1] * _harmonics(earth, rotation, data)
+        add(out[FIGURES], gm[1], _harmonics(earth, rotation, data))
     if on[RELATIVITY]:
         places, speeds = np.zeros((3, 3)), np.zeros((3, 3))
         moon_speed = sky[MOON_VELOCITY : MOON_VELOCITY + 3]
-        places[1], places[2] = earth, sun
-        speeds[0] = moon_speed
-        speeds[1] = moon_speed + sky[EARTH_VELOCITY : EARTH_VELOCITY + 3]
-        speeds[2] = moon_speed + sky[SUN_VELOCITY : SUN_VELOCITY + 3]
-        out[RELATIVITY] = _post_newtonian(r, v + moon_speed, 0, places, speeds, gm)
-        out[RELATIVITY] -= _post_newtonian(places[0], moon_speed, 1, places, speeds, gm)
+        for i in range(3):
+            places[1, i], places[2, i] = earth[i], sun[i]
+            speeds[0, i] = moon_speed[i]
+            speeds[1, i] = moon_speed[i] + sky[EARTH_VELOCITY + i]
+            speeds[2, i] = moon_speed[i] + sky[SUN_VELOCITY + i]
+        speed = moon_speed.copy()
+        add(speed, 1.0, v)
+        add(out[RELATIVITY], 1.0, _post_newtonian(r, speed, 0, places, speeds, gm))
+        add(out[RELATIVITY], -1.0, _post_newtonian(places[0], moon_speed, 1, places, speeds, gm))
     if on[SUNLIGHT]:
-        out[SUNLIGHT] = _sunlight(r, sun, earth)
+        add(out[SUNLIGHT], 1.0, _sunlight(r, sun, earth))
     if on[MOONLIGHT]:
-        out[MOONLIGHT] = _moonlight(r, sun)
-    out[GIVEN] = _given(r, v, data)
+        add(out[MOONLIGHT], 1.0, _moonlight(r, sun))
+    add(out[GIVEN], 1.0, _given(r, v, data))
     return out
 
 
 @compiled()
-def _of_point_mass(to: Floats, gm: float) -> Floats:
-    """Partials of the acceleration by a point mass."""
-    square = _dot(to, to)
+def _add_point_mass(out: Floats, to: Floats, gm: float) -> None:
+    """Add the partials of the acceleration by a point mass."""
+    square = dot(to, to)
     scale = gm / (square * math.sqrt(square))
-    out = np.empty((3, 3))
     for i in range(3):
         for j in range(3):
-            out[i, j] = 3.0 * scale * to[i] * to[j] / square
-        out[i, i] -= scale
-    return out
+            own = scale if i == j else 0.0
+            out[i, j] += 3.0 * scale * to[i] * to[j] / square - own
 
 
 @compiled()
@@ -328,20 +328,23 @@ def _gradient(r: Floats, sky: Floats, data: ForceData) -> Floats:
 
     Those of light, relativity and the figures are below 1e-7 of the central one.
     """
-    out = _of_point_mass(r, data.gm[0])
+    out = np.zeros((3, 3))
+    _add_point_mass(out, r, data.gm[0])
     if data.on[HARMONICS]:
         rotation = sky[ROTATION : ROTATION + 9].reshape((3, 3))
-        p = _times(rotation, r)
+        p = times(rotation, r)
         s = harmonic_sums(p[0], p[1], p[2], data.radius_m, data.gradient_series, data.recursion)
         s *= data.gm[0] / data.radius_m**3
         own = np.array([[s[0], s[1], s[2]], [s[1], s[3], s[4]], [s[2], s[4], -s[0] - s[3]]])
         out += rotation.T @ (own @ rotation)
     if data.on[TIDES]:
-        tensor, square = _tensor(sky, data), _dot(r, r)
+        tensor, square = _tensor(sky, data), dot(r, r)
         trace = tensor[0, 0] + tensor[1, 1] + tensor[2, 2]
-        pulled = _times(tensor, r)
-        along = 3.0 * _dot(r, pulled) - trace * square
-        slope = 6.0 * pulled - 2.0 * trace * r
+        pulled = times(tensor, r)
+        along = 3.0 * dot(r, pulled) - trace * square
+        slope = np.empty(3)
+        for i in range(3):
+            slope[i] = 6.0 * pulled[i] - 2.0 * trace * r[i]
         factor = data.scales[TIDES] * 0.5 * data.radius_m**5 / (square * square * math.sqrt(square))
         for i in range(3):
             out[i, i] -= factor * (2.0 * trace + 5.0 * along / square)
@@ -350,20 +353,24 @@ def _gradient(r: Floats, sky: Floats, data: ForceData) -> Floats:
                 out[i, j] += factor * (6.0 * tensor[i, j] - 5.0 * mixed / square)
     for body in range(1, len(data.gm)):
         if data.on[EARTH + body - 1]:
-            out += _of_point_mass(sky[3 * body - 3 : 3 * body] - r, data.gm[body])
+            _add_point_mass(out, minus(sky[3 * body - 3 : 3 * body], r), data.gm[body])
     return out
 
 
-@compiled()
-def _gradient_of_given(r: Floats, v: Floats, data: ForceData) -> Floats:
+@compiled(error_model="numpy")
+def _gradient_of_given(y: Floats, data: ForceData) -> Floats:
     """Partials of the given accelerations by position and velocity, shape (3, 6), by central differences."""
-    out = np.zeros((3, 6))
-    for k in range(3):
-        step = np.zeros(3)
-        step[k] = 1e-5 * math.sqrt(_dot(r, r))
-        out[:, k] = (_given(r + step, v, data) - _given(r - step, v, data)) / (2.0 * step[k])
-        step[k] = 1e-5 * math.sqrt(_dot(v, v))
-        out[:, 3 + k] = (_given(r, v + step, data) - _given(r, v - step, data)) / (2.0 * step[k])
+    out = np.empty((3, 6))
+    for k in range(6):
+        begin = k // 3 * 3
+        of_same = y[begin : begin + 3]
+        step = 1e-5 * math.sqrt(dot(of_same, of_same))
+        ahead, behind = y.copy(), y.copy()
+        ahead[k] += step
+        behind[k] -= step
+        change = minus(_given(ahead[:3], ahead[3:], data), _given(behind[:3], behind[3:], data))
+        for i in range(3):
+            out[i, k] = change[i] / (2.0 * step)
     return out
 
 
@@ -403,19 +410,24 @@ def variations(
     r, v = y[:3], y[3:]
     by_state = np.zeros((3, 6))
     if _acts_by_state(data.given):
-        by_state = _gradient_of_given(r, v, data)
-    by_state[:, :3] += _gradient(r, sky, data)
+        by_state = _gradient_of_given(y, data)
+    gradient = _gradient(r, sky, data)
+    for i in range(3):
+        for k in range(3):
+            by_state[i, k] += gradient[i, k]
     by_parameters = np.zeros((len(columns), 3))
     for j in range(len(columns)):
         part, which = columns[j, 0], columns[j, 1]
         if part == CENTRAL:
-            by_parameters[j] = (parts[CENTRAL] + parts[HARMONICS]) / data.gm[0]
+            for i in range(3):
+                by_parameters[j, i] = (parts[CENTRAL, i] + parts[HARMONICS, i]) / data.gm[0]
         elif part == SUNLIGHT:
-            by_parameters[j] = parts[SUNLIGHT] + parts[MOONLIGHT]
+            add(by_parameters[j], 1.0, parts[SUNLIGHT])
+            add(by_parameters[j], 1.0, parts[MOONLIGHT])
         elif part == GIVEN:
             one = data.given[which // COMPONENTS]
             if one[ACTS] > 0.0:
-                by_parameters[j] = unit_components(r, v, one, data.phase)[which % COMPONENTS]
+                add(by_parameters[j], 1.0, unit_components(r, v, one, data.phase)[which % COMPONENTS])
         elif part >= 0:
-            by_parameters[j] = parts[part]
+            add(by_parameters[j], 1.0, parts[part])
     return by_state, by_parameters

@@ -67,7 +67,7 @@ def quantities(
     """
     n_quantities = coefficients.shape[1]
     next_place = np.full(coefficients.shape[0], -1, dtype=np.int64)
-    found = np.empty(BINS, dtype=np.int64)
+    found = np.empty(BINS, dtype=np.int32)
     place = np.empty(GROUPED, dtype=np.uint32)  # indices with a sign would be looked at for negative ones
     t, at_t = np.empty(BINS * BIN), np.empty(BINS * BIN + 1)
     at_t[-1] = np.nan

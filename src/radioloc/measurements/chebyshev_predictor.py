@@ -142,7 +142,7 @@ class ChebyshevPredictor(Predictor):
         """The arc of some of the observations (a mask, a slice or indices), already prepared."""
         part = copy.copy(self)
         part._take(self.observations.select(which))
-        segment, part._x = np.atleast_1d(self._segment[which]), np.atleast_1d(self._x[which])
+        segment, part._x = np.atleast_1d(self._segment[which]), np.ascontiguousarray(self._x[which])
         few = segment < 0
         kept = np.zeros(len(self._degree), dtype=bool)
         kept[segment[~few]] = True

@@ -72,12 +72,12 @@ def _path(y: Floats, h: float, at: Floats, once: Floats, twice: Floats, rates: F
 
 
 @compiled()
-def _others(parts: Floats, data: ForceData) -> Floats:
+def _others(parts: Floats, scales: Floats) -> Floats:
     """Sum of all accelerations but the central term."""
     out = np.zeros(3)
     for k in range(len(PARTS)):
         if k != CENTRAL:
-            add(out, data.scales[k], parts[k])
+            add(out, scales[k], parts[k])
     return out
 
 
@@ -141,7 +141,7 @@ def _flight(
             of_node = accelerations(path[i, :3], path[i, 3:], sky[i], data)
             for k in range(len(PARTS)):
                 put(parts[i, k], of_node[k])
-            put(others[i], _others(of_node, data))
+            put(others[i], _others(of_node, data.scales))
     return False, path, rates, parts, guess
 
 
@@ -231,7 +231,7 @@ def integrate(
     put(states[0, 1:], y)
     sky = np.empty((NODES + 1, QUANTITIES))
     by_state, sources = np.empty((NODES, 3, 6)), np.empty((NODES, n // 2 - 3))
-    guess = _others(accelerations(y[:3], y[3:6], quantities(t, data), data), data)
+    guess = _others(accelerations(y[:3], y[3:6], quantities(t, data), data), data.scales)
     status, next_step = DONE, h
     while sign * (end - t) > 0.0:
         if abs(h) < SHORTEST_S or count >= tolerance.most_steps:

@@ -78,13 +78,13 @@ def _harmonics(r: Floats, rotation: Floats, data: ForceData) -> Floats:
 
 
 @compiled()
-def _tensor(sky: Floats, data: ForceData) -> Floats:
+def _tensor(sky: Floats, gm: Floats) -> Floats:
     """Tide-raising tensor of Earth and Sun, sum of GM u u / R^3."""
     out = np.zeros((3, 3))
     for body in range(1, 3):
         place = sky[3 * body - 3 : 3 * body]
         square = dot(place, place)
-        factor = data.gm[body] / (square * square * math.sqrt(square))
+        factor = gm[body] / (square * square * math.sqrt(square))
         for i in range(3):
             for j in range(3):
                 out[i, j] += factor * place[i] * place[j]
@@ -253,13 +253,13 @@ def unit_components(r: Floats, v: Floats, one: Floats, phase: Floats) -> Floats:
 
 
 @compiled()
-def _given(r: Floats, v: Floats, data: ForceData) -> Floats:
+def _given(r: Floats, v: Floats, given: Floats, phase: Floats) -> Floats:
     """Sum of the given accelerations that act."""
     out = np.zeros(3)
-    for i in range(len(data.given)):
-        one = data.given[i]
+    for i in range(len(given)):
+        one = given[i]
         if one[ACTS] > 0.0:
-            units = unit_components(r, v, one, data.phase)
+            units = unit_components(r, v, one, phase)
             for k in range(COMPONENTS):
                 add(out, one[FIRST + k], units[k])
     return out
@@ -277,7 +277,7 @@ def accelerations(r: Floats, v: Floats, sky: Floats, data: ForceData) -> Floats:
     if on[HARMONICS]:
         add(out[HARMONICS], gm[0], _harmonics(r, rotation, data))
     if on[TIDES]:
-        add(out[TIDES], 1.0, _tides(r, _tensor(sky, data), data.radius_m))
+        add(out[TIDES], 1.0, _tides(r, _tensor(sky, data.gm), data.radius_m))
     for body in range(1, len(gm)):
         if on[EARTH + body - 1]:
             place = sky[3 * body - 3 : 3 * body]
@@ -307,7 +307,7 @@ def accelerations(r: Floats, v: Floats, sky: Floats, data: ForceData) -> Floats:
         add(out[SUNLIGHT], 1.0, _sunlight(r, sun, earth))
     if on[MOONLIGHT]:
         add(out[MOONLIGHT], 1.0, _moonlight(r, sun))
-    add(out[GIVEN], 1.0, _given(r, v, data))
+    add(out[GIVEN], 1.0, _given(r, v, data.given, data.phase))
     return out
 
 
@@ -338,7 +338,7 @@ def _gradient(r: Floats, sky: Floats, data: ForceData) -> Floats:
         own = np.array([[s[0], s[1], s[2]], [s[1], s[3], s[4]], [s[2], s[4], -s[0] - s[3]]])
         out += rotation.T @ (own @ rotation)
     if data.on[TIDES]:
-        tensor, square = _tensor(sky, data), dot(r, r)
+        tensor, square = _tensor(sky, data.gm), dot(r, r)
         trace = tensor[0, 0] + tensor[1, 1] + tensor[2, 2]
         pulled = times(tensor, r)
         along = 3.0 * dot(r, pulled) - trace * square
@@ -358,7 +358,7 @@ def _gradient(r: Floats, sky: Floats, data: ForceData) -> Floats:
 
 
 @compiled(error_model="numpy")
-def _gradient_of_given(y: Floats, data: ForceData) -> Floats:
+def _gradient_of_given(y: Floats, given: Floats, phase: Floats) -> Floats:
     """Partials of the given accelerations by position and velocity, shape (3, 6), by central differences."""
     out = np.empty((3, 6))
     for k in range(6):
@@ -368,7 +368,8 @@ def _gradient_of_given(y: Floats, data: ForceData) -> Floats:
         ahead, behind = y.copy(), y.copy()
         ahead[k] += step
         behind[k] -= step
-        change = minus(_given(ahead[:3], ahead[3:], data), _given(behind[:3], behind[3:], data))
+        change = _given(ahead[:3], ahead[3:], given, phase)
+        add(change, -1.0, _given(behind[:3], behind[3:], given, phase))
         for i in range(3):
             out[i, k] = change[i] / (2.0 * step)
     return out
@@ -410,7 +411,7 @@ def variations(
     r, v = y[:3], y[3:]
     by_state = np.zeros((3, 6))
     if _acts_by_state(data.given):
-        by_state = _gradient_of_given(y, data)
+        by_state = _gradient_of_given(y, data.given, data.phase)
     gradient = _gradient(r, sky, data)
     for i in range(3):
         for k in range(3):

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.compiled import compiled
+from radioloc.dynamics._vector_kernels import put
 
 NEGLIGIBLE = 1e-18
 """Power of R/r below which degrees are left out."""
@@ -77,7 +78,7 @@ def harmonic_sums_at(points: Floats, radius: float, series: Floats, recursion: F
     """:func:`harmonic_sums` at points of shape (n, 3); shape (n, k)."""
     out = np.empty((len(points), series.shape[1] // 2))
     for i in range(len(points)):
-        out[i] = harmonic_sums(points[i, 0], points[i, 1], points[i, 2], radius, series, recursion)
+        put(out[i], harmonic_sums(points[i, 0], points[i, 1], points[i, 2], radius, series, recursion))
     return out
 
 

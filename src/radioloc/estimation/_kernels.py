@@ -218,6 +218,16 @@ def likelihoods(
 
 
 @compiled(error_model="numpy")
+def combine(combined: Floats, values: Floats, i: int, s: int, into: Floats) -> None:
+    """Combination s of values (n, j, m) of row i by `combined` (n, k, j), put into an array (m,)."""
+    for j in range(len(into)):
+        into[j] = combined[i, s, 0] * values[i, 0, j]
+    for k in range(1, values.shape[1]):
+        for j in range(len(into)):
+            into[j] += combined[i, s, k] * values[i, k, j]
+
+
+@compiled(error_model="numpy")
 def whiten(
     step_s: Floats,
     white: Floats,
@@ -233,19 +243,13 @@ def whiten(
     Values (n, j, m) of observations are combined to those of the series by `combined` (n, k, j). Variances (k,) and
     estimates (k, m) of the processes go on from one call to the next.
     """
-    n, observations, m = values.shape
+    n, _, m = values.shape
     series = len(white)
     out, value = np.empty((series, n, m)), np.empty(m)
     for s in range(series):
         decay, last_s, now, before = 1.0, 0.0, variance[s], state[s]
         for i in range(n):
-            factor = combined[i, s, 0]
-            for j in range(m):
-                value[j] = factor * values[i, 0, j]
-            for k in range(1, observations):
-                factor = combined[i, s, k]
-                for j in range(m):
-                    value[j] += factor * values[i, k, j]
+            combine(combined, values, i, s, value)
             into = out[s, i]
             if step_s[i] != last_s:
                 last_s = step_s[i]
@@ -295,17 +299,11 @@ def add_to_bins(place: Integers, combined: Floats, values: Floats, sums: Floats,
 
     Squares of the first column go to the sums of squares (k,).
     """
-    n, observations, m = values.shape
+    n, _, m = values.shape
     value = np.empty(m)
     for i in range(n):
         for s in range(len(squares)):
-            factor = combined[i, s, 0]
-            for j in range(m):
-                value[j] = factor * values[i, 0, j]
-            for k in range(1, observations):
-                factor = combined[i, s, k]
-                for j in range(m):
-                    value[j] += factor * values[i, k, j]
+            combine(combined, values, i, s, value)
             into = sums[s, place[i]]
             for j in range(m):
                 into[j] += value[j]

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import gram
-from radioloc.estimation.observation_noise import FEW_COLUMNS, RowsOf, Transposable, Whitening, slices
+from radioloc.estimation.observation_noise import RowsOf, Transposable, Whitening, slices
 from radioloc.parameters.parameter import Parameter, ParameterSet
 from radioloc.parameters.registry import PARAMETERS
 
@@ -45,6 +45,8 @@ _OF_FRAMES = frozenset(
 which is what their a-priori values, the same for a month or a year, say least about."""
 _NEGLIGIBLE = 0.1
 """Length of errors, in the sigmas of the observations, that move no combination of parameters by more of its sigmas."""
+_FEW_COLUMNS = 16
+"""Of more effects fewer rows are held together."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,7 +174,7 @@ def moved_by(fit: FitResult, effects_m: RowsOf, count: int) -> _Floats:
     if isinstance(alone, Transposable):
         # Weights of few parameters are brought to the observations, not many effects to independent combinations
         for rows, weights in alone.transposed(whitened):
-            for some in slices(len(rows), 1 + count // FEW_COLUMNS):
+            for some in slices(len(rows), 1 + count // _FEW_COLUMNS):
                 along += gram(weights[some], effects_m(rows[some]))
     else:
         for partials, effects in zip(whitened, alone.whitened(effects_m), strict=False):

@@ -26,13 +26,9 @@ from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.gauss_markov import Points, SeriesNoise, noise_of_series
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.observation_noise import (
-    FEW_COLUMNS,
     Rows,
     RowsOf,
     column,
-    slices,
-    slices_of_chain,
-    unchained,
 )
 from radioloc.estimation.series import (
     MOST_POINTS,
@@ -136,7 +132,7 @@ class BinnedProblem:
         partials, place, code, values = [], [], [], []
         begin = 0
         for bundle in bundles:
-            sums = _of_each_observation(bundle, constant_and_partials, 1 + len(unit))
+            sums = _of_each_observation(bundle, constant_and_partials)
             partials.append(sums[:, :, 1:].sum(axis=0) @ unit)
             for link, of_link in zip(order.code[bundle.rows[0]].tolist(), sums, strict=True):
                 place.append(np.arange(begin, begin + len(of_link)))
@@ -267,7 +263,7 @@ def noise_of_each(points: Points) -> dict[str, SeriesNoise]:
     return noise_of_series(points, ABSORBED, jointly=False)
 
 
-def _of_each_observation(bundle: Bundle, rows_of: RowsOf, columns: int) -> _Floats:
+def _of_each_observation(bundle: Bundle, rows_of: RowsOf) -> _Floats:
     """What each of the j observations of a bundle has in its points, shape (j, points, c), as of :func:`points_of`.
 
     Products by the whitening and sums over a bin are one product of matrices.
@@ -275,17 +271,12 @@ def _of_each_observation(bundle: Bundle, rows_of: RowsOf, columns: int) -> _Floa
     place, _ = bins(bundle.time_s, MOST_POINTS)
     count = np.bincount(place)
     ends, found = np.cumsum(count), np.zeros((0, 0, 0, 0))
-    parts = slices(len(place), bundle.rows.shape[1] * (1 + columns // FEW_COLUMNS))
-    for part in parts if bundle.factor is None else slices_of_chain(bundle.factor):
-        rows = bundle.rows[part].T  # one observation after the other, each a matrix of its own in memory
-        values = rows_of(rows.ravel())
-        if bundle.factor is not None:
-            values = unchained(bundle.factor[:, part], values)
-        values, weights = values.reshape(*rows.shape, -1), np.ascontiguousarray(bundle.whitening[part].T)
+    for part, values in bundle.parts(rows_of):
+        values, weights = np.swapaxes(values, 0, 1), np.ascontiguousarray(bundle.whitening[part].T)
         if not part.start:
             found = np.zeros((*weights.shape[:2], len(count), values.shape[2]))
         first, last = place[part][[0, -1]].tolist()
-        cuts = [0, *(ends[first:last] - part.start).tolist(), rows.shape[1]]
+        cuts = [0, *(ends[first:last] - part.start).tolist(), values.shape[1]]
         for k, (begin, end) in enumerate(itertools.pairwise(cuts), first):
             found[:, :, k] += weights[:, :, begin:end] @ values[:, begin:end]
     return (found / np.sqrt(count)[:, None]).reshape(len(found), -1, found.shape[3])

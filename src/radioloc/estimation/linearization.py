@@ -196,7 +196,10 @@ def factorize(
         for whitened in _whitened_rows(linearization, whitening, free) if q else ():
             triangle = reduced(triangle, whitened)
             room -= whitened.size
-            parts = [*parts, whitened[:, :q]] if room >= 0 else []
+            if room < 0:
+                parts.clear()
+            else:
+                parts.append(whitened[:, :q])
         kept = WhitenedPartials(tuple(parts), np.eye(q)) if room >= 0 else None
     if not np.isfinite(triangle).all():
         return None

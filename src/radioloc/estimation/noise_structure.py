@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.least_squares import FitResult
-from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
+from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors, distinct
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 
@@ -121,10 +121,12 @@ def _candidates(
         for name, chosen in members.items():
             if 0 < len(chosen) < len(whole):
                 found.setdefault((group, tuple(chosen)), f"{order.series[chosen[0]].kind} of {name}")
-    every = np.arange(len(order.series))
+    there = np.zeros(len(order.series), dtype=bool)
+    there[codes] = True
     for (group, of_one), name in found.items():
-        inside = np.isin(every, of_one)
-        yield name, np.stack([inside, np.isin(every, codes) & (group_of == group) & ~inside])
+        inside = np.zeros_like(there)
+        inside[list(of_one)] = True
+        yield name, np.stack([inside, there & (group_of == group) & ~inside])
 
 
 def _of_batches(fit: FitResult, order: SeriesOrder) -> tuple[_Floats, _Floats]:
@@ -272,9 +274,9 @@ def _patterns(
     used = fit.used[rows]
     row_of = np.full((epoch.max() + 1, len(signs)), -1)
     row_of[epoch[used], of_code[used]] = rows[used]
-    kinds, which = np.unique(row_of >= 0, axis=0, return_inverse=True)
+    kinds, which = distinct(row_of >= 0)
     for k, there in enumerate(kinds):
-        mine = np.flatnonzero(which.ravel() == k)
+        mine = np.flatnonzero(which == k)
         part = mine * _BATCHES // len(row_of)
         epochs = np.bincount(part, minlength=_BATCHES)
         alike = np.abs(signs[there] @ signs[there].T)

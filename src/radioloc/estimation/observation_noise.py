@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,9 +30,6 @@ _Floats = NDArray[np.float64]
 
 ALONE = -1
 """Group of an observation that shares no error."""
-
-FEW_COLUMNS = 16
-"""Of more columns fewer rows are held together."""
 
 Rows = NDArray[np.intp]
 """Indices of observations, in any order."""
@@ -110,6 +107,22 @@ class PhaseNoise:
 def column(values: _Floats) -> RowsOf:
     """A number of each observation as a column."""
     return lambda rows: values[rows, None]
+
+
+def changed(*arrays: NDArray[Any]) -> NDArray[np.bool_]:
+    """Which rows of arrays (n, ...) are not as the row before them, shape (n,); the first is none as before."""
+    new = np.ones(len(arrays[0]), dtype=bool)
+    new[1:] = False
+    for one in arrays:
+        new[1:] |= (one[1:] != one[:-1]).any(axis=tuple(range(1, one.ndim)))
+    return new
+
+
+def distinct(rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]]:
+    """Rows that occur in an array (n, k), in order, and which of them each is, (n,); most are as the one before."""
+    new = changed(rows)
+    found, which = np.unique(rows[new], axis=0, return_inverse=True)
+    return found, which.ravel()[np.cumsum(new) - 1]
 
 
 def slices(n: int, width: int = 1) -> Iterator[slice]:
@@ -339,16 +352,13 @@ def _blocks_of(own_m: _Floats, shared: SharedErrors, rows: NDArray[np.intp]) -> 
     if not len(rows):
         return ()
     order = rows[np.argsort(shared.group[rows], kind="stable")]
-    _, starts, counts = np.unique(shared.group[order], return_index=True, return_counts=True)
+    starts = np.flatnonzero(changed(shared.group[order]))
+    counts = np.diff(starts, append=len(order))
     blocks = []
     for size in np.unique(counts):
         mine = order[starts[counts == size][:, None] + np.arange(size)]
         # Epochs in which nothing has changed since the one before have its covariance
-        new = np.ones(len(mine), dtype=bool)
-        same = (own_m[mine[1:]] == own_m[mine[:-1]]).all(axis=1)
-        for one in (shared.source, shared.effect_m):
-            same &= (one[mine[1:]] == one[mine[:-1]]).all(axis=(1, 2))
-        new[1:] = ~same
+        new = changed(own_m[mine], shared.source[mine], shared.effect_m[mine])
         some = mine[new]
         covariance = shared.covariance_m2(some)
         covariance[:, np.arange(size), np.arange(size)] += own_m[some] ** 2

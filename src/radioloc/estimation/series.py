@@ -22,6 +22,8 @@ from radioloc.estimation.observation_noise import (
     ObservationNoise,
     Rows,
     RowsOf,
+    changed,
+    distinct,
     slices,
     slices_of_chain,
     unchained,
@@ -265,11 +267,9 @@ def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.
         rows = np.take_along_axis(block.rows, sort, axis=1)
         codes = order.code[rows]
         axes = np.take_along_axis(block.axes, sort[:, :, None], axis=1)
-        keys, which = codes[:1], np.zeros(len(codes), dtype=np.intp)
-        if (codes != keys).any():
-            keys, which = np.unique(codes, axis=0, return_inverse=True)
+        keys, which = distinct(codes)
         for k, key in enumerate(keys):
-            mine = which.ravel() == k
+            mine = which == k
             parts = (rows[mine], axes[mine], block.combined_m[mine])
             found.setdefault(tuple(key.tolist()), []).append(parts)
     bundles = []
@@ -279,8 +279,7 @@ def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.
         rows, axes, combined_m = rows[sort], axes[sort], combined_m[sort]
         kind = order.series[key[0]].kind
         # Epochs of the covariance of the one before are brought to the same combinations in the same way
-        new = np.ones(len(rows), dtype=bool)
-        new[1:] = (axes[1:] != axes[:-1]).any(axis=(1, 2)) | (combined_m[1:] != combined_m[:-1]).any(axis=1)
+        new = changed(axes, combined_m)
         root = (axes[new] / combined_m[new, None, :]) @ np.swapaxes(axes[new], 1, 2)
         whitening = (axes[0].T @ root)[np.cumsum(new) - 1]
         # Errors of stations and those of baselines alone are in different combinations, of which one may be correlated

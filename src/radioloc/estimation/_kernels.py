@@ -39,14 +39,13 @@ def filter_grid(
     cells = shapes * ratios + 1
     size = -(-cells // _LANES) * _LANES
     stationary, decay = np.zeros((p, size)), np.zeros((p, size))
-    for k in range(shapes):
-        for a in range(p):
-            stationary[a, k * ratios : (k + 1) * ratios] = part[k, a] * ratio
     covariance, projected, inverse = np.zeros((p, p, size)), np.empty((p, size)), np.empty(size)
     for a in range(p):
-        covariance[a, a] = stationary[a]
+        for g in range(cells - 1):
+            stationary[a, g] = part[g // ratios, a] * ratio[g % ratios]
+            covariance[a, a, g] = stationary[a, g]
     determinant, log_determinant = np.ones(size), np.zeros(size)
-    state, products = np.zeros((m, p, size)), np.zeros((m * m, size))
+    state, products = np.zeros((m, p, size)), np.zeros((m, m, size))
     innovation, weighted = np.zeros((_TOGETHER, m, size)), np.zeros((_TOGETHER, m, size))
     last_s = -1.0
     # Short loops over few arrays: compilers turn them to vector instructions.
@@ -55,9 +54,12 @@ def filter_grid(
             last_s = step_s[i]
             for k in range(shapes):
                 for a in range(p):
-                    decay[a, k * ratios : (k + 1) * ratios] = math.exp(-last_s / tau_s[k, a])
+                    of_shape = math.exp(-last_s / tau_s[k, a])
+                    for g in range(k * ratios, (k + 1) * ratios):
+                        decay[a, g] = of_shape
         h = gain[i]
-        inverse[:] = 1.0
+        for g in range(size):
+            inverse[g] = 1.0
         for a in range(p):
             into, d, q = projected[a], decay[a], stationary[a]
             for g in range(size):
@@ -101,17 +103,20 @@ def filter_grid(
                     s[g] += into[g] * w[g]
         if now < _TOGETHER - 1 and i < n - 1:
             continue
-        weighted[now + 1 :] = 0.0
+        for j in range(m):
+            for k in range(now + 1, _TOGETHER):
+                for g in range(size):
+                    weighted[k, j, g] = 0.0
         for j in range(m):
             w0, w1, w2, w3 = weighted[0, j], weighted[1, j], weighted[2, j], weighted[3, j]
             for k in range(j, m):
                 e0, e1, e2, e3 = innovation[0, k], innovation[1, k], innovation[2, k], innovation[3, k]
-                into = products[j * m + k]
+                into = products[j, k]
                 for g in range(size):
                     into[g] += w0[g] * e0[g] + w1[g] * e1[g] + w2[g] * e2[g] + w3[g] * e3[g]
     for g in range(size):
         log_determinant[g] += math.log(determinant[g])
-    return log_determinant[:cells].copy(), products[:, :cells].copy().reshape(m, m, cells)
+    return log_determinant[:cells], products[:, :, :cells]
 
 
 @compiled(error_model="numpy")
@@ -169,22 +174,29 @@ def likelihoods(
     that mean, taken as white, have the rest. Coefficients of the r columns but the last, residuals, have unit variance;
     those of a series follow by `turned` (s, r, c) from c that are the same in all.
     """
-    series, cells, m = len(begin) - 1, len(tau_s) * len(ratio), columns.shape[1]
-    common = turned.shape[2]
+    series, ratios, m = len(begin) - 1, len(ratio), columns.shape[1]
+    shapes, p = tau_s.shape
+    cells, common = shapes * ratios, turned.shape[2]
     log, white = np.empty((series, cells + 1)), np.empty((series, cells + 1))
     together, products = np.zeros(cells + 1), np.zeros((common + 1, common + 1, cells + 1))
     of_all, half = np.zeros((m, common + 1)), np.empty((common + 1, cells + 1))
-    of_white = np.empty(cells + 1)
+    mean, of_white, deviation = np.empty((shapes, p)), np.empty(cells + 1), np.ones(cells + 1)
     of_all[m - 1, common] = 1.0
-    deviation = np.ones(cells + 1)
     for k in range(series):
         rows = slice(begin[k], begin[k + 1])
         count, absorbed, width_s, inside = numbers[k]
-        of_all[: m - 1, :common] = turned[k]
         dof, inside_dof = count - absorbed, count - (begin[k + 1] - begin[k])
-        mean = part * mean_correlation(width_s, tau_s.ravel()).reshape(tau_s.shape)
+        for i in range(m - 1):
+            for c in range(common):
+                of_all[i, c] = turned[k, i, c]
+        for i in range(shapes):
+            rest, correlation = 1.0, mean_correlation(width_s, tau_s[i])
+            for a in range(p):
+                mean[i, a] = part[i, a] * correlation[a]
+                rest -= mean[i, a]
+            for c in range(ratios):
+                deviation[i * ratios + c] = 1.0 + ratio[c] * rest
         log_determinant, mine = filter_grid(step_s[rows], gain[rows], columns[rows], tau_s, mean, ratio)
-        deviation[:-1] = (1.0 + ratio * (1.0 - mean.sum(axis=1)).reshape(-1, 1)).ravel()
         for g in range(cells + 1):
             log_determinant[g] += inside_dof * math.log(deviation[g])
             mine[m - 1, m - 1, g] += inside / deviation[g]
@@ -195,13 +207,13 @@ def likelihoods(
             log[k, g] = -0.5 * (dof * math.log(white[k, g]) + log_determinant[g] + own[g])
             together[g] += count * math.log(white[k, g]) + log_determinant[g]
         for i in range(m):
-            half[:] = 0.0
-            for j in range(m):
-                value = mine[min(i, j), max(i, j)]
-                for c in range(common + 1):
-                    factor = of_all[j, c]
+            for c in range(common + 1):
+                into = half[c]
+                for g in range(cells + 1):
+                    into[g] = 0.0
+                for j in range(m):
+                    factor, value = of_all[j, c], mine[min(i, j), max(i, j)]
                     if factor != 0.0:
-                        into = half[c]
                         for g in range(cells + 1):
                             into[g] += factor * value[g]
             for b in range(common + 1):
@@ -212,9 +224,13 @@ def likelihoods(
                         for g in range(cells + 1):
                             into[g] += factor * part_of[g] * of_white[g]
     shared, squares = solved(products)
-    together = -0.5 * (together + shared + squares)
-    log -= log[:, cells:].copy()
-    return log[:, :cells], white[:, :cells], together[:cells] - together[cells]
+    for g in range(cells + 1):
+        together[g] = -0.5 * (together[g] + shared[g] + squares[g])
+    for g in range(cells):
+        together[g] -= together[cells]
+        for k in range(series):
+            log[k, g] -= log[k, cells]
+    return log[:, :cells], white[:, :cells], together[:cells]
 
 
 @compiled(error_model="numpy")

@@ -19,6 +19,7 @@ flicker noise are as likely before the data are seen; the covariance is the mean
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -96,10 +97,6 @@ class Points:
     def of(self, k: int) -> slice:
         """Points of a series."""
         return slice(self.begin[k], self.begin[k + 1])
-
-    def rows(self, some: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Indices of the points of some series, one after another."""
-        return np.concatenate([np.arange(self.begin[k], self.begin[k + 1]) for k in some])
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,8 +269,10 @@ class RestrictedLikelihood:
 
     points: Points
     mine: NDArray[np.intp]  # (s,), which of the series
-    # (n, r + 1), columns of each series' own coefficients of unit variance, the residuals last, of their points
-    columns: _Floats
+    begin: NDArray[np.intp]  # (s + 1,), first of their n points each, and n
+    step_s: _Floats  # (n,)
+    gain: _Floats  # (n,)
+    columns: _Floats  # (n, r + 1), of each series' own coefficients of unit variance, the residuals last
     turned: _Floats  # (s, r, m), from those m that all series have in common
     numbers: _Floats  # (s, 4), as _kernels.likelihoods takes them
     jointly: bool
@@ -283,11 +282,10 @@ class RestrictedLikelihood:
         cls, points: Points, mine: NDArray[np.intp], sigmas: float | _Floats, *, jointly: bool = True
     ) -> RestrictedLikelihood:
         """Parameters have sigmas (q,); combinations that no series feels are left out."""
-        rows = points.rows(mine)
+        rows = np.concatenate([np.arange(points.begin[k], points.begin[k + 1]) for k in mine])
         scaled, residual = points.unit[rows] * sigmas, points.residual[rows]
-        length = np.diff(points.begin)[mine]
-        ends = np.cumsum(length)
-        of_series = [slice(end - n, end) for n, end in zip(length.tolist(), ends.tolist(), strict=True)]
+        begin = np.append(0, np.cumsum(np.diff(points.begin)[mine]))
+        of_series = [slice(*ends) for ends in itertools.pairwise(begin.tolist())]
         grams = np.array([gram(scaled[part], scaled[part]) for part in of_series])
         squares, axes = np.linalg.eigh(grams.sum(axis=0))
         axes = axes[:, squares > _FELT]
@@ -298,22 +296,33 @@ class RestrictedLikelihood:
         parts = [scaled[part] @ (axes @ one.T) for part, one in zip(of_series, turned, strict=True)]
         columns = np.column_stack([np.concatenate(parts), residual])
         absorbed = np.trace(np.linalg.solve(np.eye(felt.shape[1]) + felt, felt), axis1=1, axis2=2)
-        inside = points.squares[mine] - np.add.reduceat(np.square(residual), ends - length)
+        inside = points.squares[mine] - np.add.reduceat(np.square(residual), begin[:-1])
         numbers = (points.count[mine], absorbed, points.width_s[mine], np.maximum(inside, 0.0))
-        return cls(points, mine, columns, np.ascontiguousarray(turned), np.column_stack(numbers), jointly)
+        of_points = begin, points.step_s[rows], points.gain[rows], columns
+        return cls(points, mine, *of_points, np.ascontiguousarray(turned), np.column_stack(numbers), jointly)
 
     def among(self, some: NDArray[np.bool_]) -> RestrictedLikelihood:
         """Of some of these series."""
-        columns = self.columns[np.repeat(some, np.diff(self.points.begin)[self.mine])]
+        if some.all():
+            return self
+        length = np.diff(self.begin)
+        rows = np.repeat(some, length)
         return replace(
-            self, mine=self.mine[some], columns=columns, turned=self.turned[some], numbers=self.numbers[some]
+            self,
+            mine=self.mine[some],
+            begin=np.append(0, np.cumsum(length[some])),
+            step_s=self.step_s[rows],
+            gain=self.gain[rows],
+            columns=self.columns[rows],
+            turned=self.turned[some],
+            numbers=self.numbers[some],
         )
 
     @property
     def points_left(self) -> _Floats:
         """Points of each series beyond what the parameters absorb, (s,); none where there are no residuals."""
-        points = np.diff(self.points.begin)[self.mine]
-        return np.where(self.points.squares[self.mine] > 0.0, points - self.numbers[:, 1], 0.0)
+        left = np.diff(self.begin) - self.numbers[:, 1]
+        return np.where(self.points.squares[self.mine] > 0.0, left, 0.0)
 
     def at(
         self, tau_s: _Floats, ratio: _Floats, part: _Floats | None = None
@@ -328,9 +337,7 @@ class RestrictedLikelihood:
         if part is None:
             tau_s = tau_s[:, None]
             part = np.ones(tau_s.shape)
-        points, rows = self.points, self.points.rows(self.mine)
-        begin = np.append(0, np.cumsum(np.diff(points.begin)[self.mine]))
-        data = (begin, self.numbers, points.step_s[rows], points.gain[rows], self.columns)
+        data = (self.begin, self.numbers, self.step_s, self.gain, self.columns)
         cells = (np.ascontiguousarray(one) for one in (tau_s, part, ratio))
         log, white, together = likelihoods(*data, *cells, self.turned)
         return log, white, together if self.jointly else log.sum(axis=0)

@@ -46,6 +46,7 @@ from radioloc.studies.simulate import simulate
 from radioloc.studies.study import Study, TerrainPrior
 from radioloc.studies.study_file import read_study
 from radioloc.studies.verification import verify
+from radioloc.studies.workers import usual_workers
 
 
 def ready(options: argparse.Namespace) -> None:
@@ -138,7 +139,7 @@ def _monte_carlo(options: argparse.Namespace) -> int:
             options.trials,
             options.hours or DEFAULT_HOURS,
             seed=options.seed,
-            workers=options.workers,
+            workers=usual_workers(options.trials) if options.workers is None else options.workers,
             out=options.out,
             resume=options.resume,
             full=options.full,

@@ -207,14 +207,15 @@ def make_parser() -> Parser:
     to = command(
         "montecarlo",
         "simulate a schedule many times, fit every trial for several arc lengths, and print the errors",
-        "plan.toml --trials 200 --hours 6 12 --workers 2 --out results",
+        "plan.toml --trials 200 --hours 6 12 --out results",
         "plan.toml --trials 1000 --out results --resume",
         study=simulated,
     )
     to.value("--trials", "N", "number of trials (default: 1000)", int, default=1000)
     hours(to, of_arcs)
     seed(to)
-    to.value("--workers", "N", "processes to share the trials among (default: 1)", int, default=1)
+    text = "processes to share the trials among (default: one for each core, if each has 50 trials or more)"
+    to.value("--workers", "N", text, int)
     folder(to, "write trials, summary and figures to DIR")
     to.flag("--resume", "go on from the trials that are already in DIR")
     to.flag("--full", "fit every trial with the whole model rather than its linearization; slow")

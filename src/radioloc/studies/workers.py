@@ -34,6 +34,9 @@ _GUARD = 'a script that asks for several workers needs if __name__ == "__main__"
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
+_WORTH_A_PROCESS = 50
+"""Trials of a process that take some times as long as its start."""
+
 _CAN_MASK = hasattr(signal, "pthread_sigmask")
 
 
@@ -46,6 +49,12 @@ class Job(Protocol):
 
 Run = Callable[[Job, int, Sequence[Chunk]], Iterator[tuple[Chunk, NDArray[np.float64]]]]
 """Runs chunks of trials of a seed and gives the results of each as soon as they are there, in any order."""
+
+
+def usual_workers(trials: int) -> int:
+    """How many processes share so many trials best: one for each core, as long as each has enough to do."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return max(1, min(cores, trials // _WORTH_A_PROCESS))
 
 
 @contextmanager

@@ -37,6 +37,7 @@ from radioloc.simulation import (
 from radioloc.studies import EstimateChoice, HeightPrior, ModelChoice, ObservationChoice
 from radioloc.studies.linear_trials import trial_seed
 from radioloc.studies.prepared_trials import Prepared
+from radioloc.studies.workers import usual_workers
 
 HOURS = (12.0, 24.0)
 NOISE = NoiseModel(
@@ -540,6 +541,12 @@ def test_studies_that_cannot_be(study):
 def test_workers_that_cannot_be(study, options, message):
     with pytest.raises(InputError, match=message):
         radioloc.monte_carlo(study, 2, [12.0], **options)
+
+
+@pytest.mark.parametrize(("trials", "workers"), [(1, 1), (99, 1), (100, 2), (249, 4), (1000, 4)])
+def test_workers_have_enough_trials(trials, workers, monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: range(4), raising=False)
+    assert usual_workers(trials) == workers
 
 
 @pytest.mark.slow

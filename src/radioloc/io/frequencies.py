@@ -221,7 +221,10 @@ def frequency_observations(
         count_s,
         lambda problem, row: FileFormatError(path, problem, lines[row]),
     )
-    links = [Link(up or its.transmitter, its.target, down).named(catalogue) for up, down in ends]
+    try:
+        links = [Link(up or its.transmitter, its.target, down).named(catalogue) for up, down in ends]
+    except InputError as error:
+        raise FileFormatError(path, str(error)) from None
     one_way = np.array([not link.transmitter for link in links])[station]
     observations = Observations.from_columns(
         epoch=utc_from_seconds_of_day(np.array(midnight), np.array(second_of_day)),

@@ -127,6 +127,15 @@ def test_times_of_detections(name, tmp_path):
     assert got.value_m[0] == pytest.approx(growth_m(8412e6 + DETECTED_HZ, 8420.2e6, count_s=5.0), abs=2e-6)
 
 
+def test_a_telescope_of_an_endless_name_is_refused_by_file(tmp_path):
+    path = write(
+        tmp_path / "long.txt",
+        HEAD.replace(" at Ww", f" at {'A' * 100}") + f"#\n34205.5 1 1 {DETECTED_HZ} 0\n",
+    )
+    with pytest.raises(FileFormatError, match=r"long\.txt: 'A+\.*' is too long a name"):
+        read_fdets(path, [FrequencyAgreement(8420.2e6, 0.01, 5.0)])
+
+
 def test_detections_of_older_and_newer_files(tmp_path):
     older = HEAD.replace("# ", "// ").replace(" at Ww rev. 2", "").replace("//", "*", 1)
     path = tmp_path / "Fdets.vex2013.12.28-0900-1000.Ht.complete.r2i.txt.gz"

@@ -25,11 +25,7 @@ from numpy.typing import NDArray
 from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.gauss_markov import Points, SeriesNoise, noise_of_series
 from radioloc.estimation.least_squares import FitResult
-from radioloc.estimation.observation_noise import (
-    Rows,
-    RowsOf,
-    column,
-)
+from radioloc.estimation.observation_noise import Rows, RowsOf, column
 from radioloc.estimation.series import (
     MOST_POINTS,
     Bundle,

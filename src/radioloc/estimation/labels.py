@@ -1,4 +1,4 @@
-"""Texts of many rows, of which few differ: a small number for each row, and each text once."""
+"""Texts of many rows, of which few differ: a small number for each row, and each text once; and runs of equal rows."""
 
 from __future__ import annotations
 
@@ -65,3 +65,19 @@ class Labels:
         """Texts that some row has, in alphabetic order."""
         counts = np.bincount(self.codes, minlength=len(self.texts))
         return tuple(sorted(text for text, count in zip(self.texts, counts, strict=False) if count))
+
+
+def changed(*arrays: NDArray[Any]) -> NDArray[np.bool_]:
+    """Which rows of arrays (n, ...) differ from the row before, shape (n,); the first counts as one."""
+    new = np.ones(len(arrays[0]), dtype=bool)
+    new[1:] = False
+    for one in arrays:
+        new[1:] |= (one[1:] != one[:-1]).any(axis=tuple(range(1, one.ndim)))
+    return new
+
+
+def distinct(rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]]:
+    """Rows that occur in an array (n, k), in order, and which of them each is, (n,); most are as the one before."""
+    new = changed(rows)
+    found, which = np.unique(rows[new], axis=0, return_inverse=True)
+    return found, which.ravel()[np.cumsum(new) - 1]

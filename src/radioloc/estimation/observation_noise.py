@@ -18,12 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
+from radioloc.estimation.labels import changed
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 
 _Floats = NDArray[np.float64]
@@ -107,22 +108,6 @@ class PhaseNoise:
 def column(values: _Floats) -> RowsOf:
     """A number of each observation as a column."""
     return lambda rows: values[rows, None]
-
-
-def changed(*arrays: NDArray[Any]) -> NDArray[np.bool_]:
-    """Which rows of arrays (n, ...) are not as the row before them, shape (n,); the first is none as before."""
-    new = np.ones(len(arrays[0]), dtype=bool)
-    new[1:] = False
-    for one in arrays:
-        new[1:] |= (one[1:] != one[:-1]).any(axis=tuple(range(1, one.ndim)))
-    return new
-
-
-def distinct(rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]]:
-    """Rows that occur in an array (n, k), in order, and which of them each is, (n,); most are as the one before."""
-    new = changed(rows)
-    found, which = np.unique(rows[new], axis=0, return_inverse=True)
-    return found, which.ravel()[np.cumsum(new) - 1]
 
 
 def slices(n: int, width: int = 1) -> Iterator[slice]:

@@ -16,14 +16,12 @@ from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.gauss_markov import Points, Series, SeriesNoise
-from radioloc.estimation.labels import Labels
+from radioloc.estimation.labels import Labels, changed, distinct
 from radioloc.estimation.observation_noise import (
     ALONE,
     ObservationNoise,
     Rows,
     RowsOf,
-    changed,
-    distinct,
     slices,
     slices_of_chain,
     unchained,

@@ -37,7 +37,7 @@ from radioloc._version import __version__
 from radioloc.constants import C_M_S
 from radioloc.earth.stations import StationCatalogue, station_name
 from radioloc.errors import FileFormatError, InputError
-from radioloc.estimation.labels import Labels
+from radioloc.estimation.labels import Labels, changed
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations, observations_of
 from radioloc.measurements.ramps import Ramps
@@ -421,8 +421,7 @@ def _cells(column: Any, rows: slice, decimals: int | None) -> Any:
     match column:
         case Epochs():
             # Observations of one instant stand one after another in dense data.
-            new = np.ones(len(part), dtype=bool)
-            new[1:] = (part.jd[1:] != part.jd[:-1]) | (part.fraction[1:] != part.fraction[:-1])
+            new = changed(part.jd, part.fraction)
             return _label_texts(np.cumsum(new) - 1, utc_to_text(part[new]).tolist())
         case Labels():
             return _label_texts(part, column.texts)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.boundary import bare_fields
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit, Forces
-from radioloc.dynamics.elements import FORMS, equatorial_axes, state_of_elements
+from radioloc.dynamics.elements import equatorial_axes, state_of_elements
 from radioloc.dynamics.gravity_errors import draw_gravity_errors, errors_along
 from radioloc.dynamics.orbit import initial_state
 from radioloc.ephemeris import CONSTANTS, Ephemeris, LunarOrientation
@@ -284,9 +284,8 @@ class Orbiter:
         InputError
             The elements are not those of an ellipse, or axes or form are not known.
         """
-        for name, given, known in (("axes", axes, AXES), ("form", form, tuple(FORMS))):
-            if given not in known:
-                raise InputError(f"{name} {given!r} of the elements is not known; use {' or '.join(known)}")
+        if axes not in AXES:
+            raise InputError(f"axes {axes!r} of the elements is not known; use {' or '.join(AXES)}")
         gm = forces.gm_m3_s2 or Ephemeris.open(ephemeris).constants.gm_m3_s2("moon")
         turned = np.eye(3) if axes == "ICRF" else equatorial_axes(LunarOrientation.open(libration), epoch)
         x, y, z, vx, vy, vz = state_of_elements(elements, gm, turned, form).tolist()

@@ -279,10 +279,10 @@ def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.
         # Epochs of the covariance of the one before are brought to the same combinations in the same way
         new = changed(axes, combined_m)
         root = (axes[new] / combined_m[new, None, :]) @ np.swapaxes(axes[new], 1, 2)
-        whitening = (axes[0].T @ root)[np.cumsum(new) - 1]
         # Errors of stations and those of baselines alone are in different combinations, of which one may be correlated
         # in time and the other not, however near their sigmas are
         part = np.cumsum(np.diff(combined_m[0], prepend=-np.inf) > _ONE_SIGMA * combined_m[0])
+        whitening = (_chosen_axes(axes[0], part).T @ root)[np.cumsum(new) - 1]
         shared = f"{kind} that share errors"
         series = tuple(
             Series(
@@ -296,6 +296,19 @@ def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.
         )
         bundles.append(Bundle(series, rows, order.time_s[rows[:, 0]], whitening))
     return bundles
+
+
+def _chosen_axes(axes: _Floats, part: NDArray[np.intp]) -> _Floats:
+    """Principal axes (k, k) in columns, of which those of one sigma, in one part, are not left to rounding.
+
+    Any rotation of them is as good, but noise is sought along each, so another one gives other sigmas. Taken are the
+    principal axes of weights that differ from observation to observation.
+    """
+    weight, out = np.sqrt(np.arange(1.0, len(axes) + 1.0)), axes.copy()
+    for k in np.unique(part).tolist():
+        mine = axes[:, part == k]
+        out[:, part == k] = mine @ np.linalg.eigh((mine.T * weight) @ mine)[1]
+    return out
 
 
 def seconds_since_midnight(epoch: Epochs) -> NDArray[np.float64]:

@@ -159,13 +159,8 @@ def test_long_series_are_averaged_and_gaps_take_no_bins():
     assert binned.step_s.max() == pytest.approx(1e7, rel=1e-3)
 
 
-@pytest.mark.parametrize(("stated_m", "station_m"), [(0.4, 0.4), (0.01, 0.05)])
-def test_stations_whose_errors_last_are_found_in_their_delays(stated_m, station_m):
-    """Six baselines of four stations: three combinations hold the stations' errors, three only the baselines' own.
-
-    Also where a small stated error of stations hardly tells the two kinds apart by their sigmas.
-    """
-    epochs = 1500
+def delays_with_lasting_errors(stated_m, station_m, epochs=1500, scale=1.0):
+    """What is found in delays of four stations whose errors are correlated in time, own sigmas times some factors."""
     network = DelayNetwork.make(epochs=epochs, station_m=stated_m)
     rng = np.random.default_rng(5)
     stations = np.column_stack(
@@ -173,16 +168,39 @@ def test_stations_whose_errors_last_are_found_in_their_delays(stated_m, station_
     )
     of_stations = stations[network.epoch, network.second] - stations[network.epoch, network.first]
     observed_m = network.own_m * rng.normal(size=len(network.epoch)) + station_m * of_stations
-    fit = fit_least_squares(network.residual_function(observed_m), network.parameters(), network.noise)
+    noise = replace(network, own_m=network.own_m * scale).noise
+    fit = fit_least_squares(network.residual_function(observed_m), network.parameters(), noise)
     codes = (4 * network.first + network.second).astype(np.int32)
     paths = Labels.coded([f"{i}<x>{j}" for i in range(4) for j in range(4)], codes)
-    found = assessed(fit, labels(len(codes), "vlbi_delay"), paths, STEP_S * network.epoch.astype(float))
     assert (network.epoch != ALONE).all()
+    return assessed(fit, labels(len(codes), "vlbi_delay"), paths, STEP_S * network.epoch.astype(float))
+
+
+@pytest.mark.parametrize(("stated_m", "station_m"), [(0.4, 0.4), (0.01, 0.05)])
+def test_stations_whose_errors_last_are_found_in_their_delays(stated_m, station_m):
+    """Six baselines of four stations: three combinations hold the stations' errors, three only the baselines' own.
+
+    Also where a small stated error of stations hardly tells the two kinds apart by their sigmas.
+    """
+    found = delays_with_lasting_errors(stated_m, station_m)
     assert len(found.series) == 3
     for item in found.series:
         assert item.name.endswith("of 6 that share errors")
         assert item.share > (0.8 if station_m == stated_m else 0.3)
         assert item.correlation_time_s == pytest.approx(TAU_S, rel=0.5)
+
+
+def test_rounding_does_not_choose_the_combinations():
+    """Three combinations have the same sigma: sigmas that differ by rounding must not turn them among each other."""
+    one, *others = (
+        delays_with_lasting_errors(0.4, 0.4, epochs=400, scale=1.0 + 1e-12 * np.tile(some, 400))
+        for some in ([0, 0, 0, 0, 0, 0], [0, 1, 3, 2, 5, 4], [7, 5, 0, 1, 2, 6])
+    )
+    for other in others:
+        assert other.noise.keys() == one.noise.keys()
+        assert other.added_covariance == pytest.approx(one.added_covariance, rel=1e-6)
+        for key, noise in one.noise.items():
+            assert other.noise[key].coloured == pytest.approx(noise.coloured, rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -234,13 +234,13 @@ def likelihoods(
 
 
 @compiled(error_model="numpy")
-def combine(combined: Floats, values: Floats, i: int, s: int, into: Floats) -> None:
-    """Combination s of values (n, j, m) of row i by `combined` (n, k, j), put into an array (m,)."""
+def combine(factors: Floats, values: Floats, into: Floats) -> None:
+    """Values (j, m) combined by factors (j,), put into an array (m,)."""
     for j in range(len(into)):
-        into[j] = combined[i, s, 0] * values[i, 0, j]
-    for k in range(1, values.shape[1]):
+        into[j] = factors[0] * values[0, j]
+    for k in range(1, len(factors)):
         for j in range(len(into)):
-            into[j] += combined[i, s, k] * values[i, k, j]
+            into[j] += factors[k] * values[k, j]
 
 
 @compiled(error_model="numpy")
@@ -250,14 +250,15 @@ def whiten(
     tau_s: Floats,
     ratio: Floats,
     combined: Floats,
+    which: Integers,
     values: Floats,
     variance: Floats,
     state: Floats,
 ) -> Floats:
     """Innovations of k series over their standard deviations, shape (k, n, m), for gains of one.
 
-    Values (n, j, m) of observations are combined to those of the series by `combined` (n, k, j). Variances (k,) and
-    estimates (k, m) of the processes go on from one call to the next.
+    Values (n, j, m) of observations are combined to those of the series by one of `combined` (u, k, j), `which` (n,).
+    Variances (k,) and estimates (k, m) of the processes go on from one call to the next.
     """
     n, _, m = values.shape
     series = len(white)
@@ -265,7 +266,7 @@ def whiten(
     for s in range(series):
         decay, last_s, now, before = 1.0, 0.0, variance[s], state[s]
         for i in range(n):
-            combine(combined, values, i, s, value)
+            combine(combined[which[i], s], values[i], value)
             into = out[s, i]
             if step_s[i] != last_s:
                 last_s = step_s[i]
@@ -310,8 +311,10 @@ def weigh(step_s: Floats, white: Floats, tau_s: Floats, ratio: Floats, values: F
 
 
 @compiled(error_model="numpy")
-def add_to_bins(place: Integers, combined: Floats, values: Floats, sums: Floats, squares: Floats) -> None:
-    """Add values (n, j, m), combined to k series by `combined` (n, k, j), to sums (k, bins, m) at places (n,).
+def add_to_bins(
+    place: Integers, combined: Floats, which: Integers, values: Floats, sums: Floats, squares: Floats
+) -> None:
+    """Add values (n, j, m), combined to k series as by :func:`whiten`, to sums (k, bins, m) at places (n,).
 
     Squares of the first column go to the sums of squares (k,).
     """
@@ -319,7 +322,7 @@ def add_to_bins(place: Integers, combined: Floats, values: Floats, sums: Floats,
     value = np.empty(m)
     for i in range(n):
         for s in range(len(squares)):
-            combine(combined, values, i, s, value)
+            combine(combined[which[i], s], values[i], value)
             into = sums[s, place[i]]
             for j in range(m):
                 into[j] += value[j]

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation.least_squares import FitResult
-from radioloc.estimation.linearization import gram
+from radioloc.estimation.linearization import gram, times
 from radioloc.estimation.observation_noise import RowsOf, Transposable, Whitening, slices
 from radioloc.parameters.parameter import Parameter, ParameterSet
 from radioloc.parameters.registry import PARAMETERS
@@ -117,7 +117,7 @@ class CommonErrors:
         estimates = self.variance[:, None] * (self.axes.T @ along)
         taken = self.axes @ estimates
         for (there, some), part in zip(self.effects, parts, strict=True):
-            part -= some @ taken[there]
+            part -= times(some, taken[there])
             yield part
         yield estimates
 
@@ -166,7 +166,9 @@ def moved_by(fit: FitResult, effects_m: RowsOf, count: int) -> _Floats:
 
     Directions that the data do not determine have no part in it: their variance is infinite already.
     """
-    root = fit.factor.root_covariance()
+    root, moved = fit.factor.root_covariance(), np.zeros((len(fit.parameters), count))
+    if not count:
+        return moved
     along = np.zeros((root.shape[1], count))
     # Of common errors effects are weighed by the noise alone; estimates of the errors come last
     alone = fit.whitening.noise if isinstance(fit.whitening, CommonErrors) else fit.whitening
@@ -179,7 +181,6 @@ def moved_by(fit: FitResult, effects_m: RowsOf, count: int) -> _Floats:
     else:
         for partials, effects in zip(whitened, alone.whitened(effects_m), strict=False):
             along += gram(partials, effects)
-    moved = np.zeros((len(fit.parameters), count))
     moved[fit.parameters.free] = root @ along
     return moved
 
@@ -194,7 +195,7 @@ def few_errors(errors: ConsideredErrors, sigma_m: _Floats) -> tuple[_Floats, int
     for some in (effects[:, mine], np.delete(effects, mine, axis=1)):
         weighted = some / sigma_m[:, None]
         squares, axes = np.linalg.eigh(gram(weighted, weighted))
-        found.append(some @ axes[:, np.cumsum(squares) > _NEGLIGIBLE**2])
+        found.append(times(some, axes[:, np.cumsum(squares) > _NEGLIGIBLE**2]))
     return np.hstack(found), found[0].shape[1]
 
 

@@ -32,6 +32,7 @@ from radioloc.estimation.linearization import (
     evaluate_step,
     factorize,
     refreshed,
+    times,
 )
 from radioloc.estimation.observation_noise import (
     Combinations,
@@ -177,7 +178,7 @@ class FitResult:
         free, root = self.parameters.free, self.factor.root_covariance()
         turned = np.zeros((len(free), root.shape[1]))
         turned[free] = root
-        return lambda rows: self.linearization.partials(rows) @ turned
+        return lambda rows: times(self.linearization.partials(rows), turned)
 
     def whitened_unit_partials(self) -> Iterator[_Floats]:
         """Those of the used observations by its weights, part by part, (m, q)."""

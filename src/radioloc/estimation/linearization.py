@@ -129,7 +129,7 @@ class WhitenedPartials:
     def by(self, root: _Floats) -> Iterator[_Floats]:
         """Those by parameters of which `root` (q, r) has the free ones, part by part, (m, r)."""
         turned = self.from_free @ root
-        return (part @ turned for part in self.parts)
+        return (times(part, turned) for part in self.parts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -299,16 +299,30 @@ class OrthonormalLinearization:
 
 def gram(a: _Floats, b: _Floats) -> _Floats:
     """a^T b of tall matrices, in slabs too small for linear algebra libraries to share them out among threads."""
-    columns, others = a.shape[1], b.shape[1]
-    width = max(columns, others, 1)
-    slab = max(32, min(_LEAF_ELEMENTS // width, 20 * _LEAF_ELEMENTS // width**2))
-    if len(a) <= slab:
-        return np.asarray(a.T @ b)
+    slab = _slab(a, b)
     count = len(a) // slab
     whole = count * slab
-    left = np.swapaxes(a[:whole].reshape(count, slab, columns), 1, 2)
-    slabs = left @ b[:whole].reshape(count, slab, others)
+    if not whole:
+        return np.asarray(a.T @ b)
+    left = np.swapaxes(a[:whole].reshape(count, slab, a.shape[1]), 1, 2)
+    slabs = left @ b[:whole].reshape(count, slab, b.shape[1])
     return np.asarray(slabs.sum(axis=0) + a[whole:].T @ b[whole:])
+
+
+def times(a: _Floats, b: _Floats) -> _Floats:
+    """The product a b of a tall matrix and a small one, in such slabs."""
+    slab = _slab(a, b)
+    count = len(a) // slab
+    whole, out = count * slab, np.empty((len(a), b.shape[1]))
+    np.matmul(a[:whole].reshape(count, slab, a.shape[1]), b, out=out[:whole].reshape(count, slab, b.shape[1]))
+    out[whole:] = a[whole:] @ b
+    return out
+
+
+def _slab(a: _Floats, b: _Floats) -> int:
+    """Rows of a slab."""
+    width = max(a.shape[1], b.shape[1], 1)
+    return max(32, min(_LEAF_ELEMENTS // width, 20 * _LEAF_ELEMENTS // width**2))
 
 
 def refreshed(

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.least_squares import FitResult, fit_least_squares
-from radioloc.estimation.linearization import ResidualFunction, covariance_of, gram
+from radioloc.estimation.linearization import ResidualFunction, covariance_of, gram, times
 from radioloc.estimation.observation_noise import Rows, RowsOf, Whitening, column
 from radioloc.estimation.robust import huber_weight
 from radioloc.estimation.series import SeriesOrder
@@ -120,7 +120,7 @@ def _unit_covariance(first: FitResult, fit: FitResult) -> _Floats:
 
     def columns(rows: Rows) -> _Floats:
         values = values_of(rows)
-        return np.column_stack([values[:, 0], values[:, 1:] @ root])
+        return np.column_stack([values[:, 0], times(values[:, 1:], root)])
 
     for part in first.whitening.whitened(columns):
         size, partials = np.abs(part[:, 0]), part[:, 1:]

@@ -298,37 +298,48 @@ def _components(patterns: Sequence[_Pattern], stations: int) -> _Floats | None:
     sums, numbers = (np.sum(both, axis=0) for both in zip(*sides, strict=True))
     if chances_of_noisier(sums, numbers, numbers.sum(axis=1)) > 1.0 - SCALING_PROBABILITY:
         return None
-    common, of_common = _likeliest(patterns, np.ones((stations, 1)))
-    each, of_each = _likeliest(patterns, np.eye(stations))
+    matrices, squares, rest, dof = _stacked(patterns, stations)
+    of_any = np.stack([matrices[0], matrices[1:].sum(axis=0)])
+    common, of_common = _likeliest(of_any, squares, rest, dof)
+    each, of_each = _likeliest(matrices, squares, rest, dof)
     unlike = np.abs(np.log(np.maximum(each[1:], 1e-300) / common[1])).max() > np.log(_UNLIKE)
     gained = of_common - of_each > chi2_quantile(SCALING_PROBABILITY, max(stations - 1, 1))
     return each if unlike and gained else np.append(common[0], np.full(stations, common[1]))
 
 
-def _likeliest(patterns: Sequence[_Pattern], groups: _Floats) -> tuple[_Floats, float]:
-    """Components, of own errors and of groups of stations (stations, g), and -2 log of their likelihood."""
+def _stacked(patterns: Sequence[_Pattern], stations: int) -> tuple[_Floats, _Floats, _Floats, _Floats]:
+    """What each component adds to the covariance of p patterns (c, p, k, k), sums of products (p, k, k), the rest, dof.
+
+    A pattern of fewer than k baselines has others besides, without residuals and of unit variance, the rest (p, k, k).
+    """
+    size = max(len(pattern.signs) for pattern in patterns)
+    rest = np.tile(np.eye(size), (len(patterns), 1, 1))
+    squares, matrices = np.zeros_like(rest), np.zeros((1 + stations, *rest.shape))
+    for k, pattern in enumerate(patterns):
+        inside = (k, slice(len(pattern.signs)), slice(len(pattern.signs)))
+        rest[inside] = 0.0
+        squares[inside] = pattern.residual_m.T @ pattern.residual_m
+        matrices[0][inside] = np.diag(np.square(pattern.sigma_m).mean(axis=0))
+        matrices[1:][:, *inside] = pattern.signs.T[:, :, None] * pattern.signs.T[:, None, :]
+    return matrices, squares, rest, np.array([pattern.dof for pattern in patterns], dtype=np.float64)
+
+
+def _likeliest(matrices: _Floats, squares: _Floats, rest: _Floats, dof: _Floats) -> tuple[_Floats, float]:
+    """Components (c,) and -2 log of their likelihood, from what :func:`_stacked` gives."""
     from scipy.optimize import nnls
 
-    parts = []
-    for pattern in patterns:
-        of_groups = [(pattern.signs * mine) @ pattern.signs.T for mine in groups.T]
-        own = np.diag(np.square(pattern.sigma_m).mean(axis=0))
-        parts.append((pattern.residual_m.T @ pattern.residual_m, pattern.dof, np.array([own, *of_groups])))
-    components = np.append(1.0, np.zeros(groups.shape[1]))
+    scale = np.sqrt(dof)[:, None, None]
+    components = np.append(1.0, np.zeros(len(matrices) - 1))
     for _ in range(_STEPS):
-        left, right = [], []
-        for squares, dof, matrices in parts:
-            values, axes = np.linalg.eigh(np.tensordot(components, matrices, 1))
-            root = (axes / np.sqrt(values)).T
-            left.append(np.sqrt(dof) * (root @ matrices @ root.T).reshape(len(matrices), -1))
-            right.append((root @ squares @ root.T).ravel() / np.sqrt(dof))
+        root = np.linalg.inv(np.linalg.cholesky(rest + np.tensordot(components, matrices, 1)))
+        turned = np.swapaxes(root, 1, 2)
+        left, right = scale * (root @ matrices @ turned), root @ squares @ turned / scale
         before = components
-        components, _ = nnls(np.concatenate(left, axis=1).T, np.concatenate(right))
+        components, _ = nnls(left.reshape(len(matrices), -1).T, right.ravel())
         components[0] = max(components[0], _LEAST_OWN * before[0])
         if np.abs(components - before).max() <= _SETTLED * components.max():
             break
-    likelihood = 0.0
-    for squares, dof, matrices in parts:
-        covariance = np.tensordot(components, matrices, 1)
-        likelihood += dof * np.linalg.slogdet(covariance)[1] + np.trace(np.linalg.solve(covariance, squares))
+    covariance = rest + np.tensordot(components, matrices, 1)
+    likelihood = dof @ np.linalg.slogdet(covariance)[1]
+    likelihood += np.trace(np.linalg.solve(covariance, squares), axis1=1, axis2=2).sum()
     return components, float(likelihood)

@@ -215,10 +215,10 @@ class ObservationNoise:
         """
         own_m = np.hypot(self.own_m, excess_m)
         added_m = [excess_m[block.rows] for block in self.blocks]
-        if not all((of_block == of_block[:, :1]).all() for of_block in added_m):
+        if not all((of_block == of_block[0, 0]).all() for of_block in added_m):
             return ObservationNoise(own_m, self.shared, phase=self.phase)
         blocks = (
-            replace(block, combined_m=np.hypot(block.combined_m, of_block))
+            replace(block, combined_m=np.hypot(block.combined_m, of_block[0, 0]))
             for block, of_block in zip(self.blocks, added_m, strict=True)
         )
         return ObservationNoise(own_m, self.shared, tuple(blocks), self.phase)
@@ -283,8 +283,8 @@ class Combinations:
             for some in slices(*block.rows.shape):
                 part = block.select(some)
                 values = rows_of(part.rows.ravel()).reshape(*part.rows.shape, -1)
-                combined = np.swapaxes(part.axes, 1, 2) @ values
-                yield combined.reshape(part.rows.size, -1), part.combined_m.ravel()
+                combined = np.swapaxes(part.axes, 1, 2)[part.which] @ values
+                yield combined.reshape(part.rows.size, -1), part.combined_m[part.which].ravel()
 
     def combined(self, values: _Floats) -> tuple[_Floats, _Floats]:
         """Independent combinations of values (n,), such as residuals, and their standard deviations, m, both (m,).
@@ -313,23 +313,24 @@ class Combinations:
         for block in self.blocks:
             for some in slices(*block.rows.shape):
                 part = block.select(some)
-                values = next(part_of).reshape(*part.rows.shape, -1) / part.combined_m[..., None]
-                yield part.rows.ravel(), (part.axes @ values).reshape(part.rows.size, -1)
+                values = next(part_of).reshape(*part.rows.shape, -1) / part.combined_m[part.which, :, None]
+                yield part.rows.ravel(), (part.axes[part.which] @ values).reshape(part.rows.size, -1)
         for some in slices_of_chain(self.factor):
             yield self.counts[some], unchained(self.factor[:, some], next(part_of), adjoint=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Block:
-    """Blocks of one size."""
+    """Blocks of one size, of which most have the covariance of the one before."""
 
     rows: NDArray[np.intp]  # (b, k), observations of each block
-    axes: _Floats  # (b, k, k), principal axes of their covariance in columns
-    combined_m: _Floats  # (b, k), standard deviations along the axes
+    which: NDArray[np.intp]  # (b,), which of the u covariances is its
+    axes: _Floats  # (u, k, k), principal axes of the covariance in columns
+    combined_m: _Floats  # (u, k), standard deviations along the axes
 
-    def select(self, which: NDArray[np.bool_] | slice) -> Block:
+    def select(self, some: NDArray[np.bool_] | slice) -> Block:
         """Some of the blocks."""
-        return Block(self.rows[which], self.axes[which], self.combined_m[which])
+        return replace(self, rows=self.rows[some], which=self.which[some])
 
 
 def _blocks_of(own_m: _Floats, shared: SharedErrors, rows: NDArray[np.intp]) -> tuple[Block, ...]:
@@ -342,7 +343,6 @@ def _blocks_of(own_m: _Floats, shared: SharedErrors, rows: NDArray[np.intp]) -> 
     blocks = []
     for size in np.unique(counts):
         mine = order[starts[counts == size][:, None] + np.arange(size)]
-        # Epochs in which nothing has changed since the one before have its covariance
         new = changed(own_m[mine], shared.source[mine], shared.effect_m[mine])
         some = mine[new]
         covariance = shared.covariance_m2(some)
@@ -356,6 +356,5 @@ def _blocks_of(own_m: _Floats, shared: SharedErrors, rows: NDArray[np.intp]) -> 
                 f"the error that it shares with others, {np.abs(shared.effect_m[row]).max():g} m; give at least a "
                 "10000th of that"
             )
-        which = np.cumsum(new) - 1
-        blocks.append(Block(mine, axes[which], np.sqrt(variances)[which]))
+        blocks.append(Block(mine, np.cumsum(new) - 1, axes, np.sqrt(variances)))
     return tuple(blocks)

@@ -19,6 +19,7 @@ from radioloc.estimation.linearization import (
     evaluate_step,
     factorize,
     gram,
+    times,
 )
 from radioloc.estimation.observation_noise import ObservationNoise, Rows
 from radioloc.estimation.statistics import robust_scale
@@ -101,7 +102,7 @@ def robust_start(
             if factor is None:
                 break
             root = factor.root_covariance()
-        basis = partials[:, free] @ root / sigma_m[:, None]
+        basis = times(partials[:, free], root) / sigma_m[:, None]
         y = _huber_estimate(basis, left, *_prior_terms(parameters, x, root))
         if np.abs(basis @ y).max(initial=0.0) < _SETTLED * max(1.0, robust_scale(left, q)):
             break
@@ -116,7 +117,7 @@ def robust_start(
     spreads = _spreads(left, group, q)
     trial, there, trial_left = x, whole, left
     for _ in range(_MOST_TRIMMED if max(spreads) > _CLEAN else 0):
-        basis = there.partials(rows)[:, free] @ root / sigma_m[:, None]
+        basis = times(there.partials(rows)[:, free], root) / sigma_m[:, None]
         found = least_trimmed(basis, trial_left, *_prior_terms(parameters, trial, root), group)
         if found is None:
             break

@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.gauss_markov import Points, Series, SeriesNoise
-from radioloc.estimation.labels import Labels, changed, distinct
+from radioloc.estimation.labels import Labels, distinct
+from radioloc.estimation.linearization import times
 from radioloc.estimation.observation_noise import (
     ALONE,
+    Block,
     ObservationNoise,
     Rows,
     RowsOf,
@@ -97,7 +99,8 @@ class Bundle:
     series: tuple[Series, ...]
     rows: NDArray[np.intp]  # (b, j), observations, in order of time
     time_s: _Floats  # (b,)
-    whitening: _Floats  # (b, k, j), from observations to independent combinations of unit variance
+    whitening: _Floats  # (u, k, j), from observations to independent combinations of unit variance
+    which: NDArray[np.intp]  # (b,), which of these is a value's
     # (2, b), of counts of a phase, by which they are brought to independent ones before
     factor: _Floats | None = None
 
@@ -130,7 +133,8 @@ class Bundle:
         variance = numbers[2].copy()
         for part, values in self.parts(rows_of):
             state = state if part.start else np.zeros((len(variance), values.shape[2]))
-            yield whiten(self.step_s[part], *numbers, self.whitening[part], values, variance, state)
+            combined = (self.whitening, self.which[part], values)
+            yield whiten(self.step_s[part], *numbers, *combined, variance, state)
 
     def whitened(self, rows_of: RowsOf, noise: Mapping[str, SeriesNoise]) -> _Floats:
         """All of them at once, (k, b, c)."""
@@ -145,7 +149,8 @@ class Bundle:
     def on_observations(self, weighted: _Floats) -> Iterator[tuple[Rows, _Floats]]:
         """Some thousand rows after others (m,), and what their combinations' :meth:`weighted` values are of them."""
         for part in self._slices():
-            values = np.swapaxes(self.whitening[part], 1, 2) @ np.swapaxes(weighted[:, part], 0, 1)
+            whitening = self.whitening[self.which[part]]
+            values = np.swapaxes(whitening, 1, 2) @ np.swapaxes(weighted[:, part], 0, 1)
             values = values.reshape(-1, weighted.shape[2])
             if self.factor is not None:
                 values = unchained(self.factor[:, part], values, adjoint=True)
@@ -203,7 +208,7 @@ def points_of(bundles: Sequence[Bundle], rows_of: RowsOf, root: _Floats) -> Poin
         sums, squares = np.zeros((0, 0, 0)), np.zeros(k)
         for part, values in one.parts(numbers):
             sums = sums if part.start else np.zeros((k, len(in_bin), values.shape[2]))
-            add_to_bins(place[part], one.whitening[part], values, sums, squares)
+            add_to_bins(place[part], one.whitening, one.which[part], values, sums, squares)
         time_s = np.bincount(place, one.time_s) / in_bin
         gain, step_s = np.sqrt(in_bin), np.diff(time_s, prepend=time_s[0])
         columns.append((sums / gain[:, None]).reshape(-1, sums.shape[2]))
@@ -221,7 +226,7 @@ def points_of(bundles: Sequence[Bundle], rows_of: RowsOf, root: _Floats) -> Poin
         step_s=step_s,
         gain=gain,
         residual=both[:, 0].copy(),
-        unit=both[:, 1:] @ root,
+        unit=times(both[:, 1:], root),
         time_s=time_s,
     )
 
@@ -253,36 +258,40 @@ def series_of(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.bool
         if noise.phase is not None and noise.phase.sigma_m[mine].any():
             whitening, factor = np.ones_like(whitening), noise.phase.factor(mine, noise.own_m)
         series = (Series(link.name, link.name, link.kind, link.kind),)
-        bundles.append(Bundle(series, mine[:, None], order.time_s[mine], whitening, factor))
+        each = np.arange(len(mine))
+        bundles.append(Bundle(series, mine[:, None], order.time_s[mine], whitening, each, factor))
     return bundles + _combinations(order, noise, used)
 
 
 def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.bool_]) -> list[Bundle]:
     """Combinations of observations that share errors, by the kinds of observations that are in a block."""
-    found: dict[tuple[int, ...], list[tuple[NDArray[np.intp], _Floats, _Floats]]] = {}
+    found: dict[tuple[int, ...], list[Block]] = {}
     for block in noise.among(used).blocks:
-        sort = np.argsort(order.code[block.rows], axis=1, kind="stable")
-        rows = np.take_along_axis(block.rows, sort, axis=1)
-        codes = order.code[rows]
-        axes = np.take_along_axis(block.axes, sort[:, :, None], axis=1)
-        keys, which = distinct(codes)
+        keys, of_block = distinct(order.code[block.rows])
         for k, key in enumerate(keys):
-            mine = which == k
-            parts = (rows[mine], axes[mine], block.combined_m[mine])
-            found.setdefault(tuple(key.tolist()), []).append(parts)
+            sort, mine = np.argsort(key, kind="stable"), of_block == k
+            there, which = np.unique(block.which[mine], return_inverse=True)
+            axes, combined_m = block.axes[there][:, sort], block.combined_m[there]
+            piece = Block(block.rows[mine][:, sort], which, axes, combined_m)
+            found.setdefault(tuple(key[sort].tolist()), []).append(piece)
     bundles = []
     for key, pieces in found.items():
-        rows, axes, combined_m = (np.concatenate(part) for part in zip(*pieces, strict=True))
+        rows, axes, combined_m = (
+            np.concatenate([getattr(piece, name) for piece in pieces])
+            for name in ("rows", "axes", "combined_m")
+        )
+        first = np.cumsum([0, *(len(piece.axes) for piece in pieces)])
+        which = np.concatenate([piece.which + k for piece, k in zip(pieces, first, strict=False)])
         sort = np.argsort(order.time_s[rows[:, 0]], kind="stable")
-        rows, axes, combined_m = rows[sort], axes[sort], combined_m[sort]
+        rows, which = rows[sort], which[sort]
         kind = order.series[key[0]].kind
-        # Epochs of the covariance of the one before are brought to the same combinations in the same way
-        new = changed(axes, combined_m)
-        root = (axes[new] / combined_m[new, None, :]) @ np.swapaxes(axes[new], 1, 2)
         # Errors of stations and those of baselines alone are in different combinations, of which one may be correlated
         # in time and the other not, however near their sigmas are
-        part = np.cumsum(np.diff(combined_m[0], prepend=-np.inf) > _ONE_SIGMA * combined_m[0])
-        whitening = (_chosen_axes(axes[0], part).T @ root)[np.cumsum(new) - 1]
+        first_m = combined_m[which[0]]
+        part = np.cumsum(np.diff(first_m, prepend=-np.inf) > _ONE_SIGMA * first_m)
+        # Epochs of other covariances are brought to the same combinations in the same way
+        root = (axes / combined_m[:, None, :]) @ np.swapaxes(axes, 1, 2)
+        whitening = _chosen_axes(axes[which[0]], part).T @ root
         shared = f"{kind} that share errors"
         series = tuple(
             Series(
@@ -294,7 +303,7 @@ def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.
             )
             for j, number in enumerate(part.tolist())
         )
-        bundles.append(Bundle(series, rows, order.time_s[rows[:, 0]], whitening))
+        bundles.append(Bundle(series, rows, order.time_s[rows[:, 0]], whitening, which))
     return bundles
 
 

@@ -143,9 +143,9 @@ def test_whitening_is_a_root_of_the_inverse_covariance(case):
     numbers = np.array([[0.8, 600.0, 3.0], [4.0, 1.0, 0.0]]).T.copy()
     variance, state = numbers[2].copy(), np.zeros((2, 150))
     # Observations that are those of the first series and half of the second, in two parts
-    combined = np.full((150, 2, 1), [[1.0], [2.0]])
+    combined, which = np.array([np.eye(2)[:, :1], [[1.0], [2.0]]]), np.ones(150, dtype=np.intp)
     parts = [
-        whiten(step_s[part], *numbers, combined[part], np.eye(150)[part, None], variance, state)
+        whiten(step_s[part], *numbers, combined, which[part], np.eye(150)[part, None], variance, state)
         for part in (slice(0, 70), slice(70, 150))
     ]
     whitened, white = np.concatenate(parts, axis=1)
@@ -200,7 +200,7 @@ def test_sums_of_bins_are_those_of_whitened_values(monkeypatch, at_once):
     rng = np.random.default_rng(3)
     values, rows = rng.normal(size=(24, 3)), rng.permutation(24).reshape(12, 2)
     series = tuple(Series(name, name, "g", "range") for name in "ab")
-    bundle = Bundle(series, rows, 60.0 * np.arange(12), rng.normal(size=(12, 2, 2)))
+    bundle = Bundle(series, rows, 60.0 * np.arange(12), rng.normal(size=(12, 2, 2)), np.arange(12))
     whitened = np.moveaxis(bundle.whitening @ values[rows], 1, 0)
     np.testing.assert_allclose(bundle.whitened(lambda rows: values[rows], {}), whitened, rtol=1e-12)
     on_rows, found = (np.concatenate(parts) for parts in zip(*bundle.on_observations(whitened), strict=True))

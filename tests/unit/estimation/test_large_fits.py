@@ -52,6 +52,15 @@ def test_size_of_parts_does_not_matter(rows_at_once, monkeypatch):
     assert found.chi2 == pytest.approx(expected.chi2, rel=PARTS)
 
 
+@pytest.mark.parametrize(("columns", "others"), [(1, 1), (3, 0), (0, 3), (12, 40)])
+@pytest.mark.parametrize("rows", [0, 1, 700, 20011])
+def test_products_in_slabs_are_those_of_whole_matrices(rows, columns, others):
+    rng = np.random.default_rng(0)
+    a, b, c = (rng.normal(size=shape) for shape in ((rows, columns), (rows, others), (columns, others)))
+    np.testing.assert_allclose(linearization.gram(a, b), a.T @ b, rtol=0.0, atol=1e-10)
+    np.testing.assert_allclose(linearization.times(a, c), a @ c, rtol=0.0, atol=1e-12)
+
+
 @pytest.mark.parametrize("columns", [1, 2, 10, 40])
 @pytest.mark.parametrize("rows", [1, 5, 700, 20011])
 def test_triangle_keeps_all_products(rows, columns):
@@ -134,7 +143,8 @@ def test_blocks_are_factorized_where_their_covariance_changes(monkeypatch):
     # Before, at and after the epoch of that delay
     assert made == [3]
     for block in noise.blocks:
-        for rows, axes, combined_m in zip(block.rows, block.axes, block.combined_m, strict=True):
+        of_each = block.axes[block.which], block.combined_m[block.which]
+        for rows, axes, combined_m in zip(block.rows, *of_each, strict=True):
             expected = given.shared.covariance_m2(rows[None])[0] + np.diag(own_m[rows] ** 2)
             np.testing.assert_allclose((axes * combined_m**2) @ axes.T, expected, rtol=0.0, atol=1e-12)
 

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+
 from radioloc.boundary import bare_fields
 from radioloc.dynamics.gravity import GravityField
 from radioloc.errors import InputError
@@ -56,6 +58,10 @@ class Acceleration:
     def __post_init__(self) -> None:
         bare_fields(self)
         _require_axes(self.name, self.axes)
+        for key in ("constant_m_s2", "cosine_m_s2", "sine_m_s2"):
+            _require_vector(self.name, key, getattr(self, key))
+        if self.normal is not None:
+            _require_vector(self.name, "normal", self.normal)
         for moment in (self.start, self.stop):
             if moment is not None:
                 require_one_epoch(self.name, moment)
@@ -81,6 +87,7 @@ class Impulse:
     def __post_init__(self) -> None:
         bare_fields(self)
         _require_axes(self.name, self.axes)
+        _require_vector(self.name, "delta_v_m_s", self.delta_v_m_s)
         require_one_epoch(self.name, self.epoch)
 
     def names(self) -> list[str]:
@@ -147,6 +154,10 @@ class Forces:
         for body in self.bodies:
             if body not in BODIES:
                 raise InputError(f"body {body!r} is not known as a force; use some of {', '.join(BODIES)}")
+        for key in ("gm_m3_s2", "k2", "radiation_m2_kg"):
+            value = getattr(self, key)
+            if value is not None and not np.isfinite(value):
+                raise InputError(f"{key} of the forces is {value}; give a finite number")
         names = [one.name for one in self.accelerations] + [one.name for one in self.impulses]
         if len(set(names)) < len(names):
             raise InputError(
@@ -206,6 +217,11 @@ class Forces:
 def _require_axes(name: str, axes: str) -> None:
     if axes not in _LETTERS:
         raise InputError(f"{name}: axes {axes!r} are not known; use RTN or ICRF")
+
+
+def _require_vector(name: str, key: str, value: Vector) -> None:
+    if np.shape(value) != (3,) or not np.isfinite(value).all():
+        raise InputError(f"{name}: {key} is {value}; give three finite numbers")
 
 
 def require_one_epoch(name: str, moment: Epochs) -> None:

@@ -61,8 +61,8 @@ def test_a_step_whose_iteration_does_not_settle_is_made_shorter():
         assert np.linalg.norm(at(orbit, time_s)[0, :3] - kepler(state, GM_M3_S2, time_s)[:3]) < 0.1
 
 
-def test_an_acceleration_that_is_no_number_ends_the_integration():
-    thrust = Acceleration("burn", constant_m_s2=(np.nan, 0.0, 0.0), start=EPOCH.shifted(60.0))
+def test_an_acceleration_beyond_all_numbers_ends_the_integration():
+    thrust = Acceleration("burn", constant_m_s2=(1e200, 0.0, 0.0), start=EPOCH.shifted(60.0))
     with pytest.raises(
         ConvergenceError, match=r"orbit cannot be integrated beyond 2012-04-09T04:31:00.000 TDB"
     ):

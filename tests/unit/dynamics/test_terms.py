@@ -6,7 +6,7 @@ from low_orbit import EPOCH, POSITION_M, STATE, VELOCITY_M_S, forces
 from moyer import post_newtonian
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
-from radioloc.dynamics import Acceleration, GravityField, acceleration_terms
+from radioloc.dynamics import Acceleration, GravityField, Impulse, acceleration_terms
 from radioloc.dynamics._force_kernels import (
     AU_M,
     EARTH_J2,
@@ -173,6 +173,9 @@ def test_given_accelerations_at_the_epoch():
             {"accelerations": (Acceleration("a"), Acceleration("a", "ICRF"))},
             "the names a, a; give each its own",
         ),
+        ({"k2": np.nan}, "k2 of the forces is nan; give a finite number"),
+        ({"gm_m3_s2": np.inf}, "gm_m3_s2 of the forces is inf"),
+        ({"radiation_m2_kg": np.nan}, "radiation_m2_kg of the forces is nan"),
     ],
 )
 def test_forces_that_cannot_be(more, problem):
@@ -183,6 +186,12 @@ def test_forces_that_cannot_be(more, problem):
 def test_given_accelerations_that_cannot_be():
     with pytest.raises(InputError, match="axes 'LVLH' are not known"):
         Acceleration("a", "LVLH")
+    with pytest.raises(InputError, match=r"a: cosine_m_s2 is \(1\.0, 2\.0\); give three finite numbers"):
+        Acceleration("a", cosine_m_s2=(1.0, 2.0))
+    with pytest.raises(InputError, match=r"a: normal is .*; give three finite numbers"):
+        Acceleration("a", normal=(0.0, np.nan, 1.0))
+    with pytest.raises(InputError, match=r"burn: delta_v_m_s is .*; give three finite numbers"):
+        Impulse("burn", EPOCH, (np.inf, 0.0, 0.0))
     with pytest.raises(InputError, match="stop is not after start"):
         Acceleration("a", start=EPOCH, stop=EPOCH)
     with pytest.raises(InputError, match=r"no force has the parameter 'b\.r'; there are a\.cos_n"):

@@ -40,6 +40,8 @@ _WIDE = 4
 """Numbers of a row are so many times those of a usual one: effects of errors are beside its partials."""
 _ONE_SIGMA = 1e-6
 """Part by which sigmas of combinations may differ that are one but for rounding."""
+_MUCH_LEFT = 0.37
+"""Part of the largest square that one which is taken has left; none that small whole numbers of baselines make."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -310,13 +312,18 @@ def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.
 def _chosen_axes(axes: _Floats, part: NDArray[np.intp]) -> _Floats:
     """Principal axes (k, k) in columns, of which those of one sigma, in one part, are not left to rounding.
 
-    Any rotation of them is as good, but noise is sought along each, so another one gives other sigmas. Taken are the
-    principal axes of weights that differ from observation to observation.
+    Any rotation of them is as good, but noise is sought along each, so another one gives other sigmas. One after the
+    other takes all that is left in the part of the next observation, so an error of the first is in one of them.
     """
-    weight, out = np.sqrt(np.arange(1.0, len(axes) + 1.0)), axes.copy()
+    out = np.empty_like(axes)
     for k in np.unique(part).tolist():
         mine = axes[:, part == k]
-        out[:, part == k] = mine @ np.linalg.eigh((mine.T * weight) @ mine)[1]
+        left = mine @ mine.T
+        for column in np.flatnonzero(part == k).tolist():
+            squares = np.diag(left)
+            chosen = int(np.argmax(squares > _MUCH_LEFT * squares.max()))
+            out[:, column] = left[:, chosen] / np.sqrt(squares[chosen])
+            left = left - np.outer(out[:, column], out[:, column])
     return out
 
 

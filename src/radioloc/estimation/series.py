@@ -41,7 +41,8 @@ _WIDE = 4
 _ONE_SIGMA = 1e-6
 """Part by which sigmas of combinations may differ that are one but for rounding."""
 _MUCH_LEFT = 0.37
-"""Part of the largest square that one which is taken has left; none that small whole numbers of baselines make."""
+"""Least part that the next observation has left, of the most that one has; symmetric networks have no such part, so
+rounding does not decide."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -268,10 +268,8 @@ def _of_each_observation(bundle: Bundle, rows_of: RowsOf) -> _Floats:
     count = np.bincount(place)
     ends, found = np.cumsum(count), np.zeros((0, 0, 0, 0))
     for part, values in bundle.parts(rows_of):
-        values, weights = (
-            np.swapaxes(values, 0, 1),
-            np.ascontiguousarray(bundle.whitening[bundle.which[part]].T),
-        )
+        values = np.swapaxes(values, 0, 1)
+        weights = np.ascontiguousarray(bundle.whitening[bundle.which[part]].T)
         if not part.start:
             found = np.zeros((*weights.shape[:2], len(count), values.shape[2]))
         first, last = place[part][[0, -1]].tolist()

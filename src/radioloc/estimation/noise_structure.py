@@ -329,6 +329,9 @@ def _likeliest(matrices: _Floats, squares: _Floats, rest: _Floats, dof: _Floats)
     from scipy.optimize import nnls
 
     scale = np.sqrt(dof)[:, None, None]
+    own_m2 = np.diagonal(matrices[0], axis1=1, axis2=2)
+    # Far beyond what is taken for noise, and the covariance still has an inverse
+    least = 1e-3 / (_LARGEST**2 * own_m2[own_m2 > 0.0].min())
     components = np.append(1.0, np.zeros(len(matrices) - 1))
     for _ in range(_STEPS):
         root = np.linalg.inv(np.linalg.cholesky(rest + np.tensordot(components, matrices, 1)))
@@ -336,7 +339,7 @@ def _likeliest(matrices: _Floats, squares: _Floats, rest: _Floats, dof: _Floats)
         left, right = scale * (root @ matrices @ turned), root @ squares @ turned / scale
         before = components
         components, _ = nnls(left.reshape(len(matrices), -1).T, right.ravel())
-        components[0] = max(components[0], _LEAST_OWN * before[0])
+        components[0] = max(components[0], _LEAST_OWN * before[0], least * components[1:].max())
         if np.abs(components - before).max() <= _SETTLED * components.max():
             break
     covariance = rest + np.tensordot(components, matrices, 1)

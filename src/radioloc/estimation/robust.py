@@ -147,7 +147,7 @@ def linear_problem(
     if factor is None or not parameters.free.any() or not factor.determined.all():
         return None
     to_free = factor.root_covariance()
-    basis = partials[:, parameters.free] @ to_free
+    basis = times(partials[:, parameters.free], to_free)
     from_free = factor.singular_values[:, None] * factor.vectors.T * factor.column_norms
     start_rows = sample(dense, noise.sigma_m, usable, parameters, _REPEATED_ROWS)
     return LinearProblem(partials, x, basis, from_free, to_free, start_rows)

@@ -4,15 +4,18 @@ import math
 
 import numpy as np
 import pytest
+from delay_network import DelayNetwork
 
 from radioloc.estimation import (
     USED,
+    Labels,
     Parameter,
     ParameterSet,
     fit_with_editing,
     fit_with_variance_components,
     variance_components,
 )
+from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.variance_components import additive_sigma_m
 
 
@@ -184,3 +187,22 @@ def test_parameters_with_a_priori_values_take_only_what_these_leave_open():
     assert np.flatnonzero(~found.status.are(USED)).tolist() == [100]
     # Two of three observations of a night are redundant: the sigma of what is found is 1 / sqrt(2 * 240), 5 %.
     assert found.additive_sigma_m["all"] == pytest.approx(noise_m, rel=0.15)
+
+
+@pytest.mark.parametrize("stations_m", [(0.0, 0.0, 0.0, 1e6), (1e-6, 1.0, 1e3, 1e6)])
+@pytest.mark.parametrize("stated_m", [1e-6, 0.3])
+def test_errors_of_stations_far_beyond_those_of_delays_are_no_noise(stated_m, stations_m):
+    """Delays that close but for rounding: what their stations are off by is to be seen in the residuals."""
+    network = DelayNetwork.make(epochs=60)
+    errors_m = np.tile(stations_m, 60) * np.random.default_rng(1).normal(size=240)
+    paths = Labels.of([f"{a}<x>{b}" for a, b in zip(network.first, network.second, strict=True)])
+    found = fit_with_variance_components(
+        network.residual_function(network.incidence @ errors_m),
+        network.parameters(),
+        stated_m,
+        order=SeriesOrder.of(Labels.of(["vlbi_delay"] * 360), paths, 600.0 * network.epoch),
+        threshold=None,
+    )
+    assert found.shared_sigma_m == {}
+    assert found.additive_sigma_m
+    assert np.isfinite(found.fit.x).all()

@@ -7,13 +7,23 @@ has changed. Here such code is not used: the function is compiled again.
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import numba
-from numba.core.caching import FunctionCache, IndexDataCacheFile
+from radioloc.errors import InputError
+
+_THREADS = os.environ.get("NUMBA_NUM_THREADS", "1")
+if not (_THREADS.isdecimal() and int(_THREADS) > 0):  # numba itself would end its import in a ValueError
+    raise InputError(
+        f"environment variable NUMBA_NUM_THREADS: expected a whole number above zero, got {_THREADS!r}; correct or "
+        "unset it"
+    )
+
+import numba  # noqa: E402
+from numba.core.caching import FunctionCache, IndexDataCacheFile  # noqa: E402
 
 _DIGEST_BYTES = 32
 

@@ -17,6 +17,7 @@ __all__ = [
     "CoverageError",
     "DataQualityWarning",
     "FileFormatError",
+    "FontWarning",
     "InputError",
     "KernelError",
     "PluginWarning",
@@ -112,6 +113,10 @@ class DataQualityWarning(RadiolocWarning):
 
 class RenamedKeyWarning(RadiolocWarning):
     """A study file has a key by its earlier name."""
+
+
+class FontWarning(RadiolocWarning):
+    """The fonts of a figure lack characters of a name."""
 
 
 class PluginWarning(RadiolocWarning):

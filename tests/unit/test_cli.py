@@ -657,6 +657,23 @@ def test_as_a_program(environment, run, folder):
     assert (done.returncode, done.stdout, done.stderr) == (0, expected.out, "")
 
 
+@pytest.mark.parametrize("encoding", some(["cp1252", "ascii", "latin-1"], ["ascii"]))
+def test_card_and_json_in_an_encoding_that_lacks_the_name(encoding, folder):
+    (folder / "嫦娥五号.toml").write_text(study_of(), encoding="utf-8")
+    environment = {"PYTHONIOENCODING": encoding}
+    card = process("residuals", "嫦娥五号.toml", cwd=folder, environment=environment)
+    assert (card.returncode, card.stderr) == (0, "")
+    assert r"\u5ae6\u5a25\u4e94\u53f7" in card.stdout
+    content = process("residuals", "嫦娥五号.toml", "--json", cwd=folder, environment=environment)
+    assert json.loads(content.stdout)["name"] == "嫦娥五号"
+
+
+@pytest.mark.parametrize("count", some(["0", "-3", "two", ""], ["0"]))
+def test_impossible_count_of_threads_is_one_line(count, folder):
+    failed = process("doctor", environment={"NUMBA_NUM_THREADS": count})
+    refused(Outcome(failed.returncode, failed.stdout, failed.stderr), "NUMBA_NUM_THREADS", repr(count))
+
+
 @pytest.mark.study
 def test_as_a_program_with_a_bad_study(folder):
     (folder / "s.toml").write_text("[taget]\n", encoding="utf-8")

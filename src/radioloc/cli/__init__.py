@@ -8,7 +8,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 
-from radioloc.cli.output import complain, prepared, say, standard_streams
+from radioloc.cli.output import complain, escape_unprintable_output, prepared, say, standard_streams
 from radioloc.cli.parser import BAD_INPUT, DISK, INTERRUPTED, LOOKUPS, NOT_CONVERGED, make_parser
 from radioloc.errors import ConvergenceError, RadiolocError, RadiolocWarning
 from radioloc.text_files import disk_failed
@@ -16,6 +16,7 @@ from radioloc.text_files import disk_failed
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
+    escape_unprintable_output()
     with warnings.catch_warnings():
         # Even where Python is told to make errors of warnings: ours are for the reader, not for a debugger.
         warnings.simplefilter("default", RadiolocWarning)

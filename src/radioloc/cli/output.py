@@ -9,6 +9,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from io import TextIOWrapper
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -17,6 +18,12 @@ from radioloc.errors import InputError, PredictedEopWarning, RadiolocError, Radi
 
 STREAM = Path("-")
 """In place of a file: standard input or output."""
+
+
+def escape_unprintable_output() -> None:
+    """Make standard output show characters that its encoding lacks as escapes instead of failing."""
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 def say(text: object, end: str = "\n") -> None:
@@ -36,7 +43,7 @@ def tell(options: argparse.Namespace, card: object, content: Callable[[], Any] =
     if options.json:
         from radioloc.report.files import json_text
 
-        say(json_text(content()), end="")
+        say(json_text(content(), ascii_only=True), end="")  # valid JSON in every encoding of the terminal
     elif not options.quiet:
         say(card if out is None else f"{card}\n\nwritten to {out}")
 

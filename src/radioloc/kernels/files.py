@@ -85,8 +85,20 @@ def registered() -> tuple[RegisteredKernel, ...]:
 
 
 def user_directory() -> Path:
-    """Directory of the kernels that were added: ``RADIOLOC_KERNELS``, or else ``~/.radioloc/kernels``."""
-    return Path(os.environ.get("RADIOLOC_KERNELS") or Path.home() / ".radioloc" / "kernels")
+    """Directory of added kernels: ``RADIOLOC_KERNELS``, or else ``~/.radioloc/kernels``.
+
+    Raises
+    ------
+    KernelError
+        The user has no home directory, as in many containers, and ``RADIOLOC_KERNELS`` is not set.
+    """
+    try:
+        return Path(os.environ.get("RADIOLOC_KERNELS") or Path.home() / ".radioloc" / "kernels")
+    except RuntimeError as error:
+        raise KernelError(
+            "the user has no home directory to keep kernels in; set the environment variable RADIOLOC_KERNELS to a "
+            "directory"
+        ) from error
 
 
 def added() -> tuple[RegisteredKernel, ...]:
@@ -102,8 +114,12 @@ def added() -> tuple[RegisteredKernel, ...]:
     >>> [kernel.name for kernel in added()]
     ['mine.bpc']
     """
-    folder = user_directory()
-    return _entries(folder) if (folder / REGISTRY_NAME).is_file() else ()
+    try:
+        folder = user_directory()
+    except KernelError:  # without a home directory nothing was added
+        return ()
+    # Unlike Path.is_file, this takes a directory that the user may not read as empty.
+    return _entries(folder) if os.path.isfile(folder / REGISTRY_NAME) else ()  # noqa: PTH113
 
 
 def _entries(folder: Path) -> tuple[RegisteredKernel, ...]:

@@ -271,8 +271,7 @@ def _in_threads(
     out: NDArray[np.float64],
 ) -> None:
     """Evaluate all rows, parts of them at the same time; each row's result is the same however they are divided."""
-    import numba
-
+    from radioloc.compiled import numba
     from radioloc.measurements._kernels import quantities
 
     n = len(segment)

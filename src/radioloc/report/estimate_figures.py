@@ -16,6 +16,7 @@ from radioloc.report.cards import metres
 from radioloc.report.figures import (
     COLORS,
     SCALE_95,
+    draws_names_literally,
     legend_below,
     length_unit,
     one_panel,
@@ -43,6 +44,7 @@ _MOST_SOURCES = 9
 """Of an error budget; the smallest of more are one bar."""
 
 
+@draws_names_literally
 def plot_budget(solution: Solution, ax: Axes | None = None) -> Figure:
     """Draw the sigmas of a position to the east, to the north and up by source, the largest first, below the total.
 
@@ -100,6 +102,7 @@ def plot_budget(solution: Solution, ax: Axes | None = None) -> Figure:
     return axes.figure.figure
 
 
+@draws_names_literally
 def plot_correlations(solution: Solution, ax: Axes | None = None) -> Figure:
     """Draw the correlation matrix of the estimated parameters.
 
@@ -150,6 +153,7 @@ def plot_correlations(solution: Solution, ax: Axes | None = None) -> Figure:
     return axes.figure.figure
 
 
+@draws_names_literally
 def plot_contours(solution: Solution, names: Sequence[str] | None = None, ax: Axes | None = None) -> Figure:
     """Draw parameters two by two, with the ellipses of one sigma and of 95 %, and the profile of each alone.
 

@@ -7,17 +7,20 @@ each shows itself as the last line of a cell. matplotlib is imported when the fi
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+import re
+import warnings
+from collections.abc import Callable, Iterable, Sequence
 from datetime import datetime
+from functools import wraps
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import UNIX_JD
-from radioloc.errors import InputError
+from radioloc.errors import FontWarning, InputError
 from radioloc.text_files import replaced_file
 from radioloc.time import Epochs
 
@@ -27,6 +30,8 @@ if TYPE_CHECKING:
     from matplotlib.legend import Legend
 
 _Floats = NDArray[np.float64]
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Colours that people with colour-blindness tell apart (Okabe and Ito 2008)."""
@@ -39,6 +44,7 @@ DPI = 200
 _LEAST_LOG_RATIO = 4.0
 """Of the largest value to the smallest: a smaller span may hold none or one of 1, 2, 5, 10 ..."""
 _UNITS = ((1e-3, 1e3, "mm"), (0.5, 1e2, "cm"), (1e3, 1.0, "m"), (float("inf"), 1e-3, "km"))
+_MISSING_GLYPH = re.compile(r"Glyph (\d+) .*missing from")
 _UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 """Metadata that keeps the time of writing out of a file; PNG has none."""
 
@@ -51,6 +57,41 @@ _LEAST_WIDTH = 0.3  # of all that have data: the narrowest part
 _GAP_WIDTH = 0.05
 _PAD_DAYS = 0.02
 _YEAR_DAYS = 365.25
+
+
+def draws_names_literally(plot: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Decorate a function that draws names: a dollar sign starts a formula under no settings of the user."""
+
+    @wraps(plot)
+    def draw(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+        from matplotlib import rc_context
+
+        literal: Any = {"text.parse_math": False, "text.usetex": False, "axes.formatter.use_mathtext": False}
+        with rc_context(literal), warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            drawn = plot(*args, **kwargs)
+        _repeat_warnings(caught)
+        return drawn
+
+    return draw
+
+
+def _repeat_warnings(caught: Sequence[warnings.WarningMessage]) -> None:
+    """Issue the warnings that were caught again, those of missing glyphs as one."""
+    missing = []
+    for warning in caught:
+        glyph = _MISSING_GLYPH.match(str(warning.message))
+        if glyph:
+            missing.append(chr(int(glyph[1])))
+        else:
+            warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+    if missing:
+        warnings.warn(
+            f"the font of the figures lacks {len(set(missing))} characters, such as {missing[0]!r}, and shows boxes; "
+            "install a font that has them and add its name to font.family in a matplotlibrc file",
+            FontWarning,
+            stacklevel=3,
+        )
 
 
 def new_figure(width_in: float, height_in: float, title: str = "") -> Figure:
@@ -128,6 +169,7 @@ def legend_below(axes: Axes, ax: Axes | None, columns: int) -> None:
         axes.legend(fontsize=7, framealpha=0.85)
 
 
+@draws_names_literally
 def png_of(figure: Figure, dpi: float | str = "figure") -> BytesIO:
     """A figure as an image."""
     image = BytesIO()
@@ -304,6 +346,7 @@ def _not_said(label: str, date: datetime) -> str:
     return "" if len(label) == len("2024") else f"{date:%b %Y}"
 
 
+@draws_names_literally
 def save_figure(figure: Figure, paths: Iterable[str | Path] | str | Path) -> None:
     """Write a figure to files of the formats that their names end in, such as ``.png`` and ``.svg``.
 

@@ -389,9 +389,9 @@ def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
     write_text(path, json_text(content))
 
 
-def json_text(content: Any) -> str:
+def json_text(content: Any, *, ascii_only: bool = False) -> str:
     """JSON that any other program reads: numpy values as lists and numbers, never NaN."""
-    return json.dumps(_plain(content, ""), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return json.dumps(_plain(content, ""), indent=2, ensure_ascii=ascii_only, allow_nan=False) + "\n"
 
 
 def _plain(value: Any, where: str) -> Any:

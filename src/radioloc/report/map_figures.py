@@ -25,6 +25,7 @@ from radioloc.report.figures import (
     COLORS,
     SCALE_95,
     draw_ellipse,
+    draws_names_literally,
     legend_below,
     legend_outside,
     length_unit,
@@ -60,6 +61,7 @@ _FARTHEST_M = 5e5  # of the edges; the plane that touches the sphere shows no mo
 _WIDEST_M = 1e6  # where that is accepted; the corners are on the Moon still
 
 
+@draws_names_literally
 @bare_arguments
 def plot_map(
     solutions: Located | Iterable[Located],
@@ -270,6 +272,7 @@ def _draw_globe(around: Axes, plane: TangentPlane) -> None:
     axes.axis("off")
 
 
+@draws_names_literally
 def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
     """Draw the mosaic of the images on the map, from all that the highest shows down to the lander.
 

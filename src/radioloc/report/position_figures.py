@@ -22,6 +22,7 @@ from radioloc.report.figures import (
     SCALE_95,
     draw_ellipse,
     draw_square,
+    draws_names_literally,
     legend_below,
     legend_outside,
     length_unit,
@@ -86,6 +87,7 @@ def _square_around(axes: Axes, corners_m: _Floats, origin: str) -> float:
     return draw_square(axes, 0.5 * (lowest_m + highest_m), reach_m, origin)
 
 
+@draws_names_literally
 @bare_arguments
 def plot_position(
     solution: Solution,
@@ -165,6 +167,7 @@ def _caption(solution: Solution, known: Sequence[ReferenceComparison]) -> list[s
     return [place, sigmas]
 
 
+@draws_names_literally
 def plot_comparison(comparison: Comparison, ax: Axes | None = None) -> Figure:
     """Draw all positions east and north of the benchmark, estimates with their 95 % ellipses.
 
@@ -210,6 +213,7 @@ def _offset_m(row: PositionRow) -> tuple[float, float, float]:
     return -(row.west_m or 0.0), row.north_m or 0.0, row.up_m or 0.0
 
 
+@draws_names_literally
 def plot_arcs(study: ArcStudy, ax: Axes | None = None) -> Figure:
     """Draw the positions of arcs with their 95 % ellipses beside references, and each coordinate by the arc's length.
 
@@ -269,6 +273,7 @@ def plot_arcs(study: ArcStudy, ax: Axes | None = None) -> Figure:
     return figure.figure
 
 
+@draws_names_literally
 def plot_point(solution: PointSolution, ax: Axes | None = None) -> Figure:
     """Draw the 95 % ellipses of a position by source of error, and its landmarks where it has some.
 

@@ -18,6 +18,7 @@ from radioloc.report.cards import short_names
 from radioloc.report.figures import (
     COLORS,
     date_axes,
+    draws_names_literally,
     legend_outside,
     length_unit,
     panel_grid,
@@ -66,6 +67,7 @@ _MOST_NAMED = len(COLORS) - 1  # links of which terms are drawn
 _SMALL_M = 5e-6  # rounding of light paths
 
 
+@draws_names_literally
 def plot_residuals(
     solution: Solution | Residuals, title: str | None = None, ax: Axes | None = None
 ) -> Figure:
@@ -107,6 +109,7 @@ def plot_residuals(
     return _grid(solution, title, ax, station_panels(tracking_of(solution)), 12, "stations", 1, sizes_in)
 
 
+@draws_names_literally
 def plot_links(solution: Solution | Residuals, title: str | None = None, ax: Axes | None = None) -> Figure:
     """Draw residuals over time, a panel for each VLBI baseline and for each station that receives ranges or Doppler.
 
@@ -279,6 +282,7 @@ def _bars(dates: Dates, low: _Floats, high: _Floats) -> tuple[Dates, _Floats]:
     return np.repeat(dates, 3), np.stack([low, high, np.full(len(low), np.nan)], axis=-1).ravel()
 
 
+@draws_names_literally
 def plot_terms(
     terms: Mapping[str, NDArray[np.float64]], observations: Observations, ax: Axes | None = None
 ) -> Figure:
@@ -344,6 +348,7 @@ def plot_terms(
     return figure.figure
 
 
+@draws_names_literally
 def plot_distribution(solution: Solution | Residuals, ax: Axes | None = None) -> Figure:
     """Draw residuals over their sigmas against elevation, and their histogram beside the normal distribution.
 

@@ -22,6 +22,7 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.report.figures import (
     COLORS,
     date_axes,
+    draws_names_literally,
     legend_below,
     one_panel,
     several_panels,
@@ -41,6 +42,7 @@ _EPOCHS = 721
 _AROUND_DEG, _LEAST_DEG = 8.0, (50.0, 30.0)  # around the stations; across and upwards
 
 
+@draws_names_literally
 def plot_stations(
     tracking: Solution | Residuals | Observations | Iterable[Link],
     catalogue: StationCatalogue | None = None,
@@ -174,6 +176,7 @@ def _coastlines() -> list[_Floats]:
     return [0.1 * np.array([point.split(",") for point in line], dtype=np.float64) for line in lines]
 
 
+@draws_names_literally
 @bare_arguments
 def plot_visibility(
     model: PhysicalModel,

@@ -16,6 +16,7 @@ from radioloc.report.figures import (
     COLORS,
     SCALE_95,
     draw_ellipse,
+    draws_names_literally,
     legend_below,
     legend_outside,
     length_unit,
@@ -38,6 +39,7 @@ _DRAWN, _MOST_LINES = 600, 4
 """Epochs of an orbit in a figure, and lengths of its tracking, the longest."""
 
 
+@draws_names_literally
 def plot_trials(study: MonteCarlo, ax: Axes | None = None) -> Figure:
     """Draw the horizontal errors of each arc's trials with the 95 % ellipses that are claimed and that are found.
 
@@ -103,6 +105,7 @@ def plot_trials(study: MonteCarlo, ax: Axes | None = None) -> Figure:
     return figure.figure
 
 
+@draws_names_literally
 def plot_error_by_length(study: MonteCarlo, ax: Axes | None = None) -> Figure:
     """Draw how the errors fall with the length of the arc, beside the sigmas claimed; of an orbit at the arc's end.
 
@@ -153,6 +156,7 @@ def _reach_m(error_m: _Floats, claimed_m2: _Floats) -> float:
     return 1.1 * max(most_m, SCALE_95 * float(np.sqrt(np.diag(claimed_m2).max())))
 
 
+@draws_names_literally
 def plot_covariance(study: CovarianceStudy, ax: Axes | None = None) -> Figure:
     """Figure of the sigmas by length, and of what they are made of.
 
@@ -213,6 +217,7 @@ def plot_covariance(study: CovarianceStudy, ax: Axes | None = None) -> Figure:
     return figure.figure
 
 
+@draws_names_literally
 def plot_covariance_on_arc(study: CovarianceStudy, ax: Axes | None = None) -> Figure:
     """Figure of the sigmas of an orbit over the plan, radial, along and across, by the longest of the tracking.
 

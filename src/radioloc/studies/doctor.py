@@ -10,9 +10,8 @@ from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import Any
 
-import numba
-
 import radioloc
+from radioloc.compiled import numba
 from radioloc.earth.eop import EopTable
 from radioloc.kernels.files import added, registered
 from radioloc.report.cards import Card, Field, Shown

@@ -96,3 +96,15 @@ def test_a_damaged_registry_is_named(folder):
     (folder / "added" / "registry.toml").write_text("[[kernel]]\nname = 1\n")
     with pytest.raises(KernelError, match=r"registry\.toml is damaged"):
         added()
+
+
+def test_without_a_home_directory_shipped_kernels_are_found_and_adding_names_the_variable(
+    monkeypatch, de430, tmp_path
+):
+    monkeypatch.delenv("RADIOLOC_KERNELS", raising=False)
+    monkeypatch.delenv("HOME", raising=False)
+    monkeypatch.setattr("pwd.getpwuid", dict().__getitem__)  # a user id that the system does not list
+    assert added() == ()
+    assert find_kernel("DE440", "SPK").is_file()
+    with pytest.raises(KernelError, match="RADIOLOC_KERNELS"):
+        add_kernel(de430)

@@ -2,13 +2,15 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
+from html import unescape
 
 import numpy as np
 import pytest
+from matplotlib import rc_context
 from quick import some
 from toy_moon import LANDER_M, ToyMoon, toy_solution
 
-from radioloc.errors import InputError
+from radioloc.errors import FontWarning, InputError
 from radioloc.estimation import Labels
 from radioloc.estimation.build import compare_with
 from radioloc.report import (
@@ -132,6 +134,23 @@ def test_figures_are_saved_as_png_and_svg(solution, tmp_path):
     assert (tmp_path / "position.png").exists()
     with pytest.raises(InputError, match="cannot be written as 'docx'"):
         save_figure(plot_position(solution), tmp_path / "position.docx")
+
+
+@pytest.mark.parametrize("settings", [{}, {"text.usetex": True, "axes.formatter.use_mathtext": True}])
+@pytest.mark.parametrize("name", ["run $a^b^c$", "A $12 to $34 B", "50 % of a_b & c#d \\x"])
+def test_names_are_drawn_as_they_are_written(solution, name, settings, tmp_path):
+    with rc_context(settings | {"svg.fonttype": "none"}):
+        figure = plot_position(replace(solution, reference=replace(solution.reference, name=name)))
+        save_figure(figure, tmp_path / "position.svg")
+    drawn = unescape((tmp_path / "position.svg").read_text())
+    assert {f">{text}<" for text in (name, f"east of {name} (m)")} <= set(re.findall(">[^<>]+<", drawn))
+
+
+def test_characters_without_glyphs_give_one_warning(solution, tmp_path):
+    figure = plot_position(replace(solution, reference=replace(solution.reference, name="嫦娥五号")))
+    with pytest.warns(FontWarning, match="lacks 4 characters, such as '嫦'") as caught:
+        save_figure(figure, [tmp_path / "position.png", tmp_path / "position.svg"])
+    assert len(caught) == 1
 
 
 @pytest.mark.parametrize(

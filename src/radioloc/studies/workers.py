@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError, RadiolocError
 from radioloc.extras import optional
+from radioloc.studies.record import versions
 
 Chunk = Sequence[int]
 """Numbers of trials that are run together."""
@@ -115,16 +116,49 @@ def _in_processes(
 def _on_cluster(
     client: Any, job: Job, seed: int, chunks: Sequence[Chunk]
 ) -> Iterator[tuple[Chunk, NDArray[np.float64]]]:
-    """Run on a Dask cluster; each job is sent to each of its workers once."""
-    from distributed import as_completed
+    """Run on a Dask cluster; each job is sent to each of its workers once.
 
-    there = client.scatter(job, broadcast=True)
-    futures = {client.submit(_run, there, seed, chunk, pure=False): chunk for chunk in chunks}
+    Raises
+    ------
+    RadiolocError
+        A worker has other versions than this process, or the cluster lost its workers.
+    """
+    from distributed import CancelledError, KilledWorker, as_completed
+
+    _check_versions(client)
+    futures: dict[Any, Chunk] = {}
     try:
-        for future, result in as_completed(futures, with_results=True):
-            yield futures[future], result
+        sent = client.scatter(job, broadcast=True)
+        futures |= {client.submit(_run, sent, seed, chunk, pure=False): chunk for chunk in chunks}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    except (CancelledError, KilledWorker, TimeoutError, OSError) as error:
+        raise RadiolocError(
+            "the Dask cluster lost its workers before the trials ended; restart it and run the study again"
+        ) from error
     finally:
         client.cancel(list(futures))
+
+
+def _check_versions(client: Any) -> None:
+    """Refuse a cluster whose workers have other versions of the packages that compute."""
+    expected = versions()
+    try:
+        found = client.run(versions)
+    except (ImportError, AttributeError) as error:
+        raise InputError(
+            f"a worker of the Dask cluster has another radioloc or none ({error}); install radioloc "
+            f"{expected['radioloc']} on all workers"
+        ) from error
+    if not found:
+        raise InputError("the Dask cluster has no workers; start at least one")
+    for worker, installed in found.items():
+        for name, version in expected.items():
+            if installed.get(name) != version:
+                raise InputError(
+                    f"worker {worker} of the Dask cluster: expected {name} {version}, got {installed.get(name)}; "
+                    "install the same versions on all workers"
+                )
 
 
 @contextmanager

@@ -103,7 +103,7 @@ def test_without_a_home_directory_shipped_kernels_are_found_and_adding_names_the
 ):
     monkeypatch.delenv("RADIOLOC_KERNELS", raising=False)
     monkeypatch.delenv("HOME", raising=False)
-    monkeypatch.setattr("pwd.getpwuid", dict().__getitem__)  # a user id that the system does not list
+    monkeypatch.setattr("pwd.getpwuid", {}.__getitem__)  # a user id that the system does not list
     assert added() == ()
     assert find_kernel("DE440", "SPK").is_file()
     with pytest.raises(KernelError, match="RADIOLOC_KERNELS"):

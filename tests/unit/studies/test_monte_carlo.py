@@ -20,7 +20,7 @@ from quick import some
 import radioloc
 from radioloc import Study
 from radioloc.cli import main
-from radioloc.errors import InputError
+from radioloc.errors import InputError, RadiolocError
 from radioloc.parameters.considered import considered_choices
 from radioloc.report.monte_carlo import MonteCarlo, binomial_bounds
 from radioloc.simulation import (
@@ -37,7 +37,8 @@ from radioloc.simulation import (
 from radioloc.studies import EstimateChoice, HeightPrior, ModelChoice, ObservationChoice
 from radioloc.studies.linear_trials import trial_seed
 from radioloc.studies.prepared_trials import Prepared
-from radioloc.studies.workers import usual_workers
+from radioloc.studies.record import versions
+from radioloc.studies.workers import usual_workers, workers_of
 
 HOURS = (12.0, 24.0)
 NOISE = NoiseModel(
@@ -248,6 +249,35 @@ def test_threads_of_linear_algebra_give_the_same_bits(tmp_path):
         subprocess.run([sys.executable, "-c", code, str(name)], check=True, env=environment)
         results.append(np.load(name))
     np.testing.assert_array_equal(*results)
+
+
+class _LosingCluster:
+    """A job during which its cluster loses all that it holds."""
+
+    def run(self, seed, trials):
+        distributed = pytest.importorskip("distributed")
+        distributed.get_client().restart(wait_for_workers=False)
+        return np.zeros((len(trials), 1, 1))
+
+
+@pytest.mark.study
+@pytest.mark.filterwarnings("ignore")  # those of the cluster's own
+def test_unusable_clusters_are_one_error(monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    cluster = distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None)
+    with cluster, distributed.Client(cluster) as client:
+        with workers_of(client=client) as run, pytest.raises(RadiolocError, match="lost its workers"):
+            list(run(_LosingCluster(), 1, [[0], [1]]))
+        installed = versions()
+        monkeypatch.setattr(client, "run", lambda function: {"tcp://w": installed | {"radioloc": "0.0.1"}})
+        with (
+            workers_of(client=client) as run,
+            pytest.raises(InputError, match=r"worker tcp://w .* got 0\.0\.1"),
+        ):
+            list(run(_LosingCluster(), 1, [[0]]))
+        monkeypatch.setattr(client, "run", lambda function: {})
+        with workers_of(client=client) as run, pytest.raises(InputError, match="no workers"):
+            list(run(_LosingCluster(), 1, [[0]]))
 
 
 @pytest.mark.slow

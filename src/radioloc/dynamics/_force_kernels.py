@@ -78,9 +78,10 @@ def _harmonics(r: Floats, rotation: Floats, data: ForceData) -> Floats:
 
 
 @compiled()
-def _tensor(sky: Floats, gm: Floats) -> Floats:
-    """Tide-raising tensor of Earth and Sun, sum of GM u u / R^3."""
-    out = np.zeros((3, 3))
+def _tensor(sky: Floats, gm: Floats, permanent: Floats) -> Floats:
+    """Tide-raising tensor of Earth and Sun, sum of GM u u / R^3, less the part that the field contains; ICRF axes."""
+    rotation = sky[ROTATION : ROTATION + 9].reshape((3, 3))
+    out = -rotation.T @ (permanent @ rotation)
     for body in range(1, 3):
         place = sky[3 * body - 3 : 3 * body]
         square = dot(place, place)
@@ -277,7 +278,7 @@ def accelerations(r: Floats, v: Floats, sky: Floats, data: ForceData) -> Floats:
     if on[HARMONICS]:
         add(out[HARMONICS], gm[0], _harmonics(r, rotation, data))
     if on[TIDES]:
-        add(out[TIDES], 1.0, _tides(r, _tensor(sky, data.gm), data.radius_m))
+        add(out[TIDES], 1.0, _tides(r, _tensor(sky, data.gm, data.permanent), data.radius_m))
     for body in range(1, len(gm)):
         if on[EARTH + body - 1]:
             place = sky[3 * body - 3 : 3 * body]
@@ -338,7 +339,7 @@ def _gradient(r: Floats, sky: Floats, data: ForceData) -> Floats:
         own = np.array([[s[0], s[1], s[2]], [s[1], s[3], s[4]], [s[2], s[4], -s[0] - s[3]]])
         out += rotation.T @ (own @ rotation)
     if data.on[TIDES]:
-        tensor, square = _tensor(sky, data.gm), dot(r, r)
+        tensor, square = _tensor(sky, data.gm, data.permanent), dot(r, r)
         trace = tensor[0, 0] + tensor[1, 1] + tensor[2, 2]
         pulled = times(tensor, r)
         along = 3.0 * dot(r, pulled) - trace * square

@@ -35,7 +35,7 @@ from radioloc.dynamics._force_data import (
     ForceData,
 )
 from radioloc.dynamics.forces import BODIES, Forces, require_one_epoch
-from radioloc.dynamics.gravity import acceleration_series, gradient_series, recursion, stacked
+from radioloc.dynamics.gravity import GravityField, acceleration_series, gradient_series, recursion, stacked
 from radioloc.dynamics.orbit import STATE, initial_state
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import InputError
@@ -50,6 +50,11 @@ _NODES = 12  # within 6 h the twelfth coefficient of the Moon's motion is below 
 _NEARLY_REST = 1e-30
 """In parts of the position: by this what rests on a pole has a plane."""
 _PLACES = 48
+_PERMANENT_TIDE_PA_S2 = np.array(
+    [[6.978e-12, -2.2e-15, 2.8e-15], [-2.2e-15, 6.43e-14, 0.4e-15], [2.8e-15, 0.4e-15, 4.79e-14]]
+)
+"""Mean of the tide-raising tensor of Earth and Sun in principal axes, of DE421 over 18.6 years (the period of the lunar
+node) in three starting years, which agree to 1e-4 of the largest element."""
 
 
 @bare_arguments
@@ -190,7 +195,16 @@ def force_data(
         scales,
         given,
         rtn_axes(state[:3], state[3:] + _NEARLY_REST * np.roll(state[:3], 1))[:2],
+        _permanent_tide(field),
     )
+
+
+def _permanent_tide(field: GravityField) -> Floats:
+    """Tide-raising tensor whose effect is in the coefficients of a field, axes of the field, 1/s^2, shape (3, 3)."""
+    if field.tide_system != "zero_tide":
+        return np.zeros((3, 3))
+    rotation = rot_between("PA_DE421", field.frame)
+    return np.ascontiguousarray(rotation @ _PERMANENT_TIDE_PA_S2 @ rotation.T)
 
 
 def body_table(

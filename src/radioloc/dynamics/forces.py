@@ -111,7 +111,8 @@ class Forces:
     bodies : tuple of str
         Point masses, of earth, sun, venus, jupiter, saturn; those that the ephemeris does not hold are an error.
     k2 : float
-        Love number of the Moon's tides by Earth and Sun, which add to a field that is free of tides.
+        Love number of the Moon's tides by Earth and Sun. Only their variable part is added to a field whose tide system
+        is ``zero_tide``, which contains the permanent part in C20 and C22.
     figures : bool
         The Earth's J2, and the pull of the Earth at the Moon's figure.
     relativity : bool

@@ -7,6 +7,7 @@ only sums.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.dynamics.gravity_files import read_gravity_file
-from radioloc.errors import InputError
+from radioloc.constants import ARCSEC_RAD
+from radioloc.dynamics.gravity_files import TIDE_SYSTEMS, read_gravity_file
+from radioloc.errors import FileFormatError, InputError, named
+from radioloc.lunar import rot_between
 from radioloc.units import as_float_array
 
 Floats = NDArray[np.float64]
@@ -23,6 +26,13 @@ Complex = NDArray[np.complex128]
 
 SHIPPED = {"GRGM660PRIM": Path(__file__).parent / "data" / "grgm660prim_150.npz"}
 """Fields that come with the package, by name; of GRGM660PRIM degrees to 150."""
+
+_DEFAULT_AXES = "PA_DE421"
+_LUNAR_FIGURE = {(2, 0): -9.088e-5, (2, 2): 3.467e-5}  # GRGM660PRIM; lunar fields agree to 1e-5 of these
+_FIGURE_TOLERANCE = 0.01
+_MAX_AXES_OFFSET_RAD = 20.0 * ARCSEC_RAD
+"""Largest angle between the axes of the figure and principal axes: 2 arcsec in GRGM660PRIM, 68 and 79 arcsec for
+coefficients in mean-Earth axes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,14 +47,23 @@ class GravityField:
     gm_m3_s2: float
     radius_m: float  # R
     frame: str  # axes, such as PA_DE421
-    tide_system: str  # tide_free, zero_tide or unknown: whether the permanent tide is in C20
+    tide_system: (
+        str  # tide_free, zero_tide (the permanent tide is in C20 and C22) or unknown (taken as tide_free)
+    )
     c: Floats  # shape (degree + 1, degree + 1), by degree and order
     s: Floats
     sigma_c: Floats  # formal; zeros where the file gives none
     sigma_s: Floats
+    notes: tuple[str, ...] = ()  # what the file leaves open, for results
 
     @classmethod
-    def open(cls, source: str | Path, degree: int | None = None, frame: str = "PA_DE421") -> GravityField:
+    def open(
+        cls,
+        source: str | Path,
+        degree: int | None = None,
+        frame: str | None = None,
+        tide_system: str | None = None,
+    ) -> GravityField:
         """Open a field of the Moon.
 
         Parameters
@@ -53,16 +72,18 @@ class GravityField:
             ``"GRGM660PRIM"``, which ships, or a file: ICGEM's ``.gfc`` or the PDS's SHADR ``.tab``.
         degree : int, optional
             Highest degree and order that is wanted; all by default.
-        frame : str
-            Principal axes that the coefficients of a file belong to, which no file says: those of the ephemeris that
-            the field was made with.
+        frame : str, optional
+            Axes that the coefficients of a file belong to, such as ``"PA_DE440"``; by default those that its header or
+            label names, and of a file that names none ``"PA_DE421"``.
+        tide_system : {"tide_free", "zero_tide"}, optional
+            Whether C20 and C22 contain the permanent tide (zero_tide), in place of what the file states.
 
         Raises
         ------
         FileFormatError
-            The file is missing, cut, damaged, not normalized or of another body.
+            The file is missing, cut, damaged, not normalized, of another body, or in other axes than stated.
         InputError
-            The degree is no positive integer or higher than the field's.
+            The degree is no positive integer or higher than the field's; axes or tide system are not known.
 
         Examples
         --------
@@ -74,6 +95,7 @@ class GravityField:
             with np.load(SHIPPED[str(source)], allow_pickle=False) as file:
                 given: dict[str, Any] = {
                     "name": str(source),
+                    "frame": _DEFAULT_AXES,
                     "gm_m3_s2": float(file["gm_m3_s2"]),
                     "radius_m": float(file["radius_m"]),
                     "tide_system": str(file["tide_system"]),
@@ -81,7 +103,15 @@ class GravityField:
                 }
         else:
             given = read_gravity_file(source)
-        field = cls(frame=frame, **given)
+        if tide_system is not None:
+            if tide_system not in TIDE_SYSTEMS:
+                raise InputError(
+                    f"tide_system: expected one of {', '.join(TIDE_SYSTEMS)}, got {tide_system!r}; correct it"
+                )
+            given["tide_system"] = tide_system
+        stated = frame or given["frame"]
+        field = cls(**given | {"frame": stated or _DEFAULT_AXES, "notes": tuple(_left_open(given, stated))})
+        _require_figure_axes(field, source)
         return field if degree is None else field.to_degree(degree)
 
     def __repr__(self) -> str:
@@ -158,6 +188,49 @@ class GravityField:
         )
         scale = self.gm_m3_s2 / self.radius_m**power
         return np.asarray(scale * sums.reshape((*points_m.shape[:-1], len(series))))
+
+
+def _left_open(given: dict[str, Any], axes: str | None) -> Iterator[str]:
+    """Properties that neither the file nor the caller states, and the value assumed for each."""
+    if axes is None:
+        yield (
+            f"the gravity field {given['name']} does not name its axes: {_DEFAULT_AXES} is assumed; state them by "
+            "gravity_axes in [forces]"
+        )
+    if given["tide_system"] == "unknown":
+        yield (
+            f"the tide system of the gravity field {given['name']} is unknown: tide_free is assumed (tens of metres "
+            "after a day if it is zero_tide); state it by gravity_tide_system in [forces]"
+        )
+
+
+def _require_figure_axes(field: GravityField, source: str | Path) -> None:
+    """Refuse a field of the Moon's figure whose degree 2 belongs to other axes than the stated ones."""
+    with named(f"{source}: gravity_axes:"):
+        rotation = rot_between(field.frame, f"PA_{field.frame[3:]}")
+    if field.degree < 2 or any(
+        abs(field.c[place] / value - 1.0) > _FIGURE_TOLERANCE for place, value in _LUNAR_FIGURE.items()
+    ):
+        return
+    c20, c21, c22 = np.sqrt([5.0, 5.0 / 3.0, 5.0 / 12.0]) * field.c[2, :3]
+    _, s21, s22 = np.sqrt([5.0, 5.0 / 3.0, 5.0 / 12.0]) * field.s[2, :3]
+    quadrupole = np.array(
+        [
+            [3.0 * c22 - 0.5 * c20, 3.0 * s22, 1.5 * c21],
+            [3.0 * s22, -3.0 * c22 - 0.5 * c20, 1.5 * s21],
+            [1.5 * c21, 1.5 * s21, c20],
+        ]
+    )
+    in_principal_axes = rotation @ quadrupole @ rotation.T
+    x, y, z = np.diag(in_principal_axes)
+    offsets_rad = in_principal_axes[[1, 0, 0], [2, 2, 1]] / np.array([z - y, x - z, y - x])
+    if (largest := np.abs(offsets_rad).max()) > _MAX_AXES_OFFSET_RAD:
+        raise FileFormatError(
+            source,
+            f"expected coefficients in the axes {field.frame}, got degree 2 of a figure {largest / ARCSEC_RAD:.0f} "
+            "arcsec off them; state the axes of the file, gravity_axes in [forces] (frame of GravityField.open), such "
+            'as "ME_DE421"',
+        )
 
 
 def recursion(n_degrees: int) -> Floats:

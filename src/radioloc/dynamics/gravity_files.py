@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from radioloc.ephemeris import CONSTANTS
 from radioloc.errors import FileFormatError
-from radioloc.text_files import read_lines
+from radioloc.text_files import ANY_BYTE, read_lines, read_text
 
 Floats = NDArray[np.float64]
 
@@ -21,20 +22,25 @@ _RADIUS_M = 1738.0e3
 _SAME_GM, _SAME_RADIUS = 1e-3, 0.05  # relative: lunar fields agree to 1e-6 and 1e-3
 _HIGHEST_DEGREE = 2200  # beyond any field there is; a larger number is a damaged one
 _MOST_DIGITS = 8
-_TIDE_SYSTEMS = ("tide_free", "zero_tide", "unknown")
+_C00_TOLERANCE = 1e-5  # estimated values differ from 1 by some 1e-8, as GM does
+_MAX_DEGREE_1 = 1e-6  # 3 m from the centre of mass, on which the model places the origin
+TIDE_SYSTEMS = ("tide_free", "zero_tide", "unknown")
 
 
 def read_gravity_file(path: str | Path) -> dict[str, Any]:
-    """Read a field of the Moon, as the fields of a ``GravityField`` but for the axes; the content tells the format.
+    """Read the fields of a ``GravityField`` from a file of the Moon; the content tells the format.
 
     ICGEM: a header of keys that ends with ``end_of_head``, then lines ``gfc n m C S`` with sigmas or without
     (Barthelmes and Förste 2011, *The ICGEM-format*). SHADR: a line with reference radius (km), GM (km^3/s^2), its
-    sigma, degree, order, normalization (1), then lines of degree, order, C, S and their sigmas, all with commas.
+    sigma, degree, order, normalization (1), reference longitude and latitude (0), then lines of degree, order, C, S
+    and their sigmas, all with commas. The axes (`frame`) are those that the header of the one, or the detached label
+    of the other, names by an ephemeris; ``None`` where it names none or several.
 
     Raises
     ------
     FileFormatError
-        The file is missing, cut, damaged, not fully normalized, varies with time or is of another body; with the line.
+        The file is missing, cut, damaged, not fully normalized, varies with time, is of another body or gives a
+        coefficient twice; with the line.
     """
     lines = enumerate(read_lines(path, encoding="latin-1", ended=True), 1)
     first = next(lines)
@@ -45,8 +51,10 @@ def read_gravity_file(path: str | Path) -> dict[str, Any]:
 
 def _read_icgem(path: Path, lines: Iterator[tuple[int, str]]) -> dict[str, Any]:
     header: dict[str, tuple[int, str]] = {}
+    text = ""
     for number, line in lines:
         words = line.split()
+        text += f"{line}\n"
         if words and words[0] == "end_of_head":
             break
         if words and words[0] == "begin_of_head":
@@ -65,9 +73,15 @@ def _read_icgem(path: Path, lines: Iterator[tuple[int, str]]) -> dict[str, Any]:
     norm_line, norm = header.get("norm", (None, "fully_normalized"))
     if norm != "fully_normalized":
         raise FileFormatError(path, f"norm is {norm}; give a fully_normalized field", norm_line)
+    product_line, product = header.get("product_type", (None, "gravity_field"))
+    if product != "gravity_field":
+        raise FileFormatError(
+            path, f"expected product_type gravity_field, got {product}; give a gravity field", product_line
+        )
     tide_line, tide_system = header.get("tide_system", (None, "unknown"))
-    if tide_system not in _TIDE_SYSTEMS:
-        known = ", ".join(_TIDE_SYSTEMS)
+    tide_system = tide_system.lower().replace("-", "_")
+    if tide_system not in TIDE_SYSTEMS:
+        known = ", ".join(TIDE_SYSTEMS)
         raise FileFormatError(path, f"tide_system is {tide_system}; one of {known} is known here", tide_line)
     gm_line, gm = header["gravity_constant"]
     degree_line, degree = header["max_degree"]
@@ -86,7 +100,7 @@ def _read_icgem(path: Path, lines: Iterator[tuple[int, str]]) -> dict[str, Any]:
         if words:
             table.add(number, words[1:])
     name = header.get("modelname", (0, path.stem))[1]
-    return table.coefficients(name, tide_system)
+    return table.coefficients(name, tide_system, _stated_axes(text))
 
 
 def _read_shadr(path: Path, first: str, lines: Iterator[tuple[int, str]]) -> dict[str, Any]:
@@ -95,13 +109,34 @@ def _read_shadr(path: Path, first: str, lines: Iterator[tuple[int, str]]) -> dic
         raise FileFormatError(path, "has fewer than six numbers; a SHADR table begins with eight", 1)
     if _number(path, 1, head[5]) != 1.0:
         raise FileFormatError(path, f"normalization is {head[5]}; give a fully normalized field (1)", 1)
+    for word, what in zip(head[6:8], ("longitude", "latitude"), strict=False):
+        if _number(path, 1, word) != 0.0:
+            raise FileFormatError(
+                path,
+                f"expected a reference {what} of 0, got {word}; give a field whose longitudes count from the prime "
+                "meridian and latitudes from the equator",
+                1,
+            )
     degree = min(_whole(path, 1, head[3]), _whole(path, 1, head[4]))
     table = _Table(path, degree, _number(path, 1, head[1]) * 1e9, _number(path, 1, head[0]) * 1e3)
     for number, line in lines:
         words = [word.strip() for word in line.split(",")]
         if any(words):
             table.add(number, words)
-    return table.coefficients(path.stem, "unknown")
+    labels = (path.with_suffix(ending) for ending in (".lbl", ".LBL"))
+    label = next((read_text(label, encoding=ANY_BYTE) for label in labels if label.is_file()), "")
+    return table.coefficients(path.stem, "unknown", _stated_axes(label))
+
+
+def _stated_axes(text: str) -> str | None:
+    """Axes that a header or label names, such as PA_DE421; None where it names no ephemeris, or several."""
+    ephemerides = set(re.findall(r"(?<![A-Za-z])DE[- ]?0?(4\d\d)(?!\d)", text, re.IGNORECASE))
+    principal = re.search(r"principal[\s-]+ax|(?<![A-Za-z])PA_DE|MOON_PA", text, re.IGNORECASE)
+    mean_earth = re.search(r"mean[\s-]+earth|(?<![A-Za-z])ME_DE|MOON_ME", text, re.IGNORECASE)
+    axes = "ME" if mean_earth and not principal else "PA"
+    if not ephemerides and axes == "ME":
+        ephemerides = {"421"}  # the mean-Earth axes of DE421 are those of lunar maps
+    return f"{axes}_DE{ephemerides.pop()}" if len(ephemerides) == 1 else None
 
 
 class _Table:
@@ -122,6 +157,7 @@ class _Table:
         self.values = np.full((degree + 1, degree + 1, 4), np.nan)
         self.values[:2] = 0.0  # files may begin with degree 2
         self.values[0, 0, 0] = 1.0
+        self.lines = np.zeros((degree + 1, degree + 1), dtype=np.int64)
 
     def add(self, number: int, words: list[str]) -> None:
         if len(words) not in (4, 6):
@@ -132,11 +168,18 @@ class _Table:
             raise FileFormatError(
                 self.path, f"has no degree {n}, order {m}, in a field to {self.degree}", number
             )
+        if self.lines[n, m]:
+            problem = (
+                f"degree {n}, order {m}, is also in line {self.lines[n, m]}; expected each coefficient once, "
+                "leave one of the two out"
+            )
+            raise FileFormatError(self.path, problem, number)
+        self.lines[n, m] = number
         self.values[n, m] = [_number(self.path, number, word) for word in words[2:]] + [0.0] * (
             6 - len(words)
         )
 
-    def coefficients(self, name: str, tide_system: str) -> dict[str, Any]:
+    def coefficients(self, name: str, tide_system: str, frame: str | None) -> dict[str, Any]:
         missing = np.argwhere(np.isnan(np.tril(self.values[..., 0])))
         if len(missing):
             n, m = missing[0]
@@ -144,12 +187,24 @@ class _Table:
                 self.path,
                 f"is cut: degree {n}, order {m}, is missing of a field to {self.degree}; fetch it again",
             )
+        if abs(c00 := self.values[0, 0, 0] - 1.0) > _C00_TOLERANCE:
+            problem = (
+                f"expected C00 = 1, got {1.0 + c00:.9g}: the coefficients are in another unit, or damaged"
+            )
+            raise FileFormatError(self.path, problem, int(self.lines[0, 0]))
+        if (off_centre := np.abs(self.values[1:2, :2, :2])).max(initial=0.0) > _MAX_DEGREE_1:
+            raise FileFormatError(
+                self.path,
+                f"expected coefficients of degree 1 below {_MAX_DEGREE_1:g}, got {off_centre.max():.3g}; give a field "
+                "whose origin is the centre of mass",
+            )
         squares = np.nan_to_num(np.moveaxis(self.values, -1, 0))
         return {
             "name": name,
             "gm_m3_s2": self.gm_m3_s2,
             "radius_m": self.radius_m,
             "tide_system": tide_system,
+            "frame": frame,
             **dict(zip(("c", "s", "sigma_c", "sigma_s"), squares, strict=True)),
         }
 

@@ -226,6 +226,7 @@ def _of_model(arc: Predictor) -> Iterator[str]:
                 yield f"troposphere of radio signals from {source} for {served}, beside recorded pressure"
     if isinstance(arc.trajectory, AnyOrbit):
         yield from arc.trajectory.notes
+        yield from arc.trajectory.forces.gravity.notes
     if arc.trajectory is not None and not isinstance(arc.trajectory, AdjustableTrajectory):
         yield "the trajectory is taken as exact: its error is in the residuals, and in no sigma"
     if off := [name for name in TERMS if not model.has(name)]:

@@ -101,6 +101,10 @@ class ForcesChoice:
     ----------
     gravity : str
         ``"GRGM660PRIM"``, or the path of a gravity field of the Moon (ICGEM ``.gfc``, SHADR ``.tab``).
+    gravity_axes : str or None
+        Axes of the field's coefficients, such as ``"PA_DE440"``, where its file does not name them.
+    gravity_tide_system : {"tide_free", "zero_tide"} or None
+        Whether the field contains the permanent tide, where its file does not state it.
     degree : int or None
         Highest degree and order; all of the field where ``None``.
     gm_m3_s2 : float or None
@@ -128,6 +132,8 @@ class ForcesChoice:
     """
 
     gravity: str | Path = entry("GRGM660PRIM", read=_gravity)
+    gravity_axes: str | None = None
+    gravity_tide_system: str | None = entry(None, choices=("tide_free", "zero_tide"))
     degree: int | None = entry(None, positive=True)
     gm_m3_s2: float | None = entry(None, positive=True)
     bodies: tuple[str, ...] = BODIES
@@ -153,7 +159,7 @@ class ForcesChoice:
         if self.empirical != "none":
             accelerations.append(Acceleration(EMPIRICAL_NAME))
         k2 = {} if self.k2 is None and self.tides else {"k2": (self.k2 or 0.0) * self.tides}
-        field = GravityField.open(self.gravity, self.degree)
+        field = GravityField.open(self.gravity, self.degree, self.gravity_axes, self.gravity_tide_system)
         return Forces(
             field,
             gm_m3_s2=self.gm_m3_s2,

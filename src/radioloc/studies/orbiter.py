@@ -349,7 +349,12 @@ class Orbiter:
             **({} if self.landing is None else {"landing_tdb": str(utc_strings(self.landing.epoch, 6)[0])}),
             **({} if self.arcs_hours is None else {"arcs_hours": self.arcs_hours}),
             "forces": {
-                "gravity": {"name": field.name, "degree": field.degree, "axes": field.frame},
+                "gravity": {
+                    "name": field.name,
+                    "degree": field.degree,
+                    "axes": field.frame,
+                    "tide_system": field.tide_system,
+                },
                 "bodies": list(forces.bodies),
                 "figures": forces.figures,
                 "relativity": forces.relativity,

@@ -1,5 +1,7 @@
 """Each acceleration against its definition, computed in another way."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from low_orbit import EPOCH, POSITION_M, STATE, VELOCITY_M_S, forces
@@ -18,6 +20,7 @@ from radioloc.dynamics._force_kernels import (
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.lunar import rot_icrf_to_pa
+from radioloc.time import Epochs
 
 EPHEMERIS = Ephemeris.open()
 GM = EPHEMERIS.constants.gm_m3_s2
@@ -61,6 +64,36 @@ def test_tides_are_the_gradient_of_their_potential():
     h = 100.0
     expected = [(potential(POSITION_M + h * e) - potential(POSITION_M - h * e)) / (2 * h) for e in np.eye(3)]
     np.testing.assert_allclose(terms()["tides"], expected, rtol=0, atol=1e-14)
+
+
+def test_a_zero_tide_field_with_tides_pulls_like_the_tide_free_one_without_its_mean():
+    """Mean of the tide over 18.6 years, by coefficients (IERS Conventions 2010, eq. 6.6), not by the tensor."""
+    k2, free = 0.02416, forces(20).gravity
+    days = np.arange(0.0, 18.613 * 365.25, 0.5)
+    tdb = Epochs.from_tdb_seconds((days + 3.0 * 365.25) * 86400.0)
+    moon_m, sun_m = (EPHEMERIS.geocentric(body, tdb)[0] for body in ("moon", "sun"))
+    rot = rot_icrf_to_pa(LunarOrientation.open().angles(tdb)[0])
+    permanent = np.zeros((2, 3))
+    for gm, to_m in ((GM("earth"), -moon_m), (GM("sun"), sun_m - moon_m)):
+        x, y, z = np.einsum("nij,nj->in", rot, to_m)
+        distance_m, plane_m = np.sqrt(x**2 + y**2 + z**2), np.hypot(x, y)
+        sine, cosine, longitude = z / distance_m, plane_m / distance_m, np.arctan2(y, x)
+        legendre = np.stack([1.5 * sine**2 - 0.5, 3.0 * sine * cosine, 3.0 * cosine**2])
+        legendre *= np.sqrt([5.0, 5.0 / 3.0, 5.0 / 12.0])[:, np.newaxis]
+        size = k2 / 5.0 * gm / free.gm_m3_s2 * (free.radius_m / distance_m) ** 3 * legendre
+        turn = np.multiply.outer(np.arange(3), longitude)
+        permanent += [(size * np.cos(turn)).mean(axis=1), (size * np.sin(turn)).mean(axis=1)]
+    c, s = free.c.copy(), free.s.copy()
+    c[2, :3] += permanent[0]
+    s[2, :3] += permanent[1]
+    assert permanent[0] == pytest.approx([-4.02e-8, 0.0, 6.93e-8], abs=1e-10)
+    of_free, of_zero = (
+        acceleration_terms(EPOCH, POSITION_M, VELOCITY_M_S, replace(forces(20), gravity=field))
+        for field in (free, replace(free, c=c, s=s, tide_system="zero_tide"))
+    )
+    of_free, of_zero = (terms["harmonics"] + terms["tides"] for terms in (of_free, of_zero))
+    # The mean tide is 2e-7 m/s^2; means over spans of 18.6 years that start in 1995, 2003 and 2010 differ by 3e-4 of it.
+    np.testing.assert_allclose(of_zero, of_free, rtol=0, atol=2e-10)
 
 
 def test_the_figures_of_earth_and_moon():

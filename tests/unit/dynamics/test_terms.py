@@ -92,7 +92,7 @@ def test_a_zero_tide_field_with_tides_pulls_like_the_tide_free_one_without_its_m
         for field in (free, replace(free, c=c, s=s, tide_system="zero_tide"))
     )
     of_free, of_zero = (terms["harmonics"] + terms["tides"] for terms in (of_free, of_zero))
-    # The mean tide is 2e-7 m/s^2; means over spans of 18.6 years that start in 1995, 2003 and 2010 differ by 3e-4 of it.
+    # The mean tide is 2e-7 m/s^2; means over spans of 18.6 years from 1995, 2003 and 2010 on differ by 3e-4.
     np.testing.assert_allclose(of_zero, of_free, rtol=0, atol=2e-10)
 
 

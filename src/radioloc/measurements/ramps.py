@@ -169,7 +169,10 @@ class Ramps:
                     kept[k] = False
                     continue
             last = k
-        return Ramps(self.stations, station[kept], start[kept], duration_s[kept], f_hz[kept], rate[kept])
+        # Stations of which no piece has a length have no transmitted frequency.
+        used, index = np.unique(station[kept], return_inverse=True)
+        names = tuple(self.stations[k] for k in used)
+        return Ramps(names, index.astype(np.int32), start[kept], duration_s[kept], f_hz[kept], rate[kept])
 
     def of_station(self, name: str) -> TransmittedFrequency:
         """The frequency of one of the stations."""

@@ -12,8 +12,11 @@ from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.io.tdm import TdmAgreement, tdm_observations
 from radioloc.io.tdm.kvn import parse_kvn
+from radioloc.lunar.position import LunarPosition
+from radioloc.measurements import ExactPredictor, PhysicalModel
 from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
 from radioloc.measurements.link import Link
+from radioloc.media.status import Status
 from radioloc.time import epochs_from_strings, utc_to_tai
 
 SIGMA_M = {
@@ -373,6 +376,45 @@ def test_received_frequency_of_a_constant_uplink(offset_hz):
     assert got.uplink_hz[0] == 7.2e9
     assert got.wavelength_um[0] == pytest.approx(1e6 * C_M_S / 8.459e9, rel=1e-3)
     assert got.count_s[0] == 60.0
+
+
+def test_a_transmitted_frequency_holds_from_its_time_tag_on():
+    """Two-way counts of 10 s: of what was transmitted before the tag the model does not know the frequency."""
+    metadata = TWO_WAY | RATIO | {"INTEGRATION_INTERVAL": "10", "INTEGRATION_REF": "MIDDLE"}
+    records = [
+        f"RECEIVE_FREQ_1 = 2021-03-28T14:00:{s} {received_hz(300.0, 10.0)!r}" for s in (20, 30, 40, 50)
+    ]
+    records += ["TRANSMIT_FREQ_1 = 2021-03-28T14:00:30 7.2e9"]
+    later = (TWO_WAY, ["TRANSMIT_FREQ_1 = 2021-03-28T16:00:00 7.2e9"])
+    lander_pa_m = (
+        LunarPosition.from_selenographic(-51.9, 43.0, -2550.0, "ME_DE421").to_frame("PA_DE421").xyz_m
+    )
+
+    def status(got):
+        return ExactPredictor(PhysicalModel.build(), got, lander_pa_m).compute(lander_pa_m).status[:, 0]
+
+    found = readout((metadata, records))
+    got, notes = found.observations, found.notes
+    assert got.ramped.tolist() == [True, True, True, False]  # the third may have been transmitted before
+    assert np.abs(got.value_m - 300.0).max() < GROWTH_TOLERANCE_M
+    assert status(got).tolist() == [Status.NO_RAMP, Status.NO_RAMP, Status.OK, Status.OK]
+    assert any(
+        "1 RECEIVE_FREQ_1 are before the first transmitted frequency (a.kvn, line" in note for note in notes
+    )
+    assert (status(read((metadata, records[:-1]), later)) == Status.NO_RAMP).all()
+
+
+def test_a_beacon_frequency_holds_from_its_time_tag_on():
+    paths = {
+        "PATH": None,
+        "MODE": "SINGLE_DIFF",
+        "PATH_1": "2,1",
+        "PATH_2": "2,3",
+        "PARTICIPANT_3": "JIAMUSI",
+    }
+    counts = ["RECEIVE_FREQ = 2021-03-28T14:00:00 100.0", "TRANSMIT_FREQ_2 = 2021-03-28T14:00:01 8.4e9"]
+    with pytest.raises(FileFormatError, match="RECEIVE_FREQ is earlier than the first TRANSMIT_FREQ_2"):
+        read((TWO_WAY | COUNT | paths, counts))
 
 
 def ramped(count, rate=1.0, t=LIGHT_S, speed=800.0):

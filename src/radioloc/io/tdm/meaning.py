@@ -325,7 +325,7 @@ def _sigma_of_frequency(part: SegmentReader, count_s: float, nominal_hz: float) 
 def _received_difference(part: SegmentReader, keyword: str) -> dict[str, Any]:
     """RECEIVE_FREQ of two paths: mean frequency at the second station less that at the first."""
     count_s, middle_s = _count_interval(part, keyword)
-    beacon_hz = part.beacon_hz()
+    beacon_hz = part.beacon_hz(keyword)
     if np.isnan(beacon_hz):
         name = SENT[part.target - 1]
         problem = f"{keyword} of two paths needs {name}, one frequency that the target sends; add it"

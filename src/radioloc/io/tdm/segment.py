@@ -31,9 +31,11 @@ from radioloc.io.tdm.agreement import TdmAgreement
 from radioloc.io.tdm.message import CLOCKS, MEASURED, RECEIVED, SENT, SENT_RATE, WEATHER, TdmSegment
 from radioloc.measurements.link import Link, canonical_target
 from radioloc.measurements.ramps import Ramps
+from radioloc.measurements.table_columns import FLIGHT_TIME_LIMITS_S
 from radioloc.time import Epochs, tai_to_utc, utc_to_tai
 
 _UTC = "utc"
+_MAX_LIGHT_TIME_S = 3600.0  # there and back, to targets that are not at the Moon
 
 
 def shifted_utc(utc: Epochs, shift_s: ArrayLike) -> Epochs:
@@ -69,7 +71,7 @@ class Series:
 
     def __init__(self, parts: Sequence[SeriesPart], *, rates_last: bool) -> None:
         first = parts[0].segment
-        self.origin = f"{first.path}, line {first.line[0]}"
+        self.origin = f"{first.path}, line {first.line_of(parts[0].keyword)}"
         self.start = first.epoch[[0]]
         self.segments = [part.segment for part in parts]
 
@@ -335,21 +337,38 @@ class SegmentReader:
         return int(self.segment.number(given[0])), int(self.segment.number(given[1]))
 
     def cycles(self, keyword: str, base_hz: float) -> dict[str, Any]:
-        """Columns of observations that count cycles of a frequency which changes, by a reference; none else."""
-        if self.sent is None or self.sent.constant:
+        """Columns of observations that count cycles of a frequency which changes, by a reference; none else.
+
+        What was, or may have been, transmitted before the first record of a constant frequency counts as ramped, too:
+        the frequency is known from that record on, and the model rejects what was transmitted earlier.
+        """
+        if self.sent is None:
             return {}
+        after_s = seconds_from(self.sent.start, self.segment.epochs(keyword)) - self.sent.since_s[0]
+        if early := int((after_s < 0.0).sum()):
+            self.note(f"{early} {keyword} are before the first transmitted frequency ({self.sent.origin})")
+        ramped = np.ones(len(after_s), dtype=bool)
+        if self.sent.constant:
+            longest_s = FLIGHT_TIME_LIMITS_S[1] if self.agreement.lunar else _MAX_LIGHT_TIME_S
+            ramped = after_s < self.segment.number("INTEGRATION_INTERVAL") + longest_s
+            if not ramped.any():
+                return {}
         # What was received to the end of the last count was sent before.
         end_s = self.segment.number("INTEGRATION_INTERVAL")
         until = shifted_utc(self.segment.epochs(keyword)[[-1]], end_s)
         name, reference = self.link.transmitter, {"uplink_hz": base_hz}
         if self.one_way:
             name, reference = self.link.target, {"wavelength_um": MICROMETRES * C_M_S / base_hz}
-        return {"ramped": True, "ramps": self.sent.ramps(name, until)} | reference
+        return {"ramped": ramped, "ramps": self.sent.ramps(name, until)} | reference
 
-    def beacon_hz(self) -> float:
+    def beacon_hz(self, keyword: str) -> float:
         """The one frequency that the target of two paths sends, NaN where it is not known."""
         beacon = SENT[self.target - 1]
         if len(sent := self.segment.values(beacon)) and (sent == sent[0]).all() and sent[0] > 0.0:
+            early = seconds_from(self.segment.epochs(beacon)[[0]], self.segment.epochs(keyword)) < 0.0
+            if early.any():
+                problem = f"{keyword} is earlier than the first {beacon}, which holds from its time tag on"
+                raise self.fail(keyword, f"{problem}; add an earlier one", int(np.argmax(early)))
             self.reading.used.add((self.segment, beacon))
             return float(sent[0])
         return np.nan if self.agreed is None else self.agreed.received_hz
@@ -361,7 +380,7 @@ class SegmentReader:
         before. The wavelength is that of a received frequency in the segment, or of what was sent.
         """
         if self.link.differenced:
-            return {"wavelength_um": MICROMETRES * C_M_S / self.beacon_hz()}
+            return {"wavelength_um": MICROMETRES * C_M_S / self.beacon_hz(keyword)}
         epoch, used = self.segment.epochs(keyword), self.reading.used
         sent_hz = np.full(len(epoch), np.nan)
         if self.sent is not None:

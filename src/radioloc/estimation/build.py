@@ -22,6 +22,7 @@ from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
 from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import FitStatistics, Residuals
 from radioloc.estimation.time_correlation import estimated_covariance
+from radioloc.lunar.local import local_difference
 from radioloc.lunar.selenographic import cartesian_to_selenographic
 from radioloc.time import Epochs
 
@@ -173,7 +174,7 @@ def build_solution(
 def compare_with(
     solution: Solution, reference_pa_m: ArrayLike, name: str = "reference"
 ) -> ReferenceComparison:
-    """Difference of a solution to a known position, in metres and in total sigmas.
+    """Difference of a solution to a known position along the sphere and in height, in metres and in total sigmas.
 
     Parameters
     ----------
@@ -195,8 +196,9 @@ def compare_with(
     """
     reference_pa_m = np.asarray(reference_pa_m)
     longitude_rad, latitude_rad, height_m = cartesian_to_selenographic(solution.rot_pa_to_me @ reference_pa_m)
-    place = (math.degrees(longitude_rad), math.degrees(latitude_rad), float(height_m))
-    difference_m = solution.rot_pa_to_enu @ (solution.position_pa_m - reference_pa_m)
+    # The arc to the reference, reversed: its direction is that at the estimate, where the covariance is given.
+    axes = solution.rot_pa_to_enu
+    difference_m = 0.0 - local_difference(reference_pa_m, solution.position_pa_m, axes).enu_m
     covariance = solution.position_covariance("enu")
     sigmas = np.sqrt(np.diag(covariance))
     single = [float(d / s) if 0.0 < s < np.inf else None for d, s in zip(difference_m, sigmas, strict=True)]
@@ -209,5 +211,15 @@ def compare_with(
             combined = None  # a direction is held: there is no inverse
     east_m, north_m, up_m = difference_m.tolist()
     return ReferenceComparison(
-        name, *place, east_m, north_m, up_m, single[0], single[1], single[2], combined_sigmas=combined
+        name=name,
+        longitude_deg=math.degrees(longitude_rad),
+        latitude_deg=math.degrees(latitude_rad),
+        height_m=float(height_m),
+        east_m=east_m,
+        north_m=north_m,
+        up_m=up_m,
+        east_sigmas=single[0],
+        north_sigmas=single[1],
+        up_sigmas=single[2],
+        combined_sigmas=combined,
     )

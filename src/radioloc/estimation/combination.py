@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.estimation.statistics import finite_or_none
-from radioloc.lunar.selenographic import east_north_up
+from radioloc.lunar.local import LocalDifference, displaced, local_difference, rot_enu_between
 
 _Floats = NDArray[np.float64]
 _AXES = ("east", "north", "up")
 
 
-@dataclass(frozen=True, slots=True)
-class ReferenceComparison:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReferenceComparison(LocalDifference):
     """The estimate less a known position.
 
     Parameters
@@ -29,7 +29,7 @@ class ReferenceComparison:
     longitude_deg, latitude_deg, height_m : float
         Where that is: east longitude and latitude in mean-Earth axes, deg, height above the 1737.4 km sphere, m.
     east_m, north_m, up_m : float
-        Components at the estimate, m.
+        The arc along the sphere, by its direction at the estimate, and the difference of heights, m.
     east_sigmas, north_sigmas, up_sigmas : float or None
         The same in total standard deviations; None where that is zero or infinite.
     combined_sigmas : float or None
@@ -41,23 +41,10 @@ class ReferenceComparison:
     longitude_deg: float
     latitude_deg: float
     height_m: float
-    east_m: float
-    north_m: float
-    up_m: float
     east_sigmas: float | None
     north_sigmas: float | None
     up_sigmas: float | None
     combined_sigmas: float | None
-
-    @property
-    def horizontal_m(self) -> float:
-        """Length of the horizontal difference, m."""
-        return math.hypot(self.east_m, self.north_m)
-
-    @property
-    def distance_m(self) -> float:
-        """Length of the difference in space, m."""
-        return math.hypot(self.east_m, self.north_m, self.up_m)
 
     def to_dict(self) -> dict[str, Any]:
         """Its numbers and the two lengths."""
@@ -161,6 +148,15 @@ class PositionEstimate:
         """Covariance with considered errors, shape (3, 3)."""
         return self.noise_enu_m2 + _squares(self.errors_enu_m)
 
+    def carried_to(self, origin_m: _Floats) -> PositionEstimate:
+        """Return the estimate with its covariance in the east, north and up of another point, mean-Earth axes, m."""
+        rotation = rot_enu_between(self.position_me_m, origin_m)
+        return replace(
+            self,
+            noise_enu_m2=rotated_covariance(rotation, self.noise_enu_m2),
+            errors_enu_m={name: rotation @ moved_m for name, moved_m in self.errors_enu_m.items()},
+        )
+
     def contains(self, other: PositionEstimate) -> bool:
         """Whether the data of another estimate are the first hours of this one's."""
         return self.study is not None and self.study == other.study and self.hours > other.hours
@@ -260,9 +256,9 @@ def agreement(one: PositionEstimate, two: PositionEstimate, *, horizontal: bool 
     >>> round(agreement(one, two).chi2, 2)
     4.5
     """
-    axes = _axes(two)
-    apart_m = axes @ (one.position_me_m - two.position_me_m)
+    apart_m = local_difference(one.position_me_m, two.position_me_m).enu_m
     compared = Agreement(one.name, two.name, tuple(apart_m.tolist()))
+    one = one.carried_to(two.position_me_m)
     if one.contains(two) or two.contains(one):
         part, whole = (two, one) if one.contains(two) else (one, two)
         covariance = part.noise_enu_m2 - whole.noise_enu_m2
@@ -307,25 +303,27 @@ def joint_estimate(estimates: Sequence[PositionEstimate]) -> JointEstimate | Non
         return None
     from scipy.linalg import block_diag
 
-    origin, axes = used[0].position_me_m, _axes(used[0])
+    origin_m = used[0].position_me_m
+    apart_m = np.concatenate([local_difference(item.position_me_m, origin_m).enu_m for item in used])
+    used = [item.carried_to(origin_m) for item in used]
     noise = block_diag(*(item.noise_enu_m2 for item in used))
     held = np.isfinite(np.diag(noise))
     design = np.tile(np.eye(3), (len(used), 1))[held]
-    apart_m = np.concatenate([axes @ (item.position_me_m - origin) for item in used])[held]
     names = list(dict.fromkeys(name for item in used for name in item.errors_enu_m))
     of_each = ([item.errors_enu_m.get(name, np.zeros(3)) for name in names] for item in used)
     errors = np.concatenate([np.reshape(moved_m, (-1, 3)).T for moved_m in of_each])[held]
     noise = noise[np.ix_(held, held)]
     root = np.linalg.cholesky(noise + errors @ errors.T)
-    whitened, observed = np.linalg.solve(root, design), np.linalg.solve(root, apart_m)
+    whitened, observed = np.linalg.solve(root, design), np.linalg.solve(root, apart_m[held])
     inverse = np.linalg.pinv(whitened.T @ whitened)
     known = np.asarray(design.any(axis=0))
     covariance = np.where(np.outer(known, known), inverse, np.nan)
     moved_m = inverse @ whitened.T @ observed
     misfit = observed - whitened @ moved_m
+    position_me_m = displaced(origin_m, moved_m)
     return JointEstimate(
-        origin + axes.T @ moved_m,
-        covariance,
+        position_me_m,
+        rotated_covariance(rot_enu_between(origin_m, position_me_m), covariance),
         tuple(item.name for item in used),
         left_out,
         float(misfit @ misfit),
@@ -339,10 +337,14 @@ def _chance(statistic: float, dof: int) -> float:
     return float(chdtrc(dof, statistic))
 
 
-def _axes(estimate: PositionEstimate) -> _Floats:
-    """Rotation from mean-Earth axes to east, north, up at an estimate."""
-    x, y, z = estimate.position_me_m
-    return east_north_up(math.atan2(y, x), math.atan2(z, math.hypot(x, y)))
+def rotated_covariance(rotation: _Floats, covariance_m2: _Floats) -> _Floats:
+    """Return a covariance of east, north and up after a rotation about up; NaN stays where it is."""
+    horizontal = rotation[:2, :2]
+    rotated = covariance_m2.copy()
+    rotated[:2, :2] = horizontal @ covariance_m2[:2, :2] @ horizontal.T
+    rotated[:2, 2] = horizontal @ covariance_m2[:2, 2]
+    rotated[2, :2] = covariance_m2[2, :2] @ horizontal.T
+    return rotated
 
 
 def _squares(errors_enu_m: Mapping[str, _Floats]) -> _Floats:

@@ -39,7 +39,7 @@ class Comparison(Shown):
     rows : tuple of PositionRow
         Solutions, the joint estimate, references.
     covariances_en_m2 : mapping of str to ndarray, shape (2, 2)
-        Total covariance of solutions, east and north.
+        Total covariance of solutions, east and north in the axes at the benchmark.
     agreements : tuple of Agreement
         Each pair of solutions.
     joint : JointEstimate or None

@@ -14,9 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.extras import optional
+from radioloc.lunar.local import displaced
 from radioloc.lunar.selenographic import (
     cartesian_to_selenographic,
     east_north_up,
@@ -36,6 +39,7 @@ CRS = "IAU_2015:30100"
 """Longitude and latitude on the Moon's sphere, as PROJ and GDAL know it."""
 _ELLIPSES = {"1 sigma": 1.0, "95 %": SCALE_95}
 _CORNERS = 90
+_MAX_SEMI_MAJOR_M = 0.5 * math.pi * MEAN_LUNAR_RADIUS_M  # a quarter of a great circle
 GIS_ENDINGS = (".geojson", ".gpkg")
 
 
@@ -96,7 +100,7 @@ def _positions(contents: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _ellipses(content: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Horizontal error ellipses of a solution; none where the position is not determined or held."""
+    """Horizontal error ellipses of a solution; none where it is not determined, held, or wider than a hemisphere."""
     me = position_of(content)["me"]
     covariance = horizontal_covariance_of(content)
     if covariance is None or not covariance.any():
@@ -107,20 +111,39 @@ def _ellipses(content: Mapping[str, Any]) -> list[dict[str, Any]]:
     angles[-1] = 0.0  # a ring ends exactly where it begins
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     one_sigma_m = circle @ (axes * np.sqrt(np.maximum(variances, 0.0))).T
-    on_sphere = selenographic_to_cartesian(longitude_rad, latitude_rad, 0.0)
-    horizontal = east_north_up(longitude_rad, latitude_rad)[:2]
+    centre_m = selenographic_to_cartesian(longitude_rad, latitude_rad, 0.0)
+    to_enu = east_north_up(longitude_rad, latitude_rad)
     features = []
     for name, factor in _ELLIPSES.items():
-        corners = on_sphere + factor * one_sigma_m @ horizontal
-        longitudes, latitudes, _ = cartesian_to_selenographic(corners)
-        # Next to each other in longitude, also where the ellipse crosses 180 degrees.
-        unwrapped = np.degrees(longitude_rad + np.angle(np.exp(1j * (longitudes - longitude_rad))))
-        ring = np.stack([unwrapped, np.degrees(latitudes)], axis=-1).tolist()
+        if factor * math.sqrt(variances[-1]) > _MAX_SEMI_MAJOR_M:
+            continue
+        along_m = np.column_stack([factor * one_sigma_m, np.zeros(len(circle))])
+        ring = _ring(displaced(centre_m, along_m, to_enu), (me["longitude_deg"], me["latitude_deg"]))
         minor_m, major_m = (factor * np.sqrt(np.maximum(variances, 0.0))).tolist()
         named = {"kind": "ellipse", "name": f"{content['name']}, {name}", "frame": me["frame"]}
         sizes = {"semi_major_m": major_m, "semi_minor_m": minor_m}
         features.append(_feature("Polygon", [ring], named | sizes))
     return features
+
+
+def _ring(corners_m: NDArray[np.float64], centre_deg: tuple[float, float]) -> list[list[float]]:
+    """Return longitudes and latitudes of a closed ring, each next to the one before, also across 180 degrees.
+
+    A ring around a pole is not closed in longitude and latitude. It is cut at the meridian opposite to the centre and
+    continued along the pole, so that the polygon holds its centre.
+    """
+    longitude_rad, latitude_rad, _ = cartesian_to_selenographic(corners_m)
+    longitudes = np.unwrap(np.degrees(longitude_rad), period=360.0)
+    longitudes += centre_deg[0] + math.remainder(longitudes[0] - centre_deg[0], 360.0) - longitudes[0]
+    latitudes = np.degrees(latitude_rad)
+    if abs(longitudes[-1] - longitudes[0]) > 180.0:
+        west, east, pole = centre_deg[0] - 180.0, centre_deg[0] + 180.0, math.copysign(90.0, centre_deg[1])
+        inside = west + (longitudes[:-1] - west) % 360.0
+        order = np.argsort(inside)
+        cut = np.interp(west, inside, latitudes[:-1], period=360.0)
+        longitudes = np.concatenate([[west], inside[order], [east, east, west, west]])
+        latitudes = np.concatenate([[cut], latitudes[:-1][order], [cut, pole, pole, cut]])
+    return np.stack([longitudes, latitudes], axis=-1).tolist()
 
 
 def _feature(geometry: str, coordinates: object, properties: Mapping[str, Any]) -> dict[str, Any]:

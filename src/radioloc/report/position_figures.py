@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.estimation.build import compare_with
-from radioloc.estimation.combination import ReferenceComparison
+from radioloc.estimation.combination import ReferenceComparison, rotated_covariance
 from radioloc.estimation.orbit_state import EAST_NORTH_UP
 from radioloc.estimation.solution import Solution
+from radioloc.lunar.local import rot_enu_between
 from radioloc.report.cards import to_sigma
 from radioloc.report.comparison import Comparison
 from radioloc.report.figures import (
@@ -208,6 +209,12 @@ def _draw_rows(
     axes.set_title("ellipses of 95 %", fontsize=8, color="0.3")
 
 
+def _covariance_about(origin_m: _Floats, solution: Solution) -> _Floats:
+    """Covariance in the east and north of another point, mean-Earth axes, which near a pole are other directions."""
+    rotation = rot_enu_between(solution.position_me_m, origin_m)
+    return rotated_covariance(rotation, solution.position_covariance("enu"))[:2, :2]
+
+
 def _offset_m(row: PositionRow) -> tuple[float, float, float]:
     """How far east, north and up of the benchmark; nought of itself."""
     return -(row.west_m or 0.0), row.north_m or 0.0, row.up_m or 0.0
@@ -240,8 +247,9 @@ def plot_arcs(study: ArcStudy, ax: Axes | None = None) -> Figure:
     figure = several_panels(ax, 10.5, 5.9, f"{study.name}: positions by length of the arc")
     grid = figure.add_gridspec(3, 2, width_ratios=(1.1, 1.0))
     plane = figure.add_subplot(grid[:, 0])
+    origin_m = study.references[0].position.xyz_m if study.references else study.longest.position_me_m
     covariances_m2 = [
-        None if row.sigma_west_m is None else arc.solution.position_covariance("enu")[:2, :2]
+        None if row.sigma_west_m is None else _covariance_about(origin_m, arc.solution)
         for row, arc in zip(rows, study.arcs, strict=False)
     ]
     _draw_rows(plane, rows, covariances_m2 + [None] * len(study.references), study.benchmark)

@@ -19,6 +19,8 @@ from radioloc.errors import InputError
 from radioloc.estimation.combination import horizontal_ellipse
 from radioloc.estimation.orbit_state import EAST_NORTH_UP
 from radioloc.estimation.solution import Solution
+from radioloc.lunar.local import local_difference
+from radioloc.lunar.selenographic import selenographic_to_cartesian
 from radioloc.report.cards import Field, Shown, metres, sigma_text, to_sigma
 from radioloc.text_files import write_text
 
@@ -105,8 +107,8 @@ class PositionRow:
     """A position and how far it is from the benchmark.
 
     Longitudes are counted to the west, -180 to 180 deg, as maps of the near side's west and Wang et al. (2021) do.
-    Differences in metres are arcs on the sphere of 1737.4 km: of longitude R cos(B) dL at the benchmark's latitude, of
-    latitude R dB. What a reference does not have is None.
+    Differences in metres are the components of the great circle's arc on the sphere of 1737.4 km, by its direction at
+    the benchmark: over some kilometres R cos(B) dL and R dB. What a reference does not have is None.
     """
 
     method: str  # one of METHODS, "joint" or "reference"
@@ -133,12 +135,14 @@ class PositionRow:
 
 
 def difference(one: Place, benchmark: Place) -> tuple[float, float, float, float, float]:
-    """How far west, north (deg), west, north, up (m) a position is of a benchmark."""
+    """Return how far west, north (deg), west, north and up (m, on the sphere of 1737.4 km) one is of a benchmark."""
+    point_m, origin_m = (
+        selenographic_to_cartesian(math.radians(place[0]), math.radians(place[1]), place[2])
+        for place in (one, benchmark)
+    )
+    apart = local_difference(point_m, origin_m, radius_m=MEAN_LUNAR_RADIUS_M)
     west_deg = -math.remainder(one[0] - benchmark[0], 360.0)
-    north_deg = one[1] - benchmark[1]
-    metres_per_deg = math.radians(MEAN_LUNAR_RADIUS_M)
-    west_m = west_deg * metres_per_deg * math.cos(math.radians(benchmark[1]))
-    return west_deg, north_deg, west_m, north_deg * metres_per_deg, one[2] - benchmark[2]
+    return west_deg, one[1] - benchmark[1], -apart.east_m, apart.north_m, one[2] - benchmark[2]
 
 
 def place_fields(place: Place, benchmark: Place | None) -> dict[str, Any]:

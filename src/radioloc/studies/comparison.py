@@ -17,10 +17,11 @@ from typing import Any
 import numpy as np
 
 from radioloc.errors import InputError
-from radioloc.estimation.combination import PositionEstimate, agreement, joint_estimate
+from radioloc.estimation.combination import PositionEstimate, agreement, joint_estimate, rotated_covariance
 from radioloc.estimation.orbit_state import EAST_NORTH_UP
 from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import finite_or_none
+from radioloc.lunar.local import rot_enu_between
 from radioloc.lunar.position import LunarPosition
 from radioloc.parameters.moon import MAP_TIE
 from radioloc.report.comparison import Comparison
@@ -82,15 +83,20 @@ def compare(solutions: Iterable[str | Path | Result], reference: str | None = No
     joint = joint_estimate(
         [item for item, one in zip(estimates, recorded, strict=True) if one.content["converged"]]
     )
-    covariances = {one.name: one.total_enu_m2[:2, :2] for one in estimates}
     places = {name: one.place for name, one in zip(names, recorded, strict=True)}
     if joint is not None:
         places[_JOINT] = LunarPosition.from_cartesian(joint.position_me_m, frame).selenographic
-        covariances[_JOINT] = joint.covariance_enu_m2[:2, :2]
     places = references | places
     benchmark = reference or next(iter(references or places))
     if benchmark not in places:
         raise InputError(f"there is no {benchmark!r} to compare with; there are {', '.join(places)}")
+
+    # Ellipses are drawn about the benchmark, so in its axes, which near a pole are not those of the estimates.
+    origin_m = LunarPosition.from_selenographic(*places[benchmark], frame).xyz_m
+    covariances = {one.name: one.carried_to(origin_m).total_enu_m2 for one in estimates}
+    if joint is not None:
+        rotation = rot_enu_between(joint.position_me_m, origin_m)
+        covariances[_JOINT] = rotated_covariance(rotation, joint.covariance_enu_m2)
 
     def beside(name: str) -> dict[str, Any]:
         return place_fields(places[name], None if name == benchmark else places[benchmark])
@@ -104,7 +110,7 @@ def compare(solutions: Iterable[str | Path | Result], reference: str | None = No
         frame,
         benchmark,
         tuple(rows),
-        {name: covariance for name, covariance in covariances.items() if np.isfinite(covariance).all()},
+        {name: one[:2, :2] for name, one in covariances.items() if np.isfinite(one[:2, :2]).all()},
         tuple(agreement(one, two) for one, two in combinations(estimates, 2)),
         joint,
     )

@@ -28,6 +28,7 @@ from radioloc.estimation.orbit_state import (
 from radioloc.estimation.robust import linear_problem
 from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
 from radioloc.estimation.solution import Solution
+from radioloc.lunar.local import local_difference
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.registry import KINDS
 from radioloc.parameters.choice import ParameterChoice
@@ -191,8 +192,8 @@ class Prepared:
         world = self.world
         moved_m = self.drawn_moves(part, world.drawn.names) @ drawn
         if solution.state is None:
-            error_m = world.enu_pa @ (solution.position_pa_m - world.target_pa_m)
-            return error_m - moved_m, solution.position_covariance("enu")[None]
+            error = local_difference(solution.position_pa_m, world.target_pa_m, world.enu_pa)
+            return error.enu_m - moved_m, solution.position_covariance("enu")[None]
         assert isinstance(world.trajectory, Orbit)
         tdb = self.epochs(part)
         apart = np.hstack(solution.state.orbit.states(tdb)) - np.hstack(world.trajectory.states(tdb))

@@ -5,9 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import binom, kstest
+from toy_moon import ToyMoon, toy_solution
 
 from radioloc.errors import InputError
+from radioloc.estimation.build import compare_with
 from radioloc.estimation.combination import PositionEstimate, agreement, joint_estimate
+from radioloc.lunar.local import displaced, local_difference
 
 PLACE = np.array([1737400.0, 0.0, 0.0])
 """Where x is up, y east and z north."""
@@ -110,6 +113,48 @@ def test_draws_are_as_likely_as_stated_and_the_joint_ellipse_holds_the_truth():
     assert kstest(chances, "uniform").pvalue > 1e-5
     assert kstest(joint_chances, "uniform").pvalue > 1e-5
     assert binom.ppf(1e-5, trials, 0.95) <= inside <= binom.ppf(1.0 - 1e-5, trials, 0.95)
+
+
+def at(place_m, name, sigmas_m, **what):
+    return PositionEstimate(name, place_m, np.diag(np.square(sigmas_m)), {}, **what)
+
+
+def test_a_reference_76_km_away_at_the_same_height_differs_along_the_sphere_only():
+    solution = toy_solution(ToyMoon(200, 72.0))
+    away_m = np.array([-60e3, 47e3, 0.0])
+    reference_m = displaced(solution.position_pa_m, away_m, solution.rot_pa_to_enu)
+    found = compare_with(solution, reference_m)
+    np.testing.assert_allclose(found.enu_m, -away_m, atol=1e-4)
+    covariance_m2 = solution.position_covariance()
+    expected = np.sqrt(away_m @ np.linalg.solve(covariance_m2, away_m))
+    assert found.combined_sigmas == pytest.approx(expected, rel=1e-6)
+    assert abs(found.up_sigmas) < 1e-3
+
+
+def test_estimates_76_km_apart_at_the_same_height_agree_as_their_horizontal_sigmas_say():
+    """The tangent plane would put one 1.7 km below the other, 100 of its sigmas."""
+    other_m = displaced(PLACE, np.array([76e3, 0.0, 0.0]))
+    one, two = at(PLACE, "one", [40e3, 40e3, 10.0]), at(other_m, "two", [30e3, 30e3, 10.0])
+    pair = agreement(one, two)
+    assert pair.difference_enu_m == pytest.approx((-76e3, 0.0, 0.0), abs=1e-4)
+    assert pair.chi2 == pytest.approx((76.0 / 50.0) ** 2)
+    joint = joint_estimate([one, two])
+    assert local_difference(joint.position_me_m, PLACE).enu_m == pytest.approx(
+        [76e3 * 16.0 / 25.0, 0.0, 0.0], abs=1e-3
+    )
+    assert joint.chi2 == pytest.approx(pair.chi2)
+
+
+def test_covariances_are_compared_in_common_axes_beyond_a_pole():
+    """An ellipse that is long along the meridian of the one is long along that of the other, whose east is its west."""
+    pole_m = np.array([0.0, 0.0, 1737400.0])
+    places = [displaced(pole_m, np.array([along_m, 0.0, 0.0])) for along_m in (1000.0, -1000.0)]
+    # At 90 degrees E and W north is along the line through the pole, also of a point at right angles to it.
+    third_m = displaced(pole_m, np.array([0.0, 1000.0, 0.0]))
+    one, two = (at(place_m, name, [1.0, 1000.0, 1.0]) for name, place_m in zip("ab", places, strict=True))
+    assert agreement(one, two).chi2 == pytest.approx(2000.0**2 / (2.0 * 1000.0**2), rel=1e-6)
+    across = at(third_m, "c", [1000.0, 1.0, 1.0])  # long in the same direction in space as the others
+    assert agreement(one, across).sigma_enu_m[0] == pytest.approx(np.hypot(1000.0, 1000.0), rel=1e-4)
 
 
 def test_a_target_on_a_trajectory_has_no_estimate():

@@ -97,6 +97,24 @@ def test_gdal_reads_positions_and_ellipses_on_the_moon(tmp_path, ending):
     np.testing.assert_allclose(np.frombuffer(rows["lander 5"][5:]), PLACE[:2], atol=1e-12)
 
 
+@pytest.mark.parametrize("place", [(-51.9, 89.999), (180.0, -89.9999), (130.0, 89.99), (0.0, 43.0)])
+def test_a_ring_holds_its_centre_and_no_far_point_also_around_a_pole(tmp_path, place):
+    from matplotlib.path import Path as Outline
+
+    file = write_gis([content(place=(*place, 0.0), covariance=1e4 * COVARIANCE)], tmp_path / "lander.geojson")
+    features = json.loads(file.read_text())["features"]
+    rings = [
+        np.array(f["geometry"]["coordinates"][0]) for f in features if f["geometry"]["type"] == "Polygon"
+    ]
+    assert len(rings) == 2
+    for ring in rings:
+        assert (ring[0] == ring[-1]).all()
+        assert np.abs(ring[:, 1]).max() <= 90.0
+        outline = Outline(ring)
+        assert outline.contains_point(place)
+        assert not outline.contains_point((place[0], place[1] - math.copysign(0.2, place[1])))
+
+
 @pytest.mark.parametrize("longitude_deg", [PLACE[0], 179.99999])
 def test_the_ellipse_is_that_of_the_covariance(tmp_path, longitude_deg):
     file = write_gis([content(place=(longitude_deg, *PLACE[1:]))], tmp_path / "lander.geojson")

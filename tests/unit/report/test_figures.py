@@ -13,6 +13,7 @@ from toy_moon import LANDER_M, ToyMoon, toy_solution
 from radioloc.errors import FontWarning, InputError
 from radioloc.estimation import Labels
 from radioloc.estimation.build import compare_with
+from radioloc.lunar.local import local_difference
 from radioloc.report import (
     plot_contours,
     plot_correlations,
@@ -214,9 +215,10 @@ def test_all_references_are_drawn_about_the_first(solution):
     assert list(drawn) == ["estimate", "truth", "a", "b"]
     card = str(replace(solution, references=known))
     assert re.findall(r"solution - (\w+):", card) == ["truth", "a", "b"]
-    rot = solution.rot_pa_to_enu
-    for name, at_m in zip(("truth", "a", "b"), (LANDER_M, *others), strict=True):
-        np.testing.assert_allclose(drawn[name], (rot @ (at_m - LANDER_M))[:2], atol=1e-9)
+    axes_at_estimate = solution.position_pa_m, solution.rot_pa_to_enu
+    from_estimate_m = [local_difference(at_m, *axes_at_estimate).enu_m[:2] for at_m in (LANDER_M, *others)]
+    for name, along_m in zip(("truth", "a", "b"), from_estimate_m, strict=True):
+        np.testing.assert_allclose(drawn[name], along_m - from_estimate_m[0], atol=1e-9)
         assert axes.viewLim.contains(*drawn[name])
 
 

@@ -1,0 +1,124 @@
+"""Differences of points near the lunar surface: horizontally along the sphere, vertically as heights.
+
+In a tangent plane a point 76 km away at the same height lies 1.6 km below. Here the horizontal part is the arc of the
+great circle, with its direction at the origin (geodesic normal coordinates), so it is regular at the poles and at
+180 degrees of longitude.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up
+
+_Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class LocalDifference:
+    """Difference of a point to an origin.
+
+    Parameters
+    ----------
+    east_m, north_m : float
+        Components, at the origin, of the arc of the great circle from the origin to the point, m.
+    up_m : float
+        Height of the point less that of the origin, m.
+    """
+
+    east_m: float
+    north_m: float
+    up_m: float
+
+    @property
+    def horizontal_m(self) -> float:
+        """Length of the arc, m."""
+        return math.hypot(self.east_m, self.north_m)
+
+    @property
+    def distance_m(self) -> float:
+        """Length of arc and height difference together, m."""
+        return math.hypot(self.east_m, self.north_m, self.up_m)
+
+    @property
+    def enu_m(self) -> _Floats:
+        """East, north, up, m, shape (3,)."""
+        return np.array([self.east_m, self.north_m, self.up_m])
+
+
+def axes_at(origin_m: _Floats) -> _Floats:
+    """Rotation to east, north and up at a point, from the axes that its coordinates are given in, shape (3, 3)."""
+    return east_north_up(*cartesian_to_selenographic(origin_m)[:2])
+
+
+def local_difference(
+    point_m: _Floats, origin_m: _Floats, axes: _Floats | None = None, radius_m: float | None = None
+) -> LocalDifference:
+    """Return the difference of a point to an origin.
+
+    Parameters
+    ----------
+    point_m, origin_m : ndarray, shape (3,)
+        Cartesian coordinates in the same Moon-fixed axes, m.
+    axes : ndarray, shape (3, 3), optional
+        Rotation to east, north and up at the origin; by default (:func:`axes_at`) that of the axes of the coordinates.
+    radius_m : float, optional
+        Radius of the sphere on which arcs are measured; by default the mean of both distances from the Moon's centre.
+
+    Examples
+    --------
+    >>> from radioloc.lunar import selenographic_to_cartesian
+    >>> from radioloc.lunar.local import local_difference
+    >>> origin_m, point_m = selenographic_to_cartesian([0.0, 0.0], [0.0, 0.044], -2550.0)
+    >>> local_difference(point_m, origin_m)
+    LocalDifference(east_m=0.0, north_m=76333.4, up_m=0.0)
+    """
+    axes = axes_at(origin_m) if axes is None else axes
+    origin_radius_m, point_radius_m = np.linalg.norm(origin_m), np.linalg.norm(point_m)
+    horizontal_m = (axes @ (point_m - origin_m))[:2]
+    chord_m = math.hypot(*horizontal_m)
+    angle_rad = math.atan2(chord_m, float(axes[2] @ point_m))
+    # On the same vertical there is no arc, and to the antipode it leads in any direction.
+    direction = horizontal_m / chord_m if chord_m else np.array([0.0, 1.0])
+    if radius_m is None:
+        radius_m = float(0.5 * (origin_radius_m + point_radius_m))
+    east_m, north_m = (radius_m * angle_rad * direction).tolist()
+    return LocalDifference(east_m, north_m, float(point_radius_m - origin_radius_m))
+
+
+def displaced(origin_m: _Floats, enu_m: _Floats, axes: _Floats | None = None) -> _Floats:
+    """Return the points at local differences from an origin, the inverse of :func:`local_difference`.
+
+    Parameters
+    ----------
+    origin_m : ndarray, shape (3,)
+        Cartesian coordinates in Moon-fixed axes, m.
+    enu_m : ndarray, shape (..., 3)
+        Arcs to the east and north on the sphere half-way up to the point, and height differences, m.
+    axes : ndarray, shape (3, 3), optional
+        As of :func:`local_difference`.
+    """
+    axes = axes_at(origin_m) if axes is None else axes
+    origin_radius_m = np.linalg.norm(origin_m)
+    angles_rad = enu_m[..., :2] / (origin_radius_m + 0.5 * enu_m[..., 2:])
+    angle_rad = np.linalg.norm(angles_rad, axis=-1, keepdims=True)
+    # sinc(x / pi) = sin(x) / x, also where there is no arc.
+    unit = np.concatenate([angles_rad * np.sinc(angle_rad / np.pi), np.cos(angle_rad)], axis=-1)
+    return np.asarray((origin_radius_m + enu_m[..., 2:]) * (unit @ axes))
+
+
+def rot_enu_between(origin_m: _Floats, other_m: _Floats) -> _Floats:
+    """Return the rotation from east, north, up at one point to those at another along their great circle, (3, 3).
+
+    Directions are carried along the arc (parallel transport), so a direction keeps its angle to the arc. Near a pole
+    the axes of neighbouring points differ by large angles.
+    """
+    up, other_up = origin_m / np.linalg.norm(origin_m), other_m / np.linalg.norm(other_m)
+    x, y, z = np.cross(up, other_up)
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    carry = np.eye(3) + cross + cross @ cross / (1.0 + float(up @ other_up))
+    return np.asarray(axes_at(other_m) @ carry @ axes_at(origin_m).T)

@@ -321,7 +321,9 @@ class _Items:
             if found is None:
                 raise ValueError
             century = "20" if int(found[1]) < 69 else "19"
-            date = f"{century}{found[1]}-{found[2]}-{found[3]}T{found[4]}"
-            return (datetime.fromisoformat(date) - _MJD_ZERO) / timedelta(days=1)
+            date = f"{century}{found[1]}-{found[2]}-{found[3]}T"
+            ends_day = re.fullmatch(r"24:00(:00(\.0+)?)?", found[4]) is not None
+            moment = datetime.fromisoformat(f"{date}{'00:00' if ends_day else found[4]}")
+            return (moment - _MJD_ZERO) / timedelta(days=1) + ends_day
         except ValueError:
             raise self.fail(f"{keyword}({given}) is no epoch such as 20/12/02,15:30:00", keyword) from None

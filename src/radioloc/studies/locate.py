@@ -51,6 +51,7 @@ from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphe
 from radioloc.parameters.design import ObservationModel
 from radioloc.studies.coarse_search import near_starts
 from radioloc.studies.first_orbit import first_orbit
+from radioloc.studies.identity import spacecraft_doubts
 from radioloc.studies.manoeuvres import HIDDEN, Manoeuvre
 from radioloc.studies.notes import notes_of, provenance
 from radioloc.studies.one_thread import on_one_blas_thread
@@ -354,6 +355,9 @@ def _observations(
     chosen, left_out = select_observations(
         observations, study.observations, study.catalogue, study.targets, model.sources
     )
+    spacecraft_doubts(
+        study, chosen, model
+    )  # refuses what contradicts each other, before anything is computed
     for key in ("vlbi_station_sigma_m", "vlbi_station_rate_sigma_m", "doppler_phase_sigma_m"):
         given = getattr(study.observations, key)
         if isinstance(given, Mapping):

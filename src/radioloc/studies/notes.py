@@ -36,6 +36,7 @@ from radioloc.parameters.choice import chosen_keys
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.report.cards import metres, plural
+from radioloc.studies.identity import spacecraft_doubts
 from radioloc.studies.orbiter import Orbiter
 from radioloc.studies.record import study_origin, versions
 from radioloc.studies.study import EstimateChoice, Study, TerrainPrior
@@ -66,7 +67,8 @@ def notes_of(
     considered: ConsideredErrors | None,
 ) -> list[str]:
     """All notes of a result, warnings first."""
-    notes = list(_turned(study, arc.model.ephemeris.constants))
+    notes = spacecraft_doubts(study, arc.observations, arc.model)
+    notes += _turned(study, arc.model.ephemeris.constants)
     if weights := study.observations.weights:
         notes.append(f"sigmas changed: {'; '.join(map(str, weights))}")
     parameters = fitted.fit.parameters

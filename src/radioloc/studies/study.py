@@ -347,6 +347,8 @@ class Study:
         catalogue where ``None``.
     longitude_to_360 : bool
         Whether cards count longitudes from 0 to 360 deg, as the file of the study does, not from -180 to 180.
+    target_name : str or None
+        Name of `target`, which is compared with that in the tracking data.
     """
 
     target: LunarPosition | Trajectory | Orbiter = None  # type: ignore[assignment]  # of targets, then
@@ -364,6 +366,7 @@ class Study:
     path: Path | None = None
     candidates: tuple[str, ...] | None = None
     longitude_to_360: bool = False
+    target_name: str | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "references", tuple(self.references))

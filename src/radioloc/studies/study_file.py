@@ -209,6 +209,7 @@ def read_study(path: str | Path) -> Study:
     return top.build(
         Study,
         target=target,
+        target_name=content.get("target", {}).get("name"),
         targets=targets and {name: found.position for name, found in targets.items()},
         observations=observations,
         estimate=made("estimate", lambda table: table.read(EstimateChoice)),

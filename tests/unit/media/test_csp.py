@@ -91,6 +91,14 @@ def test_cards_are_of_codes_or_phases_and_the_later_one_counts(calibrations):
     assert cards.charged(KASHI, late, phase=True) is None
 
 
+@pytest.mark.parametrize("end", ["20/12/02,24:00", "20/12/02,24:00:00", "20/12/02,24:00:00.000"])
+def test_a_day_can_end_at_24_hours(end, tmp_path):
+    span = f"FROM(20/12/02,20:00) TO({end}) DSN(C10)."
+    (tmp_path / "a.ion").write_text(f"ADJUST(ALL) BY NRMPOW(1.0, 0.5) MODEL(CHPART) {span}\n")
+    [card] = read_csp(tmp_path / "a.ion").cards
+    assert card.stop_mjd == 59186.0  # 2020-12-03
+
+
 def test_fourier_terms_count_from_the_start_in_seconds(calibrations):
     card = (
         "ADJUST(ALL) BY TRIG(7200., 2.1, .1, -.2, .03, .04) MODEL(DRY NUPART) FROM(20/12/02,00:00) DSN(C10)."
@@ -174,6 +182,7 @@ def test_cards_of_several_spacecraft_want_a_number(calibrations):
         ("0.0938", "0.O938", "line 2: '0.O938' is not a number"),
         ("0.7048", "7048", "line 2: a delay of 7048 m is none of CHPART; metres are wanted"),
         ("20/12/02,01:21", "20/13/02,01:21", "line 4: FROM(20/13/02,01:21) is no epoch such as"),
+        ("20/12/02,15:01", "20/12/02,24:01", "line 4: TO(20/12/02,24:01) is no epoch such as"),
         ("20/12/02,01:21", "336/01:21", "line 4: FROM(336/01:21) is no epoch such as"),
         ("TO(20/12/02,15:01)", "TO(20/12/02,01:20)", "line 4: TO must follow FROM"),
         ("TO(20/12/02,15:01)", "", "line 4: TO must follow FROM; only TRIG and CONST do without TO"),

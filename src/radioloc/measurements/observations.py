@@ -9,7 +9,7 @@ is kept per row.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -23,6 +23,14 @@ from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.ramps import Ramps
 from radioloc.measurements.registry import KINDS, MEASUREMENTS, is_integrated, kind_of
+from radioloc.measurements.resolution import (
+    MIN_RANGE_RATE_M_S,
+    RELATIVE_STEP,
+    epoch_step_s,
+    is_single_precision,
+    rounded_groups,
+    single_precision_step_m,
+)
 from radioloc.measurements.table_columns import (
     UNITS,
     as_codes,
@@ -145,10 +153,12 @@ class Observations:
         file: ArrayLike = 0,
         line: ArrayLike | None = None,
         ramps: Ramps | None = None,
+        single_precision: Collection[str] = (),
     ) -> Observations:
         """Check and copy columns; a single value stands for all rows.
 
-        Parameters are those of the class; without ``files`` the rows count as made in memory, and without
+        Parameters are those of the class, and ``single_precision``, names of columns that were recorded as float32
+        beside those whose arrays are of that type; without ``files`` the rows count as made in memory, and without
         ``line`` it is the row counted from 1. Columns with a unit (an astropy ``Quantity``) are converted to the one
         in the parameter's name, a ``Time`` in any scale to UTC; a masked entry counts as not recorded.
 
@@ -156,7 +166,8 @@ class Observations:
         ------
         InputError
             Epochs not in UTC, a unit that does not convert, a column of another length, a code without a name, a value
-            or sigma that is not finite and positive, or weather that no station can have recorded (as when Celsius or
+            or sigma that is not finite and positive, values or epochs rounded by single precision to steps larger than
+            sigma, or weather that no station can have recorded (as when Celsius or
             percent were given). Where the row came from a file it is a :class:`FileFormatError` that names file and
             line.
         """
@@ -190,6 +201,14 @@ class Observations:
             ramps=Ramps.none() if ramps is None else ramps,
         )
         made._validate()
+        numbers = {
+            "value_m": value_m,
+            "modulus_m": modulus_m,
+            "uplink_hz": uplink_hz,
+            "wavelength_um": wavelength_um,
+        }
+        narrow = {name for name, column in numbers.items() if is_single_precision(column)}
+        made._require_resolution({*single_precision, *narrow})
         return made
 
     @classmethod
@@ -411,6 +430,48 @@ class Observations:
         low, high = _TURNAROUND_LIMITS
         rule = f"the frequency down is {low:g} to {high:g} times uplink_hz; correct one of them"
         self._refuse((turnaround < low) | (turnaround > high), "wavelength_um", rule)
+
+    def _require_resolution(self, single_precision: set[str]) -> None:
+        """Refuse values and epochs that single precision rounds to steps above sigma; warn of few decimals."""
+        steps_m = np.zeros(len(self))
+        for name in single_precision & {"value_m", "observed_m", "light_time_s"}:
+            steps_m = single_precision_step_m(self.value_m, C_M_S if name == "light_time_s" else 1.0)
+        if "modulus_m" in single_precision:  # of which the value is many
+            ambiguous_m = np.where(np.isnan(self.modulus_m), 0.0, np.abs(self.value_m))
+            steps_m = np.maximum(steps_m, RELATIVE_STEP * ambiguous_m)
+        if single_precision & {"uplink_hz", "wavelength_um"} and self.ramped.any():
+            counted_m = C_M_S * np.where(is_integrated(self.kind), self.count_s, 0.0)
+            steps_m = np.maximum(steps_m, np.where(self.ramped, RELATIVE_STEP * counted_m, 0.0))
+        self._refuse_rounded(steps_m > self.sigma_m, steps_m)
+        if not len(self):
+            return
+        group = (self.kind.astype(np.int64) * len(self.links) + self.link) * len(self.files) + self.file
+        single, decimal = rounded_groups(self.value_m, self.sigma_m, self.count_s, group)
+        self._refuse_rounded(single, single_precision_step_m(self.value_m, 1.0) if single.any() else steps_m)
+        step_s = epoch_step_s(self.epoch.fraction)
+        coarse = (self.kind == RANGE) & (MIN_RANGE_RATE_M_S * step_s > self.sigma_m)
+        rule = (
+            f"epochs are Julian dates of one number, in steps of {step_s:.1g} s; give dates, or two numbers"
+        )
+        self._refuse(coarse, "sigma_m", rule)
+        if decimal.any():
+            row = int(np.argmax(decimal))
+            warnings.warn(
+                f"{self.origin(row)}: values of {self.links[self.link[row]].path} are rounded to steps larger than "
+                f"sigma ({np.count_nonzero(decimal)} values in all, the first is {float(self.value_m[row])!r} m with a "
+                f"sigma of {self.sigma_m[row]:g} m); give all digits, or the sigma that such values have",
+                DataQualityWarning,
+                stacklevel=4,
+            )
+
+    def _refuse_rounded(self, wrong: NDArray[np.bool_], steps_m: NDArray[np.float64]) -> None:
+        """Refuse values that single precision rounds to steps."""
+        step_m = float(steps_m[np.argmax(wrong)]) if wrong.any() else 0.0
+        rule = (
+            f"single precision (float32) rounds it to a multiple of {step_m:.3g} m, which is more than its sigma; "
+            "give double precision, or a sigma for rounded values"
+        )
+        self._refuse(wrong, "value_m", rule)
 
     def _refuse(self, wrong: NDArray[np.bool_], name: str, rule: str) -> None:
         if not wrong.any():

@@ -8,7 +8,7 @@ Columns are read as Arrow has them, which is imported when the first is, since t
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -21,6 +21,7 @@ from radioloc.errors import FileFormatError, InputError
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.registry import KINDS
+from radioloc.measurements.resolution import is_single_precision
 from radioloc.time import Epochs, to_scale
 from radioloc.time.dates import utc_from_picoseconds, utc_from_text, utc_to_picoseconds
 from radioloc.units import ASTROPY_UNITS, as_float_array, in_unit, unit_of
@@ -62,7 +63,8 @@ _TEXTS: dict[str, tuple[str, type[np.integer]]] = {
 _TICKS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
 # Types of Arrow, by their names.
 _TEXT, _INTEGER, _NUMBER = (
-    re.compile(form) for form in ("(large_)?string", r"u?int\d+", r"u?int\d+|halffloat|float|double")
+    re.compile(form)
+    for form in ("(large_)?string|string_view", r"u?int\d+", r"u?int\d+|halffloat|float|double")
 )
 
 
@@ -113,9 +115,15 @@ class ColumnReader:
     """Takes the rows of one file, batch by batch, as columns of Arrow; numbers may be texts, as in CSV."""
 
     def __init__(
-        self, path: str | Path, catalogue: StationCatalogue | None, *, as_text: bool = False
+        self,
+        path: str | Path,
+        catalogue: StationCatalogue | None,
+        *,
+        as_text: bool = False,
+        single_precision: Iterable[str] = (),
     ) -> None:
         self._path, self._catalogue, self._as_text = path, catalogue, as_text
+        self._single_precision = set(single_precision)
         self._links: dict[Link, int] = {}
         self._columns: dict[str, list[NDArray[Any]]] = {}
         self._line: NDArray[np.int32] = np.empty(0, dtype=np.int32)
@@ -146,6 +154,7 @@ class ColumnReader:
             columns["ramped"] = columns["ramped"] == 1.0
         for (metres, seconds), key in ((VALUE, "value_m"), (SIGMA, "sigma_m")):
             columns[key] = columns.pop(metres) if metres in columns else C_M_S * columns.pop(seconds)
+        columns["single_precision"] = sorted(self._single_precision)
         return columns
 
     def _fail(self, name: str, row: int, problem: str) -> NoReturn:
@@ -165,6 +174,8 @@ class ColumnReader:
             numbers = self._numbers_of_text(name, column)
         else:
             self._require(_NUMBER, name, column, "numbers")
+            if is_single_precision(column):
+                self._single_precision.add(name)
             numbers = column.cast("float64", safe=False).to_numpy(zero_copy_only=False)
         if name == "ramped":
             wrong = ~(np.isnan(numbers) | (numbers == 0.0) | (numbers == 1.0))
@@ -207,8 +218,15 @@ class ColumnReader:
         """Which of its different texts each row of a column has, and those."""
         if _TEXT.fullmatch(str(column.type)):
             column = column.dictionary_encode()
-        self._require(r"dictionary<values=(large_)?string, .*", name, column, wanted)
-        return column.indices.to_numpy(zero_copy_only=False).astype(np.intp), column.dictionary
+        self._require(r"dictionary<values=((large_)?string|string_view), .*", name, column, wanted)
+        texts = column.dictionary
+        if (
+            str(texts.type) == "string_view"
+        ):  # text of polars, on which Arrow's functions of text are not defined
+            import pyarrow
+
+            texts = pyarrow.array(texts.to_pylist(), pyarrow.string())
+        return column.indices.to_numpy(zero_copy_only=False).astype(np.intp), texts
 
     def _code(self, name: str, text: str) -> int:
         if name == "path":
@@ -297,7 +315,8 @@ def columns_of_table(
         repeated = value * np.ones(n) if hasattr(value, "unit") else np.full(n, value)
         arrays |= _arrow(_SAME.get(ours, ours), repeated, _unit(value), None)
     require_columns(_TABLE, list(arrays), split_epoch=True)
-    reader = ColumnReader(_TABLE, catalogue)
+    single = [ours for ours, name in taken.items() if is_single_precision(theirs[name][0])]
+    reader = ColumnReader(_TABLE, catalogue, single_precision=[_SAME.get(ours, ours) for ours in single])
     if n:
         reader.read(arrays, np.arange(1, n + 1, dtype=np.int32))
     return reader.columns()
@@ -308,7 +327,17 @@ def _columns_in_memory(table: Any) -> dict[str, tuple[Any, str]]:
     if hasattr(table, "__arrow_c_stream__"):
         import pyarrow
 
-        arrow = pyarrow.table(table)
+        try:
+            arrow = pyarrow.table(table)
+        except (
+            ValueError,
+            TypeError,
+            pyarrow.ArrowException,
+        ) as error:  # of pandas: names that occur twice, mixed types
+            raise InputError(f"the table cannot be taken as columns of Arrow ({error}); correct it") from None
+        for name in arrow.column_names:
+            if arrow.column_names.count(name) > 1:
+                raise InputError(f"the table has {name!r} more than once; rename or remove a column")
         return {
             field.name: (arrow[field.name], (field.metadata or {}).get(b"unit", b"").decode())
             for field in arrow.schema
@@ -367,7 +396,10 @@ def _arrow(name: str, column: Any, own: str, unit: str | None) -> dict[str, Any]
     values = np.ma.getdata(column)
     mask = np.ma.getmaskarray(column) if np.ma.isMaskedArray(column) else None
     texts = values.astype("U") if values.dtype.kind == "S" else values  # as FITS has them
-    made = pyarrow.array(texts, mask=mask, from_pandas=True)
+    try:
+        made = pyarrow.array(texts, mask=mask, from_pandas=True)
+    except (ValueError, TypeError, pyarrow.ArrowException) as error:
+        raise InputError(f"column {name} is not of one type ({error}); give texts, or timestamps") from None
     many = isinstance(made, pyarrow.ChunkedArray)  # of very many texts
     return {name: made.combine_chunks() if many else made}
 

@@ -92,7 +92,7 @@ class Epochs:
     @classmethod
     def from_tdb_seconds(cls, seconds: ArrayLike) -> Epochs:
         """Build from TDB seconds since J2000 (SPICE's ephemeris time), resolved to 0.12 microseconds today."""
-        whole, rest = np.divmod(np.atleast_1d(as_float_array(seconds, "s", "seconds")), SECONDS_PER_DAY)
+        whole, rest = np.divmod(np.atleast_1d(_days(seconds, "seconds", "s")), SECONDS_PER_DAY)
         return cls.from_jd(J2000_JD + whole, rest / SECONDS_PER_DAY, "TDB")
 
     def __len__(self) -> int:
@@ -154,7 +154,11 @@ class Epochs:
         )
 
 
-def _days(value: Any, name: str) -> NDArray[np.float64]:
+def _days(value: Any, name: str, unit: str = "d") -> NDArray[np.float64]:
     if hasattr(value, "jd1"):
         raise InputError(f"{name} is an astropy Time, which has its own scale; use Epochs.from_time")
-    return as_float_array(value, "d", name)
+    if str(getattr(value, "dtype", "")) in ("float16", "float32"):
+        raise InputError(
+            f"{name} is of single precision, which resolves minutes at best; give double precision"
+        )
+    return as_float_array(value, unit, name)

@@ -39,7 +39,7 @@ def ranges(value_m, **changes):
 
 
 def test_ranges_come_back_from_what_is_left_of_them():
-    whole_m = 7.6e8 + 1000.0 * np.arange(40.0)
+    whole_m = 7.6e8 + 1000.123 * np.arange(40.0)
     off_m = np.linspace(-0.2, 0.2, 40) * MODULUS_M
     found = without_ambiguity(ranges(whole_m % MODULUS_M), whole_m + off_m)
     np.testing.assert_allclose(found.value_m, whole_m, rtol=0.0, atol=1e-6)

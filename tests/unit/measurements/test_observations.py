@@ -20,7 +20,7 @@ def make(n=4, **changes):
         "epoch": Epochs.from_jd(2460000.5 + np.arange(n), 0.25, "UTC"),
         "links": LINKS,
         "link": np.arange(n) % 2,
-        "value_m": 7.7e8 + np.arange(n),
+        "value_m": 7.7e8 + 1.234567 * np.arange(n),
         "sigma_m": 0.01,
         "pressure_hpa": 720.0,
         "temperature_k": 280.0,

@@ -5,6 +5,7 @@ from pathlib import Path
 import astropy.units as u
 import numpy as np
 import pandas
+import polars
 import pyarrow
 import pytest
 from astropy.table import MaskedColumn, QTable, Table
@@ -91,6 +92,15 @@ TABLES = {
             for name, column in COLUMNS.items()
         ]),
     ),
+    "Arrow with views of texts": lambda: pyarrow.table({
+        name: pyarrow.array(column, pyarrow.string_view() if isinstance(column[0], str) else None)
+        for name, column in COLUMNS.items()}),
+    "polars": lambda: polars.DataFrame(COLUMNS),
+    "polars with categories and dates": lambda: polars.DataFrame(COLUMNS).with_columns(
+        polars.col("path").cast(polars.Categorical), polars.col("type").cast(polars.Enum(["range", "doppler"])),
+        polars.col("epoch_utc").str.to_datetime(time_unit="us")),
+    "polars in several pieces": lambda: polars.concat(
+        [polars.DataFrame(COLUMNS)[:1], polars.DataFrame(COLUMNS)[1:]], rechunk=False),
     "astropy": lambda: Table(COLUMNS),
     "astropy with units": lambda: QTable(
         COLUMNS | {"observed_m": [765432.1005, 765400.20025] * u.km, "sigma_m": [25, 20] * u.dm}),
@@ -234,6 +244,23 @@ def test_what_is_said_of_a_table_and_cannot_be(given, told):
         Observations.from_table(
             QTable(COLUMNS | {"observed_m": [7.6e5] * 2 * u.km}), units={"observed_m": "m"}
         )
+
+
+def test_columns_of_one_name_are_refused_by_their_name():
+    frame = pandas.concat([pandas.DataFrame(COLUMNS), pandas.DataFrame({"sigma_m": [3.0, 3.0]})], axis=1)
+    arrow = pyarrow.Table.from_arrays(
+        [*map(pyarrow.array, COLUMNS.values()), [3.0, 3.0]], [*COLUMNS, "sigma_m"]
+    )
+    for table in (frame, arrow, arrow.to_batches()[0]):
+        with pytest.raises(InputError, match="sigma_m"):
+            Observations.from_table(table)
+
+
+def test_a_column_of_texts_and_numbers_is_refused():
+    mixed = COLUMNS | {"path": np.array([PATH, 3], dtype=object)}
+    for table in (mixed, pandas.DataFrame(mixed)):
+        with pytest.raises(InputError, match="path"):
+            Observations.from_table(table)
 
 
 def test_a_row_that_is_there_twice_is_counted_once():

@@ -1,0 +1,113 @@
+"""Resolution of recorded numbers: single precision and few decimals cannot carry a range or an epoch.
+
+A float32 has 24 bits: a range to the Moon of 8e8 m is rounded to 64 m, a modified Julian date to 5.6 minutes. The type
+of a column shows single precision. Where the values were converted since, their bits show it: a double that a float32
+can represent occurs once in 5e8 by chance.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import C_M_S, SECONDS_PER_DAY
+
+Floats = NDArray[np.float64]
+
+RELATIVE_STEP = 2.0**-23
+"""Largest spacing of single-precision numbers, as a fraction of them."""
+
+_SINGLE_TYPES = ("float16", "float32", "halffloat", "float")  # of NumPy and pandas, and of Arrow
+_CONVERSION_TOLERANCE = 2.0**-50  # relative: what a conversion of units, there and back, leaves of a double
+_MAX_MULTIPLE_TOLERANCE = (
+    1e-3  # of a step: a sigma so far below a value cannot be resolved by a double either
+)
+_MIN_DIFFERENT_VALUES = (
+    3,
+    10,
+)  # of a link: round numbers of small tables written by hand are representable, too
+_SAMPLE_ROWS = 1000  # that exclude most links at once
+_DATE_FRACTION_BITS = (
+    8,
+    31,
+)  # binary places of a modified Julian date in a float32, of a Julian date in a double
+_WHOLE_SECOND_BITS = 7  # 86400 s are 675 times 2^7 s: further binary places of a day make no whole seconds
+MIN_RANGE_RATE_M_S = 400.0
+"""Rate of change of a range by the Earth's rotation, by which an error of its epoch changes it."""
+
+
+def is_single_precision(column: Any) -> bool:
+    """Whether the type of a column of NumPy, pandas, Arrow or astropy is single or half precision."""
+    if isinstance(column, list | tuple):
+        column = np.asarray(column[:1])
+    kind = getattr(column, "type", None) or getattr(column, "dtype", None)
+    return str(kind).lower() in _SINGLE_TYPES
+
+
+def single_precision_step_m(value_m: Floats, unit_m: Floats | float) -> Floats:
+    """Spacing in metres of the single-precision numbers near values that are counted in a unit."""
+    with np.errstate(over="ignore"):
+        return np.spacing(np.abs(value_m / unit_m).astype(np.float32)).astype(np.float64) * unit_m
+
+
+def rounded_groups(
+    value_m: Floats, sigma_m: Floats, count_s: Floats, group: NDArray[np.integer]
+) -> NDArray[np.bool_]:
+    """Rows of groups whose values are all rounded to steps above their sigma, shape (2, n): by float32, by decimals."""
+    columns = value_m, sigma_m, count_s
+    sampled = slice(None, None, max(1, len(group) // _SAMPLE_ROWS))
+    candidate = np.ones(int(group.max(initial=-1)) + 1, dtype=bool)
+    candidate[group[sampled][~_rounded(*(one[sampled] for one in columns)).any(axis=(0, 1))]] = False
+    rows = np.flatnonzero(candidate[group])
+    found = np.zeros((2, len(group)), dtype=bool)
+    if not len(rows):
+        return found
+    for single, decimal in _rounded(*(one[rows] for one in columns)):
+        for k, (rounded, counted) in enumerate(((single, single & ~decimal), (decimal, decimal))):
+            found[k, rows] |= _complete(
+                rounded, group[rows], np.where(counted, value_m[rows], 0.0), _MIN_DIFFERENT_VALUES[k]
+            )
+    return found
+
+
+def _rounded(value_m: Floats, sigma_m: Floats, count_s: Floats) -> NDArray[np.bool_]:
+    """Values that float32 or decimals represent, in steps above sigma, of m, km, s and m/s; shape (4, 2, n)."""
+    rounded = np.zeros((4, 2, len(value_m)), dtype=bool)
+    units_m: list[Floats | float] = [1.0, 1.0e3, C_M_S, count_s]
+    for k, unit_m in enumerate(units_m):
+        value = value_m / unit_m
+        with np.errstate(over="ignore", invalid="ignore"):
+            single_step_m = single_precision_step_m(value_m, unit_m)
+            exact = np.abs(value - value.astype(np.float32)) <= _CONVERSION_TOLERANCE * np.abs(value)
+            rounded[k, 0] = exact & (single_step_m > sigma_m)
+            least_m = np.where(rounded[k, 0], single_step_m, sigma_m)  # float32 are whole numbers, too
+            count = value / 10.0 ** np.ceil(np.log10(1.001 * least_m / unit_m))
+            tolerance = _CONVERSION_TOLERANCE * np.abs(count)
+            multiple = np.abs(count - np.rint(count)) <= tolerance
+            rounded[k, 1] = multiple & (tolerance < _MAX_MULTIPLE_TOLERANCE)
+    return rounded
+
+
+def _complete(
+    rounded: NDArray[np.bool_], group: NDArray[np.integer], value_m: Floats, least: int
+) -> NDArray[np.bool_]:
+    """Rows of the groups of which all rows are rounded and at least so many values but zero differ."""
+    counts = np.bincount(group)
+    complete = (np.bincount(group, weights=rounded) == counts) & (counts >= least)
+    for code in np.flatnonzero(complete):
+        different = np.unique(value_m[group == code])
+        complete[code] = np.count_nonzero(different) >= least
+    return complete[group]
+
+
+def epoch_step_s(fraction: Floats) -> float:
+    """Spacing of the Julian dates of one number to which fractions of a day are all rounded, s, or zero."""
+    for bits in _DATE_FRACTION_BITS:
+        samples = (np.ldexp(rows, bits) for rows in (fraction[:_SAMPLE_ROWS], fraction))
+        if all((sample == np.rint(sample)).all() for sample in samples):
+            different = np.unique(np.ldexp(fraction, _WHOLE_SECOND_BITS))
+            if np.count_nonzero(different != np.rint(different)) >= _MIN_DIFFERENT_VALUES[0]:
+                return float(SECONDS_PER_DAY * 2.0**-bits)
+    return 0.0

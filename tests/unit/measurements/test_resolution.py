@@ -1,0 +1,129 @@
+"""Numbers that cannot carry their value: single precision and few decimals of ranges, light times and epochs."""
+
+import numpy as np
+import pandas
+import polars
+import pyarrow
+import pytest
+from astropy.time import Time
+
+from radioloc import Observations, read_observations
+from radioloc.constants import C_M_S
+from radioloc.errors import DataQualityWarning, InputError
+from radioloc.measurements import Link
+from radioloc.measurements.resolution import epoch_step_s
+from radioloc.time import Epochs, epochs_from_strings
+
+RANGES_M = 789105214.865138 - 39867.727 * np.arange(12.0) + 3.1 * np.arange(12.0) ** 2
+DATES = [f"2020-12-01T15:{minute:02d}:00" for minute in range(11, 23)]
+SAME = {"type": "range", "path": "KASHI>lander>KASHI", "time_tag": "receive"}
+LINK = [Link("KASHI", "lander", "KASHI")]
+
+
+def single(values):
+    return np.asarray(values, dtype=np.float32)
+
+
+def columns(**changed):
+    return {"epoch_utc": DATES, "observed_m": RANGES_M, "sigma_m": np.ones(12)} | changed
+
+
+def from_parquet(frame, folder):
+    frame.assign(**SAME).to_parquet(folder / "ranges.parquet")
+    return read_observations(folder / "ranges.parquet")
+
+
+def from_csv(frame, folder):
+    frame.assign(**SAME).to_csv(folder / "ranges.csv", index=False)
+    return read_observations(folder / "ranges.csv")
+
+
+def doubles(table):
+    return pandas.DataFrame({n: c if n == "epoch_utc" else c.astype(float) for n, c in table.items()})
+
+
+ENTRANCES = {
+    "NumPy": lambda table, _: Observations.from_table(table, **SAME),
+    "a list": lambda table, _: Observations.from_table(
+        {name: list(column) for name, column in table.items()}, **SAME),
+    "pandas": lambda table, _: Observations.from_table(pandas.DataFrame(table), **SAME),
+    "polars": lambda table, _: Observations.from_table(polars.DataFrame(table), **SAME),
+    "Arrow": lambda table, _: Observations.from_table(pyarrow.table(table), **SAME),
+    "Parquet": lambda table, folder: from_parquet(pandas.DataFrame(table), folder),
+    "doubles again": lambda table, folder: from_parquet(doubles(table), folder),
+    "CSV of doubles again": lambda table, folder: from_csv(doubles(table), folder),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("enter", ENTRANCES.values(), ids=ENTRANCES.keys())
+@pytest.mark.parametrize("name", ["observed_m", "light_time_s"])
+def test_ranges_in_single_precision_are_refused_where_the_rounding_exceeds_sigma(enter, name, tmp_path):
+    table = columns()
+    table[name] = single(table.pop("observed_m") / (C_M_S if name == "light_time_s" else 1.0))
+    with pytest.raises(InputError, match=r"single precision \(float32\).* multiple of (64|71\.5) m"):
+        enter(table, tmp_path)
+    coarse = enter(table | {"sigma_m": np.full(12, 100.0)}, tmp_path)
+    assert np.abs(coarse.value_m - RANGES_M).max() < 36.0
+    assert len(enter(columns(sigma_m=single(np.ones(12))), tmp_path)) == 12
+
+
+def test_two_ranges_of_a_single_precision_type_are_enough():
+    with pytest.raises(InputError, match="single precision"):
+        Observations.from_columns(
+            epoch=epochs_from_strings(DATES[:2]), links=LINK, value_m=single(RANGES_M[:2]), sigma_m=1.0, tag=1
+        )
+
+
+def test_moduli_and_reference_frequencies_in_single_precision_are_refused():
+    """Of both many cycles are counted, so that their rounding counts as often."""
+    modulus_m = C_M_S / 1.0e6
+    ambiguous = {"observed_m": np.full(12, 201.3), "modulus_m": single(np.full(12, modulus_m))}
+    with pytest.raises(InputError, match="single precision"):
+        Observations.from_table(columns(**ambiguous, sigma_m=np.full(12, 1e-6)), **SAME)
+    counted = {"count_s": np.full(12, 60.0), "ramped": np.ones(12), "wavelength_um": np.full(12, 35394.6)}
+    doppler = columns(
+        observed_m=2.0e4 + RANGES_M / 1e5, uplink_hz=single(np.full(12, 7.2e9 + 37.0)), **counted
+    )
+    with pytest.raises(InputError, match="single precision"):
+        Observations.from_table(doppler, **SAME | {"type": "doppler"})
+    assert (
+        len(Observations.from_table(doppler | {"ramped": np.zeros(12)}, **SAME | {"type": "doppler"})) == 12
+    )
+
+
+@pytest.mark.parametrize(
+    ("values", "sigma_m"),
+    [
+        ({"observed_m": np.round(RANGES_M, -1)}, 1.0),
+        ({"observed_m": single(RANGES_M)}, 1.0),  # written with the digits that give back the float32
+        ({"observed_m": [float(f"{value:.6g}") for value in RANGES_M]}, 100.0),
+        ({"light_time_s": np.round(RANGES_M / C_M_S, 6)}, 10.0),
+    ],
+)
+def test_values_rounded_to_few_decimals_give_a_warning(values, sigma_m, tmp_path):
+    table = columns(**values, sigma_m=np.full(12, sigma_m))
+    if "light_time_s" in values:
+        del table["observed_m"]
+    with pytest.warns(DataQualityWarning, match="are rounded to steps larger than sigma"):
+        from_csv(pandas.DataFrame(table), tmp_path)
+    from_csv(pandas.DataFrame(table | {"sigma_m": np.full(12, 1000.0)}), tmp_path)
+
+
+def test_doppler_of_single_precision_is_read_where_it_suffices():
+    doppler = columns(
+        observed_m=single(RANGES_M / 4e4), count_s=np.full(12, 60.0), sigma_m=np.full(12, 0.006)
+    )
+    assert len(Observations.from_table(doppler, **SAME | {"type": "doppler"})) == 12
+
+
+def test_epochs_in_one_number_are_refused_where_their_rounding_exceeds_sigma():
+    mjd = 59184.0 + (15.0 + np.arange(12) * 7.3 / 60.0) / 24.0
+    assert epoch_step_s(Epochs.from_jd(2400000.5, mjd, "UTC").fraction) == 0.0
+    with pytest.raises(InputError, match=r"steps of 3e\+02 s"):
+        Observations.from_table(columns(epoch_utc=Time(single(mjd), format="mjd")), **SAME)
+    julian = Time(mjd + 2400000.5, format="jd")
+    assert len(Observations.from_table(columns(epoch_utc=julian), **SAME)) == 12
+    with pytest.raises(InputError, match=r"steps of 4e-05 s"):
+        Observations.from_table(columns(epoch_utc=julian, sigma_m=np.full(12, 0.005)), **SAME)
+    with pytest.raises(InputError, match="single precision"):
+        Epochs.from_jd(single(mjd) + single(2400000.5))

@@ -44,3 +44,7 @@ ARCSEC_RAD = math.pi / 648000.0
 
 MEAN_LUNAR_RADIUS_M = 1737400.0
 """Radius of the sphere to which selenographic heights refer, m (IAU WGCCRE 2015, Archinal et al. 2018)."""
+
+LUNAR_HEIGHT_LIMITS_M = (-9.2e3, 10.8e3)
+"""Lowest and highest terrain above that sphere, m: Antoniadi, 172 W 70 S, -9.12 km, and the Engel'gardt rim, 159 W 5 N,
+10.79 km (Smith et al. 2010)."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.boundary import bare_arguments
-from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.constants import LUNAR_HEIGHT_LIMITS_M, MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics.forces import Forces
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import CoverageError, InputError
@@ -22,8 +22,8 @@ Floats = NDArray[np.float64]
 _ROUNDING_S = 1e-9
 """Two floats of an epoch resolve 1e-11 s."""
 
-LOWEST_M = MEAN_LUNAR_RADIUS_M - 10.0e3
-"""Below any terrain: heights reach down to -9.2 km."""
+LOWEST_M = MEAN_LUNAR_RADIUS_M + LUNAR_HEIGHT_LIMITS_M[0]
+"""Distance of the lowest terrain from the Moon's centre, m."""
 
 STATE = ("x", "y", "z", "vx", "vy", "vz")
 """The first parameters of an orbit: its state at the epoch."""

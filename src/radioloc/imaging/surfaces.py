@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 
 from radioloc import vectors
 from radioloc.boundary import bare_fields
-from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.constants import LUNAR_HEIGHT_LIMITS_M, MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.imaging.cameras import as_vector
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic
 from radioloc.lunar.terrain import LargeWindowError, NoTerrainError, TerrainWindow, height_and_gradient
-from radioloc.lunar.terrain_source import HIGHEST_M, LOWEST_M
 
 Floats = NDArray[np.float64]
 
@@ -110,7 +109,7 @@ class Terrain:
         A ray that leaves the map or comes to a void before it meets the ground does not meet it.
         """
         points, hits = np.array(origins_m), np.zeros(len(origins_m), dtype=bool)
-        lowest, highest = LOWEST_M + self.raised_m, HIGHEST_M + self.raised_m
+        lowest, highest = (limit_m + self.raised_m for limit_m in LUNAR_HEIGHT_LIMITS_M)
         for start in range(0, len(origins_m), _RAYS_AT_ONCE):
             part = slice(start, start + _RAYS_AT_ONCE)
             first, last, toward = _between(origins_m[part], directions[part], lowest, highest)

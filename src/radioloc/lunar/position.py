@@ -13,7 +13,11 @@ from radioloc.constants import C_M_S
 from radioloc.ephemeris import CONSTANTS, Ephemeris, EphemerisConstants, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.lunar.frames import rot_icrf_to_pa, rot_pa_to_me
-from radioloc.lunar.selenographic import cartesian_to_selenographic, selenographic_to_cartesian
+from radioloc.lunar.selenographic import (
+    cartesian_to_selenographic,
+    require_lunar_height,
+    selenographic_to_cartesian,
+)
 from radioloc.time import Epochs
 from radioloc.units import as_metres
 
@@ -96,10 +100,7 @@ class LunarPosition:
             raise InputError(f"longitude_deg = {longitude_deg!r} is not between -360 and 360")
         if not -90.0 <= latitude_deg <= 90.0:
             raise InputError(f"latitude_deg = {latitude_deg!r} is not between -90 and 90")
-        if not -2.0e4 <= height_m <= 2.0e4:
-            raise InputError(
-                f"height_m = {height_m!r} is no height above the 1737.4 km sphere that the Moon has (-9.2 to 10.8 km)"
-            )
+        require_lunar_height(height_m)
         xyz_m = selenographic_to_cartesian(np.radians(longitude_deg), np.radians(latitude_deg), height_m)
         return cls.from_cartesian(xyz_m, frame)
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc import vectors
-from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.constants import LUNAR_HEIGHT_LIMITS_M, MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.units import as_float_array
 
@@ -80,6 +80,16 @@ def east_north_up(longitude_rad: ArrayLike, latitude_rad: ArrayLike) -> NDArray[
     """
     longitude, latitude, _ = checked(longitude_rad, latitude_rad, 0.0)
     return vectors.east_north_up(longitude, latitude)
+
+
+def require_lunar_height(height_m: float) -> None:
+    """Raise :class:`InputError` for a height above 1737.4 km that the ground of the Moon does not have."""
+    low_m, high_m = LUNAR_HEIGHT_LIMITS_M
+    if not low_m <= height_m <= high_m:
+        raise InputError(
+            f"height_m = {height_m!r} is no height above the 1737.4 km sphere that the Moon has "
+            f"({low_m / 1e3:g} to {high_m / 1e3:g} km)"
+        )
 
 
 def checked(

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc import vectors
 from radioloc.boundary import bare_arguments
-from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.constants import LUNAR_HEIGHT_LIMITS_M, MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.lunar.interpolation import STENCIL_CELLS, Stencil
 from radioloc.lunar.map_grid import MapGrid
@@ -29,8 +29,6 @@ from radioloc.lunar.selenographic import (
     selenographic_to_cartesian,
 )
 from radioloc.lunar.terrain_source import (
-    HIGHEST_M,
-    LOWEST_M,
     TerrainMetadata,
     block_heights_m,
     heights_m,
@@ -237,10 +235,11 @@ class TerrainModel:
             )
         wrong = np.asarray(implausible(heights).any(axis=others))
         if wrong.any():
+            low_m, high_m = LUNAR_HEIGHT_LIMITS_M
             worst_m = heights[wrong].flat[np.argmax(np.abs(heights[wrong]))]
             raise InputError(
                 f"{self.metadata.path} has a height of {worst_m:.6g} m around {_named(longitude, latitude, wrong)}, "
-                f"which the Moon has nowhere ({LOWEST_M:.0f} to {HIGHEST_M:.0f} m): a void value or a scale that "
+                f"which the Moon has nowhere ({low_m:.0f} to {high_m:.0f} m): a void value or a scale that "
                 "the file does not declare?"
             )
         return heights

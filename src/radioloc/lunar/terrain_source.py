@@ -14,13 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.constants import LUNAR_HEIGHT_LIMITS_M, MEAN_LUNAR_RADIUS_M
 from radioloc.errors import FileFormatError, InputError
 from radioloc.lunar.map_files import LUNAR_SPHERES_M, SourceFile, label_values, open_dataset, open_map_file
 from radioloc.lunar.map_grid import MapGrid, load_rasterio
-
-LOWEST_M, HIGHEST_M = -10.0e3, 11.0e3
-"""Heights above 1737.4 km that are taken for lunar; LOLA has -9.1 to 10.8 km (Smith et al. 2010)."""
 
 _UNITS_M = {"m": 1.0, "km": 1.0e3}
 _UNIT_NAMES = {
@@ -30,6 +27,26 @@ _UNIT_NAMES = {
 _TILE_CELLS = 256
 _TILES_KEPT = 64
 _SAMPLES = 32
+# Of 16 and 32 bits and those of geographic software, before scale and offset.
+_USUAL_VOIDS = (
+    -9999,
+    -99999,
+    -999999,
+    -32768,
+    -32767,
+    -32766,
+    -32765,
+    -32764,
+    32767,
+    65535,
+    -2147483648,
+    2147483647,
+)
+_MAX_SLOPE = 2.0  # from cell to cell; few slopes of the Moon exceed 45 deg
+_MIN_LEVEL_CELLS = (
+    4  # adjacent cells of one number: the ground there is level, and its edge differs by few numbers
+)
+_MAX_LEVEL_STEP = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +119,38 @@ def _block(about: TerrainMetadata, rows: tuple[int, int], columns: tuple[int, in
             numbers = dataset.read(1, window=window, masked=True)
     except rasterio.errors.RasterioError as error:
         raise FileFormatError(about.path, f"cells could not be read: {error}") from error
-    return _heights_m(_filled(numbers) * about.scale + about.offset, about.unit, about.reference_radius_m)
+    raw = _filled(numbers)
+    heights = _heights_m(raw * about.scale + about.offset, about.unit, about.reference_radius_m)
+    _mark_undeclared_voids(about, raw, heights)
+    return heights
+
+
+def _mark_undeclared_voids(
+    about: TerrainMetadata, raw: NDArray[np.float64], heights: NDArray[np.float64]
+) -> None:
+    """Set cells to NaN that hold a usual void value which scale and offset make a lunar height.
+
+    Terrain of that very height goes over into its neighbours; a void is a cliff all around.
+    """
+    suspect = np.isin(raw, _USUAL_VOIDS) & ~implausible(heights)
+    if not suspect.any():
+        return
+    from scipy import ndimage
+
+    around = np.ones((3, 3))
+    regions, _ = ndimage.label(suspect, around)
+    terrain = np.isfinite(heights) & ~implausible(heights) & ~suspect
+    quantum_m = abs(about.scale) * _UNITS_M[about.unit]
+    for number, box in enumerate(ndimage.find_objects(regions), 1):
+        near = tuple(slice(max(side.start - 1, 0), side.stop + 1) for side in box)
+        inside = regions[near] == number
+        steps_m = np.abs(
+            heights[near][ndimage.binary_dilation(inside, around) & terrain[near]] - heights[near][inside][0]
+        )
+        level = inside.sum() >= _MIN_LEVEL_CELLS
+        largest_m = _MAX_LEVEL_STEP * quantum_m if level else _MAX_SLOPE * about.resolution_m
+        if not steps_m.size or np.median(steps_m) > largest_m:
+            heights[near][inside] = np.nan
 
 
 def open_map(
@@ -176,9 +224,10 @@ def _meaning(
     ]
     found = f"{path}: sampled values go from {values.min():.6g} to {values.max():.6g}"
     if not meanings:
+        low_height_m, high_height_m = LUNAR_HEIGHT_LIMITS_M
         raise InputError(
-            f"{found}, which in {' or '.join(units)} are neither heights ({LOWEST_M:.0f} to {HIGHEST_M:.0f} m) nor "
-            "radii of the Moon; an undeclared scale, unit or void value (set them with gdal_translate -a_scale "
+            f"{found}, which in {' or '.join(units)} are neither heights ({low_height_m:.0f} to {high_height_m:.0f} m) "
+            "nor radii of the Moon; an undeclared scale, unit or void value (set them with gdal_translate -a_scale "
             "-a_offset -a_nodata, or gdal_edit.py -units)?"
         )
     if len(meanings) > 1:
@@ -208,4 +257,5 @@ def _heights_m(values: NDArray[np.float64], unit: str, reference_m: float) -> ND
 
 def implausible(heights_m: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Whether heights are such as the Moon has nowhere."""
-    return (heights_m < LOWEST_M) | (heights_m > HIGHEST_M)
+    low_m, high_m = LUNAR_HEIGHT_LIMITS_M
+    return (heights_m < low_m) | (heights_m > high_m)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from radioloc.errors import InputError
 from radioloc.imaging import Camera
-from radioloc.lunar.terrain_source import HIGHEST_M, LOWEST_M
+from radioloc.lunar.selenographic import require_lunar_height
 from radioloc.studies.schema import Hints, TomlTable, check, entry, keys_of, source_of, toml_content
 from radioloc.studies.study import Reference
 from radioloc.studies.target_file import references_of
@@ -43,11 +43,8 @@ class GroundChoice:
         check(self)
         if self.dem is not None and self.height_m is not None:
             raise InputError("give either dem or height_m, not both")
-        if self.height_m is not None and not LOWEST_M <= self.height_m <= HIGHEST_M:
-            raise InputError(
-                f"height_m = {self.height_m!r} is no height above the 1737.4 km sphere that the Moon's ground has, "
-                f"{LOWEST_M:.0f} to {HIGHEST_M:.0f} m"
-            )
+        if self.height_m is not None:
+            require_lunar_height(self.height_m)
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,7 @@ from radioloc.estimation.noise_structure import by_link
 from radioloc.estimation.series import SeriesOrder
 from radioloc.lunar import TerrainModel
 from radioloc.lunar.position import LunarPosition
+from radioloc.lunar.selenographic import require_lunar_height
 from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
 from radioloc.measurements.evaluation import EVALUATIONS
 from radioloc.measurements.link import canonical_target
@@ -43,8 +44,6 @@ WEIGHTS = ("independent", "correlated")
 COMPONENTS = ("type", "link", "link and pass")
 ESTIMATORS = ("least_squares", "huber")
 POSITION_FORMS = ("geographic", "cartesian", "none")
-HEIGHT_LIMITS_M = (-2.0e4, 2.0e4)
-"""Beyond any terrain: heights above the 1737.4 km sphere run from -9.2 to 10.8 km."""
 LOWEST_REJECTION_SIGMA = 2.0
 """Below this good data would be cut: of normal residuals one in 22 exceeds two sigmas."""
 PARAMETER_KEYS = LazyNames(lambda: [key for kind in PARAMETERS.values() for key in kind.keys.values()])
@@ -103,12 +102,7 @@ class HeightPrior:
 
     def __post_init__(self) -> None:
         check(self)
-        low_m, high_m = HEIGHT_LIMITS_M
-        if not low_m <= self.height_m <= high_m:
-            raise InputError(
-                f"height_m = {self.height_m!r} is no height above the 1737.4 km sphere that the Moon has "
-                "(-9.2 to 10.8 km)"
-            )
+        require_lunar_height(self.height_m)
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.constants import LUNAR_HEIGHT_LIMITS_M, MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.build import Doubt
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.labels import USED, Labels
@@ -33,9 +33,6 @@ _MODEL_M = 0.01
 common to both ends of a count interval cancels in Doppler, which has no such floor."""
 WIDEST_M = 0.1 * MEAN_LUNAR_RADIUS_M
 """Sigma of a position beyond which an error ellipse is none: the ground bends away from it by 9 km."""
-_LOWEST_M, _HIGHEST_M = -9.2e3, 10.8e3
-"""Heights of the Moon above the sphere of 1737.4 km: Antoniadi, 172 W 70 S, and the Engel'gardt rim, 159 W 5 N (Smith
-et al. 2010)."""
 LOWEST_EARTH_DEG = -8.0
 """The highest terrain sees 6.4 deg below the horizontal; the Earth's radius, light time and aberration are 1 deg, and
 0.6 deg are the Moon's curvature over 20 km of an a-priori position that is off."""
@@ -81,11 +78,12 @@ def misfits(edited: EditedFit, stated_m: NDArray[np.float64], types: Labels) -> 
 
 def heights(height_m: float) -> Iterator[Doubt]:
     """A height above the sphere of 1737.4 km that no place on the Moon has."""
-    if not _LOWEST_M <= height_m <= _HIGHEST_M:
+    low_m, high_m = LUNAR_HEIGHT_LIMITS_M
+    if not low_m <= height_m <= high_m:
         yield Doubt(
             FitStatus.OFF_THE_MOON,
-            f"a height of {height_m / 1e3:.1f} km is outside the Moon's terrain ({_LOWEST_M / 1e3:g} to "
-            f"{_HIGHEST_M / 1e3:g} km): look at its sigma; an a-priori height, or a-priori sigmas of biases, may be "
+            f"a height of {height_m / 1e3:.1f} km is outside the Moon's terrain ({low_m / 1e3:g} to "
+            f"{high_m / 1e3:g} km): look at its sigma; an a-priori height, or a-priori sigmas of biases, may be "
             "needed",
         )
 

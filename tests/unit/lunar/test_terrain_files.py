@@ -273,3 +273,73 @@ def test_missing_rasterio_says_what_to_install(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "rasterio", None)
     with pytest.raises(InputError, match=r"pip install 'radioloc\[terrain\]'"):
         TerrainModel.open(path)
+
+
+@pytest.mark.parametrize(
+    ("dtype", "void", "scale"),
+    [
+        ("int16", -9999, None),
+        ("int16", -32768, None),
+        ("int16", -9999, 0.5),
+        ("int16", -32768, 0.25),
+        ("int32", -99999, 0.01),
+        ("float32", -9999.0, None),
+        ("float32", -3.4028226e38, None),  # 0xFF7FFFFB, NULL of ISIS
+        ("float32", 3.4028235e38, None),
+        ("float32", np.inf, None),
+        ("float32", np.nan, None),
+        ("float64", -1e30, None),
+    ],
+)
+@pytest.mark.parametrize("cells", [1, 3, 12])
+def test_undeclared_void_values_are_no_ground(tmp_path, dtype, void, scale, cells):
+    """Whatever their number, scale and extent: the ground beside them stays as it is, at their edge there is none."""
+    rows, columns = np.mgrid[:40, :40]
+    heights_m = -2500.0 + 3.0 * columns + 2.0 * rows
+    numbers = heights_m / (scale or 1.0)
+    numbers[10 : 10 + cells, 20 : 20 + cells] = void
+    affine = Affine(0.02, 0, -2.2, 0, -0.02, 1.2)  # cells of 606 m
+
+    def place(row, column):
+        return np.radians(-2.2 + 0.02 * (column + 0.5)), np.radians(1.2 - 0.02 * (row + 0.5))
+
+    path = write(
+        tmp_path / "a.tif",
+        numbers,
+        "+proj=longlat +R=1737400 +no_defs",
+        affine,
+        dtype=dtype,
+        scale=scale,
+        offset=0.0,
+    )
+    for row, column in ((10, 20), (10, 19.5), (9.5, 20.0), (9 + cells, 19 + cells)):
+        with pytest.raises(InputError, match="void"):
+            TerrainModel.open(path).height_m(*place(row, column))
+    try:
+        model = TerrainModel.open(path)
+    except InputError:  # as above: a sample of the cells has a height that the Moon does not have
+        return
+    assert model.height_m(*place(30, 5)) == pytest.approx(heights_m[30, 5], abs=0.3)
+    window = model.window(*place(np.array([5, 25]), np.array([15, 35])))
+    assert np.isnan(window.heights_m).sum() == cells**2
+
+
+@pytest.mark.parametrize("scale", [0.5, 0.1])
+def test_ground_of_the_height_of_a_void_value_is_read(tmp_path, scale):
+    """Half metres from -5010 m up, as of a basin: one cell in twenty of a slope has the number -9999."""
+    rows, columns = np.mgrid[:40, :40]
+    numbers = -9999 + (columns - 20) * 4 + (rows // 10)
+    affine = Affine(0.02, 0, -2.2, 0, -0.02, 1.2)
+    path = write(
+        tmp_path / "a.tif",
+        numbers,
+        "+proj=longlat +R=1737400 +no_defs",
+        affine,
+        dtype="int16",
+        scale=scale,
+        offset=0.0,
+    )
+    assert (numbers == -9999).any()
+    assert np.isfinite(
+        TerrainModel.open(path).window(np.radians([-2.1, -1.5]), np.radians([0.5, 1.1])).heights_m
+    ).all()

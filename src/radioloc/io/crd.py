@@ -70,10 +70,15 @@ _H4_FIELDS = {
     18: ("system delay applied", 1),
     20: ("range type", 2),
 }
+# Numbers of the ILRS, in the second and third field of H3, of the reflectors that have one.
+_TARGET_NUMBERS = {"apollo11": 100, "luna17": 101, "apollo14": 102, "apollo15": 103, "luna21": 104}
 # A longer pass would leave open which day a second of day belongs to.
 _LONGEST_PASS_S = 22.0 * 3600.0
+_MOST_DIGITS = 10
 # A normal point may lie this far outside the first and the last range, from which H4 is made.
 _PASS_MARGIN_S = 3600.0
+# Points in order of time this far outside have one possible date: on the day before or after they are 16 h outside.
+_MAX_PASS_EXCESS_S = 8.0 * 3600.0
 
 
 def read_crd(path: str | Path, *, catalogue: StationCatalogue | None = None) -> Observations:
@@ -211,12 +216,19 @@ class _Pass:
                 first = int(np.argmax(wrong))
                 raise FileFormatError(path, f"record 11: {problem.format(what[first])}", int(line[first]))
 
-        wrong = since_start_s < self.start_s - _PASS_MARGIN_S
-        wrong |= since_start_s > self.latest_s + _PASS_MARGIN_S
-        outside = (
-            f"second of day {{:.3f}} is outside the pass dated by H4 in line {self.line}; correct one of them"
-        )
-        refuse(wrong, outside, second.tolist())
+        excess_s = np.maximum(self.start_s - since_start_s, since_start_s - self.latest_s)
+        wrong = excess_s > _PASS_MARGIN_S
+        dated = (days >= 0.0) & (days <= self.latest_s // SECONDS_PER_DAY) & (excess_s < _MAX_PASS_EXCESS_S)
+        if wrong.any() and dated.all() and (np.diff(since_start_s) >= 0.0).all():
+            warnings.warn(
+                f"{path}, line {self.line}: points lie up to {excess_s.max() / 3600.0:.1f} h outside the times of H4; "
+                "its date and their order leave one date for them, which is taken",
+                DataQualityWarning,
+                stacklevel=2,
+            )
+        else:
+            outside = f"second of day {{:.3f}} is outside the pass dated by H4 in line {self.line}; correct one of them"
+            refuse(wrong, outside, second.tolist())
         session_ps = np.array([self.rms_ps.get(name, math.nan) for name in self.configurations])
         rms_ps = np.where(rms_ps > 0.0, rms_ps, session_ps)
         missing = "no RMS above zero, nor in a record 50 for {!r}; leave the point out"
@@ -250,6 +262,7 @@ class _File:
         self._version = 0
         self._station = self._target = ""
         self._wavelengths_um: dict[str, float] = {}
+        self._configured: set[str] = set()  # configurations since the last H4
         self._pass: _Pass | None = None
 
     def take(self, record: _Record) -> None:
@@ -305,7 +318,24 @@ class _File:
         if int(match[5]) not in _UTC_TIME_SCALES:
             allowed = ", ".join(map(str, _UTC_TIME_SCALES))
             record.fail(f"epoch time scale {int(match[5])} is not UTC ({allowed}); convert the epochs to UTC")
-        return station_name(self._catalogue, match[2], match[1])
+        name, pad = match[1], match[2]
+        by_name, by_pad = (
+            self._catalogue.get(key) if self._catalogue is not None and key in self._catalogue else None
+            for key in (name, pad)
+        )
+        if by_name is not None and by_pad is not None and by_name is not by_pad:
+            record.fail(
+                f"the name {name!r} is that of {by_name.name}, but the pad number {pad} is that of {by_pad.name}; "
+                "correct one of them"
+            )
+        if by_name is not None and by_pad is None:
+            warnings.warn(
+                f"{record.path}, line {record.line}: the pad number {pad} is not in the catalogue of stations; "
+                f"{by_name.name} is taken by the name {name!r}",
+                DataQualityWarning,
+                stacklevel=2,
+            )
+        return station_name(self._catalogue, pad, name)
 
     def _target_of(self, record: _Record) -> str:
         # Reflectors have no NORAD number; version 1 leaves its columns blank.
@@ -317,6 +347,13 @@ class _File:
             record.fail(
                 f"{name!r} is no reflector on the Moon that is known; those are {', '.join(REFLECTORS)}"
             )
+        for text in record.fields[2:4]:
+            number = int(text) if text.isdecimal() and len(text) < _MOST_DIGITS else 0
+            if number and number != _TARGET_NUMBERS.get(name, number):
+                expected = _TARGET_NUMBERS[name]
+                record.fail(
+                    f"expected the number {expected} of {name}, got {text}; correct the name or the number"
+                )
         return name
 
     def _pass_of(self, record: _Record) -> _Pass:
@@ -338,11 +375,20 @@ class _File:
         if not all(text.lower() in ("na", "0", "00", "0000", "-1") for text in record.fields[8:14]):
             end_jd, end_s = record.date(8)
             lasts_s = end_s + (end_jd - jd) * SECONDS_PER_DAY - start_s
+            if end_jd == jd and lasts_s < 0.0:
+                warnings.warn(
+                    f"{record.path}, line {record.line}: the pass ends {-lasts_s:.0f} s before it begins; its end is "
+                    "not used",
+                    DataQualityWarning,
+                    stacklevel=2,
+                )
+                lasts_s = 0.0
             if not 0.0 <= lasts_s <= _LONGEST_PASS_S:
                 hours = lasts_s / 3600.0
                 record.fail(f"the pass lasts {hours:.2f} h; allowed are 0 to {_LONGEST_PASS_S / 3600.0:g} h")
             # Where beginning and end are the same, they date the first point only.
             latest_s = start_s + (lasts_s or _LONGEST_PASS_S)
+        self._configured = set()
         link = Link(self._station, self._target, self._station)
         number = self.links.setdefault(link, len(self.links))
         return _Pass(record.line, number, self._wavelengths_um, jd, start_s, latest_s)
@@ -351,7 +397,14 @@ class _File:
         wavelength_nm = record.number(2, "wavelength (nm)")
         if not 200.0 <= wavelength_nm <= 20000.0:
             record.fail(f"the wavelength is {wavelength_nm:g} nm, which is not that of a laser")
-        self._wavelengths_um[record.fields[3]] = wavelength_nm / 1000.0
+        name = record.fields[3]
+        other_um = self._wavelengths_um[name] if name in self._configured else wavelength_nm / 1000.0
+        if wavelength_nm / 1000.0 != other_um:
+            record.fail(
+                f"system configuration {name!r} has two wavelengths in one pass; give each its own name"
+            )
+        self._configured.add(name)
+        self._wavelengths_um[name] = wavelength_nm / 1000.0
 
     def _take_point(self, record: _Record, current: _Pass) -> None:
         second = record.second_of_day()

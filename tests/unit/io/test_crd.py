@@ -132,6 +132,10 @@ def test_version_1_has_one_field_less():
         ("7845 78  1  7", "7845 78  1  1", "time scale 1 is not UTC"),
         ("7845 78  1  7", "784 78  1  7", "four-digit pad number"),
         ("na 0 1 3", "na 0 4 3", "transponder"),
+        ("0000103 0103", "0000100 0103", "number 103 of apollo15, got 0000100"),
+        ("0000103 0103", "0000103 0104", "number 103 of apollo15, got 0104"),
+        ("0000103 0103", "7603901 1155", "number 103 of apollo15, got 7603901"),
+        ("H3 apollo15", "H3 L2", "number 104 of luna21, got 0000103"),
         ("H3 apollo15   0000103", "H3 apollo15", "cut"),
         ("H4  1 2024", "H4  0 2024", "'data type' is 0"),
         ("H4  1 2024 05 13", "H4  1 2024 02 30", "not a date that exists"),
@@ -201,6 +205,12 @@ def test_records_out_of_place_are_refused(crd_lines):
             parse_crd("a.np2", lines, None)
 
 
+def test_a_configuration_has_one_wavelength_in_a_pass():
+    with pytest.raises(FileFormatError, match=r"line 6: .*'std3' has two wavelengths"):
+        parse_crd("a.np2", session("c0 0 1064.0 std3 lpd", point(8215)), None)
+    assert len(parse_crd("a.np2", session("c0 0 532.0 std3 lpd", point(8215)), None)) == 1
+
+
 def test_files_joined_one_after_the_other_are_read(crd_lines):
     later = session(point(8300))
     assert len(parse_crd("a.np2", [*crd_lines, *later], None)) == 4
@@ -245,8 +255,46 @@ def test_a_header_that_dates_only_the_first_point():
     h4 = "h4  1 2024  4 12  2 15 23 2024  4 12  2 15 23  1 0 0 0 1 0 2 0"
     points = [point(8123), point(8123 + 5 * 3600)]
     assert len(parse_crd("a.np2", session(*points, h4=h4), None)) == 2
+
+
+def h4_of(begin, end):
+    return f"h4 1 {begin} {end} 1 0 0 0 1 0 2 0"
+
+
+@pytest.mark.parametrize(
+    ("begin", "end", "seconds", "last"),
+    [
+        ("2024 4 12  2 15 23", "2024 4 12  2 18 23", (8123, 26123), "2024-04-12T07:15:23"),  # end too early
+        ("2024 4 12  2 15 23", "2024 4 12  2 18 23", (15000,), "2024-04-12T04:10:00"),
+        ("2024 4 12 23 50  0", "2024 4 13  0  5  0", (86000, 600, 9000), "2024-04-13T02:30:00"),
+        ("2024 4 12  7  0  0", "2024 4 12  7 30  0", (8123, 26123), "2024-04-12T07:15:23"),  # begin too late
+        (
+            "2024 4 12  2 15 23",
+            "2024 4 12  2 10 00",
+            (8123, 26123),
+            "2024-04-12T07:15:23",
+        ),  # end before begin
+    ],
+)
+def test_times_of_a_header_that_contradict_the_points_are_noted_where_date_and_order_are_plain(
+    begin, end, seconds, last
+):
+    with pytest.warns(DataQualityWarning, match="line 4: "):
+        read = parse_crd("a.np2", session(*map(point, seconds), h4=h4_of(begin, end)), None)
+    assert seconds_apart(read, [last] * len(read))[-1] < EPOCH_TOLERANCE_S
+
+
+@pytest.mark.parametrize(
+    ("end", "seconds"),
+    [
+        ("2024 4 12  2 18 23", (26123, 8123)),  # not in order of time
+        ("2024 4 12  2 18 23", (8123, 47000)),  # half a day outside
+        ("2024 4 12  2 18 23", (8123, 83000)),  # on another date than the header's
+    ],
+)
+def test_points_whose_date_is_doubtful_are_refused(end, seconds):
     with pytest.raises(FileFormatError, match="outside the pass dated by H4"):
-        parse_crd("a.np2", session(*points, h4=h4.replace("2 15 23  1", "2 18 23  1")), None)
+        parse_crd("a.np2", session(*map(point, seconds), h4=h4_of("2024 4 12  2 15 23", end)), None)
 
 
 def test_a_number_of_thousands_of_digits(crd_lines):
@@ -266,9 +314,15 @@ def test_stations_get_catalogue_names(crd_lines):
     from radioloc.earth.stations import StationCatalogue
 
     lines, _ = replaced(crd_lines, "GRSM       7845", "GRSM       7846")
-    paths = parse_crd("a.np2", lines, StationCatalogue.default()).paths().tolist()
+    with pytest.warns(DataQualityWarning, match="line 2: the pad number 7846 is not in the catalogue"):
+        paths = parse_crd("a.np2", lines, StationCatalogue.default()).paths().tolist()
     assert paths[0] == "GRASSE>apollo15>GRASSE"  # by its code, the pad being unknown
     assert paths[2] == "APOLLO>apollo11>APOLLO"
+    lines, _ = replaced(crd_lines, "GRSM       7845", "GRSM       7045")
+    with pytest.raises(
+        FileFormatError, match=r"line 2: .* 'GRSM' is that of GRASSE, but .* 7045 is that of APOLLO"
+    ):
+        parse_crd("a.np2", lines, StationCatalogue.default())
     lines, _ = replaced(crd_lines, "GRSM       7845", "NONE       9999")
     assert parse_crd("a.np2", lines, StationCatalogue.default()).paths()[0] == "9999>apollo15>9999"
 

@@ -27,7 +27,7 @@ LONG = {
     "simulate",
     "verify",
 }
-LONG |= {f"plot_{of}" for of in ("comparison", "contours", "correlations", "covariance", "images", "trials")}
+LONG |= {f"plot_{of}" for of in ("comparison", "correlations", "covariance", "images", "trials")}
 LONG |= {"plot_error_by_length", "write_html"}
 LONG |= {f"plot_{of}" for of in ("arcs", "budget", "distribution", "terms")}
 LONG |= {

@@ -3,7 +3,7 @@
 from radioloc.report.ccsds import write_oem, write_orbit_oem, write_orbit_opm, write_residuals_tdm
 from radioloc.report.comparison import Comparison
 from radioloc.report.covariance import CovarianceStudy
-from radioloc.report.estimate_figures import plot_budget, plot_contours, plot_correlations
+from radioloc.report.estimate_figures import plot_budget, plot_correlations
 from radioloc.report.figures import save_figure
 from radioloc.report.files import (
     write_arcs,
@@ -25,7 +25,7 @@ from radioloc.report.predictions import LightTimes
 from radioloc.report.residual_figures import plot_distribution, plot_links, plot_residuals, plot_terms
 from radioloc.report.sinex import write_sinex
 from radioloc.report.spice_kernels import write_orbit_spk, write_spice
-from radioloc.report.station_figures import plot_stations, plot_visibility
+from radioloc.report.station_figures import plot_visibility
 from radioloc.report.study_figures import (
     plot_covariance,
     plot_covariance_on_arc,
@@ -47,7 +47,6 @@ __all__ = [
     "plot_arcs",
     "plot_budget",
     "plot_comparison",
-    "plot_contours",
     "plot_correlations",
     "plot_covariance",
     "plot_covariance_on_arc",
@@ -59,7 +58,6 @@ __all__ = [
     "plot_point",
     "plot_position",
     "plot_residuals",
-    "plot_stations",
     "plot_terms",
     "plot_trials",
     "plot_visibility",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +15,10 @@ from radioloc.estimation.solution import Level, Solution
 from radioloc.report.cards import metres
 from radioloc.report.figures import (
     COLORS,
-    SCALE_95,
     draws_names_literally,
     legend_below,
     length_unit,
     one_panel,
-    several_panels,
     style_axes,
 )
 
@@ -30,16 +28,9 @@ if TYPE_CHECKING:
 
 _Floats = NDArray[np.float64]
 
-_MOST_CORRELATED, _MOST_PAIRED = 40, 8
-_MOST_BESIDE_POSITION, _WORTH_SHOWING = 3, 0.5  # correlation with the position
+_MOST_CORRELATED = 40
 _NUMBERS_UP_TO = 12  # parameters, with numbers in the cells of the matrix
 _WITHOUT = "without considered errors"
-_CIRCLE = np.linspace(0.0, 2.0 * np.pi, 181)
-_DASHED: dict[str, Any] = {"linestyle": "--", "linewidth": 0.8}
-_LEVELS = {"1 sigma": 1.0, "95 %": SCALE_95}
-"""Factors on the axes of the ellipse of two parameters."""
-
-
 _MOST_SOURCES = 9
 """Of an error budget; the smallest of more are one bar."""
 
@@ -153,77 +144,9 @@ def plot_correlations(solution: Solution, ax: Axes | None = None) -> Figure:
     return axes.figure.figure
 
 
-@draws_names_literally
-def plot_contours(solution: Solution, names: Sequence[str] | None = None, ax: Axes | None = None) -> Figure:
-    """Draw parameters two by two, with the ellipses of one sigma and of 95 %, and the profile of each alone.
-
-    Ellipses and profiles are those of the total covariance; where parameters are considered, thin dashed lines are
-    those that the data alone leave. A profile is the least increase of chi-square over all other parameters.
-
-    Parameters
-    ----------
-    solution : Solution
-    names : sequence of str, optional
-        Two to eight parameters; by default the position, and up to three others that it is correlated with most.
-    ax : matplotlib.axes.Axes, optional
-        Axes of a grid whose place the panels take, in place of a figure of their own.
-
-    Raises
-    ------
-    InputError
-        A parameter is not estimated or not determined, or there are fewer than two or more than eight.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
-    >>> len(radioloc.report.plot_contours(solution).axes)
-    6
-    """
-    if names is None:
-        names = [solution.parameters.names[k] for k in _about_the_position(solution)]
-    chosen = [solution.parameters.index(name) for name in names]
-    names = _drawable_names(solution, chosen, _MOST_PAIRED)
-    covariances = [_covariance(solution, chosen)]
-    if solution.consider is not None:
-        covariances.append(_covariance(solution, chosen, "scaled"))
-    count, limits = len(names), 3.2 * np.sqrt(np.diag(covariances[0]))
-    units = [solution.parameters[name].unit for name in names]
-    figure = several_panels(ax, 2.3 * count + 0.6, 2.3 * count, f"{solution.name}: about the estimate")
-    panels = figure.subplots(count, count, squeeze=False)
-    for row in range(count):
-        for column in range(count):
-            axes = panels[row, column]
-            if column > row:
-                axes.remove()
-                continue
-            style_axes(axes)
-            axes.set_xlim(-limits[column], limits[column])
-            if row == column:
-                axes.set_ylim(0.0, 9.0)
-                axes.set_ylabel("increase of chi-square", fontsize=7)
-            else:
-                axes.set_ylim(-limits[row], limits[row])
-            if column == 0 < row:
-                axes.set_ylabel(f"{names[row]}, {units[row]}", fontsize=8)
-            for covariance, style in zip(covariances, ({}, _DASHED), strict=False):
-                if row == column:
-                    offset = np.linspace(-limits[row], limits[row], 201)
-                    axes.plot(offset, offset**2 / covariance[row, row], **{"color": COLORS[0]} | style)
-                else:
-                    _draw_levels(axes, covariance[np.ix_([column, row], [column, row])], style)
-            if row == count - 1:
-                axes.set_xlabel(f"{names[column]}, {units[column]}", fontsize=8)
-            axes.tick_params(labelsize=7)
-    handles, labels = panels[count - 1, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="upper right", fontsize=8, frameon=False)
-    return figure.figure
-
-
-def can_be_drawn(solution: Solution) -> tuple[bool, bool]:
-    """Whether there are parameters for a figure of correlations, and for one of contours about the position."""
-    contours = solution.position_determined and len(_about_the_position(solution)) > 1
-    return len(_determined(solution)) > 1, contours
+def has_correlations(solution: Solution) -> bool:
+    """Return whether at least two parameters are estimated and determined."""
+    return len(_determined(solution)) > 1
 
 
 def _determined(solution: Solution) -> dict[int, float]:
@@ -238,23 +161,6 @@ def _determined(solution: Solution) -> dict[int, float]:
     shared = np.where(own, 2.0, correlation[:, own].max(axis=1, initial=0.0))
     order = np.argsort(-shared, kind="stable")
     return dict(zip(usable[order].tolist(), shared[order].tolist(), strict=True))
-
-
-def _about_the_position(solution: Solution) -> list[int]:
-    """The position's parameters and the few others that it is correlated with most; none where it is held."""
-    found = _determined(solution)
-    own = [k for k, shared in found.items() if shared == 2.0]
-    others = [k for k, shared in found.items() if _WORTH_SHOWING <= shared < 2.0]
-    return own + others[:_MOST_BESIDE_POSITION] if own else []
-
-
-def _draw_levels(ax: Axes, covariance: _Floats, style: dict[str, Any]) -> None:
-    variances, axes = np.linalg.eigh(covariance)
-    root = axes * np.sqrt(np.maximum(variances, 0.0))
-    for (label, factor), color in zip(_LEVELS.items(), COLORS, strict=False):
-        x, y = factor * root @ np.stack([np.cos(_CIRCLE), np.sin(_CIRCLE)])
-        note = f"{label} {_WITHOUT}" if style else label
-        ax.plot(x, y, **{"color": color, "label": note} | style)
 
 
 def _correlation(covariance: _Floats) -> _Floats:

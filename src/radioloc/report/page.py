@@ -1,9 +1,8 @@
-"""A result as one HTML page that needs nothing beside it: card, figures, residuals to zoom into, tables, provenance."""
+"""A result as one HTML page that needs nothing beside it: card, figures, tables, provenance."""
 
 from __future__ import annotations
 
 import base64
-import gzip
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,7 +20,7 @@ from radioloc.extras import optional
 from radioloc.report.cards import Field, metres, more
 from radioloc.report.comparison import Comparison
 from radioloc.report.covariance import CovarianceStudy
-from radioloc.report.estimate_figures import can_be_drawn, plot_budget, plot_contours, plot_correlations
+from radioloc.report.estimate_figures import has_correlations, plot_budget, plot_correlations
 from radioloc.report.figures import DPI, png_of
 from radioloc.report.fit_card import left_out_rows
 from radioloc.report.image_solution import ImageSolution, PointSolution
@@ -29,7 +28,6 @@ from radioloc.report.map_figures import plot_images, plot_map
 from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.position_figures import plot_arcs, plot_comparison, plot_point, plot_position
 from radioloc.report.residual_figures import plot_distribution, plot_links, plot_residuals
-from radioloc.report.residual_panels import Chart, residual_charts
 from radioloc.report.solution_card import solution_card
 from radioloc.report.study_figures import (
     plot_covariance,
@@ -84,7 +82,6 @@ _FIGURES = {
     "map": (_POSITION, "map with error ellipses of one and three sigma, and where on the Moon it is"),
     "position": (_POSITION, "the estimate beside what it is compared with, with error ellipses"),
     "correlations": (_OBSERVABILITY, "matrix of the correlations of estimated parameters"),
-    "contours": (_OBSERVABILITY, "error ellipses of parameters two by two, and their profiles of chi-square"),
     "images": (_RESULT, "the images laid over the map, from all that the highest shows down to the lander"),
     "comparison": (_RESULT, "positions east and north of the benchmark, with ellipses of 95 %"),
     "trials": (_RESULT, "horizontal errors of the trials, with claimed and found ellipses of 95 %"),
@@ -103,14 +100,13 @@ class _Section:
     title: str
     fields: list[Field] = field(default_factory=list)
     images: list[dict[str, Any]] = field(default_factory=list)
-    charts: list[Chart] = field(default_factory=list)
     more: list[tuple[str, Sequence[Field]]] = field(default_factory=list)
 
     @property
     def shown(self) -> bool:
         """Whether there is anything in it."""
         tables = [*self.fields, *(item for _, items in self.more for item in items)]
-        return bool(self.images or self.charts) or any(item.lines or item.rows for item in tables)
+        return bool(self.images) or any(item.lines or item.rows for item in tables)
 
     @property
     def anchor(self) -> str:
@@ -151,12 +147,10 @@ def _of_a_solution(solution: Solution) -> dict[str, Callable[[], Figure] | None]
     apart = len(rows.types.present()) > 1 or any("<" in path for path in rows.paths.present())
     located = solution.position_estimated and solution.position_determined
     over_elevation = rows.elevation_deg is not None and rows.used.any()
-    correlations, contours = can_be_drawn(solution)
     return {
         "residuals": partial(plot_links if apart else plot_residuals, solution),
         "position": partial(plot_position, solution) if located else None,
-        "correlations": partial(plot_correlations, solution) if correlations else None,
-        "contours": partial(plot_contours, solution) if contours else None,
+        "correlations": partial(plot_correlations, solution) if has_correlations(solution) else None,
         "distribution": partial(plot_distribution, solution) if over_elevation else None,
         "budget": partial(plot_budget, solution) if solution.budget else None,
         "terms": None,  # only where they were asked for
@@ -169,7 +163,7 @@ def write_html(result: Result, path: str | Path) -> None:
     Parameters
     ----------
     result : Solution, ArcStudy, ImageSolution, PointSolution, Comparison, MonteCarlo, CovarianceStudy or LeaveOneOut
-        What to show: its card, figures, and of a solution residuals to zoom into, the error budget, what was left out
+        What to show: its card, figures, and of a solution the error budget, what was left out
         and why, and the provenance.
     path : path-like
         The file, ``.html``.
@@ -190,18 +184,16 @@ def write_html(result: Result, path: str | Path) -> None:
     write_page(result, drawn, path)
 
 
-def require_page() -> tuple[ModuleType, ModuleType]:
-    """jinja2 and plotly, of which the latter's script goes into the page."""
-    need = "an HTML report needs jinja2 and plotly:"
-    return optional("jinja2", need, "report"), optional("plotly.offline", need, "report")
+def require_page() -> ModuleType:
+    """Return jinja2, which makes the page of a template."""
+    return optional("jinja2", "an HTML report needs jinja2:", "report")
 
 
 def write_page(result: Result, figures: Mapping[str, Path | BytesIO], path: str | Path) -> None:
     """As :func:`write_html`, with the result's figures as PNG."""
-    jinja2, plotly = require_page()
+    jinja2 = require_page()
     title = str(getattr(result, "name", "Comparison"))
     sections = _sections(result, title, figures)
-    charts = [chart for section in sections for chart in section.charts]
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("radioloc.report"),
         autoescape=True,
@@ -214,16 +206,9 @@ def write_page(result: Result, figures: Mapping[str, Path | BytesIO], path: str 
         title=title,
         verdict=_verdict(result),
         sections=sections,
-        library=_packed(plotly.get_plotlyjs()) if charts else "",
-        charts=_packed(json.dumps([chart.content for chart in charts], allow_nan=False)) if charts else "",
         version=__version__,
     )
     write_text(path, text)
-
-
-def _packed(text: str) -> str:
-    """A third of a script's size, which the page unpacks by itself."""
-    return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode()
 
 
 def _kinds(rows: Sequence[Sequence[str]]) -> list[str]:
@@ -263,14 +248,9 @@ def _sections(result: Result, name: str, figures: Mapping[str, Path | BytesIO]) 
     except InputError as error:
         found[_POSITION].fields.append(Field("map", (f"not drawn: {error}",)))
     solution = result.longest if isinstance(result, ArcStudy) else result
-    if isinstance(solution, Solution) and len(solution.residuals):
-        found[_RESIDUALS].charts.extend(residual_charts(solution))
     for key, figure in drawn.items():
         title, alt = _FIGURES.get(key, (_RESULT, key.replace("_", " ")))
-        # By charts, where there can be any.
-        replaced = key in ("residuals", "figure2") and bool(found[title].charts)
-        style = {"photograph": key == "images", "replaced": replaced}
-        found[title].images.append({"alt": f"{name}: {alt}", **style, **_image(figure)})
+        found[title].images.append({"alt": f"{name}: {alt}", "photograph": key == "images", **_image(figure)})
     if isinstance(solution, Solution):
         rows, count = left_out_rows(solution, _MOST_LEFT_OUT), solution.fit.total.rejected
         heading = ("UTC", "link", "residual, m", "reason")

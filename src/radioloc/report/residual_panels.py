@@ -1,4 +1,4 @@
-"""Residuals over time: panels of stations and links, envelopes of many values, and charts of plotly's as plain data.
+"""Residuals over time: panels of stations and links, and envelopes of many values.
 
 More dots than a panel has columns of pixels hide each other. The envelope shows, for each short bin of time, the range
 of the values, so that none is missed, and in a darker colour their mean and standard deviation, which dots would hide.
@@ -7,22 +7,18 @@ Observations that were left out are all drawn.
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Sequence
-from dataclasses import dataclass
-from html import escape
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import Residuals
 from radioloc.measurements.link import Link
 from radioloc.measurements.registry import KINDS
-from radioloc.report.cards import have_paths, ways
-from radioloc.report.figures import length_unit, utc_dates
+from radioloc.report.cards import ways
 
 Dates = NDArray[np.datetime64]
 Limits = tuple[np.datetime64, np.datetime64]
@@ -35,10 +31,6 @@ BINS = 400
 _MAX_HEIGHT_RATIO = 4.0  # panels share a scale unless one would be squeezed by more than this
 _LONGEST_NAMES = 44  # characters of links that find room above a station's panel, beside numbers
 _LEAST_PART = 0.3  # of a panel about zero that residuals fill, or else it is about their middle
-_MOST_ON_PAGE = 40_000
-_MOST_WITH_BARS = 300
-"""Bars of more observations than these in one chart hide each other."""
-_HOVER = "%{x|%Y-%m-%d %H:%M:%S} UTC<extra></extra><br>"
 
 
 class Panel:
@@ -200,100 +192,3 @@ def bin_of(dates: Dates, limits: Limits) -> NDArray[np.intp]:
     whole = max((limits[1] - limits[0]) / np.timedelta64(1, "ms"), 1.0)
     part = (dates - limits[0]) / np.timedelta64(1, "ms") / whole
     return np.minimum((part * BINS).astype(np.intp), BINS - 1)
-
-
-@dataclass(frozen=True, slots=True)
-class Chart:
-    """A chart: its title, what a line beside it says, and what plotly draws, with colours by number."""
-
-    title: str
-    statement: str
-    note: str
-    content: dict[str, Any]
-
-
-def residual_charts(solution: Solution) -> list[Chart]:
-    """A chart for each panel of :func:`~radioloc.report.plot_links`, of stations where paths are not known."""
-    residuals = tracking_of(solution)
-    panels = link_panels(residuals) if have_paths(residuals) else station_panels(residuals)
-    dates = utc_dates(residuals.epoch_utc)
-    most = min(MOST_POINTS, _MOST_ON_PAGE // len(panels))
-    return [
-        _chart(residuals, dates, panel, half_height_m, most)
-        for panel, half_height_m in zip(panels, half_heights_m(panels), strict=True)
-    ]
-
-
-def _chart(residuals: Residuals, dates: Dates, panel: Panel, half_height_m: float, most: int) -> Chart:
-    factor, unit = length_unit(abs(panel.middle_m) + half_height_m)
-    y, middle, half_height = factor * residuals.residual_m, factor * panel.middle_m, factor * half_height_m
-    sigma = factor * residuals.sigma_m
-    ends = dates.min(), dates.max()
-    crowded, out = len(panel.used) > most, panel.out
-    traces: list[dict[str, Any]] = []
-    for k, (name, rows) in enumerate(panel.links.items()):
-        used = rows[residuals.used[rows]]
-        if not len(used):
-            continue
-        which = "%{fullData.name}<br>" if len(panel.links) > 1 else ""
-        if crowded:
-            trace = _envelope(dates[used], y[used], ends, unit, which)
-        else:
-            hover = f"{which}{_HOVER}%{{y:.4g}} ± %{{customdata:.3g}} {unit}"
-            trace = _dots(dates[used], y[used], hover, customdata=_packed(sigma[used]))
-            if len(panel.used) <= _MOST_WITH_BARS:
-                trace["error_y"] = _bars(sigma[used])
-        label = escape(name or panel.title, quote=False)
-        traces.append({"name": label, "marker": {"size": 4, "color": k}, **trace})
-    notes = [f"bars: minimum to maximum in 1/{BINS} of the time, dots: mean"] if crowded else []
-    if len(out):
-        # Of too many those that are farthest off.
-        shown = np.sort(out[np.argsort(-np.abs(y[out]), kind="stable")[:MOST_POINTS]])
-        look = {"size": 7, "symbol": "x-thin", "color": "left out"}
-        texts = [escape(text, quote=False) for text in residuals.statuses[shown]]
-        trace = _dots(dates[shown], y[shown], f"{_HOVER}%{{y:.4g}} {unit}<br>%{{text}}", text=texts)
-        traces.append({"name": f"{len(out)} left out", "marker": look, **trace})
-    if beyond := int((np.abs(y[out] - middle) > half_height).sum()):
-        notes.insert(0, f"{beyond} of these beyond the chart")
-    pad = max(0.02 * (ends[1] - ends[0]), np.timedelta64(1, "m"))
-    layout = {
-        "xaxis": {"type": "date", "range": [_milliseconds(ends[0] - pad), _milliseconds(ends[1] + pad)]},
-        "yaxis": {
-            "range": [middle - half_height, middle + half_height],
-            "title": {"text": f"residual ({unit})"},
-        },
-        "showlegend": len(panel.links) > 1,
-    }
-    content = {"data": traces, "layout": layout}
-    return Chart(panel.title, panel.statement(factor, unit), "; ".join(notes), content)
-
-
-def _dots(dates: Dates, y: NDArray[np.float64], hover: str, **more: Any) -> dict[str, Any]:
-    place = {"x": _packed(_milliseconds(dates), "f8"), "y": _packed(y)}
-    return {"mode": "markers", **place, "hovertemplate": hover, **more}
-
-
-def _bars(up: NDArray[np.float64], **more: Any) -> dict[str, Any]:
-    return {"type": "data", "array": _packed(up), "thickness": 1, "width": 0, **more}
-
-
-def _envelope(dates: Dates, y: NDArray[np.float64], limits: Limits, unit: str, which: str) -> dict[str, Any]:
-    found = envelope_of(dates, y, limits)
-    texts = [
-        f"{n} observations, {low:.4g} to {high:.4g}, mean {mean:.4g} ± {deviation:.3g} {unit}"
-        for _, n, low, high, mean, deviation in zip(*found, strict=True)
-    ]
-    below = {"symmetric": False, "arrayminus": _packed(found.mean - found.lowest)}
-    bars = _bars(found.highest - found.mean, **below)
-    return _dots(found.middle, found.mean, f"{which}{_HOVER}%{{text}}", text=texts, error_y=bars)
-
-
-def _milliseconds(dates: Any) -> Any:
-    """Of the Unix epoch, as plotly counts."""
-    return dates.astype("datetime64[ms]").astype(np.int64).astype(np.float64)
-
-
-def _packed(values: ArrayLike, dtype: str = "f4") -> dict[str, str]:
-    """Numbers as plotly unpacks them."""
-    data = np.ascontiguousarray(values, dtype=f"<{dtype}").tobytes()
-    return {"dtype": dtype, "bdata": base64.b64encode(data).decode()}

@@ -2,29 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from importlib.resources import files
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import erfa
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
-from radioloc.earth.geodesy import geodetic_from_itrf
-from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
-from radioloc.estimation.solution import Solution
-from radioloc.estimation.statistics import Residuals
-from radioloc.measurements.link import Link
-from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.report.figures import (
     COLORS,
     date_axes,
     draws_names_literally,
-    legend_below,
-    one_panel,
     several_panels,
     style_axes,
     utc_dates,
@@ -39,141 +29,6 @@ if TYPE_CHECKING:
 _Floats = NDArray[np.float64]
 
 _EPOCHS = 721
-_AROUND_DEG, _LEAST_DEG = 8.0, (50.0, 30.0)  # around the stations; across and upwards
-
-
-@draws_names_literally
-def plot_stations(
-    tracking: Solution | Residuals | Observations | Iterable[Link],
-    catalogue: StationCatalogue | None = None,
-    ax: Axes | None = None,
-) -> Figure:
-    """Draw stations on a map of the Earth, VLBI baselines and three-way links as great circles.
-
-    Parameters
-    ----------
-    tracking : Solution, Residuals, Observations or iterable of Link
-        Whose stations.
-    catalogue : StationCatalogue, optional
-        Where they are; that of the package by default.
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw in, in place of a figure of its own.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Geodetic longitude and latitude, deg; coastlines are those of Natural Earth (public domain).
-
-    Raises
-    ------
-    InputError
-        There are no stations.
-    StationError
-        A station is not in the catalogue.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> observations = radioloc.read_observations("examples/change5/short_arc.csv")
-    >>> radioloc.report.plot_stations(observations).axes[0].get_xlabel()
-    'east longitude (deg)'
-    """
-    from matplotlib.patheffects import withStroke
-
-    links = _links_of(tracking)
-    catalogue = StationCatalogue.default() if catalogue is None else catalogue
-    where = {}
-    for name in dict.fromkeys(name for link in links for name in link.stations):
-        place = geodetic_from_itrf(catalogue.get(name).itrf_m)
-        where[name] = np.degrees([float(place.longitude_rad), float(place.latitude_rad)])
-    if not where:
-        raise InputError("there are no stations to draw")
-    pairs = {(link.differenced, tuple(sorted(set(link.stations)))) for link in links}
-    lines = {
-        (differenced, pair): _great_circle(*(where[name] for name in pair))
-        for differenced, pair in sorted(pairs)
-        if len(pair) > 1
-    }
-    places = np.concatenate([list(where.values()), *lines.values()])
-    west_deg, east_deg = _west_and_east(np.array(list(where.values()))[:, 0])
-    south_deg, north_deg = _widened(places[:, 1].min(), places[:, 1].max(), _LEAST_DEG[1])
-    south_deg, north_deg = max(south_deg, -90.0), min(north_deg, 90.0)
-    middle_deg = 0.5 * (west_deg + east_deg)
-    stretch = 1.0 / np.cos(np.radians(np.clip(0.5 * (south_deg + north_deg), -60.0, 60.0)))
-    shape = stretch * (north_deg - south_deg) / (east_deg - west_deg)
-    axes = one_panel(ax, 8.0, 1.1 + 7.2 * float(np.clip(shape, 0.3, 0.9)), "stations")
-    style_axes(axes)
-    axes.set_aspect(stretch)
-    halo = [withStroke(linewidth=2.5, foreground="white")]
-    for line in _coastlines():
-        axes.plot(*_about(line, middle_deg), color="0.55", linewidth=0.7)
-    styles = {True: (COLORS[1], "-", "baseline"), False: (COLORS[0], "--", "three-way")}
-    for (differenced, _), line in lines.items():
-        color, dashes, label = styles[differenced]
-        axes.plot(*_about(line, middle_deg), color=color, linestyle=dashes, linewidth=1.2, label=label)
-        styles[differenced] = color, dashes, "_"  # each kind of line is named once
-    for name, at_deg in where.items():
-        [at] = _about(at_deg[np.newaxis], middle_deg).T
-        axes.plot(*at, "^", color="black", markersize=6, markeredgecolor="white", zorder=3)
-        axes.annotate(name, tuple(at), (5, 4), textcoords="offset points", fontsize=8, path_effects=halo)
-    axes.set_xlim(west_deg, east_deg)
-    axes.set_ylim(south_deg, north_deg)
-    axes.xaxis.set_major_formatter(
-        lambda value, _: f"{(value + 180.0) % 360.0 - 180.0:g}".replace("-", "\N{MINUS SIGN}")
-    )
-    axes.set_xlabel("east longitude (deg)")
-    axes.set_ylabel("latitude (deg)")
-    if lines:
-        legend_below(axes, ax, 2)
-    return axes.figure.figure
-
-
-def _links_of(tracking: Solution | Residuals | Observations | Iterable[Link]) -> list[Link]:
-    if isinstance(tracking, Solution):
-        tracking = tracking.residuals
-    if isinstance(tracking, Residuals):
-        return [Link.from_path(path) for path in tracking.paths.present()]
-    return list(tracking.links if isinstance(tracking, Observations) else tracking)
-
-
-def _west_and_east(longitude_deg: _Floats) -> tuple[float, float]:
-    """Limits of the map: all longitudes but the widest stretch without a station."""
-    ordered = np.sort(longitude_deg % 360.0)
-    gaps = np.diff(ordered, append=ordered[0] + 360.0)
-    k = int(gaps.argmax())
-    first = ordered[(k + 1) % len(ordered)]
-    west_deg, east_deg = _widened(first, first + 360.0 - gaps[k], _LEAST_DEG[0])
-    if east_deg - west_deg > 360.0:
-        return -180.0, 180.0
-    turns = 360.0 * round(0.5 * (west_deg + east_deg) / 360.0)
-    return west_deg - turns, east_deg - turns
-
-
-def _widened(low_deg: float, high_deg: float, least_deg: float) -> tuple[float, float]:
-    around_deg = max(_AROUND_DEG, 0.5 * (least_deg - (high_deg - low_deg)))
-    return float(low_deg) - around_deg, float(high_deg) + around_deg
-
-
-def _about(line: _Floats, middle_deg: float) -> _Floats:
-    """Longitudes and latitudes, shape (2, n), within half a turn of the middle; a gap where a line leaves the map."""
-    longitude, latitude = line.T
-    longitude = (longitude - middle_deg + 180.0) % 360.0 - 180.0 + middle_deg
-    cuts = np.flatnonzero(np.abs(np.diff(longitude)) > 180.0) + 1
-    return np.array([np.insert(longitude, cuts, np.nan), np.insert(latitude, cuts, np.nan)])
-
-
-def _great_circle(one_deg: _Floats, other_deg: _Floats) -> _Floats:
-    """Longitude and latitude along the shorter way, shape (n, 2)."""
-    one, other = erfa.s2c(*np.radians([one_deg, other_deg]).T)
-    part = np.linspace(0.0, 1.0, 91)[:, np.newaxis]
-    return np.degrees(np.stack(erfa.c2s((1.0 - part) * one + part * other), axis=-1))
-
-
-def _coastlines() -> list[_Floats]:
-    """Lines of coast, each of shape (n, 2), east longitude and latitude, deg."""
-    text = (files("radioloc.report") / "data" / "coastlines.txt").read_text(encoding="utf-8")
-    lines = (line.split() for line in text.splitlines() if not line.startswith("#"))
-    return [0.1 * np.array([point.split(",") for point in line], dtype=np.float64) for line in lines]
 
 
 @draws_names_literally

@@ -15,7 +15,6 @@ from radioloc.estimation import Labels
 from radioloc.estimation.build import compare_with
 from radioloc.lunar.local import local_difference
 from radioloc.report import (
-    plot_contours,
     plot_correlations,
     plot_links,
     plot_position,
@@ -232,9 +231,7 @@ def test_the_place_is_on_the_figure_with_its_axes(solution):
     assert sigmas.startswith("1 sigma: east ")
 
 
-@pytest.mark.parametrize(
-    "plot", some([plot_residuals, plot_links, plot_contours, plot_correlations], [plot_links])
-)
+@pytest.mark.parametrize("plot", some([plot_residuals, plot_links, plot_correlations], [plot_links]))
 def test_any_figure_is_drawn_in_the_place_of_axes_given(solution, plot):
     figure = new_figure(9.0, 5.0)
     mine, place = figure.subplots(1, 2)

@@ -1,4 +1,4 @@
-"""Correlations and contours of parameters as figures, and the solution as SINEX."""
+"""Correlations of parameters as a figure, and the solution as SINEX."""
 
 import re
 from dataclasses import replace
@@ -12,7 +12,7 @@ from radioloc.cli import main
 from radioloc.errors import ConvergenceError, InputError
 from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.solution import TargetPosition
-from radioloc.report import plot_contours, plot_correlations, write_sinex
+from radioloc.report import plot_correlations, write_sinex
 
 APOLLO = Path(__file__).resolve().parents[3] / "examples" / "apollo15" / "apollo15.toml"
 
@@ -100,46 +100,11 @@ def test_correlations_of_many_parameters_are_those_of_the_position(with_biases, 
     assert "4 of 6 parameters" in ax.get_title()
 
 
-def test_contours(solution):
-    names = ["position.north", "position.height"]
-    profile, pair, _ = plot_contours(solution, names).axes
-    for line, level in zip(profile.get_lines(), ("total", "scaled"), strict=True):
-        x, chi2 = line.get_data()
-        np.testing.assert_allclose(chi2, (x / solution.sigmas(level)[1]) ** 2, atol=1e-9)
-    lines = pair.get_lines()
-    assert [line.get_label() for line in lines[2:]] == [
-        "1 sigma without considered errors",
-        "95 % without considered errors",
-    ]
-    for level, drawn in (("total", lines[:2]), ("scaled", lines[2:])):
-        inverse = np.linalg.inv(solution.parameter_covariance(level)[1:, 1:])
-        for line, factor in zip(drawn, (1.0, -2.0 * np.log(0.05)), strict=True):
-            points = np.stack(line.get_data())
-            np.testing.assert_allclose(np.einsum("im,ij,jm->m", points, inverse, points), factor, rtol=1e-6)
-    with pytest.raises(InputError, match=r"1 parameters cannot be drawn; give 2 to 8"):
-        plot_contours(solution, names[:1])
-    with pytest.raises(InputError, match=r"there is no parameter 'range_bias\.APOLLO'"):
-        plot_contours(solution, ["position.north", "range_bias.APOLLO"])
-
-
-@pytest.mark.study
-def test_contours_are_of_the_position_and_what_it_is_correlated_with(with_biases):
-    solution = with_biases[0]
-    figure = plot_contours(solution)
-    names = [ax.get_xlabel().partition(",")[0] for ax in figure.axes if ax.get_xlabel()]
-    total = solution.parameter_covariance()
-    correlation = np.abs(total / np.sqrt(np.outer(np.diag(total), np.diag(total))))[3:, :3].max(axis=1)
-    order = (3 + np.argsort(-correlation)).tolist()
-    expected = [solution.parameters.names[k] for k in order if correlation[k - 3] > 0.5]
-    assert names[3:] == expected
-    assert expected
-
-
 @pytest.mark.slow
-def test_a_folder_has_correlations_and_contours(tmp_path):
+def test_a_folder_has_correlations(tmp_path):
     assert main(["locate", str(APOLLO), "--quiet", "--out", str(tmp_path)]) == 0
     drawn = {path.name for path in tmp_path.glob("co*")}
-    assert drawn == {"correlations.png", "correlations.svg", "contours.png", "contours.svg"}
+    assert drawn == {"correlations.png", "correlations.svg"}
     # Nothing was estimated: they would be of an earlier result.
     assert main(["residuals", str(APOLLO), "--quiet", "--out", str(tmp_path)]) == 0
     assert not list(tmp_path.glob("co*"))

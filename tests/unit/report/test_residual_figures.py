@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib.dates import date2num
 from toy_moon import ToyMoon, toy_solution
 
 from radioloc.errors import InputError
@@ -12,9 +11,8 @@ from radioloc.estimation import Labels
 from radioloc.measurements.link import Link
 from radioloc.report import plot_links, plot_residuals, save_figure
 from radioloc.report.cards import short_names
-from radioloc.report.figures import columns_for, utc_dates
+from radioloc.report.figures import columns_for
 from radioloc.report.residual_figures import MOST_LINKS
-from radioloc.time import Epochs, epochs_from_strings
 
 DASH = "\N{EN DASH}"
 PATHS = {
@@ -291,31 +289,3 @@ def test_legends_of_many_targets_stay_on_the_page(rows):
         texts = [text.get_text() for text in legend.get_texts()]
         assert (set(names) <= set(texts)) is told_apart
         assert legend.get_window_extent().x0 > panels_of(figure)["A"].bbox.x0
-
-
-@pytest.mark.study
-@pytest.mark.parametrize("draw", [plot_residuals, plot_links])
-def test_years_without_data_are_cut_out(rows, draw):
-    hours = np.where(np.arange(90) < 60, np.arange(90.0), 24.0 * 6000.0 + np.arange(90.0))
-    start = epochs_from_strings(["2006-04-07T06:00:00"])
-    epochs = Epochs.from_jd(start.jd + np.floor(hours / 24.0), start.fraction + hours % 24.0 / 24.0, "UTC")
-    figure = draw(replace(rows, epoch_utc=epochs))
-    figure.draw_without_rendering()
-    lowest = list(panels_of(figure).values())[-1]
-    (band,) = lowest.patches
-    assert "16.4 years" in [text.get_text() for text in lowest.texts]
-    # Each part and the gap between, as drawn: the parts far wider than the gap, which lies where no data are.
-    ends = date2num(utc_dates(epochs)[[0, 59, 60, 89]])
-    drawn = lowest.transAxes.inverted().transform(lowest.transData.transform([(x, 0.0) for x in ends]))[:, 0]
-    assert 0.0 < drawn[0] < drawn[1] < drawn[2] < drawn[3] < 1.0
-    assert min(drawn[1] - drawn[0], drawn[3] - drawn[2]) > 2.0 * (drawn[2] - drawn[1])
-    corners = band.get_window_extent().get_points()  # of whatever shape matplotlib makes the band
-    left, right = lowest.transData.inverted().transform(corners)[:, 0]
-    assert ends[1] < left < right < ends[2]
-    labels = " ".join(label.get_text() for label in lowest.get_xticklabels())
-    assert "Apr 2006" in labels.replace("\n", " ")
-    assert "2022" in labels
-
-
-def test_hours_without_data_stay(rows):
-    assert not any(axes.patches for axes in panels_of(plot_links(rows)).values())

@@ -15,11 +15,9 @@ from radioloc.report import (
     plot_arcs,
     plot_budget,
     plot_distribution,
-    plot_stations,
     plot_terms,
     plot_visibility,
 )
-from radioloc.report.station_figures import _coastlines
 from radioloc.report.subsets import Arc, ArcStudy
 from radioloc.simulation import Masks, windows
 from radioloc.time import epochs_from_strings
@@ -154,39 +152,3 @@ def test_bars_of_visibility_are_the_windows():
     assert {line.get_ydata()[0] for line in above.lines if line.get_linestyle() == "--"} == {10.0, 15.0}
     with pytest.raises(InputError, match="is not after"):
         plot_visibility(model, target, ["KASHI"], span[1], span[0])
-
-
-def test_stations_stand_at_their_coordinates_with_their_baselines():
-    links = [Link("SESHAN25", "x", "URUMQI", differenced=True), Link("JIAMUSI", "x", "KASHI")]
-    axes = plot_stations(links).axes[0]
-    names = {text.get_text(): text.xy for text in axes.texts}
-    # Published places of the stations, to a tenth of a degree.
-    assert names["SESHAN25"] == pytest.approx((121.2, 31.1), abs=0.1)
-    assert names["URUMQI"] == pytest.approx((87.2, 43.5), abs=0.1)
-    lines = {line.get_label(): line.get_xydata() for line in axes.lines}
-    ends = np.array([lines["baseline"][0], lines["baseline"][-1]])
-    np.testing.assert_allclose(ends, [names["SESHAN25"], names["URUMQI"]], atol=1e-9)
-    assert "three-way" in lines
-    assert all(axes.viewLim.contains(*point) for point in lines["baseline"])
-    with pytest.raises(InputError, match="no stations"):
-        plot_stations([Link("", "lander", "some.map", on_map=True)])
-
-
-def test_a_baseline_across_the_pacific_goes_over_the_pacific():
-    axes = plot_stations([Link("SESHAN25", "x", "APOLLO", differenced=True)]).axes[0]
-    west, east = axes.get_xlim()
-    assert east - west < 200.0
-    [line] = [line.get_xydata() for line in axes.lines if line.get_label() == "baseline"]
-    assert np.isfinite(line).all()
-    assert line[:, 1].max() > 45.0  # a great circle rises to the north of both
-    assert axes.viewLim.y1 > line[:, 1].max()
-
-
-def test_coastlines_are_of_the_earth():
-    points = np.concatenate(_coastlines())
-    assert np.abs(points[:, 0]).max() <= 180.0
-    assert points[:, 1].min() < -60.0
-    assert points[:, 1].max() > 80.0
-    # The Cape of Good Hope and Cape Horn are within a degree of a line.
-    for cape in ((18.5, -34.4), (-67.3, -56.0)):
-        assert np.hypot(*(points - cape).T).min() < 1.5

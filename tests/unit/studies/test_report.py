@@ -17,7 +17,7 @@ from radioloc.report.figures import new_figure
 from radioloc.report.files import INCOMPLETE, write_report, write_terms
 from radioloc.studies import ObservationChoice
 
-FIGURES = ("residuals", "position", "correlations", "contours", "distribution", "budget")
+FIGURES = ("residuals", "position", "correlations", "distribution", "budget")
 
 
 @pytest.fixture(scope="module")
@@ -205,7 +205,7 @@ def test_kinds_and_baselines_have_panels_of_their_own(paths, types, by_link, tmp
         figure.add_subplot()
         return figure
 
-    for name in ("plot_links", "plot_residuals", "plot_position", "plot_correlations", "plot_contours"):
+    for name in ("plot_links", "plot_residuals", "plot_position", "plot_correlations"):
         monkeypatch.setattr(radioloc.report.page, name, lambda solution, name=name: draw(name))
     solution = toy_solution(
         ToyMoon(60, 72.0), path=[*paths] * 30, type=[*types] * 30, elevation_deg=np.full(60, 30.0)

@@ -26,6 +26,9 @@ CONSTITUENTS = ("M2", "S2", "N2", "K2", "K1", "O1", "P1", "Q1", "MF", "MM", "SSA
 
 _ROWS = ("radial amplitude", "EW amplitude", "NS amplitude", "radial phase", "EW phase", "NS phase")
 _LARGEST_AMPLITUDE_M = 0.3
+_CMC = re.compile(r"\bCMC\s*[:=]?\s*(YES|NO)\b", re.IGNORECASE)
+"""Mark of a header or record: whether the tidal motion of the geocentre is in the coefficients."""
+_AMPLITUDE_UNIT = re.compile(r"AMPLITUDES?\s*\(([^)]*)\)", re.IGNORECASE)
 _END = re.compile(r"\$\$\s*END TABLE")
 
 
@@ -40,6 +43,9 @@ class BlqCoefficients:
     amplitude_m: NDArray[np.float64]
     phase_lag_rad: NDArray[np.float64]  # at Greenwich, positive when the displacement follows the tide
     source: str  # ocean tide model and who computed it
+    geocentre_included: bool = (
+        False  # whether they are against the centre of mass of Earth and oceans ("CMC: YES")
+    )
 
     def __post_init__(self) -> None:
         for field, unit in (("amplitude_m", "m"), ("phase_lag_rad", "rad")):
@@ -64,15 +70,17 @@ class BlqCoefficients:
 def read_blq(path: str | Path) -> dict[str, BlqCoefficients]:
     r"""Read a file in BLQ layout, plain or gzip, as the ocean tide loading provider sends it: coefficients by site.
 
-    Lines that start with ``$$`` are comments, of which the column order and the tide model are used. The head of an
+    Lines that start with ``$$`` are comments, of which the column order, the unit of the amplitudes, the tide model and
+    the mark ``CMC`` are used: "CMC: YES" in the header, or in the record of a site, says that the coefficients contain
+    the tidal motion of the geocentre, which the model then does not add for that station. The head of an
     e-mail and what follows ``$$ END TABLE`` are left aside. A file with the column order and without that mark is read
     with a :class:`~radioloc.errors.DataQualityWarning`: what is left of one that was cut between two sites is whole.
 
     Raises
     ------
     FileFormatError
-        The file cannot be read, the columns are in another order, a record is cut short or has other than eleven
-        numbers in a row, the last line has no end, a number cannot be read or is impossible, a site appears twice, or
+        The file cannot be read, the columns are in another order, amplitudes are not in metres, a record is cut short
+        or has other than eleven numbers in a row, the last line has no end, a number cannot be read or is impossible, a site appears twice, or
         there is none.
 
     Examples
@@ -95,6 +103,7 @@ def parse_blq(text: str, path: str | Path) -> dict[str, BlqCoefficients]:
     sites: dict[str, BlqCoefficients] = {}
     header_source = "ocean tide model not named in the file"
     name, name_line, source = "", 0, ""
+    of_header = of_site = False  # whether the geocentre is included
     rows: list[list[float]] = []
     end_expected = False
     ended = any(_END.match(line) for line in text.splitlines())
@@ -105,6 +114,14 @@ def parse_blq(text: str, path: str | Path) -> dict[str, BlqCoefficients]:
             if order and tuple(order[1].upper().split()) != CONSTITUENTS:
                 problem = f"columns are {order[1].strip()!r}, but only {' '.join(CONSTITUENTS)!r} can be read"
                 raise FileFormatError(path, problem, number)
+            unit = _AMPLITUDE_UNIT.search(line)
+            if unit and unit[1].strip().lower() not in ("m", "metres", "meters"):
+                raise FileFormatError(
+                    path, f"expected amplitudes in m, got {unit[1].strip()!r}; convert them", number
+                )
+            if mark := _CMC.search(line):
+                of_site = mark[1].upper() == "YES"
+                of_header = of_header if name else of_site
             model = re.search(r"Ocean tide model:?\s*(\S.*)", line, re.IGNORECASE)
             if model and not name:
                 header_source = model[1].strip()
@@ -112,7 +129,7 @@ def parse_blq(text: str, path: str | Path) -> dict[str, BlqCoefficients]:
                 source = line.lstrip("$ ").strip()
             continue
         if not name:
-            name, name_line, source = line.strip(), number, ""
+            name, name_line, source, of_site = line.strip(), number, "", of_header
             if name in sites:
                 raise FileFormatError(path, f"site {name!r} appears twice; keep one of its records", number)
             continue
@@ -120,7 +137,9 @@ def parse_blq(text: str, path: str | Path) -> dict[str, BlqCoefficients]:
         if len(rows) == len(_ROWS):
             table = np.array(rows)
             try:
-                sites[name] = BlqCoefficients(name, table[:3], np.deg2rad(table[3:]), source or header_source)
+                sites[name] = BlqCoefficients(
+                    name, table[:3], np.deg2rad(table[3:]), source or header_source, of_site
+                )
             except InputError as problem:
                 raise FileFormatError(path, str(problem), name_line) from None
             name, rows = "", []

@@ -12,8 +12,8 @@ description, for many epochs at once.
 Loading: millimetres inland, centimetres at some coasts. Its coefficients are commonly given against the centre of mass
 of the solid Earth (those that ship are). The motion of that centre about the one of Earth and oceans together, up to
 some 13 mm and the same for all stations, is another term, the tidal geocentre: as the tides move the water, the solid
-Earth moves the other way, and an ephemeris' Earth is the common centre. Coefficients marked "CMC: YES" contain it;
-leave it out with them.
+Earth moves the other way, and an ephemeris' Earth is the common centre. Coefficients marked "CMC: YES" contain it,
+and it is not added to them.
 """
 
 from __future__ import annotations

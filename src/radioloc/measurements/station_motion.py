@@ -75,12 +75,12 @@ def station_motion(
     if model.has("pole_tide"):
         itrf_m = itrf_m + pole_tide_displacement(rest_m, rotation.xp_table_rad, rotation.yp_table_rad, tt)
     tides_m = np.zeros((len(stations), *TIDAL_GEOCENTRE_M.shape), dtype=np.complex128)
-    if model.has("tidal_geocentre"):
-        tides_m += TIDAL_GEOCENTRE_M
-    if model.has("ocean_loading"):
-        for of_station_m, station in zip(tides_m, stations, strict=True):
-            if station.ocean_loading is not None:
-                of_station_m += loading_itrf_m(station.ocean_loading, station.itrf_m)
+    for of_station_m, station in zip(tides_m, stations, strict=True):
+        loading = station.ocean_loading if model.has("ocean_loading") else None
+        if loading is not None:
+            of_station_m += loading_itrf_m(loading, station.itrf_m)
+        if model.has("tidal_geocentre") and (loading is None or not loading.geocentre_included):
+            of_station_m += TIDAL_GEOCENTRE_M
     if tides_m.any():
         itrf_m = itrf_m + sum_of_tides(tides_m[which], tt, rotation.ut1.fraction)
     places = geodetic_from_itrf(_given_itrf_m(stations))

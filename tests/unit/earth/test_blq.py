@@ -36,12 +36,27 @@ def test_model_of_the_header_serves_sites_without_one() -> None:
     assert parse_blq(text, "x.blq")["SITE"].source == "FES2014b"
 
 
+def test_the_mark_of_the_centre_of_mass_is_that_of_the_header_or_of_the_site() -> None:
+    site = "  {}\n$$ lon/lat: 1 2 3\n{}" + BLQ_ROWS
+    yes, no = "$$ CMC:  YES (corr.tide centre of mass)\n", "$$ CMC: no\n"
+    for header, of_sites, expected in (
+        ("", ("", yes, ""), [False, True, False]),
+        (no, ("", yes, ""), [False, True, False]),
+        (yes, ("", no, ""), [True, False, True]),
+    ):
+        text = header + "".join(site.format(name, mark) for name, mark in zip("ABC", of_sites, strict=True))
+        assert [record.geocentre_included for record in parse_blq(text, "x.blq").values()] == expected
+    merged = yes + site.format("A", "") + "$$\n" + no + site.format("B", "")
+    assert [record.geocentre_included for record in parse_blq(merged, "x.blq").values()] == [True, False]
+
+
 @pytest.mark.parametrize(
     ("text", "line", "message"),
     [
         ("$$ nothing\n", None, "no site"),
         ("$$ COLUMN ORDER: M2 S2 N2 K2 K1 O1 P1 Q1 MF MM SA\n" + BLQ_RECORD, 1, "only 'M2 S2"),
         (BLQ_RECORD + BLQ_RECORD, 10, "twice"),
+        ("$$ AMPLITUDES (nm/s^2)\n" + BLQ_RECORD, 1, "amplitudes in m, got 'nm/s"),
         (BLQ_RECORD.rsplit("\n", 2)[0], 1, "5 rows"),
         (BLQ_RECORD.replace(".00352", "0.0.35"), 4, "reads"),
         (BLQ_RECORD.replace(" .00352", ""), 4, "has 10"),

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from radioloc.constants import C_M_S, L_B, L_G
-from radioloc.earth.ocean_loading import TIDAL_GEOCENTRE_M, loading_itrf_m, sum_of_tides
+from radioloc.earth.blq import BlqCoefficients
+from radioloc.earth.geodesy import rot_itrf_to_enu
+from radioloc.earth.ocean_loading import TIDAL_GEOCENTRE_M, loading_enu_m, loading_itrf_m, sum_of_tides
 from radioloc.earth.solid_tide import pole_tide_displacement, solid_earth_tide
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Ephemeris
@@ -155,6 +157,21 @@ def test_displacements_are_those_of_their_functions(model, term):
             expected_m = sum_of_tides(loading_m, tt[rows], fraction)
         # Seen from the barycentre 3e-8 shorter; positions are rounded to 1e-9 m.
         np.testing.assert_allclose(moved_m[rows], expected_m, rtol=0, atol=3e-8)
+
+
+def test_the_geocentre_counts_once_with_coefficients_against_the_common_centre(model):
+    """Loading against the solid Earth, and the same with the tidal geocentre in it and its mark, give one station."""
+    of_crust = motion(model).point.position_m
+    station = STATIONS[0]
+    tides_m = loading_enu_m(station.ocean_loading) + rot_itrf_to_enu(station.itrf_m) @ TIDAL_GEOCENTRE_M
+    up_west_south_m = np.stack([tides_m[2], -tides_m[0], -tides_m[1]])
+    marked = BlqCoefficients("A", np.abs(up_west_south_m), -np.angle(up_west_south_m), "made", True)
+    stations = (dataclasses.replace(station, ocean_loading=marked), *STATIONS[1:])
+    np.testing.assert_allclose(motion(model, stations=stations).point.position_m, of_crust, rtol=0, atol=1e-8)
+    unloaded = model.without("ocean_loading")  # then the geocentre is a term of its own again
+    np.testing.assert_array_equal(
+        motion(unloaded, stations=stations).point.position_m, motion(unloaded).point.position_m
+    )
 
 
 def test_a_station_without_loading_or_velocity_stands_as_it_is(model):

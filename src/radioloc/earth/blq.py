@@ -80,8 +80,8 @@ def read_blq(path: str | Path) -> dict[str, BlqCoefficients]:
     ------
     FileFormatError
         The file cannot be read, the columns are in another order, amplitudes are not in metres, a record is cut short
-        or has other than eleven numbers in a row, the last line has no end, a number cannot be read or is impossible, a site appears twice, or
-        there is none.
+        or has other than eleven numbers in a row, the last line has no end, a number cannot be read or is impossible,
+        a site appears twice, or there is none.
 
     Examples
     --------

@@ -12,7 +12,6 @@ Here are the names that most users need. What they rest on is in the packages, e
 :mod:`radioloc.kernels`, :mod:`radioloc.time` and :mod:`radioloc.errors`.
 """
 
-import warnings as _warnings
 from importlib import import_module as _import_module
 from typing import TYPE_CHECKING
 from typing import Any as _Any
@@ -84,33 +83,12 @@ _HOMES = {
 }
 """The module that each name is from."""
 
-_MOVED = {
-    name: home
-    for home, names in {
-        "earth": "Station",
-        "ephemeris": "Trajectory",
-        "errors": "ConvergenceError CoverageError FileFormatError InputError KernelError RadiolocWarning "
-        "StationError",
-        "measurements": "ChebyshevPredictor EquipmentDelays ExactPredictor Link PhysicalModel StationDelay TERMS "
-        "active_terms prepare_predictor",
-        "report": "ArcStudy MonteCarlo save_figure write_arcs write_monte_carlo write_terms",
-        "studies": "EstimateChoice HeightPrior ModelChoice ObservationChoice Reference Weight arc_of",
-        "time": "epochs_from_strings",
-    }.items()
-    for name in names.split()
-}
-"""Names that were here, and the package that has them."""
-
 
 def __getattr__(name: str) -> _Any:
     if name in _HOMES:
         value = getattr(_import_module(f"radioloc.{_HOMES[name]}"), name)
         globals()[name] = value
         return value
-    if name in _MOVED:
-        home = f"radioloc.{_MOVED[name]}"
-        _warnings.warn(f"radioloc.{name} is now {home}.{name}", DeprecationWarning, stacklevel=2)
-        return getattr(_import_module(home), name)
     try:
         return _import_module(f"radioloc.{name}")
     except ModuleNotFoundError as error:

@@ -24,7 +24,6 @@ __all__ = [
     "PredictedEopWarning",
     "RadiolocError",
     "RadiolocWarning",
-    "RenamedKeyWarning",
     "StationError",
 ]
 
@@ -109,10 +108,6 @@ class PredictedEopWarning(RadiolocWarning):
 
 class DataQualityWarning(RadiolocWarning):
     """A file marks its own data as suspect or poor."""
-
-
-class RenamedKeyWarning(RadiolocWarning):
-    """A study file has a key by its earlier name."""
 
 
 class FontWarning(RadiolocWarning):

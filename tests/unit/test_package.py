@@ -64,17 +64,6 @@ def test_faces_of_packages_name_what_there_is(package):
         _ = face.no_such_name
 
 
-@pytest.mark.parametrize("name", sorted(radioloc._MOVED))
-def test_names_that_moved_are_found_and_say_where(name):
-    home = radioloc._MOVED[name]
-    with pytest.warns(DeprecationWarning, match=rf"radioloc.{name} is now radioloc\.{home}\.{name}"):
-        value = getattr(radioloc, name)
-    face = getattr(radioloc, home)
-    assert value is getattr(face, name)
-    assert name in getattr(face, "__all__", [name])
-    assert name not in radioloc.__all__
-
-
 def test_no_module_reaches_another_by_its_name():
     """What loads modules by name hides from ``lint-imports`` which way it reaches."""
     source = Path(radioloc.__file__).parent

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar
 
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Trajectory
-from radioloc.errors import RenamedKeyWarning, StationError
+from radioloc.errors import StationError
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.parameters.kind import Scope
@@ -31,13 +30,6 @@ _VLBI_STATION = ("vlbi_station", "vlbi_station_rate")
 _OF_TRUTH = {"terms_on": tuple[str, ...], "terms_off": tuple[str, ...]}
 _OF_TRUTH_SIGMA = {"position_enu_m": tuple[float, float, float], "gravity_errors": int}
 """Keys of both that are no parameter's."""
-_EARLIER = {
-    "moon_position_m": "moon_m",
-    "station_position_m": "station_enu_m",
-    "electron_content_tecu": "tec_tecu",
-    "clock_rate_s_s": "clock_rate",
-}
-"""Earlier names of errors, which are still read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,14 +129,6 @@ def _errors(
             continue  # nothing that is simulated is on a map
         key = kind.value_key
         found[key] = table.take(key)
-        old = _EARLIER.get(key, "")
-        if old in table:
-            if found[key] is not None:
-                table.fail(old, f"is the earlier name of {key}, which is there, too; leave it out")
-            found[key] = table.take(old)
-            warnings.warn(
-                RenamedKeyWarning(f"[{table.name}] {old} is called {key} now; rename it"), stacklevel=2
-            )
         per = kind.keys["per"]
         found[per] = table.get(per, str)
         of_stations = kind.scopes[0] is Scope.STATION and found[per] in (None, "station", "pass")

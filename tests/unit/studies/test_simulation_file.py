@@ -8,7 +8,7 @@ import pytest
 
 import radioloc
 import radioloc.cli
-from radioloc.errors import InputError, RenamedKeyWarning
+from radioloc.errors import InputError
 from radioloc.measurements.registry import KINDS
 from radioloc.parameters.kind import Scope
 from radioloc.parameters.registry import PARAMETERS
@@ -157,26 +157,6 @@ def test_links_follow_from_the_kind(tmp_path):
 def test_without_files_there_is_nothing_to_locate(tmp_path):
     with pytest.raises(InputError, match="only a simulation"):
         radioloc.locate(read(tmp_path))
-
-
-OLD = {
-    "moon_position_m": "moon_m",
-    "station_position_m": "station_enu_m",
-    "electron_content_tecu": "tec_tecu",
-    "clock_rate_s_s": "clock_rate",
-}
-
-
-@pytest.mark.parametrize("new", OLD)
-def test_earlier_names_are_read_with_a_warning(tmp_path, new):
-    assert EXAMPLE.count(f"{new} =") == 2
-    text = EXAMPLE.replace(f"{new} =", f"{OLD[new]} =", 1)
-    with pytest.warns(RenamedKeyWarning, match=rf"truth\] {OLD[new]} is called {new} now") as told:
-        found = read(tmp_path, text).simulation
-    assert len(told) == 1
-    assert found.truth == read(tmp_path).simulation.truth
-    with pytest.raises(InputError, match=f"{OLD[new]}: is the earlier name of {new}, which is there, too"):
-        read(tmp_path, EXAMPLE.replace(f"{new} =", f"{OLD[new]} = 1.0\n{new} =", 1))
 
 
 def test_any_parameter_of_the_registry_can_be_wrong(tmp_path):

@@ -58,6 +58,16 @@ WEATHER_LIMITS = {
 _SIGMA_LIMITS_M = (1e-9, 1e12)
 _TURNAROUND_LIMITS = (0.05, 20.0)
 """From Ka band up to S band down it is 0.067, the reverse 15; catches millimetres and wavelengths of light."""
+_NEAR_US = 999
+"""Largest difference of time tags by rounding to milliseconds, microseconds."""
+_SAME_EPOCH_US = 10
+"""Largest difference of time tags of one observation, microseconds: no station measures a path twice in it."""
+_MAX_SIGNALS = 16
+"""Most observations of one path, kind and epoch, of different wavelengths, that are compared with each other."""
+_MIN_ROUNDED_COUNT = 5
+"""Fewest copies within one file whose time tags differ by more than that, as dense series may repeat a value."""
+_ROUNDING_SIGMAS, _ROUNDING_M = 0.02, 2e-4
+"""Largest difference of a value in two files, the sum of both: light times have 1 ps, ranges a part of their sigma."""
 _OF_ALL = ("links", "files", "ramps")
 _IN_MEMORY = "in memory"
 
@@ -505,41 +515,79 @@ def observations_of(columns: Mapping[str, Any], lunar: bool) -> Observations:
 
 
 def without_duplicates(observations: Observations, *, first_counts: bool = False) -> Observations:
-    """Observations each once: exact copies are left out with a warning; two values of one observation are an error.
+    """Return the observations, each once: copies are left out with a warning, two values of one are an error.
 
-    Rows are of one observation if epoch, time tag, kind, path, wavelength and count interval are the same. Where the
-    `first_counts`, as of frequencies read off twice, another value is left out with a warning, too.
+    Rows are of one observation if path, kind, time tag, wavelength and count interval are the same and their epochs
+    differ by less than 10 microseconds, or by rounding to milliseconds. Copies have the same value and sigma, in two
+    files but for rounding. Where the `first_counts`, as of
+    frequencies read off twice, another value is left out with a warning, too.
     """
-    columns = (
-        observations.epoch.fraction,
-        observations.epoch.jd - observations.epoch.jd.min(initial=np.inf),
-        observations.link,
-        observations.kind,
-        observations.tag,
-        np.nan_to_num(observations.wavelength_um),
-        np.nan_to_num(observations.count_s),
-    )
-    # One number for each row, equal for equal rows and hardly ever for others; these are then compared in full.
-    mixed = np.zeros(len(observations))
-    for column, weight in zip(columns, (1.7e8, 2.3e5, 19.3, 7.7, 3.1, 0.17, 0.013), strict=True):
-        mixed += weight * column
-    in_order = np.sort(mixed)
-    suspects = np.flatnonzero(np.isin(mixed, in_order[1:][in_order[1:] == in_order[:-1]]))
-    order = suspects[np.lexsort([column[suspects] for column in columns])]
-    same = np.all([column[order[1:]] == column[order[:-1]] for column in columns], axis=0)
-    first, second = order[:-1][same], order[1:][same]
-    other = np.flatnonzero(
-        (observations.value_m[first] != observations.value_m[second])
-        | (observations.sigma_m[first] != observations.sigma_m[second])
-    )
+    instant = _instants_us(observations)
+    if not (np.diff(np.sort(instant)) <= _NEAR_US).any():
+        return observations
+    first, second = _near_pairs(instant)
+    apart_us = np.abs(instant[second] - instant[first])
+    # Of copies one has the time tag of the other after rounding: only one of the two is a multiple of it.
+    ticks = 86400e3 * observations.epoch.fraction * np.array([[1.0], [10.0]])
+    whole = np.abs(ticks - np.rint(ticks)) < 1e-5
+    rounded = (whole[:, first] != whole[:, second]).any(axis=0) & (apart_us > _SAME_EPOCH_US)
+    files = observations.file[first] != observations.file[second]
+    near = (apart_us <= _SAME_EPOCH_US) | rounded
+    near &= ~(apart_us > 0.25e6 * observations.count_s[first])
+    value_m, sigma_m, wavelength_um = observations.value_m, observations.sigma_m, observations.wavelength_um
+    rounding = np.where(files, _ROUNDING_SIGMAS * sigma_m[first], 0.0)
+    same = np.abs(value_m[second] - value_m[first]) <= rounding + np.where(files, _ROUNDING_M, 0.0)
+    same &= np.abs(sigma_m[second] - sigma_m[first]) <= rounding
+    same_count = _agree(observations.count_s, first, second)
+    same_signal = _agree(wavelength_um, first, second) & same_count
+    lacking = np.isnan(wavelength_um[first]) != np.isnan(wavelength_um[second])
+    copies = near & same & (same_signal | (lacking & same_count))
+    by_chance = copies & rounded & ~files
+    if len(np.unique(first[by_chance])) < _MIN_ROUNDED_COUNT:
+        copies &= ~by_chance
+    other = np.flatnonzero(near & ~rounded & same_signal & ~same)
     if len(other) and not first_counts:
         pair = other[np.argmin(second[other])]
         raise InputError(
             f"{observations.origin(int(second[pair]))}: this observation has another value or sigma in "
             f"{observations.origin(int(first[pair]))} ({len(other)} such pair(s) in all); leave one of them out"
         )
+    copies[other] = True
+    second, which = np.unique(second[copies], return_index=True)
+    first, apart_us = first[copies][which], apart_us[copies][which]
+    shifted = f", but for the rounding of its time by {apart_us.max()} us" if apart_us.any() else ""
     with_other = f", {len(other)} with another value or sigma" if len(other) else ""
-    return counted_once(observations, first, second, "this observation is already there", with_other)
+    return counted_once(
+        observations, first, second, f"this observation is already there{shifted}", with_other
+    )
+
+
+def _instants_us(observations: Observations) -> NDArray[np.int64]:
+    """Epochs in whole microseconds, those of each path, kind and time tag far from those of the next."""
+    epoch = observations.epoch
+    days = (epoch.jd - epoch.jd.min(initial=np.inf)) + epoch.fraction
+    since_us = np.rint(86400e6 * days).astype(np.int64)
+    series = (observations.link.astype(np.int64) * len(KINDS) + observations.kind) * len(TIME_TAGS)
+    number = np.cumsum(np.bincount(series + observations.tag) > 0)[series + observations.tag]
+    return np.asarray(since_us + number * (since_us.max(initial=0) + 2 * _NEAR_US))
+
+
+def _near_pairs(instant_us: NDArray[np.int64]) -> NDArray[np.intp]:
+    """Pairs of rows that rounding of their epochs may separate, the earlier row first, shape (2, m)."""
+    order = np.argsort(instant_us, kind="stable")
+    in_order, pairs = instant_us[order], []
+    for lag in range(1, min(len(order), _MAX_SIGNALS + 1)):
+        near = in_order[lag:] - in_order[:-lag] <= _NEAR_US
+        pairs.append(np.sort([order[:-lag][near], order[lag:][near]], axis=0))
+    return np.concatenate(pairs, axis=1)
+
+
+def _agree(
+    column: NDArray[np.float64], first: NDArray[np.intp], second: NDArray[np.intp]
+) -> NDArray[np.bool_]:
+    """Whether a quantity is the same in both rows to a millionth, or recorded in neither."""
+    one, two = column[first], column[second]
+    return np.asarray((np.abs(one - two) <= 1e-6 * np.abs(one)) | (np.isnan(one) & np.isnan(two)))
 
 
 def counted_once(

@@ -38,7 +38,7 @@ from radioloc.measurements.combined_predictor import CombinedPredictor
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.map_predictor import MapPredictor
-from radioloc.measurements.observations import Observations
+from radioloc.measurements.observations import Observations, without_duplicates
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor, blocks
 from radioloc.measurements.registry import KINDS
@@ -352,6 +352,8 @@ def _observations(
                 "study file, globs allowed)"
             )
         observations = read_as(study, study.observations.files, model)
+    else:
+        observations = without_duplicates(observations)
     chosen, left_out = select_observations(
         observations, study.observations, study.catalogue, study.targets, model.sources
     )
@@ -391,7 +393,8 @@ def read_as(study: Study, files: Sequence[str | Path], model: PhysicalModel | No
         lunar=not isinstance(study.target, Trajectory | Orbiter),
         frequencies=study.observations.frequencies,
     )
-    return with_target_names(observations, study.observations.target_names)
+    renamed = with_target_names(observations, study.observations.target_names)
+    return observations if renamed is observations else without_duplicates(renamed)
 
 
 def _arc(

@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from radioloc.errors import FileFormatError, InputError
+from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.measurements.link import Link, canonical_target
 from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.observations import Observations
+from radioloc.measurements.observations import Observations, without_duplicates
 from radioloc.measurements.registry import KINDS, is_differenced, is_integrated
 from radioloc.time import Epochs
 
@@ -40,6 +40,82 @@ def test_texts_name_kind_tag_path_and_origin():
     assert table.paths().tolist()[:2] == ["APOLLO>apollo15>APOLLO", "GRASSE>apollo11>GRASSE"]
     assert table.origin(2) == "a.npt, line 12"
     assert (TIME_TAGS[0], KINDS[0]) == ("transmit", "range")
+
+
+KASHI = (Link("KASHI", "lander", "KASHI"), Link("KASHI", "lander", "JIAMUSI"))
+
+
+def series(seconds, value_m=None, files=("a.csv",), file=0, **changes):
+    """Ranges of a lander at seconds of a day, values all different."""
+    seconds = np.asarray(seconds)
+    values = 7.8e8 + 0.37 * np.arange(len(seconds)) if value_m is None else value_m
+    columns = {"epoch": Epochs.from_jd(2459184.5, seconds / 86400.0, "UTC"), "links": KASHI, "link": 0}
+    columns |= {"value_m": values, "sigma_m": 1.0, "files": files, "file": file}
+    return Observations.from_columns(**(columns | changes))
+
+
+ODD_S = 54660.1234567 + 60.0 * np.arange(20)
+VALUE_M = 7.8e8 + 1e3 * np.sin(np.arange(20.0))
+
+
+@pytest.mark.parametrize(
+    ("copies_s", "rounding_m", "files"),
+    [
+        (ODD_S, 0.0, False),
+        (ODD_S + 1e-6, 0.0, False),
+        (ODD_S - 7e-6, 0.0, True),
+        (ODD_S.round(6), 1e-4, True),  # a file with microseconds and tenths of a millimetre
+        (ODD_S.round(4), 1e-3, True),
+        (ODD_S.round(3), 1e-2, True),
+        (ODD_S.round(3), 0.0, False),
+        (np.floor(1e3 * ODD_S) / 1e3, 0.0, True),  # cut, not rounded
+    ],
+)
+def test_copies_are_counted_once_also_with_rounded_times_and_values(copies_s, rounding_m, files):
+    values = VALUE_M if not rounding_m else rounding_m * np.rint(VALUE_M / rounding_m)
+    both = series(
+        np.concatenate([ODD_S, copies_s]),
+        np.concatenate([VALUE_M, values]),
+        files=("a.csv", "b.tdm"),
+        file=np.repeat([0, int(files)], 20),
+        wavelength_um=np.repeat([35394.6, np.nan if files else 35394.6], 20),
+    )
+    with pytest.warns(DataQualityWarning, match=r"line 21: .*already there.*a.csv, line 1 \(20 such"):
+        once = without_duplicates(both)
+    assert once.value_m.tolist() == VALUE_M.tolist()
+    interleaved = both.select(np.arange(40).reshape(2, 20).T.ravel())
+    with pytest.warns(DataQualityWarning, match="20 such"):
+        assert len(without_duplicates(interleaved)) == 20
+
+
+def test_another_value_a_microsecond_later_is_an_error():
+    both = series(np.concatenate([ODD_S, ODD_S[:1] + 1e-6]), np.append(VALUE_M, VALUE_M[0] + 2.0))
+    with pytest.raises(InputError, match=r"line 21: .*another value.*line 1 \(1 such"):
+        without_duplicates(both)
+
+
+@pytest.mark.parametrize(
+    "dense",
+    [
+        series(np.arange(500.0)),
+        series(1e-3 * np.arange(500)),
+        series(np.repeat(np.arange(50.0), 2), link=np.tile([0, 1], 50), value_m=7.8e8),
+        series(np.repeat(ODD_S, 3), wavelength_um=np.tile([0.532, 1.064, 2.0], 20)),
+        series(ODD_S[0] + 8.64e-5 * np.arange(20), value_m=6.6e8),  # values alike by chance
+        series(np.arange(50.0), value_m=300.0, kind=KINDS.index("doppler"), tag=1, count_s=1.0),
+        series(1e-5 * np.arange(9), value_m=1e-3, kind=KINDS.index("doppler"), tag=1, count_s=1e-5),
+        series(
+            np.repeat(ODD_S, 2),
+            value_m=300.0,
+            kind=KINDS.index("doppler"),
+            tag=1,
+            count_s=np.tile([1, 60], 20),
+        ),
+    ],
+    ids=["1 Hz", "1 kHz", "links", "wavelengths", "values", "counts", "short counts", "intervals"],
+)
+def test_dense_series_are_kept_whole(dense):
+    assert without_duplicates(dense) is dense
 
 
 def test_arrays_are_read_only_copies():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -120,6 +121,101 @@ def write_chebyshev(path: Path, states: States, *, length_s: float = 300.0, degr
     finally:
         spiceypy.spkcls(handle)
     return path
+
+
+TYPES = (1, 2, 3, 8, 9, 12, 13, 21)
+"""Types of segments that are read."""
+
+
+def write_random(
+    path: Path, spk_type: int, spans_s: list[tuple[float, float]], rng: np.random.Generator
+) -> Path:
+    """Write an SPK of any of the types that are read, with random numbers in one segment per span.
+
+    SPICE has no writers of the types 1 and 21: their words take the place of those of a segment of type 8.
+    """
+    handle = spiceypy.spkopn(str(path), "random numbers", 0)
+    replaced = []
+    for first_s, last_s in spans_s:
+        segment = (ORBITER, 301, "J2000", first_s, last_s, "random")
+        n = int(rng.integers(120, 300))
+        degree = int(rng.choice([3, 7, 11]) if spk_type in (12, 13) else rng.integers(1, 12))
+        step_s = (last_s - first_s) / (n - 1)
+        epochs_s = first_s + step_s * np.arange(n)
+        if spk_type in (9, 13):
+            epochs_s[1:-1] += step_s * rng.uniform(-0.3, 0.3, n - 2)
+        epochs_s[-1] = last_s
+        states = np.cumsum(rng.normal(size=(n, 6)), axis=0)
+        match spk_type:
+            case 2 | 3:
+                series = rng.normal(size=(n, 3 * (spk_type - 1), degree + 1)) * 0.5 ** np.arange(degree + 1)
+                write = spiceypy.spkw02 if spk_type == 2 else spiceypy.spkw03
+                write(handle, *segment, 1.01 * step_s, n, degree, series.ravel(), first_s)
+            case 8 | 12:
+                write = spiceypy.spkw08 if spk_type == 8 else spiceypy.spkw12
+                write(handle, *segment, degree, n, states, first_s, step_s * (1.0 + 1e-9))
+            case 9 | 13:
+                write = spiceypy.spkw09 if spk_type == 9 else spiceypy.spkw13
+                write(handle, *segment, degree, n, states, epochs_s)
+            case 1 | 21:
+                words = _difference_lines(15 if spk_type == 1 else 25, epochs_s, rng)
+                n = -(-(len(words) - 4) // 6)
+                spiceypy.spkw08(handle, *segment, 1, n, np.zeros((n, 6)), first_s, last_s - first_s)
+                replaced.append(words)
+    spiceypy.spkcls(handle)
+    data = bytearray(path.read_bytes())
+    summaries = (struct.unpack_from("<i", data, 76)[0] - 1) * 1024 + 24
+    for k, words in enumerate(replaced):
+        at = summaries + 40 * k + 16
+        first = struct.unpack_from("<i", data, at + 16)[0]
+        struct.pack_into("<i", data, at + 12, spk_type)
+        struct.pack_into("<i", data, at + 20, first + len(words) - 1)
+        data[(first - 1) * 8 : (first - 1 + len(words)) * 8] = words.astype("<f8").tobytes()
+    path.write_bytes(data)
+    return path
+
+
+def _difference_lines(terms: int, finals_s: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Words of a segment of type 1 (15 terms) or 21."""
+    n = len(finals_s)
+    lines = np.zeros((n, 4 * terms + 11))
+    lines[:, 0] = finals_s
+    lines[:, 1 : 1 + terms] = np.cumsum(rng.uniform(50.0, 100.0, (n, terms)), axis=1)
+    lines[:, 1 + terms : 7 + 4 * terms] = rng.normal(size=(n, 6 + 3 * terms))
+    lines[:, 7 + terms : 7 + 4 * terms] *= 1e-4
+    lines[:, -3:] = rng.integers(1, terms, (n, 3))
+    lines[:, -4] = lines[:, -3:].max(axis=1) + 1
+    size = [] if terms == 15 else [terms]
+    return np.concatenate([lines.ravel(), finals_s, finals_s[99::100], size, [n]])
+
+
+def with_other_byte_order(data: bytes) -> bytes:
+    """Return a little-endian SPK or binary PCK as a big-endian one."""
+    out = bytearray(data)
+
+    def swap(start: int, stop: int, size: int) -> None:
+        out[start:stop] = np.frombuffer(data[start:stop], f"<u{size}").astype(f">u{size}").tobytes()
+
+    n_integers, number = struct.unpack_from("<i", data, 12)[0], struct.unpack_from("<i", data, 76)[0]
+    comments = range(2, number)
+    lists = set()
+    while number:
+        start = (number - 1) * 1024
+        following, _, count = struct.unpack_from("<3d", data, start)
+        swap(start, start + 24, 8)
+        for k in range(int(count)):
+            at = start + 24 + k * (16 + 4 * (n_integers + n_integers % 2))
+            swap(at, at + 16, 8)
+            swap(at + 16, at + 16 + 4 * n_integers, 4)
+        lists |= {number, number + 1}
+        number = int(following)
+    for number in range(2, len(data) // 1024 + 1):
+        if number not in lists and number not in comments:
+            swap((number - 1) * 1024, number * 1024, 8)
+    swap(8, 16, 4)
+    swap(76, 88, 4)
+    out[88:96] = b"BIG-IEEE"
+    return bytes(out)
 
 
 def tracking(

@@ -108,5 +108,5 @@ class LunarOrientation:
         Rz(phi) (Folkner et al. 2009, section on lunar orientation; :func:`radioloc.lunar.rot_icrf_to_pa`). psi runs on
         without jumps; its round-off is 1e-12 rad, 2 micrometres on the surface.
         """
-        angles_rad, rates_rad_s = evaluate(self.pck, self.pck.segment(self.frame_code, _INERTIAL_FRAME), tdb)
+        angles_rad, rates_rad_s = evaluate(self.pck, self.frame_code, _INERTIAL_FRAME, tdb)
         return angles_rad, rates_rad_s

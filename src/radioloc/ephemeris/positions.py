@@ -16,6 +16,7 @@ from radioloc.constants import C_M_S, J2000_JD, SECONDS_PER_DAY
 from radioloc.ephemeris.constants import CONSTANTS, EphemerisConstants
 from radioloc.errors import CoverageError, InputError, KernelError
 from radioloc.kernels import Kernel, KernelFile, Segment, open_spk
+from radioloc.kernels.daf import span_dates
 from radioloc.time import Epochs, utc_strings
 from radioloc.vectors import dot, length
 
@@ -63,13 +64,12 @@ class Ephemeris:
             kernel.segment(target, center)
         if constants is not None:
             return cls(constants.name, constants, kernel)
-        label = kernel.segment(_EARTH, _EARTH_MOON_BARYCENTRE).name
-        match = re.search(r"DE-?0*(\d+)", label)
-        name = f"DE{match[1]}" if match else label
+        labels = sorted({segment.name for segment in kernel.segments_of(_EARTH, _EARTH_MOON_BARYCENTRE)})
+        name = ", ".join(sorted({re.sub(r".*?DE-?0*(\d+).*", r"DE\1", label) for label in labels}))
         if name not in CONSTANTS:
             raise KernelError(
-                f"{kernel.file.path} calls itself {label!r}, an ephemeris whose constants are not known here "
-                f"(known: {', '.join(CONSTANTS)}); use one of these, or give constants= in Python"
+                f"{kernel.file.path} calls itself {', '.join(labels)!r}, an ephemeris whose constants are not known "
+                f"here (known: {', '.join(CONSTANTS)}); use one of these, or give constants= in Python"
             )
         return cls(name, CONSTANTS[name], kernel)
 
@@ -166,7 +166,7 @@ class Ephemeris:
         """Position, velocity and as many derivatives of one NAIF code relative to another, km and s."""
         if target == center:
             return (np.zeros((len(tdb), 3)),) * (derivatives + 1)
-        return evaluate(self.spk, self.spk.segment(target, center), tdb, derivatives)
+        return evaluate(self.spk, target, center, tdb, derivatives)
 
 
 def clock_rate(
@@ -201,25 +201,52 @@ def clock_rate(
 
 
 def evaluate(
-    kernel: Kernel, segment: Segment, tdb: Epochs, derivatives: int = 1
+    kernel: Kernel, target: int, center: int, tdb: Epochs, derivatives: int = 1
 ) -> tuple[NDArray[np.float64], ...]:
-    """Evaluate a segment: components and their derivatives up to an order, shapes (n, 3), in the file's units and s.
+    """Evaluate the segments of a target: components and their derivatives up to an order, (n, 3), in the file's units.
 
     The epoch's two floats meet only within a record, so an epoch is resolved to 1e-10 s: 0.1 micrometre of the Moon
     about the Earth.
+
+    Raises
+    ------
+    KernelError
+        The kernel has no segment of the target relative to the center.
+    CoverageError
+        An epoch lies outside the span of the segments or in a gap between them.
     """
     tdb.require("TDB")
+    segments = kernel.segments_of(target, center)
     midnight_s = (tdb.jd - J2000_JD) * SECONDS_PER_DAY  # exact: a whole number of half days
     rest_s = tdb.fraction * SECONDS_PER_DAY
-    outside = ((midnight_s - segment.start_s) + rest_s < 0) | ((midnight_s - segment.end_s) + rest_s > 0)
-    if outside.any():
-        first, last = utc_strings(tdb[np.lexsort((rest_s, midnight_s))[[0, -1]]], 3)
+    which = np.full(len(tdb), -1)
+    for k, segment in enumerate(segments):
+        inside = ((midnight_s - segment.start_s) + rest_s >= 0) & ((midnight_s - segment.end_s) + rest_s <= 0)
+        which[inside] = k
+    outside = tdb[which < 0]
+    if len(outside):
+        first, last = utc_strings(outside[np.lexsort((outside.fraction, outside.jd))[[0, -1]]], 3)
         raise CoverageError(
-            f"{kernel.file.path} (NAIF code {segment.target})",
-            segment.span,
+            f"{kernel.file.path} (NAIF code {target})",
+            span_dates((s.start_s, s.end_s) for s in segments),
             (f"{first} TDB", f"{last} TDB"),
             "open a kernel that covers these epochs, or leave them out",
         )
+    if len(segments) == 1:
+        return _chebyshev(segments[-1], midnight_s, rest_s, derivatives)
+    out = tuple(np.empty((len(tdb), 3)) for _ in range(derivatives + 1))
+    for k in np.unique(which):
+        rows = which == k
+        for whole, part in zip(
+            out, _chebyshev(segments[k], midnight_s[rows], rest_s[rows], derivatives), strict=True
+        ):
+            whole[rows] = part
+    return out
+
+
+def _chebyshev(
+    segment: Segment, midnight_s: _Vectors, rest_s: _Vectors, derivatives: int
+) -> tuple[_Vectors, ...]:
     length_s = segment.record_length_s
     index, offset_s = np.divmod(midnight_s - segment.first_record_s, length_s)
     carry, offset_s = np.divmod(offset_s + rest_s, length_s)

@@ -1,15 +1,13 @@
-"""Where a spacecraft is: a trajectory from an SPK of any type, put beside the Earth and the Moon of an ephemeris.
+"""Trajectories of spacecraft from an SPK, put beside the Earth and the Moon of an ephemeris.
 
-SPICE's readers are called on the file's own handle, segment by segment. Nothing is loaded into SPICE's pool of
-kernels, so what a program has loaded there neither matters here nor changes.
+The file is read here, not by SPICE. Nothing is loaded into SPICE's pool of kernels, so what a program has loaded there
+neither matters nor changes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -22,13 +20,17 @@ from radioloc.ephemeris.orientation import LUNAR_AXES, LunarAxes
 from radioloc.ephemeris.positions import Ephemeris
 from radioloc.errors import CoverageError, InputError, KernelError
 from radioloc.kernels import KernelFile, find_kernel, sha256_of
-from radioloc.kernels.daf import DafSegment, read_segments, require_sound, tdb_date
+from radioloc.kernels.daf import DafSegment, merge_spans, read_segments, span_dates, tdb_date
+from radioloc.kernels.spk_types import StateSeries, read_states
 from radioloc.time import Epochs
 
 _M_PER_KM = 1000.0
-_MAX_SPANS = 3
-_ICRF = "J2000"  # SPICE's name
+_ICRF, _ICRF_CODE = "J2000", 1  # SPICE's
 _INERTIAL_CLASS = 1
+_EPHEMERIS_CENTERS = {0, 3, 10, 301, 399}  # NAIF codes of the centres that every ephemeris has
+_MAX_NATURAL_CODE = 999  # NAIF codes of the Sun, barycentres, planets and moons are 0 to 999
+_ALWAYS_S = (-np.inf, np.inf)
+_MAX_CHAIN = 10  # bodies from a spacecraft to the centre of an ephemeris; real files have two or three
 
 
 @runtime_checkable
@@ -70,23 +72,27 @@ class AdjustableTrajectory(AnyTrajectory, Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrajectorySegment:
-    """Where an SPK has the states of a body for some time."""
+    """States of a body that an SPK gives for some time."""
 
     center: int  # NAIF code of what the states are relative to
     start_s: float  # TDB seconds since J2000, both ends included
     end_s: float
-    descriptor: NDArray[np.float64]  # SPICE's packed summary, shape (5,)
+    series: StateSeries
     rot_to_icrf: NDArray[np.float64]  # from the segment's inertial frame, shape (3, 3)
     axes: LunarAxes | None = None  # fixed to the Moon, in the place of an inertial frame
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """The trajectory of a body, as an SPK of any type has it; make one with :meth:`Trajectory.open`."""
+    """The trajectory of a body from an SPK; make one with :meth:`Trajectory.open`."""
 
     kernel: KernelFile  # its span is from the body's first epoch to its last, gaps or not
     body: int  # NAIF code
     segments: tuple[TrajectorySegment, ...]  # in the file's order
+    bases: Mapping[int, Trajectory]  # of the centres that the same file gives, by NAIF code
+    covered_s: tuple[
+        tuple[float, float], ...
+    ]  # disjoint spans, TDB seconds since J2000, in the order of time
 
     @classmethod
     def open(cls, path: str | Path, body: int) -> Trajectory:
@@ -95,36 +101,30 @@ class Trajectory:
         Parameters
         ----------
         path : path-like
-            An SPK of any type that SPICE evaluates by itself, in an inertial frame or in axes of the Moon that have a
-            NAIF code (:data:`~radioloc.ephemeris.orientation.LUNAR_AXES`), relative to the Earth, the Moon, the Sun or
-            a barycentre.
+            An SPK with segments of the types 1, 2, 3, 8, 9, 12, 13 or 21, in an inertial frame or in axes of the Moon
+            that have a NAIF code (:data:`~radioloc.ephemeris.orientation.LUNAR_AXES`), relative to the Earth, the Moon,
+            the Sun, a barycentre, or another body of the same file.
         body : int
             NAIF code of the body, such as -85.
 
         Raises
         ------
         KernelError
-            The file is missing, damaged or no SPK, does not hold the body, or gives it in another frame.
+            The file is missing, damaged or no SPK, does not hold the body or what its states are relative to, or gives
+            it in another frame or by a segment of another type.
         InputError
             The code is not an integer.
         """
         if isinstance(body, bool) or not isinstance(body, int):
             raise InputError(f"body must be a NAIF code, an integer such as -85, not {body!r}")
         found = find_kernel(path, "SPK")
-        listed = read_segments(found, "SPK")
-        held = sorted({segment.integers[0] for segment in listed})
-        if body not in held:
-            raise KernelError(
-                f"{found} has no body with the NAIF code {body}; it holds {', '.join(map(str, held)) or 'none'}"
-            )
-        own = [segment for segment in listed if segment.integers[0] == body]
-        for segment in own:
-            require_sound(found, segment, segment.integers[3])
-        with _spice_errors(found):
-            segments = [_trajectory_segment(found, segment) for segment in own]
-        first, last = min(s.start_s for s in segments), max(s.end_s for s in segments)
-        file = KernelFile(found, "SPK", sha256_of(found), False, tdb_date(first), tdb_date(last))
-        return cls(file, body, tuple(segments))
+        listed: dict[int, list[DafSegment]] = {}
+        for segment in read_segments(found, "SPK"):
+            listed.setdefault(segment.integers[0], []).append(segment)
+        if body not in listed:
+            held = ", ".join(map(str, sorted(listed))) or "none"
+            raise KernelError(f"{found} has no body with the NAIF code {body}; it holds {held}")
+        return _trajectory(KernelFile(found, "SPK", sha256_of(found), False, "", ""), listed, (body,), {})
 
     @property
     def name(self) -> str:
@@ -141,7 +141,7 @@ class Trajectory:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Geocentric position and velocity, geometric (no light time), in barycentric coordinates, ICRF axes.
 
-        SPICE takes an epoch as one float of seconds since J2000, which resolves 0.12 microseconds: 0.1 mm at 2 km/s.
+        Segments are evaluated at one float of seconds since J2000, which resolves 0.12 microseconds: 0.1 mm at 2 km/s.
         The rest of the epoch is made up for with the velocity, to far below a micrometre.
 
         Raises
@@ -149,7 +149,7 @@ class Trajectory:
         CoverageError
             An epoch lies outside the trajectory or in a gap of it, or outside the ephemeris, or the Moon's orientation.
         KernelError
-            SPICE cannot evaluate the file, or the ephemeris does not hold the centre.
+            A state is not a number, or the ephemeris does not hold the centre.
         """
         tdb.require("TDB")
         midnight_s = (tdb.jd - J2000_JD) * SECONDS_PER_DAY
@@ -161,33 +161,36 @@ class Trajectory:
             raise self._not_covered(et_s[which < 0])
         states = self.states(et_s, which) * _M_PER_KM
         position_m, velocity_m_s = states[:, :3] + states[:, 3:] * rest_s[:, None], states[:, 3:]
-        for center in sorted({segment.center for segment in self.segments}):
-            rows = np.flatnonzero([self.segments[k].center == center for k in which])
-            if len(rows):
-                center_m, center_m_s = ephemeris.geocentric_center(center, tdb[rows])
-                position_m[rows] += center_m
-                velocity_m_s[rows] += center_m_s
+        centers = np.array([segment.center for segment in self.segments])[which]
+        for center in np.unique(centers).tolist():
+            rows = np.flatnonzero(centers == center)
+            center_m, center_m_s = self._center(center, ephemeris, tdb[rows])
+            position_m[rows] += center_m
+            velocity_m_s[rows] += center_m_s
         return position_m, velocity_m_s
 
+    def _center(
+        self, code: int, ephemeris: Ephemeris, tdb: Epochs
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Geocentric position and velocity of what segments are relative to."""
+        if code in self.bases:
+            return self.bases[code].geocentric(ephemeris, tdb)
+        try:
+            return ephemeris.geocentric_center(code, tdb)
+        except KernelError as error:
+            raise KernelError(
+                f"{self.kernel.path} gives body {self.body} relative to {code}, which it does not hold: {error}"
+            ) from error
+
     def spans_s(self) -> list[tuple[float, float]]:
-        """What the segments cover together, TDB seconds since J2000, in the order of time."""
-        spans: list[tuple[float, float]] = []
-        for start_s, end_s in sorted((s.start_s, s.end_s) for s in self.segments):
-            if spans and start_s <= spans[-1][1]:
-                spans[-1] = (spans[-1][0], max(spans[-1][1], end_s))
-            else:
-                spans.append((start_s, end_s))
-        return spans
+        """Return the disjoint spans that the segments cover, TDB seconds since J2000, in the order of time."""
+        return list(self.covered_s)
 
     def _not_covered(self, outside_s: NDArray[np.float64]) -> CoverageError:
-        spans = [f"{tdb_date(start_s)} to {tdb_date(end_s)}" for start_s, end_s in self.spans_s()]
-        gaps = ""
-        if len(spans) > 1:
-            more = f" and {len(spans) - _MAX_SPANS} more" if len(spans) > _MAX_SPANS else ""
-            gaps = f" with gaps ({', '.join(spans[:_MAX_SPANS])}{more})"
+        first, last = span_dates(self.covered_s)
         return CoverageError(
             f"{self.kernel.path} (NAIF code {self.body})",
-            (self.kernel.start_tdb, f"{self.kernel.end_tdb} TDB{gaps}"),
+            (first, last.replace(" with gaps", " TDB with gaps") if " " in last else f"{last} TDB"),
             (f"{tdb_date(outside_s.min())} TDB", f"{tdb_date(outside_s.max())} TDB"),
             "use a trajectory that covers these epochs, or leave them out (start, stop, hours)",
         )
@@ -201,33 +204,78 @@ class Trajectory:
 
     def states(self, et_s: NDArray[np.float64], which: NDArray[np.intp]) -> NDArray[np.float64]:
         """States relative to the segments' centres in the ICRF, km and km/s, shape (n, 6)."""
-        import spiceypy
-
         out = np.empty((len(et_s), 6))
-        with _spice_errors(self.kernel.path), ExitStack() as stack:
-            handle = spiceypy.dafopr(str(self.kernel.path))
-            stack.callback(spiceypy.dafcls, handle)
-            for i, (et, k) in enumerate(zip(et_s.tolist(), which.tolist(), strict=True)):
-                out[i] = spiceypy.spkpvn(handle, self.segments[k].descriptor, et)[1]
-        rot = np.array([segment.rot_to_icrf for segment in self.segments])[which]
-        halves = np.einsum("nij,nkj->nki", rot, out.reshape(-1, 2, 3)).reshape(-1, 6)
-        if not np.isfinite(halves).all():
+        for k in np.unique(which).tolist():
+            segment, rows = self.segments[k], np.flatnonzero(which == k)
+            with np.errstate(all="ignore"):
+                halves = segment.series.states(et_s[rows]).reshape(-1, 2, 3) @ segment.rot_to_icrf.T
+            out[rows] = halves.reshape(-1, 6)
+            if segment.axes is not None:
+                out[rows] = segment.axes.states_to_icrf(out[rows], et_s[rows])
+        if not np.isfinite(out).all():
             raise KernelError(f"{self.kernel.path} is damaged: a state is not a number; fetch the file again")
-        for k in np.unique(which):
-            if (axes := self.segments[k].axes) is not None:
-                halves[which == k] = axes.states_to_icrf(halves[which == k], et_s[which == k])
-        return np.asarray(halves)
+        return out
 
 
-def _trajectory_segment(path: Path, segment: DafSegment) -> TrajectorySegment:
+def _trajectory(
+    file: KernelFile,
+    listed: Mapping[int, list[DafSegment]],
+    chain: tuple[int, ...],
+    opened: dict[int, Trajectory],
+) -> Trajectory:
+    """Trajectory of the last body of a chain, with those of the bodies that its segments are relative to."""
+    path, body = file.path, chain[-1]
+    if body in chain[:-1] or len(chain) > _MAX_CHAIN:
+        raise KernelError(
+            f"{path} gives body {chain[0]} relative to others in a circle or a chain of more than {_MAX_CHAIN} bodies "
+            f"({', '.join(map(str, chain))}); expected one that ends at the Moon, the Earth, the Sun or a barycentre. "
+            "Write the trajectory relative to one of these"
+        )
+    if body in opened:
+        return opened[body]
+    segments = tuple(map(_trajectory_segment, listed[body]))
+    bases = {}
+    for center in sorted({segment.center for segment in segments} - _EPHEMERIS_CENTERS):
+        if center in listed:
+            bases[center] = _trajectory(file, listed, (*chain, center), opened)
+        elif not 0 <= center <= _MAX_NATURAL_CODE:
+            raise KernelError(
+                f"{path} gives body {body} relative to {center}, which it does not hold (it holds "
+                f"{', '.join(map(str, sorted(listed)))}); add the SPK of {center} to the file, for example by NAIF's "
+                "spkmerge"
+            )
+    spans_s = merge_spans(
+        (max(segment.start_s, start_s), min(segment.end_s, end_s))
+        for segment in segments
+        for start_s, end_s in (bases[segment.center].covered_s if segment.center in bases else [_ALWAYS_S])
+        if start_s <= segment.end_s and segment.start_s <= end_s
+    )
+    if not spans_s:
+        raise KernelError(
+            f"{path} gives body {body} relative to {', '.join(map(str, bases))}, but never for the same time; give a "
+            "file with both for the same time"
+        )
+    dates = tdb_date(spans_s[0][0]), tdb_date(spans_s[-1][1])
+    named = replace(file, start_tdb=dates[0], end_tdb=dates[1])
+    opened[body] = Trajectory(named, body, segments, bases, tuple(spans_s))
+    return opened[body]
+
+
+def _trajectory_segment(segment: DafSegment) -> TrajectorySegment:
+    body, center, frame, spk_type = segment.integers
+    series = read_states(segment, spk_type)
+    span_s = segment.start_s, segment.end_s
+    if frame in LUNAR_AXES:
+        return TrajectorySegment(center, *span_s, series, np.eye(3), LUNAR_AXES[frame])
+    return TrajectorySegment(center, *span_s, series, _rotation_to_icrf(segment.path, body, frame))
+
+
+def _rotation_to_icrf(path: Path, body: int, frame: int) -> NDArray[np.float64]:
+    """Rotation from one of SPICE's inertial frames, by its code, to the ICRF."""
+    if frame == _ICRF_CODE:
+        return np.eye(3)
     import spiceypy
 
-    body, center, frame, _ = segment.integers
-    packed = spiceypy.dafps(2, 6, [segment.start_s, segment.end_s], [*segment.integers, *segment.addresses])
-    # Six integers are packed in three floats; spiceypy leaves room for more.
-    found = partial(TrajectorySegment, center, segment.start_s, segment.end_s, np.asarray(packed)[:5])
-    if frame in LUNAR_AXES:
-        return found(np.eye(3), LUNAR_AXES[frame])
     try:
         inertial = spiceypy.frinfo(frame)[1] == _INERTIAL_CLASS
         name = spiceypy.frmnam(frame)
@@ -239,16 +287,4 @@ def _trajectory_segment(path: Path, segment: DafSegment) -> TrajectorySegment:
             f"turns or is not known; write the trajectory in an inertial frame such as {_ICRF}, or in axes of the Moon "
             f"({', '.join(dict.fromkeys(axes.name for axes in LUNAR_AXES.values()))})"
         )
-    return found(np.asarray(spiceypy.pxform(name, _ICRF, 0.0)))
-
-
-@contextmanager
-def _spice_errors(path: Path) -> Iterator[None]:
-    """What SPICE complains of, as one line about the file."""
-    from spiceypy.utils.exceptions import SpiceyError
-
-    try:
-        yield
-    except SpiceyError as error:
-        what = " ".join((getattr(error, "long", "") or getattr(error, "short", "") or str(error)).split())
-        raise KernelError(f"{path} cannot be evaluated by SPICE: {what}") from error
+    return np.asarray(spiceypy.pxform(name, _ICRF, 0.0))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from spk_files import with_other_byte_order
 
 from radioloc.errors import KernelError
 from radioloc.kernels import find_kernel, open_pck, open_spk, registered, sha256_of
@@ -166,3 +167,32 @@ def test_a_copy_with_one_byte_changed_is_told_from_a_kernel_of_ones_own(tmp_path
         KernelError, match=r"copy\.bpc \(spanning 1969-01-01 to 2050-01-01, as moon_pa_.*\) is damaged"
     ):
         open_pck(copy)
+
+
+def test_a_sound_kernel_of_the_length_of_one_that_ships_is_read(tmp_path):
+    swapped = tmp_path / "big_endian.bpc"
+    swapped.write_bytes(with_other_byte_order(PCK_BYTES))
+    ours, theirs = open_pck(swapped), open_pck("DE421")
+    assert ours.file.sha256 != theirs.file.sha256
+    assert np.array_equal(ours.segments[0].coefficients, theirs.segments[0].coefficients)
+    relabelled = tmp_path / "relabelled.bsp"
+    relabelled.write_bytes(SPK_PATH.read_bytes().replace(b"DE-0421LE-0421", b"DE-0430LE-0430"))
+    assert open_spk(relabelled).segments[0].name == "DE-0430LE-0430"
+
+
+@pytest.mark.parametrize("free", [None, 10**6])
+def test_a_circular_list_of_segments_ends(tmp_path, free):
+    """Also in a file that is shorter than its header says."""
+    data = patched(SUMMARY, "d", SUMMARY / 1024 + 1)
+    if free is not None:
+        struct.pack_into("<i", data, 84, free)
+        data = data[:4096]
+    with pytest.raises(KernelError, match="runs in a circle" if free is None else "is cut short"):
+        open_pck(written(tmp_path, data))
+
+
+def test_segments_that_overlap_are_refused(tmp_path):
+    data = patched(SUMMARY + 16, "d", struct.unpack_from("<d", PCK_BYTES, SUMMARY + 16)[0] + 1.0)
+    data[SUMMARY + 24 + 40 : SUMMARY + 24 + 80] = data[SUMMARY + 24 : SUMMARY + 24 + 40]
+    with pytest.raises(KernelError, match="its segments overlap"):
+        open_pck(written(tmp_path, data))

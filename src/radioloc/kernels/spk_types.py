@@ -1,0 +1,299 @@
+"""States from the segments of an SPK, by type of segment, in the file's units: km and km/s, TDB seconds since J2000.
+
+Source: NAIF's *SPK Required Reading*, which gives the layout of the words and the interpolation of each type. A segment
+is checked when it is opened: its numbers are finite, its counts fill it exactly, its epochs rise and cover its span.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.chebyshev import chebyshev_sums
+from radioloc.errors import KernelError
+from radioloc.kernels.daf import DafSegment, tdb_date
+
+_Floats = NDArray[np.float64]
+
+MAX_MAGNITUDE = 1e30  # of any word: its square still fits a float, and no epoch or length in km comes near it
+_MAX_DEGREE = 27  # of interpolating polynomials, as in SPICE
+_MAX_DIFFERENCES = 25  # of a difference line, as in SPICE
+_DIRECTORY_STEP = 100  # epochs from one entry of a directory of epochs to the next
+_EPOCH_TOLERANCE = 1e-6  # rounding of an epoch, in lengths of a record or steps
+_CHUNK = 2048  # epochs interpolated at once, which bounds the memory
+
+
+class StateSeries(Protocol):
+    """States of a body over the span of a segment."""
+
+    def states(self, et_s: _Floats) -> _Floats:
+        """Return states at epochs, shape (n, 6)."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChebyshevRecords:
+    """Chebyshev series over intervals of one length: of three components, or of six with their rates."""
+
+    first_s: float
+    length_s: float
+    middles_s: _Floats
+    radii_s: _Floats
+    coefficients: _Floats  # (records, components, rising degree)
+
+    def states(self, et_s: _Floats) -> _Floats:
+        """As :meth:`StateSeries.states`."""
+        # The very end of the last record belongs to it.
+        record = np.minimum((et_s - self.first_s) // self.length_s, len(self.middles_s) - 1).astype(np.intp)
+        s = (et_s - self.middles_s[record]) / self.radii_s[record]
+        present, which = np.unique(record, return_inverse=True)
+        coefficients = np.take(self.coefficients[present].transpose(2, 1, 0), which.reshape(-1), axis=2)
+        values, rates = chebyshev_sums(coefficients, s)
+        return values.T if len(values) == 6 else np.vstack([values, rates / self.radii_s[record]]).T
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StateNodes:
+    """States at epochs with interpolating polynomials through a window of the nearest ones."""
+
+    origin_s: float
+    times_s: _Floats  # of the nodes from the origin; equal steps are exact from their first epoch
+    nodes: _Floats  # (times, 6)
+    window: int
+    hermite: bool  # the velocity is the rate of the position; else components are interpolated one by one
+
+    def states(self, et_s: _Floats) -> _Floats:
+        """As :meth:`StateSeries.states`."""
+        t = et_s - self.origin_s
+        parts = [self._states(t[k : k + _CHUNK]) for k in range(0, len(t), _CHUNK)]
+        return np.concatenate([np.empty((0, 6)), *parts])
+
+    def _states(self, t: _Floats) -> _Floats:
+        count = len(self.times_s)
+        first = np.searchsorted(self.times_s, t, side="right") - self.window // 2
+        if self.window % 2:  # centred on the nearest node
+            before = np.clip(first + self.window // 2 - 1, 0, count - 1)
+            after = np.minimum(before + 1, count - 1)
+            first -= t - self.times_s[before] < self.times_s[after] - t
+        rows = np.clip(first, 0, count - self.window)[:, None] + np.arange(self.window)
+        x, nodes = self.times_s[rows] - t[:, None], self.nodes[rows]
+        if not self.hermite:
+            return _lagrange(x, nodes)
+        return np.hstack(_hermite(x, nodes[..., :3], nodes[..., 3:]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DifferenceLines:
+    """Modified difference arrays of Krogh's variable-order integrator, one line of numbers up to each final epoch."""
+
+    finals_s: _Floats
+    lines: _Floats  # (lines, 4 * terms + 11)
+
+    def states(self, et_s: _Floats) -> _Floats:
+        """As :meth:`StateSeries.states`."""
+        which = np.minimum(np.searchsorted(self.finals_s, et_s), len(self.finals_s) - 1)
+        out = np.empty((len(et_s), 6))
+        terms = (self.lines.shape[1] - 11) // 4
+        for order in np.unique(self.lines[which, -4]):
+            rows = np.flatnonzero(self.lines[which, -4] == order)
+            out[rows] = _difference_states(self.lines[which[rows]], et_s[rows], terms, int(order))
+        return out
+
+
+def _lagrange(x: _Floats, values: _Floats) -> _Floats:
+    """Value at 0 of the polynomial through (x, values), shapes (n, window) and (n, window, 6), by Neville's scheme."""
+    x = x[..., None]
+    for k in range(1, x.shape[1]):
+        low, high = x[:, :-k], x[:, k:]
+        values = (high * values[:, :-1] - low * values[:, 1:]) / (high - low)
+    return values[:, 0]
+
+
+def _hermite(x: _Floats, values: _Floats, rates: _Floats) -> tuple[_Floats, _Floats]:
+    """Value and rate at 0 of the polynomial through (x, values) with rates, by Neville's scheme of double nodes."""
+    x = np.repeat(x, 2, axis=1)[..., None]
+    value = np.repeat(values, 2, axis=1)
+    gap = x[:, 2::2] - x[:, 1:-1:2]
+    slope = np.empty_like(value[:, 1:])
+    slope[:, ::2] = rates
+    slope[:, 1::2] = (values[:, 1:] - values[:, :-1]) / gap
+    value = value[:, :-1] - x[:, :-1] * slope
+    for k in range(2, x.shape[1]):
+        low, high = x[:, :-k], x[:, k:]
+        rise = value[:, 1:] - value[:, :-1]
+        slope = (high * slope[:, :-1] - low * slope[:, 1:] + rise) / (high - low)
+        value = (high * value[:, :-1] - low * value[:, 1:]) / (high - low)
+    return value[:, 0], slope[:, 0]
+
+
+def _difference_states(lines: _Floats, et_s: _Floats, terms: int, order: int) -> _Floats:
+    """States of difference lines whose highest order of integration is `order` - 1, shape (n, 6)."""
+    delta, steps = et_s - lines[:, 0], lines[:, 1 : 1 + terms].T
+    reference = lines[:, 1 + terms : 7 + terms].reshape(-1, 3, 2)
+    differences = lines[:, 7 + terms : 7 + 4 * terms].reshape(-1, 3, terms)[:, :, : order - 1]
+    differences = np.where(np.arange(order - 1) < lines[:, -3:, None], differences, 0.0)
+    since = [delta, *(delta + step for step in steps)]
+    # Integrals of the polynomials that belong to the differences: twofold in w[1:] before the last sweep, then onefold
+    # in w[:-1].
+    w = np.repeat(1.0 / np.arange(1.0, order + 1)[:, None], len(et_s), axis=1)
+    for k in range(order - 1, 0, -1):
+        if k == 1:
+            twofold = np.einsum("nij,jn->ni", differences, w[1:])
+        for j in range(min(order - k, order - 2)):
+            w[j + k] = (since[j] * w[j + k - 1] - delta * w[j + k]) / steps[j]
+    onefold = np.einsum("nij,jn->ni", differences, w[:-1])
+    position, velocity, elapsed = reference[..., 0], reference[..., 1], delta[:, None]
+    return np.hstack([position + elapsed * (velocity + elapsed * twofold), velocity + elapsed * onefold])
+
+
+class _Damage(Exception):  # noqa: N818
+    """Problem of a segment, as a text that follows its name."""
+
+
+def read_states(segment: DafSegment, spk_type: int) -> StateSeries:
+    """Return the states of a segment of an SPK; one that is damaged or of another type is a :class:`KernelError`."""
+    if spk_type not in _READERS:
+        raise KernelError(
+            f"{segment.path}: segment {segment.integers[0]} ({segment.name}) is of SPK type {spk_type}; expected "
+            f"{', '.join(map(str, _READERS))}. Convert it with SPICE: spkw13 writes states that spkgeo gives at short "
+            "steps"
+        )
+    # Words of the other byte order are copied; the others stay in the file until they are needed.
+    words = np.asarray(segment.words, dtype=np.float64)
+    try:
+        _require(  # without a copy of gigabytes
+            bool(words.max() < MAX_MAGNITUDE and words.min() > -MAX_MAGNITUDE),
+            "holds what is not a number, or far too large, in its records or directory",
+        )
+        return _READERS[spk_type](segment, words)
+    except _Damage as damage:
+        raise segment.damaged(str(damage)) from None
+
+
+def read_chebyshev(segment: DafSegment) -> ChebyshevRecords:
+    """Return the Chebyshev records of three components of a segment of an SPK or binary PCK (type 2)."""
+    records = read_states(segment, 2)
+    assert isinstance(records, ChebyshevRecords)
+    return records
+
+
+def _require(sound: bool, problem: str) -> None:
+    if not sound:
+        raise _Damage(problem)
+
+
+def _count(word: float, least: int, most: float, quantity: str) -> int:
+    """Return a whole number within bounds."""
+    _require(least <= word <= most and word == round(word), f"has {word:g} in its directory as {quantity}")
+    return int(word)
+
+
+def _require_length(words: _Floats, expected: int) -> None:
+    _require(len(words) == expected, f"has {len(words)} words where its directory asks for {expected}")
+
+
+def _tail(words: _Floats, n: int) -> list[float]:
+    _require(len(words) > n, "is shorter than its own directory")
+    return [float(word) for word in words[-n:]]
+
+
+def _require_covered(segment: DafSegment, first_s: float, last_s: float, slack_s: float = 0.0) -> None:
+    _require(
+        first_s - slack_s <= segment.start_s and segment.end_s <= last_s + slack_s,
+        f"claims {tdb_date(segment.start_s)} to {tdb_date(segment.end_s)}, but its data span {tdb_date(first_s)} to "
+        f"{tdb_date(last_s)}",
+    )
+
+
+def _epochs(words: _Floats, count: int, strictly: bool = True) -> _Floats:
+    """Return the epochs at the start of `words`, which a directory of every hundredth of them follows."""
+    epochs_s = words[:count]
+    steps_s = np.diff(epochs_s)
+    _require(bool((steps_s > 0 if strictly else steps_s >= 0).all()), "has epochs that are not in order")
+    directory = words[count:]
+    sampled = epochs_s[_DIRECTORY_STEP - 1 :: _DIRECTORY_STEP][: len(directory)]
+    _require(np.array_equal(directory, sampled), "has a directory of epochs that are not its own")
+    return epochs_s
+
+
+def _chebyshev(segment: DafSegment, words: _Floats, components: int) -> ChebyshevRecords:
+    """Types 2 and 3: records of middle, half length and series; at the end first epoch, length, words, records."""
+    first_s, length_s, size, count = _tail(words, 4)
+    n_words = _count(size, 2 + components, len(words), "the length of a record")
+    _require((n_words - 2) % components == 0, f"has a directory with records of {n_words} words")
+    n = _count(count, 1, len(words), "the number of records")
+    _require_length(words, n * n_words + 4)
+    _require(length_s > 0.0, f"has a directory with records of {length_s:g} s")
+    _require_covered(segment, first_s, first_s + n * length_s)
+    records = words[:-4].reshape(n, n_words)
+    middles_s, radii_s = records[:, 0], records[:, 1]
+    off_s = np.abs(middles_s - (first_s + (np.arange(n) + 0.5) * length_s)), np.abs(radii_s - length_s / 2)
+    _require(
+        bool((np.maximum(*off_s) <= _EPOCH_TOLERANCE * length_s).all()),
+        "has a record whose epoch is not where it belongs",
+    )
+    return ChebyshevRecords(first_s, length_s, middles_s, radii_s, records[:, 2:].reshape(n, components, -1))
+
+
+def _window(window: float, n: int, hermite: bool) -> int:
+    most = (_MAX_DEGREE + 1) // (2 if hermite else 1)
+    return _count(window, 1, min(n, most), "the number of states to interpolate between")
+
+
+def _equal_steps(segment: DafSegment, words: _Floats, hermite: bool) -> StateNodes:
+    """Types 8 and 12: states; at the end first epoch, step, window less one, number of states."""
+    first_s, step_s, window_less_1, count = _tail(words, 4)
+    n = _count(count, 1, len(words), "the number of states")
+    window = _window(window_less_1 + 1, n, hermite)
+    _require_length(words, 6 * n + 4)
+    _require(step_s > 0.0, f"has steps of {step_s:g} s")
+    _require_covered(segment, first_s, first_s + (n - 1) * step_s, _EPOCH_TOLERANCE * step_s)
+    return StateNodes(
+        first_s, np.arange(n, dtype=np.float64) * step_s, words[:-4].reshape(n, 6), window, hermite
+    )
+
+
+def _unequal_steps(segment: DafSegment, words: _Floats, hermite: bool) -> StateNodes:
+    """Types 9 and 13: states, epochs and their directory; at the end window less one, number of states."""
+    window_less_1, count = _tail(words, 2)
+    n = _count(count, 1, len(words), "the number of states")
+    window = _window(window_less_1 + 1, n, hermite)
+    _require_length(words, 7 * n + (n - 1) // _DIRECTORY_STEP + 2)
+    epochs_s = _epochs(words[6 * n : -2], n)
+    _require_covered(segment, float(epochs_s[0]), float(epochs_s[-1]))
+    return StateNodes(0.0, epochs_s, words[: 6 * n].reshape(n, 6), window, hermite)
+
+
+def _difference_arrays(segment: DafSegment, words: _Floats, extended: bool) -> DifferenceLines:
+    """Types 1 and 21: lines, final epochs and their directory; at the end the terms (only 21) and number of lines."""
+    *size, count = _tail(words, 2 if extended else 1)
+    terms = _count(size[0], 1, _MAX_DIFFERENCES, "the number of differences") if extended else 15
+    n, length = _count(count, 1, len(words), "the number of records"), 4 * terms + 11
+    _require_length(words, n * (length + 1) + n // _DIRECTORY_STEP + len(size) + 1)
+    finals_s = _epochs(words[n * length : -1 - len(size)], n, strictly=False)
+    _require(segment.end_s <= finals_s[-1], "claims to reach beyond its last record")
+    lines = words[: n * length].reshape(n, length)
+    highest, orders = lines[:, -4:-3], lines[:, -3:]
+    sound = (orders == np.round(orders)) & (orders >= 0) & (orders < highest)
+    sound &= (highest == np.round(highest)) & (highest >= 2) & (highest <= terms + 1)
+    _require(bool(sound.all()), "has an order of integration that does not fit its differences")
+    used = np.arange(terms) < highest - 2
+    _require(not (used & (lines[:, 1 : 1 + terms] == 0.0)).any(), "has a step of no length")
+    return DifferenceLines(finals_s, lines)
+
+
+_READERS: dict[int, Callable[[DafSegment, _Floats], StateSeries]] = {
+    1: partial(_difference_arrays, extended=False),
+    2: partial(_chebyshev, components=3),
+    3: partial(_chebyshev, components=6),
+    8: partial(_equal_steps, hermite=False),
+    9: partial(_unequal_steps, hermite=False),
+    12: partial(_equal_steps, hermite=True),
+    13: partial(_unequal_steps, hermite=True),
+    21: partial(_difference_arrays, extended=True),
+}

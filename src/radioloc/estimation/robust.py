@@ -204,7 +204,7 @@ def _huber_estimate(
     y: _Floats = np.zeros(basis.shape[1])
     remaining = normalized
     for _ in range(_MAX_REWEIGHTINGS):
-        weighted = basis * huber_weight(remaining)[:, None]
+        weighted = basis * _huber_weight(remaining)[:, None]
         side = gram(weighted, normalized[:, None])[:, 0]
         before = y
         y = np.linalg.solve(prior_normal + gram(weighted, basis), prior_side + side).astype(np.float64)
@@ -228,15 +228,15 @@ def _huber_loss(normalized: _Floats, parameters: ParameterSet, x: _Floats) -> fl
     return loss if np.isfinite(loss) else np.inf
 
 
-def huber(normalized: _Floats, corner: float = 1.0) -> _Floats:
-    """Huber's loss (1964) of each residual, quadratic up to a corner, in sigmas."""
+def huber(normalized: _Floats) -> _Floats:
+    """Huber's loss (1964) of each residual, quadratic up to one sigma."""
     size = np.abs(normalized)
-    return np.where(size < corner, 0.5 * size**2, corner * (size - 0.5 * corner))
+    return np.where(size < 1.0, 0.5 * size**2, size - 0.5)
 
 
-def huber_weight(normalized: _Floats, corner: float = 1.0) -> _Floats:
-    """Weight at which the square of a residual pulls as its loss does: one of m corners like one of sqrt(m) sigmas."""
-    return corner / np.maximum(corner, np.abs(normalized))
+def _huber_weight(normalized: _Floats) -> _Floats:
+    """Weight of the square of each residual whose gradient is that of Huber's loss."""
+    return 1.0 / np.maximum(1.0, np.abs(normalized))
 
 
 def least_trimmed(

@@ -327,7 +327,6 @@ def _estimate_record(estimate: EstimateChoice) -> dict[str, Any]:
         "rejection_sigma",
         "weights",
         "variance_components",
-        "estimator",
     )
     return {
         **{key: getattr(estimate, key) for key in keys},

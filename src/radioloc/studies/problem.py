@@ -26,7 +26,6 @@ from radioloc.estimation.consider import Consider, ConsideredErrors, Effects, is
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.linearization import ResidualFunction
-from radioloc.estimation.m_estimator import fit_with_huber
 from radioloc.estimation.orbit_state import FittedOrbit
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.time_correlation import fit_with_correlated_weights
@@ -114,11 +113,9 @@ def weighed(
     estimate: EstimateChoice | None,
     common: Effects | None,
 ) -> EditedFit:
-    """The fit again with the weights and the estimator that a study asks for; `common` are effects of known errors."""
+    """Repeat the fit with the weights that a study asks for; `common` are the effects of known errors."""
     if allows_for_correlation(estimate):
-        fitted = fit_with_correlated_weights(residual_function, fitted, order, common)
-    if estimate is not None and estimate.estimator == "huber":
-        fitted = fit_with_huber(residual_function, fitted, order)
+        return fit_with_correlated_weights(residual_function, fitted, order, common)
     return fitted
 
 

@@ -42,7 +42,6 @@ from radioloc.studies.schema import TomlTable, check, entry, names_of
 
 WEIGHTS = ("independent", "correlated")
 COMPONENTS = ("type", "link", "link and pass")
-ESTIMATORS = ("least_squares", "huber")
 POSITION_FORMS = ("geographic", "cartesian", "none")
 LOWEST_REJECTION_SIGMA = 2.0
 """Below this good data would be cut: of normal residuals one in 22 exceeds two sigmas."""
@@ -138,8 +137,6 @@ class EstimateChoice:
     variance_components : {"type", "link", "link and pass"}
         Whose noise beyond the stated sigmas is found from the residuals: that of each type and of stations and links
         that differ significantly, of each link, or of each link and pass.
-    estimator : {"least_squares", "huber"}
-        Whether what editing leaves counts by its squares, or beyond 1.345 sigmas in proportion only.
     pass_gap_h : float
         A new pass begins when a station has not observed for longer.
     orbit : OrbitChoice or None
@@ -167,7 +164,6 @@ class EstimateChoice:
         advice="sigmas by type, station and file belong to [[observations.weights]]",
     )
     variance_components: str = entry("type", choices=COMPONENTS)
-    estimator: str = entry("least_squares", choices=ESTIMATORS)
     pass_gap_h: float = entry(PASS_GAP_H, positive=True)
     orbit: OrbitChoice | None = None
     parameters: Mapping[str, ParameterChoice] = entry(factory=dict, keys=PARAMETER_KEYS, read=read_parameters)
@@ -475,7 +471,6 @@ class Study:
             )
         given = {
             "[observations] doppler_phase_sigma_m": self.observations.doppler_phase_sigma_m,
-            '[estimate] estimator = "huber"': self.estimate.estimator == "huber",
             "[target] arcs_hours": isinstance(self.target, Orbiter) and self.target.arcs_hours is not None,
         }
         for key in filter(given.get, given):

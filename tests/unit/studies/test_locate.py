@@ -422,19 +422,6 @@ def test_weights_of_a_correlated_series(apollo15, near15, solution, monkeypatch)
     assert solution.to_dict()["fit"]["series_weights"] == []
 
 
-@pytest.mark.study
-def test_huber_estimator():
-    study = radioloc.read_study("examples/apollo15/apollo15.toml")
-    plain = radioloc.locate(study)
-    found = radioloc.locate(replace(study, estimate=replace(study.estimate, estimator="huber")))
-    assert found.converged
-    assert found.provenance["estimate"]["estimator"] == "huber"
-    assert found.fit.total.used == plain.fit.total.used  # nothing is left out beyond the editing
-    shift_m = np.linalg.norm(found.position_pa_m - plain.position_pa_m)
-    assert 0.0 < shift_m < np.linalg.norm(plain.sigma_enu_m())
-    np.testing.assert_allclose(found.sigma_enu_m(), plain.sigma_enu_m(), rtol=0.3)
-
-
 def test_model_errors_are_no_gross_errors():
     """Ten to twenty times the stated sigmas, of an ephemeris 16 years later: a start that holds them for errors would
     leave out 4 of 28 good ranges, of which each station has few."""

@@ -145,25 +145,6 @@ def test_correlated_weights_are_those_of_the_full_fit(vlbi_station_sigma_m):
     assert (np.abs(columns_of(ready, linear - unlike, "north_m")) > 0.01).all()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("weights", ["independent", "correlated"])
-def test_trials_by_huber_are_those_of_the_full_fit(weights):
-    """Its sigmas are those of least squares or somewhat larger: noise is normal."""
-    study, plain = (study_of(600.0, weights=weights, estimator=one) for one in ("huber", "least_squares"))
-    ready = Prepared.of(study, HOURS)
-    linear, full = ready.linear().run(11, range(3)), ready.run(11, range(3))
-    of_plain = Prepared.of(plain, HOURS).linear().run(11, range(3))
-    names = ("east_m", "north_m", "up_m")
-    sigmas = [f"sigma_{name}" for name in names]
-    sigma_m = columns_of(ready, of_plain, *sigmas)
-    assert np.abs(columns_of(ready, linear - full, *names)).max() < 1e-3 * sigma_m.max()
-    np.testing.assert_allclose(
-        columns_of(ready, linear, *sigmas), columns_of(ready, full, *sigmas), rtol=1e-3
-    )
-    assert 0.01 < np.abs(columns_of(ready, linear - of_plain, *names) / sigma_m).max() < 1.0
-    np.testing.assert_allclose(columns_of(ready, linear, *sigmas), sigma_m, rtol=0.25)
-
-
 def test_a_full_trial_is_what_locate_gives(study, ready):
     quiet = replace(study.simulation, truth_sigma=TruthSigma())
     one = replace(study, simulation=quiet)

@@ -187,8 +187,6 @@ def test_mistakes_of_a_study_are_named(tmp_path, given, message):
 
 
 def test_what_cannot_be_with_process_noise_is_refused(forces, doppler):
-    with pytest.raises(InputError, match=r"independent noise; leave .* estimator"):
-        study_of(forces, estimate={"estimator": "huber"}, process_noise=NOISE)
     study = study_of(forces, process_noise=NOISE)
     with pytest.raises(InputError, match=r"leave .* doppler_phase_sigma_m out"):
         replace(study, observations=replace(study.observations, doppler_phase_sigma_m=0.001))

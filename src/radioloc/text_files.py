@@ -91,9 +91,7 @@ def read_blocks(
     for content in chain(_pieces(path, size), [b""]):
         start = start or content[:8]
         if b"\0" in content:
-            raise FileFormatError(
-                path, f"is not text (it starts with {start!r}); give a text file or its gzip"
-            )
+            raise _error_of_nul(path, start, rest + content, first_line)
         # A piece ends where a line does; what is behind it waits for the next.
         whole, line_end, begun = content.rpartition(b"\n")
         if content and not line_end:
@@ -107,6 +105,18 @@ def read_blocks(
         first_line += block.count(b"\n")
     if blank:
         raise FileFormatError(path, "is empty; fetch or write it again")
+
+
+def _error_of_nul(path: str | Path, start: bytes, content: bytes, first_line: int) -> FileFormatError:
+    """Error of a file with a zero byte: binary, if it begins with one, or damaged at a character of a line."""
+    if b"\0" in start:
+        return FileFormatError(path, f"is not text (it starts with {start!r}); give a text file or its gzip")
+    before = content[: content.index(b"\0")]
+    character = len(before) - before.rfind(b"\n")
+    problem = (
+        f"character {character} is NUL (a zero byte), which no text has; remove it, or fetch the file again"
+    )
+    return FileFormatError(path, problem, first_line + before.count(b"\n"))
 
 
 def numbers_of(path: str | Path, line_number: int | None, words: list[str], what: str) -> list[float]:

@@ -111,11 +111,15 @@ class EopTable:
         ut1_minus_tt_s = self.ut1_minus_utc_s - tai_minus_utc_s - TT_MINUS_TAI_S
         jumps = np.abs(np.diff(ut1_minus_tt_s)) > _LARGEST_DAILY_CHANGE_S * np.diff(self.mjd_utc)
         if jumps.any():
-            day = day_of(self.mjd_utc[int(np.argmax(jumps)) + 1])
-            raise InputError(
-                f"UT1-TAI jumps at {day}: UT1-UTC and the list of leap seconds disagree; "
-                "update astropy-iers-data"
+            k = int(np.argmax(jumps))
+            jump_s = float(ut1_minus_tt_s[k + 1] - ut1_minus_tt_s[k])
+            leap = round(jump_s) != 0 and abs(jump_s - round(jump_s)) < _LARGEST_DAILY_CHANGE_S
+            cause = (
+                "UT1-UTC and the list of leap seconds disagree; update astropy-iers-data"
+                if leap
+                else "UT1-UTC of that day or the day before is wrong; correct the row, or fetch the file again"
             )
+            raise InputError(f"UT1-TAI jumps by {jump_s:.3f} s at {day_of(self.mjd_utc[k + 1])}: {cause}")
         object.__setattr__(self, "_nodes_tt", nodes)
         values = np.column_stack([ut1_minus_tt_s, self.xp_rad, self.yp_rad, self.dx_rad, self.dy_rad])
         object.__setattr__(self, "_values", values)
@@ -333,6 +337,12 @@ def read_eop_rows(
         k = skipped[0]
         problem = f"MJD {mjd[k + 1]:.2f} follows {mjd[k]:.2f}; daily rows are needed"
         raise FileFormatError(path, problem, int(lines[k + 1]))
+    not_filled = np.flatnonzero((x == 0.0).astype(int) + (y == 0.0) + (ut1 == 0.0) >= 2)
+    if len(not_filled):
+        problem = f"x, y and UT1-UTC of {day_of(mjd[not_filled[0]])} are zero, as in rows that are not filled in yet"
+        raise FileFormatError(
+            path, f"{problem}; remove the row, or fetch the file again", int(lines[not_filled[0]])
+        )
     dx, dy = (layout.pole_offset_arcsec * numbers(name, of_bulletin_a) for name in ("dX", "dY"))
     too_large = np.flatnonzero(np.maximum(np.abs(dx), np.abs(dy)) > _LARGEST_POLE_OFFSET_ARCSEC)
     if len(too_large):

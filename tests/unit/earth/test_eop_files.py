@@ -67,6 +67,12 @@ def test_rows_before_a_date_are_left_out(tmp_path):
         ([finals_row(58849), finals_row(58850, dx="-104.123")], 2, "1980"),
         ([finals_row(58849, ut1=""), finals_row(58850)], 1, "hold UT1-UTC"),
         ([finals_row(58849), finals_row(58850, x="nan")], 2, "hold x"),
+        (
+            [C04.rstrip().replace("0.075350    0.283000  -0.1775000", "0.000000    0.000000   0.0000000")],
+            3,
+            "are zero",
+        ),
+        ([finals_row(58849), finals_row(58850, x="0.0", y="0.0", ut1="0.0")], 2, "are zero"),
     ],
 )
 def test_what_cannot_be_used_is_named_with_its_line(tmp_path, rows, line, words):

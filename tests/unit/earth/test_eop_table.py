@@ -67,6 +67,14 @@ def test_values_at_0h_utc_are_the_tables(packaged):
     assert packaged.ut1_minus_utc_s[k[1]] - packaged.ut1_minus_utc_s[k[0]] > 0.9
 
 
+@pytest.mark.parametrize(
+    ("jump_s", "cause"), [(0.18, "correct the row"), (1.0, "leap seconds"), (-1.0004, "leap")]
+)
+def test_a_jump_of_ut1_is_ascribed_to_leap_seconds_only_if_it_is_whole(jump_s, cause):
+    with pytest.raises(InputError, match=cause):
+        table_of(58000.0 + np.arange(6.0), ut1_minus_utc_s=np.where(np.arange(6) == 3, -0.2 + jump_s, -0.2))
+
+
 def test_ut1_is_smooth_over_a_leap_second(packaged):
     tt = tt_of("2016-12-31T23:00:00")
     tt = Epochs.from_jd(tt.jd, tt.fraction + np.arange(0.0, 7200.0, 2.0) / 86400.0, "TT")

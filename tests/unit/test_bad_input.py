@@ -164,6 +164,13 @@ CASES = {
     "gzip: cut": tdm(gzip.compress(TEXT.encode() * 3, mtime=0)[:120], "gzip", "cut"),
     "gzip: damaged": tdm(b"\x1f\x8b\x08\x00" + bytes(range(40)), "gzip"),
     "binary": csv(bytes(range(256)), "is not text"),
+    "csv: a comment by another sign": csv("% taken by hand\n" + table(), "line 1", "does not name columns"),
+    "csv: a column epoch": csv(table().replace("epoch_utc", "epoch"), "line 1", "did you mean epoch_utc"),
+    "csv: a header that is a comment": csv("# " + table(), "line 2", "does not name columns"),
+    "csv: semicolons": csv(table().replace(",", ";"), "line 1", "separated by commas"),
+    "csv: comments, then a column time": csv(
+        "# by hand\n" * 9000 + table().replace("epoch_utc", "time"), "'time'"
+    ),
     "binary without zeros": csv(bytes(range(128, 256)) * 3, "line 1", "UTF-8"),
     "latin-1": csv(table().encode() + "# Observatório\n".encode("latin-1"), "line 5", "UTF-8"),
     "utf-16": csv(table().encode("utf-16"), "not text"),

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from radioloc.io.mini import read_mini
 from radioloc.io.odf import read_odf
 from radioloc.io.odf_records import looks_like_odf
 from radioloc.io.table import (
+    RAMP_COLUMNS,
     read_parquet,
     read_ramps_only,
     read_table,
@@ -34,6 +36,7 @@ from radioloc.io.table import (
 from radioloc.io.tdm import TdmAgreement, looks_like_tdm, read_tdm, write_tdm
 from radioloc.measurements.observations import Observations, counted_once, without_duplicates
 from radioloc.measurements.registry import is_integrated
+from radioloc.measurements.table_columns import COLUMNS
 from radioloc.plugins import named_where_it_fails, registry
 from radioloc.text_files import head_of, read_text
 from radioloc.time import utc_to_tai
@@ -41,6 +44,9 @@ from radioloc.time import utc_to_tai
 logger = logging.getLogger(__name__)
 
 _HEAD_BYTES = 65536
+_HEADER_LINES = 20  # of comments or titles before the line that names columns
+_MIN_COLUMN_NAMES = 3
+_AROUND_NAMES = "#%;/! \"'\t"
 # Modified Julian dates of six decimals are rounded to half of this.
 _REREAD_S = 0.1
 ENDINGS = {
@@ -114,6 +120,19 @@ def _first_line(form: str, comment: str = "#") -> Callable[[bytes], bool]:
     return _by_lines(looks_like)
 
 
+def _names_columns(columns: Collection[str], form: str) -> Callable[[bytes], bool]:
+    """Whether a file's first line has a form, or one of the first lines has three of a table's column names."""
+
+    def looks_like(lines: list[str]) -> bool:
+        content = (line for line in lines if line.strip() and not line.lstrip().startswith("#"))
+        first = chain(islice(content, _HEADER_LINES), lines[:_HEADER_LINES])
+        cells = ({cell.strip(_AROUND_NAMES).lower() for cell in re.split("[,;\t]", line)} for line in first)
+        return any(len(names.intersection(columns)) >= _MIN_COLUMN_NAMES for names in cells)
+
+    by_form, by_names = _first_line(form), _by_lines(looks_like)
+    return lambda head: by_form(head) or by_names(head)
+
+
 READERS = registry(
     "radioloc.readers",
     Reader,
@@ -160,13 +179,13 @@ READERS = registry(
         Reader(
             "table of observations",
             "first line names columns: epoch_utc,type,path,...",
-            _first_line(r".*epoch_utc"),
+            _names_columns(COLUMNS, r".*epoch_utc"),
             lambda paths, its: read_table(paths[0], catalogue=its.catalogue, lunar=its.lunar),
         ),
         Reader(
             "table of ramps",
             "first line names columns: station,start_utc,stop_utc,frequency_hz,rate_hz_s",
-            _first_line(r"(?=.*start_utc).*frequency_hz"),
+            _names_columns(RAMP_COLUMNS, r"(?=.*start_utc).*frequency_hz"),
             lambda paths, its: read_ramps_only(paths[0], catalogue=its.catalogue),
         ),
         Reader(
@@ -296,7 +315,8 @@ def _reader_of(path: str | Path) -> Reader:
     text = read_text(path)
     if (reader := of_content(text.encode())) is not None:
         return reader
-    first = next(line for line in text.splitlines() if line.strip())
+    lines = [line for line in text.splitlines() if line.strip()]
+    first = next((line for line in lines if not line.lstrip().startswith("#")), lines[0])
     known = "; ".join(f"{reader.name} ({reader.description})" for reader in READERS.values())
     solution = "; a solution of images belongs to [[observations.map_positions]]" if first[0] == "{" else ""
     raise FileFormatError(

@@ -43,6 +43,7 @@ from radioloc.measurements.observations import Observations, observations_of
 from radioloc.measurements.ramps import Ramps
 from radioloc.measurements.registry import KINDS
 from radioloc.measurements.table_columns import (
+    COLUMNS,
     OPTIONAL,
     SIGMA,
     VALUE,
@@ -64,6 +65,7 @@ from radioloc.time.dates import utc_from_text, utc_to_picoseconds, utc_to_text
 
 RAMP_COLUMNS = ("station", "start_utc", "stop_utc", "frequency_hz", "rate_hz_s")
 
+_SHOWN_CHARACTERS = 60
 # A line that begins with a lower or a higher character may be blank or a comment.
 _HASH, _DELETE, _NEW_LINE = 0x23, 0x7F, 0x0A
 _ROWS_READ, _ROWS_WRITTEN, _ROWS_OF_TEXT = 2**17, 2**16, 2**14
@@ -303,6 +305,12 @@ def _from_blocks(
         if not header and len(line):
             head, _, text = text.partition(b"\n")
             header = [name.strip(' "') for name in head.decode().split(",")]
+            if not {name.lower() for name in header}.intersection(COLUMNS):
+                problem = (
+                    f"{head.decode()[:_SHOWN_CHARACTERS]!r} does not name columns: the first line that is no comment "
+                    "(# ...) does, separated by commas (epoch_utc,type,path,...)"
+                )
+                raise FileFormatError(path, problem, int(line[0]))
             require_columns(path, header, int(line[0]))
             line = line[1:]
         if len(line):

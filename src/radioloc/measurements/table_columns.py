@@ -7,6 +7,7 @@ Columns are read as Arrow has them, which is imported when the first is, since t
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -75,7 +76,9 @@ def require_columns(
     known = _KNOWN if split_epoch else COLUMNS
     for name in header:
         if name not in known:
-            raise FileFormatError(path, f"column {name!r} is not known; use {', '.join(known)}", line)
+            near = difflib.get_close_matches(name.lower(), {*known} - {*header}, n=1)
+            meant = f"did you mean {near[0]}? Columns are" if near else "use"
+            raise FileFormatError(path, f"column {name!r} is not known; {meant} {', '.join(known)}", line)
         if header.count(name) > 1:
             raise FileFormatError(path, f"column {name!r} is there twice; leave one out", line)
     split = [name for name in SPLIT_EPOCH if name in header]

@@ -48,7 +48,7 @@ KEYS = {
     ],
     "estimate": [
         *("position", "range_bias", "range_bias_sigma_m", "time_bias", "time_bias_sigma_s"),
-        *("height_prior", "ephemeris_sigma_m", "rejection_sigma", "weights", "estimator"),
+        *("height_prior", "ephemeris_sigma_m", "rejection_sigma", "weights"),
     ],
     "model": ["off", "ephemeris", "libration", "earth_orientation"],
     "stations.APOLLO": ["itrf_m", "velocity_m_yr", "epoch", "aliases"],

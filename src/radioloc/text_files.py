@@ -11,6 +11,7 @@ import math
 import os
 import stat
 import tempfile
+import unicodedata
 import zlib
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -241,6 +242,12 @@ def _text_block(path: str | Path, block: bytes, first_line: int, encoding: str) 
         problem = f"byte 0x{block[error.start]:02x} is not UTF-8; save the file as UTF-8"
         raise FileFormatError(path, problem, line) from error
     return block.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in block else block
+
+
+def to_ascii(text: str, length: int) -> str:
+    """Return printable ASCII of at most `length` characters: accents are dropped, other characters become ``?``."""
+    letters = (c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
+    return "".join(c if c.isascii() and c.isprintable() else "?" for c in letters)[:length]
 
 
 def write_text(path: str | Path, text: str) -> None:

@@ -13,8 +13,10 @@ from radioloc import vectors
 from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError, KernelError
 from radioloc.imaging.orientation import TabulatedOrientation, quaternions_of
+from radioloc.kernels.spice_calls import spice_message, spice_path
+from radioloc.kernels.spk_types import check_spk
 from radioloc.lunar.frames import rot_icrf_to_me
-from radioloc.text_files import require_file
+from radioloc.text_files import head_of, require_file
 from radioloc.time import Epochs
 
 Floats = NDArray[np.float64]
@@ -94,14 +96,16 @@ def _loaded(kernels: Sequence[str | Path]) -> Iterator[None]:
     paths = [Path(one) for one in kernels]
     for path in paths:
         require_file(path)
+        if head_of(path, 8) == b"DAF/SPK ":
+            check_spk(path)  # SPICE ends the process at some damages
     try:
         with ExitStack() as stack:
             for path in paths:
-                spiceypy.furnsh(str(path))
-                stack.callback(spiceypy.unload, str(path))
+                name = stack.enter_context(spice_path(path))
+                spiceypy.furnsh(name)
+                stack.callback(spiceypy.unload, name)
             yield
     except SpiceyError as error:
-        what = " ".join((getattr(error, "long", "") or getattr(error, "short", "") or str(error)).split())
         raise KernelError(
-            f"SPICE cannot give the camera's orientation from {', '.join(map(str, paths))}: {what}"
+            f"SPICE cannot give the camera's orientation from {', '.join(map(str, paths))}: {spice_message(error)}"
         ) from error

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from radioloc.chebyshev import chebyshev_sums
 from radioloc.errors import KernelError
-from radioloc.kernels.daf import DafSegment, tdb_date
+from radioloc.kernels.daf import DafSegment, read_segments, tdb_date
 
 _Floats = NDArray[np.float64]
 
@@ -173,6 +174,13 @@ def read_states(segment: DafSegment, spk_type: int) -> StateSeries:
         return _READERS[spk_type](segment, words)
     except _Damage as damage:
         raise segment.damaged(str(damage)) from None
+
+
+def check_spk(path: Path) -> None:
+    """Raise a :class:`KernelError` if an SPK or one of its segments of the types that are read is damaged."""
+    for segment in read_segments(path, "SPK"):
+        if segment.integers[3] in _READERS:
+            read_states(segment, segment.integers[3])
 
 
 def read_chebyshev(segment: DafSegment) -> ChebyshevRecords:

@@ -26,7 +26,7 @@ from radioloc.lunar.frames import rot_icrf_to_pa_rate
 from radioloc.measurements.observations import Observations
 from radioloc.report.spice_kernels import M_PER_KM, orbit_parts, states_km
 from radioloc.report.tables import Located, content_of, position_of
-from radioloc.text_files import write_text
+from radioloc.text_files import to_ascii, write_text
 from radioloc.time import Epochs, epochs_from_strings, to_scale, utc_strings
 
 _Floats = NDArray[np.float64]
@@ -34,6 +34,7 @@ _Floats = NDArray[np.float64]
 _LONGEST_STEP_S = 86400.0
 """Polynomials of degree 7 through states a day apart are off by 0.1 mm."""
 _DEGREE_AT_REST, _DEGREE_OF_ORBIT = 7, 11
+_MAX_COMMENT_NAME = 80  # characters of a solution's name
 _RESIDUALS = "the values are residuals, observed minus computed, not observations"
 
 
@@ -257,7 +258,11 @@ def write_residuals_tdm(
     unrecorded: dict[str, Any] = dict.fromkeys([*WEATHER.values(), "modulus_m"], np.full(len(rows), np.nan))
     lengths = np.zeros(len(rows), dtype=bool)  # also where cycles of ramps were observed
     residuals = replace(observations, value_m=rows.residual_m, ramped=lengths, **unrecorded)
-    header = TdmHeader(creation_date or now(), originator, comments=(f"{solution.name}: {_RESIDUALS}",))
+    header = TdmHeader(
+        creation_date or now(),
+        originator,
+        comments=(f"{to_ascii(solution.name, _MAX_COMMENT_NAME)}: {_RESIDUALS}",),
+    )
     segments = [
         replace(segment, metadata={**segment.metadata, "DATA_QUALITY": quality}, data_comments=(_RESIDUALS,))
         for quality, which in (("VALIDATED", rows.used), ("DEGRADED", ~rows.used))

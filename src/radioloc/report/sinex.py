@@ -21,7 +21,7 @@ from radioloc._version import __version__
 from radioloc.errors import ConvergenceError, InputError
 from radioloc.estimation.solution import Solution
 from radioloc.lunar.selenographic import cartesian_to_selenographic
-from radioloc.text_files import write_text
+from radioloc.text_files import to_ascii, write_text
 from radioloc.time import Epochs, utc_strings
 
 _TYPES = {
@@ -121,13 +121,16 @@ def write_sinex(solution: Solution, path: str | Path) -> Path:
     constraint = _PRIOR_KNOWN if any(line.constrained for line in lines) else _UNCONSTRAINED
     blocks = {
         "FILE/REFERENCE": [
-            f" {'DESCRIPTION':<18s} {_ascii(solution.name, 60)}",
+            f" {'DESCRIPTION':<18s} {to_ascii(solution.name, 60)}",
             f" {'SOFTWARE':<18s} radioloc {__version__}",
         ],
         "FILE/COMMENT": [
             f" Positions in {solution.pa_frame}, principal axes of the Moon, not of the Earth.",
             " The covariance is the total one, with the errors of considered parameters.",
-            *(f" {3 * len(targets) + 1 + n:5d} is {_ascii(items[k].name, 60)}" for n, k in enumerate(others)),
+            *(
+                f" {3 * len(targets) + 1 + n:5d} is {to_ascii(items[k].name, 60)}"
+                for n, k in enumerate(others)
+            ),
         ],
         "SITE/ID": [
             "*CODE PT __DOMES__ T _STATION DESCRIPTION__ _LONGITUDE_ _LATITUDE__ HEIGHT_",
@@ -204,7 +207,7 @@ def _site(code: str, name: str, position_me_m: NDArray[np.float64] | None) -> st
     if position_me_m is not None:
         longitude, latitude, height_m = map(float, cartesian_to_selenographic(position_me_m))
     place = f"{_sexagesimal(math.degrees(longitude) % 360.0)} {_sexagesimal(math.degrees(latitude))}"
-    return f" {code:<4s}  A {'---------':<9s} C {_ascii(name, 22):<22s} {place} {height_m:7.1f}"
+    return f" {code:<4s}  A {'---------':<9s} C {to_ascii(name, 22):<22s} {place} {height_m:7.1f}"
 
 
 def _sexagesimal(angle_deg: float) -> str:
@@ -215,10 +218,6 @@ def _sexagesimal(angle_deg: float) -> str:
         first = next((k for k, part in enumerate(parts) if part), 0)
         parts[first] = -parts[first]
     return f"{parts[0]:3d} {parts[1]:2d} {parts[2]:4.1f}"
-
-
-def _ascii(text: str, length: int) -> str:
-    return text.encode("ascii", "replace").decode()[:length]
 
 
 def _epoch(epoch: Epochs) -> str:

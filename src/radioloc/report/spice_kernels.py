@@ -6,6 +6,8 @@ Source: NAIF's *SPK Required Reading*.
 from __future__ import annotations
 
 import re
+import shutil
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -20,8 +22,9 @@ from radioloc.constants import J2000_JD, SECONDS_PER_DAY
 from radioloc.dynamics import Orbit
 from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.errors import InputError
+from radioloc.kernels.spice_calls import spice_message, spice_path
 from radioloc.report.tables import Located, content_of, position_of
-from radioloc.text_files import replaced_file, write_text
+from radioloc.text_files import replaced_file, to_ascii
 
 FIRST_SITE = 301001
 """NAIF code of a first site on the Moon, as its ground sites of the Earth begin with 399001."""
@@ -31,7 +34,8 @@ _PRINCIPAL_AXES = {"PA_DE421": 31006, "PA_DE440": 31008}
 _MEAN_EARTH = {"PA_DE421": ("MOON_ME_DE421", 31007), "PA_DE440": ("MOON_ME_DE440_ME421", 31009)}
 _OF_A_PCK, _FIXED = 2, 4  # SPICE's classes of frames
 _REACH_S = 3.2e9  # before and after J2000: 1898 to 2101
-_LONGEST_NAME = 27  # SPICE's frames have names of at most 32, and _TOPO is added
+_MAX_SEGMENT_NAME = 40  # characters of the identifier of a segment
+_MAX_FRAME_NAME = 21  # SPICE's variable FRAME_name_TOPO has at most 32 characters
 M_PER_KM = 1000.0
 _DEGREE = 11
 _LONGEST_STEP_S = 600.0
@@ -88,22 +92,28 @@ def write_spice(solution: Located, path: str | Path, *, code: int = FIRST_SITE) 
     if pa["frame"] not in _PRINCIPAL_AXES:
         known = ", ".join(_PRINCIPAL_AXES)
         raise InputError(f"{content['name']}: SPICE has no frame for {pa['frame']}; it has some for {known}")
-    write_text(frames, _frames(content, code))
+    content = {**content, "name": to_ascii(content["name"], _MAX_SEGMENT_NAME).strip() or "lander"}
     state = [pa[f"{axis}_m"] / M_PER_KM for axis in "xyz"] + [0.0] * 3
-    spiceypy.furnsh(str(frames))
-    try:
-        with _new_spk(spk) as handle:
-            axes, span = f"MOON_{pa['frame']}", [-_REACH_S, _REACH_S]
-            spiceypy.spkw09(handle, code, _MOON, axes, *span, content["name"][:40], 1, 2, [state] * 2, span)
-    finally:
-        spiceypy.unload(str(frames))
+    # The frames kernel takes its place last, once the SPK is whole.
+    with replaced_file(frames) as made, _new_spk(spk) as handle:
+        made.write_text(_frames(content, code), encoding="ascii")
+        with spice_path(made) as name:
+            spiceypy.furnsh(name)
+            try:
+                axes, span = f"MOON_{pa['frame']}", [-_REACH_S, _REACH_S]
+                spiceypy.spkw09(handle, code, _MOON, axes, *span, content["name"], 1, 2, [state] * 2, span)
+            finally:
+                spiceypy.unload(name)
     return spk, frames
 
 
 def _frames(content: Mapping[str, Any], code: int) -> str:
     """The text of the frames kernel."""
     pa, me = content["position"]["pa"], content["position"]["me"]
-    name = re.sub(r"[^A-Z0-9]+", "_", content["name"].upper()).strip("_")[:_LONGEST_NAME] or "LANDER"
+    name = (
+        re.sub(r"[^A-Z0-9]+", "_", content["name"].upper()).strip("_")[:_MAX_FRAME_NAME].strip("_")
+        or "LANDER"
+    )
     axes, number = f"MOON_{pa['frame']}", _PRINCIPAL_AXES[pa["frame"]]
     mean, mean_number = _MEAN_EARTH[pa["frame"]]
     about_x, about_y, about_z = CONSTANTS[pa["frame"].partition("_")[2]].pa_to_me_arcsec
@@ -202,7 +212,7 @@ def write_orbit_spk(
             states[:, :3] -= states[:, 3:] * rest_s[:, None]
             count = len(et_s)
             degree = min(_DEGREE, 2 * count - 1)
-            segment = (body, _MOON, "J2000", et_s[0], et_s[-1], part.name[:40])
+            segment = (body, _MOON, "J2000", et_s[0], et_s[-1], to_ascii(part.name, _MAX_SEGMENT_NAME))
             spiceypy.spkw13(handle, *segment, degree, count, states.tolist(), et_s.tolist())
     return Path(path)
 
@@ -211,14 +221,20 @@ def write_orbit_spk(
 def _new_spk(path: str | Path) -> Iterator[int]:
     """The handle of a new SPK, which takes the place of one that is there once it is whole."""
     import spiceypy
+    from spiceypy.utils.exceptions import SpiceyError
 
-    with replaced_file(path) as temporary:
-        temporary.unlink()
-        handle = spiceypy.spkopn(str(temporary), "radioloc", 0)
+    # SPICE makes no file of a long name, so it writes in a folder for temporary files.
+    with replaced_file(path) as temporary, tempfile.TemporaryDirectory(prefix="radioloc-") as folder:
+        made = Path(folder) / "new.bsp"
         try:
-            yield handle
-        finally:
-            spiceypy.spkcls(handle)
+            handle = spiceypy.spkopn(str(made), "radioloc", 0)
+            try:
+                yield handle
+            finally:
+                spiceypy.dafcls(handle)
+        except SpiceyError as error:
+            raise InputError(f"{path} cannot be written by SPICE: {spice_message(error)}") from error
+        shutil.copyfile(made, temporary)
 
 
 def orbit_parts(orbit: Orbit | Sequence[Orbit], step_s: float) -> Iterator[tuple[Orbit, _Floats]]:

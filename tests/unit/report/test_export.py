@@ -6,12 +6,14 @@ import math
 import numpy as np
 import pytest
 import spiceypy
+from spiceypy.utils.exceptions import SpiceyError
 from spk_files import position_on_moon
 
 from radioloc.cli import main
-from radioloc.ephemeris import Ephemeris, LunarOrientation
+from radioloc.ephemeris import Ephemeris, LunarOrientation, Trajectory
 from radioloc.errors import InputError
 from radioloc.kernels import find_kernel
+from radioloc.kernels.daf import read_segments
 from radioloc.lunar import east_north_up, rot_icrf_to_pa, rot_pa_to_me
 from radioloc.report import write_gis, write_spice
 from radioloc.time import Epochs
@@ -77,6 +79,46 @@ def test_kernels_that_would_be_wrong_are_refused(tmp_path, change, name, code, m
     with pytest.raises(InputError, match=message):
         write_spice(content() | change, tmp_path / name, code=code)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("name", "frame", "segment"),
+    [
+        ("Чанъэ 5", "5_TOPO", "????? 5"),
+        ("Gómez", "GOMEZ_TOPO", "Gomez"),
+        ("嫦娥\n\\begindata", "BEGINDATA_TOPO", "???\\begindata"),
+        ("a" * 300, f"{'A' * 21}_TOPO", "a" * 40),
+        ("", "LANDER_TOPO", "lander"),
+    ],
+)
+def test_any_name_becomes_printable_ascii_of_the_length_that_spice_takes(tmp_path, name, frame, segment):
+    files = write_spice(content(name=name), tmp_path / "lander.bsp")
+    assert files[1].read_text().isascii()
+    assert [one.name for one in read_segments(files[0], "SPK")] == [segment]
+    with spiceypy.KernelPool([str(file) for file in files]):
+        assert spiceypy.namfrm(frame) != 0
+
+
+def test_paths_too_long_for_spice_are_written_and_read(tmp_path):
+    folder = tmp_path.joinpath(*["d" * 100] * 3)
+    folder.mkdir(parents=True)
+    spk, frames = write_spice(content(), folder / "lander.bsp")
+    assert sorted(path.name for path in folder.iterdir()) == ["lander.bsp", "lander.tf"]
+    assert "LANDER_5_TOPO" in frames.read_text()
+    lander = Trajectory.open(spk, 301001)
+    assert np.isfinite(lander.geocentric(Ephemeris.open(), Epochs.from_tdb_seconds(np.array([0.0])))[0]).all()
+
+
+def test_kernels_that_spice_cannot_write_leave_none_and_those_before(tmp_path, monkeypatch):
+    def failing(*_):
+        raise SpiceyError("no room")
+
+    monkeypatch.setattr(spiceypy, "spkw09", failing)
+    (tmp_path / "lander.tf").write_text("before")
+    with pytest.raises(InputError, match=r"lander\.bsp cannot be written by SPICE: no room"):
+        write_spice(content(), tmp_path / "lander.bsp")
+    assert [path.name for path in tmp_path.iterdir()] == ["lander.tf"]
+    assert (tmp_path / "lander.tf").read_text() == "before"
 
 
 @pytest.mark.parametrize("ending", ["geojson", "gpkg"])

@@ -1,0 +1,29 @@
+"""Calls of SPICE: paths that it can open, and its errors in one line."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+MAX_PATH_BYTES = 255  # of a file name in SPICE
+
+
+@contextmanager
+def spice_path(path: Path) -> Iterator[str]:
+    """Give the name under which SPICE opens a file: its path, or a short link to it where that is too long."""
+    if len(os.fsencode(path)) <= MAX_PATH_BYTES:
+        yield str(path)
+        return
+    with tempfile.TemporaryDirectory(prefix="radioloc-") as folder:
+        link = Path(folder) / f"kernel{path.suffix}"
+        link.symlink_to(path.absolute())
+        yield str(link)
+
+
+def spice_message(error: Exception) -> str:
+    """Return what an error of SPICE says, in one line."""
+    text = getattr(error, "long", "") or getattr(error, "short", "") or str(error)
+    return " ".join(text.split())

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.constants import J2000_JD
 from radioloc.earth.blq import BlqCoefficients, parse_blq
-from radioloc.earth.geodesy import itrf_from_geodetic
+from radioloc.earth.geodesy import geodetic_from_itrf, itrf_from_geodetic
 from radioloc.earth.reference_frames import frames, to_itrf2020
 from radioloc.errors import InputError, StationError
 from radioloc.time import Epochs
@@ -37,7 +37,13 @@ MOUNTS = ("azimuth_elevation", "equatorial", "xy_north", "xy_east")
 
 _DAYS_PER_JULIAN_YEAR = 365.25
 _RADIUS_RANGE_M = (6.35e6, 6.39e6)
+_HEIGHT_RANGE_M = (-1.0e3, 1.0e4)  # of ground above the ellipsoid
+_MIN_MOVED_M = 5.0e4  # by which a station with a catalogue's name is another site, or has wrong coordinates
+_SAME_SITE_M = 1.0e4
 _LONGEST_AXIS_OFFSET_M = 20.0
+_MIN_SIMILARITY = 0.75  # of names, by difflib: KASHY is similar to KASHI (0.8), APACHE not to ZAPALA (0.5)
+_MIN_PREFIX = 3
+_MAX_SIMILAR = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,6 +127,20 @@ class Station:
             raise StationError(
                 f"station {self.name} is {radius_m:.6g} m from the geocentre; the ground is between "
                 f"{_RADIUS_RANGE_M[0]:.2e} and {_RADIUS_RANGE_M[1]:.2e} m: give metres, geocentric"
+                + " (these are kilometres)"
+                * (_RADIUS_RANGE_M[0] < 1e3 * radius_m < _RADIUS_RANGE_M[1])
+            )
+        height_m = _height_m(self.itrf_m)
+        if not _HEIGHT_RANGE_M[0] < height_m < _HEIGHT_RANGE_M[1]:
+            ground = {name: _height_m(other) for name, other in reordered_coordinates(self.itrf_m).items()}
+            meant = [
+                f"with {name} it would be at {other_m:.0f} m"
+                for name, other_m in ground.items()
+                if _HEIGHT_RANGE_M[0] < other_m < _HEIGHT_RANGE_M[1]
+            ]
+            raise StationError(
+                f"station {self.name} is at {height_m:.0f} m above the ellipsoid, where no ground is: give x, y, z in "
+                f"metres, geocentric; {' or '.join(meant)}"
             )
         if self.sigma_m is not None and not self.sigma_m > 0.0:
             raise StationError(f"station {self.name}: sigma_m must be above zero, but is {self.sigma_m}")
@@ -268,8 +288,8 @@ class StationCatalogue:
         station = self._by_key.get(_key(name))
         if station is not None:
             return station
-        close = difflib.get_close_matches(_key(name), self._by_key, n=5, cutoff=0.5)
-        similar = list(dict.fromkeys(self._by_key[label].name for label in close))
+        close = [station.name for label, station in self._by_key.items() if _is_similar(_key(name), label)]
+        similar = list(dict.fromkeys(close))[:_MAX_SIMILAR]
         known = f"similar: {', '.join(similar)}" if similar else f"known: {', '.join(self.names)}"
         of_site = "name the file of its site under [observations] sites, or "
         raise StationError(
@@ -298,6 +318,15 @@ class StationCatalogue:
 
     def with_station(self, station: Station) -> StationCatalogue:
         """Make a new catalogue with the station added, or in the place of the one of its name."""
+        known = self._by_key.get(_key(station.name))
+        if known is not None and math.dist(known.itrf_m, station.itrf_m) > _MIN_MOVED_M:
+            for name, itrf_m in reordered_coordinates(station.itrf_m).items():
+                if math.dist(known.itrf_m, itrf_m) < _SAME_SITE_M:
+                    raise StationError(
+                        f"station {station.name} is {1e-3 * math.dist(known.itrf_m, station.itrf_m):.0f} km from the "
+                        f"catalogue's; with {name} it would be {1e-3 * math.dist(known.itrf_m, itrf_m):.3g} km from "
+                        "it: correct itrf_m"
+                    )
         kept = [other for other in self._stations if _key(other.name) != _key(station.name)]
         return StationCatalogue([*kept, station])
 
@@ -321,6 +350,41 @@ def station_name(catalogue: StationCatalogue | None, *names: str) -> str:
     """Catalogue's name of a station of one or more names, the most reliable first, which is kept if it knows none."""
     known = [name for name in names if catalogue is not None and name in catalogue]
     return catalogue[known[0]].name if catalogue is not None and known else names[0]
+
+
+def reordered_coordinates(xyz_m: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """Return geocentric coordinates with axes exchanged or another sign, as mistakes have them, by what is changed."""
+    x, y, z = xyz_m
+    orders = {
+        "x and y exchanged": (y, x, z),
+        "y and z exchanged": (x, z, y),
+        "x and z exchanged": (z, y, x),
+        "x, y, z in the order y, z, x": (z, x, y),
+        "x, y, z in the order z, x, y": (y, z, x),
+        "the other sign of y (longitude counted east)": (x, -y, z),
+        "the other sign of x": (-x, y, z),
+        "the other sign of z": (x, y, -z),
+    }
+    others = {name: np.array(order) for name, order in orders.items()}
+    place = geodetic_from_itrf(xyz_m)
+    if abs(place.longitude_rad) <= 0.5 * math.pi:
+        turned = itrf_from_geodetic(place.latitude_rad, place.longitude_rad, place.height_m)
+        others["longitude and latitude exchanged"] = turned
+    return others
+
+
+def _height_m(itrf_m: NDArray[np.float64]) -> float:
+    return float(geodetic_from_itrf(itrf_m).height_m)
+
+
+def _is_similar(key: str, label: str) -> bool:
+    """Whether names are alike; other numbers name other antennas, however many characters agree."""
+    number, of_label = ("".join(re.findall(r"\d", text)) for text in (key, label))
+    if key == number:
+        return number == of_label
+    alike = difflib.SequenceMatcher(None, key, label).ratio() >= _MIN_SIMILARITY
+    alike |= len(key) >= _MIN_PREFIX and label.startswith(key)
+    return alike and (not number or not of_label or number == of_label)
 
 
 def _key(name: str | int) -> str:

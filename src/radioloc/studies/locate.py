@@ -73,6 +73,7 @@ from radioloc.studies.problem import (
     with_independent_clocks,
 )
 from radioloc.studies.selection import select_observations, with_target_names
+from radioloc.studies.station_doubts import coordinate_doubts
 from radioloc.studies.station_noise import considered_ties_m, stated_noise
 from radioloc.studies.stochastic import StochasticProblem
 from radioloc.studies.study import EstimateChoice, ModelChoice, Study
@@ -257,6 +258,7 @@ def fit_arc(
                 "a coarse search over the near side found that the data fit better"
                 for name, (_, away_m) in starts.items()
             ),
+            *coordinate_doubts(arc, start_pa_m(targets_in_pa(study, constants)), used, fits),
             *notes_of(study, arc, left_out, estimate, fitted, lander_pa_m, considered),
             *not_considered,
         ),

@@ -186,6 +186,18 @@ def test_unknown_station_says_what_is_close() -> None:
         catalogue.get("9999999_xyz_????")
 
 
+@pytest.mark.parametrize(
+    ("name", "similar"),
+    [("KASHY", {"KASHI"}), ("HART", {"HARTRAO", "HART15M"}), ("dss 24 a", {"DSS-24"}), ("TIANMA", {"TIANMA65"}),
+     ("APACHE", set()), ("DSS-99", set()), ("DSS-44", set()), ("7840", set()), ("MCDONALD", set())],
+)  # fmt: skip
+def test_stations_of_another_number_or_place_are_not_called_similar(name: str, similar: set[str]) -> None:
+    with pytest.raises(StationError) as told:
+        StationCatalogue.default().get(name)
+    found = re.search(r"similar: (.*?)\.", str(told.value))
+    assert (set() if found is None else set(found[1].split(", "))) == similar
+
+
 def test_position_moves_linearly() -> None:
     apollo = StationCatalogue.default()["APOLLO"]
     tt = Epochs.from_jd(2451545.0 + np.array([0.0, 3652.5, -365.25]), 0.0, "TT")
@@ -228,7 +240,12 @@ def make_station(**changes: object) -> Station:
         ({"quality": "good"}, "quality 'good'"),
         ({"frame": "WGS72"}, "frame 'WGS72' is not one of ITRF2020, ITRF2014"),
         ({"epoch_year": float("nan")}, "epoch_year must be a finite number"),
-        ({"itrf_m": [6378.137, 0.0, 0.0]}, "give metres"),
+        ({"itrf_m": [6378.137, 0.0, 0.0]}, "these are kilometres"),
+        (
+            {"itrf_m": [3942516.9, 4870627.6, 1151367.6]},
+            "-6242 m .* with y and z exchanged it would be at 5580 m",
+        ),
+        ({"itrf_m": [0.0, 6378137.0 - 2e3, 0.0]}, "-2000 m above the ellipsoid"),
         ({"itrf_m": [6378137.0, 0.0]}, "three finite"),
         ({"velocity_m_yr": [0.0, float("inf"), 0.0]}, "three finite"),
     ],
@@ -236,6 +253,23 @@ def make_station(**changes: object) -> Station:
 def test_refuses_a_bad_station(changes: dict[str, object], message: str) -> None:
     with pytest.raises(StationError, match=message):
         make_station(**changes)
+
+
+@pytest.mark.parametrize(
+    ("order", "signs"), [((1, 0, 2), (1, 1, 1)), ((0, 1, 2), (1, -1, 1)), ((0, 1, 2), (1, 1, -1))]
+)
+def test_coordinates_in_another_order_than_the_catalogue_has_them_are_refused(
+    order: tuple[int, ...], signs: tuple[int, ...]
+) -> None:
+    default = StationCatalogue.default()
+    kashi = default["KASHI"]
+    near = kashi.itrf_m + 1000.0
+    with pytest.raises(
+        StationError, match=r"KASHI is \d+ km from the catalogue's; with .* it would be 1.73 km"
+    ):
+        default.with_station(dataclasses.replace(kashi, itrf_m=signs * near[list(order)]))
+    elsewhere = default.with_station(dataclasses.replace(kashi, itrf_m=default["PARKES"].itrf_m))
+    assert elsewhere["KASHI"].itrf_m.tolist() == default["PARKES"].itrf_m.tolist()
 
 
 def test_with_station_adds_and_replaces_in_a_new_catalogue() -> None:

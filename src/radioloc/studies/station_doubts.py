@@ -1,0 +1,73 @@
+"""Stations of a study whose observations fit if their coordinates are in another order or have another sign."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.dynamics.arcs import AnyOrbit
+from radioloc.earth.stations import Station, StationCatalogue, reordered_coordinates
+from radioloc.errors import StationError
+from radioloc.measurements.evaluation import prepare_predictor
+from radioloc.measurements.predictor import Predictor
+
+_SAMPLE_ROWS = 20
+_MIN_IMPROVEMENT = 10.0  # of the rms of residuals by other coordinates
+_MAX_RMS_M = 1.0e5  # from an a-priori position some tens of kilometres off
+
+
+def coordinate_doubts(
+    arc: Predictor, positions_pa_m: NDArray[np.float64], used: NDArray[np.bool_], fits: bool
+) -> Iterator[str]:
+    """Name the stations that do not fit, or see nothing, and do with exchanged axes or signs at a-priori positions.
+
+    Stations of the catalogue are not in doubt, nor are any where the target's orbit is.
+    """
+    observations, shipped = arc.tracking.observations, StationCatalogue.default()
+    for name in () if isinstance(arc.trajectory, AnyOrbit) else arc.stations:
+        station = arc.model.catalogue.get(name)
+        if station.name in shipped and np.array_equal(shipped[station.name].itrf_m, station.itrf_m):
+            continue
+        of_link = np.array([name in link.stations for link in observations.links])
+        rows = np.flatnonzero(of_link[observations.link])
+        if not len(rows) or (fits and used[rows].any()):
+            continue
+        rows = rows[np.unique(np.linspace(0, len(rows) - 1, _SAMPLE_ROWS).astype(int))]
+        given_m = _rms_m(arc, positions_pa_m, rows, station)
+        others = {
+            mistake: _rms_m(arc, positions_pa_m, rows, station, itrf_m)
+            for mistake, itrf_m in reordered_coordinates(station.itrf_m).items()
+        }
+        mistake, rms_m = min(others.items(), key=lambda one: one[1])
+        if rms_m < min(given_m / _MIN_IMPROVEMENT, _MAX_RMS_M):
+            now = "it does not see the target" if np.isinf(given_m) else f"{1e-3 * given_m:.0f} km"
+            yield (
+                f"WARNING: with {mistake}, observations of {name} fit an a-priori position to {1e-3 * rms_m:.3g} km "
+                f"(as given: {now}): check itrf_m of [stations.{name}]"
+            )
+
+
+def _rms_m(
+    arc: Predictor,
+    positions_pa_m: NDArray[np.float64],
+    rows: NDArray[np.intp],
+    station: Station,
+    itrf_m: NDArray[np.float64] | None = None,
+) -> float:
+    """Root mean square of residuals by other coordinates of a station; infinite where it does not see the target."""
+    try:
+        other = station if itrf_m is None else replace(station, itrf_m=itrf_m)
+    except StationError:
+        return np.inf
+    kept = [one for one in arc.model.catalogue if one.name != station.name]
+    model = replace(arc.model, catalogue=StationCatalogue([*kept, other]))
+    some = arc.tracking.observations.select(rows)
+    computed = prepare_predictor(model, some, positions_pa_m, "exact", arc.trajectory, arc.targets).compute(
+        positions_pa_m
+    )
+    if not computed.usable.any():
+        return np.inf
+    return float(np.sqrt(np.square((some.value_m - computed.value_m)[computed.usable]).mean()))

@@ -35,6 +35,7 @@ from radioloc.io.table import (
 )
 from radioloc.io.tdm import TdmAgreement, looks_like_tdm, read_tdm, write_tdm
 from radioloc.measurements.observations import Observations, counted_once, without_duplicates
+from radioloc.measurements.quantised import with_rounding_in_sigmas
 from radioloc.measurements.registry import is_integrated
 from radioloc.measurements.table_columns import COLUMNS
 from radioloc.plugins import named_where_it_fails, registry
@@ -244,7 +245,8 @@ def read_observations(
     Warns
     -----
     DataQualityWarning
-        The same observation is there twice, and counted once.
+        The same observation is there twice, and counted once; or readings are multiples of a step, and their sigmas
+        are raised to step / sqrt(12).
 
     Examples
     --------
@@ -274,7 +276,7 @@ def read_observations(
             "read %d observations from %s (%s)", len(parts[-1]), ", ".join(map(str, group)), reader.name
         )
     joined = parts[0] if len(parts) == 1 else without_duplicates(Observations.concatenate(parts))
-    return _without_rereadings(joined)
+    return with_rounding_in_sigmas(_without_rereadings(joined))
 
 
 def _without_rereadings(observations: Observations) -> Observations:

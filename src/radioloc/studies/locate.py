@@ -41,6 +41,7 @@ from radioloc.measurements.map_predictor import MapPredictor
 from radioloc.measurements.observations import Observations, without_duplicates
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor, blocks
+from radioloc.measurements.quantised import with_rounding_in_sigmas
 from radioloc.measurements.registry import KINDS
 from radioloc.measurements.sources import read_sources
 from radioloc.measurements.terms import TERMS
@@ -355,13 +356,11 @@ def _observations(
             )
         observations = read_as(study, study.observations.files, model)
     else:
-        observations = without_duplicates(observations)
+        observations = with_rounding_in_sigmas(without_duplicates(observations))
     chosen, left_out = select_observations(
         observations, study.observations, study.catalogue, study.targets, model.sources
     )
-    spacecraft_doubts(
-        study, chosen, model
-    )  # refuses what contradicts each other, before anything is computed
+    spacecraft_doubts(study, chosen, model)  # identifiers that contradict each other are refused before a fit
     for key in ("vlbi_station_sigma_m", "vlbi_station_rate_sigma_m", "doppler_phase_sigma_m"):
         given = getattr(study.observations, key)
         if isinstance(given, Mapping):

@@ -22,6 +22,7 @@ from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import DOPPLER, Observations
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.quantised import common_step
 from radioloc.studies.study import Study
 from radioloc.time import utc_strings, utc_to_tai
 
@@ -36,6 +37,8 @@ _OUTLIER = 5.0
 """Spreads beyond which a residual has no part in an rms: a pass may begin before the lock."""
 _JUMP_M_S = 3.0
 """Step of the rate, beyond what the counts around it make likely, at which another station may have begun to send."""
+_JUMP_ROUNDING_STEPS = 2.5
+"""Least jump of rates that are multiples of a step: rounding alone makes steps of one, of medians two."""
 _AROUND = 9
 """How many steps these are."""
 _LEAST_S = 600.0
@@ -205,8 +208,9 @@ def _jumps(time_s: _Floats, rate_m_s: _Floats) -> list[int]:
         usual_m_s = step_s * median_filter(np.diff(rate_m_s) / step_s, _AROUND, mode="nearest")
         # Of a median single counts that are off make no jump, but steps of twice the usual beside them.
         beyond_m_s = np.diff(median_filter(rate_m_s, _AROUND, mode="nearest")) - usual_m_s
+        rounding_m_s = _JUMP_ROUNDING_STEPS * common_step(rate_m_s, _JUMP_M_S / _JUMP_ROUNDING_STEPS)
         limit_m_s = np.maximum(
-            2.0 * np.abs(usual_m_s), max(_JUMP_M_S, _OUTLIER * robust_scale(beyond_m_s, 1))
+            2.0 * np.abs(usual_m_s), max(_JUMP_M_S, rounding_m_s, _OUTLIER * robust_scale(beyond_m_s, 1))
         )
         gaps = step_s > np.maximum(_LEAST_S, 5.0 * np.median(step_s))  # over which steps say nothing
         for k in (np.flatnonzero((np.abs(beyond_m_s) > limit_m_s) | gaps) + 1).tolist():

@@ -14,7 +14,7 @@ from radioloc.measurements import Link, PhysicalModel
 from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, Session, Truth
 from radioloc.studies import EstimateChoice, ObservationChoice
 from radioloc.studies.locate import prepared_arc
-from radioloc.studies.transmitters import _passes
+from radioloc.studies.transmitters import _jumps, _passes
 
 CANDIDATES = ("NEUQUEN", "JIAMUSI", "KASHI")
 DOWN_HZ = 8.471e9
@@ -86,6 +86,15 @@ def test_a_handover_of_the_uplink_ends_a_pass():
     assert [len(rows) for rows in _passes(unsaid(received), 4 * 3600.0)] == [38, 83]
     arc, _ = prepared_arc(study(), unsaid(received))
     assert arc.observations.paths().tolist() == received.paths().tolist()
+
+
+@pytest.mark.parametrize(("jump_m_s", "expected"), [(0.0, []), (200.0, [150])])
+def test_rounded_rates_end_no_pass_and_hide_no_handover(jump_m_s, expected):
+    """Frequencies in steps of 100 Hz, 3.5 m/s, which change by less than that from count to count."""
+    time_s = 60.0 * np.arange(330.0)
+    rate_m_s = 300.0 * np.sin(time_s / 7000.0) + jump_m_s * (np.arange(330) >= 150)
+    step_m_s = 3.548
+    assert _jumps(time_s, step_m_s * np.rint(rate_m_s / step_m_s)) == expected
 
 
 def test_the_card_and_the_file_have_all_candidates(received):

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import json
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from datetime import datetime
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
+from radioloc.estimation.shared_observations import SampledSeries, share_observations
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.local import LocalDifference, displaced, local_difference, rot_enu_between
 
 _Floats = NDArray[np.float64]
 _AXES = ("east", "north", "up")
+_NUMBER = re.compile(r"[ .]\d+(?=\.|$)")
+_ABOVE_TERRAIN = "height_above_terrain"
+_MIN_OWN_PART = 1e-6
+"""Least part of variances that a difference has for a test: without it both heights are the same a-priori value."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,6 +90,29 @@ def horizontal_ellipse(covariance_en_m2: NDArray[np.float64], probability: float
     return Ellipse(float(major), float(minor), azimuth_deg)
 
 
+@dataclass(frozen=True, slots=True)
+class TerrainHeight:
+    """The a-priori height of a terrain model: the error of the model is common to all places, its roughness is local.
+
+    Parameters
+    ----------
+    name : str
+        Name of the a-priori value.
+    common_part : float
+        Part of its variance that is the error of the model.
+    resolution_m : float
+        Distance over which the rest decays.
+    """
+
+    name: str
+    common_part: float
+    resolution_m: float
+
+    def correlation(self, distance_m: float) -> float:
+        """Correlation of the errors at two places."""
+        return self.common_part + (1.0 - self.common_part) * math.exp(-distance_m / self.resolution_m)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PositionEstimate:
     """An estimate of a position as its solution states it.
@@ -97,8 +128,15 @@ class PositionEstimate:
     errors_enu_m : mapping of str to ndarray, shape (3,)
         How far an error of one sigma of each considered parameter moves the position. The same name in two estimates is
         the same error.
+    priors_enu_m : mapping of str to ndarray, shape (3,)
+        The same of the a-priori values of what is estimated, which the noise has in it. A name that two estimates have
+        in common, be it considered or a priori, is the same information.
     data : frozenset of str
         What tells its files of observations from others.
+    images : frozenset of str
+        Those of them that are images.
+    observations : tuple of SampledSeries, or None
+        A sample of its observations, which tells better than their files what two estimates share.
     study : str or None
         What tells its study from others; estimates of one study differ in the hours of data only.
     hours : float
@@ -109,7 +147,12 @@ class PositionEstimate:
     position_me_m: _Floats
     noise_enu_m2: _Floats
     errors_enu_m: Mapping[str, _Floats]
+    priors_enu_m: Mapping[str, _Floats] = field(default_factory=dict)
+    spans_utc: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    terrain: TerrainHeight | None = None
     data: frozenset[str] = frozenset()
+    images: frozenset[str] = frozenset()
+    observations: tuple[SampledSeries, ...] | None = None
     study: str | None = None
     hours: float = math.inf
 
@@ -127,6 +170,18 @@ class PositionEstimate:
         provenance = content["provenance"]
         study = provenance.get("study") or {}
         errors = {item["name"]: np.array(item["position_enu_m"]) for item in content.get("considered", ())}
+        # An estimate follows an a-priori value, and goes against the error of a considered one.
+        rows = {_prior_name(item, provenance): item for item in content.get("priors", ())}
+        priors = {name: -np.array(item["position_enu_m"]) for name, item in rows.items()}
+        timed = {item["name"]: item for item in content.get("considered", ())} | rows
+        terrain = None
+        for name, item in rows.items():
+            if item["name"].endswith(_ABOVE_TERRAIN):
+                model = provenance["estimate"]["height_prior"]
+                part = min((float(model["sigma_m"]) / float(item["sigma"])) ** 2, 1.0)
+                terrain = TerrainHeight(name, part, float(provenance["terrain_resolution_m"]))
+        sample = content.get("observations")
+        images = frozenset(provenance.get("images", ()))
         sigmas = content["sigma"].get("ephemeris", {}).values()
         for axis, name, sigma_m in zip(np.eye(3), _AXES, sigmas, strict=False):
             errors[f"ephemeris.{name}"] = axis * sigma_m
@@ -138,7 +193,16 @@ class PositionEstimate:
             np.array([content["position"]["me"][f"{axis}_m"] for axis in "xyz"]),
             total - _squares(errors),
             errors,
-            frozenset(given or files) | frozenset(provenance.get("images", ())),
+            priors,
+            {
+                name: (item["first_utc"], item["last_utc"])
+                for name, item in timed.items()
+                if "first_utc" in item
+            },
+            terrain,
+            frozenset(given or files) | images,
+            images,
+            None if sample is None else tuple(map(SampledSeries.from_dict, sample)),
             study.get("sha256"),
             math.inf if study.get("hours") is None else study["hours"],
         )
@@ -155,7 +219,34 @@ class PositionEstimate:
             self,
             noise_enu_m2=rotated_covariance(rotation, self.noise_enu_m2),
             errors_enu_m={name: rotation @ moved_m for name, moved_m in self.errors_enu_m.items()},
+            priors_enu_m={name: rotation @ moved_m for name, moved_m in self.priors_enu_m.items()},
         )
+
+    def shares_data(self, other: PositionEstimate) -> bool:
+        """Whether two estimates have observations or images in common."""
+        if self.observations is None or other.observations is None:
+            return bool(self.data & other.data)
+        return bool(self.images & other.images) or share_observations(self.observations, other.observations)
+
+    def common_covariance(self, other: PositionEstimate) -> _Floats:
+        """Covariance of the errors of two estimates in the same axes that have no data in common, shape (3, 3)."""
+        found = np.zeros((3, 3))
+        theirs: dict[str, list[str]] = {}
+        for name in (*other.errors_enu_m, *other.priors_enu_m):
+            theirs.setdefault(_without_number(name, other.spans_utc), []).append(name)
+        for name, moved_m in (*self.errors_enu_m.items(), *self.priors_enu_m.items()):
+            for same in theirs.get(_without_number(name, self.spans_utc), ()):
+                others = other.errors_enu_m if same in other.errors_enu_m else other.priors_enu_m
+                found += self._part_in_common(name, other, same) * np.outer(moved_m, others[same])
+        return found
+
+    def _part_in_common(self, name: str, other: PositionEstimate, same: str) -> float:
+        """Correlation of an error with one of another estimate."""
+        if self.terrain is not None and name == self.terrain.name:
+            return self.terrain.correlation(float(np.linalg.norm(self.position_me_m - other.position_me_m)))
+        if name not in self.spans_utc or same not in other.spans_utc:
+            return 1.0
+        return _overlap(self.spans_utc[name], other.spans_utc[same])
 
     def contains(self, other: PositionEstimate) -> bool:
         """Whether the data of another estimate are the first hours of this one's."""
@@ -241,10 +332,11 @@ def agreement(one: PositionEstimate, two: PositionEstimate, *, horizontal: bool 
 
     Notes
     -----
-    Estimates from different data are independent but for considered parameters of the same name. An estimate from all
-    data is uncorrelated with what a part of them differs from it, if both are weighted rightly: the difference then has
-    the covariance of the part less that of the whole (Hausman 1978, Econometrica 46, 1251), and what considered
-    parameters move the one otherwise than the other. Estimates that share data otherwise are not tested.
+    Estimates from different data are independent but for considered parameters and a-priori values of the same name.
+    An estimate from all data is uncorrelated with what a part of them differs from it, if both are weighted rightly:
+    the difference then has the covariance of the part less that of the whole (Hausman 1978, Econometrica 46, 1251), and
+    what considered parameters move the one otherwise than the other. Estimates that share data otherwise are not
+    tested.
 
     Examples
     --------
@@ -258,18 +350,21 @@ def agreement(one: PositionEstimate, two: PositionEstimate, *, horizontal: bool 
     """
     apart_m = local_difference(one.position_me_m, two.position_me_m).enu_m
     compared = Agreement(one.name, two.name, tuple(apart_m.tolist()))
-    one = one.carried_to(two.position_me_m)
+    one, own = one.carried_to(two.position_me_m), np.ones(3, dtype=bool)
     if one.contains(two) or two.contains(one):
         part, whole = (two, one) if one.contains(two) else (one, two)
         covariance = part.noise_enu_m2 - whole.noise_enu_m2
-    elif one.data & two.data:
+        for name in dict.fromkeys([*one.errors_enu_m, *two.errors_enu_m]):
+            moved_m = one.errors_enu_m.get(name, np.zeros(3)) - two.errors_enu_m.get(name, np.zeros(3))
+            covariance = covariance + np.outer(moved_m, moved_m)
+    elif one.shares_data(two):
         return replace(compared, why="they share observations")
     else:
-        covariance = one.noise_enu_m2 + two.noise_enu_m2
-    for name in dict.fromkeys([*one.errors_enu_m, *two.errors_enu_m]):
-        moved_m = one.errors_enu_m.get(name, np.zeros(3)) - two.errors_enu_m.get(name, np.zeros(3))
-        covariance = covariance + np.outer(moved_m, moved_m)
-    held = np.flatnonzero(np.isfinite(np.diag(covariance)) & [True, True, not horizontal])
+        common = one.common_covariance(two)
+        apart_m2 = one.total_enu_m2 + two.total_enu_m2
+        covariance = apart_m2 - common - common.T
+        own = np.diag(covariance) > _MIN_OWN_PART * np.diag(apart_m2)
+    held = np.flatnonzero(np.isfinite(np.diag(covariance)) & [True, True, not horizontal] & own)
     tested = covariance[np.ix_(held, held)]
     if not held.size:
         return replace(compared, why="the sigmas of one are not known")
@@ -284,7 +379,7 @@ def agreement(one: PositionEstimate, two: PositionEstimate, *, horizontal: bool 
 
 
 def joint_estimate(estimates: Sequence[PositionEstimate]) -> JointEstimate | None:
-    """Combine estimates by least squares, with what their considered errors have in common.
+    """Combine estimates by least squares, with what their considered errors and a-priori values have in common.
 
     Of estimates that share data, the one with the smallest horizontal sigma is used. None where fewer than two are
     left.
@@ -295,25 +390,23 @@ def joint_estimate(estimates: Sequence[PositionEstimate]) -> JointEstimate | Non
     for item in order:
         if not np.isfinite(np.diag(item.noise_enu_m2)[:2]).all():
             left_out[item.name] = "its sigmas are not known"
-        elif others := [other.name for other in used if other.data & item.data]:
+        elif others := [other.name for other in used if other.shares_data(item)]:
             left_out[item.name] = f"it shares observations with {others[0]}"
         else:
             used.append(item)
     if len(used) < 2:
         return None
-    from scipy.linalg import block_diag
-
     origin_m = used[0].position_me_m
     apart_m = np.concatenate([local_difference(item.position_me_m, origin_m).enu_m for item in used])
     used = [item.carried_to(origin_m) for item in used]
-    noise = block_diag(*(item.noise_enu_m2 for item in used))
-    held = np.isfinite(np.diag(noise))
+    total = np.block(
+        [[one.total_enu_m2 if one is two else one.common_covariance(two) for two in used] for one in used]
+    )
+    held = np.isfinite(np.diag(total))
     design = np.tile(np.eye(3), (len(used), 1))[held]
-    names = list(dict.fromkeys(name for item in used for name in item.errors_enu_m))
-    of_each = ([item.errors_enu_m.get(name, np.zeros(3)) for name in names] for item in used)
-    errors = np.concatenate([np.reshape(moved_m, (-1, 3)).T for moved_m in of_each])[held]
-    noise = noise[np.ix_(held, held)]
-    root = np.linalg.cholesky(noise + errors @ errors.T)
+    # What both have from one a-priori value alone would leave nothing to factorize.
+    total += np.diag(1e-9 * np.diag(total))
+    root = np.linalg.cholesky(total[np.ix_(held, held)])
     whitened, observed = np.linalg.solve(root, design), np.linalg.solve(root, apart_m[held])
     inverse = np.linalg.pinv(whitened.T @ whitened)
     known = np.asarray(design.any(axis=0))
@@ -335,6 +428,32 @@ def _chance(statistic: float, dof: int) -> float:
     from scipy.special import chdtrc
 
     return float(chdtrc(dof, statistic))
+
+
+def _overlap(one_utc: tuple[str, str], two_utc: tuple[str, str]) -> float:
+    """Correlation of the means of white noise over two spans of time."""
+    ends_s = [[datetime.fromisoformat(text).timestamp() for text in span] for span in (one_utc, two_utc)]
+    (first, last), (other_first, other_last) = ([start, end + 1.0] for start, end in ends_s)
+    common_s = min(last, other_last) - max(first, other_first)
+    return max(common_s, 0.0) / math.sqrt((last - first) * (other_last - other_first))
+
+
+def _without_number(name: str, spans_utc: Mapping[str, Any]) -> str:
+    """Name of an error of some time without the number that it has in its arc."""
+    return _NUMBER.sub("", name, count=1) if name in spans_utc else name
+
+
+def _prior_name(item: Mapping[str, Any], provenance: Mapping[str, Any]) -> str:
+    """Name of an a-priori value, which is another one with another value or from another source."""
+    words = [item["name"]]
+    component = item["name"].rpartition(".")[2]
+    if component == _ABOVE_TERRAIN:
+        words += sorted(file["sha256"] for file in provenance["estimate"]["height_prior"]["dem"])
+    elif component in ("east", "north"):
+        words.append(json.dumps(provenance.get("a_priori")))  # zero is where that is
+    if item["value"]:
+        words.append(repr(item["value"]))
+    return " ".join(words)
 
 
 def rotated_covariance(rotation: _Floats, covariance_m2: _Floats) -> _Floats:

@@ -147,10 +147,17 @@ class Consider:
         """One record for each, the one that moves the position most first; no displacements without partials (3, p)."""
         records: list[dict[str, Any]] = []
         for k, item in enumerate(self.parameters):
-            records.append({"name": item.name, "unit": item.unit, "sigma": item.prior_sigma})
+            records.append(
+                {"name": item.name, "unit": item.unit, "sigma": item.prior_sigma} | span_record(item)
+            )
             if enu_by_parameters is not None:
                 records[-1]["position_enu_m"] = (enu_by_parameters @ self.sensitivity[:, k]).tolist()
         return sorted(records, key=lambda record: -float(np.linalg.norm(record.get("position_enu_m", 0.0))))
+
+
+def span_record(item: Parameter) -> dict[str, str]:
+    """When a parameter of a pass or another time begins and ends, which tells it from those of other arcs."""
+    return {} if item.span_utc is None else dict(zip(("first_utc", "last_utc"), item.span_utc, strict=True))
 
 
 def consider(fit: FitResult, errors: ConsideredErrors) -> Consider:

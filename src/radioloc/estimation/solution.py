@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.estimation.combination import Ellipse, ReferenceComparison, horizontal_ellipse
-from radioloc.estimation.consider import BudgetItem, Consider, error_budget, sources
+from radioloc.estimation.consider import BudgetItem, Consider, error_budget, sources, span_record
 from radioloc.estimation.consistency import Consistency
 from radioloc.estimation.gauss_markov import SeriesWeight, TimeCorrelation
 from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.observability import Observability
 from radioloc.estimation.orbit_state import OrbitOverlap, OrbitState
+from radioloc.estimation.shared_observations import sample_of
 from radioloc.estimation.statistics import (
     FitStatistics,
     Residuals,
@@ -411,6 +412,8 @@ class Solution:
         if self.consider is not None:
             moved = None if self.trajectory is not None else self.enu_by_parameters
             content["considered"] = self.consider.to_list(moved)
+        content["priors"] = self._prior_rows()
+        content["observations"] = sample_of(self.residuals)
         content["budget"] = [item.to_dict() for item in self.budget]
         return content | {
             "rejected": self.residuals.rejected(),
@@ -525,6 +528,19 @@ class Solution:
                 "fixed": item.fixed,
             }
             for item, value, total, sigma, formal in columns
+        ]
+
+    def _prior_rows(self) -> list[dict[str, Any]]:
+        """How far each a-priori value, if it is wrong by one sigma, moves the position."""
+        if self.trajectory is not None or not self.position_determined:
+            return []
+        moved_m = self.enu_by_parameters @ self.prior_effects
+        return [
+            {"name": item.name, "unit": item.unit, "value": item.prior_value, "sigma": item.prior_sigma}
+            | span_record(item)
+            | {"position_enu_m": moved_m[:, k].tolist()}
+            for k, item in enumerate(self.parameters)
+            if moved_m[:, k].any()
         ]
 
     def _place_rad(self) -> tuple[float, float, float]:

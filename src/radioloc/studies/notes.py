@@ -259,6 +259,7 @@ def provenance(
     if isinstance(simple := arc.simple, ChebyshevPredictor):
         evaluation = {"kind": "interpolated", **asdict(simple.check(positions_pa_m))}
     model, chosen = arc.model, study.model
+    height = None if estimate is None else estimate.height_prior
     one_each = {"vmf3_orography": chosen.vmf3_orography, "gpt3": chosen.gpt3}
     of_air = {"vmf3": chosen.vmf3} | {key: () if path is None else (path,) for key, path in one_each.items()}
     return {
@@ -272,6 +273,9 @@ def provenance(
         **{key: getattr(study.observations, key) for key in _OF_OBSERVATIONS},
         "weights": [weight.record() for weight in study.observations.weights],
         "estimate": None if estimate is None else _estimate_record(estimate),
+        "terrain_resolution_m": height.terrain.metadata.resolution_m
+        if isinstance(height, TerrainPrior)
+        else None,
         **_target_record(study.target),
         "ionosphere": {"ionex": [path.name for path in chosen.ionex], "tec_tecu": chosen.tec_tecu},
         "troposphere": {key: _named(paths) for key, paths in of_air.items()},

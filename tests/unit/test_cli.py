@@ -179,7 +179,22 @@ def test_not_observable_ends_with_3_and_says_what_is_missing(count, run, folder)
     solution = json.loads((folder / "out" / "solution.json").read_text(encoding="utf-8"))
     assert solution["converged"] is False
     assert solution["sigma"]["east_m"] is None
-    assert run(study_of(), "--quiet").status == 3
+    quiet = run(study_of(), "--quiet")
+    assert (quiet.status, quiet.out) == (3, "")
+    assert "s: NOT OBSERVABLE" in quiet.err
+
+
+@pytest.mark.parametrize(("command", "options"), [("arcs", ["--hours", 0.3, 0.5]), ("leave-one-out", [])])
+def test_quiet_studies_of_several_fits_name_those_that_failed(command, options, run, folder):
+    lines = (EXAMPLES / "change5" / "short_arc.csv").read_text(encoding="utf-8").splitlines(keepends=True)
+    (folder / "d.csv").write_text("".join(lines[:71]), encoding="utf-8")
+    target = "[target]\nlongitude_deg = -51.88\nlatitude_deg = 43.06\nheight_m = -2500.0\n"
+    wrong = "[estimate]\nheight_prior = { height_m = 9000.0, sigma_m = 0.1 }\nrejection_sigma = 30.0\n"
+    wrong += "[stations.KASHI]\nitrf_m = [1151367.568, 4870627.568, 3952516.899]\n"
+    outcome = run(study_of(more=wrong, target=target), *options, "--quiet", command=command)
+    assert (outcome.status, outcome.out) == (3, "")
+    assert all(line.startswith("radioloc: s") for line in outcome.err.splitlines())
+    assert outcome.err.count("NOT CONVERGED") == max(1, len(options) - 1)
 
 
 def test_light_time_that_does_not_settle_ends_with_3(run, monkeypatch):

@@ -12,6 +12,7 @@ from typing import Any
 from radioloc.cli.output import complain, say, tell
 from radioloc.cli.parser import DONE, INTERRUPTED, NOT_CONVERGED
 from radioloc.errors import InputError
+from radioloc.estimation.solution import Solution
 from radioloc.io.formats import read_observations, require_writable, write_observations
 from radioloc.io.tdm import TdmAgreement
 from radioloc.lunar.position import LunarPosition
@@ -31,7 +32,9 @@ from radioloc.report.gis import GIS_ENDINGS, write_gis
 from radioloc.report.map_figures import plot_map
 from radioloc.report.page import is_usable, require_page
 from radioloc.report.sinex import write_sinex
+from radioloc.report.solution_card import solution_card
 from radioloc.report.spice_kernels import FIRST_SITE, write_spice
+from radioloc.report.subsets import ArcStudy, LeaveOneOut
 from radioloc.report.tables import TABLE_ENDINGS, solution_table, write_table_file
 from radioloc.studies import locate
 from radioloc.studies.arcs import arcs, leave_one_out
@@ -62,7 +65,22 @@ def _done(options: argparse.Namespace, found: Any, write: Callable[..., object])
     if options.out is not None:
         write(found, options.out, html=options.report)
     tell(options, found, found.to_dict)
-    return DONE if is_usable(found) else NOT_CONVERGED
+    return _exit_status(options, found)
+
+
+def _exit_status(options: argparse.Namespace, *results: Any) -> int:
+    """Give the exit status of results; where no card says so, tell on standard error what is wrong with them."""
+    failed = [result for result in results if not is_usable(result)]
+    for result in failed if options.quiet and not options.json else ():
+        for part in [arc.solution for arc in result.arcs] if isinstance(result, ArcStudy) else [result]:
+            if not is_usable(part):
+                whole = part.solution if isinstance(part, LeaveOneOut) else part
+                card = solution_card(whole) if isinstance(whole, Solution) else whole.card()
+                status = "; ".join(
+                    line for field in card.fields if field.label == "status" for line in field.lines
+                )
+                complain(f"{getattr(whole, 'name', options.command)}: {status}")
+    return NOT_CONVERGED if failed else DONE
 
 
 def _locate(options: argparse.Namespace) -> int:
@@ -84,7 +102,7 @@ def _locate(options: argparse.Namespace) -> int:
     tell(options, solution, solution.to_dict)
     if options.sinex is not None:  # after the card, which says why a solution has none
         write_sinex(solution, options.sinex)
-    return DONE if solution.converged or not fitted else NOT_CONVERGED
+    return _exit_status(options, solution) if fitted else DONE
 
 
 def _simulate(options: argparse.Namespace) -> int:
@@ -200,6 +218,8 @@ def _verify(options: argparse.Namespace) -> int:
     found = verify(options.solution, options.study)
     if not options.quiet:
         say(found)
+    elif not found.same:
+        complain(f"{found.name}: DIFFERS in {len(found.differences)} of {found.compared} values")
     return DONE if found.same else NOT_CONVERGED
 
 
@@ -215,7 +235,7 @@ def _covariance(options: argparse.Namespace) -> int:
     cards = [str(plan) for plan in found]
     card = "\n\n".join([*cards, str(plans_card(found))] if len(found) > 1 else cards)
     tell(options, card, lambda: [plan.to_dict() for plan in found] if len(found) > 1 else found[0].to_dict())
-    return DONE if all(plan.determined for plan in found) else NOT_CONVERGED
+    return _exit_status(options, *found)
 
 
 def _visibility(options: argparse.Namespace) -> int:

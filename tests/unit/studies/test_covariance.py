@@ -344,6 +344,8 @@ def test_the_command(tmp_path, capsys, request):
     blind.write_text(PLAN.replace('"JIAMUSI", "KASHI"', '"KASHI"').replace("range_bias_sigma_m = 10.0", ""))
     assert cli.main(["covariance", str(blind), "--hours", "0.1"]) == 3
     assert "NOT OBSERVABLE" in capsys.readouterr().out
+    assert cli.main(["covariance", str(blind), "--hours", "0.1", "--quiet"]) == 3
+    assert "blind: NOT OBSERVABLE" in capsys.readouterr().err
     with pytest.raises(SystemExit) as end:
         cli.main(["covariance", str(plan), str(plan)])
     assert end.value.code == 2

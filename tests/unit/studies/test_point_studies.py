@@ -243,6 +243,8 @@ def test_it_is_verified_as_any_solution(tmp_path, capsys):
     solution.write_text(json.dumps(content))
     assert main(["verify", str(solution)]) == 3
     assert "position x_m" in capsys.readouterr().out
+    assert main(["verify", str(solution), "--quiet"]) == 3
+    assert "DIFFERS in 1 of" in capsys.readouterr().err
     study.write_text(STEREO.read_text() + "\n")
     assert main(["verify", str(solution)]) == 2
     assert "is not the study file that it was made from" in capsys.readouterr().err

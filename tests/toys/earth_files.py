@@ -1,5 +1,7 @@
 """Small files of what tracking needs to know of the Earth: its orientation, and the loading of its crust."""
 
+from datetime import date, timedelta
+
 C04 = """# a comment
 2020   1   1   0  58849.00    0.076577    0.282336  -0.1771554    0.000101   -0.000108 0 0 0 0
 2020   1   2   0  58850.00    0.075350    0.283000  -0.1775000    0.000110   -0.000110 0 0 0 0
@@ -12,7 +14,8 @@ def finals_row(mjd, flags="III", x="0.076577", y="0.282336", ut1="-0.1771554", d
     def put(first, last, text):
         row[first - 1 : last] = list(f"{text:>{last - first + 1}}")
 
-    put(1, 6, "20 1 1")
+    day = date(1858, 11, 17) + timedelta(days=int(mjd))
+    put(1, 6, f"{day.year % 100:2d}{day.month:2d}{day.day:2d}")
     put(8, 15, f"{mjd:.2f}")
     for column, flag in zip((17, 58, 96), flags, strict=True):
         put(column, column, flag)

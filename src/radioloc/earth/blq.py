@@ -43,9 +43,7 @@ class BlqCoefficients:
     amplitude_m: NDArray[np.float64]
     phase_lag_rad: NDArray[np.float64]  # at Greenwich, positive when the displacement follows the tide
     source: str  # ocean tide model and who computed it
-    geocentre_included: bool = (
-        False  # whether they are against the centre of mass of Earth and oceans ("CMC: YES")
-    )
+    geocentre_included: bool = False  # against the centre of mass of Earth and oceans ("CMC: YES")
 
     def __post_init__(self) -> None:
         for field, unit in (("amplitude_m", "m"), ("phase_lag_rad", "rad")):

@@ -417,7 +417,12 @@ def read_fdets(
                 f"{said[:60]!r} is not a detection: time, signal to noise, maximum, frequency and residual"
             )
             raise FileFormatError(path, problem, number) from None
-    telescope = (head["day"][4] if "day" in head else "") or (_IN_NAME.search(Path(path).name) or ["", ""])[1]
+    in_head = (head["day"][4] if "day" in head else "") or ""
+    in_name = (_IN_NAME.search(Path(path).name) or ["", ""])[1]
+    if in_head and in_name and in_head.upper() != in_name.upper():
+        problem = f"the head says the telescope {in_head}, the file's name {in_name}; correct one of them"
+        raise FileFormatError(path, problem)
+    telescope = in_head or in_name
     if not telescope:
         problem = "does not say the telescope, nor does its name; call it as Fdets.mex2013.12.28.Ww.r2i.txt"
         raise FileFormatError(path, problem)

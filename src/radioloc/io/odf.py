@@ -115,13 +115,14 @@ def odf_observations(
     Raises
     ------
     FileFormatError
-        A record holds what cannot be, or nothing in the file can be used. Names the record.
+        A record holds what cannot be, or another spacecraft than the label, or nothing in the file can be used. Names
+        the record.
 
     Warns
     -----
     DataQualityWarning
-        Records are left out: of types that are not modelled, marked as invalid, of a station's second receiver, or
-        of impossible speeds; how many, and the first of each.
+        Clock offsets are not applied. Records are left out: of types that are not modelled, marked as invalid, of a
+        station's second receiver, or of impossible speeds; how many, and the first of each.
     """
     codes, counts = np.unique(odf.orbit["type"], return_counts=True)
     for code in codes.tolist():
@@ -130,6 +131,18 @@ def odf_observations(
             raise odf_error(odf.path, f"data type {code} is none of the format", record)
     held = [f"{n} {TYPES[code]}" for code, n in zip(codes.tolist(), counts.tolist(), strict=True)]
     logger.info("%s: %s, %d ramps", odf.path, ", ".join(held) or "no data", len(odf.ramps))
+    if len(other := np.flatnonzero(odf.orbit["spacecraft"] != odf.spacecraft)):
+        problem = (
+            f"expected spacecraft {odf.spacecraft} of the label, got {odf.orbit['spacecraft'][other[0]]}"
+        )
+        raise _record_error(odf, int(other[0]), f"{problem}; give the file of one spacecraft")
+    if (odf.clocks["offset_s"] != 0).any() or (odf.clocks["offset_ns"] != 0).any():
+        warnings.warn(
+            f"{odf.path}: {len(odf.clocks)} records of clock offsets between stations are not applied; estimate or "
+            "consider the clocks of these stations",
+            DataQualityWarning,
+            stacklevel=2,
+        )
     rows, left_out = np.arange(len(odf.orbit)), []
 
     def leave_out(wrong: NDArray[np.bool_], reason: str) -> None:

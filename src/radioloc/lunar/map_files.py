@@ -253,6 +253,7 @@ def _checked_body(path: Path, dataset: Any, label: str) -> str | None:
     if any("WEST" in sense.upper() for sense in senses):
         raise InputError(f"{path} counts longitude west; warp the map to a system that counts east")
     systems = sorted(label_values(label, "COORDINATE_SYSTEM_NAME"))
+    systems += re.findall(r'"([^"]*principal ax[^"]*)"', dataset.crs.to_wkt(), re.IGNORECASE)
     if any("PRINCIPAL" in name.upper() for name in systems):
         raise InputError(
             f"{path} is in principal axes ({systems[0]}); lunar maps are read in mean-Earth axes"

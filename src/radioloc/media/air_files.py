@@ -25,6 +25,7 @@ pressure is off by 7 hPa (16 mm of zenith delay) and the wet delay by 3 to 4 cm 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -134,6 +135,10 @@ def read_vmf3_sites(paths: Sequence[Path]) -> dict[str, Vmf3Site]:
         for number, line in enumerate(read_lines(path, encoding=ANY_BYTE), start=1):
             station, *words = line.split() or ["#"]
             if station[0] in "#!%":
+                if re.search(r"VMF1(?![\d])", line, re.IGNORECASE):
+                    raise FileFormatError(
+                        path, "expected VMF3, got VMF1, whose coefficients go with other b and c", number
+                    )
                 continue
             if len(words) not in _SITE_COLUMNS:
                 problem = (

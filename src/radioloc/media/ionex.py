@@ -27,6 +27,7 @@ _ROUNDING = 1e-9
 _MISSING = 9999
 _USUAL_INTERVAL_S = 7200.0
 """Where the header says 0 for an interval that varies."""
+_EPOCH_TOLERANCE_D = 1.0 / SECONDS_PER_DAY
 _POSSIBLE_TECU = (-10.0, 1000.0)
 """Maps may fall a little below zero at night; 250 TECU is the most that was ever seen."""
 
@@ -230,6 +231,13 @@ class _Reader:
             raise FileFormatError(self.path, problem)
         if (np.diff(mjds) <= 0.0).any():
             raise FileFormatError(self.path, "the maps' epochs do not rise")
+        for label, mjd in zip(("FIRST", "LAST"), (mjds[0], mjds[-1]), strict=True):
+            line, content = self.header.get(f"EPOCH OF {label} MAP", (0, ""))
+            if content.strip() and abs(self._epoch(content) - mjd) > _EPOCH_TOLERANCE_D:
+                problem = (
+                    f"the header's EPOCH OF {label} MAP is {content.strip()}, but the map's is MJD {mjd:.5f}"
+                )
+                raise self.fail(f"{problem}; fetch the file again", line)
         gap_s = interval_s or _USUAL_INTERVAL_S
         shell_m = 1e3 * lowest_km, 1e3 * radius_km
         return IonexMaps(grid, np.array(mjds), np.stack(maps), *shell_m, gap_s, self.path.name)

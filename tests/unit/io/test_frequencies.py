@@ -138,7 +138,7 @@ def test_a_telescope_of_an_endless_name_is_refused_by_file(tmp_path):
 
 def test_detections_of_older_and_newer_files(tmp_path):
     older = HEAD.replace("# ", "// ").replace(" at Ww rev. 2", "").replace("//", "*", 1)
-    path = tmp_path / "Fdets.vex2013.12.28-0900-1000.Ht.complete.r2i.txt.gz"
+    path = tmp_path / "Fdets.vex2013.12.28-0900-1000.Ww.complete.r2i.txt.gz"
     path.write_bytes(gzip.compress(f"{older}// \n34205.5 1 1 {DETECTED_HZ} 0\n".encode()))
     sent = FrequencyAgreement(8420.2e6, 0.01)
     with pytest.raises(
@@ -149,6 +149,10 @@ def test_detections_of_older_and_newer_files(tmp_path):
     path.write_text(f"{newer}#\n34205.5 1 1 {DETECTED_HZ} 0\n")
     got = read_observations(path, frequencies=[sent])
     assert got.count_s.tolist() == [20.0]
+    other = path.rename(path.with_name(path.name.replace(".Ww.", ".Ht.")))
+    with pytest.raises(FileFormatError, match="the head says the telescope Ww, the file's name Ht"):
+        read_fdets(other, [sent])
+    other.rename(path)
     assert got.paths().tolist() == ["lander>WARK12M"]  # a telescope of the catalogue
     assert read_observations(
         path, frequencies=[FrequencyAgreement(8420.2e6, 0.01, 2.0)]

@@ -160,6 +160,19 @@ def test_a_reference_that_the_exciter_gives_is_what_was_sent(written):
         read_odf(written([doppler(0, independent=0)]))
 
 
+def test_the_spacecraft_of_the_label_is_that_of_the_records(written):
+    with pytest.raises(FileFormatError, match="record 7: expected spacecraft 181 of the label, got 177"):
+        read_odf(written([doppler(0), doppler(1, spacecraft=177)]))
+
+
+def test_clock_offsets_that_are_not_applied_are_said(written):
+    clock = {"start_s": 10, "offset_ns": 500, "station": 14, "second_station": 24, "stop_s": 20}
+    with pytest.warns(
+        DataQualityWarning, match="1 records of clock offsets between stations are not applied"
+    ):
+        assert len(read_odf(written([doppler(0)], clocks=[clock]))) == 1
+
+
 def test_what_cannot_be_used_is_said(written):
     records = [doppler(k) for k in range(3)]
     records += [

@@ -329,6 +329,13 @@ def test_clock_before_its_first_record():
         read(VLBI, late)
 
 
+def test_two_values_of_one_epoch_in_two_segments():
+    of_clock = [(CLOCK, [CLOCK_BIAS.format(value)]) for value in ("2e-7", "3e-7")]
+    assert len(read(VLBI, of_clock[0], of_clock[0])) == 2
+    with pytest.raises(FileFormatError, match=r"CLOCK_BIAS has two values of one epoch .*, 2e-07 and 3e-07"):
+        read(VLBI, *of_clock)
+
+
 def test_drift_without_bias():
     with pytest.raises(FileFormatError, match="CLOCK_DRIFT has no CLOCK_BIAS at its epoch"):
         read(VLBI, (CLOCK, ["CLOCK_DRIFT = 2021-03-28T13:00:05 2e-7"]))

@@ -86,6 +86,7 @@ def test_outside_the_files(sites: Path, date: str) -> None:
     ("old", "new", "line", "what"),
     [
         ("0.00119426", "0.0011x", 4, "'0.0011x' is not a number"),
+        ("# ", "# VMF1 ", 1, "expected VMF3, got VMF1"),
         ("0.00119426", "nan", 4, "'nan' is not a number"),
         ("0.00119426", "1.19426", 4, "ah, aw, zhd, zwd are 1.19426"),
         ("2.1723", "2172.3", 4, "2172.3, 0.0706; near"),

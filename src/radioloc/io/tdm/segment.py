@@ -90,6 +90,16 @@ class Series:
         rate_order = np.argsort(rate_time, kind="stable")
         self.since_s = time[order]
         self.value = np.concatenate([p.segment.values(p.keyword) + p.correction for p in parts])[order]
+        if (other := (np.diff(self.since_s) == 0.0) & (np.diff(self.value) != 0.0)).any():
+            row = int(np.argmax(other))
+            after = np.repeat(np.arange(len(parts)), [len(times_of(p, p.keyword)) for p in parts])[order][
+                row + 1
+            ]
+            values = f"{float(self.value[row])!r} and {float(self.value[row + 1])!r}"
+            problem = (
+                f"{parts[after].keyword} has two values of one epoch in two segments, {values}; leave one out"
+            )
+            raise parts[after].segment.fail(parts[after].keyword, problem)
         rates = np.concatenate([part.segment.values(part.rate_keyword) for part in parts])
         steps = np.concatenate([[0.0], rates[rate_order]])
         self.rate = steps[np.searchsorted(rate_time[rate_order], self.since_s, side="right")]

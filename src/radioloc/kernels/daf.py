@@ -35,11 +35,12 @@ class DafSegment(NamedTuple):
     integers: tuple[int, ...]
     words: NDArray[np.float64]
 
-    def damaged(self, problem: str) -> KernelError:
-        """Return the error to raise for a problem of this segment."""
-        return KernelError(
-            f"{self.path} is damaged: segment {self.integers[0]} ({self.name}) {problem}; fetch the file again"
-        )
+    def require(self, sound: bool, problem: str) -> None:
+        """Raise a :class:`KernelError` about a problem of this segment unless it is sound."""
+        if not sound:
+            raise KernelError(
+                f"{self.path} is damaged: segment {self.integers[0]} ({self.name}) {problem}; fetch the file again"
+            )
 
 
 def read_segments(path: Path, kind: str) -> list[DafSegment]:
@@ -153,8 +154,9 @@ def _segment(daf: DAF, path: Path, name: bytes, summary: tuple[Any, ...]) -> Daf
     text = " ".join(name.decode("latin-1").strip("\0 ").split())
     segment = DafSegment(path, text, start_s, end_s, tuple(integers), np.empty(0))
     # The first three records are the header and a first list of segments and their names.
-    if not 3 * _RECORD_BYTES // _WORD_BYTES < first <= last < daf.free:
-        raise segment.damaged("lies outside the file")
-    if not (np.isfinite([start_s, end_s]).all() and start_s <= end_s):
-        raise segment.damaged(f"claims in the directory to span {start_s} to {end_s} s")
+    segment.require(3 * _RECORD_BYTES // _WORD_BYTES < first <= last < daf.free, "lies outside the file")
+    segment.require(
+        bool(np.isfinite([start_s, end_s]).all()) and start_s <= end_s,
+        f"claims in the directory to span {start_s} to {end_s} s",
+    )
     return segment._replace(words=daf.map_array(first, last))

@@ -8,7 +8,21 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from radioloc.errors import InputError
+
 MAX_PATH_BYTES = 255  # of a file name in SPICE
+
+
+@contextmanager
+def short_folder() -> Iterator[Path]:
+    """Make a folder for temporary files whose paths SPICE can open."""
+    with tempfile.TemporaryDirectory(prefix="radioloc-") as folder:
+        if len(os.fsencode(folder)) > MAX_PATH_BYTES // 2:
+            raise InputError(
+                f"the folder for temporary files, {tempfile.gettempdir()}: expected a path of at most "
+                f"{MAX_PATH_BYTES // 2} bytes, as SPICE opens no longer ones; set TMPDIR to another"
+            )
+        yield Path(folder)
 
 
 @contextmanager
@@ -17,8 +31,8 @@ def spice_path(path: Path) -> Iterator[str]:
     if len(os.fsencode(path)) <= MAX_PATH_BYTES:
         yield str(path)
         return
-    with tempfile.TemporaryDirectory(prefix="radioloc-") as folder:
-        link = Path(folder) / f"kernel{path.suffix}"
+    with short_folder() as folder:
+        link = folder / f"kernel{path.suffix[:10]}"
         link.symlink_to(path.absolute())
         yield str(link)
 

@@ -152,10 +152,6 @@ def _difference_states(lines: _Floats, et_s: _Floats, terms: int, order: int) ->
     return np.hstack([position + elapsed * (velocity + elapsed * twofold), velocity + elapsed * onefold])
 
 
-class _Damage(Exception):  # noqa: N818
-    """Problem of a segment, as a text that follows its name."""
-
-
 def read_states(segment: DafSegment, spk_type: int) -> StateSeries:
     """Return the states of a segment of an SPK; one that is damaged or of another type is a :class:`KernelError`."""
     if spk_type not in _READERS:
@@ -166,21 +162,11 @@ def read_states(segment: DafSegment, spk_type: int) -> StateSeries:
         )
     # Words of the other byte order are copied; the others stay in the file until they are needed.
     words = np.asarray(segment.words, dtype=np.float64)
-    try:
-        _require(  # without a copy of gigabytes
-            bool(words.max() < MAX_MAGNITUDE and words.min() > -MAX_MAGNITUDE),
-            "holds what is not a number, or far too large, in its records or directory",
-        )
-        return _READERS[spk_type](segment, words)
-    except _Damage as damage:
-        raise segment.damaged(str(damage)) from None
-
-
-def check_spk(path: Path) -> None:
-    """Raise a :class:`KernelError` if an SPK or one of its segments of the types that are read is damaged."""
-    for segment in read_segments(path, "SPK"):
-        if segment.integers[3] in _READERS:
-            read_states(segment, segment.integers[3])
+    segment.require(  # without a copy of gigabytes
+        bool(words.max() < MAX_MAGNITUDE and words.min() > -MAX_MAGNITUDE),
+        "holds what is not a number, or far too large, in its records or directory",
+    )
+    return _READERS[spk_type](segment._replace(words=words))
 
 
 def read_chebyshev(segment: DafSegment) -> ChebyshevRecords:
@@ -190,118 +176,101 @@ def read_chebyshev(segment: DafSegment) -> ChebyshevRecords:
     return records
 
 
-def _require(sound: bool, problem: str) -> None:
-    if not sound:
-        raise _Damage(problem)
+def check_spk(path: Path) -> None:
+    """Raise a :class:`KernelError` if an SPK or one of its segments of the types that are read is damaged."""
+    for segment in read_segments(path, "SPK"):
+        if segment.integers[3] in _READERS:
+            read_states(segment, segment.integers[3])
 
 
-def _count(word: float, least: int, most: float, quantity: str) -> int:
+def _tail(segment: DafSegment, n: int) -> list[float]:
+    segment.require(len(segment.words) > n, "is shorter than its own directory")
+    return [float(word) for word in segment.words[-n:]]
+
+
+def _count(segment: DafSegment, word: float, least: int, most: float, quantity: str) -> int:
     """Return a whole number within bounds."""
-    _require(least <= word <= most and word == round(word), f"has {word:g} in its directory as {quantity}")
+    sound = least <= word <= most and word == round(word)
+    segment.require(sound, f"has {word:g} in its directory as {quantity}")
     return int(word)
 
 
-def _require_length(words: _Floats, expected: int) -> None:
-    _require(len(words) == expected, f"has {len(words)} words where its directory asks for {expected}")
-
-
-def _tail(words: _Floats, n: int) -> list[float]:
-    _require(len(words) > n, "is shorter than its own directory")
-    return [float(word) for word in words[-n:]]
+def _require_length(segment: DafSegment, expected: int) -> None:
+    n = len(segment.words)
+    segment.require(n == expected, f"has {n} words where its directory asks for {expected}")
 
 
 def _require_covered(segment: DafSegment, first_s: float, last_s: float, slack_s: float = 0.0) -> None:
-    _require(
+    segment.require(
         first_s - slack_s <= segment.start_s and segment.end_s <= last_s + slack_s,
         f"claims {tdb_date(segment.start_s)} to {tdb_date(segment.end_s)}, but its data span {tdb_date(first_s)} to "
         f"{tdb_date(last_s)}",
     )
 
 
-def _epochs(words: _Floats, count: int, strictly: bool = True) -> _Floats:
-    """Return the epochs at the start of `words`, which a directory of every hundredth of them follows."""
-    epochs_s = words[:count]
-    steps_s = np.diff(epochs_s)
-    _require(bool((steps_s > 0 if strictly else steps_s >= 0).all()), "has epochs that are not in order")
-    directory = words[count:]
-    sampled = epochs_s[_DIRECTORY_STEP - 1 :: _DIRECTORY_STEP][: len(directory)]
-    _require(np.array_equal(directory, sampled), "has a directory of epochs that are not its own")
-    return epochs_s
-
-
-def _chebyshev(segment: DafSegment, words: _Floats, components: int) -> ChebyshevRecords:
+def _chebyshev(segment: DafSegment, components: int) -> ChebyshevRecords:
     """Types 2 and 3: records of middle, half length and series; at the end first epoch, length, words, records."""
-    first_s, length_s, size, count = _tail(words, 4)
-    n_words = _count(size, 2 + components, len(words), "the length of a record")
-    _require((n_words - 2) % components == 0, f"has a directory with records of {n_words} words")
-    n = _count(count, 1, len(words), "the number of records")
-    _require_length(words, n * n_words + 4)
-    _require(length_s > 0.0, f"has a directory with records of {length_s:g} s")
+    first_s, length_s, size, count = _tail(segment, 4)
+    n_words = _count(segment, size, 2 + components, len(segment.words), "the length of a record")
+    segment.require((n_words - 2) % components == 0, f"has a directory with records of {n_words} words")
+    n = _count(segment, count, 1, len(segment.words), "the number of records")
+    _require_length(segment, n * n_words + 4)
+    segment.require(length_s > 0.0, f"has a directory with records of {length_s:g} s")
     _require_covered(segment, first_s, first_s + n * length_s)
-    records = words[:-4].reshape(n, n_words)
+    records = segment.words[:-4].reshape(n, n_words)
     middles_s, radii_s = records[:, 0], records[:, 1]
     off_s = np.abs(middles_s - (first_s + (np.arange(n) + 0.5) * length_s)), np.abs(radii_s - length_s / 2)
-    _require(
-        bool((np.maximum(*off_s) <= _EPOCH_TOLERANCE * length_s).all()),
-        "has a record whose epoch is not where it belongs",
-    )
+    sound = bool((np.maximum(*off_s) <= _EPOCH_TOLERANCE * length_s).all())
+    segment.require(sound, "has a record whose epoch is not where it belongs")
     return ChebyshevRecords(first_s, length_s, middles_s, radii_s, records[:, 2:].reshape(n, components, -1))
 
 
-def _window(window: float, n: int, hermite: bool) -> int:
-    most = (_MAX_DEGREE + 1) // (2 if hermite else 1)
-    return _count(window, 1, min(n, most), "the number of states to interpolate between")
+def _nodes(segment: DafSegment, hermite: bool, equal_steps: bool) -> StateNodes:
+    """Types 8, 9, 12 and 13: states, then epochs with a directory or a first epoch and a step, window less 1, count."""
+    *steps, window_less_1, count = _tail(segment, 4 if equal_steps else 2)
+    n = _count(segment, count, 1, len(segment.words), "the number of states")
+    most = min(n, (_MAX_DEGREE + 1) // (2 if hermite else 1))
+    window = _count(segment, window_less_1 + 1, 1, most, "the number of states to interpolate between")
+    _require_length(segment, 6 * n + 4 if equal_steps else 7 * n + (n - 1) // _DIRECTORY_STEP + 2)
+    if equal_steps:
+        origin_s, step_s = steps
+        times_s, slack_s = np.arange(n, dtype=np.float64) * step_s, _EPOCH_TOLERANCE * step_s
+    else:
+        origin_s, times_s, slack_s = 0.0, segment.words[6 * n : 7 * n], 0.0
+    segment.require(bool((np.diff(times_s) > 0.0).all()), "has epochs that are not in order")
+    _require_covered(segment, origin_s + float(times_s[0]), origin_s + float(times_s[-1]), slack_s)
+    return StateNodes(origin_s, times_s, segment.words[: 6 * n].reshape(n, 6), window, hermite)
 
 
-def _equal_steps(segment: DafSegment, words: _Floats, hermite: bool) -> StateNodes:
-    """Types 8 and 12: states; at the end first epoch, step, window less one, number of states."""
-    first_s, step_s, window_less_1, count = _tail(words, 4)
-    n = _count(count, 1, len(words), "the number of states")
-    window = _window(window_less_1 + 1, n, hermite)
-    _require_length(words, 6 * n + 4)
-    _require(step_s > 0.0, f"has steps of {step_s:g} s")
-    _require_covered(segment, first_s, first_s + (n - 1) * step_s, _EPOCH_TOLERANCE * step_s)
-    return StateNodes(
-        first_s, np.arange(n, dtype=np.float64) * step_s, words[:-4].reshape(n, 6), window, hermite
-    )
-
-
-def _unequal_steps(segment: DafSegment, words: _Floats, hermite: bool) -> StateNodes:
-    """Types 9 and 13: states, epochs and their directory; at the end window less one, number of states."""
-    window_less_1, count = _tail(words, 2)
-    n = _count(count, 1, len(words), "the number of states")
-    window = _window(window_less_1 + 1, n, hermite)
-    _require_length(words, 7 * n + (n - 1) // _DIRECTORY_STEP + 2)
-    epochs_s = _epochs(words[6 * n : -2], n)
-    _require_covered(segment, float(epochs_s[0]), float(epochs_s[-1]))
-    return StateNodes(0.0, epochs_s, words[: 6 * n].reshape(n, 6), window, hermite)
-
-
-def _difference_arrays(segment: DafSegment, words: _Floats, extended: bool) -> DifferenceLines:
+def _difference_arrays(segment: DafSegment, extended: bool) -> DifferenceLines:
     """Types 1 and 21: lines, final epochs and their directory; at the end the terms (only 21) and number of lines."""
-    *size, count = _tail(words, 2 if extended else 1)
-    terms = _count(size[0], 1, _MAX_DIFFERENCES, "the number of differences") if extended else 15
-    n, length = _count(count, 1, len(words), "the number of records"), 4 * terms + 11
-    _require_length(words, n * (length + 1) + n // _DIRECTORY_STEP + len(size) + 1)
-    finals_s = _epochs(words[n * length : -1 - len(size)], n, strictly=False)
-    _require(segment.end_s <= finals_s[-1], "claims to reach beyond its last record")
-    lines = words[: n * length].reshape(n, length)
+    *size, count = _tail(segment, 2 if extended else 1)
+    terms = 15
+    if extended:
+        terms = _count(segment, size[0], 1, _MAX_DIFFERENCES, "the number of differences")
+    n, length = _count(segment, count, 1, len(segment.words), "the number of records"), 4 * terms + 11
+    _require_length(segment, n * (length + 1) + n // _DIRECTORY_STEP + len(size) + 1)
+    lines = segment.words[: n * length].reshape(n, length)
+    finals_s = segment.words[n * length : n * length + n]
+    segment.require(bool((np.diff(finals_s) >= 0.0).all()), "has epochs that are not in order")
+    segment.require(bool(segment.end_s <= finals_s[-1]), "claims to reach beyond its last record")
     highest, orders = lines[:, -4:-3], lines[:, -3:]
     sound = (orders == np.round(orders)) & (orders >= 0) & (orders < highest)
     sound &= (highest == np.round(highest)) & (highest >= 2) & (highest <= terms + 1)
-    _require(bool(sound.all()), "has an order of integration that does not fit its differences")
-    used = np.arange(terms) < highest - 2
-    _require(not (used & (lines[:, 1 : 1 + terms] == 0.0)).any(), "has a step of no length")
+    segment.require(bool(sound.all()), "has an order of integration that does not fit its differences")
+    unused = np.arange(terms) >= highest - 2
+    sound = unused | (lines[:, 1 : 1 + terms] != 0.0)
+    segment.require(bool(sound.all()), "has a step of no length")
     return DifferenceLines(finals_s, lines)
 
 
-_READERS: dict[int, Callable[[DafSegment, _Floats], StateSeries]] = {
+_READERS: dict[int, Callable[[DafSegment], StateSeries]] = {
     1: partial(_difference_arrays, extended=False),
     2: partial(_chebyshev, components=3),
     3: partial(_chebyshev, components=6),
-    8: partial(_equal_steps, hermite=False),
-    9: partial(_unequal_steps, hermite=False),
-    12: partial(_equal_steps, hermite=True),
-    13: partial(_unequal_steps, hermite=True),
+    8: partial(_nodes, hermite=False, equal_steps=True),
+    9: partial(_nodes, hermite=False, equal_steps=False),
+    12: partial(_nodes, hermite=True, equal_steps=True),
+    13: partial(_nodes, hermite=True, equal_steps=False),
     21: partial(_difference_arrays, extended=True),
 }

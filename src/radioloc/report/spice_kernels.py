@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 import shutil
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -22,7 +21,7 @@ from radioloc.constants import J2000_JD, SECONDS_PER_DAY
 from radioloc.dynamics import Orbit
 from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.errors import InputError
-from radioloc.kernels.spice_calls import spice_message, spice_path
+from radioloc.kernels.spice_calls import short_folder, spice_message, spice_path
 from radioloc.report.tables import Located, content_of, position_of
 from radioloc.text_files import replaced_file, to_ascii
 
@@ -224,8 +223,8 @@ def _new_spk(path: str | Path) -> Iterator[int]:
     from spiceypy.utils.exceptions import SpiceyError
 
     # SPICE makes no file of a long name, so it writes in a folder for temporary files.
-    with replaced_file(path) as temporary, tempfile.TemporaryDirectory(prefix="radioloc-") as folder:
-        made = Path(folder) / "new.bsp"
+    with replaced_file(path) as temporary, short_folder() as folder:
+        made = folder / "new.bsp"
         try:
             handle = spiceypy.spkopn(str(made), "radioloc", 0)
             try:

@@ -2,6 +2,7 @@
 
 import json
 import math
+import tempfile
 
 import numpy as np
 import pytest
@@ -99,7 +100,7 @@ def test_any_name_becomes_printable_ascii_of_the_length_that_spice_takes(tmp_pat
         assert spiceypy.namfrm(frame) != 0
 
 
-def test_paths_too_long_for_spice_are_written_and_read(tmp_path):
+def test_paths_too_long_for_spice_are_written_and_read(tmp_path, monkeypatch):
     folder = tmp_path.joinpath(*["d" * 100] * 3)
     folder.mkdir(parents=True)
     spk, frames = write_spice(content(), folder / "lander.bsp")
@@ -107,6 +108,10 @@ def test_paths_too_long_for_spice_are_written_and_read(tmp_path):
     assert "LANDER_5_TOPO" in frames.read_text()
     lander = Trajectory.open(spk, 301001)
     assert np.isfinite(lander.geocentric(Ephemeris.open(), Epochs.from_tdb_seconds(np.array([0.0])))[0]).all()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    with pytest.raises(InputError, match="folder for temporary files"):
+        write_spice(content(), tmp_path / "lander.bsp")
+    assert not list(tmp_path.glob("lander*"))
 
 
 def test_kernels_that_spice_cannot_write_leave_none_and_those_before(tmp_path, monkeypatch):

@@ -28,7 +28,7 @@ from radioloc.measurements.resolution import (
     RELATIVE_STEP,
     epoch_step_s,
     is_single_precision,
-    rounded_groups,
+    single_precision_groups,
     single_precision_step_m,
 )
 from radioloc.measurements.table_columns import (
@@ -442,7 +442,7 @@ class Observations:
         self._refuse((turnaround < low) | (turnaround > high), "wavelength_um", rule)
 
     def _require_resolution(self, single_precision: set[str]) -> None:
-        """Refuse values and epochs that single precision rounds to steps above sigma; warn of few decimals."""
+        """Refuse values and epochs that single precision rounds to steps above sigma."""
         steps_m = np.zeros(len(self))
         for name in single_precision & {"value_m", "observed_m", "light_time_s"}:
             steps_m = single_precision_step_m(self.value_m, C_M_S if name == "light_time_s" else 1.0)
@@ -456,7 +456,7 @@ class Observations:
         if not len(self):
             return
         group = (self.kind.astype(np.int64) * len(self.links) + self.link) * len(self.files) + self.file
-        single, decimal = rounded_groups(self.value_m, self.sigma_m, self.count_s, group)
+        single = single_precision_groups(self.value_m, self.sigma_m, self.count_s, group)
         self._refuse_rounded(single, single_precision_step_m(self.value_m, 1.0) if single.any() else steps_m)
         step_s = epoch_step_s(self.epoch.fraction)
         coarse = (self.kind == RANGE) & (MIN_RANGE_RATE_M_S * step_s > self.sigma_m)
@@ -464,15 +464,6 @@ class Observations:
             f"epochs are Julian dates of one number, in steps of {step_s:.1g} s; give dates, or two numbers"
         )
         self._refuse(coarse, "sigma_m", rule)
-        if decimal.any():
-            row = int(np.argmax(decimal))
-            warnings.warn(
-                f"{self.origin(row)}: values of {self.links[self.link[row]].path} are rounded to steps larger than "
-                f"sigma ({np.count_nonzero(decimal)} values in all, the first is {float(self.value_m[row])!r} m with a "
-                f"sigma of {self.sigma_m[row]:g} m); give all digits, or the sigma that such values have",
-                DataQualityWarning,
-                stacklevel=4,
-            )
 
     def _refuse_rounded(self, wrong: NDArray[np.bool_], steps_m: NDArray[np.float64]) -> None:
         """Refuse values that single precision rounds to steps."""

@@ -1,4 +1,4 @@
-"""Resolution of recorded numbers: single precision and few decimals cannot carry a range or an epoch.
+"""Resolution of recorded numbers: single precision cannot carry a range or an epoch.
 
 A float32 has 24 bits: a range to the Moon of 8e8 m is rounded to 64 m, a modified Julian date to 5.6 minutes. The type
 of a column shows single precision. Where the values were converted since, their bits show it: a double that a float32
@@ -24,10 +24,7 @@ _CONVERSION_TOLERANCE = 2.0**-50  # relative: what a conversion of units, there 
 _MAX_MULTIPLE_TOLERANCE = (
     1e-3  # of a step: a sigma so far below a value cannot be resolved by a double either
 )
-_MIN_DIFFERENT_VALUES = (
-    3,
-    10,
-)  # of a link: round numbers of small tables written by hand are representable, too
+_MIN_DIFFERENT_VALUES = 3  # of a link: round numbers written by hand are representable, too
 _SAMPLE_ROWS = 1000  # that exclude most links at once
 _DATE_FRACTION_BITS = (
     8,
@@ -52,23 +49,21 @@ def single_precision_step_m(value_m: Floats, unit_m: Floats | float) -> Floats:
         return np.spacing(np.abs(value_m / unit_m).astype(np.float32)).astype(np.float64) * unit_m
 
 
-def rounded_groups(
+def single_precision_groups(
     value_m: Floats, sigma_m: Floats, count_s: Floats, group: NDArray[np.integer]
 ) -> NDArray[np.bool_]:
-    """Rows of groups whose values are all rounded to steps above their sigma, shape (2, n): by float32, by decimals."""
+    """Rows of groups whose values are all rounded by float32 to steps above their sigma, shape (n,)."""
     columns = value_m, sigma_m, count_s
     sampled = slice(None, None, max(1, len(group) // _SAMPLE_ROWS))
     candidate = np.ones(int(group.max(initial=-1)) + 1, dtype=bool)
-    candidate[group[sampled][~_rounded(*(one[sampled] for one in columns)).any(axis=(0, 1))]] = False
+    candidate[group[sampled][~_rounded(*(one[sampled] for one in columns))[:, 0].any(axis=0)]] = False
     rows = np.flatnonzero(candidate[group])
-    found = np.zeros((2, len(group)), dtype=bool)
+    found = np.zeros(len(group), dtype=bool)
     if not len(rows):
         return found
     for single, decimal in _rounded(*(one[rows] for one in columns)):
-        for k, (rounded, counted) in enumerate(((single, single & ~decimal), (decimal, decimal))):
-            found[k, rows] |= _complete(
-                rounded, group[rows], np.where(counted, value_m[rows], 0.0), _MIN_DIFFERENT_VALUES[k]
-            )
+        counted_m = np.where(single & ~decimal, value_m[rows], 0.0)
+        found[rows] |= _complete(single, group[rows], counted_m)
     return found
 
 
@@ -90,15 +85,13 @@ def _rounded(value_m: Floats, sigma_m: Floats, count_s: Floats) -> NDArray[np.bo
     return rounded
 
 
-def _complete(
-    rounded: NDArray[np.bool_], group: NDArray[np.integer], value_m: Floats, least: int
-) -> NDArray[np.bool_]:
-    """Rows of the groups of which all rows are rounded and at least so many values but zero differ."""
+def _complete(rounded: NDArray[np.bool_], group: NDArray[np.integer], value_m: Floats) -> NDArray[np.bool_]:
+    """Rows of the groups of which all rows are rounded and some values but zero differ."""
     counts = np.bincount(group)
-    complete = (np.bincount(group, weights=rounded) == counts) & (counts >= least)
+    complete = (np.bincount(group, weights=rounded) == counts) & (counts >= _MIN_DIFFERENT_VALUES)
     for code in np.flatnonzero(complete):
         different = np.unique(value_m[group == code])
-        complete[code] = np.count_nonzero(different) >= least
+        complete[code] = np.count_nonzero(different) >= _MIN_DIFFERENT_VALUES
     return complete[group]
 
 
@@ -108,6 +101,6 @@ def epoch_step_s(fraction: Floats) -> float:
         samples = (np.ldexp(rows, bits) for rows in (fraction[:_SAMPLE_ROWS], fraction))
         if all((sample == np.rint(sample)).all() for sample in samples):
             different = np.unique(np.ldexp(fraction, _WHOLE_SECOND_BITS))
-            if np.count_nonzero(different != np.rint(different)) >= _MIN_DIFFERENT_VALUES[0]:
+            if np.count_nonzero(different != np.rint(different)) >= _MIN_DIFFERENT_VALUES:
                 return float(SECONDS_PER_DAY * 2.0**-bits)
     return 0.0

@@ -1,4 +1,4 @@
-"""Numbers that cannot carry their value: single precision and few decimals of ranges, light times and epochs."""
+"""Numbers that cannot carry their value: single precision of ranges, light times and epochs, and few decimals."""
 
 import numpy as np
 import pandas
@@ -100,12 +100,13 @@ def test_moduli_and_reference_frequencies_in_single_precision_are_refused():
         ({"light_time_s": np.round(RANGES_M / C_M_S, 6)}, 10.0),
     ],
 )
-def test_values_rounded_to_few_decimals_give_a_warning(values, sigma_m, tmp_path):
+def test_values_rounded_to_few_decimals_have_the_sigma_of_their_rounding(values, sigma_m, tmp_path):
     table = columns(**values, sigma_m=np.full(12, sigma_m))
     if "light_time_s" in values:
         del table["observed_m"]
-    with pytest.warns(DataQualityWarning, match="are rounded to steps larger than sigma"):
-        from_csv(pandas.DataFrame(table), tmp_path)
+    with pytest.warns(DataQualityWarning, match="12 readings are multiples of") as caught:
+        assert from_csv(pandas.DataFrame(table), tmp_path).sigma_m.min() > 1.5 * sigma_m
+    assert len(caught) == 1
     from_csv(pandas.DataFrame(table | {"sigma_m": np.full(12, 1000.0)}), tmp_path)
 
 

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from radioloc.errors import KernelError
 
-_WORD_BYTES, _RECORD_BYTES = 8, 1024
+RECORD_BYTES = 1024
+_WORD_BYTES = 8
 _N_INTEGERS = {"SPK": 6, "PCK": 5}
 _UNREADABLE = (ValueError, TypeError, struct.error, OverflowError, AssertionError, IndexError, OSError)
 """What jplephem and numpy raise."""
@@ -47,7 +48,7 @@ def read_segments(path: Path, kind: str) -> list[DafSegment]:
     """Return the segments of an SPK or binary PCK, in the file's order; each lies within the file."""
     try:
         with path.open("rb") as file:
-            _check_header(file.read(_RECORD_BYTES), path, kind)
+            _check_header(file.read(RECORD_BYTES), path, kind)
             daf = DAF(file)
             _check_extent(daf, path)
             segments = [_segment(daf, path, name, summary) for name, summary in daf.summaries()]
@@ -102,7 +103,7 @@ def _check_header(header: bytes, path: Path, kind: str) -> None:
         raise KernelError(
             f"{path} is {found}, but a {_KIND_NAMES[kind]} kernel is wanted; give a file of that kind"
         )
-    if len(header) < _RECORD_BYTES:
+    if len(header) < RECORD_BYTES:
         raise KernelError(f"{path} is cut short: it has {len(header)} bytes; fetch the file again")
     # jplephem sizes its buffers by these two before it looks at them.
     if (2, _N_INTEGERS[kind]) not in (struct.unpack_from(order + "2i", header, 8) for order in "<>"):
@@ -110,12 +111,12 @@ def _check_header(header: bytes, path: Path, kind: str) -> None:
 
 
 def _check_extent(daf: DAF, path: Path) -> None:
-    """Raise an error unless the list of segments ends and the file is as long as it says, in whole records."""
+    """Raise an error unless the list of segments ends and the file is as long as it says."""
     if (daf.nd, daf.ni) not in ((2, n) for n in _N_INTEGERS.values()):
         raise KernelError(f"{path} is damaged: its summaries have the wrong layout; fetch the file again")
     damage = _list_damage(daf)
     held_bytes = path.stat().st_size
-    announced_bytes = -(-(daf.free - 1) * _WORD_BYTES // _RECORD_BYTES) * _RECORD_BYTES
+    announced_bytes = (daf.free - 1) * _WORD_BYTES  # jplephem does not fill the last record
     if announced_bytes > held_bytes:
         raise KernelError(
             f"{path}{'' if damage else _announced_span(daf)} is cut short: it has {held_bytes} bytes of the "
@@ -154,7 +155,7 @@ def _segment(daf: DAF, path: Path, name: bytes, summary: tuple[Any, ...]) -> Daf
     text = " ".join(name.decode("latin-1").strip("\0 ").split())
     segment = DafSegment(path, text, start_s, end_s, tuple(integers), np.empty(0))
     # The first three records are the header and a first list of segments and their names.
-    segment.require(3 * _RECORD_BYTES // _WORD_BYTES < first <= last < daf.free, "lies outside the file")
+    segment.require(3 * RECORD_BYTES // _WORD_BYTES < first <= last < daf.free, "lies outside the file")
     segment.require(
         bool(np.isfinite([start_s, end_s]).all()) and start_s <= end_s,
         f"claims in the directory to span {start_s} to {end_s} s",

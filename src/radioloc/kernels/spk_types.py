@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from radioloc.chebyshev import chebyshev_sums
 from radioloc.errors import KernelError
-from radioloc.kernels.daf import DafSegment, read_segments, tdb_date
+from radioloc.kernels.daf import RECORD_BYTES, DafSegment, read_segments, tdb_date
 
 _Floats = NDArray[np.float64]
 
@@ -177,7 +177,13 @@ def read_chebyshev(segment: DafSegment) -> ChebyshevRecords:
 
 
 def check_spk(path: Path) -> None:
-    """Raise a :class:`KernelError` if an SPK or one of its segments of the types that are read is damaged."""
+    """Raise a :class:`KernelError` if SPICE would end the process at an SPK: damaged, or its last record not filled."""
+    size = path.stat().st_size
+    if size % RECORD_BYTES:
+        raise KernelError(
+            f"{path} is cut short: it has {size} bytes, and SPICE reads records of {RECORD_BYTES}; fetch it again, or "
+            "fill the last record with zeros"
+        )
     for segment in read_segments(path, "SPK"):
         if segment.integers[3] in _READERS:
             read_states(segment, segment.integers[3])

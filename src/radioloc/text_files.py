@@ -72,11 +72,23 @@ def json_file(path: str | Path, otherwise: str) -> Iterator[Any]:
     text = read_text(path)
     try:
         with named(f"{path}:"):
-            yield json.loads(text)
+            yield json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_without_repeated_keys)
     except InputError:
         raise
-    except (ValueError, LookupError, TypeError, AttributeError):
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
         raise InputError(f"{path}: {otherwise}") from None
+
+
+def _refuse_constant(name: str) -> float:
+    raise InputError(f"{name} is not a number of JSON; make the file again")
+
+
+def _without_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        repeated = next(key for key, _ in pairs if sum(key == other for other, _ in pairs) > 1)
+        raise InputError(f"the key {repeated!r} stands twice in one object; make the file again")
+    return content
 
 
 def _within(encoding: str) -> str:

@@ -22,6 +22,7 @@ from radioloc.estimation.solution import Solution
 from radioloc.lunar.local import local_difference
 from radioloc.lunar.selenographic import selenographic_to_cartesian
 from radioloc.report.cards import Field, Shown, metres, sigma_text, to_sigma
+from radioloc.report.recorded import check_solution
 from radioloc.text_files import write_text
 
 Located = Solution | Shown | Mapping[str, Any]
@@ -207,8 +208,11 @@ def csv_table(rows: Sequence[PositionRow], more: Sequence[Mapping[str, Any]] = (
 
 
 def content_of(result: Located) -> Mapping[str, Any]:
-    """What ``solution.json`` holds of a solution, or the mapping that was given in its place."""
-    return result if isinstance(result, Mapping) else result.to_dict()
+    """Return what ``solution.json`` holds of a solution, or the mapping given in its place, checked."""
+    if not isinstance(result, Mapping):
+        return result.to_dict()
+    check_solution(result)
+    return result
 
 
 def references_of(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:

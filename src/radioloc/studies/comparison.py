@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from radioloc.errors import InputError
+from radioloc.errors import InputError, named
 from radioloc.estimation.combination import PositionEstimate, agreement, joint_estimate, rotated_covariance
 from radioloc.estimation.orbit_state import EAST_NORTH_UP
 from radioloc.estimation.solution import Solution
@@ -26,12 +26,12 @@ from radioloc.lunar.position import LunarPosition
 from radioloc.parameters.moon import MAP_TIE
 from radioloc.report.comparison import Comparison
 from radioloc.report.image_solution import ImageSolution, PointSolution
+from radioloc.report.recorded import read_recorded
 from radioloc.report.subsets import ArcStudy
 from radioloc.report.tables import METHODS, Place, PositionRow, place_fields
 from radioloc.studies.schema import Hints, TomlTable, check, entry, toml_content
 from radioloc.studies.target_file import Place as PositionTable
 from radioloc.studies.target_file import position_of
-from radioloc.text_files import json_file
 
 _JOINT = "joint estimate"
 
@@ -133,21 +133,19 @@ class RecordedSolution:
 
 def read_solutions(given: str | Path | Result) -> tuple[list[RecordedSolution], dict[str, Place]]:
     """The solutions of a ``solution.json``, an ``arcs.json`` or a result, and the references that it knows."""
-    what = "is neither a solution.json nor an arcs.json of this version of radioloc; make it again"
     if not isinstance(given, str | Path | Result):
-        raise InputError(f"{given}: {what}")
-    with json_file(given, what) if isinstance(given, str | Path) else nullcontext(given.to_dict()) as content:
-        # A solution has arcs too, of an orbit with states of their own.
-        arcs = content["arcs"] if "positions" in content else [{"solution": content}]
-        references = {
-            row["name"]: (-row["longitude_west_deg"], row["latitude_deg"], row["height_m"])
-            for row in content.get("positions", ())
-            if row["method"] == "reference"
-        }
-        known = [arc["solution"]["reference"] for arc in arcs if arc["solution"]["reference"] is not None]
-        places = {
-            item["name"]: (item["longitude_deg"], item["latitude_deg"], item["height_m"]) for item in known
-        }
+        raise InputError(f"{given}: expected a result, or the path of a solution.json or an arcs.json")
+    content = read_recorded(given) if isinstance(given, str | Path) else given.to_dict()
+    # A solution has arcs too, of an orbit with states of their own.
+    arcs = content["arcs"] if "positions" in content else [{"solution": content}]
+    references = {
+        row["name"]: (-row["longitude_west_deg"], row["latitude_deg"], row["height_m"])
+        for row in content.get("positions", ())
+        if row["method"] == "reference"
+    }
+    known = [arc["solution"]["reference"] for arc in arcs if arc["solution"]["reference"] is not None]
+    places = {item["name"]: (item["longitude_deg"], item["latitude_deg"], item["height_m"]) for item in known}
+    with named(f"{given}:") if isinstance(given, str | Path) else nullcontext():
         solutions = [
             RecordedSolution(
                 f"{given}, {arc['hours']:g} h" if "hours" in arc else str(given),

@@ -23,9 +23,9 @@ from radioloc.imaging.shading import sun_over_map, write_shaded_map
 from radioloc.lunar import LunarPosition, TerrainModel
 from radioloc.progress import progress_bar
 from radioloc.report.image_solution import ImageSolution, PointSolution
+from radioloc.report.recorded import read_recorded
 from radioloc.studies.image_points import FRAME, ground_at, locate_point, locate_stereo, provenance_of
 from radioloc.studies.image_study import ImageChoice, ImageStudy, PointStudy, StereoChoice, read_image_study
-from radioloc.text_files import json_file
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -151,10 +151,15 @@ def _near(chosen: ImageChoice) -> tuple[float, float, float] | None:
     """Longitude, latitude and radius about which the map is searched."""
     if chosen.near is None:
         return None
-    with json_file(chosen.near, "is no solution.json with a position and its sigmas") as content:
-        place = content["position"]["me"]
-        sigma_m = max(content["sigma"][f"{axis}_m"] for axis in ("east", "north"))
-        return place["longitude_deg"], place["latitude_deg"], 3.0 * sigma_m + chosen.near_margin_m
+    content = read_recorded(chosen.near)
+    sigma = content.get("sigma") or {}
+    sigmas_m = [sigma[key] for key in ("east_m", "north_m") if sigma.get(key) is not None]
+    if len(sigmas_m) < 2:
+        raise InputError(
+            f"{chosen.near}: expected a solution.json with a determined position; locate it first"
+        )
+    place = content["position"]["me"]
+    return place["longitude_deg"], place["latitude_deg"], 3.0 * max(sigmas_m) + chosen.near_margin_m
 
 
 def _solution(

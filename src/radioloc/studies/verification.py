@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import json
+import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.kernels import sha256_of
 from radioloc.report.cards import Card, Field
-from radioloc.report.files import INCOMPLETE
+from radioloc.report.files import INCOMPLETE, json_text
+from radioloc.report.recorded import read_recorded
 from radioloc.studies.arcs import arcs
 from radioloc.studies.image_study import read_image_study
 from radioloc.studies.images import locate_images
@@ -19,13 +23,14 @@ from radioloc.studies.locate import fit_arc, prepared_arc
 from radioloc.studies.record import study_origin, versions
 from radioloc.studies.study import Study
 from radioloc.studies.study_file import read_study
-from radioloc.text_files import json_file
 
 _OF_SIGMA = 1e-3
 """How far values may differ in parts of their sigmas, and sigmas in parts of themselves: more than iterations leave
 that end elsewhere as other processors and libraries round, less than anyone could see on a card."""
 _ALLOWED_M = 1e-4
 """The same for positions with a tiny sigma, m: what interpolated observations may be off by."""
+_NOT_COMPARED = ("provenance", "notes", "message")
+"""Versions and settings, which are compared by themselves, and prose."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +85,7 @@ class Verification:
 
 
 def verify(path: str | Path, study: str | Path | None = None) -> Verification:
-    """Make a solution again from what its provenance names, and compare positions, parameters, sigmas and counts.
+    """Make a solution again from what its provenance names, and compare every number.
 
     Parameters
     ----------
@@ -110,26 +115,28 @@ def verify(path: str | Path, study: str | Path | None = None) -> Verification:
         for name, value in versions().items()
         if then.get(name) != value
     ]
-    pairs = list(_pairs(before, now))
+    pairs = list(_pairs(before, json.loads(json_text(now))))
     differences = (
         Difference(name, one, two) for name, one, two, allowed in pairs if _differ(one, two, allowed)
     )
     return Verification(str(path), len(pairs), tuple(differences), tuple(environment))
 
 
-def _recorded(path: Path) -> dict[str, Any]:
+def _recorded(path: Path) -> Mapping[str, Any]:
     for folder in (path.parent, path.parent.parent):
         if (folder / INCOMPLETE).is_file():
             raise InputError(f"{path}: {folder / INCOMPLETE} says that the folder was not written to the end")
-    what = "is no solution.json, or one of a version that did not record what it was made from"
-    with json_file(path, what) as content:
-        made_from = content["provenance"]["study"]
-    if made_from is None:
+    content = read_recorded(path, require_consistency=False)
+    if path.name == "arcs.json" or "positions" in content:
+        raise InputError(
+            f"{path}: expected a solution.json, got an arcs.json; give that in the folder of one arc"
+        )
+    if content["provenance"].get("study") is None:
         raise InputError(
             f"{path}: was made from no study file (but in Python or from standard input), or with other observations "
             "than the file's; there is nothing to make it from again"
         )
-    return dict(content)
+    return content
 
 
 def _again(path: Path, then: Mapping[str, Any], file: str | Path | None) -> dict[str, Any]:
@@ -146,13 +153,13 @@ def _again(path: Path, then: Mapping[str, Any], file: str | Path | None) -> dict
         now = locate_images(read_image_study(found)).to_dict()
         _require_same_files(problem, then["study"], now["provenance"]["study"])
         return now
-    whole, hours = read_study(found), then["study"]["hours"]
+    whole, hours = read_study(found), then["study"].get("hours")
     study = replace(whole, observations=replace(whole.observations, hours=hours))
     _require_same(problem, then["study"], study)
     if hours != whole.observations.hours:
         return arcs(whole, [hours]).arcs[0].solution.to_dict()
     arc, left_out = prepared_arc(study)
-    return fit_arc(study, arc, left_out, None if then["estimate"] is None else study.estimate).to_dict()
+    return fit_arc(study, arc, left_out, None if then.get("estimate") is None else study.estimate).to_dict()
 
 
 def _require_same(problem: str, then: Mapping[str, Any], study: Study) -> None:
@@ -182,39 +189,52 @@ Pair = tuple[str, Any, Any, float]
 """Name of a number, its values then and now, and by how much they may differ."""
 
 
-def _pairs(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[Pair]:
-    for key in ("converged", "status"):
-        yield key, then[key], now[key], 0.0
-    for key in ("used", "rejected"):
-        yield f"fit.{key}", then["fit"][key], now["fit"][key], 0.0
-    yield from _position_pairs("", then, now)
-    for name in sorted({*then.get("targets", {}), *now.get("targets", {})}):
-        yield from _position_pairs(f"{name} ", *(one.get("targets", {}).get(name, {}) for one in (then, now)))
-    rows = [{row["name"]: row for row in one.get("parameters", ())} for one in (then, now)]
-    for name in dict.fromkeys([*rows[0], *rows[1]]):
-        one, two = (row.get(name, {}) for row in rows)
-        sigma = one.get("sigma") or 0.0
-        value = one.get("value")
-        yield name, value, two.get("value"), _OF_SIGMA * sigma + 1e-9 * abs(value or 0.0)
-        yield f"{name} sigma", one.get("sigma"), two.get("sigma"), _OF_SIGMA * sigma
+def _pairs(then: Any, now: Any, name: str = "", scale: float = 0.0) -> Iterator[Pair]:
+    """Pair every value of two results, named by its keys joined by dots; `scale` is the sigma of a number."""
+    if isinstance(then, Mapping) and isinstance(now, Mapping):
+        for key in dict.fromkeys([*then, *now]):
+            if key not in _NOT_COMPARED:
+                place = f"{name}.{key}" if name else str(key)
+                yield from _pairs(then.get(key), now.get(key), place, _scale(key, then, scale))
+    elif isinstance(then, list) and isinstance(now, list):
+        # Rows with names are paired by these, others by their place.
+        before, after = (_by_name(rows) for rows in (then, now))
+        largest = max((abs(item) for item in then if _is_number(item)), default=scale)
+        for key in dict.fromkeys([*before, *after]):
+            yield from _pairs(before.get(key), after.get(key), f"{name}.{key}", max(scale, largest))
+    else:
+        size = abs(then) if _is_number(then) else 0.0
+        floor = _ALLOWED_M if name.endswith("_m") else 0.0
+        yield name, then, now, max(_OF_SIGMA * (scale or size), 1e-9 * size, floor)
 
 
-def _position_pairs(of: str, then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[Pair]:
-    if not (then.get("position") and now.get("position")):
-        yield f"{of}position", then.get("position"), now.get("position"), 0.0
-        return
-    sigmas = [value or 0.0 for value in (then["sigma"][f"{axis}_m"] for axis in ("east", "north", "up"))]
-    allowed_m = max(_ALLOWED_M, _OF_SIGMA * min(sigmas))
-    for axis in "xyz":
-        key = f"{axis}_m"
-        yield f"{of}position {key}", then["position"]["pa"][key], now["position"]["pa"][key], allowed_m
-    for axis, sigma in zip(("east", "north", "up"), sigmas, strict=True):
-        key = f"{axis}_m"
-        yield f"{of}sigma {key}", then["sigma"][key], now["sigma"][key], _OF_SIGMA * sigma
+def _by_name(rows: list[Any]) -> dict[str, Any]:
+    names = [str(row.get("name", "")) if isinstance(row, Mapping) else "" for row in rows]
+    if "" in names or len(set(names)) < len(names):
+        names = [str(place) for place in range(len(rows))]
+    return dict(zip(names, rows, strict=True))
+
+
+def _scale(key: str, parent: Mapping[str, Any], scale: float) -> float:
+    """Return the standard deviation of a value, or what its size is to be compared with."""
+    if key in ("position", "targets"):  # positions of all targets are known about alike
+        sigmas = [value or 0.0 for value in (parent.get("sigma") or {}).values() if _is_number(value)]
+        return min(sigmas, default=0.0)
+    if key in ("longitude_deg", "latitude_deg"):
+        return math.degrees(max(scale, _ALLOWED_M / _OF_SIGMA) / MEAN_LUNAR_RADIUS_M)
+    if key in ("value", "prior_value"):
+        return float(parent.get("sigma") or 0.0)
+    if key == "mean_m":
+        return float(parent.get("rms_m") or 0.0)
+    return 1.0 if key.endswith(("_sigmas", "coefficient", "chance")) else scale
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _differ(one: Any, two: Any, allowed: float) -> bool:
-    if isinstance(one, float) and isinstance(two, float):
+    if isinstance(one, float) and _is_number(two):
         return not abs(one - two) <= allowed
     return bool(one != two)
 

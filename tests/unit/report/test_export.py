@@ -7,8 +7,8 @@ import tempfile
 import numpy as np
 import pytest
 import spiceypy
+from recorded import recorded, reference
 from spiceypy.utils.exceptions import SpiceyError
-from spk_files import position_on_moon
 
 from radioloc.cli import main
 from radioloc.ephemeris import Ephemeris, LunarOrientation, Trajectory
@@ -24,14 +24,11 @@ COVARIANCE = np.array([[100.0, 30.0, 0.0], [30.0, 50.0, 0.0], [0.0, 0.0, 9.0]])
 
 
 def content(ephemeris="DE421", place=PLACE, covariance=COVARIANCE, name="lander 5"):
-    """What a solution.json says of a position."""
-    return position_on_moon(place, ephemeris) | {
-        "name": name,
-        "converged": True,
-        "sigma": {"east_m": 10.0, "north_m": math.sqrt(50.0), "up_m": 3.0},
-        "covariance": {"enu_m2": np.where(np.isfinite(covariance), covariance, None).tolist()},
-        "reference": {"name": "benchmark", "longitude_deg": -51.9, "latitude_deg": 43.0, "height_m": -2500.0},
-    }
+    """Return what a solution.json holds of a position."""
+    known = reference("benchmark", -51.9, 43.0, -2500.0)
+    matrix = {"enu_m2": np.where(np.isfinite(covariance), covariance, None).tolist()}
+    sigma_m = np.sqrt(np.diag(covariance))
+    return recorded(name, place, sigma_m, f"ME_{ephemeris}", covariance=matrix, reference=known)
 
 
 @pytest.mark.parametrize("ephemeris", ["DE421", "DE440"])
@@ -73,7 +70,7 @@ def test_what_spice_had_loaded_stays_as_it_was(tmp_path):
         ({}, "lander.spk", 301001, "ends in .bsp"),
         ({}, "lander.bsp", 399, "not one for a lander"),
         ({"position": None}, "lander.bsp", 301001, "no fixed position"),
-        ({"position": {"pa": {"frame": "PA_DE403"}}}, "lander.bsp", 301001, "no frame for PA_DE403"),
+        ({"position": recorded(frame="ME_DE403")["position"]}, "lander.bsp", 301001, "no frame for PA_DE403"),
     ],
 )
 def test_kernels_that_would_be_wrong_are_refused(tmp_path, change, name, code, message):
@@ -194,10 +191,7 @@ def test_a_position_without_a_covariance_has_no_ellipse(tmp_path):
 
 def test_the_command_writes_what_the_ending_says(tmp_path, capsys):
     solution = tmp_path / "solution.json"
-    estimate = content() | {"provenance": {}, "fit": {}}
-    cartesian = dict(zip(("x_m", "y_m", "z_m"), (8e5, -1e6, 1.2e6), strict=True))
-    estimate["position"]["me"] |= cartesian
-    solution.write_text(json.dumps(estimate))
+    solution.write_text(json.dumps(content()))
     for name, written in (("a.geojson", ["a.geojson"]), ("b.bsp", ["b.bsp", "b.tf"])):
         assert main(["export", str(solution), str(tmp_path / name)]) == 0
         assert all(str(tmp_path / one) in capsys.readouterr().out for one in written[:1])

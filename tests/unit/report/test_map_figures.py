@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from recorded import recorded, reference
 
 from radioloc.cli import main
 from radioloc.errors import InputError
@@ -18,14 +19,9 @@ PLACE = (-51.9162, 43.0584)
 PER_DEG_M = math.radians(1737400.0)
 
 
-def content(name="lander", place=PLACE, frame="ME_DE421", sigma_m=(20.0, 10.0)):
-    angles = {"longitude_deg": place[0], "latitude_deg": place[1], "height_m": -2550.0}
-    return {
-        "name": name,
-        "position": {"me": {"frame": frame, **angles}},
-        "covariance": {"enu_m2": np.diag([*np.square(sigma_m), 4.0]).tolist()},
-        "reference": {"name": "benchmark", "longitude_deg": PLACE[0], "latitude_deg": PLACE[1] + 0.001},
-    }
+def content(name="lander", place=PLACE, frame="ME_DE421"):
+    known = reference("benchmark", PLACE[0], PLACE[1] + 0.001)
+    return recorded(name, (*place, -2550.0), frame=frame, reference=known)
 
 
 def labelled(figure):
@@ -70,7 +66,7 @@ def test_a_map_with_a_pole_on_it_has_degrees_where_there_are_some():
 
 
 def test_a_position_without_sigmas_is_a_point():
-    undetermined = content() | {"covariance": {"enu_m2": [[None] * 3] * 3}, "reference": None}
+    undetermined = recorded(sigma_m=(np.inf,) * 3)
     figure = plot_map(undetermined)
     assert list(labelled(figure)) == ["lander"]
     assert not [patch for patch in figure.axes[0].patches if hasattr(patch, "angle")]
@@ -117,10 +113,7 @@ def test_what_cannot_be_drawn_is_told(given, options, message):
 
 def test_the_command_draws_a_map(tmp_path):
     solution = tmp_path / "solution.json"
-    known = content() | {"converged": True, "provenance": {}, "fit": {}, "sigma": {}}
-    known["position"]["me"] |= dict(zip(("x_m", "y_m", "z_m"), (8e5, -1e6, 1.2e6), strict=True))
-    known["reference"] |= {"height_m": -2550.0}
-    solution.write_text(json.dumps(known))
+    solution.write_text(json.dumps(content()))
     assert main(["map", str(solution), str(tmp_path / "map.png"), "--quiet"]) == 0
     assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
 
@@ -130,7 +123,7 @@ def test_the_map_is_opened_once_and_all_references_are_on_it(monkeypatch):
     opened = []
     for kind in (Map, TerrainModel):
         monkeypatch.setattr(kind, "open", count_into(opened, kind.open))
-    known = {"name": "further", "longitude_deg": PLACE[0], "latitude_deg": PLACE[1] - 0.001}
+    known = reference("further", PLACE[0], PLACE[1] - 0.001)
     several = [content("study, 48 h") | {"references": [known]}, content("study, 12 h"), content("descent")]
     for option, name in (("dem", "dem.tif"), ("base_map", "map.tif")):
         opened.clear()

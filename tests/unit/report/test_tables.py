@@ -4,37 +4,42 @@ import json
 
 import pytest
 from astropy.io import ascii as astropy_ascii
+from recorded import recorded, reference
 
 from radioloc.cli import main
 from radioloc.errors import InputError
 from radioloc.report import TextTable, solution_table
 
-CONTENT = {
-    "name": "lander 5",
-    "converged": True,
-    "position": {
-        "me": {
-            "frame": "ME_DE421",
-            "longitude_deg": -51.91637,
-            "latitude_deg": 43.05784,
-            "height_m": -2570.25,
-        }
-    },
-    "sigma": {"east_m": 10.0, "north_m": 4.0, "up_m": 3.0},
-    "covariance": {"enu_m2": [[100.0, 0.0, 0.0], [0.0, 16.0, 0.0], [0.0, 0.0, 9.0]]},
-    "reference": {"name": "map_1", "east_m": -0.5, "north_m": 12.25, "up_m": 1.0},
-    "fit": {"used": 90, "rejected": 3, "wrms_m": 0.512, "chi2_per_dof": None},
-    "parameters": [
-        {"name": "position.east", "unit": "m", "value": 1.0, "total_sigma": 2.0, "fixed": False},
-        {"name": "range_bias.KASHI", "unit": "m", "value": 12.3456, "total_sigma": 0.123, "fixed": False},
-        {"name": "clock.KASHI", "unit": "s", "value": -4.31e-9, "total_sigma": 8.08e-9, "fixed": False},
-        {"name": "clock.JIAMUSI", "unit": "s", "value": 0.0, "total_sigma": None, "fixed": False},
-        {"name": "zenith_delay.KASHI", "unit": "m", "value": 0.0, "total_sigma": 0.0, "fixed": True},
+
+def parameter(name, unit, value, total_sigma, fixed=False):
+    return {
+        "name": name,
+        "unit": unit,
+        "value": value,
+        "sigma": total_sigma,
+        "total_sigma": total_sigma,
+        "fixed": fixed,
+    }
+
+
+CONTENT = recorded(
+    "lander 5",
+    (-51.91637, 43.05784, -2570.25),
+    (10.0, 4.0, 3.0),
+    reference=reference("map_1", -51.9, 43.0, east_m=-0.5, north_m=12.25, up_m=1.0),
+    fit={"used": 90, "rejected": 3, "wrms_m": 0.512, "chi2_per_dof": None},
+    parameters=[
+        parameter("position.east", "m", 1.0, 2.0),
+        parameter("range_bias.KASHI", "m", 12.3456, 0.123),
+        parameter("clock.KASHI", "s", -4.31e-9, 8.08e-9),
+        parameter("clock.JIAMUSI", "s", 0.0, None),
+        parameter("zenith_delay.KASHI", "m", 0.0, 0.0, fixed=True),
     ],
-}
+)
 HELD = CONTENT | {
     "name": "held",
     "sigma": dict.fromkeys(("east_m", "north_m", "up_m"), 0.0),
+    "covariance": {"enu_m2": [[0.0] * 3] * 3},
     "reference": None,
     "parameters": [],
 }
@@ -89,9 +94,6 @@ def test_signs_that_the_formats_use_themselves_are_escaped():
 
 @pytest.mark.parametrize(("ending", "first"), [("md", "|  | lander 5 |"), ("tex", r"\begin{tabular}{lr}")])
 def test_the_command_writes_tables(tmp_path, ending, first):
-    content = json.loads(json.dumps(CONTENT))
-    content["position"]["me"] |= {"x_m": 8e5, "y_m": -1e6, "z_m": 1.2e6}
-    content["reference"] |= {"longitude_deg": -51.9, "latitude_deg": 43.0, "height_m": -2500.0}
-    (tmp_path / "solution.json").write_text(json.dumps(content | {"provenance": {}}))
+    (tmp_path / "solution.json").write_text(json.dumps(CONTENT))
     assert main(["export", str(tmp_path / "solution.json"), str(tmp_path / f"table.{ending}"), "-q"]) == 0
     assert (tmp_path / f"table.{ending}").read_text(encoding="utf-8").splitlines()[0] == first

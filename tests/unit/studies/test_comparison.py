@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from recorded import recorded
 
 import radioloc
-from radioloc import LunarPosition
 from radioloc.cli import main
 from radioloc.errors import InputError
 from radioloc.studies import compare
@@ -26,24 +26,8 @@ TABLE_1 = {
 
 def solution(name, place, sigma_m=10.0, **more):
     """What a program writes of a position with equal sigmas."""
-    longitude_deg, latitude_deg, height_m = place
-    xyz = LunarPosition.from_selenographic(*place).xyz_m
-    me = {
-        "frame": "ME_DE421",
-        "longitude_deg": longitude_deg,
-        "latitude_deg": latitude_deg,
-        "height_m": height_m,
-    }
-    return {
-        "name": name,
-        "converged": True,
-        "position": {"me": me | dict(zip(("x_m", "y_m", "z_m"), xyz.tolist(), strict=True))},
-        "sigma": dict.fromkeys(("east_m", "north_m", "up_m"), sigma_m),
-        "covariance": {"enu_m2": (sigma_m**2 * np.eye(3)).tolist()},
-        "fit": {"used": 10, "rejected": 0, "wrms_m": 0.5},
-        "reference": None,
-        "provenance": {"study": None, "files": [f"{name}.csv"]},
-    } | more
+    origin = {"study": None, "files": [f"{name}.csv"]}
+    return recorded(name, place, (sigma_m,) * 3, provenance=origin) | more
 
 
 def written(folder, content):
@@ -192,8 +176,8 @@ def test_solutions_of_one_name_are_told_apart_by_their_folders(tmp_path):
     ("change", "says"),
     [
         ({"position": None}, "trajectory"),
-        ({"covariance": None}, "make it again"),
-        ({"reference": {"name": "old", "east_m": 1.0}}, "make it again"),
+        ({"covariance": None}, "covariance: expected an object"),
+        ({"reference": {"name": "old", "east_m": 1.0}}, "reference.longitude_deg: the key is missing"),
     ],
 )
 def test_what_is_no_solution_is_told_by_name(change, says, tmp_path):
@@ -212,7 +196,7 @@ def test_other_files_frames_and_references_are_refused(table, tmp_path, capsys):
     other["position"]["me"]["frame"] = "ME_DE440"
     with pytest.raises(InputError, match="use one ephemeris for all"):
         compare([table[0], written(tmp_path / "other", other)])
-    with pytest.raises(InputError, match="3: is neither"):
+    with pytest.raises(InputError, match="3: expected a result"):
         compare([3])
     with pytest.raises(InputError, match="there is no 'LOLA' to compare with; there are Image matching"):
         compare(table, "LOLA")

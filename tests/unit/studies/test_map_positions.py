@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from delay_network import DelayNetwork
+from recorded import recorded
 
 import radioloc
 from radioloc import LunarPosition, Observations
@@ -55,7 +56,7 @@ def solved(folder, place=PLACE, relative_m2=RELATIVE_M2, **more):
         "method": "images",
         "converged": True,
         "message": "",
-        "position": {"me": {"frame": position.frame, **me, **dict(xyz)}},
+        "position": {"pa": recorded()["position"]["pa"], "me": {"frame": position.frame, **me, **dict(xyz)}},
         "sigma": {"east_m": total[0, 0] ** 0.5, "north_m": total[1, 1] ** 0.5, "up_m": None},
         "covariance": {"enu_m2": covariance},
         "considered": [

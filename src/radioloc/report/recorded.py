@@ -1,0 +1,283 @@
+"""Recorded results checked at the boundary: ``solution.json``, ``arcs.json`` and mappings of the same form.
+
+The schema names the keys that other jobs read, with their types and ranges. What passes can be used without further
+checks; other keys are not read, and may be anything.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from radioloc.errors import InputError, legible
+from radioloc.lunar.selenographic import selenographic_to_cartesian
+from radioloc.text_files import json_file
+
+Check = Callable[[Any, str], None]
+"""Raises :class:`InputError` for a value that is not as the schema has it; the text is the place of the value."""
+
+MAX_COORDINATE_M = 1e12
+"""Largest plausible coordinate or sigma of a position: fits that fail can end far from the Moon."""
+
+_COORDINATE_TOLERANCE_M = 1.0  # between geographic and Cartesian coordinates of one position
+_SIGMA_TOLERANCE = 1e-6  # relative, between a sigma and the square root of its variance
+_MAX_SHOWN = 60  # characters of a wrong value
+
+
+def read_recorded(path: str | Path, *, require_consistency: bool = True) -> Mapping[str, Any]:
+    """Read a ``solution.json`` or an ``arcs.json`` and check it, without agreement of its numbers if so asked.
+
+    Raises
+    ------
+    InputError
+        The file is not JSON, or a value is not as the schema has it.
+    """
+    what = "is neither a solution.json nor an arcs.json of this version of radioloc; make it again"
+    with json_file(path, what) as content:
+        if not isinstance(content, Mapping):
+            raise InputError(what)
+        (_ARCS if "positions" in content else _SOLUTION)(content, "")
+        solutions = [arc["solution"] for arc in content["arcs"]] if "positions" in content else [content]
+        for solution in solutions if require_consistency else ():
+            _require_consistency(solution)
+    return dict(content)
+
+
+def check_solution(content: Mapping[str, Any]) -> None:
+    """Check what a ``solution.json`` holds.
+
+    Raises
+    ------
+    InputError
+        A value is not as the schema has it; the message names its key.
+    """
+    _SOLUTION(content, "")
+    _require_consistency(content)
+
+
+def _fail(where: str, expected: str, value: Any) -> NoReturn:
+    is_short = isinstance(value, float | bool | None) or (isinstance(value, int) and abs(value) < 10**20)
+    got = legible(
+        repr(value[:_MAX_SHOWN] if isinstance(value, str) else value if is_short else type(value).__name__)
+    )
+    raise InputError(f"{where or 'top level'}: expected {expected}, got {got}; make the file again")
+
+
+def _number(low: float = -math.inf, high: float = math.inf) -> Check:
+    bounds = (
+        ""
+        if math.isinf(low)
+        else f" of at least {low:g}"
+        if math.isinf(high)
+        else f" from {low:g} to {high:g}"
+    )
+
+    def check(value: Any, where: str) -> None:
+        is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+        # Comparison, unlike conversion, is defined for integers of any length.
+        if not is_number or not low <= value <= high or not -1e300 < value < 1e300:
+            _fail(where, f"a number{bounds}", value)
+
+    return check
+
+
+def _text(pattern: str = r".+", meaning: str = "a text") -> Check:
+    def check(value: Any, where: str) -> None:
+        if not isinstance(value, str) or not re.fullmatch(pattern, value, re.DOTALL):
+            _fail(where, meaning, value)
+
+    return check
+
+
+def _truth(value: Any, where: str) -> None:
+    if not isinstance(value, bool):
+        _fail(where, "true or false", value)
+
+
+def _or_none(check: Check) -> Check:
+    return lambda value, where: None if value is None else check(value, where)
+
+
+def _list(check: Check, length: int | None = None) -> Check:
+    def check_list(value: Any, where: str) -> None:
+        if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str):
+            _fail(where, "a list", value)
+        if length is not None and len(value) != length:
+            _fail(where, f"a list of {length}", f"{len(value)} items")
+        for place, item in enumerate(value):
+            check(item, f"{where}[{place}]")
+
+    return check_list
+
+
+def _mapping(check: Check) -> Check:
+    def check_mapping(value: Any, where: str) -> None:
+        if not isinstance(value, Mapping):
+            _fail(where, "an object", value)
+        for key, item in value.items():
+            check(item, f"{where}.{legible(str(key))}")
+
+    return check_mapping
+
+
+def _record(required: Mapping[str, Check], optional: Mapping[str, Check] | None = None) -> Check:
+    """Check the keys of an object; others are allowed."""
+
+    def check(value: Any, where: str) -> None:
+        if not isinstance(value, Mapping):
+            _fail(where, "an object", value)
+        for key, item in {**(optional or {}), **required}.items():
+            place = f"{where}.{key}" if where else key
+            if key in value:
+                item(value[key], place)
+            elif key in required:
+                raise InputError(f"{place}: the key is missing; make the file again")
+
+    return check
+
+
+def _all(*checks: Check) -> Check:
+    def check(value: Any, where: str) -> None:
+        for item in checks:
+            item(value, where)
+
+    return check
+
+
+def _require_consistency(value: Mapping[str, Any]) -> None:
+    """Require that the parts of a solution that state the same number agree."""
+    if value["position"] is None:
+        return
+    for key in ("sigma", "covariance"):
+        if value[key] is None:
+            _fail(key, "an object beside the position", None)
+    me = value["position"]["me"]
+    place = (math.radians(me["longitude_deg"]), math.radians(me["latitude_deg"]), me["height_m"])
+    apart_m = selenographic_to_cartesian(*place) - [me[f"{axis}_m"] for axis in "xyz"]
+    if not np.linalg.norm(apart_m) <= _COORDINATE_TOLERANCE_M:
+        raise InputError(
+            f"position.me: longitude, latitude and height differ from x, y and z by "
+            f"{np.linalg.norm(apart_m):.3g} m; make the file again"
+        )
+    covariance = np.array(value["covariance"]["enu_m2"], dtype=np.float64)
+    if not np.allclose(covariance, covariance.T, rtol=1e-6, equal_nan=True):
+        raise InputError("covariance.enu_m2: expected a symmetric matrix; make the file again")
+    for key, variance in zip(_SIGMAS, np.diag(covariance), strict=True):
+        sigma = value["sigma"][key]
+        if (sigma is None) != (not np.isfinite(variance)) or not (
+            sigma is None or abs(sigma**2 - variance) <= 2.0 * _SIGMA_TOLERANCE * max(sigma**2, variance)
+        ):
+            _fail(f"sigma.{key}", f"the square root of its variance, {variance:g} m^2", sigma)
+
+
+_SIGMAS = ("east_m", "north_m", "up_m")
+_ANY_NUMBER = _number()
+_COUNT = _number(0)
+_METRES = _number(-MAX_COORDINATE_M, MAX_COORDINATE_M)
+_SIGMA = _or_none(_number(0.0))
+_XYZ = {f"{axis}_m": _METRES for axis in "xyz"}
+_GEOGRAPHIC: dict[str, Check] = {
+    "longitude_deg": _number(-360.0, 360.0),
+    "latitude_deg": _number(-90.0, 90.0),
+    "height_m": _METRES,
+}
+_POSITION = _record(
+    {
+        "pa": _record({"frame": _text(r"PA_[\w.-]+", "principal axes, such as PA_DE421"), **_XYZ}),
+        "me": _record(
+            {"frame": _text(r"ME_[\w.-]+", "mean-Earth axes, such as ME_DE421"), **_GEOGRAPHIC, **_XYZ}
+        ),
+    }
+)
+_SIGMA_ENU = _record(dict.fromkeys(_SIGMAS, _SIGMA))
+_SIGMA_LEVELS = _record(
+    dict.fromkeys(_SIGMAS, _SIGMA), dict.fromkeys(("scaled", "formal", "ephemeris"), _SIGMA_ENU)
+)
+_COVARIANCE = _record({"enu_m2": _list(_list(_or_none(_ANY_NUMBER), 3), 3)})
+_LOCATED: dict[str, Check] = {
+    "position": _or_none(_POSITION),
+    "sigma": _or_none(_SIGMA_LEVELS),
+    "covariance": _or_none(_COVARIANCE),
+}
+_REFERENCE = _record(
+    {"name": _text(), **_GEOGRAPHIC},
+    dict.fromkeys(("east_m", "north_m", "up_m", "horizontal_m", "distance_m"), _METRES)
+    | dict.fromkeys(("east_sigmas", "north_sigmas", "up_sigmas", "combined_sigmas"), _or_none(_ANY_NUMBER)),
+)
+_PARAMETER = _record(
+    {
+        "name": _text(),
+        "unit": _text(),
+        "value": _ANY_NUMBER,
+        "sigma": _SIGMA,
+        "total_sigma": _SIGMA,
+        "fixed": _truth,
+    }
+)
+_INPUT = _record({"file": _text(), "sha256": _or_none(_text(r"[0-9a-f]{64}", "64 hexadecimal digits"))})
+_STUDY = _record(
+    {
+        "file": _text(),
+        "sha256": _or_none(_text(r"[0-9a-f]{64}", "64 hexadecimal digits")),
+        "inputs": _list(_INPUT),
+    },
+    {"hours": _or_none(_number(0.0)), "settings": _mapping(_text())},
+)
+_PROVENANCE = _record(
+    {},
+    {
+        "files": _list(_text()),
+        "images": _list(_text()),
+        "study": _or_none(_STUDY),
+        "estimate": _or_none(_record({})),
+    },
+)
+_SOLUTION = _record(
+    {
+        "name": _text(r".*"),
+        "converged": _truth,
+        **_LOCATED,
+        "fit": _record(
+            {"used": _COUNT, "rejected": _COUNT},
+            {"wrms_m": _or_none(_ANY_NUMBER), "chi2_per_dof": _or_none(_ANY_NUMBER)},
+        ),
+        "reference": _or_none(_REFERENCE),
+        "provenance": _PROVENANCE,
+    },
+    {
+        "method": _text(),
+        "status": _text(),
+        "message": _text(r".*"),
+        "references": _list(_REFERENCE),
+        "parameters": _list(_PARAMETER),
+        "considered": _list(_record({"name": _text()}, {"position_enu_m": _list(_METRES, 3)})),
+        "targets": _mapping(_record(_LOCATED)),
+    },
+)
+_ROW = _record(
+    {"name": _text(), "method": _text()},
+    {
+        "longitude_west_deg": _number(-360.0, 360.0),
+        "latitude_deg": _GEOGRAPHIC["latitude_deg"],
+        "height_m": _METRES,
+    },
+)
+
+
+def _at_least_one(value: Any, where: str) -> None:
+    if not value:
+        _fail(where, "at least one item", value)
+
+
+_ARCS = _record(
+    {
+        "name": _text(),
+        "positions": _list(_ROW),
+        "arcs": _all(_list(_record({"hours": _number(0.0), "solution": _SOLUTION})), _at_least_one),
+    }
+)

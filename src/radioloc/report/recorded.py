@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from datetime import datetime
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -99,6 +100,18 @@ def _truth(value: Any, where: str) -> None:
         _fail(where, "true or false", value)
 
 
+def _utc(value: Any, where: str) -> None:
+    try:
+        datetime.fromisoformat(value)
+    except (TypeError, ValueError):
+        _fail(where, "a date such as 2020-12-01T15:11:00", value)
+
+
+def _same_lengths(value: Any, where: str) -> None:
+    if len(value["utc_s"]) != len(value["observed_m"]):
+        _fail(f"{where}.observed_m", f"{len(value['utc_s'])} values, as of utc_s", len(value["observed_m"]))
+
+
 def _or_none(check: Check) -> Check:
     return lambda value, where: None if value is None else check(value, where)
 
@@ -156,6 +169,7 @@ def _require_consistency(value: Mapping[str, Any]) -> None:
     for key in ("sigma", "covariance"):
         if value[key] is None:
             _fail(key, "an object beside the position", None)
+    _require_spans_and_terrain(value)
     me = value["position"]["me"]
     place = (math.radians(me["longitude_deg"]), math.radians(me["latitude_deg"]), me["height_m"])
     apart_m = selenographic_to_cartesian(*place) - [me[f"{axis}_m"] for axis in "xyz"]
@@ -173,6 +187,21 @@ def _require_consistency(value: Mapping[str, Any]) -> None:
             sigma is None or abs(sigma**2 - variance) <= 2.0 * _SIGMA_TOLERANCE * max(sigma**2, variance)
         ):
             _fail(f"sigma.{key}", f"the square root of its variance, {variance:g} m^2", sigma)
+
+
+def _require_spans_and_terrain(value: Mapping[str, Any]) -> None:
+    """Require what errors of a span of time, and heights above terrain, need to be recognised in other solutions."""
+    for key in ("considered", "priors"):
+        for place, item in enumerate(value.get(key, ())):
+            if ("first_utc" in item) != ("last_utc" in item):
+                _fail(f"{key}[{place}]", "both first_utc and last_utc, or neither", item)
+            if key == "considered" and "position_enu_m" not in item:
+                _fail(f"{key}[{place}].position_enu_m", "a list of 3", None)
+    if any(item["name"].endswith(".height_above_terrain") for item in value.get("priors", ())):
+        provenance = value["provenance"]
+        prior = (provenance.get("estimate") or {}).get("height_prior") or {}
+        if "dem" not in prior or provenance.get("terrain_resolution_m") is None:
+            _fail("provenance.estimate.height_prior", "the files and the resolution of the terrain", prior)
 
 
 _SIGMAS = ("east_m", "north_m", "up_m")
@@ -228,14 +257,32 @@ _STUDY = _record(
     },
     {"hours": _or_none(_number(0.0)), "settings": _mapping(_text())},
 )
+_HASHED_FILE = _record({"sha256": _text(r"[0-9a-f]{64}", "64 hexadecimal digits")})
+_HEIGHT_PRIOR = _record({"sigma_m": _number(0.0)}, {"dem": _list(_HASHED_FILE)})
 _PROVENANCE = _record(
     {},
     {
+        "terrain_resolution_m": _or_none(_number(0.0)),
         "files": _list(_text()),
         "images": _list(_text()),
         "study": _or_none(_STUDY),
-        "estimate": _or_none(_record({})),
+        "estimate": _or_none(_record({}, {"height_prior": _or_none(_HEIGHT_PRIOR)})),
     },
+)
+_SPAN = {"first_utc": _utc, "last_utc": _utc}
+_PRIOR = _record(
+    {"name": _text(), "value": _ANY_NUMBER, "sigma": _number(1e-30), "position_enu_m": _list(_METRES, 3)},
+    _SPAN,
+)
+_SERIES = _record(
+    {
+        "path": _text(),
+        "type": _text(),
+        "count_s": _or_none(_number(0.0)),
+        "sigma_m": _number(0.0),
+        "utc_s": _list(_ANY_NUMBER),
+        "observed_m": _list(_ANY_NUMBER),
+    }
 )
 _SOLUTION = _record(
     {
@@ -255,7 +302,9 @@ _SOLUTION = _record(
         "message": _text(r".*"),
         "references": _list(_REFERENCE),
         "parameters": _list(_PARAMETER),
-        "considered": _list(_record({"name": _text()}, {"position_enu_m": _list(_METRES, 3)})),
+        "considered": _list(_record({"name": _text()}, {"position_enu_m": _list(_METRES, 3), **_SPAN})),
+        "priors": _list(_PRIOR),
+        "observations": _list(_all(_SERIES, _same_lengths)),
         "targets": _mapping(_record(_LOCATED)),
     },
 )

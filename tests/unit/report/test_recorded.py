@@ -71,6 +71,24 @@ def test_written_results_pass(solution, content, tmp_path):
         ("reference.longitude_deg", {}, "reference.longitude_deg"),
         ("provenance", "none", "provenance"),
         ("considered", [{"name": "a", "position_enu_m": [1.0]}], "considered[0].position_enu_m"),
+        ("considered", [{"name": "a"}], "considered[0].position_enu_m"),
+        (
+            "considered",
+            [{"name": "a", "position_enu_m": [0, 0, 0], "first_utc": "2020-13-01"}],
+            "considered[0].first_utc",
+        ),
+        ("observations.0.utc_s", [1.0], "observations[0].observed_m"),
+        ("observations.0.sigma_m", "a", "observations[0].sigma_m"),
+        (
+            "priors",
+            [{"name": "p.height_above_terrain", "value": 0.0, "sigma": 1.0, "position_enu_m": [0, 0, 1]}],
+            "provenance",
+        ),
+        (
+            "priors",
+            [{"name": "range_bias.A", "value": 0.0, "sigma": 0.0, "position_enu_m": [0, 0, 1]}],
+            "priors[0].sigma",
+        ),
     ],
 )
 def test_a_wrong_value_is_named_in_every_job(content, key, value, place, tmp_path):

@@ -80,8 +80,10 @@ def _harmonics(r: Floats, rotation: Floats, data: ForceData) -> Floats:
 @compiled()
 def _tensor(sky: Floats, gm: Floats, permanent: Floats) -> Floats:
     """Tide-raising tensor of Earth and Sun, sum of GM u u / R^3, less the part that the field contains; ICRF axes."""
-    rotation = sky[ROTATION : ROTATION + 9].reshape((3, 3))
-    out = -rotation.T @ (permanent @ rotation)
+    out = np.zeros((3, 3))
+    if permanent[0, 0] != 0.0:
+        rotation = sky[ROTATION : ROTATION + 9].reshape((3, 3))
+        out -= rotation.T @ (permanent @ rotation)
     for body in range(1, 3):
         place = sky[3 * body - 3 : 3 * body]
         square = dot(place, place)

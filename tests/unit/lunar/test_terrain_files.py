@@ -208,6 +208,17 @@ def test_map_without_projection_refused(tmp_path):
         TerrainModel.open(write(tmp_path / "a.tif", SLOPING, None, Affine.identity()))
 
 
+def test_a_reference_system_of_principal_axes_is_refused(tmp_path):
+    named = CRS.from_string(EQC).to_wkt().replace('GEOGCS["unknown', 'GEOGCS["Moon (principal axes)')
+    profile = {"driver": "GTiff", "width": 100, "height": 80, "count": 1, "dtype": "float32"}
+    with rasterio.open(
+        tmp_path / "a.tif", "w", crs=CRS.from_wkt(named), transform=SMALL, **profile
+    ) as dataset:
+        dataset.write(np.zeros((80, 100), dtype="float32"), 1)
+    with pytest.raises(InputError, match="is in principal axes"):
+        TerrainModel.open(tmp_path / "a.tif")
+
+
 def test_several_bands_refused(tmp_path):
     profile = {"driver": "GTiff", "width": 20, "height": 20, "count": 3, "dtype": "float32"}
     with rasterio.open(

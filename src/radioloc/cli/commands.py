@@ -284,7 +284,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "convert": _convert,
     "montecarlo": _monte_carlo,
     "images": _images,
-    "compare": lambda o: _done(o, compare(o.solutions, o.reference), write_comparison),
+    "compare": lambda o: _done(o, compare(o.solutions, o.reference, o.target), write_comparison),
     "export": _export,
     "map": _map,
     "verify": _verify,

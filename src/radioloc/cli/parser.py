@@ -238,6 +238,7 @@ def make_parser() -> Parser:
     solutions(to, ", or positions in a TOML file")
     text = "the solution or reference to compare the others with (default: the first reference)"
     to.value("--reference", "NAME", text)
+    to.value("--target", "NAME", "the target to compare, of solutions that have several")
     folder(to, "write a table, comparison.json and a figure to DIR")
 
     to = command(

@@ -408,11 +408,11 @@ class Solution:
             },
         }
         if self.targets:
-            content["targets"] = {t.name: self.of_target(t.name)._position_dict() for t in self.targets}
-        if self.consider is not None:
-            moved = None if self.trajectory is not None else self.enu_by_parameters
-            content["considered"] = self.consider.to_list(moved)
-        content["priors"] = self._prior_rows()
+            each = {target.name: self.of_target(target.name) for target in self.targets}
+            content["targets"] = {
+                name: one._position_dict() | one._error_rows() for name, one in each.items()
+            }
+        content |= self._error_rows()
         content["observations"] = sample_of(self.residuals)
         content["budget"] = [item.to_dict() for item in self.budget]
         return content | {
@@ -530,18 +530,23 @@ class Solution:
             for item, value, total, sigma, formal in columns
         ]
 
-    def _prior_rows(self) -> list[dict[str, Any]]:
-        """How far each a-priori value, if it is wrong by one sigma, moves the position."""
+    def _error_rows(self) -> dict[str, list[dict[str, Any]]]:
+        """How far considered parameters and a-priori values, if they are wrong by one sigma, move the position."""
+        found: dict[str, list[dict[str, Any]]] = {"priors": []}
+        if self.consider is not None:
+            moved = None if self.trajectory is not None else self.enu_by_parameters
+            found["considered"] = self.consider.to_list(moved)
         if self.trajectory is not None or not self.position_determined:
-            return []
+            return found
         moved_m = self.enu_by_parameters @ self.prior_effects
-        return [
+        found["priors"] = [
             {"name": item.name, "unit": item.unit, "value": item.prior_value, "sigma": item.prior_sigma}
             | span_record(item)
             | {"position_enu_m": moved_m[:, k].tolist()}
             for k, item in enumerate(self.parameters)
             if moved_m[:, k].any()
         ]
+        return found
 
     def _place_rad(self) -> tuple[float, float, float]:
         """As :attr:`selenographic`, angles in rad."""

@@ -257,8 +257,8 @@ def write_arcs(study: ArcStudy, folder: str | Path, *, html: bool = False) -> li
     """Write ``arcs.json``, ``table1.csv``, ``.md``, ``.tex``, two figures as PNG and SVG, and a folder for each arc.
 
     ``table1`` and ``figure2`` are what table 1 and figure 2 of Wang et al. (2021) show, ``arcs.png`` the positions by
-    length of the arc. Each arc's folder, such as ``12h``, has its ``solution.json`` and ``residuals.csv``. Parameters
-    and errors are as of :func:`write_report`.
+    length of the arc; ``arcs_2.png`` and so on are those of further targets. Each arc has a folder, such as ``12h``,
+    with ``solution.json`` and ``residuals.csv``. Parameters and errors are as of :func:`write_report`.
 
     Examples
     --------
@@ -270,7 +270,7 @@ def write_arcs(study: ArcStudy, folder: str | Path, *, html: bool = False) -> li
     contents = _table1(study) | {"arcs.json": study.to_dict()}
     for arc in study.arcs:
         contents |= _numbers(arc.solution, f"{arc.hours:g}h/")
-    earlier = ("[0-9]*h/solution.json", "[0-9]*h/residuals.csv")
+    earlier = ("[0-9]*h/solution.json", "[0-9]*h/residuals.csv", "arcs_[0-9]*.[ps][nv]g")
     return _write(study, folder, contents, html, earlier)
 
 

@@ -120,7 +120,10 @@ def figures_of(result: Result) -> dict[str, Callable[[], Figure] | None]:
         case Solution():
             return _of_a_solution(result)
         case ArcStudy():
-            return {"figure2": partial(plot_links, result.longest), "arcs": partial(plot_arcs, result)}
+            of_arcs: dict[str, Callable[[], Figure] | None] = {"figure2": partial(plot_links, result.longest)}
+            for k, one in enumerate(result.by_target, start=1):
+                of_arcs["arcs" if k == 1 else f"arcs_{k}"] = partial(plot_arcs, one)
+            return of_arcs
         case ImageSolution():
             return {"images": partial(plot_images, result), "position": None}
         case PointSolution():
@@ -275,7 +278,12 @@ def _map(result: Result) -> dict[str, BytesIO]:
     """The position, or those of all arcs, on a map."""
     located: dict[str, Solution | ImageSolution | PointSolution] = {}
     if isinstance(result, ArcStudy):
-        located = {arc.name: arc.solution for arc in result.arcs}
+        several = len(result.by_target) > 1
+        located = {
+            f"{arc.solution.name}, {arc.name}" if several else arc.name: arc.solution
+            for one in result.by_target
+            for arc in one.arcs
+        }
     elif isinstance(result, Solution):
         located = {result.targets[0].name if result.targets else result.name: result}
     elif isinstance(result, ImageSolution | PointSolution):

@@ -227,6 +227,7 @@ def plot_arcs(study: ArcStudy, ax: Axes | None = None) -> Figure:
     Parameters
     ----------
     study : ArcStudy
+        Of several targets the first is drawn; :attr:`ArcStudy.by_target` has a study of each.
     ax : matplotlib.axes.Axes, optional
         Axes of a grid whose place the panels take, in place of a figure of their own.
 
@@ -243,6 +244,7 @@ def plot_arcs(study: ArcStudy, ax: Axes | None = None) -> Figure:
     >>> [axes.get_ylabel() for axes in radioloc.report.plot_arcs(found).axes[1:]]
     ['east (m)', 'north (m)', 'up (m)']
     """
+    study = study.by_target[0]
     rows, hours = study.rows, np.array([arc.hours for arc in study.arcs])
     figure = several_panels(ax, 10.5, 5.9, f"{study.name}: positions by length of the arc")
     grid = figure.add_gridspec(3, 2, width_ratios=(1.1, 1.0))

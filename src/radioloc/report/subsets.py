@@ -119,13 +119,39 @@ class ArcStudy(Shown):
         return all(arc.solution.converged for arc in self.arcs)
 
     @property
+    def by_target(self) -> tuple[ArcStudy, ...]:
+        """One study for each target, the references with the first of them; this study if it has a single target."""
+        names = [target.name for target in self.longest.targets]
+        if not names:
+            return (self,)
+        return tuple(
+            replace(
+                self,
+                name=f"{self.name}, {name}",
+                arcs=tuple(replace(arc, solution=arc.solution.of_target(name)) for arc in self.arcs),
+                references=self.references if name == names[0] else (),
+            )
+            for name in names
+        )
+
+    @property
     def benchmark(self) -> str:
         """Name of what all positions are compared with."""
         return self.references[0].name if self.references else f"the arc of {self.arcs[0].name}"
 
     @property
     def rows(self) -> tuple[PositionRow, ...]:
-        """Positions with their differences to the benchmark: arcs, the longest first, then references."""
+        """Positions with their differences to the benchmark: arcs, the longest first, then references.
+
+        Of several targets those of each, with its name, beside the benchmark of each.
+        """
+        if self.longest.targets:
+            names = [target.name for target in self.longest.targets]
+            return tuple(
+                row if row.method == "reference" else replace(row, name=f"{name}, {row.name}")
+                for name, study in zip(names, self.by_target, strict=True)
+                for row in study.rows
+            )
         longest = self.longest.selenographic
         benchmark = self.references[0].position.selenographic if self.references else longest
         rows = []
@@ -199,23 +225,33 @@ class ArcStudy(Shown):
 
     def card(self) -> Card:
         """Card of the study."""
-        longest, rows = self.longest, self.rows
+        longest, studies = self.longest, self.by_target
         failed = [arc.name for arc in self.arcs if not arc.solution.converged]
         axes = f"{longest.me_frame}, fitted in {longest.pa_frame}"
-        sizes = ("", "L, m", "B, m", "h, m", "height, m", f"from {self.arcs[0].name}, m", "in sigmas")
         counts = ("", "span, h", "used", "left out", "wrms, m", "chi2/dof")
         return Card(
             (
                 Field("arc lengths", (self.name,)),
                 Field("status", (f"NOT CONVERGED: {', '.join(failed)}" if failed else "all arcs converged",)),
-                *position_fields(rows, axes, self.benchmark, self.longitude_to_360),
-                Field("1 sigma", (), sizes, map(_sigma_cells, self.arcs, rows)),
-                Field("data", (), counts, map(_data_cells, self.arcs, rows)),
+                *(
+                    field
+                    for study in studies
+                    for field in study._position_fields(axes, of_several=len(studies) > 1)
+                ),
+                Field("data", (), counts, map(_data_cells, self.arcs, studies[0].rows)),
                 *_parameter_fields(self),
                 Field("observable", _observable(self)),
-                Field("notes", _notes(self, rows)),
+                Field("notes", _notes(self, self.rows)),
             )
         )
+
+    def _position_fields(self, axes: str, *, of_several: bool) -> Iterator[Field]:
+        """Positions and their sigmas of one target, beside its benchmark."""
+        if of_several:
+            yield Field("target", (self.name,))
+        sizes = ("", "L, m", "B, m", "h, m", "height, m", f"from {self.arcs[0].name}, m", "in sigmas")
+        yield from position_fields(self.rows, axes, self.benchmark, self.longitude_to_360)
+        yield Field("1 sigma", (), sizes, map(_sigma_cells, self.arcs, self.rows))
 
     def __repr__(self) -> str:
         hours = ", ".join(f"{arc.hours:g}" for arc in self.arcs)

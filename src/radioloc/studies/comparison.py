@@ -38,7 +38,9 @@ _JOINT = "joint estimate"
 Result = ArcStudy | ImageSolution | PointSolution | Solution
 
 
-def compare(solutions: Iterable[str | Path | Result], reference: str | None = None) -> Comparison:
+def compare(
+    solutions: Iterable[str | Path | Result], reference: str | None = None, target: str | None = None
+) -> Comparison:
     """Put solutions beside each other, as table 1 of Wang et al. (2021) does, test each pair, and combine them.
 
     Parameters
@@ -49,11 +51,14 @@ def compare(solutions: Iterable[str | Path | Result], reference: str | None = No
     reference : str, optional
         The benchmark: the name of a solution, or of a reference in one of the files. By default the first reference,
         or else the first solution.
+    target : str, optional
+        Which target to compare, of solutions that have several.
 
     Raises
     ------
     InputError
-        A file is none of these, is of another frame, or the reference is in none of them.
+        A file is none of these, is of another frame or of several targets of which none is named, or the reference is
+        in none of them.
 
     Examples
     --------
@@ -67,7 +72,7 @@ def compare(solutions: Iterable[str | Path | Result], reference: str | None = No
     for given in solutions:
         is_stated = isinstance(given, str | Path) and Path(given).suffix == ".toml"
         found, known = (_read_stated(Path(str(given))), {}) if is_stated else read_solutions(given)
-        recorded += found
+        recorded += [one.of_target(target) for one in found]
         references = known | references
     if not recorded:
         raise InputError("there is no solution to compare; give files solution.json, arcs.json or TOML")
@@ -129,6 +134,25 @@ class RecordedSolution:
         """East longitude, latitude, deg, and height, m, in mean-Earth axes."""
         me = self.content["position"]["me"]
         return me["longitude_deg"], me["latitude_deg"], me["height_m"]
+
+    def of_target(self, target: str | None) -> RecordedSolution:
+        """Return the solution of one of several targets; one that has a single target as it is."""
+        targets = self.content.get("targets")
+        if not targets:
+            return self
+        if target not in targets:
+            given = "none is named" if target is None else f"not {target!r}"
+            raise InputError(
+                f"{self.where}: expected the name of one target of {', '.join(targets)}, but {given}; "
+                "name it by --target, or target= in Python"
+            )
+        content = {**self.content, **targets[target], "targets": {}}
+        # Alone it would be called position, as that of other solutions is.
+        names = [item["name"].replace(f"position.{target}.", "position.", 1) for item in content["priors"]]
+        content["priors"] = [
+            {**item, "name": name} for item, name in zip(content["priors"], names, strict=True)
+        ]
+        return RecordedSolution(self.where, content, PositionEstimate.from_solution(content))
 
 
 def read_solutions(given: str | Path | Result) -> tuple[list[RecordedSolution], dict[str, Place]]:

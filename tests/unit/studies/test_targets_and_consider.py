@@ -1,10 +1,13 @@
 """Several targets in one study, and considered parameters, from the study file to solution.json."""
 
+import json
+
 import numpy as np
 import pytest
 
 import radioloc
 from radioloc import LunarPosition
+from radioloc.cli import main
 from radioloc.errors import InputError
 from radioloc.io.formats import write_observations
 from radioloc.measurements.evaluation import prepare_predictor
@@ -13,6 +16,8 @@ from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.registry import KINDS
+from radioloc.studies import compare
+from radioloc.studies.comparison import read_solutions
 from radioloc.time import Epochs, tai_to_utc
 
 LANDER = LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
@@ -103,6 +108,41 @@ def test_a_lander_and_its_rover(folder):
 
 
 @pytest.mark.study
+def test_arcs_show_all_targets_each_beside_its_longest(folder, tmp_path):
+    found = radioloc.arcs(study(folder), [2.0, 4.0])
+    assert [row.name for row in found.rows] == ["lander, 4 h", "lander, 2 h", "rover, 4 h", "rover, 2 h"]
+    for row, place in zip(found.rows, (LANDER, LANDER, ROVER, ROVER), strict=True):
+        assert -row.longitude_west_deg == pytest.approx(place.selenographic[0], abs=1e-3)
+        assert (row.west_m is None) == ("4 h" in row.name)
+        assert row.west_m is None or abs(row.west_m) < 1.0  # not the 100 m from the lander to the rover
+    card = " ".join(str(found).split())
+    assert card.index("study, lander") < card.index("study, rover")
+    names = {path.name for path in radioloc.report.write_arcs(found, tmp_path, html=True)}
+    assert {"arcs.png", "arcs_2.png", "table1.csv"} <= names
+    assert "rover, 2 h" in (tmp_path / "table1.csv").read_text()
+
+
+def test_solutions_of_several_targets_are_compared_by_the_one_that_is_named(folder, tmp_path, capsys):
+    path = radioloc.write_report(radioloc.locate(study(folder)), tmp_path)[0]
+    with pytest.raises(
+        InputError, match=r"solution.json: expected .*lander, rover, but none is named.*--target"
+    ):
+        compare([path])
+    with pytest.raises(InputError, match="not 'orbiter'"):
+        compare([path], target="orbiter")
+    for name, place in (("lander", LANDER), ("rover", ROVER)):
+        assert main(["compare", str(path), "--target", name, "--json"]) == 0
+        [row] = json.loads(capsys.readouterr().out)["positions"]
+        assert row["latitude_deg"] == pytest.approx(place.selenographic[1], abs=1e-5)
+    of_rover = json.loads(path.read_text())["targets"]["rover"]
+    [estimate] = [one.of_target("rover").estimate for one in read_solutions(path)[0]]
+    assert estimate.priors_enu_m.keys() == {
+        "range_bias.KASHI>lander>KASHI",
+        "range_bias.JIAMUSI>lander>KASHI",
+    }
+    np.testing.assert_allclose(estimate.total_enu_m2, of_rover["covariance"]["enu_m2"], rtol=1e-6)
+
+
 def test_several_targets_come_home_from_afar(folder):
     """The rover is only observed beside the lander, whose start takes it along."""
     far = STUDY.replace("longitude_deg = -51.9", "longitude_deg = 8.9").replace("43.05", "-7.05")

@@ -9,6 +9,7 @@ import gzip
 import json
 import math
 import os
+import re
 import stat
 import tempfile
 import unicodedata
@@ -34,6 +35,9 @@ ANY_BYTE = "latin-1"
 LARGEST_GROWTH = 50
 ALWAYS_UNPACKED_BYTES = 2**24
 _DISK_FAILURES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+# Beginnings that spreadsheets take for a formula, full-width signs too; a name that looks escaped is escaped once more.
+_FORMULA = re.compile(r"'*[=+\-@\t\r\uff1d\uff0b\uff0d\uff20].", re.DOTALL)
+_NUMBER = re.compile(r"[+-]?\d+\.?\d*(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 _GZIP_MAGIC = b"\x1f\x8b"
 _COMPRESS_MAGIC = b"\x1f\x9d"
 
@@ -160,6 +164,16 @@ def table_of(
     return np.array(rows).reshape(len(rows), n_columns)
 
 
+def spreadsheet_cell(text: str) -> str:
+    """Return a name as a cell of a CSV file; an apostrophe before it keeps a spreadsheet from computing a formula."""
+    return f"'{text}" if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else text
+
+
+def text_of_cell(cell: str) -> str:
+    """Return the name that :func:`spreadsheet_cell` has written."""
+    return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell
+
+
 def read_rows(path: str | Path, columns: Sequence[str], what: str) -> Iterator[tuple[int, dict[str, str]]]:
     """Cells of the rows of a small comma-separated table by its columns, in any order, and their lines.
 
@@ -175,7 +189,8 @@ def read_rows(path: str | Path, columns: Sequence[str], what: str) -> Iterator[t
         if len(cells) != len(header):
             problem = f"has {len(cells)} fields, but the header has {len(header)}: cut or damaged"
             raise FileFormatError(path, problem, number)
-        yield number, dict(zip(header, map(str.strip, cells), strict=True))
+        texts = (text_of_cell(cell.strip()) for cell in cells)
+        yield number, dict(zip(header, texts, strict=True))
 
 
 def require_file(path: str | Path) -> None:

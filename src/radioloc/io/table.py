@@ -24,7 +24,7 @@ Source: Apache Parquet format, logical types.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
@@ -59,6 +59,7 @@ from radioloc.text_files import (
     read_rows,
     replaced_file,
     require_file,
+    spreadsheet_cell,
 )
 from radioloc.time import Epochs
 from radioloc.time.dates import utc_from_text, utc_to_picoseconds, utc_to_text
@@ -211,7 +212,7 @@ def _record_batches(
             values = np.where(values, 1.0, np.nan)
         if name in WEATHER or not np.isnan(values).all():
             columns[name] = values
-    return batches_of(columns, units=_UNITS, rows_at_once=_ROWS_WRITTEN)
+    return batches_of(columns, units=_UNITS, rows_at_once=_ROWS_WRITTEN, for_text=not split_epoch)
 
 
 def read_ramps(path: str | Path, *, catalogue: StationCatalogue | None = None) -> Ramps:
@@ -387,7 +388,9 @@ def write_csv(path: str | Path, batches: Iterable[Any], *, comments: Iterable[st
         try:
             batches = iter(batches)
             first = next(batches)
-            stream.write("\n".join([*notes, ",".join(first.schema.names), ""]).encode())
+            stream.write(
+                "\n".join([*notes, ",".join(map(spreadsheet_cell, first.schema.names)), ""]).encode()
+            )
             with csv.CSVWriter(stream, first.schema, write_options=options) as writer:
                 for batch in chain([first], batches):
                     writer.write_batch(batch)
@@ -403,17 +406,22 @@ def batches_of(
     decimals: Mapping[str, int] = MappingProxyType({}),
     units: Mapping[str, str] = MappingProxyType({}),
     rows_at_once: int = _ROWS_OF_TEXT,
+    *,
+    for_text: bool = True,
 ) -> Iterator[Any]:
     """Some thousand rows at a time of columns of epochs, labels, texts or numbers, with their units.
 
-    Of numbers with decimals the text; others stay numbers, null where they are not.
+    Of numbers with decimals the text; others stay numbers, null where they are not. Names `for_text` are those that a
+    spreadsheet does not take for formulas.
     """
     import pyarrow
 
     count = len(next(iter(columns.values())))
     for start in range(0, max(count, 1), rows_at_once):
         rows = slice(start, min(start + rows_at_once, count))
-        arrays = {name: _cells(column, rows, decimals.get(name)) for name, column in columns.items()}
+        arrays = {
+            name: _cells(column, rows, decimals.get(name), for_text) for name, column in columns.items()
+        }
         fields = [
             pyarrow.field(name, array.type, metadata={"unit": units[name]} if name in units else None)
             for name, array in arrays.items()
@@ -422,9 +430,10 @@ def batches_of(
         yield pyarrow.RecordBatch.from_arrays(list(arrays.values()), schema=schema)
 
 
-def _cells(column: Any, rows: slice, decimals: int | None) -> Any:
+def _cells(column: Any, rows: slice, decimals: int | None, for_text: bool) -> Any:
     import pyarrow
 
+    as_cell: Callable[[str], str] = spreadsheet_cell if for_text else str
     part: Any = column.codes[rows] if isinstance(column, Labels) else column[rows]
     match column:
         case Epochs():
@@ -432,7 +441,7 @@ def _cells(column: Any, rows: slice, decimals: int | None) -> Any:
             new = changed(part.jd, part.fraction)
             return _label_texts(np.cumsum(new) - 1, utc_to_text(part[new]).tolist())
         case Labels():
-            return _label_texts(part, column.texts)
+            return _label_texts(part, list(map(as_cell, column.texts)))
     if decimals is not None:
         # Python's formatting is exact; one operation for many numbers is twice as fast as one for each.
         values = part.tolist()
@@ -440,7 +449,7 @@ def _cells(column: Any, rows: slice, decimals: int | None) -> Any:
         return pyarrow.array(text.split("\n")[:-1], pyarrow.string(), mask=np.isnan(part))
     if isinstance(part, np.ndarray) and part.dtype.kind != "U":
         return pyarrow.array(part, from_pandas=True)
-    return pyarrow.array(np.asarray(part, dtype=np.str_).tolist(), pyarrow.string())
+    return pyarrow.array(list(map(as_cell, np.asarray(part, dtype=np.str_).tolist())), pyarrow.string())
 
 
 def _label_texts(codes: NDArray[Any], labels: Sequence[str]) -> Any:

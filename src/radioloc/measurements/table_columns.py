@@ -23,6 +23,7 @@ from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.registry import KINDS
 from radioloc.measurements.resolution import is_single_precision
+from radioloc.text_files import text_of_cell
 from radioloc.time import Epochs, to_scale
 from radioloc.time.dates import utc_from_picoseconds, utc_from_text, utc_to_picoseconds
 from radioloc.units import ASTROPY_UNITS, as_float_array, in_unit, unit_of
@@ -212,7 +213,8 @@ class ColumnReader:
         used, first = np.unique(places, return_index=True)
         for place in used[np.argsort(first)].tolist():
             try:
-                codes[place] = self._code(name, texts[place].as_py())
+                text = texts[place].as_py()
+                codes[place] = self._code(name, text_of_cell(text) if self._as_text else text)
             except InputError as error:
                 self._fail(name, int(np.argmax(places == place)), str(error))
         return codes[places]

@@ -23,7 +23,7 @@ from radioloc.lunar.local import local_difference
 from radioloc.lunar.selenographic import selenographic_to_cartesian
 from radioloc.report.cards import Field, Shown, metres, sigma_text, to_sigma
 from radioloc.report.recorded import check_solution
-from radioloc.text_files import write_text
+from radioloc.text_files import spreadsheet_cell, write_text
 
 Located = Solution | Shown | Mapping[str, Any]
 """A solution of tracking or of images, or what its ``solution.json`` holds."""
@@ -203,7 +203,10 @@ def csv_table(rows: Sequence[PositionRow], more: Sequence[Mapping[str, Any]] = (
     stream = io.StringIO()
     writer = csv.DictWriter(stream, list(dict.fromkeys(k for r in records for k in r)), lineterminator="\n")
     writer.writeheader()
-    writer.writerows(records)
+    writer.writerows(
+        {key: spreadsheet_cell(cell) if isinstance(cell, str) else cell for key, cell in record.items()}
+        for record in records
+    )
     return stream.getvalue()
 
 

@@ -6,7 +6,12 @@ import pytest
 
 from radioloc.errors import FileFormatError, InputError
 from radioloc.estimation.labels import Labels
+from radioloc.io import read_observations, write_observations
 from radioloc.io.table import batches_of, write_csv
+from radioloc.measurements import Link, Observations, Ramps
+from radioloc.report.tables import PositionRow, csv_table
+from radioloc.text_files import text_of_cell
+from radioloc.time import epochs_from_strings
 
 
 def write(path, columns, decimals=None, **options):
@@ -70,3 +75,40 @@ def test_texts_that_cannot_be_written(tmp_path, name, words):
 def test_no_folder(tmp_path):
     with pytest.raises(FileFormatError, match="make the directory"):
         write(tmp_path / "none" / "a.csv", {"name": ["a"]})
+
+
+FORMULAS = ["=cmd|'/C calc'!A0", "+1+1", "-2+3+cmd", "@SUM(A1)", "\t=1", "＝1+1", "'=A1", "''-x"]
+
+
+def test_names_that_a_spreadsheet_would_compute_are_texts_in_csv_and_come_back(tmp_path):
+    kept = ["KASHI", "'quoted", "-", "", "-1.5", "+2e-3", "a=b"]
+    written = write(tmp_path / "a.csv", {"name": [*FORMULAS, *kept], "=x": np.arange(15.0) - 8.0})
+    heading, *rows = written.split("\n")[:-1]
+    assert heading == "name,'=x"
+    cells = [row.rpartition(",")[0] for row in rows]
+    assert cells == [f"'{name}" for name in FORMULAS] + kept
+    assert [text_of_cell(cell) for cell in cells] == [*FORMULAS, *kept]
+    assert [row.rpartition(",")[2] for row in rows][:2] == ["-8", "-7"]
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_stations_with_names_of_formulas_are_read_back_by_their_names(tmp_path, ending):
+    names = ["=HYPERLINK(0)", "@DSS", "-x", "'=A"]
+    observations = Observations.from_columns(
+        epoch=epochs_from_strings(["2024-05-02T06:00:00"] * 4),
+        links=[Link(name, "lander", name) for name in names], link=np.arange(4), value_m=7.6e8, sigma_m=1.0,
+        ramps=Ramps.of(
+            names, epochs_from_strings(["2024-05-02T06:00:00"] * 4), epochs_from_strings(["2024-05-02T07:00:00"] * 4),
+            np.full(4, 7.2e9), np.zeros(4)),
+    )  # fmt: skip
+    files = write_observations(tmp_path / f"a.{ending}", observations)
+    found = read_observations(files)
+    assert [link.transmitter for link in found.links] == names
+    assert sorted(found.ramps.stations) == sorted(names)
+    if ending == "csv":
+        assert "\n2024-05-02T06:00:00.000000000000,range,'=HYPERLINK(0)>lander" in files[0].read_text()
+
+
+def test_positions_of_a_comparison_are_written_with_names_that_are_no_formulas():
+    row = PositionRow("radio", "=1+1", 1.0, -2.0, *[None] * 6)
+    assert csv_table([row]).splitlines()[1].startswith("radio,'=1+1,1.0,-2.0,")

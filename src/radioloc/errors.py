@@ -31,12 +31,29 @@ __all__ = [
 _LONG = re.compile(r"""(?<!\w)(['"])(?:(?!\1).){100,}\1(?!\w)|[^\s/\\]{100,}""")
 _SHOWN_CHARACTERS = 80
 _LONGEST_PROBLEM = 1000
+_MAX_RAW_CHARACTERS = 100_000  # that are looked at
+_MAX_MESSAGE_CHARACTERS = 3000
+_MESSAGE_END_CHARACTERS = 500  # of a message that is cut: what to do stands at its end
+_VISIBLE = "\n\t\u00a0\u200c\u200d"  # unprintable by Python's definition, but text of several scripts
+
+
+def visible(text: str) -> str:
+    """Return a text with control characters, such as those that terminals obey, as escapes."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c in _VISIBLE else ascii(c)[1:-1] for c in text)
 
 
 def legible(message: str) -> str:
-    """A message of printable characters, in which long texts of a file or an argument are cut."""
-    message = "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in message[:100_000])
-    return _LONG.sub(lambda found: f"{found[0][:_SHOWN_CHARACTERS]}...{found[1] or ''}", message)
+    """Return a message of visible characters and bounded length, in which long texts of a file or argument are cut."""
+    if len(message) > _MAX_RAW_CHARACTERS:
+        message = f"{message[:_MAX_RAW_CHARACTERS]} ... {message[-_MESSAGE_END_CHARACTERS:]}"
+    message = visible(message)
+    message = _LONG.sub(lambda found: f"{found[0][:_SHOWN_CHARACTERS]}...{found[1] or ''}", message)
+    if len(message) <= _MAX_MESSAGE_CHARACTERS:
+        return message
+    start = message[: _MAX_MESSAGE_CHARACTERS - _MESSAGE_END_CHARACTERS]
+    return f"{start} ... {message[-_MESSAGE_END_CHARACTERS:]}"
 
 
 class RadiolocError(Exception):
@@ -100,6 +117,9 @@ class ConvergenceError(RadiolocError):
 
 class RadiolocWarning(UserWarning):
     """Root of all warnings that the library gives."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(legible(message))
 
 
 class PredictedEopWarning(RadiolocWarning):

@@ -14,7 +14,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from radioloc.errors import InputError, PredictedEopWarning, RadiolocError, RadiolocWarning
+from radioloc.errors import InputError, PredictedEopWarning, RadiolocError, RadiolocWarning, legible, visible
 
 STREAM = Path("-")
 """In place of a file: standard input or output."""
@@ -29,7 +29,7 @@ def escape_unprintable_output() -> None:
 def say(text: object, end: str = "\n") -> None:
     """Print at once; no word where the reader has seen enough, as `head` does, or standard output is closed."""
     try:
-        print(text, end=end, flush=True)
+        print(visible(str(text)), end=end, flush=True)
     except OSError as error:
         # Python would try to write the rest again at its end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -50,7 +50,7 @@ def tell(options: argparse.Namespace, card: object, content: Callable[[], Any] =
 
 def complain(message: str) -> None:
     """Say in one line on standard error what is wrong."""
-    print(f"radioloc: {' '.join(message.split())}", file=sys.stderr)
+    print(f"radioloc: {' '.join(legible(message).split())}", file=sys.stderr)
 
 
 @contextmanager
@@ -80,13 +80,20 @@ def standard_streams(options: argparse.Namespace) -> Iterator[None]:
                 complain("warning: standard output has no place for the ramps; write to a file to keep them")
 
 
+class _VisibleFormatter(logging.Formatter):
+    """A formatter of records whose names may hold control characters."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return visible(super().format(record))
+
+
 @contextmanager
 def prepared(verbose: bool) -> Iterator[None]:
     """Show warnings of the library as single lines, each once, and if `verbose` what it logs with the time it took."""
     warnings.showwarning = _shown_once()
     logger = logging.getLogger("radioloc")
     handler = logging.StreamHandler()
-    handler.setFormatter(logging.Formatter("radioloc: %(relativeCreated)6.0f ms  %(message)s"))
+    handler.setFormatter(_VisibleFormatter("radioloc: %(relativeCreated)6.0f ms  %(message)s"))
     level = logger.level
     if verbose:
         logger.addHandler(handler)

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.earth.stations import StationCatalogue
-from radioloc.errors import DataQualityWarning, FileFormatError, InputError
+from radioloc.errors import DataQualityWarning, FileFormatError, InputError, visible
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.ramps import Ramps
@@ -389,7 +389,7 @@ class Observations:
             lines.append(
                 f"  {len(self.ramps)} ramp{'s' * (len(self.ramps) > 1)} of {', '.join(self.ramps.stations)}"
             )
-        return "\n".join(lines)
+        return visible("\n".join(lines))
 
     def _validate(self) -> None:
         """Hold the observations to what can be true of each quantity and type."""

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from radioloc.errors import visible
 from radioloc.estimation.statistics import Residuals
 from radioloc.measurements.link import Link
 
@@ -38,8 +39,12 @@ class Field:
     where: str = ""
 
     def __post_init__(self) -> None:
-        for name in ("lines", "rows", "below", "rest"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
+        for name in ("label", "where"):
+            object.__setattr__(self, name, visible(getattr(self, name)))
+        for name in ("lines", "heading", "below"):
+            object.__setattr__(self, name, tuple(map(visible, getattr(self, name))))
+        for name in ("rows", "rest"):
+            object.__setattr__(self, name, tuple(tuple(map(visible, row)) for row in getattr(self, name)))
 
     @property
     def left_out(self) -> int:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import UNIX_JD
-from radioloc.errors import FontWarning, InputError
+from radioloc.errors import FontWarning, InputError, visible
 from radioloc.text_files import replaced_file
 from radioloc.time import Epochs
 
@@ -59,10 +59,22 @@ def draws_names_literally(plot: Callable[_P, _R]) -> Callable[_P, _R]:
         with rc_context(literal), warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             drawn = plot(*args, **kwargs)
+            _escape_control_characters(drawn)
         _repeat_warnings(caught)
         return drawn
 
     return draw
+
+
+def _escape_control_characters(drawn: Any) -> None:
+    """Draw control characters of names as escapes; SVG files, which repeat texts as comments, cannot hold them."""
+    from matplotlib.artist import Artist
+    from matplotlib.text import Text
+
+    figure = drawn.figure if isinstance(drawn, Artist) else None
+    for text in () if figure is None else figure.findobj(Text):
+        if (shown := visible(text.get_text())) != text.get_text():
+            text.set_text(shown)
 
 
 def _repeat_warnings(caught: Sequence[warnings.WarningMessage]) -> None:

@@ -14,7 +14,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from radioloc._version import __version__
-from radioloc.errors import InputError
+from radioloc.errors import InputError, visible
 from radioloc.estimation.solution import Solution
 from radioloc.extras import optional
 from radioloc.report.cards import Field, metres, more
@@ -195,7 +195,7 @@ def require_page() -> ModuleType:
 def write_page(result: Result, figures: Mapping[str, Path | BytesIO], path: str | Path) -> None:
     """As :func:`write_html`, with the result's figures as PNG."""
     jinja2 = require_page()
-    title = str(getattr(result, "name", "Comparison"))
+    title = visible(str(getattr(result, "name", "Comparison")))
     sections = _sections(result, title, figures)
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("radioloc.report"),

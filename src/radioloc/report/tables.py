@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
-from radioloc.errors import InputError
+from radioloc.errors import InputError, visible
 from radioloc.estimation.combination import horizontal_ellipse
 from radioloc.estimation.orbit_state import EAST_NORTH_UP
 from radioloc.estimation.solution import Solution
@@ -66,7 +66,7 @@ class TextTable:
         """The table in Markdown, as GitHub and Pandoc read it."""
         rules = ["---" if k < self.words else "---:" for k in range(len(self.heading))]
         lines = (" | ".join(_markdown(cell) for cell in cells) for cells in (self.heading, rules, *self.rows))
-        return "".join(f"| {line} |\n" for line in lines)
+        return visible("".join(f"| {line} |\n" for line in lines))
 
     def to_latex(self) -> str:
         """The table as a ``tabular`` of LaTeX, which needs no package."""
@@ -81,7 +81,7 @@ class TextTable:
             r"\hline",
             r"\end{tabular}",
         )
-        return "".join(f"{line}\n" for line in lines)
+        return visible("".join(f"{line}\n" for line in lines))
 
 
 def _markdown(text: str) -> str:
@@ -204,7 +204,10 @@ def csv_table(rows: Sequence[PositionRow], more: Sequence[Mapping[str, Any]] = (
     writer = csv.DictWriter(stream, list(dict.fromkeys(k for r in records for k in r)), lineterminator="\n")
     writer.writeheader()
     writer.writerows(
-        {key: spreadsheet_cell(cell) if isinstance(cell, str) else cell for key, cell in record.items()}
+        {
+            key: spreadsheet_cell(visible(cell)) if isinstance(cell, str) else cell
+            for key, cell in record.items()
+        }
         for record in records
     )
     return stream.getvalue()

@@ -1,0 +1,109 @@
+"""Messages, cards, tables and figures show control characters of names, and messages are of bounded length."""
+
+import re
+import warnings
+from xml.etree import ElementTree
+
+import pytest
+
+from radioloc import cli
+from radioloc.errors import (
+    CoverageError,
+    DataQualityWarning,
+    FileFormatError,
+    InputError,
+    StationError,
+    legible,
+    visible,
+)
+from radioloc.report.cards import Card, Field
+from radioloc.report.figures import draws_names_literally, new_figure, save_figure
+from radioloc.report.tables import PositionRow, TextTable, csv_table
+
+ESCAPES = "\x1b[31mred\x1b[0m \x1b]0;title\x07 \x9b2J \u202ereversed\u202c \r\x08\x00"
+SHOWN = r"\x1b[31mred\x1b[0m \x1b]0;title\x07 \x9b2J \u202ereversed\u202c \r\x08\x00"
+CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e]")
+
+
+def shown_in(text):
+    return not CONTROL.search(text) and SHOWN in text
+
+
+def test_control_characters_are_shown_and_text_of_all_scripts_is_kept():
+    assert visible(ESCAPES) == SHOWN
+    for text in ("Łódź 嫦娥五号 نام‌ها \u200d \u00a0 ±", "two\nlines\tand a tab", ""):
+        assert visible(text) == text
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        InputError(ESCAPES),
+        StationError(ESCAPES),
+        FileFormatError(ESCAPES, ESCAPES, 3),
+        CoverageError(ESCAPES, ("a", "b"), ("c", "d"), "advice"),
+        DataQualityWarning(ESCAPES),
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_messages_show_control_characters(error):
+    assert shown_in(str(error))
+
+
+def test_warnings_are_given_with_control_characters_shown():
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        warnings.warn(ESCAPES, DataQualityWarning, stacklevel=1)
+    assert shown_in(str(caught[0].message))
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        "x" * 10**7,
+        "many words " * 10**6 + "give fewer",
+        ", ".join(f"'{k}'" for k in range(10**6)),
+        "\x1b" * 10**6,
+        "'" + "a b " * 10**6 + "'",
+    ],
+    ids=["a word", "words", "names", "escapes", "a text"],
+)
+def test_messages_are_of_bounded_length(message):
+    for error in (InputError(message), FileFormatError("a.csv", message, 1), DataQualityWarning(message)):
+        assert len(str(error)) <= 3100
+    assert legible(f"the key {message} is not known; use another").startswith("the key ")
+
+
+def test_messages_that_are_cut_keep_what_to_do():
+    assert str(InputError("many words " * 10**6 + "give fewer")).endswith("give fewer")
+
+
+def test_cards_and_tables_show_control_characters():
+    card = Card(
+        [Field("name", [ESCAPES], ["heading", "n"], [(ESCAPES, "1")], [ESCAPES], [(ESCAPES, "2")], ESCAPES)]
+    )
+    table = TextTable(("", ESCAPES), [(ESCAPES, "1")])
+    row = PositionRow("radio", ESCAPES, 1.0, -2.0, *[None] * 6)
+    for text in (str(card), card.html(), table.to_markdown(), csv_table([row])):
+        assert not CONTROL.search(text)
+        assert r"\x1b[31mred" in text
+
+
+def test_figures_draw_control_characters_as_escapes(tmp_path):
+    @draws_names_literally
+    def plot():
+        axes = new_figure(8.0, 5.0, ESCAPES).add_subplot()
+        axes.plot([0.0, 1.0], label=ESCAPES)
+        axes.legend()
+        return axes
+
+    save_figure(plot().figure, tmp_path / "a.svg")
+    root = ElementTree.parse(tmp_path / "a.svg").getroot()  # control characters are no XML
+    assert root.tag.endswith("svg")
+
+
+def test_the_command_line_shows_control_characters(tmp_path, capsys):
+    assert cli.main(["locate", str(tmp_path / "\x1b[31mstudy.toml")]) == 2
+    told = capsys.readouterr().err
+    assert r"\x1b[31mstudy.toml" in told
+    assert not CONTROL.search(told)

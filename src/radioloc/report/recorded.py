@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from radioloc.errors import InputError, legible
+from radioloc.errors import InputError, legible, named
 from radioloc.lunar.selenographic import selenographic_to_cartesian
 from radioloc.text_files import json_file
 
@@ -163,7 +163,10 @@ def _all(*checks: Check) -> Check:
 
 
 def _require_consistency(value: Mapping[str, Any]) -> None:
-    """Require that the parts of a solution that state the same number agree."""
+    """Require that the parts of a solution that state the same number agree, also of each of several targets."""
+    for name, target in value.get("targets", {}).items():
+        with named(f"targets.{legible(str(name))}:"):
+            _require_consistency({**value, **target, "targets": {}})
     if value["position"] is None:
         return
     for key in ("sigma", "covariance"):
@@ -274,6 +277,7 @@ _PRIOR = _record(
     {"name": _text(), "value": _ANY_NUMBER, "sigma": _number(1e-30), "position_enu_m": _list(_METRES, 3)},
     _SPAN,
 )
+_CONSIDERED = _list(_record({"name": _text()}, {"position_enu_m": _list(_METRES, 3), **_SPAN}))
 _SERIES = _record(
     {
         "path": _text(),
@@ -302,10 +306,10 @@ _SOLUTION = _record(
         "message": _text(r".*"),
         "references": _list(_REFERENCE),
         "parameters": _list(_PARAMETER),
-        "considered": _list(_record({"name": _text()}, {"position_enu_m": _list(_METRES, 3), **_SPAN})),
+        "considered": _CONSIDERED,
         "priors": _list(_PRIOR),
         "observations": _list(_all(_SERIES, _same_lengths)),
-        "targets": _mapping(_record(_LOCATED)),
+        "targets": _mapping(_record(_LOCATED | {"priors": _list(_PRIOR)}, {"considered": _CONSIDERED})),
     },
 )
 _ROW = _record(

@@ -69,13 +69,21 @@ def compare(
     """
     recorded: list[RecordedSolution] = []
     references: dict[str, Place] = {}
+    of_several = False
     for given in solutions:
         is_stated = isinstance(given, str | Path) and Path(given).suffix == ".toml"
         found, known = (_read_stated(Path(str(given))), {}) if is_stated else read_solutions(given)
         recorded += [one.of_target(target) for one in found]
-        references = known | references
+        targets = [[*one.content.get("targets", ())] for one in found]
+        of_several |= any(targets)
+        if all(target in some[:1] for some in targets if some):  # references are of the first target
+            references = known | references
     if not recorded:
         raise InputError("there is no solution to compare; give files solution.json, arcs.json or TOML")
+    if target is not None and not of_several:
+        raise InputError(
+            f"target: expected a solution of several targets, got none, but {target!r}; leave it out"
+        )
     frames = {solution.content["position"]["me"]["frame"]: solution.where for solution in recorded}
     if len(frames) > 1:
         listed = ", ".join(f"{where} in {frame}" for frame, where in frames.items())

@@ -162,6 +162,11 @@ def test_solutions_of_locate_are_compared_with_their_reference(tmp_path):
     assert found.joint is None
 
 
+def test_a_target_is_named_of_several_only(table):
+    with pytest.raises(InputError, match="expected a solution of several targets"):
+        compare(table, target="lander")
+
+
 def test_solutions_of_one_name_are_told_apart_by_their_folders(tmp_path):
     paths = [
         written(tmp_path / name, solution("lander", (-51.9, 43.0, 0.0), provenance={"files": [name]}))

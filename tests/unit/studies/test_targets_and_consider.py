@@ -130,6 +130,12 @@ def test_solutions_of_several_targets_are_compared_by_the_one_that_is_named(fold
         compare([path])
     with pytest.raises(InputError, match="not 'orbiter'"):
         compare([path], target="orbiter")
+    content = json.loads(path.read_text())
+    content["targets"]["rover"]["covariance"]["enu_m2"][0][1] = 1e12
+    damaged = tmp_path / "damaged.json"
+    damaged.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=r"targets.rover"):
+        compare([damaged], target="rover")
     for name, place in (("lander", LANDER), ("rover", ROVER)):
         assert main(["compare", str(path), "--target", name, "--json"]) == 0
         [row] = json.loads(capsys.readouterr().out)["positions"]

@@ -492,8 +492,8 @@ def test_two_targets(model):
 
 def test_no_kind_of_parameter_is_forgotten():
     tested = "_and_".join(name.removeprefix("test_") for name in globals() if name.startswith("test_"))
-    # Those of a session are the constant ones in some rows; places on maps and their tie are in test_map_positions.py.
-    kinds = {name.removesuffix("_variation") for name in (*PARAMETERS, "position")} - {"map_tie"}
+    # Those of a session are the constant ones in some rows.
+    kinds = {name.removesuffix("_variation") for name in (*PARAMETERS, "position")}
     assert kinds <= set(tested.split("_and_"))
-    elsewhere = {"differenced_delay", "map_east", "map_north"}
+    elsewhere = {"differenced_delay"}
     assert {kind for kind, _, _ in CASES.values()} == set(KINDS) - elsewhere

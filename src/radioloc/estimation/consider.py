@@ -45,6 +45,8 @@ _OF_FRAMES = frozenset(
 which is what their a-priori values, the same for a month or a year, say least about."""
 _NEGLIGIBLE = 0.1
 """Length of errors, in the sigmas of the observations, that move no combination of parameters by more of its sigmas."""
+_LEAST_INFORMATION = 1e-10
+"""Least eigenvalue of determined information of the tracking, in parts of the largest: rounding is below."""
 _FEW_COLUMNS = 16
 """Of more effects fewer rows are held together."""
 
@@ -168,6 +170,38 @@ def consider(fit: FitResult, errors: ConsideredErrors) -> Consider:
     return Consider(errors.parameters, moved * errors.parameters.prior_sigmas, allowed_for)
 
 
+def effects_beside_prior(fit: FitResult, errors: ConsideredErrors) -> Effects:
+    """Return effects for weights of tracking that is combined with an independent a-priori position.
+
+    Beside the errors at stations these are those of frames, as far as they move the estimate: with the sensitivity S of
+    an estimate from the tracking alone, A S. The a-priori position then counts against the total covariance of the
+    tracking, N^-1 + S S^T, as where two results are combined, and how frame errors change over the arc has no part in
+    the estimate. The fit allows for errors at stations already.
+    """
+    parameters, root, free = fit.parameters, fit.factor.root_covariance(), fit.parameters.free
+    frames = np.flatnonzero([not is_at_station(item.kind) for item in errors.parameters])
+    # In parameters of unit covariance, which differ in units.
+    sigmas = np.linalg.norm(root, axis=1)
+    sigmas[sigmas == 0.0] = 1.0
+    unit = root / sigmas[:, None]
+    information = np.linalg.pinv(unit @ unit.T, rcond=_LEAST_INFORMATION, hermitian=True)
+    placed = np.array([item.kind == "position" for item in parameters])[free]
+    tracking = information - np.diag(placed * (sigmas / parameters.prior_sigmas[free]) ** 2)
+    alone = np.linalg.pinv(tracking, rcond=_LEAST_INFORMATION, hermitian=True)
+    moved = moved_by(fit, errors.partials, len(errors.parameters)) * errors.parameters.prior_sigmas
+    sensitivity = np.zeros((len(parameters), len(frames)))
+    sensitivity[free] = sigmas[:, None] * (
+        alone @ information @ (moved[np.ix_(free, frames)] / sigmas[:, None])
+    )
+    of_stations = errors.at_stations
+
+    def effects(rows: NDArray[np.intp]) -> _Floats:
+        of_frames = fit.linearization.partials(rows) @ sensitivity
+        return of_frames if of_stations is None else np.hstack([of_stations(rows), of_frames])
+
+    return effects
+
+
 def moved_by(fit: FitResult, effects_m: RowsOf, count: int) -> _Floats:
     """By how much errors move the estimate, shape (p, count), from their effects on observations (m,), (m, count).
 
@@ -249,6 +283,19 @@ def prior_effects(fit: FitResult) -> _Floats:
     return effects
 
 
+def shared_prior_effects(parameters: ParameterSet, effects: _Floats) -> dict[str, _Floats]:
+    """Return the change of the estimate (p,) by one sigma of each error that a-priori values share, by its name.
+
+    The effects (p, p) are those of :func:`prior_effects`.
+    """
+    names = dict.fromkeys(name for item in parameters for name in item.prior_errors)
+    return {
+        name: effects
+        @ (np.array([item.prior_errors.get(name, 0.0) for item in parameters]) / parameters.prior_sigmas)
+        for name in names
+    }
+
+
 def sources(
     parameters: ParameterSet,
     enu_by_parameters: _Floats,
@@ -282,8 +329,19 @@ def sources(
 
     of_priors_m = enu_by_parameters @ effects
     found = {(NOISE, ""): enu_covariance_m2 - of_priors_m @ np.swapaxes(of_priors_m, -1, -2)}
+    shared = shared_prior_effects(parameters, effects)
+    rest: dict[str, tuple[str, str]] = {}
     for k, item in enumerate(parameters):
-        found[A_PRIORI, item.name] = squared(of_priors_m, k)
+        # A-priori values that share errors are one source, less these errors.
+        key = A_PRIORI, item.name.rpartition(".")[0] if item.prior_errors else item.name
+        found[key] = found.get(key, 0.0) + squared(of_priors_m, k)
+        rest |= dict.fromkeys(item.prior_errors, key)
+    for name, moved in shared.items():
+        kind, _, whose = name.partition(".")
+        of_error_m2 = squared((enu_by_parameters @ moved)[..., None], 0)
+        found[rest[name]] = found[rest[name]] - of_error_m2
+        key = kind, whose.rpartition(".")[0] or whose
+        found[key] = found.get(key, 0.0) + of_error_m2
     if considered is not None:
         of_errors_m = enu_by_parameters @ considered.sensitivity + direct_m
         for k, item in enumerate(considered.parameters):

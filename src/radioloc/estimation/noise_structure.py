@@ -222,7 +222,7 @@ def noise_with_shared(
         source, effect_m = np.zeros((len(own_m), 2), dtype=np.intp), np.zeros((len(own_m), 2))
     elif any((shared.group[order.types.are(kind)] != ALONE).any() for kind in codes_of):
         return None
-    else:  # of places on maps
+    else:  # of other types
         group, source, effect_m = shared.group.copy(), shared.source.copy(), shared.effect_m.copy()
     for kind, codes in codes_of.items():
         rows = np.flatnonzero(order.types.are(kind))

@@ -80,8 +80,7 @@ class SampledSeries:
 
 def sample_of(residuals: Residuals) -> list[dict[str, Any]]:
     """Return the sampled series of the observations that a fit used, in types that JSON has."""
-    used = residuals.used & ~np.array(["@" in path for path in residuals.paths.texts])[residuals.paths.codes]
-    rows = np.flatnonzero(used)
+    rows = np.flatnonzero(residuals.used)
     epoch = residuals.epoch_utc[rows]
     utc_s = ((epoch.jd - _JD_2000) + epoch.fraction) * SECONDS_PER_DAY
     hashed = (np.rint(1e3 * utc_s).astype(np.int64).astype(np.uint64) * np.uint64(_HASH_FACTOR)) % np.uint64(

@@ -14,7 +14,14 @@ from numpy.typing import NDArray
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.estimation.combination import Ellipse, ReferenceComparison, horizontal_ellipse
-from radioloc.estimation.consider import BudgetItem, Consider, error_budget, sources, span_record
+from radioloc.estimation.consider import (
+    BudgetItem,
+    Consider,
+    error_budget,
+    shared_prior_effects,
+    sources,
+    span_record,
+)
 from radioloc.estimation.consistency import Consistency
 from radioloc.estimation.gauss_markov import SeriesWeight, TimeCorrelation
 from radioloc.estimation.least_squares import FitStatus
@@ -544,8 +551,18 @@ class Solution:
             | span_record(item)
             | {"position_enu_m": moved_m[:, k].tolist()}
             for k, item in enumerate(self.parameters)
-            if moved_m[:, k].any()
+            if moved_m[:, k].any() and not item.prior_errors  # of these the shared errors are considered
         ]
+        if shared := shared_prior_effects(self.parameters, self.prior_effects):
+            found.setdefault("considered", []).extend(
+                {
+                    "name": name,
+                    "unit": "1",
+                    "sigma": 1.0,
+                    "position_enu_m": (self.enu_by_parameters @ moved).tolist(),
+                }
+                for name, moved in shared.items()
+            )
         return found
 
     def _place_rad(self) -> tuple[float, float, float]:

@@ -1,4 +1,4 @@
-"""Measurements that are linear combinations of simpler ones, predicted by those, and places on maps beside tracking.
+"""Measurements that are linear combinations of simpler ones, predicted by those.
 
 A type with ``Geometry.COMBINED`` says which measurements it combines and with which weights. Their observations are
 predicted by another predictor, and values and partials, by whatever parameter, combine with the same weights.
@@ -18,7 +18,6 @@ from radioloc.boundary import bare_arguments
 from radioloc.ephemeris.trajectory import AdjustableTrajectory
 from radioloc.errors import InputError
 from radioloc.measurements.link import Link
-from radioloc.measurements.map_predictor import MapPredictor
 from radioloc.measurements.measurement_type import Part
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
@@ -94,39 +93,14 @@ def _parts(kind: str, link: Link) -> tuple[Part, ...]:
 
 
 class CombinedPredictor(Predictor):
-    """Predicts tracking, some of which may combine simple observations, and then places on maps.
+    """Predicts observations that may combine simple ones.
 
-    `parts` say how the observations follow from simple ones, which `inner` predicts. The places are the last rows, and
-    all there are, of any selection.
+    `parts` say how the observations follow from simple ones, which `inner` predicts.
     """
 
-    def __init__(
-        self,
-        observations: Observations,
-        parts: Combinations,
-        inner: Predictor,
-        places: MapPredictor | None = None,
-    ) -> None:
+    def __init__(self, observations: Observations, parts: Combinations, inner: Predictor) -> None:
         super().__init__(inner.model, observations, inner.trajectory, inner.targets, inner.more_partials)
-        self.parts, self.inner, self.places, self._tracked = parts, inner, places, observations
-        if places is not None:
-            self.observations = Observations.concatenate([observations, places.observations])
-            self.maps, on_maps = places.maps, len(self.stations) + places.receivers
-            self.target = np.concatenate([self.target, places.target])
-            self.transmitters = np.concatenate([self.transmitters, on_maps])
-            self.receivers = np.concatenate([self.receivers, on_maps])
-
-    @classmethod
-    def beside(cls, tracking: Predictor, places: MapPredictor) -> CombinedPredictor:
-        """Tracking and places on maps."""
-        if isinstance(tracking, CombinedPredictor):
-            return cls(tracking.observations, tracking.parts, tracking.inner, places)
-        return cls(tracking.observations, Combinations.none(len(tracking.observations)), tracking, places)
-
-    @property
-    def tracking(self) -> Predictor:
-        """As :attr:`Predictor.tracking`."""
-        return CombinedPredictor(self._tracked, self.parts, self.inner) if self.parts.any else self.inner
+        self.parts, self.inner = parts, inner
 
     @property
     def simple(self) -> Predictor:
@@ -136,8 +110,7 @@ class CombinedPredictor(Predictor):
     @property
     def predicted_eop(self) -> NDArray[np.bool_]:
         """Whether an observation rests on predicted Earth orientation, shape (n,)."""
-        of_tracking = np.logical_or.reduceat(self.inner.predicted_eop, self.parts.first[:-1])
-        return np.append(of_tracking, np.zeros(len(self.observations) - len(of_tracking), dtype=bool))
+        return np.logical_or.reduceat(self.inner.predicted_eop, self.parts.first[:-1])
 
     @bare_arguments
     def at(self, lander_pa_m: NDArray[np.float64]) -> CombinedPrediction:
@@ -145,40 +118,32 @@ class CombinedPredictor(Predictor):
         return CombinedPrediction(self, lander_pa_m)
 
     def select(self, which: Any) -> CombinedPredictor:
-        """The arc of some of the tracking (a mask, a slice or indices), already prepared, with all places on maps."""
+        """The arc of some of the observations (a mask, a slice or indices), already prepared."""
         rows = np.arange(len(self.observations))[which]
-        tracked = rows[rows < len(self._tracked)]
-        assert len(rows) - len(tracked) == len(self.observations) - len(self._tracked)
-        simple, begin = self.parts.rows(tracked)
+        simple, begin = self.parts.rows(rows)
         parts = Combinations(np.append(begin, len(simple)), self.parts.weight[simple])
-        values_m = self.observations.value_m[tracked]
-        observations = replace(self._tracked.select(tracked), value_m=values_m)
-        return CombinedPredictor(observations, parts, self.inner.select(simple), self.places)
+        return CombinedPredictor(self.observations.select(rows), parts, self.inner.select(simple))
 
     def along(self, trajectory: AdjustableTrajectory) -> CombinedPredictor:
         """As :meth:`Predictor.along`."""
-        return CombinedPredictor(self._tracked, self.parts, self.inner.along(trajectory), self.places)
+        return CombinedPredictor(self.observations, self.parts, self.inner.along(trajectory))
 
     def with_model(self, model: PhysicalModel, lander_pa_m: NDArray[np.float64]) -> CombinedPredictor:
         """The same observations prepared with another model, for values only."""
-        inner = self.inner.with_model(model, lander_pa_m)
-        return CombinedPredictor(self._tracked, self.parts, inner, self.places)
+        return CombinedPredictor(self.observations, self.parts, self.inner.with_model(model, lander_pa_m))
 
 
 class CombinedPrediction:
-    """Predictions of tracking that may be combined, and of places on maps, for one position."""
+    """Predictions of observations that combine simple ones, for one position."""
 
     def __init__(self, predictor: CombinedPredictor, lander_pa_m: NDArray[np.float64]) -> None:
-        self._n, self._parts, self._tracking = len(predictor.observations), predictor.parts, predictor.inner
+        self._n, self._parts, self._simple = len(predictor.observations), predictor.parts, predictor.inner
         self._at = predictor.inner.at(lander_pa_m)
-        self._places = predictor.places
-        self._at_places = None if predictor.places is None else predictor.places.at(lander_pa_m)
 
     @cached_property
     def value_m(self) -> NDArray[np.float64]:
         """Value of every observation, m, shape (n,)."""
-        tracking_m = np.add.reduceat(self._at.value_m * self._parts.weight, self._parts.first[:-1])
-        return tracking_m if self._at_places is None else np.append(tracking_m, self._at_places.value_m)
+        return np.asarray(np.add.reduceat(self._at.value_m * self._parts.weight, self._parts.first[:-1]))
 
     def rows(self, which: Any) -> Computed:
         """Values and partials of the rows chosen by a mask, a slice or indices, in that order.
@@ -186,8 +151,7 @@ class CombinedPrediction:
         Partials that belong to the ends of a path (by the position of the target, by the stations) are those of the
         first part where there are several: whoever needs them all asks :meth:`combine`. The elevations are the lowest.
         """
-        chosen, tracked = self._chosen(which)
-        simple, begin = self._parts.rows(chosen[tracked])
+        simple, begin = self._parts.rows(np.arange(self._n)[which])
         inner, weight = self._at.rows(simple), self._parts.weight[simple]
         columns = {field.name: getattr(inner, field.name)[begin] for field in fields(Computed)}
         for name in ("value_m", "by_time_m_s", "by_transponder_delay_m_s"):
@@ -198,10 +162,6 @@ class CombinedPrediction:
             rows = np.flatnonzero(part == k)
             owner = np.searchsorted(begin, rows, side="right") - 1
             columns["status"][owner] = first_of(columns["status"][owner], inner.status[rows])
-        if self._at_places is not None:
-            on_map = self._at_places.rows(chosen[~tracked] - len(self._parts.first) + 1)
-            for name, column in columns.items():
-                columns[name] = _merged(tracked, column, getattr(on_map, name))
         return Computed(**columns)
 
     def combine(
@@ -213,27 +173,7 @@ class CombinedPrediction:
 
         Those of combinations are combined; shape (m, ...).
         """
-        chosen, tracked = self._chosen(which)
-        simple, begin = self._parts.rows(chosen[tracked])
-        combined = columns(simple, self._at, self._tracking)
-        if self._parts.any:
-            weight = self._parts.weight[simple].reshape(-1, *[1] * (combined.ndim - 1))
-            combined = np.add.reduceat(combined * weight, begin, axis=0)
-        if self._places is None or self._at_places is None or tracked.all():
-            return combined
-        rows = chosen[~tracked] - len(self._parts.first) + 1
-        return _merged(tracked, combined, columns(rows, self._at_places, self._places))
-
-    def _chosen(self, which: Any) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-        """Some rows, and which of them are tracking."""
-        chosen = np.arange(self._n)[which]
-        return chosen, chosen < len(self._parts.first) - 1
-
-
-def _merged(tracked: NDArray[np.bool_], tracking: NDArray[Any], on_map: NDArray[Any]) -> NDArray[Any]:
-    """Rows of tracking and of places on maps, of which there is nothing that was not asked for."""
-    out = np.zeros((len(tracked), *tracking.shape[1:]), dtype=tracking.dtype, order="F")
-    out[tracked] = tracking
-    if on_map.shape[1:] == tracking.shape[1:]:
-        out[~tracked] = on_map
-    return out
+        simple, begin = self._parts.rows(np.arange(self._n)[which])
+        combined = columns(simple, self._at, self._simple)
+        weight = self._parts.weight[simple].reshape(-1, *[1] * (combined.ndim - 1))
+        return np.asarray(np.add.reduceat(combined * weight, begin, axis=0))

@@ -17,7 +17,7 @@ from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor
-from radioloc.measurements.registry import is_combined, is_on_map
+from radioloc.measurements.registry import is_combined
 
 EVALUATIONS = ("auto", "exact", "interpolated")
 """How an arc can be evaluated."""
@@ -83,11 +83,6 @@ def prepare_predictor(
         raise InputError(f"evaluation {evaluation!r} is not one of {', '.join(EVALUATIONS)}")
     if trajectory is not None and evaluation == "interpolated":
         raise InputError('the tracking of a spacecraft is not interpolated; evaluation is "exact" or "auto"')
-    if (placed := is_on_map(observations.kind)).any():
-        raise InputError(
-            f"{observations.origin(int(placed.argmax()))}: a place on a map is no tracking; give it as "
-            "[[observations.map_positions]] of the study"
-        )
     if is_combined(observations.kind).any():
         simple, parts = expanded(observations)
         inner = prepare_predictor(

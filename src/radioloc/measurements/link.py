@@ -11,7 +11,6 @@ from radioloc.errors import InputError
 LONGEST_NAME = 80
 """Characters of a name of a station or a target, which also names files."""
 _PATH = re.compile(r"(?:([^<>|]+)([<>]))?([^<>|]+)(?:\|([^<>|]+))?>([^<>|]+)")
-_ON_MAP = re.compile(r"([^<>|@]+)@([^<>|]+)")
 _ALIASES = {
     "apollo11": ("apollo 11", "ap11", "a11"),
     "apollo14": ("apollo 14", "ap14", "a14"),
@@ -30,10 +29,9 @@ _CANONICAL = {alias: name for name, aliases in _ALIASES.items() for alias in (na
 class Link:
     """The participants of a measurement.
 
-    Five forms, written as paths: ``A>target>B``, a signal from station A over the target to station B (two-way where
+    Four forms, written as paths: ``A>target>B``, a signal from station A over the target to station B (two-way where
     they are the same, else three-way); ``target>B``, the target's own signal, one-way; ``A<target>B``, the target's
-    signal at two stations, a baseline; ``A<first|second>B``, the signals of two targets at a baseline's two stations;
-    ``target@map``, a place on a map.
+    signal at two stations, a baseline; ``A<first|second>B``, the signals of two targets at a baseline's two stations.
 
     Parameters
     ----------
@@ -45,13 +43,11 @@ class Link:
         The link is a baseline: both stations receive.
     second_target : str
         The target whose measurement is subtracted; empty as a rule.
-    on_map : bool
-        The target is seen on a map, which stands as the receiver.
 
     Raises
     ------
     InputError
-        A name is empty, too long or holds a character that a path cannot, the link is of none of the five forms, or a
+        A name is empty, too long or holds a character that a path cannot, the link is of none of the four forms, or a
         baseline has one station only.
     """
 
@@ -60,7 +56,6 @@ class Link:
     receiver: str
     differenced: bool = False
     second_target: str = ""
-    on_map: bool = False
 
     def __post_init__(self) -> None:
         names = [self.target, self.receiver]
@@ -86,29 +81,23 @@ class Link:
             return "station1<target1|target2>station2"
         if self.differenced:
             return "station1<target>station2"
-        if self.on_map:
-            return "target@map"
         return "transmitter>target>receiver" if self.transmitter else "target>receiver"
 
     @property
     def path(self) -> str:
         """Text such as ``APOLLO>apollo15>APOLLO``, ``lander>KASHI`` or ``SESHAN25<lander>KUNMING``."""
-        if self.on_map:
-            return f"{self.target}@{self.receiver}"
         first = f"{self.transmitter}{'<' if self.differenced else '>'}" if self.transmitter else ""
         second = f"|{self.second_target}" if self.second_target else ""
         return f"{first}{self.target}{second}>{self.receiver}"
 
     @property
     def place(self) -> str:
-        """The receiving station, the two of a baseline (``SESHAN25–KUNMING``), the map: what groups residuals."""
+        """The receiving station, or the two of a baseline (``SESHAN25–KUNMING``): what groups residuals."""
         return f"{self.transmitter}\N{EN DASH}{self.receiver}" if self.differenced else self.receiver
 
     @property
     def stations(self) -> tuple[str, ...]:
-        """The stations at its ends, the first one first; one name where the target itself transmits, of a map none."""
-        if self.on_map:
-            return ()
+        """The stations at its ends, the first one first; one name where the target itself transmits."""
         return (self.transmitter, self.receiver) if self.transmitter else (self.receiver,)
 
     @property
@@ -124,20 +113,18 @@ class Link:
 
     @classmethod
     def from_path(cls, path: str) -> Link:
-        """Read a path in one of the five forms.
+        """Read a path in one of the four forms.
 
         Raises
         ------
         InputError
             The text is of none of the forms.
         """
-        if (match := _ON_MAP.fullmatch(path)) is not None:
-            return cls("", match[1].strip(), match[2].strip(), on_map=True)
         match = _PATH.fullmatch(path)
         if match is None:
             raise InputError(
                 f"{path!r} is not a path; write it as transmitter>target>receiver, target>receiver, "
-                "station1<target>station2, station1<target1|target2>station2 or target@map"
+                "station1<target>station2 or station1<target1|target2>station2"
             )
         first, arrow, target, second_target, second = (part and part.strip() for part in match.groups())
         return cls(first or "", target, second, arrow == "<", second_target or "")
@@ -145,8 +132,6 @@ class Link:
     def named(self, catalogue: StationCatalogue | None) -> Link:
         """The same link with canonical names of the targets, and those of the catalogue of stations that it knows."""
         target = canonical_target(self.target)
-        if self.on_map:
-            return replace(self, target=target)
         return replace(
             self,
             transmitter=station_name(catalogue, self.transmitter) if self.transmitter else "",

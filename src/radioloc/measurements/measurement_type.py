@@ -29,8 +29,6 @@ class Geometry(Enum):
     """Down from the target, whose own clock reads the transmission."""
     BASELINE = "station1<target>station2"
     """Down from the target to both stations: the second leg less the first, of one wavefront."""
-    MAP = "target@map"
-    """None: a place on a map, which the target is compared with."""
     COMBINED = ""
     """The legs of the measurements that are combined."""
 

@@ -125,19 +125,11 @@ class Predictor(ABC):
         Index of each observation's target among the positions; -1 of a source at infinity.
     stations : tuple of str
         Names of the stations that take part, each once.
-    maps : tuple of str
-        Names of maps on which targets are seen, which stand after the stations.
-    places : MapPredictor or None
-        Predicts the places on maps, which are the last rows.
     transmitters, receivers : ndarray of int32, shape (n,)
-        Index into ``stations`` and ``maps`` of each observation's first and second station; without a first one it is
-        the second.
+        Index into ``stations`` of each observation's first and second station; without a first one it is the second.
     more_partials : bool
         Whether partials by the stations' places and by the electron content above them are computed.
     """
-
-    maps: tuple[str, ...] = ()
-    places: Any = None
 
     def __init__(
         self,
@@ -187,11 +179,6 @@ class Predictor(ABC):
         self.stations, self._stations = tuple(found), tuple(found.values())
         self.transmitters, self.receivers, self.target = (column[observations.link] for column in ends.T)
         self._directions = directions  # of sources at infinity, by link
-
-    @property
-    def tracking(self) -> Predictor:
-        """The predictor of the tracking alone, without places on maps."""
-        return self
 
     @property
     def simple(self) -> Predictor:

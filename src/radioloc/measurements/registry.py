@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from radioloc.measurements.differences import DIFFERENCED_DELAY, DIFFERENCED_DOPPLER, DIFFERENCED_RANGE
 from radioloc.measurements.doppler import DOPPLER
-from radioloc.measurements.map_position import MAP_EAST, MAP_NORTH
 from radioloc.measurements.measurement_type import MeasurementType
 from radioloc.measurements.one_way import ONE_WAY_DOPPLER, ONE_WAY_RANGE
 from radioloc.measurements.range import RANGE
@@ -31,8 +30,6 @@ _OWN = [
     DIFFERENCED_RANGE,
     DIFFERENCED_DOPPLER,
     DIFFERENCED_DELAY,
-    MAP_EAST,
-    MAP_NORTH,
 ]
 _OWN_PLACES = {kind.name: place for place, kind in enumerate(_OWN)}
 
@@ -62,11 +59,6 @@ def is_differenced(kind: NDArray[np.int8]) -> NDArray[np.bool_]:
 def is_one_way(kind: NDArray[np.int8]) -> NDArray[np.bool_]:
     """Whether measurements are of a signal that the target generates, at one station."""
     return np.asarray(_table("ONE_WAY")[kind])
-
-
-def is_on_map(kind: NDArray[np.int8]) -> NDArray[np.bool_]:
-    """Whether measurements are places on maps."""
-    return np.asarray(_table("MAP")[kind])
 
 
 def is_combined(kind: NDArray[np.int8]) -> NDArray[np.bool_]:

@@ -82,8 +82,6 @@ def members_of_ends(scope: Scope, rows: ObservationRows) -> NDArray[np.int32]:
         return rows.observations.link[rows.rows][:, None]
     if scope is Scope.TARGET:
         return rows.target[:, None]
-    if scope is Scope.MAP:
-        return rows.ends[:, 1:] - len(rows.predictor.stations)
     return np.zeros((len(rows), 1), dtype=np.int32)
 
 
@@ -94,8 +92,6 @@ def everyone(scope: Scope, predictor: Predictor) -> Members:
         names = predictor.stations
     elif scope in (Scope.LINK, Scope.LINK_AND_PASS):
         names = tuple(link.path for link in predictor.observations.links)
-    elif scope is Scope.MAP:
-        names = predictor.maps
     elif scope is Scope.TARGET and len(predictor.targets) > 1:
         names = predictor.targets
     return {name: k for k, name in enumerate(names)}

@@ -15,7 +15,6 @@ from radioloc.errors import InputError
 from radioloc.measurements.predictor import Predictor
 from radioloc.parameters.choice import ParameterChoice, canonical_name, parameter_choices
 from radioloc.parameters.columns import members
-from radioloc.parameters.design import simple_predictor
 from radioloc.parameters.kind import Amount, ParameterKind, Scope
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import ObservationRows
@@ -68,7 +67,7 @@ def resolved(
         if choice.names == "none":
             continue
         choice = replace(choice, per=choice.per or kind.considered_per)
-        rows = rows_of(simple_predictor(predictor, kind))
+        rows = rows_of(predictor.simple)
         found, of_kind = _resolved(kind, choice, rows, estimated.get(name))
         notes += of_kind
         if found is not None:

@@ -14,7 +14,6 @@ from radioloc.ephemeris.trajectory import AdjustableTrajectory
 from radioloc.measurements.combined_predictor import CombinedPrediction
 from radioloc.measurements.predictor import ROWS_AT_ONCE, Prediction, Predictor
 from radioloc.parameters.columns import Columns
-from radioloc.parameters.kind import ParameterKind, Scope
 from radioloc.parameters.orbit import LandingParameters
 from radioloc.parameters.parameter import Parameter, ParameterSet
 from radioloc.parameters.position import PositionFunction, PositionParameters
@@ -22,12 +21,6 @@ from radioloc.parameters.rows import ObservationRows, middle_of
 from radioloc.time import Epochs
 
 Rows = NDArray[np.intp]
-
-
-def simple_predictor(predictor: Predictor, kind: ParameterKind | None = None) -> Predictor:
-    """The predictor of the tracking that combinations consist of, or of places on maps if a kind acts on those."""
-    on_maps = predictor.places is not None and kind is not None and Scope.MAP in kind.scopes
-    return predictor.places if on_maps else predictor.simple
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +147,6 @@ class DesignMatrix:
             if len(model.positions) > 1:
                 out[:, mine] *= (part.target == target)[:, None]
         for columns in model.columns:
-            if simple_predictor(model.predictor, columns.kind) is predictor:
-                columns.design(part, out[:, start : start + len(columns)])
+            columns.design(part, out[:, start : start + len(columns)])
             start += len(columns)
         return out

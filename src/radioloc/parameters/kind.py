@@ -23,7 +23,6 @@ class Scope(Enum):
     """A path such as ``JIAMUSI>lander>KASHI``, or a baseline."""
     LINK_AND_PASS = "link and pass"
     TARGET = "target"
-    MAP = "map"
     EARTH = "earth"
     MOON = "moon"
     SESSION = "session"

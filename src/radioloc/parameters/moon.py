@@ -1,4 +1,4 @@
-"""Where the Moon is and how it is turned, its tide and its lengths, each beyond the model's; how maps are tied to it.
+"""Where the Moon is and how it is turned, its tide and its lengths, each beyond the model's.
 
 The Moon's place acts along the way from the Earth, along its orbit and along the orbit's normal. Errors of place and
 librations are constant amounts, and others in each session.
@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.lunar.tide import solid_tide
-from radioloc.measurements.map_predictor import MapPredictor
-from radioloc.measurements.registry import is_on_map, kind_of
 from radioloc.parameters.kind import Members, ParameterKind, Scope, Sigmas, everywhere
 from radioloc.parameters.rows import ObservationRows
 from radioloc.time import Epochs
@@ -100,21 +98,6 @@ def _libration_varies(rows: ObservationRows, _: Members) -> Sigmas:
     return {"": (half * 4e-8, half * 4e-8, half * 6e-8)}
 
 
-def _on_map(rows: ObservationRows) -> NDArray[np.bool_]:
-    return is_on_map(rows.kind)[:, None]
-
-
-def _by_tie(rows: ObservationRows) -> NDArray[np.float64]:
-    components = [rows.kind == kind_of(name) for name in ("map_east", "map_north")]
-    return np.stack(components, axis=-1)[:, None, :].astype(np.float64)
-
-
-def _ties_stated(rows: ObservationRows, _: Members) -> Sigmas:
-    """What is stated of each map."""
-    assert isinstance(rows.predictor, MapPredictor)  # nothing else has members
-    return dict(rows.predictor.map_sigma_m)
-
-
 MOON_POSITION = ParameterKind(
     name="moon_position",
     unit="m",
@@ -171,14 +154,4 @@ LUNAR_LENGTHS = ParameterKind(
     partials=lambda rows: dot(rows.computed.by_position_pa, rows.target_pa_m)[:, None, None],
     acts_on=everywhere,
     scale=6e-7,
-)
-MAP_TIE = ParameterKind(
-    name="map_tie",
-    unit="m",
-    description="how far a map shows everything too far east and north; with the sigma that is stated of the map",
-    scopes=(Scope.MAP,),
-    partials=_by_tie,
-    acts_on=_on_map,
-    components=("east", "north"),
-    considered=_ties_stated,
 )

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
 from typing import Any
@@ -54,6 +54,9 @@ class Parameter:
         it.
     span_utc : tuple of str, or None
         First and last epoch that it acts on, UTC, where it is not of the whole arc.
+    prior_errors : mapping of str to float
+        Errors that other results have in common with the a-priori value, by name: its change by one sigma of each, in
+        `unit`. They are part of `prior_sigma`.
 
     Raises
     ------
@@ -69,6 +72,7 @@ class Parameter:
     role: Role = Role.ESTIMATED
     scale: float = 1.0
     span_utc: tuple[str, str] | None = None
+    prior_errors: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
         if not self.name:

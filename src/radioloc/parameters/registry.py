@@ -38,7 +38,6 @@ PARAMETERS: Mapping[str, ParameterKind] = registry(
         moon.LIBRATION_VARIATION,
         moon.LOVE_NUMBERS,
         moon.LUNAR_LENGTHS,
-        moon.MAP_TIE,
     ],
 )
 """Kinds of parameter by name, in the order of the columns of the design matrix."""

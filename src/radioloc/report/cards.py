@@ -205,7 +205,7 @@ def duration(seconds: float) -> str:
 
 def have_paths(rows: Residuals) -> bool:
     """Whether paths are those of observations, not names of stations in their place."""
-    return all(">" in path or "@" in path for path in rows.paths.present())
+    return all(">" in path for path in rows.paths.present())
 
 
 def ways(links: Sequence[Link]) -> list[str]:
@@ -216,7 +216,7 @@ def ways(links: Sequence[Link]) -> list[str]:
     several = len({link.targets for link in links}) > 1
     out = []
     for link in links:
-        if link.differenced or link.on_map:
+        if link.differenced:
             way = ""
         elif link.transmitter:
             way = "two-way" if link.transmitter == link.receiver else f"from {link.transmitter}"

@@ -21,7 +21,7 @@ from radioloc.imaging import Camera, Map
 from radioloc.imaging.image_chain import FrameStatus
 from radioloc.imaging.registration import RegisteredFrame, Registration
 from radioloc.lunar.position import LunarPosition
-from radioloc.parameters.moon import MAP_TIE
+from radioloc.parameters.position_prior import map_tie_names
 from radioloc.report.cards import Card, Field, Shown, metres, plural
 from radioloc.report.tables import difference
 
@@ -299,17 +299,18 @@ class ImageSolution(_FromImages):
         """Covariance of east and north relative to the map, without its tie to the Moon's axes, shape (2, 2)."""
         return np.asarray(self.covariance_enu_m2[:2, :2] - np.diag(np.square(self.map_sigma_m)))
 
+    @property
+    def _along_ground(self) -> Floats:
+        """Unit displacements east and north along the ground, where the height follows its slope, shape (2, 3)."""
+        horizontal_m2, with_height_m2 = self.covariance_enu_m2[:2, :2], self.covariance_enu_m2[:2, 2:]
+        return np.hstack([np.eye(2), np.nan_to_num(np.linalg.solve(horizontal_m2, with_height_m2))])
+
     def to_dict(self) -> dict[str, Any]:
         """All numbers, with the keys of :meth:`radioloc.Solution.to_dict`, and ``images``."""
         considered = [
-            {
-                "name": name,
-                "unit": "m",
-                "sigma": sigma_m,
-                "position_enu_m": (sigma_m * side).tolist(),
-            }
+            {"name": name, "unit": "m", "sigma": sigma_m, "position_enu_m": (sigma_m * side).tolist()}
             for name, sigma_m, side in zip(
-                MAP_TIE.parameter_names(self.map_name), self.map_sigma_m, np.eye(2, 3), strict=True
+                map_tie_names(self.map_name), self.map_sigma_m, self._along_ground, strict=True
             )
         ]
         fit = {

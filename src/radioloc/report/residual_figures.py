@@ -37,10 +37,8 @@ from radioloc.report.residual_panels import (
     half_heights_m,
     kind_word,
     link_panels,
-    places_of,
     residuals_of,
     station_panels,
-    tracking_of,
 )
 
 if TYPE_CHECKING:
@@ -106,7 +104,7 @@ def plot_residuals(
     'APOLLO'
     """
     sizes_in = (8.0, 1.75), (0.0, 1.1)
-    return _grid(solution, title, ax, station_panels(tracking_of(solution)), 12, "stations", 1, sizes_in)
+    return _grid(solution, title, ax, station_panels(residuals_of(solution)), 12, "stations", 1, sizes_in)
 
 
 @draws_names_literally
@@ -125,7 +123,7 @@ def plot_links(solution: Solution | Residuals, title: str | None = None, ax: Axe
     'range APOLLO'
     """
     sizes_in = (3.7, 1.9), (0.6, 0.9)
-    return _grid(solution, title, ax, link_panels(tracking_of(solution)), MOST_LINKS, "links", 3, sizes_in)
+    return _grid(solution, title, ax, link_panels(residuals_of(solution)), MOST_LINKS, "links", 3, sizes_in)
 
 
 def _grid(
@@ -139,11 +137,11 @@ def _grid(
     sizes_in: tuple[Any, Any],
 ) -> Figure:
     """A grid of panels over one axis of dates, and below it what is not said in them."""
-    residuals = tracking_of(solution)
+    residuals = residuals_of(solution)
     if title is None:
         name = f"{solution.name}: " if isinstance(solution, Solution) else ""
         title = f"{name}observed \N{MINUS SIGN} computed"
-    notes = places_of(residuals_of(solution))
+    notes: list[str] = []
     if len(panels) > most:
         notes.append(f"{most} of {len(panels)} {noun}, those with the most observations")
         largest = np.argsort([-len(panel.rows) for panel in panels], kind="stable")[:most]
@@ -374,7 +372,7 @@ def plot_distribution(solution: Solution | Residuals, ax: Axes | None = None) ->
     >>> [axes.get_xlabel() for axes in radioloc.report.plot_distribution(solution).axes]
     ['elevation (deg)', 'density']
     """
-    residuals = tracking_of(solution)
+    residuals = residuals_of(solution)
     used, elevation_deg = residuals.used, residuals.elevation_deg
     if elevation_deg is None:
         raise InputError("the residuals have no elevations to draw them against")

@@ -87,28 +87,6 @@ def station_panels(residuals: Residuals) -> list[Panel]:
     ]
 
 
-def _of_maps(residuals: Residuals) -> NDArray[np.bool_]:
-    """Which residuals are of places on maps."""
-    return residuals.types.are("map_east") | residuals.types.are("map_north")
-
-
-def tracking_of(solution: Solution | Residuals) -> Residuals:
-    """All residuals but those of places on maps, of which two numbers say all; these where there are no others."""
-    residuals = residuals_of(solution)
-    of_maps = _of_maps(residuals)
-    return residuals.select(~of_maps) if of_maps.any() and not of_maps.all() else residuals
-
-
-def places_of(residuals: Residuals) -> list[str]:
-    """What a line below a figure says of places on maps."""
-    found: dict[str, list[str]] = {}
-    for k in np.flatnonzero(_of_maps(residuals)).tolist():
-        axis = residuals.types[[k]][0].removeprefix("map_")
-        away = f"{axis} {residuals.residual_m[k]:+.3g} m"
-        found.setdefault(residuals.paths[[k]][0], []).append(away)
-    return [f"place {path}: {', '.join(away)}" for path, away in found.items()]
-
-
 def _by_way(residuals: Residuals, rows: _Rows) -> dict[str, _Rows]:
     """Rows of a station by the way of their signal; nameless where that is one, or too many for a legend."""
     codes = residuals.paths.codes[rows]

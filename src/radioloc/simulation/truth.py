@@ -20,7 +20,7 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Prediction, Predictor, blocks
 from radioloc.measurements.terms import active_terms
 from radioloc.parameters.choice import ParameterChoice, chosen_parameters
-from radioloc.parameters.design import DesignMatrix, ObservationModel, simple_predictor
+from radioloc.parameters.design import DesignMatrix, ObservationModel
 from radioloc.parameters.kind import Scope
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.parameters.position import PositionParameters, cartesian
@@ -213,7 +213,7 @@ def _design(
     epoch_utc: str,
 ) -> DesignMatrix:
     """The design matrix of the position and of the parameters that have a value, which is their error or its sigma."""
-    simple = simple_predictor(predictor)
+    simple = predictor.simple
     catalogue = predictor.model.catalogue
     kinds = []
     for name, choice in choices.items():

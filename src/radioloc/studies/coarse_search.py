@@ -55,12 +55,14 @@ def near_starts(
 
     Of several targets each is sought by its own observations; one that is only observed beside another moves with it.
     """
-    arc = arc.tracking
     if arc.trajectory is not None or estimate.position == "none" or not len(arc.observations):
         return {}
     observed = [[canonical_target(name) for name in link.targets] for link in arc.observations.links]
     found: dict[str, tuple[LunarPosition, float]] = {}
+    placed = {prior.target for prior in estimate.position_priors}
     for name, given in targets_pa.items():
+        if name in placed:
+            continue
         own = np.array([len(targets_pa) == 1 or names == [name] for names in observed])
         mine = _some(arc.observations, np.flatnonzero(own[arc.observations.link]))
         if len(mine) and (start := _near_start(arc.select(mine), given, estimate)) is not None:

@@ -23,7 +23,7 @@ from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.local import rot_enu_between
 from radioloc.lunar.position import LunarPosition
-from radioloc.parameters.moon import MAP_TIE
+from radioloc.parameters.position_prior import map_tie_names
 from radioloc.report.comparison import Comparison
 from radioloc.report.image_solution import ImageSolution, PointSolution
 from radioloc.report.recorded import read_recorded
@@ -290,9 +290,7 @@ def _content(table: TomlTable, name: str) -> dict[str, Any]:
         "covariance": {"enu_m2": covariance},
         "considered": [
             {"name": name, "position_enu_m": tie_m * side}
-            for name, tie_m, side in zip(
-                MAP_TIE.parameter_names(given.map or ""), ties_m, np.eye(3), strict=False
-            )
+            for name, tie_m, side in zip(map_tie_names(given.map or ""), ties_m, np.eye(3), strict=False)
         ],
         "fit": {"used": None, "rejected": None},
         "reference": None,

@@ -27,7 +27,9 @@ from radioloc.estimation.consider import (
     NOISE,
     CommonErrors,
     ConsideredErrors,
+    Effects,
     consider,
+    effects_beside_prior,
     moved_by,
     prior_effects,
     sources,
@@ -191,12 +193,7 @@ class _Planned:
             )
             longest, left_out = prepared_arc(study, plan.observations.select(rows), orbit)
             noise = scenario.noise.processes(plan).select(rows)
-            if longest.places is not None:
-                on_maps = np.arange(len(rows), len(longest.observations))
-                noise = noise.followed_by(_stated(study, longest).select(on_maps))
-            silent = [
-                kind for kind in longest.tracking.observations.types() if kind not in scenario.noise.link
-            ]
+            silent = [kind for kind in longest.observations.types() if kind not in scenario.noise.link]
             notes += [
                 f"[simulation.noise.{kind}] is not given: white noise of the sessions' sigma_m"
                 for kind in dict.fromkeys(silent)
@@ -278,9 +275,15 @@ class _Solved:
     @cached_property
     def fit(self) -> FitResult:
         """The fit without values: what determines what, and how well."""
-        parameters, used, common = self.problem.parameters, self.used, None
-        if self.considered is not None and used.any() and allows_for_correlation(self.part.estimate):
-            common = self.considered.at_stations
+        considered, estimate = self.considered, self.part.estimate
+        if considered is None or not (self.used.any() and allows_for_correlation(estimate)):
+            return self._fit(None)
+        fit = self._fit(considered.at_stations)
+        return self._fit(effects_beside_prior(fit, considered)) if estimate.position_priors else fit
+
+    def _fit(self, common: Effects | None) -> FitResult:
+        """Fit with weights that allow for effects of unit variance."""
+        parameters, used = self.problem.parameters, self.used
         linearization = self.problem.linearize(self.x)
         whitening: Whitening = self.noise.among(used)
         if common is not None:

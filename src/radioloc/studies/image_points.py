@@ -32,7 +32,7 @@ from radioloc.imaging import (
 from radioloc.kernels import sha256_of
 from radioloc.lunar import LunarPosition, TerrainModel, east_north_up
 from radioloc.lunar.terrain import height_and_gradient
-from radioloc.parameters.moon import MAP_TIE
+from radioloc.parameters.position_prior import map_tie_names
 from radioloc.report.cards import Field, metres
 from radioloc.report.image_solution import ErrorSource, PointSolution
 from radioloc.studies.image_study import GroundChoice, ImagePointChoice, PointStudy, StereoChoice
@@ -128,7 +128,7 @@ def locate_stereo(study: PointStudy) -> PointSolution:
     gain = found.covariance_m2 @ unit.T / (measured.sigmas_m**2 + chosen.landmark_sigma_m**2)
     ties = tuple(
         (name, "m", sigma_m)
-        for name, sigma_m in zip(MAP_TIE.parameter_names(chosen.map_name), chosen.map_sigma_m, strict=True)
+        for name, sigma_m in zip(map_tie_names(chosen.map_name), chosen.map_sigma_m, strict=True)
     )
     sources = (
         ErrorSource("distances", ground.to_enu @ gain * measured.sigmas_m),

@@ -6,7 +6,7 @@ A trial is a sum of vectors (noise, and partials times drawn errors) and a linea
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,8 @@ from radioloc.studies.study import EstimateChoice
 from radioloc.studies.verdict import WIDEST_M, heights, misfits
 
 _Floats = NDArray[np.float64]
+_OF_PRIORS = 1
+"""Number of the random sequence of a-priori values, beside those of noise and drawn errors of the same seed."""
 
 
 def base_columns(sides: Sequence[str]) -> tuple[str, ...]:
@@ -77,6 +79,7 @@ class LinearArc:
     height_m: float | None  # of the true position; of none on an orbit
     considered_m: _Floats  # (m, r), effects of independent errors of unit variance that are considered
     count_at_stations: int  # how many of them, the first, are at stations or in the air
+    drawn_prior_sigmas: _Floats | None = None  # (p,), of a-priori values that are drawn about the truth
 
     @property
     def at_stations(self) -> Effects | None:
@@ -87,12 +90,18 @@ class LinearArc:
             else None
         )
 
-    def fit(self, residual_m: _Floats) -> EditedFit:
-        """Fit to residuals, as a study does."""
-        linear = self.problem.of(residual_m)
+    def fit(self, residual_m: _Floats, seed: int) -> EditedFit:
+        """Fit to residuals, as a study does, with the a-priori values of a trial's seed."""
+        linear, parameters = self.problem.of(residual_m), self.parameters
+        if self.drawn_prior_sigmas is not None:
+            drawn = self.problem.x + drawn_prior_errors(self.drawn_prior_sigmas, seed)
+            values = np.where(self.drawn_prior_sigmas > 0.0, drawn, parameters.prior_values)
+            parameters = ParameterSet(
+                [replace(item, prior_value=float(x)) for item, x in zip(parameters, values, strict=True)]
+            )
         found = fit_with_variance_components(
             linear,
-            self.parameters,
+            parameters,
             self.noise,
             order=self.order,
             groups=self.estimate.component_groups(self.order),
@@ -130,7 +139,7 @@ class LinearTrials:
         # Arc by arc, as what an arc's fits have in common then stays in the processor's cache.
         for i, arc in enumerate(self.arcs):
             for k, errors in enumerate(drawn):
-                found = arc.fit(residual_m[k, arc.part] - arc.held_m)
+                found = arc.fit(residual_m[k, arc.part] - arc.held_m, seeds[k])
                 out[k, i] = self._rows(arc, found, errors)
         return out.reshape(len(seeds), -1, len(self.columns))
 
@@ -165,6 +174,14 @@ def trial_seed(seed: int, trial: int) -> int:
     """Seed of one trial's noise and drawn errors, as ``SeedSequence(seed).spawn`` gives to its child of that number."""
     words = np.random.SeedSequence(seed, spawn_key=(trial,)).generate_state(4)
     return sum(int(word) << (32 * k) for k, word in enumerate(words))
+
+
+def drawn_prior_errors(sigmas: _Floats, seed: int) -> _Floats:
+    """Draw the errors of a-priori values in a trial, the first of which are those of the position."""
+    generator = np.random.default_rng([seed, _OF_PRIORS])
+    errors = np.zeros_like(sigmas)
+    errors[:3] = sigmas[:3] * generator.standard_normal(3)
+    return errors
 
 
 def true_values(fixed: dict[str, float], drawn: dict[str, float]) -> dict[str, float]:

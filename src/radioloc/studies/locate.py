@@ -16,6 +16,7 @@ from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.estimation.build import Doubt, build_solution, compare_with
+from radioloc.estimation.consider import effects_beside_prior
 from radioloc.estimation.editing import (
     EditedFit,
     PhaseCounts,
@@ -34,10 +35,9 @@ from radioloc.io.formats import read_observations
 from radioloc.lunar import rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.ambiguity import without_ambiguity
-from radioloc.measurements.combined_predictor import CombinedPredictor
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.map_predictor import MapPredictor
+from radioloc.measurements.link import canonical_target
 from radioloc.measurements.observations import Observations, without_duplicates
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor, blocks
@@ -59,7 +59,6 @@ from radioloc.studies.one_thread import on_one_blas_thread
 from radioloc.studies.orbit_start import near_landing, near_orbit, orbit_arcs
 from radioloc.studies.orbiter import Orbiter
 from radioloc.studies.problem import (
-    allows_for_correlation,
     considered_errors,
     disturbed,
     fitted_orbit,
@@ -75,7 +74,7 @@ from radioloc.studies.problem import (
 )
 from radioloc.studies.selection import select_observations, with_target_names
 from radioloc.studies.station_doubts import coordinate_doubts
-from radioloc.studies.station_noise import considered_ties_m, stated_noise
+from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.stochastic import StochasticProblem
 from radioloc.studies.study import EstimateChoice, ModelChoice, Study
 from radioloc.studies.study_file import as_study
@@ -163,9 +162,21 @@ def prepared_arc(
     chosen, left_out, orbit = _observations(study, observations, model, targets, orbit)
     arc = _arc(study, model, chosen, targets, orbit)
     logger.info("prepared the model for %d observations by %s", len(chosen), ", ".join(arc.stations))
-    if places := study.observations.map_positions:
-        arc = CombinedPredictor.beside(arc, MapPredictor(arc, [place.read() for place in places]))
+    _require_tracked(study, arc)
     return arc, left_out
+
+
+def _require_tracked(study: Study, arc: Predictor) -> None:
+    """Refuse a position on a map of what is not tracked."""
+    tracked = [name for k in np.unique(arc.observations.link) for name in arc.observations.links[k].targets]
+    for place in study.observations.map_positions:
+        if place.known is not None or place.target is None:
+            continue
+        if canonical_target(place.target) not in map(canonical_target, tracked):
+            raise InputError(
+                "[[observations.map_positions]] target: expected a target that is tracked "
+                f"({', '.join(dict.fromkeys(tracked))}) or a known place (known_deg_m), got {place.target!r}"
+            )
 
 
 @on_one_blas_thread()
@@ -194,14 +205,11 @@ def fit_arc(
     paths = Labels.coded([link.path for link in observations.links], observations.link)
     types = Labels.coded(KINDS, observations.kind)
     order = SeriesOrder.of(types, paths, seconds_since_midnight(observations.epoch))
-    # The weights will allow for what is considered; until they do, a tie of a map is noise of the places on it.
-    ties_m = considered_ties_m(arc, problem.parameters, study) * allows_for_correlation(estimate)
-    wide = noise.with_added(ties_m) if ties_m.any() else noise
     epoch = study.target.epoch if isinstance(study.target, Orbiter) else None
     orbit = arc.trajectory
     there = arc.along(orbit.coarse()) if isinstance(orbit, AdjustableOrbit) else arc
     status, reason = status_of(there, targets)
-    fitted, stochastic, manoeuvres = _fit(problem, wide, order, estimate, status, reason, epoch)
+    fitted, stochastic, manoeuvres = _fit(problem, noise, order, estimate, status, reason, epoch)
     if stochastic is not None:
         problem = stochastic.here
         arc = problem.predictor
@@ -214,17 +222,16 @@ def fit_arc(
     # What errors of gravity do to an orbit takes seconds, and serves the parameters' sigmas and those over the arc.
     errant = disturbed(study, problem, fitted.fit.x)
     considered, not_considered = considered_errors(study, problem, estimate, fitted.fit.x, errant)
-    if ties_m.any():
-        own_m = np.sqrt(fitted.fit.noise.own_m**2 - ties_m**2)
-        whole = fitted.fit.noise
-        own = ObservationNoise(own_m, whole.shared, phase=whole.phase)
-        fitted = replace(fitted, fit=replace(fitted.fit, noise=own))
     common = None if considered is None else considered.at_stations
-    fitted = weighed(problem.linearize, fitted, order, estimate, common)
+    edited = fitted
+    fitted = weighed(problem.linearize, edited, order, estimate, common)
+    if considered is not None and estimate is not None and estimate.position_priors:
+        common = effects_beside_prior(fitted.fit, considered)
+        fitted = weighed(problem.linearize, edited, order, estimate, common)
     x, used = fitted.fit.x, fitted.fit.used
     elevation_deg = _elevation_deg(arc, problem.all_positions_pa_m(x))
     doubts = [Doubt(FitStatus.MANOEUVRE, str(one)) for one in manoeuvres]
-    doubts += [] if estimate is None else misfits(fitted, wide.sigma_m, types)
+    doubts += [] if estimate is None else misfits(fitted, noise.sigma_m, types)
     fits = not doubts
     # Where the residuals do not fit at all, place and sigmas say nothing of their own.
     if fits and estimate is not None and arc.trajectory is None and estimate.position != "none":
@@ -242,7 +249,7 @@ def fit_arc(
         pa_frame=model.libration.frame,
         me_frame=constants.me_frame,
         epoch_utc=observations.epoch,
-        station=Labels.coded((*arc.stations, *arc.maps), arc.receivers),
+        station=Labels.coded(arc.stations, arc.receivers),
         observed_m=observations.value_m,
         path=paths,
         type=types,
@@ -292,7 +299,7 @@ def fit_arc(
         return solution
     aim = problem.all_positions_pa_m(x if solution.converged else problem.parameters.prior_values)
     search = TransmitterSearch(study, model, aim, _coarse(arc.trajectory), arc.targets)
-    transmitters = search.passes(arc.tracking.observations)
+    transmitters = search.passes(arc.observations)
     notes = (*solution.notes, *(str(one) for one in transmitters if not one.decided))
     return replace(solution, transmitters=transmitters, notes=notes)
 

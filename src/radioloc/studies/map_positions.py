@@ -1,51 +1,65 @@
-"""Places where targets are seen on maps, as a study gives them: a solution of images, or numbers."""
+"""Positions of targets on maps, as a study gives them: a solution of images, or numbers.
+
+They are the a-priori positions of the targets, with their full covariance. The error of a map's tie to the Moon's axes
+is the same for all positions on the map.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.errors import InputError
 from radioloc.estimation.combination import PositionEstimate
+from radioloc.lunar.local import displaced, local_difference
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements.link import Link
-from radioloc.measurements.map_predictor import MapPosition
-from radioloc.parameters.moon import MAP_TIE
+from radioloc.measurements.link import Link, canonical_target
+from radioloc.parameters.position_prior import PositionPrior, map_tie_names
+from radioloc.report.recorded import read_recorded
 from radioloc.studies.schema import check, entry
-from radioloc.text_files import json_file
 
-_EITHER = ("longitude_deg", "latitude_deg", "height_m", "sigma_m", "map_sigma_m")
+_EITHER = ("longitude_deg", "latitude_deg", "height_m", "sigma_m", "sigma_up_m", "map_sigma_m")
+_OPTIONAL = ("height_m", "sigma_up_m")
+_METHODS = ("images", "stereo")
+_SAME = 1e-9
+"""Relative difference of two sigmas that are the same but for rounding."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlaceOnMap:
-    """A place that was read on a map, a table ``[[observations.map_positions]]``.
+    """A position that was read on a map, a table ``[[observations.map_positions]]``.
 
     Parameters
     ----------
     solution : Path or None
         ``solution.json`` of :command:`radioloc images` on a map, or else the numbers that follow.
     longitude_deg, latitude_deg, height_m : float or None
-        What the map has there; the height, zero by default, only scales metres.
+        Position on the map; the height is zero by default.
     sigma_m : float or tuple of float, or None
-        Of the place relative to the map, east and north, m.
+        Standard deviations relative to the map, east and north, m.
+    sigma_up_m : float or None
+        Standard deviation of the height, m; without it the height is not determined.
     map : str or None
-        Name of the map; that of the solution's by default.
+        Name of the map; that of the solution by default.
     map_sigma_m : float or tuple of float, or None
-        How well the map is tied to the Moon's axes, east and north, m.
+        Standard deviations of the map's tie to the Moon's axes, east and north, m.
     target : str or None
-        What was seen, where there are several targets.
+        Name of the target, where there are several.
     known_deg_m : tuple of float, or None
-        Longitude, latitude and height of what was seen, if that is known: a reflector, whose place tells the tie.
+        Longitude, latitude and height of what is seen, if they are known: a reflector, which determines the tie.
     frame : str
         Axes of the numbers.
 
     Raises
     ------
     InputError
-        Numbers are missing, given beside a solution, or cannot be; the solution is none of images.
+        Numbers are missing, impossible or given beside a solution; the solution is not one of images on a map.
     """
 
     solution: Path | None = None
@@ -53,6 +67,7 @@ class PlaceOnMap:
     latitude_deg: float | None = None
     height_m: float | None = None
     sigma_m: tuple[float, float] | None = entry(None, positive=True, both=True)
+    sigma_up_m: float | None = entry(None, positive=True)
     map: str | None = None
     map_sigma_m: tuple[float, float] | None = entry(None, positive=True, both=True)
     target: str | None = None
@@ -64,19 +79,25 @@ class PlaceOnMap:
         given = [key for key in _EITHER if getattr(self, key) is not None]
         if self.solution is not None and given:
             raise InputError(f"map_positions: {given[0]} is in the solution already; give either of them")
-        missing = [key for key in ("map", *_EITHER) if key != "height_m" and getattr(self, key) is None]
+        missing = [key for key in ("map", *_EITHER) if key not in _OPTIONAL and getattr(self, key) is None]
         if self.solution is None and missing:
             raise InputError(f"map_positions: {missing[0]} is missing; give it, or the solution of images")
+        if self.sigma_up_m is not None and self.height_m is None:
+            raise InputError("map_positions: height_m is missing; sigma_up_m is the sigma of a height")
         self.read()
 
+    @property
+    def known(self) -> LunarPosition | None:
+        """Known position of what is seen."""
+        if self.known_deg_m is None:
+            return None
+        return LunarPosition.from_selenographic(*self.known_deg_m, self.frame)
+
     def read(self) -> MapPosition:
-        """The place with its covariance, and the tie of its map."""
-        known = (
-            None
-            if self.known_deg_m is None
-            else LunarPosition.from_selenographic(*self.known_deg_m, self.frame)
-        )
-        if self.solution is None:
+        """Read the position with its covariance and the errors that it shares."""
+        if self.solution is not None:
+            found = self._solved(self.solution)
+        else:
             assert self.longitude_deg is not None
             assert self.latitude_deg is not None
             assert self.sigma_m is not None
@@ -85,33 +106,173 @@ class PlaceOnMap:
             place = LunarPosition.from_selenographic(
                 self.longitude_deg, self.latitude_deg, self.height_m or 0.0, self.frame
             )
-            covariance = np.diag(np.square(self.sigma_m))
-            found = MapPosition(self.target or "", self.map, place, covariance, self.map_sigma_m, known)
-        else:
-            found = self._solved(self.solution, known)
-        Link("", found.target or "target", found.map, on_map=True)  # knows what can name a target and a map
+            sigma_up_m = math.nan if self.sigma_up_m is None else self.sigma_up_m
+            found = MapPosition(
+                self.map,
+                _in_mean_earth_axes(place),
+                _block(np.diag(np.square([*self.sigma_m, sigma_up_m]))),
+                _ties(self.map, self.map_sigma_m),
+            )
+        Link("", self.target or "target", found.map)  # refuses what cannot name a target or a map
         return found
 
-    def _solved(self, path: Path, known: LunarPosition | None) -> MapPosition:
-        what = "is no solution.json that this version of radioloc images wrote of a place on a map; make it again"
-        with json_file(path, what) as content:
-            if content["method"] not in ("images", "stereo"):
-                raise ValueError
-            failed = content["message"]
-            me = content["position"]["me"]
-            xyz_m, frame = [float(me[f"{axis}_m"]) for axis in "xyz"], me["frame"]
-            sigma_m, names = {}, [self.map]
-            for item in content["considered"]:
-                kind, _, rest = item["name"].partition(".")
-                if kind == MAP_TIE.name:
-                    name, _, axis = rest.rpartition(".")
-                    sigma_m[axis] = float(item["sigma"])
-                    names.append(name)
-            tie_m, name = (sigma_m["east"], sigma_m["north"]), next(filter(None, names))
-            data = tuple(sorted(PositionEstimate.from_solution(content).data))
-            total = np.array([row[:2] for row in content["covariance"]["enu_m2"][:2]], dtype=np.float64)
-        if failed:
-            raise InputError(f"{path}: the solution of images did not converge: {failed}")
-        place = LunarPosition.from_cartesian(xyz_m, frame)
-        relative = total - np.diag(np.square(tie_m))
-        return MapPosition(self.target or "", name, place, relative, tie_m, known, str(path), data)
+    def _solved(self, path: Path) -> MapPosition:
+        content = read_recorded(path)
+        stated = {
+            item["name"].rpartition(".")[0].partition(".")[2]
+            for item in content.get("considered", ())
+            if item["name"].startswith("map_tie.")
+        }
+        if content.get("method") not in _METHODS or len(stated) != 1:
+            raise InputError(f"{path}: expected a solution of radioloc images on a map; make it again")
+        if not content["converged"]:
+            raise InputError(f"{path}: the solution of images did not converge: {content['message']}")
+        estimate = PositionEstimate.from_solution(content)
+        place = LunarPosition.from_cartesian(estimate.position_me_m, content["position"]["me"]["frame"])
+        [on_map] = stated
+        name = self.map or on_map
+        renamed = dict(zip(map_tie_names(on_map), map_tie_names(name), strict=True))
+        errors = {renamed.get(key, key): error_m for key, error_m in estimate.errors_enu_m.items()}
+        return MapPosition(name, place, _block(estimate.noise_enu_m2), errors, tuple(sorted(estimate.data)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapPosition:
+    """A position on a map with what is known of its errors.
+
+    Parameters
+    ----------
+    map : str
+    place : LunarPosition
+        In mean-Earth axes.
+    noise_enu_m2 : ndarray, shape (3, 3)
+        Covariance relative to the map, m^2; NaN for a height that is not determined.
+    errors_enu_m : mapping of str to ndarray, shape (3,)
+        Displacement by one sigma of each error that other results have in common with it, m.
+    data : tuple of str
+        Identifiers of the images.
+    """
+
+    map: str
+    place: LunarPosition
+    noise_enu_m2: NDArray[np.float64]
+    errors_enu_m: Mapping[str, NDArray[np.float64]]
+    data: tuple[str, ...] = ()
+
+
+def position_priors(places: Sequence[PlaceOnMap], targets: Sequence[str]) -> tuple[PositionPrior, ...]:
+    """Combine positions on maps to one a-priori position of each target.
+
+    Parameters
+    ----------
+    places : sequence of PlaceOnMap
+    targets : sequence of str
+        Canonical names of the targets where there are several.
+
+    Raises
+    ------
+    InputError
+        A target is not among those given, a map has two sigmas, images are used twice, a map shows several of the
+        targets, or none.
+    """
+    found = [(_target(place, targets), place.known, place.read()) for place in places]
+    _require_distinct([position for *_, position in found])
+    maps: dict[str, set[str]] = {position.map: set() for *_, position in found}
+    for target, known, position in found:
+        if known is None:
+            maps[position.map].add(target)
+    for name, seen in maps.items():
+        if len(seen) != 1:
+            targets_seen = ", ".join(sorted(seen)) or "none"
+            raise InputError(
+                f"expected one target on the map {name}, got {targets_seen}; locate each target by itself, "
+                "and give a known place only beside a target on the same map"
+            )
+    return tuple(
+        _combined(target, [(known, position) for _, known, position in found if target in maps[position.map]])
+        for target in dict.fromkeys(target for target, known, _ in found if known is None)
+    )
+
+
+def _target(place: PlaceOnMap, targets: Sequence[str]) -> str:
+    """Canonical name of the target where there are several."""
+    if not targets or place.known is not None:
+        return ""
+    name = canonical_target(place.target or "")
+    if name not in targets:
+        raise InputError(
+            f"target: expected one of {', '.join(targets)}, or a known place (known_deg_m), "
+            f"got {place.target!r}"
+        )
+    return name
+
+
+def _require_distinct(positions: Sequence[MapPosition]) -> None:
+    """Refuse one map with two sigmas, and images that are used twice."""
+    ties: dict[str, float] = {}
+    data: set[str] = set()
+    for position in positions:
+        for name in map_tie_names(position.map):
+            tie_m = float(np.linalg.norm(position.errors_enu_m[name]))
+            if abs(ties.setdefault(name, tie_m) - tie_m) > _SAME * tie_m:
+                raise InputError(
+                    f"the tie {name} has two sigmas, {ties[name]:g} and {tie_m:g} m; give both the same, "
+                    "or name two maps"
+                )
+        if shared := data.intersection(position.data):
+            raise InputError(f"two solutions use the same images ({min(shared)}); give one of them")
+        data.update(position.data)
+
+
+def _combined(target: str, items: Sequence[tuple[LunarPosition | None, MapPosition]]) -> PositionPrior:
+    """Estimate a position by least squares from positions on maps that share errors."""
+    from scipy.linalg import block_diag
+
+    origin = next(position.place for known, position in items if known is None)
+    names = list(dict.fromkeys(name for _, position in items for name in position.errors_enu_m))
+    nothing = np.zeros(3)
+    design = np.concatenate([np.eye(3) * (known is None) for known, _ in items])
+    offsets_m = np.concatenate(
+        [local_difference(position.place.xyz_m, (known or origin).xyz_m).enu_m for known, position in items]
+    )
+    errors_m = np.concatenate(
+        [
+            np.column_stack([position.errors_enu_m.get(name, nothing) for name in names])
+            for _, position in items
+        ]
+    )
+    noise_m2 = block_diag(*(position.noise_enu_m2 for _, position in items))
+    held = np.isfinite(np.diag(noise_m2))
+    free = design[held].any(axis=0)
+    design, offsets_m, errors_m = design[np.ix_(held, free)], offsets_m[held], errors_m[held]
+    covariance_m2 = noise_m2[np.ix_(held, held)] + errors_m @ errors_m.T
+    weighted = np.linalg.solve(covariance_m2, design)
+    gain = np.zeros((3, len(offsets_m)))
+    gain[free] = np.linalg.solve(design.T @ weighted, weighted.T)
+    total_m2 = gain @ covariance_m2 @ gain.T
+    total_m2[~free], total_m2[:, ~free] = np.nan, np.nan
+    return PositionPrior(
+        target,
+        LunarPosition.from_cartesian(displaced(origin.xyz_m, gain @ offsets_m), origin.frame),
+        total_m2,
+        dict(zip(names, (gain @ errors_m).T, strict=True)),
+        tuple(key for _, position in items for key in position.data),
+    )
+
+
+def _in_mean_earth_axes(place: LunarPosition) -> LunarPosition:
+    if place.frame.startswith("ME_"):
+        return place
+    constants = CONSTANTS.get(place.frame.partition("_")[2])
+    return place.to_frame("ME_DE421" if constants is None else constants.me_frame)
+
+
+def _ties(map_name: str, sigma_m: tuple[float, float]) -> dict[str, NDArray[np.float64]]:
+    """Displacements by the tie of a map."""
+    return dict(zip(map_tie_names(map_name), np.eye(2, 3) * np.array(sigma_m)[:, None], strict=True))
+
+
+def _block(covariance_m2: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a covariance with NaN in all of the row and the column of a height that is not determined."""
+    known = np.isfinite(np.diag(covariance_m2))
+    return np.where(np.outer(known, known), covariance_m2, np.nan)

@@ -264,11 +264,9 @@ def provenance(
     of_air = {"vmf3": chosen.vmf3} | {key: () if path is None else (path,) for key, path in one_each.items()}
     return {
         **versions(),
-        "study": study_origin(study) if _of_its_files(study, arc.tracking.observations) else None,
+        "study": study_origin(study) if _of_its_files(study, arc.observations) else None,
         "files": [Path(name).name for name in arc.observations.files],
-        "images": sorted({key for place in arc.places.positions for key in place.data})
-        if arc.places is not None
-        else [],
+        "images": sorted({key for prior in study.estimate.position_priors for key in prior.data}),
         "not_selected": left_out,
         **{key: getattr(study.observations, key) for key in _OF_OBSERVATIONS},
         "weights": [weight.record() for weight in study.observations.weights],

@@ -43,6 +43,7 @@ from radioloc.studies.linear_trials import (
     LinearArc,
     LinearTrials,
     base_columns,
+    drawn_prior_errors,
     rows_of,
     trial_seed,
     true_values,
@@ -62,7 +63,7 @@ from radioloc.studies.problem import (
 from radioloc.studies.selection import ArcPart, arc_parts, require_planned_counts, selected
 from radioloc.studies.simulate import scenario_of
 from radioloc.studies.station_noise import stated_noise
-from radioloc.studies.study import Study
+from radioloc.studies.study import EstimateChoice, Study
 from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
 from radioloc.vectors import rtn_axes
 
@@ -123,11 +124,6 @@ class Prepared:
             raise InputError(
                 f"{study.name}: a Monte Carlo study compares positions and orbits, but the target is a trajectory"
             )
-        if study.observations.map_positions:
-            raise InputError(
-                f"{study.name}: a Monte Carlo study draws tracking, but no places on maps; leave "
-                "[[observations.map_positions]] out, or use `radioloc covariance`, which allows for them"
-            )
         require_position_or_orbit(study, "a Monte Carlo study")
         model, orbit = model_of(study), None
         constants = model.ephemeris.constants
@@ -174,7 +170,8 @@ class Prepared:
         study = replace(self.study, reference=None)
         for part in self.parts:
             arc = part.arc.with_values(value_m[part.rows])
-            solution = fit_arc(study, arc, {}, part.estimate, consistency=False)
+            estimate = self._with_drawn_prior(part.estimate, seed)
+            solution = fit_arc(study, arc, {}, estimate, consistency=False)
             sigmas, total = solution.sigmas(), solution.fit.total
             found += rows_of(
                 self.columns,
@@ -186,6 +183,28 @@ class Prepared:
                 true_values(world.errors, world.drawn.by_name(errors)),
             )
         return found
+
+    def _drawn_prior_sigmas(self, estimate: EstimateChoice, count: int) -> _Floats | None:
+        """Standard deviations of a-priori values that are drawn in each trial, those of a position on a map."""
+        if not estimate.position_priors:
+            return None
+        sigmas, (_, of_position) = np.zeros(count), estimate.position_priors[0].factors()
+        sigmas[:3] = np.where(np.isfinite(of_position), of_position, 0.0)
+        return sigmas
+
+    def _with_drawn_prior(self, estimate: EstimateChoice, seed: int) -> EstimateChoice:
+        """The a-priori position of a map about the truth, with an error drawn from its covariance."""
+        if not estimate.position_priors:
+            return estimate
+        [prior] = estimate.position_priors
+        model = self.parts[0].arc.model
+        truth = LunarPosition.from_cartesian(self.world.target_pa_m, model.libration.frame)
+        about_truth = replace(prior, mean=truth.to_axes("ME", model.ephemeris.constants))
+        sigmas = self._drawn_prior_sigmas(estimate, 3)
+        assert sigmas is not None
+        offset_m = prior.factors()[0] @ drawn_prior_errors(sigmas, seed)
+        drawn = replace(prior, mean=about_truth.mean_displaced(offset_m))
+        return replace(estimate, position_priors=(drawn,))
 
     def _errors_m(self, part: ArcPart, solution: Solution, drawn: _Floats) -> tuple[_Floats, _Floats]:
         """How far a solution is from the truth, (q, d), and what it says of that, (q, d, d)."""
@@ -326,6 +345,7 @@ class Prepared:
             else float(np.linalg.norm(self.world.target_pa_m)) - MEAN_LUNAR_RADIUS_M,
             considered_m=considered_m,
             count_at_stations=count_at_stations,
+            drawn_prior_sigmas=self._drawn_prior_sigmas(part.estimate, len(x)),
         )
 
 

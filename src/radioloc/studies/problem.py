@@ -38,7 +38,7 @@ from radioloc.media.status import Status
 from radioloc.parameters.choice import ParameterChoice, chosen_parameters
 from radioloc.parameters.columns import Columns
 from radioloc.parameters.considered import resolved
-from radioloc.parameters.design import DesignMatrix, ObservationModel, simple_predictor
+from radioloc.parameters.design import DesignMatrix, ObservationModel
 from radioloc.parameters.kind import Scope
 from radioloc.parameters.orbit import (
     Ground,
@@ -48,6 +48,7 @@ from radioloc.parameters.orbit import (
 )
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.position import PositionParameters, cartesian, on_sphere, on_terrain
+from radioloc.parameters.position_prior import with_position_prior
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import networks
 from radioloc.studies.orbit_choice import OrbitChoice
@@ -261,7 +262,7 @@ def _columns(
 ) -> tuple[Columns, list[Parameter]] | None:
     kind = PARAMETERS[name]
     with named(table):
-        return chosen_parameters(kind, chosen, simple_predictor(predictor, kind), role, estimate.pass_gap_h)
+        return chosen_parameters(kind, chosen, predictor.simple, role, estimate.pass_gap_h)
 
 
 def _position(
@@ -282,11 +283,18 @@ def _place(
     if choice.position != "geographic":
         role = Role.FIXED if choice.position == "none" else Role.ESTIMATED
         return cartesian(start_pa_m, role=role, name=name)
-    prior = choice.height_prior
-    if isinstance(prior, TerrainPrior):
-        constants = predictor.model.ephemeris.constants
-        return on_terrain(start_pa_m, prior.terrain, prior.sigma_m, constants, name)
-    return on_sphere(start_pa_m, None if prior is None else (prior.height_m, prior.sigma_m), name)
+    height, constants = choice.height_prior, predictor.model.ephemeris.constants
+    target = name.partition(".")[2]
+    prior = next((one for one in choice.position_priors if one.target == target), None)
+    if prior is not None:
+        start_pa_m = prior.mean.to_axes("PA", constants).xyz_m
+    if isinstance(height, TerrainPrior):
+        position = on_terrain(start_pa_m, height.terrain, height.sigma_m, constants, name)
+    elif height is None or (prior is not None and prior.has_height):
+        position = on_sphere(start_pa_m, None, name)
+    else:
+        position = on_sphere(start_pa_m, (height.height_m, height.sigma_m), name)
+    return position if prior is None else with_position_prior(position, prior, constants)
 
 
 def _landing(
@@ -303,15 +311,18 @@ def _landing(
 
 
 def targets_in_pa(study: Study, constants: EphemerisConstants) -> dict[str, LunarPosition]:
-    """The a-priori positions in principal axes by name; none where the target is a trajectory."""
+    """Return the a-priori positions in principal axes by name; none where the target is a trajectory."""
     if isinstance(study.target, Trajectory | Orbiter):
         return {}
-    if study.targets:
-        return {
-            canonical_target(name): position_in_pa(f"[targets.{name}]", position, constants)
-            for name, position in study.targets.items()
-        }
-    return {"": position_in_pa("[target]", study.target, constants)}
+    given = {name: (f"[targets.{name}]", position) for name, position in study.targets.items()}
+    given = given or {"": ("[target]", study.target)}
+    places = {
+        canonical_target(name): position_in_pa(table, position, constants)
+        for name, (table, position) in given.items()
+    }
+    for prior in study.estimate.position_priors:
+        places[prior.target] = position_in_pa("[[observations.map_positions]]", prior.mean, constants)
+    return places
 
 
 def planned_place(study: Study, constants: EphemerisConstants) -> LunarPosition | None:
@@ -393,7 +404,7 @@ def with_independent_clocks(study: Study, estimate: EstimateChoice, arc: Predict
     """
     if not study.consider_defaults:
         return estimate
-    tracking, estimated, considered = arc.tracking, set(estimate.parameters), set(study.consider)
+    tracking, estimated, considered = arc, set(estimate.parameters), set(study.consider)
     chosen = _frequency_offsets(estimated | (considered & {"frequency_offset"}), tracking)
     chosen |= _clocks(estimated | considered, tracking)
     return replace(estimate, parameters={**estimate.parameters, **chosen}) if chosen else estimate

@@ -125,8 +125,6 @@ def _errors(
         return None
     found: dict[str, Any] = {"clock_epoch_utc": _utc(table.get("clock_epoch", Epochs))}
     for kind in PARAMETERS.values():
-        if kind.scopes == (Scope.MAP,):
-            continue  # nothing that is simulated is on a map
         key = kind.value_key
         found[key] = table.take(key)
         per = kind.keys["per"]

@@ -26,7 +26,7 @@ def coordinate_doubts(
 
     Stations of the catalogue are not in doubt, nor are any where the target's orbit is.
     """
-    observations, shipped = arc.tracking.observations, StationCatalogue.default()
+    observations, shipped = arc.observations, StationCatalogue.default()
     for name in () if isinstance(arc.trajectory, AnyOrbit) else arc.stations:
         station = arc.model.catalogue.get(name)
         if station.name in shipped and np.array_equal(shipped[station.name].itrf_m, station.itrf_m):
@@ -64,7 +64,7 @@ def _rms_m(
         return np.inf
     kept = [one for one in arc.model.catalogue if one.name != station.name]
     model = replace(arc.model, catalogue=StationCatalogue([*kept, other]))
-    some = arc.tracking.observations.select(rows)
+    some = arc.observations.select(rows)
     computed = prepare_predictor(model, some, positions_pa_m, "exact", arc.trajectory, arc.targets).compute(
         positions_pa_m
     )

@@ -1,9 +1,9 @@
-"""The noise of a study's observations: what the files state, what the delays of one epoch and places on maps share.
+"""The noise of a study's observations: what the files state, what the delays of one epoch share.
 
 The error of a VLBI station's arrival time (its receiver, its clock, the air above it) is in every delay of that epoch
 which the station has part in, with one sign as the second station and the other as the first. Likewise the error of how
 much that time grows over a count interval is in every delay rate of that epoch and interval. The error of the phase
-between two contiguous counts of Doppler is in both. East and north of a place on a map have one covariance.
+between two contiguous counts of Doppler is in both.
 """
 
 from __future__ import annotations
@@ -19,11 +19,7 @@ from radioloc.estimation.observation_noise import ALONE, ObservationNoise, Phase
 from radioloc.measurements.observations import DOPPLER, VLBI_DELAY, VLBI_DELAY_RATE
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import kind_of
-from radioloc.parameters.choice import ParameterChoice
-from radioloc.parameters.moon import MAP_TIE
-from radioloc.parameters.parameter import ParameterSet
 from radioloc.studies.observation_choice import ObservationChoice
-from radioloc.studies.study import Study
 from radioloc.time import Epochs, utc_to_tai
 
 _CONTIGUOUS = 0.01
@@ -47,16 +43,6 @@ def stated_noise(arc: Predictor, choice: ObservationChoice) -> ObservationNoise:
         group[rows] = group.max() + 1 + number.reshape(-1)
         effect_m[rows] = ends_m * [-1.0, 1.0]
     source = np.stack([arc.transmitters, arc.receivers], axis=-1).astype(np.intp)
-    if arc.places is not None:
-        first = len(arc.tracking.observations)
-        for row, place in zip(range(first, len(own_m), 2), arc.places.positions, strict=True):
-            (east_m2, both_m2), (_, north_m2) = place.covariance_en_m2
-            sigma_m, correlation = np.sqrt([east_m2, north_m2]), both_m2 / np.sqrt(east_m2 * north_m2)
-            own_m[row : row + 2] = sigma_m * np.sqrt(1.0 - abs(correlation))
-            if correlation:
-                group[row : row + 2] = group.max() + 1
-                source[row : row + 2] = source.max() + 1
-                effect_m[row : row + 2, 1] = sigma_m * np.sqrt(abs(correlation)) * [1.0, np.sign(correlation)]
     shared = None if (group == ALONE).all() else SharedErrors(group, source, effect_m)
     return ObservationNoise(own_m, shared, phase=_phase_noise(arc, choice))
 
@@ -80,19 +66,6 @@ def _phase_noise(arc: Predictor, choice: ObservationChoice) -> PhaseNoise | None
         joined &= of[one] == of[two]
     before[two[joined]] = one[joined]
     return PhaseNoise(sigma_m, before, rows)
-
-
-def considered_ties_m(arc: Predictor, parameters: ParameterSet, study: Study) -> NDArray[np.float64]:
-    """Sigma of the tie of its map for each observation, m, shape (n,); zero where that is not considered, or no map."""
-    ties_m = np.zeros(len(arc.observations))
-    choice = study.consider.get(MAP_TIE.name, ParameterChoice("all" if study.consider_defaults else "none"))
-    if arc.places is not None:
-        first = len(arc.tracking.observations)
-        for row, place in zip(range(first, len(ties_m), 2), arc.places.positions, strict=True):
-            chosen = choice.names == "all" or place.map in choice.names
-            if chosen and MAP_TIE.parameter_names(place.map)[0] not in parameters:
-                ties_m[row : row + 2] = place.map_sigma_m
-    return ties_m
 
 
 def _ends_m(

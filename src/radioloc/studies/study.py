@@ -16,7 +16,7 @@ from radioloc.boundary import bare
 from radioloc.earth.eop_prediction import BEYOND
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Trajectory
-from radioloc.errors import InputError
+from radioloc.errors import InputError, named
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.noise_structure import by_link
 from radioloc.estimation.series import SeriesOrder
@@ -31,10 +31,11 @@ from radioloc.measurements.terms import active_terms
 from radioloc.media.ionosphere import UniformTec
 from radioloc.parameters.choice import ParameterChoice, of_part, parameter_choices
 from radioloc.parameters.columns import PASS_GAP_H
-from radioloc.parameters.design import simple_predictor
+from radioloc.parameters.position_prior import PositionPrior
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.plugins import LazyNames
 from radioloc.simulation.simulate import Scenario
+from radioloc.studies.map_positions import position_priors
 from radioloc.studies.observation_choice import ObservationChoice
 from radioloc.studies.orbit_choice import OrbitChoice
 from radioloc.studies.orbiter import Orbiter
@@ -139,6 +140,8 @@ class EstimateChoice:
         that differ significantly, of each link, or of each link and pass.
     pass_gap_h : float
         A new pass begins when a station has not observed for longer.
+    position_priors : tuple of PositionPrior
+        A-priori positions with their covariance, of positions on maps; the study sets them.
     orbit : OrbitChoice or None
         What of an orbiter's orbit; without it, of an orbiter, the state and what else of the forces is not known.
     parameters : mapping of str to ParameterChoice, optional
@@ -166,6 +169,7 @@ class EstimateChoice:
     variance_components: str = entry("type", choices=COMPONENTS)
     pass_gap_h: float = entry(PASS_GAP_H, positive=True)
     orbit: OrbitChoice | None = None
+    position_priors: tuple[PositionPrior, ...] = entry((), keys=(), read=lambda *_: None)
     parameters: Mapping[str, ParameterChoice] = entry(factory=dict, keys=PARAMETER_KEYS, read=read_parameters)
 
     def __init__(self, *, parameters: Mapping[str, ParameterChoice] | None = None, **keys: Any) -> None:
@@ -205,7 +209,7 @@ class EstimateChoice:
         """What is estimated in a part of an arc: without whom there are no observations of in it."""
         try:
             kept = {
-                name: of_part(PARAMETERS[name], choice, simple_predictor(part, PARAMETERS[name]))
+                name: of_part(PARAMETERS[name], choice, part.simple)
                 for name, choice in self.parameters.items()
             }
         except InputError as error:
@@ -364,7 +368,7 @@ class Study:
             object.__setattr__(self, "candidates", tuple(self.candidates))
         self._name_targets()
         self._require_considered()
-        self._estimate_ties()
+        self._set_position_priors()
         if isinstance(self.target, Orbiter):
             chosen = self.estimate.orbit or OrbitChoice()
             chosen.parameters(self.target.forces)
@@ -424,15 +428,29 @@ class Study:
             for what in filter(given.get, given):
                 raise InputError(f"{what} one position, but [targets] gives several; leave it out")
 
-    def _estimate_ties(self) -> None:
-        """Weights that allow for nothing that is considered would take maps as exact: there ties are estimated."""
-        ties = {one.map: one.map_sigma_m for one in (p.read() for p in self.observations.map_positions)}
-        said = (
-            "map_tie" in self.estimate.parameters or "map_tie" in self.consider or not self.consider_defaults
-        )
-        if ties and self.estimate.weights == "independent" and not said:
-            chosen = {**self.estimate.parameters, "map_tie": ParameterChoice("all", sigma=ties)}
-            object.__setattr__(self, "estimate", replace(self.estimate, parameters=chosen))
+    def _set_position_priors(self) -> None:
+        """Make positions on maps the a-priori positions of their targets."""
+        places, estimate = self.observations.map_positions, self.estimate
+        if isinstance(self.target, Trajectory | Orbiter) or not (places or estimate.position_priors):
+            return
+        height = estimate.height_prior
+        with named("[[observations.map_positions]]"):
+            if places and estimate.position != "geographic":
+                raise InputError(
+                    f'expected [estimate] position = "geographic", got "{estimate.position}"; a position on a map is '
+                    "the a-priori position of the geographic parameters"
+                )
+            priors = position_priors(places, tuple(self.targets))
+            if isinstance(height, TerrainPrior) and any(prior.has_height for prior in priors):
+                raise InputError(
+                    "the position on the map has a height with a sigma, and [estimate] height_prior is a terrain "
+                    "model; leave height_prior out"
+                )
+        if isinstance(height, HeightPrior):
+            priors = tuple(
+                one.with_height(height.height_m, height.sigma_m) if one.has_height else one for one in priors
+            )
+        object.__setattr__(self, "estimate", replace(estimate, position_priors=priors))
 
     def _require_considered(self) -> None:
         def resolved(choice: ParameterChoice) -> set[str]:

@@ -12,7 +12,7 @@ from radioloc import Observations
 from radioloc.measurements import MEASUREMENTS, Link, active_terms
 from radioloc.parameters.choice import parameter_choices
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.studies import EstimateChoice, ModelChoice, ObservationChoice, PlaceOnMap
+from radioloc.studies import EstimateChoice, ModelChoice, ObservationChoice
 from radioloc.time import epochs_from_strings
 
 pytestmark = pytest.mark.usefixtures("unsearched")
@@ -25,10 +25,6 @@ PATHS = {
     "one_way_doppler": ("lander>KUNMING",),
 }
 BY_KIND = [[(name, scope.value) for scope in kind.scopes] for name, kind in PARAMETERS.items()]
-LONGITUDE_DEG, LATITUDE_DEG, _ = change5_case.LANDER.selenographic
-PLACE = PlaceOnMap(
-    longitude_deg=LONGITUDE_DEG, latitude_deg=LATITUDE_DEG, sigma_m=0.1, map="a map", map_sigma_m=10.0
-)
 LEFT_M = 1e-2
 """Of what a parameter adds, some 10 m, an a-priori sigma of ten times as much takes 1e-4."""
 
@@ -62,10 +58,9 @@ def tracking():
 
 
 def study(consider=None, **keys):
-    on_map = {"map_tie", "map_tie_m"} & {*keys, *(consider or {})}
     return radioloc.Study(
         change5_case.LANDER,
-        ObservationChoice(map_positions=[PLACE] if on_map else ()),
+        ObservationChoice(),
         EstimateChoice(**keys),
         ModelChoice(terms=active_terms(["ionosphere"])),
         consider=consider or {},

@@ -257,19 +257,6 @@ def test_stations_tell_their_links_apart(rows):
     assert legend[1:3] == ["two-way", "from JIAMUSI"]
 
 
-def test_places_on_maps_are_named_below_the_panels(rows):
-    kinds, paths = rows.type.copy().astype("U20"), rows.path.copy().astype("U40")
-    kinds[[88, 89]], paths[[88, 89]] = ("map_east", "map_north"), "lander@some.map"
-    residual_m = rows.residual_m.copy()
-    residual_m[[88, 89]] = 12.5, -3.0
-    mixed = replace(rows, types=Labels.of(kinds), paths=Labels.of(paths), residual_m=residual_m)
-    for figure in (plot_links(mixed), plot_residuals(mixed)):
-        assert not any("map" in title for title in panels_of(figure))
-        assert "place lander@some.map: east +12.5 m, north -3 m" in figure.get_supxlabel()
-    only = mixed.select([88, 89])
-    assert list(panels_of(plot_links(only))) == ["map east some.map", "map north some.map"]
-
-
 @pytest.mark.parametrize(
     ("count", "most", "columns"), [(1, 3, 1), (3, 3, 3), (4, 3, 2), (5, 3, 3), (9, 4, 3)]
 )

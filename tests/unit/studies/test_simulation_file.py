@@ -10,7 +10,6 @@ import radioloc
 import radioloc.cli
 from radioloc.errors import InputError
 from radioloc.measurements.registry import KINDS
-from radioloc.parameters.kind import Scope
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.simulation import Noise, baselines, one_way
 from radioloc.studies.schema import TomlTable
@@ -72,10 +71,9 @@ def test_every_key_is_on_the_page(tmp_path, monkeypatch):
                 documented.setdefault(name, set()).update(re.findall(r"`(\w+)`", line.split("|")[1]))
     of_tables = {"sessions", "noise", "truth", "truth_sigma", "position", "state", "forces"}
     assert asked["simulation"] - of_tables == documented["simulation"]
-    simulated = [kind for kind in PARAMETERS.values() if kind.scopes != (Scope.MAP,)]
-    whose = {kind.keys["per"] for kind in simulated}
+    whose = {kind.keys["per"] for kind in PARAMETERS.values()}
     both = documented["simulation.truth"] - {"NAME_per"} | whose
-    assert {kind.value_key for kind in simulated} < both
+    assert {kind.value_key for kind in PARAMETERS.values()} < both
     assert asked["simulation.truth"] == both - {"position_enu_m", "gravity_errors"}
     assert asked["simulation.truth_sigma"] == both - {"terms_on", "terms_off"}
     kinds = {*KINDS, "vlbi_station", "vlbi_station_rate"}

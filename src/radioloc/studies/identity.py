@@ -54,18 +54,23 @@ def _of_target(study: Study, tracked: list[str]) -> Iterator[str]:
 def _of_calibrations(study: Study, tracked: list[str], model: PhysicalModel) -> Iterator[str]:
     """Spacecraft of calibration cards against that of the tracking data, both by numbers of the Deep Space Network."""
     cards = model.media_calibrations
-    numbers = {number for number in map(_number, tracked) if number is not None}
+    body = getattr(study.target, "body", None)
+    of_tracking = {number for number in map(_number, tracked) if number is not None}
+    numbers = of_tracking or ({-body} if body not in (None, _UNSTATED_BODY) else set())
     if cards is None or not numbers:
         return
     for number in sorted({card.scid for card in cards.cards if card.scid is not None} - numbers):
         problem = (
             f"the calibrations are of the spacecraft {number}, but the tracking is of {', '.join(tracked)}"
         )
-        if study.model.csp_scid is None:
+        if not of_tracking:
+            yield f"the calibrations are of the spacecraft {number}, but [target] body is {body}: is it the same?"
+        elif study.model.csp_scid is None:
             raise InputError(
                 f"[model] csp: {problem}; give the files of that spacecraft, or csp_scid = {number} if they hold for it"
             )
-        yield f"{problem}; they are used, as csp_scid says"
+        else:
+            yield f"{problem}; they are used, as csp_scid says"
 
 
 def _number(target: str) -> int | None:

@@ -411,6 +411,14 @@ def test_a_transmitted_frequency_holds_from_its_time_tag_on():
     assert (status(read((metadata, records[:-1]), later)) == Status.NO_RAMP).all()
 
 
+def test_ranges_in_units_under_one_constant_frequency_are_as_agreed():
+    metadata = THREE_WAY | {"RANGE_UNITS": "RU"}
+    records = ["RANGE = 2021-03-28T14:00:00 2.57e9", "TRANSMIT_FREQ_1 = 2021-03-28T14:00:00 7.2e9"]
+    got = read((metadata, records), range_unit_s=1e-9)
+    assert not got.ramped.any()
+    assert got.value_m == pytest.approx(2.57 * C_M_S, abs=VALUE_TOLERANCE_M)
+
+
 def test_a_beacon_frequency_holds_from_its_time_tag_on():
     paths = {
         "PATH": None,

@@ -350,9 +350,10 @@ class SegmentReader:
         """Columns of observations that count cycles of a frequency which changes, by a reference; none else.
 
         What was, or may have been, transmitted before the first record of a constant frequency counts as ramped, too:
-        the frequency is known from that record on, and the model rejects what was transmitted earlier.
+        the frequency is known from that record on, and the model rejects what was transmitted earlier. The unit of a
+        range under a constant frequency is agreed on.
         """
-        if self.sent is None:
+        if self.sent is None or (self.sent.constant and keyword == "RANGE"):
             return {}
         after_s = seconds_from(self.sent.start, self.segment.epochs(keyword)) - self.sent.since_s[0]
         if early := int((after_s < 0.0).sum()):

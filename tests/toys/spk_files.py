@@ -5,13 +5,12 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import spiceypy
 
-from radioloc.ephemeris import CONSTANTS, Ephemeris, LunarOrientation
-from radioloc.lunar import LunarPosition, rot_icrf_to_pa
+from radioloc.ephemeris import Ephemeris, LunarOrientation
+from radioloc.lunar import rot_icrf_to_pa
 from radioloc.lunar.frames import rot_icrf_to_pa_rate
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
@@ -61,21 +60,6 @@ def lander(libration: LunarOrientation, point_pa_m: np.ndarray) -> States:
         return np.hstack([place, velocity])
 
     return states
-
-
-def position_on_moon(
-    place: tuple[float, float, float] = (-51.91637, 43.05784, -2570.25), ephemeris: str = "DE421"
-) -> dict[str, Any]:
-    """Longitude and latitude, deg, and height, m, as a ``solution.json`` has them."""
-    constants = CONSTANTS[ephemeris]
-    me = LunarPosition.from_selenographic(*place, frame=constants.me_frame)
-    pa = me.to_axes("PA", constants)
-    xyz = dict(zip(("x_m", "y_m", "z_m"), pa.xyz_m.tolist(), strict=True))
-    angles = dict(zip(("longitude_deg", "latitude_deg", "height_m"), place, strict=True))
-    return {
-        "name": "lander 5",
-        "position": {"pa": {"frame": pa.frame, **xyz}, "me": {"frame": me.frame, **angles}},
-    }
 
 
 def write_states(

@@ -7,13 +7,13 @@ import dataclasses
 import numpy as np
 import pytest
 from arc_cases import APOLLO15_PA_M, epochs_tai
+from recorded import recorded
 from spk_files import (
     ORBITER,
     START_S,
     circular,
     lander,
     low_lunar_orbit,
-    position_on_moon,
     tracking,
     write_chebyshev,
     write_states,
@@ -86,7 +86,7 @@ def test_a_lander_in_axes_of_the_moon_is_where_it_was(model, tmp_path):
     """As `radioloc export` writes it."""
     table = tracking("KASHI>x>JIAMUSI", epochs_tai(20, 30.0), "bounce")
     surface = model.without("lunar_tide", "lunar_scale", "lunar_lorentz")
-    position = position_on_moon()
+    position = recorded()
     pa_m = np.array([position["position"]["pa"][f"{axis}_m"] for axis in "xyz"])
     file, _ = write_spice(position, tmp_path / "lander.bsp")
     still = Trajectory.open(file, 301001)

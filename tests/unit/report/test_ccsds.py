@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import spiceypy
 from low_orbit import EPOCH, STATE, at, forces, propagated
+from recorded import recorded
 from scipy.interpolate import KroghInterpolator
-from spk_files import ORBITER, position_on_moon
+from spk_files import ORBITER
 
 import radioloc
 from radioloc.cli import main
@@ -29,7 +30,7 @@ from radioloc.time import epochs_from_strings, to_scale
 
 DAYS = ("2020-12-01T12:00:00", "2020-12-03T00:30:00")
 SIGMAS_M = np.array([10.0, 4.0, 30.0])
-CONTENT = position_on_moon() | {"covariance": {"enu_m2": np.diag(SIGMAS_M**2).tolist()}}
+CONTENT = recorded("lander 5", (-51.91637, 43.05784, -2570.25), SIGMAS_M)
 
 # Nine decimals of a kilometre, rounded; a double of seconds since J2000 is 0.06 us wrong, at 4.6 m/s.
 SAME_M, SAME_M_S = 1e-6, 2e-9
@@ -120,8 +121,8 @@ def test_the_covariance_is_that_of_the_position(tmp_path):
 
 
 def test_a_position_that_was_held_has_no_covariance(tmp_path):
-    for name, of_enu in (("held", np.zeros((3, 3)).tolist()), ("none", [[None] * 3] * 3)):
-        content = CONTENT | {"covariance": {"enu_m2": of_enu}}
+    undetermined = recorded(sigma_m=[math.inf] * 3, covariance={"enu_m2": [[None] * 3] * 3})
+    for name, content in (("held", recorded(sigma_m=[0.0] * 3)), ("none", undetermined)):
         text = write_oem(content, tmp_path / name, *DAYS, originator="TEST").read_text()
         assert "COVARIANCE" not in text
 
@@ -147,11 +148,8 @@ def test_what_cannot_be_written_is_refused(tmp_path, change, given, message):
 
 
 def test_the_command_writes_positions(tmp_path, capsys):
-    recorded = CONTENT | {"converged": True, "reference": None, "provenance": {}, "fit": {}}
-    xyz = dict(zip(("x_m", "y_m", "z_m"), (8e5, -1e6, 1.2e6), strict=True))
-    recorded |= {"sigma": {}, "position": CONTENT["position"] | {"me": CONTENT["position"]["me"] | xyz}}
     solution = tmp_path / "solution.json"
-    solution.write_text(json.dumps(recorded))
+    solution.write_text(json.dumps(CONTENT))
     asked = ["export", str(solution), str(tmp_path / "a.oem"), "--start", DAYS[0], "--stop", DAYS[1]]
     with pytest.raises(SystemExit, match="2"):
         main(asked)

@@ -15,6 +15,7 @@ from radioloc.measurements.registry import KINDS
 
 _MIN_READINGS = 10  # a common divisor of fewer differences may be one by chance
 _SAMPLE = 300  # readings of a series from which the step is found
+_MAX_UPLINKS = 200  # more of them are recorded row by row
 _TOLERANCE = 1e-3  # of the smallest step in question, by which multiples may be off
 
 
@@ -50,10 +51,14 @@ def _fitted_step(step: float, differences: list[float], tolerance: float) -> tup
 def with_rounding_in_sigmas(observations: Observations) -> Observations:
     """Raise the sigmas of series of readings to step / sqrt(12) where they are below, with a warning.
 
-    A series is of one file, link, type and count interval.
+    A series is of one file, link, type, count interval and, where these are few, transmitted frequency.
     """
     of_series = ("file", "link", "kind", "count_s")
     columns: list[NDArray[Any]] = [np.nan_to_num(getattr(observations, name)) for name in of_series]
+    # Steps of a received frequency are those of the value under one transmitted frequency.
+    uplink_hz = np.nan_to_num(observations.uplink_hz)
+    if len(uplink_hz) and np.ptp(uplink_hz) and len(np.unique(uplink_hz)) <= _MAX_UPLINKS:
+        columns.append(uplink_hz)
     order = np.lexsort(columns)
     changes = np.any([np.diff(column[order]) != 0 for column in columns], axis=0)
     sigma_m = observations.sigma_m

@@ -5,11 +5,14 @@ import warnings
 import numpy as np
 import pytest
 
-from radioloc import read_observations
+from radioloc import Observations, read_observations
 from radioloc.constants import C_M_S
 from radioloc.errors import DataQualityWarning
 from radioloc.io import FrequencyAgreement
-from radioloc.measurements.quantised import common_step
+from radioloc.measurements import Link
+from radioloc.measurements.quantised import common_step, with_rounding_in_sigmas
+from radioloc.measurements.registry import KINDS
+from radioloc.time import epochs_from_strings
 
 RNG = np.random.default_rng(5)
 SMOOTH = 7.7e8 + 4e5 * np.sin(np.linspace(0.0, 3.0, 400))
@@ -27,6 +30,24 @@ def test_the_step_of_rounded_values_is_found(step):
 @pytest.mark.parametrize("values", [SMOOTH, SMOOTH + RNG.normal(size=400), np.full(400, 5.0), np.empty(0)])
 def test_values_without_a_step_have_none(values):
     assert common_step(values, 0.1) == 0.0
+
+
+def test_steps_under_two_transmitted_frequencies_are_found():
+    hz = 100.0 * np.rint((1e6 + 2e4 * np.cos(np.linspace(0.0, 2.0, 40))) / 100.0)
+    uplink_hz = np.repeat([7.2e9, 7.2004e9], 20)
+    observations = Observations.from_columns(
+        epoch=epochs_from_strings([f"2021-03-28T14:{k:02d}:00" for k in range(40)]),
+        links=[Link("KASHI", "lander", "KASHI")],
+        kind=KINDS.index("doppler"),
+        tag=1,
+        count_s=60.0,
+        value_m=C_M_S * 60.0 * hz / uplink_hz,
+        sigma_m=0.01,
+        uplink_hz=uplink_hz,
+    )
+    with pytest.warns(DataQualityWarning, match="20 readings are multiples of 249"):
+        sigma_m = with_rounding_in_sigmas(observations).sigma_m
+    assert sigma_m == pytest.approx(C_M_S * 60.0 * 100.0 / uplink_hz / np.sqrt(12.0), rel=1e-6)
 
 
 def test_one_reading_off_the_raster_is_no_step():

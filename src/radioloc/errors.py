@@ -30,6 +30,7 @@ __all__ = [
 # What a message repeats of a file or an argument: a text in quotes, or a word that is not the name of a file.
 _LONG = re.compile(r"""(?<!\w)(['"])(?:(?!\1).){100,}\1(?!\w)|[^\s/\\]{100,}""")
 _SHOWN_CHARACTERS = 80
+_LONGEST_VALUE = 60
 _LONGEST_PROBLEM = 1000
 _MAX_RAW_CHARACTERS = 100_000  # that are looked at
 _MAX_MESSAGE_CHARACTERS = 3000
@@ -88,6 +89,17 @@ def named(where: str) -> Iterator[None]:
         raise
     except InputError as error:
         raise type(error)(f"{where} {error}") from None
+
+
+def require_type(where: str, value: object, *expected: type) -> None:
+    """Raise an InputError with the argument's name if a value has none of the expected types."""
+    if isinstance(value, expected):
+        return
+    names = " or ".join("None" if one is type(None) else one.__name__ for one in expected)
+    got = " ".join(repr(value).split())
+    raise InputError(
+        f"{where}: expected {names}, got {type(value).__name__} {got if len(got) <= _LONGEST_VALUE else '...'}"
+    )
 
 
 class KernelError(RadiolocError):

@@ -52,10 +52,11 @@ def fit_fields(solution: Solution) -> Iterator[Field]:
 
 
 def inconsistent(solution: Solution, *, strongly: bool) -> Iterator[Inconsistency]:
-    """What does not fit and moves the position by more than its sigma, or else by less."""
+    """Inconsistencies that move the position by more than its sigma, or else all others: a moving target has none."""
     for item in solution.consistency.found:
-        moved_m = 0.0 if item.shift_enu_m is None else math.hypot(*item.shift_enu_m)
-        if strongly == (moved_m > float(np.linalg.norm(solution.sigma_enu_m()))):
+        shift = item.shift_enu_m
+        moves = shift is not None and math.hypot(*shift) > float(np.linalg.norm(solution.sigma_enu_m()))
+        if strongly == moves:
             yield item
 
 

@@ -349,8 +349,10 @@ def _others(solution: Solution, *, held: bool = False) -> list[int]:
 def _held(solution: Solution) -> Iterator[str]:
     """Values that were given and not estimated."""
     items = [solution.parameters.parameters[k] for k in _others(solution, held=True)]
-    if items:
-        yield ", ".join(f"{item.name} {item.prior_value:.6g} {item.unit}" for item in items)
+    shown = [f"{item.name} {item.prior_value:.6g} {item.unit}" for item in items[:_MAX_PARAMETERS]]
+    more = [f"and {len(items) - len(shown)} others, in solution.json"] if len(items) > len(shown) else []
+    if shown:
+        yield ", ".join(shown + more)
 
 
 def _estimated(solution: Solution) -> Field:

@@ -203,7 +203,9 @@ class _Planned:
                     "once this is tracked, Earth orientation will have been measured: "
                     "[consider] ut1_sigma_s = 1e-5 and pole_sigma_rad = 3e-10 say so"
                 )
-        usable = status_of(longest, targets_in_pa(study, longest.model.ephemeris.constants))[0].are(USED)
+        usable = status_of(longest, start_pa_m(targets_in_pa(study, longest.model.ephemeris.constants)))[
+            0
+        ].are(USED)
         if not usable.all():
             notes.append(f"{int((~usable).sum())} observations cannot be used: too low, or out of sight")
         if isinstance(longest.trajectory, AdjustableOrbit) and isinstance(study.target, Orbiter):

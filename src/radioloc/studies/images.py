@@ -14,7 +14,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.errors import InputError
+from radioloc.errors import InputError, require_type
 from radioloc.imaging import Detector, Map, find_mask, read_frame
 from radioloc.imaging.cameras import altitude_m
 from radioloc.imaging.image_chain import Frame, FrameStatus
@@ -67,10 +67,9 @@ def locate_images(
     >>> radioloc.locate_images("examples/images/descent.toml").converged
     True
     """
+    require_type("study", study, ImageStudy, PointStudy, str, Path)
     if isinstance(study, (str, Path)):
         study = read_image_study(study)
-    elif not isinstance(study, ImageStudy | PointStudy):
-        raise InputError(f"{study!r} is no study of images; give one, or the path of its file")
     if isinstance(study, PointStudy):
         return locate_stereo(study) if isinstance(study.chosen, StereoChoice) else locate_point(study)
     chosen = study.images

@@ -14,7 +14,7 @@ from radioloc.dynamics import AdjustableOrbit
 from radioloc.dynamics.arcs import AnyOrbit, OrbitArcs
 from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.ephemeris.trajectory import AnyTrajectory
-from radioloc.errors import CoverageError, FileFormatError, InputError
+from radioloc.errors import CoverageError, FileFormatError, InputError, require_type
 from radioloc.estimation.build import Doubt, build_solution, compare_with
 from radioloc.estimation.consider import effects_beside_prior
 from radioloc.estimation.editing import (
@@ -22,7 +22,6 @@ from radioloc.estimation.editing import (
     PhaseCounts,
     fit_with_editing,
     phase_faults,
-    with_reason,
     with_reasons,
 )
 from radioloc.estimation.labels import USED, Labels
@@ -84,6 +83,9 @@ from radioloc.studies.weights import require_stations, weighted_observations
 from radioloc.time import Epochs
 
 logger = logging.getLogger(__name__)
+
+_MAX_VISIBILITY_DECISIONS = 4
+"""Fits after which visibility is decided anew: observations at a limit could be in and out by turns."""
 
 
 def locate(study: Study | str | Path, observations: Observations | None = None) -> Solution:
@@ -208,7 +210,7 @@ def fit_arc(
     epoch = study.target.epoch if isinstance(study.target, Orbiter) else None
     orbit = arc.trajectory
     there = arc.along(orbit.coarse()) if isinstance(orbit, AdjustableOrbit) else arc
-    status, reason = status_of(there, targets)
+    status, reason = status_of(there, start_pa_m(targets))
     fitted, stochastic, manoeuvres = _fit(problem, noise, order, estimate, status, reason, epoch)
     if stochastic is not None:
         problem = stochastic.here
@@ -363,6 +365,7 @@ def _observations(
             )
         observations = read_as(study, study.observations.files, model)
     else:
+        require_type("observations", observations, Observations)
         observations = with_rounding_in_sigmas(without_duplicates(observations))
     chosen, left_out = select_observations(
         observations, study.observations, study.catalogue, study.targets, model.sources
@@ -499,35 +502,59 @@ def _fit(
         )
     observations = problem.predictor.observations
     counts = PhaseCounts(observations.count_s, 1e-6 * observations.wavelength_um)
-    usable, manoeuvres = status.are(USED), list[Manoeuvre]()
+    usable, manoeuvres, excluded = status.are(USED), list[Manoeuvre](), dict[int, str]()
     process_noise = None if estimate.orbit is None else estimate.orbit.process_noise
     if problem.landing is None or epoch is None:
         # Stochastic accelerations stand for forces that are not modelled, which residuals without them show.
         start, manoeuvres = near_orbit(problem, noise.sigma_m, usable, seek=process_noise is None)
         for one in manoeuvres:
-            status = with_reason(status, status.are(USED) & one.hides(observations), HIDDEN)
+            excluded |= dict.fromkeys(np.flatnonzero(one.hides(observations)).tolist(), HIDDEN)
     else:
         start = near_landing(problem, epoch, noise.sigma_m, usable)
+    if start is not None:
+        status = _visibility_at(problem, start, status, usable)
     stochastic = None
     if process_noise is not None:
         x = problem.parameters.prior_values if start is None else start
         stochastic = StochasticProblem.about(problem, process_noise, x)
+    decisions = 0
     while True:
         problem = problem if stochastic is None else stochastic.here
+        visible = status.are(USED)
         fitted = fit_with_variance_components(
             problem.linearize,
             problem.parameters,
             noise,
             order=order,
             groups=estimate.component_groups(order),
-            status=status,
+            status=with_reasons(status, {row: why for row, why in excluded.items() if visible[row]}),
             threshold=estimate.rejection_sigma,
             start=start,
         )
         faults = phase_faults(fitted, order, counts) if fitted.ended else {}
         hidden = {row: reason for row, reason in faults.items() if fitted.fit.used[row]}
-        status = with_reasons(fitted.given, hidden) if hidden else status
+        excluded |= hidden
         if stochastic is not None and fitted.ended and not stochastic.near(fitted.fit):
             stochastic, start = stochastic.again(fitted.fit), fitted.fit.x
         elif not hidden:
-            return replace(fitted, reasons=faults), stochastic, manoeuvres
+            decided = status
+            if fitted.ended and decisions < _MAX_VISIBILITY_DECISIONS:
+                decisions += 1
+                decided = _visibility_at(problem, fitted.fit.x, status, fitted.fit.used)
+            if decided is status:
+                return replace(fitted, reasons=faults), stochastic, manoeuvres
+            status, start = decided, fitted.fit.x
+
+
+def _visibility_at(
+    problem: ObservationModel, x: NDArray[np.float64], status: Labels, used: NDArray[np.bool_]
+) -> Labels:
+    """Decide anew at parameters x which observations can be used; return `status` itself where nothing changes.
+
+    An estimate from which most of the used observations are invisible is not believed: the verdict says so.
+    """
+    decided, _ = status_of(problem.predictor, problem.all_positions_pa_m(x))
+    visible = decided.are(USED)
+    if np.array_equal(visible, status.are(USED)) or 2 * (visible & used).sum() < used.sum():
+        return status
+    return decided

@@ -57,6 +57,7 @@ from radioloc.studies.problem import (
     observation_model,
     position_in_pa,
     require_position_or_orbit,
+    start_pa_m,
     status_of,
     targets_in_pa,
 )
@@ -226,7 +227,7 @@ class Prepared:
         computed_m = longest.at(
             problem.all_positions_pa_m(x) if problem.of_orbit else self.world.target_pa_m
         ).value_m
-        usable = status_of(longest, self._targets_pa)[0].are(USED)
+        usable = status_of(longest, start_pa_m(self._targets_pa))[0].are(USED)
         errant = disturbed(self.study, problem, x)
         assert not isinstance(errant, OrbitArcs)  # such studies are refused
         arcs = []

@@ -101,10 +101,8 @@ def observation_model(
 
 
 def allows_for_correlation(estimate: EstimateChoice | None) -> bool:
-    """Whether weights are to allow for correlation in time; process noise takes its place."""
-    if estimate is None or estimate.weights != "correlated":
-        return False
-    return estimate.orbit is None or estimate.orbit.process_noise is None
+    """Return whether weights are to allow for correlation in time."""
+    return estimate is not None and estimate.weights == "correlated"
 
 
 def weighed(
@@ -300,14 +298,22 @@ def _place(
 def _landing(
     predictor: Predictor, target_pa: LunarPosition | None, choice: EstimateChoice
 ) -> LandingParameters | None:
-    """The parameters of an orbit that ends on the ground, where it is estimated."""
+    """Parameters of an orbit that ends on the ground; where nothing is estimated, those of the a-priori orbit."""
     orbit = predictor.trajectory
-    if not isinstance(orbit, AdjustableOrbit) or orbit.touchdown is None or choice.orbit is None:
+    if not isinstance(orbit, AdjustableOrbit) or orbit.touchdown is None:
         return None
-    ground = Ground(predictor.model, orbit.touchdown)
-    start_pa_m = ground.place_pa_m(orbit.state) if target_pa is None else target_pa.xyz_m
-    place, sigmas = _place(predictor, start_pa_m, choice), choice.orbit.sigmas(orbit.forces)
-    return landing_parameters(orbit, ground, place, choice.orbit.touchdown_sigma_m_s, sigmas)
+    ground, estimated = Ground(predictor.model, orbit.touchdown), choice.orbit is not None
+    start_pa_m = target_pa.xyz_m if target_pa is not None and estimated else ground.place_pa_m(orbit.state)
+    given = choice.orbit or OrbitChoice()
+    place, sigmas = _place(predictor, start_pa_m, choice), given.sigmas(orbit.forces)
+    landing = landing_parameters(orbit, ground, place, given.touchdown_sigma_m_s, sigmas)
+    if estimated:
+        return landing
+    fixed = [
+        replace(item, prior_value=value, role=Role.FIXED)
+        for item, value in zip(landing.parameters, landing.values_of(orbit).tolist(), strict=True)
+    ]
+    return replace(landing, parameters=fixed)
 
 
 def targets_in_pa(study: Study, constants: EphemerisConstants) -> dict[str, LunarPosition]:
@@ -345,12 +351,16 @@ def position_in_pa(table: str, position: LunarPosition, constants: EphemerisCons
         return position.to_axes("PA", constants)
 
 
-def status_of(arc: Predictor, targets: Mapping[str, LunarPosition]) -> tuple[Labels, NDArray[np.int8]]:
-    """Which observations can be used at all, seen from the a-priori position, or why not, in words and by code."""
-    at, model = arc.at(start_pa_m(targets)), arc.model
+def status_of(arc: Predictor, positions_pa_m: NDArray[np.float64]) -> tuple[Labels, NDArray[np.int8]]:
+    """Why observations cannot be used for positions, or corrections of an orbit, in words and by code.
+
+    Visibility from the stations and from the target is decided at what is given. A fit starts with that of the a-priori
+    values and ends with that of the estimate.
+    """
+    at, model = arc.at(positions_pa_m), arc.model
     earth_rad = [
-        partial(earth_elevation_rad, model.ephemeris, model.libration, point_pa_m=position.xyz_m)
-        for position in targets.values()
+        partial(earth_elevation_rad, model.ephemeris, model.libration, point_pa_m=point_pa_m)
+        for point_pa_m in (np.atleast_2d(positions_pa_m) if arc.trajectory is None else ())
     ]
     # Of a spacecraft the arc itself knows what the Moon hides.
     may_set = [_lowest_deg(above, arc.observations.epoch) < LOWEST_EARTH_DEG + 1.0 for above in earth_rad]

@@ -16,7 +16,7 @@ from radioloc.boundary import bare
 from radioloc.earth.eop_prediction import BEYOND
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Trajectory
-from radioloc.errors import InputError, named
+from radioloc.errors import InputError, named, require_type
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.noise_structure import by_link
 from radioloc.estimation.series import SeriesOrder
@@ -305,6 +305,22 @@ class Reference:
     name: str = "reference"
 
 
+_FIELD_TYPES: Mapping[str, tuple[type, ...]] = {
+    "target": (LunarPosition, Trajectory, Orbiter, type(None)),
+    "observations": (ObservationChoice,),
+    "estimate": (EstimateChoice,),
+    "model": (ModelChoice,),
+    "catalogue": (StationCatalogue,),
+    "reference": (Reference, type(None)),
+    "references": (Iterable,),
+    "name": (str,),
+    "simulation": (Scenario, type(None)),
+    "targets": (Mapping,),
+    "consider": (Mapping,),
+}
+"""Types of the fields of a study that is built in Python."""
+
+
 @dataclass(frozen=True, slots=True)
 class Study:
     """A whole study, as read from a file or built in Python.
@@ -363,7 +379,11 @@ class Study:
     target_name: str | None = None
 
     def __post_init__(self) -> None:
+        for name, types in _FIELD_TYPES.items():
+            require_type(f"Study: {name}", getattr(self, name), *types)
         object.__setattr__(self, "references", tuple(self.references))
+        for k, reference in enumerate(self.references):
+            require_type(f"Study: references[{k}]", reference, Reference)
         if self.candidates is not None:
             object.__setattr__(self, "candidates", tuple(self.candidates))
         self._name_targets()
@@ -372,6 +392,9 @@ class Study:
         if isinstance(self.target, Orbiter):
             chosen = self.estimate.orbit or OrbitChoice()
             chosen.parameters(self.target.forces)
+            if chosen.process_noise is not None:
+                # The information filter of process noise takes the place of weights correlated in time.
+                object.__setattr__(self, "estimate", replace(self.estimate, weights="independent"))
             lands = self.target.landing is not None
             of_state = chosen.state_sigma_m, chosen.state_sigma_m_s, chosen.state_sigma or None
             if lands and not (chosen.state and of_state == (None, None, None)):

@@ -15,7 +15,7 @@ import numpy as np
 from radioloc.earth.reference_frames import frames
 from radioloc.earth.stations import Station, StationCatalogue
 from radioloc.ephemeris import Trajectory
-from radioloc.errors import InputError, StationError
+from radioloc.errors import InputError, StationError, require_type
 from radioloc.io.frequencies import FrequencyAgreement, read_sites
 from radioloc.lunar.position import LunarPosition
 from radioloc.parameters.choice import ParameterChoice
@@ -234,8 +234,7 @@ def as_study(study: Study | str | Path) -> Study:
     """A study as it is, or that of a file."""
     if isinstance(study, (str, Path)):
         return read_study(study)
-    if not isinstance(study, Study):
-        raise InputError(f"{study!r} is no study; give a Study, or the path of a study file")
+    require_type("study", study, Study, str, Path)
     return study
 
 

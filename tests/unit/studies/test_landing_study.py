@@ -1,6 +1,7 @@
 """From the last orbit through a powered descent to the lander: simulated, and found again in one least squares."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from radioloc.cli import main
 from radioloc.errors import InputError
 from radioloc.lunar import LunarPosition
 from radioloc.measurements import ExactPredictor, PhysicalModel
+from radioloc.parameters.orbit import Ground
+from radioloc.studies.study import Reference
 from radioloc.time import epochs_from_strings, tt_to_tdb, utc_to_tt
 
 QUICK = Descent(before_s=1500.0, step_s=30.0, segment_s=30.0, planned_s=60.0, true_s=60.0, degree=4)
@@ -95,11 +98,17 @@ def test_partials_are_those_of_differences(made):
 
 
 def test_residuals_are_those_of_the_a_priori_trajectory(made):
-    found = radioloc.studies.locate.fit_arc(
-        made[0], *radioloc.studies.locate.prepared_arc(made[0], made[1].observations), None
-    )
-    assert found.trajectory is not None
+    study, observations = made[0], made[1].observations
+    found = radioloc.residuals(replace(study, reference=Reference(PLACE, "where it is")), observations)
+    arc, _ = radioloc.studies.arc_of(study, observations)
+    expected_m = observations.value_m - arc.compute(np.zeros(3)).value_m
+    np.testing.assert_allclose(found.residuals.residual_m, expected_m, atol=1e-3)
     assert found.fit.total.rms_m > 10.0
+    assert not found.position_estimated
+    ends_pa_m = Ground(arc.model, arc.trajectory.touchdown).place_pa_m(arc.trajectory.state)
+    np.testing.assert_allclose(found.position_pa_m, ends_pa_m, atol=1e-3)
+    assert found.reference.name == "where it is"
+    assert "and 60 others, in solution.json" in " ".join(str(found).split())
 
 
 @pytest.mark.study

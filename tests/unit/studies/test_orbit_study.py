@@ -502,6 +502,19 @@ def test_a_pass_of_grail_fits_to_its_noise(tmp_path):
     assert solution.residuals.used.all()
 
 
+@pytest.mark.study
+@pytest.mark.filterwarnings("ignore::radioloc.errors.DataQualityWarning")
+def test_occultation_is_decided_at_the_estimate_not_on_the_a_priori_orbit(tmp_path):
+    study = grail(tmp_path, 2.5)
+    off = study.target.state + 12e3 * (np.arange(6) == 2)
+    near, far = (radioloc.locate(one) for one in (study, replace(study, target=study.target.at(off))))
+    assert near.converged
+    assert far.converged
+    # On the a-priori orbit that is off 8 more counts are behind the Moon.
+    assert far.residuals.used.tolist() == near.residuals.used.tolist()
+    np.testing.assert_allclose(far.state.position_m, near.state.position_m, atol=1.0)
+
+
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::radioloc.errors.DataQualityWarning")
 def test_a_day_of_grail_fits_to_what_the_field_leaves(tmp_path):

@@ -163,6 +163,7 @@ def test_solution_and_card_say_what_was_assumed_and_found(solution):
     assert (noise["interval_s"], noise["correlation_s"], noise["along_m_s2"]) == (600.0, 600.0, 5e-8)
     assert len(noise["start_tdb"]) == len(noise["acceleration_m_s2"]) == len(noise["acceleration_sigma_m_s2"])
     assert content["provenance"]["estimate"]["process_noise"]["correlation_s"] == 600.0
+    assert content["provenance"]["estimate"]["weights"] == "independent"
     assert content["state"]["position_m"] == solution.state.position_m.tolist()
     card = " ".join(str(solution).split())
     assert "stochastic accelerations of 600 s, correlated over 600 s: rms" in card

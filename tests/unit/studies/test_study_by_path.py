@@ -21,7 +21,9 @@ def test_a_file_that_is_not_there_is_named(job, path_like):
 
 @pytest.mark.parametrize("job", JOBS)
 def test_what_is_neither_study_nor_path_is_refused(job):
-    with pytest.raises(InputError, match=r"\['apollo15.toml'\] is no .*study.*; give .*path"):
+    with pytest.raises(
+        InputError, match=r"study: expected .*Study or str or Path, got list \['apollo15.toml'\]"
+    ):
         getattr(radioloc, job)(["apollo15.toml"])
 
 
@@ -38,5 +40,32 @@ def test_a_path_gives_what_its_study_gives():
 
 
 def test_a_study_of_tracking_is_none_of_images():
-    with pytest.raises(InputError, match=r"is no study of images"):
+    with pytest.raises(
+        InputError, match="study: expected ImageStudy or PointStudy or str or Path, got Study"
+    ):
         radioloc.locate_images(radioloc.read_study(EXAMPLES / "apollo15" / "apollo15.toml"))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            lambda path: radioloc.Study(target=(1, 2, 3)),
+            r"target: expected LunarPosition .* got tuple \(1, 2, 3\)",
+        ),
+        (
+            lambda path: radioloc.Study(observations="a.csv"),
+            "observations: expected ObservationChoice, got str",
+        ),
+        (
+            lambda path: radioloc.locate(path, np.zeros((3, 2))),
+            "observations: expected Observations, got ndarray",
+        ),
+        (lambda path: radioloc.residuals(path, str(path)), "observations: expected Observations, got str"),
+        (lambda path: radioloc.arcs(path, [1.0], [1, 2]), "observations: expected Observations, got list"),
+        (lambda path: radioloc.covariance(None), "study: expected Study or str or Path, got NoneType"),
+    ],
+)
+def test_arguments_of_wrong_types_are_named(make, message):
+    with pytest.raises(InputError, match=message):
+        make(EXAMPLES / "apollo15" / "apollo15.toml")

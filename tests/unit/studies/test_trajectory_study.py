@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +16,9 @@ from radioloc.cli import main
 from radioloc.io.table import write_table
 from radioloc.io.tdm import TdmAgreement, write_tdm
 from radioloc.measurements.observations import Observations
+from radioloc.parameters.choice import ParameterChoice
 
+EXAMPLES = Path(__file__).parents[3] / "examples"
 BIAS_M = 12.5
 SIGMA_M = 0.5
 
@@ -203,3 +206,12 @@ def test_observations_outside_the_trajectory_name_file_and_line(folder, tmp_path
         radioloc.errors.CoverageError, match=r"late\.csv, line \d+: .*orbiter\.bsp \(NAIF code -85\) covers"
     ):
         radioloc.residuals(radioloc.read_study(path))
+
+
+@pytest.mark.study
+def test_a_misfit_along_a_trajectory_is_on_the_card():
+    study = radioloc.read_study(EXAMPLES / "orbiter" / "orbiter.toml")
+    biased = {"range_bias": ParameterChoice(("KASHI",))}
+    found = radioloc.locate(replace(study, estimate=replace(study.estimate, parameters=biased)))
+    assert "JIAMUSI is off by +12.5 m" in str(found)
+    assert found.to_dict()["consistency"]

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError
+from radioloc.measurements.resolution import is_single_precision
 from radioloc.media.status import Status
 from radioloc.time import Epochs, tai_to_tt, tai_to_utc, utc_strings, utc_to_tai
 
@@ -97,6 +98,12 @@ class Ramps:
         """
         start.require("UTC")
         stop.require("UTC")
+        if is_single_precision(
+            frequency_hz
+        ):  # an error of the frequency is one of the range rate, 10 m/s and more
+            raise InputError(
+                "frequency_hz is of single precision, which rounds to hundreds of hertz; give doubles"
+            )
         begin, names = utc_to_tai(start), tuple(dict.fromkeys(station))
         code = np.array([names.index(name) for name in station], dtype=np.int32)
         duration_s = utc_to_tai(stop).seconds_since(begin)

@@ -7,6 +7,7 @@ can represent occurs once in 5e8 by chance.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -21,9 +22,6 @@ RELATIVE_STEP = 2.0**-23
 
 _SINGLE_TYPES = ("float16", "float32", "halffloat", "float")  # of NumPy and pandas, and of Arrow
 _CONVERSION_TOLERANCE = 2.0**-50  # relative: what a conversion of units, there and back, leaves of a double
-_MAX_MULTIPLE_TOLERANCE = (
-    1e-3  # of a step: a sigma so far below a value cannot be resolved by a double either
-)
 _MIN_DIFFERENT_VALUES = 3  # of a link: round numbers written by hand are representable, too
 _SAMPLE_ROWS = 1000  # that exclude most links at once
 _DATE_FRACTION_BITS = (
@@ -55,34 +53,37 @@ def single_precision_groups(
     """Rows of groups whose values are all rounded by float32 to steps above their sigma, shape (n,)."""
     columns = value_m, sigma_m, count_s
     sampled = slice(None, None, max(1, len(group) // _SAMPLE_ROWS))
+    in_any_unit = np.any(
+        [single for single, _ in _single_by_unit(*(one[sampled] for one in columns))], axis=0
+    )
     candidate = np.ones(int(group.max(initial=-1)) + 1, dtype=bool)
-    candidate[group[sampled][~_rounded(*(one[sampled] for one in columns))[:, 0].any(axis=0)]] = False
+    candidate[group[sampled][~in_any_unit]] = False
     rows = np.flatnonzero(candidate[group])
     found = np.zeros(len(group), dtype=bool)
-    if not len(rows):
-        return found
-    for single, decimal in _rounded(*(one[rows] for one in columns)):
+    for single, decimal in _single_by_unit(*(one[rows] for one in columns)) if len(rows) else ():
         counted_m = np.where(single & ~decimal, value_m[rows], 0.0)
         found[rows] |= _complete(single, group[rows], counted_m)
     return found
 
 
-def _rounded(value_m: Floats, sigma_m: Floats, count_s: Floats) -> NDArray[np.bool_]:
-    """Values that float32 or decimals represent, in steps above sigma, of m, km, s and m/s; shape (4, 2, n)."""
-    rounded = np.zeros((4, 2, len(value_m)), dtype=bool)
-    units_m: list[Floats | float] = [1.0, 1.0e3, C_M_S, count_s]
-    for k, unit_m in enumerate(units_m):
+def _single_by_unit(
+    value_m: Floats, sigma_m: Floats, count_s: Floats
+) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
+    """Values that float32 represents in steps above sigma, by unit; and which values are round decimal numbers."""
+    units_m: list[Floats | float] = [
+        1.0,
+        1.0e3,
+        *(C_M_S * unit_s for unit_s in (1.0, 1e-3, 1e-6, 1e-9)),
+        count_s,
+    ]
+    for unit_m in units_m:
         value = value_m / unit_m
-        with np.errstate(over="ignore", invalid="ignore"):
-            single_step_m = single_precision_step_m(value_m, unit_m)
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            step_m = single_precision_step_m(value_m, unit_m)
             exact = np.abs(value - value.astype(np.float32)) <= _CONVERSION_TOLERANCE * np.abs(value)
-            rounded[k, 0] = exact & (single_step_m > sigma_m)
-            least_m = np.where(rounded[k, 0], single_step_m, sigma_m)  # float32 are whole numbers, too
-            count = value / 10.0 ** np.ceil(np.log10(1.001 * least_m / unit_m))
-            tolerance = _CONVERSION_TOLERANCE * np.abs(count)
-            multiple = np.abs(count - np.rint(count)) <= tolerance
-            rounded[k, 1] = multiple & (tolerance < _MAX_MULTIPLE_TOLERANCE)
-    return rounded
+            count = value / 10.0 ** np.ceil(np.log10(1.001 * step_m / unit_m))
+            round_number = np.abs(count - np.rint(count)) <= _CONVERSION_TOLERANCE * np.abs(count)
+        yield exact & (step_m > sigma_m), round_number
 
 
 def _complete(rounded: NDArray[np.bool_], group: NDArray[np.integer], value_m: Floats) -> NDArray[np.bool_]:

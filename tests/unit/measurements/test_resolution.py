@@ -10,7 +10,7 @@ from astropy.time import Time
 from radioloc import Observations, read_observations
 from radioloc.constants import C_M_S
 from radioloc.errors import DataQualityWarning, InputError
-from radioloc.measurements import Link
+from radioloc.measurements import Link, Ramps
 from radioloc.measurements.resolution import epoch_step_s
 from radioloc.time import Epochs, epochs_from_strings
 
@@ -67,6 +67,15 @@ def test_ranges_in_single_precision_are_refused_where_the_rounding_exceeds_sigma
     assert len(enter(columns(sigma_m=single(np.ones(12))), tmp_path)) == 12
 
 
+@pytest.mark.parametrize(
+    ("name", "unit", "unit_m"), [("light_time_s", "ms", 1e-3 * C_M_S), ("observed_m", "km", 1e3)]
+)
+def test_values_rounded_in_another_unit_are_refused(name, unit, unit_m):
+    values = single(RANGES_M / unit_m).astype(float)
+    with pytest.raises(InputError, match="single precision"):
+        Observations.from_table({"epoch_utc": DATES, name: values}, units={name: unit}, sigma_m=1.0, **SAME)
+
+
 def test_two_ranges_of_a_single_precision_type_are_enough():
     with pytest.raises(InputError, match="single precision"):
         Observations.from_columns(
@@ -108,6 +117,12 @@ def test_values_rounded_to_few_decimals_have_the_sigma_of_their_rounding(values,
         assert from_csv(pandas.DataFrame(table), tmp_path).sigma_m.min() > 1.5 * sigma_m
     assert len(caught) == 1
     from_csv(pandas.DataFrame(table | {"sigma_m": np.full(12, 1000.0)}), tmp_path)
+
+
+def test_ramps_in_single_precision_are_refused():
+    start, stop = (epochs_from_strings([date]) for date in DATES[:2])
+    with pytest.raises(InputError, match="single precision"):
+        Ramps.of(["KASHI"], start, stop, single([7.2e9]), [0.0])
 
 
 def test_doppler_of_single_precision_is_read_where_it_suffices():

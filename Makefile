@@ -13,7 +13,7 @@ SMOKE := tests/unit/test_package.py tests/unit/test_cli.py tests/unit/test_reade
 	tests/unit/kernels tests/unit/lunar/test_terrain_files.py tests/unit/studies/test_trajectory_study.py \
 	tests/unit/studies/test_monte_carlo.py tests/unit/report
 
-.PHONY: demo test test-studies test-all coverage test-uncompiled test-lowest package audit lint docs notebooks bench scaling clean
+.PHONY: demo test test-studies test-all fuzz coverage test-uncompiled test-lowest package audit lint docs notebooks bench scaling clean
 
 $(VENV)/.installed-demo: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -36,6 +36,11 @@ test-studies: $(VENV)/.installed-dev  ## Run whole studies, pages and figures, e
 
 test-all: $(VENV)/.installed-dev  ## Run all tests: also slow ones, what the documentation runs, and long searches for failures.
 	$(BIN)/python -m pytest $(PARALLEL) --hypothesis-profile=thorough
+
+SECONDS ?= 7200
+SEED ?= 1
+fuzz: $(VENV)/.installed-dev  ## Read damaged files for SECONDS (two hours), all or the named TARGETS, and count refusals and failures.
+	PYTHONPATH=tests/toys $(BIN)/python tests/toys/fuzz_readers.py out/fuzz $(SEED) $(SECONDS) $(TARGETS)
 
 coverage: $(VENV)/.installed-dev  ## Lines of the library that no test runs, over all tests, those of compiled code with the compiler off.
 	$(BIN)/python -m pytest $(PARALLEL) --cov --cov-report=

@@ -1,5 +1,10 @@
 """Gives every reader damaged copies of sound files; to be run by itself, for a process may end or ask for much memory.
 
+    fuzz_readers.py FOLDER SEED SECONDS [TARGET ...]
+
+runs each target, all of them by default, in a process of its own, SECONDS in all, and prints the counts. A process that
+ends or hangs is a failure, and another one goes on with the next seed.
+
 The outcome must be a result or a RadiolocError: one printable line of some hundred characters that names the file.
 Damage knows the structure of files: fields are exchanged, numbers go to extremes, lines and blocks are lost, repeated
 and moved, parts of other files put in, encodings changed. What was printed last names the damage that ended a process;
@@ -10,15 +15,18 @@ from __future__ import annotations
 
 import gzip
 import logging
+import os
 import random
 import re
 import resource
 import signal
 import struct
+import subprocess
 import sys
 import time
 import traceback
 import warnings
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -26,6 +34,7 @@ from typing import Any
 
 import numpy as np
 from atmosphere_files import orography_text, vmf3_map_text
+from fuzz_targets import AFTER_READING, STRUCTURED, TARGETS
 from numpy.typing import ArrayLike
 from odf_files import doppler, odf
 from reader_cases import BINARIES, EXAMPLES, SEGMENTS, TABLE, TEXTS
@@ -39,6 +48,7 @@ from radioloc.time import Epochs, epochs_from_strings
 
 MEMORY_BYTES = 1 << 30  # beyond what the process has when it starts to read
 LONGEST_S = 20
+LONGEST_START_S = 120  # of a process on a busy machine, and its last file
 LONGEST_MESSAGE = 800
 EXTREMES = (
     *(
@@ -97,6 +107,7 @@ EXTREMES = (
         "true",
     ),
 )
+ALL = sorted({*BINARIES, *TEXTS, "pds3", *TARGETS})
 NOON = Epochs.from_jd(2460310.5, 0.0, "UTC")
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 FIELD = re.compile(r"[^\s,=<>:;\"'\[\](){}]+")
@@ -272,7 +283,7 @@ def used(name: str, result: Any) -> ArrayLike:
             return result.at(NOON, 0.8, 0.2, 500.0).zenith_wet_m
         case "vmf3_sites":
             return np.concatenate([site.values for site in result.values()])
-        case "trajectory":
+        case _ if name == "trajectory" or name.startswith("spk_type"):
             et_s = np.concatenate([np.linspace(*span, 7) for span in result.spans_s()[:20]])
             which = result.segment_at(et_s)
             return result.states(et_s[which >= 0], which[which >= 0])
@@ -293,7 +304,7 @@ def is_refused(name: str, read: Callable[[Path], object], path: Path) -> bool:
                 assert np.isfinite(used(name, result)).all()
     except RadiolocError as error:
         message = str(error)
-        assert path.name in message, f"does not name the file: {message[:1000]}"
+        assert path.name in message or name in AFTER_READING, f"does not name the file: {message[:1000]}"
         assert message.isprintable(), f"is not printable: {message!r}"
         assert len(message) - len(str(path)) < LONGEST_MESSAGE, (
             f"is {len(message)} characters long: {message[:3000]}"
@@ -302,48 +313,119 @@ def is_refused(name: str, read: Callable[[Path], object], path: Path) -> bool:
     return False
 
 
-def main(folder: Path, seed: int, seconds: float, names: list[str]) -> None:
-    logging.getLogger("rasterio").setLevel(logging.CRITICAL)
-    warnings.simplefilter("error")
-    warnings.simplefilter("ignore", RadiolocWarning)
-    found = cases(folder)
-    contents = [content for _, content in found.values() if len(content) < 2_000_000]
-    names = names or list(found)
-    failures: dict[str, str] = {}
-    for name in names:
+def damage(name: str, content: bytes, others: list[bytes], rng: random.Random) -> tuple[str, bytes]:
+    """Return what was done to a file once, and its content then."""
+    form = TARGETS[name][2] if name in TARGETS else "text" if name in TEXTS or name == "pds3" else "bytes"
+    if form in STRUCTURED and rng.random() < 0.8:
+        return STRUCTURED[form](content, rng)
+    if form in ("text", "json") and rng.random() < 0.9:
+        return damaged_text(content.decode("utf-8", "replace") or " ", others, rng)
+    return damaged_bytes(content or b" ", others, rng)
+
+
+def run_target(name: str, folder: Path, seed: int, seconds: float) -> None:
+    """Read damaged copies of one sound file; print each damage before and each outcome after."""
+    if name in TARGETS:
+        read, make, _ = TARGETS[name]
+        content = make(folder)
+        others = [content]
+    else:
+        found = cases(folder)
         read, content = found[name]
-        is_text = name in TEXTS or name == "pds3"
-        rng = random.Random(f"{seed} {name}")
-        path = folder / f"given.{name}"
-        path.write_bytes(content)
-        assert not is_refused(name, read, path), name
-        count = refused = 0
-        until = time.monotonic() + seconds / len(names)
-        while time.monotonic() < until or count < 3:
-            damages, damaged = [], content
-            for _ in range(rng.choice([1, 1, 1, 2, 3])):
-                if is_text and rng.random() < 0.9:
-                    what, damaged = damaged_text(damaged.decode("utf-8", "replace") or " ", contents, rng)
-                else:
-                    what, damaged = damaged_bytes(damaged or b" ", contents, rng)
-                damages.append(what)
-            path.write_bytes(damaged)
-            print(f"{name} {count}: {', '.join(damages)}", flush=True)
+        others = [content for _, content in found.values() if len(content) < 2_000_000]
+    rng = random.Random(f"{seed} {name}")
+    path = folder / f"given.{name}"
+    path.write_bytes(content)
+    assert not is_refused(name, read, path), name
+    print("sound", flush=True)
+    kinds: set[str] = set()
+    count, until = 0, time.monotonic() + seconds
+    while time.monotonic() < until or count < 3:
+        damages, damaged = [], content
+        for _ in range(rng.choice([1, 1, 1, 2, 3])):
+            what, damaged = damage(name, damaged, others, rng)
+            damages.append(what)
+        path.write_bytes(damaged)
+        print(f"damage: {', '.join(damages)!r:.300}", flush=True)
+        try:
+            print("refused" if is_refused(name, read, path) else "read", flush=True)
+        except Exception as error:
+            frames = traceback.extract_tb(error.__traceback__)
+            where = next((f for f in reversed(frames) if "/radioloc/" in f.filename), frames[-1])
+            kind = f"{type(error).__name__} at {Path(where.filename).name}:{where.lineno}"
+            if kind not in kinds:
+                kinds.add(kind)
+                kept = folder / f"failed.{name}.{seed}.{count}"
+                kept.write_bytes(damaged)
+                print(f"FAILED {kind}, {kept} ({', '.join(damages)[:200]}): {str(error)[:300]!r}", flush=True)
+            else:
+                print("failed again", flush=True)
+        count += 1
+    print(f"{name} done", flush=True)
+
+
+def watch_target(name: str, folder: Path, seed: int, seconds: float) -> tuple[Counter[str], list[str]]:
+    """Run a target in processes of its own until its time is over; return counts and failures."""
+    counts: Counter[str] = Counter()
+    failures: list[str] = []
+    until = time.monotonic() + seconds
+    while True:
+        left = max(until - time.monotonic(), 0.0)
+        command = [sys.executable, __file__, "--target", name, folder, str(seed), str(left)]
+        log = folder / f"log.{name}"
+        with log.open("wb") as stream:
             try:
-                refused += is_refused(name, read, path)
-            except Exception as error:
-                frames = traceback.extract_tb(error.__traceback__)
-                where = next((f for f in reversed(frames) if "/radioloc/" in f.filename), frames[-1])
-                kind = f"{name}: {type(error).__name__} at {Path(where.filename).name}:{where.lineno}"
-                if kind not in failures:
-                    kept = folder / f"failed.{len(failures)}.{name}"
-                    kept.write_bytes(damaged)
-                    failures[kind] = f"{kept} ({', '.join(damages)}): {str(error)[:300]}"
-            count += 1
-        print(f"{name} done: {refused} of {count} refused", flush=True)
-    if failures:
-        sys.exit("\n".join(f"{kind}: {what}" for kind, what in failures.items()))
+                status = subprocess.run(
+                    command, stdout=stream, stderr=subprocess.STDOUT, timeout=left + LONGEST_START_S
+                )
+                ended = f"exit status {status.returncode}"
+            except subprocess.TimeoutExpired:
+                ended = "hangs"
+        lines = log.read_text("utf-8", "replace").splitlines()
+        counts["files"] += sum(line.startswith("damage: ") for line in lines)
+        counts["refused"] += lines.count("refused")
+        counts["failures"] += sum(line.startswith(("FAILED", "failed again")) for line in lines)
+        failures += [f"{name}: {line}" for line in lines if line.startswith("FAILED")]
+        if lines[-1:] == [f"{name} done"]:
+            return counts, failures
+        counts["failures"] += 1
+        given, kept = folder / f"given.{name}", folder / f"ended.{name}.{seed}"
+        if given.is_file():
+            given.replace(kept)
+        last = [line for line in lines if line.startswith("damage")][-1:]
+        failures.append(f"{name}: {ended}, {kept}, {last}: {' / '.join(lines[-4:])[-600:]}")
+        if "sound" not in lines or time.monotonic() > until:
+            return counts, failures
+        seed += 1000
+
+
+def main(folder: Path, seed: int, seconds: float, names: list[str]) -> None:
+    """Run targets one after the other, each with its part of the time, and print what came out."""
+    folder.mkdir(parents=True, exist_ok=True)
+    os.environ["PYTHONPATH"] = os.pathsep.join(sys.path)
+    names = names or ALL
+    total: Counter[str] = Counter()
+    problems: list[str] = []
+    for name in names:
+        counts, failures = watch_target(name, folder, seed, seconds / len(names))
+        print(
+            f"{name:20} {counts['files']:8} files {counts['refused']:8} refused {counts['failures']:4} failures",
+            flush=True,
+        )
+        total += counts
+        problems += failures
+    print(f"{'all':20} {total['files']:8} files {total['refused']:8} refused {total['failures']:4} failures")
+    if problems:
+        sys.exit("\n".join(problems))
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3]), sys.argv[4:])
+    if sys.argv[1] == "--target":  # or several, separated by commas, in this process
+        logging.getLogger("rasterio").setLevel(logging.CRITICAL)
+        warnings.simplefilter("error")
+        warnings.simplefilter("ignore", RadiolocWarning)
+        targets = sys.argv[2].split(",")
+        for target in targets:
+            run_target(target, Path(sys.argv[3]), int(sys.argv[4]), float(sys.argv[5]) / len(targets))
+    else:
+        main(Path(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3]), sys.argv[4:])

@@ -312,14 +312,19 @@ _SOLUTION = _record(
         "targets": _mapping(_record(_LOCATED | {"priors": _list(_PRIOR)}, {"considered": _CONSIDERED})),
     },
 )
-_ROW = _record(
-    {"name": _text(), "method": _text()},
-    {
-        "longitude_west_deg": _number(-360.0, 360.0),
-        "latitude_deg": _GEOGRAPHIC["latitude_deg"],
-        "height_m": _METRES,
-    },
-)
+_ROW_PLACE: dict[str, Check] = {
+    "longitude_west_deg": _number(-360.0, 360.0),
+    "latitude_deg": _GEOGRAPHIC["latitude_deg"],
+    "height_m": _METRES,
+}
+
+
+def _reference_has_place(value: Any, where: str) -> None:
+    if value["method"] == "reference":
+        _record(_ROW_PLACE)(value, where)
+
+
+_ROW = _all(_record({"name": _text(), "method": _text()}, _ROW_PLACE), _reference_has_place)
 
 
 def _at_least_one(value: Any, where: str) -> None:

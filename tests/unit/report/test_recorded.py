@@ -129,3 +129,13 @@ def test_hostile_text_is_refused(text, words, tmp_path):
         read_recorded(path)
     assert str(path) in str(refusal.value)
     assert len(str(refusal.value)) < len(str(path)) + 500
+
+
+@pytest.mark.parametrize("key", ["longitude_west_deg", "latitude_deg", "height_m"])
+def test_a_reference_of_arcs_has_a_place(key, solution, tmp_path):
+    content = json.loads(json_text(ArcStudy("toy", (Arc(72.0, 72.0, solution),)).to_dict()))
+    [row] = [k for k, row in enumerate(content["positions"]) if row["method"] == "reference"]
+    path = tmp_path / "arcs.json"
+    path.write_text(json.dumps(changed(content, f"positions.{row}.{key}", KeyError)), encoding="utf-8")
+    with pytest.raises(InputError, match=rf"arcs\.json.*positions\[{row}\]\.{key}"):
+        read_recorded(path)

@@ -5,11 +5,15 @@ from __future__ import annotations
 import codecs
 import csv
 import errno
+import glob
 import gzip
 import json
 import math
 import os
+import platform
 import re
+import secrets
+import shutil
 import stat
 import tempfile
 import unicodedata
@@ -34,6 +38,8 @@ ANY_BYTE = "latin-1"
 # Text of tracking data shrinks to a third or a tenth; a file made to fill the memory to a thousandth.
 LARGEST_GROWTH = 50
 ALWAYS_UNPACKED_BYTES = 2**24
+TEMPORARY_FILES = ".radioloc-*.part"
+"""Pattern of the names of files that are being written."""
 _DISK_FAILURES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 # Beginnings that spreadsheets take for a formula, full-width signs too; a name that looks escaped is escaped once more.
 _FORMULA = re.compile(r"'*[=+\-@\t\r\uff1d\uff0b\uff0d\uff20].", re.DOTALL)
@@ -304,25 +310,79 @@ def replaced_file(path: str | Path) -> Iterator[Path]:
     file = Path(path)
     if file.is_dir():
         raise FileFormatError(path, "is a directory; give the name of a file")
+    # Beside the file, so that it can take its place; unlike those of tempfile it has the permissions of the umask.
+    temporary = file.with_name(TEMPORARY_FILES.replace("*", secrets.token_hex(8)))
     try:
-        handle, name = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
-        os.close(handle)
+        temporary.touch(exist_ok=False)
     except OSError as error:
         raise _not_written(file, error, "make the directory or choose another") from error
-    temporary = Path(name)
     try:
         yield temporary
         with temporary.open("rb+") as stream:
             os.fsync(stream.fileno())
-        # mkstemp makes files that only their owner reads; give this one what the user's umask allows.
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
         temporary.replace(file)
     except OSError as error:
         raise _not_written(file, error, "check space and permissions") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Lock an existing file against other processes that lock it, where system and file system can.
+
+    Raises
+    ------
+    InputError
+        Another process has locked the file.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    with path.open("r+b") as stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(
+                f"{path.parent}: another run is writing its results there; wait for its end or give another folder"
+            ) from None
+        except OSError:
+            pass  # a file system without locks
+        yield
+
+
+@contextmanager
+def scratch_folder() -> Iterator[Path]:
+    """Make a folder for temporary files and remove it at the end."""
+    folder = make_scratch_folder()
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def make_scratch_folder() -> Path:
+    """Make a folder for temporary files, and remove those of runs that were killed."""
+    prefix = f"radioloc-{platform.node()}-"
+    for folder in Path(tempfile.gettempdir()).glob(f"{glob.escape(prefix)}*-*"):
+        process = folder.name.removeprefix(prefix).partition("-")[0]
+        if process.isdecimal() and not _is_running(int(process)):
+            shutil.rmtree(folder, ignore_errors=True)
+    return Path(tempfile.mkdtemp(prefix=f"{prefix}{os.getpid()}-"))
+
+
+def _is_running(process: int) -> bool:
+    if os.name != "posix":
+        return True  # elsewhere a signal would end it
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        pass
+    return True
 
 
 def disk_failed(error: OSError) -> bool:

@@ -11,10 +11,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import TextIOWrapper
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from radioloc.errors import InputError, PredictedEopWarning, RadiolocError, RadiolocWarning, legible, visible
+from radioloc.text_files import scratch_folder
 
 STREAM = Path("-")
 """In place of a file: standard input or output."""
@@ -61,7 +61,7 @@ def standard_streams(options: argparse.Namespace) -> Iterator[None]:
     if not given and not printed:
         yield
         return
-    with TemporaryDirectory() as folder:
+    with scratch_folder() as folder:
         read, written = Path(folder, "stdin"), Path(folder, f"stdout.{getattr(options, 'format', '')}")
         if given:
             read.write_bytes(sys.stdin.buffer.read())

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from radioloc.errors import InputError
+from radioloc.text_files import scratch_folder
 
 MAX_PATH_BYTES = 255  # of a file name in SPICE
 
@@ -16,13 +17,13 @@ MAX_PATH_BYTES = 255  # of a file name in SPICE
 @contextmanager
 def short_folder() -> Iterator[Path]:
     """Make a folder for temporary files whose paths SPICE can open."""
-    with tempfile.TemporaryDirectory(prefix="radioloc-") as folder:
+    with scratch_folder() as folder:
         if len(os.fsencode(folder)) > MAX_PATH_BYTES // 2:
             raise InputError(
                 f"the folder for temporary files, {tempfile.gettempdir()}: expected a path of at most "
                 f"{MAX_PATH_BYTES // 2} bytes, as SPICE opens no longer ones; set TMPDIR to another"
             )
-        yield Path(folder)
+        yield folder
 
 
 @contextmanager

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -35,7 +36,7 @@ from radioloc.report.page import PAGE, Result, figures_of, write_page
 from radioloc.report.residual_figures import plot_terms
 from radioloc.report.spice_kernels import write_orbit_spk
 from radioloc.report.subsets import ArcStudy, LeaveOneOut
-from radioloc.text_files import disk_failed, write_text
+from radioloc.text_files import TEMPORARY_FILES, disk_failed, locked, write_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,6 +53,18 @@ OF_A_MONTE_CARLO = ("montecarlo.json", "trials.csv", "trials.[ps][nv]g", "error_
 
 ORBIT_FILES = ("orbit.bsp", "orbit.oem", "orbit.opm")
 """Names of the files of an orbit that was determined."""
+
+# Results that share names of files replace each other whole; others can stand in one folder.
+_SOLUTION_FILES = (
+    *("solution.json", "residuals.csv", "terms.csv", *ORBIT_FILES),
+    *(f"{name}.[ps][nv]g" for name in ("residuals", "position", "correlations", "distribution", "budget")),
+    *(f"{name}.[ps][nv]g" for name in ("terms", "map", "images")),
+)
+_TABLE_FILES = (
+    *("table1.csv", "table1.md", "table1.tex", "arcs.json", "comparison.json"),
+    *(f"{name}.[ps][nv]g" for name in ("figure2", "arcs", "comparison")),
+    *("[0-9]*h/solution.json", "[0-9]*h/residuals.csv", "arcs_[0-9]*.[ps][nv]g"),
+)
 
 
 def write_report(
@@ -108,8 +121,7 @@ def write_report(
     cell_m = math.inf if dem is None else dem.metadata.resolution_m
     if dem is not None and solution.converged and 3.0 * max(solution.sigma_enu_m()) > cell_m:
         more["map"] = partial(_on_terrain, solution, dem)
-    earlier = ("terms.csv", "map.[ps][nv]g", *ORBIT_FILES)
-    return _write(solution, folder, contents, html, earlier, more)
+    return _write(solution, folder, contents, html, _SOLUTION_FILES, more)
 
 
 def _orbit_writers(state: OrbitState, arcs: Sequence[OrbitState] = ()) -> dict[str, Callable[[Path], Path]]:
@@ -161,13 +173,35 @@ def _write(
 ) -> list[Path]:
     """Write files and figures by name, those that there are; others of such names, or of earlier ones, are removed.
 
-    Until then a file says that the folder is not complete, so it does where the program was stopped.
+    Until then a file marks the folder as incomplete, also after a run that was stopped. A second run that writes there
+    at the same time is refused.
     """
     folder = made_folder(folder)
+    with _sole_writer(folder):
+        return _write_all(result, folder, contents, html, earlier, dict(more or {}))
+
+
+@contextmanager
+def _sole_writer(folder: Path) -> Iterator[None]:
+    """Keep other runs out of a folder, and remove what one that was killed has left of its temporary files."""
     marker = folder / INCOMPLETE
-    write_text(
-        marker, "radioloc has not finished writing here: files may be of different results. Run it again.\n"
-    )
+    if not marker.exists():
+        text = "radioloc has not finished writing here: files may be of different results. Run it again.\n"
+        write_text(marker, text)
+    with locked(marker):
+        remove_files(folder, (TEMPORARY_FILES, f"[0-9]*h/{TEMPORARY_FILES}"))
+        yield
+        marker.unlink()
+
+
+def _write_all(
+    result: Result,
+    folder: Path,
+    contents: Mapping[str, _Content],
+    html: bool,
+    earlier: tuple[str, ...],
+    more: Mapping[str, Callable[[], Figure]],
+) -> list[Path]:
     written = []
     for name, content in contents.items():
         written.append(folder / name)
@@ -178,7 +212,7 @@ def _write(
             write_json(written[-1], content)
         else:
             content(written[-1])
-    figures = figures_of(result) | dict(more or {})
+    figures = {**figures_of(result), **more}
     for name, draw in figures.items():
         written += [] if draw is None else write_figure(draw(), folder, name)
     if html:
@@ -187,7 +221,6 @@ def _write(
         write_page(result, drawn, written[-1])
     earlier = (PAGE, *(f"{name}.[ps][nv]g" for name in figures), *earlier)
     remove_files(folder, (*contents, *earlier), written)
-    marker.unlink()
     return written
 
 
@@ -270,8 +303,7 @@ def write_arcs(study: ArcStudy, folder: str | Path, *, html: bool = False) -> li
     contents = _table1(study) | {"arcs.json": study.to_dict()}
     for arc in study.arcs:
         contents |= _numbers(arc.solution, f"{arc.hours:g}h/")
-    earlier = ("[0-9]*h/solution.json", "[0-9]*h/residuals.csv", "arcs_[0-9]*.[ps][nv]g")
-    return _write(study, folder, contents, html, earlier)
+    return _write(study, folder, contents, html, _TABLE_FILES)
 
 
 def write_monte_carlo(study: MonteCarlo, folder: str | Path, *, html: bool = False) -> list[Path]:
@@ -338,7 +370,7 @@ def write_images(
     >>> [path.name for path in radioloc.report.write_images(solution, "out")]
     ['solution.json', 'images.png', 'images.svg']
     """
-    return _write(solution, folder, {"solution.json": solution.to_dict()}, html)
+    return _write(solution, folder, {"solution.json": solution.to_dict()}, html, _SOLUTION_FILES)
 
 
 def write_comparison(found: Comparison, folder: str | Path, *, html: bool = False) -> list[Path]:
@@ -354,7 +386,8 @@ def write_comparison(found: Comparison, folder: str | Path, *, html: bool = Fals
     >>> [path.name for path in radioloc.report.write_comparison(found, "compared")][:2]
     ['table1.csv', 'table1.md']
     """
-    return _write(found, folder, _table1(found) | {"comparison.json": found.to_dict()}, html)
+    contents = _table1(found) | {"comparison.json": found.to_dict()}
+    return _write(found, folder, contents, html, _TABLE_FILES)
 
 
 def _table1(found: ArcStudy | Comparison) -> dict[str, _Content]:

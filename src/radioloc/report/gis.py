@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import math
-import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -33,7 +32,7 @@ from radioloc.report.tables import (
     position_of,
     references_of,
 )
-from radioloc.text_files import write_blocks, write_text
+from radioloc.text_files import scratch_folder, write_blocks, write_text
 
 CRS = "IAU_2015:30100"
 """Longitude and latitude on the Moon's sphere, as PROJ and GDAL know it."""
@@ -159,8 +158,8 @@ def _collection(features: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 def _write_geopackage(file: Path, layers: Mapping[str, Sequence[Mapping[str, Any]]]) -> None:
     raw = optional("pyogrio.raw", f"{file}: a GeoPackage needs pyogrio; write .geojson, or", "gis")
-    with tempfile.TemporaryDirectory(prefix="radioloc-") as folder:
-        made = Path(folder) / "layers.gpkg"  # GDAL wants the ending
+    with scratch_folder() as folder:
+        made = folder / "layers.gpkg"  # GDAL wants the ending
         for name, features in layers.items():
             if not features:
                 continue

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import shutil
-import tempfile
 import weakref
 from collections.abc import Iterable
 from functools import partial
@@ -26,6 +25,7 @@ from radioloc.report.image_solution import ImageSolution, PointSolution
 from radioloc.report.recorded import read_recorded
 from radioloc.studies.image_points import FRAME, ground_at, locate_point, locate_stereo, provenance_of
 from radioloc.studies.image_study import ImageChoice, ImageStudy, PointStudy, StereoChoice, read_image_study
+from radioloc.text_files import make_scratch_folder
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -76,7 +76,7 @@ def locate_images(
     if not chosen.shade:
         assert chosen.base_map is not None
         return _located(study, chosen.base_map, progress)
-    scratch = Path(tempfile.mkdtemp(prefix="radioloc-"))
+    scratch = make_scratch_folder()
     try:
         shaded, note = _shaded_map(chosen, scratch)
         solution = _located(study, shaded, progress, note)

@@ -11,9 +11,10 @@ import json
 import logging
 import zlib
 from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
+from zipfile import ZIP_STORED, BadZipFile, ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,7 @@ from radioloc.studies.simulate import scenario_of
 from radioloc.studies.study import Study
 from radioloc.studies.study_file import as_study
 from radioloc.studies.workers import workers_of
-from radioloc.text_files import json_file, replaced_file
+from radioloc.text_files import TEMPORARY_FILES, json_file, locked, replaced_file
 
 logger = logging.getLogger(__name__)
 
@@ -128,7 +129,7 @@ def monte_carlo(
         raise InputError("to resume needs the folder of the trials; give it as out")
     record = study_record(study, lengths, seed)
     known = resume and out is not None and refuse_other_study(out, record)
-    with workers_of(workers, client) as run:
+    with nullcontext() if out is None else _locked(out), workers_of(workers, client) as run:
         ready = Prepared.of(study, lengths)
         folder = None if out is None else TrialFolder(out, record, ready.columns, ready.hours)
         if folder is not None and not known:
@@ -205,6 +206,13 @@ def _prove(linear: LinearTrials, full: Prepared, seed: int, values: _Floats) -> 
     )
 
 
+def _locked(folder: str | Path) -> AbstractContextManager[None]:
+    """Keep other studies out of a folder of trials while this one runs."""
+    lock = made_folder(Path(folder) / "parts") / ".lock"
+    lock.touch()
+    return locked(lock)
+
+
 class TrialFolder:
     """The folder of a study's trials; `record` is from :func:`study_record`."""
 
@@ -214,6 +222,7 @@ class TrialFolder:
         self._folder = made_folder(folder)
         self._parts = made_folder(self._folder / "parts")
         self._record, self._columns, self._hours = record, tuple(columns), tuple(hours)
+        remove_files(self._parts, (TEMPORARY_FILES,))  # of a run that was killed
 
     def start(self) -> None:
         """Begin anew: trials that are there from before are removed, and what was made of them."""
@@ -226,13 +235,7 @@ class TrialFolder:
         out: dict[int, NDArray[np.float64]] = {}
         for path in sorted(self._parts.glob(f"{way}-*.npz")):
             try:
-                with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-                    trials, values, columns = (file[name] for name in ("trials", "values", "columns"))
-                if tuple(columns.tolist()) != self._columns:
-                    raise ValueError("the columns are not those of the study")
-                if values.shape != (*trials.shape, len(self._hours), len(self._columns)):
-                    raise ValueError(f"{values.shape} numbers do not fit {trials.shape} trials")
-                out |= dict(zip(trials.tolist(), values.astype(np.float64), strict=True))
+                trials, values = self._read(path)
             except (
                 OSError,
                 EOFError,
@@ -244,7 +247,30 @@ class TrialFolder:
             ) as error:
                 [reason, *_] = str(error).splitlines() or ["no content"]
                 raise InputError(f"{path}: is damaged ({reason}); remove the file and resume") from None
+            out |= dict(zip(trials.tolist(), values, strict=True))
         return out
+
+    def _read(self, path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Read numbers of trials and their results; shapes and types are checked before anything is allocated."""
+        arrays: dict[str, NDArray[Any]] = {}
+        with ZipFile(path) as archive:
+            for name, kind, dimensions in (("trials", "i", 1), ("values", "f", 3), ("columns", "U", 1)):
+                member = archive.getinfo(f"{name}.npy")
+                # Without compression no array is larger than the file.
+                if member.compress_type != ZIP_STORED:
+                    raise ValueError(f"{name} is compressed")
+                with archive.open(member) as stream:
+                    np.lib.format.read_magic(stream)
+                    shape, by_columns, dtype = np.lib.format.read_array_header_1_0(stream)
+                    if dtype.kind != kind or len(shape) != dimensions or by_columns:
+                        raise ValueError(f"{name} is an array of {dtype} and shape {shape}")
+                    arrays[name] = np.frombuffer(stream.read(), dtype).reshape(shape)
+        trials, values, columns = arrays["trials"], arrays["values"].astype(np.float64), arrays["columns"]
+        if tuple(columns.tolist()) != self._columns:
+            raise ValueError("the columns are not those of the study")
+        if values.shape != (len(trials), len(self._hours), len(self._columns)):
+            raise ValueError(f"{values.shape} numbers do not fit {trials.shape} trials")
+        return trials.astype(np.int64), values
 
     def add(self, way: str, trials: Sequence[int], values: NDArray[np.float64]) -> None:
         """Keep results of some trials, (trials, arcs, columns)."""

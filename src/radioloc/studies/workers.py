@@ -17,7 +17,6 @@ from functools import lru_cache, partial
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from threading import Thread
 from typing import Any, Protocol
 
@@ -27,6 +26,7 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError, RadiolocError
 from radioloc.extras import optional
 from radioloc.studies.record import versions
+from radioloc.text_files import scratch_folder
 
 Chunk = Sequence[int]
 """Numbers of trials that are run together."""
@@ -76,10 +76,10 @@ def workers_of(count: int = 1, client: Any = None) -> Iterator[Run]:
     else:
         # Processes are spawned, not forked: a fork of a process with threads may hang, and some systems cannot.
         pool = ProcessPoolExecutor(count, get_context("spawn"), _begin)
-        with TemporaryDirectory(prefix="radioloc-") as folder:
+        with scratch_folder() as folder:
             try:
                 _start(pool, count)
-                yield partial(_in_processes, pool, Path(folder))
+                yield partial(_in_processes, pool, folder)
             finally:
                 # The pool cancels what is left itself: of futures that are cancelled here it would say, where an
                 # interrupt has ended its processes at the same moment, that their state is invalid.

@@ -1,6 +1,7 @@
 """Results of trials on disk: damaged ones are told, whatever the damage."""
 
 import json
+import zipfile
 from dataclasses import replace
 
 import numpy as np
@@ -54,6 +55,58 @@ def test_trials_of_another_shape(files, tmp_path, columns, hours, words):
     files.add("linear", [3], np.zeros((1, 2, 2)))
     with pytest.raises(InputError, match=words):
         TrialFolder(tmp_path, {"seed": 1}, columns, hours).found("linear")
+
+
+def npy_header(shape, descr):
+    header = f"{{'descr': {descr!r}, 'fortran_order': False, 'shape': {shape}, }}\n".encode()
+    return b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header
+
+
+SOUND = {"trials": np.array([3]), "values": np.zeros((1, 2, 2)), "columns": np.array(["east_m", "north_m"])}
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"values": np.zeros(4)}, "values is an array"),
+        ({"values": np.array([[[1, 2], [3, 4]]], dtype="U9")}, "values is an array"),
+        ({"trials": np.array(3)}, "trials is an array"),
+        ({"trials": np.array([3.5])}, "trials is an array"),
+        ({"columns": np.array("east_m")}, "columns is an array"),
+        ({"trials": None}, "trials"),
+    ],
+)
+def test_arrays_of_another_kind_are_damage(files, tmp_path, change, words):
+    arrays = {name: array for name, array in (SOUND | change).items() if array is not None}
+    np.savez(tmp_path / "parts" / "linear-000003-000003.npz", **arrays)
+    with pytest.raises(InputError, match=words):
+        files.found("linear")
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        npy_header("(10**15, 2, 2)", "<f8"),
+        npy_header("(1000000000000, 2, 2)", "<f8"),
+        npy_header("(1, 2, 2)", "|O") + bytes(100),
+        npy_header("(1, 2, 2)", [("a", "<f8")]) + bytes(32),
+    ],
+)
+def test_a_header_that_promises_more_than_the_file_allocates_nothing(files, tmp_path, values):
+    path = tmp_path / "parts" / "linear-000003-000003.npz"
+    np.savez(path, trials=SOUND["trials"], columns=SOUND["columns"])
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("values.npy", values)
+    with pytest.raises(InputError, match="is damaged"):
+        files.found("linear")
+
+
+def test_compressed_trials_are_refused_before_they_fill_the_memory(files, tmp_path):
+    np.savez_compressed(
+        tmp_path / "parts" / "linear-000003-000003.npz", **SOUND | {"values": np.zeros((10**6, 2, 2))}
+    )
+    with pytest.raises(InputError, match="is compressed"):
+        files.found("linear")
 
 
 @pytest.mark.parametrize("content", [b"{", b"[1]", b"\xff", b""])

@@ -1,0 +1,100 @@
+"""Output folders: one result, one writer, the user's permissions, nothing left behind."""
+
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from toy_moon import LANDER_M, ToyMoon, toy_solution
+
+from radioloc.errors import InputError
+from radioloc.report import write_arcs, write_comparison, write_report
+from radioloc.report.files import INCOMPLETE
+from radioloc.report.subsets import Arc, ArcStudy
+from radioloc.studies import compare
+from radioloc.text_files import TEMPORARY_FILES, locked, scratch_folder, write_text
+
+pytestmark = pytest.mark.usefixtures("undrawn")
+LOCKED = "import sys, time; from pathlib import Path; from radioloc.text_files import locked\n"
+LOCKED += "with locked(Path(sys.argv[1])): print('locked', flush=True); time.sleep(60)"
+
+
+@pytest.fixture(scope="module")
+def solution():
+    model = ToyMoon(90, 72.0)
+    paths = [f"{name}>lander>{name}" for name in model.station]
+    found = toy_solution(model, path=paths, reference_pa_m=LANDER_M, reference_name="truth")
+    elevation_deg = np.full(len(found.residuals), 45.0)
+    return replace(found, residuals=replace(found.residuals, elevation_deg=elevation_deg))
+
+
+def names(folder):
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_results_that_share_names_replace_each_other_whole_and_others_stay(solution, tmp_path):
+    (tmp_path / "notes.txt").write_text("of the user")
+    write_arcs(ArcStudy("toy", (Arc(72.0, 72.0, solution),)), tmp_path)
+    assert "72h/solution.json" in names(tmp_path)
+    write_report(solution, tmp_path)
+    both = names(tmp_path)
+    assert {"arcs.json", "solution.json", "residuals.csv", "notes.txt"} <= both
+    write_comparison(compare([tmp_path / "solution.json"]), tmp_path)
+    assert "arcs.json" not in names(tmp_path)
+    assert not {name for name in names(tmp_path) if name.startswith(("72h/", "figure2."))}
+    assert {"comparison.json", "solution.json", "notes.txt"} <= names(tmp_path)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs locks of POSIX")
+def test_a_second_writer_is_refused_and_a_killed_one_leaves_nothing(solution, tmp_path):
+    (tmp_path / INCOMPLETE).write_text("")
+    (tmp_path / ".radioloc-0123456789abcdef.part").write_text("left by a run that was killed")
+    other = subprocess.Popen([sys.executable, "-c", LOCKED, tmp_path / INCOMPLETE], stdout=subprocess.PIPE)
+    try:
+        assert other.stdout.readline() == b"locked\n"
+        with pytest.raises(InputError, match="another run is writing"):
+            write_report(solution, tmp_path)
+        assert "solution.json" not in names(tmp_path)
+    finally:
+        other.kill()
+        other.communicate()
+    write_report(solution, tmp_path)
+    assert "solution.json" in names(tmp_path)
+    assert not list(tmp_path.glob(TEMPORARY_FILES))
+    assert INCOMPLETE not in names(tmp_path)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs permissions of POSIX")
+@pytest.mark.parametrize("umask", [0o022, 0o077, 0o002])
+def test_files_have_the_permissions_of_the_umask(umask, tmp_path):
+    before = os.umask(umask)
+    try:
+        write_text(tmp_path / "a.txt", "a\n")
+        with locked(tmp_path / "a.txt"):
+            pass
+    finally:
+        os.umask(before)
+    assert (tmp_path / "a.txt").stat().st_mode & 0o777 == 0o666 & ~umask
+    assert names(tmp_path) == {"a.txt"}
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs process numbers of POSIX")
+def test_folders_for_temporary_files_of_killed_runs_are_removed(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    code = "import time; from radioloc.text_files import make_scratch_folder as make\n"
+    code += "print(make(), flush=True); time.sleep(60)"
+    environment = os.environ | {"TMPDIR": str(tmp_path)}
+    other = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, env=environment, text=True)
+    left = Path(other.stdout.readline().strip())
+    with scratch_folder() as own:
+        assert left.is_dir()  # its process is alive
+        other.kill()
+        other.communicate()
+        with scratch_folder():
+            assert not left.exists()
+            assert own.is_dir()
+    assert not list(tmp_path.glob("radioloc-*"))

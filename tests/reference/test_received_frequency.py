@@ -89,12 +89,13 @@ def made(metadata, ramped):
             value = mp.nstr(mean_hz - OFFSET_HZ, 20)
             records.append(f"RECEIVE_FREQ_{receiver} = 2020-12-01T15:{11 + k}:30 {value}")
         grown_m = [float(C_M_S * (light_s(s + COUNT_S) - light_s(s))) for s in STARTS_S]
-        for since, rate in zip(BREAKS_S, RATES_HZ_S, strict=True) if ramped else [(BREAKS_S[0], 0.0)]:
+        if not ramped:  # known for long enough that all counts were sent under it, whatever the light time
+            records.append(f"TRANSMIT_FREQ_1 = 2020-12-01T14:00:00 {mp.nstr(sent_hz(mp.mpf(0), False), 17)}")
+        for since, rate in zip(BREAKS_S, RATES_HZ_S, strict=True) if ramped else ():
             minute, second = divmod(660.0 + since, 60.0)
             date = f"2020-12-01T15:{int(minute):02d}:{second:06.3f}"
             records.append(f"TRANSMIT_FREQ_1 = {date} {mp.nstr(sent_hz(mp.mpf(since), ramped), 17)}")
-            if ramped:
-                records.append(f"TRANSMIT_FREQ_RATE_1 = {date} {rate}")
+            records.append(f"TRANSMIT_FREQ_RATE_1 = {date} {rate}")
     more = {
         "TURNAROUND_NUMERATOR": UP,
         "TURNAROUND_DENOMINATOR": DOWN,

@@ -17,7 +17,7 @@ from radioloc.errors import InputError, require_type
 from radioloc.imaging import Detector, Map, find_mask, read_frame
 from radioloc.imaging.cameras import altitude_m
 from radioloc.imaging.image_chain import Frame, FrameStatus
-from radioloc.imaging.registration import Registration, register_chain
+from radioloc.imaging.registration import RegisteredFrame, Registration, register_chain
 from radioloc.imaging.shading import sun_over_map, write_shaded_map
 from radioloc.lunar import LunarPosition, TerrainModel
 from radioloc.progress import progress_bar
@@ -29,6 +29,9 @@ from radioloc.text_files import make_scratch_folder
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+_LANDED_HALF_WIDTH_M = 5.0
+"""Largest half-width of the ground in an image from a lander that stands: its camera is a few metres up."""
 
 _FEWEST_FOR_A_MASK, _MASK_FRAMES = 4, 12
 """So many frames, from all of the descent, tell what moves in the image from what does not."""
@@ -187,6 +190,8 @@ def _solution(
     covariance = ground.to_enu @ found.covariance_m2 @ ground.to_enu.T
     covariance[2, 2] += ground.sigma_m**2
     notes = list(ground.notes)
+    descent_m = _unknown_descent_m(registration, last) if isinstance(chosen.point, str) else 0.0
+    covariance += descent_m**2 * ground.to_enu @ ground.to_enu.T
     if message:
         notes.append(
             "the lander is in the last image; where an image before it looked is not where it stands"
@@ -198,6 +203,13 @@ def _solution(
             shape = (round(2.0 * frame.centre[1] + 1.0), round(2.0 * frame.centre[0] + 1.0))
             downward_m = float(altitude_m(camera.camera(shape), frame.pixel_m))
             altitudes[frame.name] = frame.altitude_m if math.isfinite(frame.altitude_m) else downward_m
+    if descent_m:
+        altitude = f" from {altitudes[last.name]:.3g} m" if last.name in altitudes else ""
+        notes.append(
+            f"{last.name} shows {2.0 * last.pixel_m * float(last.centre.mean()):.3g} m of ground{altitude}: the motion "
+            f"after it is unknown, and the sigma allows for {descent_m:.3g} m east and north; give later images, or "
+            "the pixel of the lander as point"
+        )
     if not registration.relief:
         notes.append(_of_plane(chosen, camera is not None))
     return ImageSolution(
@@ -217,6 +229,30 @@ def _solution(
         provenance_of(study.path, chosen.files, (chosen.base_map, chosen.dem, chosen.mask, chosen.near)),
         dict(zip(_names(chosen.files), chosen.files, strict=True)),
     )
+
+
+def _unknown_descent_m(registration: Registration, last: RegisteredFrame) -> float:
+    """Return the standard deviation east and north of the motion after the last image, zero if it is from the ground.
+
+    The lander comes down on ground that the image shows, anywhere with the same probability. The middles of images may
+    also move on as they did last, until the size of pixels, in proportion to the altitude, is zero.
+    """
+    half_m = last.pixel_m * float(last.centre.mean())
+    if half_m <= _LANDED_HALF_WIDTH_M:
+        return 0.0
+    registered = [frame for frame in registration.frames if frame.status is FrameStatus.REGISTERED]
+    before = registered[: registered.index(last)]
+    drift_m = 0.0
+    if before and before[-1].pixel_m > last.pixel_m:
+        moved_m = _middle_m(last) - _middle_m(before[-1])
+        drift_m = float(np.hypot(*moved_m)) * last.pixel_m / (before[-1].pixel_m - last.pixel_m)
+    return math.hypot(half_m / math.sqrt(3.0), min(drift_m, 2.0 * half_m))
+
+
+def _middle_m(frame: RegisteredFrame) -> Floats:
+    """Return the place of the middle of an image in the plane of the map, m."""
+    assert frame.homography is not None
+    return np.asarray(frame.homography.inverse().apply(frame.centre[None])[0])
 
 
 def _of_plane(chosen: ImageChoice, camera: bool) -> str:

@@ -68,6 +68,23 @@ def test_the_lander_is_found_within_a_pixel_of_the_map(solution):
     assert solution.position.selenographic[2] == pytest.approx(-2544.8, abs=3.0 * solution.sigma_enu_m[2])
 
 
+@pytest.mark.parametrize("point", ["centre", (159.5, 159.5)])
+def test_a_last_image_from_high_up_widens_the_sigma_by_the_unknown_descent(some, point):
+    # 0003.png is from 2.3 km, and the descent is still oblique.
+    images = replace(some.images, files=some.images.files[:3], base_map_sigma_m=(0.1, 0.1), point=point)
+    solution = radioloc.locate_images(replace(some, images=images))
+    away_m, sigma_m = np.abs(error_m(solution)), solution.sigma_enu_m[:2]
+    noted = [note for note in solution.notes if "the motion after it is unknown" in note]
+    if point == "centre":
+        assert solution.converged
+        assert len(noted) == 1
+        assert (away_m < 2.0 * sigma_m).all()
+        assert 400.0 < sigma_m.max() < 1000.0  # the image shows 1.9 km
+    else:  # a point that is known to be the lander
+        assert not noted
+        assert sigma_m.max() < 10.0
+
+
 def test_altitudes_are_those_of_the_truth_also_where_the_camera_looks_aside(solution):
     truth = {f["file"]: f["altitude_m"] for f in json.loads((EXAMPLE / "truth.json").read_text())["frames"]}
     assert len(solution.altitudes_m) == 10

@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from datetime import datetime
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -178,7 +178,7 @@ class PositionEstimate:
         for name, item in rows.items():
             if item["name"].endswith(_ABOVE_TERRAIN):
                 model = provenance["estimate"]["height_prior"]
-                part = min((float(model["sigma_m"]) / float(item["sigma"])) ** 2, 1.0)
+                part = min(float(model["sigma_m"]) / float(item["sigma"]), 1.0) ** 2
                 terrain = TerrainHeight(name, part, float(provenance["terrain_resolution_m"]))
         sample = content.get("observations")
         images = frozenset(provenance.get("images", ()))
@@ -432,8 +432,11 @@ def _chance(statistic: float, dof: int) -> float:
 
 def _overlap(one_utc: tuple[str, str], two_utc: tuple[str, str]) -> float:
     """Correlation of the means of white noise over two spans of time."""
-    ends_s = [[datetime.fromisoformat(text).timestamp() for text in span] for span in (one_utc, two_utc)]
-    (first, last), (other_first, other_last) = ([start, end + 1.0] for start, end in ends_s)
+    ends_s = [
+        [datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp() for text in span]
+        for span in (one_utc, two_utc)
+    ]
+    (first, last), (other_first, other_last) = ((start, max(end, start + 1.0)) for start, end in ends_s)
     common_s = min(last, other_last) - max(first, other_first)
     return max(common_s, 0.0) / math.sqrt((last - first) * (other_last - other_first))
 

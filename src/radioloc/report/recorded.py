@@ -198,6 +198,8 @@ def _require_spans_and_terrain(value: Mapping[str, Any]) -> None:
         for place, item in enumerate(value.get(key, ())):
             if ("first_utc" in item) != ("last_utc" in item):
                 _fail(f"{key}[{place}]", "both first_utc and last_utc, or neither", item)
+            if item.get("first_utc", "") > item.get("last_utc", ""):
+                _fail(f"{key}[{place}].last_utc", "an epoch not before first_utc", item["last_utc"])
             if key == "considered" and "position_enu_m" not in item:
                 _fail(f"{key}[{place}].position_enu_m", "a list of 3", None)
     if any(item["name"].endswith(".height_above_terrain") for item in value.get("priors", ())):
@@ -265,7 +267,7 @@ _HEIGHT_PRIOR = _record({"sigma_m": _number(0.0)}, {"dem": _list(_HASHED_FILE)})
 _PROVENANCE = _record(
     {},
     {
-        "terrain_resolution_m": _or_none(_number(0.0)),
+        "terrain_resolution_m": _or_none(_number(1e-3)),
         "files": _list(_text()),
         "images": _list(_text()),
         "study": _or_none(_STUDY),

@@ -157,6 +157,25 @@ def test_covariances_are_compared_in_common_axes_beyond_a_pole():
     assert agreement(one, across).sigma_enu_m[0] == pytest.approx(np.hypot(1000.0, 1000.0), rel=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("number", "first_utc", "last_utc", "shared"),
+    [
+        (1, "2020-12-01T10:00:00", "2020-12-01T16:00:00", 1.0),  # of an arc that begins later
+        (2, "2020-12-03T10:00:00", "2020-12-03T16:00:00", 0.0),
+        (2, "2020-12-01T13:00:00", "2020-12-01T19:00:00", 0.5),
+    ],
+)
+def test_errors_of_a_pass_are_the_same_where_the_pass_is(number, first_utc, last_utc, shared):
+    """The number of a pass counts from the start of the arc."""
+    pass_utc = ("2020-12-01T10:00:00", "2020-12-01T16:00:00")
+    names = ["zenith_delay.KASHI 2", f"zenith_delay.KASHI {number}"]
+    one, two = (
+        estimate(name, [0.0, 0.0, 0.0], np.eye(3), {name: [3.0, 0.0, 0.0]}, spans_utc={name: span})
+        for name, span in zip(names, (pass_utc, (first_utc, last_utc)), strict=True)
+    )
+    assert agreement(one, two).sigma_enu_m[0] ** 2 == pytest.approx(20.0 - 18.0 * shared, rel=1e-3)
+
+
 def test_a_target_on_a_trajectory_has_no_estimate():
     with pytest.raises(InputError, match="trajectory"):
         PositionEstimate.from_solution({"name": "orbiter", "position": None})

@@ -140,7 +140,8 @@ class _Record:
 
     def fail(self, problem: str) -> NoReturn:
         """Raise :class:`FileFormatError` about this record."""
-        raise FileFormatError(self.path, f"record {self.text[:2].upper()}: {problem}", self.line)
+        code = repr(self.text[:2].upper())[1:-1]  # control characters as escapes
+        raise FileFormatError(self.path, f"record {code}: {problem}", self.line)
 
     def number(self, place: int, what: str) -> float:
         """Finite number in a field."""

@@ -167,6 +167,7 @@ def test_version_1_has_one_field_less():
         ("40 58579", "10 58579", "full-rate"),
         ("40 58579", "77 58579", "not known in CRD"),
         ("H5  0 24", "±  0 24", r"not known|ASCII"),
+        ("H5  0 24", "\tH  0 24", r"record \\tH: is not known"),
         ("C0 0 532.100 me08 las5", "C0 0 532.100 me08 lasé", "ASCII"),
         ("H8", "00", "has no end"),
     ],

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,6 +37,7 @@ from radioloc.simulation import (
 )
 from radioloc.studies import EstimateChoice, HeightPrior, ModelChoice, ObservationChoice
 from radioloc.studies.linear_trials import trial_seed
+from radioloc.studies.monte_carlo import TrialFolder
 from radioloc.studies.prepared_trials import Prepared
 from radioloc.studies.record import versions
 from radioloc.studies.workers import usual_workers, workers_of
@@ -333,7 +335,7 @@ def test_a_script_without_a_guard_is_told(tmp_path):
 @pytest.mark.slow
 def test_resumed_with_more_trials(study, found, tmp_path):
     first = radioloc.monte_carlo(study, 20, HOURS, out=tmp_path)
-    parts = {path: path.stat().st_mtime_ns for path in (tmp_path / "parts").iterdir()}
+    parts = {path: path.stat().st_mtime_ns for path in (tmp_path / "parts").glob("*.npz")}
     more = radioloc.monte_carlo(study, 60, HOURS, out=tmp_path, resume=True)
     np.testing.assert_array_equal(first.values, found.values[:20])
     np.testing.assert_array_equal(more.values, found.values)
@@ -366,7 +368,7 @@ def test_killed_and_resumed(study, found, tmp_path):
     paths = [str(here.parent), str(here.parents[2] / "toys")]
     killed = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path), *paths], check=False)
     assert killed.returncode == -signal.SIGKILL
-    [part] = (tmp_path / "parts").iterdir()
+    [part] = (tmp_path / "parts").glob("*.npz")
     assert part.name == "linear-000000-000024.npz"
     time.sleep(0.01)
     stamp = part.stat().st_mtime_ns
@@ -394,7 +396,7 @@ def test_another_study_is_refused(study, tmp_path, changed, what):
 @pytest.mark.study
 def test_damaged_trials_are_told(study, tmp_path):
     radioloc.monte_carlo(study, 1, [12.0], out=tmp_path)
-    [part] = (tmp_path / "parts").iterdir()
+    [part] = (tmp_path / "parts").glob("*.npz")
     part.write_bytes(part.read_bytes()[:-99])
     with pytest.raises(
         InputError, match=r"linear-000000-000000.npz: is damaged .*remove the file and resume"
@@ -402,6 +404,43 @@ def test_damaged_trials_are_told(study, tmp_path):
         radioloc.monte_carlo(study, 1, [12.0], out=tmp_path, resume=True)
     # Without resuming a study starts anew.
     radioloc.monte_carlo(study, 1, [12.0], out=tmp_path)
+
+
+HEADERS = {
+    "an object": (np.array([{}], dtype=object), np.savez),
+    "text": (np.array(["0"]), np.savez),
+    "real": (np.zeros(1), np.savez),
+    "two axes": (np.zeros((1, 1), dtype=np.int64), np.savez),
+    "repeated": (np.zeros(2, dtype=np.int64), np.savez),
+    "negative": (np.array([-1]), np.savez),
+    "compressed": (np.zeros(10**6, dtype=np.int64), np.savez_compressed),
+}
+
+
+@pytest.mark.parametrize(("trials", "save"), HEADERS.values(), ids=list(HEADERS))
+def test_archives_of_trials_are_checked_by_their_headers(trials, save, tmp_path):
+    folder = TrialFolder(tmp_path, {}, ("east_m",), (12.0,))
+    folder.add("linear", [0, 1], np.ones((2, 1, 1)))
+    assert folder.found("linear").keys() == {0, 1}
+    values = np.ones((len(trials), 1, 1))
+    save(tmp_path / "parts" / "linear-000000-000001.npz", trials=trials, values=values, columns=["east_m"])
+    with pytest.raises(InputError, match=r"linear-000000-000001\.npz: is damaged .*remove the file"):
+        folder.found("linear")
+
+
+def test_a_header_that_states_terabytes_allocates_nothing(tmp_path):
+    folder = TrialFolder(tmp_path, {}, ("east_m",), (12.0,))
+    folder.add("linear", [0, 1], np.ones((2, 1, 1)))
+    [part] = (tmp_path / "parts").glob("*.npz")
+    with zipfile.ZipFile(part) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    stated = b"'shape': (1000000000000,), }  "
+    members["trials.npy"] = members["trials.npy"].replace(b"'shape': (2,), }".ljust(len(stated)), stated)
+    with zipfile.ZipFile(part, "w") as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    with pytest.raises(InputError, match="is damaged"):
+        folder.found("linear")
 
 
 # What is told and written.

@@ -45,6 +45,9 @@ _AXES = {code: axes.frame for code, axes in LUNAR_AXES.items()} | {10020: "IAU_M
 """Axes by NAIF's code."""
 
 
+MAX_FROM_EPOCH_S = 86400.0
+"""Largest distance of an image's tables from its middle: line-scan images take seconds to minutes."""
+
 _STATE_STEP_S = 1e-3
 _NODES_WRITTEN = 401
 
@@ -89,8 +92,14 @@ def read_isd(path: str | Path, *, axes: str | None = None) -> SupportData:
         raise InputError(f"axes = {axes!r} is not known; use 'ME_DE421', or leave it out for the file's own")
     try:
         content = isd_of_cube(path) if is_isis_cube(path) else json.loads(read_text(path))
+    except FileFormatError:
+        raise
     except json.JSONDecodeError as error:
         raise FileFormatError(path, f"is neither JSON nor an ISIS cube: {error.msg}", error.lineno) from error
+    except (ValueError, RecursionError) as error:
+        raise FileFormatError(
+            path, "has numbers of thousands of digits, or brackets in brackets beyond any depth of an ISD"
+        ) from error
     keys = Keys(path, content)
     name = keys.text("name_model")
     if name not in (_FRAME, _LINE_SCAN):
@@ -188,7 +197,7 @@ def _support_data(keys: Keys, scan: bool, axes: str | None) -> SupportData:
     radius_m = keys.number("radii.semimajor") * _unit_m(keys, "radii.unit")
     if abs(keys.number("radii.semiminor") * _unit_m(keys, "radii.unit") - radius_m) > 1.0:
         raise FileFormatError(keys.path, "radii are those of an ellipsoid; the Moon is taken as a sphere")
-    turns = keys.numbers("body_rotation.ephemeris_times", (None,)) - epoch
+    turns = _times(keys, "body_rotation", epoch)
     to_moon = _rotations(keys, "body_rotation")
 
     def rot_j2000_to_moon(times_s: Floats) -> Floats:
@@ -203,7 +212,7 @@ def _support_data(keys: Keys, scan: bool, axes: str | None) -> SupportData:
     ]
     named = axes or (_AXES.get(frames[0], f"NAIF_{frames[0]}") if frames else "unknown")
     position_times, positions, velocities = _states(keys, "instrument_position", epoch, rot_j2000_to_moon)
-    pointing_times = keys.numbers("instrument_pointing.ephemeris_times", (None,)) - epoch
+    pointing_times = _times(keys, "instrument_pointing", epoch)
     to_camera = _rotations(keys, "instrument_pointing")
     rotations = rot_j2000_to_moon(pointing_times) @ np.swapaxes(to_camera, 1, 2)
     sun_m = None
@@ -297,6 +306,19 @@ def _written_distortion(camera: Camera) -> dict[str, Any]:
     return {kind: {"coefficients": values}}
 
 
+def _times(keys: Keys, name: str, epoch: float) -> Floats:
+    """Times of a table from the epoch, s."""
+    times = keys.numbers(f"{name}.ephemeris_times", (None,)) - epoch
+    if not len(times) or (np.diff(times) <= 0.0).any() or np.abs(times).max() > MAX_FROM_EPOCH_S:
+        raise FileFormatError(
+            keys.path,
+            f"expected rising times in {name}.ephemeris_times within {MAX_FROM_EPOCH_S:.0f} s of "
+            f"center_ephemeris_time, got {len(times)} from {times.min(initial=np.inf):g} to "
+            f"{times.max(initial=-np.inf):g} s",
+        )
+    return times
+
+
 def _rotations(keys: Keys, name: str) -> Floats:
     """Rotations from J2000 at a table's times, the constant one included, shape (n, 3, 3)."""
     times = keys.numbers(f"{name}.ephemeris_times", (None,))
@@ -312,7 +334,7 @@ def _states(
 ) -> tuple[Floats, Floats, Floats | None]:
     """Times from the epoch, positions, m, and velocities relative to the Moon's axes, m/s."""
     scale = _unit_m(keys, f"{name}.unit")
-    times = keys.numbers(f"{name}.ephemeris_times", (None,)) - epoch
+    times = _times(keys, name, epoch)
     positions = keys.numbers(f"{name}.positions", (len(times), 3)) * scale
     turned = rot_j2000_to_moon(times)
     if not keys.has(f"{name}.velocities"):

@@ -62,7 +62,7 @@ class Keys:
         value = self.get(name, default)
         try:
             array = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError, RecursionError):
             array = np.array(np.nan)
         fits = array.ndim == len(shape) and all(
             want in (None, got) for want, got in zip(shape, array.shape, strict=True)
@@ -162,13 +162,15 @@ def isd_of_cube(path: str | Path) -> dict[str, Any]:
 def _label(path: Path) -> dict[str, Any]:
     """The label, as GDAL has it in JSON."""
     rasterio = load_rasterio()
+    from rasterio._err import CPLE_BaseError
+
     try:
         with open_dataset(path) as dataset:
             tags = dataset.tags(ns="json:ISIS3")
         # rasterio takes what is before the first colon for a key.
         content = ":".join(next(iter(tags.items()))) if len(tags) == 1 else ""
         return dict(json.loads(content))
-    except (rasterio.errors.RasterioError, ValueError) as error:
+    except (rasterio.errors.RasterioError, CPLE_BaseError, TypeError, ValueError, RecursionError) as error:
         raise FileFormatError(
             path, f"GDAL does not read its label as that of an ISIS cube: {error}"
         ) from error
@@ -199,18 +201,19 @@ def _preroll(keys: Keys) -> float:
 def _table(keys: Keys, name: str) -> dict[str, Floats]:
     """Columns of a table of numbers by their names."""
     about = f"Table_{name}"
-    if not keys.has(about):
+    if not isinstance(keys.get(about, ""), dict):
         raise FileFormatError(keys.path, f"has no table {name}; run spiceinit on it")
-    columns = [key.removeprefix("Field_") for key in keys.get(about) if key.startswith("Field_")]
+    columns = [key.removeprefix("Field_") for key in keys.content[about] if key.startswith("Field_")]
     rows, start, length = (keys.count(f"{about}.{key}") for key in ("Records", "StartByte", "Bytes"))
     order = ">" if keys.text(f"{about}.ByteOrder").lower() == "msb" else "<"
+    whole = start - 1 + length <= Path(keys.path).stat().st_size
+    if not whole or length != 8 * rows * len(columns) or "ET" not in columns:
+        raise FileFormatError(
+            keys.path, f"the table {name} is cut, or is not one of numbers at times; fetch the cube again"
+        )
     with Path(keys.path).open("rb") as file:
         file.seek(start - 1)
         content = file.read(length)
-    if len(content) < length or length != 8 * rows * len(columns):
-        raise FileFormatError(
-            keys.path, f"the table {name} is cut, or is not one of numbers; fetch the cube again"
-        )
     values = np.frombuffer(content, f"{order}f8").reshape(rows, len(columns))
     return dict(zip(columns, values.T, strict=True))
 

@@ -265,6 +265,17 @@ def changed(key, value):
         (changed("image_lines", 0), "image_lines = 0 is not a positive whole number"),
         (changed("image_samples", 15.5), "image_samples = 15.5 is not a positive whole number"),
         (changed("center_ephemeris_time", 1e308), "center_ephemeris_time is not a finite number"),
+        (changed("focal_length_model.focal_length", 10**400), "focal_length is not a finite number"),
+        (changed("instrument_pointing.quaternions", [[0.0] * 4] * 16), "of another length than 1"),
+        (
+            changed("body_rotation.ephemeris_times", []),
+            "expected rising times in body_rotation.ephemeris_times",
+        ),
+        (
+            changed("instrument_position.ephemeris_times", [1e6 * k for k in range(16)]),
+            "within 86400 s of center",
+        ),
+        (changed("sun_position.ephemeris_times", [0.0] * 4), "expected rising times in sun_position"),
         (changed("radii.semiminor", 900), "radii are those of an ellipsoid"),
     ],
 )
@@ -313,6 +324,10 @@ def test_other_files_and_axes_are_refused(tmp_path):
     path.write_text('{"name_model":\n')
     with pytest.raises(FileFormatError, match="line 2: is neither JSON nor an ISIS cube"):
         read_isd(path)
+    for text in ('{"image_lines": ' + "9" * 5000 + "}", "[" * 100_000, '{"a":' * 100_000):
+        path.write_text(text)
+        with pytest.raises(FileFormatError, match=r"bad\.json"):
+            read_isd(path)
     path.write_text("[1, 2]")
     with pytest.raises(FileFormatError, match="the key name_model is missing"):
         read_isd(path)

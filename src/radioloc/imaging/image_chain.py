@@ -37,6 +37,9 @@ _FOUND, _FOR_MAP, _GIVEN = range(3)  # measurements: features, those at the map'
 # Of the largest distance along the axis that a pixel of an oblique image has in the view from above.
 _MAGNIFIED = 0.25
 
+RISE = 1.3  # ratio of pixel sizes by which a later image is out of order
+_RISING_PART = 0.6  # of links between neighbours, in which a descent in reversed order rises
+
 
 class FrameStatus(StrEnum):
     """What became of an image."""
@@ -311,6 +314,28 @@ class ImageChain:
                 found.append((matches, part))
         return min(found, key=lambda one: one[0].log10_false_alarms, default=None)
 
+    def require_descent(self) -> None:
+        """Refuse images in reversed order: pixels on the ground grow from image to image.
+
+        Raises
+        ------
+        InputError
+            The links between neighbouring images show an ascent.
+        """
+        growth = np.log(
+            [
+                pixel_size_m(matrix, self.taken[number].size)
+                for number, other, matrix in self.links
+                if number - other == 1
+            ]
+        )
+        factor = float(np.exp(growth.sum()))
+        if factor > RISE and (growth > 0.0).mean() > _RISING_PART:
+            raise InputError(
+                f"images are in reversed order: from {self.taken[0].name} to {self.taken[-1].name} their pixels on the "
+                f"ground grow by a factor of {factor:.3g}; give them in order of time, the highest first"
+            )
+
     def place_all(self) -> None:
         """Approximate homographies of images that come before the first that was found on the map."""
         for number, other, matrix in reversed(self.links):
@@ -336,7 +361,7 @@ class ImageChain:
         more = f" and {len(self.taken) - 5} more" if len(self.taken) > 5 else ""
         return (
             f"no image was found on {self.map.base.path} ({', '.join(status)}{more}); give a map of the landing area "
-            "under a sun like the images', or shade the elevation model at their sun"
+            "under a sun like the images', or shade the elevation model at their sun; the highest image comes first"
         )
 
 

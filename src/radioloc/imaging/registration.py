@@ -16,7 +16,7 @@ from radioloc.errors import InputError
 from radioloc.imaging.adjustment import Adjusted, TiePoints, adjust, approximate_places
 from radioloc.imaging.frames import Mask
 from radioloc.imaging.homography import Homography
-from radioloc.imaging.image_chain import Frame, FrameStatus, ImageChain, Taken, pixel_size_m
+from radioloc.imaging.image_chain import RISE, Frame, FrameStatus, ImageChain, Taken, pixel_size_m
 from radioloc.imaging.map_features import MapFeatures
 from radioloc.imaging.maps import Map, TangentPlane
 from radioloc.imaging.matching import Detector
@@ -37,7 +37,6 @@ _COMMON_PART = 0.1
 # Of the rms residual of places on the map, where the ground is taken as a plane: relief moves neighbouring tie points
 # alike, and places err as if four of them were independent.
 _COMMON_RELIEF = 0.5
-_RISE = 1.3  # a later image whose pixels are larger by more than this is out of order
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -187,6 +186,7 @@ def register_chain(
     chain = ImageChain(frames, MapFeatures(base, plane, detector), mask, near, ties)
     for frame in progress(frames):
         chain.add(frame)
+    chain.require_descent()
     return _registration(chain, map_sigma_m, terrain)
 
 
@@ -292,7 +292,7 @@ def _registration(
 def _require_order(frames: list[RegisteredFrame]) -> None:
     lowest = frames[0]
     for frame in frames[1:]:
-        if frame.pixel_m > _RISE * lowest.pixel_m:
+        if frame.pixel_m > RISE * lowest.pixel_m:
             raise InputError(
                 f"images are not in order from high to low: {frame.name} ({frame.pixel_m:.3g} m/pixel) comes after "
                 f"{lowest.name} ({lowest.pixel_m:.3g} m/pixel)"

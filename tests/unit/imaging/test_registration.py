@@ -152,6 +152,13 @@ def test_images_out_of_order_are_named(base):
         register_chain([SHORT.list[0], SHORT.list[0]], base, map_sigma_m=MAP_M)
 
 
+def test_images_in_reversed_order_are_said_to_be(base):
+    with pytest.raises(
+        InputError, match=r"reversed order: from 0006\.png to 0004\.png .*, the highest first"
+    ):
+        register_chain(SHORT.list[:3:-1], base, map_sigma_m=MAP_M)
+
+
 @pytest.mark.slow
 def test_sought_near_a_place(base):
     result = register_chain(SHORT.list[:2], base, map_sigma_m=MAP_M, near=(-19.51, 44.12, 1500.0))

@@ -6,7 +6,7 @@ mean-Earth axes, m, unless a name says otherwise.
 
 from radioloc.imaging.cameras import Camera, rectification, undistorted
 from radioloc.imaging.distortion import Distortion
-from radioloc.imaging.frames import find_mask, read_frame
+from radioloc.imaging.frames import find_mask, read_frame, read_mask
 from radioloc.imaging.ground_points import (
     ImagePoint,
     ImagePointSigmas,
@@ -71,6 +71,7 @@ __all__ = [
     "orientation_from_spice",
     "read_frame",
     "read_isd",
+    "read_mask",
     "read_tie_points",
     "rectification",
     "register_chain",

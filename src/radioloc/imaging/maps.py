@@ -8,6 +8,8 @@ touches the sphere at a reference point; it has east and north in metres, whatev
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,15 +20,16 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import FileFormatError, InputError
-from radioloc.imaging.frames import Image, Mask, eight_bit, load_opencv
+from radioloc.imaging.frames import Image, Mask, eight_bit, open_grey
 from radioloc.lunar import cartesian_to_selenographic, east_north_up, selenographic_to_cartesian
 from radioloc.lunar.map_files import SourceFile, open_dataset, open_map_file
 from radioloc.lunar.map_grid import MapGrid, load_rasterio
 
 Floats = NDArray[np.float64]
 
-_NODE_PIXELS = (
-    32  # between nodes the projection is interpolated: 0.2 mm off for pixels of 1.5 m at latitude 45
+_TOLERANCE_PIXELS = 0.02  # of the map, to which GDAL interpolates the projection; features have 0.1 and more
+_AVERAGED_FROM = (
+    2.0  # pixels of the map in one of a view from which on these are averaged instead of interpolated
 )
 _LARGEST_VIEW_PIXELS = 2**26
 
@@ -189,7 +192,8 @@ class Map:
         Returns
         -------
         tuple of numpy.ndarray
-            The view in eight bits, and where the map has values.
+            The view in eight bits, and where the map has values. Of a cylindrical map around the Moon, the meridian
+            opposite the view is its seam; in views over a pole, the pixels on it may be void or mixed.
 
         Raises
         ------
@@ -198,59 +202,59 @@ class Map:
         InputError
             A view of more than 67 million pixels.
         """
-        cv2, rasterio = load_opencv(), load_rasterio()
+        rasterio = load_rasterio()
+        from rasterio._err import CPLE_BaseError
+        from rasterio.vrt import WarpedVRT
+
         lines, samples = shape
         if not 0 < lines * samples <= _LARGEST_VIEW_PIXELS:
             raise InputError(f"a view of {lines} x {samples} pixels was asked for; make pixel_m larger")
-        map_pixels = self._map_pixels(plane, west_m, north_m, pixel_m, shape)
-        blank = np.zeros(shape, np.uint8), np.zeros(shape, bool)
-        near = map_pixels[np.isfinite(map_pixels).all(axis=-1)]
-        if not len(near):
-            return blank
-        reduction = max(1, int(pixel_m / self.resolution_m + 0.01))
-        first = np.maximum(np.floor(near.min(axis=0) / reduction - 2).astype(int), 0) * reduction
-        last = np.minimum(np.ceil(near.max(axis=0)).astype(int) + 3 * reduction, self.shape[::-1])
-        size = (last - first) // reduction
-        if (size < 2).any():
-            return blank
-        last = first + size * reduction
-        window = ((int(first[1]), int(last[1])), (int(first[0]), int(last[0])))
+        sphere_m = self._grid.sphere_m
+        pixel = pixel_m * sphere_m / MEAN_LUNAR_RADIUS_M
+        corner = (west_m / pixel_m - 0.5) * pixel, (north_m / pixel_m + 0.5) * pixel
+        to_plane = f"+proj=ortho +lat_0={plane.latitude_deg!r} +lon_0={plane.longitude_deg!r} +R={sphere_m!r}"
+        reduction = pixel_m / self.resolution_m
+        enums = rasterio.enums.Resampling
         try:
-            with open_dataset(self.path) as dataset:
-                out_shape, mean = (int(size[1]), int(size[0])), rasterio.enums.Resampling.average
-                values = dataset.read(1, window=window, out_shape=out_shape, resampling=mean, masked=True)
-        except rasterio.errors.RasterioError as error:
+            with self._source(plane, reduction) as (dataset, (crs, transform)):
+                finest = reduction * dataset.width / self.shape[1]
+                warped = WarpedVRT(
+                    dataset,
+                    src_crs=crs,
+                    src_transform=transform,
+                    crs=to_plane,
+                    transform=rasterio.Affine(pixel, 0.0, corner[0], 0.0, -pixel, corner[1]),
+                    width=samples,
+                    height=lines,
+                    resampling=enums.average if finest >= _AVERAGED_FROM else enums.bilinear,
+                    tolerance=_TOLERANCE_PIXELS,
+                    add_alpha=True,
+                    XSCALE=1.0,  # bilinear between four pixels, instead of a blur over more of them
+                    YSCALE=1.0,
+                )
+                with warped:
+                    values, seen = warped.read(1), warped.read(2)
+        except (rasterio.errors.RasterioError, CPLE_BaseError) as error:
             raise FileFormatError(self.path, f"pixels could not be read: {error}") from error
-        image, valid = eight_bit(values)
-        place = (
-            np.nan_to_num(map_pixels, nan=-1e6, posinf=-1e6, neginf=-1e6) - first + 0.5
-        ) / reduction - 0.5
-        x, y = (np.ascontiguousarray(place[..., k], dtype=np.float32) for k in (0, 1))
-        seen = cv2.remap(valid.astype(np.uint8), x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT)
-        return cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), seen.astype(bool)
+        return eight_bit(np.ma.masked_array(values, seen == 0))
 
-    def _map_pixels(
-        self, plane: TangentPlane, west_m: float, north_m: float, pixel_m: float, shape: tuple[int, int]
-    ) -> Floats:
-        """Pixels of the map under those of a view, shape (lines, samples, 2), interpolated between nodes."""
-        nodes = [np.linspace(0.0, n - 1.0, 2 + (n - 1) // _NODE_PIXELS) for n in shape]
-        east, north = np.meshgrid(west_m + pixel_m * nodes[1], north_m - pixel_m * nodes[0])
-        degrees = plane.to_longitude_latitude(np.column_stack([east.ravel(), north.ravel()]))
-        lost = np.asarray(np.isnan(degrees).any(axis=1))
-        pixels = self.pixels(np.where(lost[:, np.newaxis], 0.0, degrees))
-        pixels[lost] = np.nan
-        if self._grid.columns_around is not None:  # a view over the seam goes on beyond it
-            around = self._grid.columns_around
-            pixels[:, 0] -= around * np.round((pixels[:, 0] - pixels[len(pixels) // 2, 0]) / around)
-        by_line, by_sample = (_linear(n, at) for n, at in zip(shape, nodes, strict=True))
-        at_nodes = pixels.reshape(*east.shape, 2)
-        return np.stack([by_line @ at_nodes[..., k] @ by_sample.T for k in (0, 1)], axis=-1)
-
-
-def _linear(count: int, nodes: Floats) -> Floats:
-    """Weights of values at nodes for linear interpolation at 0, 1, ... count - 1, shape (count, nodes)."""
-    place = np.arange(count) / max(nodes[1] - nodes[0], 1e-9) if len(nodes) > 1 else np.zeros(count)
-    return np.clip(1.0 - np.abs(place[:, np.newaxis] - np.arange(len(nodes))), 0.0, None)
+    @contextmanager
+    def _source(self, plane: TangentPlane, reduction: float) -> Iterator[tuple[Any, tuple[Any, Any]]]:
+        """Open the coarsest overview that is as fine as a view, with a map's seam opposite it; with what places it."""
+        with open_dataset(self.path) as dataset:
+            count = sum(factor <= reduction for factor in dataset.overviews(1))
+        overview = count - 1 if count else None
+        first = 0
+        with open_dataset(self.path, **({} if overview is None else {"overview_level": overview})) as dataset:
+            by_column, by_row = self.shape[1] / dataset.width, self.shape[0] / dataset.height
+            if self._grid.closed and self._grid.columns_around == self.shape[1]:
+                [[middle, _]] = self.pixels([[plane.longitude_deg, 0.0]])
+                if math.isfinite(middle):
+                    first = round((middle + 0.5) / by_column - 0.5 * dataset.width) % dataset.width
+        crs, (a, b, c, d, e, f, *_) = self._grid.unrolled(first * by_column)
+        with open_grey(self.path, overview=overview, first_column=first) as dataset:
+            kind = load_rasterio().Affine
+            yield dataset, (crs, kind(a * by_column, b * by_row, c, d * by_column, e * by_row, f))
 
 
 def _pairs(values: Any, what: str) -> Floats:

@@ -100,8 +100,8 @@ def open_map_file(path: Path, kinds: str, what: str) -> Iterator[MapFile]:
         ) from error
 
 
-def open_dataset(path: Path) -> Any:
-    """A file opened by rasterio without its warnings."""
+def open_dataset(path: Path | str, **options: Any) -> Any:
+    """Open a file, or GDAL's text of a virtual one, by rasterio without its warnings."""
     rasterio = load_rasterio()
     with warnings.catch_warnings():
         # a map without georeferencing is refused below, with what to do about it
@@ -109,7 +109,7 @@ def open_dataset(path: Path) -> Any:
         # GDAL's messages repeat a label, and where it is not UTF-8 Python would show a traceback
         hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
         try:
-            return rasterio.open(path)
+            return rasterio.open(path, **options)
         finally:
             sys.unraisablehook = hook
 

@@ -141,6 +141,30 @@ class MapGrid:
         longitude_deg, latitude_deg = _transform(self.crs, self.geographic, x, y)
         return np.radians(longitude_deg), np.radians(latitude_deg)
 
+    @property
+    def sphere_m(self) -> float:
+        """Radius of the sphere of the map's reference system."""
+        return float(self.geographic.to_dict()["R"])
+
+    def unrolled(self, first_column: float = 0.0) -> tuple[Any, Any]:
+        """Reference system and transform of the columns from a first one on, with the seam opposite their middle.
+
+        PROJ gives longitudes of at most half a turn from the central meridian, also where columns go on beyond.
+        """
+        if self.columns_around is None:
+            return self.crs, self.transform
+        half = 0.5 * self.columns
+        longitudes, latitudes = self.longitude_latitude(
+            np.array([0.5 * self.rows]), np.array([first_column + half - 0.5])
+        )
+        definition, scale = self.crs.to_dict(), 1.0
+        if self.crs.is_geographic:
+            definition, scale = {"proj": "eqc", "R": self.sphere_m}, math.radians(self.sphere_m)
+        crs = type(self.crs).from_dict({**definition, "lon_0": math.degrees(longitudes[0])})
+        x, _ = _transform(self.geographic, crs, np.degrees(longitudes), np.degrees(latitudes))
+        a, _, _, _, e, f = (scale * number for number in self.transform[:6])
+        return crs, type(self.transform)(a, 0.0, float(x[0]) - a * half, 0.0, e, f)
+
     def bounds(self) -> tuple[float, float, float, float]:
         """Left, bottom, right, top of the map's outer edges, in the map's coordinates."""
         x, y = _applied(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError, require_type
-from radioloc.imaging import Detector, Map, find_mask, read_frame
+from radioloc.imaging import Detector, Map, find_mask, read_frame, read_mask
 from radioloc.imaging.cameras import altitude_m
 from radioloc.imaging.image_chain import Frame, FrameStatus
 from radioloc.imaging.registration import RegisteredFrame, Registration, register_chain
@@ -137,7 +137,7 @@ def _shaded_map(chosen: ImageChoice, folder: Path) -> tuple[Path, str]:
 
 def _mask(chosen: ImageChoice) -> Mask | None:
     if chosen.mask is not None:
-        return read_frame(chosen.mask) > 127
+        return read_mask(chosen.mask)
     steps = np.unique(np.linspace(0, len(chosen.files) - 1, _MASK_FRAMES).astype(int))
     images = []
     for k in steps:

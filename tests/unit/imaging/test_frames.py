@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
+
 import cv2
 import numpy as np
 import pytest
 import rasterio
 
 from radioloc.errors import FileFormatError, InputError
-from radioloc.imaging.frames import read_frame
+from radioloc.imaging.frames import read_frame, read_mask
 
 pytestmark = pytest.mark.filterwarnings(
     "ignore::rasterio.errors.NotGeoreferencedWarning"
@@ -101,3 +104,112 @@ def test_a_frame_of_pds3_by_its_label(tmp_path):
     (tmp_path / "A.IMG").write_bytes(GREY.tobytes()[:2400])
     with pytest.raises(FileFormatError, match=r"A\.LBL"):
         read_frame(tmp_path / "A.LBL")
+
+
+STEPS = np.repeat(np.arange(0, 256, 85, dtype=np.uint8), 15)[:, np.newaxis] * np.ones(
+    80, np.uint8
+)  # 4 grey values
+BINARY = np.where(STEPS > 127, 255, 0).astype(np.uint8)
+
+
+def write_tiff(path, values, **options):
+    profile = {
+        "width": values.shape[1],
+        "height": values.shape[0],
+        "count": 1,
+        "dtype": values.dtype,
+    } | options
+    with rasterio.open(path, "w", driver="GTiff", **profile) as dataset:
+        dataset.write(values, 1)
+    return path
+
+
+def write_palette(path, colours, indices):
+    write_tiff(path, indices, photometric="PALETTE")
+    with rasterio.open(path, "r+") as dataset:
+        dataset.write_colormap(1, colours)
+    return path
+
+
+def coded_files(folder):
+    """Files that viewers show as grey steps or as black and white, whatever their numbers are."""
+    reversed_grey = {"photometric": "MINISWHITE"}
+    steps = {0: (170, 170, 170), 1: (0, 0, 0), 2: (255, 255, 255), 3: (85, 85, 85)}
+    index = np.choose(STEPS // 85, [1, 3, 0, 2]).astype(np.uint8)
+    yield write_tiff(folder / "2 bits.tif", STEPS // 85, nbits=2), STEPS
+    yield write_tiff(folder / "4 bits.tif", STEPS // 17, nbits=4), STEPS
+    yield write_tiff(folder / "white is 0.tif", 255 - STEPS, **reversed_grey), STEPS
+    yield write_tiff(folder / "white is 0, 2 bits.tif", 3 - STEPS // 85, nbits=2, **reversed_grey), STEPS
+    yield write_tiff(folder / "white is 0, deep.tif", 65535 - STEPS * np.uint16(257), **reversed_grey), STEPS
+    yield write_palette(folder / "palette.tif", steps, index), STEPS
+    yield write_tiff(folder / "1 bit.tif", BINARY // 255, nbits=1), BINARY
+    yield write_tiff(folder / "white is 0, 1 bit.tif", 1 - BINARY // 255, nbits=1, **reversed_grey), BINARY
+    yield (
+        write_tiff(folder / "fax.tif", 1 - BINARY // 255, nbits=1, compress="CCITTFAX4", **reversed_grey),
+        BINARY,
+    )
+    cv2.imwrite(str(folder / "1 bit.png"), BINARY, [cv2.IMWRITE_PNG_BILEVEL, 1])
+    yield folder / "1 bit.png", BINARY
+
+
+def test_bits_photometric_interpretation_and_palette_are_applied(tmp_path):
+    for path, grey in coded_files(tmp_path):
+        assert np.array_equal(read_frame(path), grey), path.name
+        assert np.array_equal(read_mask(path), grey > 127), path.name
+
+
+def test_colours_of_a_palette_are_their_luma_and_transparent_ones_are_black(tmp_path):
+    colours = {0: (255, 0, 0, 255), 1: (255, 255, 255, 0), 2: (255, 255, 255, 255)}
+    image = np.repeat(np.array([0, 1, 2], np.uint8), 20).reshape(60, 1) * np.ones(80, np.uint8)
+    cv2.imwrite(str(tmp_path / "a.png"), image)
+    write_palette(tmp_path / "a.tif", {k: v[:3] for k, v in colours.items()}, image)
+    assert np.unique(read_frame(tmp_path / "a.tif")[[0, 20, 40]]).tolist() == [76, 255]
+    from PIL import Image
+
+    paletted = Image.fromarray(image, "P")
+    paletted.putpalette([c for k in range(3) for c in colours[k][:3]])
+    paletted.save(tmp_path / "a.png", transparency=1)
+    assert np.array_equal(read_frame(tmp_path / "a.png")[[0, 20, 40], 0], [76, 0, 255])
+
+
+@pytest.mark.parametrize(
+    "values", [BINARY // 255, (BINARY // 255).astype(np.uint16), BINARY * np.uint16(257)]
+)
+def test_a_mask_of_two_values_is_ground_where_it_is_brighter(tmp_path, values):
+    assert np.array_equal(read_mask(write_tiff(tmp_path / "a.tif", values)), BINARY > 0)
+
+
+@pytest.mark.parametrize("value", [0, 3])
+def test_a_mask_without_ground_is_refused_by_its_name(tmp_path, value):
+    values = np.full((60, 80), value, np.uint8)
+    values[0, :3] = 1, 2, 255
+    with pytest.raises(FileFormatError, match=r"dark\.tif: expected a mask that is white where .* 255"):
+        read_mask(write_tiff(tmp_path / "dark.tif", values))
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.tif"])
+@pytest.mark.parametrize("read", [read_frame, read_mask])
+def test_small_files_of_very_many_pixels_are_refused_before_they_are_decoded(tmp_path, read, name):
+    driver = {"a.png": "PNG", "a.tif": "GTiff"}[name]
+    options = {"sparse_ok": True, "tiled": True} if name == "a.tif" else {}
+    if name == "a.png":
+        (tmp_path / name).write_bytes(png_of_zeros(32000))
+    else:
+        size = {"width": 32000, "height": 32000, "count": 1, "dtype": "uint8"}
+        with rasterio.open(tmp_path / name, "w", driver=driver, **size, **options):
+            pass
+    with pytest.raises(FileFormatError, match=r"at most 67 million pixels, got 32000 x 32000"):
+        read(tmp_path / name)
+
+
+def png_of_zeros(side):
+    """A grey PNG of few bytes: its rows are made and packed one by one."""
+    pack = zlib.compressobj(9)
+    rows = b"".join(pack.compress(bytes(side // 8 + 1)) for _ in range(side)) + pack.flush()
+    header = struct.pack(">IIBBBBB", side, side, 1, 0, 0, 0, 0)
+    parts = ((b"IHDR", header), (b"IDAT", rows), (b"IEND", b""))
+    chunks = (
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        for kind, data in parts
+    )
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)

@@ -168,18 +168,65 @@ def test_views_outside_and_voids_are_marked(tmp_path):
     )
 
 
-def test_a_view_over_the_seam_of_a_global_map_is_marked(tmp_path):
-    """Of a map that ends at 180 degrees, the half beyond is not shown, nor the other end of the map instead."""
-    path = tmp_path / "a.tif"
-    profile = {"width": 3600, "height": 1800, "count": 1, "dtype": "uint8", "crs": LONGLAT}
-    with rasterio.open(
-        path, "w", driver="GTiff", transform=Affine(0.1, 0, -180, 0, -0.1, 90), **profile
-    ) as dataset:
-        dataset.write(np.tile(np.linspace(10, 250, 3600).astype(np.uint8), (1800, 1)), 1)
-    view, valid = Map.open(path).view(TangentPlane(179.9, 0.0), -30e3, 30e3, 3000.0, (20, 21))
-    assert valid[:, :10].all()
-    assert not valid[:, 13:].any()
-    assert (view[:, :10] > 240).all()
+def waves(degrees):
+    """Grey values from directions, without a seam, with waves of some 30 degrees."""
+    lon, lat = np.radians(degrees).T
+    x, y, z = np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)
+    return 128 + 25 * np.sin(17 * x + 1) + 25 * np.sin(23 * y) + 25 * np.sin(19 * z + 2)
+
+
+WHOLE = 720, 1440  # lines, samples
+PART = 400, 400
+CYLINDERS = {  # projection, degrees of a pixel, west and north edge, lines and samples
+    "-180 to 180": ("+proj=eqc", 0.25, -180.0, 90.0, WHOLE),
+    "0 to 360 about 180": ("+proj=eqc +lon_0=180", 0.25, -180.0, 90.0, WHOLE),
+    "0 to 360 about 0": ("+proj=eqc", 0.25, 0.0, 90.0, WHOLE),
+    "degrees from 0 to 360": ("+proj=longlat", 0.25, 0.0, 90.0, WHOLE),
+    "a part": ("+proj=eqc", 0.025, -25.0, 50.0, PART),
+    "a part over 180 degrees": ("+proj=eqc", 0.025, 175.0, 50.0, PART),
+    "a part from 350 to 360 degrees": ("+proj=longlat", 0.025, 350.0, 5.0, PART),
+    "a part on another sphere": ("+proj=eqc +R=1738140", 0.025, 175.0, 50.0, PART),
+}
+
+
+@pytest.mark.parametrize("name", CYLINDERS)
+@pytest.mark.parametrize("reduction", [1.0, 3.3])
+def test_views_of_cylindrical_maps_show_all_that_these_have(tmp_path, name, reduction):
+    """To the west and east of the middle, over any seam and at the pole; the values are those of the places."""
+    projection, pixel_deg, west, north, shape = CYLINDERS[name]
+    crs = CRS.from_string(projection if "+R" in projection else f"{projection} +R={R}")
+    scale = 1.0 if crs.is_geographic else np.radians(crs.to_dict()["R"])
+    corner = Affine(pixel_deg * scale, 0, west * scale, 0, -pixel_deg * scale, north * scale)
+    east = west + 180.0 * ("lon_0" in projection) + pixel_deg * (np.arange(shape[1]) + 0.5)
+    places = np.stack(np.meshgrid(east, north - pixel_deg * (np.arange(shape[0]) + 0.5)), axis=-1)
+    profile = {"width": shape[1], "height": shape[0], "count": 1, "dtype": "uint8", "crs": crs}
+    with rasterio.open(tmp_path / "a.tif", "w", driver="GTiff", transform=corner, **profile) as dataset:
+        dataset.write(np.rint(waves(places.reshape(-1, 2))).reshape(shape).astype(np.uint8), 1)
+    base = Map.open(tmp_path / "a.tif")
+    planes = [base.plane()]
+    if shape == WHOLE:
+        planes += [TangentPlane(*at) for at in ((180.0, 5.0), (0.3, -5.0), (-20.0, 44.0), (20.0, 89.5))]
+    for plane in planes:
+        size, pixel_m = 240, base.resolution_m * reduction
+        first = (17 - size / 2) * pixel_m  # the middle of the view is not that of the plane
+        line, sample = np.mgrid[:size, :size]
+        plane_m = np.column_stack([first + pixel_m * sample.ravel(), -first - pixel_m * line.ravel()])
+        view, valid = base.view(plane, first, -first, pixel_m, (size, size))
+        # At the limb a pixel of the view has many degrees.
+        near = np.hypot(*plane_m.T) < 0.8 * R
+        if shape == WHOLE and plane.latitude_deg > 40.0:  # the seam goes on beyond the pole
+            near &= np.abs(plane_m[:, 0]) > 1.5 * pixel_m
+        degrees = plane.to_longitude_latitude(plane_m[near])
+        inside = base.pixels(degrees)
+        margin = 2.0 * reduction
+        shown = ((inside > margin) & (inside < np.array(shape[::-1]) - 1.0 - margin)).all(axis=1)
+        beyond = ((inside < -margin) | (inside > np.array(shape[::-1]) - 1.0 + margin)).any(axis=1)
+        if shape == WHOLE:
+            shown, beyond = np.full_like(shown, True), np.full_like(beyond, False)
+        assert valid.ravel()[near][shown].all()
+        assert not valid.ravel()[near][beyond].any()
+        off = np.abs(view.ravel()[near][shown] - waves(degrees[shown]))
+        assert off.max() < GREY
 
 
 def test_maps_refused(tmp_path):

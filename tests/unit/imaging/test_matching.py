@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 
 import cv2
 import numpy as np
 import pytest
+import rasterio
 from descent_images import BOX, FOLDER, NAMES, change3, image, needs_images
 from quick import each_with_one, some
 from scenes import frame, frame_matrix, ground
@@ -14,7 +15,10 @@ from scenes import frame, frame_matrix, ground
 from radioloc.errors import InputError
 from radioloc.imaging.frames import find_mask
 from radioloc.imaging.homography import transformed
+from radioloc.imaging.image_chain import Frame
+from radioloc.imaging.maps import Map
 from radioloc.imaging.matching import Detector, MatchStatus, detect, match
+from radioloc.imaging.registration import register_chain
 
 BOX_PX = 3.0  # the drawn boxes are good to 2 pixels each
 # At the edge of the image, of a transformation from some 100 tie points: of SIFT, good to 0.5 pixel; of ORB, which are
@@ -86,6 +90,23 @@ def test_change3_frame_on_the_nac_map_is_right_at_each_scale(scale):
     craters = np.array([[207.0, 235.0], [152.0, 295.0]])  # in frame 1801
     there = (transformed(found.matrix, craters) + 0.5) / scale - 0.5
     np.testing.assert_allclose(there, NAC_CRATERS, rtol=0, atol=5.0)
+
+
+@needs_images
+def test_change3_frames_are_tied_to_both_sides_of_a_cylindrical_map(tmp_path):
+    nac = image("change3_lro.png")[:, 461:]
+    path, pixel_m = tmp_path / "map.tif", 30.0
+    crs = "+proj=eqc +lat_ts=44 +lon_0=-19.51 +R=1737400"
+    profile = {"width": nac.shape[1], "height": nac.shape[0], "count": 1, "dtype": "uint8", "crs": crs}
+    north_m = np.radians(44.12) * 1737400.0 + pixel_m * nac.shape[0] / 2
+    to_xy = rasterio.Affine(pixel_m, 0.0, -pixel_m * nac.shape[1] / 2, 0.0, -pixel_m, north_m)
+    with rasterio.open(path, "w", driver="GTiff", transform=to_xy, **profile) as dataset:
+        dataset.write(nac, 1)
+    frames = [Frame(name, partial(image, f"change3_{name}.png")) for name in NAMES[:2]]
+    mask = find_mask(list(change3().values()))
+    east_m = register_chain(frames, Map.open(path), map_sigma_m=(10.0, 10.0), mask=mask).map_places_m[:, 0]
+    assert (east_m < 0.0).sum() > 20
+    assert (east_m > 0.0).sum() > 20
 
 
 NAC_CRATERS = [[212.0, 215.0], [251.0, 147.0]]

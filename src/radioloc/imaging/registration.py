@@ -122,6 +122,32 @@ class Registration:
         ground = self.plane.covariance_at(place, covariance) + np.diag(common_m2)
         return GroundPoint(float(longitude), float(latitude), ground)
 
+    def radial_pattern_px(self) -> tuple[float, float]:
+        """Return the radial part of all residuals, pixels at the corners, and its standard deviation.
+
+        It grows with the cube of the distance from the middle of an image, as distortion of the lens does, less what
+        the images absorb. Without unknown distortion it is zero.
+        """
+        product = square = variance = count = 0.0
+        for image, taken in self._taken.values():
+            mine = self._adjusted.used & (self._ties.image == image)
+            from_middle = (self._ties.pixels[mine] - taken.centre) / float(np.hypot(*taken.centre))
+            x, y = from_middle.T
+            one, none = np.ones(len(x)), np.zeros(len(x))
+            # What a homography absorbs: linear in its parameters, quadratic in the image.
+            along_samples = np.column_stack([one, x, y, none, none, none, x * x, x * y])
+            absorbed = np.vstack(
+                [along_samples, np.column_stack([none, none, none, one, x, y, x * y, y * y])]
+            )
+            pattern = (from_middle * (x**2 + y**2)[:, np.newaxis]).T.ravel()
+            pattern -= absorbed @ np.linalg.lstsq(absorbed, pattern, rcond=None)[0]
+            residual = self._adjusted.residuals_px[mine].T.ravel()
+            product, square = product + float(pattern @ residual), square + float(pattern @ pattern)
+            variance, count = variance + float(residual @ residual), count + len(residual)
+        if not square:
+            return 0.0, float("inf")
+        return product / square, float(np.sqrt(variance / count / square))
+
 
 @bare_arguments
 def register_chain(

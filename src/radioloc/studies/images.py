@@ -30,6 +30,8 @@ from radioloc.text_files import make_scratch_folder
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+_DISTORTION_SIGMAS = 5.0
+"""Significance of a radial pattern of residuals: 1.1 for the true distortion, 8 for none in place of k1 = -0.05."""
 _LANDED_HALF_WIDTH_M = 5.0
 """Largest half-width of the ground in an image from a lander that stands: its camera is a few metres up."""
 
@@ -190,6 +192,17 @@ def _solution(
     covariance = ground.to_enu @ found.covariance_m2 @ ground.to_enu.T
     covariance[2, 2] += ground.sigma_m**2
     notes = list(ground.notes)
+    distorted_px, sigma_px = registration.radial_pattern_px()
+    distortion_m = 0.0
+    if abs(distorted_px) > _DISTORTION_SIGMAS * sigma_px:
+        sizes_m = [frame.pixel_m for frame in frames if frame.status is FrameStatus.REGISTERED]
+        distortion_m = abs(distorted_px) * float(np.linalg.norm(sizes_m))
+        notes.append(
+            f"residuals have a radial pattern of {distorted_px:.2g} +- {sigma_px:.1g} pixels at the corners of images, "
+            f"as of unknown lens distortion: the sigma allows for {distortion_m:.3g} m east and north; calibrate the "
+            "camera, and give [camera] distortion"
+        )
+    covariance += distortion_m**2 * ground.to_enu @ ground.to_enu.T
     descent_m = _unknown_descent_m(registration, last) if isinstance(chosen.point, str) else 0.0
     covariance += descent_m**2 * ground.to_enu @ ground.to_enu.T
     if message:

@@ -85,6 +85,18 @@ def test_a_last_image_from_high_up_widens_the_sigma_by_the_unknown_descent(some,
         assert sigma_m.max() < 10.0
 
 
+def test_unknown_lens_distortion_widens_the_sigma_and_is_named(some, solution):
+    assert abs(np.divide(*solution.registration.radial_pattern_px())) < 4.0
+    assert not [note for note in solution.notes if "lens distortion" in note]
+    # The true k1 is -0.05.
+    camera = replace(some.camera, distortion=(0.07, 0.0, 0.0, 0.0, 0.0))
+    distorted = radioloc.locate_images(replace(some, camera=camera))
+    assert [note for note in distorted.notes if "unknown lens distortion" in note]
+    widened = distorted.relative_covariance_en_m2
+    assert error_m(distorted) @ np.linalg.solve(widened, error_m(distorted)) < 13.8  # 1 in 1000
+    assert widened[0, 0] > 4.0 * solution.relative_covariance_en_m2[0, 0]
+
+
 def test_altitudes_are_those_of_the_truth_also_where_the_camera_looks_aside(solution):
     truth = {f["file"]: f["altitude_m"] for f in json.loads((EXAMPLE / "truth.json").read_text())["frames"]}
     assert len(solution.altitudes_m) == 10

@@ -15,6 +15,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from radioloc.constants import LUNAR_HEIGHT_LIMITS_M
 from radioloc.errors import InputError, legible, named
 from radioloc.lunar.selenographic import selenographic_to_cartesian
 from radioloc.text_files import json_file
@@ -238,8 +239,9 @@ _LOCATED: dict[str, Check] = {
     "sigma": _or_none(_SIGMA_LEVELS),
     "covariance": _or_none(_COVARIANCE),
 }
+_LUNAR_HEIGHT = _number(*LUNAR_HEIGHT_LIMITS_M)
 _REFERENCE = _record(
-    {"name": _text(), **_GEOGRAPHIC},
+    {"name": _text(), **_GEOGRAPHIC, "height_m": _LUNAR_HEIGHT},
     dict.fromkeys(("east_m", "north_m", "up_m", "horizontal_m", "distance_m"), _METRES)
     | dict.fromkeys(("east_sigmas", "north_sigmas", "up_sigmas", "combined_sigmas"), _or_none(_ANY_NUMBER)),
 )
@@ -323,7 +325,7 @@ _ROW_PLACE: dict[str, Check] = {
 
 def _reference_has_place(value: Any, where: str) -> None:
     if value["method"] == "reference":
-        _record(_ROW_PLACE)(value, where)
+        _record(_ROW_PLACE | {"height_m": _LUNAR_HEIGHT})(value, where)
 
 
 _ROW = _all(_record({"name": _text(), "method": _text()}, _ROW_PLACE), _reference_has_place)

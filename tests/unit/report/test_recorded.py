@@ -59,6 +59,7 @@ def test_written_results_pass(solution, content, tmp_path):
         ("position.me.height_m", 10**400, "position.me.height_m"),
         ("position.me.frame", "PA_DE421", "position.me.frame"),
         ("position.me.x_m", 0.0, "position.me"),
+        ("reference.height_m", 1e5, "reference.height_m"),
         ("position.pa.x_m", float("nan"), "position.pa.x_m"),
         ("sigma.east_m", -1.0, "sigma.east_m"),
         ("sigma.east_m", 1e-9, "sigma.east_m"),

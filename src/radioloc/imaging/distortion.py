@@ -78,7 +78,7 @@ class Distortion:
         if not np.isfinite(values).all() or not about.least <= len(values) <= about.most:
             count = f"{about.least}" if about.least == about.most else f"{about.least} to {about.most}"
             raise InputError(
-                f"distortion {kind!r} takes {count} finite numbers, {about.description}; not {coefficients!r}"
+                f"distortion {kind!r} takes {count} finite numbers, {about.description}; not {coefficients!r:.60}"
             )
         object.__setattr__(self, "kind", kind)
         object.__setattr__(self, "coefficients", values + (0.0,) * (about.most - len(values)))

@@ -259,6 +259,7 @@ def changed(key, value):
         (changed("optical_distortion", {"fisheye": {}}), "of the kind 'fisheye'; radial, transverse"),
         (changed("optical_distortion", {}), "optical_distortion does not name one kind"),
         (changed("optical_distortion.radial.coefficients", [1.0]), "'radial' takes 3 finite numbers"),
+        (changed("optical_distortion.radial.coefficients", [0.0] * 999), r"mm; not .{60}$"),
         (changed("instrument_position.unit", "miles"), "instrument_position.unit is 'miles'"),
         (changed("instrument_position.positions", [[1.0, 2.0, 3.0]]), "positions is not 16 by 3 finite"),
         (changed("instrument_pointing.quaternions", [[2.0, 0.0, 0.0, 0.0]] * 16), "of another length than 1"),

@@ -74,7 +74,7 @@ class FileFormatError(InputError):
     def __init__(self, path: str | Path, problem: str, line: int | None = None) -> None:
         self.path = Path(path)
         self.line = line
-        problem = legible(problem)
+        problem = legible(problem).replace("\t", "\\t")
         self.problem = problem if len(problem) <= _LONGEST_PROBLEM else f"{problem[:_LONGEST_PROBLEM]}..."
         where = str(path) if line is None else f"{path}, line {line}"
         super().__init__(f"{where}: {self.problem}")

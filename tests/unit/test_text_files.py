@@ -146,3 +146,7 @@ def test_a_pipe_without_a_writer_is_not_waited_for(tmp_path):
 def test_a_name_that_is_too_long(tmp_path):
     with pytest.raises(FileFormatError, match=r"cannot be read .*File name too long"):
         read_text(tmp_path / ("a" * 300))
+
+
+def test_tabs_in_messages_about_files_are_shown():
+    assert str(FileFormatError("a.txt", "H\t: is not known", 7)) == "a.txt, line 7: H\\t: is not known"

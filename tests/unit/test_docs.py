@@ -289,7 +289,6 @@ def test_every_key_of_the_study_file(workspace):
         "epoch",
         "velocity_m_s",
         "altitude_m",
-        "arcs_hours",
         "axes",
         *KEPLERIAN,
         *EQUINOCTIAL,

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit
-from radioloc.dynamics.arcs import OrbitArcs
 from radioloc.dynamics.elements import FORMS, elements_of_state, state_by_elements
 from radioloc.dynamics.stochastic import Chains, StochasticEffects
 from radioloc.estimation.statistics import finite_or_none
@@ -236,96 +235,3 @@ class OrbitState:
 def by_axis(sigma_m: Floats) -> dict[str, float | None]:
     """Lengths radial, along and across by name, None where one is not finite."""
     return {f"{axis}_m": finite_or_none(value) for axis, value in zip(RTN, sigma_m.tolist(), strict=True)}
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class OrbitOverlap:
-    """Two neighbouring arcs at the epoch where they meet: the later less the earlier, radial, along and across.
-
-    Parameters
-    ----------
-    epoch : Epochs
-        TDB, one.
-    difference_m : ndarray, shape (3,)
-    covariance_m2 : ndarray, shape (3, 3)
-        What is expected of it, errors in common taken off; infinite where an arc is not determined.
-    """
-
-    epoch: Epochs
-    difference_m: Floats
-    covariance_m2: Floats
-
-    @property
-    def sigma_m(self) -> Floats:
-        """Standard deviations that are expected of the difference, m, shape (3,)."""
-        return np.sqrt(np.diag(self.covariance_m2))
-
-    @property
-    def sigmas(self) -> float | None:
-        """Length of the difference in its sigmas; of three components by chance below 2.80 in 95 %."""
-        if not np.isfinite(self.covariance_m2).all():
-            return None
-        return finite_or_none(
-            float(np.sqrt(self.difference_m @ np.linalg.lstsq(self.covariance_m2, self.difference_m)[0]))
-        )
-
-    def to_dict(self) -> dict[str, Any]:
-        """In types that JSON has."""
-        return {
-            "epoch_tdb": str(utc_strings(self.epoch, 3)[0]),
-            "difference_m": by_axis(self.difference_m),
-            "sigma_m": by_axis(self.sigma_m),
-            "sigmas": self.sigmas,
-        }
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FittedOrbit:
-    """An orbit, in one arc or in several, that was fitted; fields are those of :class:`OrbitState`, of all arcs."""
-
-    orbit: AdjustableOrbit | OrbitArcs
-    covariance: Floats
-    sensitivity: Floats
-    disturbed: AdjustableOrbit | OrbitArcs | None
-    body: int
-
-    def states(self) -> tuple[OrbitState, ...]:
-        """The state of each arc."""
-        whole = (np.arange(len(self.covariance)),)
-        columns = whole if isinstance(self.orbit, AdjustableOrbit) else self.orbit.columns
-        return tuple(
-            OrbitState(arc, self.covariance[np.ix_(mine, mine)], self.sensitivity[mine], disturbed, self.body)
-            for arc, mine, disturbed in zip(
-                _arcs(self.orbit), columns, _arcs(self.disturbed) or [None] * len(columns), strict=True
-            )
-        )
-
-    def overlaps(self) -> tuple[OrbitOverlap, ...]:
-        """By how much neighbouring arcs differ where they meet."""
-        if isinstance(self.orbit, AdjustableOrbit):
-            return ()
-        own = self.covariance - self.sensitivity @ self.sensitivity.T
-        found = []
-        for k in range(len(self.orbit.borders)):
-            epoch = self.orbit.borders[[k]]
-            pair, columns = self.orbit.arcs[k : k + 2], self.orbit.columns[k : k + 2]
-            (before_m, velocity_m_s), (after_m, _) = (arc.states(epoch) for arc in pair)
-            axes = rtn_axes(before_m[0], velocity_m_s[0])
-            by = np.zeros((3, len(own)))
-            for sign, arc, mine in zip((-1.0, 1.0), pair, columns, strict=True):
-                by[:, mine] += sign * (axes @ arc.position_partials(epoch)[0])
-            first, second = (
-                one.effects(epoch)[0, :3] for one in _arcs(self.disturbed or self.orbit)[k : k + 2]
-            )
-            moved = by @ self.sensitivity + axes @ (second - first)
-            expected = np.full((3, 3), np.inf)
-            if np.isfinite(self.covariance).all():
-                expected = by @ own @ by.T + moved @ moved.T
-            found.append(OrbitOverlap(epoch, axes @ (after_m - before_m)[0], expected))
-        return tuple(found)
-
-
-def _arcs(orbit: AdjustableOrbit | OrbitArcs | None) -> tuple[AdjustableOrbit, ...]:
-    if orbit is None:
-        return ()
-    return (orbit,) if isinstance(orbit, AdjustableOrbit) else orbit.arcs

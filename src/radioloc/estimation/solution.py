@@ -26,7 +26,7 @@ from radioloc.estimation.consistency import Consistency
 from radioloc.estimation.gauss_markov import SeriesWeight, TimeCorrelation
 from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.observability import Observability
-from radioloc.estimation.orbit_state import OrbitOverlap, OrbitState
+from radioloc.estimation.orbit_state import OrbitState
 from radioloc.estimation.shared_observations import sample_of
 from radioloc.estimation.statistics import (
     FitStatistics,
@@ -141,11 +141,7 @@ class Solution:
         What the target moves along, if it is no point fixed to the Moon. Such a solution has no position: what is
         derived from one raises :class:`~radioloc.errors.InputError`.
     state : OrbitState or None
-        The state of an orbit that was determined, with its covariance; of several arcs that of the first.
-    arcs : tuple of OrbitState
-        Those of all arcs, where there are several.
-    overlaps : tuple of OrbitOverlap
-        By how much neighbouring arcs differ where they meet.
+        The state of an orbit that was determined, with its covariance.
     """
 
     status: FitStatus
@@ -175,8 +171,6 @@ class Solution:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     trajectory: str | None = None
     state: OrbitState | None = None
-    arcs: tuple[OrbitState, ...] = ()
-    overlaps: tuple[OrbitOverlap, ...] = ()
     consider: Consider | None = None
     prior_effects: _Floats = field(default_factory=lambda: np.zeros((0, 0)))
     targets: tuple[TargetPosition, ...] = ()
@@ -395,8 +389,6 @@ class Solution:
             "message": self.message,
             "trajectory": self.trajectory,
             "state": None if self.state is None else self.state.to_dict(),
-            "arcs": [one.to_dict() for one in self.arcs],
-            "overlaps": [one.to_dict() for one in self.overlaps],
             **self._position_dict(),
             "biases": self._bias_dict("range_bias", "m"),
             "time_biases": self._bias_dict("time_bias", "s"),

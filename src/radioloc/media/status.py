@@ -31,7 +31,6 @@ class Status(IntEnum):
     NO_FREQUENCY = 10
     OUTSIDE_MODEL = 11
     NO_RAMP = 12
-    IN_TWO_ARCS = 13
 
     def text(self, elevation_deg: float = np.nan, station: str = "") -> str:
         """Say what is wrong; empty if nothing is.
@@ -55,7 +54,6 @@ _TEXTS = {
     Status.NO_FREQUENCY: "no frequency recorded, which the ionosphere needs",
     Status.OUTSIDE_MODEL: "outside of what the model of a medium covers",
     Status.NO_RAMP: "sent when no ramp says the transmitted frequency",
-    Status.IN_TWO_ARCS: "where two arcs of the orbit meet",
 }
 
 

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.dynamics import STATE, AdjustableOrbit
-from radioloc.dynamics.arcs import AnyOrbit, OrbitArcs
 from radioloc.dynamics.elements import FORMS, elements_of_state, state_by_elements
 from radioloc.lunar import cartesian_to_selenographic, east_north_up
 from radioloc.measurements.lunar_motion import lunar_motion
@@ -34,7 +33,7 @@ _SIZE_M = 2e6
 
 
 def orbit_parameters(
-    orbit: AnyOrbit,
+    orbit: AdjustableOrbit,
     sigmas: Mapping[str, float],
     estimated: bool,
     state: bool = True,
@@ -43,11 +42,8 @@ def orbit_parameters(
     """The parameters of an orbit, with a-priori sigmas by name; those without one are free.
 
     Nothing is `estimated`, or all but the state. The state is ``"cartesian"``, ``"rtn"``, ``"keplerian"`` or
-    ``"equinoctial"``: sigmas and correlations are then of these, with angles from the Moon's equator. Of several arcs
-    sigmas of the state are of the first's.
+    ``"equinoctial"``: sigmas and correlations are then of these, with angles from the Moon's equator.
     """
-    if isinstance(orbit, OrbitArcs):
-        return _of_arcs(orbit, sigmas, estimated, state, form)
     impulses = {one.name for one in orbit.forces.impulses}
     # Thrust moves the spacecraft by a metre while it lasts, about.
     of_thrust = {
@@ -81,28 +77,6 @@ def orbit_parameters(
         return np.concatenate([of_state, x[6:]]) - apriori, by
 
     return parameters, changes
-
-
-def _of_arcs(
-    arcs: OrbitArcs, sigmas: Mapping[str, float], estimated: bool, state: bool, form: str
-) -> PositionParameters:
-    parameters: dict[int, Parameter] = {}
-    functions = []
-    for k, (arc, mine) in enumerate(zip(arcs.arcs, arcs.columns, strict=True)):
-        known = {name: sigma for name, sigma in sigmas.items() if k == 0 or name in arc.parameters}
-        found, function = orbit_parameters(arc, known, estimated, state, form)
-        functions.append(function)
-        for column, name, parameter in zip(mine, (*STATE, *arc.parameters), found, strict=True):
-            number = arcs.names[column].removeprefix(name)
-            parameters.setdefault(int(column), replace(parameter, name=f"{parameter.name}{number}"))
-
-    def changes(x: Floats) -> tuple[Floats, Floats]:
-        out, by = np.zeros(len(x)), np.zeros((len(x), len(x)))
-        for function, mine in zip(functions, arcs.columns, strict=True):
-            out[mine], by[np.ix_(mine, mine)] = function(x[mine])
-        return out, by
-
-    return [parameters[column] for column in range(len(arcs.names))], changes
 
 
 def _state(

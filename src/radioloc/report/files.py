@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -117,30 +115,23 @@ def write_report(
         contents["terms.csv"] = partial(_write_terms, terms, observations)
         more["terms"] = partial(plot_terms, terms, observations)
     if solution.state is not None and solution.converged:
-        contents |= _orbit_writers(solution.state, solution.arcs)
+        contents |= _orbit_writers(solution.state)
     cell_m = math.inf if dem is None else dem.metadata.resolution_m
     if dem is not None and solution.converged and 3.0 * max(solution.sigma_enu_m()) > cell_m:
         more["map"] = partial(_on_terrain, solution, dem)
     return _write(solution, folder, contents, html, _SOLUTION_FILES, more)
 
 
-def _orbit_writers(state: OrbitState, arcs: Sequence[OrbitState] = ()) -> dict[str, Callable[[Path], Path]]:
-    """What writes an orbit that was determined, or its arcs up to the epoch of the next, to :data:`ORBIT_FILES`.
-
-    Both messages have the covariance of the first state; the OPM is of that one alone.
-    """
-    whole = [one.orbit for one in (arcs or (state,))]
-    starts_s = [whole[0].span_s[0], *(0.0 for _ in whole[1:])]
-    stops_s = [float(b.epoch.seconds_since(a.epoch)[0]) for a, b in pairwise(whole)] + [whole[-1].span_s[1]]
-    spans_s = zip(starts_s, stops_s, strict=True)
-    orbits = [replace(one, span_s=s).integrate() for one, s in zip(whole, spans_s, strict=True)]
+def _orbit_writers(state: OrbitState) -> dict[str, Callable[[Path], Path]]:
+    """Return writers of an orbit that was determined to :data:`ORBIT_FILES`; messages have the state's covariance."""
+    orbit = state.orbit.integrate()
     message: dict[str, Any] = {"originator": "radioloc"}
     if np.isfinite(state.covariance).all() and state.covariance.any():
         message["covariance"] = state.covariance
     writers = (
-        partial(write_orbit_spk, orbits, body=state.body),
-        partial(write_orbit_oem, orbits, **message),
-        partial(write_orbit_opm, orbits[0], **message),
+        partial(write_orbit_spk, [orbit], body=state.body),
+        partial(write_orbit_oem, [orbit], **message),
+        partial(write_orbit_opm, orbit, **message),
     )
     return dict(zip(ORBIT_FILES, writers, strict=True))
 

@@ -55,7 +55,7 @@ def solution_card(solution: Solution) -> Card:
         *solution.observability.describe()[:_MAX_SENTENCES],
         *which_sigmas((solution,)),
     )
-    orbit = [] if solution.state is None else [Field("orbit", _orbit(solution.state, solution.arcs))]
+    orbit = [] if solution.state is None else [Field("orbit", _orbit(solution.state))]
     if orbit and solution.trajectory is not None:
         where = orbit
     elif solution.trajectory is not None:
@@ -68,7 +68,6 @@ def solution_card(solution: Solution) -> Card:
             Field("solution", (solution.name,)),
             Field("status", _status(solution)),
             *where,
-            _overlaps(solution),
             Field("targets", _targets(solution)),
             _budget(solution),
             Field("reference", _reference(solution)),
@@ -83,12 +82,11 @@ def solution_card(solution: Solution) -> Card:
     )
 
 
-def _orbit(state: OrbitState, arcs: Sequence[OrbitState]) -> Iterator[str]:
+def _orbit(state: OrbitState) -> Iterator[str]:
     (shape, _), (lowest_m, highest_m) = state.elements(), state.apsides_m()
     x, y, z = (f"{value / 1e3:.6f}" for value in state.position_m)
     vx, vy, vz = (f"{value / 1e3:.9f}" for value in state.velocity_m_s)
-    of = f", first of {len(arcs)} arcs" if arcs else ""
-    yield f"of {state.orbit.name}{of}, Moon-centred ICRF, at {utc_strings(state.epoch, 3)[0]} TDB"
+    yield f"of {state.orbit.name}, Moon-centred ICRF, at {utc_strings(state.epoch, 3)[0]} TDB"
     yield f"position {x}, {y}, {z} km"
     yield f"velocity {vx}, {vy}, {vz} km/s"
     if state.covariance.any():  # else it is held
@@ -117,24 +115,6 @@ def _process(process: ProcessEstimate) -> str:
         f"stochastic accelerations of {process.effects.interval_s:g} s{lasting}: rms {found} m/s2 radial, along, "
         f"across; a priori {assumed}"
     )
-
-
-def _overlaps(solution: Solution) -> Field:
-    """Where arcs of an orbit meet, and by how much they differ there."""
-    rows = [
-        (
-            utc_strings(one.epoch, 0)[0][5:16],
-            *(
-                f"{signed_metres(difference)} +- {metres(sigma)}"
-                for difference, sigma in zip(one.difference_m, one.sigma_m, strict=True)
-            ),
-            "-" if one.sigmas is None else f"{one.sigmas:.2f}",
-        )
-        for one in solution.overlaps
-    ]
-    below = ["the later arc less the earlier, m; in sigmas 95 % are below 2.80"]
-    heading = ("meet (TDB)", "radial", "along", "across", "sigmas")
-    return Field("arcs", (), heading, rows, below if rows else ())
 
 
 def _doppler_alone(solution: Solution) -> Iterator[str]:

@@ -168,7 +168,6 @@ def read_solutions(given: str | Path | Result) -> tuple[list[RecordedSolution], 
     if not isinstance(given, str | Path | Result):
         raise InputError(f"{given}: expected a result, or the path of a solution.json or an arcs.json")
     content = read_recorded(given) if isinstance(given, str | Path) else given.to_dict()
-    # A solution has arcs too, of an orbit with states of their own.
     arcs = content["arcs"] if "positions" in content else [{"solution": content}]
     references = {
         row["name"]: (-row["longitude_west_deg"], row["latitude_deg"], row["height_m"])

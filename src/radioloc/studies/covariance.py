@@ -349,8 +349,7 @@ class _Solved:
             axes = rot_pa_to_enu(position_pa_m, self.part.arc.model) @ self.problem.position_partials(self.x)
         else:
             total = formal if moved is None else formal + moved.covariance
-            fitted = fitted_orbit(self.plan.study, self.problem, self.x, total, moved, self.plan.errant)
-            state = fitted.states()[0]
+            state = fitted_orbit(self.plan.study, self.problem, self.x, total, moved, self.plan.errant)
             by_orbit, by_gravity = (one[:, LOCAL_LEVEL[:3]] for one in state.partials_rtn(self._epochs))
             axes = np.zeros((*by_orbit.shape[:2], len(parameters)))
             mine = slice(0, self.problem.first)

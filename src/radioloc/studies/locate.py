@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit
-from radioloc.dynamics.arcs import AnyOrbit, OrbitArcs
 from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import CoverageError, FileFormatError, InputError, require_type
@@ -55,7 +54,7 @@ from radioloc.studies.identity import spacecraft_doubts
 from radioloc.studies.manoeuvres import HIDDEN, Manoeuvre
 from radioloc.studies.notes import notes_of, provenance
 from radioloc.studies.one_thread import on_one_blas_thread
-from radioloc.studies.orbit_start import near_landing, near_orbit, orbit_arcs
+from radioloc.studies.orbit_start import near_landing, near_orbit
 from radioloc.studies.orbiter import Orbiter
 from radioloc.studies.problem import (
     considered_errors,
@@ -279,19 +278,13 @@ def fit_arc(
     )
     if isinstance(study.target, Orbiter):
         covariance = solution.parameter_covariance()
-        found = fitted_orbit(study, problem, x, covariance, solution.consider, errant)
-        states = found.states()
+        state = fitted_orbit(study, problem, x, covariance, solution.consider, errant)
         if stochastic is not None:
-            states = (stochastic.smoothed(states[0], fitted.fit, solution, considered),)
+            state = stochastic.smoothed(state, fitted.fit, solution, considered)
         if problem.landing is not None:
-            solution = replace(solution, state=study.target.before_landing(states[0]))
-        elif isinstance(found.orbit, OrbitArcs):
-            named = str(found.orbit)
-            solution = replace(
-                solution, trajectory=named, state=states[0], arcs=states, overlaps=found.overlaps()
-            )
+            solution = replace(solution, state=study.target.before_landing(state))
         else:
-            solution = replace(solution, trajectory=str(states[0].orbit), state=states[0])
+            solution = replace(solution, trajectory=str(state.orbit), state=state)
     known = [compare_with(solution, xyz_m, name) for name, xyz_m in _references(study, constants)]
     first = None if study.reference is None else known.pop(0)
     solution = replace(solution, reference=first, references=tuple(known))
@@ -444,18 +437,14 @@ def _aim(
     model: PhysicalModel,
     observations: Observations,
     orbit: AdjustableOrbit | None = None,
-) -> tuple[NDArray[np.float64], Trajectory | AnyOrbit | None, tuple[str, ...]]:
+) -> tuple[NDArray[np.float64], Trajectory | AdjustableOrbit | None, tuple[str, ...]]:
     """What is predicted: positions or a trajectory, and names of several targets; of one, observations may have any."""
-    trajectory: Trajectory | AnyOrbit | None = orbit
+    trajectory: Trajectory | AdjustableOrbit | None = orbit
     if isinstance(study.target, Orbiter) and orbit is None:
         assert study.estimate.orbit is not None  # the study has seen to that
         parameters = study.estimate.orbit.parameters(study.target.forces)
         find = Orbiter.orbit if study.target.rough is None else first_orbit
         trajectory = find(study.target, model, observations, parameters)
-        if study.target.arcs_hours is not None:
-            trajectory = orbit_arcs(
-                trajectory, study.target.arcs_hours, study.estimate.orbit, model, observations
-            )
     elif isinstance(study.target, Trajectory):
         trajectory = study.target
     return start_pa_m(targets), trajectory, tuple(targets) if len(targets) > 1 else ()

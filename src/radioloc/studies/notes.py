@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import ARCSEC_RAD
-from radioloc.dynamics.arcs import AnyOrbit
+from radioloc.dynamics import AdjustableOrbit
 from radioloc.earth.eop import EopTable
 from radioloc.earth.eop_prediction import orientation_errors
 from radioloc.earth.stations import Station
@@ -226,7 +226,7 @@ def _of_model(arc: Predictor) -> Iterator[str]:
             served = ", ".join(station.name for station in radio if files.source_of(station) == source)
             if served:
                 yield f"troposphere of radio signals from {source} for {served}, beside recorded pressure"
-    if isinstance(arc.trajectory, AnyOrbit):
+    if isinstance(arc.trajectory, AdjustableOrbit):
         yield from arc.trajectory.notes
         yield from arc.trajectory.forces.gravity.notes
     if arc.trajectory is not None and not isinstance(arc.trajectory, AdjustableTrajectory):

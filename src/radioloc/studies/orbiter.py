@@ -202,8 +202,6 @@ class Orbiter:
         NAIF code of the spacecraft in kernels, negative, such as -181.
     landing : Landing, optional
         Where its flight ends on the Moon.
-    arcs_hours : float or None
-        About how long arcs are, each with a state of its own and all with common forces; one arc where ``None``.
     """
 
     epoch: Epochs
@@ -216,7 +214,6 @@ class Orbiter:
     rough: RoughOrbit | None = None
     body: int = -999
     landing: Landing | None = None
-    arcs_hours: float | None = None
 
     def __post_init__(self) -> None:
         bare_fields(self)
@@ -224,12 +221,6 @@ class Orbiter:
             _require_orbit(initial_state(self.position_m, self.velocity_m_s))
         if not (self.name.strip() and self.name.isascii() and self.name.isprintable()):
             raise InputError(f"name {self.name!r} cannot stand in orbit files; give printable ASCII text")
-        if self.arcs_hours is not None and not 0.0 < self.arcs_hours < math.inf:
-            raise InputError(f"arcs_hours must be above zero, not {self.arcs_hours!r}")
-        if self.arcs_hours is not None and self.landing is not None:
-            raise InputError(
-                "arcs_hours: a flight that ends on the ground is one arc; leave it or landing out"
-            )
         if not -(2**31) < self.body < 0:
             raise InputError(
                 f"body {self.body!r} is no NAIF code of a spacecraft; give a negative integer such as -181"
@@ -347,7 +338,6 @@ class Orbiter:
                 else asdict(self.rough)
             ),
             **({} if self.landing is None else {"landing_tdb": str(utc_strings(self.landing.epoch, 6)[0])}),
-            **({} if self.arcs_hours is None else {"arcs_hours": self.arcs_hours}),
             "forces": {
                 "gravity": {
                     "name": field.name,

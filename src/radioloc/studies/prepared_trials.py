@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit, Orbit
-from radioloc.dynamics.arcs import OrbitArcs
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.estimation.consider import few_errors
@@ -229,7 +228,6 @@ class Prepared:
         ).value_m
         usable = status_of(longest, start_pa_m(self._targets_pa))[0].are(USED)
         errant = disturbed(self.study, problem, x)
-        assert not isinstance(errant, OrbitArcs)  # such studies are refused
         arcs = []
         for part in self.parts:
             one = self._linear_arc(part, usable[part.rows], errant)

@@ -19,14 +19,13 @@ from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.dynamics import AdjustableOrbit
-from radioloc.dynamics.arcs import AnyOrbit, OrbitArcs
 from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.errors import InputError, named
 from radioloc.estimation.consider import Consider, ConsideredErrors, Effects, is_at_station
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.linearization import ResidualFunction
-from radioloc.estimation.orbit_state import FittedOrbit
+from radioloc.estimation.orbit_state import OrbitState
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.time_correlation import fit_with_correlated_weights
 from radioloc.lunar.position import LunarPosition
@@ -52,7 +51,6 @@ from radioloc.parameters.position_prior import with_position_prior
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import networks
 from radioloc.studies.orbit_choice import OrbitChoice
-from radioloc.studies.orbit_start import cut_by_borders
 from radioloc.studies.orbiter import Orbiter
 from radioloc.studies.study import EstimateChoice, Study, TerrainPrior
 from radioloc.studies.verdict import LOWEST_EARTH_DEG
@@ -129,7 +127,7 @@ def considered_errors(
     problem: ObservationModel,
     estimate: EstimateChoice | None,
     x: NDArray[np.float64],
-    orbit: AnyOrbit | None = None,
+    orbit: AdjustableOrbit | None = None,
 ) -> tuple[ConsideredErrors | None, list[str]]:
     """What is considered in an arc, with its partials at the parameters x of `problem`; and notes on what is not.
 
@@ -154,24 +152,17 @@ def considered_errors(
     return _together(ConsideredErrors(model.parameters, here.partials, there.partials), gravity), notes
 
 
-def disturbed(study: Study, problem: ObservationModel, x: NDArray[np.float64]) -> AnyOrbit | None:
+def disturbed(study: Study, problem: ObservationModel, x: NDArray[np.float64]) -> AdjustableOrbit | None:
     """The orbit at parameters x, with the errors of its gravity field that are considered, if it is one."""
     orbit, target = problem.predictor.trajectory, study.target
     if problem.process is not None or not isinstance(target, Orbiter):
         return None  # process noise stands for what the field leaves out
-    assert isinstance(orbit, AnyOrbit)
-    there = orbit.corrected(problem.all_positions_pa_m(x))
-    if isinstance(there, AdjustableOrbit):
-        return target.disturbed(there)
-    arcs = tuple(filter(None, map(target.disturbed, there.arcs)))
-    if not arcs:
-        return None
-    names = tuple(f"gravity_error.{k + 1}" for k in range(target.gravity_errors))
-    return replace(there, arcs=arcs, columns=(np.arange(len(names)),) * len(arcs), names=names)
+    assert isinstance(orbit, AdjustableOrbit)
+    return target.disturbed(orbit.corrected(problem.all_positions_pa_m(x)))
 
 
 def require_position_or_orbit(study: Study, what: str) -> None:
-    """Refuse a study without an estimated position, or of an orbit that lands, or has arcs or process noise."""
+    """Refuse a study without an estimated position, or of an orbit that lands, or has process noise."""
     orbit = study.estimate.orbit
     if not isinstance(study.target, Orbiter):
         if study.estimate.position == "none":
@@ -182,8 +173,6 @@ def require_position_or_orbit(study: Study, what: str) -> None:
             f"{what} is of a position or an orbit, not of a descent; use `radioloc simulate` and `radioloc locate`, or "
             "leave [target.landing] out"
         )
-    if study.target.arcs_hours is not None:
-        raise InputError(f"{what} of an orbit is of one arc; leave [target] arcs_hours out")
     if orbit is not None and orbit.process_noise is not None:
         raise InputError(f"{what} of an orbit has no process noise; leave [estimate.orbit] process_noise out")
 
@@ -194,18 +183,18 @@ def fitted_orbit(
     x: NDArray[np.float64],
     covariance: NDArray[np.float64],
     consider: Consider | None,
-    errant: AnyOrbit | None,
-) -> FittedOrbit:
-    """The orbit whose parameters come first in x and `covariance`, which is of all that is uncertain."""
+    errant: AdjustableOrbit | None,
+) -> OrbitState:
+    """The state of the orbit whose parameters come first in x and `covariance`, which is of all that is uncertain."""
     orbit = problem.predictor.trajectory
     assert isinstance(study.target, Orbiter)
-    assert isinstance(orbit, AnyOrbit)
+    assert isinstance(orbit, AdjustableOrbit)
     mine = slice(0, problem.first)
     changes, by = problem.positions[0](x[mine])
     sensitivity = np.zeros((problem.first, 0))
     if consider is not None:
         sensitivity = consider.sensitivity[mine][:, list(consider.parameters.of_kind("gravity_error"))]
-    return FittedOrbit(
+    return OrbitState(
         orbit.corrected(changes),
         by @ covariance[mine, mine] @ by.T,
         by @ sensitivity,
@@ -214,7 +203,7 @@ def fitted_orbit(
     )
 
 
-def gravity_errors(orbit: AnyOrbit | None, problem: ObservationModel) -> ConsideredErrors | None:
+def gravity_errors(orbit: AdjustableOrbit | None, problem: ObservationModel) -> ConsideredErrors | None:
     """Errors of an orbit's gravity field, with what they do to the observations."""
     if orbit is None:
         return None
@@ -266,7 +255,7 @@ def _columns(
 def _position(
     predictor: Predictor, target_pa: LunarPosition | None, choice: EstimateChoice, name: str = "position"
 ) -> PositionParameters:
-    if isinstance(predictor.trajectory, AnyOrbit):
+    if isinstance(predictor.trajectory, AdjustableOrbit):
         given, estimated = choice.orbit or OrbitChoice(), choice.orbit is not None
         sigmas = given.sigmas(predictor.trajectory.forces) if estimated else {}
         return orbit_parameters(predictor.trajectory, sigmas, estimated, given.state, given.form)
@@ -383,10 +372,6 @@ def status_of(arc: Predictor, positions_pa_m: NDArray[np.float64]) -> tuple[Labe
                 text = Status.EARTH_BELOW_HORIZON.text(above_deg[k])
                 reason[mine[k]] = Status.EARTH_BELOW_HORIZON
                 labels[mine[k]] = places.setdefault(text, len(places))
-    if isinstance(arc.trajectory, OrbitArcs):
-        cut = np.flatnonzero(cut_by_borders(arc.trajectory, arc.observations) & (reason == Status.OK))
-        reason[cut] = Status.IN_TWO_ARCS
-        labels[cut] = places.setdefault(Status.IN_TWO_ARCS.text(), len(places))
     return Labels(labels, tuple(places)), reason
 
 

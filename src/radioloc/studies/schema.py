@@ -211,6 +211,7 @@ class TomlTable:
             hint = f"; did you mean {near[0]!r}?" if near else f"; the keys are {', '.join(self._asked)}"
             if table := self._hints.table_of(key, self.name):
                 hint = f"; it belongs to [{table}]"
+            hint = self._advice(self.name, key) or hint
             where = f"[{self.name}] " if self.name else ""
             raise InputError(f"{self.path}: {where}{key!r} is not known{hint}")
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.dynamics.arcs import AnyOrbit
+from radioloc.dynamics import AdjustableOrbit
 from radioloc.earth.stations import Station, StationCatalogue, reordered_coordinates
 from radioloc.errors import StationError
 from radioloc.measurements.evaluation import prepare_predictor
@@ -27,7 +27,7 @@ def coordinate_doubts(
     Stations of the catalogue are not in doubt, nor are any where the target's orbit is.
     """
     observations, shipped = arc.observations, StationCatalogue.default()
-    for name in () if isinstance(arc.trajectory, AnyOrbit) else arc.stations:
+    for name in () if isinstance(arc.trajectory, AdjustableOrbit) else arc.stations:
         station = arc.model.catalogue.get(name)
         if station.name in shipped and np.array_equal(shipped[station.name].itrf_m, station.itrf_m):
             continue

@@ -65,10 +65,7 @@ class StochasticProblem:
                 "out with [observations] types"
             )
         orbit, interval_s = predictor.trajectory, noise.interval_s
-        if not isinstance(orbit, AdjustableOrbit):
-            raise InputError(
-                "[estimate.orbit] process_noise is of an orbit in one arc; leave arcs_hours of [target] out"
-            )
+        assert isinstance(orbit, AdjustableOrbit)  # process noise belongs to an orbit
         around_s = np.nan_to_num(predictor.observations.count_s) + _AROUND_S
         if 2.0 * around_s.max(initial=0.0) > interval_s:
             raise InputError(

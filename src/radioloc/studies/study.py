@@ -512,11 +512,10 @@ class Study:
             )
         given = {
             "[observations] doppler_phase_sigma_m": self.observations.doppler_phase_sigma_m,
-            "[target] arcs_hours": isinstance(self.target, Orbiter) and self.target.arcs_hours is not None,
         }
         for key in filter(given.get, given):
             raise InputError(
-                f"[estimate.orbit] process_noise is for one arc and observations of independent noise; leave {key} out"
+                f"[estimate.orbit] process_noise is for observations of independent noise; leave {key} out"
             )
 
     def _require_no_position(self, trajectory: Trajectory | Orbiter) -> None:

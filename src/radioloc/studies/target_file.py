@@ -55,7 +55,6 @@ class Target(Place):
     hx: float | None = None
     hy: float | None = None
     true_longitude_deg: float | None = None
-    arcs_hours: float | None = None
     axes: str | None = entry(None, choices=AXES)
 
     def __post_init__(self) -> None:
@@ -135,7 +134,6 @@ def _orbiter(table: TomlTable, acting: tuple[ForcesChoice, Forces] | None, model
         "forces": forces,
         "name": given.name,
         "body": given.body,
-        "arcs_hours": given.arcs_hours,
         "gravity_errors": choice.gravity_errors,
         "gravity_error_degree": choice.gravity_error_degree,
         "landing": None if ending is None else _landing(ending),

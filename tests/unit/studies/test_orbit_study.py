@@ -174,96 +174,15 @@ def test_an_error_of_the_field_moves_the_orbit_as_its_sigmas_say(model, forces, 
     np.testing.assert_allclose(1e-3 * np.sqrt(np.trace(added, axis1=1, axis2=2)), found_m, atol=0.01)
 
 
-def in_two(study):
-    return replace(study, target=replace(study.target, arcs_hours=1.5))
-
-
-@pytest.fixture(scope="module")
-def in_arcs(forces, doppler):
-    return radioloc.locate(in_two(study_of(forces)), doppler)
-
-
-@pytest.mark.study
-def test_arcs_have_states_of_their_own_and_forces_in_common(in_arcs, model, forces, doppler):
-    """The two passes; the true orbit is known in each arc."""
-    assert in_arcs.converged
-    assert len(in_arcs.arcs) == 2
-    assert [name for name in in_arcs.parameters.names if name.startswith("force")] == ["force.radiation"]
-    assert sum(name.endswith(" 2") for name in in_arcs.parameters.names) == 6
-    truth = propagate(EPOCH, STATE[:3], STATE[3:], forces, (0.0, 13000.0))
-    first, second = (state.epoch.seconds_since(EPOCH)[0] for state in in_arcs.arcs)
-    assert first == 0.0
-    assert 5000.0 < second < 7200.0
-    for state in in_arcs.arcs:
-        error = np.hstack(truth.states(state.epoch))[0] - state.orbit.state
-        # A chi squared of 6 degrees of freedom.
-        assert error @ np.linalg.solve(state.covariance, error) < 22.5
-        assert np.linalg.norm(error[:3]) < 5.0
-    (meeting,) = in_arcs.overlaps
-    assert meeting.epoch.seconds_since(EPOCH)[0] == pytest.approx(second, abs=1e-6)
-    before, after = (np.hstack(state.orbit.states(meeting.epoch))[0] for state in in_arcs.arcs)
-    axes = rtn_axes(before[:3], before[3:])
-    np.testing.assert_allclose(meeting.difference_m, axes @ (after - before)[:3], atol=1e-6)
-    assert meeting.sigmas < 4.0
-
-
-def test_an_overlap_is_expected_as_draws_of_both_arcs_differ(in_arcs):
-    names = list(in_arcs.parameters.names)
-    draws = np.random.default_rng(3).multivariate_normal(
-        np.zeros(len(names)), in_arcs.parameter_covariance(), size=4000
+def test_several_arcs_in_one_fit_are_refused_with_what_to_use(tmp_path):
+    path = tmp_path / "study.toml"
+    path.write_text(
+        '[target]\ndynamics = "moon"\nepoch = "2012-04-09T04:30:00"\nposition_m = [1.8e6, 0.0, 0.0]\n'
+        'velocity_m_s = [0.0, 1600.0, 0.0]\narcs_hours = 6.0\n[observations]\nfiles = ["a.csv"]\n'
     )
-    (meeting,), (before, after) = in_arcs.overlaps, in_arcs.arcs
-    radiation = names.index("force.radiation")
-    ends = []
-    for state, columns in ((before, range(6)), (after, range(6, 12))):
-        by = state.orbit.partials(meeting.epoch)[0, :3]
-        ends.append(draws[:, [*columns, radiation]] @ by.T)
-    position_m, velocity_m_s = before.orbit.states(meeting.epoch)
-    axes = rtn_axes(position_m[0], velocity_m_s[0])
-    spread_m = np.std((ends[1] - ends[0]) @ axes.T, axis=0)
-    np.testing.assert_allclose(meeting.sigma_m, spread_m, rtol=0.05)
-
-
-@pytest.mark.slow
-def test_an_error_of_the_field_moves_arcs_apart_as_their_sigmas_say(model, forces, doppler):
-    """The truth has a thousandth of the one error that is considered."""
-    error = draw_gravity_errors(forces.gravity, 1, 40)[0]
-    true = replace(forces, gravity=with_errors(forces.gravity, error, 1e-3), gradient_degree=20)
-    data = replace(doppler, value_m=counted(model, doppler, true))
-    (meeting,) = radioloc.locate(in_two(study_of(forces, errors=1)), data).overlaps
-    (alone,) = radioloc.locate(in_two(study_of(forces)), data).overlaps
-    added = meeting.covariance_m2 - alone.covariance_m2
-    (*_, variance), axes = np.linalg.eigh(added)
-    expected_m = 1e-3 * np.sqrt(variance) * axes[:, -1]
-    expected_m *= np.sign(expected_m @ meeting.difference_m)
-    # Of first order, as the weights of a fit that has the error as residuals.
-    assert np.linalg.norm(meeting.difference_m - expected_m) < 0.02 * np.linalg.norm(expected_m)
-
-
-@pytest.mark.study
-def test_arcs_are_written_one_after_the_other(in_arcs, tmp_path):
-    radioloc.write_report(in_arcs, tmp_path)
-    content = json.loads((tmp_path / "solution.json").read_text())
-    assert content["arcs"][0] == content["state"]
-    assert content["overlaps"][0]["sigmas"] == in_arcs.overlaps[0].sigmas
-    assert "first of 2 arcs" in str(in_arcs)
-    assert "the later arc less the earlier" in str(in_arcs)
-    spiceypy.furnsh(str(tmp_path / "orbit.bsp"))
-    try:
-        for state, since_s in zip(in_arcs.arcs, (3000.0, 3000.0), strict=True):
-            tdb = state.epoch.shifted(since_s)
-            et_s = float(tdb.seconds_since(Epochs.from_tdb_seconds(0.0))[0])
-            position_km = np.array(spiceypy.spkpos("-181", et_s, "J2000", "NONE", "301")[0])
-            np.testing.assert_allclose(1e3 * position_km, state.orbit.states(tdb)[0][0], rtol=0, atol=2e-3)
-    finally:
-        spiceypy.unload(str(tmp_path / "orbit.bsp"))
-
-
-def test_a_state_of_a_later_arc_is_refused(forces, doppler):
-    study = study_of(forces)
-    late = replace(study.target, epoch=EPOCH.shifted(9000.0), arcs_hours=1.5)
-    with pytest.raises(InputError, match=r"\[target\] arcs_hours: the epoch is behind the first arc"):
-        radioloc.locate(replace(study, target=late), doppler)
+    (tmp_path / "a.csv").touch()
+    with pytest.raises(InputError, match=r"\[target\] 'arcs_hours' is not known; .* a study of its own"):
+        radioloc.read_study(path)
 
 
 @pytest.mark.slow

@@ -242,7 +242,7 @@ def test_it_is_verified_as_any_solution(tmp_path, capsys):
     content["position"]["pa"]["x_m"] += 1.0
     solution.write_text(json.dumps(content))
     assert main(["verify", str(solution)]) == 3
-    assert "position x_m" in capsys.readouterr().out
+    assert "position.pa.x_m" in capsys.readouterr().out
     assert main(["verify", str(solution), "--quiet"]) == 3
     assert "DIFFERS in 1 of" in capsys.readouterr().err
     study.write_text(STEREO.read_text() + "\n")

@@ -12,8 +12,6 @@ from fuzz_readers import ALL
 TESTS = Path(__file__).parents[1]
 SLOW = ("solution_export", "solution_map", "solution_page", "solution_verify", "resume", "cube", "map")
 """Targets that draw, fit, or have large files."""
-MENDED_LATER = ("isd_lines",)
-"""Targets of which some damage ends in another error; run them by their names."""
 
 
 def fuzz(*arguments):
@@ -27,7 +25,7 @@ def fuzz(*arguments):
 
 
 def test_damaged_files(tmp_path):
-    names = [name for name in ALL if name not in (*SLOW, *MENDED_LATER)]
+    names = [name for name in ALL if name not in SLOW]
     run = fuzz("--target", ",".join(names), tmp_path, 1, 1.0)
     failed = [line for line in run.stdout.splitlines() if line.startswith("FAILED")]
     assert run.returncode == 0, f"{run.stdout[-500:]}: {run.stderr[-3000:]}"
@@ -38,6 +36,6 @@ def test_damaged_files(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [2, 3])
 def test_damaged_files_of_all_targets_each_in_a_process(seed, tmp_path):
-    run = fuzz(tmp_path, seed, 120.0, *(name for name in ALL if name not in MENDED_LATER))
+    run = fuzz(tmp_path, seed, 120.0)
     assert run.returncode == 0, f"{run.stdout[-5000:]}: {run.stderr[-5000:]}"
     assert re.search(r"all +\d+ files +\d+ refused +0 failures", run.stdout)

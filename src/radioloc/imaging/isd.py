@@ -40,6 +40,7 @@ Floats = NDArray[np.float64]
 
 _FRAME, _LINE_SCAN = "USGS_ASTRO_FRAME_SENSOR_MODEL", "USGS_ASTRO_LINE_SCANNER_SENSOR_MODEL"
 _UNITS_M = {"m": 1.0, "km": 1e3}
+_SUMMING_LIMITS = 1e-3, 1e4  # pixels of the detector in one of the image
 _CSM_CENTRE = 0.5  # of the first pixel
 _AXES = {code: axes.frame for code, axes in LUNAR_AXES.items()} | {10020: "IAU_MOON"}
 """Axes by NAIF's code."""
@@ -250,8 +251,11 @@ def _camera(keys: Keys, scan: bool, down: Floats) -> Camera:
     )
     centre = np.array([keys.number("detector_center.sample"), keys.number("detector_center.line")])
     first = np.array([_CSM_CENTRE, 0.0 if scan else _CSM_CENTRE])  # a line scan's detector is its line 0
-    if not (summing > 0.0).all():
-        raise FileFormatError(keys.path, "detector_sample_summing and detector_line_summing are not positive")
+    if not ((summing >= _SUMMING_LIMITS[0]) & (summing <= _SUMMING_LIMITS[1])).all():
+        problem = (
+            "expected detector_sample_summing and detector_line_summing from {:g} to {:g}, got {:g} and {:g}"
+        )
+        raise FileFormatError(keys.path, problem.format(*_SUMMING_LIMITS, *summing))
     return Camera(
         keys.number("focal_length_model.focal_length"),
         np.array([by_sample[1:], by_line[1:]]) / summing[:, None],

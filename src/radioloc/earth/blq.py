@@ -143,7 +143,9 @@ def parse_blq(text: str, path: str | Path) -> dict[str, BlqCoefficients]:
             name, rows = "", []
     if name:
         raise FileFormatError(
-            path, f"the record of {name!r} has {len(rows)} rows of numbers; it needs {len(_ROWS)}", name_line
+            path,
+            f"the record of {name[:40]!r} has {len(rows)} rows of numbers; it needs {len(_ROWS)}",
+            name_line,
         )
     if not sites:
         raise FileFormatError(

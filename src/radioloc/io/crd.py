@@ -309,7 +309,7 @@ class _File:
             record.fail(f"{' '.join(record.fields[1:3])!r} is not CRD version 1 or 2")
         self._version, self.ended = version, False
         self._station = self._target = ""
-        self._wavelengths_um = {}
+        self._wavelengths_um, self._configured = {}, set()
 
     def _station_of(self, record: _Record) -> str:
         """Catalogue name, or the pad number where the catalogue does not know it."""

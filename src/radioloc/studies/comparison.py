@@ -198,8 +198,10 @@ def _names(solutions: Sequence[RecordedSolution]) -> list[str]:
         for one in solutions
     ]
     if len(set(names)) < len(names):
+        name, _ = Counter(names).most_common(1)[0]
+        places = [one.where for one, other in zip(solutions, names, strict=True) if other == name]
         raise InputError(
-            f"two solutions are called {Counter(names).most_common(1)[0][0]!r}; rename their studies"
+            f"{' and '.join(places[:2])}: two solutions are called {name!r}; rename their studies"
         )
     return names
 

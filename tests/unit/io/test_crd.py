@@ -212,6 +212,11 @@ def test_a_configuration_has_one_wavelength_in_a_pass():
     assert len(parse_crd("a.np2", session("c0 0 532.0 std3 lpd", point(8215)), None)) == 1
 
 
+def test_a_configuration_of_a_session_that_was_cut_does_not_reach_into_the_next():
+    cut = [line for line in session() if not line.startswith(("h4", "h8", "h9"))]
+    assert len(parse_crd("a.np2", [*cut, *session("c0 0 1064.0 green lpd", point(8215))], None)) == 1
+
+
 def test_files_joined_one_after_the_other_are_read(crd_lines):
     later = session(point(8300))
     assert len(parse_crd("a.np2", [*crd_lines, *later], None)) == 4

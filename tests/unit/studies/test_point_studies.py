@@ -228,8 +228,9 @@ def test_a_rover_on_a_map_is_an_observation_of_tracking_studies(by_stereo, tmp_p
     path.write_text(json.dumps(by_stereo.to_dict()))
     place = PlaceOnMap(solution=path).read()
     assert place.map == "CE2-0236"
-    assert tuple(place.map_sigma_m) == (40.0, 40.0)
-    np.testing.assert_allclose(place.covariance_en_m2, own_en_m2(by_stereo), atol=1e-9)
+    ties_m = [place.errors_enu_m[f"map_tie.CE2-0236.{axis}"][:2] for axis in ("east", "north")]
+    np.testing.assert_allclose(ties_m, 40.0 * np.eye(2), atol=1e-9)
+    np.testing.assert_allclose(place.noise_enu_m2[:2, :2], own_en_m2(by_stereo), atol=1e-9)
 
 
 def test_it_is_verified_as_any_solution(tmp_path, capsys):

@@ -32,7 +32,11 @@ LARGEST = 0.9e6
 """Largest page with figures, bytes."""
 NASTY = '<img src=x onerror="alert(1)">&amp;{{ 7 * 7 }}'
 PROVENANCE = {
-    "study": {"file": f"/tmp/{NASTY}.toml", "inputs": [{"file": "a.csv", "sha256": "0" * 64}]},
+    "study": {
+        "file": f"/tmp/{NASTY}.toml",
+        "sha256": "1" * 64,
+        "inputs": [{"file": "a.csv", "sha256": "0" * 64}],
+    },
     "n": 3,
 }
 
@@ -181,6 +185,7 @@ def test_numbers_are_those_of_the_dictionary(page, solution):
     assert [float(row[2]) for row in left_out] == pytest.approx([-1e5, 19.0], rel=0.3)
     assert page.table("key", "value") == [
         ["study.file", f"/tmp/{NASTY}.toml"],
+        ["study.sha256", "1" * 64],
         ["study.inputs[0].file", "a.csv"],
         ["study.inputs[0].sha256", "0" * 64],
         ["n", "3"],

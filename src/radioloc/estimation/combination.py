@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError
 from radioloc.estimation.shared_observations import SampledSeries, share_observations
 from radioloc.estimation.statistics import finite_or_none
-from radioloc.lunar.local import LocalDifference, displaced, local_difference, rot_enu_between
+from radioloc.lunar.local import LocalDifference, axes_at, displaced, local_difference, rot_enu_between
 
 _Floats = NDArray[np.float64]
 _AXES = ("east", "north", "up")
@@ -24,6 +24,8 @@ _NUMBER = re.compile(r"[ .]\d+(?=\.|$)")
 _ABOVE_TERRAIN = "height_above_terrain"
 _MIN_OWN_PART = 1e-6
 """Least part of variances that a difference has for a test: without it both heights are the same a-priori value."""
+_MAX_ITERATIONS = 20
+_STEP_TOLERANCE_M = 1e-5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,6 +143,9 @@ class PositionEstimate:
         What tells its study from others; estimates of one study differ in the hours of data only.
     hours : float
         Length of the arc, h; infinite for all of the data.
+    straight : bool
+        Whether the covariance holds along straight lines, as that of tracking alone, whose lines of sight are parallel;
+        else it holds along the sphere and in height, as that of a position on a map or with an a-priori height.
     """
 
     name: str
@@ -155,6 +160,7 @@ class PositionEstimate:
     observations: tuple[SampledSeries, ...] | None = None
     study: str | None = None
     hours: float = math.inf
+    straight: bool = False
 
     @classmethod
     def from_solution(cls, content: Mapping[str, Any]) -> PositionEstimate:
@@ -205,6 +211,9 @@ class PositionEstimate:
             None if sample is None else tuple(map(SampledSeries.from_dict, sample)),
             study.get("sha256"),
             math.inf if study.get("hours") is None else study["hours"],
+            sample is not None
+            and not any(item["name"].startswith("position.") for item in rows.values())
+            and bool(np.isfinite(total).all()),
         )
 
     @property
@@ -215,9 +224,21 @@ class PositionEstimate:
     def carried_to(self, origin_m: _Floats) -> PositionEstimate:
         """Return the estimate with its covariance in the east, north and up of another point, mean-Earth axes, m."""
         rotation = rot_enu_between(self.position_me_m, origin_m)
+        return self._rotated(rotation, rotated_covariance(rotation, self.noise_enu_m2))
+
+    def offset_from(self, origin_m: _Floats) -> tuple[_Floats, PositionEstimate]:
+        """Return the offset from a point, east, north, up there, m, shape (3,), and the estimate in these axes."""
+        if not self.straight:
+            return local_difference(self.position_me_m, origin_m).enu_m, self.carried_to(origin_m)
+        axes = axes_at(origin_m)
+        rotation = axes @ axes_at(self.position_me_m).T
+        rotated = self._rotated(rotation, rotation @ self.noise_enu_m2 @ rotation.T)
+        return axes @ (self.position_me_m - origin_m), rotated
+
+    def _rotated(self, rotation: _Floats, noise_enu_m2: _Floats) -> PositionEstimate:
         return replace(
             self,
-            noise_enu_m2=rotated_covariance(rotation, self.noise_enu_m2),
+            noise_enu_m2=noise_enu_m2,
             errors_enu_m={name: rotation @ moved_m for name, moved_m in self.errors_enu_m.items()},
             priors_enu_m={name: rotation @ moved_m for name, moved_m in self.priors_enu_m.items()},
         )
@@ -397,26 +418,33 @@ def joint_estimate(estimates: Sequence[PositionEstimate]) -> JointEstimate | Non
     if len(used) < 2:
         return None
     origin_m = used[0].position_me_m
-    apart_m = np.concatenate([local_difference(item.position_me_m, origin_m).enu_m for item in used])
-    used = [item.carried_to(origin_m) for item in used]
-    total = np.block(
-        [[one.total_enu_m2 if one is two else one.common_covariance(two) for two in used] for one in used]
-    )
-    held = np.isfinite(np.diag(total))
-    design = np.tile(np.eye(3), (len(used), 1))[held]
-    # What both have from one a-priori value alone would leave nothing to factorize.
-    total += np.diag(1e-9 * np.diag(total))
-    root = np.linalg.cholesky(total[np.ix_(held, held)])
-    whitened, observed = np.linalg.solve(root, design), np.linalg.solve(root, apart_m[held])
-    inverse = np.linalg.pinv(whitened.T @ whitened)
+    # Directions and heights differ from one point to another, so offsets are taken anew at the estimate.
+    for _ in range(_MAX_ITERATIONS):
+        offsets_m, there = zip(*(item.offset_from(origin_m) for item in used), strict=True)
+        total = np.block(
+            [
+                [one.total_enu_m2 if one is two else one.common_covariance(two) for two in there]
+                for one in there
+            ]
+        )
+        held = np.isfinite(np.diag(total))
+        design = np.tile(np.eye(3), (len(used), 1))[held]
+        # What both have from one a-priori value alone would leave nothing to factorize.
+        total += np.diag(1e-9 * np.diag(total))
+        root = np.linalg.cholesky(total[np.ix_(held, held)])
+        whitened = np.linalg.solve(root, design)
+        observed = np.linalg.solve(root, np.concatenate(offsets_m)[held])
+        inverse = np.linalg.pinv(whitened.T @ whitened)
+        moved_m = inverse @ whitened.T @ observed
+        misfit = observed - whitened @ moved_m
+        before_m, origin_m = origin_m, displaced(origin_m, moved_m)
+        if np.linalg.norm(moved_m) < _STEP_TOLERANCE_M:
+            break
     known = np.asarray(design.any(axis=0))
     covariance = np.where(np.outer(known, known), inverse, np.nan)
-    moved_m = inverse @ whitened.T @ observed
-    misfit = observed - whitened @ moved_m
-    position_me_m = displaced(origin_m, moved_m)
     return JointEstimate(
-        position_me_m,
-        rotated_covariance(rot_enu_between(origin_m, position_me_m), covariance),
+        origin_m,
+        rotated_covariance(rot_enu_between(before_m, origin_m), covariance),
         tuple(item.name for item in used),
         left_out,
         float(misfit @ misfit),

@@ -45,6 +45,8 @@ _OF_FRAMES = frozenset(
 which is what their a-priori values, the same for a month or a year, say least about."""
 _NEGLIGIBLE = 0.1
 """Length of errors, in the sigmas of the observations, that move no combination of parameters by more of its sigmas."""
+_NEGLIGIBLE_IN_WEIGHTS = 0.01
+"""The same of errors that weights leave out. Its square is the relative change of a variance: 0.1 would be 1 %."""
 _LEAST_INFORMATION = 1e-10
 """Least eigenvalue of determined information of the tracking, in parts of the largest: rounding is below."""
 _FEW_COLUMNS = 16
@@ -107,7 +109,7 @@ class CommonErrors:
             products[np.ix_(there, there)] += gram(some, some)
             effects.append((there, some))
         squares, axes = np.linalg.eigh(products)
-        felt = squares > _NEGLIGIBLE**2
+        felt = squares > _NEGLIGIBLE_IN_WEIGHTS**2
         return cls(noise, tuple(effects), axes[:, felt], 1.0 / (1.0 + squares[felt]))
 
     def whitened(self, rows_of: RowsOf) -> Iterator[_Floats]:
@@ -173,10 +175,11 @@ def consider(fit: FitResult, errors: ConsideredErrors) -> Consider:
 def effects_beside_prior(fit: FitResult, errors: ConsideredErrors) -> Effects:
     """Return effects for weights of tracking that is combined with an independent a-priori position.
 
-    Beside the errors at stations these are those of frames, as far as they move the estimate: with the sensitivity S of
-    an estimate from the tracking alone, A S. The a-priori position then counts against the total covariance of the
-    tracking, N^-1 + S S^T, as where two results are combined, and how frame errors change over the arc has no part in
-    the estimate. The fit allows for errors at stations already.
+    Beside the errors at stations these are those of frames, as far as they move the position: with the sensitivity S of
+    a position from the tracking alone, A S. The a-priori position then counts against the total covariance of that,
+    N^-1 + S S^T, as where two results are combined, and how frame errors change over the arc has no part in the
+    estimate. Other parameters are left out: their a-priori values do not share the error, so that weights which allow
+    for it would move the position. The fit allows for errors at stations already.
     """
     parameters, root, free = fit.parameters, fit.factor.root_covariance(), fit.parameters.free
     frames = np.flatnonzero([not is_at_station(item.kind) for item in errors.parameters])
@@ -190,7 +193,7 @@ def effects_beside_prior(fit: FitResult, errors: ConsideredErrors) -> Effects:
     alone = np.linalg.pinv(tracking, rcond=_LEAST_INFORMATION, hermitian=True)
     moved = moved_by(fit, errors.partials, len(errors.parameters)) * errors.parameters.prior_sigmas
     sensitivity = np.zeros((len(parameters), len(frames)))
-    sensitivity[free] = sigmas[:, None] * (
+    sensitivity[free] = (placed * sigmas)[:, None] * (
         alone @ information @ (moved[np.ix_(free, frames)] / sigmas[:, None])
     )
     of_stations = errors.at_stations

@@ -10,7 +10,7 @@ from toy_moon import ToyMoon, toy_solution
 from radioloc.errors import InputError
 from radioloc.estimation.build import compare_with
 from radioloc.estimation.combination import PositionEstimate, agreement, joint_estimate
-from radioloc.lunar.local import displaced, local_difference
+from radioloc.lunar.local import axes_at, displaced, local_difference
 
 PLACE = np.array([1737400.0, 0.0, 0.0])
 """Where x is up, y east and z north."""
@@ -143,6 +143,19 @@ def test_estimates_76_km_apart_at_the_same_height_agree_as_their_horizontal_sigm
         [76e3 * 16.0 / 25.0, 0.0, 0.0], abs=1e-3
     )
     assert joint.chi2 == pytest.approx(pair.chi2)
+
+
+def test_an_estimate_from_lines_of_sight_is_combined_along_straight_lines():
+    """Of a point 10 km to the east, where verticals are 0.33 deg apart, one direction in space is known to 1 cm."""
+    other_m = displaced(PLACE, np.array([10e3, 0.0, 0.0]))
+    sigmas_m = np.array([3e3, 3e3, 0.01])
+    one, two = at(PLACE, "map", [3e3, 3e3, 3e3]), at(other_m, "radio", sigmas_m, straight=True)
+    joint = joint_estimate([one, two])
+    along_m = axes_at(other_m) @ (joint.position_me_m - other_m)
+    assert abs(along_m[2]) < 0.1  # 29 m where the vertical turned along the sphere
+    across_m = axes_at(other_m) @ axes_at(joint.position_me_m).T
+    variance_m2 = across_m @ joint.covariance_enu_m2 @ across_m.T
+    assert np.sqrt(variance_m2[2, 2]) == pytest.approx(0.01, rel=1e-3)
 
 
 def test_covariances_are_compared_in_common_axes_beyond_a_pole():

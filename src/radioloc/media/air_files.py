@@ -55,6 +55,7 @@ _POSSIBLE = np.array(
     [(1e-5, 2e-3), (1e-5, 2e-3), (0.5, 2.7), (-0.01, 1.0), (300.0, 1100.0), (-100.0, 70.0), (0.0, 100.0)]
 )
 """Both a, zenith delays (m), pressure (hPa), temperature (degrees Celsius), vapour pressure (hPa)."""
+_HEIGHT_LIMITS_M = -1000.0, 10_000.0  # of the ground above the ellipsoid
 _WET_SCALE_HEIGHT_M = 2000.0
 
 
@@ -229,6 +230,11 @@ def _read_orography(path: str | Path, order: NDArray[np.int64]) -> NDArray[np.fl
     for number, line in enumerate(read_lines(path, encoding=ANY_BYTE), start=1):
         if not line.lstrip().startswith(("!", "%", "#")):
             heights.extend(numbers_of(path, number, line.split(), "a height"))
+    low_m, high_m = _HEIGHT_LIMITS_M
+    for height_m in heights:
+        if not low_m <= height_m <= high_m:
+            problem = f"expected heights of the ground from {low_m:g} to {high_m:g} m, got {height_m:g}"
+            raise FileFormatError(path, problem)
     if len(heights) != order.size:
         problem = (
             f"has {len(heights)} heights, but the map has {order.size} points; take that of the grid's step"

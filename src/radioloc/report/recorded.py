@@ -223,9 +223,13 @@ _GEOGRAPHIC: dict[str, Check] = {
 }
 _POSITION = _record(
     {
-        "pa": _record({"frame": _text(r"PA_[\w.-]+", "principal axes, such as PA_DE421"), **_XYZ}),
+        "pa": _record({"frame": _text(r"PA_[A-Za-z0-9_.-]+", "principal axes, such as PA_DE421"), **_XYZ}),
         "me": _record(
-            {"frame": _text(r"ME_[\w.-]+", "mean-Earth axes, such as ME_DE421"), **_GEOGRAPHIC, **_XYZ}
+            {
+                "frame": _text(r"ME_[A-Za-z0-9_.-]+", "mean-Earth axes, such as ME_DE421"),
+                **_GEOGRAPHIC,
+                **_XYZ,
+            }
         ),
     }
 )

@@ -209,6 +209,11 @@ def test_maps_that_do_not_go_together(tmp_path: Path, maps: tuple[list[Path], Pa
     other = written(tmp_path / "VMF3.H12", "".join(vmf3_map_text(12).splitlines(keepends=True)[:-1]))
     with pytest.raises(FileFormatError, match="has other points than"):
         read_vmf3_grids([paths[0], other], orography)
+    deep = written(
+        tmp_path / "orography_of_sea", orography_text().rstrip()[:-1].rsplit(maxsplit=1)[0] + " -99999\n"
+    )
+    with pytest.raises(FileFormatError, match="heights of the ground from -1000 to 10000 m, got -99999"):
+        read_vmf3_grids(paths, deep)
     short = written(tmp_path / "orography_ell_1x1", orography_text()[:-7])
     with pytest.raises(FileFormatError, match="has 2591 heights, but the map has 2592 points"):
         read_vmf3_grids(paths, short)

@@ -58,6 +58,7 @@ def test_written_results_pass(solution, content, tmp_path):
         ("position.me.latitude_deg", True, "position.me.latitude_deg"),
         ("position.me.height_m", 10**400, "position.me.height_m"),
         ("position.me.frame", "PA_DE421", "position.me.frame"),
+        ("position.pa.frame", "PA_DE٤٢١", "position.pa.frame"),
         ("position.me.x_m", 0.0, "position.me"),
         ("reference.height_m", 1e5, "reference.height_m"),
         ("position.pa.x_m", float("nan"), "position.pa.x_m"),

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from radioloc.imaging import Camera, Distortion, LineScanModel, SupportData, TabulatedOrientation, write_isd
+from radioloc.imaging import Camera, Distortion, LineScanModel, TabulatedOrientation
 from radioloc.imaging.orientation import quaternions_of, rotation_of
 from radioloc.lunar import LunarPosition, east_north_up
 from radioloc.time import epochs_from_strings, to_scale
@@ -65,9 +65,58 @@ def main():
     print("point = [{:.2f}, {:.2f}]".format(*(pixel + PIXEL_ERROR)))
     tdb = to_scale(epochs_from_strings(EPOCH), "TDB")
     epoch_s = float(86400.0 * ((tdb.jd[0] - 2451545.0) + tdb.fraction[0]))
-    write_isd(
-        FOLDER / "orbital_image.json", SupportData(models[1], 1737400.0, epoch_s, None, "SIMULATED", "NAC")
-    )
+    content = support_data(models[1], epoch_s)
+    (FOLDER / "orbital_image.json").write_text(json.dumps(content, indent=1) + "\n")
+
+
+def support_data(model, epoch_s):
+    """Image support data of USGS: the body's axes are at rest in J2000, pixels have 0.5 at the centre of the first."""
+    camera, known = model.camera, model.orientation
+    first_s, _ = model.times_s(np.array([-0.5]))
+    return {
+        "name_model": "USGS_ASTRO_LINE_SCANNER_SENSOR_MODEL",
+        "name_platform": "SIMULATED",
+        "name_sensor": "NAC",
+        "image_lines": LINES,
+        "image_samples": SAMPLES,
+        "center_ephemeris_time": epoch_s,
+        "radii": {"semimajor": 1737.4, "semiminor": 1737.4, "unit": "km"},
+        "reference_height": {"minheight": -1000, "maxheight": 1000, "unit": "m"},
+        "focal_length_model": {"focal_length": camera.focal_length_mm},
+        "focal2pixel_samples": [0.0, *camera.pixel_per_mm[0].tolist()],
+        "focal2pixel_lines": [0.0, *camera.pixel_per_mm[1].tolist()],
+        "detector_center": {"sample": camera.principal_point_px[0] + 0.5, "line": 0.0},
+        "detector_sample_summing": 1,
+        "detector_line_summing": 1,
+        "starting_detector_sample": 0,
+        "starting_detector_line": 0,
+        "optical_distortion": {
+            camera.distortion.kind: {"coefficients": list(camera.distortion.coefficients)}
+        },
+        "body_rotation": {
+            "ephemeris_times": [epoch_s],
+            "quaternions": [[1.0, 0.0, 0.0, 0.0]],
+            "angular_velocities": [[0.0] * 3],
+            "time_dependent_frames": [31001, 1],
+            "reference_frame": 1,
+        },
+        "instrument_pointing": {
+            "ephemeris_times": (epoch_s + known.rotation_times_s).tolist(),
+            "quaternions": (known.quaternions * [1.0, -1.0, -1.0, -1.0]).tolist(),
+            "angular_velocities": [[0.0] * 3] * len(known.rotation_times_s),
+            "time_dependent_frames": [-1, 1],
+            "reference_frame": 1,
+        },
+        "instrument_position": {
+            "ephemeris_times": (epoch_s + known.position_times_s).tolist(),
+            "positions": (known.positions_m / 1e3).tolist(),
+            "unit": "km",
+            "reference_frame": 1,
+        },
+        "line_scan_rate": (model.line_times + np.array([1.0, 0.0, 0.0])).tolist(),
+        "interpolation_method": "lagrange",
+        "starting_ephemeris_time": epoch_s + float(first_s[0]),
+    }
 
 
 if __name__ == "__main__":

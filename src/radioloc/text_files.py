@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.errors import FileFormatError, InputError, named
+from radioloc.errors import FileFormatError, InputError
 
 BLOCK_BYTES = 2**22
 """Bytes of a file that are read at once: enough to be quick, few enough that their pieces do not fill the memory."""
@@ -78,15 +78,19 @@ def read_text(path: str | Path, *, encoding: str = "utf-8-sig") -> str:
 
 @contextmanager
 def json_file(path: str | Path, otherwise: str) -> Iterator[Any]:
-    """What a file of JSON holds; where it is none, or lacks what is asked of it within, an error says so by a text."""
+    """Open a file of JSON for a with statement; what is wrong in it, or missed there, is a :class:`FileFormatError`.
+
+    `otherwise` says what was expected, where the content has no error of its own.
+    """
     text = read_text(path)
     try:
-        with named(f"{path}:"):
-            yield json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_without_repeated_keys)
-    except InputError:
+        yield json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_without_repeated_keys)
+    except FileFormatError:
         raise
-    except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
-        raise InputError(f"{path}: {otherwise}") from None
+    except InputError as error:
+        raise FileFormatError(path, str(error)) from None
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+        raise FileFormatError(path, otherwise, getattr(error, "lineno", None)) from None
 
 
 def _refuse_constant(name: str) -> float:

@@ -22,7 +22,7 @@ from spk_files import ORBITER, write_random
 
 import radioloc
 from radioloc.ephemeris import Trajectory
-from radioloc.imaging import Map, read_frame, read_isd
+from radioloc.imaging import Map, read_frame, read_isd, read_mask
 from radioloc.report.ccsds import write_oem
 from radioloc.report.files import json_text, write_comparison
 from radioloc.report.gis import write_gis
@@ -160,7 +160,7 @@ TARGETS: dict[str, tuple[Callable[[Path], object], Callable[[Path], bytes], str]
     "isd_frame": (read_isd, lambda _: (ISD / "synthetic_frame.json").read_bytes(), "json"),
     "isd_lines": (read_isd, lambda _: (ISD / "synthetic_line_scan.json").read_bytes(), "json"),
     "frame": (read_frame, lambda _: _first_frame(), "png"),
-    "mask": (read_frame, lambda _: (EXAMPLES / "images" / "mask.png").read_bytes(), "png"),
+    "mask": (read_mask, lambda _: (EXAMPLES / "images" / "mask.png").read_bytes(), "png"),
     "map": (_mapped, lambda _: (EXAMPLES / "images" / "map.tif").read_bytes(), "bytes"),
 }
 """Functions that read and use a file, its sound content, and the form of damage."""

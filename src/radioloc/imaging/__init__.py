@@ -17,7 +17,7 @@ from radioloc.imaging.ground_points import (
 )
 from radioloc.imaging.homography import Homography, HomographyFit, fit_homography
 from radioloc.imaging.image_chain import Frame, FrameStatus
-from radioloc.imaging.isd import SupportData, read_isd, write_isd
+from radioloc.imaging.isd import SupportData, read_isd
 from radioloc.imaging.maps import Map, TangentPlane
 from radioloc.imaging.matching import Detector, Features, Matches, MatchStatus, detect, match
 from radioloc.imaging.orientation import ConstantOrientation, PolynomialOrientation, TabulatedOrientation
@@ -27,7 +27,7 @@ from radioloc.imaging.sensor_models import FrameModel, LineScanModel
 from radioloc.imaging.spice_source import orientation_from_spice
 from radioloc.imaging.stereo import StereoPair, body_position, resect
 from radioloc.imaging.surfaces import Plane, Sphere, Terrain
-from radioloc.imaging.tie_points import Measurement, TiePoint, read_tie_points, write_tie_points
+from radioloc.imaging.tie_points import Measurement, TiePoint
 
 __all__ = [
     "Camera",
@@ -72,13 +72,10 @@ __all__ = [
     "read_frame",
     "read_isd",
     "read_mask",
-    "read_tie_points",
     "rectification",
     "register_chain",
     "resect",
     "undistorted",
-    "write_isd",
     "write_mosaic",
     "write_orthophoto",
-    "write_tie_points",
 ]

@@ -1,4 +1,4 @@
-"""Image support data of USGS (ISD, JSON): sensor models in and out.
+"""Image support data of USGS (ISD, JSON): sensor models of images.
 
 The files are those that ALE writes and the Community Sensor Models of USGS (``usgscsm``) read. Their pixels have 0.5 at
 the centre of the first one, samples, lines and a detector's centre alike; half a pixel is taken off here. Lengths are
@@ -8,7 +8,6 @@ vectors from J2000 to the camera or the Moon.
 
 from __future__ import annotations
 
-import json
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,7 +32,7 @@ from radioloc.imaging.orientation import (
 )
 from radioloc.imaging.sensor_models import FrameModel, LineScanModel
 from radioloc.lunar.frames import rot_icrf_to_me
-from radioloc.text_files import read_text
+from radioloc.text_files import json_file
 from radioloc.time import Epochs
 
 Floats = NDArray[np.float64]
@@ -50,7 +49,7 @@ MAX_FROM_EPOCH_S = 86400.0
 """Largest distance of an image's tables from its middle: line-scan images take seconds to minutes."""
 
 _STATE_STEP_S = 1e-3
-_NODES_WRITTEN = 401
+_NOT_SUPPORT_DATA = "expected the JSON of an ISD or an ISIS cube, got neither; make the file again"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,17 +90,11 @@ def read_isd(path: str | Path, *, axes: str | None = None) -> SupportData:
     """
     if axes not in (None, "ME_DE421"):
         raise InputError(f"axes = {axes!r} is not known; use 'ME_DE421', or leave it out for the file's own")
-    try:
-        content = isd_of_cube(path) if is_isis_cube(path) else json.loads(read_text(path))
-    except FileFormatError:
-        raise
-    except json.JSONDecodeError as error:
-        raise FileFormatError(path, f"is neither JSON nor an ISIS cube: {error.msg}", error.lineno) from error
-    except (ValueError, RecursionError) as error:
-        raise FileFormatError(
-            path, "has numbers of thousands of digits, or brackets in brackets beyond any depth of an ISD"
-        ) from error
-    keys = Keys(path, content)
+    if is_isis_cube(path):
+        keys = Keys(path, isd_of_cube(path))
+    else:
+        with json_file(path, _NOT_SUPPORT_DATA) as content:
+            keys = Keys(path, content)
     name = keys.text("name_model")
     if name not in (_FRAME, _LINE_SCAN):
         raise FileFormatError(path, f"name_model is {name!r}; {_FRAME} and {_LINE_SCAN} are read")
@@ -111,85 +104,6 @@ def read_isd(path: str | Path, *, axes: str | None = None) -> SupportData:
         raise
     except InputError as error:
         raise FileFormatError(path, str(error)) from error
-
-
-def write_isd(path: str | Path, data: SupportData) -> None:
-    """Write a sensor model as image support data, which USGS's models read.
-
-    Parameters
-    ----------
-    path : path-like
-    data : SupportData
-        A table of the orientation is written as it is; another orientation of a line scan at 401 even times. As the
-        model does not know how the Moon turns in space, the file's J2000 is the Moon's axes at rest.
-
-    Examples
-    --------
-    >>> from radioloc.imaging import write_isd  # doctest: +SKIP
-    >>> write_isd("image.json", support_data)  # doctest: +SKIP
-    """
-    model, epoch = data.model, data.epoch_tdb_s
-    camera = model.camera
-    scan = isinstance(model, LineScanModel)
-    times, positions, velocities, rotation_times, quaternions = _tables(model)
-    on_detector = np.array([_CSM_CENTRE, 0.0 if scan else _CSM_CENTRE])
-    centre = camera.principal_point_px + on_detector
-    code = {name: number for number, name in reversed(_AXES.items())}.get(model.axes, 31001)
-    still = {
-        "ephemeris_times": [epoch],
-        "quaternions": [[1.0, 0.0, 0.0, 0.0]],
-        "angular_velocities": [[0.0] * 3],
-    }
-    content: dict[str, Any] = {
-        "name_model": _LINE_SCAN if scan else _FRAME,
-        "name_platform": data.platform,
-        "name_sensor": data.sensor,
-        "image_lines": model.shape[0],
-        "image_samples": model.shape[1],
-        "center_ephemeris_time": epoch,
-        "radii": {"semimajor": data.radius_m / 1e3, "semiminor": data.radius_m / 1e3, "unit": "km"},
-        "reference_height": {"minheight": -1000, "maxheight": 1000, "unit": "m"},
-        "focal_length_model": {"focal_length": camera.focal_length_mm},
-        "focal2pixel_samples": [0.0, *camera.pixel_per_mm[0].tolist()],
-        "focal2pixel_lines": [0.0, *camera.pixel_per_mm[1].tolist()],
-        "detector_center": {"sample": float(centre[0]), "line": float(centre[1])},
-        "detector_sample_summing": 1,
-        "detector_line_summing": 1,
-        "starting_detector_sample": 0,
-        "starting_detector_line": 0,
-        "optical_distortion": _written_distortion(camera),
-        "body_rotation": {**still, "time_dependent_frames": [code, 1], "reference_frame": 1},
-        "instrument_pointing": {
-            "ephemeris_times": (epoch + rotation_times).tolist(),
-            "quaternions": (quaternions * [1.0, -1.0, -1.0, -1.0]).tolist(),
-            "angular_velocities": [[0.0] * 3] * len(rotation_times),
-            "time_dependent_frames": [-1, 1],
-            "reference_frame": 1,
-        },
-        "instrument_position": {
-            "ephemeris_times": (epoch + times).tolist(),
-            "positions": (positions / 1e3).tolist(),
-            "unit": "km",
-            "reference_frame": 1,
-        },
-    }
-    if velocities is not None:
-        content["instrument_position"]["velocities"] = (velocities / 1e3).tolist()
-    if data.sun_m is not None:
-        content["sun_position"] = {
-            "ephemeris_times": [epoch],
-            "positions": [(data.sun_m / 1e3).tolist()],
-            "velocities": [[0.0] * 3],
-            "unit": "km",
-            "reference_frame": 1,
-        }
-    if isinstance(model, LineScanModel):
-        rates = model.line_times + np.array([1.0, 0.0, 0.0])
-        content["line_scan_rate"] = rates.tolist()
-        content["interpolation_method"] = "lagrange"
-        first, _ = model.times_s(np.array([-0.5]))
-        content["starting_ephemeris_time"] = epoch + float(first[0])
-    Path(path).write_text(json.dumps(content, indent=1) + "\n")
 
 
 def _support_data(keys: Keys, scan: bool, axes: str | None) -> SupportData:
@@ -295,21 +209,6 @@ def _distortion(keys: Keys) -> Distortion:
     return distortion
 
 
-def _written_distortion(camera: Camera) -> dict[str, Any]:
-    kind, values = camera.distortion.kind, list(camera.distortion.coefficients)
-    if kind == "brown":
-        raise InputError(
-            "ISDs have no distortion in OpenCV's order; give the camera as one of radial or transverse"
-        )
-    if kind == "none":
-        return {"radial": {"coefficients": [0.0, 0.0, 0.0]}}
-    if kind == "transverse":
-        return {kind: {"x": values[:10], "y": values[10:]}}
-    if kind == "kaguyalism":
-        return {kind: {"boresight_x": values[0], "x": values[1:5], "boresight_y": values[5], "y": values[6:]}}
-    return {kind: {"coefficients": values}}
-
-
 def _times(keys: Keys, name: str, epoch: float) -> Floats:
     """Times of a table from the epoch, s."""
     times = keys.numbers(f"{name}.ephemeris_times", (None,)) - epoch
@@ -357,17 +256,3 @@ def _unit_m(keys: Keys, name: str) -> float:
     if unit not in _UNITS_M:
         raise FileFormatError(keys.path, f"{name} is {unit!r}; m and km are read")
     return _UNITS_M[unit]
-
-
-def _tables(model: FrameModel | LineScanModel) -> tuple[Floats, Floats, Floats | None, Floats, Floats]:
-    """Times, positions and velocities, times and quaternions from the camera's axes."""
-    known = model.orientation
-    if isinstance(known, TabulatedOrientation):
-        rotations = known.rotation_times_s, known.quaternions
-        return known.position_times_s, known.positions_m, known.velocities_m_s, *rotations
-    times = np.zeros(1)
-    if isinstance(model, LineScanModel):
-        edges, _ = model.times_s(np.array([-0.5, model.shape[0] - 0.5]))
-        times = np.linspace(edges[0], edges[1], _NODES_WRITTEN)
-    positions, rotations_ = known.at(times)
-    return times, positions, None, times, quaternions_of(rotations_)

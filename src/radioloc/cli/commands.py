@@ -91,6 +91,8 @@ def _locate(options: argparse.Namespace) -> int:
         options.parser.error("--residuals-tdm needs --originator NAME, the agency that makes the message")
     fitted = options.command == "locate"
     study = read_study(options.study)
+    if not fitted:
+        locate.require_apriori_state(study)
     arc, left_out = locate.prepared_arc(study)
     solution = locate.fit_arc(study, arc, left_out, study.estimate if fitted else None)
     if options.out is not None:

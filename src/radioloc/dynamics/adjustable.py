@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from radioloc.dynamics.elements import equatorial_axes
 from radioloc.dynamics.forces import Forces
-from radioloc.dynamics.orbit import STATE, Orbit, integrated_over, since_j2000_s
-from radioloc.dynamics.propagation import propagate
+from radioloc.dynamics.orbit import LOWEST_M, STATE, Orbit, integrated_over, since_j2000_s
+from radioloc.dynamics.propagation import propagate, refuse_ground
 from radioloc.ephemeris import Ephemeris, LunarOrientation
+from radioloc.errors import InputError
 from radioloc.time import Epochs
 
 Floats = NDArray[np.float64]
@@ -20,6 +21,10 @@ Floats = NDArray[np.float64]
 LINEAR_M = 10.0
 """An orbit that is nowhere farther than this from one that was integrated follows from its partials: what is of second
 order is some 1e-4 m in low orbits over a day."""
+MAX_START_DEPTH_M = 50e3
+"""Depth below the lowest terrain that an orbit may reach where a fit starts, m: coefficients of degree n grow by
+(1 + depth / radius)^n, a factor of 18 at degree 100."""
+_GROUND_STEP_S = 10.0  # in which an orbit of eccentricity 0.1 rises by 2 m from its lowest point
 _CHECKED = 200
 _COARSE_DEGREE = 40
 _KEPT = 4
@@ -53,6 +58,8 @@ class AdjustableOrbit:
     errors : callable or None
         What errors do to its states, for :meth:`effects`. With them it is an
         :class:`~radioloc.ephemeris.trajectory.AdjustableTrajectory` of these errors, which are held at zero.
+    lowest_m : float
+        Distance from the Moon's centre below which an integration is refused, m.
     integrated : list
         What was integrated: values of the parameters, and the orbit; shared by those that differ in them, in their span
         or in the degree of their partials only.
@@ -69,6 +76,7 @@ class AdjustableOrbit:
     notes: tuple[str, ...] = ()
     touchdown: Epochs | None = None
     errors: Callable[[Epochs], Floats] | None = None
+    lowest_m: float = LOWEST_M
     integrated: list[tuple[Floats, Orbit]] = field(default_factory=list)
 
     def __str__(self) -> str:
@@ -128,6 +136,28 @@ class AdjustableOrbit:
         degree = min(_COARSE_DEGREE, self.forces.gradient_degree)
         return replace(self, forces=replace(self.forces, gradient_degree=degree))
 
+    def reaching_below_ground(self) -> AdjustableOrbit:
+        """Return the orbit with a limit below the ground, for the start of a fit, if its integration meets the ground.
+
+        What is estimated is to be checked by :meth:`require_above_ground`.
+        """
+        try:
+            self.coarse().nearest()
+        except InputError:
+            deeper = replace(self, lowest_m=LOWEST_M - MAX_START_DEPTH_M)
+            deeper.coarse().nearest()
+            return deeper
+        return self
+
+    def require_above_ground(self) -> None:
+        """Raise an InputError with the epoch at which an orbit with a limit below the ground meets the ground."""
+        if self.lowest_m < LOWEST_M:
+            begin_s, end_s = self.covered_s
+            tdb = self.epoch.shifted(np.arange(begin_s + 1e-3, end_s, _GROUND_STEP_S))
+            below = np.linalg.norm(self.states(tdb)[0], axis=-1) < LOWEST_M
+            if below.any():
+                refuse_ground(self.name, "Moon", tdb[[int(below.argmax())]])
+
     def nearest(self) -> Orbit:
         """It, integrated, or as it follows from one that was integrated near."""
         values = np.array(list(self.values.values()))
@@ -160,6 +190,7 @@ class AdjustableOrbit:
             name=self.name,
             touchdown=self.touchdown,
             whole=False,
+            lowest_m=self.lowest_m,
         )
 
     def states(self, tdb: Epochs) -> tuple[Floats, Floats]:

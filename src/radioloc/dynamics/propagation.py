@@ -51,6 +51,7 @@ def propagate(
     name: str = "orbit",
     touchdown: Epochs | None = None,
     whole: bool = True,
+    lowest_m: float = LOWEST_M,
 ) -> Orbit:
     """Integrate the motion of a spacecraft about the Moon, forward and backward from an epoch.
 
@@ -78,6 +79,8 @@ def propagate(
         From when on it rests on the Moon, where it then is, TDB, one; the epoch itself, or later.
     whole : bool
         Whether the span has all impulses; that of a part of an arc need not.
+    lowest_m : float
+        Distance from the Moon's centre below which the orbit is refused, m; that of the lowest terrain by default.
 
     Raises
     ------
@@ -131,7 +134,8 @@ def propagate(
             )
     data = force_data(forces, ephemeris, libration, epoch, (start_s, stop_s), state, names)
     before, after = (
-        _legs(name, epoch, forces, names, data, state, end_s, tolerance_m) for end_s in (start_s, stop_s)
+        _legs(name, epoch, forces, names, data, state, end_s, tolerance_m, lowest_m)
+        for end_s in (start_s, stop_s)
     )
     return Orbit(name, epoch, forces, names, (*before[::-1], *after), rest)
 
@@ -145,6 +149,7 @@ def _legs(
     state: Floats,
     end_s: float,
     tolerance_m: float,
+    lowest_m: float,
 ) -> list[Leg]:
     """From the epoch to one end, in the order in which they are integrated."""
     # The compiler takes a third of a second to import.
@@ -156,7 +161,7 @@ def _legs(
     spans_s = [(seconds(one.start, -np.inf), seconds(one.stop, np.inf)) for one in forces.accelerations]
     impulses_s = [seconds(one.epoch, 0.0) for one in forces.impulses]
     columns, method = parameter_columns(forces, names), _collocation()
-    tolerance = Tolerance(tolerance_m, tolerance_m * _VELOCITY_PER_POSITION, LOWEST_M, _MOST_STEPS)
+    tolerance = Tolerance(tolerance_m, tolerance_m * _VELOCITY_PER_POSITION, lowest_m, _MOST_STEPS)
     sign = 1.0 if end_s > 0.0 else -1.0
     corners = {time for span in spans_s for time in span} | {*impulses_s, end_s}
     ends_s = sorted((t for t in corners if 0.0 < sign * t <= sign * end_s), key=abs)
@@ -172,7 +177,7 @@ def _legs(
             time_s, leg_end_s, step_s, y.ravel(), columns, data._replace(given=given), method, tolerance
         )
         if status != DONE:
-            _refuse(name, status, f"{utc_strings(epoch.shifted(float(states[-1, 0])), 3)[0]} TDB")
+            _refuse(name, status, epoch.shifted(float(states[-1, 0])))
         legs.append(Leg(states, dense))
         time_s, y = leg_end_s, states[-1, 1:].reshape(-1, 6).copy()
         for impulse, impulse_s in zip(forces.impulses, impulses_s, strict=True):
@@ -227,13 +232,19 @@ def _axes_before(after: Floats, impulse: Impulse) -> Floats:
     return np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]]) @ axes
 
 
-def _refuse(name: str, status: int, date: str) -> NoReturn:
+def _refuse(name: str, status: int, tdb: Epochs) -> NoReturn:
     """Say why an orbit ends before its end."""
     if status in (STUCK, TOO_MANY):
-        raise ConvergenceError(f"{name} cannot be integrated beyond {date}; is its state in m and m/s?")
-    where = "Moon" if status == IN_MOON else "Earth"
+        date = utc_strings(tdb, 3)[0]
+        raise ConvergenceError(f"{name} cannot be integrated beyond {date} TDB; is its state in m and m/s?")
+    refuse_ground(name, "Moon" if status == IN_MOON else "Earth", tdb)
+
+
+def refuse_ground(name: str, body: str, tdb: Epochs) -> NoReturn:
+    """Raise an InputError with the epoch at which an orbit meets the ground of a body."""
     raise InputError(
-        f"{name} comes down to the ground of the {where} at {date}; correct its state or manoeuvres, or end it before"
+        f"{name} comes down to the ground of the {body} at {utc_strings(tdb, 3)[0]} TDB; correct its state or "
+        "manoeuvres, or end it before"
     )
 
 

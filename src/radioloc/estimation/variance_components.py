@@ -220,10 +220,13 @@ def part_of_parameters(fit: FitResult) -> float:
     """Part of the observations' degrees of freedom that the parameters take, shared by all in proportion.
 
     A parameter takes one less the part C / s^2 that its a-priori value has in it (variance C of the estimate, s of the
-    a-priori value): the trace of the hat matrix. So do stochastic accelerations.
+    a-priori value): the trace of the hat matrix. So do stochastic accelerations. Directions that are not determined
+    take nothing.
     """
-    known = fit.parameters.free & np.isfinite(fit.parameters.prior_sigmas)
-    a_priori = (np.sqrt(np.diag(fit.covariance)[known]) / fit.parameters.prior_sigmas[known]) ** 2
+    free = fit.parameters.free
+    prior_sigmas = fit.parameters.prior_sigmas[free]
+    known = np.isfinite(prior_sigmas)
+    a_priori = (fit.factor.root_covariance()[known] / prior_sigmas[known, None]) ** 2
     absorbed = 0.0 if fit.smoothed is None else fit.smoothed.absorbed
     return float(fit.factor.determined.sum() - a_priori.sum() + absorbed) / max(int(fit.used.sum()), 1)
 

@@ -12,11 +12,11 @@ from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
-from radioloc.errors import InputError, named
+from radioloc.errors import InputError, named, require_type
 from radioloc.estimation.combination import PositionEstimate, agreement, joint_estimate, rotated_covariance
 from radioloc.estimation.orbit_state import EAST_NORTH_UP
 from radioloc.estimation.solution import Solution
@@ -67,6 +67,9 @@ def compare(
     >>> [row.name for row in radioloc.studies.compare([radioloc.locate(study)]).rows]
     ['apollo15', 'JPL, DE421 solution']
     """
+    if isinstance(solutions, str | Path | Result):
+        solutions = (solutions,)
+    require_type("solutions", solutions, Iterable)
     recorded: list[RecordedSolution] = []
     references: dict[str, Place] = {}
     of_several = False
@@ -165,8 +168,7 @@ class RecordedSolution:
 
 def read_solutions(given: str | Path | Result) -> tuple[list[RecordedSolution], dict[str, Place]]:
     """The solutions of a ``solution.json``, an ``arcs.json`` or a result, and the references that it knows."""
-    if not isinstance(given, str | Path | Result):
-        raise InputError(f"{given}: expected a result, or the path of a solution.json or an arcs.json")
+    require_type("solutions", given, str, Path, *get_args(Result))
     content = read_recorded(given) if isinstance(given, str | Path) else given.to_dict()
     arcs = content["arcs"] if "positions" in content else [{"solution": content}]
     references = {

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from radioloc.errors import InputError
+from radioloc.errors import InputError, require_type
 from radioloc.imaging import Camera
 from radioloc.lunar.selenographic import require_lunar_height
 from radioloc.studies.schema import Hints, TomlTable, check, entry, keys_of, source_of, toml_content
@@ -335,6 +335,7 @@ def read_image_study(path: str | Path) -> ImageStudy | PointStudy:
     >>> study.images.base_map.name
     'map.tif'
     """
+    require_type("path", path, str, Path)
     content = toml_content(Path(path))
     path, file = source_of(path)
     hints = Hints({name: keys_of(record) for name, record in TABLES.items()})

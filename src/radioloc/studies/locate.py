@@ -83,6 +83,8 @@ from radioloc.time import Epochs
 
 logger = logging.getLogger(__name__)
 
+_SAME_VISIBILITY_M = 1e3
+"""Change of a fixed position that leaves its visibility as decided: 0.5 arc seconds of a station's elevation."""
 _MAX_VISIBILITY_DECISIONS = 4
 """Fits after which visibility is decided anew: observations at a limit could be in and out by turns."""
 
@@ -117,7 +119,7 @@ def locate(study: Study | str | Path, observations: Observations | None = None) 
 def residuals(study: Study | str | Path, observations: Observations | None = None) -> Solution:
     """Observed minus computed at the study's position, nothing fitted, nothing edited.
 
-    Parameters and errors as :func:`locate`.
+    Parameters and errors as :func:`locate`; an orbiter needs an a-priori state, as none is searched for.
 
     Examples
     --------
@@ -126,7 +128,17 @@ def residuals(study: Study | str | Path, observations: Observations | None = Non
     (153,)
     """
     study = as_study(study)
+    require_apriori_state(study)
     return fit_arc(study, *prepared_arc(study, observations), None)
+
+
+def require_apriori_state(study: Study) -> None:
+    """Raise an InputError if a study has a rough orbit only, at which residuals are not defined."""
+    if isinstance(study.target, Orbiter) and study.target.rough is not None:
+        raise InputError(
+            "[target] altitude_m: residuals need an a-priori state, got a rough orbit; give position_m and "
+            "velocity_m_s, or elements, or use `radioloc locate`, which searches for a first orbit"
+        )
 
 
 def arc_of(
@@ -445,6 +457,8 @@ def _aim(
         parameters = study.estimate.orbit.parameters(study.target.forces)
         find = Orbiter.orbit if study.target.rough is None else first_orbit
         trajectory = find(study.target, model, observations, parameters)
+        if study.target.landing is None:
+            trajectory = trajectory.reaching_below_ground()
     elif isinstance(study.target, Trajectory):
         trajectory = study.target
     return start_pa_m(targets), trajectory, tuple(targets) if len(targets) > 1 else ()
@@ -506,6 +520,8 @@ def _fit(
     if process_noise is not None:
         x = problem.parameters.prior_values if start is None else start
         stochastic = StochasticProblem.about(problem, process_noise, x)
+    # Positions with a prior of their own begin there, not where visibility was decided.
+    decided_at = start if start is not None or estimate.position_priors else problem.parameters.prior_values
     decisions = 0
     while True:
         problem = problem if stochastic is None else stochastic.here
@@ -527,12 +543,24 @@ def _fit(
             stochastic, start = stochastic.again(fitted.fit), fitted.fit.x
         elif not hidden:
             decided = status
-            if fitted.ended and decisions < _MAX_VISIBILITY_DECISIONS:
-                decisions += 1
+            if (
+                fitted.ended
+                and not _is_near(problem, decided_at, fitted.fit.x)
+                and decisions < _MAX_VISIBILITY_DECISIONS
+            ):
+                decisions, decided_at = decisions + 1, fitted.fit.x
                 decided = _visibility_at(problem, fitted.fit.x, status, fitted.fit.used)
             if decided is status:
                 return replace(fitted, reasons=faults), stochastic, manoeuvres
             status, start = decided, fitted.fit.x
+
+
+def _is_near(problem: ObservationModel, before: NDArray[np.float64] | None, x: NDArray[np.float64]) -> bool:
+    """Return whether fixed positions at parameters x have the visibility that was decided at those before."""
+    if before is None or problem.predictor.trajectory is not None:
+        return False
+    moved_m = problem.all_positions_pa_m(x) - problem.all_positions_pa_m(before)
+    return bool(np.abs(moved_m).max(initial=0.0) < _SAME_VISIBILITY_M)
 
 
 def _visibility_at(

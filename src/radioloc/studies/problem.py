@@ -191,11 +191,13 @@ def fitted_orbit(
     assert isinstance(orbit, AdjustableOrbit)
     mine = slice(0, problem.first)
     changes, by = problem.positions[0](x[mine])
+    estimated = orbit.corrected(changes)
+    estimated.require_above_ground()
     sensitivity = np.zeros((problem.first, 0))
     if consider is not None:
         sensitivity = consider.sensitivity[mine][:, list(consider.parameters.of_kind("gravity_error"))]
     return OrbitState(
-        orbit.corrected(changes),
+        estimated,
         by @ covariance[mine, mine] @ by.T,
         by @ sensitivity,
         errant if sensitivity.size else None,

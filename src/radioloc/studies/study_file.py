@@ -173,6 +173,7 @@ def read_study(path: str | Path) -> Study:
     >>> study.target.frame
     'ME_DE421'
     """
+    require_type("path", path, str, Path)
     content: dict[str, Any] = toml_content(Path(path))
     path, file = source_of(path)
     top = TomlTable(path, "", content, _hints())

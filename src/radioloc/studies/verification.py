@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
-from radioloc.errors import InputError
+from radioloc.errors import InputError, require_type
 from radioloc.kernels import sha256_of
 from radioloc.report.cards import Card, Field
 from radioloc.report.files import INCOMPLETE, json_text
@@ -107,6 +107,8 @@ def verify(path: str | Path, study: str | Path | None = None) -> Verification:
     >>> radioloc.studies.verify("out/solution.json").same
     True
     """
+    require_type("path", path, str, Path)
+    require_type("study", study, str, Path, type(None))
     before = _recorded(Path(path))
     now = _again(Path(path), before["provenance"], study)
     then = before["provenance"]

@@ -189,6 +189,32 @@ def test_parameters_with_a_priori_values_take_only_what_these_leave_open():
     assert found.additive_sigma_m["all"] == pytest.approx(noise_m, rel=0.15)
 
 
+@pytest.mark.parametrize("usable", [12, 6])
+def test_parameters_beyond_what_is_determined_take_no_redundancy(usable):
+    """A rate whose a-priori sigma is too large to be determined, and a group without usable observations."""
+    n, rng = 12, np.random.default_rng(1)
+    partials = np.column_stack([np.ones(n), 1e-9 * np.linspace(-1.0, 1.0, n)])
+    observed_m = rng.standard_normal(n)
+    parameters = ParameterSet([Parameter("offset", "m", "bias"), Parameter("rate", "1/s", "bias", 0.0, 1e12)])
+    status = Labels.coded((USED, "not used"), (np.arange(n) >= usable).astype(int))
+    order = SeriesOrder.of(
+        Labels.coded(("range",), np.zeros(n, dtype=int)),
+        Labels.coded(("A", "B"), np.arange(n) // 6),
+        60.0 * np.arange(n),
+    )
+    found = fit_with_variance_components(
+        lambda x: (observed_m - partials @ x, partials),
+        parameters,
+        0.01,
+        order=order,
+        groups=Labels.coded(("first", "second"), np.arange(n) // 6),
+        status=status,
+    )
+    assert np.isinf(found.fit.covariance[1, 1])
+    assert found.additive_sigma_m["first"] > 0.1
+    assert (found.additive_sigma_m["second"] == 0.0) == (usable == 6)
+
+
 @pytest.mark.parametrize("stations_m", [(0.0, 0.0, 0.0, 1e6), (1e-6, 1.0, 1e3, 1e6)])
 @pytest.mark.parametrize("stated_m", [1e-6, 0.3])
 def test_errors_of_stations_far_beyond_those_of_delays_are_no_noise(stated_m, stations_m):

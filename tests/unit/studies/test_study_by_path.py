@@ -63,6 +63,12 @@ def test_a_study_of_tracking_is_none_of_images():
         ),
         (lambda path: radioloc.residuals(path, str(path)), "observations: expected Observations, got str"),
         (lambda path: radioloc.arcs(path, [1.0], [1, 2]), "observations: expected Observations, got list"),
+        (lambda path: radioloc.read_study(None), "path: expected str or Path, got NoneType"),
+        (lambda path: radioloc.studies.read_image_study(1), "path: expected str or Path, got int 1"),
+        (lambda path: radioloc.studies.verify(None), "path: expected str or Path, got NoneType"),
+        (lambda path: radioloc.studies.verify(path, 1), "study: expected str or Path or None, got int 1"),
+        (lambda path: radioloc.studies.compare(None), "solutions: expected Iterable, got NoneType"),
+        (lambda path: radioloc.studies.compare([None]), "solutions: expected str or Path or .* got NoneType"),
         (lambda path: radioloc.covariance(None), "study: expected Study or str or Path, got NoneType"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Orbital maps as images of the ground: from pixels to longitude and latitude, to the map's own metres, to a plane.
+"""Orbital maps as images of the ground: from pixels to longitude and latitude, and to a plane.
 
 Longitudes and latitudes are degrees in mean-Earth axes, in which lunar maps are drawn, longitudes to the east from
 -180 to 180. Pixels are (sample, line); the centre of the first one is (0, 0). The plane in which images are adjusted
@@ -131,8 +131,8 @@ class Map:
         >>> base = Map.open(path)
         >>> base.longitude_latitude_deg([[0.0, 0.0]]).round(6).tolist()
         [[0.001649, 0.031329]]
-        >>> base.pixels([[0.001649, 0.031329]]).round(2) + 0.0, base.xy_m([[0.0, 0.0]])
-        (array([[0., 0.]]), array([[ 50., 950.]]))
+        >>> base.pixels([[0.001649, 0.031329]]).round(2) + 0.0
+        array([[0., 0.]])
         """
         pixels = _pairs(pixels, "pixels")
         degrees = np.degrees(np.column_stack(self._grid.longitude_latitude(pixels[:, 1], pixels[:, 0])))
@@ -144,18 +144,6 @@ class Map:
         """Pixels, shape (n, 2), of longitudes and latitudes; not finite where the projection does not show them."""
         radians = np.radians(_pairs(longitude_latitude_deg, "longitudes and latitudes"))
         return np.column_stack(self._grid.cells(radians[:, 0], radians[:, 1])[::-1])
-
-    def xy_m(self, pixels: ArrayLike) -> Floats:
-        """The projection's own x and y of pixels, shape (n, 2): metres, or degrees if the map is drawn in degrees."""
-        pixels = _pairs(pixels, "pixels")
-        a, b, c, d, e, f = self._grid.transform[:6]
-        return (pixels + 0.5) @ np.array([[a, d], [b, e]]) + np.array([c, f])
-
-    @bare_arguments
-    def from_xy_m(self, xy_m: ArrayLike) -> Floats:
-        """Pixels, shape (n, 2), of the projection's own x and y; the inverse of :meth:`xy_m`."""
-        a, b, c, d, e, f = self._grid.transform[:6]
-        return (_pairs(xy_m, "x and y") - [c, f]) @ np.linalg.inv([[a, d], [b, e]]) - 0.5
 
     def plane(self) -> TangentPlane:
         """The plane that touches the sphere at the centre of the map."""

@@ -336,7 +336,7 @@ def sources(
     rest: dict[str, tuple[str, str]] = {}
     for k, item in enumerate(parameters):
         # A-priori values that share errors are one source, less these errors.
-        key = A_PRIORI, item.name.rpartition(".")[0] if item.prior_errors else item.name
+        key = A_PRIORI, item.name.partition(".")[0] if item.prior_errors else item.name
         found[key] = found.get(key, 0.0) + squared(of_priors_m, k)
         rest |= dict.fromkeys(item.prior_errors, key)
     for name, moved in shared.items():

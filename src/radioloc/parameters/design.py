@@ -31,7 +31,7 @@ class ObservationModel:
     parameters: (
         ParameterSet  # three for the position of each target, or those of its orbit, then kind by kind
     )
-    positions: tuple[PositionFunction, ...]  # one for each target
+    positions: tuple[PositionFunction, ...]  # one for each target, of its parameters and of those before
     columns: tuple[Columns, ...]  # of the kinds of parameter
     reference: Epochs | None = None  # epoch that rates refer to, TAI; the middle of the arc as a rule
     landing: LandingParameters | None = None  # of an orbit that ends on the ground
@@ -66,7 +66,7 @@ class ObservationModel:
         return len(self.parameters) - sum(map(len, self.columns))
 
     def _mine(self, target: int) -> slice:
-        return slice(0, self.first) if self.of_orbit else slice(3 * target, 3 * target + 3)
+        return slice(0, self.first) if self.of_orbit else slice(0, 3 * target + 3)
 
     def position_pa_m(self, x: NDArray[np.float64], target: int = 0) -> NDArray[np.float64]:
         """Position of a target at parameters x, principal axes, m, shape (3,); zeros on a trajectory without end."""
@@ -143,9 +143,11 @@ class DesignMatrix:
         for target, function in enumerate(model.positions[:first]):
             mine = model._mine(target)
             by_place = part.computed.by_orbit if model.of_orbit else part.computed.by_position_pa
-            out[:, mine] = by_place @ function(self.x[mine])[1]
-            if len(model.positions) > 1:
-                out[:, mine] *= (part.target == target)[:, None]
+            by_parameters = by_place @ function(self.x[mine])[1]
+            if len(model.positions) == 1:
+                out[:, mine] = by_parameters
+            else:
+                out[:, mine] += by_parameters * (part.target == target)[:, None]
         for columns in model.columns:
             columns.design(part, out[:, start : start + len(columns)])
             start += len(columns)

@@ -4,13 +4,14 @@ The a-priori information of a fit is one value and one sigma for each parameter.
 therefore gets parameters that are independent a priori: with the covariance C = L D L^T (L unit lower triangular,
 D diagonal) of east, north and up, the displacement from the a-priori position is L u, and u has the a-priori covariance
 D. The first parameter is the displacement to the east; the others are those to the north and up less their regression
-on the ones before.
+on the ones before. Of several targets, whose positions on one map share its tie, C is that of all their positions.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from radioloc.errors import InputError
 from radioloc.lunar import rot_pa_to_me
 from radioloc.lunar.local import axes_at, displaced
 from radioloc.lunar.position import LunarPosition
-from radioloc.parameters.position import PositionParameters
+from radioloc.parameters.position import PositionFunction, PositionParameters
 
 _Floats = NDArray[np.float64]
 
@@ -48,6 +49,8 @@ class PositionPrior:
         m. They are part of the covariance.
     data : tuple of str
         Identifiers of the data behind it.
+    cross_enu_m2 : mapping of str to ndarray, shape (3, 3)
+        Its covariances (rows) with the a-priori positions of other targets, by their names, m^2.
 
     Raises
     ------
@@ -60,6 +63,7 @@ class PositionPrior:
     covariance_enu_m2: _Floats
     errors_enu_m: Mapping[str, _Floats] = field(default_factory=dict)
     data: tuple[str, ...] = ()
+    cross_enu_m2: Mapping[str, _Floats] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.factors()
@@ -86,54 +90,99 @@ class PositionPrior:
 
     def factors(self) -> tuple[_Floats, _Floats]:
         """Return L (3, 3) and the standard deviations of u (3,), infinite for a height that is not determined."""
-        known = 3 if self.has_height else 2
-        lower, sigmas = np.eye(3), np.full(3, np.inf)
-        try:
-            root = np.linalg.cholesky(self.covariance_enu_m2[:known, :known])
-        except np.linalg.LinAlgError:
-            raise InputError(
-                f"a-priori position: expected a positive definite covariance, got {self.covariance_enu_m2.tolist()} m^2"
-            ) from None
-        sigmas[:known] = np.diag(root)
-        lower[:known, :known] = root / sigmas[:known]
-        return lower, sigmas
+        return _factors(self.covariance_enu_m2)
 
 
-def with_position_prior(
-    position: PositionParameters, prior: PositionPrior, constants: EphemerisConstants
-) -> PositionParameters:
-    """Return parameters with the a-priori covariance of a position.
+def _factors(covariance_enu_m2: _Floats) -> tuple[_Floats, _Floats]:
+    """Return L (p, p) and the standard deviations of u (p,), infinite where the covariance is not known."""
+    known = np.isfinite(np.diag(covariance_enu_m2))
+    lower, sigmas = np.eye(len(known)), np.full(len(known), np.inf)
+    try:
+        root = np.linalg.cholesky(covariance_enu_m2[np.ix_(known, known)])
+    except np.linalg.LinAlgError:
+        raise InputError(
+            f"a-priori position: expected a positive definite covariance, got {covariance_enu_m2.tolist()} m^2"
+        ) from None
+    sigmas[known] = np.diag(root)
+    lower[np.ix_(known, known)] = root / sigmas[known]
+    return lower, sigmas
+
+
+def with_position_priors(
+    positions: Sequence[PositionParameters],
+    priors: Sequence[PositionPrior | None],
+    constants: EphemerisConstants,
+) -> list[PositionParameters]:
+    """Return parameters of positions with their a-priori covariance.
 
     Parameters
     ----------
-    position : PositionParameters
-        East and north along the 1737.4 km sphere and a height, about the a-priori position.
-    prior : PositionPrior
+    positions : sequence of PositionParameters
+        East and north along the 1737.4 km sphere and a height, about the a-priori position, for each target; or any
+        three parameters for a target without a prior.
+    priors : sequence of PositionPrior or None
+        For each target.
     constants : EphemerisConstants
         Give the rotation from principal to mean-Earth axes.
+
+    Returns
+    -------
+    list of PositionParameters
+        The position of a target depends on its own three parameters and those of the targets before it.
     """
-    parameters, function = position
-    lower, sigmas = prior.factors()
+    covariance_m2 = np.zeros((3 * len(priors),) * 2)
+    for k, prior in enumerate(priors):
+        mine = slice(3 * k, 3 * k + 3)
+        covariance_m2[mine, mine] = np.nan if prior is None else prior.covariance_enu_m2
+        for j, other in enumerate(priors):
+            if prior is not None and other is not None and other.target in prior.cross_enu_m2:
+                covariance_m2[mine, 3 * j : 3 * j + 3] = prior.cross_enu_m2[other.target]
+    lower, sigmas = _factors(covariance_m2)
+    names = dict.fromkeys(name for prior in priors if prior is not None for name in prior.errors_enu_m)
+    nothing = np.zeros(3)
+    errors = {
+        name: np.linalg.solve(
+            lower,
+            np.concatenate(
+                [nothing if one is None else one.errors_enu_m.get(name, nothing) for one in priors]
+            ),
+        )
+        for name in names
+    }
+    values = np.array([item.prior_value for parameters, _ in positions for item in parameters])
+    found = list[PositionParameters]()
+    for k, ((parameters, function), prior) in enumerate(zip(positions, priors, strict=True)):
+        if prior is None and k == 0:
+            found.append((parameters, function))
+            continue
+        first, end = 3 * k, 3 * k + 3
+        changed = [
+            replace(
+                item,
+                prior_sigma=sigmas[j] if np.isfinite(sigmas[j]) else item.prior_sigma,
+                prior_errors={name: float(error[j]) for name, error in errors.items() if prior is not None},
+            )
+            for j, item in enumerate(parameters, first)
+        ]
+        turned = _to_parameters(prior, constants) @ lower[first:end, :end]
+        found.append((changed, partial(_displaced, function, turned, values[:end])))
+    return found
+
+
+def _displaced(
+    function: PositionFunction, turned: _Floats, values: _Floats, x: _Floats
+) -> tuple[_Floats, _Floats]:
+    """Position and its partials (3, p) by p independent parameters x, of which the last three are its own."""
+    place_m, partials = function(values[-3:] + turned @ (x - values))
+    return place_m, partials @ turned
+
+
+def _to_parameters(prior: PositionPrior | None, constants: EphemerisConstants) -> _Floats:
+    """Rotate displacements on the ground in mean-Earth axes to those on the sphere in principal axes, (3, 3)."""
+    if prior is None:
+        return np.eye(3)
     place_me_m = prior.mean.to_axes("ME", constants).xyz_m
     rot = rot_pa_to_me(constants)
-    axes_me, axes_pa = axes_at(place_me_m), axes_at(rot.T @ place_me_m)
-    # From displacements on the ground in mean-Earth axes to those of the parameters, on the sphere in principal axes.
-    to_parameters = axes_pa @ rot.T @ axes_me.T
-    to_parameters[:2] *= MEAN_LUNAR_RADIUS_M / np.linalg.norm(place_me_m)
-    turned = to_parameters @ lower
-    values = np.array([item.prior_value for item in parameters])
-    errors = {name: np.linalg.solve(lower, error_m) for name, error_m in prior.errors_enu_m.items()}
-    changed = [
-        replace(
-            item,
-            prior_sigma=sigma_m if np.isfinite(sigma_m) else item.prior_sigma,
-            prior_errors={name: float(by_parameter[k]) for name, by_parameter in errors.items()},
-        )
-        for k, (item, sigma_m) in enumerate(zip(parameters, sigmas.tolist(), strict=True))
-    ]
-
-    def moved(x: _Floats) -> tuple[_Floats, _Floats]:
-        place_m, partials = function(values + turned @ (x - values))
-        return place_m, partials @ turned
-
-    return changed, moved
+    rotation = axes_at(rot.T @ place_me_m) @ rot.T @ axes_at(place_me_m).T
+    rotation[:2] *= MEAN_LUNAR_RADIUS_M / np.linalg.norm(place_me_m)
+    return np.asarray(rotation)

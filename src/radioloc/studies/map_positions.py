@@ -172,26 +172,18 @@ def position_priors(places: Sequence[PlaceOnMap], targets: Sequence[str]) -> tup
     Raises
     ------
     InputError
-        A target is not among those given, a map has two sigmas, images are used twice, a map shows several of the
-        targets, or none.
+        A target is not among those given, a map has two sigmas or shows no target, or images are used twice.
     """
     found = [(_target(place, targets), place.known, place.read()) for place in places]
     _require_distinct([position for *_, position in found])
-    maps: dict[str, set[str]] = {position.map: set() for *_, position in found}
-    for target, known, position in found:
-        if known is None:
-            maps[position.map].add(target)
-    for name, seen in maps.items():
-        if len(seen) != 1:
-            targets_seen = ", ".join(sorted(seen)) or "none"
+    shown = {position.map for _, known, position in found if known is None}
+    for _, _, position in found:
+        if position.map not in shown:
             raise InputError(
-                f"expected one target on the map {name}, got {targets_seen}; locate each target by itself, "
-                "and give a known place only beside a target on the same map"
+                f"expected a target on the map {position.map}, got none; give a known place only beside a target "
+                "on the same map"
             )
-    return tuple(
-        _combined(target, [(known, position) for _, known, position in found if target in maps[position.map]])
-        for target in dict.fromkeys(target for target, known, _ in found if known is None)
-    )
+    return _combined(found) if found else ()
 
 
 def _target(place: PlaceOnMap, targets: Sequence[str]) -> str:
@@ -224,39 +216,54 @@ def _require_distinct(positions: Sequence[MapPosition]) -> None:
         data.update(position.data)
 
 
-def _combined(target: str, items: Sequence[tuple[LunarPosition | None, MapPosition]]) -> PositionPrior:
-    """Estimate a position by least squares from positions on maps that share errors."""
+def _combined(items: Sequence[tuple[str, LunarPosition | None, MapPosition]]) -> tuple[PositionPrior, ...]:
+    """Estimate the positions of all targets by least squares from positions on maps that share errors."""
     from scipy.linalg import block_diag
 
-    origin = next(position.place for known, position in items if known is None)
-    names = list(dict.fromkeys(name for _, position in items for name in position.errors_enu_m))
+    origins: dict[str, LunarPosition] = {}
+    for target, known, position in items:
+        if known is None:
+            origins.setdefault(target, position.place)
+    blocks = {target: slice(3 * k, 3 * k + 3) for k, target in enumerate(origins)}
+    names = list(dict.fromkeys(name for *_, position in items for name in position.errors_enu_m))
     nothing = np.zeros(3)
-    design = np.concatenate([np.eye(3) * (known is None) for known, _ in items])
+    design = np.zeros((3 * len(items), 3 * len(origins)))
+    for k, (target, known, _) in enumerate(items):
+        if known is None:
+            design[3 * k : 3 * k + 3, blocks[target]] = np.eye(3)
     offsets_m = np.concatenate(
-        [local_difference(position.place.xyz_m, (known or origin).xyz_m).enu_m for known, position in items]
+        [
+            local_difference(position.place.xyz_m, (known or origins[target]).xyz_m).enu_m
+            for target, known, position in items
+        ]
     )
     errors_m = np.concatenate(
         [
             np.column_stack([position.errors_enu_m.get(name, nothing) for name in names])
-            for _, position in items
+            for *_, position in items
         ]
     )
-    noise_m2 = block_diag(*(position.noise_enu_m2 for _, position in items))
+    noise_m2 = block_diag(*(position.noise_enu_m2 for *_, position in items))
     held = np.isfinite(np.diag(noise_m2))
-    free = design[held].any(axis=0)
+    free = np.asarray(design[held].any(axis=0))
     design, offsets_m, errors_m = design[np.ix_(held, free)], offsets_m[held], errors_m[held]
     covariance_m2 = noise_m2[np.ix_(held, held)] + errors_m @ errors_m.T
     weighted = np.linalg.solve(covariance_m2, design)
-    gain = np.zeros((3, len(offsets_m)))
+    gain = np.zeros((len(free), len(offsets_m)))
     gain[free] = np.linalg.solve(design.T @ weighted, weighted.T)
     total_m2 = gain @ covariance_m2 @ gain.T
     total_m2[~free], total_m2[:, ~free] = np.nan, np.nan
-    return PositionPrior(
-        target,
-        LunarPosition.from_cartesian(displaced(origin.xyz_m, gain @ offsets_m), origin.frame),
-        total_m2,
-        dict(zip(names, (gain @ errors_m).T, strict=True)),
-        tuple(key for _, position in items for key in position.data),
+    moved_m, moved_by_m = gain @ offsets_m, dict(zip(names, (gain @ errors_m).T, strict=True))
+    return tuple(
+        PositionPrior(
+            target,
+            LunarPosition.from_cartesian(displaced(origin.xyz_m, moved_m[blocks[target]]), origin.frame),
+            total_m2[blocks[target], blocks[target]],
+            {name: by[blocks[target]] for name, by in moved_by_m.items() if by[blocks[target]].any()},
+            tuple(key for one, known, position in items if one == target or known for key in position.data),
+            {other: total_m2[blocks[target], block] for other, block in blocks.items() if other != target},
+        )
+        for target, origin in origins.items()
     )
 
 

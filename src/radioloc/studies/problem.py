@@ -47,7 +47,7 @@ from radioloc.parameters.orbit import (
 )
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.position import PositionParameters, cartesian, on_sphere, on_terrain
-from radioloc.parameters.position_prior import with_position_prior
+from radioloc.parameters.position_prior import PositionPrior, with_position_priors
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import networks
 from radioloc.studies.orbit_choice import OrbitChoice
@@ -80,9 +80,14 @@ def observation_model(
         if found is not None:
             kinds.append(found)
     if isinstance(targets_pa, Mapping) and len(targets_pa) > 1:
-        positions = [
-            _position(predictor, place, choice, f"position.{name}") for name, place in targets_pa.items()
-        ]
+        positions = with_position_priors(
+            [
+                _place(predictor, place.xyz_m, choice, f"position.{name}")
+                for name, place in targets_pa.items()
+            ],
+            [_prior(choice, name) for name in targets_pa],
+            predictor.model.ephemeris.constants,
+        )
     else:
         place = next(iter(targets_pa.values())) if isinstance(targets_pa, Mapping) else targets_pa
         if (landing := _landing(predictor, place, choice)) is not None:
@@ -255,7 +260,7 @@ def _columns(
 
 
 def _position(
-    predictor: Predictor, target_pa: LunarPosition | None, choice: EstimateChoice, name: str = "position"
+    predictor: Predictor, target_pa: LunarPosition | None, choice: EstimateChoice
 ) -> PositionParameters:
     if isinstance(predictor.trajectory, AdjustableOrbit):
         given, estimated = choice.orbit or OrbitChoice(), choice.orbit is not None
@@ -263,7 +268,17 @@ def _position(
         return orbit_parameters(predictor.trajectory, sigmas, estimated, given.state, given.form)
     if target_pa is None:
         return cartesian(np.zeros(3), role=Role.FIXED, name="offset")
-    return _place(predictor, target_pa.xyz_m, choice, name)
+    constants = predictor.model.ephemeris.constants
+    return with_position_priors(
+        [_place(predictor, target_pa.xyz_m, choice)], [_prior(choice, "")], constants
+    )[0]
+
+
+def _prior(choice: EstimateChoice, target: str) -> PositionPrior | None:
+    """A-priori position of a target that is estimated in geographic coordinates."""
+    if choice.position != "geographic":
+        return None
+    return next((one for one in choice.position_priors if one.target == target), None)
 
 
 def _place(
@@ -273,17 +288,14 @@ def _place(
         role = Role.FIXED if choice.position == "none" else Role.ESTIMATED
         return cartesian(start_pa_m, role=role, name=name)
     height, constants = choice.height_prior, predictor.model.ephemeris.constants
-    target = name.partition(".")[2]
-    prior = next((one for one in choice.position_priors if one.target == target), None)
+    prior = _prior(choice, name.partition(".")[2])
     if prior is not None:
         start_pa_m = prior.mean.to_axes("PA", constants).xyz_m
     if isinstance(height, TerrainPrior):
-        position = on_terrain(start_pa_m, height.terrain, height.sigma_m, constants, name)
-    elif height is None or (prior is not None and prior.has_height):
-        position = on_sphere(start_pa_m, None, name)
-    else:
-        position = on_sphere(start_pa_m, (height.height_m, height.sigma_m), name)
-    return position if prior is None else with_position_prior(position, prior, constants)
+        return on_terrain(start_pa_m, height.terrain, height.sigma_m, constants, name)
+    if height is None or (prior is not None and prior.has_height):
+        return on_sphere(start_pa_m, None, name)
+    return on_sphere(start_pa_m, (height.height_m, height.sigma_m), name)
 
 
 def _landing(

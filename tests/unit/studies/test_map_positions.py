@@ -17,10 +17,11 @@ from radioloc.estimation.combination import PositionEstimate, agreement
 from radioloc.io.table import write_table
 from radioloc.lunar.local import axes_at, displaced, local_difference
 from radioloc.parameters.position import on_sphere
-from radioloc.parameters.position_prior import PositionPrior, with_position_prior
+from radioloc.parameters.position_prior import PositionPrior, with_position_priors
 from radioloc.report.files import write_json
 from radioloc.simulation.truth import Truth, TruthSigma
 from radioloc.studies import EstimateChoice, HeightPrior, PlaceOnMap, compare
+from radioloc.studies.map_positions import position_priors
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "change5"
 PLACE = (-51.9149, 43.0579, -2600.0)
@@ -166,7 +167,7 @@ def test_parameters_of_an_a_priori_position_are_independent_a_priori_and_give_it
     mean = LunarPosition.from_selenographic(*PLACE)
     prior = PositionPrior("", mean, RELATIVE_M2 + 600.0 * np.eye(3))
     start_pa_m = mean.to_axes("PA", constants).xyz_m
-    parameters, function = with_position_prior(on_sphere(start_pa_m, None), prior, constants)
+    [(parameters, function)] = with_position_priors([on_sphere(start_pa_m, None)], [prior], constants)
     values = np.array([item.prior_value for item in parameters])
     place_m, partials = function(values)
     assert place_m == pytest.approx(start_pa_m, abs=1e-6)
@@ -177,6 +178,31 @@ def test_parameters_of_an_a_priori_position_are_independent_a_priori_and_give_it
     to_enu = axes_at(mean.xyz_m) @ radioloc.lunar.rot_pa_to_me(constants) @ partials
     covariance = to_enu @ np.diag([item.prior_sigma**2 for item in parameters]) @ to_enu.T
     assert covariance == pytest.approx(prior.covariance_enu_m2, rel=1e-9, abs=1e-6)
+
+
+def test_a_priori_positions_of_two_targets_on_one_map_have_their_covariance():
+    constants, tie_m2 = CONSTANTS["DE421"], np.diag(np.square([*TIE_M, 0.0]))
+    places = [number(target="a"), number(50.0, 80.0, sigma_up_m=9.0, target="b")]
+    priors = position_priors(places, ["a", "b"])
+    assert priors[0].cross_enu_m2["b"][:2, :2] == pytest.approx(tie_m2[:2, :2], rel=1e-6)
+    starts = [prior.mean.to_axes("PA", constants).xyz_m for prior in priors]
+    placed = with_position_priors([on_sphere(start, None) for start in starts], priors, constants)
+    parameters = [item for found, _ in placed for item in found]
+    values = np.array([item.prior_value for item in parameters])
+    assert placed[1][1](values)[0] == pytest.approx(starts[1], abs=1e-6)
+    partials = np.zeros((2, 3, 6))
+    for k, (_, function) in enumerate(placed):
+        rotation = axes_at(priors[k].mean.xyz_m) @ radioloc.lunar.rot_pa_to_me(constants)
+        partials[k, :, : 3 * k + 3] = rotation @ function(values[: 3 * k + 3])[1]
+    partials = partials.reshape(6, 6)
+    sigmas = np.array([item.prior_sigma for item in parameters])
+    held = np.isfinite(sigmas)  # the height of the first is not determined
+    covariance = (partials[:, held] * sigmas[held] ** 2) @ partials[:, held].T
+    expected = np.kron(np.ones((2, 2)), tie_m2) + np.diag([9.0, 9.0, 0.0, 9.0, 9.0, 81.0])
+    assert covariance == pytest.approx(expected, rel=1e-3, abs=0.05)  # their axes are 5e-5 rad apart
+    # Displaced by the tie, both move alike.
+    tie = np.array([item.prior_errors["map_tie.some.map.east"] for item in parameters])
+    assert partials @ tie == pytest.approx([TIE_M[0], 0.0, 0.0] * 2, abs=0.01)
 
 
 def test_positions_on_one_map_share_its_tie(radio, ranges):
@@ -213,10 +239,22 @@ def test_a_map_position_is_that_of_its_target(radio, ranges):
     solution = radioloc.locate(study, both)
     sigmas = [solution.of_target(name).sigma_enu_m() for name in ("lander", "rover")]
     assert sigmas[1][0] < 30.0 < sigmas[0][0]
-    with pytest.raises(InputError, match=r"expected one target on the map some\.map, got lander, rover"):
-        replace(
-            study, observations=replace(study.observations, map_positions=[place, number(target="lander")])
-        )
+    # Both on one map: their difference has no part of its tie, and the rover's distance is as read on the map.
+    lander = number(30.0, -40.0, target="lander")
+    on_map = replace(study.observations, map_positions=[place, lander])
+    solution = radioloc.locate(replace(study, observations=on_map), both)
+    apart = [solution.of_target(name) for name in ("lander", "rover")]
+    moved_m = local_difference(*(one.position_me_m for one in apart))
+    assert moved_m.enu_m[:2] == pytest.approx([30.0, -40.0], abs=5.0)
+    first, second = (one.position_partials for one in solution.targets)
+    difference = first - second
+    rot = axes_at(apart[0].position_pa_m) @ difference
+    sigma_m = np.sqrt(np.diag(rot @ solution.parameter_covariance() @ rot.T))
+    assert (sigma_m[:2] < 3.0 * np.sqrt(2.0)).all()
+    assert all(one.sigma_enu_m()[0] > 10.0 for one in apart)
+    assert sum(item.total_m**2 for item in apart[1].budget) == pytest.approx(
+        np.trace(apart[1].position_covariance("enu"))
+    )
     # Of one target that is chosen from the files no name is needed.
     one = with_places(radio, number())
     one = replace(one, observations=replace(one.observations, targets=("rover",)))
@@ -312,7 +350,7 @@ def test_every_command_takes_map_positions(file, tmp_path):
             f"{NUMBERS}\n[[observations.map_positions]]\n{NUMBERS.replace('25.0', '30.0')}",
             "the tie map_tie.some.map.east has two sigmas",
         ),
-        (NUMBERS + "\nknown_deg_m = [-51.9, 43.0, 0.0]", "expected one target on the map some.map, got none"),
+        (NUMBERS + "\nknown_deg_m = [-51.9, 43.0, 0.0]", "expected a target on the map some.map, got none"),
         (
             NUMBERS + '\n[estimate]\nposition = "cartesian"\n[x]',
             'expected [estimate] position = "geographic"',

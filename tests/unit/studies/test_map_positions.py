@@ -337,7 +337,7 @@ def test_every_command_takes_map_positions(file, tmp_path):
         ('solution = "none.json"', "none.json' matches no file"),
         (
             'solution = "ranges.csv"',
-            "ranges.csv: is neither a solution.json nor",
+            "ranges.csv, line 1: is neither a solution.json nor",
         ),
         (NUMBERS + '\nsolution = "ranges.csv"', "longitude_deg is in the solution already"),
         ("longitude_deg = 1.0", "map is missing; give it, or the solution of images"),

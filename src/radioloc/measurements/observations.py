@@ -509,9 +509,9 @@ def without_duplicates(observations: Observations, *, first_counts: bool = False
     """Return the observations, each once: copies are left out with a warning, two values of one are an error.
 
     Rows are of one observation if path, kind, time tag, wavelength and count interval are the same and their epochs
-    differ by less than 10 microseconds, or by rounding to milliseconds. Copies have the same value and sigma, in two
-    files but for rounding. Where the `first_counts`, as of
-    frequencies read off twice, another value is left out with a warning, too.
+    differ by at most 10 microseconds, or by rounding to milliseconds. Copies have the same value and sigma, in two
+    files up to rounding. With `first_counts`, as for frequencies read off twice, a second value is rejected with a
+    warning, too.
     """
     instant = _instants_us(observations)
     if not (np.diff(np.sort(instant)) <= _NEAR_US).any():
@@ -568,8 +568,10 @@ def _near_pairs(instant_us: NDArray[np.int64]) -> NDArray[np.intp]:
     order = np.argsort(instant_us, kind="stable")
     in_order, pairs = instant_us[order], []
     for lag in range(1, min(len(order), _MAX_SIGNALS + 1)):
-        near = in_order[lag:] - in_order[:-lag] <= _NEAR_US
-        pairs.append(np.sort([order[:-lag][near], order[lag:][near]], axis=0))
+        near = np.flatnonzero(in_order[lag:] - in_order[:-lag] <= _NEAR_US)
+        if not len(near):
+            break
+        pairs.append(np.sort([order[near], order[near + lag]], axis=0))
     return np.concatenate(pairs, axis=1)
 
 

@@ -14,6 +14,7 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.registry import KINDS
 
 _MIN_READINGS = 10  # a common divisor of fewer differences may be one by chance
+_MIN_CHANGES = 5  # an outlier among equal readings changes the value twice
 _SAMPLE = 300  # readings of a series from which the step is found
 _MAX_UPLINKS = 200  # more of them are recorded row by row
 _TOLERANCE = 1e-3  # of the smallest step in question, by which multiples may be off
@@ -25,8 +26,12 @@ def common_step(values: NDArray[np.float64], least: float) -> float:
         return 0.0
     tolerance = max(_TOLERANCE * least, 16.0 * float(np.spacing(np.abs(values).max())))
     sample = values[np.unique(np.linspace(0, len(values) - 1, _SAMPLE).astype(np.intp))]
-    differences = [d for d in np.unique(np.abs(np.diff(sample))).tolist() if d > tolerance]
-    step = differences[0] if differences else 0.0
+    changes = np.abs(np.diff(sample))
+    # Equal changes throughout are a straight line, of which any spacing is a common divisor.
+    if np.ptp(changes) <= tolerance or np.count_nonzero(changes > tolerance) < _MIN_CHANGES:
+        return 0.0
+    differences = np.unique(changes[changes > tolerance]).tolist()
+    step = differences[0]
     while step >= least:
         fitted, rest = _fitted_step(step, differences, tolerance)
         if not rest:

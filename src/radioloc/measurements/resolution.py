@@ -24,10 +24,9 @@ _SINGLE_TYPES = ("float16", "float32", "halffloat", "float")  # of NumPy and pan
 _CONVERSION_TOLERANCE = 2.0**-50  # relative: what a conversion of units, there and back, leaves of a double
 _MIN_DIFFERENT_VALUES = 3  # of a link: round numbers written by hand are representable, too
 _SAMPLE_ROWS = 1000  # that exclude most links at once
-_DATE_FRACTION_BITS = (
-    8,
-    31,
-)  # binary places of a modified Julian date in a float32, of a Julian date in a double
+# Binary places of a modified Julian date in a float32, of a Julian date in a double.
+_DATE_FRACTION_BITS = (8, 31)
+_MAX_UNUSED_BITS = 4  # the last places that a rounded date leaves empty: evenly divided days leave more
 _WHOLE_SECOND_BITS = 7  # 86400 s are 675 times 2^7 s: further binary places of a day make no whole seconds
 MIN_RANGE_RATE_M_S = 400.0
 """Rate of change of a range by the Earth's rotation, by which an error of its epoch changes it."""
@@ -70,12 +69,8 @@ def _single_by_unit(
     value_m: Floats, sigma_m: Floats, count_s: Floats
 ) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
     """Values that float32 represents in steps above sigma, by unit; and which values are round decimal numbers."""
-    units_m: list[Floats | float] = [
-        1.0,
-        1.0e3,
-        *(C_M_S * unit_s for unit_s in (1.0, 1e-3, 1e-6, 1e-9)),
-        count_s,
-    ]
+    light_m = (C_M_S * unit_s for unit_s in (1.0, 1e-3, 1e-6, 1e-9))
+    units_m: list[Floats | float] = [1.0, 1.0e3, *light_m, count_s]
     for unit_m in units_m:
         value = value_m / unit_m
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
@@ -101,7 +96,8 @@ def epoch_step_s(fraction: Floats) -> float:
     for bits in _DATE_FRACTION_BITS:
         samples = (np.ldexp(rows, bits) for rows in (fraction[:_SAMPLE_ROWS], fraction))
         if all((sample == np.rint(sample)).all() for sample in samples):
-            different = np.unique(np.ldexp(fraction, _WHOLE_SECOND_BITS))
+            unused_bits = max(_WHOLE_SECOND_BITS, bits - _MAX_UNUSED_BITS)
+            different = np.unique(np.ldexp(fraction, unused_bits))
             if np.count_nonzero(different != np.rint(different)) >= _MIN_DIFFERENT_VALUES:
                 return float(SECONDS_PER_DAY * 2.0**-bits)
     return 0.0

@@ -68,3 +68,10 @@ def test_sigmas_of_frequencies_in_steps_are_at_least_those_of_rounding(tmp_path,
         read = read_observations(tmp_path / "night.dat", frequencies=[agreement])
     assert [warning.category for warning in caught] == [DataQualityWarning] * (sigma_hz < 28.0)
     assert read.sigma_m == pytest.approx(C_M_S * 10.0 / 8.45e9 * expected_hz, rel=1e-3)
+
+
+def test_straight_lines_and_single_outliers_have_no_step():
+    line = 3.8e8 + 100.0 * np.arange(50)
+    outlier = np.full(50, 3.8e8)
+    outlier[20] += 300.0
+    assert common_step(line, 1.0) == common_step(outlier, 1.0) == 0.0

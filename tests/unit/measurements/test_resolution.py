@@ -143,3 +143,14 @@ def test_epochs_in_one_number_are_refused_where_their_rounding_exceeds_sigma():
         Observations.from_table(columns(epoch_utc=julian, sigma_m=np.full(12, 0.005)), **SAME)
     with pytest.raises(InputError, match="single precision"):
         Epochs.from_jd(single(mjd) + single(2400000.5))
+
+
+@pytest.mark.parametrize("count", [513, 1025, 4097])
+def test_evenly_divided_days_are_not_rounded_dates(count):
+    fraction = np.linspace(0.0, 1.0, count)
+    assert epoch_step_s(fraction) == 0.0
+
+
+def test_julian_dates_of_one_number_are_recognised():
+    fraction = (2460000.5 + np.arange(0.0, 50.0) * 1.7 / 86400.0) - 2460000.5
+    assert epoch_step_s(fraction) == pytest.approx(86400.0 / 2**31)

@@ -2,8 +2,8 @@
 
     fuzz_readers.py FOLDER SEED SECONDS [TARGET ...]
 
-runs each target, all of them by default, in a process of its own, SECONDS in all, and prints the counts. A process that
-ends or hangs is a failure, and another one goes on with the next seed.
+runs each target, all of them by default, in a process of its own, SECONDS in all, and prints the counts and failures of
+each. A process that ends or hangs is a failure, and another one goes on with the next seed.
 
 The outcome must be a result or a RadiolocError: one printable line of some hundred characters that names the file.
 Damage knows the structure of files: fields are exchanged, numbers go to extremes, lines and blocks are lost, repeated
@@ -405,18 +405,16 @@ def main(folder: Path, seed: int, seconds: float, names: list[str]) -> None:
     os.environ["PYTHONPATH"] = os.pathsep.join(sys.path)
     names = names or ALL
     total: Counter[str] = Counter()
-    problems: list[str] = []
     for name in names:
         counts, failures = watch_target(name, folder, seed, seconds / len(names))
         print(
             f"{name:20} {counts['files']:8} files {counts['refused']:8} refused {counts['failures']:4} failures",
             flush=True,
         )
+        print("".join(f"{line}\n" for line in failures), end="", flush=True)
         total += counts
-        problems += failures
     print(f"{'all':20} {total['files']:8} files {total['refused']:8} refused {total['failures']:4} failures")
-    if problems:
-        sys.exit("\n".join(problems))
+    sys.exit(1 if total["failures"] else 0)
 
 
 if __name__ == "__main__":

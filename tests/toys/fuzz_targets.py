@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 from reader_cases import EXAMPLES
 from recorded import recorded, reference
 from spk_files import ORBITER, write_random
@@ -144,6 +145,16 @@ def _spk(folder: Path, spk_type: int) -> bytes:
     return write_random(path, spk_type, [SPAN_S], np.random.default_rng(1)).read_bytes()
 
 
+def _image(form: str, mode: str, **options: Any) -> bytes:
+    """Grey steps as an image of a mode of Pillow: "1" of one bit, "P" of a palette, "I;16" of 16 bits."""
+    steps = np.tile(np.arange(64, dtype=np.uint8) * 4, (48, 1))
+    deep = mode == "I;16"
+    image = Image.fromarray(steps.astype(np.uint16) * 257) if deep else Image.fromarray(steps).convert(mode)
+    stream = io.BytesIO()
+    image.save(stream, form, **options)
+    return stream.getvalue()
+
+
 def _first_frame() -> bytes:
     return next(iter(sorted((EXAMPLES / "images" / "frames").glob("*.png")))).read_bytes()
 
@@ -160,6 +171,11 @@ TARGETS: dict[str, tuple[Callable[[Path], object], Callable[[Path], bytes], str]
     "isd_frame": (read_isd, lambda _: (ISD / "synthetic_frame.json").read_bytes(), "json"),
     "isd_lines": (read_isd, lambda _: (ISD / "synthetic_line_scan.json").read_bytes(), "json"),
     "frame": (read_frame, lambda _: _first_frame(), "png"),
+    "frame_palette": (read_frame, lambda _: _image("png", "P"), "png"),
+    "frame_deep": (read_frame, lambda _: _image("png", "I;16"), "png"),
+    "frame_white_is_0": (read_frame, lambda _: _image("tiff", "L", tiffinfo={262: 0}), "bytes"),
+    "mask_bit": (read_mask, lambda _: _image("png", "1"), "png"),
+    "mask_fax": (read_mask, lambda _: _image("tiff", "1", compression="group4"), "bytes"),
     "mask": (read_mask, lambda _: (EXAMPLES / "images" / "mask.png").read_bytes(), "png"),
     "map": (_mapped, lambda _: (EXAMPLES / "images" / "map.tif").read_bytes(), "bytes"),
 }
@@ -233,9 +249,20 @@ def _json_of(top: Any) -> bytes:
 
 
 def damaged_png(content: bytes, rng: random.Random) -> tuple[str, bytes]:
-    """Change a header field of a PNG, with its checksum."""
+    """Change a header field of a PNG or a byte of any chunk, with its checksum."""
     if content[12:16] != b"IHDR" or len(content) < 33:
         return "none", content
+    if rng.random() < 0.4:
+        starts = [
+            at + 4 for at in (content.find(kind) for kind in (b"IHDR", b"PLTE", b"tRNS", b"IDAT")) if at > 0
+        ]
+        at = rng.choice(starts)
+        end = at + int.from_bytes(content[at - 8 : at - 4], "big")
+        if end > at:
+            body = bytearray(content[at - 4 : end])
+            body[rng.randrange(4, len(body))] = rng.randrange(256)
+            check = struct.pack(">I", zlib.crc32(body))
+            return f"byte of {bytes(body[:4])!r}", content[: at - 4] + body + check + content[end + 4 :]
     header = list(struct.unpack(">IIBBBBB", content[16:29]))
     k = rng.randrange(7)
     header[k] = rng.choice([0, 1, 2, 3, 8, 16, 255] if k > 1 else [0, 1, 17, 32000, 100_000, 2**31 - 1])

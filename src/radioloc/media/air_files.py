@@ -339,12 +339,18 @@ def read_gpt3(path: str | Path) -> Gpt3Grid:
     seasonal = np.concatenate([table[:, 2:split], table[:, split + 2 :]], axis=1)
     seasonal = _SCALES[:, None] * seasonal.reshape(len(table), -1, 5)
     mean = seasonal[..., 0]
+    ground_m = table[:, split] + table[:, split + 1]
     possible = (
         (np.abs(mean[:, 0] - 7.5e4) < 3.5e4)
         & (np.abs(mean[:, 1] - 260.0) < 60.0)
         & (np.abs(mean[:, 4] - 1.2e-3) < 1e-4)
+        & (ground_m >= _HEIGHT_LIMITS_M[0])
+        & (ground_m <= _HEIGHT_LIMITS_M[1])
     )
     if not possible.all():
-        problem = "pressure, temperature or ah are not in Pa, K and thousandths; take the file gpt3_5.grd or gpt3_1.grd"
+        problem = (
+            "pressure, temperature, ah or height are not in Pa, K, thousandths and m, or not of the Earth; "
+            "take the file gpt3_5.grd or gpt3_1.grd"
+        )
         raise FileFormatError(path, problem, lines[int(np.argmin(possible))][0])
     return Gpt3Grid(grid, seasonal[order], table[order, split], table[order, split + 1])

@@ -102,8 +102,9 @@ def test_seasons(tmp_path: Path, column: int, date: str, expected_k: float) -> N
     ("old", "new", "line", "what"),
     [
         ("89942", "8994x", 2, "'8994x' is not a number"),
-        ("89942", "899.42", 2, "not in Pa, K and thousandths"),
-        ("1.24073", "1240.73", 5, "not in Pa, K and thousandths"),
+        ("89942", "899.42", 2, "not in Pa, K, thousandths and m"),
+        ("1.24073", "1240.73", 5, "not in Pa, K, thousandths and m"),
+        (" 47.30 ", " 4.7e9 ", 2, "height are not in Pa"),
         (" 47.30 ", " ", 2, "63 columns, but a grid of GPT3 has 64"),
         ("  42.5   12.5", "  42.5   13.5", None, "do not fill a grid"),
     ],

@@ -7,31 +7,19 @@ import json
 import re
 import shlex
 import tomllib
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
 import pytest
 from ldem import write_ldem_4
-from mappings import niell, vmf3
 from recorded import recorded
 
 import radioloc
 from radioloc.cli import main
 from radioloc.cli.parser import EXIT_STATUS, make_parser
 from radioloc.dynamics.elements import EQUINOCTIAL, KEPLERIAN
-from radioloc.earth.geodesy import geodetic_from_itrf
 from radioloc.measurements.registry import MEASUREMENTS
 from radioloc.measurements.table_columns import COLUMNS
-from radioloc.measurements.terms import TERMS
-from radioloc.media.ionosphere import ionosphere_delay_m, modified_shell_mapping
-from radioloc.media.neutral_atmosphere import (
-    standard_weather,
-    water_vapour_pressure_hpa,
-    zenith_hydrostatic_delay_m,
-    zenith_wet_delay_m,
-)
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.report.files import RESIDUAL_COLUMNS
 from radioloc.studies.image_study import TABLES as IMAGE_TABLES
@@ -39,7 +27,6 @@ from radioloc.studies.image_study import read_image_study
 from radioloc.studies.schema import keys_of
 from radioloc.studies.study import PARAMETER_KEYS
 from radioloc.studies.study_file import GEODETIC, TABLES
-from radioloc.time import tai_to_utc, utc_to_tai
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
@@ -54,15 +41,6 @@ OTHER_PAGES = [
         "examples/reflectors/README.md",
     )
 ]
-PHYSICS = DOCS / "physics.md"
-
-ROUNDED_MM = 0.06
-"""Sizes in the tables have one decimal, and hardly depend on the values of Earth orientation."""
-
-REVISED_MM = 0.5
-"""Residuals do depend on them: what a revision of the IERS series may move."""
-
-MILLIMETRES = 1000.0
 
 
 class Block(NamedTuple):
@@ -147,16 +125,6 @@ def test_what_is_installed_is_the_checkout_and_its_extras(page):
         assert name[1] is None or name[1] in extras, what
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(DOCS)))
-def test_formulas_are_closed(page):
-    text = page.read_text()
-    assert text.count("```") % 2 == 0
-    for formula in [b.text for b in blocks(page) if b.language == "math"]:
-        assert formula.count("{") == formula.count("}")
-        assert formula.count(r"\left") == formula.count(r"\right")
-        assert formula.count("$") == 0
-
-
 # What the code has against what the pages say.
 
 
@@ -177,20 +145,6 @@ def found(name: str) -> bool:
     return False
 
 
-def test_the_architecture_names_what_there_is():
-    page = DOCS / "architecture.md"
-    [stack] = [block.text for block in blocks(page) if block.text.startswith("cli.main")]
-    names = [name for line in stack.splitlines() for name in re.findall(r"\b[\w]+(?:\.\w+)+", line)]
-    names = [name for name in names if not re.search(r"\.(json|csv)$", name)]
-    names += [name for row in rows_of_table(page, "in the paper") for name in quoted(row[1])]
-    names += [name for row in rows_of_table(page, "package") for name in quoted(row[0])]
-    assert len(names) > 60
-    assert [name for name in names if not found(name)] == []
-    prose_names = [name for name in quoted(prose(page)) if re.fullmatch(r"[a-z_]+(\.\w+)+", name)]
-    files = re.compile(r"\.(json|py|md)$|^radioloc_toys")
-    assert [name for name in prose_names if not files.search(name) and not found(name)] == []
-
-
 def test_what_the_architecture_adds_is_the_package_that_is_tested():
     page, package = (DOCS / "architecture.md").read_text(), ROOT / "tests" / "data" / "plugin_package"
     modules = [file for file in sorted((package / "radioloc_toys").glob("*.py")) if file.stem != "__init__"]
@@ -198,22 +152,6 @@ def test_what_the_architecture_adds_is_the_package_that_is_tested():
     assert sorted(shown) == sorted(file.read_text() for file in modules)
     project = (package / "pyproject.toml").read_text()
     assert project[project.index("[project.entry-points") :] in page
-
-
-def test_every_term_has_its_row_in_order():
-    assert [row[0].strip("`") for row in rows_of_table(PHYSICS, "term")] == list(TERMS)
-
-
-def test_every_term_is_explained_in_its_section():
-    text = PHYSICS.read_text()
-    for row in rows_of_table(PHYSICS, "term"):
-        term, anchor = row[0], re.search(r"#([\w-]+)\)", row[5])[1]
-        parts = re.split(r"^##+ (.*)$", text, flags=re.MULTILINE)
-        sections = {
-            re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-"): body
-            for title, body in zip(parts[1::2], parts[2::2], strict=True)
-        }
-        assert term in sections[anchor], f"{term} is not in the section {anchor}"
 
 
 def touch_named_files(folder):
@@ -360,160 +298,6 @@ def model():
     return radioloc.measurements.PhysicalModel.build()
 
 
-def laser_ranges():
-    """Ranges of 2006 and 2007 by reflector, and where JPL has it, from the page."""
-    positions = {
-        row[0]: np.array([float(cell) for cell in row[1:]]) for row in rows_of_table(PHYSICS, "reflector")
-    }
-    files = [
-        *(ROOT / "examples/apollo15").glob("*.csv"),
-        *(ROOT / "examples/reflectors/2006-2007").glob("*.csv"),
-    ]
-    observed = {o.links[0].target: o for o in map(radioloc.read_observations, sorted(files))}
-    assert sum(len(o) for o in observed.values()) == 200
-    return {target: (o, positions[target]) for target, o in observed.items()}
-
-
-def three_way_terms(model):
-    """Terms of the arc that the page describes, where both stations see the lander above 5 degrees."""
-    stations = ("JIAMUSI", "KASHI", "NEUQUEN")
-    links = [radioloc.measurements.Link(a, "lander", b) for a in stations for b in stations if a != b]
-    start = utc_to_tai(radioloc.time.epochs_from_strings("2020-12-01T15:11:00"))
-    epochs = tai_to_utc(start[np.zeros(288, dtype=int)].shifted(600.0 * np.arange(288)))
-    lander = radioloc.LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
-    lander_pa_m = lander.to_axes("PA", model.ephemeris.constants).xyz_m
-    plan = radioloc.Observations.from_columns(
-        epoch=radioloc.Epochs.concatenate([epochs] * len(links)),
-        links=links,
-        link=np.repeat(np.arange(len(links)), len(epochs)),
-        value_m=7.6e8,
-        sigma_m=1.0,
-        tag=1,
-    )
-    arc = radioloc.measurements.ExactPredictor(model.without("troposphere"), plan, lander_pa_m)
-    high = (np.degrees(arc.compute(lander_pa_m).elevation_rad) > 5.0).all(axis=1)
-    return radioloc.measurements.ExactPredictor(arc.model, plan.select(high), lander_pa_m).terms(lander_pa_m)
-
-
-def assert_sizes(row, columns, added_m):
-    size_mm = MILLIMETRES * np.array([np.abs(added_m).max(), np.sqrt(np.mean(added_m**2))])
-    stated_mm = [float(row[k]) for k in columns]
-    np.testing.assert_allclose(stated_mm, size_mm, rtol=0.0, atol=ROUNDED_MM, err_msg=row[0])
-
-
-@pytest.mark.slow
-def test_two_way_sizes_of_all_terms(model):
-    added: dict[str, list] = {}
-    for observed, where in laser_ranges().values():
-        for name, values in radioloc.measurements.ExactPredictor(model, observed, where).terms(where).items():
-            added.setdefault(name, []).append(values)
-    for row in rows_of_table(PHYSICS, "term"):
-        assert_sizes(row, (1, 2), np.concatenate(added[row[0].strip("`")]))
-
-
-@pytest.mark.slow
-def test_three_way_sizes_of_all_terms(model):
-    added = three_way_terms(model)
-    assert len(added["shapiro"]) == 280
-    for row in rows_of_table(PHYSICS, "term"):
-        if row[0] == "`troposphere`":
-            assert row[3:5] == ["-", "-"]
-        else:
-            assert_sizes(row, (3, 4), added[row[0].strip("`")])
-
-
-def one_way_mm(model, observed, where):
-    computed = radioloc.measurements.ExactPredictor(model, observed, where).compute(where)
-    return 0.5 * MILLIMETRES * (observed.value_m - computed.value_m)
-
-
-def test_residuals_of_real_data_with_nothing_fitted(model):
-    text = PHYSICS.read_text()
-    for target, (observed, where) in laser_ranges().items():
-        residual_mm = one_way_mm(model, observed, where)
-        mad_mm = np.median(np.abs(residual_mm - np.median(residual_mm)))
-        match = re.search(rf"^\| {target} \| (\d+) \| ([\d.]+) \| ([\d.]+) \|$", text, re.MULTILINE)
-        assert int(match[1]) == len(observed)
-        np.testing.assert_allclose(
-            [float(match[2]), float(match[3])], [mad_mm, residual_mm.mean()], rtol=0.0, atol=REVISED_MM
-        )
-
-
-@pytest.mark.slow
-def test_means_with_other_choices(model):
-    ephemeris = model.ephemeris
-    other = replace(ephemeris, constants=replace(ephemeris.constants, h2=0.0424, l2=0.0107))
-    variants = [
-        model,
-        model.without("lunar_scale"),
-        model.without("lunar_tide_constant"),
-        replace(model, ephemeris=other),
-    ]
-    ranges = laser_ranges()
-    for row, variant in zip(rows_of_table(PHYSICS, "variant"), variants, strict=True):
-        means_mm = [one_way_mm(variant, *ranges[target]).mean() for target in sorted(ranges)]
-        stated_mm = [float(cell) for cell in row[1:]]
-        np.testing.assert_allclose(stated_mm, means_mm, rtol=0.0, atol=REVISED_MM, err_msg=row[0])
-
-
-@pytest.mark.parametrize(("file", "label"), [("apollo15", "2006 to 2007"), ("apollo15_2024", "May 2024")])
-def test_fits_of_the_examples(file, label):
-    found = radioloc.locate(radioloc.read_study(ROOT / "examples" / "apollo15" / f"{file}.toml"))
-    [row] = [row for row in rows_of_table(PHYSICS, "fit") if row[0] == f"Apollo 15, {label}"]
-    stated = [float(cell.split()[0]) for cell in row[1:]]
-    assert stated[0] == len(found.residuals)
-    measured = [
-        found.reference.distance_m,
-        found.reference.horizontal_m,
-        np.linalg.norm(found.sigma_enu_m("formal")),
-        np.linalg.norm(found.sigma_enu_m()),
-        MILLIMETRES * found.fit.excess_noise_m["range"],
-    ]
-    near = [0.02, 0.02, 0.02, 0.02, 2.0]  # rounding, and a revision of the IERS series
-    assert (np.abs(np.array(stated[1:]) - measured) < near).all(), measured
-
-
-def test_sizes_of_the_air_on_radio_paths():
-    elevation_rad = np.radians([10.0, 20.0, 45.0])
-    sizes = {}
-    for name in ("SESHAN25", "URUMQI"):
-        place = geodetic_from_itrf(radioloc.StationCatalogue.default()[name].itrf_m)
-        where = place.latitude_rad, place.longitude_rad
-        pressure_hpa, temperature_k, humidity = standard_weather(place.height_m)
-        zenith_m, more_m = (
-            zenith_hydrostatic_delay_m(pressure_hpa + more, where[0], place.height_m) for more in (0, 10)
-        )
-        vapour_hpa = water_vapour_pressure_hpa(temperature_k, humidity, pressure_hpa)
-        wet_m = zenith_wet_delay_m(vapour_hpa, temperature_k)
-        mapping = niell(elevation_rad, where[0], place.height_m, 336.0)
-        vienna, other = (
-            vmf3(elevation_rad, a, 5.4e-4, *where, 336.0, place.height_m) for a in (1.22e-3, 1.25e-3)
-        )
-        sizes[f"all of the standard atmosphere, {name}"] = (
-            zenith_m * mapping.hydrostatic + wet_m * mapping.wet
-        )
-        sizes["10 hPa"] = (more_m - zenith_m) * mapping.hydrostatic
-        sizes["50 mm"] = 0.05 * mapping.wet
-        sizes[f"VMF3's mapping instead of Niell's, hydrostatic a = 1.22e-3, {name}"] = zenith_m * (
-            vienna.hydrostatic - mapping.hydrostatic
-        )
-        sizes[f"3e-5 more of that a, as from one week to another, {name}"] = zenith_m * (
-            other.hydrostatic - vienna.hydrostatic
-        )
-    for tecu in (10, 50):
-        slant_tecu = tecu * modified_shell_mapping(elevation_rad)[0]
-        sizes[f"ionosphere, {tecu} TECU at the zenith, 8.4 GHz"] = ionosphere_delay_m(slant_tecu, 8.4e9)
-    rows = rows_of_table(DOCS / "how-to" / "radio-media.md", "what")
-    assert len(rows) == 9
-    for row in rows:
-        [size_m] = [value for key, value in sizes.items() if row[0].startswith(key)]
-        digits = len(row[1].partition(".")[2])
-        stated_mm = [float(cell) for cell in row[1:]]
-        # The pressure of 10 hPa weighs alike at both stations, but for their gravity.
-        half = 0.5 * 10.0**-digits + (0.3 if row[0].startswith("10 hPa") else 0.0)
-        np.testing.assert_allclose(stated_mm, MILLIMETRES * size_m, rtol=0, atol=1.01 * half, err_msg=row[0])
-
-
 # Commands and code.
 
 
@@ -626,15 +410,3 @@ def test_every_command_option_and_exit_status_is_described():
         assert options - {"-h", "--help"} <= described, name
     stated = {int(row[0]): row[1] for row in rows_of_table(path, "exit status")}
     assert stated == EXIT_STATUS
-
-
-def test_words_of_the_glossary_are_in_order_and_used():
-    entries = re.findall(r"^- (\*\*.*?\*\*):", (DOCS / "glossary.md").read_text(), re.MULTILINE)
-    words = [re.findall(r"\*\*(.+?)\*\*", entry) for entry in entries]
-    assert len(words) > 40
-    assert [entry[0].lower() for entry in words] == sorted(entry[0].lower() for entry in words)
-    used = " ".join(page.read_text() for page in PAGES if page.name != "glossary.md").lower()
-    used = " ".join(re.sub(r"[-*_]", " ", used).split())
-    for word in [word for entry in words for word in entry]:
-        plain = re.sub(r" \(.*\)", "", word).lower()
-        assert re.sub(r"[-_]", " ", plain) in used, word

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 import doctest
 import importlib
 import pkgutil
-import re
 import types
 from pathlib import Path
 
 import pytest
 
 import radioloc
-from radioloc.estimation import Solution
 
 ROOT = Path(__file__).resolve().parents[2]
 NAMES = [m.name for m in pkgutil.walk_packages(radioloc.__path__, "radioloc.") if "__main__" not in m.name]
@@ -86,14 +83,3 @@ def test_each_public_function_has_an_example_that_runs(function):
 @pytest.mark.parametrize("found", [*others_with_examples()])
 def test_examples_of_classes_and_others_run(found):
     run_examples(found, dict(vars(importlib.import_module(found.__module__))))
-
-
-def test_each_attribute_of_a_solution_is_described():
-    """In the words of numpydoc: a field's name, perhaps with others, and its kind; then a sentence."""
-    described = dict(re.findall(r"^    ([a-z_, ]+) : .+\n        (\S.*)", Solution.__doc__, re.MULTILINE))
-    named = {name: text for names, text in described.items() for name in names.split(", ")}
-    for field in dataclasses.fields(Solution):
-        assert len(named.get(field.name, "").split()) > 1, field.name
-    for name, member in vars(Solution).items():
-        if not name.startswith("_") and isinstance(member, property | types.FunctionType):
-            assert member.__doc__, name

@@ -1,11 +1,8 @@
 """The public face: names, what importing costs, and the first lines that a user types."""
 
-import importlib
 import os
-import re
 import subprocess
 import sys
-import types
 from pathlib import Path
 
 import numpy as np
@@ -29,14 +26,6 @@ HEAVY = (
 """What is imported by the function that needs it."""
 
 
-def test_public_names_exist_once_and_are_described():
-    assert len(set(radioloc.__all__)) == len(radioloc.__all__)
-    for name in radioloc.__all__:
-        value = getattr(radioloc, name)
-        if isinstance(value, type | types.FunctionType):
-            assert value.__doc__, name
-
-
 PACKAGES = (
     "earth",
     "ephemeris",
@@ -50,33 +39,6 @@ PACKAGES = (
     "report",
 )
 PACKAGES += ("dynamics", "simulation", "studies", "time")
-
-
-@pytest.mark.parametrize("package", PACKAGES)
-def test_faces_of_packages_name_what_there_is(package):
-    face = importlib.import_module(f"radioloc.{package}")
-    assert len(set(face.__all__)) == len(face.__all__)
-    for name in face.__all__:
-        value = getattr(face, name)
-        if isinstance(value, type | types.FunctionType):
-            assert value.__doc__, name
-    with pytest.raises(AttributeError, match="no_such_name"):
-        _ = face.no_such_name
-
-
-def test_no_module_reaches_another_by_its_name():
-    """What loads modules by name hides from ``lint-imports`` which way it reaches."""
-    source = Path(radioloc.__file__).parent
-    by_name = re.compile(r"import_module|__import__|importlib\.util|sys\.modules")
-    found = {
-        path.relative_to(source).as_posix()
-        for path in source.rglob("*.py")
-        if by_name.search(path.read_text())
-    }
-    # The lazy face of the package, and packages of others that may be absent.
-    assert found == {"__init__.py", "extras.py"}
-    for path in source.rglob("*.py"):
-        assert not re.search(r"""optional\(\s*["']radioloc""", path.read_text()), path
 
 
 def test_import_is_light_and_quick(tmp_path):

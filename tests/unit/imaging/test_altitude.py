@@ -10,7 +10,6 @@ from radioloc.imaging.cameras import altitude_m, field_of_view_rad, ground_pixel
 # Chang'e-3 descent images (2014), table 2: altitude, width on the ground, resolution, m; the camera of table 1.
 ALTITUDE_M = np.array([785.5, 548.4, 370.5, 139.5, 91.9])
 WIDTH_M = np.array([657.2, 458.8, 310.0, 116.7, 76.9])
-RESOLUTION_M = np.array([0.641, 0.448, 0.303, 0.114, 0.070])
 SIZE_PX = 1024
 PIXEL_UM = 6.7
 
@@ -27,15 +26,6 @@ def test_the_printed_widths_are_of_a_shorter_focal_length_than_is_printed():
     printed = SIZE_PX * ground_pixel_m(camera(8.594), ALTITUDE_M)
     np.testing.assert_allclose(printed / ALTITUDE_M, 0.798, atol=5e-4)
     np.testing.assert_allclose(WIDTH_M / ALTITUDE_M, 0.837, atol=5e-4)
-
-
-def test_printed_resolutions_are_widths_over_pixels_but_for_the_last():
-    by_width = WIDTH_M / SIZE_PX
-    np.testing.assert_allclose(
-        RESOLUTION_M[:4], by_width[:4], atol=1e-3
-    )  # printed to 1 mm, the first cut, not rounded
-    assert by_width[4] == pytest.approx(0.075, abs=5e-4)
-    assert RESOLUTION_M[4] == 0.070
 
 
 def test_what_an_image_covers_at_4_m_is_less_than_the_legs_span():

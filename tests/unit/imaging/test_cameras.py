@@ -52,10 +52,6 @@ def pixels(rng, n=400):
     return rng.uniform([0.0, 0.0], [4095.0, 2000.0], size=(n, 2))
 
 
-def test_every_kind_is_tested():
-    assert set(LENSES) == set(KINDS)
-
-
 @pytest.mark.parametrize("kind", LENSES)
 @pytest.mark.parametrize("looks_along_z", [1, -1])
 def test_pixels_to_directions_and_back(kind, looks_along_z):

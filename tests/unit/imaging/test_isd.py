@@ -65,10 +65,6 @@ FIELDS = {
 }
 
 
-def test_every_file_is_tested():
-    assert {path.name for path in ISDS.iterdir()} == set(FIELDS)
-
-
 @pytest.mark.parametrize("name", FIELDS)
 def test_to_the_ground_and_back(name):
     data = isd(name)

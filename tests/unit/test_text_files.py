@@ -6,8 +6,6 @@ import os
 import pytest
 
 from radioloc.errors import FileFormatError
-from radioloc.media.air_files import read_gpt3, read_vmf3_grids, read_vmf3_sites
-from radioloc.media.ionex import read_ionex
 from radioloc.text_files import read_lines, read_text, write_text
 
 
@@ -63,23 +61,6 @@ def test_latin_1_where_it_is_asked_for(tmp_path):
     file = tmp_path / "a.grd"
     file.write_bytes(b"% Universit\xe4t\r\n1 2\r\n")
     assert list(read_lines(file, encoding="latin-1")) == ["% Universität", "1 2", ""]
-
-
-@pytest.mark.parametrize(
-    "read",
-    [
-        read_ionex,
-        read_gpt3,
-        lambda path: read_vmf3_sites([path]),
-        lambda path: read_vmf3_grids([path], path),
-    ],
-    ids=["ionex", "gpt3", "vmf3_sites", "vmf3_grids"],
-)
-def test_files_of_the_atmosphere_that_are_not_there(tmp_path, read):
-    with pytest.raises(FileFormatError, match="there is no such file"):
-        read(tmp_path / "none")
-    with pytest.raises(FileFormatError, match="is a directory"):
-        read(tmp_path)
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root reads everything")

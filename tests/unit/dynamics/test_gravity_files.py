@@ -167,8 +167,3 @@ def test_what_is_unknown_of_a_field_is_noted_and_can_be_stated(tmp_path):
     assert (field.tide_system, field.notes) == ("zero_tide", ())
     with pytest.raises(InputError, match="mean_tide"):
         GravityField.open(tmp_path / "field.gfc", tide_system="mean_tide")
-
-
-def test_a_file_that_is_not_there(tmp_path):
-    with pytest.raises(FileFormatError, match="no such file"):
-        GravityField.open(tmp_path / "none.gfc")

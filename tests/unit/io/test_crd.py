@@ -185,13 +185,6 @@ def test_every_flag_message_names_the_flag_once():
         parse_crd("a.np2", session(point(8215), h4=h4), None)
 
 
-def test_a_file_cut_anywhere_is_refused(crd_lines):
-    last = max(i for i, line in enumerate(crd_lines) if line == "h9")
-    for count in range(1, last):
-        with pytest.raises(FileFormatError):
-            parse_crd("a.np2", crd_lines[:count], None)
-
-
 def test_records_out_of_place_are_refused(crd_lines):
     cases = [
         (["11 1 2.5 a 2 1 1 1 0 0 0 0 0 0", *crd_lines], "stands outside"),

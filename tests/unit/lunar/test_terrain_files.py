@@ -229,11 +229,6 @@ def test_several_bands_refused(tmp_path):
         TerrainModel.open(tmp_path / "a.tif")
 
 
-def test_missing_file():
-    with pytest.raises(InputError, match="there is no such file"):
-        TerrainModel.open("nowhere.tif")
-
-
 @pytest.mark.parametrize("dtype", ["int16", "float32"])
 @pytest.mark.parametrize("big", ["NO", "YES"])
 def test_geotiff_cut_at_its_end_refused(tmp_path, dtype, big):

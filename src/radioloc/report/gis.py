@@ -27,7 +27,7 @@ from radioloc.lunar.selenographic import (
 from radioloc.report.figures import SCALE_95
 from radioloc.report.tables import (
     Located,
-    content_of,
+    contents_by_target,
     horizontal_covariance_of,
     position_of,
     references_of,
@@ -66,7 +66,7 @@ def write_gis(solutions: Iterable[Located], path: str | Path) -> Path:
     'apollo15.geojson'
     """
     file = Path(path)
-    contents = [content_of(one) for one in solutions]
+    contents = contents_by_target(solutions)
     positions = _positions(contents)
     ellipses = [feature for content in contents for feature in _ellipses(content)]
     match file.suffix:

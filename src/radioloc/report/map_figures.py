@@ -37,7 +37,7 @@ from radioloc.report.image_solution import ImageSolution
 from radioloc.report.position_figures import draw_place
 from radioloc.report.tables import (
     Located,
-    content_of,
+    contents_by_target,
     horizontal_covariance_of,
     position_of,
     references_of,
@@ -107,7 +107,7 @@ def plot_map(
     'east longitude, ME_DE421 (deg)'
     """
     several = [solutions] if isinstance(solutions, Solution | Shown | Mapping) else list(solutions)
-    contents = [content_of(one) for one in several]
+    contents = contents_by_target(several)
     if dem is not None and base_map is not None:
         raise InputError("give either dem or base_map to draw a map on, not both")
     if reach_m is not None and not 0.0 < reach_m <= _WIDEST_M:

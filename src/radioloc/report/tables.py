@@ -221,6 +221,19 @@ def content_of(result: Located) -> Mapping[str, Any]:
     return result
 
 
+def contents_by_target(results: Iterable[Located]) -> list[Mapping[str, Any]]:
+    """Return what solutions hold, those of several targets as one for each target; references are of the first."""
+    contents: list[Mapping[str, Any]] = []
+    for content in map(content_of, results):
+        references = {key: content[key] for key in ("reference", "references") if key in content}
+        for name, target in (content.get("targets") or {}).items():
+            named = {"name": f"{content['name']}, {name}", "targets": {}}
+            contents.append({**content, **target, **named, "reference": None, "references": [], **references})
+            references = {}
+        contents += [] if content.get("targets") else [content]
+    return contents
+
+
 def references_of(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """All references of what ``solution.json`` holds, the first of them first."""
     first = content.get("reference")
@@ -263,7 +276,7 @@ def solution_table(solutions: Iterable[Located]) -> TextTable:
     >>> print(radioloc.report.solution_table([solution]).to_markdown().splitlines()[5])
     | latitude, ° N | 26.13339034 |
     """
-    contents = [content_of(one) for one in solutions]
+    contents = contents_by_target(solutions)
     if not contents:
         raise InputError("there is no solution to make a table of")
     columns = [_column(content) for content in contents]

@@ -183,6 +183,25 @@ def test_every_reference_is_a_point_once(tmp_path):
     assert named == ["benchmark", "orbital image"]
 
 
+@pytest.mark.parametrize("ending", ["geojson", "md"])
+def test_all_targets_are_exported_with_the_references_of_the_first(tmp_path, ending):
+    located = ("position", "sigma", "covariance")
+    first, second = content(), content(place=(-51.9, 43.1, -2500.0))
+    targets = {
+        name: {key: one[key] for key in located} | {"priors": []}
+        for name, one in (("A", first), ("B", second))
+    }
+    (tmp_path / "solution.json").write_text(json.dumps(first | {"targets": targets}))
+    out = tmp_path / f"a.{ending}"
+    assert main(["export", str(tmp_path / "solution.json"), str(out)]) == 0
+    if ending == "md":
+        assert "lander 5, A | lander 5, B" in out.read_text()
+        return
+    points = [f for f in json.loads(out.read_text())["features"] if f["geometry"]["type"] == "Point"]
+    places = {point["properties"]["name"]: point["geometry"]["coordinates"] for point in points}
+    assert places == {"lander 5, A": [*PLACE[:2]], "lander 5, B": [-51.9, 43.1], "benchmark": [-51.9, 43.0]}
+
+
 def test_a_position_without_a_covariance_has_no_ellipse(tmp_path):
     undetermined = content(covariance=np.diag([np.inf] * 3))
     features = json.loads(write_gis([undetermined], tmp_path / "a.geojson").read_text())["features"]

@@ -293,7 +293,7 @@ class StationCatalogue:
         known = f"similar: {', '.join(similar)}" if similar else f"known: {', '.join(self.names)}"
         of_site = "name the file of its site under [observations] sites, or "
         raise StationError(
-            f"station {name!r} is not in the catalogue; {known}. To use one of your own, "
+            f"station {str(name)[:40]!r} is not in the catalogue; {known}. To use one of your own, "
             f"{of_site if _key(name).startswith(_key('COSPAR')) else ''}"
             "describe it under [stations.NAME] in the study file, or catalogue.with_station(Station(...)) in Python"
         )

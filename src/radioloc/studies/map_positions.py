@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.ephemeris.constants import CONSTANTS
-from radioloc.errors import InputError
+from radioloc.errors import InputError, named
 from radioloc.estimation.combination import PositionEstimate
 from radioloc.lunar.local import displaced, local_difference
 from radioloc.lunar.position import LunarPosition
@@ -127,7 +127,8 @@ class PlaceOnMap:
             raise InputError(f"{path}: expected a solution of radioloc images on a map; make it again")
         if not content["converged"]:
             raise InputError(f"{path}: the solution of images did not converge: {content['message']}")
-        estimate = PositionEstimate.from_solution(content)
+        with named(f"{path}:"):
+            estimate = PositionEstimate.from_solution(content)
         place = LunarPosition.from_cartesian(estimate.position_me_m, content["position"]["me"]["frame"])
         [on_map] = stated
         name = self.map or on_map

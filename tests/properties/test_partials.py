@@ -30,6 +30,7 @@ from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.media.ionosphere import UniformTec
 from radioloc.parameters.design import ObservationModel
 from radioloc.parameters.position import cartesian
+from radioloc.parameters.position_prior import with_position_priors
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import middle_of
 from radioloc.studies.problem import observation_model
@@ -481,9 +482,8 @@ def test_two_targets(model):
     ]
     by_hand_m = delays[0].compute(positions_m[0]).value_m - delays[1].compute(positions_m[1]).value_m
     assert np.abs(arc.at(positions_m).value_m - by_hand_m).max() < 1e-6
-    found = ObservationModel.of(
-        arc, [cartesian(p, name=name) for p, name in zip(positions_m, "xy", strict=True)], []
-    )
+    places = [cartesian(p, name=name) for p, name in zip(positions_m, "xy", strict=True)]
+    found = ObservationModel.of(arc, with_position_priors(places, [None, None], constants), [])
     partials = found.residuals(found.parameters.prior_values)[1]
     for target, sign in ((0, 1.0), (1, -1.0)):
         alone = delays[target].compute(positions_m[target]).by_position_pa

@@ -196,12 +196,12 @@ def test_other_files_frames_and_references_are_refused(table, tmp_path, capsys):
     text = tmp_path / "notes.json"
     text.write_text("[1, 2")
     assert main(["compare", str(text)]) == 2
-    assert f"{text}: is neither a solution.json nor an arcs.json" in capsys.readouterr().err
+    assert f"{text}, line 1: is neither a solution.json nor an arcs.json" in capsys.readouterr().err
     other = solution("other", (0.0, 0.0, 0.0))
     other["position"]["me"]["frame"] = "ME_DE440"
     with pytest.raises(InputError, match="use one ephemeris for all"):
         compare([table[0], written(tmp_path / "other", other)])
-    with pytest.raises(InputError, match="3: expected a result"):
+    with pytest.raises(InputError, match=r"expected .* got int"):
         compare([3])
     with pytest.raises(InputError, match="there is no 'LOLA' to compare with; there are Image matching"):
         compare(table, "LOLA")

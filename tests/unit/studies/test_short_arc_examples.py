@@ -38,7 +38,7 @@ def test_an_hour_of_ranges_with_a_map():
 def test_free_biases(capsys):
     assert cli.main(["locate", str(FOLDER / "free_biases.toml")]) == 0
     text = " ".join(capsys.readouterr().out.split())
-    assert "common range bias of 3: sigma 3.86e+03 m, correlated " in text
+    assert "common range bias of 3: sigma 3.87e+03 m, correlated " in text
     assert "would help: an a-priori sigma for range_bias.JIAMUSI" in text
 
 

@@ -378,7 +378,7 @@ def _height_m(itrf_m: NDArray[np.float64]) -> float:
 
 
 def _is_similar(key: str, label: str) -> bool:
-    """Whether names are alike; other numbers name other antennas, however many characters agree."""
+    """Return whether names are alike; other numbers name other antennas, however many characters agree."""
     number, of_label = ("".join(re.findall(r"\d", text)) for text in (key, label))
     if key == number:
         return number == of_label

@@ -244,7 +244,7 @@ class PositionEstimate:
         )
 
     def shares_data(self, other: PositionEstimate) -> bool:
-        """Whether two estimates have observations or images in common."""
+        """Return whether two estimates have observations or images in common."""
         if self.observations is None or other.observations is None:
             return bool(self.data & other.data)
         return bool(self.images & other.images) or share_observations(self.observations, other.observations)

@@ -530,7 +530,7 @@ class Solution:
         ]
 
     def _error_rows(self) -> dict[str, list[dict[str, Any]]]:
-        """How far considered parameters and a-priori values, if they are wrong by one sigma, move the position."""
+        """Return how far an error of one sigma of each considered parameter and a-priori value moves the position."""
         found: dict[str, list[dict[str, Any]]] = {"priors": []}
         if self.consider is not None:
             moved = None if self.trajectory is not None else self.enu_by_parameters

@@ -5,13 +5,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 PARALLEL := -n logical --dist worksteal
 export PYTHONDONTWRITEBYTECODE :=
-COMPILED := tests/unit/measurements/test_chebyshev_predictor.py tests/unit/studies/test_evaluation.py \
+COMPILED := tests/unit/measurements/test_chebyshev_predictor.py tests/unit/jobs/test_evaluation.py \
 	tests/unit/estimation/test_kernels.py tests/unit/estimation/test_process_noise.py \
 	tests/unit/dynamics/test_gravity.py tests/unit/dynamics/test_terms.py
 SMOKE := tests/unit/test_package.py tests/unit/test_cli.py tests/unit/test_readers.py tests/unit/test_bad_input.py \
 	tests/unit/io/test_parquet.py \
-	tests/unit/kernels tests/unit/lunar/test_terrain_files.py tests/unit/studies/test_trajectory_study.py \
-	tests/unit/studies/test_monte_carlo.py tests/unit/report
+	tests/unit/kernels tests/unit/lunar/test_terrain_files.py tests/unit/jobs/test_trajectory_study.py \
+	tests/unit/jobs/test_monte_carlo.py tests/unit/results tests/unit/report
 
 .PHONY: demo test test-studies test-all fuzz coverage test-uncompiled test-lowest package audit lint docs notebooks bench scaling clean
 
@@ -40,7 +40,7 @@ test-all: $(VENV)/.installed-dev  ## Run all tests: also slow ones, what the doc
 SECONDS ?= 7200
 SEED ?= 1
 fuzz: $(VENV)/.installed-dev  ## Read damaged files for SECONDS (two hours), all or the named TARGETS, and count refusals and failures.
-	PYTHONPATH=tests/toys $(BIN)/python tests/toys/fuzz_readers.py out/fuzz $(SEED) $(SECONDS) $(TARGETS)
+	PYTHONPATH=tests/support $(BIN)/python tests/support/fuzz_readers.py out/fuzz $(SEED) $(SECONDS) $(TARGETS)
 
 coverage: $(VENV)/.installed-dev  ## Lines of the library that no test runs, over all tests, those of compiled code with the compiler off.
 	$(BIN)/python -m pytest $(PARALLEL) --cov --cov-report=

@@ -11,7 +11,7 @@ import numpy as np
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.imaging import TangentPlane
-from radioloc.studies import read_image_study
+from radioloc.jobs import read_image_study
 
 DISTANCES_M = {"a": 15.888, "b": 13.648, "c": 17.584, "d": 15.896}
 AZIMUTHS_DEG = {"a": 20.0, "b": 95.0, "c": 190.0, "d": 280.0}

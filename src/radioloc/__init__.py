@@ -7,7 +7,8 @@
 
 Here are the names that most users need. What they rest on is in the packages, each with an ``__all__`` of its own:
 :mod:`radioloc.measurements`, :mod:`radioloc.parameters`, :mod:`radioloc.media`, :mod:`radioloc.estimation`,
-:mod:`radioloc.simulation`, :mod:`radioloc.studies`, :mod:`radioloc.io`, :mod:`radioloc.report`, :mod:`radioloc.earth`,
+:mod:`radioloc.simulation`, :mod:`radioloc.study`, :mod:`radioloc.jobs`, :mod:`radioloc.results`, :mod:`radioloc.io`,
+:mod:`radioloc.report`, :mod:`radioloc.earth`,
 :mod:`radioloc.lunar`, :mod:`radioloc.dynamics`, :mod:`radioloc.imaging`, :mod:`radioloc.ephemeris`,
 :mod:`radioloc.kernels`, :mod:`radioloc.time` and :mod:`radioloc.errors`.
 """
@@ -21,18 +22,18 @@ from radioloc._version import __version__
 if TYPE_CHECKING:  # what is here is imported when it is first used
     from radioloc.earth import StationCatalogue
     from radioloc.errors import RadiolocError
-    from radioloc.estimation import Solution
     from radioloc.io import read_observations, write_observations
+    from radioloc.jobs.arcs import arcs
+    from radioloc.jobs.covariance import covariance
+    from radioloc.jobs.images import locate_images
+    from radioloc.jobs.locate import locate, residuals
+    from radioloc.jobs.monte_carlo import monte_carlo
+    from radioloc.jobs.simulate import simulate
     from radioloc.lunar import LunarPosition
     from radioloc.measurements import Observations
     from radioloc.report import plot_links, plot_position, plot_residuals, write_report
-    from radioloc.studies import Study, read_study
-    from radioloc.studies.arcs import arcs
-    from radioloc.studies.covariance import covariance
-    from radioloc.studies.images import locate_images
-    from radioloc.studies.locate import locate, residuals
-    from radioloc.studies.monte_carlo import monte_carlo
-    from radioloc.studies.simulate import simulate
+    from radioloc.results import Solution
+    from radioloc.study import Study, read_study
     from radioloc.time import Epochs
 
 __all__ = [
@@ -65,18 +66,18 @@ _HOMES = {
     for home, names in {
         "earth": "StationCatalogue",
         "errors": "RadiolocError",
-        "estimation": "Solution",
+        "results": "Solution",
         "io": "read_observations write_observations",
         "lunar": "LunarPosition",
         "measurements": "Observations",
         "report": "plot_links plot_position plot_residuals write_report",
-        "studies": "Study read_study",
-        "studies.arcs": "arcs",
-        "studies.covariance": "covariance",
-        "studies.images": "locate_images",
-        "studies.locate": "locate residuals",
-        "studies.monte_carlo": "monte_carlo",
-        "studies.simulate": "simulate",
+        "study": "Study read_study",
+        "jobs.arcs": "arcs",
+        "jobs.covariance": "covariance",
+        "jobs.images": "locate_images",
+        "jobs.locate": "locate residuals",
+        "jobs.monte_carlo": "monte_carlo",
+        "jobs.simulate": "simulate",
         "time": "Epochs",
     }.items()
     for name in names.split()

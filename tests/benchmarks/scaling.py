@@ -60,8 +60,8 @@ def fit(path: Path) -> None:
     from change5_case import STUDY
 
     import radioloc
+    from radioloc.jobs.locate import fit_arc, prepared_arc
     from radioloc.measurements.ramps import Ramps
-    from radioloc.studies.locate import fit_arc, prepared_arc
 
     links = tuple(
         radioloc.measurements.Link.from_path(text) for text in json.loads(Path(f"{path}.json").read_text())

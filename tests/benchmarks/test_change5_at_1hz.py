@@ -25,7 +25,7 @@ def done(stage):
     stages.append(time.process_time())
     print(json.dumps({stage: stages[-1] - stages[-2]}))
 import radioloc
-from radioloc.studies.locate import fit_arc, prepared_arc
+from radioloc.jobs.locate import fit_arc, prepared_arc
 study = radioloc.read_study("change5.toml")
 done("import")
 observations = radioloc.read_observations(study.observations.files, catalogue=study.catalogue)
@@ -76,7 +76,7 @@ made = observations(model, 180.0)
 began = time.process_time()
 study = radioloc.Study(
     target=radioloc.LunarPosition.from_selenographic(-51.8, 43.0, -2500.0),
-    model=radioloc.studies.ModelChoice(evaluation="interpolated"),
+    model=radioloc.study.ModelChoice(evaluation="interpolated"),
 )
 compiled = []
 with numba.core.event.install_timer("numba:compile", compiled.append):

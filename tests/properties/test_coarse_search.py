@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 import radioloc
 from radioloc import LunarPosition
 from radioloc.measurements import PhysicalModel, active_terms
-from radioloc.studies import EstimateChoice, ModelChoice, ObservationChoice
-from radioloc.studies.study import HeightPrior
+from radioloc.study import EstimateChoice, ModelChoice, ObservationChoice
+from radioloc.study.study import HeightPrior
 
 HEIGHT = HeightPrior(-2550.4, 5.0)
 KINDS_OF_FIT = {

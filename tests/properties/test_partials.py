@@ -20,6 +20,7 @@ from radioloc.earth.eop import EopTable
 from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.errors import InputError
+from radioloc.jobs.problem import observation_model
 from radioloc.measurements import EquipmentDelays, StationDelay
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.link import Link
@@ -33,8 +34,7 @@ from radioloc.parameters.position import cartesian
 from radioloc.parameters.position_prior import with_position_priors
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import middle_of
-from radioloc.studies.problem import observation_model
-from radioloc.studies.study import EstimateChoice, TerrainPrior
+from radioloc.study.study import EstimateChoice, TerrainPrior
 from radioloc.time import Epochs, tai_to_utc, utc_to_tai
 
 # Of the largest partial of a column. Left out is how tide and gravity change with point and time, up to 4e-7.

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 import radioloc
 from radioloc import LunarPosition, Observations, StationCatalogue
 from radioloc.errors import InputError
+from radioloc.jobs.selection import select_observations
 from radioloc.measurements import Link
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.parameters.position import on_sphere
-from radioloc.studies import ObservationChoice
-from radioloc.studies.selection import select_observations
+from radioloc.study import ObservationChoice
 
 # What a careless hand or a broken script may put in the place of a value, as TOML.
 VALUES = st.one_of(

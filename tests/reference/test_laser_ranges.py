@@ -173,8 +173,8 @@ def fitted(ephemeris, file_name):
     """Solution for Apollo 15 from one file of examples/."""
     study = radioloc.Study(
         target=radioloc.LunarPosition.from_cartesian(APOLLO15_DE430_M, f"PA_{ephemeris}"),
-        observations=radioloc.studies.ObservationChoice(files=(EXAMPLES / file_name,)),
-        model=radioloc.studies.ModelChoice(ephemeris=ephemeris, libration=ephemeris),
+        observations=radioloc.study.ObservationChoice(files=(EXAMPLES / file_name,)),
+        model=radioloc.study.ModelChoice(ephemeris=ephemeris, libration=ephemeris),
     )
     return radioloc.locate(study)
 

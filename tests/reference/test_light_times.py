@@ -18,9 +18,10 @@ from radioloc.constants import ARCSEC_RAD, C_M_S
 from radioloc.earth import StationCatalogue, geodetic_from_itrf
 from radioloc.earth.eop import EopTable
 from radioloc.errors import InputError
+from radioloc.jobs import light_times
 from radioloc.kernels import find_kernel
 from radioloc.measurements.terms import TERMS
-from radioloc.studies import ModelChoice, Study, light_times
+from radioloc.study import ModelChoice, Study
 from radioloc.time import epochs_from_strings, utc_to_tt
 
 LANDER = radioloc.LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)

@@ -13,8 +13,8 @@ import pytest
 import radioloc
 from radioloc.constants import C_M_S
 from radioloc.estimation.consider import moved_by, prior_effects
+from radioloc.jobs.prepared_trials import Prepared
 from radioloc.simulation import TruthSigma
-from radioloc.studies.prepared_trials import Prepared
 
 pytestmark = pytest.mark.slow
 

@@ -12,7 +12,7 @@ from change5_case import LANDER, NOISE, RANGING, START, VLBI
 import radioloc
 from radioloc import Study
 from radioloc.simulation import Scenario, Schedule, Session, Truth, TruthSigma, all_ranges, baselines
-from radioloc.studies import EstimateChoice, HeightPrior, ModelChoice
+from radioloc.study import EstimateChoice, HeightPrior, ModelChoice
 
 pytestmark = pytest.mark.slow
 

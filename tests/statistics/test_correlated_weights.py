@@ -20,7 +20,7 @@ from radioloc.simulation import (
     all_ranges,
     baselines,
 )
-from radioloc.studies import EstimateChoice, HeightPrior, ModelChoice, ObservationChoice
+from radioloc.study import EstimateChoice, HeightPrior, ModelChoice, ObservationChoice
 
 pytestmark = pytest.mark.slow
 

@@ -3,9 +3,9 @@
 import pytest
 
 import radioloc
+from radioloc.jobs.locate import fit_arc, model_of, prepared_arc
+from radioloc.jobs.simulate import scenario_of
 from radioloc.simulation import World
-from radioloc.studies.locate import fit_arc, model_of, prepared_arc
-from radioloc.studies.simulate import scenario_of
 
 pytestmark = pytest.mark.slow
 

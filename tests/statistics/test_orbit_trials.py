@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import radioloc
-from radioloc.report.monte_carlo import binomial_bounds
+from radioloc.results.monte_carlo import binomial_bounds
 
 TRIALS = 150
 STUDY = """

@@ -15,6 +15,7 @@ from radioloc.earth import EarthOrientation, StationCatalogue
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.io import TdmAgreement
+from radioloc.jobs.selection import arc_lengths
 from radioloc.lunar import LunarPosition, rot_icrf_to_iau_moon
 from radioloc.measurements import EquipmentDelays, PhysicalModel, StationDelay
 from radioloc.media import UniformTec
@@ -29,15 +30,7 @@ from radioloc.simulation import (
     two_way,
     windows,
 )
-from radioloc.studies import (
-    EstimateChoice,
-    HeightPrior,
-    ModelChoice,
-    ObservationChoice,
-    PlaceOnMap,
-    Weight,
-)
-from radioloc.studies.selection import arc_lengths
+from radioloc.study import EstimateChoice, HeightPrior, ModelChoice, ObservationChoice, PlaceOnMap, Weight
 from radioloc.time import (
     epochs_from_strings,
     geocentric_tdb_minus_tt,
@@ -251,7 +244,7 @@ def test_rays_through_the_ionosphere_in_degrees():
 
 
 def test_predictions_of_a_place_in_kilometres():
-    arc, place_m = radioloc.studies.arc_of(EXAMPLES / "apollo15/apollo15.toml")
+    arc, place_m = radioloc.jobs.arc_of(EXAMPLES / "apollo15/apollo15.toml")
     computed = arc.compute(place_m)
     assert np.array_equal(arc.compute(place_m * u.m).value_m, computed.value_m)
     assert arc.compute(place_m / 1e3 * u.km).value_m == pytest.approx(computed.value_m, abs=1e-6)

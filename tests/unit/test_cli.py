@@ -24,10 +24,10 @@ from radioloc.cli import commands, lookups
 from radioloc.cli.parser import EXIT_STATUS, make_parser
 from radioloc.errors import ConvergenceError, DataQualityWarning, PredictedEopWarning
 from radioloc.io import READERS
+from radioloc.jobs import locate
 from radioloc.measurements.registry import MEASUREMENTS
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.studies import locate
-from radioloc.studies.study_file import TABLES
+from radioloc.study.study_file import TABLES
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 TABLE = EXAMPLES / "apollo15" / "apollo15_apollo_2006-2007.csv"
@@ -201,7 +201,7 @@ def test_light_time_that_does_not_settle_ends_with_3(run, monkeypatch):
     def fails(study):
         raise ConvergenceError("the light time did not settle")
 
-    monkeypatch.setattr("radioloc.studies.locate.prepared_arc", fails)
+    monkeypatch.setattr("radioloc.jobs.locate.prepared_arc", fails)
     outcome = run(study_of())
     assert (outcome.status, outcome.out, outcome.err) == (3, "", "radioloc: the light time did not settle\n")
 
@@ -327,7 +327,7 @@ def test_any_other_trouble_with_files_is_one_line(run, monkeypatch):
     def refuses(study):
         raise OSError(13, "Permission denied", "x.png")
 
-    monkeypatch.setattr("radioloc.studies.locate.prepared_arc", refuses)
+    monkeypatch.setattr("radioloc.jobs.locate.prepared_arc", refuses)
     refused(run(study_of()), "x.png: Permission denied")
 
 

@@ -18,15 +18,15 @@ import radioloc
 from radioloc.cli import main
 from radioloc.cli.parser import EXIT_STATUS, make_parser
 from radioloc.dynamics.elements import EQUINOCTIAL, KEPLERIAN
+from radioloc.jobs.image_study import TABLES as IMAGE_TABLES
+from radioloc.jobs.image_study import read_image_study
 from radioloc.measurements.registry import MEASUREMENTS
 from radioloc.measurements.table_columns import COLUMNS
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.report.files import RESIDUAL_COLUMNS
-from radioloc.studies.image_study import TABLES as IMAGE_TABLES
-from radioloc.studies.image_study import read_image_study
-from radioloc.studies.schema import keys_of
-from radioloc.studies.study import PARAMETER_KEYS
-from radioloc.studies.study_file import GEODETIC, TABLES
+from radioloc.study.schema import keys_of
+from radioloc.study.study import PARAMETER_KEYS
+from radioloc.study.study_file import GEODETIC, TABLES
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"

@@ -16,9 +16,9 @@ from radioloc.errors import (
     legible,
     visible,
 )
-from radioloc.report.cards import Card, Field
 from radioloc.report.figures import draws_names_literally, new_figure, save_figure
-from radioloc.report.tables import PositionRow, TextTable, csv_table
+from radioloc.results.cards import Card, Field
+from radioloc.results.tables import PositionRow, TextTable, csv_table
 
 ESCAPES = "\x1b[31mred\x1b[0m \x1b]0;title\x07 \x9b2J \u202ereversed\u202c \r\x08\x00"
 SHOWN = r"\x1b[31mred\x1b[0m \x1b]0;title\x07 \x9b2J \u202ereversed\u202c \r\x08\x00"

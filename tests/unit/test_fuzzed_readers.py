@@ -16,8 +16,8 @@ SLOW = ("solution_export", "solution_map", "solution_page", "solution_verify", "
 
 def fuzz(*arguments):
     return subprocess.run(
-        [sys.executable, TESTS / "toys" / "fuzz_readers.py", *map(str, arguments)],
-        env=os.environ | {"PYTHONPATH": os.pathsep.join([*sys.path, str(TESTS / "toys")])},
+        [sys.executable, TESTS / "support" / "fuzz_readers.py", *map(str, arguments)],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join([*sys.path, str(TESTS / "support")])},
         capture_output=True,
         text=True,
         check=False,

@@ -38,7 +38,7 @@ PACKAGES = (
     "parameters",
     "report",
 )
-PACKAGES += ("dynamics", "simulation", "studies", "time")
+PACKAGES += ("dynamics", "simulation", "study", "jobs", "results", "time")
 
 
 def test_import_is_light_and_quick(tmp_path):
@@ -92,8 +92,8 @@ def test_a_study_built_in_python_with_observations_passed():
     read = radioloc.read_study(EXAMPLE)
     study = radioloc.Study(
         target=radioloc.LunarPosition("PA_DE421", (1554700.0, 98000.0, 765000.0)),
-        estimate=radioloc.studies.EstimateChoice(position="cartesian"),
-        model=radioloc.studies.ModelChoice(terms=radioloc.measurements.active_terms(["ionosphere"])),
+        estimate=radioloc.study.EstimateChoice(position="cartesian"),
+        model=radioloc.study.ModelChoice(terms=radioloc.measurements.active_terms(["ionosphere"])),
         name="mine",
     )
     solution = radioloc.locate(study, radioloc.read_observations(read.observations.files))

@@ -13,7 +13,7 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 @pytest.fixture(scope="module")
 def shown():
     study = radioloc.read_study(EXAMPLES / "apollo15" / "apollo15.toml")
-    arc, position_pa_m = radioloc.studies.arc_of(study)
+    arc, position_pa_m = radioloc.jobs.arc_of(study)
     solution = radioloc.locate(study)
     objects = {
         "Study": study,

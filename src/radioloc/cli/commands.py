@@ -12,12 +12,22 @@ from typing import Any
 from radioloc.cli.output import complain, say, tell
 from radioloc.cli.parser import DONE, INTERRUPTED, NOT_CONVERGED
 from radioloc.errors import InputError
-from radioloc.estimation.solution import Solution
 from radioloc.io.formats import read_observations, require_writable, write_observations
 from radioloc.io.tdm import TdmAgreement
+from radioloc.jobs import locate
+from radioloc.jobs.arcs import arcs, leave_one_out
+from radioloc.jobs.comparison import compare, read_solutions
+from radioloc.jobs.covariance import covariance
+from radioloc.jobs.image_study import read_image_study
+from radioloc.jobs.images import locate_images
+from radioloc.jobs.monte_carlo import monte_carlo
+from radioloc.jobs.passes import light_times, visibility
+from radioloc.jobs.selection import DEFAULT_HOURS
+from radioloc.jobs.simulate import simulate
+from radioloc.jobs.verification import verify
+from radioloc.jobs.workers import usual_workers
 from radioloc.lunar.position import LunarPosition
 from radioloc.report.ccsds import write_oem, write_residuals_tdm
-from radioloc.report.covariance import plans_card
 from radioloc.report.figures import save_figure
 from radioloc.report.files import (
     write_arcs,
@@ -32,24 +42,14 @@ from radioloc.report.gis import GIS_ENDINGS, write_gis
 from radioloc.report.map_figures import plot_map
 from radioloc.report.page import is_usable, require_page
 from radioloc.report.sinex import write_sinex
-from radioloc.report.solution_card import solution_card
 from radioloc.report.spice_kernels import FIRST_SITE, write_spice
-from radioloc.report.subsets import ArcStudy, LeaveOneOut
-from radioloc.report.tables import TABLE_ENDINGS, solution_table, write_table_file
-from radioloc.studies import locate
-from radioloc.studies.arcs import arcs, leave_one_out
-from radioloc.studies.comparison import compare, read_solutions
-from radioloc.studies.covariance import covariance
-from radioloc.studies.image_study import read_image_study
-from radioloc.studies.images import locate_images
-from radioloc.studies.monte_carlo import monte_carlo
-from radioloc.studies.passes import light_times, visibility
-from radioloc.studies.selection import DEFAULT_HOURS
-from radioloc.studies.simulate import simulate
-from radioloc.studies.study import Study, TerrainPrior
-from radioloc.studies.study_file import read_study
-from radioloc.studies.verification import verify
-from radioloc.studies.workers import usual_workers
+from radioloc.results.covariance import plans_card
+from radioloc.results.solution import Solution
+from radioloc.results.solution_card import solution_card
+from radioloc.results.subsets import ArcStudy, LeaveOneOut
+from radioloc.results.tables import TABLE_ENDINGS, solution_table, write_table_file
+from radioloc.study.study import Study, TerrainPrior
+from radioloc.study.study_file import read_study
 
 
 def ready(options: argparse.Namespace) -> None:

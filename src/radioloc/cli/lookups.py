@@ -26,7 +26,7 @@ _IAU = "IAU_MOON"
 
 
 def _doctor(options: argparse.Namespace) -> int:
-    from radioloc.studies.doctor import doctor
+    from radioloc.jobs.doctor import doctor
 
     found = doctor()
     tell(options, found, found.to_dict)

@@ -368,9 +368,9 @@ def make_parser() -> Parser:
 
 def _keys_of_a_study() -> Rows:
     from radioloc.parameters.registry import PARAMETERS
-    from radioloc.studies.schema import keys_of
-    from radioloc.studies.study import PARAMETER_KEYS
-    from radioloc.studies.study_file import TABLES
+    from radioloc.study.schema import keys_of
+    from radioloc.study.study import PARAMETER_KEYS
+    from radioloc.study.study_file import TABLES
 
     tables = {
         f"[{table}]": ", ".join(
@@ -386,8 +386,8 @@ def _keys_of_a_study() -> Rows:
 
 
 def _keys_of_images() -> Rows:
-    from radioloc.studies.image_study import TABLES
-    from radioloc.studies.schema import keys_of
+    from radioloc.jobs.image_study import TABLES
+    from radioloc.study.schema import keys_of
 
     tables = {f"[{name}]": ", ".join(keys_of(record)) for name, record in TABLES.items()}
     return {"tables of a study file, one of [images], [image_point] and [stereo]": tables}

@@ -5,7 +5,6 @@ residuals by :func:`fit_least_squares`, leaving outliers out; :func:`build_solut
 together as a :class:`Solution`.
 """
 
-from radioloc.estimation.build import build_solution, compare_with
 from radioloc.estimation.combination import Ellipse, ReferenceComparison
 from radioloc.estimation.editing import EditedFit, fit_with_editing
 from radioloc.estimation.gauss_markov import SeriesCorrelation, SeriesWeight, TimeCorrelation
@@ -14,7 +13,6 @@ from radioloc.estimation.least_squares import FitResult, FitStatus, fit_least_sq
 from radioloc.estimation.linearization import DenseLinearization, Linearization, ResidualFunction
 from radioloc.estimation.observability import Correlation, Direction, Observability, assess_observability
 from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
-from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import FitStatistics, GroupStatistics, Residuals
 from radioloc.estimation.time_correlation import assess_time_correlation, fit_with_correlated_weights
 from radioloc.estimation.variance_components import fit_with_variance_components
@@ -44,12 +42,9 @@ __all__ = [
     "SeriesCorrelation",
     "SeriesWeight",
     "SharedErrors",
-    "Solution",
     "TimeCorrelation",
     "assess_observability",
     "assess_time_correlation",
-    "build_solution",
-    "compare_with",
     "fit_least_squares",
     "fit_with_correlated_weights",
     "fit_with_editing",

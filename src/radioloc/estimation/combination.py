@@ -164,7 +164,7 @@ class PositionEstimate:
 
     @classmethod
     def from_solution(cls, content: Mapping[str, Any]) -> PositionEstimate:
-        """What ``solution.json`` or :meth:`~radioloc.estimation.solution.Solution.to_dict` states.
+        """What ``solution.json`` or :meth:`~radioloc.results.solution.Solution.to_dict` states.
 
         Raises
         ------

@@ -154,7 +154,7 @@ def everywhere(rows: ObservationRows) -> NDArray[np.bool_]:
     --------
     >>> import radioloc
     >>> from radioloc.parameters import ObservationRows, everywhere
-    >>> arc, _ = radioloc.studies.arc_of("examples/apollo15/apollo15.toml")
+    >>> arc, _ = radioloc.jobs.arc_of("examples/apollo15/apollo15.toml")
     >>> everywhere(ObservationRows(arc)).shape
     (153, 1)
     """
@@ -168,7 +168,7 @@ def both_stations(rows: ObservationRows) -> NDArray[np.bool_]:
     --------
     >>> import radioloc
     >>> from radioloc.parameters import ObservationRows, both_stations
-    >>> arc, _ = radioloc.studies.arc_of("examples/apollo15/apollo15.toml")
+    >>> arc, _ = radioloc.jobs.arc_of("examples/apollo15/apollo15.toml")
     >>> both_stations(ObservationRows(arc)).shape
     (153, 2)
     """

@@ -1,8 +1,6 @@
 """Everything that shows results: cards, tables, figures, and the files of an output folder."""
 
 from radioloc.report.ccsds import write_oem, write_orbit_oem, write_orbit_opm, write_residuals_tdm
-from radioloc.report.comparison import Comparison
-from radioloc.report.covariance import CovarianceStudy
 from radioloc.report.estimate_figures import plot_budget, plot_correlations
 from radioloc.report.figures import save_figure
 from radioloc.report.files import (
@@ -16,12 +14,9 @@ from radioloc.report.files import (
     write_terms,
 )
 from radioloc.report.gis import write_gis
-from radioloc.report.image_solution import ImageSolution, PointSolution
 from radioloc.report.map_figures import plot_images, plot_map
-from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.page import write_html
 from radioloc.report.position_figures import plot_arcs, plot_comparison, plot_point, plot_position
-from radioloc.report.predictions import LightTimes
 from radioloc.report.residual_figures import plot_distribution, plot_links, plot_residuals, plot_terms
 from radioloc.report.sinex import write_sinex
 from radioloc.report.spice_kernels import write_orbit_spk, write_spice
@@ -32,18 +27,8 @@ from radioloc.report.study_figures import (
     plot_error_by_length,
     plot_trials,
 )
-from radioloc.report.subsets import ArcStudy
-from radioloc.report.tables import TextTable, solution_table
 
 __all__ = [
-    "ArcStudy",
-    "Comparison",
-    "CovarianceStudy",
-    "ImageSolution",
-    "LightTimes",
-    "MonteCarlo",
-    "PointSolution",
-    "TextTable",
     "plot_arcs",
     "plot_budget",
     "plot_comparison",
@@ -62,7 +47,6 @@ __all__ = [
     "plot_trials",
     "plot_visibility",
     "save_figure",
-    "solution_table",
     "write_arcs",
     "write_comparison",
     "write_covariance",

@@ -18,14 +18,14 @@ from radioloc.boundary import bare_arguments
 from radioloc.dynamics import Orbit
 from radioloc.ephemeris import CONSTANTS, LunarOrientation
 from radioloc.errors import InputError
-from radioloc.estimation.solution import Solution
 from radioloc.io.tdm.message import WEATHER, TdmFile, TdmHeader
 from radioloc.io.tdm.write import now, tdm_of, write_tdm_file
 from radioloc.lunar import east_north_up, rot_icrf_to_pa, rot_pa_to_me
 from radioloc.lunar.frames import rot_icrf_to_pa_rate
 from radioloc.measurements.observations import Observations
 from radioloc.report.spice_kernels import M_PER_KM, orbit_parts, states_km
-from radioloc.report.tables import Located, content_of, position_of
+from radioloc.results.solution import Solution
+from radioloc.results.tables import Located, content_of, position_of
 from radioloc.text_files import to_ascii, write_text
 from radioloc.time import Epochs, epochs_from_strings, to_scale, utc_strings
 
@@ -227,7 +227,7 @@ def write_residuals_tdm(
     solution : Solution
         Whose residuals are written.
     observations : Observations
-        That it was made from, row by row: ``observations`` of :func:`~radioloc.studies.locate.arc_of`'s predictor.
+        That it was made from, row by row: ``observations`` of :func:`~radioloc.jobs.locate.arc_of`'s predictor.
     path : path-like
         The file; an existing one is replaced.
     originator, creation_date
@@ -242,7 +242,7 @@ def write_residuals_tdm(
     --------
     >>> import radioloc
     >>> study = radioloc.read_study("examples/change5/short_arc.toml")
-    >>> predictor, _ = radioloc.studies.arc_of(study)
+    >>> predictor, _ = radioloc.jobs.arc_of(study)
     >>> solution = radioloc.residuals(study)
     >>> file = radioloc.report.write_residuals_tdm(solution, predictor.observations, "oc.tdm", originator="AGENCY")
     >>> file.name

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError
 from radioloc.estimation.consider import by_source
 from radioloc.estimation.orbit_state import EAST_NORTH_UP
-from radioloc.estimation.solution import Level, Solution
-from radioloc.report.cards import metres
 from radioloc.report.figures import (
     COLORS,
     draws_names_literally,
@@ -21,6 +19,8 @@ from radioloc.report.figures import (
     one_panel,
     style_axes,
 )
+from radioloc.results.cards import metres
+from radioloc.results.solution import Level, Solution
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.orbit_state import OrbitState
-from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import Residuals
 from radioloc.io.table import batches_of, write_csv
 from radioloc.lunar import TerrainModel
@@ -24,16 +23,17 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.report.ccsds import write_orbit_oem, write_orbit_opm
-from radioloc.report.comparison import Comparison
-from radioloc.report.covariance import CovarianceStudy
 from radioloc.report.figures import save_figure
-from radioloc.report.image_solution import ImageSolution, PointSolution
 from radioloc.report.map_figures import plot_map
-from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.page import PAGE, Result, figures_of, write_page
 from radioloc.report.residual_figures import plot_terms
 from radioloc.report.spice_kernels import write_orbit_spk
-from radioloc.report.subsets import ArcStudy, LeaveOneOut
+from radioloc.results.comparison import Comparison
+from radioloc.results.covariance import CovarianceStudy
+from radioloc.results.image_solution import ImageSolution, PointSolution
+from radioloc.results.monte_carlo import MonteCarlo
+from radioloc.results.solution import Solution
+from radioloc.results.subsets import ArcStudy, LeaveOneOut
 from radioloc.text_files import TEMPORARY_FILES, disk_failed, locked, write_text
 
 if TYPE_CHECKING:
@@ -250,7 +250,7 @@ def write_terms(predictor: Predictor, solution: Solution, folder: str | Path) ->
     Parameters
     ----------
     predictor : Predictor
-        That of the solution's study, as :func:`~radioloc.studies.locate.arc_of` prepares it.
+        That of the solution's study, as :func:`~radioloc.jobs.locate.arc_of` prepares it.
     solution : Solution
         Where the terms are evaluated.
     folder : path-like
@@ -260,7 +260,7 @@ def write_terms(predictor: Predictor, solution: Solution, folder: str | Path) ->
     --------
     >>> import radioloc
     >>> study = radioloc.read_study("examples/apollo15/apollo15.toml")
-    >>> predictor, _ = radioloc.studies.arc_of(study)
+    >>> predictor, _ = radioloc.jobs.arc_of(study)
     >>> radioloc.report.write_terms(predictor, radioloc.residuals(study), "out").name
     'terms.csv'
     """
@@ -339,7 +339,7 @@ def write_leave_one_out(found: LeaveOneOut, folder: str | Path, *, html: bool = 
     Examples
     --------
     >>> import radioloc
-    >>> found = radioloc.studies.leave_one_out("examples/change5/short_arc.toml")
+    >>> found = radioloc.jobs.leave_one_out("examples/change5/short_arc.toml")
     >>> [path.name for path in radioloc.report.write_leave_one_out(found, "out")]
     ['leave_one_out.json', 'leave_one_out.csv']
     """
@@ -357,7 +357,7 @@ def write_images(
     Examples
     --------
     >>> import radioloc
-    >>> solution = radioloc.locate_images(radioloc.studies.read_image_study("examples/images/descent.toml"))
+    >>> solution = radioloc.locate_images(radioloc.jobs.read_image_study("examples/images/descent.toml"))
     >>> [path.name for path in radioloc.report.write_images(solution, "out")]
     ['solution.json', 'images.png', 'images.svg']
     """
@@ -373,7 +373,7 @@ def write_comparison(found: Comparison, folder: str | Path, *, html: bool = Fals
     --------
     >>> import radioloc
     >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
-    >>> found = radioloc.studies.compare(radioloc.write_report(solution, "out")[:1])
+    >>> found = radioloc.jobs.compare(radioloc.write_report(solution, "out")[:1])
     >>> [path.name for path in radioloc.report.write_comparison(found, "compared")][:2]
     ['table1.csv', 'table1.md']
     """

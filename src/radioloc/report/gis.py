@@ -25,7 +25,7 @@ from radioloc.lunar.selenographic import (
     selenographic_to_cartesian,
 )
 from radioloc.report.figures import SCALE_95
-from radioloc.report.tables import (
+from radioloc.results.tables import (
     Located,
     contents_by_target,
     horizontal_covariance_of,

@@ -14,13 +14,11 @@ from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
-from radioloc.estimation.solution import Solution
 from radioloc.imaging import Map, TangentPlane, read_frame
 from radioloc.imaging.frames import load_opencv
 from radioloc.imaging.homography import transformed
 from radioloc.imaging.registration import RegisteredFrame
 from radioloc.lunar.terrain import TerrainModel
-from radioloc.report.cards import Shown
 from radioloc.report.figures import (
     COLORS,
     SCALE_95,
@@ -33,9 +31,11 @@ from radioloc.report.figures import (
     several_panels,
     style_axes,
 )
-from radioloc.report.image_solution import ImageSolution
 from radioloc.report.position_figures import draw_place
-from radioloc.report.tables import (
+from radioloc.results.cards import Shown
+from radioloc.results.image_solution import ImageSolution
+from radioloc.results.solution import Solution
+from radioloc.results.tables import (
     Located,
     contents_by_target,
     horizontal_covariance_of,
@@ -291,7 +291,7 @@ def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
     Examples
     --------
     >>> import radioloc
-    >>> solution = radioloc.locate_images(radioloc.studies.read_image_study("examples/images/descent.toml"))
+    >>> solution = radioloc.locate_images(radioloc.jobs.read_image_study("examples/images/descent.toml"))
     >>> len(radioloc.report.plot_images(solution).axes)
     3
     """

@@ -15,27 +15,27 @@ from typing import TYPE_CHECKING, Any
 
 from radioloc._version import __version__
 from radioloc.errors import InputError, visible
-from radioloc.estimation.solution import Solution
 from radioloc.extras import optional
-from radioloc.report.cards import Field, metres, more
-from radioloc.report.comparison import Comparison
-from radioloc.report.covariance import CovarianceStudy
 from radioloc.report.estimate_figures import has_correlations, plot_budget, plot_correlations
 from radioloc.report.figures import DPI, png_of
-from radioloc.report.fit_card import left_out_rows
-from radioloc.report.image_solution import ImageSolution, PointSolution
 from radioloc.report.map_figures import plot_images, plot_map
-from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.position_figures import plot_arcs, plot_comparison, plot_point, plot_position
 from radioloc.report.residual_figures import plot_distribution, plot_links, plot_residuals
-from radioloc.report.solution_card import solution_card
 from radioloc.report.study_figures import (
     plot_covariance,
     plot_covariance_on_arc,
     plot_error_by_length,
     plot_trials,
 )
-from radioloc.report.subsets import ArcStudy, LeaveOneOut
+from radioloc.results.cards import Field, metres, more
+from radioloc.results.comparison import Comparison
+from radioloc.results.covariance import CovarianceStudy
+from radioloc.results.fit_card import left_out_rows
+from radioloc.results.image_solution import ImageSolution, PointSolution
+from radioloc.results.monte_carlo import MonteCarlo
+from radioloc.results.solution import Solution
+from radioloc.results.solution_card import solution_card
+from radioloc.results.subsets import ArcStudy, LeaveOneOut
 from radioloc.text_files import write_text
 
 if TYPE_CHECKING:

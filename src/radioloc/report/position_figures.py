@@ -11,13 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
-from radioloc.estimation.build import compare_with
 from radioloc.estimation.combination import ReferenceComparison, rotated_covariance
 from radioloc.estimation.orbit_state import EAST_NORTH_UP
-from radioloc.estimation.solution import Solution
 from radioloc.lunar.local import rot_enu_between
-from radioloc.report.cards import to_sigma
-from radioloc.report.comparison import Comparison
 from radioloc.report.figures import (
     COLORS,
     SCALE_95,
@@ -31,10 +27,14 @@ from radioloc.report.figures import (
     several_panels,
     style_axes,
 )
-from radioloc.report.image_solution import PointSolution
-from radioloc.report.monte_carlo import NORMAL_95
-from radioloc.report.subsets import ArcStudy
-from radioloc.report.tables import PositionRow, difference
+from radioloc.results.build import compare_with
+from radioloc.results.cards import to_sigma
+from radioloc.results.comparison import Comparison
+from radioloc.results.image_solution import PointSolution
+from radioloc.results.monte_carlo import NORMAL_95
+from radioloc.results.solution import Solution
+from radioloc.results.subsets import ArcStudy
+from radioloc.results.tables import PositionRow, difference
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -182,7 +182,7 @@ def plot_comparison(comparison: Comparison, ax: Axes | None = None) -> Figure:
     --------
     >>> import radioloc
     >>> study = radioloc.read_study("examples/apollo15/apollo15.toml")
-    >>> found = radioloc.studies.compare([radioloc.locate(study)])
+    >>> found = radioloc.jobs.compare([radioloc.locate(study)])
     >>> radioloc.report.plot_comparison(found).axes[0].get_ylabel()
     'north of JPL, DE421 solution (m)'
     """
@@ -302,7 +302,7 @@ def plot_point(solution: PointSolution, ax: Axes | None = None) -> Figure:
     Examples
     --------
     >>> import radioloc
-    >>> solution = radioloc.locate_images(radioloc.studies.read_image_study("examples/stereo/stereo.toml"))
+    >>> solution = radioloc.locate_images(radioloc.jobs.read_image_study("examples/stereo/stereo.toml"))
     >>> len(radioloc.report.plot_point(solution).axes)
     2
     """

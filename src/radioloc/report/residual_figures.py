@@ -11,10 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
-from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import Residuals
 from radioloc.measurements.observations import Observations
-from radioloc.report.cards import short_names
 from radioloc.report.figures import (
     COLORS,
     date_axes,
@@ -40,6 +38,8 @@ from radioloc.report.residual_panels import (
     residuals_of,
     station_panels,
 )
+from radioloc.results.cards import short_names
+from radioloc.results.solution import Solution
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -309,7 +309,7 @@ def plot_terms(
     Examples
     --------
     >>> import radioloc
-    >>> arc, position_pa_m = radioloc.studies.arc_of(radioloc.read_study("examples/apollo15/apollo15.toml"))
+    >>> arc, position_pa_m = radioloc.jobs.arc_of(radioloc.read_study("examples/apollo15/apollo15.toml"))
     >>> figure = radioloc.report.plot_terms(arc.terms(position_pa_m), arc.observations)
     >>> figure.axes[0].get_title(loc="left")
     'shapiro'

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
-from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import Residuals
 from radioloc.measurements.link import Link
 from radioloc.measurements.registry import KINDS
-from radioloc.report.cards import ways
+from radioloc.results.cards import ways
+from radioloc.results.solution import Solution
 
 Dates = NDArray[np.datetime64]
 Limits = tuple[np.datetime64, np.datetime64]

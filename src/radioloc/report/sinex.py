@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from radioloc._version import __version__
 from radioloc.errors import ConvergenceError, InputError
-from radioloc.estimation.solution import Solution
 from radioloc.lunar.selenographic import cartesian_to_selenographic
+from radioloc.results.solution import Solution
 from radioloc.text_files import to_ascii, write_text
 from radioloc.time import Epochs, utc_strings
 

@@ -22,7 +22,7 @@ from radioloc.dynamics import Orbit
 from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.errors import InputError
 from radioloc.kernels.spice_calls import short_folder, spice_message, spice_path
-from radioloc.report.tables import Located, content_of, position_of
+from radioloc.results.tables import Located, content_of, position_of
 from radioloc.text_files import replaced_file, to_ascii
 
 FIRST_SITE = 301001

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.estimation.orbit_state import RTN
-from radioloc.report.cards import metres
-from radioloc.report.covariance import CovarianceStudy
 from radioloc.report.figures import (
     COLORS,
     SCALE_95,
@@ -26,7 +24,9 @@ from radioloc.report.figures import (
     several_panels,
     style_axes,
 )
-from radioloc.report.monte_carlo import MonteCarlo
+from radioloc.results.cards import metres
+from radioloc.results.covariance import CovarianceStudy
+from radioloc.results.monte_carlo import MonteCarlo
 from radioloc.time import utc_strings
 
 if TYPE_CHECKING:

@@ -138,7 +138,7 @@ class World:
 
 
 class StateAndForces(Protocol):
-    """An orbit that is still to be integrated, over the sessions; an :class:`~radioloc.studies.orbiter.Orbiter`."""
+    """An orbit that is still to be integrated, over the sessions; an :class:`~radioloc.study.orbiter.Orbiter`."""
 
     def orbit_over(
         self, model: PhysicalModel, utc: Epochs, count_s: float, parameters: tuple[str, ...] = ()

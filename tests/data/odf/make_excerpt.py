@@ -1,6 +1,6 @@
 """Cut grail_b_2012-04-10.odf out of GRAIL's file of the day, with headers that count the records that are left.
 
-PYTHONPATH=tests/toys python tests/data/odf/make_excerpt.py grblugf2012_101_0350smmmv1.odf
+PYTHONPATH=tests/support python tests/data/odf/make_excerpt.py grblugf2012_101_0350smmmv1.odf
 """
 
 import sys

@@ -10,8 +10,8 @@ from radioloc.estimation.consider import by_source, prior_effects
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.parameters.considered import considered_choices
 from radioloc.parameters.parameter import Parameter, ParameterSet
-from radioloc.report.cards import metres
-from radioloc.report.subsets import sigmas_apart
+from radioloc.results.cards import metres
+from radioloc.results.subsets import sigmas_apart
 
 RNG = np.random.default_rng(7)
 
@@ -110,7 +110,7 @@ def test_a_rounded_station_dominates(study):
 
 @pytest.mark.study
 def test_without_a_determined_position_there_is_none(study):
-    estimate = radioloc.studies.EstimateChoice(position="none", range_bias="all")
+    estimate = radioloc.study.EstimateChoice(position="none", range_bias="all")
     held = replace(study, estimate=estimate, observations=replace(study.observations, hours=6.0))
     assert radioloc.locate(held).budget == ()
 

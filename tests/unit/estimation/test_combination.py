@@ -8,9 +8,9 @@ from scipy.stats import binom, kstest
 from toy_moon import ToyMoon, toy_solution
 
 from radioloc.errors import InputError
-from radioloc.estimation.build import compare_with
 from radioloc.estimation.combination import PositionEstimate, agreement, joint_estimate
 from radioloc.lunar.local import axes_at, displaced, local_difference
+from radioloc.results.build import compare_with
 
 PLACE = np.array([1737400.0, 0.0, 0.0])
 """Where x is up, y east and z north."""

@@ -13,7 +13,7 @@ from radioloc.estimation import Labels, Parameter, ParameterSet, fit_with_varian
 from radioloc.estimation.noise_structure import by_link
 from radioloc.estimation.series import SeriesOrder
 from radioloc.measurements import PhysicalModel
-from radioloc.studies import EstimateChoice
+from radioloc.study import EstimateChoice
 
 NOISE_M = (1.0, 30.0, 5.0, 1.0)
 """Of four passes of 100 counts, of which 1 m is stated: two links, two passes each."""

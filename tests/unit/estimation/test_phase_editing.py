@@ -13,7 +13,7 @@ from radioloc.estimation.editing import PhaseCounts, phase_faults
 from radioloc.estimation.series import SeriesOrder
 from radioloc.measurements import PhysicalModel
 from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, Session, Truth, two_way
-from radioloc.studies import EstimateChoice
+from radioloc.study import EstimateChoice
 
 CYCLE_M = 299792458.0 / 2.27e9  # S band
 NOISE_M = 0.001

@@ -18,11 +18,11 @@ from radioloc.estimation.observation_noise import ALONE, ObservationNoise, Phase
 from radioloc.estimation.process_noise import ProcessNoise
 from radioloc.estimation.series import SeriesOrder, series_of
 from radioloc.estimation.time_correlation import fit_with_correlated_weights
+from radioloc.jobs.locate import prepared_arc
+from radioloc.jobs.station_noise import stated_noise
 from radioloc.measurements import PhysicalModel
 from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, Session, Truth, two_way
-from radioloc.studies import EstimateChoice, ObservationChoice
-from radioloc.studies.locate import prepared_arc
-from radioloc.studies.station_noise import stated_noise
+from radioloc.study import EstimateChoice, ObservationChoice
 
 ROUNDING = 1e-9
 OWN_M, PHASE_M = 0.3, 1.0

@@ -9,7 +9,7 @@ from radioloc.estimation.labels import Labels
 from radioloc.io import read_observations, write_observations
 from radioloc.io.table import batches_of, write_csv
 from radioloc.measurements import Link, Observations, Ramps
-from radioloc.report.tables import PositionRow, csv_table
+from radioloc.results.tables import PositionRow, csv_table
 from radioloc.text_files import text_of_cell
 from radioloc.time import epochs_from_strings
 

@@ -5,11 +5,11 @@ import pytest
 
 from radioloc.errors import InputError
 from radioloc.io import write_table
+from radioloc.jobs import locate
 from radioloc.measurements import Link, Observations
 from radioloc.measurements.ambiguity import without_ambiguity
 from radioloc.measurements.registry import kind_of
-from radioloc.studies import locate
-from radioloc.studies.study_file import read_study
+from radioloc.study.study_file import read_study
 from radioloc.time import epochs_from_strings
 
 MODULUS_M = 293000.0

@@ -18,7 +18,7 @@ from radioloc.measurements.proper_time import station_rate
 from radioloc.measurements.registry import kind_of
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import ObservationRows
-from radioloc.studies import ModelChoice
+from radioloc.study import ModelChoice
 from radioloc.time import Epochs, utc_to_tai
 
 TAI = epochs_tai(8, 5.0, start_fraction=0.6)

@@ -8,10 +8,10 @@ import radioloc
 from radioloc import LunarPosition, Study
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError, StationError
+from radioloc.jobs.problem import observation_model
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY, Observations
-from radioloc.studies import EstimateChoice, ModelChoice, ObservationChoice
-from radioloc.studies.problem import observation_model
+from radioloc.study import EstimateChoice, ModelChoice, ObservationChoice
 from radioloc.time import Epochs, tai_to_utc
 
 TARGET = LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
@@ -63,7 +63,7 @@ def with_values(observations, value_m):
 def ranges():
     """Ranges without error, and the station of each."""
     observations = table()
-    arc, pa_m = radioloc.studies.arc_of(study(), observations)
+    arc, pa_m = radioloc.jobs.arc_of(study(), observations)
     stations = np.array([arc.stations[i] for i in arc.receivers])
     return with_values(observations, arc.compute(pa_m).value_m), stations
 
@@ -202,7 +202,7 @@ def test_what_a_station_does_else_is_of_the_pass_too(ranges):
     """Five hours without ranges, with Doppler in the middle."""
     hours = [hour for station in HOURS for hour in HOURS[station]]
     observations = table(np.where(np.array(hours) == 18.0, DOPPLER, RANGE), count_s=60.0)
-    arc, pa_m = radioloc.studies.arc_of(study(), observations)
+    arc, pa_m = radioloc.jobs.arc_of(study(), observations)
     choice = study(range_bias=["KASHI"], range_bias_per="pass").estimate
     problem = observation_model(arc, LunarPosition("PA_DE421", pa_m), choice)
     assert [p.name for p in problem.parameters][3:] == ["range_bias.KASHI 1", "range_bias.KASHI 2"]
@@ -267,7 +267,7 @@ def test_transponder_and_biases_of_all_are_not_told_apart_without_a_priori_value
 def test_doppler_hardly_knows_the_transponder(ranges):
     del ranges
     doppler = table(DOPPLER, count_s=60.0)
-    arc, pa_m = radioloc.studies.arc_of(study(), doppler)
+    arc, pa_m = radioloc.jobs.arc_of(study(), doppler)
     # A closing speed that changes by 0.03 m/s^2 for a minute.
     assert np.abs(arc.compute(pa_m).by_transponder_delay_m_s).max() < 2.0
 
@@ -312,7 +312,7 @@ def test_a_frequency_offset_of_each_link_and_pass_is_found():
     """Two stations' Doppler of two days, the reference 1e-12 high, on one link on the second day 3e-12."""
     offsets = {("KASHI", 0): 1e-12, ("KASHI", 1): 3e-12, ("JIAMUSI", 0): 1e-12, ("JIAMUSI", 1): 1e-12}
     observations = table(DOPPLER, count_s=60.0)
-    arc, pa_m = radioloc.studies.arc_of(study(), observations)
+    arc, pa_m = radioloc.jobs.arc_of(study(), observations)
     hours = np.array([hour for station in HOURS for hour in HOURS[station]])
     offset = np.array(
         [offsets[arc.stations[s], int(h > 24.0)] for s, h in zip(arc.receivers, hours, strict=True)]
@@ -352,7 +352,7 @@ def test_clocks_have_one_reference_in_each_network():
         value_m=np.where(link == 0, 7.7e8, 0.0),
         sigma_m=1.0,
     )
-    arc, pa_m = radioloc.studies.arc_of(study(), data)
+    arc, pa_m = radioloc.jobs.arc_of(study(), data)
     start = LunarPosition("PA_DE421", pa_m)
     model = observation_model(arc, start, study(clock="all").estimate)
     assert [p.name for p in model.parameters][3:] == ["clock.JIAMUSI", "clock.URUMQI", "clock.KUNMING"]

@@ -86,7 +86,7 @@ def test_partials_of_another_shape_are_refused():
         sigma_m=1.0,
     )
     lander = radioloc.LunarPosition.from_selenographic(-51.9, 43.0, -2500.0)
-    arc, _ = radioloc.studies.arc_of(radioloc.Study(target=lander), observations)
+    arc, _ = radioloc.jobs.arc_of(radioloc.Study(target=lander), observations)
     for shape in ((2, 2), (3, 2, 1), (2, 2, 2)):
         kind = replace(RANGE_BIAS, partials=lambda rows, shape=shape: np.zeros(shape))
         columns = Columns(kind, Scope.STATION, ("KASHI",), ("KASHI",), (None,), np.array([0, -1], np.int32))
@@ -106,7 +106,7 @@ def test_what_fails_in_a_kind_of_another_package_names_the_parameter():
         sigma_m=1.0,
     )
     lander = radioloc.LunarPosition.from_selenographic(-51.9, 43.0, -2500.0)
-    arc, _ = radioloc.studies.arc_of(radioloc.Study(target=lander), observations)
+    arc, _ = radioloc.jobs.arc_of(radioloc.Study(target=lander), observations)
     groups = ("KASHI",), ("KASHI",), (None,), np.array([0, -1], np.int32)
     columns = Columns(replace(RANGE_BIAS, partials=fails), Scope.STATION, *groups)
     with pytest.raises(

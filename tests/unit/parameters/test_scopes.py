@@ -12,7 +12,7 @@ from radioloc import Observations
 from radioloc.measurements import MEASUREMENTS, Link, active_terms
 from radioloc.parameters.choice import parameter_choices
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.studies import EstimateChoice, ModelChoice, ObservationChoice
+from radioloc.study import EstimateChoice, ModelChoice, ObservationChoice
 from radioloc.time import epochs_from_strings
 
 pytestmark = pytest.mark.usefixtures("unsearched")

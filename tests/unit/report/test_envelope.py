@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from radioloc.estimation.labels import Labels
-from radioloc.estimation.solution import Residuals
 from radioloc.measurements.registry import KINDS
 from radioloc.report import plot_links, plot_residuals, save_figure
 from radioloc.report.figures import new_figure
 from radioloc.report.residual_figures import ENVELOPE_NOTE, draw_envelope
 from radioloc.report.residual_panels import BINS, MOST_POINTS, bin_of
+from radioloc.results.solution import Residuals
 from radioloc.time import Epochs
 
 PATHS = ("KASHI>x>KASHI", "JIAMUSI>x>KASHI")

@@ -12,7 +12,6 @@ from toy_moon import LANDER_M, ToyMoon, toy_solution
 
 from radioloc.errors import FontWarning, InputError
 from radioloc.estimation import Labels
-from radioloc.estimation.build import compare_with
 from radioloc.lunar.local import local_difference
 from radioloc.report import (
     plot_correlations,
@@ -22,6 +21,7 @@ from radioloc.report import (
     save_figure,
 )
 from radioloc.report.figures import length_unit, log_scale, new_figure
+from radioloc.results.build import compare_with
 
 
 @pytest.fixture(scope="module")

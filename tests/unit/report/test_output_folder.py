@@ -12,10 +12,10 @@ import pytest
 from toy_moon import LANDER_M, ToyMoon, toy_solution
 
 from radioloc.errors import InputError
+from radioloc.jobs import compare
 from radioloc.report import write_arcs, write_comparison, write_report
 from radioloc.report.files import INCOMPLETE
-from radioloc.report.subsets import Arc, ArcStudy
-from radioloc.studies import compare
+from radioloc.results.subsets import Arc, ArcStudy
 from radioloc.text_files import TEMPORARY_FILES, locked, scratch_folder, write_text
 
 pytestmark = pytest.mark.usefixtures("undrawn")

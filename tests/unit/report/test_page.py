@@ -21,10 +21,10 @@ from radioloc import cli
 from radioloc.errors import InputError
 from radioloc.estimation import FitStatus, Labels
 from radioloc.report import plot_correlations
-from radioloc.report.cards import Card, Field, Shown, metres
 from radioloc.report.files import write_report
 from radioloc.report.page import write_html, write_page
-from radioloc.report.subsets import Arc, ArcStudy
+from radioloc.results.cards import Card, Field, Shown, metres
+from radioloc.results.subsets import Arc, ArcStudy
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 VOID = {"meta", "img", "br", "input", "link"}

@@ -10,9 +10,9 @@ from radioloc.errors import InputError
 from radioloc.estimation import Labels
 from radioloc.measurements.link import Link
 from radioloc.report import plot_links, plot_residuals, save_figure
-from radioloc.report.cards import short_names
 from radioloc.report.figures import columns_for
 from radioloc.report.residual_figures import MOST_LINKS
+from radioloc.results.cards import short_names
 
 DASH = "\N{EN DASH}"
 PATHS = {

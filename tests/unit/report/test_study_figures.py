@@ -18,7 +18,7 @@ from radioloc.report import (
     plot_terms,
     plot_visibility,
 )
-from radioloc.report.subsets import Arc, ArcStudy
+from radioloc.results.subsets import Arc, ArcStudy
 from radioloc.simulation import Masks, windows
 from radioloc.time import epochs_from_strings
 

@@ -8,14 +8,14 @@ from quick import some
 
 from radioloc.constants import C_M_S
 from radioloc.estimation import Parameter, ParameterSet, fit_least_squares
+from radioloc.jobs.problem import observation_model
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements import EquipmentDelays, StationDelay
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import RANGE as RANGES
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.simulation import Masks, Scenario, Schedule, Session, all_ranges, baselines, two_way
-from radioloc.studies.problem import observation_model
-from radioloc.studies.study import EstimateChoice
+from radioloc.study.study import EstimateChoice
 from radioloc.time import utc_to_tai
 
 TOLERANCE_M = 1e-3

@@ -1,0 +1,172 @@
+"""What a position rests on: the same study with its first hours only, and without each of its stations and links."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.ephemeris import Trajectory
+from radioloc.errors import InputError
+from radioloc.estimation.statistics import finite_or_none
+from radioloc.jobs.locate import fit_arc, logger, prepared_arc
+from radioloc.jobs.selection import DEFAULT_HOURS, arc_lengths, arc_parts
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.predictor import Predictor
+from radioloc.progress import progress_bar
+from radioloc.results.covariance import radius_95_m
+from radioloc.results.solution import Solution
+from radioloc.results.subsets import Arc, ArcStudy, LeaveOneOut, Without, apart
+from radioloc.study.orbiter import Orbiter
+from radioloc.study.study import Reference, Study
+from radioloc.study.study_file import as_study
+from radioloc.study.weights import ends_of
+
+_Mask = NDArray[np.bool_]
+
+
+def arcs(
+    study: Study | str | Path,
+    hours: Iterable[float] = DEFAULT_HOURS,
+    observations: Observations | None = None,
+) -> ArcStudy:
+    """Fit the first hours of a study's observations, for several lengths.
+
+    The model is prepared once, for the longest arc.
+
+    Parameters
+    ----------
+    study : Study or path-like
+        Its own ``hours`` are replaced. Its ``reference``, or else the first of its ``references``, is the benchmark.
+    hours : iterable of float
+        Lengths of the arcs from the study's start, or else from the first observation, h.
+    observations : Observations, optional
+        In place of the study's files.
+
+    Raises
+    ------
+    RadiolocError
+        As :func:`~radioloc.jobs.locate.locate`; a length is not above zero, or an arc holds no observation.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> found = radioloc.arcs("examples/change5/change5.toml", hours=[6.0, 12.0])
+    >>> [arc.solution.converged for arc in found.arcs]
+    [True, True]
+    """
+    study = as_study(study)
+    if isinstance(study.target, Trajectory | Orbiter):
+        raise InputError(
+            f"{study.name}: an arc-length study compares positions, but the target is a trajectory; use locate or "
+            "residuals, and of an orbiter `radioloc covariance` for what each length tells"
+        )
+    lengths = arc_lengths(hours, study.observations)
+    known = (() if study.reference is None else (study.reference,)) + study.references
+    whole = replace(
+        study,
+        observations=replace(study.observations, hours=lengths[-1]),
+        reference=known[0] if known else None,
+    )
+    longest, left_out = prepared_arc(whole, observations)
+    found = []
+    for part in arc_parts(longest, whole, reversed(lengths)):
+        later = len(longest.observations) - len(part.rows)
+        reasons = dict(left_out)
+        if later:
+            reasons["outside the time span"] = reasons.get("outside the time span", 0) + later
+        of_part = replace(whole.observations, hours=part.hours)
+        one = replace(whole, name=f"{study.name}, {part.hours:g} h", observations=of_part)
+        found.append(Arc(part.hours, part.span_h, fit_arc(one, part.arc, reasons, part.estimate)))
+    constants = longest.model.ephemeris.constants
+    references = [Reference(item.position.to_axes("ME", constants), item.name) for item in known]
+    return ArcStudy(study.name, tuple(found), tuple(references), study.longitude_to_360)
+
+
+def leave_one_out(study: Study | str | Path, *, progress: bool = False) -> LeaveOneOut:
+    """Fit a study without each of its stations and, where they are others, without each of its links.
+
+    The model is prepared once; each fit has its own editing and weights.
+
+    Parameters
+    ----------
+    study : Study or path-like
+        Of one position on the Moon, which is estimated.
+    progress : bool
+        Whether a bar on standard error tells how many fits are done.
+
+    Raises
+    ------
+    RadiolocError
+        As :func:`~radioloc.jobs.locate.locate`; the study is of another kind, or all observations are of one link.
+
+    Examples
+    --------
+    >>> from radioloc.jobs import leave_one_out
+    >>> [one.name for one in leave_one_out("examples/change5/short_arc.toml").without]
+    ['JIAMUSI', 'KASHI']
+    """
+    study = as_study(study)
+    if (
+        isinstance(study.target, Trajectory | Orbiter)
+        or len(study.targets) > 1
+        or study.estimate.position == "none"
+    ):
+        raise InputError(
+            f"{study.name}: leaving stations out needs one position on the Moon that is estimated; of an orbiter "
+            "`radioloc covariance` says what each station tells"
+        )
+    arc, left_out = prepared_arc(study)
+    groups = _groups(arc, study)
+    if not groups:
+        raise InputError(
+            f"{study.name}: all observations are of one station or link, without which there are none; "
+            "use `radioloc locate`"
+        )
+    whole = fit_arc(study, arc, left_out, study.estimate)
+    found = []
+    for (kind, name), mine in progress_bar(groups.items(), wanted=progress, unit="fit"):
+        logger.info("without %s", name)
+        part = arc.select(np.flatnonzero(~mine))
+        reasons = left_out | {f"of {name}": int(mine.sum())}
+        solution = fit_arc(study, part, reasons, study.estimate.of_part(part), consistency=False)
+        found.append(_without(kind, name, int(mine.sum()), solution, whole))
+    return LeaveOneOut(whole, tuple(found))
+
+
+def _groups(arc: Predictor, study: Study) -> dict[tuple[str, str], _Mask]:
+    """Which observations are of each station, and of each link that is no station's only one."""
+    observations = arc.observations
+    ends = ends_of(observations.links, study.catalogue)
+    present = np.unique(observations.link)
+    found: dict[tuple[str, str], _Mask] = {}
+    for name in sorted(set().union(*(ends[k] for k in present))):
+        found["station", name] = np.array([name in of for of in ends])[observations.link]
+    for k in present:
+        found["link", observations.links[k].path] = observations.link == k
+    distinct: dict[bytes, tuple[str, str]] = {}
+    for key, mine in found.items():
+        distinct.setdefault(mine.tobytes(), key)
+    return {key: found[key] for key in distinct.values() if not found[key].all()}
+
+
+def _without(kind: str, name: str, count: int, part: Solution, whole: Solution) -> Without:
+    used, converged = part.fit.total.used, part.converged
+    if not (part.position_determined and whole.position_determined):
+        return Without(kind, name, count, used, converged)
+    shift = apart(part, whole)
+    return Without(
+        kind,
+        name,
+        count,
+        used,
+        converged,
+        finite_or_none(radius_95_m(part.position_covariance()[:2, :2])),
+        shift.difference_enu_m,
+        shift.sigma_enu_m,
+        None if shift.chi2 is None else math.sqrt(shift.chi2),
+    )

@@ -1,0 +1,185 @@
+"""A start near the target where the a-priori position is far from it: a search over the near side of the Moon.
+
+Seen from the Earth, measurements depend nearly linearly on Cartesian coordinates: second derivatives are one over the
+distance, 4 km over the Moon's radius. What makes fits from afar slow or false is the curvature of the surface. A few
+observations of each link, linearized at one place, therefore tell the misfit everywhere: from each point of a grid on
+the sphere of the a-priori height the place, within its cell, and all other parameters are adjusted to least Huber loss
+(1964). The model is linearized again at the best place, until that stays.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.estimation.robust import huber
+from radioloc.jobs.problem import observation_model
+from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.evaluation import prepare_predictor
+from radioloc.measurements.link import canonical_target
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.predictor import Predictor
+from radioloc.measurements.registry import KINDS
+from radioloc.study.study import EstimateChoice, HeightPrior
+
+_OF_EACH_SERIES = 12
+"""Observations of a link and type, spread evenly over the arc: 30 % outliers among them do not carry the loss away."""
+_GRID = 500
+"""Points of the near side, 190 km apart."""
+_LIMB = math.cos(math.radians(98.0))
+"""Librations show 8 deg beyond the mean limb."""
+_CELL_M, _SAGITTA_M = 1e5, 3e3
+"""How far the place is adjusted from a point of the grid, along the sphere and in height, as standard deviations."""
+_NEAR_M = 1e5
+"""An a-priori position within this is as good a start as any."""
+_BETTER = 0.5
+"""Another place has to lower the loss by this factor: what the data hardly determine stays near its a-priori value."""
+_FITS = 5.0
+"""Nor is another place sought where the data fit with a mean loss below this, residuals of a few sigmas."""
+_SETTLED_M = 1e4
+_REWEIGHTINGS = 6
+_MAX_STEPS = 10
+
+
+def near_starts(
+    arc: Predictor, targets_pa: Mapping[str, LunarPosition], estimate: EstimateChoice
+) -> dict[str, tuple[LunarPosition, float]]:
+    """Starts for the targets of an arc whose a-priori positions do not serve, and how far these are, m, by name.
+
+    Of several targets each is sought by its own observations; one that is only observed beside another moves with it.
+    """
+    if arc.trajectory is not None or estimate.position == "none" or not len(arc.observations):
+        return {}
+    observed = [[canonical_target(name) for name in link.targets] for link in arc.observations.links]
+    found: dict[str, tuple[LunarPosition, float]] = {}
+    placed = {prior.target for prior in estimate.position_priors}
+    for name, given in targets_pa.items():
+        if name in placed:
+            continue
+        own = np.array([len(targets_pa) == 1 or names == [name] for names in observed])
+        mine = _some(arc.observations, np.flatnonzero(own[arc.observations.link]))
+        if len(mine) and (start := _near_start(arc.select(mine), given, estimate)) is not None:
+            found[name] = start
+    alone = {names[0] for names in observed if len(names) == 1}
+    for one, other in {pair for names in observed for pair in permutations(names, 2)}:
+        if one not in alone and other in found:
+            there, away_m = found[other]
+            beside_m = targets_pa[one].xyz_m - targets_pa[other].xyz_m
+            found[one] = LunarPosition(there.frame, there.xyz_m + beside_m), away_m
+    return found
+
+
+def _near_start(
+    some: Predictor, target_pa: LunarPosition, estimate: EstimateChoice
+) -> tuple[LunarPosition, float] | None:
+    linearized = partial(_Linearized, some, target_pa.frame, estimate)
+    prior = estimate.height_prior
+    radius_m = float(np.linalg.norm(target_pa.xyz_m))
+    if isinstance(prior, HeightPrior):
+        radius_m = MEAN_LUNAR_RADIUS_M + prior.height_m
+    given_m = target_pa.xyz_m * (radius_m / np.linalg.norm(target_pa.xyz_m))
+    grid_m = radius_m * _near_side()
+    # Whether a search is needed is told by what is prepared already, where that is for one target.
+    here_m, there, found = given_m, linearized(given_m, prepared=not some.targets), []
+    if there.losses(given_m[None])[0][0] < _FITS * len(there):
+        return None
+    for _ in range(_MAX_STEPS):
+        losses, moved_m = there.losses(np.concatenate([here_m[None], grid_m]))
+        found.append((float(losses[0]), here_m))
+        best = int(losses.argmin())
+        step_m = moved_m[best] * (radius_m / np.linalg.norm(moved_m[best])) - here_m
+        if best == 0 and np.linalg.norm(step_m) < _SETTLED_M:
+            break
+        here_m = here_m + step_m
+        there = linearized(here_m, prepared=False)
+    loss, here_m = min(found, key=lambda one: one[0])
+    away_m = float(np.linalg.norm(here_m - given_m))
+    if away_m <= _NEAR_M or loss > _BETTER * found[0][0]:
+        return None
+    return LunarPosition(target_pa.frame, here_m), away_m
+
+
+class _Linearized:
+    """Misfit of other places by the model of an arc linearized at one, in principal axes; residuals in sigmas."""
+
+    def __init__(
+        self,
+        arc: Predictor,
+        frame: str,
+        estimate: EstimateChoice,
+        place_m: NDArray[np.float64],
+        prepared: bool,
+    ) -> None:
+        observations = arc.observations
+        if not prepared:
+            arc = prepare_predictor(
+                arc.model, observations, place_m, "exact", more_partials=arc.more_partials
+            )
+        estimate = replace(estimate, position="cartesian", height_prior=None).of_part(arc)
+        problem = observation_model(arc, LunarPosition(frame, place_m), estimate)
+        at = problem.linearize(problem.parameters.prior_values)
+        partials = at.partials(np.arange(len(observations)))
+        free = problem.parameters.free
+        usable = np.isfinite(partials).all(axis=1) & np.isfinite(at.residual_m)
+        sigma_m = observations.sigma_m[usable]
+        rows = (partials[usable] / sigma_m[:, None])[:, free]
+        # In units in which every parameter has partials of one.
+        norm = np.sqrt(np.square(rows).sum(axis=0))
+        self._norm = np.where(norm > 0.0, norm, 1.0)
+        self._place_m = place_m
+        self._residual, self._partials = at.residual_m[usable] / sigma_m, rows / self._norm
+        self._prior = np.diag((self._norm * problem.parameters.prior_sigmas[free]) ** -2.0 + 1e-12)
+
+    def __len__(self) -> int:
+        return len(self._residual)
+
+    def losses(self, places_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Huber's loss near places (k, 3), with the best of all parameters, and where it is least, (k,) and (k, 3)."""
+        partials, norm = self._partials, self._norm
+        m, p = partials.shape
+        up = places_m / np.linalg.norm(places_m, axis=-1)[:, None]
+        along, height = _CELL_M**-2.0, _SAGITTA_M**-2.0
+        prior = np.broadcast_to(self._prior, (len(places_m), p, p)).copy()
+        prior[:, :3, :3] += (
+            along * np.eye(3) + (height - along) * up[:, :, None] * up[:, None, :]
+        ) / np.outer(norm[:3], norm[:3])
+        residual = self._residual[:, None] - partials[:, :3] @ (norm[:3] * (places_m - self._place_m)).T
+        products = (partials[:, :, None] * partials[:, None, :]).reshape(m, p * p)
+        left = residual
+        for _ in range(_REWEIGHTINGS):
+            weights = 1.0 / np.maximum(1.0, np.abs(left))
+            normal = (weights.T @ products).reshape(-1, p, p) + prior
+            shift = np.linalg.solve(normal, ((weights * residual).T @ partials)[..., None])[..., 0]
+            left = residual - partials @ shift.T
+        loss = huber(left).sum(axis=0)
+        loss += 0.5 * np.einsum("ki,kij,kj->k", shift, prior, shift)
+        return loss, places_m + shift[:, :3] / norm[:3]
+
+
+def _some(observations: Observations, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Some of the rows, of all links and types as many, spread evenly over time."""
+    order = rows[np.lexsort((observations.epoch.fraction[rows], observations.epoch.jd[rows]))]
+    series = observations.link[order].astype(np.int64) * len(KINDS) + observations.kind[order]
+    found = []
+    for one in np.unique(series):
+        mine = order[series == one]
+        found.append(mine[np.unique(np.linspace(0, len(mine) - 1, _OF_EACH_SERIES).astype(int))])
+    return np.sort(np.concatenate(found)) if found else order
+
+
+def _near_side() -> NDArray[np.float64]:
+    """Unit vectors of principal axes that the Earth can see, by equal areas in a spiral, shape (n, 3)."""
+    count = round(2.0 * _GRID / (1.0 - _LIMB))
+    k = np.arange(count) + 0.5
+    x = 1.0 - 2.0 * k / count
+    x = x[x > _LIMB]
+    angle = math.pi * (1.0 + math.sqrt(5.0)) * k[: len(x)]
+    across = np.sqrt(1.0 - x**2)
+    return np.stack([x, across * np.cos(angle), across * np.sin(angle)], axis=-1)

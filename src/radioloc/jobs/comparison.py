@@ -1,0 +1,301 @@
+"""Solutions compared: each method and arc beside a benchmark, whether they agree, and what they give together.
+
+Beside solutions stand positions with their sigmas as somebody else states them, in a TOML file.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from itertools import combinations
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+
+from radioloc.errors import InputError, named, require_type
+from radioloc.estimation.combination import PositionEstimate, agreement, joint_estimate, rotated_covariance
+from radioloc.estimation.orbit_state import EAST_NORTH_UP
+from radioloc.estimation.statistics import finite_or_none
+from radioloc.lunar.local import rot_enu_between
+from radioloc.lunar.position import LunarPosition
+from radioloc.parameters.position_prior import map_tie_names
+from radioloc.results.comparison import Comparison
+from radioloc.results.image_solution import ImageSolution, PointSolution
+from radioloc.results.recorded import read_recorded
+from radioloc.results.solution import Solution
+from radioloc.results.subsets import ArcStudy
+from radioloc.results.tables import METHODS, Place, PositionRow, place_fields
+from radioloc.study.schema import Hints, TomlTable, check, entry, toml_content
+from radioloc.study.target_file import Place as PositionTable
+from radioloc.study.target_file import position_of
+
+_JOINT = "joint estimate"
+
+Result = ArcStudy | ImageSolution | PointSolution | Solution
+
+
+def compare(
+    solutions: Iterable[str | Path | Result], reference: str | None = None, target: str | None = None
+) -> Comparison:
+    """Put solutions beside each other, as table 1 of Wang et al. (2021) does, test each pair, and combine them.
+
+    Parameters
+    ----------
+    solutions : iterable of path-like, Solution, ArcStudy, ImageSolution or PointSolution
+        Results, those of arcs being a solution for each arc; or files: ``solution.json`` of :command:`locate` and
+        :command:`images`, ``arcs.json`` of :command:`arcs`, or TOML files of positions that somebody else states.
+    reference : str, optional
+        The benchmark: the name of a solution, or of a reference in one of the files. By default the first reference,
+        or else the first solution.
+    target : str, optional
+        Which target to compare, of solutions that have several.
+
+    Raises
+    ------
+    InputError
+        A file is none of these, is of another frame or of several targets of which none is named, or the reference is
+        in none of them.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> study = radioloc.read_study("examples/apollo15/apollo15.toml")
+    >>> [row.name for row in radioloc.jobs.compare([radioloc.locate(study)]).rows]
+    ['apollo15', 'JPL, DE421 solution']
+    """
+    if isinstance(solutions, str | Path | Result):
+        solutions = (solutions,)
+    require_type("solutions", solutions, Iterable)
+    recorded: list[RecordedSolution] = []
+    references: dict[str, Place] = {}
+    of_several = False
+    for given in solutions:
+        is_stated = isinstance(given, str | Path) and Path(given).suffix == ".toml"
+        found, known = (_read_stated(Path(str(given))), {}) if is_stated else read_solutions(given)
+        recorded += [one.of_target(target) for one in found]
+        targets = [[*one.content.get("targets", ())] for one in found]
+        of_several |= any(targets)
+        if all(target in some[:1] for some in targets if some):  # references are of the first target
+            references = known | references
+    if not recorded:
+        raise InputError("there is no solution to compare; give files solution.json, arcs.json or TOML")
+    if target is not None and not of_several:
+        raise InputError(
+            f"target: expected a solution of several targets, got none, but {target!r}; leave it out"
+        )
+    frames = {solution.content["position"]["me"]["frame"]: solution.where for solution in recorded}
+    if len(frames) > 1:
+        listed = ", ".join(f"{where} in {frame}" for frame, where in frames.items())
+        raise InputError(
+            f"positions of different axes cannot be compared: {listed}; use one ephemeris for all"
+        )
+    frame = next(iter(frames))
+    names = _names(recorded)
+    estimates = [replace(one.estimate, name=name) for one, name in zip(recorded, names, strict=True)]
+    joint = joint_estimate(
+        [item for item, one in zip(estimates, recorded, strict=True) if one.content["converged"]]
+    )
+    places = {name: one.place for name, one in zip(names, recorded, strict=True)}
+    if joint is not None:
+        places[_JOINT] = LunarPosition.from_cartesian(joint.position_me_m, frame).selenographic
+    places = references | places
+    benchmark = reference or next(iter(references or places))
+    if benchmark not in places:
+        raise InputError(f"there is no {benchmark!r} to compare with; there are {', '.join(places)}")
+
+    # Ellipses are drawn about the benchmark, so in its axes, which near a pole are not those of the estimates.
+    origin_m = LunarPosition.from_selenographic(*places[benchmark], frame).xyz_m
+    covariances = {one.name: one.carried_to(origin_m).total_enu_m2 for one in estimates}
+    if joint is not None:
+        rotation = rot_enu_between(joint.position_me_m, origin_m)
+        covariances[_JOINT] = rotated_covariance(rotation, joint.covariance_enu_m2)
+
+    def beside(name: str) -> dict[str, Any]:
+        return place_fields(places[name], None if name == benchmark else places[benchmark])
+
+    rows = [_row(one.content, name, beside(name)) for one, name in zip(recorded, names, strict=True)]
+    if joint is not None:
+        sigmas = [finite_or_none(math.sqrt(variance)) for variance in np.diag(joint.covariance_enu_m2)]
+        rows.append(PositionRow("joint", _JOINT, **beside(_JOINT), **_sigmas(sigmas)))
+    rows += [PositionRow("reference", name, **beside(name)) for name in references if name not in names]
+    return Comparison(
+        frame,
+        benchmark,
+        tuple(rows),
+        {name: one[:2, :2] for name, one in covariances.items() if np.isfinite(one[:2, :2]).all()},
+        tuple(agreement(one, two) for one, two in combinations(estimates, 2)),
+        joint,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedSolution:
+    """A solution of a file or a result: what to call it in messages, all that it says, its estimate of the position."""
+
+    where: str
+    content: Mapping[str, Any]
+    estimate: PositionEstimate
+
+    @property
+    def place(self) -> Place:
+        """East longitude, latitude, deg, and height, m, in mean-Earth axes."""
+        me = self.content["position"]["me"]
+        return me["longitude_deg"], me["latitude_deg"], me["height_m"]
+
+    def of_target(self, target: str | None) -> RecordedSolution:
+        """Return the solution of one of several targets; one that has a single target as it is."""
+        targets = self.content.get("targets")
+        if not targets:
+            return self
+        if target not in targets:
+            given = "none is named" if target is None else f"not {target!r}"
+            raise InputError(
+                f"{self.where}: expected the name of one target of {', '.join(targets)}, but {given}; "
+                "name it by --target, or target= in Python"
+            )
+        content = {**self.content, **targets[target], "targets": {}}
+        # Alone it would be called position, as that of other solutions is.
+        names = [item["name"].replace(f"position.{target}.", "position.", 1) for item in content["priors"]]
+        content["priors"] = [
+            {**item, "name": name} for item, name in zip(content["priors"], names, strict=True)
+        ]
+        return RecordedSolution(self.where, content, PositionEstimate.from_solution(content))
+
+
+def read_solutions(given: str | Path | Result) -> tuple[list[RecordedSolution], dict[str, Place]]:
+    """The solutions of a ``solution.json``, an ``arcs.json`` or a result, and the references that it knows."""
+    require_type("solutions", given, str, Path, *get_args(Result))
+    content = read_recorded(given) if isinstance(given, str | Path) else given.to_dict()
+    arcs = content["arcs"] if "positions" in content else [{"solution": content}]
+    references = {
+        row["name"]: (-row["longitude_west_deg"], row["latitude_deg"], row["height_m"])
+        for row in content.get("positions", ())
+        if row["method"] == "reference"
+    }
+    known = [arc["solution"]["reference"] for arc in arcs if arc["solution"]["reference"] is not None]
+    places = {item["name"]: (item["longitude_deg"], item["latitude_deg"], item["height_m"]) for item in known}
+    with named(f"{given}:") if isinstance(given, str | Path) else nullcontext():
+        solutions = [
+            RecordedSolution(
+                f"{given}, {arc['hours']:g} h" if "hours" in arc else str(given),
+                arc["solution"],
+                PositionEstimate.from_solution(arc["solution"]),
+            )
+            for arc in arcs
+        ]
+    return solutions, references or places
+
+
+def _names(solutions: Sequence[RecordedSolution]) -> list[str]:
+    """Names of solutions; where several are called alike, with the folders that they are in."""
+    counts = Counter(one.content["name"] for one in solutions)
+    names = [
+        one.content["name"]
+        if counts[one.content["name"]] == 1
+        else f"{one.content['name']} ({Path(one.where).parent.name})"
+        for one in solutions
+    ]
+    if len(set(names)) < len(names):
+        name, _ = Counter(names).most_common(1)[0]
+        places = [one.where for one, other in zip(solutions, names, strict=True) if other == name]
+        raise InputError(
+            f"{' and '.join(places[:2])}: two solutions are called {name!r}; rename their studies"
+        )
+    return names
+
+
+def _row(content: Mapping[str, Any], name: str, place: Mapping[str, Any]) -> PositionRow:
+    fit = content["fit"]
+    return PositionRow(
+        content.get("method", "tracking"),
+        name,
+        **place,
+        **_sigmas([content["sigma"][f"{axis}_m"] for axis in EAST_NORTH_UP]),
+        used=fit["used"],
+        left_out=fit["rejected"],
+        wrms_m=fit.get("wrms_m"),
+        converged=content["converged"],
+    )
+
+
+def _sigmas(values: Iterable[float | None]) -> dict[str, Any]:
+    return dict(zip(("sigma_west_m", "sigma_north_m", "sigma_up_m"), values, strict=True))
+
+
+@dataclass(frozen=True, slots=True)
+class StatedPosition(PositionTable):
+    """Keys of ``[positions.NAME]``: a position, and what is known of it.
+
+    Parameters
+    ----------
+    method : {"tracking", "images"}
+    sigma_m : float or tuple of float, or None
+        Standard deviations east and north, m; without them the position is shown, but not tested.
+    sigma_up_m : float or None
+        Of the height, which has no part in a test without it.
+    map : str or None
+        The map on which it was read, whose tie it has in common with all that was read there.
+    map_sigma_m : float or tuple of float, or None
+        Sigmas of that tie, in addition.
+    """
+
+    method: str = entry("tracking", choices=METHODS)
+    sigma_m: tuple[float, float] | None = entry(None, positive=True, both=True)
+    sigma_up_m: float | None = entry(None, positive=True)
+    map: str | None = None
+    map_sigma_m: tuple[float, float] | None = entry(None, positive=True, both=True)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+def _read_stated(path: Path) -> list[RecordedSolution]:
+    """The positions that somebody else states in a file, with the keys of ``solution.json`` where they have them."""
+    top = TomlTable(path, "", toml_content(path), Hints())
+    positions = top.table("positions")
+    top.finish()
+    if positions is None:
+        top.fail("positions", "is missing; each position is a table [positions.NAME]")
+    contents = [_content(table, name) for name, table in positions.named().items()]
+    return [RecordedSolution(str(path), one, PositionEstimate.from_solution(one)) for one in contents]
+
+
+def _content(table: TomlTable, name: str) -> dict[str, Any]:
+    given = table.read(StatedPosition)
+    place = position_of(table, given)
+    if not place.frame.startswith("ME_"):
+        table.fail("frame", f"must be mean-Earth axes, such as ME_DE421, not {place.frame!r}")
+    if (given.map is None) != (given.map_sigma_m is None):
+        table.fail("map", "belongs to map_sigma_m; give both or neither")
+    sigma_m = np.array([*(given.sigma_m or (math.nan,) * 2), given.sigma_up_m or math.nan])
+    ties_m = given.map_sigma_m or ()
+    total_m2 = sigma_m**2
+    total_m2[: len(ties_m)] += np.square(ties_m)
+    longitude_deg, latitude_deg, height_m = place.selenographic
+    me = {"longitude_deg": longitude_deg, "latitude_deg": latitude_deg, "height_m": height_m}
+    known = np.isfinite(total_m2)
+    covariance = np.where(np.outer(known, known), np.diag(total_m2), math.nan)
+    return {
+        "name": given.name or name,
+        "method": given.method,
+        "converged": True,
+        "position": {
+            "me": {"frame": place.frame, **me} | dict(zip(("x_m", "y_m", "z_m"), place.xyz_m, strict=True))
+        },
+        "sigma": {
+            f"{axis}_m": finite_or_none(math.sqrt(value))
+            for axis, value in zip(EAST_NORTH_UP, total_m2.tolist(), strict=True)
+        },
+        "covariance": {"enu_m2": covariance},
+        "considered": [
+            {"name": name, "position_enu_m": tie_m * side}
+            for name, tie_m, side in zip(map_tie_names(given.map or ""), ties_m, np.eye(3), strict=False)
+        ],
+        "fit": {"used": None, "rejected": None},
+        "reference": None,
+        "provenance": {},
+    }

@@ -1,0 +1,140 @@
+"""Whether an installation is sound: what the models rest on, how far it reaches, and what is missing."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from datetime import UTC, date, datetime
+from importlib.metadata import PackageNotFoundError, requires, version
+from pathlib import Path
+from typing import Any
+
+import radioloc
+from radioloc.compiled import numba
+from radioloc.earth.eop import EopTable
+from radioloc.kernels.files import added, registered
+from radioloc.results.cards import Card, Field, Shown
+from radioloc.study.record import versions
+from radioloc.time.scales import last_leap_second
+
+_OLD_DAYS = 60
+_UPDATE = "pip install --upgrade astropy-iers-data"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What one check found."""
+
+    about: str  # what was looked at
+    text: str  # what it is, and what to do where something is wrong
+    sound: bool = True  # whether results can be trusted as far as this goes
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis(Shown):
+    """What :func:`doctor` found, all of it; ``str()`` is a card."""
+
+    findings: tuple[Finding, ...]
+
+    @property
+    def sound(self) -> bool:
+        """Whether nothing is wrong."""
+        return all(finding.sound for finding in self.findings)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Whether it is sound, and all findings, in types that JSON has."""
+        return {"sound": self.sound, "findings": [asdict(finding) for finding in self.findings]}
+
+    def card(self) -> Card:
+        """A label for each of what was looked at, what is wrong first."""
+        wrong = [f"{finding.about}: {finding.text}" for finding in self.findings if not finding.sound]
+        labels = dict.fromkeys(finding.about for finding in self.findings)
+        return Card(
+            [
+                Field("status", ["sound"] if self.sound else [f"NOT SOUND: {text}" for text in wrong]),
+                *(
+                    Field(label, [finding.text for finding in self.findings if finding.about == label])
+                    for label in labels
+                ),
+            ]
+        )
+
+
+def doctor(today: date | None = None) -> Diagnosis:
+    """Look at kernels, Earth orientation, leap seconds, the compiler's cache, versions and optional packages.
+
+    Parameters
+    ----------
+    today : datetime.date, optional
+        The day by which ages are told; by default that of the clock.
+
+    Examples
+    --------
+    >>> from radioloc.jobs.doctor import doctor
+    >>> doctor().sound
+    True
+    """
+    today = today or datetime.now(UTC).date()
+    return Diagnosis((*_kernels(), *_earth(today), *_cache(), *_packages()))
+
+
+def _kernels() -> Iterator[Finding]:
+    for kernel in (*registered(), *added()):
+        span = f"{kernel.ephemeris} {kernel.kind}, {kernel.start_tdb} to {kernel.end_tdb}"
+        problem = kernel.problem()
+        yield Finding("kernels", problem or f"{kernel.name}: {span}", not problem)
+
+
+def _earth(today: date) -> Iterator[Finding]:
+    table = EopTable.packaged()
+    measured = table.last_measured_date
+    age = (today - date.fromisoformat(measured)).days if measured else None
+    text = f"Earth orientation measured to {measured}, predicted to {table.last_date}"
+    if age is None or age > _OLD_DAYS:
+        # Sound for older data: nothing is extrapolated without a word.
+        text += f"; for data after that, {_UPDATE}"
+    yield Finding("Earth", text)
+    yield Finding("Earth", f"leap seconds: the last one known is that before {last_leap_second()}")
+
+
+def _cache() -> Iterator[Finding]:
+    folder = Path(getattr(numba.config, "CACHE_DIR", "") or Path(radioloc.__file__).parent)
+    if getattr(numba.config, "DISABLE_JIT", 0):  # numba sets its attributes as it runs
+        yield Finding(
+            "compiler", "switched off by NUMBA_DISABLE_JIT: results are the same, some hundred times slower"
+        )
+    elif os.access(folder, os.W_OK):
+        yield Finding("compiler", f"machine code is kept in {folder}")
+    else:
+        yield Finding(
+            "compiler",
+            f"{folder} cannot be written to; set NUMBA_CACHE_DIR to a folder that can, or each start compiles again",
+        )
+
+
+def _packages() -> Iterator[Finding]:
+    yield Finding("versions", ", ".join(f"{name} {number}" for name, number in versions().items()))
+    for extra, names in _extras().items():
+        missing = [name for name in names if _version(name) is None]
+        there = ", ".join(f"{name} {_version(name)}" for name in names if name not in missing)
+        install = f"not installed: {', '.join(missing)}; pip install '.[{extra}]'" if missing else ""
+        yield Finding("extras", f"{extra}: {'; '.join(filter(None, (there, install)))}")
+
+
+def _extras() -> dict[str, list[str]]:
+    """Packages of each extra that users need."""
+    found: dict[str, list[str]] = {}
+    for requirement in requires("radioloc") or ():
+        package, _, condition = requirement.partition(";")
+        extra = condition.partition("extra ==")[2].strip().strip("'\"")
+        if extra and extra not in ("dev", "bench"):
+            found.setdefault(extra, []).append(package.split(">")[0].split("<")[0].strip())
+    return found
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None

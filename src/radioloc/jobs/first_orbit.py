@@ -1,0 +1,245 @@
+"""A first orbit from Doppler alone, where no more than the altitude of a nearly circular orbit is known.
+
+Within one pass Doppler tells the velocity along the line of sight, from which follow the tilt of the plane to the line
+of sight and the phase. How the plane is turned about the line of sight is told only by what turns that line, a degree
+in two hours, and by the gravity field. So a grid of circular orbits comes first, as sums of projections, then fits of
+integrated ones from all around the line of sight. Orbits that are mirrored in the plane in which the line of sight
+turns differ least.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import C_M_S, MEAN_LUNAR_RADIUS_M
+from radioloc.dynamics import AdjustableOrbit
+from radioloc.dynamics.elements import equatorial_axes, plane_deg
+from radioloc.errors import InputError
+from radioloc.jobs.orbit_steps import fitted_state, turned_state
+from radioloc.measurements.exact_predictor import ExactPredictor
+from radioloc.measurements.observations import DOPPLER, Observations
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.study.orbiter import Orbiter, RoughOrbit
+from radioloc.time import tt_to_tdb, utc_to_tt
+
+logger = logging.getLogger(__name__)
+
+Floats = NDArray[np.float64]
+
+_WINDOW_S = 7200.0
+"""Counts are looked at within this of the first that is near the epoch: a longer arc has more than one minimum."""
+_FEWEST = 12
+_LOOKED_AT = 80
+_GRID_RAD = np.radians(5.0)
+_FINE_RAD = np.radians(1.0)
+"""Step of the phase where the plane is given."""
+_CAP_M_S = 500.0
+"""Residuals beyond count as this: counts that were not locked."""
+_TURNS = 12
+"""Starts about the line of sight."""
+_ROUGH_DEGREE = 20
+_ROUGH_STEPS, _FINE_STEPS = 10, 40
+_STEP_M, _STEP_M_S = 1e5, 1e2
+"""How far a state goes in one step of a fit."""
+_FLOOR_M_S = 1e-4
+"""No misfit is told below this, the noise of good counts."""
+_SAME_RAD = np.radians(2.0)
+_KEPT = 2
+_AMBIGUOUS = 1.5
+"""Candidates whose misfits are within this factor are not told apart."""
+_NEAR_CENTRE_M = np.array([1e3, 0.0, 0.0])
+"""In place of the Moon's centre, where tides have no direction: it moves by 3 mm/s about it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """An orbit that may be the one: its state, and how Doppler near the epoch fits it."""
+
+    state: Floats  # m and m/s, Moon-centred ICRF, at the epoch
+    misfit_m_s: float  # robust spread of the range rates
+    inclination_deg: float  # to the Moon's equator
+    node_deg: float
+
+    def __str__(self) -> str:
+        return (
+            f"inclination {self.inclination_deg:.1f} deg, node {self.node_deg:.1f} deg "
+            f"(misfit {1e3 * self.misfit_m_s:.3g} mm/s)"
+        )
+
+
+def first_orbit(
+    orbiter: Orbiter, model: PhysicalModel, observations: Observations, parameters: tuple[str, ...]
+) -> AdjustableOrbit:
+    """The orbit of an orbiter of which only a :class:`RoughOrbit` is known, with notes on how it was found.
+
+    Parameters are those of :meth:`Orbiter.orbit`.
+
+    Raises
+    ------
+    InputError
+        There is too little two- and three-way Doppler, or no orbit fits.
+    """
+    rough = orbiter.rough
+    assert rough is not None
+    some = _near_the_epoch(orbiter, model, observations)
+    state, line, mirror = _best_circle(orbiter, rough, some)
+    forces = orbiter.forces
+    starts = [state]
+    if not rough.in_plane:
+        field = forces.gravity.to_degree(min(_ROUGH_DEGREE, forces.gravity.degree))
+        smooth = replace(orbiter, forces=replace(forces, gravity=field))
+        turns = np.arange(_TURNS) * 2.0 * np.pi / _TURNS
+        found = _fitted(smooth, some, [turned_state(state, turn * line) for turn in turns], _ROUGH_STEPS)
+        starts = [one.state for one in found[:_KEPT]]
+        starts += [_mirrored(one, mirror) for one in starts]
+    found = _fitted(orbiter, some, starts, _FINE_STEPS)
+    logger.info("first orbits: %s", "; ".join(map(str, found)))
+    if not found:
+        raise InputError(
+            f"[target] altitude_m: no orbit near {rough} fits the Doppler of {orbiter.name}; check it"
+        )
+    orbit = orbiter.at(found[0].state).orbit(model, observations, parameters)
+    return replace(orbit, notes=tuple(_notes(orbiter.name, found, mirror)))
+
+
+def _near_the_epoch(orbiter: Orbiter, model: PhysicalModel, observations: Observations) -> ExactPredictor:
+    """Some coherent counts of Doppler near the epoch, predicted for what is at the Moon's centre."""
+    coherent = np.array(
+        [bool(one.transmitter) and not one.differenced for one in observations.links], dtype=bool
+    )
+    rows = np.flatnonzero((observations.kind == DOPPLER) & coherent[observations.link])
+    if len(rows):
+        since_s = tt_to_tdb(utc_to_tt(observations.epoch[rows])).seconds_since(orbiter.epoch)
+        first_s = since_s[np.argmin(np.abs(since_s))]
+        rows = rows[np.abs(since_s - first_s) <= _WINDOW_S]
+        rows = rows[np.unique(np.linspace(0, len(rows) - 1, _LOOKED_AT).astype(int))]
+    arc = ExactPredictor(model, observations.select(rows), _NEAR_CENTRE_M)
+    arc = arc.select(arc.compute(_NEAR_CENTRE_M).usable)
+    if len(arc.observations) < _FEWEST:
+        raise InputError(
+            f"[target] altitude_m: a first orbit of {orbiter.name} needs {_FEWEST} counts of two- or three-way Doppler "
+            f"within two hours near the epoch, but there are {len(arc.observations)}; give position_m and "
+            "velocity_m_s, or another epoch"
+        )
+    return arc
+
+
+def _best_circle(orbiter: Orbiter, rough: RoughOrbit, some: ExactPredictor) -> tuple[Floats, Floats, Floats]:
+    """State on the circular orbit that fits best, m and m/s, the line of sight, and a reflection, shape (3, 3).
+
+    The reflection is in the plane in which the line of sight turns.
+
+    A leg from a station at the distance D is longer by c - c^2 / 2D where the orbit takes the target from the Moon's
+    centre to c along the line of sight and a - c across it, but for a constant.
+    """
+    observations, model = some.observations, some.model
+    path, _, _ = some.light_path(_NEAR_CENTRE_M)
+    half_s = 0.5 * observations.count_s
+    tdb = tt_to_tdb(utc_to_tt(observations.epoch))
+    since_s = tdb.seconds_since(orbiter.epoch)
+    angle_s = np.concatenate([since_s + half_s, since_s - half_s]) + path.bounce_s
+    # Up from the transmitter, down to the receiver: both point to where the target is, or from there.
+    units = np.stack([path.up_unit, -path.down_unit])
+    flat = 0.5 / (C_M_S * np.stack([path.up_s, path.down_s]))
+    observed_m_s = (observations.value_m - some.compute(_NEAR_CENTRE_M).value_m) / observations.count_s
+
+    axes = equatorial_axes(model.libration, orbiter.epoch)
+    nodes, quarters = _planes(rough, axes)
+    a_m = MEAN_LUNAR_RADIUS_M + rough.altitude_m
+    gm = orbiter.forces.gm_m3_s2 or model.ephemeris.constants.gm_m3_s2("moon")
+    mean_motion = np.sqrt(gm / a_m**3)
+    cos, sin = np.cos(mean_motion * angle_s), np.sin(mean_motion * angle_s)
+    step = _FINE_RAD if rough.in_plane else _GRID_RAD
+    phases = np.arange(0.0, 2.0 * np.pi, step)
+    n = len(observations)
+    best = (np.inf, 0, 0.0)
+    for k, (p, q) in enumerate(zip(nodes, quarters, strict=True)):
+        at_node, at_quarter = (a_m * (units @ axis) for axis in (p, q))
+        first, second = at_node * cos + at_quarter * sin, at_quarter * cos - at_node * sin
+        along_m = np.cos(phases)[:, None, None] * first + np.sin(phases)[:, None, None] * second
+        grown_m = (along_m - flat * along_m**2).sum(axis=1)
+        rate_m_s = (grown_m[:, :n] - grown_m[:, n:]) / observations.count_s
+        misfit = np.minimum(np.abs(observed_m_s - rate_m_s), _CAP_M_S).mean(axis=-1)
+        least = int(np.argmin(misfit))
+        if misfit[least] < best[0]:
+            best = (float(misfit[least]), k, float(phases[least]))
+    misfit_m_s, k, phase = best
+    logger.info("circular orbits: %d planes, the best is off by %.0f m/s", len(nodes), misfit_m_s)
+    position = np.cos(phase) * nodes[k] + np.sin(phase) * quarters[k]
+    velocity = np.cos(phase) * quarters[k] - np.sin(phase) * nodes[k]
+    units = path.up_unit
+    line = units.mean(axis=0) / np.linalg.norm(units.mean(axis=0))
+    across = np.linalg.svd(units - units.mean(axis=0))[2][0]
+    pole = np.cross(line, across)
+    mirror = np.eye(3) - 2.0 * np.outer(pole, pole) / (pole @ pole)
+    return np.concatenate([a_m * position, a_m * mean_motion * velocity]), line, mirror
+
+
+def _planes(rough: RoughOrbit, axes: Floats) -> tuple[Floats, Floats]:
+    """Directions to the ascending node and 90 deg on, of all planes in question, ICRF, shapes (n, 3)."""
+    step = np.degrees(_GRID_RAD)
+    inclinations = (
+        np.arange(0.5 * step, 180.0, step) if rough.inclination_deg is None else [rough.inclination_deg]
+    )
+    nodes = np.arange(0.0, 360.0, step) if rough.node_deg is None else [rough.node_deg]
+    i, node = (one.ravel() for one in np.radians(np.meshgrid(inclinations, nodes)))
+    to_node = np.stack([np.cos(node), np.sin(node), np.zeros_like(node)], axis=-1)
+    on = np.stack([-np.sin(node) * np.cos(i), np.cos(node) * np.cos(i), np.sin(i)], axis=-1)
+    return to_node @ axes, on @ axes
+
+
+def _fitted(orbiter: Orbiter, some: ExactPredictor, starts: Sequence[Floats], steps: int) -> list[Candidate]:
+    """What fits from several states end in, the best first, each once."""
+    axes = equatorial_axes(some.model.libration, orbiter.epoch)
+    sigmas = np.repeat([_STEP_M, _STEP_M_S], 3)
+    sigma_m = _FLOOR_M_S * some.observations.count_s
+    found = []
+    for start in starts:
+        orbit = orbiter.at(start).orbit(some.model, some.observations, ()).coarse()
+        try:
+            arc = ExactPredictor(some.model, some.observations, np.zeros(3), orbit)
+            state, spread = fitted_state(arc, sigma_m, start, start, np.arange(6), sigmas, steps)
+        except InputError as error:  # an orbit that is under the ground
+            logger.info("a start is left out: %s", error)
+            continue
+        found.append(Candidate(state, _FLOOR_M_S * spread, *plane_deg(state, axes)))
+    kept: list[Candidate] = []
+    for one in sorted(found, key=lambda one: one.misfit_m_s):
+        if all(_angle_rad(one.state, other.state) > _SAME_RAD for other in kept):
+            kept.append(one)
+    return kept
+
+
+def _mirrored(state: Floats, mirror: Floats) -> Floats:
+    return np.asarray((state.reshape(2, 3) @ mirror).ravel())
+
+
+def _angle_rad(one: Floats, other: Floats) -> float:
+    """Angle between the planes of two states."""
+    first, second = (np.cross(state[:3], state[3:]) for state in (one, other))
+    cosine = first @ second / (np.linalg.norm(first) * np.linalg.norm(second))
+    return float(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+def _notes(name: str, found: Sequence[Candidate], mirror: Floats) -> list[str]:
+    """What the search came to; candidates that are nearer to the best one's mirror image are called mirrored."""
+    began = f"the fit began with a first orbit of {name} from Doppler near the epoch"
+    best = found[0]
+    image = _mirrored(best.state, mirror)
+    others = "; ".join(
+        f"{'mirrored, ' if _angle_rad(one.state, image) < _angle_rad(one.state, best.state) else ''}{one}"
+        for one in found[1:]
+    )
+    if not others:
+        return [f"{began}: {best}"]
+    if found[1].misfit_m_s < _AMBIGUOUS * best.misfit_m_s:
+        return [
+            f"WARNING: {began}, and the data do not tell two candidates apart: {best}, which was taken; {others}; give "
+            "inclination_deg and node_deg, or other passes"
+        ]
+    return [f"{began}: {best}; other candidates fit less well: {others}"]

@@ -1,0 +1,363 @@
+"""A study of images: its tables, and reading them from a file.
+
+``[images]`` and ``[camera]`` locate a lander by its descent images, ``[image_point]`` a point in one orbital image,
+``[stereo]`` a rover or lander by stereo images of landmarks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from radioloc.errors import InputError, require_type
+from radioloc.imaging import Camera
+from radioloc.lunar.selenographic import require_lunar_height
+from radioloc.study.schema import Hints, TomlTable, check, entry, keys_of, source_of, toml_content
+from radioloc.study.study import Reference
+from radioloc.study.target_file import references_of
+from radioloc.time import Epochs
+
+DETECTORS = ("sift", "orb")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GroundChoice:
+    """What is known of the ground's height.
+
+    Parameters
+    ----------
+    dem : Path, optional
+        An elevation model.
+    dem_sigma_m : float
+        How well its heights are known, m.
+    height_m, height_sigma_m : float, optional
+        The height above the 1737.4 km sphere and its sigma, m, in place of a model.
+    """
+
+    dem: Path | None = None
+    dem_sigma_m: float = entry(10.0, not_negative=True)
+    height_m: float | None = None
+    height_sigma_m: float = entry(10.0, not_negative=True)
+
+    def __post_init__(self) -> None:
+        check(self)
+        if self.dem is not None and self.height_m is not None:
+            raise InputError("give either dem or height_m, not both")
+        if self.height_m is not None:
+            require_lunar_height(self.height_m)
+
+
+@dataclass(frozen=True, slots=True)
+class ImageChoice(GroundChoice):
+    """The images, and what they are laid over.
+
+    Parameters
+    ----------
+    files : tuple of Path
+        Frames in order of time, the highest first.
+    base_map_sigma_m : tuple of float
+        How well the map is tied to the Moon's axes, east and north, m; the same error for all its points.
+    base_map : Path, optional
+        A map image with a lunar projection. With ``shade`` the elevation model takes its place.
+    dem, dem_sigma_m, height_m, height_sigma_m
+        The height of the point. Without ``dem`` and ``height_m`` there is none.
+    mask : Path, optional
+        An image of the frames' size, white where they show the ground. What does not move from frame to frame is found
+        and left out where none is given.
+    point : "centre" or tuple of float
+        The lander in the last image: its middle, or (sample, line).
+    point_sigma_px : float
+        How well that is known, pixels of the last image.
+    near : Path, optional
+        A ``solution.json`` about whose position the map is searched.
+    near_margin_m : float
+        How far beyond three sigmas of that, m: half the ground that the highest image covers, or more.
+    shade : bool
+        Whether the base is the elevation model shaded at the Sun's direction.
+    sun_azimuth_deg, sun_elevation_deg : float, optional
+        That direction, from north over east and above the horizon.
+    epoch : Epochs, optional
+        In their place when the images were taken, UTC: the Sun's direction then is computed.
+    detector : {"sift", "orb"}
+        What finds features.
+    """
+
+    files: tuple[Path, ...]
+    base_map_sigma_m: tuple[float, float] = entry(not_negative=True)
+    base_map: Path | None = None
+    mask: Path | None = None
+    point: str | tuple[float, float] = "centre"
+    point_sigma_px: float = entry(1.0, not_negative=True)
+    near: Path | None = None
+    near_margin_m: float = entry(10e3, positive=True)
+    shade: bool = False
+    sun_azimuth_deg: float | None = None
+    sun_elevation_deg: float | None = None
+    epoch: Epochs | None = entry(None, moment=True)
+    detector: str = entry("sift", choices=DETECTORS)
+
+    def __post_init__(self) -> None:
+        GroundChoice.__post_init__(self)
+        if self.base_map is None and not self.shade:
+            raise InputError("base_map is missing; name a map image, or shade = true with a dem")
+        if self.shade and self.dem is None:
+            raise InputError("shade needs a dem, which is shaded")
+        angles = [angle for angle in (self.sun_azimuth_deg, self.sun_elevation_deg) if angle is not None]
+        if self.shade and len(angles) != (2 if self.epoch is None else 0):
+            raise InputError(
+                "shade needs either epoch, or sun_azimuth_deg and sun_elevation_deg, where the Sun stood"
+            )
+        if self.shade and self.base_map is not None:
+            raise InputError("give either base_map or shade = true, not both")
+        if isinstance(self.point, str) and self.point != "centre":
+            raise InputError(f'point must be "centre" or [sample, line], not {self.point!r}')
+
+
+@dataclass(frozen=True, slots=True)
+class CameraChoice:
+    """The camera, where it is known: distortion is taken off, and altitudes follow from the size of pixels."""
+
+    focal_length_mm: float = entry(positive=True)
+    pixel_size_um: float = entry(positive=True)
+    principal_point_px: tuple[float, float] | None = None
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    def camera(self, shape: tuple[int, int]) -> Camera:
+        """The camera of images of so many lines and samples; its axis is in their middle where nothing else is said."""
+        middle = (0.5 * (shape[1] - 1), 0.5 * (shape[0] - 1))
+        point = self.principal_point_px or middle
+        return Camera.of_pinhole(self.focal_length_mm, self.pixel_size_um, point, self.distortion)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImagePointChoice(GroundChoice):
+    """A point measured in one image, such as a lander in an orbital image.
+
+    Parameters
+    ----------
+    model : Path
+        The image's sensor model: support data (ISD), or an ISIS cube of LRO's NAC with ``spiceinit`` done.
+    point : tuple of float
+        Sample and line of the point.
+    point_sigma_px : float
+        How well they are measured, pixels.
+    position_sigma_m : tuple of float
+        How well the camera's place is known, east, north and up of the point, m.
+    attitude_sigma_rad : tuple of float
+        How well its attitude is, about the camera's x, y and z, rad.
+    dem, dem_sigma_m, height_m, height_sigma_m
+        The ground that the ray meets: one of ``dem`` and ``height_m`` is needed.
+    """
+
+    model: Path
+    point: tuple[float, float]
+    position_sigma_m: tuple[float, float, float] = entry(not_negative=True)
+    attitude_sigma_rad: tuple[float, float, float] = entry(not_negative=True)
+    point_sigma_px: float = entry(1.0, not_negative=True)
+
+    def __post_init__(self) -> None:
+        GroundChoice.__post_init__(self)
+        if self.dem is None and self.height_m is None:
+            raise InputError(
+                "the height of the ground is missing, which one image does not tell; give dem or height_m"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Landmark:
+    """A landmark that the map shows, and its distance from the left camera, or its pixels in both cameras.
+
+    Parameters
+    ----------
+    name : str
+    longitude_deg, latitude_deg : float
+        On the map.
+    distance_m, distance_sigma_m : float, optional
+        Horizontal distance and its sigma, m.
+    left_px, right_px : tuple of float, optional
+        Sample and line in the left and the right image.
+    pitch_deg, roll_deg : float
+        Attitude of the left camera in that image: its axis above the horizon, and how far the camera is turned about
+        the axis, clockwise as it sees.
+    """
+
+    name: str
+    longitude_deg: float
+    latitude_deg: float
+    distance_m: float | None = entry(None, positive=True)
+    distance_sigma_m: float | None = entry(None, positive=True)
+    left_px: tuple[float, float] | None = None
+    right_px: tuple[float, float] | None = None
+    pitch_deg: float = 0.0
+    roll_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        check(self)
+        given = [
+            one is not None for one in (self.distance_m, self.distance_sigma_m, self.left_px, self.right_px)
+        ]
+        if given not in ([True, True, False, False], [False, False, True, True]):
+            raise InputError(
+                f"landmark {self.name!r}: give either distance_m and distance_sigma_m, or left_px and right_px"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StereoChoice(GroundChoice):
+    """Stereo images of landmarks from a rover or lander.
+
+    Parameters
+    ----------
+    landmarks : tuple of Landmark
+        Four or more.
+    landmark_sigma_m : float
+        How well each coordinate of a landmark is read off the map, m.
+    map_name : str
+        The map's name: its tie is one error for all solutions on it.
+    map_sigma_m : tuple of float
+        How well the map is tied to the Moon's axes, east and north, m.
+    left, right : CameraChoice, optional
+        The cameras, with their principal points; needed for pixels, as is the baseline.
+    baseline_m : tuple of float, optional
+        The right camera in the axes of the left one (right, down, ahead), m.
+    rotation_deg : tuple of float
+        Rotation vector that turns the axes of the left camera to those of the right one, about right, down and ahead.
+    point_sigma_px : float
+        How well points are measured in each image, pixels.
+    camera_in_body_m : tuple of float
+        The left camera in the body's axes (ahead, right, down), m.
+    body_attitude_deg : tuple of float
+        The body's heading (from north over east), pitch (ahead up) and roll (right side down).
+    dem, dem_sigma_m, height_m, height_sigma_m
+        The height of the ground. Without ``dem`` and ``height_m`` there is none.
+    """
+
+    landmarks: tuple[Landmark, ...]
+    landmark_sigma_m: float = entry(not_negative=True)
+    map_name: str
+    map_sigma_m: tuple[float, float] = entry(not_negative=True)
+    left: CameraChoice | None = None
+    right: CameraChoice | None = None
+    baseline_m: tuple[float, float, float] | None = None
+    rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    point_sigma_px: float = entry(0.3, positive=True)
+    camera_in_body_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    body_attitude_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        GroundChoice.__post_init__(self)
+        if len(self.landmarks) < 4:
+            raise InputError(
+                f"{len(self.landmarks)} landmarks; four or more are needed, so that a wrong one shows"
+            )
+        if len({one.name for one in self.landmarks}) < len(self.landmarks):
+            raise InputError("two landmarks have one name, by which they are told apart; rename one")
+        if any(one.left_px is not None for one in self.landmarks):
+            for name in ("left", "right", "baseline_m"):
+                if getattr(self, name) is None:
+                    raise InputError(f"{name} is missing, without which pixels tell no distance")
+            for name in ("left", "right"):
+                if getattr(self, name).principal_point_px is None:
+                    raise InputError(
+                        f"{name}.principal_point_px is missing: (sample, line) of the camera's axis"
+                    )
+
+
+@dataclass(frozen=True, slots=True)
+class ImageStudy:
+    """Where a lander stands on a map, by its descent images.
+
+    Parameters
+    ----------
+    images : ImageChoice
+    camera : CameraChoice, optional
+    references : tuple of Reference
+        Known positions to compare with.
+    name : str
+    path : Path, optional
+        The file that it is from.
+    """
+
+    images: ImageChoice
+    camera: CameraChoice | None = None
+    references: tuple[Reference, ...] = ()
+    name: str = "images"
+    path: Path | None = field(default=None, repr=False)
+
+
+@dataclass(frozen=True, slots=True)
+class PointStudy:
+    """Where a point is that one image shows, or a rover or lander that took stereo images.
+
+    Parameters
+    ----------
+    chosen : ImagePointChoice or StereoChoice
+    references : tuple of Reference
+        Known positions to compare with.
+    name : str
+    path : Path, optional
+        The file that it is from.
+    """
+
+    chosen: ImagePointChoice | StereoChoice
+    references: tuple[Reference, ...] = ()
+    name: str = "images"
+    path: Path | None = field(default=None, repr=False)
+
+
+TABLES: dict[str, type] = {
+    "images": ImageChoice,
+    "camera": CameraChoice,
+    "image_point": ImagePointChoice,
+    "stereo": StereoChoice,
+    "stereo.left": CameraChoice,
+    "stereo.right": CameraChoice,
+    "stereo.landmarks": Landmark,
+}
+"""The records of the tables of a study of images; beside them ``[reference]`` and ``[references.NAME]``."""
+
+
+def read_image_study(path: str | Path) -> ImageStudy | PointStudy:
+    """Read a study file with ``[images]``, ``[image_point]`` or ``[stereo]``; paths in it are relative to its folder.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, is not TOML, or has an unknown key or an unusable value; the message names it.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> study = radioloc.jobs.read_image_study("examples/images/descent.toml")
+    >>> study.images.base_map.name
+    'map.tif'
+    """
+    require_type("path", path, str, Path)
+    content = toml_content(Path(path))
+    path, file = source_of(path)
+    hints = Hints({name: keys_of(record) for name, record in TABLES.items()})
+    top = TomlTable(path, "", content, hints)
+    images, camera, point, stereo, reference, references = (
+        top.table(name) for name in ("images", "camera", "image_point", "stereo", "reference", "references")
+    )
+    top.finish()
+    if [images, point, stereo].count(None) != 2:
+        raise InputError(
+            f"{path}: one of [images] (frames and a map), [image_point] (a point in an image) and [stereo] (landmarks) "
+            "is needed, and not two of them"
+        )
+    if images is None and camera is not None:
+        raise InputError(
+            f"{path}: [camera] belongs to [images]; the model of an image or [stereo] has its own"
+        )
+    rest = references_of(reference, references), path.stem, file
+    if images is not None:
+        read = images.read(ImageChoice)
+        return ImageStudy(read, None if camera is None else camera.read(CameraChoice), *rest)
+    if point is not None:
+        return PointStudy(point.read(ImagePointChoice), *rest)
+    assert stereo is not None
+    return PointStudy(stereo.read(StereoChoice), *rest)

@@ -1,0 +1,223 @@
+"""Trials by the linear model: what is prepared once, values and partials at the truth, serves all of them.
+
+A trial is a sum of vectors (noise, and partials times drawn errors) and a linear fit: milliseconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.estimation.consider import Effects, moved_by
+from radioloc.estimation.editing import EditedFit
+from radioloc.estimation.labels import Labels
+from radioloc.estimation.linearization import LinearProblem
+from radioloc.estimation.observation_noise import ObservationNoise
+from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL
+from radioloc.estimation.series import SeriesOrder
+from radioloc.estimation.time_correlation import estimated_covariance
+from radioloc.estimation.variance_components import fit_with_variance_components
+from radioloc.jobs.problem import weighed
+from radioloc.jobs.verdict import WIDEST_M, heights, misfits
+from radioloc.parameters.parameter import ParameterSet
+from radioloc.results.monte_carlo import sides_of
+from radioloc.simulation.noise import NoiseDraws
+from radioloc.simulation.truth import DrawnErrors
+from radioloc.study.study import EstimateChoice
+
+_Floats = NDArray[np.float64]
+_OF_PRIORS = 1
+"""Number of the random sequence of a-priori values, beside those of noise and drawn errors of the same seed."""
+
+
+def base_columns(sides: Sequence[str]) -> tuple[str, ...]:
+    """What is kept of each trial and arc, by the axes of a place or an orbit, of which the state is tested as well.
+
+    Then come the additive variance component of each type, as a sigma in metres, then each parameter but the position,
+    its sigma and, of a range bias, its error: the estimate less what was put in.
+    """
+    return (
+        *("converged", "used", "rejected"),
+        *(f"{side}_m" for side in sides),
+        *(f"sigma_{side}_m" for side in sides),
+        f"correlation_{sides[0]}_{sides[1]}",
+        *("nees", "nees_horizontal", "noise_scale"),
+        *(("nees_state",) if sides == ALONG_ACROSS_RADIAL else ()),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Compared:
+    """Where estimates are compared with the truth: q times d numbers, a position or an orbit's states.
+
+    What they follow from are p parameters, k drawn errors and c errors that are considered.
+    """
+
+    by_parameters: _Floats  # (q, d, p)
+    by_drawn: _Floats  # (q, d, k), how the truth is moved
+    by_considered: _Floats  # (q, d, c), beside what the parameters do
+    offset_m: _Floats  # (q, d), truth without drawn errors less where the model was linearized
+    added_m2: _Floats  # (d, d), covariance that is added
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearArc:
+    """What the linear model knows of one arc, m rows."""
+
+    part: NDArray[np.intp]  # of the longest arc
+    problem: LinearProblem  # at the true position, the other parameters at their a-priori values
+    parameters: ParameterSet
+    held_m: _Floats  # (m,), what those others add to the computed values
+    compared: Compared
+    noise: ObservationNoise  # as stated
+    status: Labels  # before the fit
+    order: SeriesOrder
+    estimate: EstimateChoice
+    height_m: float | None  # of the true position; of none on an orbit
+    considered_m: _Floats  # (m, r), effects of independent errors of unit variance that are considered
+    count_at_stations: int  # how many of them, the first, are at stations or in the air
+    drawn_prior_sigmas: _Floats | None = None  # (p,), of a-priori values that are drawn about the truth
+
+    @property
+    def at_stations(self) -> Effects | None:
+        """Those of them that weights allow for."""
+        return (
+            (lambda rows: self.considered_m[rows, : self.count_at_stations])
+            if self.count_at_stations
+            else None
+        )
+
+    def fit(self, residual_m: _Floats, seed: int) -> EditedFit:
+        """Fit to residuals, as a study does, with the a-priori values of a trial's seed."""
+        linear, parameters = self.problem.of(residual_m), self.parameters
+        if self.drawn_prior_sigmas is not None:
+            drawn = self.problem.x + drawn_prior_errors(self.drawn_prior_sigmas, seed)
+            values = np.where(self.drawn_prior_sigmas > 0.0, drawn, parameters.prior_values)
+            parameters = ParameterSet(
+                [replace(item, prior_value=float(x)) for item, x in zip(parameters, values, strict=True)]
+            )
+        found = fit_with_variance_components(
+            linear,
+            parameters,
+            self.noise,
+            order=self.order,
+            groups=self.estimate.component_groups(self.order),
+            status=self.status,
+            threshold=self.estimate.rejection_sigma,
+        )
+        return weighed(linear, found, self.order, self.estimate, self.at_stations)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearTrials:
+    """Trials by the linear model; all that a worker needs, and nothing of kernels or tables."""
+
+    draws: NoiseDraws
+    rows: NDArray[np.intp]  # (n,), those of the plan that take part
+    constant_m: _Floats  # (n,), observed less computed at the true position, without noise and drawn errors
+    drawn: DrawnErrors  # of the rows
+    arcs: tuple[LinearArc, ...]  # the longest first
+    columns: tuple[str, ...]
+    errors: dict[str, float]  # of the truth, by parameter
+
+    def run(self, seed: int, trials: Sequence[int]) -> _Floats:
+        """Some trials of a study's seed, shape (trials, arcs, columns), of an orbit at several epochs of each arc.
+
+        Each trial comes out the same whatever others are run with it.
+        """
+        seeds = [trial_seed(seed, trial) for trial in trials]
+        noise_m, _ = self.draws.draw(seeds)
+        count = len(self.arcs[0].compared.offset_m)
+        out = np.full((len(seeds), len(self.arcs), count, len(self.columns)), np.nan)
+        drawn = [self.drawn.draw(one) for one in seeds]
+        residual_m = self.constant_m + noise_m[:, self.rows]
+        for k, errors in enumerate(drawn):
+            residual_m[k] += errors @ self.drawn.partials
+        # Arc by arc, as what an arc's fits have in common then stays in the processor's cache.
+        for i, arc in enumerate(self.arcs):
+            for k, errors in enumerate(drawn):
+                found = arc.fit(residual_m[k, arc.part] - arc.held_m, seeds[k])
+                out[k, i] = self._rows(arc, found, errors)
+        return out.reshape(len(seeds), -1, len(self.columns))
+
+    def _rows(self, arc: LinearArc, found: EditedFit, errors: _Floats) -> list[_Floats]:
+        fit, compared = found.fit, arc.compared
+        covariance, _ = estimated_covariance(found, arc.order, arc.at_stations)
+        moved = moved_by(fit, lambda rows: arc.considered_m[rows], arc.considered_m.shape[1])
+        x, sigmas = fit.x, np.sqrt(np.diag(covariance + moved @ moved.T))
+        moved_m = compared.by_parameters @ (x - arc.problem.x)
+        doubts = list(misfits(found, arc.noise.sigma_m, arc.order.types))
+        if arc.height_m is not None:
+            doubts += heights(arc.height_m + moved_m[0, 2])
+        errors_m = moved_m - compared.offset_m - compared.by_drawn @ errors
+        by = compared.by_parameters
+        considered_m = by @ moved + compared.by_considered
+        covariances_m2 = by @ covariance @ np.swapaxes(by, 1, 2) + compared.added_m2
+        covariances_m2 += considered_m @ np.swapaxes(considered_m, 1, 2)
+        known = np.trace(covariances_m2[0, :3, :3]) <= WIDEST_M**2
+        return rows_of(
+            self.columns,
+            errors_m,
+            covariances_m2,
+            (found.converged and not doubts and known, fit.used.sum(), (~fit.used).sum()),
+            fit.noise_scale,
+            found.additive_sigma_m,
+            {p.name: (x[j], sigmas[j]) for j, p in enumerate(arc.parameters)},
+            true_values(self.errors, self.drawn.by_name(errors)),
+        )
+
+
+def trial_seed(seed: int, trial: int) -> int:
+    """Seed of one trial's noise and drawn errors, as ``SeedSequence(seed).spawn`` gives to its child of that number."""
+    words = np.random.SeedSequence(seed, spawn_key=(trial,)).generate_state(4)
+    return sum(int(word) << (32 * k) for k, word in enumerate(words))
+
+
+def drawn_prior_errors(sigmas: _Floats, seed: int) -> _Floats:
+    """Draw the errors of a-priori values in a trial, the first of which are those of the position."""
+    generator = np.random.default_rng([seed, _OF_PRIORS])
+    errors = np.zeros_like(sigmas)
+    errors[:3] = sigmas[:3] * generator.standard_normal(3)
+    return errors
+
+
+def true_values(fixed: dict[str, float], drawn: dict[str, float]) -> dict[str, float]:
+    """Errors of parameters that are in a trial."""
+    return fixed | {name: fixed.get(name, 0.0) + value for name, value in drawn.items()}
+
+
+def rows_of(
+    columns: Sequence[str],
+    errors_m: _Floats,
+    covariances_m2: _Floats,
+    outcome: tuple[float, float, float],
+    noise_scale: float,
+    excess_noise_m: Mapping[str, float],
+    parameters: Mapping[str, tuple[float, float]],
+    true: Mapping[str, float],
+) -> list[_Floats]:
+    """A row of results in the order of the columns for each place of comparison; NaN where an arc has no such number.
+
+    Errors (q, d) and covariances (q, d, d) are of a position, or of positions and velocities of an orbit. The outcome
+    is whether the fit converged, and how many observations were used and rejected. Parameters have values and sigmas.
+    """
+    known = {f"excess_noise_m.{kind}": value for kind, value in excess_noise_m.items()}
+    for name, (value, sigma) in parameters.items():
+        # A bias of a pass is the station's.
+        error = value - true.get(name, true.get(name.rpartition(" ")[0], 0.0))
+        known |= {name: value, f"{name}.sigma": sigma, f"{name}.error": error}
+    names, rows = base_columns(sides_of(columns)), []
+    for error_m, covariance_m2 in zip(errors_m, covariances_m2, strict=True):
+        sigma_m = np.sqrt(np.diag(covariance_m2))[:3]
+        correlation, nees = np.nan, dict.fromkeys((2, 3, len(error_m)), np.nan)
+        if np.isfinite(covariance_m2).all():
+            correlation = covariance_m2[0, 1] / (sigma_m[0] * sigma_m[1])
+            nees = {n: error_m[:n] @ np.linalg.solve(covariance_m2[:n, :n], error_m[:n]) for n in nees}
+        of_state = (nees[6],) if 6 in nees else ()
+        base = (*outcome, *error_m[:3], *sigma_m, correlation, nees[3], nees[2], noise_scale, *of_state)
+        row = known | dict(zip(names, base, strict=True))
+        rows.append(np.array([float(row.get(column, np.nan)) for column in columns]))
+    return rows

@@ -1,0 +1,318 @@
+"""A manoeuvre that nobody named: where in an arc residuals jump as after a change of the velocity.
+
+What is observed after an impulse answers to it as to a change of the state at the epoch that is zero in the position at
+that time. So the partials by the state tell what impulses at all times would do, each with the orbit fitted anew, from
+sums over the observations after it. The best one is put into the orbit, and settles there with its time.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.dynamics import AdjustableOrbit, Impulse
+from radioloc.errors import RadiolocError
+from radioloc.estimation.orbit_state import RTN
+from radioloc.estimation.statistics import robust_scale
+from radioloc.jobs.orbit_steps import fitted_state
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.predictor import Predictor
+from radioloc.measurements.registry import is_integrated
+from radioloc.time import Epochs, tt_to_tdb, utc_strings, utc_to_tt
+from radioloc.vectors import rtn_axes
+
+logger = logging.getLogger(__name__)
+
+Floats = NDArray[np.float64]
+
+HIDDEN = "beyond a manoeuvre that the study does not name"
+"""Why observations are left out that the state at the epoch says nothing of."""
+_NAME = "unnamed"
+_GAIN = 100.0
+"""By which the reduced chi-square falls at least. Of real Doppler of a low orbit without a manoeuvre, impulses take up
+errors of gravity so well that it falls 7 times with a field to degree 150, 16 to degree 100, 47 to degree 60."""
+_PROMISING, _PROMISING_FAR, _FAR_OFF = 20.0, 4.0, 1e3
+"""By which it falls at least for a closer look; and where residuals are a thousand sigmas, far from what is linear."""
+_FITS = 2.0
+"""Robust sigmas of residuals with which no further look is worth while."""
+_SIGNIFICANT = 5.0  # sigmas
+_FEWEST = 8
+"""Observations on each side."""
+_PLACES, _STEP_S = 5000, 10.0
+"""Times that are tried."""
+_LARGEST_M_S = 100.0
+_STATE_SCALES = np.repeat([1e3, 1.0], 3)
+_NEIGHBOURS, _ISOLATED = 15, 10.0
+"""A residual so many robust sigmas off the median of its neighbours is no part of a jump."""
+_FAR = 5.0
+_ROUNDS, _FARTHEST_S = 8, 600.0
+_SHIFT_S = 0.1
+_NEAR_S = 300.0
+"""Observations so near to a time that is not known yet are not looked at; less with each round."""
+_GAP_S = 600.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Manoeuvre:
+    """A change of the velocity of which a study does not know."""
+
+    epoch: Epochs  # TDB, one
+    sigma_s: float
+    delta_v_m_s: Floats  # radial, along and across the orbit, as of an impulse
+    sigma_m_s: float  # of its size
+    gap: Epochs | None  # first and last of the time without observations that it falls into, TDB
+    x: Floats  # parameters of the orbit on the epoch's side of it
+    after: bool  # than the epoch of the orbit
+
+    def __str__(self) -> str:
+        size = float(np.linalg.norm(self.delta_v_m_s))
+        direction = RTN[int(np.argmax(np.abs(self.delta_v_m_s)))]
+        mostly = direction if direction == "radial" else f"{direction} the orbit"
+        digits = int(np.clip(1 - np.floor(np.log10(max(self.sigma_m_s, 1e-9))), 1, 6))
+        parts = ", ".join(f"{value:.{digits}f}" for value in self.delta_v_m_s)
+        gap = ""
+        if self.gap is not None:
+            first, last = utc_strings(self.gap, 0)
+            gap = f", in the gap of the data from {first} to {last}"
+        return (
+            f"residuals jump at {utc_strings(self.epoch, 0)[0]} TDB (+- {max(self.sigma_s, 1.0):.0f} s){gap}: as after "
+            f"a manoeuvre of {size:.{digits}f} +- {self.sigma_m_s:.{digits}f} m/s, mostly {mostly}; name it with "
+            f"[[forces.impulses]] (delta_v_m_s = [{parts}])"
+        )
+
+    def hides(self, observations: Observations) -> NDArray[np.bool_]:
+        """Whether it is between observations, or within their count interval, and the epoch of the orbit."""
+        since_s = tt_to_tdb(utc_to_tt(observations.epoch)).seconds_since(self.epoch)
+        return np.asarray(
+            since_s * (1.0 if self.after else -1.0) > -0.5 * np.nan_to_num(observations.count_s)
+        )
+
+
+def unnamed_manoeuvre(
+    part: Predictor,
+    sigma_m: Floats,
+    starts: Iterable[Floats],
+    apriori: Floats,
+    free: NDArray[np.intp],
+    sigmas: Floats,
+) -> Manoeuvre | None:
+    """The manoeuvre that explains the residuals of an orbit; ``None`` without one.
+
+    `starts` are parameters of orbits: the first fits best, the others may fit on a part only.
+    Further parameters are those of :func:`~radioloc.jobs.orbit_steps.fitted_state`.
+    """
+    orbit = part.trajectory
+    assert isinstance(orbit, AdjustableOrbit)
+    search = _Search(part, sigma_m, orbit, apriori, free, sigmas)
+    found: list[tuple[float, Manoeuvre]] = []
+    plain: Floats | None = None
+    for x in starts:
+        guess = search.scanned(x)
+        if guess is None or (plain is None and not guess.promising):
+            break
+        plain = x if plain is None else plain
+        logger.info("an impulse at %.0f s makes the squares %.3g times smaller", guess.time_s, guess.gain)
+        try:
+            settled = search.settled(guess, plain)
+        except RadiolocError as error:
+            logger.info("it does not settle: %s", error)
+            continue
+        if settled is not None:
+            gain, spread, manoeuvre = settled
+            found.append((gain, manoeuvre))
+            if spread < _FITS:
+                break
+    return max(found, key=lambda one: one[0])[1] if found else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Guess:
+    """An impulse, and what the parameters are with it."""
+
+    gain: float
+    time_s: float
+    delta_v_m_s: Floats
+    x: Floats
+    promising: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Observations among which a manoeuvre is looked for, and the orbit in which it is put."""
+
+    part: Predictor
+    sigma_m: Floats
+    orbit: AdjustableOrbit
+    apriori: Floats
+    free: NDArray[np.intp]
+    sigmas: Floats
+
+    @cached_property
+    def time_s(self) -> Floats:
+        """TDB from the epoch of the orbit."""
+        return tt_to_tdb(utc_to_tt(self.part.observations.epoch)).seconds_since(self.orbit.epoch)
+
+    @property
+    def count_s(self) -> Floats:
+        """Zero of what is not counted."""
+        observations = self.part.observations
+        return np.where(is_integrated(observations.kind), observations.count_s, 0.0)
+
+    def constants(self) -> Floats:
+        """Columns of what is constant on each link, as frequency offsets and biases are."""
+        observations = self.part.observations
+        code = np.unique(np.stack([observations.kind, observations.link]), axis=1, return_inverse=True)[1]
+        unit = np.where(self.count_s > 0.0, self.count_s, 1.0) / self.sigma_m
+        return np.asarray((code.ravel()[:, None] == np.arange(code.max() + 1)) * unit[:, None])
+
+    def residuals(self, part: Predictor, change: Floats) -> tuple[Floats, Floats]:
+        """Residuals in sigmas, and the design matrix of state (km and m/s), forces and constants."""
+        computed = part.compute(change)
+        design = np.hstack([computed.by_orbit / self.sigma_m[:, None], self.constants()])
+        design[:, :6] *= _STATE_SCALES
+        return (part.observations.value_m - computed.value_m) / self.sigma_m, design
+
+    def smooth(self, ratio: Floats) -> NDArray[np.bool_]:
+        """Rows that are not far off their neighbours of the same link."""
+        from scipy.ndimage import median_filter
+
+        off, time_s = np.zeros(len(ratio)), self.time_s
+        for column in self.constants().T:
+            mine = np.flatnonzero(column)
+            mine = mine[np.argsort(time_s[mine])]
+            off[mine] = ratio[mine] - median_filter(ratio[mine], _NEIGHBOURS, mode="mirror")
+        return np.asarray(np.abs(off) <= _ISOLATED * max(1.0, robust_scale(off, 0)))
+
+    def scanned(self, x: Floats) -> _Guess | None:
+        """The impulse with which the residuals of an orbit, fitted anew, are least."""
+        ratio, design = self.residuals(self.part, x - self.apriori)
+        rows = np.flatnonzero(self.smooth(ratio))
+        rows = rows[np.argsort(self.time_s[rows])]
+        time_s, ratio, design = self.time_s[rows], ratio[rows], design[rows]
+        width = design.shape[1]
+        size = np.linalg.norm(design, axis=0)
+        design[:, 6:] /= np.where(size > 0.0, size, 1.0)[6:]
+        if len(rows) < width + 2 * _FEWEST:
+            return None
+        begin_s, end_s = time_s[_FEWEST], time_s[-_FEWEST]
+        tried_s = np.linspace(begin_s, end_s, min(_PLACES, int((end_s - begin_s) / _STEP_S)) + 2)
+        state = design[:, :6]
+        inverse = np.linalg.inv(design.T @ design + 1e-8 * np.eye(width))
+        fitted = inverse @ (design.T @ ratio)
+        without = float(np.square(ratio - design @ fitted).sum())
+
+        def after(terms: Floats) -> Floats:
+            """Sums over what is later than each time."""
+            return np.asarray(np.cumsum(terms[::-1], axis=0)[::-1][np.searchsorted(time_s, tried_s)])
+
+        orbit = self.orbit.corrected(x - self.apriori)
+        transition = orbit.partials(orbit.epoch.shifted(tried_s))[:, :, :6]
+        kick = np.linalg.inv(transition)[:, :, 3:] / _STATE_SCALES[:, None]
+        turned = np.swapaxes(kick, 1, 2)
+        cross = after(design[:, :, None] * state[:, None]) @ kick
+        square = turned @ after(state[:, :, None] * state[:, None]) @ kick
+        # Impulses beyond all sizes are no explanation: what few observations would need them for is noise.
+        square += (
+            without / len(rows) * np.eye(3) / _LARGEST_M_S**2 - np.swapaxes(cross, 1, 2) @ inverse @ cross
+        )
+        right = turned @ after(state * ratio[:, None])[..., None] - np.swapaxes(cross, 1, 2) @ fitted[:, None]
+        delta_v = np.linalg.solve(square, right)
+        best = int(np.argmax((right * delta_v).sum(axis=(1, 2))))
+        own = (time_s > tried_s[best])[:, None] * (state @ kick[best])
+        full = np.hstack([design, own])
+        solution = np.linalg.lstsq(full, ratio, rcond=1e-12)[0]
+        left = float(np.square(ratio - full @ solution).sum())
+        gain = without / left * (len(rows) - width - 4) / (len(rows) - width)
+        moved, impulse = x.copy(), solution[-3:]
+        moved[:6] += solution[:6] * _STATE_SCALES
+        if tried_s[best] < 0.0:  # the state at the epoch is one after the impulse
+            moved[:6] += kick[best] @ impulse * _STATE_SCALES
+        far = np.sqrt(without / len(rows)) > _FAR_OFF
+        promising = gain > (_PROMISING_FAR if far else _PROMISING)
+        return _Guess(gain, float(tried_s[best]), impulse, moved, bool(promising))
+
+    def settled(self, guess: _Guess, plain: Floats) -> tuple[float, float, Manoeuvre] | None:
+        """The impulse, integrated, with its time; ``None`` where it explains too little.
+
+        Before it by how much it makes the squares smaller, and the robust scale of what they leave.
+
+        `plain` are parameters of the orbit without it that fits best.
+        """
+        time_s, delta_v, x = guess.time_s, guess.delta_v_m_s, guess.x
+        count = len(x)
+        free = np.concatenate([self.free, count + np.arange(3)])
+        sigmas = np.concatenate([self.sigmas, np.ones(3)])
+        apriori = np.concatenate([self.apriori, np.zeros(3)])
+
+        def acting(epoch_s: float) -> AdjustableOrbit:
+            impulse = Impulse(_NAME, self.orbit.epoch.shifted([epoch_s]), axes="ICRF")
+            return replace(
+                self.orbit,
+                forces=replace(self.orbit.forces, impulses=(*self.orbit.forces.impulses, impulse)),
+                parameters=(*self.orbit.parameters, *impulse.names()),
+                integrated=[],
+            )
+
+        for k in range(_ROUNDS):
+            orbit = acting(time_s)
+            part = self.part.along(orbit)
+            y, spread = fitted_state(part, self.sigma_m, np.concatenate([x, delta_v]), apriori, free, sigmas)
+            x, delta_v = y[:count], y[count:]
+            ratio, design = self.residuals(part, y - apriori)
+            later = ratio - self.residuals(self.part.along(acting(time_s + _SHIFT_S)), y - apriori)[0]
+            aside = np.abs(self.time_s - time_s) > _NEAR_S * 0.3**k
+            rows = np.flatnonzero(aside & (np.abs(ratio) <= _FAR * spread))
+            left, (shift_s, *_), sigma = _least_squares(
+                np.column_stack([later / _SHIFT_S, design])[rows], ratio[rows]
+            )
+            reached_s, sigma_s = time_s, float(sigma[0, 0] ** 0.5)
+            time_s = float(np.clip(time_s + np.clip(shift_s, -_FARTHEST_S, _FARTHEST_S), *self.ends_s()))
+            if abs(shift_s) < max(0.1, 0.1 * sigma_s):
+                break
+        without, plain_design = self.residuals(self.part, plain - self.apriori)
+        before, _, _ = _least_squares(plain_design[rows], without[rows])
+        gain = float(before @ before / (left @ left)) * (len(rows) - design.shape[1] - 1) / len(rows)
+        mine = slice(1 + count, 4 + count)
+        size = float(np.linalg.norm(delta_v))
+        sigma_m_s = float(np.sqrt(delta_v @ sigma[mine, mine] @ delta_v)) / size
+        logger.info(
+            "an impulse of %.3g +- %.2g m/s makes the squares %.3g times smaller", size, sigma_m_s, gain
+        )
+        sides = np.bincount(self.behind(reached_s)[rows] != 0.0, minlength=2)
+        if gain < _GAIN or size < _SIGNIFICANT * sigma_m_s or sides.min() < _FEWEST:
+            return None
+        position, velocity = orbit.corrected(y - apriori).states(orbit.epoch.shifted([reached_s]))
+        near_s = np.sort(self.time_s[rows])
+        after = int(np.searchsorted(near_s, reached_s))
+        gap_s = near_s[after - 1 : after + 1]
+        gap = orbit.epoch.shifted(gap_s) if np.ptp(gap_s) > _GAP_S else None
+        in_rtn = rtn_axes(position[0], velocity[0]) @ delta_v
+        manoeuvre = Manoeuvre(
+            orbit.epoch.shifted([reached_s]), sigma_s, in_rtn, sigma_m_s, gap, x, reached_s > 0.0
+        )
+        return gain, spread, manoeuvre
+
+    def behind(self, time_s: float) -> Floats:
+        """How observations answer to a change at a time: as to the state after it, or, before the epoch, before."""
+        return np.where(time_s > 0.0, self.time_s > time_s, -1.0 * (self.time_s < time_s))
+
+    def ends_s(self) -> tuple[float, float]:
+        """First and last time at which a manoeuvre can be, on the epoch's side of which there are observations."""
+        return float(self.time_s.min()) + 1.0, float(self.time_s.max()) - 1.0
+
+
+def _least_squares(design: Floats, ratio: Floats) -> tuple[Floats, Floats, Floats]:
+    """Residuals, solution and covariance, as large as residuals that are correlated in time make it."""
+    scale = np.linalg.norm(design, axis=0)
+    scale[scale == 0.0] = 1.0
+    solution = np.linalg.lstsq(design / scale, ratio, rcond=1e-12)[0] / scale
+    left = ratio - design @ solution
+    lag = float(np.clip(left[1:] @ left[:-1] / (left @ left), 0.0, 0.98))
+    variance = float(left @ left) / max(1, len(ratio) - len(scale)) * (1.0 + lag) / (1.0 - lag)
+    inverse = np.linalg.pinv((design / scale).T @ (design / scale), rcond=1e-14, hermitian=True)
+    return left, solution, variance * inverse / np.outer(scale, scale)

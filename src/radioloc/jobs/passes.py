@@ -1,0 +1,317 @@
+"""When the stations of a study see its target, and the light times, ranges, Doppler and pointing meanwhile."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.boundary import bare_arguments
+from radioloc.constants import C_M_S
+from radioloc.ephemeris.trajectory import AnyTrajectory
+from radioloc.errors import InputError
+from radioloc.estimation.labels import Labels
+from radioloc.jobs.locate import model_of, prepared_arc
+from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.exact_predictor import ExactPredictor
+from radioloc.measurements.measurement_type import Geometry
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.pointing import Direction, direction
+from radioloc.measurements.predictor import reasons
+from radioloc.measurements.registry import is_one_way, kind_of
+from radioloc.results.predictions import LightTimes, Pass, Passes
+from radioloc.simulation.schedule import LINKS, Schedule, Session
+from radioloc.simulation.simulate import StateAndForces
+from radioloc.simulation.visibility import Masks, Target, Window, elevations, windows
+from radioloc.study.study import Study
+from radioloc.study.study_file import as_study
+from radioloc.study.weights import ends_of
+from radioloc.time import epochs_from_strings, tai_to_tt, tai_to_utc, utc_strings, utc_to_tai, utc_to_tt
+
+_STEP_S = 60.0
+"""Between epochs at which the elevation is looked at: the highest is then found to 0.0002 deg."""
+_KINDS = {
+    Geometry.ROUND_TRIP.value: ("range", "doppler"),
+    Geometry.ONE_WAY.value: ("one_way_range", "one_way_doppler"),
+}
+"""Types of measurement by the form of path."""
+WAYS = {name: form for name, (form, _) in LINKS.items() if form in _KINDS}
+"""How stations can be linked, with the form of path."""
+_COUNT_S = 2.0
+_X_BAND_HZ = 8.4e9
+_LIGHT_HZ = 3e11
+
+
+@bare_arguments
+def visibility(
+    study: Study | str | Path,
+    stations: Sequence[str] = (),
+    *,
+    start_utc: str | None = None,
+    stop_utc: str | None = None,
+    mask_deg: float | None = None,
+) -> Passes:
+    """Find the passes of a study's targets over stations: rise, set and highest elevation.
+
+    Parameters
+    ----------
+    study : Study or path-like
+        Its targets, or the true position of its simulation.
+    stations : sequence of str
+        Names or aliases; by default those of the study's schedule, or else of its observations.
+    start_utc, stop_utc : str, optional
+        Limits of the search; by default those of the schedule, or of the observations.
+    mask_deg : float, optional
+        Elevation at the stations below which they do not see the target; by default those of the schedule, or 10 deg.
+
+    Raises
+    ------
+    RadiolocError
+        The study says neither stations nor a span and none is given, or as of
+        :func:`radioloc.simulation.visibility.windows`.
+
+    Examples
+    --------
+    >>> from radioloc.jobs import visibility
+    >>> found = visibility("examples/change5/short_arc.toml", ["KASHI"], stop_utc="2020-12-02T15:11:00")
+    >>> [(one.station, one.rises, one.sets) for one in found.passes]
+    [('KASHI', False, True), ('KASHI', True, False)]
+    """
+    scene = scene_of(study, stations, start_utc, stop_utc, mask_deg)
+    model, masks = scene.model, scene.masks
+    names, first, last = scene.stations, scene.start_utc, scene.stop_utc
+    several = len(scene.targets) > 1
+    passes = [
+        _pass(model, target, name, window, which if several else "")
+        for which, target in scene.targets.items()
+        for name in dict.fromkeys(names)
+        for window in windows(model, target, [name], first, last, masks)
+    ]
+    by_station = {name: masks.of(name) for name in names}
+    targets = tuple(scene.targets) if several else ()
+    return Passes(scene.name, first, last, by_station, masks.target_deg, tuple(passes), targets)
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """What is seen, from where and when."""
+
+    name: str  # of the study
+    model: PhysicalModel
+    targets: dict[str, Target]  # by their names in links
+    stations: list[str]  # names in the catalogue
+    start_utc: str
+    stop_utc: str
+    masks: Masks
+
+
+def scene_of(
+    study: Study | str | Path,
+    stations: Sequence[str],
+    start_utc: str | None,
+    stop_utc: str | None,
+    mask_deg: float | None,
+) -> Scene:
+    """What a study says of it where it is not given; parameters and errors as :func:`visibility`."""
+    study = as_study(study)
+    model = model_of(study)
+    if study.simulation is not None:
+        names, first, last, masks = _planned(study)
+    elif stations and start_utc and stop_utc:
+        names, first, last, masks = [], "", "", Masks()
+    else:
+        names, first, last, masks = _observed(study)
+    places: dict[str, LunarPosition | AnyTrajectory | StateAndForces] = {**study.targets} or {
+        "lander": study.target
+    }
+    if study.simulation is not None:
+        places = {study.simulation.name: study.simulation.position}
+    start_utc, stop_utc = start_utc or first, stop_utc or last
+    targets: dict[str, Target] = {}
+    for name, place in places.items():
+        if isinstance(place, LunarPosition):
+            targets[name] = place.to_axes("PA", model.ephemeris.constants).xyz_m
+        elif isinstance(place, AnyTrajectory):
+            targets[name] = place
+        else:
+            span = epochs_from_strings([start_utc, stop_utc], "UTC")
+            targets[name] = place.orbit_over(model, span, 0.0).nearest()
+    return Scene(
+        study.name,
+        model,
+        targets,
+        [model.catalogue.get(name).name for name in stations or names],
+        start_utc,
+        stop_utc,
+        masks if mask_deg is None else replace(masks, station_deg=mask_deg, by_station_deg={}),
+    )
+
+
+def _planned(study: Study) -> tuple[list[str], str, str, Masks]:
+    """Stations, span and masks of a schedule."""
+    assert study.simulation is not None
+    schedule = study.simulation.schedule
+    names = [name for session in schedule.sessions for pair in session.pairs for name in pair if name]
+    limits = [(session.start_utc, session.stop_utc) for session in schedule.sessions]
+    order = [epochs_from_strings(list(dates), "UTC").mjd for dates in zip(*limits, strict=True)]
+    first, last = limits[int(np.argmin(order[0]))][0], limits[int(np.argmax(order[1]))][1]
+    return names, first, last, schedule.masks
+
+
+def _observed(study: Study) -> tuple[list[str], str, str, Masks]:
+    """Stations and span of the observations."""
+    observations = prepared_arc(study)[0].observations
+    names = sorted(set().union(*ends_of(observations.links, study.catalogue)))
+    epochs = utc_strings(observations.epoch, decimals=0)
+    return names, str(min(epochs)), str(max(epochs)), Masks()
+
+
+def _pass(model: PhysicalModel, target: Target, station: str, window: Window, name: str) -> Pass:
+    """A window with its highest elevation."""
+    limits = utc_to_tai(epochs_from_strings([window.start_utc, window.stop_utc], "UTC"))
+    length_s = float(limits[1].seconds_since(limits[0])[0])
+    offset_s = np.linspace(0.0, length_s, max(2, int(np.ceil(length_s / _STEP_S)) + 1))
+    tai = limits[np.zeros(len(offset_s), dtype=np.int64)].shifted(offset_s)
+    above_rad = elevations(model, target, [station], tai_to_tt(tai)).at_station_rad[:, 0]
+    top = int(np.argmax(above_rad))
+    return Pass(
+        station,
+        window.start_utc,
+        window.stop_utc,
+        window.rises,
+        window.sets,
+        length_s / 3600.0,
+        float(np.degrees(above_rad[top])),
+        str(utc_strings(tai_to_utc(tai[top]), decimals=0)[0]),
+        name,
+    )
+
+
+@bare_arguments
+def light_times(
+    study: Study | str | Path,
+    stations: Sequence[str] = (),
+    *,
+    links: str = "two_way",
+    start_utc: str | None = None,
+    stop_utc: str | None = None,
+    step_s: float = 600.0,
+    frequency_hz: float | None = None,
+    mask_deg: float = 0.0,
+) -> LightTimes:
+    """Tabulate light times, ranges, their rates and directions for pointing.
+
+    Parameters
+    ----------
+    study : Study or path-like
+        Its targets, or the true position of its simulation, and its model.
+    stations : sequence of str
+        Names or aliases; by default those of the study's schedule, or else of its observations.
+    links : {"two_way", "three_way", "all", "one_way"}
+        Each station by itself; the first one sends to the others; each to each; the target sends.
+    start_utc, stop_utc : str, optional
+        First and last epoch, of reception; by default those of the schedule, or of the observations.
+    step_s : float
+        From epoch to epoch, s.
+    frequency_hz : float, optional
+        Of the radio signal that is received if nothing moves, Hz, for a column of Doppler. Media are those at this
+        frequency, or at 8.4 GHz.
+    mask_deg : float
+        Elevation below which a station does not see the target; -90 is for all epochs at which the target's own
+        horizon, or the Moon, does not hide it.
+
+    Raises
+    ------
+    RadiolocError
+        The study says neither stations nor a span and none is given, nothing is seen, or another argument cannot be.
+
+    Notes
+    -----
+    Ranges and Doppler are those of a :class:`~radioloc.measurements.ExactPredictor`, with all terms of the study's
+    model. The rate is what Doppler tells in two seconds about the epoch, which is that of the epoch to 1e-6 m/s for a
+    lander, and -f/c of it is the received frequency less f.
+
+    Examples
+    --------
+    >>> from radioloc.jobs import light_times
+    >>> found = light_times("examples/change5/short_arc.toml", ["KASHI"], step_s=1800.0, frequency_hz=8.47e9)
+    >>> found["doppler_hz"].round().tolist()
+    [18789.0, 17799.0, 16551.0]
+    """
+    if links not in WAYS:
+        raise InputError(f"links = {links!r} is not known here; use one of {', '.join(WAYS)}")
+    carrier_hz = _X_BAND_HZ if frequency_hz is None else float(frequency_hz)
+    if not (math.isfinite(carrier_hz) and 0.0 < carrier_hz < _LIGHT_HZ):
+        raise InputError(f"frequency_hz = {frequency_hz!r} is no radio frequency, which is up to 3e11 Hz")
+    kind, counted = _KINDS[WAYS[links]]
+    scene = scene_of(study, stations, start_utc, stop_utc, mask_deg)
+    pairs = LINKS[links][1](*dict.fromkeys(scene.stations))
+    if not pairs:
+        raise InputError(
+            f"links = {links!r} needs two stations or more, not {', '.join(scene.stations)} alone"
+        )
+    session = Session(
+        kind=counted,
+        pairs=pairs,
+        start_utc=scene.start_utc,
+        stop_utc=scene.stop_utc,
+        step_s=step_s,
+        sigma_m=1.0,
+        count_s=_COUNT_S,
+        uplink_hz=carrier_hz,
+        wavelength_um=1e6 * C_M_S / carrier_hz,
+    )
+    parts = []
+    for name, target in scene.targets.items():
+        planned = Schedule([session], scene.masks).plan(scene.model, target, name).observations
+        counts = planned.select(np.argsort(planned.link, kind="stable"))
+        parts.append(_table(scene.model, counts, target, kind, frequency_hz))
+    rows = Observations.concatenate([part for part, _, _ in parts])
+    columns = {name: np.concatenate([part[name] for _, part, _ in parts]) for name in parts[0][1]}
+    return LightTimes(
+        scene.name,
+        scene.start_utc,
+        scene.stop_utc,
+        len(session.epochs()) * len(pairs) * len(scene.targets) - len(rows),
+        frequency_hz,
+        rows.epoch,
+        Labels(rows.link, tuple(link.path for link in rows.links)),
+        columns,
+        Labels.of(np.concatenate([sentences for _, _, sentences in parts])),
+    )
+
+
+def _table(
+    model: PhysicalModel, counts: Observations, target: Target, kind: str, frequency_hz: float | None
+) -> tuple[Observations, dict[str, NDArray[np.float64]], NDArray[np.str_]]:
+    """Ranges at the tags of counts, the columns, and what does not hold."""
+    rows = replace(
+        counts, kind=np.full_like(counts.kind, kind_of(kind)), count_s=np.full(len(counts), np.nan)
+    )
+    trajectory = target if isinstance(target, AnyTrajectory) else None
+    place_m = np.zeros(3) if isinstance(target, AnyTrajectory) else target
+    predictor = ExactPredictor(model, rows, place_m, trajectory)
+    computed = predictor.compute(place_m)
+    path, sender, receiver = predictor.light_path(place_m)
+    no_uplink = is_one_way(rows.kind)
+    columns = {
+        "uplink_light_time_s": np.where(no_uplink, np.nan, path.up_s),
+        "downlink_light_time_s": path.down_s,
+        "range_m": computed.value_m,
+        "range_rate_m_s": ExactPredictor(model, counts, place_m, trajectory).compute(place_m).value_m
+        / _COUNT_S,
+    }
+    if frequency_hz is not None:
+        columns["doppler_hz"] = -frequency_hz / C_M_S * columns["range_rate_m_s"]
+    tt = utc_to_tt(rows.epoch)
+    transmit = direction(path.up_unit, sender, tt, sends=True)
+    receive = direction(-path.down_unit, receiver, tt)
+    for field in fields(Direction):
+        columns[f"transmit_{field.name}"] = np.where(no_uplink, np.nan, getattr(transmit, field.name))
+    columns |= {f"receive_{field.name}": getattr(receive, field.name) for field in fields(Direction)}
+    return rows, columns, reasons(predictor, computed)[1]

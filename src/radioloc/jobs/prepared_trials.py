@@ -1,0 +1,367 @@
+"""A Monte Carlo study made ready, and its trials with the whole model.
+
+:class:`Prepared` has the world without noise and an arc for each length; from it come the fast trials
+(:mod:`radioloc.jobs.linear_trials`), and it runs those that they are proved by, simulated and fitted in full.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.dynamics import AdjustableOrbit, Orbit
+from radioloc.ephemeris import Trajectory
+from radioloc.errors import InputError
+from radioloc.estimation.consider import few_errors
+from radioloc.estimation.labels import USED, Labels
+from radioloc.estimation.orbit_state import (
+    ALONG_ACROSS_RADIAL,
+    EAST_NORTH_UP,
+    LOCAL_LEVEL,
+    turned,
+)
+from radioloc.estimation.robust import linear_problem
+from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
+from radioloc.jobs.linear_trials import (
+    Compared,
+    LinearArc,
+    LinearTrials,
+    base_columns,
+    drawn_prior_errors,
+    rows_of,
+    trial_seed,
+    true_values,
+)
+from radioloc.jobs.locate import fit_arc, model_of, prepared_arc
+from radioloc.jobs.problem import (
+    considered_errors,
+    disturbed,
+    gravity_errors,
+    observation_model,
+    position_in_pa,
+    require_position_or_orbit,
+    start_pa_m,
+    status_of,
+    targets_in_pa,
+)
+from radioloc.jobs.selection import ArcPart, arc_parts, require_planned_counts, selected
+from radioloc.jobs.simulate import scenario_of
+from radioloc.jobs.station_noise import stated_noise
+from radioloc.lunar.local import local_difference
+from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.registry import KINDS
+from radioloc.parameters.choice import ParameterChoice
+from radioloc.parameters.design import ObservationModel
+from radioloc.parameters.kind import Scope
+from radioloc.parameters.registry import PARAMETERS
+from radioloc.results.solution import Solution
+from radioloc.simulation import World
+from radioloc.simulation.noise import NoiseDraws
+from radioloc.simulation.truth import GRAVITY_ERROR
+from radioloc.study.orbiter import Orbiter
+from radioloc.study.study import EstimateChoice, Study
+from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
+from radioloc.vectors import rtn_axes
+
+_Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prepared:
+    """A study made ready: the world without noise, and an arc for each length."""
+
+    study: Study
+    world: World  # with the errors of the truth, none drawn
+    rows: NDArray[np.intp]  # those of the plan that the study asks for
+    parts: tuple[ArcPart, ...]  # the longest arc first
+    columns: tuple[str, ...]
+
+    @property
+    def hours(self) -> tuple[float, ...]:
+        """Lengths of the arcs, h, once for each epoch at which they are compared with the truth."""
+        return tuple(part.hours for part in self.parts for _ in range(self._epochs))
+
+    @property
+    def span_h(self) -> tuple[float, ...]:
+        """Likewise from the start to the last observation."""
+        return tuple(part.span_h for part in self.parts for _ in range(self._epochs))
+
+    @property
+    def at_h(self) -> tuple[float, ...]:
+        """Of an orbit those epochs, from that of the state, h."""
+        if not isinstance(self.study.target, Orbiter):
+            return ()
+        epochs_s = (self.epochs(part).seconds_since(self.study.target.epoch) for part in self.parts)
+        return tuple((np.concatenate(list(epochs_s)) / 3600.0).tolist())
+
+    @property
+    def _epochs(self) -> int:
+        return 3 if isinstance(self.study.target, Orbiter) else 1
+
+    def epochs(self, part: ArcPart) -> Epochs:
+        """When an orbit is compared with the truth: at its epoch, in the middle and at the end of the tracking, TDB."""
+        assert isinstance(self.study.target, Orbiter)
+        epoch = self.study.target.epoch
+        first_s, last_s = tt_to_tdb(utc_to_tt(part.arc.observations.span())).seconds_since(epoch).tolist()
+        return epoch.shifted(np.array([0.0, 0.5 * (first_s + last_s), last_s]))
+
+    @classmethod
+    def of(cls, study: Study, hours: Sequence[float]) -> Prepared:
+        """Prepare a study for arcs of some lengths, the shortest first, h.
+
+        Raises
+        ------
+        RadiolocError
+            The study has no simulation or estimates no position, or it cannot be simulated.
+        """
+        scenario = scenario_of(study)
+        require_planned_counts(study.observations)
+        if isinstance(study.target, Trajectory) or not isinstance(scenario.position, LunarPosition | Orbiter):
+            raise InputError(
+                f"{study.name}: a Monte Carlo study compares positions and orbits, but the target is a trajectory"
+            )
+        require_position_or_orbit(study, "a Monte Carlo study")
+        model, orbit = model_of(study), None
+        constants = model.ephemeris.constants
+        targets = targets_in_pa(study, constants)
+        if isinstance(scenario.position, LunarPosition):
+            position_in_pa("[simulation.position]", scenario.position, constants)
+        if isinstance(study.target, Orbiter):
+            assert study.estimate.orbit is not None
+            orbit = scenario.orbit(model, study.target, study.estimate.orbit.parameters(study.target.forces))
+        world = scenario.world(model)
+        whole = replace(study, reference=None, references=())
+        whole = replace(whole, observations=replace(study.observations, hours=hours[-1]))
+        planned = world.plan.observations
+        rows = np.flatnonzero(
+            selected(planned, whole.observations, study.catalogue, sources=model.sources)[0]
+        )
+        longest, _ = prepared_arc(whole, planned.select(rows), orbit)
+        parts = arc_parts(longest, study, reversed(hours))
+        names = dict.fromkeys(
+            p.name
+            for part in parts
+            for p in observation_model(part.arc, targets or None, part.estimate).parameters
+            if p.kind not in ("position", "state") and not p.fixed
+        )
+        biases = study.estimate.parameters.get("range_bias", ParameterChoice())
+        by_station = biases.scope(PARAMETERS["range_bias"]) in (Scope.STATION, Scope.PASS)
+        columns = list(base_columns(ALONG_ACROSS_RADIAL if orbit else EAST_NORTH_UP))
+        columns += [f"excess_noise_m.{KINDS[k]}" for k in np.unique(longest.observations.kind)]
+        for name in names:
+            columns += [name, f"{name}.sigma"]
+            if by_station and name.startswith("range_bias."):
+                columns.append(f"{name}.error")
+        return cls(study, world, rows, tuple(parts), tuple(columns))
+
+    def run(self, seed: int, trials: Iterable[int]) -> _Floats:
+        """Trials with the whole model, as :meth:`LinearTrials.run`: each arc fitted from the a-priori position on."""
+        return np.array([self._trial(trial_seed(seed, trial)) for trial in trials])
+
+    def _trial(self, seed: int) -> list[_Floats]:
+        world, found = self.world, list[_Floats]()
+        errors = world.drawn.draw(seed)
+        noise_m = world.scenario.noise.draw(world.plan, seed)[0]
+        value_m = (world.value_m + errors @ world.drawn.partials + noise_m)[self.rows]
+        study = replace(self.study, reference=None)
+        for part in self.parts:
+            arc = part.arc.with_values(value_m[part.rows])
+            estimate = self._with_drawn_prior(part.estimate, seed)
+            solution = fit_arc(study, arc, {}, estimate, consistency=False)
+            sigmas, total = solution.sigmas(), solution.fit.total
+            found += rows_of(
+                self.columns,
+                *self._errors_m(part, solution, errors),
+                (solution.converged, total.used, total.rejected),
+                solution.noise_scale,
+                solution.fit.excess_noise_m,
+                {p.name: (solution.values[j], sigmas[j]) for j, p in enumerate(solution.parameters)},
+                true_values(world.errors, world.drawn.by_name(errors)),
+            )
+        return found
+
+    def _drawn_prior_sigmas(self, estimate: EstimateChoice, count: int) -> _Floats | None:
+        """Standard deviations of a-priori values that are drawn in each trial, those of a position on a map."""
+        if not estimate.position_priors:
+            return None
+        sigmas, (_, of_position) = np.zeros(count), estimate.position_priors[0].factors()
+        sigmas[:3] = np.where(np.isfinite(of_position), of_position, 0.0)
+        return sigmas
+
+    def _with_drawn_prior(self, estimate: EstimateChoice, seed: int) -> EstimateChoice:
+        """The a-priori position of a map about the truth, with an error drawn from its covariance."""
+        if not estimate.position_priors:
+            return estimate
+        [prior] = estimate.position_priors
+        model = self.parts[0].arc.model
+        truth = LunarPosition.from_cartesian(self.world.target_pa_m, model.libration.frame)
+        about_truth = replace(prior, mean=truth.to_axes("ME", model.ephemeris.constants))
+        sigmas = self._drawn_prior_sigmas(estimate, 3)
+        assert sigmas is not None
+        offset_m = prior.factors()[0] @ drawn_prior_errors(sigmas, seed)
+        drawn = replace(prior, mean=about_truth.mean_displaced(offset_m))
+        return replace(estimate, position_priors=(drawn,))
+
+    def _errors_m(self, part: ArcPart, solution: Solution, drawn: _Floats) -> tuple[_Floats, _Floats]:
+        """How far a solution is from the truth, (q, d), and what it says of that, (q, d, d)."""
+        world = self.world
+        moved_m = self.drawn_moves(part, world.drawn.names) @ drawn
+        if solution.state is None:
+            error = local_difference(solution.position_pa_m, world.target_pa_m, world.enu_pa)
+            return error.enu_m - moved_m, solution.position_covariance("enu")[None]
+        assert isinstance(world.trajectory, Orbit)
+        tdb = self.epochs(part)
+        apart = np.hstack(solution.state.orbit.states(tdb)) - np.hstack(world.trajectory.states(tdb))
+        covariances = solution.state.covariance_rtn(tdb)[:, LOCAL_LEVEL][:, :, LOCAL_LEVEL]
+        return _local(world.trajectory, tdb, apart[..., None])[..., 0] - moved_m, covariances
+
+    def linear(self) -> LinearTrials | None:
+        """The trials by the linear model; none where it cannot stand for the fit of every arc."""
+        longest = self.parts[0].arc
+        problem, x = self.at_truth(self.parts[0])
+        computed_m = longest.at(
+            problem.all_positions_pa_m(x) if problem.of_orbit else self.world.target_pa_m
+        ).value_m
+        usable = status_of(longest, start_pa_m(self._targets_pa))[0].are(USED)
+        errant = disturbed(self.study, problem, x)
+        arcs = []
+        for part in self.parts:
+            one = self._linear_arc(part, usable[part.rows], errant)
+            if one is None:
+                return None
+            arcs.append(one)
+        return LinearTrials(
+            draws=NoiseDraws.of(self.world.scenario.noise, self.world.plan),
+            rows=self.rows,
+            constant_m=self.world.value_m[self.rows] - computed_m,
+            drawn=self.world.drawn.rows(self.rows),
+            arcs=tuple(arcs),
+            columns=self.columns,
+            errors=self.world.errors,
+        )
+
+    @property
+    def _targets_pa(self) -> dict[str, LunarPosition]:
+        """A-priori position."""
+        return targets_in_pa(self.study, self.parts[0].arc.model.ephemeris.constants)
+
+    def at_truth(self, part: ArcPart) -> tuple[ObservationModel, _Floats]:
+        """The problem of a part, and its parameters of the true position or state, the others a priori."""
+        problem = observation_model(part.arc, self._targets_pa or None, part.estimate)
+        wanted = self.world.target_pa_m
+        if isinstance(self.study.target, Orbiter):
+            assert isinstance(self.world.scenario.position, Orbiter)
+            wanted = np.zeros(problem.first)
+            wanted[:6] = self.world.scenario.position.state - self.study.target.state
+        return problem, _parameters_at(problem, wanted)
+
+    def drawn_moves(self, part: ArcPart, names: Sequence[str]) -> _Floats:
+        """How drawn errors move what is compared, shape (q, d, k)."""
+        if not isinstance(self.study.target, Orbiter):
+            return np.array(
+                [[[name == f"position.{side}" for name in names] for side in EAST_NORTH_UP]], dtype=float
+            )
+        moves = np.zeros((3, 6, len(names)))
+        errant = self.world.errant
+        if errant is not None:
+            of_gravity = [name.startswith(f"{GRAVITY_ERROR}.") for name in names]
+            tdb = self.epochs(part)
+            moves[..., of_gravity] = _local(errant, tdb, errant.effects(tdb))
+        return moves
+
+    def _compared(
+        self, part: ArcPart, problem: ObservationModel, x: _Floats, errant: AdjustableOrbit | None, count: int
+    ) -> Compared:
+        """What estimates are compared with, of so many considered errors, of which those of gravity are the last."""
+        by_drawn = self.drawn_moves(part, self.world.drawn.names)
+        if not problem.of_orbit:
+            return Compared(
+                (self.world.enu_pa @ problem.position_partials(x))[None],
+                by_drawn,
+                np.zeros((1, 3, count)),
+                np.zeros((1, 3)),
+                np.diag(np.array(part.estimate.ephemeris_sigma_m) ** 2),
+            )
+        assert isinstance(self.world.trajectory, Orbit)
+        tdb = self.epochs(part)
+        here = self._whole.corrected(problem.all_positions_pa_m(x))
+        by_parameters = np.zeros((3, 6, len(x)))
+        by_parameters[..., : problem.first] = _local(
+            here, tdb, here.partials(tdb) @ problem.positions[0](x[: problem.first])[1]
+        )
+        by_considered = np.zeros((3, 6, count))
+        if errant is not None:
+            direct = _local(here, tdb, errant.effects(tdb))
+            by_considered[..., count - direct.shape[-1] :] = -direct  # it is the truth that they move
+        apart = np.hstack(self.world.trajectory.states(tdb)) - np.hstack(here.states(tdb))
+        offset_m = _local(here, tdb, apart[..., None])[..., 0]
+        return Compared(by_parameters, by_drawn, by_considered, offset_m, np.zeros((6, 6)))
+
+    @property
+    def _whole(self) -> AdjustableOrbit:
+        """The a-priori orbit over the whole plan."""
+        orbit = self.parts[0].arc.trajectory
+        assert isinstance(orbit, AdjustableOrbit)
+        return orbit
+
+    def _linear_arc(
+        self, part: ArcPart, usable: NDArray[np.bool_], errant: AdjustableOrbit | None
+    ) -> LinearArc | None:
+        study, arc = self.study, part.arc
+        problem, x = self.at_truth(part)
+        partials = problem.linearize(x).partials(np.arange(len(part.rows)))
+        noise = stated_noise(arc, study.observations)
+        made = linear_problem(partials, problem.parameters, x, noise, usable)
+        if made is None:
+            return None
+        observations = arc.observations
+        considered, _ = considered_errors(study, problem, part.estimate, x)
+        considered_m, count_at_stations = np.zeros((len(part.rows), 0)), 0
+        if considered is not None:
+            considered_m, count_at_stations = few_errors(considered, noise.sigma_m)
+        of_gravity = gravity_errors(errant, problem)
+        if of_gravity is not None:
+            considered_m = np.hstack([considered_m, of_gravity.partials(np.arange(len(part.rows)))])
+        types = Labels(observations.kind.astype(np.int32), tuple(KINDS))
+        paths = Labels.coded([link.path for link in observations.links], observations.link)
+        order = SeriesOrder.of(types, paths, seconds_since_midnight(observations.epoch))
+        return LinearArc(
+            part=part.rows,
+            problem=made,
+            parameters=problem.parameters,
+            held_m=partials[:, problem.first :] @ x[problem.first :],
+            compared=self._compared(part, problem, x, errant, considered_m.shape[1]),
+            noise=noise,
+            status=Labels((~usable).astype(np.int32), (USED, "not usable")),
+            order=order,
+            estimate=replace(part.estimate, height_prior=None),  # which is in the parameters; a map is large
+            height_m=None
+            if problem.of_orbit
+            else float(np.linalg.norm(self.world.target_pa_m)) - MEAN_LUNAR_RADIUS_M,
+            considered_m=considered_m,
+            count_at_stations=count_at_stations,
+            drawn_prior_sigmas=self._drawn_prior_sigmas(part.estimate, len(x)),
+        )
+
+
+def _local(orbit: Orbit | AdjustableOrbit, tdb: Epochs, of_states: _Floats) -> _Floats:
+    """Changes of states at epochs, shape (n, 6, k), along, across and radial, velocities after positions."""
+    return turned(rtn_axes(*orbit.states(tdb)), of_states)[:, LOCAL_LEVEL]
+
+
+def _parameters_at(problem: ObservationModel, wanted: _Floats) -> _Floats:
+    """Parameters of a position, or of changes of an orbit's own, the others at their a-priori values."""
+    x, mine = problem.parameters.prior_values.copy(), len(wanted)
+    for _ in range(20):
+        found, partials = problem.positions[0](x[:mine])
+        step = np.linalg.solve(partials, wanted - found)
+        x[:mine] += step
+        if np.abs(step).max() < 1e-7:
+            return x
+    raise InputError(
+        "the true position is not among those that the parameters describe; move [target] closer to it"
+    )

@@ -1,0 +1,448 @@
+"""The problem that a study's arc is: what is solved for, which observations can be used, and why others cannot.
+
+Of clocks that nothing ties together, how they differ is estimated unless a study says otherwise. Three-way Doppler is
+counted against the receiving station's frequency standard and transmitted by another's; one-way Doppler has the
+target's oscillator at its start. An offset of 1e-12, usual of all but hydrogen masers, moves a lander by hundreds of
+metres, a listener's quartz by more than the Moon is large, and the residuals do not show it. Where there are delays of
+quasars, the stations' clocks, by which they are off by some microseconds, are in all delays still.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import SECONDS_PER_DAY
+from radioloc.dynamics import AdjustableOrbit
+from radioloc.ephemeris import EphemerisConstants, Trajectory
+from radioloc.errors import InputError, named
+from radioloc.estimation.consider import Consider, ConsideredErrors, Effects, is_at_station
+from radioloc.estimation.editing import EditedFit
+from radioloc.estimation.labels import USED, Labels
+from radioloc.estimation.linearization import ResidualFunction
+from radioloc.estimation.orbit_state import OrbitState
+from radioloc.estimation.series import SeriesOrder
+from radioloc.estimation.time_correlation import fit_with_correlated_weights
+from radioloc.jobs.verdict import LOWEST_EARTH_DEG
+from radioloc.lunar.position import LunarPosition
+from radioloc.lunar.visibility import earth_elevation_rad
+from radioloc.measurements.link import canonical_target
+from radioloc.measurements.predictor import Predictor, blocks, reasons
+from radioloc.measurements.registry import kind_of
+from radioloc.media.status import Status
+from radioloc.parameters.choice import ParameterChoice, chosen_parameters
+from radioloc.parameters.columns import Columns
+from radioloc.parameters.considered import resolved
+from radioloc.parameters.design import DesignMatrix, ObservationModel
+from radioloc.parameters.kind import Scope
+from radioloc.parameters.orbit import (
+    Ground,
+    LandingParameters,
+    landing_parameters,
+    orbit_parameters,
+)
+from radioloc.parameters.parameter import Parameter, ParameterSet, Role
+from radioloc.parameters.position import PositionParameters, cartesian, on_sphere, on_terrain
+from radioloc.parameters.position_prior import PositionPrior, with_position_priors
+from radioloc.parameters.registry import PARAMETERS
+from radioloc.parameters.rows import networks
+from radioloc.study.orbit_choice import OrbitChoice
+from radioloc.study.orbiter import Orbiter
+from radioloc.study.study import EstimateChoice, Study, TerrainPrior
+from radioloc.time import Epochs, evaluate_smooth, tt_to_tdb, utc_to_tt
+
+_OF_THE_EPHEMERIS = ("moon_position", "moon_position_variation", "libration", "libration_variation")
+_RATE_SIGMA = 1e-11
+"""Ten times that of a hydrogen maser which nobody has set; from one scan of each target a rate is not told."""
+
+
+def observation_model(
+    predictor: Predictor,
+    targets_pa: LunarPosition | Mapping[str, LunarPosition] | None,
+    estimate: EstimateChoice | None,
+    held: EstimateChoice | None = None,
+) -> ObservationModel:
+    """Set up what is solved for in an arc.
+
+    The a-priori positions are in principal axes, one or several by name; of a trajectory there is none, and its offset
+    is held at zero. Where `estimate` is ``None``, nothing is estimated; biases and the like have a-priori values
+    of `held`.
+    """
+    choice = (EstimateChoice() if held is None else held).held() if estimate is None else estimate
+    kinds = []
+    for name, chosen in choice.parameters.items():
+        found = _columns("[estimate]", name, chosen, predictor, Role.ESTIMATED, choice)
+        if found is not None:
+            kinds.append(found)
+    if isinstance(targets_pa, Mapping) and len(targets_pa) > 1:
+        positions = with_position_priors(
+            [
+                _place(predictor, place.xyz_m, choice, f"position.{name}")
+                for name, place in targets_pa.items()
+            ],
+            [_prior(choice, name) for name in targets_pa],
+            predictor.model.ephemeris.constants,
+        )
+    else:
+        place = next(iter(targets_pa.values())) if isinstance(targets_pa, Mapping) else targets_pa
+        if (landing := _landing(predictor, place, choice)) is not None:
+            model = ObservationModel.of(predictor, [(landing.parameters, landing.changes)], kinds)
+            return replace(model, landing=landing)
+        positions = [_position(predictor, place, choice)]
+    model = ObservationModel.of(predictor, positions, kinds)
+    if estimate is not None and all(parameter.fixed for parameter in model.parameters):
+        raise InputError(
+            'nothing to estimate: [estimate] position is "none" and no bias is asked for; '
+            "use `radioloc residuals` to see residuals at the given position"
+        )
+    return model
+
+
+def allows_for_correlation(estimate: EstimateChoice | None) -> bool:
+    """Return whether weights are to allow for correlation in time."""
+    return estimate is not None and estimate.weights == "correlated"
+
+
+def weighed(
+    residual_function: ResidualFunction,
+    fitted: EditedFit,
+    order: SeriesOrder,
+    estimate: EstimateChoice | None,
+    common: Effects | None,
+) -> EditedFit:
+    """Repeat the fit with the weights that a study asks for; `common` are the effects of known errors."""
+    if allows_for_correlation(estimate):
+        return fit_with_correlated_weights(residual_function, fitted, order, common)
+    return fitted
+
+
+def needs_more_partials(study: Study) -> bool:
+    """Whether what is estimated or considered needs the partials that predictors compute on request only."""
+    names = (*study.estimate.parameters, *study.consider)
+    return study.consider_defaults or any(PARAMETERS[name].more_partials for name in names)
+
+
+def considered_errors(
+    study: Study,
+    problem: ObservationModel,
+    estimate: EstimateChoice | None,
+    x: NDArray[np.float64],
+    orbit: AdjustableOrbit | None = None,
+) -> tuple[ConsideredErrors | None, list[str]]:
+    """What is considered in an arc, with its partials at the parameters x of `problem`; and notes on what is not.
+
+    Errors of gravity are those of the orbit, of :func:`disturbed`.
+    """
+    if estimate is None:
+        return None, []
+    model, notes = _considered_model(problem.predictor, study, estimate)
+    gravity = gravity_errors(orbit, problem)
+    if model is None:
+        return gravity, notes
+    positions_pa_m = problem.all_positions_pa_m(x)
+    at = problem.predictor.at(positions_pa_m)
+    nowhere = np.zeros(0)  # residuals are not asked for
+    here = DesignMatrix(model, at, positions_pa_m, model.parameters.prior_values, nowhere)
+    at_stations = [item for item in model.parameters if is_at_station(item.kind)]
+    if not at_stations:
+        return _together(ConsideredErrors(model.parameters, here.partials), gravity), notes
+    columns = tuple(one for one in model.columns if is_at_station(one.kind.name))
+    alone = replace(model, parameters=ParameterSet(at_stations), columns=columns)
+    there = replace(here, model=alone, x=alone.parameters.prior_values)
+    return _together(ConsideredErrors(model.parameters, here.partials, there.partials), gravity), notes
+
+
+def disturbed(study: Study, problem: ObservationModel, x: NDArray[np.float64]) -> AdjustableOrbit | None:
+    """The orbit at parameters x, with the errors of its gravity field that are considered, if it is one."""
+    orbit, target = problem.predictor.trajectory, study.target
+    if problem.process is not None or not isinstance(target, Orbiter):
+        return None  # process noise stands for what the field leaves out
+    assert isinstance(orbit, AdjustableOrbit)
+    return target.disturbed(orbit.corrected(problem.all_positions_pa_m(x)))
+
+
+def require_position_or_orbit(study: Study, what: str) -> None:
+    """Refuse a study without an estimated position, or of an orbit that lands, or has process noise."""
+    orbit = study.estimate.orbit
+    if not isinstance(study.target, Orbiter):
+        if study.estimate.position == "none":
+            raise InputError(f'{what} needs the position estimated: [estimate] position is "none"')
+        return
+    if study.target.landing is not None:
+        raise InputError(
+            f"{what} is of a position or an orbit, not of a descent; use `radioloc simulate` and `radioloc locate`, or "
+            "leave [target.landing] out"
+        )
+    if orbit is not None and orbit.process_noise is not None:
+        raise InputError(f"{what} of an orbit has no process noise; leave [estimate.orbit] process_noise out")
+
+
+def fitted_orbit(
+    study: Study,
+    problem: ObservationModel,
+    x: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+    consider: Consider | None,
+    errant: AdjustableOrbit | None,
+) -> OrbitState:
+    """The state of the orbit whose parameters come first in x and `covariance`, which is of all that is uncertain."""
+    orbit = problem.predictor.trajectory
+    assert isinstance(study.target, Orbiter)
+    assert isinstance(orbit, AdjustableOrbit)
+    mine = slice(0, problem.first)
+    changes, by = problem.positions[0](x[mine])
+    estimated = orbit.corrected(changes)
+    estimated.require_above_ground()
+    sensitivity = np.zeros((problem.first, 0))
+    if consider is not None:
+        sensitivity = consider.sensitivity[mine][:, list(consider.parameters.of_kind("gravity_error"))]
+    return OrbitState(
+        estimated,
+        by @ covariance[mine, mine] @ by.T,
+        by @ sensitivity,
+        errant if sensitivity.size else None,
+        study.target.body,
+    )
+
+
+def gravity_errors(orbit: AdjustableOrbit | None, problem: ObservationModel) -> ConsideredErrors | None:
+    """Errors of an orbit's gravity field, with what they do to the observations."""
+    if orbit is None:
+        return None
+    effects = problem.predictor.along(orbit).compute(np.zeros(3)).by_orbit
+    names = [f"gravity_error.{k + 1}" for k in range(effects.shape[1])]
+    parameters = [Parameter(name, "1", "gravity_error", 0.0, 1.0, role=Role.CONSIDERED) for name in names]
+    return ConsideredErrors(ParameterSet(parameters), lambda rows: effects[rows])
+
+
+def _together(one: ConsideredErrors, other: ConsideredErrors | None) -> ConsideredErrors:
+    """What is at stations, or in frames, and the errors of gravity after it."""
+    if other is None:
+        return one
+    return ConsideredErrors(
+        ParameterSet([*one.parameters, *other.parameters]),
+        lambda rows: np.hstack([one.partials(rows), other.partials(rows)]),
+        one.station_partials,
+    )
+
+
+def _considered_model(
+    predictor: Predictor, study: Study, estimate: EstimateChoice
+) -> tuple[ObservationModel | None, list[str]]:
+    moon_is_in = any(estimate.ephemeris_sigma_m) or predictor.trajectory is not None
+    with named("[consider]"):
+        choices, notes = resolved(
+            study.consider,
+            predictor,
+            estimate.parameters,
+            defaults=study.consider_defaults,
+            without=_OF_THE_EPHEMERIS if moon_is_in else (),
+        )
+    found = [
+        _columns("[consider]", name, choice, predictor, Role.CONSIDERED, estimate)
+        for name, choice in choices.items()
+    ]
+    kinds = [item for item in found if item is not None]
+    return ObservationModel.of(predictor, (), kinds) if kinds else None, notes
+
+
+def _columns(
+    table: str, name: str, chosen: ParameterChoice, predictor: Predictor, role: Role, estimate: EstimateChoice
+) -> tuple[Columns, list[Parameter]] | None:
+    kind = PARAMETERS[name]
+    with named(table):
+        return chosen_parameters(kind, chosen, predictor.simple, role, estimate.pass_gap_h)
+
+
+def _position(
+    predictor: Predictor, target_pa: LunarPosition | None, choice: EstimateChoice
+) -> PositionParameters:
+    if isinstance(predictor.trajectory, AdjustableOrbit):
+        given, estimated = choice.orbit or OrbitChoice(), choice.orbit is not None
+        sigmas = given.sigmas(predictor.trajectory.forces) if estimated else {}
+        return orbit_parameters(predictor.trajectory, sigmas, estimated, given.state, given.form)
+    if target_pa is None:
+        return cartesian(np.zeros(3), role=Role.FIXED, name="offset")
+    constants = predictor.model.ephemeris.constants
+    return with_position_priors(
+        [_place(predictor, target_pa.xyz_m, choice)], [_prior(choice, "")], constants
+    )[0]
+
+
+def _prior(choice: EstimateChoice, target: str) -> PositionPrior | None:
+    """A-priori position of a target that is estimated in geographic coordinates."""
+    if choice.position != "geographic":
+        return None
+    return next((one for one in choice.position_priors if one.target == target), None)
+
+
+def _place(
+    predictor: Predictor, start_pa_m: NDArray[np.float64], choice: EstimateChoice, name: str = "position"
+) -> PositionParameters:
+    if choice.position != "geographic":
+        role = Role.FIXED if choice.position == "none" else Role.ESTIMATED
+        return cartesian(start_pa_m, role=role, name=name)
+    height, constants = choice.height_prior, predictor.model.ephemeris.constants
+    prior = _prior(choice, name.partition(".")[2])
+    if prior is not None:
+        start_pa_m = prior.mean.to_axes("PA", constants).xyz_m
+    if isinstance(height, TerrainPrior):
+        return on_terrain(start_pa_m, height.terrain, height.sigma_m, constants, name)
+    if height is None or (prior is not None and prior.has_height):
+        return on_sphere(start_pa_m, None, name)
+    return on_sphere(start_pa_m, (height.height_m, height.sigma_m), name)
+
+
+def _landing(
+    predictor: Predictor, target_pa: LunarPosition | None, choice: EstimateChoice
+) -> LandingParameters | None:
+    """Parameters of an orbit that ends on the ground; where nothing is estimated, those of the a-priori orbit."""
+    orbit = predictor.trajectory
+    if not isinstance(orbit, AdjustableOrbit) or orbit.touchdown is None:
+        return None
+    ground, estimated = Ground(predictor.model, orbit.touchdown), choice.orbit is not None
+    start_pa_m = target_pa.xyz_m if target_pa is not None and estimated else ground.place_pa_m(orbit.state)
+    given = choice.orbit or OrbitChoice()
+    place, sigmas = _place(predictor, start_pa_m, choice), given.sigmas(orbit.forces)
+    landing = landing_parameters(orbit, ground, place, given.touchdown_sigma_m_s, sigmas)
+    if estimated:
+        return landing
+    fixed = [
+        replace(item, prior_value=value, role=Role.FIXED)
+        for item, value in zip(landing.parameters, landing.values_of(orbit).tolist(), strict=True)
+    ]
+    return replace(landing, parameters=fixed)
+
+
+def targets_in_pa(study: Study, constants: EphemerisConstants) -> dict[str, LunarPosition]:
+    """Return the a-priori positions in principal axes by name; none where the target is a trajectory."""
+    if isinstance(study.target, Trajectory | Orbiter):
+        return {}
+    given = {name: (f"[targets.{name}]", position) for name, position in study.targets.items()}
+    given = given or {"": ("[target]", study.target)}
+    places = {
+        canonical_target(name): position_in_pa(table, position, constants)
+        for name, (table, position) in given.items()
+    }
+    for prior in study.estimate.position_priors:
+        places[prior.target] = position_in_pa("[[observations.map_positions]]", prior.mean, constants)
+    return places
+
+
+def planned_place(study: Study, constants: EphemerisConstants) -> LunarPosition | None:
+    """The a-priori place in principal axes where the target lands, if it does and there is one."""
+    landing = study.target.landing if isinstance(study.target, Orbiter) else None
+    if landing is None or landing.place is None:
+        return None
+    return position_in_pa("[target.landing]", landing.place, constants)
+
+
+def start_pa_m(targets_pa: Mapping[str, LunarPosition]) -> NDArray[np.float64]:
+    """Where an arc is prepared: at the a-priori positions, or at no offset from the trajectory."""
+    places = [position.xyz_m for position in targets_pa.values()]
+    return np.zeros(3) if not places else places[0] if len(places) == 1 else np.array(places)
+
+
+def position_in_pa(table: str, position: LunarPosition, constants: EphemerisConstants) -> LunarPosition:
+    """A position of the study in principal axes; an error names its table."""
+    with named(f"{table} frame:"):
+        return position.to_axes("PA", constants)
+
+
+def status_of(arc: Predictor, positions_pa_m: NDArray[np.float64]) -> tuple[Labels, NDArray[np.int8]]:
+    """Why observations cannot be used for positions, or corrections of an orbit, in words and by code.
+
+    Visibility from the stations and from the target is decided at what is given. A fit starts with that of the a-priori
+    values and ends with that of the estimate.
+    """
+    at, model = arc.at(positions_pa_m), arc.model
+    earth_rad = [
+        partial(earth_elevation_rad, model.ephemeris, model.libration, point_pa_m=point_pa_m)
+        for point_pa_m in (np.atleast_2d(positions_pa_m) if arc.trajectory is None else ())
+    ]
+    # Of a spacecraft the arc itself knows what the Moon hides.
+    may_set = [_lowest_deg(above, arc.observations.epoch) < LOWEST_EARTH_DEG + 1.0 for above in earth_rad]
+    reason = np.zeros(len(arc.observations), dtype=np.int8)
+    labels = np.zeros(len(arc.observations), dtype=np.int32)
+    places = {USED: 0}
+    for rows in blocks(arc):
+        computed = at.rows(rows)
+        bad = np.flatnonzero(~computed.usable)
+        reason[rows[bad]], sentences = reasons(arc, computed.rows(bad), rows[bad])
+        texts, which = np.unique(sentences, return_inverse=True)
+        new = [places.setdefault(str(text), len(places)) for text in texts]
+        labels[rows[bad]] = np.array(new, dtype=np.int32)[which]
+        for target in np.flatnonzero(may_set):
+            mine = rows[(arc.target[rows] == target) & (reason[rows] == Status.OK)]
+            # The Earth moves in the lander's sky with the librations, in days.
+            tdb = tt_to_tdb(utc_to_tt(arc.observations.epoch[mine]))
+            above_deg = np.degrees(evaluate_smooth(earth_rad[target], tdb))
+            for k in np.flatnonzero(above_deg < LOWEST_EARTH_DEG):
+                text = Status.EARTH_BELOW_HORIZON.text(above_deg[k])
+                reason[mine[k]] = Status.EARTH_BELOW_HORIZON
+                labels[mine[k]] = places.setdefault(text, len(places))
+    return Labels(labels, tuple(places)), reason
+
+
+def _lowest_deg(earth_rad: Callable[[Epochs], NDArray[np.float64]], epoch_utc: Epochs) -> float:
+    """Lowest elevation of the Earth in the span of epochs, every six hours, in which it moves half a degree.
+
+    Minus infinity if the epochs themselves are fewer.
+    """
+    if not len(epoch_utc):
+        return math.inf
+    ends = epoch_utc[[int(epoch_utc.mjd.argmin()), int(epoch_utc.mjd.argmax())]]
+    first, last = (tt_to_tdb(utc_to_tt(ends))[[k]] for k in (0, 1))
+    span_d = last.seconds_since(first)[0] / SECONDS_PER_DAY
+    count = int(4.0 * span_d) + 2
+    if count > len(epoch_utc):
+        return -math.inf
+    epochs = Epochs.from_jd(first.jd, first.fraction + np.linspace(0.0, span_d, count), "TDB")
+    return float(np.degrees(earth_rad(epochs).min()))
+
+
+def with_independent_clocks(study: Study, estimate: EstimateChoice, arc: Predictor) -> EstimateChoice:
+    """The same with what tells clocks apart that are independent: frequency offsets, and clocks beside quasars.
+
+    Unless the study wants nothing by default (``[consider] defaults = false``).
+    """
+    if not study.consider_defaults:
+        return estimate
+    tracking, estimated, considered = arc, set(estimate.parameters), set(study.consider)
+    chosen = _frequency_offsets(estimated | (considered & {"frequency_offset"}), tracking)
+    chosen |= _clocks(estimated | considered, tracking)
+    return replace(estimate, parameters={**estimate.parameters, **chosen}) if chosen else estimate
+
+
+def _frequency_offsets(said: set[str], tracking: Predictor) -> dict[str, ParameterChoice]:
+    """A free one for each link and pass of one- and three-way Doppler.
+
+    Unless frequency offsets are estimated, held or considered, or clock rates estimated; of one-way Doppler also unless
+    the target's frequency is.
+    """
+    if said & {"frequency_offset", "clock_rate"}:
+        return {}
+    observations = tracking.observations
+    three_way = [bool(link.transmitter) and link.transmitter != link.receiver for link in observations.links]
+    free = (observations.kind == kind_of("doppler")) & np.array(three_way)[observations.link]
+    if "target_frequency" not in said:
+        free |= observations.kind == kind_of("one_way_doppler")
+    paths = tuple(observations.links[k].path for k in np.unique(observations.link[free]))
+    return {"frequency_offset": ParameterChoice(paths, per=Scope.LINK_AND_PASS)} if paths else {}
+
+
+def _clocks(said: set[str], tracking: Predictor) -> dict[str, ParameterChoice]:
+    """Offsets, free, and rates of the stations that have delays of quasars, but for the first, unless any are said."""
+    of_quasars = (tracking.target < 0) & (tracking.observations.kind == kind_of("vlbi_delay"))
+    if said & {"clock", "clock_rate"} or not of_quasars.any():
+        return {}
+    ends = np.stack([tracking.transmitters, tracking.receivers], axis=-1)[of_quasars]
+    network, there = networks(ends, len(tracking.stations)), np.unique(ends)
+    first = {network[k]: k for k in there[::-1]}
+    names = tuple(tracking.stations[k] for k in there if first[network[k]] != k)
+    return {"clock": ParameterChoice(names), "clock_rate": ParameterChoice(names, sigma=_RATE_SIGMA)}

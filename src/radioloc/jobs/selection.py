@@ -1,0 +1,339 @@
+"""Which of the observations read take part in a study, how many do not and why, and which are in its first hours.
+
+Counts of Doppler that follow each other are joined to longer ones if asked for: cycles add, nothing is lost but
+resolution.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.boundary import bare_arguments
+from radioloc.earth.stations import StationCatalogue
+from radioloc.errors import InputError, named
+from radioloc.jobs.problem import with_independent_clocks
+from radioloc.measurements.link import canonical_target
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.predictor import Predictor
+from radioloc.measurements.registry import KINDS, is_integrated
+from radioloc.study.observation_choice import ObservationChoice
+from radioloc.study.study import EstimateChoice, Study
+from radioloc.study.weights import ends_of
+from radioloc.time import tai_to_utc, utc_to_tai
+
+DEFAULT_HOURS = (12.0, 24.0, 48.0)
+"""Arcs of Wang et al. (2021), table 1."""
+
+_ROUNDING_S = 1e-9
+"""Both ends of a span belong to it; epochs are rounded to 1e-11 s."""
+
+_OF_QUASARS = "if one is a quasar, name a list that has it: [model] sources"
+_SAME_S = 1e-6
+"""Counts meet if one begins when the one before it ends, to this time: at 2 km/s a gap of it would be 2 mm."""
+_SAME = ("link", "kind", "tag", "count_s", "uplink_hz", "wavelength_um", "ramped")
+"""What counts that are joined have in common; of ramped ones ``uplink_hz`` is what their cycles are in metres by."""
+
+
+def select_observations(
+    observations: Observations,
+    choice: ObservationChoice,
+    catalogue: StationCatalogue,
+    positions: Collection[str] = (),
+    sources: Collection[str] = (),
+) -> tuple[Observations, dict[str, int]]:
+    """What a study asks for, in input order (the same table if that is all), and how many others there are, by reason.
+
+    `positions` are the names of ``[targets]``, empty where the study has one position without a name. An observation
+    is kept if all its targets are among those named; `sources` at infinity are no targets. Counts of Doppler are
+    averaged if the study says so.
+    """
+    kept, left_out = selected(observations, choice, catalogue, positions, sources)
+    # A table of which all is kept is not copied; nobody writes to it.
+    chosen = observations.select(kept) if left_out else observations
+    if choice.doppler_average_s is not None:
+        chosen, over = with_averaged_counts(chosen, choice.doppler_average_s)
+        if over:
+            left_out[f"left over from averages of Doppler over {choice.doppler_average_s:g} s"] = over
+        if not len(chosen):
+            raise InputError(
+                f"no Doppler is left by [observations] doppler_average_s = {choice.doppler_average_s:g}: no counts "
+                "without gaps last so long; give a shorter one"
+            )
+    return chosen, left_out
+
+
+def with_target_names(observations: Observations, names: Mapping[str, str]) -> Observations:
+    """Observations with targets under other names than files have; :class:`InputError` for a name of none."""
+    if not names:
+        return observations
+    called = {canonical_target(given): canonical_target(wanted) for given, wanted in names.items()}
+    held = {canonical_target(name) for link in observations.links for name in link.targets}
+    if unknown := [name for name in called if name not in held]:
+        problem = f"the files have no target {unknown[0]}, but {', '.join(sorted(held))}"
+        raise InputError(f"[observations] target_names: {problem}")
+
+    def of(name: str) -> str:
+        return called.get(canonical_target(name), name)
+
+    links = (
+        replace(
+            link, target=of(link.target), second_target=of(link.second_target) if link.second_target else ""
+        )
+        for link in observations.links
+    )
+    ramps = replace(observations.ramps, stations=tuple(map(of, observations.ramps.stations)))
+    # Links that are now the same become one.
+    return Observations.concatenate([replace(observations, links=tuple(links), ramps=ramps)])
+
+
+def require_planned_counts(choice: ObservationChoice) -> None:
+    """Raise :class:`InputError` where observations of a schedule, with its noise, would have to be averaged."""
+    if choice.doppler_average_s is not None:
+        raise InputError(
+            "[observations] doppler_average_s is of files; a schedule plans counts as they are used: leave it out "
+            "and give count_s in the sessions"
+        )
+
+
+def selected(
+    observations: Observations,
+    choice: ObservationChoice,
+    catalogue: StationCatalogue,
+    positions: Collection[str] = (),
+    sources: Collection[str] = (),
+) -> tuple[NDArray[np.bool_], dict[str, int]]:
+    """Which observations a study asks for, shape (n,), and how many others there are, by reason."""
+    left_out: dict[str, int] = {}
+    kept = np.ones(len(observations), dtype=bool)
+
+    def keep(mask: NDArray[np.bool_], reason: str) -> None:
+        nonlocal kept
+        count = int((kept & ~mask).sum())
+        if count:
+            left_out[reason] = count
+        kept = kept & mask
+
+    keep(_of_targets(observations, choice.targets, positions, sources), "other target")
+    keep(_of_stations(observations, choice.stations, catalogue), "other station")
+    keep(_of_types(observations, choice.types), "other type")
+    if len(observations):
+        keep(_within_time(observations, kept, choice), "outside the time span")
+    if not kept.any():
+        why = "; ".join(f"{count} {reason}" for reason, count in left_out.items()) or "the files hold none"
+        raise InputError(
+            f"no observations left ({why}); change targets, stations, types, start, stop or hours"
+        )
+    return kept, left_out
+
+
+def _of_targets(
+    observations: Observations,
+    targets: tuple[str, ...] | None,
+    positions: Collection[str],
+    sources: Collection[str],
+) -> NDArray[np.bool_]:
+    of_link = [
+        {canonical_target(name) for name in link.targets} - set(sources) for link in observations.links
+    ]
+    present = sorted(set().union(*(of_link[i] for i in np.unique(observations.link))))
+    named = [canonical_target(name) for name in positions]
+    if targets is None and not named:
+        if len(present) > 1:
+            raise InputError(
+                f"the observations are of several targets ({', '.join(present)}), but the study gives one position; "
+                f'name one: [observations] targets = ["{present[0]}"], or give the position of each as [targets.NAME]; '
+                f"{_OF_QUASARS}"
+            )
+        return np.ones(len(observations), dtype=bool)
+    wanted = {canonical_target(name) for name in targets} if targets is not None else set(named)
+    key = "[targets]" if targets is None else "[observations] targets"
+    missing = sorted(wanted - set(present))
+    if missing:
+        raise InputError(
+            f"{key}: no observation of {', '.join(missing)}; the files have {', '.join(present) or 'none'}"
+        )
+    if named and not wanted <= set(named):
+        raise InputError(
+            f"{key}: there is no position of {', '.join(sorted(wanted - set(named)))}; give it as [targets.NAME], "
+            f"beside {', '.join(named)}; {_OF_QUASARS}"
+        )
+    if not named and len(wanted) > 1:
+        raise InputError(
+            f"{key}: the study gives one position, but several targets are named: {', '.join(sorted(wanted))}; "
+            "name one, or give the position of each as [targets.NAME]"
+        )
+    return np.array([names <= wanted for names in of_link], dtype=bool)[observations.link]
+
+
+def _of_types(observations: Observations, types: tuple[str, ...] | None) -> NDArray[np.bool_]:
+    if types is None:
+        return np.ones(len(observations), dtype=bool)
+    if unknown := [name for name in types if name not in KINDS]:
+        raise InputError(f"[observations] types: there is no {unknown[0]!r}; there are {', '.join(KINDS)}")
+    return np.isin(observations.kind, [KINDS.index(name) for name in types])
+
+
+def _of_stations(
+    observations: Observations, stations: tuple[str, ...] | None, catalogue: StationCatalogue
+) -> NDArray[np.bool_]:
+    if stations is None:
+        return np.ones(len(observations), dtype=bool)
+    with named("[observations] stations:"):
+        wanted = {catalogue.get(name).name for name in stations}
+    ends = ends_of(observations.links, catalogue)
+    present = set().union(*ends)
+    if missing := sorted(wanted - present):
+        raise InputError(
+            f"[observations] stations: no observation by {', '.join(missing)}; "
+            f"the files have {', '.join(sorted(present))}"
+        )
+    return np.array([names <= wanted for names in ends], dtype=bool)[observations.link]
+
+
+def _within_time(
+    observations: Observations, kept: NDArray[np.bool_], choice: ObservationChoice
+) -> NDArray[np.bool_]:
+    mask = np.ones(len(observations), dtype=bool)
+    if choice.stop is not None:
+        since_stop_s = utc_to_tai(observations.epoch).seconds_since(utc_to_tai(choice.stop))
+        mask = since_stop_s <= _ROUNDING_S
+    if choice.start is None and (choice.hours is None or not (kept & mask).any()):
+        return mask
+    since_s = _since_start_s(observations, choice, kept & mask)
+    mask &= since_s >= -_ROUNDING_S
+    if choice.hours is not None:
+        mask &= since_s <= 3600.0 * choice.hours + _ROUNDING_S
+    return mask
+
+
+def _since_start_s(
+    observations: Observations, choice: ObservationChoice, kept: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Time from the study's start, or else from the first of the observations that are kept."""
+    epoch = utc_to_tai(observations.epoch)
+    if choice.start is not None:
+        return epoch.seconds_since(utc_to_tai(choice.start))
+    among = epoch[kept]
+    return epoch.seconds_since(among[int(np.lexsort((among.fraction, among.jd))[0])])
+
+
+@bare_arguments
+def arc_lengths(hours: Iterable[float] | float, choice: ObservationChoice) -> list[float]:
+    """Lengths of arcs, each once, the shortest first, h; refused where none is given, or one is not above zero."""
+    lengths = sorted({float(length) for length in np.atleast_1d(np.asarray(hours, dtype=np.float64))})
+    if not lengths:
+        raise InputError("no arc to fit; give at least one length in hours")
+    for length in lengths:
+        replace(choice, hours=length)  # refuses what is no length
+    return lengths
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArcPart:
+    """The first hours of an arc."""
+
+    hours: float  # length asked for
+    span_h: float  # from the start to the last observation
+    rows: NDArray[np.intp]  # those of the whole arc that it has
+    arc: Predictor
+    estimate: EstimateChoice  # what is estimated in it
+
+
+def arc_parts(longest: Predictor, study: Study, lengths: Iterable[float]) -> list[ArcPart]:
+    """Parts of several lengths, h, of a prepared arc, which begin together; refused where one holds no observation."""
+    everything = np.ones(len(longest.observations), dtype=bool)
+    since_s = _since_start_s(longest.observations, study.observations, everything)
+    whole = with_independent_clocks(study, study.estimate, longest)
+    parts = []
+    for length in lengths:
+        rows = np.flatnonzero(since_s <= 3600.0 * length + _ROUNDING_S)
+        if not len(rows):
+            raise InputError(
+                f"the arc of {length:g} h holds no observation: the first comes {since_s.min() / 3600.0:.2f} h after "
+                "the start; give a longer arc or a later start"
+            )
+        arc, estimate = longest, whole
+        if len(rows) < len(everything):
+            arc = longest.select(rows)
+            estimate = estimate.of_part(arc)
+        parts.append(ArcPart(length, float(since_s[rows].max()) / 3600.0, rows, arc, estimate))
+    return parts
+
+
+def with_averaged_counts(observations: Observations, average_s: float) -> tuple[Observations, int]:
+    """Sum counts without gaps, of one path, type and frequency, over a longer interval; the others stay.
+
+    Parameters
+    ----------
+    observations : Observations
+        In any order.
+    average_s : float
+        The longer interval, a whole number of count intervals, s. Longer counts stay as they are.
+
+    Returns
+    -------
+    Observations
+        Rows stand where the first of their counts stood. The tag is the middle of the interval, weather that of a count
+        there; sigmas are those of sums of independent counts.
+    int
+        How many counts are left out, since a gap, a pass or a frequency ended before the interval did.
+
+    Raises
+    ------
+    InputError
+        The interval is not a whole number of count intervals.
+    """
+    with np.errstate(invalid="ignore"):
+        shorter = is_integrated(observations.kind) & (observations.count_s < average_s - _SAME_S)
+    rows = np.flatnonzero(shorter)
+    if not len(rows):
+        return observations, 0
+    number = np.rint(average_s / observations.count_s[rows]).astype(np.int64)
+    wrong = np.abs(number * observations.count_s[rows] - average_s) > _SAME_S
+    if wrong.any():
+        row = int(rows[np.argmax(wrong)])
+        raise InputError(
+            f"[observations] doppler_average_s = {average_s:g} is no whole number of counts of "
+            f"{observations.count_s[row]:g} s ({observations.origin(row)}); give a multiple of it"
+        )
+    tai = utc_to_tai(observations.epoch[rows])
+    since_s = tai.seconds_since(tai[:1])
+    columns = [np.nan_to_num(getattr(observations, name)[rows]) for name in _SAME]
+    order = np.lexsort((since_s, *columns))
+    rows, number, since_s = rows[order], number[order], since_s[order]
+    # A run of counts without gaps; in it, intervals of so many counts from its first on.
+    meets = np.abs(np.diff(since_s) - observations.count_s[rows[1:]]) < _SAME_S
+    for column in columns:
+        meets &= np.diff(column[order]) == 0
+    begins = np.concatenate([[True], ~meets])
+    run = np.cumsum(begins) - 1
+    first = np.flatnonzero(begins)
+    place = np.arange(len(rows)) - first[run]
+    whole = place - place % number + number <= np.bincount(run)[run]
+    starts = np.flatnonzero((place % number == 0) & whole)
+    if not len(starts):
+        return observations.select(~shorter), len(rows)
+    interval = np.cumsum((place % number == 0) & whole)[whole] - 1
+    value_m, variance_m2 = (
+        np.bincount(interval, weights=column[rows[whole]]).astype(np.float64)
+        for column in (observations.value_m, observations.sigma_m**2)
+    )
+    half_s = 0.5 * (number[starts] - 1) * observations.count_s[rows[starts]]
+    middle = observations.select(rows[starts + number[starts] // 2])
+    joined = replace(
+        middle,
+        epoch=tai_to_utc(tai[order][starts].shifted(half_s)),
+        value_m=value_m,
+        sigma_m=np.sqrt(variance_m2),
+        count_s=np.full(len(starts), average_s),
+        file=observations.file[rows[starts]],
+        line=observations.line[rows[starts]],
+    )
+    others = np.flatnonzero(~shorter)
+    made = Observations.concatenate([joined, observations.select(others)])
+    in_order = np.argsort(np.concatenate([rows[starts], others]), kind="stable")
+    return made.select(in_order), int((~whole).sum())

@@ -1,0 +1,98 @@
+"""The noise of a study's observations: what the files state, what the delays of one epoch share.
+
+The error of a VLBI station's arrival time (its receiver, its clock, the air above it) is in every delay of that epoch
+which the station has part in, with one sign as the second station and the other as the first. Likewise the error of how
+much that time grows over a count interval is in every delay rate of that epoch and interval. The error of the phase
+between two contiguous counts of Doppler is in both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.errors import InputError, named
+from radioloc.estimation.noise_structure import SAME_EPOCH_S, epoch_numbers
+from radioloc.estimation.observation_noise import ALONE, ObservationNoise, PhaseNoise, SharedErrors
+from radioloc.measurements.observations import DOPPLER, VLBI_DELAY, VLBI_DELAY_RATE
+from radioloc.measurements.predictor import Predictor
+from radioloc.measurements.registry import kind_of
+from radioloc.study.observation_choice import ObservationChoice
+from radioloc.time import Epochs, utc_to_tai
+
+_CONTIGUOUS = 0.01
+"""Part of a count interval up to which the next count may begin earlier or later than it ends."""
+
+
+def stated_noise(arc: Predictor, choice: ObservationChoice) -> ObservationNoise:
+    """Noise of an arc's observations: what the files state, what the study adds, what some of them share."""
+    own_m = np.hypot(arc.observations.sigma_m, choice.extra_sigma_m)
+    group = np.full(len(own_m), ALONE)
+    effect_m = np.zeros((len(own_m), 2))
+    for kind, key in ((VLBI_DELAY, "vlbi_station_sigma_m"), (VLBI_DELAY_RATE, "vlbi_station_rate_sigma_m")):
+        rows = np.flatnonzero(arc.observations.kind == kind)
+        ends_m = _ends_m(arc, key, getattr(choice, key), rows)
+        if not ends_m.any():
+            continue
+        number = same_epoch(arc.observations.epoch[rows])
+        if kind == VLBI_DELAY_RATE:
+            keys = np.stack([number, arc.observations.count_s[rows]], axis=1)
+            _, number = np.unique(keys, axis=0, return_inverse=True)
+        group[rows] = group.max() + 1 + number.reshape(-1)
+        effect_m[rows] = ends_m * [-1.0, 1.0]
+    source = np.stack([arc.transmitters, arc.receivers], axis=-1).astype(np.intp)
+    shared = None if (group == ALONE).all() else SharedErrors(group, source, effect_m)
+    return ObservationNoise(own_m, shared, phase=_phase_noise(arc, choice))
+
+
+def _phase_noise(arc: Predictor, choice: ObservationChoice) -> PhaseNoise | None:
+    """Noise of the phase that Doppler is counted of, which contiguous counts of a link share."""
+    observations = arc.observations
+    rows = np.flatnonzero(np.isin(observations.kind, [DOPPLER, kind_of("one_way_doppler")]))
+    sigma_m, before = np.zeros(len(observations.kind)), np.full(len(observations.kind), ALONE)
+    sigma_m[rows] = _ends_m(arc, "doppler_phase_sigma_m", choice.doppler_phase_sigma_m, rows)[:, 1]
+    if not sigma_m.any():
+        return None
+    rows = np.flatnonzero(sigma_m)
+    tai, count_s = utc_to_tai(observations.epoch), observations.count_s
+    time_s = tai.seconds_since(tai[np.zeros(len(tai), dtype=int)])
+    rows = rows[np.lexsort((time_s[rows], observations.link[rows], observations.kind[rows]))]
+    one, two = rows[:-1], rows[1:]
+    silent_s = np.abs(time_s[two] - time_s[one] - 0.5 * (count_s[one] + count_s[two]))
+    joined = silent_s <= _CONTIGUOUS * np.minimum(count_s[one], count_s[two])
+    for of in (observations.kind, observations.link, sigma_m):
+        joined &= of[one] == of[two]
+    before[two[joined]] = one[joined]
+    return PhaseNoise(sigma_m, before, rows)
+
+
+def _ends_m(
+    arc: Predictor, key: str, given: float | Mapping[str, float], rows: NDArray[np.intp]
+) -> NDArray[np.float64]:
+    """Error of the first and of the second station of some observations, shape (n, 2)."""
+    if not isinstance(given, Mapping):
+        return np.full((len(rows), 2), given)
+    with named(f"[observations] {key}:"):
+        sigma_m = {arc.model.catalogue.get(name).name: sigma for name, sigma in given.items()}
+    of_station_m = np.array([sigma_m.get(name, 0.0) for name in arc.stations])
+    return of_station_m[np.stack([arc.transmitters[rows], arc.receivers[rows]], axis=-1)]
+
+
+def same_epoch(epoch: Epochs) -> NDArray[np.intp]:
+    """Number of the epoch that each time tag (UTC) of delays belongs to, in order of time, shape (n,).
+
+    A row of tags, each within :data:`SAME_EPOCH_S` of the next, is an error where it is longer than that.
+    """
+    tai = utc_to_tai(epoch)
+    elapsed_s = tai.seconds_since(tai[np.zeros(len(tai), dtype=int)])
+    number = epoch_numbers(elapsed_s)
+    first_s = np.full(number.max() + 1, np.inf)
+    np.minimum.at(first_s, number, elapsed_s)
+    if (elapsed_s - first_s[number]).max() > SAME_EPOCH_S:
+        raise InputError(
+            "VLBI delays or their rates follow each other too fast to tell which share an epoch: [observations] "
+            "vlbi_station_sigma_m needs epochs 0.1 s apart or more, and so does vlbi_station_rate_sigma_m"
+        )
+    return number

@@ -1,0 +1,165 @@
+"""Stochastic accelerations of a study's orbit: intervals, partials, and the orbit that they are estimated about."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.dynamics import AdjustableOrbit
+from radioloc.dynamics.stochastic import (
+    ACROSS,
+    AFTER,
+    BEFORE,
+    COLOURS,
+    Chains,
+    StochasticAccelerations,
+    StochasticEffects,
+    colours,
+    stochastic_forces,
+)
+from radioloc.errors import InputError
+from radioloc.estimation.consider import ConsideredErrors
+from radioloc.estimation.information_filter import InformationFilter
+from radioloc.estimation.least_squares import FitResult
+from radioloc.estimation.orbit_state import OrbitState, ProcessEstimate
+from radioloc.measurements.exact_predictor import ExactPredictor
+from radioloc.parameters.design import ObservationModel
+from radioloc.results.solution import Solution
+from radioloc.study.orbit_choice import ProcessNoise
+from radioloc.time import tt_to_tdb, utc_to_tt
+
+Floats = NDArray[np.float64]
+
+_AROUND_S = 5.0
+"""Events at the target are within the count interval and so much of the time tag: light takes 1.4 s."""
+_LINEAR_M = 2.0
+"""Accelerations that move the orbit by no more follow from those it was integrated with."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StochasticProblem:
+    """A problem whose orbit has stochastic accelerations."""
+
+    without: ObservationModel  # of the orbit without them
+    noise: ProcessNoise
+    here: ObservationModel  # about the orbit that was integrated with the reference accelerations
+    effects: StochasticEffects
+
+    @classmethod
+    def about(
+        cls, without: ObservationModel, noise: ProcessNoise, x: Floats, values: Chains | None = None
+    ) -> StochasticProblem:
+        """About the orbit of parameters x with accelerations, in their sigmas; without any by default.
+
+        Raises
+        ------
+        InputError
+            An interval is too short for the counts, observations are combinations of others, or the orbit is in arcs.
+        """
+        predictor = without.predictor
+        if not isinstance(predictor, ExactPredictor):
+            raise InputError(
+                "[estimate.orbit] process_noise: observations that are combined of others cannot be used; leave them "
+                "out with [observations] types"
+            )
+        orbit, interval_s = predictor.trajectory, noise.interval_s
+        assert isinstance(orbit, AdjustableOrbit)  # process noise belongs to an orbit
+        around_s = np.nan_to_num(predictor.observations.count_s) + _AROUND_S
+        if 2.0 * around_s.max(initial=0.0) > interval_s:
+            raise InputError(
+                f"[estimate.orbit] process_noise: interval_s = {interval_s:g} is too short for counts of "
+                f"{around_s.max() - _AROUND_S:g} s; give {2.0 * around_s.max():g} or more"
+            )
+        if values is not None:
+            after, before = (one[:-1] * noise.sigma_m_s2 for one in values)
+            given = stochastic_forces(orbit.epoch, (after, before), interval_s)
+            forces = replace(orbit.forces, accelerations=orbit.forces.accelerations + given)
+            orbit = replace(orbit, forces=forces, integrated=[])
+        moved = orbit.corrected(without.all_positions_pa_m(x))
+        effects = StochasticEffects(moved.nearest(), noise.sigma_m_s2, interval_s)
+        partials = predictor.along(replace(moved, errors=effects.at)).compute(np.zeros(3)).by_orbit
+        by_colour = partials[:, 6:].reshape(len(partials), COLOURS, 3)
+        tag_s = tt_to_tdb(utc_to_tt(predictor.observations.epoch)).seconds_since(orbit.epoch)
+        first, last = (
+            np.floor((tag_s + by_s) / interval_s).astype(np.intp) for by_s in (-around_s, around_s)
+        )
+        chain = np.where(first >= 0, AFTER, np.where(last < 0, BEFORE, ACROSS)).astype(np.int8)
+        step = np.where(chain == AFTER, first, np.where(chain == BEFORE, -1 - last, 0))
+        rows, before = np.arange(len(step)), chain == BEFORE
+        near = colours(before, step)
+        far = np.where(chain == ACROSS, colours(~before, step), colours(before, step + 1))
+        process = StochasticAccelerations(
+            chain,
+            step,
+            partials[:, :6],
+            by_colour[rows, near],
+            by_colour[rows, far],
+            effects.moved,
+            noise.persistence,
+            values or tuple(np.zeros((len(one) + 1, 3)) for one in effects.moved),  # type: ignore[arg-type]
+        )
+        here = replace(without, predictor=predictor.along(orbit), process=process)
+        return cls(without, noise, here, effects)
+
+    def again(self, fit: FitResult) -> StochasticProblem:
+        """About the orbit of a fit."""
+        assert fit.smoothed is not None
+        return StochasticProblem.about(self.without, self.noise, fit.x, fit.smoothed.values)
+
+    def near(self, fit: FitResult) -> bool:
+        """Whether the accelerations of a fit move the orbit little from the one that was integrated."""
+        assert fit.smoothed is not None
+        assert self.here.process is not None
+        process, orbit = self.here.process, self.effects.orbit
+        changes = zip(
+            process.deviations(fit.smoothed.values), process.deviations(process.reference), strict=True
+        )
+        begin_s, end_s = orbit.span_s
+        for sign, (now, before) in zip((1.0, -1.0), changes, strict=True):
+            times_s = np.clip(sign * self.noise.interval_s * np.arange(len(now)), begin_s, end_s)
+            at = orbit.epoch.shifted(times_s)
+            moved_m = orbit.partials(at)[:, :3, :6] @ (now - before)[:, :, None]
+            if np.linalg.norm(moved_m[:, :, 0], axis=1).max() > _LINEAR_M:
+                return False
+        return True
+
+    def smoothed(
+        self, state: OrbitState, fit: FitResult, solution: Solution, considered: ConsideredErrors | None
+    ) -> OrbitState:
+        """The state of the smoothed orbit, with the errors of the orbit by interval where all is determined."""
+        assert isinstance(fit.whitening, InformationFilter)
+        found = self.again(fit)
+        orbit, p = found.here.predictor.trajectory, self.here.first
+        assert isinstance(orbit, AdjustableOrbit)
+        state = replace(state, orbit=orbit.corrected(found.here.all_positions_pa_m(fit.x)))
+        free, here = fit.parameters.free, fit.linearization
+        joint, sigmas = solution.covariance[np.ix_(free, free)], np.zeros(0)
+        if not np.isfinite(joint).all():
+            return state
+        if considered is not None and solution.consider is not None:
+            # Errors of what is considered are those of the assumed values, which residuals have with the other sign.
+            moved, sigmas = solution.consider.sensitivity[free], considered.parameters.prior_sigmas
+            joint = np.block([[joint + moved @ moved.T, -moved], [-moved.T, np.eye(len(sigmas))]])
+
+        def others(rows: NDArray[np.intp]) -> Floats:
+            mine = here.partials(rows)[:, free]
+            return mine if considered is None else np.hstack([mine, considered.partials(rows) * sigmas])
+
+        smoothed = fit.whitening.smoothed(others, here.residual_m, joint)
+        # From errors of free parameters, of what is considered, of the deviation and the acceleration.
+        onto = np.zeros((len(state.parameter_covariance) + 9, len(joint) + 9))
+        of_orbit = free[:p]
+        onto[:-9, : of_orbit.sum()] = self.without.positions[0](fit.x[:p])[1][:, of_orbit]
+        onto[-9:, -9:] = np.eye(9)
+        after_covariance, before_covariance = (onto @ one @ onto.T for one in smoothed.covariance)
+        after, before = (one * self.noise.sigma_m_s2 for one in smoothed.values)
+        process = ProcessEstimate(
+            found.effects,
+            self.noise.sigma_m_s2,
+            self.noise.correlation_s,
+            (after, before),
+            (after_covariance, before_covariance),
+        )
+        return replace(state, process=process)

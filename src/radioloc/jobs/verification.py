@@ -1,0 +1,249 @@
+"""A solution verified: made again from what its provenance names, and compared."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.errors import InputError, require_type
+from radioloc.jobs.arcs import arcs
+from radioloc.jobs.image_study import read_image_study
+from radioloc.jobs.images import locate_images
+from radioloc.jobs.locate import fit_arc, prepared_arc
+from radioloc.kernels import sha256_of
+from radioloc.report.files import INCOMPLETE, json_text
+from radioloc.results.cards import Card, Field
+from radioloc.results.recorded import read_recorded
+from radioloc.study.record import study_origin, versions
+from radioloc.study.study import Study
+from radioloc.study.study_file import read_study
+
+_OF_SIGMA = 1e-3
+"""How far values may differ in parts of their sigmas, and sigmas in parts of themselves: more than iterations leave
+that end elsewhere as other processors and libraries round, less than anyone could see on a card."""
+_ALLOWED_M = 1e-4
+"""The same for positions with a tiny sigma, m: what interpolated observations may be off by."""
+_NOT_COMPARED = ("provenance", "notes", "message")
+"""Versions and settings, which are compared by themselves, and prose."""
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """A number of the file that came out otherwise; None where there is none."""
+
+    name: str
+    recorded: Any
+    now: Any
+
+
+@dataclass(frozen=True, slots=True)
+class Verification:
+    """What came out when a solution was made again; ``str()`` is a card.
+
+    Parameters
+    ----------
+    name : str
+        The file of the solution.
+    compared : int
+        How many numbers were compared.
+    differences : tuple of Difference
+        Those that differ by more than rounding.
+    environment : tuple of Difference
+        Versions that are not those of then.
+    """
+
+    name: str
+    compared: int
+    differences: tuple[Difference, ...]
+    environment: tuple[Difference, ...]
+
+    @property
+    def same(self) -> bool:
+        """Whether the solution came out as it was."""
+        return not self.differences
+
+    def __str__(self) -> str:
+        state = f"DIFFERS in {len(self.differences)} of {self.compared} values"
+        heading, now = ("", "recorded", "now"), "with other versions than then"
+        return str(
+            Card(
+                [
+                    Field("solution", [self.name]),
+                    Field("status", [f"SAME in all of {self.compared} values" if self.same else state]),
+                    Field("differs", (), heading, [_row(item) for item in self.differences]),
+                    Field("made now", [now] if self.environment else ()),
+                    Field("", (), heading, [_row(item) for item in self.environment]),
+                ]
+            )
+        )
+
+
+def verify(path: str | Path, study: str | Path | None = None) -> Verification:
+    """Make a solution again from what its provenance names, and compare every number.
+
+    Parameters
+    ----------
+    path : path-like
+        A ``solution.json``, as ``locate``, ``residuals``, ``arcs`` or ``images`` wrote it.
+    study : path-like, optional
+        The study file, where it is no longer where it was.
+
+    Raises
+    ------
+    InputError
+        The file is none of a solution, or a file that it was made from is missing or has another content.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> study = radioloc.read_study("examples/apollo15/apollo15.toml")
+    >>> written = radioloc.write_report(radioloc.locate(study), "out")
+    >>> radioloc.jobs.verify("out/solution.json").same
+    True
+    """
+    require_type("path", path, str, Path)
+    require_type("study", study, str, Path, type(None))
+    before = _recorded(Path(path))
+    now = _again(Path(path), before["provenance"], study)
+    then = before["provenance"]
+    environment = [
+        Difference(name, then.get(name), value)
+        for name, value in versions().items()
+        if then.get(name) != value
+    ]
+    pairs = list(_pairs(before, json.loads(json_text(now))))
+    differences = (
+        Difference(name, one, two) for name, one, two, allowed in pairs if _differ(one, two, allowed)
+    )
+    return Verification(str(path), len(pairs), tuple(differences), tuple(environment))
+
+
+def _recorded(path: Path) -> Mapping[str, Any]:
+    for folder in (path.parent, path.parent.parent):
+        if (folder / INCOMPLETE).is_file():
+            raise InputError(f"{path}: {folder / INCOMPLETE} says that the folder was not written to the end")
+    content = read_recorded(path, require_consistency=False)
+    if path.name == "arcs.json" or "positions" in content:
+        raise InputError(
+            f"{path}: expected a solution.json, got an arcs.json; give that in the folder of one arc"
+        )
+    if content["provenance"].get("study") is None:
+        raise InputError(
+            f"{path}: was made from no study file (but in Python or from standard input), or with other observations "
+            "than the file's; there is nothing to make it from again"
+        )
+    return content
+
+
+def _again(path: Path, then: Mapping[str, Any], file: str | Path | None) -> dict[str, Any]:
+    """The same solution made now, as a dictionary; an error where what it was made from is not there any more."""
+    found = Path(then["study"]["file"] if file is None else file)
+    if not found.is_file():
+        raise InputError(f"{path}: its study file {found} is missing; give where it is now (--study FILE)")
+    if sha256_of(found) != then["study"]["sha256"]:
+        raise InputError(
+            f"{path}: {found} is not the study file that it was made from; its content is another"
+        )
+    problem = f"{path}: cannot be made again from {found}"
+    if "settings" not in then["study"]:  # all of a study of images is in its file
+        now = locate_images(read_image_study(found)).to_dict()
+        _require_same_files(problem, then["study"], now["provenance"]["study"])
+        return now
+    whole, hours = read_study(found), then["study"].get("hours")
+    study = replace(whole, observations=replace(whole.observations, hours=hours))
+    _require_same(problem, then["study"], study)
+    if hours != whole.observations.hours:
+        return arcs(whole, [hours]).arcs[0].solution.to_dict()
+    arc, left_out = prepared_arc(study)
+    return fit_arc(study, arc, left_out, None if then.get("estimate") is None else study.estimate).to_dict()
+
+
+def _require_same(problem: str, then: Mapping[str, Any], study: Study) -> None:
+    """Raise an error where the files or the settings of a study are not those of then."""
+    origin = study_origin(study)
+    _require_same_files(problem, then, origin)
+    changed = [key for key, digest in then["settings"].items() if origin["settings"].get(key) != digest]
+    if changed:
+        raise InputError(
+            f"{problem}: its settings are others ({', '.join(changed)}), changed in Python, or read otherwise by "
+            "another version of radioloc"
+        )
+
+
+def _require_same_files(problem: str, then: Mapping[str, Any], origin: Mapping[str, Any]) -> None:
+    before, now = (
+        Counter((item["file"], item["sha256"]) for item in one["inputs"]) for one in (then, origin)
+    )
+    gone, new = sorted({name for name, _ in before - now}), sorted({name for name, _ in now - before})
+    if gone or new:
+        found = [f"{name} {'has another content' if name in new else 'is missing'}" for name in gone]
+        found += [f"{name} was not there" for name in new if name not in gone]
+        raise InputError(f"{problem}: {', '.join(found)}")
+
+
+Pair = tuple[str, Any, Any, float]
+"""Name of a number, its values then and now, and by how much they may differ."""
+
+
+def _pairs(then: Any, now: Any, name: str = "", scale: float = 0.0) -> Iterator[Pair]:
+    """Pair every value of two results, named by its keys joined by dots; `scale` is the sigma of a number."""
+    if isinstance(then, Mapping) and isinstance(now, Mapping):
+        for key in dict.fromkeys([*then, *now]):
+            if key not in _NOT_COMPARED:
+                place = f"{name}.{key}" if name else str(key)
+                yield from _pairs(then.get(key), now.get(key), place, _scale(key, then, scale))
+    elif isinstance(then, list) and isinstance(now, list):
+        # Rows with names are paired by these, others by their place.
+        before, after = (_by_name(rows) for rows in (then, now))
+        largest = max((abs(item) for item in then if _is_number(item)), default=scale)
+        for key in dict.fromkeys([*before, *after]):
+            yield from _pairs(before.get(key), after.get(key), f"{name}.{key}", max(scale, largest))
+    else:
+        size = abs(then) if _is_number(then) else 0.0
+        floor = _ALLOWED_M if name.endswith("_m") else 0.0
+        yield name, then, now, max(_OF_SIGMA * (scale or size), 1e-9 * size, floor)
+
+
+def _by_name(rows: list[Any]) -> dict[str, Any]:
+    names = [str(row.get("name", "")) if isinstance(row, Mapping) else "" for row in rows]
+    if "" in names or len(set(names)) < len(names):
+        names = [str(place) for place in range(len(rows))]
+    return dict(zip(names, rows, strict=True))
+
+
+def _scale(key: str, parent: Mapping[str, Any], scale: float) -> float:
+    """Return the standard deviation of a value, or what its size is to be compared with."""
+    if key in ("position", "targets"):  # positions of all targets are known about alike
+        sigmas = [value or 0.0 for value in (parent.get("sigma") or {}).values() if _is_number(value)]
+        return min(sigmas, default=0.0)
+    if key in ("longitude_deg", "latitude_deg"):
+        return math.degrees(max(scale, _ALLOWED_M / _OF_SIGMA) / MEAN_LUNAR_RADIUS_M)
+    if key in ("value", "prior_value"):
+        return float(parent.get("sigma") or 0.0)
+    if key == "mean_m":
+        return float(parent.get("rms_m") or 0.0)
+    return 1.0 if key.endswith(("_sigmas", "coefficient", "chance")) else scale
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _differ(one: Any, two: Any, allowed: float) -> bool:
+    if isinstance(one, float) and _is_number(two):
+        return not abs(one - two) <= allowed
+    return bool(one != two)
+
+
+def _row(item: Difference) -> tuple[str, str, str]:
+    return item.name, _text(item.recorded), _text(item.now)
+
+
+def _text(value: Any) -> str:
+    return f"{value:.10g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,215 @@
+"""Where the trials of a study run: in this process, in a pool of processes, or on a Dask cluster.
+
+What is to be run is an object with a method ``run(seed, trials)``. It is sent to each worker once; after that only
+numbers of trials go there and rows of results come back.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from functools import lru_cache, partial
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import wait
+from pathlib import Path
+from threading import Thread
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.errors import InputError, RadiolocError
+from radioloc.extras import optional
+from radioloc.study.record import versions
+from radioloc.text_files import scratch_folder
+
+Chunk = Sequence[int]
+"""Numbers of trials that are run together."""
+
+_GUARD = 'a script that asks for several workers needs if __name__ == "__main__":, as they are spawned'
+
+_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+
+_WORTH_A_PROCESS = 50
+"""Trials of a process that take some times as long as its start."""
+
+_CAN_MASK = hasattr(signal, "pthread_sigmask")
+
+
+class Job(Protocol):
+    """Something that runs trials."""
+
+    def run(self, seed: int, trials: Sequence[int]) -> NDArray[np.float64]:
+        """Results of some trials, shape (trials, arcs, columns); the same in any company and in any process."""
+
+
+Run = Callable[[Job, int, Sequence[Chunk]], Iterator[tuple[Chunk, NDArray[np.float64]]]]
+"""Runs chunks of trials of a seed and gives the results of each as soon as they are there, in any order."""
+
+
+def usual_workers(trials: int) -> int:
+    """How many processes share so many trials best: one for each core, as long as each has enough to do."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return max(1, min(cores, trials // _WORTH_A_PROCESS))
+
+
+@contextmanager
+def workers_of(count: int = 1, client: Any = None) -> Iterator[Run]:
+    """What runs trials, until the block ends; processes start at once, beside what the block does before it needs them.
+
+    So many processes, with 1 this one; or in their place a :class:`distributed.Client`.
+    """
+    if isinstance(count, bool) or not isinstance(count, int) or count < 1:
+        raise InputError(f"workers is {count!r}; give a whole number above zero")
+    if client is not None:
+        distributed = optional("distributed", "a Dask cluster needs distributed:", "dask")
+        if not isinstance(client, distributed.Client):
+            raise InputError(f"client is {client!r}; give a distributed.Client, or workers for processes")
+        yield partial(_on_cluster, client)
+    elif count == 1:
+        yield lambda job, seed, chunks: ((chunk, job.run(seed, chunk)) for chunk in chunks)
+    else:
+        # Processes are spawned, not forked: a fork of a process with threads may hang, and some systems cannot.
+        pool = ProcessPoolExecutor(count, get_context("spawn"), _begin)
+        with scratch_folder() as folder:
+            try:
+                _start(pool, count)
+                yield partial(_in_processes, pool, folder)
+            finally:
+                # The pool cancels what is left itself: of futures that are cancelled here it would say, where an
+                # interrupt has ended its processes at the same moment, that their state is invalid.
+                pool.shutdown(cancel_futures=True)
+
+
+def _start(pool: ProcessPoolExecutor, count: int) -> None:
+    try:
+        with _spawning():
+            for _ in range(count):
+                pool.submit(_import_what_jobs_need)
+    except RuntimeError:  # of a script that is being imported by a process that it has spawned itself
+        raise InputError(_GUARD) from None
+
+
+def _in_processes(
+    pool: ProcessPoolExecutor, folder: Path, job: Job, seed: int, chunks: Sequence[Chunk]
+) -> Iterator[tuple[Chunk, NDArray[np.float64]]]:
+    """Run in a pool of processes, which read each job from a file once."""
+    file = folder / f"job{len(list(folder.iterdir()))}.pickle"
+    file.write_bytes(pickle.dumps(job))
+    try:
+        with _spawning():
+            futures = {pool.submit(_run_from, str(file), seed, chunk): chunk for chunk in chunks}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    except BrokenProcessPool:
+        raise RadiolocError(
+            f"a worker process ended before its trials did: {_GUARD}; or it was killed, as by a system that is "
+            "short of memory"
+        ) from None
+
+
+def _on_cluster(
+    client: Any, job: Job, seed: int, chunks: Sequence[Chunk]
+) -> Iterator[tuple[Chunk, NDArray[np.float64]]]:
+    """Run on a Dask cluster; each job is sent to each of its workers once.
+
+    Raises
+    ------
+    RadiolocError
+        A worker has other versions than this process, or the cluster lost its workers.
+    """
+    from distributed import CancelledError, KilledWorker, as_completed
+
+    _check_versions(client)
+    futures: dict[Any, Chunk] = {}
+    try:
+        sent = client.scatter(job, broadcast=True)
+        futures |= {client.submit(_run, sent, seed, chunk, pure=False): chunk for chunk in chunks}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    except (CancelledError, KilledWorker, TimeoutError, OSError) as error:
+        raise RadiolocError(
+            "the Dask cluster lost its workers before the trials ended; restart it and run the study again"
+        ) from error
+    finally:
+        client.cancel(list(futures))
+
+
+def _check_versions(client: Any) -> None:
+    """Refuse a cluster whose workers have other versions of the packages that compute."""
+    expected = versions()
+    try:
+        found = client.run(versions)
+    except (ImportError, AttributeError) as error:
+        raise InputError(
+            f"a worker of the Dask cluster has another radioloc or none ({error}); install radioloc "
+            f"{expected['radioloc']} on all workers"
+        ) from error
+    if not found:
+        raise InputError("the Dask cluster has no workers; start at least one")
+    for worker, installed in found.items():
+        for name, version in expected.items():
+            if installed.get(name) != version:
+                raise InputError(
+                    f"worker {worker} of the Dask cluster: expected {name} {version}, got {installed.get(name)}; "
+                    "install the same versions on all workers"
+                )
+
+
+@contextmanager
+def _spawning() -> Iterator[None]:
+    """Processes that are started here do not use threads for linear algebra: the processes share the cores already.
+
+    An interrupt (Ctrl-C) waits in them until they have begun.
+    """
+    before = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if _CAN_MASK else set()
+    try:
+        yield
+    finally:
+        if _CAN_MASK:
+            signal.pthread_sigmask(signal.SIG_SETMASK, masked)
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _begin() -> None:
+    """What a worker does first: it ends with its parent, however that ends, and on an interrupt, without a word."""
+    Thread(target=_end_with_parent, daemon=True).start()
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if _CAN_MASK:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    assert parent is not None  # of a worker
+    wait([parent.sentinel])
+    os._exit(1)
+
+
+def _import_what_jobs_need() -> None:
+    import radioloc.jobs.linear_trials  # noqa: F401
+
+
+@lru_cache(maxsize=1)
+def _job_from(file: str) -> Job:
+    job: Job = pickle.loads(Path(file).read_bytes())
+    return job
+
+
+def _run_from(file: str, seed: int, chunk: Chunk) -> NDArray[np.float64]:
+    return _run(_job_from(file), seed, chunk)
+
+
+def _run(job: Job, seed: int, chunk: Chunk) -> NDArray[np.float64]:
+    return job.run(seed, chunk)

@@ -1,0 +1,184 @@
+"""Solutions beside each other: their table, whether they agree, and the joint estimate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.estimation.combination import Agreement, JointEstimate
+from radioloc.estimation.statistics import finite_or_none
+from radioloc.lunar.position import LunarPosition
+from radioloc.results.cards import Card, Field, Shown, metres, plural
+from radioloc.results.tables import (
+    PositionRow,
+    csv_table,
+    east_longitude_deg,
+    position_fields,
+    position_table,
+)
+
+UNLIKELY = 1e-3
+"""Chance of a difference below which two solutions do not agree."""
+_MOST_NAMED = 3
+"""Pairs that are named one by one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison(Shown):
+    """Solutions beside each other.
+
+    Parameters
+    ----------
+    frame : str
+        Mean-Earth axes of all positions.
+    benchmark : str
+        Name of the row that all others are compared with.
+    rows : tuple of PositionRow
+        Solutions, the joint estimate, references.
+    covariances_en_m2 : mapping of str to ndarray, shape (2, 2)
+        Total covariance of solutions, east and north in the axes at the benchmark.
+    agreements : tuple of Agreement
+        Each pair of solutions.
+    joint : JointEstimate or None
+        The estimate from all that do not share observations.
+    """
+
+    frame: str
+    benchmark: str
+    rows: tuple[PositionRow, ...]
+    covariances_en_m2: dict[str, Any]
+    agreements: tuple[Agreement, ...]
+    joint: JointEstimate | None
+
+    @property
+    def estimates(self) -> list[PositionRow]:
+        """The rows that are no references."""
+        return [row for row in self.rows if row.method != "reference"]
+
+    @property
+    def consistent(self) -> bool:
+        """Whether no difference is less likely than one in a thousand, and all solutions converged."""
+        return self._likely and all(row.converged is not False for row in self.rows)
+
+    @property
+    def _likely(self) -> bool:
+        chances = [one.chance for one in (*self.agreements, self.joint) if one is not None]
+        return all(chance is None or chance >= UNLIKELY for chance in chances)
+
+    def to_dict(self) -> dict[str, Any]:
+        """All numbers, in types that JSON has."""
+        joint = None
+        if self.joint is not None:
+            place = LunarPosition.from_cartesian(self.joint.position_me_m, self.frame)
+            named = zip(("longitude_deg", "latitude_deg", "height_m"), place.selenographic, strict=True)
+            covariance = [[finite_or_none(v) for v in row] for row in self.joint.covariance_enu_m2]
+            joint = {
+                "position": {"me": {"frame": self.frame, **dict(named)}},
+                "covariance": {"enu_m2": covariance},
+                "of": list(self.joint.names),
+                "left_out": dict(self.joint.left_out),
+                "chi2": self.joint.chi2,
+                "dof": self.joint.dof,
+                "chance": self.joint.chance,
+            }
+        return {
+            "consistent": self.consistent,
+            "frame": self.frame,
+            "sphere_radius_m": MEAN_LUNAR_RADIUS_M,
+            "benchmark": self.benchmark,
+            "positions": [asdict(row) for row in self.rows],
+            "agreements": [asdict(pair) | {"chance": pair.chance} for pair in self.agreements],
+            "joint": joint,
+        }
+
+    def to_csv(self) -> str:
+        """The table of positions as comma-separated text."""
+        return csv_table(self.rows)
+
+    def to_markdown(self) -> str:
+        """The table of positions in Markdown."""
+        return position_table(self.rows).to_markdown()
+
+    def to_latex(self) -> str:
+        """The table of positions as a ``tabular`` of LaTeX."""
+        return position_table(self.rows).to_latex()
+
+    def card(self) -> Card:
+        """Card of the comparison."""
+        sizes = ("1 sigma", "L, m", "B, m", "h, m", "height, m")
+        pairs = ("difference", "east, m", "north, m", "up, m", "sigmas", "chance, %")
+        return Card(
+            (
+                Field("comparison", (plural(len(self.estimates), "estimate"),)),
+                Field("status", self._status()),
+                *position_fields(self.rows, self.frame, self.benchmark),
+                Field("", (), sizes, map(_sizes, self.estimates)),
+                Field("agreement", (), pairs, map(_pair, self.agreements), self._untested()),
+                Field("joint", self._joint()),
+            )
+        )
+
+    def __repr__(self) -> str:
+        names = ", ".join(row.name for row in self.estimates)
+        return f"<Comparison {names}: {'consistent' if self.consistent else 'NOT CONSISTENT'}>"
+
+    def _status(self) -> Iterator[str]:
+        failed = [row.name for row in self.rows if row.converged is False]
+        apart = [
+            f"{pair.one} and {pair.two}"
+            for pair in self.agreements
+            if pair.chance is not None and pair.chance < UNLIKELY
+        ]
+        if failed:
+            yield f"NOT CONVERGED: {', '.join(failed)}"
+        if not (apart or self._likely):
+            apart = ["together the estimates"]
+        if apart:
+            yield f"NOT CONSISTENT: {'; '.join(apart)} differ by more than their sigmas allow"
+        elif not failed:
+            tested = [(pair.chance, pair) for pair in self.agreements if pair.chance is not None]
+            yield _agreeing(*min(tested, key=lambda one: one[0])) if tested else "nothing could be tested"
+
+    def _untested(self) -> Iterator[str]:
+        for why in dict.fromkeys(pair.why for pair in self.agreements if pair.why):
+            mine = [f"{pair.one} and {pair.two}" for pair in self.agreements if pair.why == why]
+            named = "; ".join(mine) if len(mine) <= _MOST_NAMED else plural(len(mine), "pair")
+            yield f"{named} are not tested: {why}"
+
+    def _joint(self) -> Iterator[str]:
+        if self.joint is None:
+            return
+        row = next(row for row in self.rows if row.method == "joint")
+        yield (
+            f"{east_longitude_deg(row):.5f} deg E, {row.latitude_deg:.5f} deg N, {row.height_m:.1f} m, from "
+            f"{' and '.join(self.joint.names)}; sigmas east {metres(row.sigma_west_m)}, north "
+            f"{metres(row.sigma_north_m)}, up {metres(row.sigma_up_m)} m"
+        )
+        yield f"chi2 {self.joint.chi2:.2f} with {plural(self.joint.dof, 'degree')} of freedom"
+        for name, why in self.joint.left_out.items():
+            yield f"{name} is not in it: {why}"
+
+
+def _agreeing(chance: float, pair: Agreement) -> str:
+    """That estimates agree, by the pair that is the least likely."""
+    apart_m = math.hypot(*pair.difference_enu_m[:2])
+    return (
+        f"consistent: {pair.one} and {pair.two}, {apart_m:.0f} m apart, differ by {math.sqrt(pair.chi2 or 0.0):.2g} "
+        f"sigmas, as {100.0 * chance:.2g} % of right pairs do or by more"
+    )
+
+
+def _sizes(row: PositionRow) -> tuple[str, ...]:
+    sigmas = (row.sigma_west_m, row.sigma_north_m, row.sigma_up_m)
+    return (row.name, *(metres(sigma) for sigma in sigmas), f"{row.height_m:.1f}")
+
+
+def _pair(pair: Agreement) -> tuple[str, ...]:
+    sigmas, chance = "-", "-"
+    if pair.chi2 is not None and pair.chance is not None:
+        sigmas, chance = f"{math.sqrt(pair.chi2):.2f}", f"{100.0 * pair.chance:.2g}"
+    apart = (f"{round(value, 1) + 0.0:.1f}" for value in pair.difference_enu_m)
+    return f"{pair.one} - {pair.two}", *apart, sigmas, chance

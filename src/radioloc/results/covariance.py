@@ -1,0 +1,329 @@
+"""What tracking would tell of a position: sigmas by length, their budget, what each part tells and what more would buy.
+
+Of an orbit they are along, across and radial, of the mean of its covariance over the arc.
+
+The 95 % radius is that of the horizontal circle around the estimate that holds the true point in 95 % of cases. With
+the covariance C of east and north, a direction u and k = u^T C^-1 u, the probability within a radius R is the mean over
+all directions of (1 - exp(-R^2 k / 2)) / (k sqrt(det C)).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.estimation.consider import NOISE
+from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL, EAST_NORTH_UP, RTN, OrbitState
+from radioloc.estimation.statistics import finite_or_none
+from radioloc.results.cards import Card, Field, Shown, metres, table
+from radioloc.time import utc_strings
+
+_Floats = NDArray[np.float64]
+_DIRECTIONS = np.linspace(0.0, np.pi, 721)[:-1]
+_MOST_SOURCES, _MOST_GAINS = 8, 12
+_FILE = "covariance.json"
+_WORTH = 0.005
+"""Part of the 95 % radius below which a gain is not shown on the card."""
+
+
+def radius_95_m(covariance_m2: _Floats) -> float:
+    """Radius of the circle that holds 95 % of a plane normal distribution, m; infinite where that is."""
+    if not np.isfinite(covariance_m2).all():
+        return math.inf
+    variances = np.linalg.eigvalsh(covariance_m2)
+    if variances[1] <= 0.0:
+        return 0.0
+    minor, major = np.sqrt(np.maximum(variances, 1e-4 * variances[1]))
+    k = (np.cos(_DIRECTIONS) / minor) ** 2 + (np.sin(_DIRECTIONS) / major) ** 2
+
+    def missing(radius_m: float) -> float:
+        inside = -np.expm1(-0.5 * radius_m**2 * k) / (k * minor * major)
+        return float(inside.mean()) - 0.95
+
+    from scipy.optimize import brentq
+
+    # Between that of a line and that of a circle of the major axis.
+    return float(brentq(missing, 1.9 * major, 2.5 * major, rtol=1e-9))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ErrorSource:
+    """A part of the position's covariance."""
+
+    source: str  # as of BudgetItem, as the next
+    name: str
+    covariance_m2: _Floats  # shape (3, 3)
+
+    @property
+    def label(self) -> str:
+        """Both in one text."""
+        return f"{self.source} {self.name}".strip()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedArc:
+    """What the first hours of tracking would tell."""
+
+    hours: float
+    span_h: float  # from the start to the last observation
+    count: int  # observations
+    # They add up to the covariance; none where the position is not determined.
+    sources: tuple[ErrorSource, ...]
+    missing: tuple[str, ...]  # what is not determined, in words
+    axes: tuple[str, ...] = EAST_NORTH_UP  # or along, across, radial of an orbit: means over the arc
+    state: OrbitState | None = None  # of an orbit that is determined
+    tracked_h: tuple[float, float] = (math.nan, math.nan)  # from the state's epoch, first and last
+
+    @property
+    def determined(self) -> bool:
+        """Whether the observations determine the position."""
+        return bool(self.sources)
+
+    @property
+    def covariance_m2(self) -> _Floats:
+        """By the axes, shape (3, 3); infinite where not determined."""
+        if not self.sources:
+            return np.full((3, 3), np.inf)
+        return np.asarray(sum(source.covariance_m2 for source in self.sources))
+
+    @property
+    def sigma_m(self) -> _Floats:
+        """Standard deviations by the axes, shape (3,)."""
+        return np.sqrt(np.diag(self.covariance_m2))
+
+    @property
+    def radius_95_m(self) -> float:
+        """Radius of the horizontal circle that holds the true point in 95 % of cases."""
+        return radius_95_m(self.covariance_m2[:2, :2])
+
+    def without(self, *sources: ErrorSource) -> float:
+        """The 95 % radius were some sources without error."""
+        return radius_95_m(
+            sum((s.covariance_m2 for s in self.sources if s not in sources), np.zeros((3, 3)))[:2, :2]
+        )
+
+    def by_source(self) -> dict[str, _Floats]:
+        """Variances by the axes of the sources, all of one kind together, shape (3,)."""
+        found: dict[str, _Floats] = {}
+        for source in self.sources:
+            found[source.source] = found.get(source.source, np.zeros(3)) + np.diag(source.covariance_m2)
+        return dict(sorted(found.items(), key=lambda item: -float(item[1][:2].sum())))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its numbers, in types that JSON has."""
+        axes = zip(self.axes, self.sigma_m.tolist(), strict=True)
+        of_orbit = self.axes == ALONG_ACROSS_RADIAL
+        return {
+            "hours": self.hours,
+            "span_h": self.span_h,
+            "observations": self.count,
+            "determined": self.determined,
+            "missing": list(self.missing),
+            **{f"sigma_{axis}_m": finite_or_none(sigma) for axis, sigma in axes},
+            "radius_95_m": finite_or_none(self.radius_95_m),
+            f"covariance_{'acr' if of_orbit else 'enu'}_m2": self.covariance_m2.tolist()
+            if self.determined
+            else None,
+            "budget": self.budget(),
+            **({"state": self.state and self.state.to_dict()} if of_orbit else {}),
+        }
+
+    def budget(self) -> list[dict[str, Any]]:
+        """What its sources make, the largest first."""
+        records = []
+        for source in self.sources:
+            sides_m = np.sqrt(np.maximum(np.diag(source.covariance_m2), 0.0))
+            sigmas_m = zip(
+                (*self.axes, "total"), [*sides_m.tolist(), float(np.linalg.norm(sides_m))], strict=True
+            )
+            named = {f"{axis}_m": sigma_m for axis, sigma_m in sigmas_m}
+            records.append({"source": source.source, "name": source.name, **named})
+        return sorted(records, key=lambda record: -record["total_m"])
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """What the observations of a type or of a station tell."""
+
+    group: str  # "type" or "station"
+    name: str
+    count: int
+    alone_m: float  # 95 % radius from these alone; infinite where they do not determine the position
+    without_m: float  # 95 % radius without them
+
+
+@dataclass(frozen=True, slots=True)
+class Gain:
+    """What one thing more would make of the longest arc."""
+
+    what: str  # such as "station TIANMA65" or "station_position KASHI known"
+    radius_95_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CovarianceStudy(Shown):
+    """What a tracking plan would tell of a position, or of an orbit."""
+
+    name: str
+    arcs: tuple[PlannedArc, ...]  # the shortest first
+    shares: tuple[Share, ...]
+    gains: tuple[Gain, ...]  # the best first
+    reach_m: float | None = None  # 95 % radius that was asked for
+    reach_h: float | None = None  # after how many hours it is reached; None where it is not
+    notes: tuple[str, ...] = ()
+
+    @property
+    def longest(self) -> PlannedArc:
+        """The whole."""
+        return self.arcs[-1]
+
+    @property
+    def determined(self) -> bool:
+        """Whether the longest arc determines the position."""
+        return self.longest.determined
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything, in types that JSON has."""
+        return {
+            "name": self.name,
+            "determined": self.determined,
+            "reach": None if self.reach_m is None else {"radius_95_m": self.reach_m, "hours": self.reach_h},
+            "arcs": [arc.to_dict() for arc in self.arcs],
+            "information": [
+                {
+                    share.group: share.name,
+                    "observations": share.count,
+                    "alone_radius_95_m": finite_or_none(share.alone_m),
+                    "without_radius_95_m": finite_or_none(share.without_m),
+                }
+                for share in self.shares
+            ],
+            "gains": [
+                {"what": gain.what, "radius_95_m": finite_or_none(gain.radius_95_m)} for gain in self.gains
+            ],
+            "notes": list(self.notes),
+        }
+
+    def to_csv(self) -> str:
+        """One row for each length, with the standard deviation by each kind of source, all axes together."""
+        kinds = dict.fromkeys(kind for arc in reversed(self.arcs) for kind in arc.by_source())
+        sigmas = [f"sigma_{axis}_m" for axis in self.longest.axes]
+        rows = [["hours", "span_h", "observations", *sigmas, "radius_95_m", *(f"{k}_m" for k in kinds)]]
+        for arc in self.arcs:
+            by_source = arc.by_source()
+            parts = [math.sqrt(by_source[k].sum()) if k in by_source else math.inf for k in kinds]
+            numbers = [*arc.sigma_m.tolist(), arc.radius_95_m, *parts]
+            shown = [f"{x:.6g}" if math.isfinite(x) else "" for x in numbers]
+            rows.append([f"{arc.hours:g}", f"{arc.span_h:.4f}", str(arc.count), *shown])
+        return "".join(f"{','.join(row)}\n" for row in rows)
+
+    def card(self) -> Card:
+        """Card of the study."""
+        longest = self.longest
+        heading = ("length", "span, h", "obs.", *longest.axes, "95 % radius")
+        over = "; all are means over the arc" if longest.state else ""
+        holds = f"95 % radius: of the horizontal circle that holds the true point in 95 % of cases{over}"
+        keys = [f"{axis}_m" for axis in (*longest.axes, "total")]
+        sources = [
+            (f"{one['source']} {one['name']}".strip(), *(metres(one[key]) for key in keys))
+            for one in longest.budget()
+        ]
+        of_sources = (f"of {longest.hours:g} h, m", *longest.axes, "3D")
+        shares = (
+            (f"{one.group} {one.name}", str(one.count), _radius(one.alone_m), _radius(one.without_m))
+            for one in self.shares
+        )
+        return Card(
+            (
+                Field("covariance", (self.name,)),
+                Field("status", _status(self)),
+                Field("1 sigma, m", (), heading, map(_length_cells, self.arcs)),
+                Field("", (holds,)),
+                *_state(longest),
+                table("budget", of_sources, sources, _MOST_SOURCES, where=_FILE),
+                Field("information", (), ("95 % radius, m", "obs.", "alone", "without"), shares),
+                _gains(self),
+                Field("notes", self.notes),
+            )
+        )
+
+    def __repr__(self) -> str:
+        return f"<CovarianceStudy {self.name}: 95 % within {metres(self.longest.radius_95_m)} m>"
+
+
+def plans_card(plans: Iterable[CovarianceStudy]) -> Card:
+    """Card that compares several plans."""
+    plans = tuple(plans)
+    reach_m = plans[0].reach_m
+    heading = ["", "span, h", "obs.", *plans[0].longest.axes, "95 % radius"]
+    lines = ["1 sigma, m, of the whole of each plan"]
+    if reach_m is not None:
+        heading.append(f"{metres(reach_m)} m after")
+        lines.append(f"how long each has to last until its 95 % radius is {metres(reach_m)} m or less")
+    rows = (
+        (plan.name, *_length_cells(plan.longest)[1:], *([] if reach_m is None else [_hours(plan.reach_h)]))
+        for plan in plans
+    )
+    return Card((Field("plans", lines, heading, rows),))
+
+
+def _hours(hours: float | None) -> str:
+    return "never" if hours is None else f"{hours:.2f} h" if hours < 1.0 else f"{hours:.1f} h"
+
+
+def _status(study: CovarianceStudy) -> Iterator[str]:
+    arc = study.longest
+    if not arc.determined:
+        yield f"NOT OBSERVABLE: {'; '.join(arc.missing)}"
+        return
+    yield f"{arc.hours:g} h: 95 % within {metres(arc.radius_95_m)} m"
+    if study.reach_m is not None and study.reach_h is None:
+        yield f"a 95 % radius of {metres(study.reach_m)} m is not reached: {_what_first(arc)}"
+    elif study.reach_m is not None:
+        yield f"a 95 % radius of {metres(study.reach_m)} m is reached after {_hours(study.reach_h)}"
+
+
+def _what_first(arc: PlannedArc) -> str:
+    kind = next(iter(arc.by_source()))
+    if kind == NOISE:
+        return "more observations would help most"
+    return f"{kind.removeprefix('a priori: ')} is what to know better first"
+
+
+def _length_cells(arc: PlannedArc) -> tuple[str, ...]:
+    sigmas = map(metres, arc.sigma_m.tolist()) if arc.determined else ("-", "-", "-")
+    radius = metres(arc.radius_95_m) if arc.determined else "not observable"
+    return (f"{arc.hours:g} h", f"{arc.span_h:.2f}", str(arc.count), *sigmas, radius)
+
+
+def _state(arc: PlannedArc) -> Iterator[Field]:
+    """The sigmas of the state at its epoch, radial, along and across."""
+    if arc.state is None:
+        return
+    sigma = np.sqrt(np.diag(arc.state.covariance_rtn(arc.state.epoch)[0]))
+    rows = (
+        ("position, m", *map(metres, sigma[:3].tolist())),
+        ("velocity, mm/s", *map(metres, (1e3 * sigma[3:]).tolist())),
+    )
+    yield Field("state", (), (f"of {arc.hours:g} h, at {utc_strings(arc.state.epoch, 0)[0]} TDB", *RTN), rows)
+
+
+def _radius(radius_m: float) -> str:
+    return metres(radius_m) if math.isfinite(radius_m) else "not observable"
+
+
+def _gains(study: CovarianceStudy) -> Field:
+    now_m = study.longest.radius_95_m
+    rows = [
+        (gain.what, metres(gain.radius_95_m), f"-{100.0 * (1.0 - gain.radius_95_m / now_m):.0f} %")
+        for gain in study.gains
+        if gain.radius_95_m < (1.0 - _WORTH) * now_m
+    ]
+    little = len(study.gains) - len(rows)
+    below = [f"{little} others would buy less than {100.0 * _WORTH:g} %"] if little else []
+    return table("would buy", ("95 % radius, m, with", "", ""), rows, _MOST_GAINS, below, _FILE)

@@ -1,0 +1,404 @@
+"""Positions from images, of a descent, of a point or of landmarks: what came out, their cards and dictionaries."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.ephemeris.constants import CONSTANTS
+from radioloc.errors import InputError
+from radioloc.estimation.combination import horizontal_ellipse
+from radioloc.estimation.orbit_state import EAST_NORTH_UP
+from radioloc.estimation.statistics import finite_or_none
+from radioloc.imaging import Camera, Map
+from radioloc.imaging.image_chain import FrameStatus
+from radioloc.imaging.registration import RegisteredFrame, Registration
+from radioloc.lunar.position import LunarPosition
+from radioloc.parameters.position_prior import map_tie_names
+from radioloc.results.cards import Card, Field, Shown, metres, plural
+from radioloc.results.tables import difference
+
+Floats = NDArray[np.float64]
+
+_MOST_ROWS = 12
+
+
+class _FromImages(Shown):
+    """What all positions from images have in common."""
+
+    __slots__ = ()
+    name: str
+    message: str
+    position: LunarPosition
+    covariance_enu_m2: Floats
+    references: Mapping[str, LunarPosition]
+    notes: tuple[str, ...]
+    provenance: Mapping[str, Any]
+
+    @property
+    def converged(self) -> bool:
+        """Whether the position can be used."""
+        return not self.message
+
+    @property
+    def sigma_enu_m(self) -> Floats:
+        """Total standard deviations east, north, up, m; NaN where not determined."""
+        return np.sqrt(np.diag(self.covariance_enu_m2))
+
+    def _content(self, method: str, **measured: Any) -> dict[str, Any]:
+        """Keys of ``solution.json``, with those of what was measured."""
+        pa = self.position.to_axes("PA", CONSTANTS["DE421"])
+        degrees = dict(zip(_GEOGRAPHIC, self.position.selenographic, strict=True))
+        return {
+            "name": self.name,
+            "method": method,
+            "converged": self.converged,
+            "status": "converged" if self.converged else "not converged",
+            "message": self.message,
+            "position": {
+                "pa": {"frame": pa.frame, **_named("xyz", pa.xyz_m)},
+                "me": {"frame": self.position.frame, **degrees, **_named("xyz", self.position.xyz_m)},
+            },
+            "sigma": _named(EAST_NORTH_UP, self.sigma_enu_m),
+            "covariance": {"enu_m2": [_finite(row) for row in self.covariance_enu_m2]},
+            "reference": next(self._beside(), None),
+            **measured,
+            "notes": list(self.notes),
+            "provenance": dict(self.provenance),
+        }
+
+    def _card(self, *fields: Field) -> Card:
+        """A card with what was measured between the position and the notes."""
+        longitude, latitude, height = self.position.selenographic
+        place = (
+            f"{longitude:.6f} deg E, {latitude:.6f} deg N ({self.position.frame})",
+            f"{height:.1f} m above the 1737.4 km sphere",
+        )
+        status = "CONVERGED" if self.converged else f"NOT CONVERGED: {self.message}"
+        return Card(
+            (
+                Field("solution", (self.name,)),
+                Field("status", (status,)),
+                Field("position", place),
+                *fields,
+                Field("notes", self.notes),
+            )
+        )
+
+    def _reference_field(self) -> Field:
+        """How far the position is from known ones."""
+        lines = (
+            f"solution - {one['name']}: east {metres(one['east_m'])}, north {metres(one['north_m'])}, "
+            f"up {metres(round(one['up_m'], 4))} m; {metres(one['horizontal_m'])} m horizontal"
+            for one in self._beside()
+        )
+        return Field("reference", lines)
+
+    def _beside(self) -> Iterator[dict[str, Any]]:
+        for name, place in self.references.items():
+            *_, west_m, north_m, up_m = difference(self.position.selenographic, place.selenographic)
+            yield {
+                "name": name,
+                **dict(zip(_GEOGRAPHIC, place.selenographic, strict=True)),
+                **_named(EAST_NORTH_UP, (-west_m, north_m, up_m)),
+                "horizontal_m": math.hypot(west_m, north_m),
+            }
+
+    def __repr__(self) -> str:
+        longitude, latitude, _ = self.position.selenographic
+        state = "converged" if self.converged else "NOT CONVERGED"
+        return f"<{type(self).__name__} {self.name}: {longitude:.6f} deg E, {latitude:.6f} deg N, {state}>"
+
+
+_GEOGRAPHIC = ("longitude_deg", "latitude_deg", "height_m")
+
+
+def _finite(values: Iterable[float]) -> list[float | None]:
+    return [finite_or_none(float(value)) for value in values]
+
+
+def _named(names: Iterable[str], values: Iterable[float]) -> dict[str, float | None]:
+    return {f"{name}_m": value for name, value in zip(names, _finite(values), strict=True)}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ErrorSource:
+    """What a part of the covariance is from."""
+
+    name: str  # on the card
+    # How far each error of one sigma moves the position, shape (3, k); NaN up where nothing tells the height.
+    errors_enu_m: Floats
+    # Name, unit and sigma of each, where other solutions have the same errors.
+    shared: tuple[tuple[str, str, float], ...] = ()
+
+    @property
+    def covariance_enu_m2(self) -> Floats:
+        """Its part of the covariance, shape (3, 3)."""
+        return self.errors_enu_m @ self.errors_enu_m.T
+
+    @property
+    def sigma_enu_m(self) -> Floats:
+        """Standard deviations by it alone, east, north, up, m."""
+        return np.sqrt(np.diag(self.covariance_enu_m2))
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PointSolution(_FromImages):
+    """Where a point is that an image shows, or a rover or lander that took stereo images.
+
+    Parameters
+    ----------
+    name : str
+        Of the study.
+    method : {"image_point", "stereo"}
+    message : str
+        Why the position cannot be used; empty where it can.
+    position : LunarPosition
+        Mean-Earth axes.
+    sources : tuple of ErrorSource
+        What its covariance is from; it is their sum.
+    fields : tuple of Field
+        What the card says of the measurements.
+    details : mapping
+        The same in numbers.
+    used : int
+        Points or landmarks.
+    wrms_m : float, optional
+        Of distances, weighted.
+    references : mapping of str to LunarPosition
+        Known positions.
+    notes : tuple of str
+    provenance : mapping
+    landmarks_en_m, distances_m : ndarray, shape (n, 2) and (n,), optional
+        Of a stereo solution: landmarks east and north of the position and their horizontal distances, m.
+    """
+
+    name: str
+    method: str
+    message: str
+    position: LunarPosition
+    sources: tuple[ErrorSource, ...]
+    fields: tuple[Field, ...]
+    details: Mapping[str, Any]
+    used: int
+    wrms_m: float | None = None
+    references: Mapping[str, LunarPosition] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    landmarks_en_m: Floats | None = None
+    distances_m: Floats | None = None
+
+    @property
+    def covariance_enu_m2(self) -> Floats:  # type: ignore[override]
+        """Total covariance, shape (3, 3); NaN for a height that nothing determines."""
+        return sum((source.covariance_enu_m2 for source in self.sources), np.zeros((3, 3)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """All numbers, with the keys of :meth:`radioloc.Solution.to_dict`, and one of the method's name."""
+        considered = [
+            {"name": name, "unit": unit, "sigma": sigma, "position_enu_m": _finite(source.errors_enu_m[:, k])}
+            for source in self.sources
+            for k, (name, unit, sigma) in enumerate(source.shared)
+        ]
+        return self._content(
+            self.method,
+            budget={source.name: _finite(source.sigma_enu_m) for source in self.sources},
+            biases={},
+            considered=considered,
+            fit={"used": self.used, "rejected": 0, "wrms_m": self.wrms_m, "by_station": {}},
+            **{self.method: dict(self.details)},
+        )
+
+    def card(self) -> Card:
+        """Card of the solution."""
+        ellipse = horizontal_ellipse(self.covariance_enu_m2[:2, :2])
+        line = (
+            f"95 % error ellipse, horizontal: {metres(ellipse.semi_major_m)} m x "
+            f"{metres(ellipse.semi_minor_m)} m, azimuth {ellipse.azimuth_deg:.0f} deg"
+        )
+        sigmas = {source.name: source.sigma_enu_m for source in self.sources} | {"all": self.sigma_enu_m}
+        rows = [
+            (name, *(metres(round(side, 4)) if math.isfinite(side) else "-" for side in sides))
+            for name, sides in sigmas.items()
+        ]
+        sigma = Field("sigma", (line,), ("1 sigma, m", *EAST_NORTH_UP), rows)
+        return self._card(sigma, *self.fields, self._reference_field())
+
+
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True, repr=False)
+class ImageSolution(_FromImages):
+    """Where a lander stands by its descent images, and how each image was registered.
+
+    Parameters
+    ----------
+    name : str
+        Of the study.
+    message : str
+        Why the position cannot be used; empty where it can.
+    position : LunarPosition
+        Mean-Earth axes.
+    covariance_enu_m2 : ndarray, shape (3, 3)
+        Total covariance; NaN for a height that nothing determines.
+    map_name : str
+        What the images were laid over; its tie is one error for all solutions on it.
+    map_sigma_m : tuple of float
+        Tie of the map to the Moon's axes, east and north.
+    registration : Registration
+        Each image after the adjustment.
+    altitudes_m : mapping of str to float
+        Of the camera above the ground, by image, where the camera is known.
+    base : Map
+    camera : callable or None
+        The :class:`~radioloc.imaging.Camera` of images of so many lines and samples, where it is known.
+    mask : ndarray of bool or None
+        Which pixels of the images show the ground.
+    references : mapping of str to LunarPosition
+        Known positions.
+    notes : tuple of str
+    provenance : mapping
+    paths : mapping of str to Path
+        The images' files, by name.
+    """
+
+    name: str
+    message: str
+    position: LunarPosition
+    covariance_enu_m2: Floats
+    map_name: str
+    map_sigma_m: tuple[float, float]
+    registration: Registration
+    base: Map
+    camera: Callable[[tuple[int, int]], Camera] | None = None
+    mask: NDArray[np.bool_] | None = None
+    altitudes_m: Mapping[str, float] = field(default_factory=dict)
+    references: Mapping[str, LunarPosition] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    paths: Mapping[str, Path] = field(default_factory=dict)
+
+    @property
+    def registered(self) -> tuple[RegisteredFrame, ...]:
+        """Images that have a place on the map."""
+        return tuple(f for f in self.registration.frames if f.status is FrameStatus.REGISTERED)
+
+    @property
+    def wrms_m(self) -> float:
+        """Root mean square of the residuals of tie points on the ground, weighted by one over their pixels, m."""
+        count, rms_m, pixel_m = np.array([(f.inliers, f.rms_m, f.pixel_m) for f in self.registered]).T
+        return float(np.sqrt(np.average(rms_m**2, weights=count / pixel_m**2)))
+
+    @property
+    def relative_covariance_en_m2(self) -> Floats:
+        """Covariance of east and north relative to the map, without its tie to the Moon's axes, shape (2, 2)."""
+        return np.asarray(self.covariance_enu_m2[:2, :2] - np.diag(np.square(self.map_sigma_m)))
+
+    @property
+    def _along_ground(self) -> Floats:
+        """Unit displacements east and north along the ground, where the height follows its slope, shape (2, 3)."""
+        horizontal_m2, with_height_m2 = self.covariance_enu_m2[:2, :2], self.covariance_enu_m2[:2, 2:]
+        return np.hstack([np.eye(2), np.nan_to_num(np.linalg.solve(horizontal_m2, with_height_m2))])
+
+    def to_dict(self) -> dict[str, Any]:
+        """All numbers, with the keys of :meth:`radioloc.Solution.to_dict`, and ``images``."""
+        considered = [
+            {"name": name, "unit": "m", "sigma": sigma_m, "position_enu_m": (sigma_m * side).tolist()}
+            for name, sigma_m, side in zip(
+                map_tie_names(self.map_name), self.map_sigma_m, self._along_ground, strict=True
+            )
+        ]
+        fit = {
+            "used": sum(frame.inliers for frame in self.registered),
+            "rejected": sum(max(frame.candidates - frame.inliers, 0) for frame in self.registered),
+            "wrms_m": self.wrms_m,
+            "rms_px": float(np.sqrt(np.mean([frame.rms_px**2 for frame in self.registered]))),
+            "sigma_factor_images": self.registration.sigma_factors[0],
+            "sigma_factor_map": self.registration.sigma_factors[1],
+            "redundancy": self.registration.redundancy,
+            "by_station": {},
+        }
+        images = [self._image(frame) for frame in self.registration.frames]
+        return self._content("images", biases={}, considered=considered, fit=fit, images=images)
+
+    def _image(self, frame: RegisteredFrame) -> dict[str, Any]:
+        content: dict[str, Any] = {
+            "file": frame.name,
+            "status": frame.status.value,
+            "reason": frame.reason,
+            "matched_to": list(frame.matched_to),
+            "matches": frame.candidates,
+            "inliers": frame.inliers,
+            "map_inliers": frame.map_inliers,
+        }
+        if frame.homography is None:
+            return content
+        centre = None
+        with contextlib.suppress(InputError):  # it may show the sky, or ground far beyond the tie points
+            point = self.registration.ground_point(frame.name)
+            centre = {
+                "longitude_deg": point.longitude_deg,
+                "latitude_deg": point.latitude_deg,
+                "covariance_en_m2": point.covariance_m2.tolist(),
+            }
+        return content | {
+            "rms_px": frame.rms_px,
+            "rms_m": frame.rms_m,
+            "pixel_m": frame.pixel_m,
+            "altitude_m": self.altitudes_m.get(frame.name),
+            "plane": {
+                "longitude_deg": self.registration.plane.longitude_deg,
+                "latitude_deg": self.registration.plane.latitude_deg,
+            },
+            "parameters": frame.homography.matrix.ravel()[:8].tolist(),
+            "covariance": frame.homography.covariance.tolist(),
+            "centre": centre,
+        }
+
+    def card(self) -> Card:
+        """Card of the solution."""
+        sigmas = self.sigma_enu_m
+        up = metres(sigmas[2]) if math.isfinite(sigmas[2]) else "not determined"
+        tie = " and ".join(metres(value) for value in self.map_sigma_m)
+        # The first and the last images tell most.
+        frames, half = list(self.registration.frames), _MOST_ROWS // 2
+        shown = frames if len(frames) <= _MOST_ROWS else frames[:half] + frames[-half:]
+        sigma = (
+            f"east {metres(sigmas[0])}, north {metres(sigmas[1])} m, up {up} m",
+            f"in it the tie of {self.map_name} to the Moon's axes, {tie} m east and north",
+        )
+        images = Field(
+            "images",
+            (f"{len(self.registered)} of {len(frames)} registered",),
+            ("image", "status", "matched to", "inliers", "rms, px", "pixel, m", "altitude, m"),
+            map(self._row, shown),
+            rest=map(self._row, frames[half : len(frames) - len(shown) + half]),
+            where="solution.json",
+        )
+        left_out = Field("left out", self._left_out())
+        return self._card(Field("1 sigma", sigma), self._reference_field(), images, left_out)
+
+    def _row(self, frame: RegisteredFrame) -> tuple[str, ...]:
+        numbers = ("-", "-", "-", "-")
+        if frame.homography is not None:
+            altitude = self.altitudes_m.get(frame.name)
+            numbers = (
+                str(frame.inliers),
+                f"{frame.rms_px:.2f}",
+                f"{frame.pixel_m:.3g}",
+                "-" if altitude is None else f"{altitude:.4g}",
+            )
+        to_map = "map" in frame.matched_to
+        others = len(frame.matched_to) - to_map
+        to = " + ".join([*(["map"] if to_map else []), *([plural(others, "image")] if others else [])]) or "-"
+        return (frame.name, frame.status.value, to, *numbers)
+
+    def _left_out(self) -> Iterator[str]:
+        for frame in self.registration.frames:
+            if frame.status is not FrameStatus.REGISTERED:
+                yield f"{frame.name}: {frame.status.value}{f': {frame.reason}' if frame.reason else ''}"

@@ -1,0 +1,575 @@
+"""The result of locating a point on the Moon: where it is, how well that is known, and why."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from functools import singledispatch
+from typing import Any, Literal, Protocol, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.errors import InputError
+from radioloc.estimation.combination import Ellipse, ReferenceComparison, horizontal_ellipse
+from radioloc.estimation.consider import (
+    BudgetItem,
+    Consider,
+    error_budget,
+    shared_prior_effects,
+    sources,
+    span_record,
+)
+from radioloc.estimation.consistency import Consistency
+from radioloc.estimation.gauss_markov import SeriesWeight, TimeCorrelation
+from radioloc.estimation.least_squares import FitStatus
+from radioloc.estimation.observability import Observability
+from radioloc.estimation.orbit_state import OrbitState
+from radioloc.estimation.shared_observations import sample_of
+from radioloc.estimation.statistics import (
+    FitStatistics,
+    Residuals,
+    TransmitterPass,
+    finite_or_none,
+    read_only,
+)
+from radioloc.lunar.position import LunarPosition
+from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up
+from radioloc.parameters.parameter import ParameterSet
+from radioloc.tables import TableForm, as_table
+
+_Floats = NDArray[np.float64]
+
+Axes = Literal["enu", "pa", "me", "geographic"]
+Level = Literal["total", "scaled", "formal"]
+_ENU = ("east", "north", "up")
+
+
+class Card(Protocol):
+    """What ``str()`` and a notebook show of a result; ``str()`` of it is the text."""
+
+    def html(self) -> str:
+        """The same for a notebook."""
+
+
+@singledispatch
+def card_of(result: object) -> Card:
+    """Make the card of a result; :mod:`radioloc.report`, which is imported with the package, registers how."""
+    raise TypeError(f"there is no card of a {type(result).__name__}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TargetPosition:
+    """One of several targets: its name, its position (3,), m, and d(position)/d(parameter) (3, p), principal axes."""
+
+    name: str
+    position_pa_m: _Floats
+    position_partials: _Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solution:
+    """Everything a fit has to say; arrays are read-only.
+
+    Made by :func:`~radioloc.results.build.build_solution`. Three levels of uncertainty are kept:
+    ``"formal"`` from the stated sigmas; ``"scaled"`` with the observation noise scaled up to what the
+    residuals show where that is significantly more, and for residuals that are correlated in time;
+    ``"total"`` with the errors of considered parameters, and with the assumed error of the ephemeris added to the
+    position. What is called sigma without a further word is the total.
+
+    Parameters
+    ----------
+    name : str
+        Name of the study or the target.
+    status : FitStatus
+        How the fit ended, and whether its estimate can be used.
+    message : str
+        What went wrong, with numbers, or is worth knowing; empty if nothing.
+    parameters : ParameterSet
+        What was solved for, with a-priori values.
+    values : ndarray, shape (p,)
+        Estimated values.
+    formal_covariance, covariance : ndarray, shape (p, p)
+        Formal and scaled; infinite variances for what is not determined.
+    noise_scale : float
+        Factor on the stated sigmas that leads from the formal to the scaled covariance.
+    pa_frame, me_frame : str
+        Names of the axes, such as ``"PA_DE421"`` and ``"ME_DE421"``.
+    position_pa_m : ndarray, shape (3,)
+        Estimated position in principal axes, m; of a target on a trajectory the offset from it, zeros.
+    position_partials : ndarray, shape (3, p)
+        d(position_pa)/d(parameter): the identity for cartesian parameters, zeros for others.
+    rot_pa_to_me : ndarray, shape (3, 3)
+        Rotation from principal to mean-Earth axes.
+    ephemeris_sigma_enu_m : ndarray, shape (3,)
+        Assumed error of ephemeris and orientation as seen in the position, east, north, up, m.
+    fit : FitStatistics
+        Residual statistics.
+    residuals : Residuals
+        All observations.
+    observability : Observability
+        What is determined poorly or not at all.
+    time_correlation : TimeCorrelation or None
+        Series whose residuals are correlated in time, and what that adds to the scaled covariance.
+    series_weights : tuple of SeriesWeight
+        Series that the estimate weighs as fewer observations, since their residuals are correlated in time.
+    iterations : int
+        Gauss-Newton steps of the last fit.
+    passes : int
+        Fits made while editing.
+    reference : ReferenceComparison or None
+        Difference to a known position.
+    references : tuple of ReferenceComparison
+        Differences to further ones.
+    notes : tuple of str
+        Sentences for the reader that the analysis adds, such as caveats about the ephemeris.
+    provenance : mapping
+        Kernels with their hashes, tables, versions, settings.
+    consider : Consider or None
+        What the considered parameters do to the estimate.
+    prior_effects : ndarray, shape (p, p)
+        Change of the estimate by an error of one sigma of each a-priori value (columns).
+    targets : tuple of TargetPosition
+        The positions of all targets where there are several; that of the solution is the first's.
+    consistency : Consistency
+        Groups of observations against the rest, and what does not fit.
+    transmitters : tuple of TransmitterPass
+        Candidates for the transmitter of each pass, where a study names such.
+    trajectory : str or None
+        What the target moves along, if it is no point fixed to the Moon. Such a solution has no position: what is
+        derived from one raises :class:`~radioloc.errors.InputError`.
+    state : OrbitState or None
+        The state of an orbit that was determined, with its covariance.
+    """
+
+    status: FitStatus
+    message: str
+    parameters: ParameterSet
+    values: _Floats
+    formal_covariance: _Floats
+    covariance: _Floats
+    noise_scale: float
+    pa_frame: str
+    me_frame: str
+    position_pa_m: _Floats
+    position_partials: _Floats
+    rot_pa_to_me: _Floats
+    fit: FitStatistics
+    residuals: Residuals
+    observability: Observability
+    name: str = "solution"
+    ephemeris_sigma_enu_m: _Floats = field(default_factory=lambda: np.zeros(3))
+    time_correlation: TimeCorrelation | None = None
+    series_weights: tuple[SeriesWeight, ...] = ()
+    iterations: int = 0
+    passes: int = 1
+    reference: ReferenceComparison | None = None
+    references: tuple[ReferenceComparison, ...] = ()
+    notes: tuple[str, ...] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    trajectory: str | None = None
+    state: OrbitState | None = None
+    consider: Consider | None = None
+    prior_effects: _Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    targets: tuple[TargetPosition, ...] = ()
+    consistency: Consistency = field(default_factory=Consistency)
+    transmitters: tuple[TransmitterPass, ...] = ()
+
+    def __post_init__(self) -> None:
+        p = len(self.parameters)
+        shapes = {
+            "values": (p,),
+            "formal_covariance": (p, p),
+            "covariance": (p, p),
+            "position_pa_m": (3,),
+            "position_partials": (3, p),
+            "rot_pa_to_me": (3, 3),
+            "ephemeris_sigma_enu_m": (3,),
+            "prior_effects": (p, p),
+        }
+        if not self.prior_effects.size:
+            object.__setattr__(self, "prior_effects", np.zeros((p, p)))
+        for name, shape in shapes.items():
+            array = read_only(getattr(self, name))
+            if array.shape != shape:
+                raise InputError(f"{name} has shape {array.shape}, but {shape} is needed")
+            object.__setattr__(self, name, array)
+
+    @property
+    def known(self) -> list[ReferenceComparison]:
+        """Differences to all known positions, that to the reference first."""
+        return [one for one in (self.reference, *self.references) if one is not None]
+
+    def of_target(self, name: str) -> Solution:
+        """The solution as seen from one of several targets: its position and covariance in place of the first's.
+
+        Raises
+        ------
+        InputError
+            There is no such target.
+        """
+        for target in self.targets:
+            if target.name == name:
+                at_m, partials = target.position_pa_m, target.position_partials
+                alone = replace(self, name=name, position_pa_m=at_m, position_partials=partials)
+                return replace(alone, targets=(), reference=None, references=())
+        names = ", ".join(target.name for target in self.targets)
+        raise InputError(f"there is no target {name!r}; there are {names}")
+
+    @property
+    def converged(self) -> bool:
+        """Whether the estimate can be used: the fit and its editing settled, and nothing speaks against the place."""
+        return self.status is FitStatus.CONVERGED
+
+    @property
+    def position_me_m(self) -> _Floats:
+        """:attr:`position_pa_m` in mean-Earth axes, m, shape (3,)."""
+        return np.asarray(self.rot_pa_to_me @ self.position_pa_m)
+
+    @property
+    def position(self) -> LunarPosition:
+        """The position as a point in mean-Earth axes, to be given in others (:meth:`LunarPosition.to_frame`).
+
+        Examples
+        --------
+        >>> import radioloc
+        >>> radioloc.residuals("examples/apollo15/apollo15.toml").position
+        <LunarPosition 3.500000 deg E, 26.000000 deg N, -1000.0 m (ME_DE421)>
+        """
+        self._place_rad()  # of a trajectory there is none
+        return LunarPosition(self.me_frame, self.position_me_m)
+
+    @property
+    def selenographic(self) -> tuple[float, float, float]:
+        """East longitude and latitude in mean-Earth axes, deg, and height above the 1737.4 km sphere, m."""
+        longitude_rad, latitude_rad, height_m = self._place_rad()
+        return math.degrees(longitude_rad), math.degrees(latitude_rad), height_m
+
+    @property
+    def rot_pa_to_enu(self) -> _Floats:
+        """Rotation from principal axes to east, north, up (of mean-Earth axes) there, shape (3, 3)."""
+        longitude_rad, latitude_rad, _ = self._place_rad()
+        return np.asarray(east_north_up(longitude_rad, latitude_rad) @ self.rot_pa_to_me)
+
+    @property
+    def enu_by_parameters(self) -> _Floats:
+        """d(position east, north, up)/d(parameter), shape (3, p)."""
+        return np.asarray(self.rot_pa_to_enu @ self.position_partials)
+
+    @property
+    def _involved(self) -> NDArray[np.bool_]:
+        """Which parameters have part in the position, shape (p,)."""
+        return np.asarray((self.position_partials != 0.0).any(axis=0))
+
+    @property
+    def position_estimated(self) -> bool:
+        """Whether the position was solved for, not held."""
+        return bool((self._involved & self.parameters.free).any())
+
+    @property
+    def position_determined(self) -> bool:
+        """Whether no parameter that the position depends on is left undetermined."""
+        return bool(np.isfinite(np.diag(self.covariance)[self._involved]).all())
+
+    def position_covariance(self, axes: Axes = "enu", level: Level = "total") -> _Floats:
+        """Covariance of the position, shape (3, 3).
+
+        Parameters
+        ----------
+        axes : {"enu", "pa", "me", "geographic"}
+            East, north, up at the position; x, y, z in principal or mean-Earth axes, m^2; or longitude,
+            latitude, height in rad, rad, m.
+        level : {"total", "scaled", "formal"}
+            See :class:`Solution`.
+
+        Returns
+        -------
+        ndarray, shape (3, 3)
+            Infinite on the diagonal where the position is not determined.
+
+        Raises
+        ------
+        InputError
+            Axes or level are not known, or the target has no position.
+        """
+        _, latitude_rad, height_m = self._place_rad()
+        if level not in get_args(Level):
+            raise InputError(f"level {level!r} is not known; use total, scaled or formal")
+        if axes not in get_args(Axes):
+            raise InputError(f"axes {axes!r} are not known; use enu, pa, me or geographic")
+        if not self.position_determined:
+            return np.diag([np.inf, np.inf, np.inf])
+        # Parameters without part in the position may have infinite variances; they must not meet the zeros here.
+        involved = self._involved
+        root = self.enu_by_parameters[:, involved]
+        in_enu = root @ self.parameter_covariance(level)[np.ix_(involved, involved)] @ root.T
+        if level == "total":
+            in_enu = in_enu + np.diag(self.ephemeris_sigma_enu_m**2)
+        radius_m = MEAN_LUNAR_RADIUS_M + height_m
+        from_enu = {
+            "enu": np.eye(3),
+            "pa": self.rot_pa_to_enu.T,
+            "me": self.rot_pa_to_me @ self.rot_pa_to_enu.T,
+            "geographic": np.diag([1.0 / (radius_m * math.cos(latitude_rad)), 1.0 / radius_m, 1.0]),
+        }[axes]
+        turned: _Floats = from_enu @ in_enu @ from_enu.T
+        return 0.5 * (turned + turned.T)
+
+    def sigma_enu_m(self, level: Level = "total") -> _Floats:
+        """Return standard deviations east, north, up, m, shape (3,); infinite where not determined."""
+        return np.sqrt(np.diag(self.position_covariance("enu", level)))
+
+    def sigmas(self, level: Level = "total") -> _Floats:
+        """Return standard deviations of the parameters, shape (p,); infinite where not determined."""
+        return np.sqrt(np.diag(self.parameter_covariance(level)))
+
+    def parameter_covariance(self, level: Level = "total") -> _Floats:
+        """Return the covariance of the parameters, shape (p, p); infinite variances for what is not determined.
+
+        The total one has what the considered parameters add; the assumed error of the ephemeris is the position's only.
+        """
+        if level == "formal":
+            return self.formal_covariance
+        considered = self.consider if level == "total" else None
+        return self.covariance if considered is None else self.covariance + considered.covariance
+
+    def ellipse(self, probability: float = 0.95, level: Level = "total") -> Ellipse | None:
+        """Horizontal error ellipse that holds the true point with a probability; None if not determined."""
+        horizontal = self.position_covariance("enu", level)[:2, :2]
+        if not np.isfinite(horizontal).all():
+            return None
+        return horizontal_ellipse(horizontal, probability)
+
+    def biases(self, kind: str = "range_bias") -> dict[str, tuple[float, float]]:
+        """Estimated value and sigma of each parameter of a kind, by the station it belongs to."""
+        sigmas = self.sigmas()
+        return {
+            self.parameters.names[k].partition(".")[2]: (float(self.values[k]), float(sigmas[k]))
+            for k in self.parameters.of_kind(kind)
+        }
+
+    @property
+    def budget(self) -> tuple[BudgetItem, ...]:
+        """What the position's total sigma comes from, the largest first; empty where it is held or not determined.
+
+        The squares add up to those of :meth:`sigma_enu_m`.
+        """
+        if self.trajectory is not None or not (self.position_estimated and self.position_determined):
+            return ()
+        found = sources(
+            self.parameters,
+            self.enu_by_parameters,
+            self.position_covariance("enu", "scaled"),
+            self.prior_effects,
+            self.consider,
+            self.ephemeris_sigma_enu_m,
+        )
+        return error_budget(found)
+
+    @property
+    def correlation_factor(self) -> float:
+        """Factor by which the position's scaled sigma grows by the time correlation of residuals; 1 without."""
+        if self.time_correlation is None or not self.position_determined:
+            return 1.0
+        root = self.position_partials
+        correlated = float(np.trace(root @ self.time_correlation.added_covariance @ root.T))
+        scaled = float((self.sigma_enu_m("scaled") ** 2).sum()) if correlated > 0.0 else 1.0
+        return math.sqrt(scaled / (scaled - max(correlated, 0.0)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the single residuals, in types that JSON has; None where a number is not finite."""
+        series = self.time_correlation.series if self.time_correlation else ()
+        content: dict[str, Any] = {
+            "name": self.name,
+            "method": "tracking",
+            "converged": self.converged,
+            "status": self.status.value,
+            "message": self.message,
+            "trajectory": self.trajectory,
+            "state": None if self.state is None else self.state.to_dict(),
+            **self._position_dict(),
+            "biases": self._bias_dict("range_bias", "m"),
+            "time_biases": self._bias_dict("time_bias", "s"),
+            "parameters": self._parameter_rows(),
+            "parameter_covariance": _matrix(self.covariance),
+            "fit": {
+                **self.fit.to_dict(),
+                "noise_scale": self.noise_scale,
+                "correlation_factor": self.correlation_factor,
+                "time_correlation": [asdict(item) for item in series],
+                "series_weights": [
+                    asdict(item) | {"weighed_as": item.weighed_as} for item in self.series_weights
+                ],
+                "iterations": self.iterations,
+                "passes": self.passes,
+            },
+        }
+        if self.targets:
+            each = {target.name: self.of_target(target.name) for target in self.targets}
+            content["targets"] = {
+                name: one._position_dict() | one._error_rows() for name, one in each.items()
+            }
+        content |= self._error_rows()
+        content["observations"] = sample_of(self.residuals)
+        content["budget"] = [item.to_dict() for item in self.budget]
+        return content | {
+            "rejected": self.residuals.rejected(),
+            "observability": self.observability.to_dict(),
+            "consistency": self.consistency.to_list(),
+            "transmitters": [one.to_dict() for one in self.transmitters],
+            "reference": None if self.reference is None else self.reference.to_dict(),
+            "references": [one.to_dict() for one in self.references],
+            "notes": list(self.notes),
+            "provenance": dict(self.provenance),
+        }
+
+    def to_table(
+        self, what: Literal["residuals", "parameters"] = "residuals", form: TableForm = "astropy"
+    ) -> Any:
+        """Residuals or parameters as a table.
+
+        Parameters
+        ----------
+        what : {"residuals", "parameters"}
+            The unit of a parameter is in the column ``unit``, as each row has its own.
+        form : {"astropy", "pandas"}
+            A ``QTable`` with units and ``Time``, or a ``DataFrame``.
+
+        Raises
+        ------
+        InputError
+            Something else is asked for.
+
+        Examples
+        --------
+        >>> import radioloc
+        >>> solution = radioloc.residuals("examples/apollo15/apollo15.toml")
+        >>> solution.to_table()["residual_m"].unit, solution.to_table("parameters", "pandas")["name"].tolist()
+        (Unit("m"), ['position.x', 'position.y', 'position.z'])
+        """
+        if what == "parameters":
+            rows = self._parameter_rows()
+            columns = {key: [math.inf if row[key] is None else row[key] for row in rows] for key in rows[0]}
+            return as_table(columns, form)
+        if what != "residuals":
+            raise InputError(f"there is no table of {what!r}; use residuals or parameters")
+        return self.residuals.to_table(form)
+
+    def __str__(self) -> str:
+        return str(card_of(self))
+
+    def _repr_html_(self) -> str:
+        return card_of(self).html()
+
+    def __repr__(self) -> str:
+        place = self.trajectory
+        if place is None:
+            longitude_deg, latitude_deg, height_m = self.selenographic
+            place = f"{longitude_deg:.6f} deg E, {latitude_deg:.6f} deg N, {height_m:.1f} m ({self.me_frame})"
+        return f"<Solution {self.name}: {place}, {'converged' if self.converged else 'NOT CONVERGED'}>"
+
+    def _position_dict(self) -> dict[str, Any]:
+        """The position and how well it is known; None where the target moves along a trajectory."""
+        if self.trajectory is not None:
+            return {"position": None, "sigma": None, "covariance": None}
+        longitude_deg, latitude_deg, height_m = self.selenographic
+        return {
+            "position": {
+                "pa": {"frame": self.pa_frame, **_components("xyz", self.position_pa_m)},
+                "me": {
+                    "frame": self.me_frame,
+                    "longitude_deg": longitude_deg,
+                    "latitude_deg": latitude_deg,
+                    "height_m": height_m,
+                    **_components("xyz", self.position_me_m),
+                },
+            },
+            "sigma": {
+                **_components(_ENU, self.sigma_enu_m()),
+                "scaled": _components(_ENU, self.sigma_enu_m("scaled")),
+                "formal": _components(_ENU, self.sigma_enu_m("formal")),
+                "ephemeris": _components(_ENU, self.ephemeris_sigma_enu_m),
+            },
+            "covariance": {
+                "enu_m2": _matrix(self.position_covariance("enu")),
+                "pa_m2": _matrix(self.position_covariance("pa")),
+                "me_m2": _matrix(self.position_covariance("me")),
+                "longitude_latitude_height_rad_rad_m": _matrix(self.position_covariance("geographic")),
+            },
+        }
+
+    def _bias_dict(self, kind: str, unit: str) -> dict[str, Any]:
+        """Biases of a kind by station, or by station and pass with its first and last epoch."""
+        found: dict[str, Any] = {}
+        for k, (scope, (value, sigma)) in zip(
+            self.parameters.of_kind(kind), self.biases(kind).items(), strict=True
+        ):
+            found[scope] = {f"value_{unit}": value, f"sigma_{unit}": finite_or_none(sigma)}
+            if span_utc := self.parameters.parameters[k].span_utc:
+                found[scope] |= dict(zip(("first_utc", "last_utc"), span_utc, strict=True))
+        return found
+
+    def _parameter_rows(self) -> list[dict[str, Any]]:
+        levels = (self.sigmas(level) for level in ("total", "scaled", "formal"))
+        columns = zip(self.parameters, self.values, *levels, strict=True)
+        return [
+            {
+                "name": item.name,
+                "unit": item.unit,
+                "value": float(value),
+                "total_sigma": finite_or_none(total),
+                "sigma": finite_or_none(sigma),
+                "formal_sigma": finite_or_none(formal),
+                "prior_value": item.prior_value,
+                "prior_sigma": finite_or_none(item.prior_sigma),
+                "fixed": item.fixed,
+            }
+            for item, value, total, sigma, formal in columns
+        ]
+
+    def _error_rows(self) -> dict[str, list[dict[str, Any]]]:
+        """Return how far an error of one sigma of each considered parameter and a-priori value moves the position."""
+        found: dict[str, list[dict[str, Any]]] = {"priors": []}
+        if self.consider is not None:
+            moved = None if self.trajectory is not None else self.enu_by_parameters
+            found["considered"] = self.consider.to_list(moved)
+        if self.trajectory is not None or not self.position_determined:
+            return found
+        moved_m = self.enu_by_parameters @ self.prior_effects
+        found["priors"] = [
+            {"name": item.name, "unit": item.unit, "value": item.prior_value, "sigma": item.prior_sigma}
+            | span_record(item)
+            | {"position_enu_m": moved_m[:, k].tolist()}
+            for k, item in enumerate(self.parameters)
+            if moved_m[:, k].any() and not item.prior_errors  # of these the shared errors are considered
+        ]
+        if shared := shared_prior_effects(self.parameters, self.prior_effects):
+            found.setdefault("considered", []).extend(
+                {
+                    "name": name,
+                    "unit": "1",
+                    "sigma": 1.0,
+                    "position_enu_m": (self.enu_by_parameters @ moved).tolist(),
+                }
+                for name, moved in shared.items()
+            )
+        return found
+
+    def _place_rad(self) -> tuple[float, float, float]:
+        """As :attr:`selenographic`, angles in rad."""
+        if self.trajectory is not None:
+            raise InputError(
+                f"{self.name}: the target moves ({self.trajectory}); it has no position on the Moon"
+            )
+        longitude_rad, latitude_rad, height_m = cartesian_to_selenographic(self.position_me_m)
+        return float(longitude_rad), float(latitude_rad), float(height_m)
+
+
+def _components(names: Iterable[str], vector_m: _Floats) -> dict[str, float | None]:
+    return {f"{name}_m": finite_or_none(value) for name, value in zip(names, vector_m, strict=True)}
+
+
+def _matrix(matrix: _Floats) -> list[list[float | None]]:
+    return [[finite_or_none(value) for value in row] for row in matrix]

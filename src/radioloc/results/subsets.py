@@ -1,0 +1,445 @@
+"""Positions from parts of the data: from arcs of several lengths, and without each station and link.
+
+The table of arcs beside known positions is that of Wang et al. (2021), table 1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.estimation.combination import Agreement, PositionEstimate, agreement
+from radioloc.estimation.statistics import finite_or_none
+from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.link import Link
+from radioloc.results.cards import (
+    Card,
+    Field,
+    Shown,
+    metres,
+    sigma_text,
+    signed_metres,
+    table,
+    to_sigma,
+    ways,
+)
+from radioloc.results.covariance import radius_95_m
+from radioloc.results.solution import Solution
+from radioloc.results.solution_card import which_sigmas
+from radioloc.results.tables import (
+    PositionRow,
+    TextTable,
+    csv_table,
+    difference,
+    place_fields,
+    position_fields,
+    position_table,
+)
+from radioloc.tables import TableForm, as_table
+
+_ARCS_IN_ROW = 3
+_WIDE = 18  # characters of a value with its sigma of which one fewer goes into a row
+_MAX_PARAMETERS = 12  # a card is to fit a screen; to_dict() has them all
+_FILLED = 0.95
+"""Of an arc, where its data last to its end, but for the time from one observation to the next."""
+_UNLIKELY_SIGMAS = {2: 3.72, 3: 4.03}
+"""Two and three coordinates of a right model stay below this in 99.9 %."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Arc:
+    """One arc of a study: the length asked for, and the span from the start to the last observation."""
+
+    hours: float
+    span_h: float
+    solution: Solution
+
+    @property
+    def name(self) -> str:
+        """Length as text, such as ``12 h``."""
+        return f"{self.hours:g} h"
+
+    def parameter(self, name: str) -> tuple[float, float] | None:
+        """Value and scaled sigma of a parameter, None where the arc has no such parameter."""
+        names = self.solution.parameters.names
+        if name not in names:
+            return None
+        k = names.index(name)
+        return float(self.solution.values[k]), float(self.solution.sigmas()[k])
+
+
+class KnownPosition(Protocol):
+    """A position to compare with."""
+
+    @property
+    def name(self) -> str:
+        """What it is."""
+
+    @property
+    def position(self) -> LunarPosition:
+        """Where, in mean-Earth axes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArcStudy(Shown):
+    """The arcs of a study, beside reference positions.
+
+    Parameters
+    ----------
+    name : str
+        Name of the study.
+    arcs : tuple of Arc
+        The longest first.
+    references : tuple of Reference
+        Known positions in mean-Earth axes. The first is the benchmark that all others are compared with; where there
+        is none, that is the longest arc.
+    longitude_to_360 : bool
+        Whether the card counts longitudes from 0 to 360 deg, not from -180 to 180.
+    """
+
+    name: str
+    arcs: tuple[Arc, ...]
+    references: Sequence[KnownPosition] = ()
+    longitude_to_360: bool = False
+
+    @property
+    def longest(self) -> Solution:
+        """Solution of the longest arc."""
+        return self.arcs[0].solution
+
+    @property
+    def converged(self) -> bool:
+        """Whether all arcs did."""
+        return all(arc.solution.converged for arc in self.arcs)
+
+    @property
+    def by_target(self) -> tuple[ArcStudy, ...]:
+        """One study for each target, the references with the first of them; this study if it has a single target."""
+        names = [target.name for target in self.longest.targets]
+        if not names:
+            return (self,)
+        return tuple(
+            replace(
+                self,
+                name=f"{self.name}, {name}",
+                arcs=tuple(replace(arc, solution=arc.solution.of_target(name)) for arc in self.arcs),
+                references=self.references if name == names[0] else (),
+            )
+            for name in names
+        )
+
+    @property
+    def benchmark(self) -> str:
+        """Name of what all positions are compared with."""
+        return self.references[0].name if self.references else f"the arc of {self.arcs[0].name}"
+
+    @property
+    def rows(self) -> tuple[PositionRow, ...]:
+        """Positions with their differences to the benchmark: arcs, the longest first, then references.
+
+        Of several targets those of each, with its name, beside the benchmark of each.
+        """
+        if self.longest.targets:
+            names = [target.name for target in self.longest.targets]
+            return tuple(
+                row if row.method == "reference" else replace(row, name=f"{name}, {row.name}")
+                for name, study in zip(names, self.by_target, strict=True)
+                for row in study.rows
+            )
+        longest = self.longest.selenographic
+        benchmark = self.references[0].position.selenographic if self.references else longest
+        rows = []
+        for k, arc in enumerate(self.arcs):
+            place, total = arc.solution.selenographic, arc.solution.fit.total
+            cells = place_fields(place, None if k == 0 and not self.references else benchmark)
+            cells |= {"used": total.used, "left_out": total.rejected, "wrms_m": total.wrms_m}
+            if arc.solution.position_estimated:
+                sigmas_m = map(finite_or_none, arc.solution.sigma_enu_m())
+                cells |= zip(("sigma_west_m", "sigma_north_m", "sigma_up_m"), sigmas_m, strict=True)
+            if k:
+                cells["from_longest_m"] = math.hypot(*difference(place, longest)[2:4])
+                cells["from_longest_sigmas"] = sigmas_apart(arc.solution, self.longest)
+            rows.append(PositionRow("tracking", arc.name, **cells, converged=arc.solution.converged))
+        for k, reference in enumerate(self.references):
+            cells = place_fields(reference.position.selenographic, None if k == 0 else benchmark)
+            rows.append(PositionRow("reference", reference.name, **cells))
+        return tuple(rows)
+
+    @property
+    def other_parameters(self) -> dict[str, str]:
+        """Unit of each parameter but the position's, by name, in the order of the longest arcs."""
+        items = [item for arc in self.arcs for item in arc.solution.parameters]
+        return {item.name: item.unit for item in items if item.kind != "position" and not item.fixed}
+
+    def to_dict(self) -> dict[str, Any]:
+        """All numbers but the single residuals, in types that JSON has."""
+        return {
+            "name": self.name,
+            "converged": self.converged,
+            "benchmark": self.benchmark,
+            "frame": self.longest.me_frame,
+            "sphere_radius_m": MEAN_LUNAR_RADIUS_M,
+            "positions": [asdict(row) for row in self.rows],
+            "arcs": [
+                {"hours": arc.hours, "span_h": arc.span_h, "solution": arc.solution.to_dict()}
+                for arc in self.arcs
+            ],
+        }
+
+    def to_table(self, form: TableForm = "astropy") -> Any:
+        """:attr:`rows` as a ``QTable`` of astropy, with units, or a ``DataFrame``; NaN where there is no number."""
+        rows = [asdict(row) for row in self.rows]
+        return as_table(
+            {key: [np.nan if row[key] is None else row[key] for row in rows] for key in rows[0]}, form
+        )
+
+    def to_csv(self) -> str:
+        """The rows as comma-separated text, with the arcs' other parameters and their sigmas as further columns."""
+        more = [
+            {
+                key: number
+                for name in self.other_parameters
+                if (found := arc.parameter(name))
+                for key, number in zip((name, f"{name}.sigma"), found, strict=True)
+            }
+            for arc in self.arcs
+        ]
+        return csv_table(self.rows, more)
+
+    def to_markdown(self) -> str:
+        """The table of positions in Markdown."""
+        return self._position_table().to_markdown()
+
+    def to_latex(self) -> str:
+        """The table of positions as a ``tabular`` of LaTeX."""
+        return self._position_table().to_latex()
+
+    def _position_table(self) -> TextTable:
+        return position_table(self.rows, {arc.name: f"{arc.name} data" for arc in self.arcs})
+
+    def card(self) -> Card:
+        """Card of the study."""
+        longest, studies = self.longest, self.by_target
+        failed = [arc.name for arc in self.arcs if not arc.solution.converged]
+        axes = f"{longest.me_frame}, fitted in {longest.pa_frame}"
+        counts = ("", "span, h", "used", "left out", "wrms, m", "chi2/dof")
+        return Card(
+            (
+                Field("arc lengths", (self.name,)),
+                Field("status", (f"NOT CONVERGED: {', '.join(failed)}" if failed else "all arcs converged",)),
+                *(
+                    field
+                    for study in studies
+                    for field in study._position_fields(axes, of_several=len(studies) > 1)
+                ),
+                Field("data", (), counts, map(_data_cells, self.arcs, studies[0].rows)),
+                *_parameter_fields(self),
+                Field("observable", _observable(self)),
+                Field("notes", _notes(self, self.rows)),
+            )
+        )
+
+    def _position_fields(self, axes: str, *, of_several: bool) -> Iterator[Field]:
+        """Positions and their sigmas of one target, beside its benchmark."""
+        if of_several:
+            yield Field("target", (self.name,))
+        sizes = ("", "L, m", "B, m", "h, m", "height, m", f"from {self.arcs[0].name}, m", "in sigmas")
+        yield from position_fields(self.rows, axes, self.benchmark, self.longitude_to_360)
+        yield Field("1 sigma", (), sizes, map(_sigma_cells, self.arcs, self.rows))
+
+    def __repr__(self) -> str:
+        hours = ", ".join(f"{arc.hours:g}" for arc in self.arcs)
+        return f"<ArcStudy {self.name}: {hours} h, {'converged' if self.converged else 'NOT CONVERGED'}>"
+
+
+def sigmas_apart(part: Solution, whole: Solution) -> float | None:
+    """How far the first hours of data lead from all of them, horizontally, in standard deviations of that difference.
+
+    The length is Mahalanobis' (:func:`~radioloc.estimation.combination.agreement`), in two dimensions below 2.45 in
+    95 % and below 3.72 in 99.9 %. None where the part is stated to know as much as the whole, or a position is not
+    determined.
+    """
+    found = apart(part, whole, horizontal=True)
+    return None if found.chi2 is None else math.sqrt(found.chi2)
+
+
+def apart(part: Solution, whole: Solution, *, horizontal: bool = False) -> Agreement:
+    """Compare a solution from a part of the data with that from all, as :func:`~.combination.agreement` does."""
+    estimates = [PositionEstimate.from_solution(one.to_dict()) for one in (part, whole)]
+    of_part, of_whole = (replace(one, study="", hours=float(k)) for k, one in enumerate(estimates))
+    return agreement(of_part, of_whole, horizontal=horizontal)
+
+
+def _sigma_cells(arc: Arc, row: PositionRow) -> tuple[str, ...]:
+    sigmas = (row.sigma_west_m, row.sigma_north_m, row.sigma_up_m)
+    return (
+        arc.name,
+        *(metres(sigma) if arc.solution.position_estimated else "held" for sigma in sigmas),
+        *(
+            "-" if x is None else f"{x:z.1f}"
+            for x in (row.height_m, row.from_longest_m, row.from_longest_sigmas)
+        ),
+    )
+
+
+def _data_cells(arc: Arc, row: PositionRow) -> tuple[str, ...]:
+    chi2 = arc.solution.fit.chi2_per_dof
+    wrms = "-" if row.wrms_m is None else metres(row.wrms_m)
+    counts = (f"{arc.span_h:.2f}", str(row.used), str(row.left_out))
+    return (arc.name, *counts, wrms, "-" if chi2 is None else f"{chi2:.3g}")
+
+
+def _parameter_fields(study: ArcStudy) -> Iterator[Field]:
+    """The other parameters and their sigmas, some arcs side by side."""
+    units = study.other_parameters
+    widths = [
+        len(_with_sigma(arc.parameter(name))) for arc in study.arcs for name in [*units][:_MAX_PARAMETERS]
+    ]
+    in_row = _ARCS_IN_ROW if max(widths, default=0) < _WIDE else _ARCS_IN_ROW - 1
+    for start in range(0, len(study.arcs), in_row):
+        arcs = study.arcs[start : start + in_row]
+        rows = [
+            (f"{name}, {unit}", *(_with_sigma(arc.parameter(name)) for arc in arcs))
+            for name, unit in units.items()
+        ]
+        heading = ("value +- 1 sigma", *(arc.name for arc in arcs))
+        # The last says how many there are beside.
+        where = "arcs.json" if start + in_row >= len(study.arcs) else ""
+        yield table("" if start else "estimated", heading, rows, _MAX_PARAMETERS, where=where)
+
+
+def _with_sigma(found: tuple[float, float] | None) -> str:
+    if found is None:
+        return "-"
+    value, sigma = found
+    return f"{to_sigma(value, sigma)} +- {sigma_text(sigma)}" if math.isfinite(sigma) else "undetermined"
+
+
+def _observable(study: ArcStudy) -> Iterator[str]:
+    """What the data of each arc determine poorly."""
+    for arc in study.arcs:
+        for sentence in arc.solution.observability.describe()[:1]:
+            yield f"{arc.name}: {sentence}"
+    yield from which_sigmas(arc.solution for arc in study.arcs)
+
+
+def _notes(study: ArcStudy, rows: tuple[PositionRow, ...]) -> Iterator[str]:
+    for arc in study.arcs:
+        if arc.solution.message:
+            yield f"{arc.name}: {arc.solution.message}"
+    for arc in study.arcs:
+        if arc.span_h < _FILLED * arc.hours:
+            yield f"the arc of {arc.name} is longer than its data, which end after {arc.span_h:.2f} h"
+    for row in rows:
+        if row.from_longest_sigmas is not None and row.from_longest_sigmas > _UNLIKELY_SIGMAS[2]:
+            yield (
+                f"{row.name} and {study.arcs[0].name} are {row.from_longest_m:.1f} m apart, "
+                f"{row.from_longest_sigmas:.1f} sigmas of that difference (99.9 % are below {_UNLIKELY_SIGMAS[2]}): "
+                "the sigmas are too small, as errors of the data are correlated or the model is incomplete"
+            )
+    # What several arcs say alike is said once, of the longest; counts of observations differ from arc to arc.
+    yield from (note for note in study.longest.notes if "not selected:" not in note)
+
+
+@dataclass(frozen=True, slots=True)
+class Without:
+    """The position without a station or a link; what is not determined without it is None."""
+
+    kind: str  # "station" or "link"
+    name: str  # the station, or the path of the link
+    left_out: int  # observations that go with it
+    used: int  # observations that are used without it
+    converged: bool
+    radius_95_m: float | None = None  # of the horizontal position
+    shift_enu_m: tuple[float, float, float] | None = None  # the position without it less that with all
+    sigma_enu_m: tuple[float | None, ...] | None = None  # of that shift
+    sigmas: float | None = None  # length of the shift in standard deviations of it, over all components
+
+    @property
+    def shown(self) -> str:
+        """Name on the card, such as ``KASHI two-way`` of a link."""
+        if self.kind == "station":
+            return self.name
+        link = Link.from_path(self.name)
+        return f"{link.place} {ways([link])[0]}".rstrip()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LeaveOneOut(Shown):
+    """A solution, and the positions without each of its stations and links; ``str()`` is a card."""
+
+    solution: Solution  # from all observations
+    without: tuple[Without, ...]  # stations, then links
+
+    @property
+    def name(self) -> str:
+        """The study's."""
+        return self.solution.name
+
+    @property
+    def converged(self) -> bool:
+        """Whether the fit to all observations did."""
+        return self.solution.converged
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """What is found without each, by name; NaN where it is not known."""
+        rows = [asdict(one) for one in self.without]
+        found = {key: np.array([row[key] for row in rows]) for key in ("kind", "name", "left_out", "used")}
+        found["converged"] = np.array([int(one.converged) for one in self.without])
+        numbers: dict[str, Any] = {"radius_95_m": [one.radius_95_m for one in self.without]}
+        for key in ("shift", "sigma"):
+            enu = np.array([row[f"{key}_enu_m"] or (None,) * 3 for row in rows]).reshape(-1, 3)
+            numbers |= {f"{key}_{axis}_m": enu[:, k] for k, axis in enumerate(("east", "north", "up"))}
+        numbers["sigmas"] = [one.sigmas for one in self.without]
+        return found | {key: np.array(column, dtype=np.float64) for key, column in numbers.items()}
+
+    def to_table(self, form: TableForm = "astropy") -> Any:
+        """One row for each as a ``QTable`` of astropy, with units, or a ``DataFrame`` of pandas."""
+        return as_table(self.columns(), form)
+
+    def to_dict(self) -> dict[str, Any]:
+        """All but single residuals, in types that JSON has."""
+        return {"solution": self.solution.to_dict(), "without": [asdict(one) for one in self.without]}
+
+    def card(self) -> Card:
+        """By how much the position moves without each."""
+        heading = ("without", "used", "east, m", "north, m", "up, m", "sigmas", "95 %, m")
+        radius_m = radius_95_m(self.solution.position_covariance()[:2, :2])
+        return Card(
+            [
+                Field("left out", [f"each station and link of {self.solution.name} in turn"]),
+                Field(
+                    "all",
+                    [f"{self.solution.fit.total.used} observations used; 95 % within {metres(radius_m)} m"],
+                ),
+                Field("shift", (), heading, map(_shift_cells, self.without)),
+                Field("notes", self._notes()),
+            ]
+        )
+
+    def _notes(self) -> Iterator[str]:
+        for one in self.without:
+            if one.shift_enu_m is None:
+                yield f"without {one.shown} the position is not determined"
+            elif not one.converged:
+                yield f"without {one.shown} the fit does not converge"
+            elif one.sigmas is not None and one.sigmas > _UNLIKELY_SIGMAS[3]:
+                yield (
+                    f"without {one.shown} the position moves by {math.hypot(*one.shift_enu_m):.3g} m, {one.sigmas:.1f} "
+                    f"sigmas of that shift (99.9 % are below {_UNLIKELY_SIGMAS[3]}): it does not fit the others, or "
+                    "the sigmas are too small"
+                )
+        yield from which_sigmas([self.solution])
+
+
+def _shift_cells(one: Without) -> tuple[str, ...]:
+    if one.shift_enu_m is None:
+        return (one.shown, str(one.used), *("-" * 5))
+    sigmas = "-" if one.sigmas is None else f"{one.sigmas:.1f}"
+    return (one.shown, str(one.used), *map(signed_metres, one.shift_enu_m), sigmas, metres(one.radius_95_m))

@@ -1,0 +1,328 @@
+"""Tables to print, of positions beside a benchmark as in Wang et al. (2021), table 1, and of solutions."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.errors import InputError, visible
+from radioloc.estimation.combination import horizontal_ellipse
+from radioloc.estimation.orbit_state import EAST_NORTH_UP
+from radioloc.lunar.local import local_difference
+from radioloc.lunar.selenographic import selenographic_to_cartesian
+from radioloc.results.cards import Field, Shown, metres, sigma_text, to_sigma
+from radioloc.results.recorded import check_solution
+from radioloc.results.solution import Solution
+from radioloc.text_files import spreadsheet_cell, write_text
+
+Located = Solution | Shown | Mapping[str, Any]
+"""A solution of tracking or of images, or what its ``solution.json`` holds."""
+
+TABLE_ENDINGS = (".md", ".tex")
+_LATEX = {
+    "\\": r"\textbackslash{}",
+    **{sign: f"\\{sign}" for sign in "&%$#_{}"},
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "<": "$<$",
+    ">": "$>$",
+    "|": r"\textbar{}",
+    "[": "{[}",  # of a row that begins with it the row above would take it for its own
+    "°": r"$^\circ$",
+    "δ": r"$\delta$",
+    "±": r"$\pm$",
+    "×": r"$\times$",
+}
+_MINUS, _POWER = re.compile(r"(?<![\w.])-(?=[\d.])"), re.compile(r"(?<=\d)e([+-]\d+)\b")
+
+_HEADING = ("", "L, deg E", "B, deg N", "dL, deg", "dB, deg", "dL, m", "dB, m")
+
+METHODS = ("tracking", "images", "image_point", "stereo")
+"""How positions are found."""
+
+Place = tuple[float, float, float]
+"""East longitude and latitude, deg, and height, m."""
+
+
+@dataclass(frozen=True, slots=True)
+class TextTable:
+    """A table whose cells are text: the first columns of words, to the left, the others of numbers, to the right."""
+
+    heading: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    words: int = 1  # columns
+
+    def to_markdown(self) -> str:
+        """The table in Markdown, as GitHub and Pandoc read it."""
+        rules = ["---" if k < self.words else "---:" for k in range(len(self.heading))]
+        lines = (" | ".join(_markdown(cell) for cell in cells) for cells in (self.heading, rules, *self.rows))
+        return visible("".join(f"| {line} |\n" for line in lines))
+
+    def to_latex(self) -> str:
+        """The table as a ``tabular`` of LaTeX, which needs no package."""
+        columns = "l" * self.words + "r" * (len(self.heading) - self.words)
+        heading, *rows = (" & ".join(map(_latex, cells)) + " \\\\" for cells in (self.heading, *self.rows))
+        lines = (
+            rf"\begin{{tabular}}{{{columns}}}",
+            r"\hline",
+            heading,
+            r"\hline",
+            *rows,
+            r"\hline",
+            r"\end{tabular}",
+        )
+        return visible("".join(f"{line}\n" for line in lines))
+
+
+def _markdown(text: str) -> str:
+    return text.replace("|", r"\|")
+
+
+def _latex(text: str) -> str:
+    """Text with LaTeX's own signs escaped, and numbers with minus signs and powers of ten."""
+    escaped = _MINUS.sub("$-$", "".join(_LATEX.get(sign, sign) for sign in text))
+    return _POWER.sub(lambda found: rf"$\times 10^{{{int(found[1])}}}$", escaped)
+
+
+def write_table_file(table: TextTable, path: str | Path) -> Path:
+    """Write a table by the ending of the name, ``.md`` or ``.tex``; another is an :class:`InputError`."""
+    file = Path(path)
+    if file.suffix not in TABLE_ENDINGS:
+        raise InputError(f"{file}: tables are written as {' or '.join(TABLE_ENDINGS)}")
+    write_text(file, table.to_markdown() if file.suffix == ".md" else table.to_latex())
+    return file
+
+
+@dataclass(frozen=True, slots=True)
+class PositionRow:
+    """A position and how far it is from the benchmark.
+
+    Longitudes are counted to the west, -180 to 180 deg, as maps of the near side's west and Wang et al. (2021) do.
+    Differences in metres are the components of the great circle's arc on the sphere of 1737.4 km, by its direction at
+    the benchmark: over some kilometres R cos(B) dL and R dB. What a reference does not have is None.
+    """
+
+    method: str  # one of METHODS, "joint" or "reference"
+    name: str  # length of the arc, name of the solution or of the reference
+    longitude_west_deg: float  # mean-Earth axes
+    latitude_deg: float
+    height_m: float
+    west_deg: float | None  # this less the benchmark, as the next four; None for the benchmark itself
+    north_deg: float | None
+    west_m: float | None
+    north_m: float | None
+    up_m: float | None
+    sigma_west_m: float | None = None  # total standard deviation, as the next two; None where not determined
+    sigma_north_m: float | None = None
+    sigma_up_m: float | None = None
+    # Horizontal distance from the longest arc's position; None for that itself.
+    from_longest_m: float | None = None
+    # The same in the standard deviations that this difference should have.
+    from_longest_sigmas: float | None = None
+    used: int | None = None
+    left_out: int | None = None
+    wrms_m: float | None = None
+    converged: bool | None = None
+
+
+def difference(one: Place, benchmark: Place) -> tuple[float, float, float, float, float]:
+    """Return how far west, north (deg), west, north and up (m, on the sphere of 1737.4 km) one is of a benchmark."""
+    point_m, origin_m = (
+        selenographic_to_cartesian(math.radians(place[0]), math.radians(place[1]), place[2])
+        for place in (one, benchmark)
+    )
+    apart = local_difference(point_m, origin_m, radius_m=MEAN_LUNAR_RADIUS_M)
+    west_deg = -math.remainder(one[0] - benchmark[0], 360.0)
+    return west_deg, one[1] - benchmark[1], -apart.east_m, apart.north_m, one[2] - benchmark[2]
+
+
+def place_fields(place: Place, benchmark: Place | None) -> dict[str, Any]:
+    """A position and its differences to the benchmark, as fields of a row."""
+    names = ("west_deg", "north_deg", "west_m", "north_m", "up_m")
+    differences = (None,) * 5 if benchmark is None else difference(place, benchmark)
+    return {
+        "longitude_west_deg": -math.remainder(place[0], 360.0),
+        "latitude_deg": place[1],
+        "height_m": place[2],
+        **dict(zip(names, differences, strict=True)),
+    }
+
+
+def east_longitude_deg(row: PositionRow, to_360: bool = False) -> float:
+    """East longitude, -180 to 180 or 0 to 360 deg."""
+    return -row.longitude_west_deg % 360.0 if to_360 else -row.longitude_west_deg
+
+
+def position_cells(row: PositionRow, *, east: bool = True, to_360: bool = False) -> tuple[str, ...]:
+    """Longitude (to the east, or as the row has it) and latitude with their differences in deg and m, as text."""
+    sign = -1.0 if east else 1.0
+    longitude_deg = east_longitude_deg(row, to_360) if east else row.longitude_west_deg
+    cells = (f"{longitude_deg:z.5f}", f"{row.latitude_deg:.5f}")
+    if row.west_deg is None or row.west_m is None:
+        return (*cells, "benchmark", "-", "-", "-")
+    differences = f"{sign * row.west_deg:z.5f}", f"{row.north_deg:z.5f}"
+    return (*cells, *differences, f"{sign * row.west_m:z.1f}", f"{row.north_m:z.1f}")
+
+
+def position_fields(
+    rows: Iterable[PositionRow], axes: str, benchmark: str, to_360: bool = False
+) -> tuple[Field, Field]:
+    """What positions beside a benchmark are on a card, and in which axes."""
+    explained = (
+        f"{axes}; L east longitude, B latitude; dL, dB relative to {benchmark}, on the sphere of "
+        f"{MEAN_LUNAR_RADIUS_M / 1e3:.1f} km"
+    )
+    cells = ((row.name, *position_cells(row, to_360=to_360)) for row in rows)
+    return Field("axes", (explained,)), Field("positions", (), _HEADING, cells)
+
+
+def position_table(rows: Iterable[PositionRow], names: Mapping[str, str] | None = None) -> TextTable:
+    """The table to print; ``names`` of rows that are called otherwise there."""
+    heading = ("Method", "", "L (°W)", "B (°N)", "δL (°W)", "δB (°N)", "δL (m)", "δB (m)")
+    cells = [
+        (row.method, (names or {}).get(row.name, row.name), *position_cells(row, east=False)) for row in rows
+    ]
+    return TextTable(heading, cells, words=2)
+
+
+def csv_table(rows: Sequence[PositionRow], more: Sequence[Mapping[str, Any]] = ()) -> str:
+    """The table as comma-separated text, with further columns of some rows."""
+    records = [asdict(row) for row in rows]
+    for record, added in zip(records, more, strict=False):
+        record |= added
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, list(dict.fromkeys(k for r in records for k in r)), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(
+        {
+            key: spreadsheet_cell(visible(cell)) if isinstance(cell, str) else cell
+            for key, cell in record.items()
+        }
+        for record in records
+    )
+    return stream.getvalue()
+
+
+def content_of(result: Located) -> Mapping[str, Any]:
+    """Return what ``solution.json`` holds of a solution, or the mapping given in its place, checked."""
+    if not isinstance(result, Mapping):
+        return result.to_dict()
+    check_solution(result)
+    return result
+
+
+def contents_by_target(results: Iterable[Located]) -> list[Mapping[str, Any]]:
+    """Return what solutions hold, those of several targets as one for each target; references are of the first."""
+    contents: list[Mapping[str, Any]] = []
+    for content in map(content_of, results):
+        references = {key: content[key] for key in ("reference", "references") if key in content}
+        for name, target in (content.get("targets") or {}).items():
+            named = {"name": f"{content['name']}, {name}", "targets": {}}
+            contents.append({**content, **target, **named, "reference": None, "references": [], **references})
+            references = {}
+        contents += [] if content.get("targets") else [content]
+    return contents
+
+
+def references_of(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """All references of what ``solution.json`` holds, the first of them first."""
+    first = content.get("reference")
+    return [*([] if first is None else [first]), *content.get("references", ())]
+
+
+def position_of(content: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The position of what ``solution.json`` holds, in principal and mean-Earth axes; an error where there is none."""
+    if not content["position"]:
+        raise InputError(
+            f"{content['name']}: there is no fixed position on the Moon; it has a trajectory already"
+        )
+    found: Mapping[str, Any] = content["position"]
+    return found
+
+
+def horizontal_covariance_of(content: Mapping[str, Any]) -> NDArray[np.float64] | None:
+    """Of east and north, m^2, shape (2, 2); None where the position is not determined."""
+    covariance = np.array(content["covariance"]["enu_m2"], dtype=np.float64)[:2, :2]
+    return covariance if np.isfinite(covariance).all() else None
+
+
+def solution_table(solutions: Iterable[Located]) -> TextTable:
+    """Position, sigmas, fit and other estimated parameters of solutions, one column each.
+
+    Parameters
+    ----------
+    solutions : iterable of Solution, ImageSolution, PointSolution or mapping
+        A mapping is what ``solution.json`` holds.
+
+    Raises
+    ------
+    InputError
+        There are none.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
+    >>> print(radioloc.results.solution_table([solution]).to_markdown().splitlines()[5])
+    | latitude, ° N | 26.13339034 |
+    """
+    contents = contents_by_target(solutions)
+    if not contents:
+        raise InputError("there is no solution to make a table of")
+    columns = [_column(content) for content in contents]
+    names = dict.fromkeys(name for column in columns for name in column)
+    rows = [(name, *(column.get(name, "-") for column in columns)) for name in names]
+    return TextTable(("", *(content["name"] for content in contents)), rows)
+
+
+def _column(content: Mapping[str, Any]) -> dict[str, str]:
+    """Cells of one solution by the names of their rows."""
+    fit = content["fit"]
+    cells = {"status": "converged" if content["converged"] else "not converged"}
+    if content["position"]:
+        cells |= _position(content)
+    if "used" in fit:
+        cells |= {"observations used": str(fit["used"]), "left out": str(fit["rejected"])}
+    if fit.get("wrms_m") is not None:
+        cells["wrms, m"] = metres(fit["wrms_m"])
+    if fit.get("chi2_per_dof") is not None:
+        cells["chi2/dof"] = f"{fit['chi2_per_dof']:.3g}"
+    for item in content.get("parameters", ()):
+        if not item["fixed"] and item["name"].split(".")[0] != "position":
+            sigma = item["total_sigma"]
+            value = (
+                "undetermined" if sigma is None else f"{to_sigma(item['value'], sigma)} ± {sigma_text(sigma)}"
+            )
+            cells[f"{item['name']}, {item['unit']}"] = value
+    return cells
+
+
+def _position(content: Mapping[str, Any]) -> dict[str, str]:
+    me = content["position"]["me"]
+    cells = {
+        "axes": me["frame"],
+        "longitude, ° E": f"{me['longitude_deg']:.8f}",
+        "latitude, ° N": f"{me['latitude_deg']:.8f}",
+        "height, m": f"{me['height_m']:.3f}",
+    }
+    if any(content["sigma"][f"{axis}_m"] != 0.0 for axis in EAST_NORTH_UP):  # the position was not held
+        for axis in EAST_NORTH_UP:
+            cells[f"1 sigma {axis}, m"] = metres(content["sigma"][f"{axis}_m"])
+        if (covariance := horizontal_covariance_of(content)) is not None:
+            ellipse = horizontal_ellipse(covariance)
+            axes = f"{metres(ellipse.semi_major_m)} × {metres(ellipse.semi_minor_m)}"
+            cells |= {"95 % ellipse, m": axes, "its azimuth, °": f"{ellipse.azimuth_deg:.0f}"}
+    if (known := content.get("reference")) is not None and "east_m" in known:
+        for axis in EAST_NORTH_UP:
+            cells[f"{axis} of {known['name']}, m"] = metres(known[f"{axis}_m"])
+    return cells

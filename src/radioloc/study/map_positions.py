@@ -1,0 +1,286 @@
+"""Positions of targets on maps, as a study gives them: a solution of images, or numbers.
+
+They are the a-priori positions of the targets, with their full covariance. The error of a map's tie to the Moon's axes
+is the same for all positions on the map.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.ephemeris.constants import CONSTANTS
+from radioloc.errors import InputError, named
+from radioloc.estimation.combination import PositionEstimate
+from radioloc.lunar.local import displaced, local_difference
+from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.link import Link, canonical_target
+from radioloc.parameters.position_prior import PositionPrior, map_tie_names
+from radioloc.results.recorded import read_recorded
+from radioloc.study.schema import check, entry
+
+_EITHER = ("longitude_deg", "latitude_deg", "height_m", "sigma_m", "sigma_up_m", "map_sigma_m")
+_OPTIONAL = ("height_m", "sigma_up_m")
+_METHODS = ("images", "stereo")
+_SAME = 1e-9
+"""Relative difference of two sigmas that are the same but for rounding."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlaceOnMap:
+    """A position that was read on a map, a table ``[[observations.map_positions]]``.
+
+    Parameters
+    ----------
+    solution : Path or None
+        ``solution.json`` of :command:`radioloc images` on a map, or else the numbers that follow.
+    longitude_deg, latitude_deg, height_m : float or None
+        Position on the map; the height is zero by default.
+    sigma_m : float or tuple of float, or None
+        Standard deviations relative to the map, east and north, m.
+    sigma_up_m : float or None
+        Standard deviation of the height, m; without it the height is not determined.
+    map : str or None
+        Name of the map; that of the solution by default.
+    map_sigma_m : float or tuple of float, or None
+        Standard deviations of the map's tie to the Moon's axes, east and north, m.
+    target : str or None
+        Name of the target, where there are several.
+    known_deg_m : tuple of float, or None
+        Longitude, latitude and height of what is seen, if they are known: a reflector, which determines the tie.
+    frame : str
+        Axes of the numbers.
+
+    Raises
+    ------
+    InputError
+        Numbers are missing, impossible or given beside a solution; the solution is not one of images on a map.
+    """
+
+    solution: Path | None = None
+    longitude_deg: float | None = None
+    latitude_deg: float | None = None
+    height_m: float | None = None
+    sigma_m: tuple[float, float] | None = entry(None, positive=True, both=True)
+    sigma_up_m: float | None = entry(None, positive=True)
+    map: str | None = None
+    map_sigma_m: tuple[float, float] | None = entry(None, positive=True, both=True)
+    target: str | None = None
+    known_deg_m: tuple[float, float, float] | None = None
+    frame: str = "ME_DE421"
+
+    def __post_init__(self) -> None:
+        check(self)
+        given = [key for key in _EITHER if getattr(self, key) is not None]
+        if self.solution is not None and given:
+            raise InputError(f"map_positions: {given[0]} is in the solution already; give either of them")
+        missing = [key for key in ("map", *_EITHER) if key not in _OPTIONAL and getattr(self, key) is None]
+        if self.solution is None and missing:
+            raise InputError(f"map_positions: {missing[0]} is missing; give it, or the solution of images")
+        if self.sigma_up_m is not None and self.height_m is None:
+            raise InputError("map_positions: height_m is missing; sigma_up_m is the sigma of a height")
+        self.read()
+
+    @property
+    def known(self) -> LunarPosition | None:
+        """Known position of what is seen."""
+        if self.known_deg_m is None:
+            return None
+        return LunarPosition.from_selenographic(*self.known_deg_m, self.frame)
+
+    def read(self) -> MapPosition:
+        """Read the position with its covariance and the errors that it shares."""
+        if self.solution is not None:
+            found = self._solved(self.solution)
+        else:
+            assert self.longitude_deg is not None
+            assert self.latitude_deg is not None
+            assert self.sigma_m is not None
+            assert self.map_sigma_m is not None
+            assert self.map is not None
+            place = LunarPosition.from_selenographic(
+                self.longitude_deg, self.latitude_deg, self.height_m or 0.0, self.frame
+            )
+            sigma_up_m = math.nan if self.sigma_up_m is None else self.sigma_up_m
+            found = MapPosition(
+                self.map,
+                _in_mean_earth_axes(place),
+                _block(np.diag(np.square([*self.sigma_m, sigma_up_m]))),
+                _ties(self.map, self.map_sigma_m),
+            )
+        Link("", self.target or "target", found.map)  # refuses what cannot name a target or a map
+        return found
+
+    def _solved(self, path: Path) -> MapPosition:
+        content = read_recorded(path)
+        stated = {
+            item["name"].rpartition(".")[0].partition(".")[2]
+            for item in content.get("considered", ())
+            if item["name"].startswith("map_tie.")
+        }
+        if content.get("method") not in _METHODS or len(stated) != 1:
+            raise InputError(f"{path}: expected a solution of radioloc images on a map; make it again")
+        if not content["converged"]:
+            raise InputError(f"{path}: the solution of images did not converge: {content['message']}")
+        with named(f"{path}:"):
+            estimate = PositionEstimate.from_solution(content)
+        place = LunarPosition.from_cartesian(estimate.position_me_m, content["position"]["me"]["frame"])
+        [on_map] = stated
+        name = self.map or on_map
+        renamed = dict(zip(map_tie_names(on_map), map_tie_names(name), strict=True))
+        errors = {renamed.get(key, key): error_m for key, error_m in estimate.errors_enu_m.items()}
+        return MapPosition(name, place, _block(estimate.noise_enu_m2), errors, tuple(sorted(estimate.data)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapPosition:
+    """A position on a map with what is known of its errors.
+
+    Parameters
+    ----------
+    map : str
+    place : LunarPosition
+        In mean-Earth axes.
+    noise_enu_m2 : ndarray, shape (3, 3)
+        Covariance relative to the map, m^2; NaN for a height that is not determined.
+    errors_enu_m : mapping of str to ndarray, shape (3,)
+        Displacement by one sigma of each error that other results have in common with it, m.
+    data : tuple of str
+        Identifiers of the images.
+    """
+
+    map: str
+    place: LunarPosition
+    noise_enu_m2: NDArray[np.float64]
+    errors_enu_m: Mapping[str, NDArray[np.float64]]
+    data: tuple[str, ...] = ()
+
+
+def position_priors(places: Sequence[PlaceOnMap], targets: Sequence[str]) -> tuple[PositionPrior, ...]:
+    """Combine positions on maps to one a-priori position of each target.
+
+    Parameters
+    ----------
+    places : sequence of PlaceOnMap
+    targets : sequence of str
+        Canonical names of the targets where there are several.
+
+    Raises
+    ------
+    InputError
+        A target is not among those given, a map has two sigmas or shows no target, or images are used twice.
+    """
+    found = [(_target(place, targets), place.known, place.read()) for place in places]
+    _require_distinct([position for *_, position in found])
+    shown = {position.map for _, known, position in found if known is None}
+    for _, _, position in found:
+        if position.map not in shown:
+            raise InputError(
+                f"expected a target on the map {position.map}, got none; give a known place only beside a target "
+                "on the same map"
+            )
+    return _combined(found) if found else ()
+
+
+def _target(place: PlaceOnMap, targets: Sequence[str]) -> str:
+    """Canonical name of the target where there are several."""
+    if not targets or place.known is not None:
+        return ""
+    name = canonical_target(place.target or "")
+    if name not in targets:
+        raise InputError(
+            f"target: expected one of {', '.join(targets)}, or a known place (known_deg_m), "
+            f"got {place.target!r}"
+        )
+    return name
+
+
+def _require_distinct(positions: Sequence[MapPosition]) -> None:
+    """Refuse one map with two sigmas, and images that are used twice."""
+    ties: dict[str, float] = {}
+    data: set[str] = set()
+    for position in positions:
+        for name in map_tie_names(position.map):
+            tie_m = float(np.linalg.norm(position.errors_enu_m[name]))
+            if abs(ties.setdefault(name, tie_m) - tie_m) > _SAME * tie_m:
+                raise InputError(
+                    f"the tie {name} has two sigmas, {ties[name]:g} and {tie_m:g} m; give both the same, "
+                    "or name two maps"
+                )
+        if shared := data.intersection(position.data):
+            raise InputError(f"two solutions use the same images ({min(shared)}); give one of them")
+        data.update(position.data)
+
+
+def _combined(items: Sequence[tuple[str, LunarPosition | None, MapPosition]]) -> tuple[PositionPrior, ...]:
+    """Estimate the positions of all targets by least squares from positions on maps that share errors."""
+    from scipy.linalg import block_diag
+
+    origins: dict[str, LunarPosition] = {}
+    for target, known, position in items:
+        if known is None:
+            origins.setdefault(target, position.place)
+    blocks = {target: slice(3 * k, 3 * k + 3) for k, target in enumerate(origins)}
+    names = list(dict.fromkeys(name for *_, position in items for name in position.errors_enu_m))
+    nothing = np.zeros(3)
+    design = np.zeros((3 * len(items), 3 * len(origins)))
+    for k, (target, known, _) in enumerate(items):
+        if known is None:
+            design[3 * k : 3 * k + 3, blocks[target]] = np.eye(3)
+    offsets_m = np.concatenate(
+        [
+            local_difference(position.place.xyz_m, (known or origins[target]).xyz_m).enu_m
+            for target, known, position in items
+        ]
+    )
+    errors_m = np.concatenate(
+        [
+            np.column_stack([position.errors_enu_m.get(name, nothing) for name in names])
+            for *_, position in items
+        ]
+    )
+    noise_m2 = block_diag(*(position.noise_enu_m2 for *_, position in items))
+    held = np.isfinite(np.diag(noise_m2))
+    free = np.asarray(design[held].any(axis=0))
+    design, offsets_m, errors_m = design[np.ix_(held, free)], offsets_m[held], errors_m[held]
+    covariance_m2 = noise_m2[np.ix_(held, held)] + errors_m @ errors_m.T
+    weighted = np.linalg.solve(covariance_m2, design)
+    gain = np.zeros((len(free), len(offsets_m)))
+    gain[free] = np.linalg.solve(design.T @ weighted, weighted.T)
+    total_m2 = gain @ covariance_m2 @ gain.T
+    total_m2[~free], total_m2[:, ~free] = np.nan, np.nan
+    moved_m, moved_by_m = gain @ offsets_m, dict(zip(names, (gain @ errors_m).T, strict=True))
+    return tuple(
+        PositionPrior(
+            target,
+            LunarPosition.from_cartesian(displaced(origin.xyz_m, moved_m[blocks[target]]), origin.frame),
+            total_m2[blocks[target], blocks[target]],
+            {name: by[blocks[target]] for name, by in moved_by_m.items() if by[blocks[target]].any()},
+            tuple(key for one, known, position in items if one == target or known for key in position.data),
+            {other: total_m2[blocks[target], block] for other, block in blocks.items() if other != target},
+        )
+        for target, origin in origins.items()
+    )
+
+
+def _in_mean_earth_axes(place: LunarPosition) -> LunarPosition:
+    if place.frame.startswith("ME_"):
+        return place
+    constants = CONSTANTS.get(place.frame.partition("_")[2])
+    return place.to_frame("ME_DE421" if constants is None else constants.me_frame)
+
+
+def _ties(map_name: str, sigma_m: tuple[float, float]) -> dict[str, NDArray[np.float64]]:
+    """Displacements by the tie of a map."""
+    return dict(zip(map_tie_names(map_name), np.eye(2, 3) * np.array(sigma_m)[:, None], strict=True))
+
+
+def _block(covariance_m2: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a covariance with NaN in all of the row and the column of a height that is not determined."""
+    known = np.isfinite(np.diag(covariance_m2))
+    return np.where(np.outer(known, known), covariance_m2, np.nan)

@@ -1,0 +1,122 @@
+"""What a study says of its observations: files, which of them take part, and what is agreed or assumed of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from radioloc.errors import InputError
+from radioloc.io.frequencies import FrequencyAgreement
+from radioloc.io.tdm import TdmAgreement
+from radioloc.study.map_positions import PlaceOnMap
+from radioloc.study.schema import TomlTable, check, entry
+from radioloc.study.weights import Weight
+from radioloc.time import Epochs, utc_to_tai
+
+TDM_KEYS = {
+    "sigma_m": "sigma_m",
+    "tdm_range": "range_convention",
+    "tdm_doppler": "doppler_convention",
+    "tdm_range_unit_s": "range_unit_s",
+    "tdm_turnaround": "turnaround",
+    "tdm_delays_removed": "delays_removed",
+    "tdm_apply_clocks": "apply_clocks",
+}
+"""Keys of ``[observations]`` that are fields of :class:`~radioloc.io.tdm.TdmAgreement`."""
+
+
+def _tdm(table: TomlTable, _: str) -> TdmAgreement:
+    return table.read(TdmAgreement, TDM_KEYS, whole=False)
+
+
+@dataclass(frozen=True, slots=True)
+class ObservationChoice:
+    """Which observations take part.
+
+    Parameters
+    ----------
+    files : path-like or iterable of path-like
+        Files to read, globs already resolved.
+    targets, stations : str or iterable of str, or None
+        Targets and stations to keep; all where ``None``.
+    target_names : mapping of str to str
+        Names that targets have in the study, by those in the files.
+    types : str or iterable of str, or None
+        Types of measurement to keep, such as ``"doppler"``; all where ``None``.
+    start, stop : Epochs or None
+        First and last epoch to keep, UTC.
+    hours : float or None
+        Length of the arc from ``start``, or from the first observation.
+    doppler_average_s : float or None
+        Counts of integrated Doppler and delay rates that follow each other without gaps, of one path and frequency, are
+        summed over this interval, s.
+    extra_sigma_m : float
+        Error of the model and of the instruments beyond what the files state, added in quadrature to each stated
+        sigma, m; of ranges and Doppler that of the round trip.
+    tdm : TdmAgreement
+        What Tracking Data Messages leave to be agreed: sigmas, whether RANGE is halved, ...
+    frequencies : iterable of FrequencyAgreement
+        What files of received frequencies do not say of the signal: for each file the first that holds for it.
+    sites : tuple of Path
+        Files of sites (:func:`~radioloc.io.read_sites`), whose stations a study file has beside those of the catalogue.
+    vlbi_station_sigma_m : float or mapping of str to float
+        Error of each VLBI station's arrival time, metres, which all delays of one epoch that the station has part in
+        share; beside the sigmas of the delays. By station: those not named have none.
+    vlbi_station_rate_sigma_m : float or mapping of str to float
+        Likewise the error of by how much each station's arrival time grows over the count interval, for delay rates.
+    doppler_phase_sigma_m : float or mapping of str to float
+        White noise of the phase at either end of a count of one-, two- or three-way Doppler, metres, by receiving
+        station or of all, beside the sigmas of the counts: contiguous counts of a link share that between them, with
+        opposite signs.
+    transmitters : str or iterable of str, or None
+        Stations that may have transmitted what Doppler is of: of each pass of a receiving station that one is taken
+        which leaves the smallest residuals, whatever the files name.
+    turnarounds : str or iterable of str, or None
+        Likewise ratios of frequency down to up, such as ``"880/749"``.
+    weights : iterable of Weight
+        Changes of the stated sigmas by type, station and file, before the extra ones are added.
+    map_positions : iterable of PlaceOnMap
+        Where targets are seen on maps. The ties of the maps are considered, with independent weights estimated about
+        zero, with their sigmas, unless the study says otherwise.
+    """
+
+    files: tuple[Path, ...] = ()
+    targets: tuple[str, ...] | None = entry(None, names=True)
+    stations: tuple[str, ...] | None = entry(None, names=True)
+    target_names: Mapping[str, str] = entry(factory=dict)
+    types: tuple[str, ...] | None = entry(None, names=True)
+    start: Epochs | None = entry(None, moment=True)
+    stop: Epochs | None = entry(None, moment=True)
+    hours: float | None = entry(None, positive=True)
+    doppler_average_s: float | None = entry(None, positive=True)
+    extra_sigma_m: float = entry(
+        0.0,
+        not_negative=True,
+        advice="it is of all observations; one by type, station or file belongs to [[observations.weights]]",
+    )
+    tdm: TdmAgreement = entry(factory=TdmAgreement, keys=tuple(TDM_KEYS), read=_tdm)
+    frequencies: tuple[FrequencyAgreement, ...] = ()
+    sites: tuple[Path, ...] = ()
+    vlbi_station_sigma_m: float | Mapping[str, float] = entry(0.0, not_negative=True)
+    vlbi_station_rate_sigma_m: float | Mapping[str, float] = entry(0.0, not_negative=True)
+    doppler_phase_sigma_m: float | Mapping[str, float] = entry(0.0, not_negative=True)
+    transmitters: tuple[str, ...] | None = entry(None, names=True)
+    turnarounds: tuple[str, ...] | None = entry(None, names=True)
+    weights: tuple[Weight, ...] = entry(
+        (),
+        advice='they are of chosen observations; how series are weighed ("correlated") is in [estimate] weights',
+    )
+    map_positions: tuple[PlaceOnMap, ...] = ()
+
+    def __post_init__(self) -> None:
+        files = (self.files,) if isinstance(self.files, (str, Path)) else self.files
+        object.__setattr__(self, "files", tuple(Path(file) for file in files))
+        object.__setattr__(self, "weights", tuple(self.weights))
+        object.__setattr__(self, "frequencies", tuple(self.frequencies))
+        object.__setattr__(self, "map_positions", tuple(self.map_positions))
+        check(self)
+        if self.start is not None and self.stop is not None:
+            length_s = utc_to_tai(self.stop).seconds_since(utc_to_tai(self.start))
+            if not (length_s > 0.0).all():
+                raise InputError("stop must be later than start")

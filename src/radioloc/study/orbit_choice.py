@@ -1,0 +1,304 @@
+"""What a study file says of an orbit: what acts on it, and what of it is estimated."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.dynamics import BODIES, STATE, Acceleration, Forces, GravityField, Impulse
+from radioloc.dynamics.elements import FORMS
+from radioloc.dynamics.gravity import SHIPPED
+from radioloc.errors import InputError
+from radioloc.parameters.orbit import RTN
+from radioloc.study.orbiter import GRAVITY_ERROR_DEGREE, GRAVITY_ERRORS
+from radioloc.study.schema import TomlTable, check, entry
+from radioloc.time import epochs_from_strings
+
+EMPIRICAL = ("none", "constant", "once_per_revolution")
+EMPIRICAL_NAME = "empirical"
+EMPIRICAL_SIGMA_M_S2 = 3e-9
+"""What a field to degree 150 leaves out at 50 km is some 1e-8 m/s2, little of it with the period of the orbit."""
+MOST_SEGMENTS = 1000
+_STATE_FORMS = {"rtn": RTN, **FORMS}
+
+
+def _gravity(table: TomlTable, key: str) -> str | Path | None:
+    """A field that ships, by its name, or a file beside the study."""
+    name = table.get(key, str)
+    return name if name is None or name in SHIPPED else table.files(key, [name])[0]
+
+
+@dataclass(frozen=True, slots=True)
+class GivenAcceleration:
+    """Keys of ``[[forces.accelerations]]``: an empirical acceleration, or the thrust of a finite manoeuvre.
+
+    Parameters are those of :class:`~radioloc.dynamics.Acceleration`; dates are TDB. With `every_s` it is divided into
+    segments of about this length, NAME.1, NAME.2 and so on, each with its own parameters.
+    """
+
+    name: str
+    axes: str = entry("RTN", choices=("RTN", "ICRF"))
+    constant_m_s2: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    cosine_m_s2: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    sine_m_s2: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    start: str | None = None
+    stop: str | None = None
+    sigma_m_s2: float | None = entry(None, positive=True)
+    every_s: float | None = entry(None, positive=True)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    def read(self) -> list[Acceleration]:
+        """It, as a force, or as one for each of its segments."""
+        given: dict[str, Any] = asdict(self)
+        every_s = given.pop("every_s")
+        for key in ("start", "stop"):
+            given[key] = None if given[key] is None else epochs_from_strings(given[key], "TDB")
+        whole = Acceleration(**given)
+        if every_s is None:
+            return [whole]
+        if whole.start is None or whole.stop is None:
+            raise InputError(f"acceleration {self.name}: every_s divides it from start to stop; give both")
+        length_s = float(whole.stop.seconds_since(whole.start)[0])
+        count = max(1, round(length_s / every_s))
+        if count > MOST_SEGMENTS:
+            raise InputError(
+                f"acceleration {self.name}: every_s makes {count} segments; {MOST_SEGMENTS} are the most"
+            )
+        ends = [whole.start.shifted(length_s * k / count) for k in range(count)] + [whole.stop]
+        return [
+            replace(whole, name=f"{self.name}.{k + 1}", start=ends[k], stop=ends[k + 1]) for k in range(count)
+        ]
+
+
+@dataclass(frozen=True, slots=True)
+class GivenImpulse:
+    """Keys of ``[[forces.impulses]]``: a manoeuvre that changes the velocity at once; the epoch is TDB."""
+
+    name: str
+    epoch: str
+    delta_v_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    axes: str = entry("RTN", choices=("RTN", "ICRF"))
+
+    def read(self) -> Impulse:
+        """It, as a force."""
+        given: dict[str, Any] = asdict(self)
+        return Impulse(**given | {"epoch": epochs_from_strings(self.epoch, "TDB")})
+
+
+@dataclass(frozen=True, slots=True)
+class ForcesChoice:
+    """What acts on an orbiter.
+
+    Parameters
+    ----------
+    gravity : str
+        ``"GRGM660PRIM"``, or the path of a gravity field of the Moon (ICGEM ``.gfc``, SHADR ``.tab``).
+    gravity_axes : str or None
+        Axes of the field's coefficients, such as ``"PA_DE440"``, where its file does not name them.
+    gravity_tide_system : {"tide_free", "zero_tide"} or None
+        Whether the field contains the permanent tide, where its file does not state it.
+    degree : int or None
+        Highest degree and order; all of the field where ``None``.
+    gm_m3_s2 : float or None
+        GM of the Moon; that of the ephemeris where ``None``.
+    bodies : tuple of str
+        Point masses beside the Moon.
+    tides : bool
+        Whether Earth and Sun raise tides on the Moon.
+    k2 : float or None
+        Their Love number, where it is not that of :class:`~radioloc.dynamics.Forces`.
+    figures, relativity : bool
+        The figures of Earth and Moon under the other's pull; post-Newtonian terms.
+    radiation_m2_kg : float
+        C_R A/m of sunlight, m2/kg; zero leaves it out.
+    moonlight : bool
+        Whether light and heat of the Moon's ground press, too.
+    empirical : {"none", "constant", "once_per_revolution"}
+        Empirical acceleration along radial, transverse and normal, zero a priori, to be estimated.
+    accelerations, impulses : tuple
+        Thrust, further empirical accelerations and manoeuvres.
+    gradient_degree : int or None
+        Highest degree of the harmonics in the partials; that of the field where ``None``.
+    gravity_errors, gravity_error_degree : int
+        As of :class:`Orbiter`.
+    """
+
+    gravity: str | Path = entry("GRGM660PRIM", read=_gravity)
+    gravity_axes: str | None = None
+    gravity_tide_system: str | None = entry(None, choices=("tide_free", "zero_tide"))
+    degree: int | None = entry(None, positive=True)
+    gm_m3_s2: float | None = entry(None, positive=True)
+    bodies: tuple[str, ...] = BODIES
+    tides: bool = True
+    k2: float | None = None
+    figures: bool = True
+    relativity: bool = True
+    radiation_m2_kg: float = entry(0.0, not_negative=True)
+    moonlight: bool = True
+    empirical: str = entry("none", choices=EMPIRICAL)
+    accelerations: tuple[GivenAcceleration, ...] = ()
+    impulses: tuple[GivenImpulse, ...] = ()
+    gradient_degree: int | None = None
+    gravity_errors: int = entry(GRAVITY_ERRORS, not_negative=True)
+    gravity_error_degree: int = entry(GRAVITY_ERROR_DEGREE, positive=True)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    def forces(self) -> Forces:
+        """What acts, with its gravity field read."""
+        accelerations = [segment for one in self.accelerations for segment in one.read()]
+        if self.empirical != "none":
+            accelerations.append(Acceleration(EMPIRICAL_NAME))
+        k2 = {} if self.k2 is None and self.tides else {"k2": (self.k2 or 0.0) * self.tides}
+        field = GravityField.open(self.gravity, self.degree, self.gravity_axes, self.gravity_tide_system)
+        return Forces(
+            field,
+            gm_m3_s2=self.gm_m3_s2,
+            bodies=self.bodies,
+            **k2,
+            figures=self.figures,
+            relativity=self.relativity,
+            radiation_m2_kg=self.radiation_m2_kg,
+            moonlight=self.moonlight,
+            accelerations=tuple(accelerations),
+            impulses=tuple(one.read() for one in self.impulses),
+            gradient_degree=field.degree if self.gradient_degree is None else self.gradient_degree,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessNoise:
+    """Keys of ``[estimate.orbit] process_noise``: stochastic accelerations, constant over intervals from the epoch on.
+
+    Parameters
+    ----------
+    radial_m_s2, along_m_s2, across_m_s2 : float
+        Their sigmas.
+    interval_s : float
+        For how long each lasts.
+    correlation_s : float
+        Correlation time (first-order Gauss-Markov); zero where each interval's is independent of the others.
+    """
+
+    radial_m_s2: float = entry(0.0, not_negative=True)
+    along_m_s2: float = entry(0.0, not_negative=True)
+    across_m_s2: float = entry(0.0, not_negative=True)
+    interval_s: float = entry(600.0, positive=True)
+    correlation_s: float = entry(0.0, not_negative=True)
+
+    def __post_init__(self) -> None:
+        check(self)
+        if not any(self.sigma_m_s2):
+            raise InputError(
+                "process_noise needs a sigma above zero: radial_m_s2, along_m_s2 or across_m_s2; docs/dynamics.md has "
+                "sizes"
+            )
+
+    @property
+    def sigma_m_s2(self) -> NDArray[np.float64]:
+        """Radial, along, across, shape (3,)."""
+        return np.array([self.radial_m_s2, self.along_m_s2, self.across_m_s2])
+
+    @property
+    def persistence(self) -> float:
+        """Correlation of an acceleration with that of the next interval."""
+        return math.exp(-self.interval_s / self.correlation_s) if self.correlation_s else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class OrbitChoice:
+    """Keys of ``[estimate.orbit]``: what is estimated of an orbit.
+
+    Parameters
+    ----------
+    state : bool
+        Whether the state at the epoch is.
+    state_sigma_m, state_sigma_m_s : float or None
+        A-priori sigmas of each component; free where ``None``.
+    state_sigma : mapping of str to float
+        In their place sigmas by name, of one of three forms, whose components then are the parameters: radial, along
+        and across (``radial_m`` to ``across_m_s``), Keplerian or equinoctial elements to the Moon's equator
+        (:data:`~radioloc.dynamics.elements.FORMS`). What is left out is free.
+    touchdown_sigma_m_s : float
+        A-priori sigma of each component of the velocity at a touchdown, relative to the ground and zero a priori.
+    forces : tuple of str or None
+        Names of parameters of the forces (:meth:`~radioloc.dynamics.Forces.parameters`), or of accelerations and
+        impulses, all components of which then are. By default the radiation coefficient and the empirical
+        acceleration, where there are such, and all given impulses.
+    sigma : mapping of str to float
+        Their a-priori sigmas by the same names, SI units. By default of the radiation coefficient half its value, of
+        the empirical acceleration 3e-9 m/s2; all others are free.
+    process_noise : ProcessNoise or None
+        Stochastic accelerations. They take the place of weights that allow for correlation in time, and of considered
+        errors of the gravity field.
+    """
+
+    state: bool = True
+    state_sigma_m: float | None = entry(None, positive=True)
+    state_sigma_m_s: float | None = entry(None, positive=True)
+    state_sigma: Mapping[str, float] = entry(factory=dict, positive=True)
+    touchdown_sigma_m_s: float = entry(1.0, positive=True)
+    forces: tuple[str, ...] | None = None
+    sigma: Mapping[str, float] = entry(factory=dict, positive=True)
+    process_noise: ProcessNoise | None = None
+
+    def __post_init__(self) -> None:
+        check(self)
+        if self.state_sigma and (self.state_sigma_m or self.state_sigma_m_s):
+            raise InputError(
+                "[estimate.orbit] state_sigma: give either it or state_sigma_m and state_sigma_m_s"
+            )
+        if self.state_sigma and self.form == "cartesian":
+            known = "; ".join(", ".join(names) for names in _STATE_FORMS.values())
+            raise InputError(
+                f"[estimate.orbit] state_sigma: {', '.join(self.state_sigma)} are not of one form; there are {known}"
+            )
+
+    @property
+    def form(self) -> str:
+        """Of the state's parameters: that of the sigmas' names."""
+        fits = (form for form, names in _STATE_FORMS.items() if {*self.state_sigma} <= {*names})
+        return next(fits, "cartesian") if self.state_sigma else "cartesian"
+
+    def parameters(self, forces: Forces) -> tuple[str, ...]:
+        """Parameters of the forces that are estimated; an InputError where a name is of none."""
+        known = forces.parameters()
+        groups = tuple(dict.fromkeys(one.rpartition(".")[0] or one for one in known))
+        asked = self.forces
+        if asked is None:
+            impulses = tuple(one.name for one in forces.impulses)
+            asked = (*(("radiation",) if forces.radiation_m2_kg else ()), *impulses)
+            asked += (EMPIRICAL_NAME,) if EMPIRICAL_NAME in groups else ()
+        found: dict[str, None] = {}
+        for one in forces.accelerations:
+            found |= dict.fromkeys(one.names()[0] if one.sigma_m_s2 is not None else ())
+        for name in (*asked, *self.sigma):
+            mine = [one for one in known if one == name or one.rpartition(".")[0] == name]
+            if not mine:
+                raise InputError(
+                    f"[estimate.orbit] forces: there is no {name!r}; there are {', '.join(groups)}"
+                )
+            found |= dict.fromkeys(mine) if name in asked else {}
+        return tuple(found)
+
+    def sigmas(self, forces: Forces) -> dict[str, float]:
+        """A-priori sigmas of all parameters that have one."""
+        given = dict(self.sigma)
+        if forces.radiation_m2_kg:
+            given.setdefault("radiation", 0.5 * forces.radiation_m2_kg)
+        given.setdefault(EMPIRICAL_NAME, EMPIRICAL_SIGMA_M_S2)
+        for one in forces.accelerations:
+            given |= {} if one.sigma_m_s2 is None else dict.fromkeys(one.names()[0], one.sigma_m_s2)
+        state = dict.fromkeys(STATE[:3], self.state_sigma_m) | dict.fromkeys(STATE[3:], self.state_sigma_m_s)
+        by_name = {one: given.get(one, given.get(one.rpartition(".")[0])) for one in self.parameters(forces)}
+        by_name |= self.state_sigma or state
+        return {name: sigma for name, sigma in by_name.items() if sigma is not None}

@@ -1,0 +1,105 @@
+"""What a result depends on, in types that JSON has: settings, files by their SHA-256, versions."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import platform
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from radioloc._version import __version__
+from radioloc.kernels import find_kernel, sha256_of
+from radioloc.study.study import ModelChoice, Study, TerrainPrior
+
+_LONGEST_LIST = 100
+_WITHOUT_EFFECT = ("catalogue", "longitude_to_360", "name", "path", "reference", "references")
+"""Fields of a study that change no number that is computed; the catalogue is recorded as the list of its stations."""
+_PACKAGES = ("numpy", "scipy", "numba", "pyerfa", "astropy-iers-data")
+
+_OF_A_STATION = ("complex", "country")
+"""What is said of stations and changes nothing."""
+
+
+def versions() -> dict[str, str]:
+    """Versions of what computes."""
+    return {
+        "radioloc": __version__,
+        "python": platform.python_version(),
+        **{name: version(name) for name in _PACKAGES},
+    }
+
+
+def settings_of(study: Study) -> dict[str, Any]:
+    """All on which the results of a study depend, by field; of files names and SHA-256."""
+    names = [f.name for f in fields(study) if f.name not in _WITHOUT_EFFECT]
+    return {name: _plain(getattr(study, name)) for name in names} | {
+        "stations": _plain(list(study.catalogue))
+    }
+
+
+def study_origin(study: Study) -> dict[str, Any]:
+    """The file of a study that is from one, the files that it rests on, and the SHA-256 of each table of settings."""
+    assert study.path is not None
+    settings = settings_of(study)
+    return {
+        "file": str(study.path.resolve()),
+        "sha256": sha256_of(study.path),
+        "hours": study.observations.hours,
+        "inputs": list(_files(settings)),
+        "settings": {name: _sha256(json.dumps(table).encode()) for name, table in settings.items()},
+    }
+
+
+def _files(value: Any) -> Iterator[dict[str, str]]:
+    if isinstance(value, Mapping):
+        if set(value) == {"file", "sha256"}:
+            yield dict(value)
+        for item in value.values():
+            yield from _files(item)
+    elif isinstance(value, list):
+        for item in value:
+            yield from _files(item)
+
+
+def _plain(value: Any) -> Any:
+    """Plain numbers, texts, lists and tables; of files and long lists their SHA-256."""
+    if isinstance(value, TerrainPrior):
+        maps = [{"file": file.path.name, "sha256": file.sha256} for file in value.terrain.metadata.files]
+        return {"maps": maps, "interpolation": value.terrain.interpolation, "sigma_m": value.sigma_m}
+    if isinstance(value, ModelChoice):
+        kernels = {"ephemeris": "SPK", "libration": "PCK"}
+        found = {name: find_kernel(getattr(value, name), kind) for name, kind in kernels.items()}
+        return {f.name: _plain(found.get(f.name, getattr(value, f.name))) for f in fields(value)}
+    if isinstance(value, Path):
+        return {"file": value.name, "sha256": sha256_of(value) if value.is_file() else None}
+    if is_dataclass(value):
+        return {f.name: _plain(getattr(value, f.name)) for f in fields(value) if f.name not in _OF_A_STATION}
+    if isinstance(value, Enum):
+        return _plain(value.value)
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, set | frozenset):
+        return sorted(_plain(item) for item in value)
+    if isinstance(value, list | tuple):
+        items = [_plain(item) for item in value]
+        numbers = len(items) >= _LONGEST_LIST and all(isinstance(item, int | float) for item in items)
+        return _sha256(json.dumps(items).encode()) if numbers else items
+    if callable(value):
+        return f"{value.__module__}.{value.__qualname__}"
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return value
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()

@@ -1,0 +1,158 @@
+"""Reading the ``[simulation]`` tables of a study file: what is tracked when, what the world is like, and the noise."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, TypeVar
+
+from radioloc.earth.stations import StationCatalogue
+from radioloc.ephemeris import Trajectory
+from radioloc.errors import StationError
+from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.registry import KINDS, MEASUREMENTS
+from radioloc.parameters.kind import Scope
+from radioloc.parameters.registry import PARAMETERS
+from radioloc.simulation import Masks, Noise, NoiseModel, Scenario, Schedule, Session, Truth, TruthSigma
+from radioloc.simulation.schedule import LINKS
+from radioloc.study.orbiter import Orbiter
+from radioloc.study.schema import TomlTable
+from radioloc.time import Epochs, utc_strings
+
+_Made = TypeVar("_Made")
+_MASKS = {
+    "mask_deg": "station_deg",
+    "target_mask_deg": "target_deg",
+    "station_masks_deg": "by_station_deg",
+}
+_VLBI_STATION = ("vlbi_station", "vlbi_station_rate")
+_OF_TRUTH = {"terms_on": tuple[str, ...], "terms_off": tuple[str, ...]}
+_OF_TRUTH_SIGMA = {"position_enu_m": tuple[float, float, float], "gravity_errors": int}
+"""Keys of both that are no parameter's."""
+
+
+@dataclass(frozen=True, slots=True)
+class SessionKeys:
+    """Keys of ``[simulation.sessions.NAME]``."""
+
+    kind: str
+    stations: tuple[str, ...]
+    start: Epochs
+    stop: Epochs
+    step_s: float
+    sigma_m: float
+    links: str | None = None
+    one_uplink: bool = False
+    time_tag: str = "receive"
+    count_s: float = math.nan
+    uplink_hz: float = math.nan
+    wavelength_um: float = math.nan
+    source: str = ""
+
+
+def scenario(
+    table: TomlTable, position: LunarPosition | Trajectory | Orbiter, catalogue: StationCatalogue
+) -> Scenario:
+    """Read ``[simulation]``, of which `position`, where the target truly is, has been taken."""
+    seed, name = table.get("seed", int), table.get("name", str)
+    sessions, truth, truth_sigma, noise = (
+        table.table(key) for key in ("sessions", "truth", "truth_sigma", "noise")
+    )
+    masks = table.read(Masks, _MASKS)
+    by_station_deg = {
+        _station(table, "station_masks_deg", station, catalogue): mask_deg
+        for station, mask_deg in masks.by_station_deg.items()
+    }
+    if len(by_station_deg) < len(masks.by_station_deg):
+        table.fail("station_masks_deg", "names a station twice")
+    planned = [] if sessions is None else [_session(one, catalogue) for one in sessions.named().values()]
+    if not planned:
+        table.fail("sessions", "is missing; give at least one [simulation.sessions.NAME]")
+    stations = tuple(dict.fromkeys(end for session in planned for pair in session.pairs for end in pair))
+    return table.build(
+        Scenario,
+        schedule=Schedule(planned, replace(masks, by_station_deg=by_station_deg)),
+        position=position,
+        truth=_errors(truth, Truth, _OF_TRUTH, stations, catalogue),
+        noise=None if noise is None else _noise(noise),
+        truth_sigma=_errors(truth_sigma, TruthSigma, _OF_TRUTH_SIGMA, stations, catalogue),
+        seed=seed,
+        name=position.name if name is None and isinstance(position, Orbiter) else name,
+    )
+
+
+def _session(table: TomlTable, catalogue: StationCatalogue) -> Session:
+    given = table.read(SessionKeys)
+    form = MEASUREMENTS[given.kind].form if given.kind in KINDS else ""
+    possible = [name for name, (of_form, _) in LINKS.items() if of_form == form]
+    links = given.links or (possible or ["two_way"])[0]
+    if links not in LINKS:
+        table.fail("links", f"must be one of {', '.join(LINKS)}, not {links!r}")
+    if possible and links not in possible:
+        table.fail("links", f"{links!r} does not go with kind {given.kind!r}; use {' or '.join(possible)}")
+    stations = [_station(table, "stations", name, catalogue) for name in given.stations]
+    same = {f.name for f in fields(SessionKeys)} & {f.name for f in fields(Session)}
+    return table.build(
+        Session,
+        pairs=LINKS[links][1](*stations),
+        start_utc=_utc(given.start),
+        stop_utc=_utc(given.stop),
+        **{key: getattr(given, key) for key in same},
+    )
+
+
+def _utc(epoch: Epochs | None) -> str | None:
+    return None if epoch is None else str(utc_strings(epoch, decimals=9)[0]).rstrip("0").rstrip(".")
+
+
+def _noise(table: TomlTable) -> NoiseModel:
+    found = {key: one for key in (*KINDS, *_VLBI_STATION) if (one := table.get(key, Noise)) is not None}
+    table.finish()
+    of_stations = {key: found.pop(key) for key in _VLBI_STATION if key in found}
+    return NoiseModel(found, **of_stations)
+
+
+def _errors(
+    table: TomlTable | None,
+    make: Callable[..., _Made],
+    keys: Mapping[str, Any],
+    stations: tuple[str, ...],
+    catalogue: StationCatalogue,
+) -> _Made | None:
+    """A record of errors of parameters, or of their sigmas, and of what else its keys hold."""
+    if table is None:
+        return None
+    found: dict[str, Any] = {"clock_epoch_utc": _utc(table.get("clock_epoch", Epochs))}
+    for kind in PARAMETERS.values():
+        key = kind.value_key
+        found[key] = table.take(key)
+        per = kind.keys["per"]
+        found[per] = table.get(per, str)
+        of_stations = kind.scopes[0] is Scope.STATION and found[per] in (None, "station", "pass")
+        if of_stations and isinstance(found[key], Mapping):
+            _require_stations(table, key, found[key], stations, catalogue)
+    found |= {key: table.get(key, kind) for key, kind in keys.items()}
+    table.finish()
+    return table.build(make, **found)
+
+
+def _require_stations(
+    table: TomlTable, key: str, names: Iterable[str], stations: tuple[str, ...], catalogue: StationCatalogue
+) -> None:
+    """Refuse what is not a station of the sessions, and one that is there by two names."""
+    found = [_station(table, key, name, catalogue) for name in names]
+    for station in found:
+        if station not in stations:
+            table.fail(
+                key, f"{station} is in no session; the stations are {', '.join(filter(None, stations))}"
+            )
+        if found.count(station) > 1:
+            table.fail(key, f"{station} is named twice")
+
+
+def _station(table: TomlTable, key: str, name: str, catalogue: StationCatalogue) -> str:
+    try:
+        return catalogue.get(name).name
+    except StationError as error:
+        table.fail(key, str(error))

@@ -1,0 +1,340 @@
+"""Reading a study from a TOML file: every mistake in it is one sentence naming the file, the table and the key."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from radioloc.earth.reference_frames import frames
+from radioloc.earth.stations import Station, StationCatalogue
+from radioloc.ephemeris import Trajectory
+from radioloc.errors import InputError, StationError, require_type
+from radioloc.io.frequencies import FrequencyAgreement, read_sites
+from radioloc.lunar.position import LunarPosition
+from radioloc.parameters.choice import ParameterChoice
+from radioloc.parameters.considered import considered_choices
+from radioloc.simulation import Scenario
+from radioloc.study.map_positions import PlaceOnMap
+from radioloc.study.observation_choice import ObservationChoice
+from radioloc.study.orbit_choice import (
+    ForcesChoice,
+    GivenAcceleration,
+    GivenImpulse,
+    OrbitChoice,
+    ProcessNoise,
+)
+from radioloc.study.orbiter import Orbiter
+from radioloc.study.schema import Hints, TomlTable, check, entry, keys_of, source_of, toml_content
+from radioloc.study.simulation_file import scenario
+from radioloc.study.study import (
+    PARAMETER_KEYS,
+    CovarianceChoice,
+    EstimateChoice,
+    ModelChoice,
+    Study,
+)
+from radioloc.study.target_file import (
+    LandingKeys,
+    Place,
+    Target,
+    named_positions,
+    position_of,
+    read_forces,
+    read_target,
+    reference_of,
+    true_orbiter,
+)
+from radioloc.study.weights import Weight
+
+_FASTEST_PLATE_M_YR = 1.0
+"""Plates move by up to 0.1 m a year; more is another unit."""
+_FARTHEST_ALIAS_KM = 10.0
+"""A station of the catalogue that a study calls by an alias and puts farther off is another one."""
+GEODETIC = ("longitude_deg", "latitude_deg", "height_m")
+"""Keys of a position above an ellipsoid."""
+_STATION_YEARS = (1900.0, 2100.0)
+"""An epoch outside is no Julian year but another count of days."""
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """Keys of ``[stations.NAME]``: a position in the ITRF, or above the ellipsoid of GRS80 or WGS 84."""
+
+    itrf_m: tuple[float, float, float] | None = None
+    longitude_deg: float | None = None
+    latitude_deg: float | None = None
+    height_m: float | None = None
+    frame: str | None = entry(None, choices=frames())
+    velocity_m_yr: tuple[float, float, float] | None = None
+    epoch: float | None = None
+    aliases: tuple[str, ...] = ()
+    mount: str | None = None
+    axis_offset_m: float | None = None
+    sigma_m: float | None = None
+
+    def __post_init__(self) -> None:
+        check(self)
+        given = [name for name in GEODETIC if getattr(self, name) is not None]
+        if self.itrf_m is not None and given:
+            raise InputError(f"itrf_m: give either itrf_m or {', '.join(GEODETIC)}, not both")
+        if given and len(given) < len(GEODETIC):
+            raise InputError(
+                f"{given[0]}: a position above the ellipsoid is {', '.join(GEODETIC)}; give all three"
+            )
+        if self.velocity_m_yr is not None and np.linalg.norm(self.velocity_m_yr) > _FASTEST_PLATE_M_YR:
+            raise InputError(
+                f"velocity_m_yr: no station moves like {self.velocity_m_yr}; give metres per year"
+            )
+        if self.epoch is not None and not _STATION_YEARS[0] <= self.epoch <= _STATION_YEARS[1]:
+            raise InputError(f"epoch: must be a Julian year such as 2010.0, not {self.epoch!r}")
+
+    def position(self) -> dict[str, Any]:
+        """What is given of the position, its motion and their frame, as fields of a station."""
+        geodetic = {name: getattr(self, name) for name in GEODETIC} if self.latitude_deg is not None else {}
+        motion = {"velocity_m_yr": self.velocity_m_yr, "epoch_year": self.epoch, "frame": self.frame}
+        fields = {"itrf_m": self.itrf_m} | geodetic | motion
+        return {name: value for name, value in fields.items() if value is not None}
+
+
+TABLES: dict[str, type] = {
+    "target": Target,
+    "target.landing": LandingKeys,
+    "targets.NAME": Place,
+    "forces": ForcesChoice,
+    "forces.accelerations": GivenAcceleration,
+    "forces.impulses": GivenImpulse,
+    "reference": Place,
+    "references.NAME": Place,
+    "observations": ObservationChoice,
+    "observations.frequencies": FrequencyAgreement,
+    "observations.weights": Weight,
+    "observations.map_positions": PlaceOnMap,
+    "estimate": EstimateChoice,
+    "estimate.orbit": OrbitChoice,
+    "estimate.orbit.process_noise": ProcessNoise,
+    "model": ModelChoice,
+    "stations.NAME": Site,
+    "covariance": CovarianceChoice,
+}
+"""The records of the tables of a study file; beside them ``[consider]`` and those of ``[simulation]``."""
+
+_TABLES_OF_A_STUDY = tuple(
+    dict.fromkeys([*(name.partition(".")[0] for name in TABLES), "consider", "simulation"])
+)
+
+
+def _hints() -> Hints:
+    """Made when a study is read: the kinds of parameter of other packages have keys, too."""
+    return Hints(
+        {table: keys_of(TABLES[table]) for table in ("observations", "estimate", "model")},
+        {
+            (table, field.name): field.metadata["advice"]
+            for table, record in TABLES.items()
+            for field in dataclasses.fields(record)
+            if "advice" in field.metadata
+        }
+        | {
+            ("observations", "sigma_m"): (
+                "it is a table by type, such as { range = 1.0 }, for files that state no sigma; a sigma in place of "
+                "stated ones belongs to [[observations.weights]]"
+            ),
+            ("target", "arcs_hours"): (
+                "an orbit is one arc: give each arc a study of its own, and compare their orbits where they overlap"
+            ),
+            ("simulation", "station_masks_deg"): "it is by station, such as { KASHI = 10.0 }",
+        },
+    )
+
+
+def read_study(path: str | Path) -> Study:
+    """Read a study file.
+
+    Parameters
+    ----------
+    path : path-like
+        A TOML file, or ``-`` for standard input; paths in it are relative to its folder, or to the working directory.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, is not TOML, or has an unknown key or an unusable value; the message names it.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> study = radioloc.read_study("examples/apollo15/apollo15.toml")
+    >>> study.target.frame
+    'ME_DE421'
+    """
+    require_type("path", path, str, Path)
+    content: dict[str, Any] = toml_content(Path(path))
+    path, file = source_of(path)
+    top = TomlTable(path, "", content, _hints())
+    tables = {key: top.table(key) for key in _TABLES_OF_A_STUDY}
+    top.finish()  # before anything else, so that a misspelt table is not called missing
+
+    def made(key: str, make: Callable[[TomlTable], Any]) -> Any:
+        table = tables[key]
+        return None if table is None else make(table)
+
+    if (tables["target"] is None) == (tables["targets"] is None):
+        missing = tables["target"] is None
+        problem = (
+            "is missing; it gives the a-priori position" if missing else "and [targets] exclude each other"
+        )
+        raise InputError(f"{path}: [target] {problem}")
+    simulated = tables["simulation"] is not None
+    observations = made("observations", partial(_observations, may_be_missing=simulated))
+    catalogue = made("stations", _catalogue) or StationCatalogue.default()
+    for site in () if observations is None else chain.from_iterable(map(read_sites, observations.sites)):
+        if site.name not in catalogue:  # the study itself says better where it is
+            catalogue = catalogue.with_station(site)
+    targets = made("targets", named_positions)
+    if targets == {}:
+        raise InputError(f"{path}: [targets] names none; give at least one [targets.NAME]")
+    forces = made("forces", read_forces)
+    if forces is not None and "dynamics" not in content.get("target", {}):
+        raise InputError(f'{path}: [forces] act on a target with dynamics = "moon"; leave them out')
+    model = made("model", partial(_model, catalogue=catalogue))
+    target = (
+        made("target", partial(read_target, forces=forces, model=model or ModelChoice()))
+        or next(iter(targets.values())).position
+    )
+    considered, defaults = made("consider", _considered) or ({}, True)
+    places = [content.get("target", {}), *content.get("targets", {}).values()]
+    planned = made("covariance", lambda table: table.read(CovarianceChoice))
+    return top.build(
+        Study,
+        target=target,
+        target_name=content.get("target", {}).get("name"),
+        targets=targets and {name: found.position for name, found in targets.items()},
+        observations=observations,
+        estimate=made("estimate", lambda table: table.read(EstimateChoice)),
+        consider=considered,
+        consider_defaults=defaults,
+        model=model,
+        catalogue=catalogue,
+        reference=made("reference", reference_of),
+        references=tuple((made("references", named_positions) or {}).values()),
+        name=path.stem,
+        path=file,
+        candidates=None if planned is None else planned.candidates,
+        longitude_to_360=any(place.get("longitude_deg", 0.0) > 180.0 for place in places),
+        simulation=made(
+            "simulation",
+            partial(_simulation, target=target, forces=content.get("forces", {}), catalogue=catalogue),
+        ),
+    )
+
+
+def as_study(study: Study | str | Path) -> Study:
+    """A study as it is, or that of a file."""
+    if isinstance(study, (str, Path)):
+        return read_study(study)
+    require_type("study", study, Study, str, Path)
+    return study
+
+
+def _considered(table: TomlTable) -> tuple[dict[str, ParameterChoice], bool]:
+    """What is considered, and whether by default, too."""
+    defaults = table.get("defaults", bool)
+    given = {key: value for key in PARAMETER_KEYS if (value := table.take(key)) is not None}
+    found = table.build(considered_choices, given=given)
+    table.finish()
+    return found, defaults is not False
+
+
+def _simulation(
+    table: TomlTable,
+    target: LunarPosition | Trajectory | Orbiter,
+    forces: Mapping[str, Any],
+    catalogue: StationCatalogue,
+) -> Scenario:
+    orbits, lands = isinstance(target, Orbiter), isinstance(target, Orbiter) and target.landing is not None
+    for key in ("state",) if lands else ("position",) if orbits else ("state", "forces"):
+        if key in table:
+            kind, instead = (
+                ("a place", "state") if orbits else ('a target with dynamics = "moon"', "position")
+            )
+            if lands:
+                kind, instead = "a target that does not land", "position"
+            table.fail(key, f"belongs to {kind} on the Moon; use [simulation.{instead}]")
+    true, state, acting = (table.table(key) for key in ("position", "state", "forces"))
+    if isinstance(target, Orbiter):
+        truth = true_orbiter(target, state, acting, forces)
+        if true is not None and truth.landing is not None:
+            place = position_of(true, true.read(Place))
+            truth = replace(truth, landing=replace(truth.landing, place=place))
+        planned = scenario(table, truth, catalogue)
+        if any(planned.truth_sigma.position_enu_m):
+            raise InputError(
+                f"{table.path}: [simulation.truth_sigma] position_enu_m belongs to a place on the Moon, but the target "
+                "is an orbiter; leave it out"
+            )
+        return planned
+    # Of a trajectory there is none, and the study refuses it.
+    planned = scenario(table, target if true is None else position_of(true, true.read(Place)), catalogue)
+    if planned.truth_sigma.gravity_errors:
+        raise InputError(
+            f"{table.path}: [simulation.truth_sigma] gravity_errors belongs to an orbiter; leave it out"
+        )
+    return planned
+
+
+def _observations(table: TomlTable, may_be_missing: bool) -> ObservationChoice:
+    patterns = table.get("files", tuple[str, ...]) or ()
+    return table.read(ObservationChoice, files=table.files("files", patterns, may_be_missing=may_be_missing))
+
+
+def _model(table: TomlTable, catalogue: StationCatalogue) -> ModelChoice:
+    model = table.read(ModelChoice)
+    try:
+        return replace(model, delays=model.delays.named(catalogue))
+    except StationError as error:
+        table.fail("station_delay_s", str(error).removeprefix("station_delay_s: "))
+
+
+def _catalogue(table: TomlTable) -> StationCatalogue:
+    """The catalogue that ships, with the stations of the study added or in the place of those of the same name."""
+    catalogue = StationCatalogue.default()
+    for name, given in table.named().items():
+        site = given.read(Site)
+        known = catalogue.get(name) if name in catalogue else None
+        position = site.position()
+        kept = known is not None and not position
+        if not kept and not {"itrf_m", *GEODETIC} & set(position):
+            given.fail(
+                "itrf_m", f"is missing; give the station's ITRF x, y, z in metres, or {', '.join(GEODETIC)}"
+            )
+        changes: dict[str, Any] = {
+            "mount": site.mount,
+            "axis_offset_m": site.axis_offset_m,
+            "sigma_m": site.sigma_m,
+        }
+        if not kept:
+            changes |= {"epoch_year": 2000.0, "quality": "survey", "source": "study file"} | position
+        fields: dict[str, Any] = {"name": name, "kind": "ttc"}
+        if known is not None:
+            # Data name stations by codes and pads; those, the antenna's axes and the loading of the site stay with a
+            # station that only gets another position.
+            of_position = () if kept else ("itrf_m", "velocity_m_yr", "frame", "sigma_m")
+            names = (field.name for field in dataclasses.fields(Station) if field.name not in of_position)
+            fields = {name: getattr(known, name) for name in names}
+        make = Station.from_geodetic if "latitude_deg" in position else Station
+        aliases = dict.fromkeys([*(() if known is None else known.aliases), *site.aliases])
+        changed = {key: value for key, value in changes.items() if value is not None}
+        station = given.build(make, **fields | changed | {"aliases": tuple(aliases)})
+        if known is not None and name not in StationCatalogue([replace(known, aliases=())]):
+            moved_km = 1e-3 * float(np.linalg.norm(station.itrf_m - known.itrf_m))
+            if moved_km > _FARTHEST_ALIAS_KM:
+                problem = f"is also called {name}, and stands {moved_km:.0f} km from here; take another name"
+                given.fail(name, f"{known.name} of the catalogue {problem}")
+        catalogue = given.build(catalogue.with_station, station=station)
+    return catalogue

@@ -1,0 +1,216 @@
+"""Reading the tables of a study file that say where something is: places on the Moon, trajectories, orbiters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from radioloc.dynamics import Forces
+from radioloc.dynamics.elements import EQUINOCTIAL, KEPLERIAN
+from radioloc.ephemeris import Trajectory
+from radioloc.lunar.position import LunarPosition
+from radioloc.study.orbit_choice import ForcesChoice
+from radioloc.study.orbiter import AXES, Landing, Orbiter, RoughOrbit
+from radioloc.study.schema import TomlTable, check, entry, keys_of
+from radioloc.study.study import ModelChoice, Reference
+from radioloc.time import epochs_from_strings
+
+_OF_THE_FIT = ("empirical", "gravity_errors", "gravity_error_degree")
+"""Keys of the forces that the true ones have not."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Keys of ``[target]``, ``[targets.NAME]``, ``[reference]`` and ``[references.NAME]``: a position on the Moon."""
+
+    name: str | None = None
+    frame: str = "ME_DE421"
+    position_m: tuple[float, float, float] | None = None
+    longitude_deg: float | None = None
+    latitude_deg: float | None = None
+    height_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Target(Place):
+    """Keys of ``[target]``: in place of a position it may be a trajectory, or the state of an orbiter."""
+
+    trajectory: Path | None = None
+    body: int | None = entry(None, advice="it is a NAIF code, such as -85")
+    dynamics: str | None = entry(None, choices=("moon",))
+    epoch: str | None = None
+    velocity_m_s: tuple[float, float, float] | None = None
+    altitude_m: float | None = None
+    inclination_deg: float | None = None
+    node_deg: float | None = None
+    semi_major_axis_m: float | None = None
+    eccentricity: float | None = None
+    periapsis_deg: float | None = None
+    true_anomaly_deg: float | None = None
+    ex: float | None = None
+    ey: float | None = None
+    hx: float | None = None
+    hy: float | None = None
+    true_longitude_deg: float | None = None
+    axes: str | None = entry(None, choices=AXES)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass(frozen=True, slots=True)
+class LandingKeys(Place):
+    """Keys of ``[target.landing]``: when an orbiter comes to rest on the Moon (TDB), and where a priori."""
+
+    epoch: str | None = None
+
+
+def read_target(
+    table: TomlTable, forces: tuple[ForcesChoice, Forces] | None, model: ModelChoice
+) -> LunarPosition | Trajectory | Orbiter:
+    """A position, a trajectory, or an orbiter on which forces act."""
+    if "dynamics" in table:
+        return _orbiter(table, forces, model)
+    if "trajectory" not in table and "body" not in table:
+        return position_of(table, table.read(Target))
+    for key in keys_of(Place):
+        if key != "name" and key in table:
+            table.fail(key, "give either a position or a trajectory with its body, not both")
+    given = table.read(Target)
+    if given.trajectory is None or given.body is None:
+        table.fail(
+            "trajectory" if given.trajectory is None else "body",
+            "is missing; a trajectory is the name of an SPK file and the NAIF code of the body in it, such as -85",
+        )
+    return table.build(Trajectory.open, path=given.trajectory, body=given.body)
+
+
+def read_forces(table: TomlTable) -> tuple[ForcesChoice, Forces]:
+    """What a study says of the forces, and these."""
+    choice = table.read(ForcesChoice)
+    return choice, table.build(choice.forces)
+
+
+_CARTESIAN = ("position_m", "velocity_m_s")
+_ROUGH = ("altitude_m", "inclination_deg", "node_deg")
+
+
+def _orbiter(table: TomlTable, acting: tuple[ForcesChoice, Forces] | None, model: ModelChoice) -> Orbiter:
+    choice, forces = acting or (default := ForcesChoice(), default.forces())
+    ending = table.table("landing")
+    given = table.read(Target)
+    # The first of a kind says which one it is: what else it needs, and may have.
+    kinds: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+        "altitude_m": (_ROUGH[:1], _ROUGH),
+        "ex": (EQUINOCTIAL, (*EQUINOCTIAL, "axes")),
+        "semi_major_axis_m": (KEPLERIAN, (*KEPLERIAN, "axes")),
+        "position_m": (_CARTESIAN, _CARTESIAN),
+    }
+    kind = next((one for one in kinds if getattr(given, one) is not None), "position_m")
+    needed, possible = kinds[kind]
+    for key in ("epoch", *needed):
+        if getattr(given, key) is None:
+            table.fail(
+                key,
+                "is missing; an orbiter has epoch (TDB), and position_m and velocity_m_s (Moon-centred ICRF), six "
+                "elements, or a rough altitude_m",
+            )
+    if str(given.epoch).strip().upper().endswith("Z"):
+        table.fail("epoch", "is TDB, 64 to 69 s ahead of UTC since 1999: convert it, and leave the Z out")
+    for key in dict.fromkeys(key for _, keys in kinds.values() for key in keys):
+        if key not in possible and getattr(given, key) is not None:
+            table.fail(
+                key,
+                "give one of position_m and velocity_m_s, six elements, or altitude_m and what is known of the plane",
+            )
+    for key in ("longitude_deg", "latitude_deg", "height_m", "trajectory"):
+        if getattr(given, key) is not None:
+            table.fail(key, "belongs to another kind of target than an orbiter; leave it out")
+    fields: dict[str, Any] = {
+        "epoch": epochs_from_strings(str(given.epoch), "TDB"),
+        "forces": forces,
+        "name": given.name,
+        "body": given.body,
+        "gravity_errors": choice.gravity_errors,
+        "gravity_error_degree": choice.gravity_error_degree,
+        "landing": None if ending is None else _landing(ending),
+    }
+    values = {key: getattr(given, key) for key in possible}
+    if kind in ("ex", "semi_major_axis_m"):
+        return table.build(
+            partial(Orbiter.from_elements, ephemeris=model.ephemeris, libration=model.libration),
+            elements=[values[key] for key in needed],
+            form="equinoctial" if kind == "ex" else "keplerian",
+            axes=given.axes,
+            **fields,
+        )
+    if kind == "altitude_m":
+        rough = table.build(RoughOrbit, **values)
+        return table.build(partial(Orbiter, position_m=None, velocity_m_s=None), rough=rough, **fields)
+    return table.build(Orbiter, **values, **fields)
+
+
+def _landing(table: TomlTable) -> Landing:
+    given = table.read(LandingKeys)
+    if given.epoch is None:
+        table.fail("epoch", "is missing; it is when the target comes to rest on the Moon, TDB")
+    placed = any(getattr(given, key) is not None for key in ("position_m", "longitude_deg", "latitude_deg"))
+    place = position_of(table, given) if placed else None
+    return table.build(Landing, epoch=epochs_from_strings(str(given.epoch), "TDB"), place=place)
+
+
+def named_positions(table: TomlTable) -> dict[str, Reference]:
+    """Positions that are each a table, by name."""
+    return {name: reference_of(entry, name) for name, entry in table.named().items()}
+
+
+def references_of(one: TomlTable | None, more: TomlTable | None) -> tuple[Reference, ...]:
+    """The known positions of ``[reference]`` and ``[references]``, in this order."""
+    first = () if one is None else (reference_of(one),)
+    return (*first, *(() if more is None else named_positions(more).values()))
+
+
+def reference_of(table: TomlTable, name: str = "reference") -> Reference:
+    """A known position; what its table calls it, or else the name."""
+    place = table.read(Place)
+    return Reference(position_of(table, place), place.name or name)
+
+
+def position_of(table: TomlTable, place: Place) -> LunarPosition:
+    """The position that the keys of a table give."""
+    geographic = {key: getattr(place, key) for key in ("longitude_deg", "latitude_deg", "height_m")}
+    given = [key for key, value in geographic.items() if value is not None]
+    if place.position_m is not None:
+        if given:
+            table.fail(
+                "position_m",
+                f"give either position_m or longitude and latitude, not both ({', '.join(given)})",
+            )
+        return table.build(LunarPosition.from_cartesian, xyz_m=place.position_m, frame=place.frame)
+    missing = [key for key in geographic if key not in given]
+    if missing:
+        table.fail(
+            missing[0], "is missing; a position is longitude_deg, latitude_deg and height_m, or position_m"
+        )
+    return table.build(LunarPosition.from_selenographic, **geographic, frame=place.frame)
+
+
+def true_orbiter(
+    target: Orbiter, state: TomlTable | None, acting: TomlTable | None, forces: Mapping[str, Any]
+) -> Orbiter:
+    """The a-priori orbiter, but for what the simulation gives; of the forces each key by itself."""
+    changes: dict[str, Any] = {}
+    if state is not None:
+        changes = {key: state.get(key, tuple[float, float, float]) for key in _CARTESIAN}
+        state.finish()
+    if None not in (changes.get("position_m"), changes.get("velocity_m_s")):
+        target = replace(target, **changes, rough=None)
+    if acting is not None:
+        for key in _OF_THE_FIT:
+            if key in acting:
+                acting.fail(key, "is of the fit, not of the world; it belongs to [forces]")
+        changes["forces"] = read_forces(acting.completed(forces))[1]
+    return replace(target, **{key: value for key, value in changes.items() if value is not None})

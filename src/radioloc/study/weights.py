@@ -1,0 +1,153 @@
+"""Sigmas of a study's observations, changed by type, station and file where an analyst knows better than the files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, replace
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.earth.stations import StationCatalogue
+from radioloc.errors import InputError, named
+from radioloc.measurements.link import Link
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.registry import KINDS
+from radioloc.study.schema import check, entry
+
+_OF_CHOSEN = (
+    "it is of the observations that type, stations and files choose; sigmas by type, of files that state none, belong "
+    "to [observations] sigma_m"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Weight:
+    """A change of the sigmas of some observations, those that all selectors hold for.
+
+    Parameters
+    ----------
+    type : str or iterable of str, or None
+        Kinds of measurement, of :data:`~radioloc.measurements.registry.KINDS`; all where ``None``.
+    stations : str or iterable of str, or None
+        Stations one of which is an end of the path; all where ``None``.
+    files : str or iterable of str, or None
+        Names or globs of the files that the observations came from; all where ``None``.
+    sigma_m : float or None
+        The sigma, in place of the stated one, m; of ranges and Doppler that of the round trip.
+    factor : float or None
+        Multiplies the sigma.
+    extra_sigma_m : float or None
+        Added to it in quadrature, m; of ranges and Doppler that of the round trip. Of several changes this is the last,
+        ``sigma_m`` the first.
+
+    Raises
+    ------
+    InputError
+        A type is not known, a list is empty, nothing is changed, or a number is not above zero.
+    """
+
+    type: tuple[str, ...] | None = entry(None, names=True, choices=KINDS)
+    stations: tuple[str, ...] | None = entry(None, names=True)
+    files: tuple[str, ...] | None = entry(None, names=True)
+    sigma_m: float | None = entry(None, positive=True, advice=_OF_CHOSEN)
+    factor: float | None = entry(None, positive=True, advice=_OF_CHOSEN)
+    extra_sigma_m: float | None = entry(None, positive=True, advice=_OF_CHOSEN)
+
+    def __post_init__(self) -> None:
+        check(self)
+        if self.sigma_m is None and self.factor is None and self.extra_sigma_m is None:
+            raise InputError("changes nothing; give sigma_m, factor or extra_sigma_m")
+
+    def __str__(self) -> str:
+        chosen = [" or ".join(names) for names in (self.type, self.stations, self.files) if names is not None]
+        changes = [
+            form.format(value)
+            for form, value in (
+                ("{:g} m", self.sigma_m),
+                ("times {:g}", self.factor),
+                ("plus {:g} m", self.extra_sigma_m),
+            )
+            if value is not None
+        ]
+        return f"{', '.join(chosen) or 'all'}: {', '.join(changes)}"
+
+    def record(self) -> dict[str, Any]:
+        """What is given, for the provenance."""
+        return {key: value for key, value in asdict(self).items() if value is not None}
+
+
+def weighted_observations(
+    observations: Observations, weights: Iterable[Weight], catalogue: StationCatalogue
+) -> Observations:
+    """Observations with changed sigmas; each weight, in order, changes what those before it have made."""
+    weights = tuple(weights)
+    if not weights:
+        return observations
+    sigma_m = observations.sigma_m.copy()
+    for number, weight in enumerate(weights, start=1):
+        where = f"[[observations.weights]] number {number} ({weight})"
+        with named(f"{where}:"):
+            rows = _rows(observations, weight, catalogue)
+        if not rows.any():
+            raise InputError(
+                f"{where} holds for no observation; the observations are of {_present(observations)}"
+            )
+        if weight.sigma_m is not None:
+            sigma_m[rows] = weight.sigma_m
+        with np.errstate(over="ignore", under="ignore"):
+            if weight.factor is not None:
+                sigma_m[rows] *= weight.factor
+            if weight.extra_sigma_m is not None:
+                sigma_m[rows] = np.hypot(sigma_m[rows], weight.extra_sigma_m)
+        if not (np.isfinite(sigma_m) & (sigma_m > 0.0)).all():
+            raise InputError(f"{where} makes a sigma that no float can hold")
+    sigma_m.flags.writeable = False
+    return replace(observations, sigma_m=sigma_m)
+
+
+def ends_of(links: Iterable[Link], catalogue: StationCatalogue) -> list[set[str]]:
+    """The stations of each link by their names in the catalogue; those that it does not know by their own."""
+    return [
+        {catalogue.get(name).name if name in catalogue else name for name in link.stations} for link in links
+    ]
+
+
+def require_stations(
+    observations: Observations, key: str, names: Iterable[str], catalogue: StationCatalogue
+) -> None:
+    """Raise :class:`InputError` where a station that a key gives a noise is unknown or in no observation."""
+    present = set().union(*ends_of(_links(observations), catalogue))
+    for name in names:
+        with named(f"[observations] {key}:"):
+            known = catalogue.get(name).name
+        if known not in present:
+            raise InputError(
+                f"[observations] {key}: no observation by {name}; the observations are of {_present(observations)}"
+            )
+
+
+def _rows(observations: Observations, weight: Weight, catalogue: StationCatalogue) -> NDArray[np.bool_]:
+    rows = np.ones(len(observations), dtype=bool)
+    if weight.type is not None:
+        rows &= np.isin(observations.kind, [KINDS.index(kind) for kind in weight.type])
+    if weight.stations is not None:
+        wanted = {catalogue.get(name).name for name in weight.stations}
+        of_link = [bool(names & wanted) for names in ends_of(observations.links, catalogue)]
+        rows &= np.array(of_link)[observations.link]
+    if weight.files is not None:
+        matches = [any(PurePath(file).match(glob) for glob in weight.files) for file in observations.files]
+        rows &= np.array(matches)[observations.file]
+    return rows
+
+
+def _present(observations: Observations) -> str:
+    kinds = ", ".join(KINDS[k] for k in np.unique(observations.kind))
+    stations = sorted({name for link in _links(observations) for name in link.stations})
+    return f"{kinds} by {', '.join(stations)}"
+
+
+def _links(observations: Observations) -> list[Link]:
+    return [observations.links[k] for k in np.unique(observations.link)]

@@ -1,0 +1,255 @@
+"""Worlds whose errors are drawn as the fit considers them, or otherwise, and how often regions of fits hold the truth.
+
+A cell is a kind of data, a length of arc and a kind of noise, or how the world differs from what the fit is told.
+Tracking of the Chang'e-5 lander, one point in five minutes, is drawn and fitted by the trials of a Monte Carlo study,
+which are the fits of `locate`. Run by itself, with a file and numbers of trials and of processes, it draws all cells as
+a figure and prints them.
+"""
+
+from __future__ import annotations
+
+import sys
+import zlib
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from change5_case import LANDER, NEAR, RANGING, START, VLBI
+from scipy.stats import binom, chi2
+from threadpoolctl import threadpool_limits
+
+import radioloc
+from radioloc import Study
+from radioloc.jobs.linear_trials import LinearArc, LinearTrials
+from radioloc.jobs.prepared_trials import Prepared
+from radioloc.jobs.problem import considered_errors, observation_model
+from radioloc.parameters.considered import considered_choices
+from radioloc.simulation import (
+    Masks,
+    Noise,
+    NoiseModel,
+    Scenario,
+    Schedule,
+    Session,
+    TruthSigma,
+    all_ranges,
+    baselines,
+)
+from radioloc.simulation.noise import NoiseDraws
+from radioloc.simulation.schedule import Plan
+from radioloc.simulation.truth import DrawnErrors
+from radioloc.study import EstimateChoice, HeightPrior, ModelChoice
+
+HOURS = (48.0, 24.0, 12.0)
+LEVELS = (0.68, 0.95)
+AT_ONCE = 25
+DATA = ("ranges", "delays", "both")
+STEP_S, STOP = 300.0, "2020-12-03T15:10:00"
+RANGE_M, DELAY_M, BIAS_M, HEIGHT_M = 2.0, 0.4, 10.0, 5.0
+SURVEYED_M = {"JIAMUSI": 0.1, "KASHI": 0.1, "NEUQUEN": 0.1, "MIYUN50": 0.05}
+
+WHITE = NoiseModel({"range": Noise(white_m=RANGE_M), "vlbi_delay": Noise(white_m=DELAY_M)})
+GAUSS_MARKOV = NoiseModel(
+    {
+        "range": Noise(white_m=1.4, coloured_m=1.5, correlation_s=7200.0),
+        "vlbi_delay": Noise(white_m=0.3, coloured_m=0.2, correlation_s=5400.0),
+    }
+)
+FLICKER = NoiseModel(
+    {"range": Noise(white_m=1.4, flicker_m=1.0), "vlbi_delay": Noise(white_m=0.3, flicker_m=0.1)}
+)
+NOISE = {"white": WHITE, "Gauss-Markov": GAUSS_MARKOV, "flicker": FLICKER}
+TWICE = NoiseModel({"range": Noise(white_m=2.0 * RANGE_M), "vlbi_delay": Noise(white_m=2.0 * DELAY_M)})
+SHARED = NoiseModel(
+    {"range": Noise(white_m=RANGE_M), "vlbi_delay": Noise(white_m=0.2)}, vlbi_station=Noise(white_m=0.25)
+)
+NOISY_M = {"KASHI": 3.0 * RANGE_M, "MIYUN50": 2.0 * DELAY_M}
+"""Ranges received at one station, and arrivals at one for VLBI, of which the fit is not told."""
+DRIFT_M = 0.03
+"""By how much the zenith delay differs from its mean at the ends of a pass, 1 sigma."""
+
+
+@cache
+def prepared(data: str, hours: float) -> tuple[Plan, LinearTrials]:
+    """The plan of an arc, and its trials, in which all that the fit considers is drawn with its sigma."""
+    signal = {"wavelength_um": 35394.6}
+    ranging = Session(
+        "range",
+        all_ranges(*RANGING),
+        START,
+        STOP,
+        STEP_S,
+        RANGE_M,
+        one_uplink=True,
+        uplink_hz=7.2e9,
+        **signal,
+    )
+    delays = Session("vlbi_delay", baselines(*VLBI), START, STOP, STEP_S, DELAY_M, **signal)
+    sessions = {"ranges": [ranging], "delays": [delays], "both": [ranging, delays]}[data]
+    masks = Masks(station_deg=15.0, by_station_deg=dict.fromkeys(RANGING, 10.0))
+    truth_sigma = TruthSigma(position_enu_m=(0.0, 0.0, HEIGHT_M), range_bias_m=dict.fromkeys(RANGING, BIAS_M))
+    stations = {name for session in sessions for pair in session.pairs for name in pair}
+    surveyed = {name: sigma_m for name, sigma_m in SURVEYED_M.items() if name in stations}
+    study = Study(
+        name=data,
+        target=NEAR,
+        estimate=EstimateChoice(
+            range_bias="all" if data != "delays" else "none",
+            range_bias_sigma_m=BIAS_M if data != "delays" else None,
+            height_prior=HeightPrior(-2550.4, HEIGHT_M),
+        ),
+        model=ModelChoice(terms=radioloc.measurements.active_terms(["ionosphere"])),
+        consider=considered_choices({"station_position_sigma_m": surveyed}),
+        simulation=Scenario(Schedule(sessions, masks), LANDER, truth_sigma=truth_sigma),
+    )
+    ready = Prepared.of(study, (hours,))
+    linear = ready.linear()
+    assert linear is not None
+    part = ready.parts[0]
+    problem = observation_model(part.arc, ready._targets_pa, part.estimate)
+    errors, _ = considered_errors(study, problem, part.estimate, linear.arcs[0].problem.x)
+    lot = linear.drawn
+    drawn = DrawnErrors(
+        (*lot.names, *errors.parameters.names),
+        np.concatenate([lot.sigmas, errors.parameters.prior_sigmas]),
+        np.concatenate([lot.partials, errors.partials(np.arange(len(ready.rows))).T]),
+    )
+    return ready.world.plan, drawing(linear, drawn)
+
+
+def drawing(linear: LinearTrials, drawn: DrawnErrors) -> LinearTrials:
+    """The same with more drawn errors behind the others; they leave the true position where it is."""
+    more = len(drawn.names) - len(linear.drawn.names)
+
+    def padded(arc: LinearArc) -> LinearArc:
+        by_drawn = np.pad(arc.compared.by_drawn, ((0, 0), (0, 0), (0, more)))
+        return replace(arc, compared=replace(arc.compared, by_drawn=by_drawn))
+
+    return replace(linear, drawn=drawn, arcs=tuple(map(padded, linear.arcs)))
+
+
+def noisy_station(plan: Plan, linear: LinearTrials) -> LinearTrials:
+    """One station for ranges and one for VLBI are noisier than the others."""
+    at_station = replace(WHITE, vlbi_station=Noise(white_m=1.0))
+    series = []
+    for one in NoiseDraws.of(at_station, plan).series:
+        where = one.label.split()[1]  # a path, or a station
+        white_m = one.noise.white_m if ">" in where else 0.0
+        white_m = NOISY_M.get(where.rpartition(">")[2] if one.label.startswith("range") else where, white_m)
+        series.append(replace(one, noise=Noise(white_m=white_m)))
+    return replace(linear, draws=NoiseDraws(linear.draws.count, tuple(series)))
+
+
+def drifting_air(plan: Plan, linear: LinearTrials) -> LinearTrials:
+    """Zenith delays, which are considered as one a pass, change steadily during it as well."""
+    drawn, time_s = linear.drawn, linear.arcs[0].order.time_s
+    names, partials = [], []
+    for name, partial in zip(drawn.names, drawn.partials, strict=True):
+        if name.startswith("zenith_delay."):
+            seen = np.flatnonzero(partial)
+            middle_s, half_s = 0.5 * (time_s[seen].max() + time_s[seen].min()), 0.5 * np.ptp(time_s[seen])
+            names.append(f"{name} drift")
+            partials.append(partial * (time_s - middle_s) / half_s)
+    sigmas = np.concatenate([drawn.sigmas, np.full(len(names), DRIFT_M)])
+    more = DrawnErrors((*drawn.names, *names), sigmas, np.concatenate([drawn.partials, partials]))
+    return with_noise(WHITE)(plan, drawing(linear, more))
+
+
+def considered(factor: float) -> Callable[[Plan, LinearTrials], LinearTrials]:
+    """What the fit considers, and biases and the height, are off by so many times their sigmas."""
+    return lambda plan, linear: with_noise(WHITE)(
+        plan, replace(linear, drawn=replace(linear.drawn, sigmas=factor * linear.drawn.sigmas))
+    )
+
+
+def with_noise(noise: NoiseModel) -> Callable[[Plan, LinearTrials], LinearTrials]:
+    """The matched world with some noise."""
+    return lambda plan, linear: replace(linear, draws=NoiseDraws.of(noise, plan))
+
+
+COVERED = {
+    "twice the stated sigmas": with_noise(TWICE),
+    "one noisy station": noisy_station,
+    "delays share errors": with_noise(SHARED),
+    "zenith delays drift": drifting_air,
+}
+"""Worlds that the fit is not told of, and is to cover."""
+UNTOLD = {"a-priori errors twice": considered(2.0), "a-priori errors half": considered(0.5)}
+"""What no data tell."""
+WORLDS = {name: with_noise(noise) for name, noise in NOISE.items()} | COVERED | UNTOLD
+CELLS = [
+    (world, data, hours)
+    for world in (*NOISE, *COVERED)
+    for data in DATA
+    for hours in HOURS
+    if (world, data) != ("delays share errors", "ranges")  # which is white noise
+]
+CELLS.sort(key=lambda cell: (list(WORLDS).index(cell[0]), DATA.index(cell[1]), cell[2]))
+CELLS += [(world, data, 12.0) for world in UNTOLD for data in DATA]
+
+
+def held(data: str, hours: float, world: str, trials: int) -> dict[tuple[str, float], int]:
+    """In how many trials regions hold the truth, by region and level; each cell has draws of its own."""
+    seed = zlib.crc32(f"{data} {hours} {world}".encode())
+    linear = WORLDS[world](*prepared(data, hours))
+    chunks = [range(k, min(k + AT_ONCE, trials)) for k in range(0, trials, AT_ONCE)]
+    with threadpool_limits(1):
+        values = np.concatenate([linear.run(seed, chunk) for chunk in chunks])[:, 0]
+    found = dict(zip(linear.columns, values.T, strict=True))
+    assert found["converged"].all()
+    squares = {
+        ("horizontal", 2): found["nees_horizontal"],
+        ("height", 1): (found["up_m"] / found["sigma_up_m"]) ** 2,
+    }
+    return {
+        (region, level): int((square <= chi2.ppf(level, dof)).sum())
+        for (region, dof), square in squares.items()
+        for level in LEVELS
+    }
+
+
+def bounds(trials: int, level: float, compared: int, chance: float = 0.01) -> tuple[int, int]:
+    """Successes that right regions keep to but for a chance in any of so many comparisons (Bonferroni)."""
+    low, high = binom.ppf([0.5 * chance / compared, 1.0 - 0.5 * chance / compared], trials, level)
+    return int(low), int(high)
+
+
+def draw(file: str, trials: int, processes: int) -> None:
+    """Fractions of all cells, a panel for each region, with the bounds of chance; told as a table as well."""
+    import matplotlib.pyplot as plt
+
+    order = sorted(CELLS, key=lambda cell: cell[1:])  # those of one plan together
+    with ProcessPoolExecutor(processes) as pool:
+        found = pool.map(held, *zip(*[(d, h, w) for w, d, h in order], strict=True), [trials] * len(order))
+        of_cell = dict(zip(order, found, strict=True))
+    counts = [of_cell[cell] for cell in CELLS]
+    for cell, count in zip(CELLS, counts, strict=True):
+        print(*cell, *count.values(), sep=", ")
+    figure, panels = plt.subplots(2, 1, sharex=True, figsize=(14.0, 6.0), layout="constrained")
+    for panel, region in zip(panels, ("horizontal", "height"), strict=True):
+        for level, colour in zip(LEVELS, ("#3b6fb6", "#c2573a"), strict=True):
+            low, high = bounds(trials, level, 4 * len(CELLS))
+            panel.axhspan(100.0 * low / trials, 100.0 * high / trials, color=colour, alpha=0.12, lw=0)
+            panel.axhline(100.0 * level, color=colour, lw=0.8)
+            values = [100.0 * count[region, level] / trials for count in counts]
+            panel.plot(values, "o", ms=4, color=colour, label=f"claimed {100.0 * level:.0f} %")
+        panel.set(ylabel=f"{region}: truth inside, %", ylim=(25.0, 101.0), xlim=(-0.5, len(CELLS) - 0.5))
+    panels[0].legend(loc="lower left", ncols=2)
+    for depth, height, size, colour in ((2, 103.0, 6, "0.6"), (1, 118.0, 7, "0.2")):
+        groups = [cell[:depth] for cell in CELLS]
+        for name in dict.fromkeys(groups):
+            first, count = groups.index(name), groups.count(name)
+            middle, text = first + 0.5 * (count - 1), name[-1].replace(" ", "\n")
+            turned = 90 if depth == 2 else 0
+            panels[0].text(middle, height, text, ha="center", va="bottom", fontsize=size, rotation=turned)
+            for panel in panels:
+                panel.axvline(first - 0.5, color=colour, lw=0.6)
+    panels[1].set_xticks(range(len(CELLS)), [f"{hours:g}" for _, _, hours in CELLS], fontsize=7)
+    panels[1].set_xlabel(f"hours; {trials} draws in a cell, bands are the bounds of chance for all of them")
+    figure.savefig(file, dpi=90)
+
+
+if __name__ == "__main__":
+    draw(sys.argv[1], *map(int, sys.argv[2:]))

@@ -1,0 +1,141 @@
+"""Descents whose ground, site, Suns, heading, camera's attitude, map and its shift are all drawn, from one seed each.
+
+Run by itself, with a file and a number of descents, it draws their errors as a figure.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+import radioloc
+from radioloc.errors import RadiolocError
+from radioloc.imaging import Camera, TangentPlane
+from radioloc.imaging.shading import sun_direction
+from radioloc.jobs import ImageChoice, ImageStudy
+from radioloc.jobs.image_study import CameraChoice
+from radioloc.simulation.descents import Descent
+from radioloc.simulation.ground import Ground
+
+SIZE_PX, FRAMES = 256, 12
+FOCAL_MM, PIXEL_UM, DISTORTION = 8.3, 6.7 * 1024 / SIZE_PX, (-0.05, 0.0, 0.0, 0.0, 0.0)
+HIGHEST_M, LOWEST_M = 6000.0, 4.0
+MAP_PIXEL_M, MAP_WIDTH_M = (6.0, 12.0), 9000.0
+SUN_ELEVATION_DEG, SUNS_APART_DEG = (25.0, 55.0), 20.0
+TIE_M = (5.0, 40.0)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of one descent."""
+
+    seed: int
+    refused: str  # why there is no position; empty where there is one
+    map_pixel_m: float
+    suns_apart_deg: float  # in azimuth
+    error_m: tuple[float, float] = (np.nan, np.nan)  # east and north of truth, the planted shift taken off
+    relative: float = np.nan  # that error squared, in units of the covariance without the map's tie,
+    total: float = np.nan  # and the error with the shift, in units of the whole covariance
+
+    @property
+    def pixels(self) -> float:
+        """The error in pixels of the map."""
+        return float(np.hypot(*self.error_m)) / self.map_pixel_m
+
+
+def outcome(seed: int) -> Outcome:
+    """Draw a descent, write its files, and locate the lander by them."""
+    with tempfile.TemporaryDirectory() as folder:
+        return _located(seed, Path(folder))
+
+
+def _located(seed: int, folder: Path) -> Outcome:
+    rng = np.random.default_rng([seed, 2021])
+    plane = TangentPlane(rng.uniform(-180.0, 180.0), rng.uniform(-60.0, 60.0))
+    ground = Ground(plane, seed=seed, heights_m=np.full((2, 2), rng.uniform(-3000.0, 1000.0)))
+    azimuth_deg = rng.uniform(0.0, 360.0)
+    apart_deg = rng.uniform(-1.0, 1.0) * SUNS_APART_DEG
+    elevation_deg, elevation_of_map_deg = rng.uniform(*SUN_ELEVATION_DEG, 2)
+    descent = Descent(
+        ground,
+        Camera.of_pinhole(FOCAL_MM, PIXEL_UM, [0.5 * (SIZE_PX - 1)] * 2, DISTORTION),
+        (SIZE_PX, SIZE_PX),
+        frames=FRAMES,
+        altitudes_m=(HIGHEST_M, LOWEST_M),
+        heading_deg=rng.uniform(0.0, 360.0),
+        sun_azimuth_deg=azimuth_deg,
+        sun_elevation_deg=elevation_deg,
+        seed=seed,
+    )
+    pixel_m = float(np.exp(rng.uniform(*np.log(MAP_PIXEL_M))))
+    tie_m = np.exp(rng.uniform(*np.log(TIE_M), 2))
+    shift_m = tie_m * rng.normal(size=2)
+    sun = sun_direction(azimuth_deg + apart_deg, elevation_of_map_deg)
+    ground.write_map(folder / "map.tif", pixel_m, MAP_WIDTH_M, sun, tuple(shift_m))
+    ground.write_heights(folder / "dem.tif", 60.0, MAP_WIDTH_M + 1000.0)
+    files = [path for path in descent.write(folder) if path.parent.name == "frames"]
+    study = ImageStudy(
+        ImageChoice(
+            files=tuple(files),
+            base_map_sigma_m=tuple(tie_m),
+            base_map=folder / "map.tif",
+            dem=folder / "dem.tif",
+        ),
+        CameraChoice(FOCAL_MM, PIXEL_UM, distortion=DISTORTION),
+    )
+    try:
+        found = radioloc.locate_images(study)
+    except RadiolocError as error:
+        return Outcome(seed, str(error), pixel_m, apart_deg)
+    truth = json.loads((folder / "truth.json").read_text())["lander"]
+    at_truth = TangentPlane(truth["longitude_deg"], truth["latitude_deg"])
+    whole_m = at_truth.from_longitude_latitude([found.position.selenographic[:2]])[0]
+    error_m = whole_m - shift_m
+    relative = error_m @ np.linalg.solve(found.relative_covariance_en_m2, error_m)
+    total = whole_m @ np.linalg.solve(found.covariance_enu_m2[:2, :2], whole_m)
+    return Outcome(seed, found.message, pixel_m, apart_deg, tuple(error_m), float(relative), float(total))
+
+
+def outcomes(seeds: Iterable[int]) -> list[Outcome]:
+    """Of many descents, each in one of as many processes as there are processors."""
+    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
+        return list(pool.map(outcome, seeds))
+
+
+def draw(file: str, drawn: list[Outcome]) -> None:
+    """Errors of landers in pixels of the map, and how often ellipses hold the truth."""
+    import matplotlib.pyplot as plt
+    from scipy.stats import chi2
+
+    found = [o for o in drawn if not o.refused]
+    errors = np.array([o.error_m for o in found]) / np.array([[o.map_pixel_m] for o in found])
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9.0, 4.2), layout="constrained")
+    left.plot(*errors.T, "o", ms=3.5, color="#3b6fb6")
+    left.add_patch(plt.Circle((0.0, 0.0), 1.0, fill=False, color="#c2573a"))
+    within = sum(o.pixels < 1.0 for o in found)
+    left.set(
+        aspect="equal", xlim=(-1.6, 1.6), ylim=(-1.6, 1.6), xlabel="east, pixels of the map", ylabel="north"
+    )
+    left.set_title(f"{within} of {len(drawn)} landers within a pixel")
+    levels = np.linspace(0.0, 1.0, 101)
+    for name, colour in (("relative", "#3b6fb6"), ("total", "#c2573a")):
+        squares = np.array([getattr(o, name) for o in found])
+        held = [np.mean(squares <= chi2.ppf(level, 2)) for level in levels]
+        label = {"relative": "on the map", "total": "on the Moon, with the map's tie"}[name]
+        right.plot(100.0 * levels, 100.0 * np.array(held), color=colour, label=label)
+    right.plot([0, 100], [0, 100], "k--", lw=0.8)
+    right.set(xlabel="level of the ellipse, %", ylabel="holds the truth, %")
+    right.legend(frameon=False)
+    figure.savefig(file, dpi=110)
+
+
+if __name__ == "__main__":
+    draw(sys.argv[1], outcomes(range(int(sys.argv[2]))))

@@ -1,0 +1,43 @@
+"""Doppler of a low polar orbit about the Moon that two stations track."""
+
+from dataclasses import replace
+
+import numpy as np
+from low_orbit import EPOCH
+
+from radioloc.measurements import ExactPredictor, Link, Observations
+from radioloc.measurements.observations import DOPPLER
+from radioloc.study.orbiter import Orbiter
+from radioloc.time import tai_to_utc, tdb_to_tt, tt_to_tai
+
+STATE = np.array([575739.0, -463249.0, -1631639.0, -567.864, 1434.223, -600.209])
+OFF = (300.0, -200.0, 100.0, 0.3, -0.2, 0.1)
+"""How far a-priori states are off."""
+FIRST_PASS_S = np.arange(1200.0, 5000.0, 60.0)
+PASSES_S = np.concatenate([FIRST_PASS_S, np.arange(7200.0, 12000.0, 60.0)])
+
+
+def craft(state, forces, gravity_errors=0, **more):
+    return Orbiter(
+        EPOCH, tuple(state[:3]), tuple(state[3:]), forces, "craft", gravity_errors=gravity_errors, **more
+    )
+
+
+def tracked(model, forces, sigma_m, seconds=PASSES_S, state=STATE, seed=20120409, handover_s=6000.0):
+    """Counts of 60 s with noise, whether each is of what is not behind the Moon, and the orbit from the state on."""
+    tdb = EPOCH.shifted(seconds)
+    empty = Observations.from_columns(
+        epoch=tai_to_utc(tt_to_tai(tdb_to_tt(tdb))),
+        links=[Link("DSS-24", "craft", "DSS-24"), Link("DSS-65", "craft", "DSS-65")],
+        link=(seconds < handover_s).astype(int),
+        kind=DOPPLER,
+        tag=1,
+        value_m=1.0,
+        sigma_m=sigma_m,
+        count_s=60.0,
+        wavelength_um=3.6e4,
+    )
+    orbit = craft(state, forces).orbit(model, empty, ())
+    computed = ExactPredictor(model, empty, np.zeros(3), orbit).compute(np.zeros(3))
+    noise_m = sigma_m * np.random.default_rng(seed).normal(size=len(seconds))
+    return replace(empty, value_m=computed.value_m + noise_m), computed.usable, orbit

@@ -1,0 +1,440 @@
+"""Predictor-length studies: the table of the paper, each arc as if fitted alone, what is printed and written."""
+
+import csv
+import json
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+from change5_case import BIAS_M, LANDER, NEAR, START, observations
+from toy_moon import ToyMoon, toy_solution
+
+import radioloc
+from radioloc import LunarPosition, Study
+from radioloc.cli import main
+from radioloc.errors import InputError
+from radioloc.io.table import write_table
+from radioloc.results.solution import Solution
+from radioloc.results.subsets import sigmas_apart
+from radioloc.results.tables import difference
+from radioloc.study import EstimateChoice, ObservationChoice, Reference
+from radioloc.study.study import HeightPrior
+
+pytestmark = pytest.mark.usefixtures("unsearched")
+SAME_M = 1e-4
+"""Rounding, and where the iteration stops: 1e-3 sigmas at most."""
+
+# Wang et al. (2021), table 1: longitude W and latitude N; differences to the first in 1e-4 deg and in m. The paper
+# gives metres to 0.1.
+TABLE_1 = {
+    "Image matching to Chang'e-2 DOM": (51.9162, 43.0584, 0, 0, 0.0, 0.0),
+    "48 h data": (51.9158, 43.0587, -4, 3, -8.9, 9.1),
+    "24 h data": (51.9166, 43.0594, 4, 10, 8.9, 30.3),
+    "12 h data": (51.9181, 43.0591, 19, 7, 42.1, 21.2),
+    "Image matching to LROC NAC DOM": (51.9156, 43.0591, -6, 7, -13.3, 21.2),
+    "Direct observation in LROC NAC image": (51.9161, 43.0576, -1, -8, -2.2, -24.3),
+}
+IMAGES = (
+    Reference(LANDER, "Chang'e-2 DOM"),
+    Reference(LunarPosition.from_selenographic(-51.9156, 43.0591, -2552.5), "LROC NAC DOM"),
+    Reference(LunarPosition.from_selenographic(308.0839, 43.0576, -2570.0), "LROC NAC image"),
+)
+ESTIMATE = EstimateChoice(
+    range_bias="all", range_bias_sigma_m=10.0, height_prior=HeightPrior(height_m=-2550.4, sigma_m=5.0)
+)
+
+
+@pytest.fixture(scope="module")
+def tracked(model):
+    """Every half hour for 48 hours."""
+    return observations(model, 1800.0)
+
+
+@pytest.fixture(scope="module")
+def study():
+    return Study(
+        target=NEAR,
+        estimate=ESTIMATE,
+        reference=IMAGES[0],
+        references=IMAGES[1:],
+        name="landing site",
+        consider_defaults=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def found(study, tracked):
+    return radioloc.arcs(study, (12, 24, 48), tracked)
+
+
+@pytest.mark.parametrize("name", TABLE_1)
+def test_differences_are_those_of_the_paper(name):
+    west_deg, north_deg, *stated = TABLE_1[name]
+    benchmark = (-51.9162, 43.0584, -2550.4)
+    found = difference((-west_deg, north_deg, -2550.4), benchmark)
+    np.testing.assert_allclose(1e4 * np.array(found[:2]), stated[:2], atol=1e-6)
+    np.testing.assert_allclose(found[2:4], stated[2:], rtol=0.0, atol=0.0501)
+
+
+def test_longitudes_meet_beyond_180_degrees():
+    west_deg, _, west_m, *_ = difference((179.99, 0.0, 0.0), (-179.99, 0.0, 0.0))
+    assert west_deg == pytest.approx(0.02)
+    assert west_m == pytest.approx(np.radians(0.02) * 1737400.0)
+
+
+@pytest.mark.parametrize("k", range(3))
+def test_each_arc_is_what_it_would_be_alone(k, found, study, tracked):
+    arc = found.arcs[k]
+    choice = ObservationChoice(hours=arc.hours)
+    alone = radioloc.locate(replace(study, observations=choice), tracked)
+    one = arc.solution
+    assert len(one.residuals) == len(alone.residuals)
+    np.testing.assert_allclose(one.position_pa_m, alone.position_pa_m, rtol=0.0, atol=SAME_M)
+    np.testing.assert_allclose(one.covariance, alone.covariance, rtol=1e-5, atol=0.0)
+    assert one.parameters.names == alone.parameters.names
+    np.testing.assert_allclose(one.values, alone.values, rtol=0.0, atol=SAME_M)
+    assert one.provenance["not_selected"] == alone.provenance["not_selected"]
+    assert one.notes == alone.notes
+    assert one.name == f"landing site, {arc.hours:g} h"
+
+
+def test_arcs_agree_with_the_truth_within_their_sigmas(found):
+    for arc in found.arcs:
+        assert arc.solution.converged
+        # Three coordinates: 1e-5 of chance above 5.1 sigmas.
+        assert arc.solution.reference.combined_sigmas < 5.1
+        for name, (value_m, sigma_m) in arc.solution.biases().items():
+            assert abs(value_m - BIAS_M[name]) < 4.5 * sigma_m
+    assert [arc.hours for arc in found.arcs] == [48.0, 24.0, 12.0]
+    assert all(arc.span_h <= arc.hours for arc in found.arcs)
+
+
+def test_rows_hold_the_differences_of_the_solutions(found):
+    rows = {row.name: row for row in found.rows}
+    assert list(rows) == ["48 h", "24 h", "12 h", "Chang'e-2 DOM", "LROC NAC DOM", "LROC NAC image"]
+    for arc in found.arcs:
+        row, comparison = rows[arc.name], arc.solution.reference
+        # On the sphere of 1737.4 km, not 2.5 km below: 0.15 %, and a plane instead of a sphere.
+        assert row.west_m == pytest.approx(-comparison.east_m, rel=2e-3, abs=0.01)
+        assert row.north_m == pytest.approx(comparison.north_m, rel=2e-3, abs=0.01)
+        assert row.up_m == pytest.approx(comparison.up_m, abs=0.01)
+        sigmas_m = arc.solution.sigma_enu_m()
+        assert (row.sigma_west_m, row.sigma_north_m, row.sigma_up_m) == tuple(sigmas_m)
+        assert row.used + row.left_out == len(arc.solution.residuals)
+    longest, shorter = (np.array([rows[n].west_m, rows[n].north_m]) for n in ("48 h", "12 h"))
+    assert rows["12 h"].from_longest_m == pytest.approx(np.linalg.norm(shorter - longest), rel=1e-4)
+    assert rows["48 h"].from_longest_m is None
+    assert rows["Chang'e-2 DOM"].west_m is None
+    assert (rows["LROC NAC DOM"].west_m, rows["LROC NAC DOM"].north_m) == pytest.approx(
+        (-13.3, 21.2), abs=0.05
+    )
+    assert rows["LROC NAC image"].longitude_west_deg == pytest.approx(51.9161)
+
+
+def test_without_references_the_longest_arc_is_the_benchmark(study, tracked):
+    found = radioloc.arcs(replace(study, reference=None, references=()), [6.0, 12.0], tracked)
+    longest, shorter = found.rows
+    assert longest.west_m is None
+    assert shorter.from_longest_m == pytest.approx(np.hypot(shorter.west_m, shorter.north_m))
+    assert "relative to the arc of 12 h" in " ".join(str(found).split())
+    assert found.to_dict()["benchmark"] == "the arc of 12 h"
+
+
+def test_the_first_of_the_references_stands_in_for_the_reference(study, tracked):
+    found = radioloc.arcs(replace(study, reference=None), [12.0], tracked)
+    assert found.longest.reference.name == "LROC NAC DOM"
+    assert found.rows[1].west_m is None
+
+
+def test_lengths_in_any_order_and_once_each(study, tracked):
+    found = radioloc.arcs(study, np.array([12.0, 6.0, 12.0]), tracked)
+    assert [arc.name for arc in found.arcs] == ["12 h", "6 h"]
+    assert [arc.name for arc in radioloc.arcs(study, 6, tracked).arcs] == ["6 h"]
+
+
+def test_hours_count_from_the_start_of_the_study(study, tracked):
+    start = radioloc.time.epochs_from_strings("2020-12-01T21:11:00")
+    choice = ObservationChoice(start=start, hours=1.0)
+    found = radioloc.arcs(replace(study, observations=choice), [6.0, 12.0], tracked)
+    assert [arc.span_h for arc in found.arcs] == pytest.approx([12.0, 6.0], abs=1e-6)
+    # What lies before the start is never there; the later hours are counted once.
+    for arc in found.arcs:
+        left_out = arc.solution.provenance["not_selected"]["outside the time span"]
+        assert left_out + len(arc.solution.residuals) == len(tracked)
+
+
+@pytest.mark.parametrize(
+    ("hours", "words"),
+    [
+        ([], "no arc to fit"),
+        ([12.0, 0.0], "hours must be above zero"),
+        ([-3.0], "hours must be above zero"),
+        ([np.nan], "hours must be above zero"),
+    ],
+)
+def test_lengths_that_are_none(study, tracked, hours, words):
+    with pytest.raises(InputError, match=words):
+        radioloc.arcs(study, hours, tracked)
+
+
+def test_an_arc_without_observations(study, tracked):
+    choice = ObservationChoice(start=radioloc.time.epochs_from_strings("2020-12-01T09:11:00"))
+    with pytest.raises(InputError, match=r"the arc of 3 h holds no observation: the first comes 6\.00 h"):
+        radioloc.arcs(replace(study, observations=choice), [3.0, 12.0], tracked)
+
+
+def test_an_arc_longer_than_the_data_says_so(study, tracked):
+    found = radioloc.arcs(study, [48.0, 96.0], tracked)
+    assert found.arcs[0].span_h == found.arcs[1].span_h == pytest.approx(47.5, abs=1e-6)
+    text = " ".join(str(found).split())
+    assert "the arc of 96 h is longer than its data, which end after 47.50 h" in text
+    assert "the arc of 48 h is longer" not in text
+
+
+def test_longitudes_are_to_the_east_as_the_study_counts_them(found):
+    west_deg = found.rows[0].longitude_west_deg
+    assert west_deg == pytest.approx(51.916, abs=1e-2)
+    assert f"{-west_deg:.5f}" in str(found)
+    assert f"{360.0 - west_deg:.5f}" in str(replace(found, longitude_to_360=True))
+    west_m = found.rows[1].west_m
+    assert f" {-west_m:.1f} " in str(found)
+
+
+def test_reference_of_another_ephemeris(study, tracked):
+    other = Reference(LunarPosition("ME_DE999", LANDER.xyz_m), "elsewhere")
+    with pytest.raises(InputError, match=r"\[references\] elsewhere frame: "):
+        radioloc.arcs(replace(study, references=(other,)), [12.0], tracked)
+
+
+@pytest.mark.study
+def test_arcs_depart_from_the_longest_by_what_they_should(found, study, tracked):
+    for row in found.rows[1:3]:
+        assert row.from_longest_sigmas < 4.8  # 1e-5 of chance
+    assert "the sigmas are too small" not in str(found)
+    # An error of ranges that lasts half a day: the residuals show it, and the sigmas hold it.
+    hours = 24.0 * (tracked.epoch.fraction + tracked.epoch.jd - tracked.epoch.jd[0])
+    wrong = np.where((tracked.types() == "range") & (hours > 30.0), 4.0, 0.0)
+    plain = replace(study, estimate=replace(study.estimate, weights="independent"))
+    bent = radioloc.arcs(plain, [24, 48], replace(tracked, value_m=tracked.value_m + wrong))
+    assert {item.name.split()[0] for item in bent.longest.time_correlation.series} == {"range"}
+    # The biases' a-priori sigmas, which stay, are half of the sigma.
+    assert bent.longest.correlation_factor > 1.3
+    assert "the sigmas are too small" not in str(bent)
+    weighed = radioloc.arcs(study, [24, 48], replace(tracked, value_m=tracked.value_m + wrong))
+    assert {item.name.split()[0] for item in weighed.longest.series_weights} == {"range"}
+    assert weighed.rows[0].sigma_north_m < bent.rows[0].sigma_north_m
+    # As if all residuals were independent of each other, they would not.
+    white = [
+        replace(
+            arc,
+            solution=replace(arc.solution, covariance=arc.solution.formal_covariance, time_correlation=None),
+        )
+        for arc in bent.arcs
+    ]
+    believed = replace(bent, arcs=tuple(white))
+    assert believed.rows[1].from_longest_sigmas > 5.0
+    text = " ".join(str(believed).split())
+    assert f"24 h and 48 h are {bent.rows[1].from_longest_m:.1f} m apart" in text
+    assert "the sigmas are too small" in text
+
+
+def test_departure_is_that_of_two_independent_halves():
+    """By hand: the mean of four values of variance 1 differs from that of the first two by variance 1/2 - 1/4."""
+    whole, part = toy_pair(0.25), toy_pair(0.5)
+    apart_m = np.array([0.6, 0.0, 0.0])
+    sigmas = sigmas_apart(
+        replace(part, position_pa_m=part.position_pa_m + part.rot_pa_to_enu.T @ apart_m), whole
+    )
+    assert sigmas == pytest.approx(0.6 / 0.5, rel=1e-9)
+    assert sigmas_apart(whole, part) is None
+    lost = replace(part, covariance=np.diag([np.inf] * 3))
+    assert sigmas_apart(lost, whole) is None
+
+
+def toy_pair(variance_m2):
+    solution = toy_solution(ToyMoon(30, 24.0, biases=False))
+    return replace(solution, covariance=variance_m2 * np.eye(3))
+
+
+def test_card_fits_and_says_what_the_table_holds(found):
+    text = str(found)
+    assert max(map(len, text.splitlines())) <= 80
+    for words in (
+        "landing site",
+        "all arcs converged",
+        "ME_DE421, fitted in PA_DE421",
+        "51.91620  43.05840  benchmark",
+        "51.91560  43.05910    0.00060   0.00070   13.3   21.2",
+        "51.91610  43.05760    0.00010  -0.00080    2.2  -24.3",
+        "range_bias.NEUQUEN, m",
+        f"{-found.rows[2].west_m:.1f}",
+        str(found.rows[0].used),
+    ):
+        assert words in text, words
+    assert "-0.0 " not in text
+    html = found._repr_html_()
+    for words in ("LROC NAC image", "-24.3", "range_bias.NEUQUEN, m", "all arcs converged"):
+        assert words in html, words
+    assert repr(found) == "<ArcStudy landing site: 48, 24, 12 h, converged>"
+
+
+def test_many_parameters_are_cut_short_on_the_card_only(study, tracked):
+    many = EstimateChoice(
+        range_bias="all",
+        range_bias_sigma_m=10.0,
+        zenith_delay="all",
+        zenith_delay_sigma_m=0.1,
+        time_bias="all",
+        time_bias_sigma_s=1e-6,
+    )
+    found = radioloc.arcs(replace(study, estimate=many), [24.0], tracked)
+    others = [p for p in found.longest.parameters if p.kind != "position"]
+    assert len(others) > 12
+    assert f"{len(others) - 12} more in arcs.json" in str(found)
+    assert max(map(len, str(found).splitlines())) <= 80
+
+
+def test_table_and_dictionary(found):
+    table = found.to_table()
+    assert list(table["name"]) == [row.name for row in found.rows]
+    assert np.isnan(table["west_m"][3])
+    assert {str(table[name].unit) for name in ("west_m", "sigma_up_m")} == {"m"}
+    assert table["latitude_deg"].unit == "deg"
+    frame = found.to_table("pandas")
+    assert frame["latitude_deg"].tolist() == table["latitude_deg"].value.tolist()
+    assert np.isnan(table["used"][4])
+    content = found.to_dict()
+    json.dumps(content, allow_nan=False)
+    assert [arc["hours"] for arc in content["arcs"]] == [48.0, 24.0, 12.0]
+    assert content["arcs"][2]["solution"] == found.arcs[2].solution.to_dict()
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_what_is_written(found, tmp_path):
+    written = radioloc.report.write_arcs(found, tmp_path / "new" / "out")
+    names = {path.relative_to(tmp_path / "new" / "out").as_posix() for path in written}
+    assert names == {
+        "arcs.json",
+        "table1.csv",
+        "table1.md",
+        "table1.tex",
+        "figure2.png",
+        "figure2.svg",
+        "arcs.png",
+        "arcs.svg",
+        *(f"{h}h/{file}" for h in (12, 24, 48) for file in ("solution.json", "residuals.csv")),
+    }
+    folder = tmp_path / "new" / "out"
+    assert json.loads((folder / "arcs.json").read_text()) == json.loads(json.dumps(found.to_dict()))
+    with (folder / "table1.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["name"] for row in rows] == [row.name for row in found.rows]
+    for row, record in zip(found.rows, rows, strict=True):
+        for key, value in asdict(row).items():
+            assert record[key] == ("" if value is None else str(value)), key
+    value_m, sigma_m = found.longest.biases()["KASHI"]
+    assert float(rows[0]["range_bias.KASHI"]) == value_m
+    assert float(rows[0]["range_bias.KASHI.sigma"]) == sigma_m
+    assert rows[4]["range_bias.KASHI"] == ""
+    lines = (folder / "12h" / "residuals.csv").read_text().splitlines()
+    assert len(lines) == 1 + len(found.arcs[2].solution.residuals)
+    markdown = (folder / "table1.md").read_text().splitlines()
+    assert len(markdown) == 2 + len(found.rows)
+    assert (
+        "| reference | LROC NAC DOM | 51.91560 | 43.05910 | -0.00060 | 0.00070 | -13.3 | 21.2 |" in markdown
+    )
+    assert {line.count("|") for line in markdown} == {9}
+
+
+STUDY_FILE = """
+[target]
+longitude_deg = -51.8
+latitude_deg = 43.1
+height_m = -2000.0
+[observations]
+files = ["tracking.csv"]
+[estimate]
+range_bias = "all"
+{prior}
+[reference]
+name = "Chang'e-2 DOM"
+longitude_deg = -51.9162
+latitude_deg = 43.0584
+height_m = -2550.4
+[references.dom]
+name = "LROC NAC DOM"
+longitude_deg = -51.9156
+latitude_deg = 43.0591
+height_m = -2552.5
+[references.direct]
+frame = "PA_DE421"
+position_m = [781081.7716, -997981.3454, 1184756.3610]
+"""
+
+
+@pytest.fixture
+def files(tmp_path, tracked):
+    write_table(tmp_path / "tracking.csv", tracked)
+    (tmp_path / "good.toml").write_text(STUDY_FILE.format(prior="range_bias_sigma_m = 10.0"))
+    alone = 'stations = ["JIAMUSI"]\n[estimate]'
+    (tmp_path / "alone.toml").write_text(STUDY_FILE.format(prior="").replace("[estimate]", alone))
+    return tmp_path
+
+
+def test_references_of_a_file(files):
+    study = radioloc.read_study(files / "good.toml")
+    assert study.reference.name == "Chang'e-2 DOM"
+    assert [item.name for item in study.references] == ["LROC NAC DOM", "direct"]
+    assert study.references[0].position.selenographic == pytest.approx((-51.9156, 43.0591, -2552.5))
+    assert study.references[1].position.frame == "PA_DE421"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[references.x]\nlongitude = 3.0\n", "[references.x] 'longitude' is not known"),
+        ("[references.x]\nlongitude_deg = 3.0\n", "[references.x] latitude_deg: is missing"),
+        ("[references]\nx = 3\n", "[references.x] must be a table"),
+    ],
+)
+def test_mistakes_in_references(files, text, words):
+    path = files / "wrong.toml"
+    path.write_text(STUDY_FILE.format(prior="").split("[references")[0] + text)
+    with pytest.raises(InputError) as caught:
+        radioloc.read_study(path)
+    assert words in str(caught.value)
+
+
+@pytest.mark.study
+@pytest.mark.usefixtures("undrawn")
+def test_command(files, capsys):
+    assert main(["arcs", str(files / "good.toml"), "--hours", "12", "24", "--out", str(files / "out")]) == 0
+    text = capsys.readouterr().out
+    assert "all arcs converged" in text
+    assert "24 h  " in text
+    assert f"written to {files / 'out'}" in text
+    assert (files / "out" / "12h" / "solution.json").is_file()
+    assert main(["arcs", str(files / "good.toml"), "--hours", "12", "--quiet"]) == 0
+    assert capsys.readouterr().out == ""
+
+
+def test_command_with_an_arc_that_does_not_determine_everything(files, capsys):
+    # One range does not determine four parameters; a day of one station with a free bias
+    # does, but to hundreds of kilometres.
+    assert main(["arcs", str(files / "alone.toml"), "--hours", "0.1", "24"]) == 3
+    text = capsys.readouterr().out
+    assert "NOT CONVERGED: 24 h, 0.1 h" in text
+    assert "24 h: the sigma of the position is 601 km, more than a tenth of the lunar radius" in " ".join(
+        text.split()
+    )
+    assert "undetermined" in text
+
+
+def test_command_with_bad_lengths(files, capsys):
+    assert main(["arcs", str(files / "good.toml"), "--hours", "-1"]) == 2
+    assert "hours must be above zero" in capsys.readouterr().err
+
+
+def test_a_solution_is_kept_whole(found):
+    assert isinstance(found.longest, Solution)
+    assert START in str(found.longest)

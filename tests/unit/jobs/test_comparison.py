@@ -1,0 +1,207 @@
+"""Solutions put beside each other: the paper's table, and what the files must be."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recorded import recorded
+
+import radioloc
+from radioloc.cli import main
+from radioloc.errors import InputError
+from radioloc.jobs import compare
+
+# Wang et al. (2021), table 1: longitude W, latitude N, and differences to the first in m, which it gives to 0.1.
+TABLE_1 = {
+    "Image matching to Chang'e-2 DOM": (51.9162, 43.0584, None, None),
+    "48 h data": (51.9158, 43.0587, -8.9, 9.1),
+    "24 h data": (51.9166, 43.0594, 8.9, 30.3),
+    "12 h data": (51.9181, 43.0591, 42.1, 21.2),
+    "Image matching to LROC NAC DOM": (51.9156, 43.0591, -13.3, 21.2),
+    "Direct observation in LROC NAC image": (51.9161, 43.0576, -2.2, -24.3),
+}
+
+
+def solution(name, place, sigma_m=10.0, **more):
+    """What a program writes of a position with equal sigmas."""
+    origin = {"study": None, "files": [f"{name}.csv"]}
+    return recorded(name, place, (sigma_m,) * 3, provenance=origin) | more
+
+
+def written(folder, content):
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "solution.json"
+    path.write_text(json.dumps(content))
+    return path
+
+
+@pytest.fixture
+def table(tmp_path):
+    """The paper's positions as files, each of images or tracking."""
+    paths = []
+    for k, (name, (west, north, *_)) in enumerate(TABLE_1.items()):
+        method = "tracking" if name.endswith("data") else "images"
+        paths.append(written(tmp_path / str(k), solution(name, (-west, north, -2550.0), 20.0, method=method)))
+    return paths
+
+
+def test_differences_are_those_of_the_paper(table, tmp_path):
+    found = compare(table, "Image matching to Chang'e-2 DOM")
+    rows = {row.name: row for row in found.rows}
+    for name, (_, _, west_m, north_m) in TABLE_1.items():
+        if west_m is None:
+            assert (rows[name].west_m, rows[name].north_m) == (None, None)
+        else:
+            assert rows[name].west_m == pytest.approx(west_m, abs=0.0501)
+            assert rows[name].north_m == pytest.approx(north_m, abs=0.0501)
+    out = tmp_path / "out"
+    assert main(["compare", *map(str, table), "--out", str(out), "--quiet"]) == 0
+    assert {path.name for path in out.iterdir()} == {
+        "comparison.json", "comparison.png", "comparison.svg", "table1.csv", "table1.md", "table1.tex"
+    }  # fmt: skip
+    with (out / "table1.csv").open() as stream:
+        lines = list(csv.DictReader(stream))
+    assert [line["method"] for line in lines].count("tracking") == 3
+    content = json.loads((out / "comparison.json").read_text())
+    assert len(content["agreements"]) == 15
+    assert content["joint"]["dof"] == 15
+    assert content["consistent"]
+
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+
+
+def test_stated_positions_are_the_tables_of_both_papers(capsys):
+    change5 = compare([EXAMPLES / "change5" / "table1.toml"], "Chang'e-2 image map")
+    found = [(row.west_m, row.north_m) for row in change5.rows[1:]]
+    assert np.abs(np.subtract(found, [row[2:] for row in list(TABLE_1.values())[1:]])).max() < 0.0501
+    assert change5.joint is None
+    assert "15 pairs are not tested: the sigmas of one are not known" in " ".join(str(change5).split())
+    change3 = compare([EXAMPLES / "change3" / "table4.toml"], "VLBI, first value")
+    row = change3.rows[0]
+    assert (row.west_deg, row.north_deg) == pytest.approx((0.0056, -0.0012), abs=1e-9)
+    # 30.323 km a degree, and that times the cosine of the latitude
+    assert (row.west_m, row.north_m) == pytest.approx((121.9, -36.4), abs=0.05)
+    # 127 m are 1.15 of sqrt(100^2 + 46^2 + 5^2) m; a chi-square of two has exp(-x / 2) beyond x.
+    [pair] = change3.agreements
+    assert pair.chance == pytest.approx(
+        np.exp(-0.5 * (121.7**2 + 36.3**2) / (100**2 + 46**2 + 5**2)), abs=1e-3
+    )
+    assert main(["compare", str(EXAMPLES / "change3" / "table4.toml")]) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert "descent images and VLBI, first value, 127 m apart, differ by 1.2 sigmas, as 51 % of right" in text
+
+
+def test_places_on_one_map_share_its_tie(tmp_path):
+    place = "longitude_deg = 1.0\nlatitude_deg = {}\nheight_m = 0.0\nsigma_m = 3.0\nmap = '{}'\nmap_sigma_m = 50.0\n"
+    path = tmp_path / "stated.toml"
+    chances = []
+    for name in ("one map", "another"):
+        path.write_text(
+            f"[positions.a]\n{place.format(2.0, 'one map')}[positions.b]\n{place.format(2.001, name)}"
+        )
+        [pair] = compare([path]).agreements
+        chances.append(pair.chance)
+    assert chances[0] < 1e-9 < 0.5 < chances[1]  # 30 m apart, of 4 m and of 71 m
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("", "positions: is missing; each position is a table"),
+        ("[positions.a]\nlongitude_deg = 1.0", r"\[positions.a\] latitude_deg: is missing"),
+        ("[positions.a]\nsigma = 1.0", "'sigma' is not known; did you mean 'sigma_m'"),
+        ("[positions.a]\nmethod = 'guess'", 'method must be one of "tracking", "images"'),
+        (
+            "[positions.a]\nframe = 'PA_DE421'\nlongitude_deg = 1.0\nlatitude_deg = 1.0\nheight_m = 0.0",
+            "must be mean-Earth axes",
+        ),
+        (
+            "[positions.a]\nmap = 'x'\nlongitude_deg = 1.0\nlatitude_deg = 1.0\nheight_m = 0.0",
+            "map: belongs to map_sigma_m",
+        ),
+    ],
+)
+def test_stated_positions_that_cannot_be(tmp_path, text, problem):
+    path = tmp_path / "stated.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=problem):
+        compare([path])
+
+
+def test_two_that_differ_too_much_are_told(table, tmp_path, capsys):
+    far = written(tmp_path / "far", solution("elsewhere", (-51.93, 43.0584, -2550.0), 20.0))
+    assert main(["compare", str(table[1]), str(far)]) == 3
+    text = " ".join(capsys.readouterr().out.split())
+    assert "NOT CONSISTENT: 48 h data and elsewhere differ by more than their sigmas allow" in text
+
+
+def test_one_that_did_not_converge_is_told(table, tmp_path, capsys):
+    failed = written(tmp_path / "failed", solution("failed", (-51.9162, 43.0584, -2550.0), converged=False))
+    assert main(["compare", str(table[0]), str(failed)]) == 3
+    assert "NOT CONVERGED: failed" in capsys.readouterr().out
+    assert compare([table[0], failed]).joint is None
+
+
+@pytest.mark.study
+@pytest.mark.usefixtures("undrawn")
+def test_solutions_of_locate_are_compared_with_their_reference(tmp_path):
+    study = radioloc.read_study("examples/apollo15/apollo15.toml")
+    located = radioloc.locate(study)
+    path = radioloc.write_report(located, tmp_path / "apollo15")[0]
+    found = compare([path])
+    assert compare([located]).to_dict() == found.to_dict()
+    reference = json.loads(path.read_text())["reference"]
+    row = found.rows[0]
+    assert found.benchmark == "JPL, DE421 solution"
+    # On the sphere of 1737.4 km, 2 km above Hadley: 0.12 %.
+    assert (-row.west_m, row.north_m) == pytest.approx((reference["east_m"], reference["north_m"]), rel=2e-3)
+    assert row.method == "tracking"
+    assert found.joint is None
+
+
+def test_a_target_is_named_of_several_only(table):
+    with pytest.raises(InputError, match="expected a solution of several targets"):
+        compare(table, target="lander")
+
+
+def test_solutions_of_one_name_are_told_apart_by_their_folders(tmp_path):
+    paths = [
+        written(tmp_path / name, solution("lander", (-51.9, 43.0, 0.0), provenance={"files": [name]}))
+        for name in ("radio", "images")
+    ]
+    assert [row.name for row in compare(paths).rows[:2]] == ["lander (radio)", "lander (images)"]
+    with pytest.raises(InputError, match="rename their studies"):
+        compare([paths[0], paths[0]])
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"position": None}, "trajectory"),
+        ({"covariance": None}, "covariance: expected an object"),
+        ({"reference": {"name": "old", "east_m": 1.0}}, "reference.longitude_deg: the key is missing"),
+    ],
+)
+def test_what_is_no_solution_is_told_by_name(change, says, tmp_path):
+    path = written(tmp_path, solution("one", (0.0, 0.0, 0.0)) | change)
+    with pytest.raises(InputError, match=says) as error:
+        compare([path])
+    assert str(path) in str(error.value)
+
+
+def test_other_files_frames_and_references_are_refused(table, tmp_path, capsys):
+    text = tmp_path / "notes.json"
+    text.write_text("[1, 2")
+    assert main(["compare", str(text)]) == 2
+    assert f"{text}, line 1: is neither a solution.json nor an arcs.json" in capsys.readouterr().err
+    other = solution("other", (0.0, 0.0, 0.0))
+    other["position"]["me"]["frame"] = "ME_DE440"
+    with pytest.raises(InputError, match="use one ephemeris for all"):
+        compare([table[0], written(tmp_path / "other", other)])
+    with pytest.raises(InputError, match=r"expected .* got int"):
+        compare([3])
+    with pytest.raises(InputError, match="there is no 'LOLA' to compare with; there are Image matching"):
+        compare(table, "LOLA")

@@ -1,0 +1,125 @@
+"""What does not fit is named, with its time: cases in which residuals, sigmas and status said nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from change5_case import RANGING
+
+import radioloc
+from radioloc.constants import C_M_S
+from radioloc.parameters.earth import STATION_POSITION
+from radioloc.parameters.rows import ObservationRows
+
+
+@pytest.fixture(scope="module")
+def study():
+    return radioloc.read_study("examples/change5/change5.toml")
+
+
+EPOCHS = [pytest.param(1, marks=pytest.mark.slow, id="all epochs"), pytest.param(9, id="every ninth epoch")]
+
+
+@pytest.fixture(scope="module")
+def whole(study):
+    return radioloc.read_observations(study.observations.files)
+
+
+@pytest.fixture(scope="module", params=EPOCHS)
+def tracking(whole, request):
+    epochs = np.unique(whole.epoch.mjd, return_inverse=True)[1]
+    return whole.select(np.flatnonzero(epochs % request.param == 0))
+
+
+@pytest.fixture(scope="module")
+def fitted(study, tracking):
+    return radioloc.locate(study, tracking)
+
+
+def found(study, observations, added_m):
+    solution = radioloc.locate(study, replace(observations, value_m=observations.value_m + added_m))
+    assert str(solution.consistency.found[0]) in " ".join(str(solution).split())
+    return solution, solution.consistency.found[0]
+
+
+@pytest.mark.study
+def test_clock_of_a_vlbi_station(study, tracking):
+    """5 ns from the middle on."""
+    paths = np.array(tracking.paths())
+    second = np.char.endswith(paths, ">SESHAN25") & (np.char.find(paths, "<") > 0)
+    signs = 1.0 * second - np.char.startswith(paths, "SESHAN25<")
+    mjd = tracking.epoch.mjd
+    middle = 0.5 * (mjd.min() + mjd.max())
+    solution, first = found(study, tracking, 5e-9 * C_M_S * signs * (mjd > middle))
+    assert (first.kind, first.name) == ("jump", "SESHAN25 vlbi_delay")
+    assert first.amounts[""] / C_M_S == pytest.approx(
+        5e-9, abs=0.5e-9
+    )  # of 0.4 m in a minute, lasting for hours
+    assert first.first_utc.startswith("2020-12-02T15:1")
+    assert "SESHAN25 vlbi_delay jumps by +" in " ".join(str(solution).split())
+    assert solution.to_dict()["consistency"][0]["text"] == str(first)
+
+
+@pytest.mark.slow
+def test_ranging_station_off_its_place(study, whole):
+    """Kashi 50 m east; the editing leaves out nearly all of its two-way ranges, the others get noise of their own."""
+    arc, position_pa_m = radioloc.jobs.arc_of(study, whole)
+    at = arc.at(position_pa_m)
+    rows = ObservationRows(arc, np.arange(len(whole)), None, at, position_pa_m)
+    kashi = rows.ends == arc.stations.index("KASHI")
+    east_m = 50.0 * (STATION_POSITION.partials(rows)[..., 0] * kashi).sum(axis=1)
+    solution, first = found(study, whole, east_m)
+    assert (first.kind, first.name) == ("a priori", "station_position.KASHI")
+    # Of the 50 m a quarter is left to the position, little more than its sigma
+    assert np.linalg.norm(first.shift_enu_m) < 1.5 * np.linalg.norm(solution.sigma_enu_m())
+    assert first.amounts == {"east": pytest.approx(50.0, abs=2.0)}
+    assert str(first).startswith("KASHI does not fit the others (a displacement of +")
+    # Without a place to move: the station all the same
+    _, first = found(replace(study, consider={}, consider_defaults=False), whole, east_m)
+    assert (first.kind, first.name) == ("station", "KASHI")
+
+
+@pytest.mark.study
+def test_laser_points_of_later_nights():
+    study = radioloc.read_study("examples/apollo15/apollo15.toml")
+    points = radioloc.read_observations(study.observations.files)
+    late = np.argsort(np.argsort(points.epoch.mjd)) >= len(points) // 2
+    solution, first = found(study, points, 30.0 * late)
+    assert f"WARNING: {first.name} jumps by +30 m" in " ".join(str(solution).split())
+    assert (first.kind, first.name) == ("jump", "range APOLLO>apollo15>APOLLO")
+    assert first.amounts[""] == pytest.approx(30.0, abs=0.1)
+    assert first.first_utc == "2006-12-01T00:58:25"
+
+
+@pytest.mark.study
+def test_nothing_is_said_of_data_that_fit(fitted):
+    assert not fitted.consistency.found
+    groups = fitted.consistency.groups
+    assert {"station", "link", "type", "pass"} == {item.kind for item in groups}
+    assert {item.name for item in groups if item.kind == "station"} >= set(RANGING)
+    assert "misfit" not in str(fitted)
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("path", ["SESHAN25<change5>MIYUN50", "SESHAN25<change5>URUMQI"])
+def test_baseline_that_is_off(study, tracking, path):
+    """One of six, by 1 m, against the triangles that it closes."""
+    _, first = found(study, tracking, 1.0 * (np.array(tracking.paths()) == path))
+    assert (first.kind, first.name) == ("offset", f"vlbi_delay {path}")
+    assert first.log10_chance < -10.0
+    assert first.amounts[""] == pytest.approx(
+        1.0, abs=0.25
+    )  # clocks and weather of both stations are 0.1 m each
+
+
+@pytest.mark.study
+def test_ranges_of_a_station_with_noise_of_its_own(study, tracking, fitted):
+    """Neuquen's ranges scatter by 20 m more; the others keep their weights."""
+    paths = np.array(tracking.paths())
+    noisy = np.char.endswith(paths, ">NEUQUEN") & (np.char.find(paths, "<") < 0)
+    added_m = 20.0 * noisy * np.random.default_rng(4).normal(size=len(tracking))
+    other = radioloc.locate(study, replace(tracking, value_m=tracking.value_m + added_m))
+    assert "range of NEUQUEN" not in fitted.fit.excess_noise_m
+    assert other.to_dict()["fit"]["excess_noise_m"]["range of NEUQUEN"] == pytest.approx(20.0, rel=0.1)
+    assert other.fit.excess_noise_m["range"] == pytest.approx(fitted.fit.excess_noise_m["range"], abs=0.1)
+    assert "additive variance component of range of NEUQUEN: sigma " in " ".join(str(other).split())

@@ -1,0 +1,351 @@
+"""What a plan would tell, against fits, other studies and trials."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from change5_case import LANDER, NOISE, RANGING, START, VLBI
+
+import radioloc
+from radioloc import cli
+from radioloc.earth.stations import StationCatalogue
+from radioloc.errors import InputError
+from radioloc.jobs.covariance import covariance
+from radioloc.measurements import PhysicalModel, active_terms
+from radioloc.report import plot_covariance
+from radioloc.results.covariance import plans_card, radius_95_m
+from radioloc.simulation import (
+    Noise,
+    NoiseModel,
+    Scenario,
+    Schedule,
+    Session,
+    TruthSigma,
+    all_ranges,
+    baselines,
+    two_way,
+)
+from radioloc.simulation.noise import NoiseDraws
+from radioloc.study import EstimateChoice, HeightPrior, ModelChoice, Study
+
+SHORT_ARC_DEM = Path(__file__).parents[3] / "examples" / "change5" / "short_arc_dem.toml"
+
+STOP = "2020-12-02T15:10:00"
+COLOURED = NoiseModel(
+    link={"range": Noise(1.0, 1.5, 7200.0), "vlbi_delay": Noise(0.3)},
+    vlbi_station=Noise(white_m=0.15, coloured_m=0.3, correlation_s=5400.0),
+)
+
+
+def study_of(noise=NOISE, stations=RANGING, vlbi=VLBI, step_s=1800.0, estimate=None, sigma=None, **changes):
+    sessions = [Session("range", all_ranges(*stations), START, STOP, step_s, sigma_m=1.0, one_uplink=True)]
+    if vlbi:
+        sessions.append(Session("vlbi_delay", baselines(*vlbi), START, STOP, step_s, sigma_m=0.3))
+    scenario = Scenario(Schedule(sessions), LANDER, noise=noise, truth_sigma=TruthSigma(**sigma or {}))
+    estimate = {"range_bias": "all", "range_bias_sigma_m": 10.0} | (estimate or {})
+    prior = estimate.pop("height_prior", HeightPrior(-2550.4, 5.0))
+    return Study(
+        target=LANDER,
+        estimate=EstimateChoice(height_prior=prior, **estimate),
+        model=ModelChoice(active_terms(["ionosphere"])),
+        simulation=scenario,
+        **{"candidates": (), "consider_defaults": False} | changes,
+    )
+
+
+@pytest.fixture(scope="module")
+def found():
+    reach_m = 1.2 * covariance(study_of(COLOURED), 24.0).longest.radius_95_m
+    return covariance(study_of(COLOURED, candidates=["TIANMA65"]), reach_m=reach_m)
+
+
+def test_a_radius_is_that_of_random_points():
+    random = np.random.default_rng(1)
+    for matrix in ([[4.0, 0.0], [0.0, 4.0]], [[9.0, 2.0], [2.0, 1.0]], [[1e-8, 0.0], [0.0, 25.0]]):
+        points = random.multivariate_normal([0.0, 0.0], matrix, 200_000)
+        within = np.mean(np.hypot(*points.T) < radius_95_m(np.array(matrix)))
+        assert within == pytest.approx(0.95, abs=0.002)  # four sigmas of the fraction
+    assert radius_95_m(np.eye(2)) == pytest.approx(np.sqrt(-2.0 * np.log(0.05)), rel=1e-6)
+    assert radius_95_m(np.zeros((2, 2))) == 0.0
+    assert radius_95_m(np.full((2, 2), np.inf)) == np.inf
+
+
+@pytest.mark.slow
+def test_noise_of_a_schedule_has_the_covariance_that_is_drawn():
+    noise = NoiseModel(
+        link={"range": Noise(0.5, 1.5, 3600.0, walk_m_sqrt_s=0.01, flicker_m=0.8), "vlbi_delay": Noise(0.3)},
+        vlbi_station=Noise(white_m=0.2, coloured_m=0.3, correlation_s=5400.0, walk_m_sqrt_s=0.002),
+    )
+    model = PhysicalModel.build(off=["ionosphere"])
+    study = study_of(noise, stations=("JIAMUSI", "KASHI"), vlbi=VLBI[:3], step_s=10800.0)
+    plan = study.simulation.schedule.plan(model, LANDER.to_axes("PA", model.ephemeris.constants).xyz_m)
+    made = noise.processes(plan)
+    between = np.abs(made.time_s[:, None] - made.time_s)
+    expected = np.diag(made.white_m2)
+    for k, process in enumerate(made.processes):
+        effect = (made.sign * (made.process == k)).sum(axis=1)
+        same = np.exp(-between / process.tau_s) if process.tau_s else between == 0.0
+        walk = process.walk_m2_s * (np.minimum(made.time_s[:, None], made.time_s) - process.start_s)
+        expected = expected + np.outer(effect, effect) * (process.variance_m2 * same + walk)
+    drawn_m, _ = NoiseDraws.of(noise, plan).draw(range(4000))
+    sigma_m = np.sqrt(np.diag(expected))
+    off = (drawn_m.T @ drawn_m / 4000 - expected) / np.outer(sigma_m, sigma_m)
+    # A correlation from 4000 draws is known to 0.016, a variance to 0.022.
+    assert np.abs(off).max() < 5.0 * 0.022
+    assert np.sqrt(np.mean(off**2)) < 1.3 * 0.016
+
+
+def test_sigmas_of_data_are_the_formal_ones_of_a_fit():
+    study = study_of()
+    data = radioloc.simulate(study, seed=3).observations
+    asked = dataclasses.replace(
+        study, simulation=None, estimate=dataclasses.replace(study.estimate, weights="independent")
+    )
+    solution = radioloc.locate(asked, data)
+    planned = covariance(study, 24.0).longest
+    np.testing.assert_allclose(planned.sigma_m, solution.sigma_enu_m("formal"), rtol=1e-3)
+    assert planned.count == solution.fit.total.used
+    assert solution.fit.excess_noise_m["range"] == 0.0
+
+
+def test_epochs_of_files(tmp_path):
+    study = study_of()
+    made = radioloc.simulate(study, seed=3)
+    radioloc.write_observations(tmp_path / "d.csv", made.observations)
+    files = dataclasses.replace(study.observations, files=(tmp_path / "d.csv",))
+    of_files = covariance(dataclasses.replace(study, simulation=None, observations=files), 24.0)
+    expected = covariance(study, 24.0)
+    np.testing.assert_allclose(
+        of_files.longest.covariance_m2, expected.longest.covariance_m2, rtol=1e-6, atol=1e-9
+    )
+    assert "white and as stated" in of_files.notes[0]
+    assert not any(gain.what.startswith("station") for gain in of_files.gains)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("estimate", [{}, {"range_bias": ["KASHI"]}], ids=["all", "one"])
+def test_sigma_is_the_scatter_of_trials(estimate):
+    """Noise, biases and height are drawn as large as they are assumed; trials find their weights from residuals."""
+    noise = NoiseModel(link={"range": Noise(1.0, 1.5, 7200.0), "vlbi_delay": Noise(0.3, 0.3, 5400.0)})
+    listed = RANGING if not estimate else ("KASHI",)
+    sigma = {"range_bias_m": dict.fromkeys(listed, 10.0), "position_enu_m": [0.0, 0.0, 5.0]}
+    study = study_of(noise, step_s=300.0, estimate=estimate | {"weights": "correlated"}, sigma=sigma)
+    planned = covariance(study, 24.0).longest
+    trials = radioloc.monte_carlo(study, trials=200, hours=24.0, seed=5)
+    rms_m = np.sqrt(np.mean(trials.errors_m[:, 0] ** 2, axis=0))
+    # The rms of 200 trials is known to 5 %; weights that are found from residuals cost a little.
+    np.testing.assert_allclose(rms_m / planned.sigma_m, 1.0, atol=0.15)
+    within = np.mean(np.hypot(*trials.errors_m[:, 0, :2].T) < planned.radius_95_m)
+    assert within == pytest.approx(0.95, abs=3.0 * np.sqrt(0.95 * 0.05 / 200))
+
+
+@pytest.mark.slow
+def test_considered_errors_are_in_it():
+    """Against trials in which the station stands elsewhere."""
+    sigma = {"station_position_m": {"KASHI": [0.6, 0.6, 0.6]}}
+    study = study_of(step_s=1800.0, sigma=sigma)
+    choice = radioloc.parameters.choice.parameter_choices(
+        {"station_position": ["KASHI"], "station_position_sigma_m": {"KASHI": [0.6, 0.6, 0.6]}}
+    )
+    planned = covariance(dataclasses.replace(study, consider=choice), 24.0)
+    alone = covariance(study, 24.0)
+    by_source = planned.longest.by_source()
+    assert by_source["station_position"].sum() > 0.7 * by_source["measurement noise"].sum()
+    [gain] = [gain for gain in planned.gains if gain.what == "station_position known"]
+    assert gain.radius_95_m == pytest.approx(alone.longest.radius_95_m, rel=1e-9)
+    trials = radioloc.monte_carlo(study, trials=200, hours=24.0, seed=5)
+    added = np.mean(trials.errors_m[:, 0] ** 2, axis=0)
+    # The height prior is not drawn, and draws little from the other two.
+    np.testing.assert_allclose(np.sqrt(added[:2]) / planned.longest.sigma_m[:2], 1.0, atol=0.16)
+
+
+@pytest.mark.study
+def test_budget_adds_up(found):
+    for arc in found.arcs:
+        total = sum(np.diag(source.covariance_m2) for source in arc.sources)
+        np.testing.assert_allclose(total, arc.sigma_m**2, rtol=1e-9)
+        records = arc.to_dict()["budget"]
+        assert [r["total_m"] for r in records] == sorted((r["total_m"] for r in records), reverse=True)
+        assert np.sqrt(sum(r["total_m"] ** 2 for r in records)) == pytest.approx(np.linalg.norm(arc.sigma_m))
+    assert {"measurement noise", "a priori"} <= set(found.longest.by_source())
+
+
+@pytest.mark.study
+def test_longer_is_better_and_the_reach_lies_between(found):
+    radii = [arc.radius_95_m for arc in found.arcs]
+    assert radii == sorted(radii, reverse=True)
+    assert found.arcs[0].hours == 0.5
+    before, at = covariance(study_of(COLOURED), [found.reach_h - 0.1, found.reach_h]).arcs
+    assert at.radius_95_m <= found.reach_m < before.radius_95_m
+    assert covariance(study_of(COLOURED), 24.0, reach_m=0.1).reach_h is None
+
+
+def test_what_a_candidate_would_buy_is_the_plan_with_it(found):
+    [gain] = [gain for gain in found.gains if gain.what == "station TIANMA65"]
+    larger = covariance(study_of(COLOURED, vlbi=(*VLBI, "TIANMA65")), found.longest.hours)
+    assert gain.radius_95_m == pytest.approx(larger.longest.radius_95_m, rel=1e-6)
+    assert gain.radius_95_m < found.longest.radius_95_m
+
+
+def test_a_candidate_link_is_measured_as_its_session():
+    found = covariance(
+        study_of(stations=("JIAMUSI",), vlbi=(), candidates=["JIAMUSI>lander>KASHI", "KASHI"]), 24.0
+    )
+    buys = {gain.what: gain.radius_95_m for gain in found.gains}
+    receives = study_of(stations=("JIAMUSI",), vlbi=())
+    [session] = receives.simulation.schedule.sessions
+    more = dataclasses.replace(session, pairs=(*session.pairs, ("JIAMUSI", "KASHI")))
+    schedule = dataclasses.replace(receives.simulation.schedule, sessions=[more])
+    scenario = dataclasses.replace(receives.simulation, schedule=schedule)
+    expected = covariance(dataclasses.replace(receives, simulation=scenario), 24.0)
+    assert buys["link JIAMUSI>lander>KASHI"] == pytest.approx(expected.longest.radius_95_m, rel=1e-6)
+    itself = dataclasses.replace(session, pairs=two_way("JIAMUSI", "KASHI"))
+    scenario = dataclasses.replace(scenario, schedule=dataclasses.replace(schedule, sessions=[itself]))
+    expected = covariance(dataclasses.replace(receives, simulation=scenario), 24.0)
+    assert buys["station KASHI"] == pytest.approx(expected.longest.radius_95_m, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_candidates_are_of_the_same_network_and_telescopes_also_of_the_same_country():
+    planned = covariance(study_of(vlbi=("JIAMUSI", "HARTRAO"), candidates=None, step_s=7200.0), [24.0])
+    stations = {
+        gain.what.removeprefix("station ") for gain in planned.gains if gain.what.startswith("station ")
+    }
+    near = ("China", "Chinese Deep Space Network", "European VLBI Network")
+    catalogue = [s for s in StationCatalogue.default() if s.country in near or s.complex in near]
+    assert stations == {s.name for s in catalogue} - {"JIAMUSI", "HARTRAO"}
+
+
+@pytest.mark.study
+def test_what_is_known_and_what_is_left_out(found):
+    buys = {gain.what: gain.radius_95_m for gain in found.gains}
+    known = covariance(
+        study_of(COLOURED, estimate={"range_bias": "none", "range_bias_sigma_m": None}), found.longest.hours
+    )
+    assert buys["range_bias known"] == pytest.approx(known.longest.radius_95_m, rel=1e-3)
+    ranges = covariance(study_of(COLOURED, vlbi=()), found.longest.hours).longest
+    of_type = {share.name: share for share in found.shares if share.group == "type"}
+    assert of_type["range"].alone_m == pytest.approx(ranges.radius_95_m, rel=1e-3)
+    assert of_type["vlbi_delay"].without_m == of_type["range"].alone_m
+    fewer = covariance(study_of(COLOURED, vlbi=VLBI[1:]), found.longest.hours).longest
+    [seshan] = [share for share in found.shares if share.name == VLBI[0]]
+    assert seshan.without_m == pytest.approx(fewer.radius_95_m, rel=1e-3)
+    assert seshan.without_m > found.longest.radius_95_m
+
+
+def test_no_two_lines_of_the_figure_have_one_colour():
+    pytest.importorskip("rasterio")
+    found = radioloc.covariance(radioloc.read_study(SHORT_ARC_DEM), [0.5, 1.0])
+    below = plot_covariance(found).axes[1]
+    lines = {line.get_label(): line for line in below.get_lines()}
+    assert len({line.get_color() for line in lines.values()}) == len(lines)
+    total = sum(np.square(line.get_ydata()) for line in lines.values())
+    np.testing.assert_allclose(total, [np.square(arc.sigma_m[:2]).sum() for arc in found.arcs], rtol=1e-9)
+    assert "_others" in lines  # below the edge, so that the legend does not have it
+
+
+def test_what_cannot_be_observed_is_said():
+    free = {"height_prior": None, "range_bias_sigma_m": None}
+    found = covariance(study_of(stations=("KASHI",), vlbi=(), estimate=free), 0.1)
+    assert not found.determined
+    assert "NOT OBSERVABLE: the data do not determine" in " ".join(str(found).split())
+    assert found.to_dict()["arcs"][0]["radius_95_m"] is None
+    assert found.gains == ()
+    with pytest.raises(InputError, match="nothing to draw"):
+        plot_covariance(found)
+
+
+@pytest.mark.parametrize(
+    ("changes", "more", "message"),
+    [
+        ({"estimate": {"position": "none", "height_prior": None}}, {}, 'position is "none"'),
+        ({}, {"reach_m": -1.0}, "95 % radius to be reached is -1.0 m"),
+        ({}, {"hours": [0.0]}, "hours"),
+        ({"candidates": ["KASHI"]}, {}, "KASHI adds nothing"),
+        ({"candidates": ["NOWHERE"]}, {}, "NOWHERE"),
+        ({"candidates": ["KASHI>KASHI"]}, {}, "KASHI>KASHI"),
+    ],
+)
+def test_studies_that_cannot_be(changes, more, message):
+    with pytest.raises(radioloc.RadiolocError, match=message):
+        covariance(study_of(step_s=7200.0, **changes), **({"hours": 24.0} | more))
+
+
+PLAN = """
+[target]
+longitude_deg = -51.9162
+latitude_deg = 43.0584
+height_m = -2550.4
+[estimate]
+range_bias = "all"
+range_bias_sigma_m = 10.0
+[estimate.height_prior]
+height_m = -2550.4
+sigma_m = 5.0
+[consider]
+defaults = false
+[model]
+off = ["ionosphere"]
+[covariance]
+candidates = ["NEUQUEN"]
+[simulation.sessions.ranging]
+kind = "range"
+stations = ["JIAMUSI", "KASHI"]
+start = "2020-12-01T15:11:00"
+stop = "2020-12-01T21:11:00"
+step_s = 600.0
+sigma_m = 1.0
+"""
+
+
+@pytest.mark.study
+def test_a_plan_is_told_that_earth_orientation_will_have_been_measured(tmp_path):
+    future = PLAN.replace("2020-12-01", "2034-12-05").replace("defaults = false", "")
+    future = future.replace("[model]", '[model]\neop_beyond = "extrapolate"')
+    known = future.replace("[consider]", "[consider]\nut1_sigma_s = 1e-5\npole_sigma_rad = 3e-10")
+    notes = []
+    for text in (future, known):
+        (tmp_path / "plan.toml").write_text(text, encoding="utf-8")
+        notes.append(" ".join(covariance(tmp_path / "plan.toml", 6.0).notes))
+    assert ["will have been measured" in of for of in notes] == [True, False]
+
+
+@pytest.mark.study
+def test_the_command(tmp_path, capsys, request):
+    plan, other = tmp_path / "plan.toml", tmp_path / "other.toml"
+    plan.write_text(PLAN, encoding="utf-8")
+    other.write_text(PLAN.replace("T21:11", "T18:11"), encoding="utf-8")
+    assert cli.main(["covariance", str(plan), "--reach", "40", "--out", str(tmp_path / "one")]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "a 95 % radius of 40.0 m is reached after" in shown
+    assert "[simulation.noise.range] is not given: white noise of the sessions' sigma_m" in shown
+    written = json.loads((tmp_path / "one" / "covariance.json").read_text())
+    assert written["reach"]["hours"] < 6.0
+    assert written["arcs"][-1]["observations"] == 74
+    rows = (tmp_path / "one" / "covariance.csv").read_text().splitlines()
+    assert len(rows) == 1 + len(written["arcs"])
+    assert rows[0].startswith("hours,span_h,observations,sigma_east_m")
+    assert (tmp_path / "one" / "covariance.png").stat().st_size > 10_000
+    assert not (tmp_path / "one" / "INCOMPLETE").exists()
+    request.getfixturevalue("undrawn")
+    assert (
+        cli.main(["covariance", str(plan), str(other), "--reach", "40", "--out", str(tmp_path), "--quiet"])
+        == 0
+    )
+    assert capsys.readouterr().out == ""
+    assert (tmp_path / "plan" / "covariance.json").exists()
+    assert (tmp_path / "other" / "covariance.json").exists()
+    card = " ".join(str(plans_card([covariance(radioloc.read_study(plan), 3.0, reach_m=1.0)])).split())
+    assert "how long each has to last until its 95 % radius is 1.00 m or less" in card
+    assert card.endswith("never")
+    blind = tmp_path / "blind.toml"
+    blind.write_text(PLAN.replace('"JIAMUSI", "KASHI"', '"KASHI"').replace("range_bias_sigma_m = 10.0", ""))
+    assert cli.main(["covariance", str(blind), "--hours", "0.1"]) == 3
+    assert "NOT OBSERVABLE" in capsys.readouterr().out
+    assert cli.main(["covariance", str(blind), "--hours", "0.1", "--quiet"]) == 3
+    assert "blind: NOT OBSERVABLE" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as end:
+        cli.main(["covariance", str(plan), str(plan)])
+    assert end.value.code == 2

@@ -1,0 +1,223 @@
+"""A lander located by its descent images: the example that ships, files that do not fit, and what is written."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import rasterio
+from rasterio.transform import Affine
+from rasterio.windows import Window
+
+import radioloc
+from radioloc.cli import main
+from radioloc.errors import ConvergenceError, InputError
+from radioloc.imaging import TangentPlane
+from radioloc.jobs import ImageChoice, ImageStudy, read_image_study
+from radioloc.time import epochs_from_strings
+
+EXAMPLE = Path(__file__).parents[3] / "examples" / "images"
+SHIFT_M = (30.0, -20.0)  # planted in the map, see its simulate.py
+MAP_PIXEL_M = 8.0
+
+
+@pytest.fixture(scope="module")
+def study():
+    return read_image_study(EXAMPLE / "descent.toml")
+
+
+@pytest.fixture(scope="module")
+def some(study, tmp_path_factory):
+    """The first frames, then every second one, to the lowest, on the middle of the map."""
+    path, cells, first = tmp_path_factory.mktemp("map") / "map.tif", 506, 309
+    with rasterio.open(study.images.base_map) as whole:
+        values = whole.read(window=Window(first, first, cells, cells))
+        (cell_m, _), bounds = whole.res, whole.bounds
+        west_m, north_m = bounds.left + first * cell_m, bounds.top - first * cell_m
+        shape = {"count": 1, "height": cells, "width": cells, "dtype": values.dtype}
+        place = {"crs": whole.crs, "transform": Affine(cell_m, 0.0, west_m, 0.0, -cell_m, north_m)}
+    with rasterio.open(path, "w", driver="GTiff", **shape, **place) as file:
+        file.write(values)
+    files = study.images.files
+    return replace(study, images=replace(study.images, base_map=path, files=(*files[:3], *files[3::2])))
+
+
+@pytest.fixture(scope="module")
+def solution(some):
+    return radioloc.locate_images(some)
+
+
+def error_m(solution):
+    """Horizontal error with the planted shift taken off, east and north."""
+    truth = json.loads((EXAMPLE / "truth.json").read_text())["lander"]
+    plane = TangentPlane(truth["longitude_deg"], truth["latitude_deg"])
+    longitude, latitude, _ = solution.position.selenographic
+    return plane.from_longitude_latitude([[longitude, latitude]])[0] - SHIFT_M
+
+
+@pytest.mark.study
+def test_the_lander_is_found_within_a_pixel_of_the_map(solution):
+    assert solution.converged
+    assert np.hypot(*error_m(solution)) < MAP_PIXEL_M
+    relative = solution.relative_covariance_en_m2
+    assert error_m(solution) @ np.linalg.solve(relative, error_m(solution)) < 13.8  # 1 in 1000
+    # The tie of the map is nearly all of the total sigma, and the height follows the elevation model.
+    assert solution.sigma_enu_m[:2] == pytest.approx([25.0, 25.0], abs=0.5)
+    assert solution.position.selenographic[2] == pytest.approx(-2544.8, abs=3.0 * solution.sigma_enu_m[2])
+
+
+@pytest.mark.parametrize("point", ["centre", (159.5, 159.5)])
+def test_a_last_image_from_high_up_widens_the_sigma_by_the_unknown_descent(some, point):
+    # 0003.png is from 2.3 km, and the descent is still oblique.
+    images = replace(some.images, files=some.images.files[:3], base_map_sigma_m=(0.1, 0.1), point=point)
+    solution = radioloc.locate_images(replace(some, images=images))
+    away_m, sigma_m = np.abs(error_m(solution)), solution.sigma_enu_m[:2]
+    noted = [note for note in solution.notes if "the motion after it is unknown" in note]
+    if point == "centre":
+        assert solution.converged
+        assert len(noted) == 1
+        assert (away_m < 2.0 * sigma_m).all()
+        assert 400.0 < sigma_m.max() < 1000.0  # the image shows 1.9 km
+    else:  # a point that is known to be the lander
+        assert not noted
+        assert sigma_m.max() < 10.0
+
+
+def test_unknown_lens_distortion_widens_the_sigma_and_is_named(some, solution):
+    assert abs(np.divide(*solution.registration.radial_pattern_px())) < 4.0
+    assert not [note for note in solution.notes if "lens distortion" in note]
+    # The true k1 is -0.05.
+    camera = replace(some.camera, distortion=(0.07, 0.0, 0.0, 0.0, 0.0))
+    distorted = radioloc.locate_images(replace(some, camera=camera))
+    assert [note for note in distorted.notes if "unknown lens distortion" in note]
+    widened = distorted.relative_covariance_en_m2
+    assert error_m(distorted) @ np.linalg.solve(widened, error_m(distorted)) < 13.8  # 1 in 1000
+    assert widened[0, 0] > 4.0 * solution.relative_covariance_en_m2[0, 0]
+
+
+def test_altitudes_are_those_of_the_truth_also_where_the_camera_looks_aside(solution):
+    truth = {f["file"]: f["altitude_m"] for f in json.loads((EXAMPLE / "truth.json").read_text())["frames"]}
+    assert len(solution.altitudes_m) == 10
+    for name, altitude_m in solution.altitudes_m.items():
+        assert altitude_m == pytest.approx(truth[name], rel=0.06)  # above what is seen, not above the site
+
+
+@pytest.mark.study
+@pytest.mark.usefixtures("undrawn")
+def test_what_is_written_has_the_keys_of_radio_solutions_and_the_images(solution, tmp_path):
+    paths = radioloc.report.write_images(solution, tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {path.name for path in paths}
+    content = json.loads((tmp_path / "solution.json").read_text())
+    assert {"converged", "position", "sigma", "biases", "fit", "provenance", "images"} <= set(content)
+    assert content["position"]["pa"]["frame"] == "PA_DE421"
+    images = content["images"]
+    assert [image["status"] for image in images] == ["registered"] * 10
+    assert all(len(image["parameters"]) == 8 and np.shape(image["covariance"]) == (8, 8) for image in images)
+    found = radioloc.jobs.compare([tmp_path / "solution.json"])
+    assert found.rows[0].method == "images"
+
+
+@pytest.mark.slow
+def test_the_last_image_that_has_no_place_is_told(some, tmp_path):
+    black = tmp_path / "9999.png"
+    cv2.imwrite(str(black), np.zeros((320, 320), np.uint8))
+    files = (*some.images.files[:2], black)
+    other = radioloc.locate_images(replace(some, images=replace(some.images, files=files)))
+    assert not other.converged
+    assert "NOT CONVERGED: the last image, 9999.png, is featureless" in " ".join(str(other).split())
+
+
+@pytest.mark.slow
+def test_a_map_of_other_ground_is_a_refusal(some, tmp_path):
+    from radioloc.imaging.shading import sun_direction
+    from radioloc.simulation.ground import Ground
+
+    elsewhere = Ground(TangentPlane(-51.9162, 43.0584), seed=77)
+    elsewhere.write_map(tmp_path / "map.tif", 16.0, 9000.0, sun_direction(70.0, 45.0))
+    chosen = replace(some.images, base_map=tmp_path / "map.tif", files=some.images.files[:1])
+    with pytest.raises(ConvergenceError, match="no image was found on"):
+        radioloc.locate_images(replace(some, images=chosen))
+
+
+@pytest.mark.slow
+def test_the_command_does_the_whole_example(tmp_path, capsys):
+    assert main(["images", str(EXAMPLE / "descent.toml"), "--out", str(tmp_path / "out")]) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert "16 of 16 registered" in text
+    content = json.loads((tmp_path / "out" / "solution.json").read_text())
+    assert content["reference"]["horizontal_m"] == pytest.approx(np.hypot(*SHIFT_M), abs=MAP_PIXEL_M)
+
+
+@pytest.mark.slow
+def test_the_elevation_model_shaded_at_their_sun_serves_where_no_map_does(study, tmp_path):
+    import importlib.util
+
+    spec = importlib.util.spec_from_file_location("simulate", EXAMPLE / "simulate.py")
+    made = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(made)
+    made.GROUND.write_heights(tmp_path / "dem.tif", 10.0, 9000.0, SHIFT_M)
+    chosen = replace(
+        study.images,
+        base_map=None,
+        dem=tmp_path / "dem.tif",
+        shade=True,
+        sun_azimuth_deg=made.DESCENT.sun_azimuth_deg,
+        sun_elevation_deg=made.DESCENT.sun_elevation_deg,
+    )
+    found = radioloc.locate_images(replace(study, images=chosen))
+    assert found.converged
+    assert np.hypot(*error_m(found)) < 10.0  # a cell
+
+
+WRONG = {
+    'base_map = "map.tif"': ("", "base_map is missing"),
+    "base_map_sigma_m = [25.0, 25.0]": ("", "base_map_sigma_m: is missing"),
+    'files = ["frames/*.png"]': ('files = ["frames/*.jpg"]', "matches no file"),
+    "focal_length_mm = 8.3": ("focal_length_mm = -8.3", "focal_length_mm must be above zero"),
+    'dem = "dem.tif"': ('dem = "dem.tif"\nheight_m = 3.0', "either dem or height_m"),
+    "[camera]": ("[cameras]", "'cameras' is not known; did you mean 'camera'"),
+    "pixel_size_um": ("pixel_size_mm", "'pixel_size_mm' is not known"),
+    "[images]": ('[images]\npoint = "middle"', 'point must be "centre"'),
+}
+
+
+@pytest.mark.parametrize("text", WRONG)
+def test_what_is_wrong_in_a_study_is_one_sentence(text, tmp_path, capsys):
+    whole = (EXAMPLE / "descent.toml").read_text()
+    new, says = WRONG[text]
+    assert whole.count(text) == 1
+    for name in ("map.tif", "dem.tif"):
+        (tmp_path / name).symlink_to(EXAMPLE / name)
+    (tmp_path / "frames").symlink_to(EXAMPLE / "frames")
+    (tmp_path / "study.toml").write_text(whole.replace(text, new))
+    assert main(["images", str(tmp_path / "study.toml")]) == 2
+    error = capsys.readouterr().err
+    assert says in error
+    assert error.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_a_truncated_frame_is_left_out_by_name(some, tmp_path):
+    cut = tmp_path / "0003.png"
+    cut.write_bytes(some.images.files[2].read_bytes()[:9000])
+    files = (*some.images.files[:2], cut, some.images.files[3])
+    found = radioloc.locate_images(replace(some, images=replace(some.images, files=files)))
+    status = {frame.name: frame.status.value for frame in found.registration.frames}
+    assert status.pop("0003.png") == "unreadable"
+    assert set(status.values()) == {"registered"}
+    assert "0003.png: unreadable" in str(found)
+
+
+def test_studies_in_python_are_held_to_the_same_rules():
+    with pytest.raises(InputError, match="shade needs a dem"):
+        ImageChoice((Path("a.png"),), (1.0, 1.0), shade=True)
+    for angles in (
+        {},
+        {"sun_azimuth_deg": 1.0},
+        {"sun_azimuth_deg": 1.0, "epoch": epochs_from_strings("2020-12-01")},
+    ):
+        with pytest.raises(InputError, match="either epoch, or sun_azimuth_deg and sun_elevation_deg"):
+            ImageChoice((Path("a.png"),), (1.0, 1.0), shade=True, dem=Path("dem.tif"), **angles)
+    assert ImageStudy(ImageChoice((Path("a.png"),), (1.0, 1.0), base_map=Path("m.tif"))).name == "images"

@@ -1,0 +1,197 @@
+"""From the last orbit through a powered descent to the lander: simulated, and found again in one least squares."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from descent import SITE, TOUCHDOWN, Descent
+
+import radioloc
+from radioloc.cli import main
+from radioloc.errors import InputError
+from radioloc.lunar import LunarPosition
+from radioloc.measurements import ExactPredictor, PhysicalModel
+from radioloc.parameters.orbit import Ground
+from radioloc.study.study import Reference
+from radioloc.time import epochs_from_strings, tt_to_tdb, utc_to_tt
+
+QUICK = Descent(before_s=1500.0, step_s=30.0, segment_s=30.0, planned_s=60.0, true_s=60.0, degree=4)
+PLACE = LunarPosition.from_selenographic(*SITE)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    study = radioloc.read_study(
+        QUICK.written(tmp_path_factory.mktemp("descent") / "study.toml", after_s=300.0)
+    )
+    return study, radioloc.simulate(study, seed=1)
+
+
+@pytest.fixture(scope="module")
+def solution(made):
+    return radioloc.locate(made[0], made[1].observations)
+
+
+def test_after_the_touchdown_it_is_tracked_as_a_lander(made):
+    simulated = made[1].observations
+    tdb = tt_to_tdb(utc_to_tt(simulated.epoch))
+    landed = np.flatnonzero(tdb.seconds_since(epochs_from_strings(TOUCHDOWN, "TDB")) > 60.0)
+    assert len(landed) > 40
+    model = PhysicalModel.build()
+    place_pa_m = PLACE.to_axes("PA", model.ephemeris.constants).xyz_m
+    fixed = ExactPredictor(model, simulated.select(landed), place_pa_m).compute(place_pa_m)
+    # The tide of the Moon moves on by some tenths of a millimetre in five minutes.
+    assert np.abs(made[1].error_free_m[landed] - fixed.value_m).max() < 1e-3
+
+
+def test_the_place_and_the_orbit_are_found(made, solution):
+    assert solution.converged, solution.message
+    off_m = solution.rot_pa_to_enu @ (solution.position_pa_m - PLACE.to_frame("PA_DE421").xyz_m)
+    assert off_m @ np.linalg.solve(solution.position_covariance(), off_m) < 16.3  # 0.999 of three
+    truth = made[1].trajectory
+    state = np.concatenate([solution.state.position_m, solution.state.velocity_m_s])
+    error = state - np.concatenate(truth.states(solution.state.epoch), axis=-1)[0]
+    assert error @ np.linalg.solve(solution.state.covariance, error) < 22.5
+    assert solution.state.sigma_rtn_m(solution.state.orbit.times(5)).max() < 100.0
+    assert 1.0 < solution.sigma_enu_m().max() < 30.0
+
+
+@pytest.mark.study
+def test_before_the_descent_the_place_is_as_uncertain_as_the_thrust(made, solution):
+    observations = made[1].observations
+    after_s = tt_to_tdb(utc_to_tt(observations.epoch)).seconds_since(epochs_from_strings(TOUCHDOWN, "TDB"))
+    before = radioloc.locate(made[0], observations.select(np.flatnonzero(after_s < -QUICK.length_s)))
+    assert before.converged
+    # A velocity that walks by 0.05 m/s2 times 30 s in each of 24 segments goes so far; one that ends at zero, half.
+    left_s = QUICK.length_s - 30.0 * (np.arange(24) + 0.5)
+    walked_m = 0.05 * 30.0 * np.sqrt((left_s**2).sum())
+    assert before.sigma_enu_m().max() == pytest.approx(0.5 * walked_m, rel=0.1)
+    assert (before.sigma_enu_m() > 30.0 * solution.sigma_enu_m()).all()
+
+
+def test_results_have_both(solution):
+    content = solution.to_dict()
+    assert content["trajectory"] is None
+    assert content["position"]["me"]["latitude_deg"] == pytest.approx(SITE[1], abs=1e-2)
+    assert content["sigma"]["up_m"] > 0.0
+    assert content["state"]["epoch_tdb"].startswith("2020-12-01T14:46:09")
+    card = str(solution)
+    assert "95 % error ellipse" in card
+    assert "of lander, Moon-centred ICRF" in card
+    assert "touchdown_velocity.up" in card
+
+
+def test_partials_are_those_of_differences(made):
+    study, simulated = made
+    arc, _ = radioloc.jobs.locate.prepared_arc(study, simulated.observations)
+    problem = radioloc.jobs.problem.observation_model(arc, None, study.estimate)
+    x = problem.landing.values_of(problem.landing.orbit)
+    partials = problem.linearize(x).partials(np.arange(len(simulated.observations)))
+    for name, step in (("position.north", 5.0), ("touchdown_velocity.up", 0.01), ("force.plan_3.1.t", 1e-4)):
+        k = problem.parameters.index(name)
+        ends = [
+            problem.linearize(x + sign * step * (np.arange(len(x)) == k)).residual_m for sign in (1.0, -1.0)
+        ]
+        differences = (ends[1] - ends[0]) / (2.0 * step)
+        assert np.abs(partials[:, k] - differences).max() < 1e-4 * np.abs(differences).max(), name
+
+
+def test_residuals_are_those_of_the_a_priori_trajectory(made):
+    study, observations = made[0], made[1].observations
+    found = radioloc.residuals(replace(study, reference=Reference(PLACE, "where it is")), observations)
+    arc, _ = radioloc.jobs.arc_of(study, observations)
+    expected_m = observations.value_m - arc.compute(np.zeros(3)).value_m
+    np.testing.assert_allclose(found.residuals.residual_m, expected_m, atol=1e-3)
+    assert found.fit.total.rms_m > 10.0
+    assert not found.position_estimated
+    ends_pa_m = Ground(arc.model, arc.trajectory.touchdown).place_pa_m(arc.trajectory.state)
+    np.testing.assert_allclose(found.position_pa_m, ends_pa_m, atol=1e-3)
+    assert found.reference.name == "where it is"
+    assert "others, in solution.json" in " ".join(str(found).split())
+
+
+@pytest.mark.study
+def test_the_height_of_the_place_may_be_known(tmp_path, made):
+    prior = "[estimate.height_prior]\nheight_m = -2550.4\nsigma_m = 0.5"
+    study = radioloc.read_study(QUICK.written(tmp_path / "study.toml", prior, after_s=300.0))
+    found = radioloc.locate(study, made[1].observations)
+    assert found.converged
+    assert found.sigma_enu_m()[2] < 0.51
+
+
+@pytest.mark.study
+def test_errors_of_gravity_are_in_the_sigmas_of_place_and_orbit(tmp_path, made, solution):
+    text = QUICK.text().replace("gravity_errors = 0", "gravity_errors = 3\ngravity_error_degree = 8")
+    (tmp_path / "study.toml").write_text(text)
+    found = radioloc.locate(radioloc.read_study(tmp_path / "study.toml"), made[1].observations)
+    # Degrees 5 to 8 move such a flight by hundreds of metres, which the data then tell from the thrust less well.
+    assert (found.sigma_enu_m() > solution.sigma_enu_m()).all()
+    ends = found.state.orbit.times(3)
+    assert (found.state.sigma_rtn_m(ends) > solution.state.sigma_rtn_m(ends)).any()
+    assert np.isfinite(found.state.covariance_rtn(ends)).all()
+    # Told at the epoch directly, the covariance is that of the state.
+    sigma_m = np.sqrt(np.trace(found.state.covariance[:3, :3]))
+    assert np.linalg.norm(found.state.sigma_rtn_m(found.state.epoch)) == pytest.approx(sigma_m, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_commands(tmp_path, capsys):
+    study = str(QUICK.written(tmp_path / "study.toml"))
+    assert main(["simulate", study, "--out", str(tmp_path / "tracking.csv")]) == 0
+    assert "true thrust" in (tmp_path / "tracking.csv").read_text()
+    assert main(["locate", study, "--out", str(tmp_path / "out")]) == 0
+    capsys.readouterr()
+    content = json.loads((tmp_path / "out" / "solution.json").read_text())
+    assert content["position"] is not None
+    assert content["state"] is not None
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            f'epoch = "{TOUCHDOWN}"',
+            'epoch = "2020-12-01T14:00:00"',
+            r"touchdown at 2020-12-01T14:00:00.000 TDB is not after",
+        ),
+        (
+            f'epoch = "{TOUCHDOWN}"',
+            'epoch = "2020-12-01T15:11:00"',
+            r"acceleration plan_12.6 starts or stops at .* not between",
+        ),
+        (f'epoch = "{TOUCHDOWN}"', "", r"\[target.landing\] epoch: is missing"),
+        ("every_s = 10.0, ", "every_s = 0.001, ", r"every_s makes 60000 segments"),
+        (
+            "[simulation.forces]",
+            "[simulation.state]\n[simulation.forces]",
+            r"\[simulation\] state: belongs to a target that does not land",
+        ),
+    ],
+)
+def test_mistakes_are_told(tmp_path, old, new, message):
+    text = Descent(before_s=1500.0, degree=4).text()
+    assert old in text
+    path = tmp_path / "study.toml"
+    path.write_text(text.replace(old, new))
+    with pytest.raises(InputError, match=message):
+        radioloc.read_study(path)
+
+
+def test_a_trajectory_that_does_not_end_at_the_ground_is_refused(tmp_path, made):
+    path = tmp_path / "study.toml"
+    lines = QUICK.text().splitlines()
+    path.write_text("\n".join(line for line in lines if 'name = "plan_' not in line))
+    with pytest.raises(
+        InputError, match=r"km (above the sphere of 1737.4 km|from the a-priori place) at the touchdown"
+    ):
+        radioloc.locate(radioloc.read_study(path), made[1].observations)
+
+
+def test_tracking_of_the_lander_alone_is_refused(made):
+    study, simulated = made
+    late = simulated.observations.select(
+        np.arange(len(simulated.observations) - 20, len(simulated.observations))
+    )
+    with pytest.raises(InputError, match="is before all observations"):
+        radioloc.locate(study, late)

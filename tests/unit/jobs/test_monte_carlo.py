@@ -1,0 +1,606 @@
+"""Monte Carlo studies: linear and full trials, wherever they run, interrupted and resumed, what is told and written."""
+
+import csv
+import io
+import json
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from change5_case import BIAS_M, LANDER, NEAR, PLAN, RANGING, START, VLBI
+from quick import some
+
+import radioloc
+from radioloc import Study
+from radioloc.cli import main
+from radioloc.errors import InputError, RadiolocError
+from radioloc.jobs.linear_trials import trial_seed
+from radioloc.jobs.monte_carlo import TrialFolder
+from radioloc.jobs.prepared_trials import Prepared
+from radioloc.jobs.workers import usual_workers, workers_of
+from radioloc.parameters.considered import considered_choices
+from radioloc.results.monte_carlo import MonteCarlo, binomial_bounds
+from radioloc.simulation import (
+    Noise,
+    NoiseModel,
+    Scenario,
+    Schedule,
+    Session,
+    Truth,
+    TruthSigma,
+    all_ranges,
+    baselines,
+)
+from radioloc.study import EstimateChoice, HeightPrior, ModelChoice, ObservationChoice
+from radioloc.study.record import versions
+
+HOURS = (12.0, 24.0)
+NOISE = NoiseModel(
+    {
+        "range": Noise(
+            white_m=0.8, coloured_m=1.0, correlation_s=7200.0, outlier_fraction=0.02, outlier_m=60.0
+        ),
+        "vlbi_delay": Noise(white_m=0.5),
+    },
+    vlbi_station=Noise(white_m=0.1),
+)
+TRUTH_SIGMA = TruthSigma(
+    position_enu_m=(0.0, 0.0, 5.0),
+    moon_position_m=(0.1, 0.5, 0.3),
+    libration_rad=(1e-7, 1e-7, 1e-7),
+    station_position_m=dict.fromkeys((*RANGING, *VLBI), (0.05, 0.05, 0.1)),
+    ut1_s=2e-5,
+    pole_rad=(5e-10, 5e-10),
+    clock_s=dict.fromkeys(VLBI, 1e-10),
+    clock_rate_s_s=dict.fromkeys(VLBI, 2e-15),
+    range_bias_m=dict.fromkeys(RANGING, 10.0),
+    zenith_delay_m=dict.fromkeys((*RANGING, *VLBI), 0.02),
+    clock_epoch_utc=START,
+)
+
+
+def study_of(step_s=3600.0, *, truth_sigma=TRUTH_SIGMA, observations=None, **estimate):
+    """Ranges and delays of a day; a-priori position 10 km off."""
+    stop = "2020-12-02T15:10:00"
+    sessions = [
+        Session("range", all_ranges(*RANGING), START, stop, step_s, sigma_m=1.0, one_uplink=True),
+        Session("vlbi_delay", baselines(*VLBI), START, stop, step_s, sigma_m=0.3),
+    ]
+    choice = {
+        "range_bias": "all",
+        "range_bias_sigma_m": 10.0,
+        "height_prior": HeightPrior(-2550.4, 5.0),
+        "ephemeris_sigma_m": (0.5, 0.5, 0.3),
+    }
+    return Study(
+        target=NEAR,
+        estimate=EstimateChoice(**(choice | estimate)),
+        model=ModelChoice(terms=radioloc.measurements.active_terms(["ionosphere"])),
+        observations=observations or ObservationChoice(),
+        simulation=Scenario(
+            Schedule(sessions), LANDER, Truth(range_bias_m=BIAS_M), NOISE, truth_sigma, seed=5
+        ),
+        consider=considered_choices({"station_position_sigma_m": 0.1}),
+        name="plan",
+    )
+
+
+@pytest.fixture(scope="module")
+def study():
+    return study_of()
+
+
+@pytest.fixture(scope="module")
+def ready(study):
+    return Prepared.of(study, HOURS)
+
+
+@pytest.fixture(scope="module")
+def found(study, tmp_path_factory):
+    return radioloc.monte_carlo(study, 60, HOURS, out=tmp_path_factory.mktemp("found"))
+
+
+def columns_of(ready, values, *names):
+    return values[..., [ready.columns.index(name) for name in names]]
+
+
+@pytest.mark.study
+def test_linear_trials_are_the_full_ones(study, ready):
+    linear, full = ready.linear().run(5, range(4)), ready.run(5, range(4))
+    error_m, sigma_m = ("east_m", "north_m", "up_m"), ("sigma_east_m", "sigma_north_m", "sigma_up_m")
+    apart_m = np.abs(columns_of(ready, linear - full, *error_m))
+    assert (apart_m < np.maximum(1e-3, 0.01 * columns_of(ready, full, *sigma_m))).all()
+    ratio = columns_of(ready, linear, *sigma_m) / columns_of(ready, full, *sigma_m)
+    np.testing.assert_allclose(ratio, 1.0, rtol=0.0, atol=1e-2)
+    counts = ("used", "rejected", "converged")
+    assert (columns_of(ready, linear, *counts) == columns_of(ready, full, *counts)).all()
+    biases = [name for name in ready.columns if name.startswith("range_bias")]
+    assert len(biases) == 9
+    np.testing.assert_allclose(
+        columns_of(ready, linear, *biases), columns_of(ready, full, *biases), rtol=0.0, atol=0.02
+    )
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("vlbi_station_sigma_m", some([0.0, 0.1], [0.1]))
+def test_correlated_weights_are_those_of_the_full_fit(vlbi_station_sigma_m):
+    choice = ObservationChoice(vlbi_station_sigma_m=vlbi_station_sigma_m)
+    study = study_of(600.0, observations=choice, weights="correlated")
+    plain = study_of(600.0, observations=choice, weights="independent")
+    ready = Prepared.of(study, (24.0,))
+    linear, full = (way.run(5, [1]) for way in (ready.linear(), ready))
+    errors = columns_of(ready, linear - full, "east_m", "north_m", "up_m")
+    sigmas = ("sigma_east_m", "sigma_north_m", "sigma_up_m")
+    assert (np.abs(errors) < 0.01 * columns_of(ready, full, *sigmas)).all()
+    ratio = columns_of(ready, linear, *sigmas) / columns_of(ready, full, *sigmas)
+    np.testing.assert_allclose(ratio, 1.0, rtol=0.0, atol=0.01)
+    # And other weights than before.
+    unlike = Prepared.of(plain, (24.0,)).linear().run(5, [1])
+    assert (np.abs(columns_of(ready, linear - unlike, "north_m")) > 0.01).all()
+
+
+def test_a_full_trial_is_what_locate_gives(study, ready):
+    quiet = replace(study.simulation, truth_sigma=TruthSigma())
+    one = replace(study, simulation=quiet)
+    seed = trial_seed(5, 3)
+    made = radioloc.simulate(one, seed=seed)
+    alone = radioloc.locate(
+        replace(one, observations=ObservationChoice(hours=24.0), reference=radioloc.study.Reference(LANDER)),
+        made.observations,
+    )
+    trial = Prepared.of(one, HOURS).run(5, [3])[0, 0]
+    known = dict(zip(ready.columns, trial, strict=True))
+    np.testing.assert_allclose(
+        [known[f"{axis}_m"] for axis in ("east", "north", "up")],
+        [alone.reference.east_m, alone.reference.north_m, alone.reference.up_m],
+        rtol=0.0,
+        atol=1e-4,
+    )
+    assert known["rejected"] == alone.fit.total.rejected
+    assert known["nees"] == pytest.approx(alone.reference.combined_sigmas**2, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"vlbi_station_sigma_m": 0.2}, {"stations": RANGING}, {"extra_sigma_m": 0.5}]
+)
+def test_noise_and_selection_are_those_of_the_study(changes):
+    one = study_of(observations=ObservationChoice(**changes))
+    ready = Prepared.of(one, (12.0,))
+    linear, full = ready.linear().run(1, range(2)), ready.run(1, range(2))
+    same = columns_of(ready, linear - full, "east_m", "north_m", "up_m", "sigma_east_m")
+    assert np.abs(same).max() < 0.05
+    assert (columns_of(ready, linear, "used") == columns_of(ready, full, "used")).all()
+
+
+def test_biases_with_a_priori_values():
+    one = study_of(range_bias_m={"KASHI": 7.0})
+    ready = Prepared.of(one, (12.0,))
+    linear, full = ready.linear().run(1, range(2)), ready.run(1, range(2))
+    names = ("range_bias.KASHI", "range_bias.JIAMUSI", "east_m", "up_m")
+    np.testing.assert_allclose(
+        columns_of(ready, linear, *names), columns_of(ready, full, *names), rtol=0.0, atol=0.05
+    )
+
+
+def test_a_trial_does_not_depend_on_the_others(ready):
+    linear = ready.linear()
+    together = linear.run(9, range(7))
+    one_by_one = np.concatenate([linear.run(9, [trial]) for trial in range(7)])
+    np.testing.assert_array_equal(together, one_by_one)
+    assert trial_seed(9, 2) != trial_seed(9, 3) != trial_seed(8, 3)
+    child = np.random.SeedSequence(9).spawn(4)[3]
+    assert trial_seed(9, 3) == sum(int(w) << (32 * k) for k, w in enumerate(child.generate_state(4)))
+
+
+@pytest.mark.slow
+def test_processes_give_the_same_bits(study, found):
+    in_pool = radioloc.monte_carlo(study, 60, HOURS, workers=2)
+    np.testing.assert_array_equal(in_pool.values, found.values)
+
+
+@pytest.mark.slow
+def test_processes_fit_in_full_as_well(study, ready):
+    in_pool = radioloc.monte_carlo(study, 4, HOURS, full=True, workers=2)
+    assert not in_pool.linear
+    assert in_pool.proof is None
+    # Least squares of some hundred rows, in one thread or two: rounding.
+    np.testing.assert_allclose(in_pool.values, ready.run(5, range(4)), rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_threads_of_linear_algebra_give_the_same_bits(tmp_path):
+    code = (
+        "import pickle, sys, numpy as np; job = pickle.load(open(sys.argv[1] + '.job', 'rb')); "
+        "np.save(sys.argv[1], job.run(1, range(3)))"
+    )
+    job = Prepared.of(study_of(120.0), HOURS).linear()
+    results = []
+    for threads in ("1", "2"):
+        name = tmp_path / f"{threads}.npy"
+        Path(f"{name}.job").write_bytes(pickle.dumps(job))
+        environment = os.environ | {"OPENBLAS_NUM_THREADS": threads}
+        subprocess.run([sys.executable, "-c", code, str(name)], check=True, env=environment)
+        results.append(np.load(name))
+    np.testing.assert_array_equal(*results)
+
+
+class _LosingCluster:
+    """A job during which its cluster loses all that it holds."""
+
+    def run(self, seed, trials):
+        distributed = pytest.importorskip("distributed")
+        distributed.get_client().restart(wait_for_workers=False)
+        return np.zeros((len(trials), 1, 1))
+
+
+@pytest.mark.study
+@pytest.mark.filterwarnings("ignore")  # those of the cluster's own
+def test_unusable_clusters_are_one_error(monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    cluster = distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None)
+    with cluster, distributed.Client(cluster) as client:
+        with workers_of(client=client) as run, pytest.raises(RadiolocError, match="lost its workers"):
+            list(run(_LosingCluster(), 1, [[0], [1]]))
+        installed = versions()
+        monkeypatch.setattr(client, "run", lambda function: {"tcp://w": installed | {"radioloc": "0.0.1"}})
+        with (
+            workers_of(client=client) as run,
+            pytest.raises(InputError, match=r"worker tcp://w .* got 0\.0\.1"),
+        ):
+            list(run(_LosingCluster(), 1, [[0]]))
+        monkeypatch.setattr(client, "run", lambda function: {})
+        with workers_of(client=client) as run, pytest.raises(InputError, match="no workers"):
+            list(run(_LosingCluster(), 1, [[0]]))
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")  # those of the cluster's own
+def test_a_cluster_gives_the_same_bits(study, found):
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        there = radioloc.monte_carlo(study, 60, HOURS, client=client)
+    np.testing.assert_array_equal(there.values, found.values)
+
+
+@pytest.mark.slow
+def test_where_the_linear_model_is_off_all_is_fitted_in_full(study, ready, monkeypatch):
+    from radioloc.jobs import monte_carlo as module
+
+    monkeypatch.setattr(module, "_ALLOWED_M", 0.0)
+    monkeypatch.setattr(module, "_ALLOWED_SIGMAS", 1e-9)
+    result = radioloc.monte_carlo(study, 3, HOURS)
+    assert not result.linear
+    assert not result.proof.passed
+    np.testing.assert_array_equal(result.values, ready.run(5, range(3)))
+    assert "every trial fitted in full: the linear model is off by up to" in str(result)
+
+
+def test_where_not_everything_is_determined_all_is_fitted_in_full():
+    stop = "2020-12-01T15:21:00"
+    alone = [Session("range", (("KASHI", "KASHI"),), START, stop, 600.0, sigma_m=1.0)]
+    one = study_of(height_prior=None, range_bias="none")
+    one = replace(one, simulation=replace(one.simulation, schedule=Schedule(alone), truth_sigma=TruthSigma()))
+    result = radioloc.monte_carlo(one, 2, [1.0])
+    assert not result.linear
+    assert result.proof is None
+    assert not result.converged
+    assert "NOT CONVERGED in 2 of the trials" in str(result)
+    assert result.arcs == (None,)
+    assert result.to_dict()["arcs"] == [{"hours": 1.0, "converged": 0}]
+
+
+UNGUARDED = """
+from radioloc.jobs.workers import workers_of
+with workers_of(2) as run:
+    list(run(None, 0, [[0], [1]]))
+"""
+
+
+@pytest.mark.slow
+def test_a_script_without_a_guard_is_told(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(UNGUARDED)
+    ended = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False)
+    assert ended.returncode == 1
+    # Only the resource tracker of multiprocessing may say something after it, of semaphores it has to remove.
+    assert (
+        "a worker process ended before its trials did: a script that asks for several workers needs"
+        in ended.stderr
+    )
+    # What spawned processes say themselves is the same, not what multiprocessing has to say of it.
+    assert (
+        'InputError: a script that asks for several workers needs if __name__ == "__main__":' in ended.stderr
+    )
+    assert "freeze_support" not in ended.stderr
+
+
+# Interrupted and resumed.
+
+
+@pytest.mark.slow
+def test_resumed_with_more_trials(study, found, tmp_path):
+    first = radioloc.monte_carlo(study, 20, HOURS, out=tmp_path)
+    parts = {path: path.stat().st_mtime_ns for path in (tmp_path / "parts").glob("*.npz")}
+    more = radioloc.monte_carlo(study, 60, HOURS, out=tmp_path, resume=True)
+    np.testing.assert_array_equal(first.values, found.values[:20])
+    np.testing.assert_array_equal(more.values, found.values)
+    assert all(path.stat().st_mtime_ns == stamp for path, stamp in parts.items())
+    # Fewer are the first of them.
+    fewer = radioloc.monte_carlo(study, 10, HOURS, out=tmp_path, resume=True)
+    np.testing.assert_array_equal(fewer.values, found.values[:10])
+
+
+KILLED = """
+import os, signal, sys
+sys.path[:0] = sys.argv[2:]
+import radioloc
+from radioloc.jobs.monte_carlo import TrialFolder
+from test_monte_carlo import HOURS, study_of
+
+add = TrialFolder.add
+def add_and_die(self, *arguments):
+    add(self, *arguments)
+    os.kill(os.getpid(), signal.SIGKILL)
+TrialFolder.add = add_and_die
+radioloc.monte_carlo(study_of(), 60, HOURS, out=sys.argv[1])
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal")
+def test_killed_and_resumed(study, found, tmp_path):
+    here = Path(__file__).resolve()
+    paths = [str(here.parent), str(here.parents[2] / "toys")]
+    killed = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path), *paths], check=False)
+    assert killed.returncode == -signal.SIGKILL
+    [part] = (tmp_path / "parts").glob("*.npz")
+    assert part.name == "linear-000000-000024.npz"
+    time.sleep(0.01)
+    stamp = part.stat().st_mtime_ns
+    resumed = radioloc.monte_carlo(study, 60, HOURS, out=tmp_path, resume=True)
+    np.testing.assert_array_equal(resumed.values, found.values)
+    assert part.stat().st_mtime_ns == stamp
+
+
+CHANGES = [
+    (lambda s: replace(s, estimate=replace(s.estimate, rejection_sigma=6.0)), "estimate"),
+    (lambda s: replace(s, simulation=replace(s.simulation, noise=NoiseModel())), "simulation"),
+    (lambda s: replace(s, model=ModelChoice()), "model"),
+]
+
+
+@pytest.mark.parametrize(("changed", "what"), some(CHANGES, CHANGES[:1]))
+def test_another_study_is_refused(study, tmp_path, changed, what):
+    radioloc.monte_carlo(study, 1, [12.0], out=tmp_path)
+    with pytest.raises(InputError, match=f"of another study .what differs: {what}.; give another folder"):
+        radioloc.monte_carlo(changed(study), 1, [12.0], out=tmp_path, resume=True)
+    with pytest.raises(InputError, match="what differs: seed, hours"):
+        radioloc.monte_carlo(study, 1, [6.0], seed=1, out=tmp_path, resume=True)
+
+
+@pytest.mark.study
+def test_damaged_trials_are_told(study, tmp_path):
+    radioloc.monte_carlo(study, 1, [12.0], out=tmp_path)
+    [part] = (tmp_path / "parts").glob("*.npz")
+    part.write_bytes(part.read_bytes()[:-99])
+    with pytest.raises(
+        InputError, match=r"linear-000000-000000.npz: is damaged .*remove the file and resume"
+    ):
+        radioloc.monte_carlo(study, 1, [12.0], out=tmp_path, resume=True)
+    # Without resuming a study starts anew.
+    radioloc.monte_carlo(study, 1, [12.0], out=tmp_path)
+
+
+HEADERS = {
+    "an object": (np.array([{}], dtype=object), np.savez),
+    "text": (np.array(["0"]), np.savez),
+    "real": (np.zeros(1), np.savez),
+    "two axes": (np.zeros((1, 1), dtype=np.int64), np.savez),
+    "repeated": (np.zeros(2, dtype=np.int64), np.savez),
+    "negative": (np.array([-1]), np.savez),
+    "compressed": (np.zeros(10**6, dtype=np.int64), np.savez_compressed),
+}
+
+
+@pytest.mark.parametrize(("trials", "save"), HEADERS.values(), ids=list(HEADERS))
+def test_archives_of_trials_are_checked_by_their_headers(trials, save, tmp_path):
+    folder = TrialFolder(tmp_path, {}, ("east_m",), (12.0,))
+    folder.add("linear", [0, 1], np.ones((2, 1, 1)))
+    assert folder.found("linear").keys() == {0, 1}
+    values = np.ones((len(trials), 1, 1))
+    save(tmp_path / "parts" / "linear-000000-000001.npz", trials=trials, values=values, columns=["east_m"])
+    with pytest.raises(InputError, match=r"linear-000000-000001\.npz: is damaged .*remove the file"):
+        folder.found("linear")
+
+
+def test_a_header_that_states_terabytes_allocates_nothing(tmp_path):
+    folder = TrialFolder(tmp_path, {}, ("east_m",), (12.0,))
+    folder.add("linear", [0, 1], np.ones((2, 1, 1)))
+    [part] = (tmp_path / "parts").glob("*.npz")
+    with zipfile.ZipFile(part) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    stated = b"'shape': (1000000000000,), }  "
+    members["trials.npy"] = members["trials.npy"].replace(b"'shape': (2,), }".ljust(len(stated)), stated)
+    with zipfile.ZipFile(part, "w") as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    with pytest.raises(InputError, match="is damaged"):
+        folder.found("linear")
+
+
+# What is told and written.
+
+
+@pytest.mark.study
+def test_the_summary_is_that_of_the_trials(found):
+    [day, half] = found.arcs
+    assert (day.hours, half.hours) == (24.0, 12.0)
+    for k, arc in enumerate((day, half)):
+        assert arc.trials == arc.converged == 60
+        enu_m = np.stack([found[f"{axis}_m"][:, k] for axis in ("east", "north", "up")])
+        np.testing.assert_allclose(arc.rms_m, np.sqrt((enu_m**2).mean(axis=1)), rtol=1e-12)
+        np.testing.assert_allclose(arc.mean_m, enu_m.mean(axis=1), rtol=1e-9)
+        horizontal_m = np.hypot(*enu_m[:2])
+        assert (horizontal_m <= arc.radius_95_m).sum() == 57
+        inside = np.abs(enu_m[2]) <= 1.959963984540054 * found["sigma_up_m"][:, k]
+        assert arc.inside["up"].count == inside.sum()
+        assert arc.nees.mean == pytest.approx(found["nees"][:, k].mean() / 3.0)
+        [bias] = [p for p in arc.parameters if p.name == "range_bias.KASHI"]
+        errors_m = found["range_bias.KASHI.error"][:, k]
+        assert bias.rms_error == pytest.approx(np.sqrt((errors_m**2).mean()))
+        assert bias.rms_error < bias.std
+    apart_m = np.hypot(*(found[f"{axis}_m"][:, 1] - found[f"{axis}_m"][:, 0] for axis in ("east", "north")))
+    assert half.from_longest_95_m == pytest.approx(np.quantile(apart_m, 0.95))
+    assert day.from_longest_95_m is None
+
+
+def test_binomial_bounds_are_exact():
+    # Tables of the binomial distribution: n = 20, p = 0.95, P(X <= 16) = 0.0159, P(X <= 17) = 0.0755.
+    assert binomial_bounds(20, 0.95) == (17 / 20, 1.0)
+    # n = 200: quantiles of 2.5 and 97.5 %, as tests/statistics has them.
+    assert binomial_bounds(200, 0.95) == (0.92, 0.98)
+
+
+def test_trials_that_did_not_converge_do_not_count():
+    columns = ("converged", "used", "rejected", "east_m", "north_m", "up_m", "sigma_east_m", "sigma_north_m")
+    columns += ("sigma_up_m", "nees", "nees_horizontal")
+    good = [1.0, 10.0, 1.0, 3.0, 4.0, 0.0, 1.0, 1.0, 1.0, 25.0, 25.0]
+    bad = [0.0, 10.0, 1.0, 3e3, 4e3, 0.0, 1.0, 1.0, 1.0, np.nan, np.nan]
+    values = np.array([[good], [bad], [good]])
+    [found] = MonteCarlo("plan", 1, (12.0,), (11.9,), columns, values, True, None, ()).arcs
+    assert (found.trials, found.converged) == (3, 2)
+    assert found.radius_95_m == pytest.approx(5.0)
+    assert found.inside["horizontal"].count == 0
+
+
+def test_the_card(found):
+    text = str(found)
+    assert "60 trials, 2 arcs: all converged" in text
+    assert "linear model, checked by" in text
+    assert "full fits: positions and sigmas agree to" in text
+    assert "seed 5" in " ".join(text.split())
+    assert max(map(len, text.splitlines())) <= 80
+    html = found._repr_html_()
+    assert "<table>" in html
+    assert "inside 95 %" in html
+    assert repr(found) == "<MonteCarlo plan: 60 trials of 24, 12 h>"
+    table = found.to_table()
+    assert len(table) == 120
+    assert (table["hours"].unit, table["sigma_up_m"].unit) == ("h", "m")
+    of_types = [name for name in table.colnames if name.startswith(("excess_noise_m.", "range_bias."))]
+    assert len(of_types) > 2
+    assert {str(table[name].unit) for name in of_types} == {"m"}
+    assert list(found.to_table("pandas").columns) == table.colnames
+    with pytest.raises(InputError, match="there is no column 'west_m'"):
+        found["west_m"]
+
+
+def test_what_is_written(found, tmp_path):
+    written = radioloc.report.write_monte_carlo(found, tmp_path)
+    assert {path.name for path in written} == {
+        "montecarlo.json",
+        "trials.csv",
+        "trials.png",
+        "trials.svg",
+        "error_by_length.png",
+        "error_by_length.svg",
+    }
+    numbers = json.loads((tmp_path / "montecarlo.json").read_text())
+    assert numbers["arcs"][1]["inside"]["horizontal"]["trials"] == 60
+    assert numbers["proof"]["passed"]
+    rows = list(csv.DictReader((tmp_path / "trials.csv").read_text().splitlines()))
+    assert len(rows) == 120
+    assert float(rows[3]["east_m"]) == found["east_m"][1, 1]
+    assert rows[3]["hours"] == "12"
+
+
+@pytest.mark.study
+def test_the_command(tmp_path, capsys):
+    (tmp_path / "plan.toml").write_text(PLAN)
+    arguments = ["montecarlo", str(tmp_path / "plan.toml"), "--trials", "5", "--hours", "6", "12"]
+    assert main([*arguments, "--seed", "3", "--out", str(tmp_path / "out")]) == 0
+    told = capsys.readouterr()
+    assert "5 trials, 2 arcs: all converged" in told.out
+    assert told.err == ""
+    assert (tmp_path / "out" / "trials.csv").is_file()
+    assert main([*arguments, "--quiet", "--out", str(tmp_path / "out"), "--resume"]) == 2
+    assert "what differs: seed" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main([*arguments, "--resume"])
+    assert "--resume needs --out" in capsys.readouterr().err
+
+
+class Terminal(io.StringIO):
+    """Standard error of somebody who looks."""
+
+    def isatty(self):
+        return True
+
+
+BARS = [(True, True, True), (False, True, False), (True, False, False)]
+
+
+@pytest.mark.parametrize(("progress", "looks", "shown"), some(BARS, BARS[1:2]))
+def test_a_bar_is_shown_on_a_terminal_only(study, monkeypatch, progress, looks, shown):
+    stream = Terminal() if looks else io.StringIO()
+    monkeypatch.setattr(sys, "stderr", stream)
+    radioloc.monte_carlo(study, 2, [12.0], progress=progress)
+    assert ("2/2" in stream.getvalue()) == shown
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"trials": 0}, "trials is 0"),
+        ({"hours": []}, "at least one length"),
+        ({"hours": [-1.0]}, "hours must be above zero"),
+        ({"seed": -1}, "seed is -1"),
+        ({"resume": True}, "to resume needs the folder"),
+    ],
+)
+def test_arguments_that_cannot_be(study, arguments, message):
+    with pytest.raises(InputError, match=message):
+        radioloc.monte_carlo(study, **arguments)
+
+
+def test_studies_that_cannot_be(study):
+    with pytest.raises(InputError, match="nothing to simulate"):
+        radioloc.monte_carlo(replace(study, simulation=None))
+    with pytest.raises(InputError, match="needs the position estimated"):
+        radioloc.monte_carlo(replace(study, estimate=EstimateChoice(position="none", range_bias="all")))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"), [({"workers": 0}, "workers is 0"), ({"client": 3}, "client is 3")]
+)
+def test_workers_that_cannot_be(study, options, message):
+    with pytest.raises(InputError, match=message):
+        radioloc.monte_carlo(study, 2, [12.0], **options)
+
+
+@pytest.mark.parametrize(("trials", "workers"), [(1, 1), (99, 1), (100, 2), (249, 4), (1000, 4)])
+def test_workers_have_enough_trials(trials, workers, monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: range(4), raising=False)
+    assert usual_workers(trials) == workers
+
+
+@pytest.mark.slow
+def test_trials_of_the_example_all_converge(tmp_path):
+    """As a user runs it; the noise of dense series once ended some trials in an eigen-solver that gave up."""
+    simulation = Path(__file__).parents[3] / "examples" / "change5" / "simulation.toml"
+    out = tmp_path / "out"
+    assert main(["montecarlo", str(simulation), "--trials", "60", "--quiet", "--out", str(out)]) == 0
+    assert len((out / "trials.csv").read_text().splitlines()) == 1 + 60 * 3

@@ -1,0 +1,289 @@
+"""Simulated tracking of an orbiter: a truth that differs from the fit's a-priori orbit is found again."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import radioloc
+from radioloc.cli import main
+from radioloc.dynamics import Orbit, propagate
+from radioloc.errors import InputError
+from radioloc.jobs import light_times, visibility
+from radioloc.measurements import ExactPredictor, PhysicalModel
+from radioloc.simulation import TruthSigma, windows
+from radioloc.study.orbit_choice import ProcessNoise
+from radioloc.time import utc_strings
+
+TRUE_M = np.array([575839.0, -463349.0, -1631539.0])
+VELOCITY_M_S = np.array([-567.864, 1434.223, -600.209])
+SIGMA_M = 1e-3
+
+
+def written(folder, more="", observations='files = ["sim.csv"]', forces="radiation_m2_kg = 0.02\n"):
+    path = folder / "orbit.toml"
+    path.write_text(f"""
+[target]
+name = "craft"
+dynamics = "moon"
+epoch = "2012-04-09T04:30:00"
+position_m = [575739.0, -463249.0, -1631639.0]
+velocity_m_s = [-567.864, 1434.223, -600.209]
+[forces]
+degree = 20
+radiation_m2_kg = 0.018
+gravity_errors = 0
+[observations]
+{observations}
+[consider]
+defaults = false
+[simulation.state]
+position_m = [575839.0, -463349.0, -1631539.0]
+[simulation.forces]
+{forces}
+[simulation.sessions.doppler]
+kind = "doppler"
+stations = ["DSS-24", "DSS-65"]
+start = 2012-04-09T04:40:00
+stop = 2012-04-09T08:40:00
+step_s = 60.0
+count_s = 60.0
+sigma_m = {SIGMA_M}
+wavelength_um = 36000.0
+[simulation.noise.doppler]
+white_m = {SIGMA_M}
+{more}
+""")
+    return path
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    study = radioloc.read_study(written(tmp_path_factory.mktemp("orbit")))
+    return study, radioloc.simulate(study, seed=3)
+
+
+def test_the_world_is_the_tracking_of_the_true_orbit(made):
+    study, simulated = made
+    observations, orbit = simulated.observations, simulated.trajectory
+    assert isinstance(orbit, Orbit)
+    assert orbit.states(orbit.epoch)[0][0] == pytest.approx(TRUE_M, abs=1e-6)
+    # Integrated by itself, not by way of the study.
+    truth = propagate(
+        study.target.epoch,
+        TRUE_M,
+        VELOCITY_M_S,
+        study.target.forces.with_parameters({"radiation": 0.02}),
+        (0.0, 16000.0),
+    )
+    predicted = ExactPredictor(PhysicalModel.build(), observations, np.zeros(3), truth).compute(np.zeros(3))
+    assert predicted.usable.all()
+    assert np.abs(observations.value_m - simulated.noise_m - predicted.value_m).max() < 1e-6
+    assert {path.upper() for path in observations.paths()} <= {"DSS-24>CRAFT>DSS-24", "DSS-65>CRAFT>DSS-65"}
+    assert "true state at 2012-04-09T04:30:00.000000 TDB" in simulated.summary()
+    assert "GRGM660PRIM to degree 20; k2 0.02416; radiation 0.02" in simulated.summary()
+
+
+@pytest.mark.study
+def test_the_truth_of_an_orbit_that_is_searched_for_is_a_state(tmp_path, made):
+    path = written(tmp_path)
+    given = "position_m = [575739.0, -463249.0, -1631639.0]\nvelocity_m_s = [-567.864, 1434.223, -600.209]"
+    known = path.read_text().replace(given, "altitude_m = 55e3", 1)
+    path.write_text(
+        known.replace("-1631539.0]", "-1631539.0]\nvelocity_m_s = [-567.864, 1434.223, -600.209]")
+    )
+    study = radioloc.read_study(path)
+    assert study.target.rough.altitude_m == 55e3
+    np.testing.assert_array_equal(study.simulation.position.state, [*TRUE_M, *VELOCITY_M_S])
+    planned, known = (radioloc.covariance(replace(one, candidates=()), 4.0) for one in (study, made[0]))
+    np.testing.assert_allclose(planned.longest.sigma_m, known.longest.sigma_m, rtol=1e-6)
+
+
+def test_nothing_is_tracked_behind_the_moon(made):
+    study, simulated = made
+    found = windows(
+        PhysicalModel.build(),
+        simulated.trajectory,
+        ["DSS-24"],
+        "2012-04-09T04:40:00",
+        "2012-04-09T08:40:00",
+        study.simulation.schedule.masks,
+    )
+    hours = sum(
+        np.ptp(radioloc.time.epochs_from_strings([one.start_utc, one.stop_utc]).mjd) * 24.0 for one in found
+    )
+    mine = simulated.observations.paths() == simulated.observations.paths()[0]
+    assert 1.0 < hours < 3.0
+    assert 60.0 * hours - 3.0 * len(found) < max(mine.sum(), (~mine).sum()) < 60.0 * hours + 1.0
+
+
+def test_who_sees_it_is_told_from_the_study(made):
+    study, simulated = made
+    found = visibility(study, ["DSS-24"])
+    masks = study.simulation.schedule.masks
+    limits = (PhysicalModel.build(), simulated.trajectory, ["DSS-24"], found.start_utc, found.stop_utc, masks)
+    assert [(one.start_utc, one.stop_utc) for one in found.passes] == [
+        (one.start_utc, one.stop_utc) for one in windows(*limits)
+    ]
+    # The Moon hides it at each turn of two hours, for less than half of it.
+    assert [(one.rises, one.sets) for one in found.passes] == [(True, True), (True, False)]
+
+
+def test_light_times_are_those_of_the_true_orbit(made):
+    study, simulated = made
+    found = light_times(study, ["DSS-65"], start_utc="2012-04-09T04:50:00", stop_utc="2012-04-09T05:30:00")
+    rows = simulated.observations.select(simulated.observations.paths() == "DSS-65>craft>DSS-65")
+    counts = {
+        str(tag)[:16]: value / 60.0 for tag, value in zip(utc_strings(rows.epoch), rows.value_m, strict=True)
+    }
+    rates = [counts[str(tag)[:16]] for tag in utc_strings(found.epoch)]
+    assert len(rates) == 5
+    # The mean of a minute differs from its middle by 60^2/24 times the rate's curvature: 2 km/s at one turn in 7100 s.
+    np.testing.assert_allclose(found["range_rate_m_s"], rates, atol=0.25)
+    assert np.ptp(rates) > 1000.0
+
+
+def test_the_true_state_is_found_again(made):
+    study, simulated = made
+    solution = radioloc.locate(study, simulated.observations)
+    assert solution.converged
+    error = np.concatenate([solution.state.position_m - TRUE_M, solution.state.velocity_m_s - VELOCITY_M_S])
+    # Six directions together: a chi squared of 6 degrees of freedom.
+    assert error @ np.linalg.solve(solution.state.covariance, error) < 22.5
+    assert solution.fit.total.wrms_m < 1.3 * SIGMA_M
+
+
+def test_a_true_field_beyond_that_of_the_fit_is_in_the_values(tmp_path, made):
+    further = radioloc.simulate(written(tmp_path, forces="degree = 40\n"), seed=3)
+    assert further.trajectory.forces.gravity.degree == 40
+    assert further.trajectory.forces.radiation_m2_kg == 0.018
+    assert len(further.observations) > 50
+    by_time = [one.observations.epoch.mjd for one in (further, made[1])]
+    same = np.intersect1d(*by_time, return_indices=True)[1:]
+    change_m = further.error_free_m[same[0]] - made[1].error_free_m[same[1]]
+    assert np.abs(change_m).max() > 100.0 * SIGMA_M
+
+
+def test_the_command_writes_what_locate_reads(tmp_path, capsys):
+    study = written(tmp_path)
+    assert main(["simulate", str(study), "--out", str(tmp_path / "sim.csv")]) == 0
+    assert "true state" in (tmp_path / "sim.csv").read_text()
+    capsys.readouterr()
+    assert main(["residuals", str(study)]) == 0
+    shown = capsys.readouterr().out
+    assert "of craft" in shown
+    assert "sigma there" not in shown  # of a state that is held
+
+
+@pytest.mark.study
+def test_a_covariance_study_claims_what_a_fit_of_the_tracking_does(made):
+    study, simulated = made
+    found = radioloc.covariance(replace(study, candidates=()), hours=4.0).longest
+    fitted = radioloc.locate(study, simulated.observations)
+    assert found.count == fitted.fit.total.used
+    # The truth is 170 m from where the fit begins, and noise is weighed by residuals: sigmas agree to some percent.
+    sigmas = [np.sqrt(np.diag(state.covariance)) for state in (found.state, fitted.state)]
+    np.testing.assert_allclose(*sigmas, rtol=0.15)
+    first, last = (fitted.state.epoch.shifted(3600.0 * hours) for hours in found.tracked_h)
+    assert [str(one)[:16] for one in (*utc_strings(first), *utc_strings(last))] == [
+        "2012-04-09T04:41",
+        "2012-04-09T08:41",
+    ]
+
+
+@pytest.mark.slow
+def test_what_errors_of_gravity_do_to_a_plan_is_in_its_budget(made, tmp_path):
+    study = replace(made[0], candidates=())
+    plan = replace(study, target=replace(study.target, gravity_errors=4, gravity_error_degree=30))
+    found = radioloc.covariance(plan, hours=[2.0, 4.0])
+    arc = found.longest
+    first_h, last_h = arc.tracked_h
+    count = int((last_h - first_h) * 6.0) + 1
+    tdb = study.target.epoch.shifted(3600.0 * np.linspace(first_h, last_h, count))
+    mean_m2 = arc.state.covariance_rtn(tdb)[:, :3, :3].mean(axis=0)
+    np.testing.assert_allclose(arc.sigma_m, np.sqrt(np.diag(mean_m2))[[1, 2, 0]], rtol=1e-9)
+    assert arc.budget()[0]["source"] == "gravity_error"
+    assert found.gains[0].what == "gravity_error known"
+    assert found.gains[0].radius_95_m == pytest.approx(
+        radioloc.covariance(study, hours=4.0).longest.radius_95_m, rel=1e-6
+    )
+    written = json.loads(json.dumps(found.to_dict()))["arcs"][-1]
+    assert written["sigma_along_m"] == pytest.approx(arc.sigma_m[0])
+    assert len(written["state"]["mapped"]) == 25
+    card = " ".join(str(found).split())
+    assert "along across radial 95 % radius" in card
+    assert "of 4 h, at 2012-04-09T04:30:00 TDB radial along across position, m" in card
+    names = {path.name for path in radioloc.report.write_covariance(found, tmp_path)}
+    assert {"covariance.png", "covariance_on_arc.png"} <= names
+
+
+@pytest.mark.parametrize("planned", [radioloc.covariance, radioloc.monte_carlo])
+def test_plans_of_orbits_have_no_process_noise(made, planned):
+    noise = ProcessNoise(interval_s=600.0, radial_m_s2=1e-9)
+    orbit = replace(made[0].estimate.orbit, process_noise=noise)
+    study = replace(made[0], estimate=replace(made[0].estimate, orbit=orbit))
+    with pytest.raises(
+        InputError, match=r"study of an orbit has no process noise; leave .* process_noise out"
+    ):
+        planned(study, hours=2.0)
+
+
+@pytest.mark.parametrize(
+    ("forces", "more", "message"),
+    [
+        ("gravity_errors = 3", "", r"\[simulation.forces\] gravity_errors: is of the fit"),
+        ("degre = 3", "", r"\[simulation.forces\] 'degre' is not known"),
+        ("", "[simulation.position]\nheight_m = 3.0", r"\[simulation\] position: belongs to a place"),
+        (
+            "",
+            "[simulation.truth_sigma]\nposition_enu_m = [1.0, 1.0, 1.0]",
+            r"\[simulation.truth_sigma\] position_enu_m belongs to a place",
+        ),
+    ],
+)
+def test_mistakes_are_told(tmp_path, forces, more, message):
+    with pytest.raises(InputError, match=message):
+        radioloc.read_study(written(tmp_path, more, forces=forces))
+
+
+@pytest.mark.slow
+def test_trials_of_an_orbit_are_those_of_full_fits(made, tmp_path):
+    study, _ = made
+    found = radioloc.monte_carlo(study, trials=20, hours=4.0)
+    assert found.linear
+    assert found.proof.passed
+    assert found.converged
+    assert found.sides == ("along", "across", "radial")
+    np.testing.assert_allclose(found.at_h, [0.0, 2.185, 4.185], atol=0.01)
+    claimed = radioloc.covariance(replace(study, candidates=()), hours=4.0).longest.state
+    tdb = claimed.epoch.shifted(3600.0 * np.array(found.at_h))
+    # Noise by the residuals of each trial: the median is that of the noise stated to some percent.
+    expected_m = claimed.sigma_rtn_m(tdb)[:, [1, 2, 0]]
+    np.testing.assert_allclose(np.median(found.sigmas_m, axis=0), expected_m, rtol=0.1)
+    card = " ".join(str(found).split())
+    assert "4 h at 2.2 h" in card
+    assert "along across radial horizontal state expected" in card
+    names = {path.name for path in radioloc.report.write_monte_carlo(found, tmp_path)}
+    assert {"trials.csv", "trials.png", "error_by_length.png"} <= names
+    assert (tmp_path / "trials.csv").read_text().startswith("trial,hours,at_h,converged,")
+
+
+def test_errors_of_gravity_are_drawn_beside_the_noise(made):
+    study, without = made
+    scenario = replace(study.simulation, truth_sigma=TruthSigma(gravity_errors=2))
+    # What degrees 21 and 22, which the field has not, do to the orbit is far more than the noise.
+    target = replace(scenario.position, gravity_error_degree=22)
+    drawn = radioloc.simulate(
+        replace(study, simulation=replace(scenario, position=target)), seed=3, draw_errors=True
+    )
+    assert list(drawn.drawn) == ["gravity_error.1", "gravity_error.2"]
+    np.testing.assert_allclose(
+        drawn.observations.value_m - without.observations.value_m, drawn.drawn_m, atol=1e-9
+    )
+    assert np.ptp(drawn.drawn_m) > 100.0 * SIGMA_M
+    assert "gravity_errors" in scenario.truth_sigma.keys
+    with pytest.raises(InputError, match="gravity_errors is -1; give a whole number"):
+        TruthSigma(gravity_errors=-1)

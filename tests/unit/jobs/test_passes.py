@@ -1,0 +1,103 @@
+"""Passes of a study's target: against elevations, with the limits that the study says."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import radioloc
+from radioloc.errors import InputError, StationError
+from radioloc.jobs import visibility
+from radioloc.jobs.locate import model_of
+from radioloc.simulation import elevations
+from radioloc.time import epochs_from_strings, utc_to_tt
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
+PLAN = EXAMPLES / "change5" / "simulation.toml"
+SECOND_DEG = 15.1 / 3600.0
+"""No elevation changes by more in a second."""
+MINUTE_DEG = 2e-4
+"""By how much the highest at whole minutes may be below the highest."""
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return radioloc.read_study(PLAN)
+
+
+def elevation_deg(study, station, utc):
+    model = model_of(study)
+    lander_pa_m = study.simulation.position.to_axes("PA", model.ephemeris.constants).xyz_m
+    tt = utc_to_tt(epochs_from_strings(utc, "UTC"))
+    return np.degrees(elevations(model, lander_pa_m, [station], tt).at_station_rad[:, 0])
+
+
+@pytest.mark.study
+def test_a_target_rises_and_sets_at_the_masks_of_the_schedule(plan):
+    found = visibility(plan)
+    assert (found.start_utc, found.stop_utc) == ("2020-12-01T15:11:00", "2020-12-03T15:10:00")
+    assert set(found.masks_deg.values()) == {10.0, 15.0}
+    edges = [(one.station, one.start_utc) for one in found.passes if one.rises]
+    edges += [(one.station, one.stop_utc) for one in found.passes if one.sets]
+    assert len(edges) > 20
+    for station, utc in edges:
+        above_deg = elevation_deg(plan, station, [utc])[0] - found.masks_deg[station]
+        assert above_deg + 0.1 * SECOND_DEG >= 0.0
+        assert above_deg < 1.1 * SECOND_DEG
+
+
+@pytest.mark.study
+def test_each_of_several_targets_has_its_passes():
+    study = radioloc.read_study(EXAMPLES / "reflectors" / "de440.toml")
+    span = {"start_utc": "2024-04-14", "stop_utc": "2024-04-14T20:00:00"}
+    found = visibility(study, ["GRASSE", "NEUQUEN"], **span)
+    assert found.targets == tuple(study.targets)
+    for name, place in study.targets.items():
+        mine = [replace(one, target="") for one in found.passes if one.target == name]
+        alone = visibility(replace(study, target=place, targets={}), ["GRASSE", "NEUQUEN"], **span)
+        assert tuple(mine) == alone.passes
+        assert len(mine) == 3
+    assert "target station rise set" in " ".join(str(found).split())
+    night = {"start_utc": "2024-04-14T06:00:00", "stop_utc": "2024-04-14T07:00:00"}
+    assert "never seen apollo11 by NEUQUEN apollo14 by" in " ".join(
+        str(visibility(study, ["NEUQUEN"], **night)).split()
+    )
+
+
+def test_the_highest_elevation_of_a_pass_is_that(plan):
+    [one] = visibility(plan, ["NM"], stop_utc="2020-12-02T12:00:00").passes
+    assert (one.station, one.rises, one.sets) == ("NEUQUEN", True, True)
+    start = np.datetime64(one.start_utc)
+    seconds = (np.datetime64(one.stop_utc) - start).astype(int)
+    assert one.hours == pytest.approx(seconds / 3600.0, abs=1e-9)
+    dense_deg = elevation_deg(plan, "NEUQUEN", (start + np.arange(0, seconds, 10)).astype(str).tolist())
+    assert abs(dense_deg.max() - one.highest_deg) < MINUTE_DEG
+    assert elevation_deg(plan, "NEUQUEN", [one.highest_utc])[0] == pytest.approx(
+        one.highest_deg, abs=SECOND_DEG
+    )
+
+
+def test_of_data_the_stations_and_the_span_are_those_of_the_observations():
+    found = visibility(EXAMPLES / "apollo15" / "apollo15.toml", stop_utc="2006-04-08")
+    assert (found.start_utc, list(found.masks_deg)) == ("2006-04-07T06:26:30", ["APOLLO"])
+    # What was measured then was seen.
+    assert found.passes[0].highest_deg > 10.0
+    assert not found.passes[0].rises
+
+
+def test_the_card_says_what_is_never_seen(plan):
+    found = visibility(plan, ["KASHI", "NEUQUEN"], stop_utc="2020-12-01T16:00:00", mask_deg=20.0)
+    text = " ".join(str(found).split())
+    assert "20 deg at the stations" in text
+    assert "KASHI already up still up" in text
+    assert "never seen by NEUQUEN" in text
+
+
+def test_what_cannot_be_searched(plan):
+    with pytest.raises(StationError, match="NOPE"):
+        visibility(plan, ["NOPE"])
+    with pytest.raises(InputError, match="must stop later"):
+        visibility(plan, start_utc="2020-12-05")
+    with pytest.raises(InputError, match="not between -90 and 90"):
+        visibility(plan, mask_deg=100.0)

@@ -1,0 +1,328 @@
+"""A rover by stereo images of landmarks, and a lander in one orbital image: the examples that ship, and mistakes."""
+
+import json
+import runpy
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from descent_images import FOLDER
+
+import radioloc
+from radioloc.cli import main
+from radioloc.errors import ConvergenceError, InputError
+from radioloc.imaging import (
+    Camera,
+    ConstantOrientation,
+    FrameModel,
+    Sphere,
+    TangentPlane,
+    image_to_ground,
+    read_isd,
+    resect,
+)
+from radioloc.jobs import compare, read_image_study
+from radioloc.jobs.image_points import ground_at
+from radioloc.jobs.image_study import GroundChoice
+from radioloc.lunar import TerrainModel
+from radioloc.report import write_images
+from radioloc.study import PlaceOnMap
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+STEREO = EXAMPLES / "stereo" / "stereo.toml"
+ORBITAL = EXAMPLES / "images" / "orbital_image.toml"
+CUBE = FOLDER / "M143947267L.cal.echo.crop.cub"
+
+PAPER_M = [15.888, 13.648, 17.584, 15.896]
+PAPER_DEG = (-19.5126, 44.1188)
+"""Horizontal distances and the place that the Chang'e-3 paper (descent images, 2014) prints."""
+PRINTED_M = 5e-4
+
+
+@pytest.fixture(scope="module")
+def stereo():
+    return read_image_study(STEREO)
+
+
+@pytest.fixture(scope="module")
+def by_stereo(stereo):
+    return radioloc.locate_images(stereo)
+
+
+@pytest.fixture(scope="module")
+def orbital():
+    return read_image_study(ORBITAL)
+
+
+@pytest.fixture(scope="module")
+def by_image(orbital):
+    return radioloc.locate_images(orbital)
+
+
+def changed(study, **fields):
+    return replace(study, chosen=replace(study.chosen, **fields))
+
+
+def from_place_m(solution, place_deg=PAPER_DEG, height_m=-2640.0):
+    """East and north of a place, m, on the ground."""
+    longitude, latitude, _ = solution.position.selenographic
+    scale = 1.0 + height_m / 1737400.0
+    return scale * TangentPlane(*place_deg).from_longitude_latitude([[longitude, latitude]])[0]
+
+
+def own_en_m2(solution):
+    """Covariance relative to the map."""
+    return sum(source.covariance_enu_m2[:2, :2] for source in solution.sources if not source.shared)
+
+
+def test_the_papers_distances_and_place_come_from_the_pixels(by_stereo):
+    found = [one["distance_m"] for one in by_stereo.details["landmarks"]]
+    np.testing.assert_allclose(found, PAPER_M, rtol=0, atol=PRINTED_M)
+    error_m = from_place_m(by_stereo)
+    assert error_m @ np.linalg.solve(own_en_m2(by_stereo), error_m) < 5.991  # 95 %
+    assert by_stereo.sigma_enu_m[0] == pytest.approx(np.hypot(40.0, np.sqrt(own_en_m2(by_stereo)[0, 0])))
+
+
+def test_the_example_is_what_its_simulation_prints(monkeypatch, capsys):
+    monkeypatch.chdir(EXAMPLES.parent)
+    runpy.run_path(str(STEREO.parent / "simulate.py"), run_name="__main__")
+    printed = capsys.readouterr().out
+    assert printed.count("left_px") == 4
+    assert printed.strip() in STEREO.read_text()
+
+
+def test_sources_add_up_to_the_covariance_of_the_resection(stereo, by_stereo):
+    chosen = stereo.chosen
+    plane = TangentPlane(*PAPER_DEG)
+    degrees = [[one.longitude_deg, one.latitude_deg] for one in chosen.landmarks]
+    landmarks = (1.0 + chosen.height_m / 1737400.0) * plane.from_longitude_latitude(degrees)
+    table = by_stereo.details["landmarks"]
+    one = resect(landmarks, *([row[key] for row in table] for key in ("distance_m", "sigma_m")), 0.5)
+    np.testing.assert_allclose(own_en_m2(by_stereo), one.covariance_m2, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("mounting_m", "attitude_deg", "expected_m"),
+    [
+        ((1.0, 0.0, 0.0), (90.0, 0.0, 0.0), (-1.0, 0.0)),  # ahead is east
+        ((0.0, 1.0, 0.0), (90.0, 0.0, 0.0), (0.0, 1.0)),  # right is south
+        ((0.0, 0.0, -2.0), (0.0, 0.0, 90.0), (-2.0, 0.0)),  # above, with the right side down, is right: east
+        ((0.0, 0.0, -2.0), (0.0, 90.0, 0.0), (0.0, 2.0)),  # above, with the front up, is behind: south
+    ],
+)
+def test_the_body_is_where_the_mounting_says(stereo, mounting_m, attitude_deg, expected_m):
+    camera = radioloc.locate_images(changed(stereo, camera_in_body_m=(0.0, 0.0, 0.0)))
+    body = radioloc.locate_images(
+        changed(stereo, camera_in_body_m=mounting_m, body_attitude_deg=attitude_deg)
+    )
+    np.testing.assert_allclose(from_place_m(body) - from_place_m(camera), expected_m, atol=1e-4)
+
+
+def given(stereo, **fields):
+    """The example with its distances in place of pixels; fields of the landmark b."""
+    landmarks = [
+        replace(one, left_px=None, right_px=None, distance_m=distance_m, distance_sigma_m=0.3)
+        for one, distance_m in zip(stereo.chosen.landmarks, PAPER_M, strict=True)
+    ]
+    landmarks[1] = replace(landmarks[1], **fields)
+    return changed(stereo, landmarks=tuple(landmarks), left=None, right=None, baseline_m=None)
+
+
+def test_distances_may_be_given(stereo, by_stereo):
+    found = radioloc.locate_images(given(stereo))
+    assert found.details["landmarks"][0]["misfit_sigmas"] is None
+    assert np.linalg.norm(from_place_m(found) - from_place_m(by_stereo)) < 0.1
+    assert " -" in str(found)
+
+
+def test_a_wrong_landmark_shows(stereo, tmp_path, capsys):
+    found = radioloc.locate_images(given(stereo, distance_m=18.0))
+    assert not found.converged
+    assert "the distances do not agree with the map, most of all that of landmark" in found.message
+    text = STEREO.read_text()
+    line = next(line for line in text.splitlines() if line.startswith("left_px"))
+    sample, row = json.loads(line.partition("=")[2])
+    (tmp_path / "study.toml").write_text(text.replace(line, f"left_px = [{sample}, {row + 8.0}]"))
+    assert main(["images", str(tmp_path / "study.toml")]) == 3
+    output = " ".join(capsys.readouterr().out.split())
+    assert "NOT CONVERGED: the rays of landmark a pass each other by 1" in output
+
+
+def test_landmarks_on_a_line_leave_two_places(stereo):
+    line = [replace(one, latitude_deg=PAPER_DEG[1] + 4e-4) for one in given(stereo).chosen.landmarks]
+    with pytest.raises(ConvergenceError, match="fit two places"):
+        radioloc.locate_images(changed(given(stereo), landmarks=tuple(line)))
+
+
+def test_without_a_height_the_position_stands_on_the_sphere(stereo):
+    found = radioloc.locate_images(changed(given(stereo), height_m=None))
+    assert found.to_dict()["sigma"]["up_m"] is None
+    assert found.converged
+    assert "no height is known" in str(found)
+
+
+def test_the_height_follows_the_place_as_the_ground_slopes():
+    dem = EXAMPLES / "images" / "dem.tif"
+    chosen = GroundChoice(dem=dem, dem_sigma_m=3.0)
+    longitude, latitude, step_m = -51.9101, 43.0533, 1.0
+    found = ground_at(chosen, longitude, latitude)
+    scale = 1737400.0 / (1737400.0 + found.height_m)
+    steps = TangentPlane(longitude, latitude).to_longitude_latitude(
+        scale * step_m * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    )
+    east, west, north, south = TerrainModel.open(dem).height_m(*np.radians(steps).T)
+    slopes = np.array([east - west, north - south]) / (2.0 * step_m)
+    assert np.abs(slopes).min() > 0.001
+    np.testing.assert_allclose(found.to_enu[2], slopes, rtol=1e-3)
+    assert found.sigma_m == 3.0
+
+
+def test_the_lander_in_an_orbital_image_is_as_far_off_as_orbit_and_pointing(by_image):
+    """The simulated file's orbit is 9 m east and 6 m south of the true one; pointing and pixel add some 1.5 m."""
+    truth = json.loads((EXAMPLES / "images" / "truth.json").read_text())["lander"]
+    error_m = from_place_m(by_image, (truth["longitude_deg"], truth["latitude_deg"]), truth["height_m"])
+    np.testing.assert_allclose(error_m, [9.0, -6.0], atol=2.0)
+    assert error_m @ np.linalg.solve(by_image.covariance_enu_m2[:2, :2], error_m) < 5.991
+    assert abs(by_image.position.selenographic[2] - truth["height_m"]) < 3.0 * 10.0
+
+
+def test_points_of_one_image_share_its_orbit(tmp_path):
+    paths = []
+    for name, point in (("one", "[2124.18, 999.20]"), ("two", "[2100.0, 900.0]")):
+        text = ORBITAL.read_text().replace("[2124.18, 999.20]", point)
+        for file in ("orbital_image.json", "dem.tif"):
+            text = text.replace(f'"{file}"', f'"{ORBITAL.parent / file}"')
+        (tmp_path / f"{name}.toml").write_text(text)
+        solution = radioloc.locate_images(read_image_study(tmp_path / f"{name}.toml"))
+        paths.append(tmp_path / f"{name}.json")
+        paths[-1].write_text(json.dumps(solution.to_dict()))
+    [pair] = compare(paths).agreements
+    assert json.loads(paths[0].read_text())["sigma"]["east_m"] > 10.0
+    assert pair.sigma_enu_m[0] < 1.0
+
+
+@pytest.mark.parametrize("name", ["by_stereo", "by_image"])
+def test_what_is_written_has_the_keys_of_other_solutions(name, request, tmp_path):
+    solution = request.getfixturevalue(name)
+    written = write_images(solution, tmp_path)
+    assert [path.name for path in written] == ["solution.json", "position.png", "position.svg"]
+    content = json.loads(written[0].read_text())
+    assert {"position", "sigma", "covariance", "considered", "fit", "provenance", "reference"} <= set(content)
+    assert content["method"] in content
+    variances = sum(np.square(sigmas) for sigmas in content["budget"].values())
+    np.testing.assert_allclose(np.sqrt(variances), list(content["sigma"].values()))
+    assert compare(written[:1]).rows[0].method == content["method"]
+    assert "<table>" in solution._repr_html_()
+
+
+def test_an_image_from_before_utc(orbital):
+    model = Path(__file__).parents[2] / "data" / "isd" / "apollo15_metric.json"
+    found = radioloc.locate_images(changed(orbital, model=model, dem=None, height_m=0.0, point=(0.0, 0.0)))
+    assert found.details["epoch"].startswith("1971-08-0")
+    assert found.details["epoch"].endswith(" TDB")
+
+
+def test_a_rover_on_a_map_is_an_observation_of_tracking_studies(by_stereo, tmp_path):
+    path = tmp_path / "solution.json"
+    path.write_text(json.dumps(by_stereo.to_dict()))
+    place = PlaceOnMap(solution=path).read()
+    assert place.map == "CE2-0236"
+    ties_m = [place.errors_enu_m[f"map_tie.CE2-0236.{axis}"][:2] for axis in ("east", "north")]
+    np.testing.assert_allclose(ties_m, 40.0 * np.eye(2), atol=1e-9)
+    np.testing.assert_allclose(place.noise_enu_m2[:2, :2], own_en_m2(by_stereo), atol=1e-9)
+
+
+def test_it_is_verified_as_any_solution(tmp_path, capsys):
+    study = tmp_path / "study.toml"
+    shutil.copy(STEREO, study)
+    content = radioloc.locate_images(read_image_study(study)).to_dict()
+    solution = tmp_path / "solution.json"
+    solution.write_text(json.dumps(content))
+    assert main(["verify", str(solution)]) == 0
+    content["position"]["pa"]["x_m"] += 1.0
+    solution.write_text(json.dumps(content))
+    assert main(["verify", str(solution)]) == 3
+    assert "position.pa.x_m" in capsys.readouterr().out
+    assert main(["verify", str(solution), "--quiet"]) == 3
+    assert "DIFFERS in 1 of" in capsys.readouterr().err
+    study.write_text(STEREO.read_text() + "\n")
+    assert main(["verify", str(solution)]) == 2
+    assert "is not the study file that it was made from" in capsys.readouterr().err
+
+
+def test_a_model_that_is_another_is_not_verified(tmp_path, capsys):
+    for name in ("orbital_image.toml", "orbital_image.json", "dem.tif"):
+        shutil.copy(ORBITAL.parent / name, tmp_path)
+    content = radioloc.locate_images(read_image_study(tmp_path / "orbital_image.toml")).to_dict()
+    (tmp_path / "solution.json").write_text(json.dumps(content))
+    with (tmp_path / "orbital_image.json").open("a") as file:
+        file.write("\n")
+    assert main(["verify", str(tmp_path / "solution.json")]) == 2
+    assert "orbital_image.json has another content" in capsys.readouterr().err
+
+
+def test_a_real_cube_is_an_image_with_a_point(orbital):
+    if not CUBE.exists():
+        pytest.skip(f"{CUBE} is not here")
+    study = changed(orbital, model=CUBE, dem=None, height_m=-2500.0, point=(300.0, 299.0))
+    found = radioloc.locate_images(study)
+    expected = image_to_ground(read_isd(CUBE).model, [[300.0, 299.0]], Sphere(1734900.0))[0]
+    np.testing.assert_allclose(found.position.xyz_m, expected, atol=1e-6)
+    # Line 15999 + 299 of the image after the first of 13:06:40.356, at 0.36483 ms each.
+    assert found.details["epoch"] == "2010-11-09T13:06:46.302 UTC"
+    assert "LUNAR RECONNAISSANCE ORBITER NACL" in str(found)
+
+
+WRONG = [
+    (STEREO, "[stereo]", "[image_point]\nmodel = 'x'\n[stereo]", "one of [images] (frames and a map), [image_point]"),
+    (STEREO, "[stereo]", "[camera]\nfocal_length_mm = 1\n[stereo]", "[camera] belongs to [images]"),
+    (STEREO, "map_name =", "name =", "[stereo] 'name' is not known"),
+    (STEREO, 'name = "b"', 'name = "a"', "two landmarks have one name"),
+    (STEREO, 'name = "b"', 'name = "b"\ndistance_m = 3.0', "landmark 'b': give either distance_m and"),
+    (STEREO, "baseline_m =", "#", "baseline_m is missing, without which pixels tell no distance"),
+    (STEREO, "principal_point_px = [511.5, 511.5]\n\n[stereo.r", "[stereo.r",
+     "left.principal_point_px is missing"),
+    (STEREO, "latitude_deg = 44.1192917", "latitude_deg = -44.1192917", "is farther than 10 km from landmark 'a'"),
+    (STEREO, "longitude_deg = -19.5123493", "longitude_deg = 160.5", "is farther than 10 km from landmark 'a'"),
+    (ORBITAL, 'dem = "dem.tif"', "", "the height of the ground is missing"),
+    (ORBITAL, 'dem = "dem.tif"', "height_m = 5e6", "height_m = 5000000.0 is no height above the 1737.4 km sphere"),
+    (ORBITAL, "999.20]", "9999.2]", "is not in the image of 5064 samples and 2000 lines"),
+    (ORBITAL, "dem_sigma_m = 10.0", "dem_sigma_m = -1.0", "dem_sigma_m must not be negative"),
+    (ORBITAL, "[10.0, 10.0, 5.0]", "10.0", "position_sigma_m: must be a list of three numbers"),
+    (ORBITAL, "orbital_image.json", "truth.json", "the key name_model is missing; an ISD of a sensor model has it"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("study", "old", "new", "says"), WRONG, ids=[says for *_, says in WRONG])
+def test_what_is_wrong_is_one_sentence(study, old, new, says, tmp_path, capsys):
+    text = study.read_text()
+    assert old in text
+    for name in ("orbital_image.json", "truth.json", "dem.tif"):
+        (tmp_path / name).symlink_to(EXAMPLES / "images" / name)
+    (tmp_path / "study.toml").write_text(text.replace(old, new, 1))
+    assert main(["images", str(tmp_path / "study.toml")]) == 2
+    error = capsys.readouterr().err
+    assert says in error
+    assert error.count("\n") == 1
+
+
+def test_three_landmarks_are_too_few(stereo):
+    with pytest.raises(InputError, match="3 landmarks; four or more are needed"):
+        changed(stereo, landmarks=stereo.chosen.landmarks[:3])
+
+
+def test_a_camera_may_look_straight_down(monkeypatch, orbital):
+    camera = Camera.of_pinhole(700.0, 7.0, [511.5, 511.5])
+    support = read_isd(orbital.chosen.model, axes="ME_DE421")
+    study = changed(orbital, dem=None, height_m=0.0, point=(511.5, 511.5))
+    for longitude_rad in np.linspace(0.0, 1.0, 30):
+        sine, cosine = np.sin(longitude_rad), np.cos(longitude_rad)
+        down = np.array([[-sine, 0.0, -cosine], [cosine, 0.0, -sine], [0.0, -1.0, 0.0]])
+        above = ConstantOrientation([1787400.0 * cosine, 1787400.0 * sine, 0.0], down)
+        model = FrameModel(camera, above, (1024, 1024), axes="ME_DE421")
+        monkeypatch.setattr(
+            "radioloc.jobs.image_points.read_isd", lambda _, model=model: replace(support, model=model)
+        )
+        assert radioloc.locate_images(study).details["emission_deg"] < 1e-5

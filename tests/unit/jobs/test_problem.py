@@ -1,0 +1,145 @@
+"""Partials against central differences, at the poles too, and who owns a bias."""
+
+import numpy as np
+import pytest
+from quick import each_with_one
+
+import radioloc
+from radioloc import LunarPosition
+from radioloc.jobs.problem import observation_model
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.registry import KINDS
+from radioloc.study import EstimateChoice, HeightPrior
+from radioloc.time import Epochs
+
+PLACES = {
+    "apollo15": (3.6, 26.1, -1900.0),
+    "north pole": (0.0, 90.0, 500.0),
+    "south pole": (123.0, -90.0, -2000.0),
+    "shackleton": (-130.0, -89.7, 1500.0),
+    "limb": (89.0, 1.0, 0.0),
+}
+PARTIALS_M = 2e-6
+"""Central differences over 100 m: rounding of 1e-7 m over 200 m, times the curvature of the path, per metre."""
+
+
+def target(place, model):
+    return LunarPosition.from_selenographic(*PLACES[place]).to_axes("PA", model.ephemeris.constants)
+
+
+@pytest.mark.parametrize("form", ["geographic", "cartesian"])
+@pytest.mark.parametrize("place", PLACES)
+def test_partials_are_the_slopes(place, form, late15, model):
+    start = target(place, model)
+    few = late15.select([0, 9, 27])
+    arc = radioloc.measurements.ExactPredictor(model, few, start.xyz_m)
+    choice = EstimateChoice(position=form, range_bias="all", time_bias="all")
+    problem = observation_model(arc, start, choice)
+    steps = {"m": 100.0, "s": 1e-3}
+    x = problem.parameters.prior_values + np.array([steps[p.unit] / 3.0 for p in problem.parameters])
+    x[:2] += 30e3  # away from where the coordinates have their origin
+    _, partials = problem.residuals(x)
+    for k, parameter in enumerate(problem.parameters):
+        step = np.zeros(len(x))
+        step[k] = steps[parameter.unit]
+        after, before = problem.residuals(x + step)[0], problem.residuals(x - step)[0]
+        slope = (before - after) / (2.0 * step[k])
+        assert slope == pytest.approx(
+            partials[:, k], abs=PARTIALS_M * (1.0 if parameter.unit == "m" else 1e4)
+        )
+        position = (problem.position_pa_m(x + step) - problem.position_pa_m(x - step)) / (2.0 * step[k])
+        assert position == pytest.approx(problem.position_partials(x)[:, k], abs=1e-8)
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_starts_at_the_target(place, late15, model):
+    start = target(place, model)
+    arc = radioloc.measurements.ExactPredictor(model, late15.select([0]), start.xyz_m)
+    for form in ("geographic", "cartesian", "none"):
+        choice = EstimateChoice(position=form, range_bias="all")
+        problem = observation_model(arc, start, choice)
+        assert problem.position_pa_m(problem.parameters.prior_values) == pytest.approx(start.xyz_m, abs=1e-8)
+
+
+def test_height_parameter_is_the_height_everywhere(late15, model):
+    start = target("shackleton", model)
+    arc = radioloc.measurements.ExactPredictor(model, late15.select([0]), start.xyz_m)
+    choice = EstimateChoice(height_prior=HeightPrior(250.0, 10.0))
+    problem = observation_model(arc, start, choice)
+    assert problem.parameters["position.height"].prior_sigma == 10.0
+    for east_m, north_m in ((0.0, 0.0), (50e3, -40e3), (-2e6, 3e6)):
+        x = np.array([east_m, north_m, 250.0])
+        assert np.linalg.norm(problem.position_pa_m(x)) == pytest.approx(1737400.0 + 250.0, abs=1e-6)
+
+
+def test_each_station_has_its_own_bias(late15, model, near15):
+    start = near15.to_axes("PA", model.ephemeris.constants)
+    arc = radioloc.measurements.ExactPredictor(model, late15, start.xyz_m)
+    choice = EstimateChoice(range_bias=["7845", "MATERA", "GRASSE"])
+    problem = observation_model(arc, start, choice)
+    assert [p.name for p in problem.parameters][3:] == ["range_bias.GRASSE", "range_bias.MATERA"]
+    receivers = np.array(arc.stations)[arc.receivers]
+    _, partials = problem.residuals(problem.parameters.prior_values)
+    assert np.array_equal(partials[:, 3:], np.stack([receivers == n for n in ("GRASSE", "MATERA")], axis=-1))
+
+
+POLES = [(0.0, -90.0), (45.0, -89.9), (10.0, 88.5), (88.0, 0.0)]
+
+
+@pytest.mark.parametrize(("place", "form"), each_with_one(POLES, POLES, ["geographic", "cartesian"]))
+def test_lander_near_a_pole_is_found_from_across_the_pole(place, form, apollo15, model):
+    lon, lat = place
+    truth = LunarPosition.from_selenographic(lon, lat, 1000.0).to_axes("PA", model.ephemeris.constants)
+    few = apollo15.select(slice(None, None, 3))
+    predicted_m = radioloc.measurements.ExactPredictor(model, few, truth.xyz_m).compute(truth.xyz_m).value_m
+    observations = radioloc.Observations.from_columns(
+        epoch=few.epoch,
+        links=few.links,
+        link=few.link,
+        tag=few.tag,
+        value_m=predicted_m,
+        sigma_m=0.03,
+        pressure_hpa=few.pressure_hpa,
+        temperature_k=few.temperature_k,
+        relative_humidity=few.relative_humidity,
+        wavelength_um=few.wavelength_um,
+    )
+    there = LunarPosition.from_selenographic(
+        lon + 160.0 * (abs(lat) > 80.0), np.sign(lat) * 88.9 if lat else 1.5, 0.0
+    )
+    study = radioloc.Study(target=there, estimate=EstimateChoice(position=form))
+    found = radioloc.locate(study, observations)
+    assert found.converged
+    assert np.linalg.norm(found.position_pa_m - truth.xyz_m) < 1e-3
+
+
+def test_biases_by_kind_of_measurement(near15, model):
+    kinds = ["range", "range", "range", "vlbi_delay", "doppler"]
+    tags = ["transmit", "receive", "bounce", "receive", "receive"]
+    links = [radioloc.measurements.Link.from_path(path) for path in ("APOLLO>x>GRASSE", "APOLLO<x>GRASSE")]
+    observations = radioloc.Observations.from_columns(
+        epoch=Epochs.from_jd(2459185.5, np.arange(5) / 24.0, "UTC"),
+        links=links,
+        link=[0, 0, 0, 1, 0],
+        kind=[KINDS.index(kind) for kind in kinds],
+        tag=[TIME_TAGS.index(tag) for tag in tags],
+        value_m=1.0,
+        sigma_m=1.0,
+        count_s=60.0,
+        wavelength_um=0.532,
+    )
+    start = near15.to_axes("PA", model.ephemeris.constants)
+    arc = radioloc.measurements.ExactPredictor(model, observations, start.xyz_m)
+    found = observation_model(arc, start, EstimateChoice(range_bias="all", time_bias="all"))
+    names = [p.name for p in found.parameters][3:]
+    assert names == ["range_bias.GRASSE", "time_bias.APOLLO", "time_bias.GRASSE"]
+    by_time = arc.compute(start.xyz_m).by_time_m_s
+    columns = found.residuals(found.parameters.prior_values)[1][:, 3:]
+    first = np.array([True, False, False, True, False])
+    assert columns[:, 0].tolist() == [1.0, 1.0, 1.0, 0.0, 0.0]
+    assert (columns[:, 1] == np.where(first, by_time, 0.0)).all()
+    assert (columns[:, 2] == np.where(first, 0.0, by_time)).all()
+    with pytest.raises(
+        radioloc.errors.InputError, match="no observation of APOLLO that has one; the stations are GRASSE"
+    ):
+        observation_model(arc, start, EstimateChoice(range_bias=["APOLLO"]))

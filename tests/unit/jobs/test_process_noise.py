@@ -1,0 +1,213 @@
+"""Orbits with stochastic accelerations, located from Doppler before and behind the epoch."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from low_orbit import EPOCH
+from tracked_orbit import OFF, PASSES_S, STATE, craft, tracked
+
+import radioloc
+from radioloc.dynamics import Acceleration, Forces, GravityField
+from radioloc.dynamics.stochastic import stochastic_forces
+from radioloc.errors import InputError
+from radioloc.measurements import ExactPredictor, PhysicalModel
+from radioloc.study.orbit_choice import OrbitChoice, ProcessNoise
+from radioloc.vectors import rtn_axes
+
+SIGMA_M = 2e-4
+SIGMA_M_S2 = 1e-7
+NOISE = ProcessNoise(SIGMA_M_S2, 0.5 * SIGMA_M_S2, SIGMA_M_S2, interval_s=600.0, correlation_s=600.0)
+STEP_OF_A_FIT = 2e-3
+"""Of a sigma: the last step of Gauss and Newton that is not taken."""
+
+
+@pytest.fixture(scope="module")
+def model():
+    return PhysicalModel.build()
+
+
+@pytest.fixture(scope="module")
+def forces():
+    return Forces(GravityField.open("GRGM660PRIM", 20), gradient_degree=20)
+
+
+def drawn(seed, interval_s, correlation_s, span_s=(-4100.0, 12100.0)):
+    """Accelerations of first order by the sigmas of NOISE."""
+    random = np.random.default_rng(seed)
+    before, after = (int(np.ceil(abs(end_s) / interval_s)) for end_s in span_s)
+    persistence = np.exp(-interval_s / correlation_s)
+    values = [random.normal(size=3)]
+    for _ in range(before + after - 1):
+        values.append(persistence * values[-1] + np.sqrt(1.0 - persistence**2) * random.normal(size=3))
+    in_order = np.array(values) * NOISE.sigma_m_s2
+    return stochastic_forces(EPOCH, (in_order[before:], in_order[:before][::-1]), interval_s)
+
+
+def counts(model, forces, accelerations, seed=20120409):
+    """Of three passes, and the orbit."""
+    seconds = np.concatenate([np.arange(-4000.0, -1000.0, 60.0), PASSES_S])
+    true = replace(forces, accelerations=accelerations)
+    observations, _, orbit = tracked(model, true, SIGMA_M, seconds, seed=seed)
+    return observations, orbit
+
+
+def study_of(acting, estimate=None, **orbit):
+    target = craft(STATE + 0.1 * np.array(OFF), acting)
+    chosen = radioloc.study.EstimateChoice(orbit=OrbitChoice(**orbit), **(estimate or {}))
+    return radioloc.Study(target, estimate=chosen, consider_defaults=False, name="orbit")
+
+
+@pytest.fixture(scope="module")
+def doppler(model, forces):
+    return counts(model, forces, drawn(1, 600.0, 600.0))
+
+
+@pytest.fixture(scope="module")
+def solution(forces, doppler):
+    return radioloc.locate(study_of(forces, process_noise=NOISE), doppler[0])
+
+
+def errors_m(solution, orbit, times):
+    """Radial, along, across."""
+    r, v = orbit.states(times)
+    return np.einsum("nij,nj->ni", rtn_axes(r, v), solution.state.orbit.states(times)[0] - r)
+
+
+@pytest.mark.study
+def test_the_orbit_is_found_within_sigmas_that_a_fit_without_process_noise_misses(forces, doppler, solution):
+    observations, orbit = doppler
+    assert solution.converged
+    assert solution.fit.total.wrms_m < 1.1 * SIGMA_M
+    times = solution.state.orbit.times(15)
+    sigma_m = solution.state.sigma_rtn_m(times)
+    assert (np.abs(errors_m(solution, orbit, times)) < 4.0 * sigma_m).all()
+    error = np.concatenate([solution.state.position_m, solution.state.velocity_m_s]) - STATE
+    # A chi squared of 6 degrees of freedom.
+    assert error @ np.linalg.solve(solution.state.covariance, error) < 22.5
+    without = radioloc.locate(study_of(forces), observations)
+    assert not without.converged
+    assert without.fit.total.wrms_m > 3.0 * SIGMA_M
+
+
+def test_residuals_are_those_of_the_smoothed_orbit(model, doppler, solution):
+    observations, _ = doppler
+    predictor = ExactPredictor(model, observations, np.zeros(3), solution.state.orbit)
+    left_m = observations.value_m - predictor.compute(np.zeros(3)).value_m
+    used = solution.residuals.used
+    np.testing.assert_allclose(solution.residuals.residual_m[used], left_m[used], atol=0.02 * SIGMA_M)
+
+
+@pytest.mark.slow
+def test_the_filter_is_a_batch_fit_of_accelerations_by_variational_equations(forces, doppler):
+    """Independent accelerations as parameters with a-priori sigmas, integrated with partials."""
+    observations, _ = doppler
+    noise = replace(NOISE, correlation_s=0.0)
+    chosen = study_of(forces, process_noise=noise, state_sigma_m=1e3)
+    found = radioloc.locate(chosen, observations).state
+    names = [f"a{k:+d}" for k in range(-7, 21)]
+    intervals = tuple(
+        Acceleration(name, start=EPOCH.shifted(600.0 * k), stop=EPOCH.shifted(600.0 * (k + 1)))
+        for k, name in enumerate(names, -7)
+    )
+    axes = dict(zip("rtn", NOISE.sigma_m_s2.tolist(), strict=True))
+    sigma = {f"{name}.{axis}": size for name in names for axis, size in axes.items()}
+    batch = radioloc.locate(
+        study_of(
+            replace(forces, accelerations=intervals),
+            estimate={"weights": "independent"},
+            forces=tuple(sigma),
+            sigma=sigma,
+            state_sigma_m=1e3,
+        ),
+        observations,
+    )
+    sigmas = np.sqrt(np.diag(batch.state.covariance))
+    difference = np.concatenate(
+        [found.position_m - batch.state.position_m, found.velocity_m_s - batch.state.velocity_m_s]
+    )
+    assert np.abs(difference / sigmas).max() < 10.0 * STEP_OF_A_FIT
+    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), sigmas, rtol=2e-3)
+    # On the arc, where the accelerations' own errors count.
+    times = found.orbit.times(11)[1:-1]
+    np.testing.assert_allclose(found.sigma_rtn_m(times), batch.state.sigma_rtn_m(times), rtol=5e-3)
+    by_name = dict(zip(batch.parameters.names, batch.values, strict=True))
+    estimated = np.array([[by_name[f"force.{name}.{axis}"] for axis in "rtn"] for name in names])
+    record = found.process.to_dict()
+    assert record["start_tdb"][0] == "2012-04-09T03:20:00.000"
+    smoothed = np.array(record["acceleration_m_s2"])
+    assert (np.abs(smoothed - estimated[-len(smoothed) :]) < 10.0 * STEP_OF_A_FIT * NOISE.sigma_m_s2).all()
+    by_sigma = dict(zip(batch.parameters.names, batch.sigmas(), strict=True))
+    claimed = np.array([[by_sigma[f"force.{name}.{axis}"] for axis in "rtn"] for name in names])
+    np.testing.assert_allclose(record["acceleration_sigma_m_s2"], claimed[-len(smoothed) :], rtol=2e-3)
+
+
+@pytest.mark.study
+def test_without_process_noise_there_is_none(model, forces):
+    """Of accelerations that are far below what could be seen, the fit is the batch fit."""
+    observations, _ = counts(model, forces, ())
+    small = replace(NOISE, radial_m_s2=1e-18, along_m_s2=1e-18, across_m_s2=1e-18)
+    held = radioloc.locate(study_of(forces, process_noise=small), observations)
+    batch = radioloc.locate(study_of(forces, estimate={"weights": "independent"}), observations)
+    sigma = np.sqrt(np.diag(batch.state.covariance))[:3]
+    assert (np.abs(held.state.position_m - batch.state.position_m) < 10.0 * STEP_OF_A_FIT * sigma).all()
+    np.testing.assert_allclose(held.fit.chi2, batch.fit.chi2, rtol=1e-4)
+
+
+def test_solution_and_card_say_what_was_assumed_and_found(solution):
+    content = json.loads(json.dumps(solution.to_dict()))
+    noise = content["state"]["process_noise"]
+    assert (noise["interval_s"], noise["correlation_s"], noise["along_m_s2"]) == (600.0, 600.0, 5e-8)
+    assert len(noise["start_tdb"]) == len(noise["acceleration_m_s2"]) == len(noise["acceleration_sigma_m_s2"])
+    assert content["provenance"]["estimate"]["process_noise"]["correlation_s"] == 600.0
+    assert content["provenance"]["estimate"]["weights"] == "independent"
+    assert content["state"]["position_m"] == solution.state.position_m.tolist()
+    card = " ".join(str(solution).split())
+    assert "stochastic accelerations of 600 s, correlated over 600 s: rms" in card
+    assert "a priori 1e-07, 5e-08, 1e-07" in card
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ("radial_m_s2 = 0.0", "process_noise needs a sigma above zero"),
+        ("radial_m_s2 = -1.0", "radial_m_s2 must not be negative"),
+        ("radial_m_s2 = 1e-8, interval = 60", "'interval' is not known; did you mean 'interval_s'"),
+    ],
+)
+def test_mistakes_of_a_study_are_named(tmp_path, given, message):
+    (tmp_path / "study.toml").write_text(
+        '[target]\ndynamics = "moon"\nepoch = "2012-04-09T04:30:00"\nposition_m = [575739.0, -463249.0, -1631639.0]\n'
+        f"velocity_m_s = [-567.864, 1434.223, -600.209]\n[estimate.orbit]\nprocess_noise = {{ {given} }}\n"
+    )
+    with pytest.raises(InputError, match=message):
+        radioloc.read_study(tmp_path / "study.toml")
+
+
+def test_what_cannot_be_with_process_noise_is_refused(forces, doppler):
+    study = study_of(forces, process_noise=NOISE)
+    with pytest.raises(InputError, match=r"leave .* doppler_phase_sigma_m out"):
+        replace(study, observations=replace(study.observations, doppler_phase_sigma_m=0.001))
+    short = replace(NOISE, interval_s=100.0)
+    with pytest.raises(InputError, match="too short for counts of 60 s; give 130 or more"):
+        radioloc.locate(study_of(forces, process_noise=short), doppler[0])
+
+
+@pytest.mark.slow
+def test_orbits_with_forces_that_the_model_lacks_are_within_their_sigmas(model, forces):
+    """In each of 24 trials accelerations of 150 s with a correlation of 600 s."""
+    noise = replace(NOISE, interval_s=150.0)
+    squares, without = [], []
+    for seed in range(24):
+        observations, orbit = counts(model, forces, drawn(seed, 150.0, 600.0), seed)
+        for found, more in ((squares, {"process_noise": noise}), (without, {})):
+            solution = radioloc.locate(study_of(forces, **more), observations)
+            times = solution.state.orbit.times(4)[1:-1]
+            size = errors_m(solution, orbit, times) / solution.state.sigma_rtn_m(times)
+            found.append((size**2).mean())
+    # Errors of one orbit are nearly in one direction: a chi squared of 24 degrees of freedom, in 998 of 1000 cases.
+    assert 0.34 < np.mean(squares) < 2.13
+    assert np.mean(without) > 2.0 * np.mean(squares)

@@ -1,0 +1,215 @@
+"""What a solution leaves in a folder."""
+
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from quick import some
+from toy_moon import ToyMoon, toy_solution
+
+import radioloc
+import radioloc.report
+from radioloc import LunarPosition, Study
+from radioloc.errors import InputError
+from radioloc.report.figures import new_figure
+from radioloc.report.files import INCOMPLETE, write_report, write_terms
+from radioloc.study import ObservationChoice
+
+FIGURES = ("residuals", "position", "correlations", "distribution", "budget")
+
+
+@pytest.fixture(scope="module")
+def study(apollo15, near15, tmp_path_factory):
+    file = tmp_path_factory.mktemp("data") / "few.csv"
+    radioloc.io.table.write_table(file, apollo15.select(slice(None, None, 6)), light_time=True)
+    return Study(target=near15, observations=ObservationChoice(files=file))
+
+
+@pytest.fixture(scope="module")
+def solution(study):
+    return radioloc.locate(study)
+
+
+@pytest.fixture(scope="module")
+def predictor(study):
+    return radioloc.jobs.arc_of(study)[0]
+
+
+@pytest.fixture(scope="module")
+def folder(solution, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("out") / "deep" / "er"
+    assert sorted(write_report(solution, folder)) == sorted(folder.iterdir())
+    return folder
+
+
+def rows_of(file):
+    with file.open(encoding="utf-8", newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+@pytest.mark.study
+def test_files(folder):
+    names = {
+        "solution.json",
+        "residuals.csv",
+        *(f"{name}.{ending}" for name in FIGURES for ending in ("png", "svg")),
+    }
+    assert {file.name for file in folder.iterdir()} == names
+    assert all(file.stat().st_size > 100 for file in folder.iterdir())
+
+
+def test_solution_file(folder, solution):
+    text = (folder / "solution.json").read_text(encoding="utf-8")
+    content = json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+    assert content["converged"] is True
+    assert content["position"]["pa"]["frame"] == "PA_DE421"
+    assert [content["position"]["pa"][f"{axis}_m"] for axis in "xyz"] == solution.position_pa_m.tolist()
+    me = content["position"]["me"]
+    assert me["frame"] == "ME_DE421"
+    assert (me["longitude_deg"], me["latitude_deg"], me["height_m"]) == solution.selenographic
+    assert [
+        content["sigma"][f"{axis}_m"] for axis in ("east", "north", "up")
+    ] == solution.sigma_enu_m().tolist()
+    assert content["biases"] == {}
+    fit = content["fit"]
+    assert {"used", "rejected", "wrms_m", "chi2_per_dof", "by_station"} <= set(fit)
+    assert fit["used"] + fit["rejected"] == len(solution.residuals)
+    assert fit["by_station"]["APOLLO"]["used"] == fit["used"]
+    made_from = content["provenance"]
+    assert made_from["files"] == ["few.csv"]
+    assert made_from["ephemeris"]["name"] == "DE421"
+    assert len(made_from["ephemeris"]["sha256"]) == 64
+    assert made_from["a_priori"]["frame"] == "ME_DE421"
+    assert made_from["estimate"]["range_bias"] == "none"
+    assert made_from["estimate"]["height_prior"] is None
+
+
+def test_residuals_file(folder, solution):
+    rows = rows_of(folder / "residuals.csv")
+    names = "epoch_utc,type,path,observed_m,computed_m,residual_m,sigma_m,elevation_deg,status"
+    assert ",".join(rows[0]) == names
+    assert len(rows) == len(solution.residuals)
+    assert [row["status"] for row in rows] == solution.residuals.status.tolist()
+    for row in rows:
+        difference_m = float(row["observed_m"]) - float(row["computed_m"])
+        assert difference_m == pytest.approx(float(row["residual_m"]), abs=1e-6)
+        assert 10.0 < float(row["elevation_deg"]) < 90.0
+    assert [float(row["observed_m"]) for row in rows] == pytest.approx(
+        solution.residuals.observed_m, abs=1e-6
+    )
+
+
+def test_terms_file(predictor, solution, folder, tmp_path):
+    path = write_terms(predictor, solution, tmp_path / "new")
+    assert path == tmp_path / "new" / "terms.csv"
+    rows, residuals = rows_of(path), rows_of(folder / "residuals.csv")
+    assert list(rows[0]) == [
+        "epoch_utc",
+        "type",
+        "path",
+        *(f"{name}_m" for name in radioloc.measurements.TERMS),
+    ]
+    for key in ("epoch_utc", "type", "path"):
+        assert [row[key] for row in rows] == [row[key] for row in residuals]
+    assert all(10.0 < float(row["shapiro_m"]) < 30.0 for row in rows)
+    assert all(float(row["ionosphere_m"]) == 0.0 for row in rows)
+    assert b"\r" not in path.read_bytes()
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("figures", some([False, True], [False]))
+def test_again_gives_the_same_bytes(figures, study, folder, tmp_path, request):
+    if not figures:
+        request.getfixturevalue("undrawn")
+    written = write_report(radioloc.locate(study), tmp_path)
+    for file in written if figures else written[:2]:
+        assert file.read_bytes() == (folder / file.name).read_bytes(), file.name
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_old_files_are_replaced_and_others_left(solution, tmp_path):
+    (tmp_path / "solution.json").write_text("old", encoding="utf-8")
+    (tmp_path / "mine.txt").write_text("mine", encoding="utf-8")
+    write_report(solution, tmp_path)
+    assert (tmp_path / "solution.json").read_text(encoding="utf-8").startswith("{")
+    assert (tmp_path / "mine.txt").read_text(encoding="utf-8") == "mine"
+
+
+@pytest.mark.study
+def test_no_plot_of_a_position_that_is_not_known(apollo15, near15, tmp_path):
+    one = radioloc.locate(Study(target=near15), apollo15.select([0]))
+    hidden = LunarPosition.from_selenographic(178.0, 26.0, 0.0)
+    far = radioloc.residuals(Study(target=hidden), apollo15.select([0, 1]))
+    for k, solution in enumerate((one, far)):
+        names = {file.name for file in write_report(solution, tmp_path / str(k))}
+        drawn = {name.removesuffix(".png") for name in names if name.endswith(".png")}
+        # Of the first an observation is used; the Moon hides the second point, so nothing is distributed.
+        assert drawn == ({"residuals", "distribution"} if solution.residuals.used.any() else {"residuals"})
+        json.loads((tmp_path / str(k) / "solution.json").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("name", ["solution.json", "residuals.csv", "residuals.png", "position.svg"])
+def test_what_cannot_be_written_is_named(name, solution, tmp_path):
+    (tmp_path / name).mkdir()
+    with pytest.raises(InputError, match=str(tmp_path)):
+        write_report(solution, tmp_path)
+    assert (tmp_path / INCOMPLETE).exists()
+
+
+def test_folder_that_cannot_be_made(solution, predictor, tmp_path):
+    (tmp_path / "file").write_text("x", encoding="utf-8")
+    for write in (
+        lambda f: write_report(solution, f),
+        lambda f: write_terms(predictor, solution, f),
+    ):
+        for folder in (tmp_path / "file", tmp_path / "file" / "sub"):
+            with pytest.raises(InputError, match="the output folder cannot be made: "):
+                write(folder)
+
+
+def test_elevations_are_not_made_up(solution, tmp_path):
+    without = replace(solution, residuals=replace(solution.residuals, elevation_deg=None))
+    with pytest.raises(InputError, match="no elevations"):
+        write_report(without, tmp_path)
+
+
+@pytest.mark.study
+@pytest.mark.usefixtures("undrawn")
+def test_statuses_do_not_break_the_table(apollo15, near15, tmp_path):
+    value_m = apollo15.value_m.copy()
+    value_m[::10] += np.linspace(5.0, 3e4, 16)
+    solution = radioloc.locate(Study(target=near15), replace(apollo15, value_m=value_m))
+    write_report(solution, tmp_path)
+    rows = rows_of(tmp_path / "residuals.csv")
+    assert all(row["status"].startswith("outlier: ") for row in rows[::10])
+    assert all(None not in row for row in rows)
+
+
+@pytest.mark.study
+@pytest.mark.parametrize(
+    ("paths", "types", "by_link"),
+    [
+        (("A>x>A", "A>x>B"), ("range", "range"), False),
+        (("A>x>A", "A>x>A"), ("range", "doppler"), True),
+        (("A<x>B", "A<x>C"), ("vlbi_delay", "vlbi_delay"), True),
+    ],
+)
+def test_kinds_and_baselines_have_panels_of_their_own(paths, types, by_link, tmp_path, monkeypatch):
+    drawn = []
+
+    def draw(name):
+        drawn.append(name)
+        figure = new_figure(1.0, 1.0)
+        figure.add_subplot()
+        return figure
+
+    for name in ("plot_links", "plot_residuals", "plot_position", "plot_correlations"):
+        monkeypatch.setattr(radioloc.report.page, name, lambda solution, name=name: draw(name))
+    solution = toy_solution(
+        ToyMoon(60, 72.0), path=[*paths] * 30, type=[*types] * 30, elevation_deg=np.full(60, 30.0)
+    )
+    write_report(solution, tmp_path)
+    assert drawn[0] == ("plot_links" if by_link else "plot_residuals")
+    assert not {"plot_links", "plot_residuals"} & set(drawn[1:])

@@ -1,0 +1,110 @@
+"""Short arcs: what ranges alone know in an hour, what a height adds, what biases take away; that the card says so."""
+
+import numpy as np
+import pytest
+from change5_case import LANDER, NOISE, START, observations, world
+
+import radioloc
+from radioloc import Study
+from radioloc.simulation import Scenario, Schedule, Session, Truth, two_way
+from radioloc.study import EstimateChoice, HeightPrior, Reference
+
+HEIGHT = HeightPrior(-2550.4, 5.0)
+
+
+def fit(tracked, **estimate):
+    choice = EstimateChoice(range_bias="all", **estimate)
+    return radioloc.locate(
+        Study(target=LANDER, estimate=choice, reference=Reference(LANDER, "truth"), consider_defaults=False),
+        tracked,
+    )
+
+
+@pytest.fixture(scope="module")
+def first_hour(model):
+    """Ranges of 1 m a minute, after landing: Jiamusi sends, Jiamusi and Kashi receive."""
+    return observations(model, 60.0, stop="2020-12-01T16:11:00", vlbi=False, bias_m={})
+
+
+def test_a_height_makes_a_position_of_an_hour_of_ranges(first_hour):
+    without, with_height = (fit(first_hour, range_bias_sigma_m=10.0, height_prior=h) for h in (None, HEIGHT))
+    assert without.converged
+    assert with_height.converged
+    horizontal_m = [float(np.hypot(*solution.sigma_enu_m()[:2])) for solution in (without, with_height)]
+    assert horizontal_m[0] > 100.0
+    assert horizontal_m[1] < 50.0
+    assert with_height.sigma_enu_m()[2] == pytest.approx(5.0, rel=0.01)
+    for solution in (without, with_height):
+        assert solution.reference.combined_sigmas < 5.1  # 1e-5 of chance in three coordinates
+
+
+def test_two_uplinks_tell_directions_twice_as_well(first_hour, model):
+    """What tells a direction is the difference of two distances, which two two-way ranges hold twice."""
+    ranges = Session("range", two_way("JIAMUSI", "KASHI"), START, "2020-12-01T16:11:00", 60.0, sigma_m=1.0)
+    both = Scenario(Schedule([ranges]), LANDER, Truth()).world(model).draw(NOISE, seed=1).observations
+    assert len(both) == len(first_hour)
+    of_two_m, of_one_m = (
+        float(np.hypot(*fit(tracked, range_bias_sigma_m=10.0).sigma_enu_m()[:2]))
+        for tracked in (both, first_hour)
+    )
+    assert of_two_m == pytest.approx(110.0, abs=3.0)
+    assert of_one_m == pytest.approx(2.0 * of_two_m, rel=0.05)
+
+
+def test_without_it_the_card_names_the_trade_in_metres(first_hour):
+    found = fit(first_hour, range_bias_sigma_m=10.0)
+    [direction] = found.observability.weak
+    assert direction.names[0] == "position.height"
+    assert set(direction.names) == {"position.height", "position.north", "position.east"}
+    text = " ".join(str(found).split())
+    assert "poorly determined: position.height +" in text
+    # What it trades is what the sigmas are made of.
+    east_m, north_m, up_m = found.sigma_enu_m()
+    for name, sigma_m in (("east", east_m), ("north", north_m), ("height", up_m)):
+        change = direction.changes[direction.names.index(f"position.{name}")]
+        assert abs(float(change.split()[0])) == pytest.approx(sigma_m, rel=0.03)
+        assert f"position.{name} {change}" in text
+    assert "together (1 sigma)" in text
+    assert "a longer arc, more stations, or an a-priori height" in text
+
+
+def test_free_biases_over_half_a_day_take_the_position_with_them(model):
+    tracked = observations(model, 600.0, stop="2020-12-02T03:11:00", bias_m={})
+    found = fit(tracked)
+    assert found.converged
+    sigma_m = float(np.linalg.norm(found.sigma_enu_m()))
+    assert sigma_m > 100.0
+    [part] = found.observability.common
+    assert (part.kind, part.count) == ("range_bias", 3)
+    biases = found.biases()
+    for _, bias_sigma_m in biases.values():
+        assert bias_sigma_m > 200.0
+        assert part.sigma == pytest.approx(bias_sigma_m, rel=0.02)
+    # Nearly all of the position's error is that common part.
+    assert part.position_m == pytest.approx(sigma_m, rel=0.05)
+    text = " ".join(str(found).split())
+    assert f"common range bias of 3: sigma {part.sigma:.3g} m" in text
+    assert f"; {part.position_m:.3g} m of position per sigma" in text
+    assert (
+        "would help: an a-priori sigma for range_bias.JIAMUSI, range_bias.KASHI, range_bias.NEUQUEN" in text
+    )
+    # An a-priori value of each is what was missing.
+    assert np.linalg.norm(fit(tracked, range_bias_sigma_m=10.0).sigma_enu_m()) < 10.0
+
+
+@pytest.mark.slow
+def test_three_baselines_and_free_biases(model):
+    """Delays of 0.3 m on three baselines, ranges of 1 m, all each minute: the position to 230 m, biases to 460 m.
+
+    Ranges are the whole light path, so that a bias goes with the position by half of it.
+    """
+    tracked = world(model, 60.0, stop="2020-12-02T03:11:00", bias_m={}).draw(NOISE, seed=1).observations
+    paths = tracked.paths().astype(str)
+    three = tracked.select((tracked.types() == "range") | np.char.startswith(paths, "SESHAN25<"))
+    found = fit(three)
+    assert np.linalg.norm(found.sigma_enu_m()) == pytest.approx(230.0, abs=5.0)
+    for _, sigma_m in found.biases().values():
+        assert sigma_m == pytest.approx(459.0, abs=10.0)
+    [part] = found.observability.common
+    assert part.position_m == pytest.approx(part.sigma / 2.0, rel=0.01)
+    assert np.linalg.norm(fit(tracked).sigma_enu_m()) == pytest.approx(161.0, abs=5.0)

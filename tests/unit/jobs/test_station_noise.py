@@ -1,0 +1,190 @@
+"""Which delays share an epoch, and what a study makes of the noise of their stations."""
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import radioloc
+from radioloc import LunarPosition, Study
+from radioloc.errors import InputError
+from radioloc.jobs.station_noise import SAME_EPOCH_S, same_epoch, stated_noise
+from radioloc.measurements.registry import KINDS
+from radioloc.simulation import (
+    Masks,
+    Noise,
+    NoiseModel,
+    Scenario,
+    Schedule,
+    Session,
+    Truth,
+    all_ranges,
+    baselines,
+)
+from radioloc.study import EstimateChoice, ModelChoice, ObservationChoice
+from radioloc.time import Epochs, epochs_from_strings, tai_to_utc, utc_to_tai
+
+START = utc_to_tai(epochs_from_strings("2016-12-31T23:59:50"))  # before a leap second
+OWN_M, STATION_M, RANGE_M = 0.02, 0.3, 20.0
+STATIONS = ("SESHAN25", "MIYUN50", "KUNMING", "URUMQI")
+
+
+def tags(seconds):
+    seconds = np.asarray(seconds, dtype=float)
+    return tai_to_utc(Epochs.from_jd(START.jd[0], START.fraction[0] + seconds / 86400.0, "TAI"))
+
+
+def test_tags_of_one_wavefront_share_an_epoch():
+    rng = np.random.default_rng(0)
+    number = np.repeat(np.arange(50), 6)
+    at_station_s = rng.uniform(-0.0213, 0.0213, len(number))  # the Earth's radius
+    order = rng.permutation(len(number))
+    for step_s in (0.1, 1.0, 60.0):  # over the leap second too, and no edge of a clock's tick in the way
+        found = same_epoch(tags(number * step_s + at_station_s)[order])
+        np.testing.assert_array_equal(found, number[order])
+
+
+def test_epochs_too_dense_to_tell_are_refused():
+    assert same_epoch(tags(0.051 * np.arange(5))).tolist() == [0, 1, 2, 3, 4]
+    assert same_epoch(tags([0.0, 0.025, 0.0499])).tolist() == [0, 0, 0]
+    with pytest.raises(InputError, match=r"vlbi_station_sigma_m needs epochs 0\.1 s apart or more"):
+        same_epoch(tags(0.6 * SAME_EPOCH_S * np.arange(3)))
+
+
+def test_ranges_share_nothing():
+    kinds = ["vlbi_delay", "range", "vlbi_delay", "doppler", "vlbi_delay"]
+    arc = SimpleNamespace(
+        places=None,
+        transmitters=np.array([0, 0, 0, 0, 1]),
+        receivers=np.array([1, 1, 2, 1, 2]),
+        observations=SimpleNamespace(
+            epoch=tags([0.0, 0.0, 0.01, 0.0, 0.02]),
+            kind=np.array([KINDS.index(kind) for kind in kinds]),
+            sigma_m=np.full(5, 3.0),
+        ),
+    )
+    noise = stated_noise(arc, ObservationChoice(extra_sigma_m=4.0, vlbi_station_sigma_m=2.0))
+    weight = np.vstack(list(noise.among().whitened(lambda rows: np.eye(5)[rows])))
+    covariance = np.linalg.inv(weight.T @ weight)
+    expected = 25.0 * np.eye(5)
+    # Errors of stations 0, 1, 2 in delays 0-1, 0-2, 1-2.
+    expected[np.ix_([0, 2, 4], [0, 2, 4])] += 4.0 * np.array([[2, 1, -1], [1, 2, 1], [-1, 1, 2]])
+    np.testing.assert_allclose(covariance, expected, rtol=0.0, atol=1e-10)
+    assert stated_noise(arc, ObservationChoice(extra_sigma_m=4.0)).shared is None
+
+
+def test_delay_rates_share_the_growth_of_their_stations_times():
+    """Of one epoch and count interval; with delays of that epoch they share nothing."""
+    arc = SimpleNamespace(
+        places=None,
+        transmitters=np.array([0, 0, 0, 1, 0]),
+        receivers=np.array([1, 1, 2, 2, 1]),
+        observations=SimpleNamespace(
+            epoch=tags([0.0, 0.0, 0.01, 0.02, 0.0]),
+            kind=np.array([KINDS.index("vlbi_delay"), *[KINDS.index("vlbi_delay_rate")] * 4]),
+            sigma_m=np.full(5, 3.0),
+            count_s=np.array([np.nan, 60.0, 60.0, 60.0, 10.0]),
+        ),
+    )
+    noise = stated_noise(arc, ObservationChoice(vlbi_station_sigma_m=5.0, vlbi_station_rate_sigma_m=2.0))
+    weight = np.vstack(list(noise.among().whitened(lambda rows: np.eye(5)[rows])))
+    expected = 9.0 * np.eye(5)
+    expected[0, 0] += 2 * 25.0
+    expected[1:4, 1:4] += 4.0 * np.array([[2, 1, -1], [1, 2, 1], [-1, 1, 2]])
+    expected[4, 4] += 2 * 4.0
+    np.testing.assert_allclose(np.linalg.inv(weight.T @ weight), expected, rtol=0.0, atol=1e-10)
+    alone = stated_noise(arc, ObservationChoice(vlbi_station_rate_sigma_m=2.0))
+    assert alone.shared.group.tolist()[0] == -1
+
+
+def test_delay_rates_know_the_rates_of_the_clocks_but_not_their_offsets(site):
+    """Noise of the stations, stated as such, gives a chi-square of one."""
+    span = ("2020-12-01T15:11", "2020-12-02T15:11", 1800.0)
+    schedule = Schedule(
+        [Session("vlbi_delay_rate", baselines(*STATIONS), *span, 1e-4, count_s=600.0)], Masks(10.0)
+    )
+    rates = {"KUNMING": 3e-13, "URUMQI": -2e-13}
+    truth = Truth(clock_s={"KUNMING": 1e-6, "URUMQI": -2e-6}, clock_rate_s_s=rates)
+    model = radioloc.measurements.PhysicalModel.build()
+    noise = NoiseModel({"vlbi_delay_rate": Noise(white_m=1e-4)}, vlbi_station_rate=Noise(white_m=1e-3))
+    made = Scenario(schedule, site, truth).world(model).draw(noise, seed=3)
+    assert "noise of the change of station arrivals" in made.summary()
+    study = Study(
+        target=site,
+        observations=ObservationChoice(vlbi_station_rate_sigma_m=1e-3),
+        estimate=EstimateChoice(position="none", clock_rate="all"),
+        consider_defaults=False,
+    )
+    found = radioloc.locate(study, made.observations)
+    assert found.converged
+    assert found.fit.chi2_per_dof == pytest.approx(1.0, abs=5.0 * math.sqrt(2.0 / found.fit.dof))
+    estimated = found.biases("clock_rate")
+    assert set(estimated) == set(STATIONS[1:])
+    for station, (value, sigma) in estimated.items():
+        assert sigma < 2e-15  # 1 mm in 600 s, 33 times
+        assert abs(value - rates.get(station, 0.0)) < 4.5 * sigma
+    with pytest.raises(InputError, match="nothing to estimate"):
+        radioloc.locate(
+            replace(study, estimate=EstimateChoice(position="none", clock="all")), made.observations
+        )
+
+
+@pytest.fixture(scope="module")
+def site():
+    return LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
+
+
+@pytest.fixture(scope="module")
+def made(site):
+    """Ranges and delays of a day; the errors of the delays are those of their stations."""
+    span = ("2020-12-01T15:11", "2020-12-02T15:11", 1800.0)
+    schedule = Schedule(
+        [
+            Session("range", all_ranges("JIAMUSI"), *span, RANGE_M),
+            Session("vlbi_delay", baselines(*STATIONS), *span, OWN_M),
+        ],
+        Masks(10.0),
+    )
+    model = radioloc.measurements.PhysicalModel.build(off=["troposphere"])
+    noise = NoiseModel(
+        {"range": Noise(white_m=RANGE_M), "vlbi_delay": Noise(white_m=OWN_M)}, Noise(white_m=STATION_M)
+    )
+    return Scenario(schedule, site).world(model).draw(noise, seed=1)
+
+
+def locate(site, made, observations=None, **choice):
+    study = Study(
+        target=site,
+        observations=ObservationChoice(**choice),
+        estimate=EstimateChoice(),
+        consider_defaults=False,
+        model=ModelChoice(terms=radioloc.measurements.active_terms(["troposphere"])),
+    )
+    return radioloc.locate(study, made.observations if observations is None else observations)
+
+
+@pytest.mark.study
+def test_delays_of_four_stations_carry_half_of_what_they_seem_to(site, made):
+    found = locate(site, made, vlbi_station_sigma_m=STATION_M)
+    assert found.converged
+    assert set(found.fit.excess_noise_m.values()) == {0.0}
+    delays = made.observations.types() == "vlbi_delay"
+    expected_m = np.where(delays, math.hypot(OWN_M, math.sqrt(2.0) * STATION_M), RANGE_M)
+    assert found.residuals.sigma_m == pytest.approx(expected_m, rel=1e-12)
+    assert found.fit.chi2_per_dof == pytest.approx(1.0, abs=5.0 * math.sqrt(2.0 / found.fit.dof))
+    away_m = found.position_pa_m - made.target_pa_m
+    assert away_m @ np.linalg.solve(found.position_covariance("pa"), away_m) < 21.1  # 1e-4 by chance
+    assert found.provenance["vlbi_station_sigma_m"] == STATION_M
+    # The same sigmas, nothing said of what is shared, which the residuals show.
+    own_m = np.where(delays, expected_m, made.observations.sigma_m)
+    shown = locate(site, made, replace(made.observations, sigma_m=own_m))
+    assert shown.fit.shared_noise_m == {
+        f"vlbi_delay of {name}": pytest.approx(STATION_M, rel=0.01) for name in sorted(STATIONS)
+    }
+    assert "share errors of stations" in str(shown)
+    assert found.sigma_enu_m("formal") == pytest.approx(shown.sigma_enu_m("formal"), rel=0.01)
+    # Not known of, it is an additive component, a little less than that of a delay.
+    alone = locate(site, made)
+    assert alone.fit.excess_noise_m["vlbi_delay"] == pytest.approx(math.sqrt(2.0) * STATION_M, rel=0.2)

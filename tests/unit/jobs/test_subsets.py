@@ -1,0 +1,97 @@
+"""Positions without a station or a link, against fits of what is left."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import radioloc
+from radioloc.errors import InputError
+from radioloc.estimation.combination import PositionEstimate
+from radioloc.jobs import leave_one_out
+from radioloc.jobs.arcs import _groups
+from radioloc.jobs.locate import prepared_arc
+from radioloc.results.subsets import Without
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
+SAME_M = 1e-3
+"""Fits end where steps are below a millionth of a sigma; the model's Chebyshev nodes differ."""
+
+
+@pytest.fixture(scope="module")
+def study():
+    return radioloc.read_study(EXAMPLES / "apollo15" / "apollo15_2024.toml")
+
+
+@pytest.fixture(scope="module")
+def found(study):
+    return leave_one_out(study)
+
+
+@pytest.mark.study
+def test_without_a_station_is_with_the_others(study, found):
+    assert [one.name for one in found.without] == ["APOLLO", "GRASSE", "MATERA"]
+    assert {one.kind for one in found.without} == {"station"}  # the only link of each is no other group
+    whole = radioloc.locate(study)
+    for one in found.without:
+        others = tuple(name for name in ("APOLLO", "GRASSE", "MATERA") if name != one.name)
+        alone = radioloc.locate(replace(study, observations=replace(study.observations, stations=others)))
+        shift_m = whole.rot_pa_to_enu @ (alone.position_pa_m - whole.position_pa_m)
+        # East and north of principal and mean-Earth axes differ by 0.0005 rad.
+        np.testing.assert_allclose(one.shift_enu_m, shift_m, rtol=2e-3, atol=SAME_M)
+        assert one.left_out == len(whole.residuals) - len(alone.residuals)
+        assert one.used == alone.fit.total.used
+
+
+def test_the_shift_has_the_variance_that_the_rest_has_more_than_all(study, found):
+    one = found.without[0]
+    assert one.name == "APOLLO"
+    others = replace(study.observations, stations=("GRASSE", "MATERA"))
+    fits = radioloc.locate(replace(study, observations=others)), found.solution
+    part, whole = (PositionEstimate.from_solution(fit.to_dict()) for fit in fits)
+    assert set(part.errors_enu_m) <= set(whole.errors_enu_m)
+    moved_m = [errors - part.errors_enu_m.get(name, 0.0) for name, errors in whole.errors_enu_m.items()]
+    variance_m2 = np.diag(part.noise_enu_m2 - whole.noise_enu_m2) + np.square(moved_m).sum(axis=0)
+    np.testing.assert_allclose(np.square(one.sigma_enu_m), variance_m2, rtol=1e-3)
+    assert 0.0 < one.sigmas < 4.0
+
+
+def test_the_card_has_each(found):
+    lines = str(found).splitlines()
+    for one in found.without:
+        assert any(
+            line.split()[0] == one.name and str(one.used) in line for line in map(str.strip, lines) if line
+        )
+    content = found.to_dict()
+    assert [row["name"] for row in content["without"]] == ["APOLLO", "GRASSE", "MATERA"]
+    assert content["solution"] == found.solution.to_dict()
+
+
+def test_links_are_left_out_too_where_they_are_not_all_of_a_station():
+    study = radioloc.read_study(EXAMPLES / "change5" / "change5.toml")
+    study = replace(study, observations=replace(study.observations, hours=1.0))
+    arc, _ = prepared_arc(study)
+    groups = _groups(arc, study)
+    paths = np.array([link.path for link in arc.observations.links])[arc.observations.link]
+    for (kind, name), mine in groups.items():
+        of_it = paths == name if kind == "link" else np.char.find(paths, name) >= 0
+        assert (mine == of_it).all(), name
+    assert {name for kind, name in groups if kind == "link"} <= set(paths)
+    assert len({mine.tobytes() for mine in groups.values()}) == len(groups) > 6
+    shown = [
+        Without("link", name, 1, 2, True).shown
+        for name in ("JIAMUSI>x>KASHI", "KASHI>x>KASHI", "URUMQI<x>KUNMING")
+    ]
+    assert shown == ["KASHI from JIAMUSI", "KASHI two-way", "URUMQI–KUNMING"]
+
+
+def test_nothing_can_be_left_out_of_one_link():
+    with pytest.raises(InputError, match="all observations are of one station or link"):
+        leave_one_out(EXAMPLES / "apollo15" / "apollo15.toml")
+
+
+def test_a_position_must_be_estimated(study):
+    held = replace(study, estimate=replace(study.estimate, position="none"))
+    with pytest.raises(InputError, match="one position on the Moon that is estimated"):
+        leave_one_out(held)

@@ -1,0 +1,240 @@
+"""Several targets in one study, and considered parameters, from the study file to solution.json."""
+
+import json
+
+import numpy as np
+import pytest
+
+import radioloc
+from radioloc import LunarPosition
+from radioloc.cli import main
+from radioloc.errors import InputError
+from radioloc.io.formats import write_observations
+from radioloc.jobs import compare
+from radioloc.jobs.comparison import read_solutions
+from radioloc.measurements.evaluation import prepare_predictor
+from radioloc.measurements.link import Link
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.registry import KINDS
+from radioloc.time import Epochs, tai_to_utc
+
+LANDER = LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
+ROVER = LunarPosition.from_selenographic(-51.9120, 43.0600, -2548.0)
+PATHS = (
+    ("range", "KASHI>lander>KASHI"),
+    ("range", "JIAMUSI>lander>KASHI"),
+    ("vlbi_delay", "SESHAN25<lander>URUMQI"),
+    ("vlbi_delay", "SESHAN25<lander>KUNMING"),
+    ("differenced_delay", "SESHAN25<rover|lander>URUMQI"),
+    ("differenced_delay", "SESHAN25<rover|lander>KUNMING"),
+    ("differenced_delay", "KUNMING<rover|lander>URUMQI"),
+)
+STUDY = """
+[targets.lander]
+longitude_deg = -51.90
+latitude_deg = 43.05
+height_m = -2500.0
+[targets.rover]
+longitude_deg = -51.92
+latitude_deg = 43.05
+height_m = -2500.0
+[observations]
+files = ["table.csv"]
+[model]
+off = ["ionosphere"]
+[estimate]
+range_bias = "all"
+range_bias_sigma_m = 5.0
+range_bias_per = "link"
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A table of ranges and delays of a lander and its rover, without errors."""
+    model = PhysicalModel.build(off=["ionosphere"])
+    hours = 15.2 + np.arange(9) * 0.5
+    tai = Epochs.from_jd(2459185.5, np.repeat(hours, len(PATHS)) / 24.0, "TAI")
+    which = np.tile(np.arange(len(PATHS)), len(hours))
+    columns = {
+        "epoch": tai_to_utc(tai),
+        "links": [Link.from_path(path) for _, path in PATHS],
+        "link": which,
+        "kind": np.array([KINDS.index(kind) for kind, _ in PATHS])[which],
+        "tag": TIME_TAGS.index("receive"),
+        "sigma_m": np.where(which < 2, 1.0, np.where(which < 4, 0.1, 0.003)),
+        "wavelength_um": 35394.6,
+    }
+    asked = Observations.from_columns(value_m=1.0, **columns)
+    places_m = np.array([p.to_axes("PA", model.ephemeris.constants).xyz_m for p in (LANDER, ROVER)])
+    arc = prepare_predictor(model, asked, places_m, "exact", targets=("lander", "rover"))
+    made = Observations.from_columns(value_m=arc.at(places_m).value_m, **columns)
+    path = tmp_path_factory.mktemp("targets")
+    write_observations(path / "table.csv", made)
+    return path
+
+
+def study(folder, text=STUDY):
+    file = folder / "study.toml"
+    file.write_text(text)
+    return radioloc.read_study(file)
+
+
+def test_a_lander_and_its_rover(folder):
+    solution = radioloc.locate(study(folder))
+    assert solution.converged
+    made = solution.to_dict()
+    for name, truth in (("lander", LANDER), ("rover", ROVER)):
+        found = solution.of_target(name)
+        apart_m = np.linalg.norm(found.position_me_m - truth.to_axes("ME", CONSTANTS).xyz_m)
+        assert apart_m < 0.01
+        assert made["targets"][name]["position"]["me"]["longitude_deg"] == pytest.approx(
+            found.selenographic[0], abs=1e-12
+        )
+        assert name in str(solution)
+    assert f"of {solution.targets[0].name}, the first of the targets" in str(solution)
+    figure = radioloc.plot_position(solution)
+    assert figure.get_suptitle().endswith(f"position of {solution.targets[0].name}")
+    # Across the line of sight the rover is known beside the lander far better than on the Moon.
+    partials = solution.targets[1].position_partials - solution.targets[0].position_partials
+    beside = np.linalg.eigvalsh(partials @ solution.covariance @ partials.T)
+    on_the_moon = np.linalg.eigvalsh(solution.of_target("rover").position_covariance("pa", "scaled"))
+    assert (beside[:2] < 0.3**2 * on_the_moon[:2]).all()
+    assert set(solution.biases()) == {"KASHI>lander>KASHI", "JIAMUSI>lander>KASHI"}
+    with pytest.raises(InputError, match="there are lander, rover"):
+        solution.of_target("orbiter")
+
+
+@pytest.mark.study
+def test_arcs_show_all_targets_each_beside_its_longest(folder, tmp_path):
+    found = radioloc.arcs(study(folder), [2.0, 4.0])
+    assert [row.name for row in found.rows] == ["lander, 4 h", "lander, 2 h", "rover, 4 h", "rover, 2 h"]
+    for row, place in zip(found.rows, (LANDER, LANDER, ROVER, ROVER), strict=True):
+        assert -row.longitude_west_deg == pytest.approx(place.selenographic[0], abs=1e-3)
+        assert (row.west_m is None) == ("4 h" in row.name)
+        assert row.west_m is None or abs(row.west_m) < 1.0  # not the 100 m from the lander to the rover
+    card = " ".join(str(found).split())
+    assert card.index("study, lander") < card.index("study, rover")
+    names = {path.name for path in radioloc.report.write_arcs(found, tmp_path, html=True)}
+    assert {"arcs.png", "arcs_2.png", "table1.csv"} <= names
+    assert "rover, 2 h" in (tmp_path / "table1.csv").read_text()
+
+
+def test_solutions_of_several_targets_are_compared_by_the_one_that_is_named(folder, tmp_path, capsys):
+    path = radioloc.write_report(radioloc.locate(study(folder)), tmp_path)[0]
+    with pytest.raises(
+        InputError, match=r"solution.json: expected .*lander, rover, but none is named.*--target"
+    ):
+        compare([path])
+    with pytest.raises(InputError, match="not 'orbiter'"):
+        compare([path], target="orbiter")
+    content = json.loads(path.read_text())
+    content["targets"]["rover"]["covariance"]["enu_m2"][0][1] = 1e12
+    damaged = tmp_path / "damaged.json"
+    damaged.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=r"targets.rover"):
+        compare([damaged], target="rover")
+    for name, place in (("lander", LANDER), ("rover", ROVER)):
+        assert main(["compare", str(path), "--target", name, "--json"]) == 0
+        [row] = json.loads(capsys.readouterr().out)["positions"]
+        assert row["latitude_deg"] == pytest.approx(place.selenographic[1], abs=1e-5)
+    of_rover = json.loads(path.read_text())["targets"]["rover"]
+    [estimate] = [one.of_target("rover").estimate for one in read_solutions(path)[0]]
+    assert estimate.priors_enu_m.keys() == {
+        "range_bias.KASHI>lander>KASHI",
+        "range_bias.JIAMUSI>lander>KASHI",
+    }
+    np.testing.assert_allclose(estimate.total_enu_m2, of_rover["covariance"]["enu_m2"], rtol=1e-6)
+
+
+def test_several_targets_come_home_from_afar(folder):
+    """The rover is only observed beside the lander, whose start takes it along."""
+    far = STUDY.replace("longitude_deg = -51.9", "longitude_deg = 8.9").replace("43.05", "-7.05")
+    solution = radioloc.locate(study(folder, far))
+    assert solution.converged
+    for name, truth in (("lander", LANDER), ("rover", ROVER)):
+        found = solution.of_target(name).position_me_m
+        assert np.linalg.norm(found - truth.to_axes("ME", CONSTANTS).xyz_m) < 0.01
+        [note] = [note for note in solution.notes if f"the fit of {name} began" in note]
+        assert "a coarse search over the near side" in note
+    assert not any("the fit of" in note for note in radioloc.locate(study(folder)).notes)
+
+
+CONSTANTS = PhysicalModel.build().ephemeris.constants
+
+
+INDEPENDENT = STUDY.replace("[estimate]", '[estimate]\nweights = "independent"')
+"""Weights that know nothing of considered errors: the estimate is that without them."""
+
+
+@pytest.mark.study
+def test_considered_parameters_are_in_the_total_sigma(folder):
+    plain = radioloc.locate(study(folder, INDEPENDENT))
+    text = INDEPENDENT + (
+        '[consider]\nstation_position = "all"\nstation_position_sigma_m = 0.1\n'
+        'clock = ["URUMQI"]\nclock_sigma_s = 1e-9\nut1 = true\nut1_sigma_s = 2e-5\n'
+    )
+    solution = radioloc.locate(study(folder, text))
+    np.testing.assert_allclose(solution.values[:6], plain.values[:6], atol=1e-3)
+    assert (solution.sigma_enu_m("total") > solution.sigma_enu_m("scaled")).all()
+    np.testing.assert_allclose(solution.sigma_enu_m("scaled"), plain.sigma_enu_m("scaled"), rtol=1e-6)
+    made = solution.to_dict()
+    for k, record in enumerate(made["parameters"]):
+        assert record["total_sigma"] == solution.sigmas("total")[k] >= record["sigma"]
+    names = [record["name"] for record in made["considered"]]
+    assert {"clock.URUMQI", "ut1", "station_position.KASHI.up"} <= set(names)
+    sizes = [np.linalg.norm(record["position_enu_m"]) for record in made["considered"]]
+    assert sizes == sorted(sizes, reverse=True)
+    # The whole: what is added to the covariance is the sum over the considered parameters.
+    added = solution.position_covariance("enu", "total") - solution.position_covariance("enu", "scaled")
+    assert np.trace(added) == pytest.approx(np.sum(np.square(sizes)), rel=1e-6)
+    assert "1 sigma, m" in str(solution)
+    assert "clock" in str(solution)
+
+
+@pytest.mark.parametrize(
+    ("text", "allowed_for"), [(STUDY, ("clock",)), (INDEPENDENT, ())], ids=["default", "independent"]
+)
+def test_the_card_says_which_considered_errors_the_weights_allow_for(folder, text, allowed_for):
+    """Those of clocks; those of coordinates, which are of a frame, no weights allow for."""
+    text += '[consider]\ndefaults = false\nclock = ["URUMQI"]\nclock_sigma_s = 1e-9\n'
+    text += 'station_position = "all"\nstation_position_sigma_m = 0.1\n'
+    solution = radioloc.locate(study(folder, text))
+    assert solution.consider.in_weights == allowed_for
+    said = "weights allow for considered errors (clock): what one of them moves together counts less"
+    assert (said in " ".join(str(solution).split())) == bool(allowed_for)
+
+
+def test_a_clock_that_is_wrong_by_its_sigma_moves_the_estimate_as_considered(folder):
+    text = INDEPENDENT + '[consider]\ndefaults = false\nclock = ["URUMQI"]\nclock_sigma_s = 1e-9\n'
+    before = radioloc.locate(study(folder, text))
+    wrong = INDEPENDENT.replace("[estimate]", "[estimate]\nclock_s = { URUMQI = -1e-9 }")
+    after = radioloc.locate(study(folder, wrong))
+    [moved] = (np.array(one["position_enu_m"]) for one in before.consider.to_list(before.enu_by_parameters))
+    shift_m = before.rot_pa_to_enu @ (after.position_pa_m - before.position_pa_m)
+    np.testing.assert_allclose(shift_m, moved, atol=1e-4 + 1e-3 * np.abs(moved).max())
+
+
+@pytest.mark.parametrize("table", ["estimate", "consider"])
+def test_a_zenith_delay_without_a_troposphere_is_an_error(folder, table):
+    text = STUDY.replace('off = ["ionosphere"]', 'off = ["ionosphere", "troposphere"]')
+    keys = 'zenith_delay = ["KASHI"]\nzenith_delay_sigma_m = 0.1\n'
+    text += keys if table == "estimate" else f"[consider]\n{keys}"
+    with pytest.raises(
+        InputError,
+        match=rf"^\[{table}\] zenith_delay: it acts by the term troposphere, which is switched off",
+    ):
+        radioloc.locate(study(folder, text))
+
+
+@pytest.mark.study
+def test_what_to_do_about_rounded_coordinates_is_on_the_card(folder):
+    advice = (
+        "coordinates of JIAMUSI, KASHI are rounded: give better ones with their sigma_m under [stations.NAME], or "
+        "station_position_sigma_m under [consider] where these are better than stated"
+    )
+    assert advice in " ".join(str(radioloc.locate(study(folder))).split())
+    stated = STUDY + "[consider]\nstation_position_sigma_m = 0.1\n"
+    assert "are rounded: give" not in " ".join(str(radioloc.locate(study(folder, stated))).split())

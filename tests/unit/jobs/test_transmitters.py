@@ -1,0 +1,213 @@
+"""Who transmitted, found among candidates by the residuals of what listeners received of a lander."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from change5_case import LANDER, NEAR
+
+import radioloc
+from radioloc import Observations, Study
+from radioloc.constants import C_M_S
+from radioloc.errors import InputError
+from radioloc.jobs.locate import prepared_arc
+from radioloc.jobs.transmitters import _jumps, _passes
+from radioloc.measurements import Link, PhysicalModel
+from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, Session, Truth
+from radioloc.study import EstimateChoice, ObservationChoice
+
+CANDIDATES = ("NEUQUEN", "JIAMUSI", "KASHI")
+DOWN_HZ = 8.471e9
+CYCLE_M = C_M_S / DOWN_HZ
+NOISE_HZ, COUNT_S = 0.5, 10.0
+SIGMA_M = NOISE_HZ * CYCLE_M * COUNT_S
+TRUE = {"WETTZELL": "NEUQUEN", "KUNMING": "JIAMUSI", "URUMQI": "KASHI"}
+"""Who sent to whom: listeners in Germany and China."""
+HOURS = {
+    "WETTZELL": ("2020-12-02T02:00:00", "2020-12-02T05:00:00"),
+    "KUNMING": ("2020-12-01T15:00:00", "2020-12-01T18:00:00"),
+    "URUMQI": ("2020-12-02T16:00:00", "2020-12-02T19:00:00"),
+}
+
+
+@pytest.fixture(scope="module")
+def received():
+    """Doppler at X band of three passes, each with an offset of the listener's oscillator, sent by whom is not said."""
+    return unsaid(heard([(sender, listener, *HOURS[listener]) for listener, sender in TRUE.items()]))
+
+
+def heard(passes):
+    """What listeners receive of some stations from one hour to another."""
+    sessions = [
+        Session("doppler", ((sender, listener),), *hours, 240.0, SIGMA_M, count_s=COUNT_S,
+                uplink_hz=DOWN_HZ * 749 / 880, wavelength_um=1e6 * CYCLE_M)
+        for sender, listener, *hours in passes
+    ]  # fmt: skip
+    offsets = {
+        f"{sender}>lander>{listener}": y
+        for (sender, listener, *_), y in zip(passes, (3e-9, -8e-10, 2e-10), strict=False)
+    }
+    noise = NoiseModel({"doppler": Noise(white_m=SIGMA_M)})
+    scenario = Scenario(Schedule(sessions), LANDER, Truth(frequency_offset_value=offsets), noise, seed=2)
+    return scenario.world(PhysicalModel.build()).draw().observations
+
+
+def unsaid(observations):
+    links = tuple(replace(link, transmitter="KASHI") for link in observations.links)
+    return Observations.concatenate([replace(observations, links=links)])  # each link once
+
+
+def study(estimate=None, **observations):
+    chosen = {"transmitters": CANDIDATES} | observations
+    return Study(
+        target=NEAR, estimate=estimate or EstimateChoice(), observations=ObservationChoice(**chosen), name="x"
+    )
+
+
+def test_each_pass_has_the_station_that_sent(received):
+    arc, _ = prepared_arc(study(), received)
+    links = {arc.observations.links[k] for k in arc.observations.link}
+    assert {link.receiver: link.transmitter for link in links} == TRUE
+
+
+def test_a_handover_of_the_uplink_ends_a_pass():
+    """The next station takes over within four minutes, and neither sees the target all the time."""
+    over = "2020-12-01T15:00:00"
+    received = heard(
+        [
+            ("JIAMUSI", "KUNMING", "2020-12-01T12:30:00", over),
+            ("KASHI", "KUNMING", over, "2020-12-01T20:30:00"),
+        ]
+    )
+    assert len(set(received.paths())) == 2
+    value_m = received.value_m.copy()
+    value_m[7::20] += 8.8e3 * CYCLE_M * COUNT_S  # read off another peak
+    received = replace(received, value_m=value_m)
+    assert [len(rows) for rows in _passes(unsaid(received), 4 * 3600.0)] == [38, 83]
+    arc, _ = prepared_arc(study(), unsaid(received))
+    assert arc.observations.paths().tolist() == received.paths().tolist()
+
+
+@pytest.mark.parametrize(("jump_m_s", "expected"), [(0.0, []), (200.0, [150])])
+def test_rounded_rates_end_no_pass_and_hide_no_handover(jump_m_s, expected):
+    """Frequencies in steps of 100 Hz, 3.5 m/s, which change by less than that from count to count."""
+    time_s = 60.0 * np.arange(330.0)
+    rate_m_s = 300.0 * np.sin(time_s / 7000.0) + jump_m_s * (np.arange(330) >= 150)
+    step_m_s = 3.548
+    assert _jumps(time_s, step_m_s * np.rint(rate_m_s / step_m_s)) == expected
+
+
+def test_the_card_and_the_file_have_all_candidates(received):
+    solution = radioloc.locate(study(EstimateChoice(position="none")), received)
+    passes = {one.receiver: one for one in solution.transmitters}
+    assert {name: one.taken for name, one in passes.items()} == TRUE
+    for one in passes.values():
+        assert one.decided
+        # The a-priori position is 10 km off, which is a fraction of the noise
+        assert one.rms_m_s[one.taken] / CYCLE_M == pytest.approx(NOISE_HZ, rel=0.3)
+        others = [rms_m_s for name, rms_m_s in one.rms_m_s.items() if name != one.taken and rms_m_s]
+        assert min(others, default=np.inf) > 10.0 * NOISE_HZ * CYCLE_M
+    card = str(solution)
+    assert "transmitter rms of pass" in " ".join(card.split())
+    assert "undecided" not in card
+    rms_m_s = {
+        f"{name} {ratio}": 0.01 * k
+        for k, name in enumerate(CANDIDATES, 1)
+        for ratio in ("240/221", "880/749")
+    }
+    one = replace(solution.transmitters[0], rms_m_s=rms_m_s, taken=f"{CANDIDATES[0]} 240/221")
+    lines = str(replace(solution, transmitters=(one,))).splitlines()
+    assert "transmitter pass taken rms next best rms" in [" ".join(line.split()) for line in lines]
+    assert max(map(len, lines)) <= 80
+    [first, *_] = solution.to_dict()["transmitters"]
+    assert set(first["rms_m_s"]) == set(CANDIDATES)
+    assert first["decided"] is True
+
+
+def test_a_turnaround_ratio_is_found_as_well(received):
+    ratio = 749 / 880 * 240 / 221  # what was written down for the wrong one
+    whole_m = C_M_S * COUNT_S
+    wrong = replace(
+        received,
+        value_m=whole_m - (whole_m - received.value_m) / ratio,
+        wavelength_um=received.wavelength_um / ratio,
+    )
+    arc, _ = prepared_arc(study(turnarounds=("240/221", "880/749")), wrong)
+    np.testing.assert_allclose(arc.observations.value_m, received.value_m, atol=1e-3 * SIGMA_M)
+    np.testing.assert_allclose(arc.observations.wavelength_um, received.wavelength_um, rtol=1e-12)
+    solution = radioloc.locate(
+        study(EstimateChoice(position="none"), turnarounds=("240/221", "880/749"), transmitters=None),
+        replace(wrong, links=arc.observations.links, link=arc.observations.link),
+    )
+    assert {one.taken for one in solution.transmitters} == {"880/749"}
+
+
+def test_stations_beside_each_other_are_undecided(received):
+    """A candidate a hundred metres from the true one fits as well, and the card says so."""
+    catalogue = PhysicalModel.build().catalogue
+    kashi = catalogue.get("KASHI")
+    beside = replace(kashi, name="BESIDE", aliases=(), itrf_m=kashi.itrf_m + np.array([80.0, 60.0, 0.0]))
+    chosen = study(EstimateChoice(position="none"), transmitters=("KASHI", "BESIDE"), stations=None)
+    chosen = replace(chosen, catalogue=catalogue.with_station(beside))
+    solution = radioloc.locate(chosen, received[received.link == received.link[-1]])
+    [one] = solution.transmitters
+    assert not one.decided
+    assert any("who transmitted to URUMQI" in note and "undecided" in note for note in solution.notes)
+    assert "? undecided" in str(solution)
+
+
+def test_forty_counts_before_the_lock_do_not_mislead(received):
+    value_m = received.value_m.copy()
+    mine = np.flatnonzero(received.link == received.link[0])[:5]
+    value_m[mine] += 8.8e3 * CYCLE_M * COUNT_S
+    arc, _ = prepared_arc(study(), replace(received, value_m=value_m))
+    links = {arc.observations.links[k] for k in arc.observations.link}
+    assert {link.receiver: link.transmitter for link in links} == TRUE
+
+
+@pytest.mark.parametrize(
+    ("chosen", "message"),
+    [
+        ({"transmitters": ("ATLANTIS",)}, r"\[observations\] transmitters: .*ATLANTIS"),
+        ({"turnarounds": ("x",)}, "turnarounds: 'x' is no ratio of frequency down to up"),
+        ({"transmitters": ("MLRS2",)}, "none of MLRS2 sees the target while"),
+    ],
+)
+def test_what_cannot_be_is_said(received, chosen, message):
+    with pytest.raises(InputError, match=message):
+        prepared_arc(study(**chosen), received)
+
+
+def test_without_doppler_there_is_nothing_to_tell():
+    ranges = Observations.from_columns(
+        epoch=radioloc.time.epochs_from_strings(["2020-12-01T15:00:00"]),
+        links=[Link("KASHI", "lander", "KASHI")],
+        value_m=8e8,
+        sigma_m=1.0,
+        tag=1,
+    )
+    with pytest.raises(InputError, match="there is no Doppler of a transmitting station"):
+        prepared_arc(study(), ranges)
+
+
+def test_a_part_of_an_arc_without_doppler_has_no_pass(received):
+    ranges = Observations.from_columns(
+        epoch=radioloc.time.epochs_from_strings(
+            [f"2020-12-01T12:{minute}:00" for minute in range(10, 50, 5)]
+        ),
+        links=[Link("KUNMING", "lander", "KUNMING")],
+        value_m=8e8,
+        sigma_m=1e6,
+        tag=1,
+    )
+    both = Observations.concatenate([ranges, received])
+    study_of_both = study(EstimateChoice(range_bias="all", position="none"))
+    found = radioloc.arcs(study_of_both, (1.0, 40.0), both)
+    assert {arc.hours: len(arc.solution.transmitters) for arc in found.arcs} == {1.0: 0, 40.0: 3}
+
+
+def test_whom_nothing_is_asked_of_has_no_candidates(received):
+    plain = Study(target=NEAR, estimate=EstimateChoice(position="none"), name="x")
+    solution = radioloc.locate(plain, received)
+    assert solution.transmitters == ()
+    assert "transmitter rms" not in str(solution)

@@ -1,0 +1,133 @@
+"""Results of trials on disk: damaged ones are told, whatever the damage."""
+
+import json
+import zipfile
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from radioloc import LunarPosition, Study
+from radioloc.errors import InputError
+from radioloc.jobs.monte_carlo import TrialFolder, refuse_other_study, study_record
+from radioloc.study import EstimateChoice
+
+
+@pytest.fixture
+def files(tmp_path):
+    files = TrialFolder(tmp_path, {"seed": 1}, ["east_m", "north_m"], [6.0, 12.0])
+    files.start()
+    return files
+
+
+def test_damaged_trials(files, tmp_path):
+    path = tmp_path / "parts" / "linear-000003-000003.npz"
+    values = np.array([[[1.5, np.nan], [1.25, 0.5]]])
+    files.add("linear", [3], values)
+    np.testing.assert_array_equal(files.found("linear")[3], values[0])
+    assert files.found("full") == {}
+    sound = path.read_bytes()
+    cases = [b"", b"\xff\xfe\0\1", b"trial,hours\n3,6\n", *(sound[:k] for k in range(1, len(sound), 29))]
+    for content in cases:
+        path.write_bytes(content)
+        with pytest.raises(InputError, match=r"is damaged .*; remove the file and resume") as caught:
+            files.found("linear")
+        assert path.name in str(caught.value)
+        assert "\n" not in str(caught.value)
+    for k in range(0, len(sound), 5):
+        path.write_bytes(sound[:k] + bytes([sound[k] ^ 0x55]) + sound[k + 1 :])
+        try:
+            found = files.found("linear")
+        except InputError:
+            continue
+        # What only describes the file may change; numbers have a checksum.
+        assert all(np.array_equal(rows, values[0], equal_nan=True) for rows in found.values())
+
+
+@pytest.mark.parametrize(
+    ("columns", "hours", "words"),
+    [
+        (["east_m", "up_m"], [6.0, 12.0], "columns are not those of the study"),
+        (["east_m", "north_m"], [6.0], "do not fit"),
+    ],
+)
+def test_trials_of_another_shape(files, tmp_path, columns, hours, words):
+    files.add("linear", [3], np.zeros((1, 2, 2)))
+    with pytest.raises(InputError, match=words):
+        TrialFolder(tmp_path, {"seed": 1}, columns, hours).found("linear")
+
+
+def npy_header(shape, descr):
+    header = f"{{'descr': {descr!r}, 'fortran_order': False, 'shape': {shape}, }}\n".encode()
+    return b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header
+
+
+SOUND = {"trials": np.array([3]), "values": np.zeros((1, 2, 2)), "columns": np.array(["east_m", "north_m"])}
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"values": np.zeros(4)}, "values is an array"),
+        ({"values": np.array([[[1, 2], [3, 4]]], dtype="U9")}, "values is an array"),
+        ({"trials": np.array(3)}, "trials is an array"),
+        ({"trials": np.array([3.5])}, "trials is an array"),
+        ({"columns": np.array("east_m")}, "columns is an array"),
+        ({"trials": None}, "trials"),
+    ],
+)
+def test_arrays_of_another_kind_are_damage(files, tmp_path, change, words):
+    arrays = {name: array for name, array in (SOUND | change).items() if array is not None}
+    np.savez(tmp_path / "parts" / "linear-000003-000003.npz", **arrays)
+    with pytest.raises(InputError, match=words):
+        files.found("linear")
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        npy_header("(10**15, 2, 2)", "<f8"),
+        npy_header("(1000000000000, 2, 2)", "<f8"),
+        npy_header("(1, 2, 2)", "|O") + bytes(100),
+        npy_header("(1, 2, 2)", [("a", "<f8")]) + bytes(32),
+    ],
+)
+def test_a_header_that_promises_more_than_the_file_allocates_nothing(files, tmp_path, values):
+    path = tmp_path / "parts" / "linear-000003-000003.npz"
+    np.savez(path, trials=SOUND["trials"], columns=SOUND["columns"])
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("values.npy", values)
+    with pytest.raises(InputError, match="is damaged"):
+        files.found("linear")
+
+
+def test_compressed_trials_are_refused_before_they_fill_the_memory(files, tmp_path):
+    np.savez_compressed(
+        tmp_path / "parts" / "linear-000003-000003.npz", **SOUND | {"values": np.zeros((10**6, 2, 2))}
+    )
+    with pytest.raises(InputError, match="is compressed"):
+        files.found("linear")
+
+
+@pytest.mark.parametrize("content", [b"{", b"[1]", b"\xff", b""])
+def test_damaged_record_of_the_study(files, tmp_path, content):
+    assert refuse_other_study(tmp_path, {"seed": 1})
+    assert json.loads((tmp_path / "study.json").read_text()) == {"seed": 1}
+    (tmp_path / "study.json").write_bytes(content)
+    with pytest.raises(InputError, match=r"study\.json: is damaged; start anew"):
+        refuse_other_study(tmp_path, {"seed": 1})
+
+
+def test_the_record_of_a_study_is_json_also_with_a_scope(tmp_path):
+    """Whom a parameter belongs to is a word there, and another one is another study."""
+    study = Study(target=LunarPosition.from_selenographic(-51.9, 43.0, -2550.0))
+    records = [
+        study_record(replace(study, estimate=EstimateChoice(range_bias="all", range_bias_per=per)), [6.0], 1)
+        for per in ("station", "link")
+    ]
+    TrialFolder(tmp_path, records[1], ["east_m"], [6.0]).start()
+    stored = json.loads((tmp_path / "study.json").read_text())
+    assert stored["estimate"]["parameters"]["range_bias"]["per"] == "link"
+    assert refuse_other_study(tmp_path, records[1])
+    with pytest.raises(InputError, match="what differs: estimate"):
+        refuse_other_study(tmp_path, records[0])

@@ -1,0 +1,143 @@
+"""A status of "converged" means that the position can be used."""
+
+import re
+from dataclasses import replace
+
+import change5_case
+import numpy as np
+import pytest
+from reader_cases import EXAMPLES
+
+import radioloc
+from radioloc.estimation import FitStatus
+from radioloc.jobs.locate import prepared_arc
+from radioloc.jobs.verdict import heights, places
+from radioloc.lunar import LunarPosition
+from radioloc.measurements import MEASUREMENTS, Link, PhysicalModel, active_terms
+from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, Session, all_ranges
+from radioloc.study import EstimateChoice, ModelChoice, ObservationChoice
+
+START, STOP = change5_case.START, "2020-12-02T03:11:00"
+
+
+@pytest.fixture(scope="module")
+def tracking():
+    return change5_case.observations(PhysicalModel.build(), 1200.0)
+
+
+def study(target=change5_case.NEAR, hours=None, stations=None, **estimate):
+    return radioloc.Study(
+        target,
+        ObservationChoice(hours=hours, stations=stations),
+        EstimateChoice(**estimate),
+        ModelChoice(terms=active_terms(["ionosphere"])),
+    )
+
+
+def exchanged(observations, one, other):
+    """The same values with the names of two stations exchanged."""
+    name = {one: other, other: one}
+    links = tuple(
+        Link(
+            name.get(x.transmitter, x.transmitter), x.target, name.get(x.receiver, x.receiver), x.differenced
+        )
+        for x in observations.links
+    )
+    return replace(observations, links=links)
+
+
+def test_good_data_converge(tracking):
+    solution = radioloc.locate(study(), tracking)
+    assert (solution.converged, solution.status, solution.message) == (True, FitStatus.CONVERGED, "")
+    assert solution.to_dict()["status"] == "converged"
+
+
+@pytest.mark.slow
+def test_an_orbiter_taken_for_a_lander_does_not_converge():
+    """The fit looks for a point that moves like it, thousands of kilometres away, and ends with what is wrong."""
+    target = LunarPosition.from_selenographic(31.3, 8.3, -1750.0)
+    tracking = radioloc.read_observations(EXAMPLES / "orbiter" / "tracking.csv")
+    doppler = tracking.select(tracking.kind == list(MEASUREMENTS).index("doppler"))
+    solution = radioloc.locate(radioloc.Study(target), doppler)
+    assert not solution.converged
+    assert "the residuals are far beyond their stated sigmas: of doppler" in solution.message
+    assert "an orbiter needs a trajectory or dynamics" in solution.message
+    assert "to improve first" not in str(solution)
+
+
+@pytest.mark.slow
+def test_delays_of_two_stations_exchanged_do_not_converge(tracking):
+    solution = radioloc.locate(study(), exchanged(tracking, "SESHAN25", "KUNMING"))
+    assert solution.status is FitStatus.MISFIT
+    assert not solution.converged
+    assert "far beyond their stated sigmas: of vlbi_delay" in solution.message
+    assert "status      NOT CONVERGED: RESIDUALS FAR BEYOND THE STATED SIGMAS" in str(solution)
+
+
+@pytest.mark.study
+def test_a_type_most_of_which_is_left_out_does_not_converge(tracking):
+    """Ranges under the names of other stations: all but one of 61 are outliers, and delays alone decide."""
+    solution = radioloc.locate(study(hours=12.0), exchanged(tracking, "KASHI", "JIAMUSI"))
+    assert solution.status is FitStatus.MISFIT
+    assert "range observations are left out as outliers, more than half" in solution.message
+
+
+def test_a_point_that_no_station_sees_does_not_converge(tracking):
+    """On the far side, from where the delays of a baseline are nearly those of the near side."""
+    arc, _ = prepared_arc(study(), tracking)
+    used, elevation_deg = np.ones(len(tracking), dtype=bool), np.full(len(tracking), 20.0)
+    here_m = change5_case.LANDER.to_axes("PA", arc.model.ephemeris.constants).xyz_m
+    assert [*places(arc, here_m, used, elevation_deg)] == []
+    [doubt] = places(arc, -here_m, used, elevation_deg)
+    assert doubt.status is FitStatus.HIDDEN
+    assert "deg below its horizon" in doubt.reason
+    elevation_deg[7] = -0.5
+    [doubt] = places(arc, here_m, used, elevation_deg)
+    assert doubt.status is FitStatus.HIDDEN
+    assert "1 used observation is below" in doubt.reason
+
+
+@pytest.mark.parametrize(
+    ("height_m", "good"), [(10_700.0, True), (-9_100.0, True), (19.683e6, False), (-3e4, False)]
+)
+def test_heights_are_those_of_the_moon(height_m, good):
+    assert [doubt.status for doubt in heights(height_m)] == ([] if good else [FitStatus.OFF_THE_MOON])
+
+
+def test_ranges_that_are_too_long_are_a_height_that_the_moon_does_not_have(tracking):
+    """100 km too long, for an hour in which nothing else can tell: the fit is as good as any."""
+    long = replace(tracking, value_m=tracking.value_m + 1e5)
+    solution = radioloc.locate(study(hours=1.0, stations=("JIAMUSI",)), long)
+    assert solution.fit.chi2_per_dof < 3.0
+    assert solution.status is FitStatus.OFF_THE_MOON
+    assert "is outside the Moon's terrain (-9.2 to 10.8 km)" in solution.message
+
+
+@pytest.mark.study
+def test_trials_are_judged_as_solutions_are():
+    """Noise of 50 times the stated sigmas: no trial counts, by the linear model or in full."""
+    sessions = [
+        Session("range", all_ranges(*change5_case.RANGING), START, STOP, 1200.0, sigma_m=1.0, one_uplink=True)
+    ]
+    noise = NoiseModel({"range": Noise(white_m=50.0)})
+    simulated = replace(study(), simulation=Scenario(Schedule(sessions), change5_case.LANDER, noise=noise))
+    found = radioloc.monte_carlo(simulated, trials=3, hours=12.0)
+    assert found.linear
+    assert found.proof.passed
+    assert not found["converged"].any()
+
+
+@pytest.mark.study
+def test_a_split_of_two_links_of_a_station_is_told(tracking):
+    """Three-way ranges 5 m off: a bias of the station is the mean of both, and its own mean hides it."""
+    three_way = np.array([link.transmitter not in ("", link.receiver) for link in tracking.links])[
+        tracking.link
+    ]
+    ranges = tracking.kind == list(MEASUREMENTS).index("range")
+    off = replace(tracking, value_m=tracking.value_m + 5.0 * (three_way & ranges))
+    said = " ".join(str(radioloc.locate(study(range_bias="all"), off)).split())
+    assert re.search(
+        r'ranges of KASHI, .* disagree by \d+\.\d sigmas: \[estimate\] clock = "all" or range_bias_per', said
+    )
+    for absorbed in ({"range_bias_per": "link"}, {"clock": "all"}):
+        assert "disagree by" not in str(radioloc.locate(study(range_bias="all", **absorbed), off))

@@ -1,0 +1,206 @@
+"""Solutions made again: the same, different, or not to be made any more, as the command tells it."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from quick import undrawn
+
+import radioloc
+from radioloc.cli import main
+from radioloc.errors import InputError
+from radioloc.jobs import verify
+from radioloc.kernels import find_kernel
+from radioloc.report.files import INCOMPLETE
+
+pytestmark = pytest.mark.usefixtures("unsearched")
+EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "apollo15"
+DATA = "apollo15_apollo_2006-2007.csv"
+STUDY = """
+[target]
+longitude_deg = 3.6
+latitude_deg = 26.1
+height_m = -1900.0
+[observations]
+files = ["apollo15*.csv"]
+[estimate]
+range_bias = "all"
+range_bias_sigma_m = 0.1
+"""
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A study with its data, and its solution."""
+    folder = tmp_path_factory.mktemp("made")
+    shutil.copy(EXAMPLE / DATA, folder)
+    (folder / "s.toml").write_text(STUDY)
+    with undrawn():
+        assert main(["locate", str(folder / "s.toml"), "--out", str(folder / "out"), "--quiet"]) == 0
+    return folder
+
+
+@pytest.fixture
+def copy(made, tmp_path):
+    """The same in another folder, whose solution names the study there."""
+    shutil.copytree(made, tmp_path / "copy")
+    folder = tmp_path / "copy"
+    change(folder, lambda content: content["provenance"]["study"].update(file=str(folder / "s.toml")))
+    return folder
+
+
+def change(folder, how):
+    file = folder / "out" / "solution.json"
+    content = json.loads(file.read_text())
+    how(content)
+    file.write_text(json.dumps(content))
+
+
+@pytest.mark.study
+def test_the_same(made, capsys):
+    assert main(["verify", str(made / "out" / "solution.json")]) == 0
+    told = capsys.readouterr()
+    assert "SAME in all of " in told.out
+    assert told.err == ""
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
+def test_residuals_and_arcs_are_verified_as_such(copy, capsys):
+    study = str(copy / "s.toml")
+    assert main(["residuals", study, "--out", str(copy / "out"), "--quiet"]) == 0
+    assert verify(copy / "out" / "solution.json").same
+    assert main(["arcs", study, "--hours", "4000", "8000", "--out", str(copy / "arcs"), "--quiet"]) == 0
+    for hours in (4000, 8000):
+        file = copy / "arcs" / f"{hours}h" / "solution.json"
+        fit = json.loads(file.read_text())["fit"]
+        assert fit["used"] + fit["rejected"] < 153
+        assert verify(file).same
+    (copy / "arcs" / INCOMPLETE).touch()
+    with pytest.raises(InputError, match="not written to the end"):
+        verify(file)
+
+
+@pytest.mark.parametrize(
+    ("how", "names"),
+    [
+        (lambda c: c["position"]["pa"].update(y_m=c["position"]["pa"]["y_m"] + 1e-3), ["position.pa.y_m"]),
+        (
+            lambda c: c["position"]["me"].update(height_m=c["position"]["me"]["height_m"] + 1e-3),
+            ["position.me.height_m"],
+        ),
+        (
+            lambda c: c["position"]["me"].update(latitude_deg=c["position"]["me"]["latitude_deg"] + 1e-7),
+            ["position.me.latitude_deg"],
+        ),
+        (lambda c: c["sigma"].update(up_m=c["sigma"]["up_m"] * 1.002), ["sigma.up_m"]),
+        (
+            lambda c: c["sigma"]["formal"].update(up_m=c["sigma"]["formal"]["up_m"] * 1.002),
+            ["sigma.formal.up_m"],
+        ),
+        (lambda c: c["covariance"]["enu_m2"][0].__setitem__(0, 1.0), ["covariance.enu_m2.0.0"]),
+        (lambda c: c["fit"].update(used=140, rejected=13), ["fit.used", "fit.rejected"]),
+        (lambda c: c["fit"].update(chi2=2.0 * c["fit"]["chi2"]), ["fit.chi2"]),
+        (lambda c: c["budget"][0].update(total_m=99.0), ["budget.0.total_m"]),
+        (lambda c: c["parameters"].pop(), ["parameters.range_bias.APOLLO"]),
+        (lambda c: c["parameters"][3].update(value=0.2), ["parameters.range_bias.APOLLO.value"]),
+        (lambda c: c.update(converged=False), ["converged"]),
+        (lambda c: c.update(position=None), ["position"]),
+        (lambda c: c["position"]["pa"].update(y_m=c["position"]["pa"]["y_m"] + 2e-5), []),
+    ],
+)
+def test_what_differs_is_named(how, names, copy, monkeypatch, again):
+    change(copy, how)
+    found = verify(copy / "out" / "solution.json")
+    assert [item.name for item in found.differences] == names
+    assert found.same == (not names)
+
+
+@pytest.fixture(scope="module")
+def again(made):
+    """The fit once for all cases: what is compared is changed in the file only."""
+    solution = radioloc.locate(radioloc.read_study(made / "s.toml"))
+    patch = pytest.MonkeyPatch()
+    patch.setattr("radioloc.jobs.verification.prepared_arc", lambda study: (None, {}))
+    patch.setattr("radioloc.jobs.verification.fit_arc", lambda *_: solution)
+    yield
+    patch.undo()
+
+
+def test_the_card_of_a_difference(copy, again, capsys):
+    def how(content):
+        content["sigma"]["east_m"] *= 2.0
+        content["provenance"]["numpy"] = "1.0"
+
+    change(copy, how)
+    assert main(["verify", str(copy / "out" / "solution.json")]) == 3
+    told = capsys.readouterr().out
+    assert "DIFFERS in 1 of " in told
+    assert "sigma.east_m" in told
+    assert "numpy" in told
+    assert "1.0" in told
+
+
+def altered(file, content=None):
+    return lambda folder: (folder / file).write_text(
+        (folder / file).read_text() + "\n" if content is None else content
+    )
+
+
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        (altered(DATA), f"cannot be made again from .*s.toml: {DATA} has another content"),
+        (lambda folder: (folder / DATA).rename(folder / "apollo15.csv"), f"{DATA} is missing, apollo15.csv was not"),
+        (lambda folder: shutil.copy(folder / DATA, folder / "apollo15_2.csv"), "apollo15_2.csv was not there"),
+        (altered("s.toml"), "s.toml is not the study file that it was made from"),
+        (lambda folder: (folder / "s.toml").unlink(), "study file .*s.toml is missing; give where it is now"),
+        (lambda folder: (folder / "out" / "solution.json").unlink(), "no such file"),
+        (altered("out/solution.json", "{"), "is neither a solution.json"),
+        (lambda folder: change(folder, lambda c: c["provenance"].pop("study")), "was made from no study file"),
+        (lambda folder: change(folder, lambda c: c["provenance"].update(study=None)), "was made from no study file"),
+        (altered("out/INCOMPLETE", "x"), "not written to the end"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_made_again_says_why(how, words, copy, capsys):
+    how(copy)
+    file = copy / "out" / "solution.json"
+    with pytest.raises(InputError, match=words):
+        verify(file)
+    assert main(["verify", str(file)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_study_that_has_moved(copy, again):
+    moved = (copy / "s.toml").rename(copy / "t.toml")
+    assert verify(copy / "out" / "solution.json", moved).same
+
+
+@pytest.mark.study
+@pytest.mark.usefixtures("undrawn")
+def test_what_was_changed_in_python_is_not_taken_for_the_file(copy):
+    study = radioloc.read_study(copy / "s.toml")
+    other = replace(study, estimate=replace(study.estimate, rejection_sigma=4.0))
+    radioloc.write_report(radioloc.locate(other), copy / "out")
+    with pytest.raises(InputError, match=r"its settings are others \(estimate\)"):
+        verify(copy / "out" / "solution.json")
+    given = radioloc.read_observations(copy / DATA).select(range(100))
+    solution = radioloc.residuals(study, replace(given, files=("other.csv",)))
+    assert solution.provenance["study"] is None
+
+
+@pytest.mark.study
+@pytest.mark.usefixtures("undrawn")
+def test_kernels_are_known_by_their_content(copy):
+    """A kernel that the study names is an input as the data are."""
+    with (copy / "s.toml").open("a") as file:
+        file.write('[model]\nephemeris = "k.bsp"\n')
+    shutil.copy(find_kernel("DE421", "SPK"), copy / "k.bsp")
+    radioloc.write_report(radioloc.locate(radioloc.read_study(copy / "s.toml")), copy / "out")
+    assert verify(copy / "out" / "solution.json").same
+    with (copy / "k.bsp").open("ab") as file:
+        file.write(b"\0" * 1024)
+    with pytest.raises(InputError, match=r"k\.bsp has another content"):
+        verify(copy / "out" / "solution.json")

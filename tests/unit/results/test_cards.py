@@ -1,0 +1,55 @@
+"""Cards as text: tables that fit, numbers that are never cut."""
+
+from radioloc.results.cards import Card, Field, text_table
+
+ROWS = (("KASHI", "1.0", "0 +- 10"), ("a name that is much too long for its column", "-22222.0", "free"))
+
+
+def test_columns_are_aligned_and_names_are_wrapped():
+    lines = text_table(("station", "value", "a priori"), ROWS, 40)
+    assert max(map(len, lines)) <= 40
+    assert {line.find("0 +- 10") + len("0 +- 10") for line in lines if "+-" in line} == {
+        lines[0].find("a priori") + len("a priori")
+    }
+    assert " ".join(line.removesuffix("-22222.0      free").strip() for line in lines[2:]) == ROWS[1][0]
+
+
+def test_numbers_are_never_cut():
+    lines = text_table(("station", *(f"column {k}" for k in range(9))), (("KASHI", *["-123456.78"] * 9),), 40)
+    assert lines[1].split() == ["KASHI", *["-123456.78"] * 9]
+
+
+def test_rows_of_the_rest_are_counted_by_name():
+    rest = (("zenith_delay", "6 h", "1"), ("zenith_delay", "12 h", "1"), ("clock", "6 h", "1"))
+    field = Field("estimated", (), ("parameter", "arc", "sigma"), ROWS[:1], ("below",), rest, "arcs.json")
+    for text in (str(Card((field,))), Card((field,)).html()):
+        assert "KASHI" in text
+        assert "zenith_delay" not in text
+        assert text.index("2 more in arcs.json") < text.index("below")
+
+
+def test_markup_is_text():
+    card = Card((Field("notes", ("[bold]not bold[/bold] :moon:",), ("[red]a", "b"), (("[/red]", "1"),)),))
+    assert "[bold]not bold[/bold] :moon:" in str(card)
+    assert "[red]a" in str(card)
+    assert "[/red]" in str(card)
+    assert "\x1b" not in str(card)
+
+
+def test_long_names_of_parameters_are_wrapped_after_their_kind():
+    rows = [("frequency_offset.beacon>COSPAR 9002 1", "2.05e-07"), ("clock.A", "1")]
+    lines = text_table(("parameter", "value"), rows, 36)
+    assert [line.split("  ")[0].rstrip() for line in lines[1:]] == [
+        "frequency_offset.",
+        "beacon>COSPAR 9002 1",
+        "clock.A",
+    ]
+
+
+def test_lines_are_wrapped_with_an_indent():
+    first, *others, last = str(Card((Field("notes", ("word " * 30, "second")),))).splitlines()
+    assert first.startswith("notes       word word")
+    assert len(others) > 0
+    assert all(line.startswith(" " * 14 + "word") for line in others)
+    assert last == " " * 12 + "second"
+    assert max(map(len, (first, *others))) <= 80

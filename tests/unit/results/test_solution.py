@@ -1,0 +1,499 @@
+import json
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from lunar_partials import cartesian_partials
+from toy_moon import LANDER_M, ToyMoon, toy_solution
+
+from radioloc.errors import InputError
+from radioloc.estimation import Parameter, ParameterSet, SeriesWeight, fit_with_editing
+from radioloc.estimation.gauss_markov import TimeCorrelation
+from radioloc.estimation.series import seconds_since_midnight
+from radioloc.estimation.time_correlation import scaled_covariance
+from radioloc.lunar import selenographic_to_cartesian
+from radioloc.parameters.parameter import Role
+from radioloc.results import build_solution
+from radioloc.results.cards import metres, to_sigma
+from radioloc.results.solution_card import solution_card
+from radioloc.time import Epochs
+
+# A rotation of the size of the one from principal to mean-Earth axes, about an arbitrary axis.
+SMALL_ROTATION = np.array([[1.0, -3e-4, 4e-4], [3e-4, 1.0, 1e-5], [-4e-4, -1e-5, 1.0]])
+
+
+@pytest.fixture(scope="module")
+def solution():
+    return toy_solution(
+        ToyMoon(200, 72.0),
+        blunders_m={17: 19.0, 60: -1e5},
+        reference_pa_m=LANDER_M,
+        reference_name="truth",
+        ephemeris_sigma_enu_m=(0.2, 0.3, 0.1),
+        notes=("the sigmas <do not> include & cover all",),
+        provenance={"kernel": "none"},
+    )
+
+
+def rotation():
+    q, r = np.linalg.qr(SMALL_ROTATION)
+    return q * np.sign(np.diag(r))
+
+
+def test_levels_of_sigma_add_up(solution):
+    formal, scaled, total = (solution.sigma_enu_m(level) for level in ("formal", "scaled", "total"))
+    np.testing.assert_allclose(scaled, formal)  # the noise is as stated
+    np.testing.assert_allclose(total**2, scaled**2 + np.array([0.2, 0.3, 0.1]) ** 2)
+
+
+def test_covariance_in_all_axes_is_the_same_ellipsoid():
+    solution = toy_solution(
+        ToyMoon(200, 72.0), rot_pa_to_me=rotation(), ephemeris_sigma_enu_m=(0.2, 0.3, 0.1)
+    )
+    eigenvalues = [np.linalg.eigvalsh(solution.position_covariance(axes)) for axes in ("enu", "pa", "me")]
+    np.testing.assert_allclose(eigenvalues[1], eigenvalues[0], rtol=1e-9)
+    np.testing.assert_allclose(eigenvalues[2], eigenvalues[0], rtol=1e-9)
+    np.testing.assert_allclose(
+        solution.position_covariance("me"),
+        rotation() @ solution.position_covariance("pa") @ rotation().T,
+        rtol=1e-9,
+        atol=1e-9,
+    )
+    np.testing.assert_allclose(
+        solution.position_covariance("pa", "formal"), solution.formal_covariance[:3, :3], rtol=1e-9, atol=1e-9
+    )
+    longitude_deg, latitude_deg, height_m = solution.selenographic
+    partials = cartesian_partials(np.radians(longitude_deg), np.radians(latitude_deg), height_m)
+    np.testing.assert_allclose(
+        partials @ solution.position_covariance("geographic") @ partials.T,
+        solution.position_covariance("me"),
+        rtol=1e-8,
+        atol=1e-8,
+    )
+
+
+def test_geographic_parameters_give_the_same_solution_as_cartesian():
+    model = ToyMoon(200, 72.0, biases=False)
+    observed_m = model.ranges(LANDER_M)[0] + 0.3 * np.random.default_rng(1).normal(size=200)
+    cartesian = toy_solution(model)
+    radius_m = 1737400.0
+    parameters = ParameterSet(
+        [
+            Parameter("position.longitude_rad", "rad", "position", 0.01, scale=1.0 / radius_m),
+            Parameter("position.latitude_rad", "rad", "position", 0.32, scale=1.0 / radius_m),
+            Parameter("position.height_m", "m", "position", -3000.0),
+        ]
+    )
+
+    def residuals(x):
+        computed_m, partials = model.ranges(selenographic_to_cartesian(*x))
+        return observed_m - computed_m, partials @ cartesian_partials(*x)
+
+    edited = fit_with_editing(residuals, parameters, 0.3)
+    geographic = build_solution(
+        edited,
+        position_pa_m=selenographic_to_cartesian(*edited.fit.x),
+        position_partials=cartesian_partials(*edited.fit.x),
+        rot_pa_to_me=np.eye(3),
+        pa_frame="PA_DE421",
+        me_frame="ME_DE421",
+        epoch_utc=cartesian.residuals.epoch_utc,
+        station=model.station,
+        path=model.station,
+        type=["range"] * 200,
+        observed_m=observed_m,
+    )
+    # A hundredth of a sigma (metres here): both stop within a thousandth.
+    np.testing.assert_allclose(geographic.position_me_m, cartesian.position_me_m, rtol=0.0, atol=0.01)
+    np.testing.assert_allclose(geographic.sigma_enu_m(), cartesian.sigma_enu_m(), rtol=1e-4)
+    assert [item.source for item in geographic.budget] == ["measurement noise"]
+
+
+def test_scaling_only_when_significant():
+    as_stated = toy_solution(ToyMoon(200, 72.0))
+    assert as_stated.noise_scale == 1.0
+    worse = toy_solution(ToyMoon(200, 72.0), noise_factor=4.0)
+    assert worse.noise_scale == pytest.approx(4.0, rel=0.15)
+    np.testing.assert_allclose(worse.sigma_enu_m(), worse.noise_scale * worse.sigma_enu_m("formal"))
+    assert "noise scaled" in str(worse)
+    assert "noise scaled" not in str(as_stated)
+
+
+def test_scaling_leaves_a_priori_values_alone():
+    # A bias known a priori to 1 m and hardly from the data stays known to 1 m however noisy those are.
+    solution = toy_solution(ToyMoon(200, 12.0), noise_factor=4.0, bias_sigma_m=1.0)
+    for _, sigma_m in solution.biases().values():
+        assert sigma_m < 1.3
+    design = np.random.default_rng(0).normal(size=(30, 3))
+    parameters = ParameterSet([Parameter(name, "m", "p", prior_sigma=2.0) for name in "abc"])
+    fit = fit_with_editing(lambda x: (-design @ x, design), parameters, 0.5).fit
+    information = design.T @ design / 0.5**2
+    inverse = np.linalg.inv(information + np.eye(3) / 4.0)
+    expected = inverse @ (9.0 * information + np.eye(3) / 4.0) @ inverse
+    np.testing.assert_allclose(scaled_covariance(fit, 3.0), expected, rtol=1e-9, atol=1e-12)
+
+
+def test_reference_comparison(solution):
+    reference = solution.reference
+    difference_m = solution.position_pa_m - LANDER_M
+    assert reference.distance_m == pytest.approx(np.linalg.norm(difference_m))
+    covariance = solution.position_covariance("pa")
+    expected = np.sqrt(difference_m @ np.linalg.solve(covariance, difference_m))
+    assert reference.combined_sigmas == pytest.approx(expected, rel=1e-6)
+    assert reference.east_sigmas == pytest.approx(reference.east_m / solution.sigma_enu_m()[0])
+    assert reference.combined_sigmas < 4.0
+
+
+def test_ellipse_axes_and_azimuth():
+    solution = toy_solution(ToyMoon(200, 72.0))
+    ellipse = solution.ellipse(0.95)
+    azimuth = np.radians(ellipse.azimuth_deg)
+    along = np.array([np.sin(azimuth), np.cos(azimuth)])
+    covariance = solution.position_covariance("enu")[:2, :2]
+    factor = 5.991464547107979  # 95 % of chi-square with two degrees of freedom
+    assert ellipse.semi_major_m**2 == pytest.approx(factor * along @ covariance @ along)
+    assert ellipse.semi_minor_m <= ellipse.semi_major_m
+    assert 0.0 <= ellipse.azimuth_deg <= 180.0
+
+
+def test_dictionary_has_the_promised_fields_and_is_json(solution):
+    content = solution.to_dict()
+    json.dumps(content, allow_nan=False)
+    assert content["converged"] is True
+    assert set(content["position"]["pa"]) == {"frame", "x_m", "y_m", "z_m"}
+    assert {"frame", "longitude_deg", "latitude_deg", "height_m"} <= set(content["position"]["me"])
+    assert {"east_m", "north_m", "up_m"} <= set(content["sigma"])
+    assert content["sigma"]["east_m"] == pytest.approx(solution.sigma_enu_m("total")[0])
+    assert set(content["biases"]) == {"A", "B", "C"}
+    assert set(content["biases"]["A"]) == {"value_m", "sigma_m"}
+    assert {"used", "rejected", "wrms_m", "chi2_per_dof", "by_station"} <= set(content["fit"])
+    assert content["fit"]["used"] == 198
+    assert content["fit"]["rejected"] == 2
+    assert sum(group["rejected"] for group in content["fit"]["by_station"].values()) == 2
+    assert content["provenance"] == {"kernel": "none"}
+    assert [row["reason"][:7] for row in content["rejected"]] == ["outlier", "outlier"]
+    assert content["rejected"][1]["residual_m"] == pytest.approx(-1e5, rel=1e-3)
+    assert content["reference"]["name"] == "truth"
+
+
+def test_undetermined_bias_leaves_the_position_known():
+    model = ToyMoon(100, 72.0, biases=False)
+    observed_m = model.ranges(LANDER_M)[0] + 0.01 * np.random.default_rng(0).normal(size=100)
+
+    def residuals(x):
+        computed_m, partials = model.ranges(x[:3])
+        return observed_m - computed_m, np.hstack([partials, np.zeros((100, 1))])
+
+    parameters = ParameterSet([*model.parameters(), Parameter("range_bias.D", "m", "range_bias")])
+    edited = fit_with_editing(residuals, parameters, 0.01)
+    solution = build_solution(
+        edited,
+        position_pa_m=edited.fit.x[:3],
+        position_partials=np.eye(3, 4),
+        rot_pa_to_me=np.eye(3),
+        pa_frame="PA_DE421",
+        me_frame="ME_DE421",
+        epoch_utc=Epochs.from_jd(2456650.5, model.time_s / 86400.0, "UTC"),
+        station=model.station,
+        path=model.station,
+        type=["range"] * 100,
+        observed_m=observed_m,
+        reference_pa_m=LANDER_M,
+    )
+    assert not solution.converged
+    assert solution.status.startswith("not observable")
+    assert np.isfinite(solution.sigma_enu_m()).all()
+    content = solution.to_dict()
+    json.dumps(content, allow_nan=False)
+    assert content["biases"]["D"]["sigma_m"] is None
+    assert "the data do not determine range_bias.D" in content["observability"]["text"]
+    assert "NOT OBSERVABLE" in str(solution)
+    assert "would help: an a-priori sigma for range_bias.D" in str(solution)
+
+
+def test_undetermined_position_has_no_numbers():
+    # One observation for three coordinates.
+    solution = toy_solution(ToyMoon(1, 1.0, ("A",), biases=False), reference_pa_m=LANDER_M)
+    assert not solution.converged
+    assert np.isinf(solution.sigma_enu_m()).all()
+    content = solution.to_dict()
+    json.dumps(content, allow_nan=False)
+    assert content["sigma"]["east_m"] is None
+    assert content["reference"]["combined_sigmas"] is None
+    assert solution.ellipse() is None
+    assert solution.budget == ()
+    assert "undetermined" in str(solution)
+
+
+def test_held_position():
+    model = ToyMoon(60, 72.0)
+    parameters = model.parameters()
+    for axis in "xyz":
+        parameters = parameters.changed(f"position.{axis}_m", role=Role.FIXED)
+    solution = toy_solution(model, parameters=parameters)
+    assert solution.converged
+    assert not solution.position_estimated
+    np.testing.assert_array_equal(solution.sigma_enu_m(), 0.0)
+    assert "held at its a-priori value" in str(solution)
+    assert solution.biases()["A"][1] == pytest.approx(0.3 / 20**0.5, rel=0.05)
+
+
+def test_residuals_with_nothing_estimated():
+    model = ToyMoon(60, 72.0, biases=False)
+    parameters = model.parameters()
+    for axis in "xyz":
+        parameters = parameters.changed(f"position.{axis}_m", role=Role.FIXED)
+    solution = toy_solution(model, parameters=parameters, blunders_m={3: 500.0}, reference_pa_m=LANDER_M)
+    assert solution.converged
+    assert solution.fit.total.used == 59
+    assert solution.fit.chi2_per_dof == pytest.approx(1.0, abs=0.6)
+    assert solution.observability.condition_number == 1.0
+    json.dumps(solution.to_dict(), allow_nan=False)
+    assert "held at its a-priori value" in str(solution)
+
+
+CARDS = [
+    lambda: toy_solution(
+        ToyMoon(200, 72.0), blunders_m={k: 50.0 + k for k in range(20)}, reference_pa_m=LANDER_M
+    ),
+    lambda: toy_solution(ToyMoon(200, 12.0), notes=("A long note. " * 12,)),
+    lambda: toy_solution(ToyMoon(1, 1.0, ("A",), biases=False)),
+    lambda: toy_solution(ToyMoon(100, 72.0), noise_factor=5.0, ephemeris_sigma_enu_m=(1.0, 1.0, 1.0)),
+    lambda: toy_solution(
+        ToyMoon(60, 72.0), station=[f"A very long station's name {k % 9}" for k in range(60)]
+    ),
+]
+
+
+@pytest.mark.parametrize("made", CARDS)
+def test_card_fits_a_terminal(made):
+    lines = str(made()).splitlines()
+    assert max(len(line) for line in lines) <= 80
+    assert len(lines) <= 48
+    assert lines[0].startswith("solution    toy lander")
+
+
+def test_card_says_what_was_left_out_and_the_one_way_equivalent(solution):
+    card = " ".join(str(solution).split())
+    assert "CONVERGED" in card
+    assert "198 used, 2 left out" in card
+    wrms_m = solution.fit.total.wrms_m
+    assert f"wrms {metres(wrms_m)} m round trip ({metres(wrms_m / 2)} m one way)" in card
+    assert "outlier: 18.946 m is 63.2 times its expected 0.300 m" in card
+    assert "200 observations from 3 stations over 3.0 days" in card
+
+
+def test_card_keeps_links_and_types_apart():
+    """A delay belongs to two stations, and ranges and Doppler have no common rms."""
+    paths = ["A>x>A", "A>x>B", "C<x>B", "C<x>D", "A>x>A"] * 40
+    types = ["range", "range", "vlbi_delay", "vlbi_delay", "doppler"] * 40
+    card = str(toy_solution(ToyMoon(200, 72.0), path=paths, type=types, blunders_m={2: 20.0, 6: -30.0}))
+    text = " ".join(card.split())
+    assert "200 observations from 4 stations" in text
+    assert "198 used, 2 left out chi2/dof" in text
+    rows = {" ".join(line.split()[:-5]): line.split()[-5:-3] for line in card.splitlines() if " 0." in line}
+    for label in (
+        "A range",
+        "B from A range",
+        "C–B vlbi_delay",
+        "C–D vlbi_delay",
+        "A doppler",
+        "range",
+        "vlbi_delay",
+    ):
+        assert label in rows
+    assert rows["C–B vlbi_delay"] == ["39", "1"]
+    assert "C–B vlbi_delay: outlier: " in text
+    assert "B from A range: outlier: " in text
+
+
+def test_paths_of_a_station_are_told_apart():
+    """Two-way ranges 3 m long and three-way ranges 3 m short have no mean at the station that receives both."""
+    paths = np.array(["A>x>A", "B>x>A"] * 100)
+    shifts = {k: 3.0 if path == "A>x>A" else -3.0 for k, path in enumerate(paths)}
+    solution = toy_solution(
+        ToyMoon(200, 72.0, ("A",), biases=False), path=paths, blunders_m=shifts, noise_factor=1.0, sigma_m=3.0
+    )
+    assert abs(solution.fit.by_station[0].mean_m) < 0.5
+    by_path = solution.to_dict()["fit"]["by_path"]
+    assert list(by_path) == ["range A>x>A", "range B>x>A"]
+    for path, mean_m in (("range A>x>A", 3.0), ("range B>x>A", -3.0)):
+        rows = (solution.residuals.path == path.split()[1]) & solution.residuals.used
+        assert by_path[path]["mean_m"] == pytest.approx(solution.residuals.residual_m[rows].mean())
+        assert by_path[path]["mean_m"] == pytest.approx(mean_m, abs=1.0)
+    text = str(solution)
+    assert any(line.startswith("links ") for line in text.splitlines())
+    for name, path in (("A", "range A>x>A"), ("A from B", "range B>x>A")):
+        [row] = [line.split() for line in text.splitlines() if " ".join(line[12:].split()[:-5]) == name]
+        assert row[-3] == metres(by_path[path]["mean_m"])
+
+
+def test_card_tells_how_far_the_position_is_from_its_prior():
+    model = ToyMoon(100, 72.0)
+    parameters = model.parameters(LANDER_M + np.array([1e3, 0.0, 0.0]), np.inf)
+    parameters = parameters.changed(parameters.names[2], prior_value=LANDER_M[2] - 6.0, prior_sigma=4.0)
+    solution = toy_solution(model, parameters=parameters)
+    off_m = solution.values[2] - (LANDER_M[2] - 6.0)
+    text = " ".join(str(solution).split())
+    assert f"+- 4.00 m; the estimate is +{metres(off_m)} m from it, {off_m / 4.0:.2f} a-priori sigmas" in text
+
+
+class _Text(HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.parts = []
+        self.open = []
+
+    def handle_data(self, data):
+        self.parts.append(data)
+
+    def handle_starttag(self, tag, attrs):
+        if tag != "br":
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def test_html_shows_the_same_fields_as_the_text(solution):
+    parser = _Text()
+    parser.feed(solution._repr_html_())
+    assert parser.open == []
+    text = "".join("".join(parser.parts).split())
+    for item in solution_card(solution).fields:
+        assert "".join(item.label.split()) in text
+        for line in (*item.lines, *(cell for row in item.rows for cell in row)):
+            assert "".join(line.split()) in text
+    assert "<do not>" not in solution._repr_html_()
+
+
+def test_tables(solution):
+    residuals = solution.to_table()
+    assert len(residuals) == 200
+    np.testing.assert_allclose(residuals["observed_m"] - residuals["computed_m"], residuals["residual_m"])
+    assert residuals["status"][17].startswith("outlier")
+    assert str(residuals["residual_m"].unit) == "m"
+    assert residuals["epoch_utc"].scale == "utc"
+    assert list(solution.to_table("parameters")["name"]) == list(solution.parameters.names)
+    frame = solution.to_table(form="pandas")
+    assert frame["residual_m"].tolist() == solution.residuals.residual_m.tolist()
+    assert solution.to_table("parameters", "pandas")["value"].tolist() == solution.values.tolist()
+    with pytest.raises(InputError, match="no table of 'other'"):
+        solution.to_table("other")
+
+
+def test_solution_is_immutable(solution):
+    with pytest.raises(AttributeError):
+        solution.name = "other"
+    with pytest.raises(ValueError, match="read-only"):
+        solution.position_pa_m[0] = 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        solution.residuals.residual_m[0] = 0.0
+
+
+def test_the_position_as_a_point_on_the_moon(solution):
+    assert solution.position.frame == solution.me_frame
+    assert solution.position.selenographic == pytest.approx(solution.selenographic, abs=1e-9)
+    assert solution.position.xyz_m == pytest.approx(solution.position_me_m)
+    moving = replace(solution, trajectory="an orbiter")
+    with pytest.raises(InputError, match="it has no position on the Moon"):
+        _ = moving.position
+
+
+def test_unknown_axes_and_levels_are_refused(solution):
+    with pytest.raises(InputError, match="axes 'ned' are not known"):
+        solution.position_covariance("ned")
+    with pytest.raises(InputError, match="level 'best' is not known"):
+        solution.position_covariance("enu", "best")
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"station": ["A"]}, "stations has 1 values, but there are 9 observations"),
+        ({"observed_m": [1.0]}, "observed_m has 1 values, but there are 9 observations"),
+        ({"rot_pa_to_me": np.eye(2)}, "rot_pa_to_me has shape"),
+        ({"epoch_utc": Epochs.from_jd(2456650.5, [0.1, 0.2], "UTC")}, "epoch_utc has 2 values"),
+    ],
+)
+def test_columns_of_another_length_are_refused(given, words):
+    with pytest.raises(InputError, match=words):
+        toy_solution(ToyMoon(9, 72.0, biases=False), **given)
+
+
+@pytest.mark.parametrize(
+    ("value_m", "text"),
+    [
+        (0.0, "0"),
+        (1.23456, "1.23"),
+        (0.00012, "0.0001"),
+        (-1e-7, "0.0000"),
+        (12345.6, "12346"),
+        (-54.321, "-54.3"),
+        (None, "undetermined"),
+        (float("inf"), "undetermined"),
+    ],
+)
+def test_metres(value_m, text):
+    assert metres(value_m) == text
+
+
+def test_card_says_which_sigmas_are_formal():
+    """Sigmas of weak directions are smaller than those above them, where residuals show more than is stated."""
+    quiet, loud = (
+        toy_solution(ToyMoon(100, 0.5), noise_factor=factor, bias_sigma_m=100.0) for factor in (1.0, 5.0)
+    )
+    assert quiet.observability.weak
+    assert "sigmas are formal" not in " ".join(str(quiet).split())
+    assert "sigmas are formal" in " ".join(str(loud).split())
+    weighed = replace(loud, series_weights=(SeriesWeight("range A>x>A", 100, 3.0),))
+    assert "are those of the weights" in " ".join(str(weighed).split())
+    assert "sigmas are formal" not in " ".join(str(weighed).split())
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "text"),
+    [
+        (2.73315, 7.14, "2.73"),
+        (1672.29, 566.0, "1672"),
+        (1672.29, 2380.0, "1672"),
+        (-0.0001, 0.5, "0.000"),
+        (2.001, 6.57, "2.00"),
+        (3e-9, 4e-7, "3e-09"),
+        (12345.6789, 0.00123, "12345.67890"),
+        (-1.23456789e-7, 1e-12, "-1.2345679e-07"),
+        (-3.1e-17, 1e-8, "0"),
+        (0.0, 1.0, "0"),
+        (12.5, np.inf, "12.5"),
+        (12.5, 0.0, "12.5"),
+    ],
+)
+def test_values_have_the_digits_that_their_sigmas_ask_for(value, sigma, text):
+    assert to_sigma(value, sigma) == text
+
+
+def test_the_factor_of_time_correlation_is_of_the_sigma_without():
+    plain = toy_solution(ToyMoon(200, 24.0, biases=False))
+    added = 3.0 * plain.covariance
+    correlation = TimeCorrelation((), added, {})
+    correlated = replace(plain, covariance=plain.covariance + added, time_correlation=correlation)
+    assert plain.correlation_factor == 1.0
+    assert correlated.correlation_factor == pytest.approx(2.0, rel=1e-9)
+    np.testing.assert_allclose(correlated.sigma_enu_m("scaled"), 2.0 * plain.sigma_enu_m("scaled"), rtol=1e-9)
+
+
+def test_what_moves_has_no_position_on_the_moon():
+    moving = replace(toy_solution(ToyMoon(60, 24.0, biases=False)), trajectory="orbiter.bsp (NAIF code -85)")
+    content = moving.to_dict()
+    assert (content["position"], content["sigma"], content["covariance"]) == (None, None, None)
+    with pytest.raises(
+        InputError, match=r"the target moves \(orbiter.bsp .*; it has no position on the Moon"
+    ):
+        _ = moving.selenographic
+    assert repr(moving) == "<Solution toy lander: orbiter.bsp (NAIF code -85), converged>"
+
+
+def test_seconds_since_midnight_go_on_over_days():
+    epoch = Epochs.from_jd(2459185.5 + np.array([1.0, 0.0, 1.0]), np.array([0.25, 0.5, 0.0]), "UTC")
+    assert seconds_since_midnight(epoch).tolist() == [108000.0, 43200.0, 86400.0]

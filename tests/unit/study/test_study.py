@@ -1,0 +1,107 @@
+"""The records of a study refuse what makes no sense, and take what is plainly meant."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import radioloc
+from radioloc.errors import InputError
+from radioloc.study import EstimateChoice, HeightPrior, ModelChoice, ObservationChoice
+from radioloc.time import epochs_from_strings
+
+
+def test_single_names_and_files_stand_for_lists_of_one():
+    choice = ObservationChoice(files="a.csv", targets="apollo15", stations="7045")
+    assert choice.files == (Path("a.csv"),)
+    assert choice.targets == ("apollo15",)
+    assert choice.stations == ("7045",)
+    assert ObservationChoice(files=["a", Path("b")], targets=["x"]).files == (Path("a"), Path("b"))
+    assert EstimateChoice(range_bias=["A", "B"]).parameters["range_bias"].names == ("A", "B")
+
+
+def test_a_key_of_a_parameter_can_be_replaced():
+    """`dataclasses.replace` changes one key, and what else was chosen stays."""
+    choice = EstimateChoice(range_bias="all", range_bias_sigma_m=10.0, range_bias_per="link", clock=["A"])
+    looser = replace(choice, range_bias_sigma_m=20.0)
+    assert looser == EstimateChoice(
+        range_bias="all", range_bias_sigma_m=20.0, range_bias_per="link", clock=["A"]
+    )
+    free = replace(choice, range_bias_sigma_m=None)
+    assert free == EstimateChoice(range_bias="all", range_bias_per="link", clock=["A"])
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"targets": []}, "targets names none"),
+        ({"stations": ()}, "stations names none"),
+        ({"targets": [""]}, "targets must be names, not ''"),
+        ({"stations": [7045]}, "stations must be names, not 7045"),
+        ({"hours": 0.0}, "hours must be above zero"),
+        ({"hours": -1.0}, "hours must be above zero"),
+        ({"hours": math.nan}, "hours must be above zero"),
+        ({"hours": math.inf}, "hours must be above zero"),
+        ({"extra_sigma_m": -0.1}, "extra_sigma_m must not be negative"),
+        ({"extra_sigma_m": math.nan}, "extra_sigma_m must not be negative"),
+        ({"vlbi_station_sigma_m": math.inf}, "vlbi_station_sigma_m must not be negative"),
+        ({"start": 2460432.5}, "start must be one epoch"),
+        ({"stop": epochs_from_strings(["2024-05-02", "2024-05-03"])}, "stop must be one epoch"),
+        ({"stop": epochs_from_strings("2024-05-02", "TT")}, "UTC"),
+        (
+            {"start": epochs_from_strings("2024-05-02"), "stop": epochs_from_strings("2024-05-01")},
+            "later than start",
+        ),
+        (
+            {"start": epochs_from_strings("2024-05-02"), "stop": epochs_from_strings("2024-05-02")},
+            "later than start",
+        ),
+    ],
+)
+def test_choice_of_observations_is_checked(fields, message):
+    with pytest.raises(InputError, match=message):
+        ObservationChoice(**fields)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"position": "spherical"}, "position must be one of"),
+        ({"range_bias": "APOLLO"}, 'range_bias must be a list of names, "all" or "none"'),
+        ({"time_bias": "some"}, 'time_bias must be a list of names, "all" or "none"'),
+        ({"range_bias": [1]}, "range_bias must be names"),
+        ({"range_bias_sigma_m": 0.0}, "range_bias_sigma_m must be above zero"),
+        ({"time_bias_sigma_s": -1.0}, "time_bias_sigma_s must be above zero"),
+        ({"range_bias_sigma_m": math.inf}, "range_bias_sigma_m must be above zero"),
+        ({"position": "cartesian", "height_prior": HeightPrior(0.0, 1.0)}, 'needs position = "geographic"'),
+        ({"position": "none", "height_prior": HeightPrior(0.0, 1.0)}, 'needs position = "geographic"'),
+        ({"ephemeris_sigma_m": (1.0, 2.0)}, "three numbers"),
+        ({"ephemeris_sigma_m": (1.0, -2.0, 3.0)}, "must not be negative"),
+        ({"weights": "lasting"}, 'weights must be one of "independent", "correlated"'),
+        ({"rejection_sigma": 1.9}, "rejection_sigma must be 2 or more"),
+        ({"rejection_sigma": math.nan}, "rejection_sigma must be 2 or more"),
+    ],
+)
+def test_choice_of_estimate_is_checked(fields, message):
+    with pytest.raises(InputError, match=message):
+        EstimateChoice(**fields)
+
+
+@pytest.mark.parametrize("height_m", [2.1e4, -2.1e4, math.nan, math.inf])
+def test_height_that_the_moon_does_not_have_is_refused(height_m):
+    with pytest.raises(InputError, match="is no height"):
+        HeightPrior(height_m, 1.0)
+
+
+@pytest.mark.parametrize("sigma_m", [0.0, -1.0, math.nan, math.inf])
+def test_height_prior_needs_a_sigma(sigma_m):
+    with pytest.raises(InputError, match="sigma_m must be above zero"):
+        HeightPrior(0.0, sigma_m)
+
+
+def test_terms_are_known_ones():
+    assert ModelChoice(terms=["shapiro"]).terms == {"shapiro"}
+    assert ModelChoice().terms == set(radioloc.measurements.TERMS)
+    with pytest.raises(InputError, match="did you mean 'shapiro'"):
+        ModelChoice(terms=["shapro"])

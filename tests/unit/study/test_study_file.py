@@ -1,0 +1,636 @@
+"""The study file: every key arrives where it belongs, every mistake is a sentence with file, table and key."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import radioloc
+from radioloc import read_study
+from radioloc.errors import InputError
+from radioloc.jobs import read_image_study
+from radioloc.measurements.equipment_delays import StationDelay
+
+TARGET = '[target]\nframe = "ME_DE421"\nlongitude_deg = 3.5\nlatitude_deg = 26.0\nheight_m = -1000.0\n'
+FILES = '[observations]\nfiles = ["d.csv"]\n'
+ITRF = "itrf_m = [-1463998.9085, -5166632.7635, 3435012.8835]\n"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "d.csv").write_text("x", encoding="utf-8")
+    return tmp_path
+
+
+@pytest.fixture
+def read(folder):
+    def read(text):
+        path = folder / "s.toml"
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return read_study(path)
+
+    return read
+
+
+def refused(read, text, message):
+    with pytest.raises(InputError) as caught:
+        read(text)
+    assert message in str(caught.value)
+    assert "s.toml: " in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_every_key_arrives(read, folder):
+    (folder / "eop.txt").write_text("x", encoding="utf-8")
+    study = read(
+        TARGET
+        + """
+[observations]
+files = ["d.csv"]
+targets = "apollo15"
+stations = ["APOLLO", "GRASSE"]
+start = 2006-04-07
+stop = "2006-04-09T12:00:00"
+hours = 12
+extra_sigma_m = 0.02
+vlbi_station_sigma_m = 0.03
+[estimate]
+position = "geographic"
+range_bias = ["APOLLO"]
+range_bias_sigma_m = 0.5
+time_bias = "all"
+time_bias_sigma_s = 1e-6
+height_prior = { height_m = -1900.0, sigma_m = 5.0 }
+ephemeris_sigma_m = [0.1, 0.2, 0.3]
+rejection_sigma = 4
+weights = "correlated"
+[stations.MINE]
+itrf_m = [6378000.0, 0.0, 0.0]
+velocity_m_yr = [0.01, 0.0, 0.0]
+epoch = 2010.0
+aliases = ["9999"]
+[model]
+off = ["shapiro", "pole_tide"]
+ephemeris = "sub/de.bsp"
+libration = "DE421"
+earth_orientation = "eop.txt"
+[reference]
+name = "JPL"
+frame = "PA_DE421"
+position_m = [1554678.949, 98094.118, 765004.906]
+"""
+    )
+    assert study.name == "s"
+    assert study.target.frame == "ME_DE421"
+    assert study.target.selenographic == pytest.approx((3.5, 26.0, -1000.0))
+    chosen = study.observations
+    assert chosen.files == (folder / "d.csv",)
+    assert (chosen.targets, chosen.stations) == (("apollo15",), ("APOLLO", "GRASSE"))
+    assert chosen.start.day_strings()[0] == "2006-04-07"
+    assert chosen.stop.fraction[0] == 0.5
+    assert (chosen.hours, chosen.extra_sigma_m, chosen.vlbi_station_sigma_m) == (12.0, 0.02, 0.03)
+    assert study.estimate == radioloc.study.EstimateChoice(
+        position="geographic",
+        range_bias=("APOLLO",),
+        range_bias_sigma_m=0.5,
+        time_bias="all",
+        time_bias_sigma_s=1e-6,
+        height_prior=radioloc.study.HeightPrior(-1900.0, 5.0),
+        ephemeris_sigma_m=(0.1, 0.2, 0.3),
+        rejection_sigma=4.0,
+        weights="correlated",
+    )
+    assert set(radioloc.measurements.TERMS) - study.model.terms == {"shapiro", "pole_tide"}
+    assert study.model.ephemeris == str(folder / "sub" / "de.bsp")
+    assert study.model.libration == "DE421"
+    assert study.model.earth_orientation == folder / "eop.txt"
+    mine = study.catalogue.get("9999")
+    assert (mine.name, mine.epoch_year, mine.velocity_m_yr.tolist()) == ("MINE", 2010.0, [0.01, 0.0, 0.0])
+    assert (study.reference.name, study.reference.position.frame) == ("JPL", "PA_DE421")
+
+
+def test_defaults_are_those_of_the_records(read, folder):
+    study = read(TARGET + FILES)
+    assert study.estimate == radioloc.study.EstimateChoice()
+    assert study.model == radioloc.study.ModelChoice()
+    assert study.observations == radioloc.study.ObservationChoice(files=(folder / "d.csv",))
+    assert study.reference is None
+    assert study.catalogue is radioloc.StationCatalogue.default()
+
+
+def test_one_number_of_ephemeris_error_stands_for_three(read):
+    assert read(TARGET + FILES + "[estimate]\nephemeris_sigma_m = 2\n").estimate.ephemeris_sigma_m == (
+        2.0,
+        2.0,
+        2.0,
+    )
+
+
+def test_byte_order_mark_is_passed_over(read):
+    assert read(b"\xef\xbb\xbf" + (TARGET + FILES).encode()).name == "s"
+
+
+def test_dates_as_toml_or_as_text_are_the_same(read):
+    forms = ["2006-10-01T06:00:00Z", "2006-10-01T06:00:00", '"2006-10-01 06:00:00"', '"2006-274T06:00:00"']
+    starts = [read(TARGET + FILES + f"start = {form}\n").observations.start for form in forms]
+    assert all((s.jd[0], s.fraction[0]) == (starts[0].jd[0], 0.25) for s in starts)
+
+
+@pytest.mark.parametrize("pattern", ["*.csv", "d.*", "?.csv", "[cd].csv", "./*.csv", "**/d.csv"])
+def test_globs(pattern, read, folder):
+    study = read(TARGET + f'[observations]\nfiles = ["{pattern}"]\n')
+    assert [file.resolve() for file in study.observations.files] == [(folder / "d.csv").resolve()]
+
+
+def test_globs_are_sorted_and_a_file_is_taken_once(read, folder):
+    for name in ("b.csv", "a.csv"):
+        (folder / name).write_text("x", encoding="utf-8")
+    study = read(TARGET + '[observations]\nfiles = ["d.csv", "*.csv", "./d.csv"]\n')
+    assert [file.name for file in study.observations.files] == ["d.csv", "a.csv", "b.csv"]
+
+
+def test_a_name_that_looks_like_a_glob_is_a_name_first(read, folder):
+    (folder / "a[1].csv").write_text("x", encoding="utf-8")
+    study = read(TARGET + '[observations]\nfiles = ["a[1].csv"]\n')
+    assert [file.name for file in study.observations.files] == ["a[1].csv"]
+
+
+@pytest.mark.parametrize("glob", [False, True])
+def test_absolute_names(glob, read, folder):
+    pattern = f"{folder}/{'*' if glob else 'd'}.csv"
+    assert read(TARGET + f'[observations]\nfiles = ["{pattern}"]\n').observations.files == (folder / "d.csv",)
+
+
+@pytest.mark.parametrize("name", ["APOLLO", "7045", "apollo"])
+def test_replaced_station_keeps_its_names_and_its_loading(name, read):
+    study = read(TARGET + FILES + f"[stations.{name}]\n{ITRF}")
+    before = radioloc.StationCatalogue.default().get("GRASSE")
+    ours, theirs = study.catalogue.get("7045"), radioloc.StationCatalogue.default().get("APOLLO")
+    assert ours is study.catalogue.get("APOLLO")
+    assert ours.itrf_m.tolist() == [-1463998.9085, -5166632.7635, 3435012.8835]
+    assert (ours.name, ours.aliases, ours.kind) == (theirs.name, theirs.aliases, theirs.kind)
+    assert ours.ocean_loading is theirs.ocean_loading
+    assert ours.velocity_m_yr is None
+    assert study.catalogue.get("GRASSE") is before
+    assert len(study.catalogue) == len(radioloc.StationCatalogue.default())
+
+
+def test_an_alias_of_a_station_elsewhere_is_refused(read):
+    problem = r"\[stations.Ww\] Ww: WARK12M of the catalogue is also called Ww, and stands \d+ km from here"
+    with pytest.raises(InputError, match=problem):
+        read(TARGET + FILES + f"[stations.Ww]\n{ITRF}")
+
+
+def test_replaced_station_keeps_the_loading_coefficients_it_has(read):
+    loaded = next(s for s in radioloc.StationCatalogue.default() if s.ocean_loading is not None)
+    study = read(TARGET + FILES + f"[stations.{loaded.name}]\nitrf_m = {loaded.itrf_m.tolist()}\n")
+    assert study.catalogue.get(loaded.name).ocean_loading is loaded.ocean_loading
+
+
+def test_station_above_the_ellipsoid_in_an_earlier_frame(read):
+    text = "[stations.dss24]\nlongitude_deg = 116.191\nlatitude_deg = -31.048\nheight_m = 252.0\nframe = 'ITRF2008'\n"
+    station = read(TARGET + FILES + text).catalogue.get("DSS-24")
+    itrf_m = radioloc.earth.itrf_from_geodetic(np.deg2rad(116.191), np.deg2rad(-31.048), 252.0)
+    np.testing.assert_allclose(station.itrf_m, itrf_m, rtol=0.0, atol=1e-9)
+    assert (station.frame, station.velocity_m_yr, station.position_sigma_m) == ("ITRF2008", None, 0.01)
+    assert station.axis_offset_m == 0.0  # as the catalogue has it
+
+
+def test_station_epoch_and_velocity(read):
+    text = f"[stations.APOLLO]\n{ITRF}velocity_m_yr = [0.02, 0.0, 0.0]\nepoch = 2010\n"
+    station = read(TARGET + FILES + text).catalogue.get("7045")
+    tt = radioloc.time.epochs_from_strings("2020-01-01T12:00:00", "TT")
+    assert station.position_at(tt)[0, 0] - station.itrf_m[0] == pytest.approx(0.2, abs=1e-4)
+
+
+@pytest.mark.parametrize("content", [TARGET, TARGET + "[observations]\nfiles = []\nextra_sigma_m = 0.1\n"])
+def test_a_study_without_files_is_for_observations_made_in_python(content, read):
+    refused(
+        lambda text: radioloc.residuals(read(text)),
+        content,
+        "[observations] files is missing; name at least one file",
+    )
+    ranges = radioloc.read_observations("examples/apollo15/apollo15_apollo_2006-2007.csv")[:3]
+    assert len(radioloc.residuals(read(content), ranges).residuals) == 3
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "[target] is missing"),
+        (b"\xff\xfe", "byte 0xff is not UTF-8"),
+        ("[target\n", "not valid TOML"),
+        (b"\x00\x00", "not valid TOML"),
+        ("a = " + "9" * 5000, "not valid TOML"),
+        ("a = " + "[" * 3000, "not valid TOML"),
+        (FILES.replace("observations", "observation") + TARGET, "did you mean 'observations'?"),
+        (TARGET.replace("target", "taget") + FILES, "did you mean 'target'?"),
+        ("[[target]]\n" + FILES, "[target] must be a table"),
+        ("target = 3\n" + FILES, "[target] must be a table, not 3"),
+        (TARGET + FILES + "[refrence]\n", "did you mean 'reference'?"),
+        (TARGET + FILES + "[reference]\n", "[reference] longitude_deg: is missing"),
+        (TARGET + FILES + "[reference]\nname = 3\n", "[reference] name: must be a string"),
+    ],
+)
+def test_file_as_a_whole(content, message, read):
+    refused(read, content, message)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("3.5", "nan", "longitude_deg: must be a finite number, not nan"),
+        ("3.5", "inf", "longitude_deg: must be a finite number, not inf"),
+        ("3.5", "9" * 400, "longitude_deg: must be a finite number"),
+        ("3.5", '"3.5"', "longitude_deg: must be a number, not '3.5'"),
+        ("3.5", "true", "longitude_deg: must be a number, not True"),
+        ("3.5", "361", "longitude_deg = 361.0 is not between -360 and 360"),
+        ("26.0", "90.01", "latitude_deg = 90.01 is not between -90 and 90"),
+        ("-1000.0", "1e6", "height_m = 1000000.0 is no height"),
+        ("longitude_deg", "longitud_deg", "did you mean 'longitude_deg'?"),
+        ("height_m = -1000.0\n", "", "height_m: is missing"),
+        ("height_m", "position_m = [1, 2, 3]\nheight_m", "give either position_m or longitude and latitude"),
+        ("ME_DE421", "IAU", "frame 'IAU' is not known; use PA_DE421 (principal axes) or ME_DE421"),
+        ("ME_DE421", "me_de421", "frame 'me_de421' is not known"),
+        ('"ME_DE421"', "3", "frame: must be a string"),
+    ],
+)
+def test_target(old, new, message, read):
+    refused(read, TARGET.replace(old, new) + FILES, "[target] ")
+    refused(read, TARGET.replace(old, new) + FILES, message)
+
+
+@pytest.mark.parametrize(
+    ("position", "message"),
+    [
+        ("[1554.6, 98.0, 765.0]", "are the coordinates in metres?"),
+        ("[1554.6, 98.0]", "must be a list of three numbers"),
+        ('"here"', "must be a list of three numbers"),
+        ("[nan, 0.0, 0.0]", "must be a finite number"),
+    ],
+)
+def test_cartesian_target(position, message, read):
+    refused(read, f"[target]\nposition_m = {position}\n" + FILES, message)
+
+
+NO_FILES = """
+[""] | 3 | [3] | ["no.csv"] | ["no*.csv"] | ["."] | ["**x"] | ["/"] | ["///"] | ["\\u0000"]
+| ["/no/such/*.csv"] | ["..."] | ["[a"] | [["d.csv"]] | {}
+"""
+
+
+@pytest.mark.parametrize("files", [text.strip() for text in NO_FILES.split("|")])
+def test_files(files, read):
+    refused(read, TARGET + f"[observations]\nfiles = {files}\n", "[observations] files: ")
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("targets = []", "targets names none"),
+        ("stations = []", "stations names none"),
+        ("targets = 3", "targets: must be a list of strings"),
+        ("targets = [3]", "targets: must be a list of strings"),
+        ('stations = ""', "stations: must be a list of strings that are not empty"),
+        ('start = "2007-13-01"', "start: '2007-13-01' is not a date that exists"),
+        ("start = 2006-10-01T00:00:00+02:00", "start: '2006-10-01T00:00:00+02:00' is not a date"),
+        ("start = 10:00:00", "start: '10:00:00' is not a date"),
+        ("start = 3", "start: must be a UTC date, not 3"),
+        ("stop = [2006-10-01]", "stop: must be a UTC date"),
+        ("stop = true", "stop: must be a UTC date, not True"),
+        ('start = ""', "start: '' is not a date"),
+        ('start = "2007-01-01"\nstop = "2006-01-01"', "stop must be later than start"),
+        ('start = "2007-01-01"\nstop = "2007-01-01"', "stop must be later than start"),
+        ("hours = 0", "hours must be above zero, not 0.0"),
+        ("hours = -1", "hours must be above zero"),
+        ("hours = nan", "hours: must be a finite number"),
+        ('hours = "3"', "hours: must be a number"),
+        ("extra_sigma_m = -1", "extra_sigma_m must not be negative"),
+        ("vlbi_station_sigma_m = -1", "vlbi_station_sigma_m must not be negative"),
+        ("hourz = 3", "did you mean 'hours'?"),
+    ],
+)
+def test_observations(line, message, read):
+    refused(read, TARGET + FILES + line + "\n", "[observations] ")
+    refused(read, TARGET + FILES + line + "\n", message)
+
+
+def test_misspelt_files_is_not_called_missing(read):
+    refused(read, TARGET + FILES.replace("files", "file"), "'file' is not known; did you mean 'files'?")
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ('position = "round"', 'position must be one of "geographic", "cartesian", "none"'),
+        ("position = 3", "position: must be a string"),
+        ('range_bias = "some"', 'must be a list of names, "all" or "none"'),
+        ("range_bias = 3", "range_bias must be"),
+        ('range_bias = [""]', "range_bias must be"),
+        ("range_bias_sigma_m = 0", "range_bias_sigma_m must be above zero"),
+        ("range_bias_sigma_m = inf", "range_bias_sigma_m must be above zero"),
+        ("time_bias_sigma_s = -1", "time_bias_sigma_s must be above zero"),
+        ('ephemeris_sigma_m = "a"', "ephemeris_sigma_m: must be a number"),
+        ("ephemeris_sigma_m = [1, 2]", "ephemeris_sigma_m: must be a list of three numbers"),
+        ("ephemeris_sigma_m = [1, 2, -3]", "ephemeris_sigma_m must not be negative"),
+        ("ephemeris_sigma_m = -1", "ephemeris_sigma_m must not be negative"),
+        ("rejection_sigma = 1", "rejection_sigma must be 2 or more"),
+        ("foo = 1", "'foo' is not known"),
+        ("height_prior = 3", "[estimate.height_prior] must be a table"),
+        ("height_prior = {}", "[estimate.height_prior] height_m: is missing"),
+        ("height_prior = { height_m = 0 }", "[estimate.height_prior] sigma_m: is missing"),
+        (
+            "height_prior = { height_m = 1e9, sigma_m = 1 }",
+            "[estimate.height_prior] height_m = 1000000000.0 is no",
+        ),
+        (
+            "height_prior = { height_m = 0, sigma_m = 0 }",
+            "[estimate.height_prior] sigma_m must be above zero",
+        ),
+        (
+            'height_prior = { height_m = 0, sigma_m = 1, dem = "d.csv" }',
+            "[estimate.height_prior] height_m: give either dem or height_m, not both",
+        ),
+        (
+            'height_prior = { height_m = 0, sigma_m = 1, interpolation = "bilinear" }',
+            "[estimate.height_prior] interpolation: belongs to a terrain model; name one as dem",
+        ),
+        ("height_prior = { height_m = 0, sigma_m = 1, x = 3 }", "[estimate.height_prior] 'x' is not known"),
+        ("range_bias_sigma_m = 10", "[estimate] range_bias_sigma_m needs range_bias"),
+        ("clock_rate_sigma_s_s = 1e-13", "clock_rate_sigma_s_s needs clock_rate"),
+        ('range_bias_per = "pass"', "[estimate] range_bias_per needs range_bias"),
+        ('position = "none"\nheight_prior = { height_m = 0, sigma_m = 1 }', 'needs position = "geographic"'),
+    ],
+)
+def test_estimate(line, message, read):
+    refused(read, TARGET + FILES + "[estimate]\n" + line + "\n", message)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ('off = ["shapro"]', "off: 'shapro' is not a term of the model (did you mean 'shapiro'?)"),
+        ("off = [3]", "off: must be a list of strings"),
+        ("off = 3", "off: must be a list of strings"),
+        ("ephemeris = 3", "ephemeris: must be a string"),
+        ('libration = ""', "libration: must be a string that is not empty"),
+        ('earth_orientation = "no.txt"', "earth_orientation: 'no.txt' matches no file in "),
+        ('earth_orientation = "."', "earth_orientation: '.' is a directory"),
+        ("terms = []", "'terms' is not known"),
+    ],
+)
+def test_model(line, message, read):
+    refused(read, TARGET + FILES + "[model]\n" + line + "\n", "[model] ")
+    refused(read, TARGET + FILES + "[model]\n" + line + "\n", message)
+
+
+def test_delays_of_equipment(read):
+    lines = "[model]\ntransponder_delay_s = 1.2e-6\n"
+    lines += "station_delay_s = { 7045 = { receive = 2e-8 }, KASHI = { transmit = 3e-8 } }\n"
+    delays = read(TARGET + FILES + lines).model.delays
+    assert delays.transponder_s == 1.2e-6
+    assert dict(delays.stations) == {"APOLLO": StationDelay(receive_s=2e-8), "KASHI": StationDelay(3e-8)}
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        (
+            "transponder_delay_s = 1.2",
+            "[model] transponder_delay_s: 1.2 is no delay of equipment; give seconds",
+        ),
+        ("station_delay_s = 3e-8", "[model.station_delay_s] must be a table"),
+        ("station_delay_s = { KASHI = 3e-8 }", "[model.station_delay_s.KASHI] must be a table"),
+        (
+            "station_delay_s = { KASHI = { transmit = -1 } }",
+            "[model.station_delay_s.KASHI] transmit_s: -1.0 is no",
+        ),
+        ("station_delay_s = { KASHI = { send = 1 } }", "'send' is not known"),
+        ("station_delay_s = { ATLANTIS = { transmit = 1e-8 } }", "[model] station_delay_s: "),
+        ("station_delay_s = { APOLLO = {}, 7045 = {} }", "7045 is another name of APOLLO"),
+    ],
+)
+def test_what_are_no_delays(line, message, read):
+    refused(read, TARGET + FILES + "[model]\n" + line + "\n", message)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[stations]\nX = 3\n", "[stations.X] must be a table, not 3"),
+        ("[stations.X]\n", "[stations.X] itrf_m: is missing"),
+        (
+            "[stations.X]\nlatitude_deg = 5\nheight_m = 3\n",
+            "[stations.X] latitude_deg: a position above the ellipsoid is longitude_deg, latitude_deg, height_m",
+        ),
+        (
+            "[stations.X]\nlatitude_deg = 5\n" + ITRF,
+            "[stations.X] itrf_m: give either itrf_m or longitude_deg",
+        ),
+        ("[stations.X]\nframe = 'ED50'\n" + ITRF, '[stations.X] frame must be one of "ITRF2020", "ITRF2014"'),
+        ("[stations.GRASSE]\nframe = 'ITRF93'\n", "[stations.GRASSE] itrf_m: is missing"),
+        ("[stations.X]\nitrfm = [1, 2, 3]\n", "[stations.X] 'itrfm' is not known; did you mean 'itrf_m'?"),
+        ("[stations.X]\nitrf_m = [1, 2]\n", "[stations.X] itrf_m: must be a list of three numbers"),
+        ("[stations.X]\nitrf_m = [1, 2, 3]\n", "[stations.X] station X is 3.74166 m from the geocentre"),
+        ('[stations.""]\n' + ITRF, "a station needs a name"),
+        ("[stations.X]\nepoch = 51544\n" + ITRF, "[stations.X] epoch: must be a Julian year such as 2010.0"),
+        ('[stations.X]\nepoch = "2000"\n' + ITRF, "[stations.X] epoch: must be a number"),
+        (
+            "[stations.X]\nvelocity_m_yr = [-14.5, 1.2, 3.2]\n" + ITRF,
+            "[stations.X] velocity_m_yr: no station moves",
+        ),
+        (
+            '[stations.X]\naliases = ["7045"]\n' + ITRF,
+            "[stations.X] stations APOLLO and X are both called '7045'",
+        ),
+    ],
+)
+def test_stations(text, message, read):
+    refused(read, TARGET + FILES + text, message)
+
+
+def test_no_file_and_no_folder(tmp_path):
+    with pytest.raises(InputError, match=r"no.toml: there is no such study file"):
+        read_study(tmp_path / "no.toml")
+    with pytest.raises(InputError, match=r"is a directory; give the study file in it"):
+        read_study(tmp_path)
+    (tmp_path / "a").write_text("x", encoding="utf-8")
+    with pytest.raises(InputError, match=r"the study file cannot be read: Not a directory"):
+        read_study(tmp_path / "a" / "b.toml")
+
+
+def test_examples_are_studies():
+    examples = sorted((Path(__file__).resolve().parents[3] / "examples").glob("*/*.toml"))
+    assert examples
+    for example in examples:
+        if "[positions." in example.read_text():
+            continue  # published positions, for `radioloc compare`
+        if example.parent.name in ("images", "stereo"):
+            read_image_study(example)
+            continue
+        study = read_study(str(example))
+        if isinstance(study.target, radioloc.LunarPosition):
+            assert np.linalg.norm(study.target.xyz_m) == pytest.approx(1.7374e6, rel=0.01)
+
+
+def test_axes_of_antennas(tmp_path):
+    text = """
+[target]
+longitude_deg = 3.5
+latitude_deg = 26.0
+height_m = -1000.0
+
+[observations]
+files = ["data.csv"]
+
+[stations.KASHI]
+axis_offset_m = 1.2
+mount = "equatorial"
+aliases = ["K9"]
+
+[stations.KUNMING]
+itrf_m = [-1281152.0, 5640864.0, 2682653.0]
+"""
+    (tmp_path / "data.csv").touch()
+    file = tmp_path / "axes.toml"
+    file.write_text(text)
+    catalogue = read_study(file).catalogue
+    kashi, kunming = catalogue["K9"], catalogue["KUNMING"]
+    default = radioloc.StationCatalogue.default()
+    assert (kashi.name, kashi.axis_offset_m, kashi.mount, kashi.quality) == (
+        "KASHI",
+        1.2,
+        "equatorial",
+        "rounded",
+    )
+    assert kashi.itrf_m.tolist() == default["KASHI"].itrf_m.tolist()
+    assert set(default["KASHI"].aliases) < set(kashi.aliases)
+    assert kunming.axis_offset_m == -0.0031
+    assert kunming.itrf_m[0] == -1281152.0
+    for old, new, words in (
+        ("equatorial", "altaz", r"\[stations\.KASHI\] .*mount 'altaz' is not one of"),
+        ("1.2", "1200", r"\[stations\.KASHI\] .*no antenna has an axis offset of 1200"),
+        ("[stations.KASHI]", "[stations.MINE]", r"\[stations\.MINE\] itrf_m: is missing"),
+        ("mount =", "epoch = 2010.0\nmount =", r"\[stations\.KASHI\] itrf_m: is missing"),
+    ):
+        file.write_text(text.replace(old, new, 1))
+        with pytest.raises(InputError, match=words):
+            read_study(file)
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        ("[estimate]\nclock_rate = 1e-14", "[estimate] clock_rate must be a list of names"),
+        ("[estimate]\nclock_rate = 1e-14", "clock_rate_s_s, its sigma to clock_rate_sigma_s_s"),
+        ("[estimate]\nclock_rate = { KASHI = 1e-14 }", "its sigma to clock_rate_sigma_s_s"),
+        ("[estimate]\ntime_bias = 1e-6", "belongs to time_bias_s, its sigma to time_bias_sigma_s"),
+        ('[estimate]\nzenith_delay_m = ["KASHI"]', "zenith_delay says whose it is"),
+        ('[estimate]\nclock_sigma_s = "all"', "clock says whose it is"),
+        ("[estimate]\nweights = [{ sigma_m = 1.0 }]", "belong to [[observations.weights]]"),
+        (FILES + "sigma_m = 1.0", "in place of stated ones belongs to [[observations.weights]]"),
+        (FILES + "extra_sigma_m = { range = 1.0 }", "station or file belongs to [[observations.weights]]"),
+        (FILES + 'weights = "correlated"', "is in [estimate] weights"),
+        (FILES + "[[observations.weights]]\nsigma_m = { range = 1.0 }", "belong to [observations] sigma_m"),
+        ('[simulation.truth]\nclock_rate_s_s = ["APOLLO"]', "is said in [estimate] clock_rate"),
+        ('[simulation.truth]\nrange_bias_m = "all"', "is said in [estimate] range_bias"),
+        ('[simulation.truth_sigma]\nclock_s = ["APOLLO"]', "is said in [estimate] clock"),
+    ],
+)
+def test_what_belongs_to_another_key_is_told_where(tables, words, read):
+    session = (
+        '[simulation.sessions.night]\nkind = "range"\nstations = ["APOLLO"]\nstart = 2006-04-07\n'
+        "stop = 2006-04-08\nstep_s = 60\nsigma_m = 0.02\n"
+    )
+    files = "" if FILES in tables else FILES
+    with pytest.raises(InputError) as caught:
+        read(TARGET + files + tables + "\n" + session)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            TARGET + FILES + "rejection_sigma = 4",
+            "[observations] 'rejection_sigma' is not known; it belongs to [estimate]",
+        ),
+        (
+            TARGET + FILES + "[estimate]\nextra_sigma_m = 1",
+            "'extra_sigma_m' is not known; it belongs to [observations]",
+        ),
+        (TARGET + FILES + '[estimate]\noff = "shapiro"', "'off' is not known; it belongs to [model]"),
+        ("hours = 3\n" + TARGET + FILES, "'hours' is not known; it belongs to [observations]"),
+        # Two tables have weights: neither is meant more than the other.
+        (TARGET + FILES + '[model]\nweights = "correlated"', "[model] 'weights' is not known; the keys are"),
+    ],
+)
+def test_keys_of_another_table_are_told_where(text, message, read):
+    with pytest.raises(InputError) as caught:
+        read(text)
+    assert message in str(caught.value)
+
+
+SITE = "longitude_deg = 3.5\nlatitude_deg = 26.0\nheight_m = -1000.0\n"
+TWO = f"[targets.lander]\n{SITE}[targets.rover]\n{SITE.replace('3.5', '3.6')}"
+
+
+def test_several_targets(read):
+    study = read(TWO + FILES)
+    assert list(study.targets) == ["lander", "rover"]
+    assert study.target is study.targets["lander"]
+    assert study.targets["rover"].selenographic[0] == pytest.approx(3.6)
+    assert replace(study, name="again").targets == study.targets
+    assert read(TARGET + FILES).targets == {}
+    assert list(read(f"[targets.AP15]\n{SITE}" + FILES).targets) == ["apollo15"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (TARGET + TWO + FILES, "[target] and [targets] exclude each other"),
+        ("[targets]\n" + FILES, "[targets] names none"),
+        ("[targets.rover]\nlongitude_deg = 3\n" + FILES, "[targets.rover] latitude_deg: is missing"),
+        (TWO + f"[targets.ap15]\n{SITE}[targets.apollo15]\n{SITE}" + FILES, "is another name of apollo15"),
+        (TWO + FILES + f"[reference]\n{SITE}", "[reference] is compared with one position"),
+    ],
+)
+def test_several_targets_are_checked(text, message, read):
+    refused(read, text, message)
+
+
+def test_considered_parameters(read):
+    lines = (
+        '[estimate]\nrange_bias = ["KASHI"]\n[consider]\nrange_bias = ["APOLLO"]\nrange_bias_sigma_m = 0.5\n'
+    )
+    study = read(TARGET + FILES + lines + "ut1 = true\nut1_sigma_s = 1e-5\n")
+    assert study.consider["range_bias"].names == ("APOLLO",)
+    assert (study.consider["ut1"].names, study.consider["ut1"].sigma) == ("all", 1e-5)
+    assert read(TARGET + FILES).consider == {}
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ("love_numbers = true", "[consider] love_numbers_sigma is missing"),
+        (
+            'range_bias = ["A", "B"]\nrange_bias_sigma_m = { A = 1 }',
+            "[consider] range_bias_sigma_m of B is missing",
+        ),
+        ("range_bias_m = 3", "[consider] range_bias says whose is considered"),
+        ('range_bias = ["7045"]\nrange_bias_sigma_m = 1', "[consider] range_bias: APOLLO is in [estimate]"),
+        ("defaults = 1", "[consider] defaults: must be true or false"),
+        ("range_bais = 1", "[consider] 'range_bais' is not known; did you mean 'range_bias'?"),
+    ],
+)
+def test_considered_parameters_are_checked(lines, message, read):
+    refused(
+        read, TARGET + FILES + '[estimate]\nrange_bias = ["APOLLO"]\n[consider]\n' + lines + "\n", message
+    )
+
+
+@pytest.mark.parametrize(("longitude_deg", "to_360"), [("3.5", False), ("-51.9", False), ("308.1", True)])
+def test_longitudes_are_counted_as_the_study_does(longitude_deg, to_360, read):
+    assert read(TARGET.replace("3.5", longitude_deg) + FILES).longitude_to_360 is to_360

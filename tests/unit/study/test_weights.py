@@ -1,0 +1,186 @@
+"""Sigmas changed by type, station and file."""
+
+import math
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import radioloc
+from radioloc import Observations
+from radioloc.earth.stations import StationCatalogue
+from radioloc.errors import InputError
+from radioloc.jobs.station_noise import stated_noise
+from radioloc.measurements import Link
+from radioloc.measurements.registry import KINDS
+from radioloc.study import ObservationChoice
+from radioloc.study.weights import Weight, require_stations, weighted_observations
+from radioloc.time import Epochs
+
+ROOT = Path(__file__).resolve().parents[3]
+CATALOGUE = StationCatalogue.default()
+# Sums of squares, and products.
+ROUNDING = 1e-15
+
+
+def observations():
+    links = (Link("KASHI", "x", "KASHI"), Link("KASHI", "x", "JIAMUSI"), Link("SESHAN25", "x", "KASHI", True))
+    return Observations.from_columns(
+        epoch=Epochs.from_jd(2459185.5, np.linspace(0.0, 0.5, 4), "UTC"),
+        links=links,
+        link=[0, 1, 2, 1],
+        kind=[0, 0, 1, 0],
+        tag=1,
+        value_m=[7.5e8, 7.5e8, 1e6, 7.6e8],
+        sigma_m=[1.0, 2.0, 3.0, 4.0],
+        files=("data/a.csv", "data/b.tdm"),
+        file=[0, 0, 1, 1],
+    )
+
+
+@pytest.mark.parametrize(
+    ("weights", "expected_m"),
+    [
+        ([], [1, 2, 3, 4]),
+        ([Weight(type="range", sigma_m=5.0)], [5, 5, 3, 5]),
+        ([Weight(stations=["JIAMUSI"], factor=2.0)], [1, 4, 3, 8]),
+        ([Weight(stations="KASHI", type=["vlbi_delay"], extra_sigma_m=4.0)], [1, 2, 5, 4]),
+        ([Weight(files="b.*", factor=10.0)], [1, 2, 30, 40]),
+        ([Weight(files="data/*.csv", sigma_m=0.1)], [0.1, 0.1, 3, 4]),
+        ([Weight(sigma_m=1.0, factor=3.0, extra_sigma_m=4.0)], [5, 5, 5, 5]),
+        ([Weight(factor=2.0), Weight(type="range", factor=2.0)], [4, 8, 6, 16]),
+        ([Weight(sigma_m=9.0), Weight(files="a.csv", sigma_m=1.0)], [1, 1, 9, 9]),
+    ],
+)
+def test_entries_apply_in_order_where_all_selectors_hold(weights, expected_m):
+    given = observations()
+    found = weighted_observations(given, weights, CATALOGUE)
+    np.testing.assert_allclose(found.sigma_m, expected_m, rtol=ROUNDING)
+    np.testing.assert_array_equal(given.sigma_m, [1, 2, 3, 4])
+    np.testing.assert_array_equal(found.value_m, given.value_m)
+    assert not found.sigma_m.flags.writeable
+
+
+@pytest.mark.parametrize(
+    ("weight", "words"),
+    [
+        (
+            Weight(type="doppler", factor=2.0),
+            "number 2 .doppler: times 2. holds for no observation; .* by JIAMUSI",
+        ),
+        (Weight(type="vlbi_delay", stations="JIAMUSI", factor=2.0), "holds for no observation"),
+        (Weight(stations="ATLANTIS", factor=2.0), "number 2 .*ATLANTIS"),
+        (Weight(files="*.xml", factor=2.0), "holds for no observation"),
+        (Weight(factor=1e307), "no float can hold"),
+    ],
+)
+def test_what_cannot_be_applied_is_an_error(weight, words):
+    with pytest.raises(InputError, match=words):
+        weighted_observations(observations(), [Weight(factor=100.0), weight], CATALOGUE)
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"type": "ranging", "factor": 2.0}, "type must be one of .*, not 'ranging'"),
+        ({"type": "range"}, "changes nothing; give sigma_m, factor or extra_sigma_m"),
+        ({"stations": [], "factor": 2.0}, "stations names none"),
+        ({"factor": 0.0}, "factor must be above zero"),
+        ({"sigma_m": math.nan}, "sigma_m must be above zero"),
+        ({"extra_sigma_m": -1.0}, "extra_sigma_m must be above zero"),
+    ],
+)
+def test_entries_that_cannot_be(fields, words):
+    with pytest.raises(InputError, match=words):
+        Weight(**fields)
+
+
+def test_sigmas_of_vlbi_stations_by_name():
+    arc = SimpleNamespace(
+        places=None,
+        stations=("SESHAN25", "KUNMING", "URUMQI"),
+        transmitters=np.array([0, 0, 1]),
+        receivers=np.array([1, 2, 2]),
+        model=SimpleNamespace(catalogue=CATALOGUE),
+        observations=SimpleNamespace(
+            epoch=Epochs.from_jd(2459185.5, np.full(3, 0.5), "UTC"),
+            kind=np.full(3, KINDS.index("vlbi_delay")),
+            sigma_m=np.ones(3),
+        ),
+    )
+    noise = stated_noise(arc, ObservationChoice(vlbi_station_sigma_m={"KUNMING": 2.0, "URUMQI": 3.0}))
+    weight = np.vstack(list(noise.among().whitened(lambda rows: np.eye(3)[rows])))
+    # Errors of stations 0, 1, 2 in delays 0-1, 0-2, 1-2.
+    expected = np.eye(3) + np.array([[4, 0, -4], [0, 9, 9], [-4, 9, 13]])
+    np.testing.assert_allclose(np.linalg.inv(weight.T @ weight), expected, rtol=0.0, atol=1e-12)
+    with pytest.raises(InputError, match=r"vlbi_station_sigma_m.*ATLANTIS"):
+        stated_noise(arc, ObservationChoice(vlbi_station_sigma_m={"ATLANTIS": 1.0}))
+    with pytest.raises(InputError, match=r"vlbi_station_sigma_m\.URUMQI must not be negative"):
+        ObservationChoice(vlbi_station_sigma_m={"URUMQI": -1.0})
+
+
+def test_a_noise_of_a_station_without_observations_is_an_error():
+    require_stations(observations(), "vlbi_station_sigma_m", ["SESHAN25", "KASHI"], CATALOGUE)
+    with pytest.raises(
+        InputError, match=r"vlbi_station_sigma_m: no observation by URUMQI; .* by JIAMUSI, KASHI"
+    ):
+        require_stations(observations(), "vlbi_station_sigma_m", ["URUMQI"], CATALOGUE)
+    with pytest.raises(InputError, match=r"vlbi_station_sigma_m: .*ATLANTIS"):
+        require_stations(observations(), "vlbi_station_sigma_m", ["ATLANTIS"], CATALOGUE)
+
+
+def test_from_the_study_file_to_card_and_provenance(tmp_path):
+    source = radioloc.read_study(ROOT / "examples" / "apollo15" / "apollo15.toml")
+    [data, *_] = source.observations.files
+    text = f"""
+[target]
+longitude_deg = 3.62837
+latitude_deg = 26.13333
+height_m = -1922.9
+[observations]
+files = "{data.resolve()}"
+[[observations.weights]]
+type = "range"
+stations = "APOLLO"
+factor = 3
+[[observations.weights]]
+files = "apollo15*"
+extra_sigma_m = 0.02
+"""
+    file = tmp_path / "s.toml"
+    file.write_text(text)
+    study = radioloc.read_study(file)
+    found = radioloc.residuals(study)
+    stated_m = radioloc.read_observations(data).sigma_m
+    np.testing.assert_allclose(found.residuals.sigma_m, np.hypot(3.0 * stated_m, 0.02), rtol=ROUNDING)
+    assert found.provenance["weights"] == [
+        {"type": ("range",), "stations": ("APOLLO",), "factor": 3.0},
+        {"files": ("apollo15*",), "extra_sigma_m": 0.02},
+    ]
+    card = " ".join(str(found).split())
+    assert "sigmas changed: range, APOLLO: times 3; apollo15*: plus 0.02 m" in card
+
+
+@pytest.mark.parametrize(
+    ("entry", "words"),
+    [
+        ('weights = "range"', r"\[observations\] weights: must be a list of tables"),
+        ("weights = [3]", r"\[observations.weights\] must be a table"),
+        ('weights = [{ type = "range", sigma = 3 }]', "'sigma' is not known; did you mean 'sigma_m'"),
+        (
+            'weights = [{ type = "range", factor = -3 }]',
+            r"\[observations.weights\] factor must be above zero",
+        ),
+        ('vlbi_station_sigma_m = { KUNMING = "a" }', "vlbi_station_sigma_m.KUNMING: must be a number"),
+    ],
+)
+def test_mistakes_in_the_study_file(tmp_path, entry, words):
+    (tmp_path / "a.csv").write_text("x")
+    file = tmp_path / "s.toml"
+    file.write_text(
+        "[target]\nlongitude_deg = 3\nlatitude_deg = 26\nheight_m = 0\n"
+        f'[observations]\nfiles = "a.csv"\n{entry}\n'
+    )
+    with pytest.raises(InputError, match=words):
+        radioloc.read_study(file)

@@ -55,11 +55,8 @@ def _product(weights: Floats, values: Floats) -> Floats:
 
 @compiled()
 def _path(y: Floats, h: float, at: Floats, once: Floats, twice: Floats, rates: Floats) -> Floats:
-    """State and partials at places of a step, which goes from -1 to 1, shape (len(at), len(y)).
-
-    `rates` are the accelerations of state and partials, shape (NODES, len(y) / 2), and `once` and `twice` their
-    integrals up to these places.
-    """
+    """Return state and partials at places `at` of a step from -1 to 1, shape (len(at), len(y))."""
+    # `rates`: accelerations of state and partials, (NODES, len(y) / 2); `once`, `twice`: their integrals up to `at`.
     speeds, moved = _product(once, rates), _product(twice, rates)
     out = np.empty((len(at), len(y)))
     half = 0.5 * h
@@ -98,21 +95,9 @@ def _moved(before: Floats, now: Floats) -> float:
 def _flight(
     y: Floats, h: float, sky: Floats, guess: Floats, data: ForceData, method: Collocation, tolerance_m: float
 ) -> tuple[bool, Floats, Floats, Floats, Floats]:
-    """The state in a step, where `guess` is the acceleration by all but the central term.
-
-    Returns
-    -------
-    found : bool
-        Whether the iteration came to an end.
-    path : ndarray, shape (NODES + 1, 6)
-        At the nodes and at the end.
-    rates : ndarray, shape (NODES, 3)
-        Accelerations at the nodes.
-    parts : ndarray, shape (NODES, len(PARTS), 3)
-        Of these.
-    guess : ndarray, shape (3,)
-        For the next step.
-    """
+    """Solve for the state in a step; `guess` is the acceleration by all but the central term."""
+    # Returns whether the iteration converged; the path at the nodes and the end, (NODES + 1, 6); the accelerations at
+    # the nodes, (NODES, 3), and their parts, (NODES, len(PARTS), 3); the guess for the next step, (3,).
     rates, others, parts = np.zeros((NODES, 3)), np.empty((NODES, 3)), np.empty((NODES, len(PARTS), 3))
     for i in range(NODES):
         put(others[i], guess)
@@ -147,11 +132,8 @@ def _flight(
 
 @compiled()
 def _carried(y: Floats, h: float, by_state: Floats, sources: Floats, method: Collocation) -> Floats:
-    """Accelerations of partials y at the nodes, shape (NODES, len(y) / 2).
-
-    `by_state` are partials of the acceleration by the state, shape (NODES, 3, 6), `sources` by the parameters
-    themselves, shape (NODES, len(y) / 2).
-    """
+    """Return the accelerations of partials y at the nodes, shape (NODES, len(y) / 2)."""
+    # Partials of the acceleration: `by_state`, (NODES, 3, 6); `sources`, by the parameters, (NODES, len(y) / 2).
     rates = sources.copy()
     for _ in range(_ITERATIONS):
         path = _path(y, h, method.ends, method.once, method.twice, rates)
@@ -206,23 +188,9 @@ def integrate(
     method: Collocation,
     tolerance: Tolerance,
 ) -> tuple[int, Floats, Floats, float]:
-    """Integrate from a start to an end, in either direction, s.
-
-    Parameters
-    ----------
-    start, end, first_step : float
-    y : ndarray, shape (n,)
-        State and partials at the start, 6 numbers each.
-
-    Returns
-    -------
-    status : int
-    states : ndarray, shape (n_steps + 1, 1 + n)
-        Time, state and partials at the ends of the steps; after one that meets the ground, the time when it does.
-    dense : ndarray, shape (n_steps, NODES * n / 2)
-        For :func:`interpolate`.
-    next_step : float
-    """
+    """Integrate state and partials y, shape (n,), 6 numbers each, from a start to an end, in either direction, s."""
+    # Returns the status; time, state and partials at the ends of the steps, (n_steps + 1, 1 + n), the last where the
+    # path meets the ground; the series for `interpolate`, (n_steps, NODES * n / 2); the next step, s.
     n, sign = len(y), 1.0 if end > start else -1.0
     t, h = start, sign * abs(first_step)
     count = 0

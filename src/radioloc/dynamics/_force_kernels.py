@@ -122,11 +122,8 @@ def _oblate(r: Floats, gm: float) -> Floats:
 
 @compiled()
 def _post_newtonian(r: Floats, v: Floats, first: int, places: Floats, speeds: Floats, gm: Floats) -> Floats:
-    """Acceleration beyond Newton's by the bodies (Moon, Earth, Sun) from `first` on (Moyer 2003, eq. 4-26).
-
-    Without the terms by the accelerations of the bodies, below 1e-12 m/s^2, and the planets, whose potential changes
-    the Moon's GM by 1e-11.
-    """
+    """Acceleration beyond Newton's by the bodies (Moon, Earth, Sun) from `first` on (Moyer 2003, eq. 4-26)."""
+    # Left out: accelerations of the bodies, below 1e-12 m/s^2; planets, whose potential changes the Moon's GM by 1e-11.
     out = np.zeros(3)
     potential = 0.0
     for j in range(first, 3):
@@ -185,12 +182,9 @@ def _sunlight(r: Floats, sun: Floats, earth: Floats) -> Floats:
 
 @compiled()
 def _moonlight(r: Floats, sun: Floats) -> Floats:
-    """Acceleration by what the Moon reflects and radiates, for a radiation coefficient of 1 m^2/kg.
-
-    The ground gives back all sunlight at once and evenly (Lambert): so much is reflected as is not radiated. Its
-    radiance is summed over directions of equal solid angle, the middle and rings around it as in Knocke, Ries and
-    Tapley (1988), AIAA 88-4292.
-    """
+    """Return the acceleration by light and heat from the Moon, for a radiation coefficient of 1 m^2/kg."""
+    # The ground returns all sunlight at once and evenly (Lambert): what it does not reflect, it radiates. The
+    # radiance is summed over directions of equal solid angle, a middle and rings (Knocke et al. 1988, AIAA 88-4292).
     distance = math.sqrt(dot(r, r))
     sun_m = math.sqrt(dot(sun, sun))
     up, to_sun = unit(r), unit(sun)
@@ -327,10 +321,8 @@ def _add_point_mass(out: Floats, to: Floats, gm: float) -> None:
 
 @compiled()
 def _gradient(r: Floats, sky: Floats, data: ForceData) -> Floats:
-    """Partials of the acceleration by position: central term, harmonics, tides and point masses.
-
-    Those of light, relativity and the figures are below 1e-7 of the central one.
-    """
+    """Partials of the acceleration by position: central term, harmonics, tides and point masses."""
+    # Those of light, relativity and the figures are below 1e-7 of the central one.
     out = np.zeros((3, 3))
     _add_point_mass(out, r, data.gm[0])
     if data.on[HARMONICS]:
@@ -395,22 +387,9 @@ def _acts_by_state(given: Floats) -> bool:
 def variations(
     y: Floats, sky: Floats, parts: Floats, columns: NDArray[np.int64], data: ForceData
 ) -> tuple[Floats, Floats]:
-    """Partials of the acceleration at a state, whose :func:`accelerations` are `parts`.
-
-    Parameters
-    ----------
-    y, sky, parts : ndarray
-    columns : ndarray, shape (n_columns, 2)
-        Of each parameter the part that it scales, or -1 for those of the state at an epoch; of the given accelerations
-        also their row and component, row * COMPONENTS + component.
-    data : ForceData
-
-    Returns
-    -------
-    by_state : ndarray, shape (3, 6)
-    by_parameters : ndarray, shape (n_columns, 3)
-        With the state held.
-    """
+    """Return partials of the acceleration by the state, (3, 6), and by parameters, (n_columns, 3), the state held."""
+    # `parts`: the accelerations at y; `columns`: of each parameter the part that it scales, or -1 for the state at an
+    # epoch, and of given accelerations row * COMPONENTS + component.
     r, v = y[:3], y[3:]
     by_state = np.zeros((3, 6))
     if _acts_by_state(data.given):

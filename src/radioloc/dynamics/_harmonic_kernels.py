@@ -22,23 +22,9 @@ Floats = NDArray[np.float64]
 
 @compiled()
 def harmonic_sums(x: float, y: float, z: float, radius: float, series: Floats, recursion: Floats) -> Floats:
-    """Several series of solid harmonics at one point.
-
-    Parameters
-    ----------
-    x, y, z : float
-        Point, in the unit of `radius`.
-    radius : float
-        Reference radius R.
-    series : ndarray, shape (n_degrees, 2 k, n_degrees)
-        By degree, series and order: the factors of the cosines of all `k` series, then those of the sines.
-    recursion : ndarray, shape (2, n_degrees, n_degrees) or larger
-        :func:`radioloc.dynamics.gravity.recursion`.
-
-    Returns
-    -------
-    ndarray, shape (k,)
-    """
+    """Sum several series of solid harmonics at one point, shape (k,)."""
+    # `series`, (n_degrees, 2 k, n_degrees), by degree, series and order: factors of all cosines, then of all sines.
+    # `recursion` is that of `gravity.recursion`, or a larger one; the point and the reference radius have one unit.
     n_sums = series.shape[1]
     r2 = x * x + y * y + z * z
     r = math.sqrt(r2)

@@ -210,19 +210,8 @@ def _permanent_tide(field: GravityField) -> Floats:
 def body_table(
     ephemeris: Ephemeris, libration: LunarOrientation, frame: str, epoch: Epochs, span_s: tuple[float, float]
 ) -> tuple[NDArray[np.float64], float, float]:
-    """Chebyshev coefficients, shape (n_segments, QUANTITIES, n_coefficients), start and length of a segment, s.
-
-    Of the positions of :data:`BODIES` from the Moon, zeros for those that the ephemeris does not hold, the rotation
-    from the ICRF to the axes `frame`, row by row, and the velocities of the Earth and the Sun from the Moon and of the
-    Moon from the barycentre; SI units, ICRF axes.
-
-    Raises
-    ------
-    CoverageError
-        The span, s from the epoch (TDB), is not that of the ephemeris or the Moon's orientation.
-    InputError
-        No angles lead from the axes of the orientation to `frame`.
-    """
+    """Chebyshev coefficients, (n_segments, QUANTITIES, n_coefficients), start and length of a segment, s."""
+    # The quantities of `_force_data` in SI units; zeros for bodies that the ephemeris does not hold.
     count = max(1, int(np.ceil((span_s[1] - span_s[0]) / _SEGMENT_S)))
     length_s = max(span_s[1] - span_s[0], 1.0) / count
     nodes = chebyshev.chebpts1(_NODES)

@@ -33,50 +33,26 @@ _KEPT = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AdjustableOrbit:
-    """An orbit as a function of its parameters; what predictors adjust.
+    """An orbit as a function of its parameters, which predictors adjust.
 
-    It is integrated when it is asked where it is, unless one that was integrated before is near.
-
-    Parameters
-    ----------
-    epoch : Epochs
-        TDB, one.
-    state : ndarray, shape (6,)
-        Position, m, and velocity, m/s, at the epoch relative to the Moon's centre, ICRF axes.
-    forces : Forces
-    span_s : tuple of float
-        First and last time that is wanted, TDB seconds from the epoch.
-    parameters : tuple of str
-        Parameters of the forces, beside the state, by which there are partials.
-    ephemeris, libration : Ephemeris, LunarOrientation
-    name : str
-        How messages call it.
-    notes : tuple of str
-        How its state was found, for results.
-    touchdown : Epochs or None
-        From when on it rests on the Moon, TDB, one.
-    errors : callable or None
-        What errors do to its states, for :meth:`effects`. With them it is an
-        :class:`~radioloc.ephemeris.trajectory.AdjustableTrajectory` of these errors, which are held at zero.
-    lowest_m : float
-        Distance from the Moon's centre below which an integration is refused, m.
-    integrated : list
-        What was integrated: values of the parameters, and the orbit; shared by those that differ in them, in their span
-        or in the degree of their partials only.
+    It is integrated when its states are asked for, unless an orbit that was integrated before is near.
     """
 
-    epoch: Epochs
-    state: Floats
+    epoch: Epochs  # TDB, one
+    state: Floats  # at the epoch relative to the Moon's centre, ICRF axes, m and m/s, shape (6,)
     forces: Forces
-    span_s: tuple[float, float]
-    parameters: tuple[str, ...]
+    span_s: tuple[float, float]  # first and last time that is wanted, TDB seconds from the epoch
+    parameters: tuple[str, ...]  # of the forces, by which there are partials, beside the state
     ephemeris: Ephemeris
     libration: LunarOrientation
-    name: str = "orbit"
-    notes: tuple[str, ...] = ()
-    touchdown: Epochs | None = None
+    name: str = "orbit"  # in messages
+    notes: tuple[str, ...] = ()  # origin of the state, for results
+    touchdown: Epochs | None = None  # from which on it rests on the Moon, TDB, one
+    # Changes of the states by errors (`effects`); with them the parameters are these errors, which are held at zero.
     errors: Callable[[Epochs], Floats] | None = None
-    lowest_m: float = LOWEST_M
+    lowest_m: float = LOWEST_M  # distance from the Moon's centre below which an integration is refused
+    # Values of the parameters and orbits already integrated, shared by copies that differ in them, in their span or in
+    # the degree of their partials only.
     integrated: list[tuple[Floats, Orbit]] = field(default_factory=list)
 
     def __str__(self) -> str:

@@ -36,11 +36,7 @@ _IMAGINARY = 1e-30  # so small that its square is nothing: partials without diff
 
 
 def equatorial_axes(libration: LunarOrientation, tdb: Epochs) -> Floats:
-    """Axes of the Moon's equator in the ICRF at an epoch, shape (3, 3), one a row.
-
-    The first points to the equator's ascending node on the plane of the ICRF's x and y, the third to the Moon's north
-    pole (principal axes).
-    """
+    """Axes of the Moon's equator in the ICRF as rows: to its node on the xy plane, 90 deg on, to the pole; (3, 3)."""
     pole = rot_icrf_to_pa(libration.angles(tdb)[0])[0, 2]
     to_node = np.array([-pole[1], pole[0], 0.0]) / np.hypot(pole[0], pole[1])
     return np.stack([to_node, np.cross(pole, to_node), pole])

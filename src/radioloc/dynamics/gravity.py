@@ -234,10 +234,7 @@ def _require_figure_axes(field: GravityField, source: str | Path) -> None:
 
 
 def recursion(n_degrees: int) -> Floats:
-    """Factors of the recursion of h_nm by degree and order, shape (2, n_degrees, n_degrees).
-
-    Of degree n - 1 and of degree n - 2; on the diagonal of the first that of h_(n-1)(n-1).
-    """
+    """Factors of h_(n-1)m (on the diagonal of h_(n-1)(n-1)) and of h_(n-2)m in h_nm, (2, n_degrees, n_degrees)."""
     n, m = np.meshgrid(np.arange(float(n_degrees)), np.arange(float(n_degrees)), indexing="ij")
     below = n > m
     of_one = np.where(below, (2 * n - 1) * (2 * n + 1), 0.0) / np.where(below, (n - m) * (n + m), 1.0)

@@ -122,7 +122,7 @@ def gravity_error_effects(
 
 
 def errors_along(orbit: Orbit, errors: list[GravityField], libration: LunarOrientation) -> Perturbations:
-    """What :func:`gravity_error_effects` gives, prepared for any epochs of the orbit."""
+    """Prepare :func:`gravity_error_effects` for any epochs of the orbit."""
 
     def pulls(moments: Epochs) -> Floats:
         rot = rot_between(libration.frame, errors[0].frame) @ rot_icrf_to_pa(libration.angles(moments)[0])
@@ -133,10 +133,7 @@ def errors_along(orbit: Orbit, errors: list[GravityField], libration: LunarOrien
 
 
 def _pulls(errors: list[GravityField], points_m: Floats) -> Floats:
-    """Accelerations by errors at points, m/s^2, axes of the field, shape (n, 3, n_errors).
-
-    Series of all errors are summed by one product of matrices; three digits are enough.
-    """
+    """Accelerations by errors at points, m/s^2, axes of the field, shape (n, 3, n_errors); three digits suffice."""
     # The compiler takes a third of a second to import.
     from radioloc.dynamics._harmonic_kernels import harmonics_at
 

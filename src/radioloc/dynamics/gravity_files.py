@@ -1,4 +1,11 @@
-"""Files of gravity fields: ICGEM's ``.gfc`` and the SHADR tables (``.tab``) of NASA's Planetary Data System."""
+"""Files of gravity fields: ICGEM's ``.gfc`` and the SHADR tables (``.tab``) of NASA's Planetary Data System.
+
+ICGEM: a header of keys that ends with ``end_of_head``, then lines ``gfc n m C S`` with sigmas or without
+(Barthelmes and Förste 2011, *The ICGEM-format*). SHADR: a line with reference radius (km), GM (km^3/s^2), its
+sigma, degree, order, normalization (1), reference longitude and latitude (0), then lines of degree, order, C, S
+and their sigmas, all with commas. The axes are those that the header of the one, or the detached label of the other,
+names by an ephemeris.
+"""
 
 from __future__ import annotations
 
@@ -28,20 +35,7 @@ TIDE_SYSTEMS = ("tide_free", "zero_tide", "unknown")
 
 
 def read_gravity_file(path: str | Path) -> dict[str, Any]:
-    """Read the fields of a ``GravityField`` from a file of the Moon; the content tells the format.
-
-    ICGEM: a header of keys that ends with ``end_of_head``, then lines ``gfc n m C S`` with sigmas or without
-    (Barthelmes and Förste 2011, *The ICGEM-format*). SHADR: a line with reference radius (km), GM (km^3/s^2), its
-    sigma, degree, order, normalization (1), reference longitude and latitude (0), then lines of degree, order, C, S
-    and their sigmas, all with commas. The axes (`frame`) are those that the header of the one, or the detached label
-    of the other, names by an ephemeris; ``None`` where it names none or several.
-
-    Raises
-    ------
-    FileFormatError
-        The file is missing, cut, damaged, not fully normalized, varies with time, is of another body or gives a
-        coefficient twice; with the line.
-    """
+    """Read the fields of a ``GravityField`` from a file of the Moon; the content determines the format."""
     lines = enumerate(read_lines(path, encoding="latin-1", ended=True), 1)
     first = next(lines)
     if first[1].count(",") > 4:

@@ -165,7 +165,7 @@ def since_j2000_s(epoch: Epochs, span_s: tuple[float, float]) -> tuple[float, fl
 
 
 def integrated_over(name: str, epoch: Epochs, span_s: tuple[float, float]) -> str:
-    """What an orbit of a name is, to be shown; its span is in TDB seconds from the epoch."""
+    """Describe an orbit by its name and its span, TDB seconds from the epoch."""
     first, last = _dates(epoch, span_s)
     return f"{name}, integrated from {first} to {last} TDB"
 
@@ -176,10 +176,7 @@ def _dates(epoch: Epochs, times_s: tuple[float, float]) -> tuple[str, str]:
 
 
 def initial_state(position_m: ArrayLike, velocity_m_s: ArrayLike, at_rest: bool = False) -> Floats:
-    """A state that an orbit can begin with, shape (6,); errors as those of :func:`~radioloc.dynamics.propagate`.
-
-    On the Moon's pole what is `at_rest` has no velocity.
-    """
+    """State at the start of an orbit, shape (6,), refused if impossible; `at_rest` on a pole it has no velocity."""
     state = np.concatenate(
         [
             np.ravel(as_float_array(position_m, "m", "position_m")),

@@ -17,18 +17,9 @@ _STEP_S = 10.0
 
 
 class Perturbations:
-    """Changes of an orbit's states by small accelerations a, one column each, which leave its state at the epoch.
+    """Changes of an orbit by small accelerations, m/s^2, ICRF axes, (n, 3, c), which leave its state at the epoch."""
 
-    With the state transition matrix F from the epoch they are F(t) times the integral of F(s)^-1 (0, a(s)) from the
-    epoch on (Montenbruck and Gill 2000, section 7.1), here by Simpson's rule.
-
-    Parameters
-    ----------
-    orbit : Orbit
-        With partials by its state at the epoch.
-    accelerations : callable
-        From epochs of TDB to accelerations, m/s^2, ICRF axes, shape (n, 3, c).
-    """
+    # The equation is in `gravity_error_effects`; the orbit has partials by its state at the epoch.
 
     def __init__(self, orbit: Orbit, accelerations: Callable[[Epochs], Floats]) -> None:
         self.orbit = orbit

@@ -214,10 +214,8 @@ def _jump(y: Floats, impulse: Impulse, names: tuple[str, ...], sign: float) -> N
 
 
 def _axes_before(after: Floats, impulse: Impulse) -> Floats:
-    """Radial, transverse and normal axes of the state before an impulse, a row each, from the state after it.
-
-    Of two such states this is the one from which the impulse does not turn the motion back.
-    """
+    """Radial, transverse and normal axes as rows, before an impulse, from the state after it."""
+    # Two states become that after it; this is the one whose motion the impulse does not turn back.
     axes = rtn_axes(after[:3], after[3:])
     _, along, across = impulse.delta_v_m_s
     speed = axes[1] @ after[3:]

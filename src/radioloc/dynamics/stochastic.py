@@ -31,23 +31,10 @@ AFTER, BEFORE, ACROSS = range(3)
 
 
 class StochasticEffects:
-    """Accelerations of one sigma in intervals that are counted from the orbit's epoch, outward both ways.
-
-    Parameters
-    ----------
-    orbit : Orbit
-        With partials by its state at the epoch.
-    sigma_m_s2 : ndarray, shape (3,)
-        Radial, along, across.
-    interval_s : float
-
-    Attributes
-    ----------
-    moved : two of ndarray, shape (K, 6, 3)
-        What accelerations of one sigma do to the state mapped to the epoch, by interval behind and before it.
-    """
+    """Effects of accelerations of one sigma in intervals that count from the orbit's epoch, outward both ways."""
 
     def __init__(self, orbit: Orbit, sigma_m_s2: Floats, interval_s: float) -> None:
+        # The orbit has partials by its state; sigmas are radial, along, across.
         self.orbit, self.interval_s = orbit, interval_s
         self.perturbations = Perturbations(
             orbit, lambda moments: np.swapaxes(rtn_axes(*orbit.states(moments)), 1, 2) * sigma_m_s2
@@ -58,6 +45,7 @@ class StochasticEffects:
             edges_s = np.append(np.sign(end_s) * np.arange(0.0, abs(end_s), interval_s), end_s)
             edges.append(self.perturbations.mapped_to_epoch(orbit.epoch.shifted(edges_s)))
         self._edges = edges
+        # Effects of one sigma on the state mapped to the epoch, shape (K, 6, 3), by interval behind it and before it.
         self.moved = (np.diff(edges[0], axis=0), np.diff(edges[1], axis=0))
 
     def place(self, tdb: Epochs) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
@@ -73,11 +61,8 @@ class StochasticEffects:
         return chain, step, near
 
     def at(self, tdb: Epochs) -> Floats:
-        """Partials of the states by the state at the epoch and by the accelerations of near intervals, (n, 6, 6 + 9).
-
-        The interval that an epoch is in and the one inward of it have the columns of their remainders by three; those
-        of the next one outward are zero.
-        """
+        """Partials of the states by the state at the epoch and the accelerations of near intervals, (n, 6, 6 + 9)."""
+        # The interval of an epoch and the one inward have the columns of their remainders by three; the third are zero.
         chain, step, near = self.place(tdb)
         transition = self.orbit.partials(tdb)[:, :, :6]
         out = np.zeros((len(step), 6, COLOURS, 3))
@@ -110,35 +95,20 @@ def stochastic_forces(epoch: Epochs, values_m_s2: Chains, interval_s: float) -> 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StochasticAccelerations:
-    """What accelerations u (s components, in their sigmas) do to n observations.
+    """Effects of accelerations u (s components, in their sigmas) on n observations.
 
     Each observation depends on the deviation d with which its interval begins, on u of that interval (near) and of the
     next one outward (far). Across the epoch d is zero, near is the interval behind it, far the one before it.
-
-    Parameters
-    ----------
-    chain, step : ndarray of int, shape (n,)
-        The interval.
-    by_state : ndarray, shape (n, 6)
-        Partials by the state at the epoch, m and m/m/s.
-    near, far : ndarray, shape (n, s)
-        Partials by u.
-    moved : two of ndarray, shape (K, 6, s)
-        G, what u does to the state mapped to the epoch.
-    persistence : float
-        Correlation of an interval's u with that of the next, exp(-interval / correlation time).
-    reference : two of ndarray, shape (K + 1, s)
-        The u of the orbit that was integrated.
     """
 
-    chain: NDArray[np.int8]
-    step: NDArray[np.intp]
-    by_state: Floats
-    near: Floats
+    chain: NDArray[np.int8]  # AFTER, BEFORE or ACROSS, shape (n,)
+    step: NDArray[np.intp]  # interval in its chain, shape (n,)
+    by_state: Floats  # partials by the state at the epoch, m and m/m/s, shape (n, 6)
+    near: Floats  # partials by u, shape (n, s)
     far: Floats
-    moved: Chains
-    persistence: float
-    reference: Chains
+    moved: Chains  # G, effects of u on the state mapped to the epoch, shapes (K, 6, s)
+    persistence: float  # correlation of u in successive intervals, exp(-interval / correlation time)
+    reference: Chains  # u of the orbit that was integrated, shapes (K + 1, s)
 
     def deviations(self, values: Chains) -> Chains:
         """The d with which intervals begin, shapes (K + 1, 6), by u, shapes (K + 1, s)."""

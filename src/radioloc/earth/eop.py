@@ -281,12 +281,7 @@ _BULLETIN_A = _Layout(
 def read_eop_rows(
     path: str | Path, first_mjd_utc: float = 0.0, package: str = ""
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Read a C04 or finals2000A file, plain or gzip; which of the two it is, its rows tell.
-
-    Returns the columns of :class:`radioloc.earth.eop.EopTable` from a date on, and its sources: the file, which may be
-    that of a package. A missing value or day, and pole offsets of the 1980 nutation theory, are a
-    :class:`FileFormatError`.
-    """
+    """Read a C04 or finals2000A file, plain or gzip: the columns of an EopTable from a date on, and its sources."""
     path = Path(path)
     texts = b"".join(block for _, block in read_blocks(path, encoding="latin-1")).split(b"\n")
     lines = np.array([k for k, text in enumerate(texts) if text.strip() and not text.startswith(b"#")]) + 1

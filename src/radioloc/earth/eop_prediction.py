@@ -35,13 +35,7 @@ _MEASURED_S, _MEASURED_RAD = 10e-6, 60e-6 * ARCSEC_RAD
 
 
 def extended(table: EopTable, how: str) -> EopTable:
-    """Return the table with days up to 3000 after the last measured one; `how` is one of :data:`BEYOND`.
-
-    Raises
-    ------
-    InputError
-        `how` is unknown, the table has no celestial pole offset to be held, or it is too short to be extrapolated.
-    """
+    """Return the table with days up to 3000 after the last measured one; `how` is one of :data:`BEYOND`."""
     if how not in BEYOND:
         raise InputError(f"eop_beyond must be {' or '.join(BEYOND)}, not {how!r}")
     given = np.flatnonzero(np.isfinite(table.dx_rad) & np.isfinite(table.dy_rad))
@@ -101,7 +95,7 @@ def _periodic(
     periods_d: tuple[float, ...],
     at_d: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """What the periodic terms of a column, found beside its trend, change from day zero to others."""
+    """Change of the periodic terms of a column, fitted with its trend, from day zero to other days."""
 
     def waves(day: NDArray[np.float64]) -> NDArray[np.float64]:
         angle = 2.0 * np.pi * day[:, None] / np.array(periods_d)

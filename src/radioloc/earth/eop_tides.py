@@ -56,11 +56,8 @@ century."""
 
 
 def zonal_tides(centuries_tt: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Effect of the zonal solid-Earth and ocean tides on UT1, s, and its rate, s/s; Julian centuries of TT since J2000.
-
-    IERS Conventions (2010), eq. 8.1 and Table 8.1 (Yoder et al. 1981; Wahr and Bergen 1986; Kantha et al. 1998): all 62
-    terms from 5 days to 18.6 years.
-    """
+    """Effect of the zonal tides on UT1, s, and its rate, s/s; Julian centuries of TT since J2000."""
+    # IERS Conventions (2010), eq. 8.1 and Table 8.1 (Yoder et al. 1981; Wahr and Bergen 1986; Kantha et al. 1998).
     table = table_of("radioloc.earth", "ut1_zonal_tides.csv")
     angles = _delaunay(centuries_tt) @ table[:, :5].T
     rates = table[:, :5] @ _DELAUNAY_RATES_RAD_S
@@ -69,12 +66,9 @@ def zonal_tides(centuries_tt: NDArray[np.float64]) -> tuple[NDArray[np.float64],
 
 
 def ocean_tides(mjd_ut1: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Diurnal and semidiurnal variations of xp, yp (rad) and UT1 (s) by ocean tides, and their rates, (n, 3).
-
-    IERS Conventions (2010), section 8.2. The conventional model is a response to the tidal potential and its values two
-    days before and after. As these are sums over the same lines, the response is worked out once for each line, and one
-    sum over 71 lines remains. The date may be UT1 or UTC.
-    """
+    """Variations of xp, yp (rad) and UT1 (s) by ocean tides, and their rates, (n, 3); the date may be UT1 or UTC."""
+    # The conventional model is a response to the tidal potential and its values two days before and after. As these are
+    # sums over the same lines, the response is worked out for each line, and one sum over 71 lines remains.
     order, _, phase, frequency = table_of("radioloc.earth", "rotation_tide_lines.csv").T
     # A diurnal line is a sine where a semidiurnal one is a cosine.
     angles = np.multiply.outer(mjd_ut1 - 37076.5, frequency) + (phase - np.where(order == 1, np.pi / 2, 0.0))
@@ -84,12 +78,9 @@ def ocean_tides(mjd_ut1: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDAr
 
 
 def libration(mjd_ut1: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Diurnal libration of the pole (rad) and semidiurnal libration of UT1 (s), and their rates, (n, 3).
-
-    From the Earth's triaxial figure: IERS Conventions (2010), Tables 5.1a (its ten diurnal terms; those of long period
-    are in the observed pole) and 5.1b. The tables' arguments are GMST + pi, of which one date in UT1 is enough here,
-    and the Delaunay variables.
-    """
+    """Diurnal libration of the pole (rad) and semidiurnal libration of UT1 (s), and their rates, (n, 3)."""
+    # IERS Conventions (2010), Tables 5.1a (its ten diurnal terms; those of long period are in the observed pole) and
+    # 5.1b. Arguments are GMST + pi, of which one date in UT1 is enough here, and the Delaunay variables.
     centuries = (mjd_ut1 - _MJD_J2000) / _DAYS_PER_CENTURY
     gmst_s = 67310.54841 + centuries * (_GMST_RATE_S_CY + centuries * (0.093104 - 6.2e-6 * centuries))
     chi = np.fmod(gmst_s, SECONDS_PER_DAY) * (2 * np.pi / SECONDS_PER_DAY) + np.pi
@@ -126,12 +117,9 @@ def _harmonic_sum(
 
 
 def _ocean_tide_coefficients() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Sine and cosine coefficients of xp, yp (uas) and UT1 (us) for each tidal line, each of shape (71, 3).
-
-    For a line of height h and frequency w, potential values two days apart sum to 2 h cos(2 w) and differ by
-    2 h sin(2 w) times the line itself, in phase and in quadrature; the three orthotides then are three real
-    factors.
-    """
+    """Sine and cosine coefficients of xp, yp (uas) and UT1 (us) for each tidal line, each of shape (71, 3)."""
+    # For a line of height h and frequency w, potential values two days apart sum to 2 h cos(2 w) and differ by
+    # 2 h sin(2 w) times the line itself, in phase and in quadrature; the three orthotides then are real factors.
     order, height, _, frequency = table_of("radioloc.earth", "rotation_tide_lines.csv").T
     band = order.astype(np.int64) - 1
     f0, f1, f2, f3, f4, f5 = _ORTHOTIDE_FACTORS[band].T

@@ -77,18 +77,12 @@ def itrf_from_geodetic(
 
 
 def rot_itrf_to_enu(itrf_m: ArrayLike) -> NDArray[np.float64]:
-    """Rotations from the ITRF to east, north and up (the ellipsoid's normal) at places, shape (..., 3, 3).
-
-    ``enu = rot @ itrf``; the rows are the unit vectors to the east, to the north and up.
-    """
+    """Rotations from the ITRF to east, north and up (the ellipsoid's normal) at places, shape (..., 3, 3)."""
     place = geodetic_from_itrf(itrf_m)
     return east_north_up(place.longitude_rad, place.latitude_rad)
 
 
 def rot_itrf_to_spherical_enu(itrf_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotations from the ITRF to east, north and away from the geocentre; as :func:`rot_itrf_to_enu`.
-
-    Tides are developed in these. Away from the geocentre is up to 0.19 degrees from the ellipsoid's normal.
-    """
+    """Rotations from the ITRF to east, north and away from the geocentre, in which tides are developed, (..., 3, 3)."""
     x, y, z = np.moveaxis(itrf_m, -1, 0)
     return east_north_up(np.arctan2(y, x), np.arctan2(z, np.hypot(x, y)))

@@ -83,12 +83,12 @@ _BLOCK = 256
 def loading_itrf_m(
     coefficients: BlqCoefficients, station_itrf_m: NDArray[np.float64]
 ) -> NDArray[np.complex128]:
-    """Amplitudes for :func:`sum_of_tides` of what ocean tide loading displaces a station by, ITRF, shape (3, 11)."""
+    """Amplitudes for :func:`sum_of_tides` of the displacement by ocean tide loading, ITRF, shape (3, 11)."""
     return np.asarray(rot_itrf_to_enu(station_itrf_m).T @ loading_enu_m(coefficients))
 
 
 def loading_enu_m(coefficients: BlqCoefficients) -> NDArray[np.complex128]:
-    """As :func:`loading_itrf_m`, to the east, the north and up."""
+    """Amplitudes as of :func:`loading_itrf_m`, to the east, the north and up."""
     amplitudes_m = coefficients.amplitude_m * np.exp(-1j * coefficients.phase_lag_rad)
     return np.asarray(_WEST_SOUTH_UP_TO_ENU @ amplitudes_m)
 
@@ -96,15 +96,11 @@ def loading_enu_m(coefficients: BlqCoefficients) -> NDArray[np.complex128]:
 def sum_of_tides(
     amplitudes_m: NDArray[np.complex128], tt: Epochs, ut1_fraction: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Sum 342 tides that follow from eleven, m, shape (n, 3).
-
-    `amplitudes_m`, shape (3, 11), or (n, 3, 11) where each epoch has its own, are three components of the tides of
-    :data:`GIVEN_TIDES`: amplitude times exp(-i lag), the lag counted from the equilibrium tide at Greenwich; in-phase
-    and cross-phase parts are the real part and minus the imaginary part. IERS Conventions (2010), section 7.1.2: the
-    sum of A_j cos(theta_j(t) + chi_j - phi_j), with amplitude relative to the equilibrium tide, and lag, interpolated
-    in frequency. Outside the given tides of a band the nearest one's admittance is taken, as the conventional program
-    does.
-    """
+    """Sum 342 tides that follow from eleven, m, shape (n, 3); amplitudes have the shape (3, 11) or (n, 3, 11)."""
+    # IERS Conventions (2010), section 7.1.2: the sum of A_j cos(theta_j(t) + chi_j - phi_j), with amplitude relative to
+    # the equilibrium tide, and lag, interpolated in frequency. Amplitudes are complex, A exp(-i lag), in the order of
+    # GIVEN_TIDES, the lag counted from the equilibrium tide at Greenwich. Outside the given tides of a band the
+    # admittance is that of the nearest, as in the conventional program.
     tt.require("TT")
     # The moon's mean longitude enters five times at most: what is left turns in five days or more.
     envelope = evaluate_smooth(_envelopes, tt)
@@ -115,7 +111,7 @@ def sum_of_tides(
 
 
 def _envelopes(tt: Epochs) -> NDArray[np.complex128]:
-    """Tides that follow from a unit of each given one, without the turning of the Earth, shape (n, 11)."""
+    """Tides that follow from a unit of each given one, without the rotation of the Earth, shape (n, 11)."""
     arguments = _doodson_arguments_rad(tt.centuries_since_j2000()).T
     powers = [np.unique(column, return_inverse=True) for column in tidal_potential()[0][:, 1:].T]
     sums = np.empty((len(GIVEN_TIDES), len(tt)), dtype=np.complex128)
@@ -151,10 +147,8 @@ def amplitudes_by_given() -> NDArray[np.complex128]:
 def _interpolate(
     x: NDArray[np.float64], y: NDArray[np.complex128], at: NDArray[np.float64]
 ) -> NDArray[np.complex128]:
-    """Interpolate rows of y by a cubic spline (four nodes) or lines (three); outside, take the end.
-
-    By hand, as importing scipy.interpolate takes half as long as locating a reflector.
-    """
+    """Interpolate rows of y by a cubic spline (four nodes) or lines (three); outside, take the end."""
+    # By hand, as importing scipy.interpolate takes half as long as locating a reflector.
     inside = np.clip(at, x[0], x[-1])
     k = np.minimum(np.searchsorted(x, inside, side="right") - 1, len(x) - 2)
     width = x[k + 1] - x[k]
@@ -166,10 +160,7 @@ def _interpolate(
 
 
 def _spline_curvature(x: NDArray[np.float64], y: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Second derivatives at the nodes of the cubic spline with the end slopes of parabolas, shape of y.
-
-    Each parabola goes through the three nodes nearest to its end.
-    """
+    """Second derivatives at the nodes of the cubic spline whose end slopes are those of parabolas, shape of y."""
     step = np.diff(x)
     slope = np.diff(y, axis=1) / step
     first = slope[:, 0] + (slope[:, 0] - slope[:, 1]) * step[0] / (step[0] + step[1])

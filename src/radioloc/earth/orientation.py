@@ -150,11 +150,9 @@ class EarthOrientation:
 
 
 def earth_rotation_angle(ut1: Epochs) -> NDArray[np.float64]:
-    """Earth rotation angle, rad, 0 to 2 pi, shape (n,).
-
-    IERS Conventions (2010), eq. 5.15. ERFA's ``era00`` rounds the days since J2000 and loses 4e-14 rad; here
-    whole turns are cast off part by part before they are summed, which loses less than 5e-15 rad.
-    """
+    """Earth rotation angle, rad, 0 to 2 pi, shape (n,) (IERS Conventions 2010, eq. 5.15)."""
+    # ERFA's ``era00`` rounds the days since J2000 and loses 4e-14 rad; here whole turns are cast off part by part
+    # before they are summed, which loses less than 5e-15 rad.
     ut1.require("UT1")
     days = ut1.jd - 2451545.0
     # The high part of the excess has so few bits that its product with a half-integer of days is exact.
@@ -164,9 +162,7 @@ def earth_rotation_angle(ut1: Epochs) -> NDArray[np.float64]:
 
 
 def _celestial_pole(tt: Epochs) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """X and Y of the celestial intermediate pole, rad, and their rates, rad/s, shapes (2, n).
-
-    IAU 2006/2000A, from 1972 to 2049 by polynomials that follow the series of ERFA to 2e-14 rad, 0.1 um on the ground.
-    """
+    """X and Y of the celestial intermediate pole (IAU 2006/2000A), rad, and their rates, rad/s, shapes (2, n)."""
+    # From 1972 to 2049 by polynomials that follow the series of ERFA to 2e-14 rad, 0.1 um on the ground.
     table = table_of("radioloc.earth", "celestial_pole.npy")
     return tabulated(table, tt, lambda at: erfa.xys06a(at.jd, at.fraction)[:2])

@@ -78,15 +78,12 @@ def solid_earth_tide(
     tt: Epochs,
     ut1_fraction: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Displacement of stations by the solid Earth tide, ITRF, m, shape (n, 3).
-
-    Stations, the Moon and the Sun are geocentric, ITRF, m, shape (n, 3); 300 m for the Moon and 300 km for the Sun are
-    enough for a micrometre. UTC in place of UT1 costs less than that.
-
-    IERS Conventions (2010), eq. 7.5, 7.6, 7.8 to 7.11 (step 1) and 7.12, 7.13 with Tables 7.3a and 7.3b (step 2);
-    Mathews, Dehant and Gipson (1997). Good to about a millimetre; the largest parts are the Moon's (0.36 m) and the
-    Sun's (0.16 m) of degree 2, step 2 (13 mm), degree 3 (2 mm), out of phase (2 mm), latitude (1 mm).
-    """
+    """Displacement of stations by the solid Earth tide, ITRF, m, shape (n, 3)."""
+    # Stations, Moon and Sun are geocentric, ITRF, m, (n, 3); 300 m for the Moon and 300 km for the Sun are enough for a
+    # micrometre, and so is UTC in place of UT1. IERS Conventions (2010), eq. 7.5, 7.6, 7.8 to 7.11 (step 1) and 7.12,
+    # 7.13 with Tables 7.3a and 7.3b (step 2); Mathews, Dehant and Gipson (1997). Good to about a millimetre; largest
+    # parts are the Moon's (0.36 m) and the Sun's (0.16 m) of degree 2, step 2 (13 mm), degree 3 (2 mm), out of phase
+    # (2 mm), latitude (1 mm).
     tt.require("TT")
     axes = rot_itrf_to_spherical_enu(station_itrf_m)
     sin_lat = axes[:, 2, 2]
@@ -98,11 +95,7 @@ def solid_earth_tide(
 
 
 def secular_pole_rad(tt: Epochs) -> NDArray[np.float64]:
-    """Coordinates x and y of the IERS secular pole (2018), rad, shape (n, 2).
-
-    IERS Conventions (2010), section 7.1.4 as updated in February 2018: x = 55.0 + 1.677 t and y = 320.5 + 3.460 t
-    milliarcseconds, t in years since 2000.
-    """
+    """Coordinates x and y of the IERS secular pole (2018; section 7.1.4 as updated in February 2018), rad, (n, 2)."""
     tt.require("TT")
     years = 100.0 * tt.centuries_since_j2000()
     return np.stack([55.0 + 1.677 * years, 320.5 + 3.460 * years], axis=-1) * (1e-3 * ARCSEC_RAD)
@@ -111,12 +104,10 @@ def secular_pole_rad(tt: Epochs) -> NDArray[np.float64]:
 def pole_tide_displacement(
     station_itrf_m: NDArray[np.float64], xp_rad: NDArray[np.float64], yp_rad: NDArray[np.float64], tt: Epochs
 ) -> NDArray[np.float64]:
-    """Displacement of stations, shape (n, 3), by the solid Earth pole tide, ITRF, m, shape (n, 3).
-
-    IERS Conventions (2010), eq. 7.26 with m1 = xp - xs and m2 = -(yp - ys): towards the radius, the south and the east,
-    -33 sin 2t (m1 cos L + m2 sin L), -9 cos 2t (m1 cos L + m2 sin L) and 9 cos t (m1 sin L - m2 cos L) mm for m1, m2 in
-    arcseconds, at colatitude t and longitude L.
-    """
+    """Displacement of stations (ITRF, m, shape (n, 3)) by the solid Earth pole tide, ITRF, m, shape (n, 3)."""
+    # IERS Conventions (2010), eq. 7.26 with m1 = xp - xs, m2 = -(yp - ys): towards the radius, the south and the east,
+    # -33 sin 2t (m1 cos L + m2 sin L), -9 cos 2t (m1 cos L + m2 sin L) and 9 cos t (m1 sin L - m2 cos L) mm for m1, m2
+    # in arcseconds, at colatitude t and longitude L.
     x_secular, y_secular = secular_pole_rad(tt).T
     m1, m2 = xp_rad - x_secular, y_secular - yp_rad
     axes = rot_itrf_to_spherical_enu(station_itrf_m)

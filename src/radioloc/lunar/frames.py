@@ -61,11 +61,7 @@ def angular_velocity_pa(angles_rad: ArrayLike, rates_rad_s: ArrayLike) -> NDArra
 
 
 def rot_icrf_to_pa_rate(angles_rad: ArrayLike, rates_rad_s: ArrayLike) -> NDArray[np.float64]:
-    """Time derivative of :func:`rot_icrf_to_pa`, 1/s, shape (..., 3, 3).
-
-    dR/dt = -[w] R with the angular velocity w in principal axes and [w] its cross-product matrix. A point at rest in
-    the principal axes moves in the ICRF with (dR/dt)^T r_pa.
-    """
+    """Time derivative of :func:`rot_icrf_to_pa`, -[w] R with the angular velocity w, 1/s, shape (..., 3, 3)."""
     return -vectors.cross_matrices(angular_velocity_pa(angles_rad, rates_rad_s)) @ rot_icrf_to_pa(angles_rad)
 
 
@@ -87,7 +83,7 @@ def rot_pa_to_me(constants: EphemerisConstants) -> NDArray[np.float64]:
 
 
 def rot_icrf_to_me(tdb: Epochs) -> NDArray[np.float64]:
-    """Rotation from the ICRF (J2000) to ME_DE421, in which lunar maps are, at epochs of TDB, shape (n, 3, 3)."""
+    """Rotation from the ICRF (J2000) to ME_DE421, the axes of lunar maps, at epochs of TDB, shape (n, 3, 3)."""
     return rot_pa_to_me(CONSTANTS["DE421"]) @ rot_icrf_to_pa(LunarOrientation.open("DE421").angles(tdb)[0])
 
 

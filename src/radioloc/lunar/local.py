@@ -20,19 +20,11 @@ _Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class LocalDifference:
-    """Difference of a point to an origin.
+    """Difference of a point to an origin."""
 
-    Parameters
-    ----------
-    east_m, north_m : float
-        Components, at the origin, of the arc of the great circle from the origin to the point, m.
-    up_m : float
-        Height of the point less that of the origin, m.
-    """
-
-    east_m: float
+    east_m: float  # components, at the origin, of the great circle's arc from the origin to the point
     north_m: float
-    up_m: float
+    up_m: float  # height of the point less that of the origin
 
     @property
     def horizontal_m(self) -> float:
@@ -58,25 +50,9 @@ def axes_at(origin_m: _Floats) -> _Floats:
 def local_difference(
     point_m: _Floats, origin_m: _Floats, axes: _Floats | None = None, radius_m: float | None = None
 ) -> LocalDifference:
-    """Return the difference of a point to an origin.
-
-    Parameters
-    ----------
-    point_m, origin_m : ndarray, shape (3,)
-        Cartesian coordinates in the same Moon-fixed axes, m.
-    axes : ndarray, shape (3, 3), optional
-        Rotation to east, north and up at the origin; by default (:func:`axes_at`) that of the axes of the coordinates.
-    radius_m : float, optional
-        Radius of the sphere on which arcs are measured; by default the mean of both distances from the Moon's centre.
-
-    Examples
-    --------
-    >>> from radioloc.lunar import selenographic_to_cartesian
-    >>> from radioloc.lunar.local import local_difference
-    >>> origin_m, point_m = selenographic_to_cartesian([0.0, 0.0], [0.0, 0.044], -2550.0)
-    >>> local_difference(point_m, origin_m)
-    LocalDifference(east_m=0.0, north_m=76333.4, up_m=0.0)
-    """
+    """Return the difference of a point to an origin, both in the same Moon-fixed axes, m, shape (3,)."""
+    # `axes`: rotation to east, north, up at the origin, by default of the axes of the coordinates; `radius_m`: of the
+    # sphere of the arc, by default the mean of both distances from the Moon's centre.
     axes = axes_at(origin_m) if axes is None else axes
     origin_radius_m, point_radius_m = np.linalg.norm(origin_m), np.linalg.norm(point_m)
     horizontal_m = (axes @ (point_m - origin_m))[:2]
@@ -91,17 +67,7 @@ def local_difference(
 
 
 def displaced(origin_m: _Floats, enu_m: _Floats, axes: _Floats | None = None) -> _Floats:
-    """Return the points at local differences from an origin, the inverse of :func:`local_difference`.
-
-    Parameters
-    ----------
-    origin_m : ndarray, shape (3,)
-        Cartesian coordinates in Moon-fixed axes, m.
-    enu_m : ndarray, shape (..., 3)
-        Arcs to the east and north on the sphere half-way up to the point, and height differences, m.
-    axes : ndarray, shape (3, 3), optional
-        As of :func:`local_difference`.
-    """
+    """Return points by their local differences (..., 3) from an origin: the inverse of :func:`local_difference`."""
     axes = axes_at(origin_m) if axes is None else axes
     origin_radius_m = np.linalg.norm(origin_m)
     angles_rad = enu_m[..., :2] / (origin_radius_m + 0.5 * enu_m[..., 2:])
@@ -112,11 +78,8 @@ def displaced(origin_m: _Floats, enu_m: _Floats, axes: _Floats | None = None) ->
 
 
 def rot_enu_between(origin_m: _Floats, other_m: _Floats) -> _Floats:
-    """Return the rotation from east, north, up at one point to those at another along their great circle, (3, 3).
-
-    Directions are carried along the arc (parallel transport), so a direction keeps its angle to the arc. Near a pole
-    the axes of neighbouring points differ by large angles.
-    """
+    """Rotation from east, north, up at one point to those at another, carried along their great circle, (3, 3)."""
+    # Parallel transport keeps the angle of a direction to the arc; near a pole the axes of neighbours differ much.
     up, other_up = origin_m / np.linalg.norm(origin_m), other_m / np.linalg.norm(other_m)
     x, y, z = np.cross(up, other_up)
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -59,16 +59,7 @@ class MapFile:
 
 @contextmanager
 def open_map_file(path: Path, kinds: str, what: str) -> Iterator[MapFile]:
-    """Open a map of one band whose type is one of NumPy's ``kinds``, as ``what`` is; errors name the file.
-
-    Raises
-    ------
-    FileFormatError
-        No such file, a part of one, or none that GDAL reads as one band of such numbers with a map projection.
-    InputError
-        rasterio is not installed; another body's map, axes that are not mean-Earth, longitudes that count west,
-        an ellipsoid.
-    """
+    """Open a map of one band whose type is one of NumPy's ``kinds``, as ``what`` is; errors name the file."""
     rasterio = load_rasterio()
     from rasterio._err import CPLE_BaseError
 
@@ -122,7 +113,7 @@ def new_geotiff(
     dtype: Any,
     nodata: float | None = None,
 ) -> Any:
-    """A GeoTIFF of one band, rows and columns, to be written by parts: rasterio's open dataset, in blocks of 512."""
+    """Open a GeoTIFF of one band to be written by parts, in blocks of 512 cells."""
     profile = {
         "crs": crs, "transform": transform, "height": shape[0], "width": shape[1], "count": 1, "dtype": dtype,
         "nodata": nodata, "tiled": True, "blockxsize": _BLOCK_CELLS, "blockysize": _BLOCK_CELLS,
@@ -132,7 +123,7 @@ def new_geotiff(
 
 
 def refuse_cut_map(path: Path, dataset: Any) -> None:
-    """GDAL reads truncated maps without complaint: without their scale, or with zeros for what is missing."""
+    """Refuse a truncated map, which GDAL reads without its scale, or with zeros in place of what is missing."""
     with path.open("rb") as stream:
         if dataset.driver == "GTiff":
             needed = _tiff_bytes(stream)
@@ -151,10 +142,7 @@ def refuse_cut_map(path: Path, dataset: Any) -> None:
 
 
 def _tiff_bytes(stream: BinaryIO) -> int:
-    """How long a TIFF file has to be to hold the values of all its tags.
-
-    Where the last of them are lost, among them GDAL's scale and unit, they are left aside with a warning in a log.
-    """
+    """Length of a TIFF file that holds the values of all its tags; GDAL leaves lost ones (scale, unit) aside."""
     order = {b"II": "<", b"MM": ">"}.get(stream.read(2), "<")
     big = _numbers(stream, order + "H") == (43,)
     if big:
@@ -179,7 +167,7 @@ def _tiff_bytes(stream: BinaryIO) -> int:
 
 
 def _png_bytes(stream: BinaryIO) -> int:
-    """How long a PNG file has to be to hold all its chunks, the last of which is IEND."""
+    """Length of a PNG file that holds all its chunks, the last of which is IEND."""
     place, kind = 8, b""
     while kind != b"IEND":
         stream.seek(place)

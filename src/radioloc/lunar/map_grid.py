@@ -48,11 +48,9 @@ class MapGrid:
 
     @classmethod
     def of_map(cls, crs: Any, transform: Any, rows: int, columns: int, sphere_m: float) -> MapGrid:
-        """Build from the map's reference system (rasterio), transform, size and sphere radius in metres.
-
-        A global cylindrical map whose width misses a full turn by less than a tenth of a cell is taken to close:
-        labels round their map scale (LDEM_4 by 3 m in 10916 km).
-        """
+        """Build from the map's reference system (rasterio), transform, size and sphere radius."""
+        # A global cylindrical map whose width misses a full turn by less than a tenth of a cell is taken to close:
+        # labels round their map scale (LDEM_4 by 3 m in 10916 km).
         rasterio = load_rasterio()
         geographic = rasterio.crs.CRS.from_proj4(f"+proj=longlat +R={sphere_m!r} +no_defs")
         scale_m = math.radians(1.0) * sphere_m if crs.is_geographic else crs.linear_units_factor[1]
@@ -97,11 +95,8 @@ class MapGrid:
     def cells_and_derivatives(
         self, longitude_rad: NDArray[np.float64], latitude_rad: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Row and column, shape (n,), and their derivatives, cells per radian, shape (2, 2, n).
-
-        The derivatives ``[0]`` are by longitude, ``[1]`` by latitude; of row ``[:, 0]`` and column ``[:, 1]``.
-        They are differences over 2e-6 rad, one-sided at a pole.
-        """
+        """Row and column, (n,), and derivatives (2, 2, n), cells/rad: [by longitude or latitude, of row or column]."""
+        # Differences over 2e-6 rad, one-sided at a pole.
         north = np.minimum(latitude_rad + _STEP_RAD, math.pi / 2)
         south = np.maximum(latitude_rad - _STEP_RAD, -math.pi / 2)
         here = longitude_rad
@@ -147,10 +142,7 @@ class MapGrid:
         return float(self.geographic.to_dict()["R"])
 
     def unrolled(self, first_column: float = 0.0) -> tuple[Any, Any]:
-        """Reference system and transform of the columns from a first one on, with the seam opposite their middle.
-
-        PROJ gives longitudes of at most half a turn from the central meridian, also where columns go on beyond.
-        """
+        """Reference system and transform of the columns from a first one on, with the seam opposite their middle."""
         if self.columns_around is None:
             return self.crs, self.transform
         half = 0.5 * self.columns
@@ -173,7 +165,7 @@ class MapGrid:
         return float(x.min()), float(y.min()), float(x.max()), float(y.max())
 
     def coverage(self) -> str:
-        """What the map covers, for messages."""
+        """Describe in degrees what the map covers, for messages."""
         # Bottom, top, first and last column, centre.
         row, column = 0.5 * (self.rows - 1), 0.5 * (self.columns - 1)
         rows = np.array([self.rows - 0.5, -0.5, row, row, row])

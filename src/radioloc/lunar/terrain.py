@@ -283,10 +283,7 @@ def height_and_gradient(
     longitude_rad: Floats,
     latitude_rad: Floats,
 ) -> tuple[Floats, Floats]:
-    """Heights, m, shape (...,), and their gradients along the unit sphere, m/rad, mean-Earth axes, shape (..., 3).
-
-    `height_and_slope` is that of a :class:`TerrainModel`, or of a window.
-    """
+    """Heights, m, (...,), and gradients along the unit sphere, m/rad, ME axes, (..., 3), by a `height_and_slope`."""
     pole_rad = np.copysign(0.5 * math.pi, latitude_rad)
     at_pole = np.abs(pole_rad - latitude_rad) < _NEAREST_POLE_RAD
     latitude = np.where(at_pole, pole_rad * (1.0 - _NEAREST_POLE_RAD), latitude_rad)
@@ -341,13 +338,7 @@ class TerrainWindow:
         longitude_rad: Floats,
         latitude_rad: Floats,
     ) -> TerrainWindow:
-        """Read the rectangle of cells around points, as far as the map has them.
-
-        Raises
-        ------
-        InputError
-            No point is on the map, or the rectangle has more than 20 million cells.
-        """
+        """Read the rectangle of cells around points, as far as the map has them."""
         row, column = grid.cells(longitude_rad, latitude_rad)
         shown = np.isfinite(row) & np.isfinite(column)
         if not shown.any():

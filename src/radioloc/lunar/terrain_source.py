@@ -87,10 +87,7 @@ def heights_m(
 def block_heights_m(
     about: TerrainMetadata, rows: tuple[int, int], columns: tuple[int, int], around: int | None
 ) -> NDArray[np.float64]:
-    """Heights of a rectangle of cells, m, NaN for voids and for values that no terrain has.
-
-    Where the columns go around the Moon, they may begin before the map's seam and end behind it.
-    """
+    """Heights of a rectangle of cells, m, NaN for voids and implausible values; columns may cross the seam."""
     if around is None:
         parts = [columns]
     else:
@@ -128,10 +125,8 @@ def _block(about: TerrainMetadata, rows: tuple[int, int], columns: tuple[int, in
 def _mark_undeclared_voids(
     about: TerrainMetadata, raw: NDArray[np.float64], heights: NDArray[np.float64]
 ) -> None:
-    """Set cells to NaN that hold a usual void value which scale and offset make a lunar height.
-
-    Terrain of that very height goes over into its neighbours; a void is a cliff all around.
-    """
+    """Set cells to NaN that hold a usual void value which scale and offset make a lunar height."""
+    # Terrain of that very height goes over into its neighbours; a void is a cliff all around.
     suspect = np.isin(raw, _USUAL_VOIDS) & ~implausible(heights)
     if not suspect.any():
         return
@@ -156,7 +151,7 @@ def _mark_undeclared_voids(
 def open_map(
     path: str | Path, *, radius_m: float | None, unit: str | None
 ) -> tuple[TerrainMetadata, MapGrid]:
-    """Open an elevation map of the Moon and find out what its numbers mean; see :meth:`TerrainModel.open`."""
+    """Open an elevation map of the Moon and determine what its numbers mean; see :meth:`TerrainModel.open`."""
     if unit is not None and unit not in _UNITS_M:
         raise InputError(f"unit = {unit!r} is not known; use 'm' or 'km'")
     if radius_m is not None and not LUNAR_SPHERES_M[0] <= radius_m <= LUNAR_SPHERES_M[1]:
@@ -256,6 +251,6 @@ def _heights_m(values: NDArray[np.float64], unit: str, reference_m: float) -> ND
 
 
 def implausible(heights_m: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether heights are such as the Moon has nowhere."""
+    """Find heights that the Moon has nowhere."""
     low_m, high_m = LUNAR_HEIGHT_LIMITS_M
     return (heights_m < low_m) | (heights_m > high_m)

@@ -3,6 +3,16 @@
 The Earth hangs nearly still in the lunar sky, so most of the tide is constant: with h2 = 0.038, 0.49 m up
 under the Earth and 0.24 m down on the great circle 90 degrees away. Around it the tide varies by up to 0.2 m,
 mostly within a month, as the distance of the Earth changes and the librations move it about the sky.
+
+IERS Conventions (2010), eq. 7.5, taken over to the Moon (Williams and Boggs 2015, J. Geophys. Res. Planets 120, 689):
+with the tide-raising tensor S, the sum of GM_j u_j u_j^T / R_j^3 over the Earth and the Sun, and the unit vector r of
+the point, the displacement is
+
+    (a^4 / GM_Moon) [ h2 (3/2 r.S r - 1/2 tr S) r + 3 l2 (S r - (r.S r) r) ]
+
+with the mean radius a. The Sun's part is at most 3 mm. Left out are degree 3 (R/a = 1/221 of degree 2 and a Love
+number about half as large: 1.5 mm, of which all but some 0.4 mm is constant) and the lag by dissipation (quality factor
+about 38 at a month: up to 3 mm).
 """
 
 from __future__ import annotations
@@ -33,22 +43,9 @@ def solid_tide(
     constants: EphemerisConstants,
     permanent: Literal["included", "removed"] = "included",
 ) -> NDArray[np.float64]:
-    """Displacement of surface points, shape (3,) or (n, 3), by the degree-2 solid tide, principal axes, m, (n, 3).
-
-    The Earth and the Sun are counted from the Moon's centre, principal axes, m, shape (n, 3). With the `permanent` tide
-    ``"included"`` coordinates are those of a Moon free of tides; with it ``"removed"``, its mean over many years, 0.49
-    m at most, is part of the coordinates of the surface.
-
-    IERS Conventions (2010), eq. 7.5, taken over to the Moon (Williams and Boggs 2015, J. Geophys. Res.
-    Planets 120, 689): with the tide-raising tensor S, the sum of GM_j u_j u_j^T / R_j^3 over the Earth and
-    the Sun, and the unit vector r of the point, the displacement is
-
-        (a^4 / GM_Moon) [ h2 (3/2 r.S r - 1/2 tr S) r + 3 l2 (S r - (r.S r) r) ]
-
-    with the mean radius a. The Sun's part is at most 3 mm. Left out are degree 3 (R/a = 1/221 of degree 2 and
-    a Love number about half as large: 1.5 mm, of which all but some 0.4 mm is constant) and the lag by
-    dissipation (quality factor about 38 at a month: up to 3 mm).
-    """
+    """Displacement of surface points, (3,) or (n, 3), by the degree-2 solid tide, principal axes, m, (n, 3)."""
+    # Earth and Sun are Moon-centred, principal axes, m, (n, 3). With the permanent tide "removed", its
+    # mean over many years, 0.49 m at most, is part of the coordinates; else these are of a Moon free of tides.
     up = normalized(np.atleast_2d(point_pa_m))
     bodies = ((constants.gm_earth_m3_s2, earth_pa_m), (constants.gm_sun_m3_s2, sun_pa_m))
     # S r and the trace of S.

@@ -16,11 +16,8 @@ from radioloc.units import as_float_array
 def earth_elevation_rad(
     ephemeris: Ephemeris, libration: LunarOrientation, tdb: Epochs, point_pa_m: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Elevation of the Earth's centre for a point on the Moon (principal axes, m), rad, shape (n,).
-
-    Light time, aberration and the Earth's radius, 1 degree together, are left out: this tells the near side from
-    the far side, not sunrise to the minute.
-    """
+    """Elevation of the Earth's centre for a point on the Moon (principal axes, m), rad, (n,); good to 1 degree."""
+    # Light time, aberration and the Earth's radius are left out.
     moon_m, _ = ephemeris.geocentric("moon", tdb)
     angles_rad, _ = libration.angles(tdb)
     to_earth_m = np.einsum("nij,nj->ni", rot_icrf_to_pa(angles_rad), -moon_m) - point_pa_m
@@ -29,10 +26,8 @@ def earth_elevation_rad(
 
 
 def sun_me_m(epochs: Epochs) -> NDArray[np.float64]:
-    """The Sun from the Moon's centre, ME_DE421, m, shape (n, 3).
-
-    Geometric: aberration moves it by 0.006 degrees, a fiftieth of its radius on the sky.
-    """
+    """Geometric position of the Sun from the Moon's centre, ME_DE421, m, shape (n, 3)."""
+    # Aberration moves it by 0.006 degrees, a fiftieth of its radius on the sky.
     tdb = to_scale(epochs, "TDB")
     ephemeris = Ephemeris.open("DE421")
     (sun_m, _), (moon_m, _) = (ephemeris.geocentric(body, tdb) for body in ("sun", "moon"))
@@ -42,11 +37,11 @@ def sun_me_m(epochs: Epochs) -> NDArray[np.float64]:
 def hidden_by_moon(
     point_m: ArrayLike, station_m: ArrayLike, radius_m: ArrayLike = MEAN_LUNAR_RADIUS_M
 ) -> NDArray[np.bool_]:
-    """Whether the Moon, a sphere, stands between a point and a station; from its centre, in the same axes, m.
+    """Determine whether the Moon, a sphere, is between a point and a station; from its centre, in the same axes, m.
 
     Examples
     --------
-    >>> from radioloc.lunar.visibility import hidden_by_moon
+    >>> from radioloc.simulation import hidden_by_moon
     >>> hidden_by_moon([[1.8e6, 0.0, 0.0], [-1.8e6, 0.0, 0.0]], [3.8e8, 0.0, 0.0]).tolist()
     [False, True]
     """

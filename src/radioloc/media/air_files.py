@@ -72,10 +72,7 @@ class Vmf3Values:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Vmf3Site:
-    """Series of VMF3 of one station, epochs rising.
-
-    ``values``, shape (k, 4): a hydrostatic, a wet, zenith hydrostatic delay (m), zenith wet delay (m).
-    """
+    """VMF3 of one station at rising epochs; values (k, 4): a hydrostatic, a wet, zenith delays hydrostatic, wet (m)."""
 
     station: str
     mjd_utc: NDArray[np.float64]
@@ -92,11 +89,7 @@ class Vmf3Site:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Vmf3Grids:
-    """Maps of VMF3 at several epochs, rising.
-
-    ``values``, shape (k, rows, columns, 4): a hydrostatic and wet on the ellipsoid; zenith delays hydrostatic and wet
-    (m) at ``height_m`` above the ellipsoid, shape (rows, columns).
-    """
+    """Maps of VMF3 at rising epochs; values (k, rows, columns, 4): a on the ellipsoid, zenith delays at `height_m`."""
 
     grid: LatLonGrid
     mjd_utc: NDArray[np.float64]
@@ -104,14 +97,9 @@ class Vmf3Grids:
     height_m: NDArray[np.float64]
 
     def at(self, epochs: Epochs, latitude_rad: float, longitude_rad: float, height_m: float) -> Vmf3Values:
-        """Values at a place, height above the ellipsoid: linear in time, bilinear in space, delays taken to the height.
-
-        Epochs and errors as :meth:`Vmf3Site.at`, and :class:`InputError` for a place nearer to a pole than the
-        outermost latitude of the grid.
-
-        Kouba (2008): pressure falls as in the standard atmosphere, the wet delay with a scale height of
-        2 km. Over a height of 1 km between station and grid the hydrostatic delay is wrong by some 5 mm.
-        """
+        """Values at a place: linear in time, bilinear in space, delays taken to the height above the ellipsoid."""
+        # Kouba (2008): pressure falls as in the standard atmosphere, the wet delay with a scale height of 2 km. Over a
+        # height of 1 km between station and grid the hydrostatic delay is wrong by some 5 mm.
         before, after, share = epochs_around(
             self.mjd_utc, to_scale(epochs, "UTC").mjd, _LONGEST_GAP_D, "the maps of VMF3"
         )
@@ -130,7 +118,7 @@ class Vmf3Grids:
 
 
 def read_vmf3_sites(paths: Sequence[Path]) -> dict[str, Vmf3Site]:
-    """Read files of sites, of one or more days or years in any order: series by the station's name in the files."""
+    """Read files of sites, of days or years in any order: series by the station's name in the files."""
     rows: dict[str, dict[float, list[float]]] = {}
     for path in paths:
         for number, line in enumerate(read_lines(path, encoding=ANY_BYTE), start=1):
@@ -164,10 +152,7 @@ def read_vmf3_sites(paths: Sequence[Path]) -> dict[str, Vmf3Site]:
 
 
 def read_vmf3_grids(paths: Sequence[Path], orography: str | Path) -> Vmf3Grids:
-    """Read maps of VMF3, one epoch each on one grid, and the heights above the ellipsoid they are given for.
-
-    The heights are those of ``orography_ell_1x1`` or ``orography_ell_5x5``: one for each point, in their order.
-    """
+    """Read maps of VMF3 of one grid, an epoch each, and their heights (``orography_ell_1x1`` or ``_5x5``)."""
     maps: dict[float, tuple[Path, NDArray[np.float64]]] = {}
     for path in paths:
         mjd, table = _read_map(path)
@@ -244,10 +229,7 @@ def _read_orography(path: str | Path, order: NDArray[np.int64]) -> NDArray[np.fl
 
 
 def _require_possible(path: Path, lines: Sequence[int], table: NDArray[np.float64]) -> None:
-    """Refuse rows of coefficients, zenith delays and, of sites, weather that cannot be.
-
-    The weather is not used, but other units of it tell that the file is of another kind.
-    """
+    """Refuse impossible coefficients, delays and weather (which is not used, but reveals files of another kind)."""
     least, most = _POSSIBLE[: table.shape[1]].T
     wrong = ~((table >= least) & (table <= most))
     if not wrong.any():
@@ -274,11 +256,7 @@ _SCALES = np.array([1.0, 1.0, 1e-3, 1e-3, 1e-3, 1e-3, 1.0, 1.0, 1e-5, 1e-5, 1e-5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gpt3Values:
-    """Climate of a place at some epochs; arrays of shape (n,).
-
-    Mean temperature and decrease factor are those of the water vapour, for the wet delay of Askne and Nordius;
-    coefficients a those of VMF3 on the ellipsoid.
-    """
+    """Climate of a place at some epochs, shape (n,); mean temperature and decrease factor are those of the vapour."""
 
     pressure_hpa: NDArray[np.float64]
     vapour_pressure_hpa: NDArray[np.float64]
@@ -290,24 +268,20 @@ class Gpt3Values:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gpt3Grid:
-    """The grid of GPT3: its points, what varies with the seasons, and heights of the geoid and of the points above it.
-
-    ``seasonal``, shape (rows, columns, 12, 5), holds mean, annual cosine and sine, semiannual cosine and sine of
-    pressure (Pa), temperature (K), specific humidity, lapse rate (K/m), a hydrostatic, a wet, decrease factor, mean
-    temperature (K) and four gradients (m); lapse rate and gradients are left aside.
-    """
+    """Grid of GPT3: seasonal variations, and heights of the geoid and, above it, of the points."""
 
     grid: LatLonGrid
+    # Shape (rows, columns, 12, 5): mean, annual cosine and sine, semiannual cosine and sine of pressure (Pa),
+    # temperature (K), specific humidity, lapse rate (K/m), a hydrostatic, a wet, decrease factor, mean temperature (K)
+    # and four gradients (m); lapse rate and gradients are not used.
     seasonal: NDArray[np.float64]
     undulation_m: NDArray[np.float64]
     height_m: NDArray[np.float64]
 
     def at(self, epochs: Epochs, latitude_rad: float, longitude_rad: float, height_m: float) -> Gpt3Values:
-        """Climate of four points, each taken to the height above the ellipsoid, then bilinear; epochs of any scale.
-
-        Landskron and Boehm (2018), section 4, as GPT2w (Boehm et al. 2015): pressure falls exponentially with the
-        virtual temperature of the grid point, vapour pressure with the power lambda + 1 of pressure.
-        """
+        """Climate of four points, each taken to the height above the ellipsoid, then bilinear; epochs of any scale."""
+        # Landskron and Boehm (2018), section 4, as GPT2w (Boehm et al. 2015): pressure falls exponentially with the
+        # virtual temperature of the grid point, vapour pressure with the power lambda + 1 of pressure.
         row, column, weight = self.grid.corners(latitude_rad, longitude_rad)
         corners = np.einsum("cqs,ns->qnc", self.seasonal[row, column, :8], seasons(day_of_year(epochs)))
         pressure, temperature, humidity, _, hydrostatic_a, wet_a, decrease, mean_temperature = corners
@@ -323,7 +297,7 @@ class Gpt3Grid:
 
 
 def read_gpt3(path: str | Path) -> Gpt3Grid:
-    """Read ``gpt3_5.grd`` or ``gpt3_1.grd``, plain or gzip; :class:`FileFormatError` names what is wrong in it."""
+    """Read ``gpt3_5.grd`` or ``gpt3_1.grd``, plain or gzip."""
     path = Path(path)
     lines = [
         (number, line)

@@ -32,13 +32,9 @@ _LEVEL_SINE = 0.03
 
 @dataclass(frozen=True, slots=True)
 class AntennaAxisOffset:
-    """The medium that is none: a path shortened by a known length.
+    """Path shortened by the known axis offset of an antenna; derivatives leave refraction out."""
 
-    Notes
-    -----
-    Refraction raises the direction by 3.13e-4 cot e, which shortens the delay of an azimuth-elevation mount by 3e-4 of
-    itself. Derivatives leave it out.
-    """
+    # Refraction, 3.13e-4 cot e, shortens the delay of an azimuth-elevation mount by 3e-4 of itself.
 
     name: ClassVar[str] = "antenna_axis_offset"
     description: ClassVar[str] = (
@@ -47,7 +43,7 @@ class AntennaAxisOffset:
     limits_rad: ClassVar[tuple[float, ...]] = ()
 
     def prepare(self, end: LegEnd) -> None:
-        """Nothing is to be prepared."""
+        """Prepare nothing."""
 
     def delay(self, leg: Leg, prepared: None) -> LegDelay | None:
         """Delay and its derivatives; zero for stations of which the offset is not known."""

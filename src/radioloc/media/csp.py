@@ -212,7 +212,7 @@ def _seasonal() -> tuple[Card, ...]:
 
 
 def _names(station: Station) -> set[str]:
-    """What cards call a station: the numbers of its antenna, and its complex."""
+    """Names of a station in cards: the numbers of its antenna, and its complex."""
     numbers = (re.fullmatch(r"DSS[- ]?0*(\d+)", name.upper()) for name in (station.name, *station.aliases))
     complexes = (code for code, place in _COMPLEXES.items() if station.complex.startswith(place))
     return {found[1] for found in numbers if found} | set(complexes)

@@ -21,11 +21,7 @@ _ROUNDING_DEG = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LatLonGrid:
-    """Points of a map, in equal steps of either sign: rows along latitude, columns along longitude, degrees.
-
-    Longitudes that go all the way round, with or without the first repeated at the end, make a map that closes on
-    itself. ``source`` says in errors what the map is.
-    """
+    """Points of a map in equal steps of either sign, degrees; `source` names it in errors. A full turn closes it."""
 
     latitudes_deg: NDArray[np.float64]
     longitudes_deg: NDArray[np.float64]
@@ -53,10 +49,7 @@ class LatLonGrid:
     def corners(
         self, latitude_rad: ArrayLike, longitude_rad: ArrayLike
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-        """Rows, columns and weights of the four points around each place (rad), shape (..., 4).
-
-        :class:`InputError` where a place is outside the map, or not finite.
-        """
+        """Find rows, columns and weights of the four points around each place (rad), shape (..., 4)."""
         latitude_deg, longitude_deg = np.broadcast_arrays(np.rad2deg(latitude_rad), np.rad2deg(longitude_rad))
         north, on_rows = _steps_along(self.latitudes_deg, latitude_deg, np.inf)
         east, on_columns = _steps_along(self.longitudes_deg, longitude_deg, _TURN_DEG)
@@ -81,10 +74,8 @@ class LatLonGrid:
 def _steps_along(
     axis_deg: NDArray[np.float64], where_deg: NDArray[np.float64], turn_deg: float
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Steps from an axis' first point to each place, from 0 to a turn, and whether it is on the axis.
-
-    An axis that goes all the way round, with or without the first point at its end, has every place on it.
-    """
+    """Steps from an axis' first point to each place, from 0 to a turn, and whether it is on the axis."""
+    # An axis that goes all the way round, with or without the first point at its end, has every place on it.
     step, last = axis_deg[1] - axis_deg[0], len(axis_deg) - 1.0
     slack, turn = _ROUNDING_DEG / abs(step), turn_deg / abs(step)
     steps = (where_deg - axis_deg[0]) / step
@@ -99,11 +90,7 @@ def _steps_along(
 def sort_into_grid(
     latitude_deg: NDArray[np.float64], longitude_deg: NDArray[np.float64], source: str
 ) -> tuple[LatLonGrid, NDArray[np.int64]]:
-    """Grid that a list of points makes, and the order of the points in it, shape (rows, columns).
-
-    Points may be in any order; longitudes are counted from 0 to 360. :class:`InputError` where they are not those of a
-    grid, each once.
-    """
+    """Make a grid of points in any order, each once, and give their order, (rows, columns); longitudes 0 to 360."""
     longitude_deg = longitude_deg % _TURN_DEG
     latitudes, longitudes = np.unique(latitude_deg), np.unique(longitude_deg)
     order = np.lexsort((longitude_deg, latitude_deg))
@@ -121,11 +108,7 @@ def sort_into_grid(
 def epochs_around(
     file_mjd_utc: NDArray[np.float64], mjd_utc: NDArray[np.float64], longest_gap_d: float, source: str
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-    """Indices of a file's epochs before and after each epoch, and the share of the way between them.
-
-    Epochs of the file rise; where it has one only, before and after are the same. :class:`CoverageError` where an epoch
-    is before the first, after the last, or between two that are further apart than the longest gap.
-    """
+    """Indices of a file's (rising) epochs before and after each epoch, and the fraction of the way between them."""
     last = len(file_mjd_utc) - 1
     outside = (mjd_utc < file_mjd_utc[0]) | (mjd_utc > file_mjd_utc[-1])
     if outside.any():

@@ -52,11 +52,7 @@ _LARGEST_TECU = 5000.0
 
 
 def ionosphere_delay_m(stec_tecu: Floats, frequency_hz: Floats) -> Floats:
-    """Group delay along a ray, one way, m: positive, to be added to the geometric range or VLBI group delay.
-
-    The phase is advanced by as much. IERS Conventions (2010), section 9.4, first order, with the constant to its
-    digits.
-    """
+    """Group delay along a ray, one way, m; the phase advance is equal (IERS 2010, section 9.4, first order)."""
     if not np.all((stec_tecu >= 0.0) & (stec_tecu <= _LARGEST_TECU)):
         raise InputError(
             f"electron contents are {np.min(stec_tecu):.6g} to {np.max(stec_tecu):.6g} TECU (1e16 per square metre), "
@@ -71,12 +67,10 @@ def ionosphere_delay_m(stec_tecu: Floats, frequency_hz: Floats) -> Floats:
 
 
 def modified_shell_mapping(elevation_rad: ArrayLike) -> tuple[Floats, Floats]:
-    """Slant per vertical electron content by the modified single layer model, and its derivative, 1/rad.
-
-    1 / cos z' with sin z' = R / (R + 506.7 km) sin(0.9782 z) and R = 6371 km, fitted by CODE to the extended slab
-    model of JPL (Dach et al. 2015, Bernese GNSS Software 5.2, chapter 12). Less than that of a thin shell at 450 km by
-    2 % at 45 degrees, 6 % at 20 and 7 % at 10.
-    """
+    """Slant per vertical electron content by the modified single layer model, and its derivative, 1/rad."""
+    # 1 / cos z' with sin z' = R / (R + 506.7 km) sin(0.9782 z) and R = 6371 km, fitted by CODE to the extended slab
+    # model of JPL (Dach et al. 2015, Bernese GNSS Software 5.2, chapter 12). Less than a thin shell at 450 km by 2 % at
+    # 45 degrees of elevation, 6 % at 20 and 7 % at 10.
     ratio = BASE_RADIUS_M / (BASE_RADIUS_M + _MODIFIED_HEIGHT_M)
     angle = _MODIFIED_SCALE * (np.pi / 2 - _possible_elevation(elevation_rad))
     sine = ratio * np.sin(angle)
@@ -91,11 +85,7 @@ def pierce_point(
     shell_height_m: float = SHELL_HEIGHT_M,
     base_radius_m: float = BASE_RADIUS_M,
 ) -> tuple[Floats, Floats]:
-    """Geocentric latitude and east longitude (-pi to pi), rad, at which rays go through the shell; shape (n,).
-
-    The station is ITRF, shape (3,) or (n, 3); azimuth counts from north through east, elevation from the horizon of
-    the ellipsoid.
-    """
+    """Geocentric latitude and east longitude, rad, (n,), at which rays from a station (ITRF, m) pierce the shell."""
     azimuth, elevation = np.broadcast_arrays(azimuth_rad, _possible_elevation(elevation_rad))
     if not np.isfinite(azimuth).all():
         raise InputError("an azimuth is not a finite number")
@@ -124,7 +114,7 @@ def _possible_elevation(elevation_rad: ArrayLike) -> Floats:
 
 
 def require_shell(shell_height_m: float, base_radius_m: float) -> float:
-    """Radius of the shell, m; :class:`InputError` if it is none of the ionosphere."""
+    """Return the radius of the shell, m, or refuse a shell that cannot be of the ionosphere."""
     if not (1e5 <= shell_height_m <= 2e6 and 6.3e6 <= base_radius_m <= 6.4e6):
         raise InputError(
             f"a shell {shell_height_m:g} m above a sphere of {base_radius_m:g} m is not of the ionosphere, "
@@ -163,10 +153,7 @@ class UniformTec:
 
 @dataclass(frozen=True, slots=True)
 class Ionosphere:
-    """The ionosphere on the path of radio signals; light has none of it, nor has anything without a source.
-
-    Stations of the Deep Space Network that `calibrations` serve have those, the others the `source`.
-    """
+    """Ionosphere on the path of radio signals: the calibrations of stations that have some, else the `source`."""
 
     source: ElectronContent | None = None
     calibrations: MediaCalibrations | None = None
@@ -178,7 +165,7 @@ class Ionosphere:
 
     @property
     def limits_rad(self) -> tuple[float, ...]:
-        """The lowest elevation for which contents are mapped."""
+        """Lowest elevation for which contents are mapped."""
         return () if self.source is None else (LEAST_ELEVATION_RAD,)
 
     def prepare(self, end: LegEnd) -> Floats | None:
@@ -195,10 +182,8 @@ class Ionosphere:
         return found
 
     def delay(self, leg: Leg, prepared: Floats | None) -> LegDelay | None:
-        """Group delay or, of the phase, its opposite, with its derivatives with respect to elevation or time.
-
-        That is at one vertical content: how the content differs where the ray then pierces the maps' shell is left out.
-        """
+        """Group delay or, of the phase, its opposite, with its derivatives by elevation or time."""
+        # The change of the vertical content with the pierce point is left out of the derivatives.
         calibrated = np.zeros(len(leg), dtype=bool) if prepared is None else ~np.isnan(prepared[:, 0])
         if self.source is None and not calibrated.any():
             return None
@@ -224,11 +209,7 @@ class Ionosphere:
 
 
 def delay_by_content_m(leg: Leg) -> Floats:
-    """Delay of a leg by one TECU of vertical content, whatever the model's source of contents, m, shape (n,).
-
-    By the modified single layer mapping, below 3 degrees by that at 3 degrees. Zero for light, NaN where no frequency
-    was recorded.
-    """
+    """Delay of a leg by 1 TECU of vertical content, m, (n,); zero for light, NaN without a frequency."""
     mapping, _ = modified_shell_mapping(np.maximum(leg.elevation.angle_rad, LEAST_ELEVATION_RAD))
     at_frequency_m = GROUP_DELAY_M3_S2 * TECU_PER_M2 / leg.end.frequency_hz**2
     return np.where(leg.end.radio, _signed(leg.end) * mapping * at_frequency_m, 0.0)

@@ -60,10 +60,7 @@ class MappingFactors(NamedTuple):
 def continued_fraction(
     sine: Floats, cosine: Floats, a: Floats, b: Floats, c: Floats
 ) -> tuple[Floats, Floats]:
-    """Continued fraction in the sine of elevation, 1 at the zenith, and its derivative with elevation, 1/rad.
-
-    Marini (1972), normed by Herring (1992); IERS Conventions (2010), section 9.2.
-    """
+    """Continued fraction in the sine of elevation (IERS 2010, section 9.2), 1 at the zenith, and its slope, 1/rad."""
     inner = sine + c
     middle = sine + b / inner
     outer = sine + a / middle
@@ -74,10 +71,7 @@ def continued_fraction(
 
 
 def height_correction(sine: Floats, cosine: Floats, height_m: Floats) -> tuple[Floats, Floats]:
-    """What height adds to a hydrostatic mapping function given for sea level, and its derivative, 1/rad.
-
-    Niell (1996); 0.00053 at 1000 m and 20 degrees, 1.2 mm of delay.
-    """
+    """Correction of a hydrostatic mapping function for height (Niell 1996), and its derivative, 1/rad."""
     height_km = height_m / 1000.0
     sea_level, rate = continued_fraction(sine, cosine, *_HEIGHT_ABC)
     return height_km * (1.0 / sine - sea_level), height_km * (-cosine / sine**2 - rate)
@@ -86,12 +80,9 @@ def height_correction(sine: Floats, cosine: Floats, height_m: Floats) -> tuple[F
 def mapping_factors(
     elevation_rad: Floats, height_m: Floats, hydrostatic_abc: Sequence[Floats], wet_abc: Sequence[Floats]
 ) -> MappingFactors:
-    """Mapping functions at elevations (without refraction, 3 to 90 degrees) from their coefficients a, b, c each.
-
-    The height is that of the station above where the hydrostatic coefficients hold: above sea level for those of Niell
-    and of maps and GPT3 (that above the ellipsoid changes the delay by less than 0.2 mm at 20 degrees), nought for
-    those of VMF3's files of sites.
-    """
+    """Mapping functions at elevations (without refraction, 3 to 90 degrees) from their coefficients a, b, c each."""
+    # The height counts from where the hydrostatic coefficients hold: sea level for Niell, maps and GPT3 (the ellipsoid
+    # changes the delay by less than 0.2 mm at 20 degrees), the station for VMF3's files of sites.
     sine, cosine = np.sin(elevation_rad), np.cos(elevation_rad)
     hydrostatic, hydrostatic_rate = continued_fraction(sine, cosine, *hydrostatic_abc)
     correction, correction_rate = height_correction(sine, cosine, height_m)
@@ -100,11 +91,8 @@ def mapping_factors(
 
 
 def niell_coefficients(latitude_rad: Floats, day_of_year: Floats) -> tuple[list[Floats], list[Floats]]:
-    """Coefficients a, b, c of Niell (1996), tables 3 and 4, at sea level, hydrostatic and wet.
-
-    Nearer to the equator than 15 degrees and nearer to the poles than 75 they are those at 15 and 75 degrees; the
-    south has the north's seasons half a year later.
-    """
+    """Coefficients a, b, c of Niell (1996), tables 3 and 4, at sea level, hydrostatic and wet."""
+    # South of the equator seasons are half a year later; beyond 15 and 75 degrees the values are those there.
     south = np.where(latitude_rad < 0.0, np.pi, 0.0)
     phase = 2.0 * np.pi * (day_of_year - _NIELL_COLDEST_DAY) / _YEAR_DAYS + south
 
@@ -125,7 +113,7 @@ def vmf3_bc(latitude_rad: Floats | float, longitude_rad: Floats | float, day_of_
 
 
 def seasons(day_of_year: Floats) -> Floats:
-    """What mean, annual cosine and sine, semiannual cosine and sine are to be multiplied with, shape (..., 5)."""
+    """Factors of mean, annual cosine and sine, semiannual cosine and sine, shape (..., 5)."""
     year = 2.0 * np.pi * day_of_year / _YEAR_DAYS
     return np.stack(
         [np.ones_like(year), np.cos(year), np.sin(year), np.cos(2.0 * year), np.sin(2.0 * year)], axis=-1

@@ -180,7 +180,7 @@ class LineOfSight:
 
 
 def prepared_media(media: Iterable[Medium], end: LegEnd) -> dict[str, Any]:
-    """What each medium has prepared for legs at one end, by name."""
+    """Prepare all media for legs at one end, by name."""
     prepared = {}
     for medium in media:
         with named_where_it_fails(f"medium {medium.name}", "prepare"):
@@ -194,11 +194,8 @@ def line_of_sight(
     prepared: Mapping[str, Any],
     moon_gcrs_m: Floats | None = None,
 ) -> LineOfSight:
-    """Add up the delays of a leg by the media on it, from what each of them has prepared, by name.
-
-    The first medium whose status is not OK says what is wrong. `moon_gcrs_m`, shape (n, 3), is the geocentric position
-    of the Moon where it can hide the target, a spacecraft.
-    """
+    """Sum the delays of a leg by media, each with what it prepared, by name; the first status not OK counts."""
+    # `moon_gcrs_m`, shape (n, 3): geocentric Moon where it can hide the target, a spacecraft.
     n = len(leg)
     delay_m, rate_m_s, by_elevation_m_rad, by_zenith_wet = sums = np.zeros((4, n))
     names = ("delay_m", "rate_m_s", "by_elevation_m_rad", "by_zenith_wet")
@@ -228,10 +225,8 @@ def line_of_sight(
 
 
 def behind_moon(point_gcrs_m: Floats, station_gcrs_m: Floats, moon_gcrs_m: Floats) -> NDArray[np.bool_]:
-    """Whether the Moon hides a spacecraft from a station; geocentric positions at the events, m.
-
-    The Moon is the 1737.4 km sphere, or a smaller one through a spacecraft that is lower, as on a landing.
-    """
+    """Determine whether the Moon hides a spacecraft from a station; geocentric positions at the events, m."""
+    # The Moon is the 1737.4 km sphere, or a smaller one through a spacecraft that is lower, as on a landing.
     from_moon_m = point_gcrs_m - moon_gcrs_m
     # The sphere must not hold the spacecraft itself, by rounding.
     radius_m = np.minimum(MEAN_LUNAR_RADIUS_M, np.linalg.norm(from_moon_m, axis=-1) - 1e-3)

@@ -30,7 +30,7 @@ DRY_AIR_KG_MOL = 28.965e-3
 GAS_CONSTANT_J_K_MOL = 8.3143
 """Gas constant as used with GPT3, J/(K mol)."""
 
-_CO2_PPM = 375.0
+_CO2_PPM = 375.0  # 50 ppm more lengthen the zenith delay of light by 0.06 mm
 _HYDROSTATIC_DISPERSION = (238.0185, 19990.975, 57.362, 579.55174)
 """k0 (um^-2), k1*, k2 (um^-2), k3* of the group refractivity of dry air (Ciddor 1996)."""
 
@@ -80,10 +80,7 @@ def zenith_delay_m(
     latitude_rad: Floats,
     height_m: Floats,
 ) -> tuple[Floats, Floats]:
-    """Zenith delay of light: hydrostatic part and wet part, m.
-
-    Mendes and Pavlis (2004), eq. 20, 24, 26, 32 and 38. For 375 ppm of CO2; 50 ppm more lengthen it by 0.06 mm.
-    """
+    """Zenith delay of light, hydrostatic and wet, m: Mendes and Pavlis (2004), eq. 20, 24, 26, 32 and 38."""
     sigma2 = wavelength_um**-2.0
     k0, k1, k2, k3 = _HYDROSTATIC_DISPERSION
     dry = k1 * (k0 + sigma2) / (k0 - sigma2) ** 2 + k3 * (k2 + sigma2) / (k2 - sigma2) ** 2
@@ -107,12 +104,9 @@ def mapping_function(
 def water_vapour_pressure_hpa(
     temperature_k: Floats, relative_humidity: Floats, pressure_hpa: Floats
 ) -> Floats:
-    """Partial pressure of water vapour, hPa, from relative humidity over water (also below freezing).
-
-    Saturation pressure of Davis (1992) with the enhancement factor in air, 1.00062 + 3.14e-6 P + 5.6e-7 t^2: the
-    formulas of the refractivity of Ciddor (1996) on which the zenith delay rests. Others, such as that of Magnus,
-    differ by less than 1 percent above freezing, 0.04 mm of zenith delay in the wettest air.
-    """
+    """Partial pressure of water vapour, hPa, from relative humidity over water (also below freezing)."""
+    # Davis (1992) with the enhancement factor in air: the formulas of the refractivity of Ciddor (1996) on which the
+    # zenith delay rests. Magnus' formula differs by less than 1 %, 0.04 mm of zenith delay in the wettest air.
     a, b, c, d = _SATURATION
     saturation_hpa = 0.01 * np.exp(a * temperature_k**2 + b * temperature_k + c + d / temperature_k)
     enhancement = 1.00062 + 3.14e-6 * pressure_hpa + 5.6e-7 * (temperature_k - _CELSIUS_K) ** 2
@@ -120,40 +114,29 @@ def water_vapour_pressure_hpa(
 
 
 def column_gravity(latitude_rad: Floats | float, height_m: Floats | float) -> Floats:
-    """Gravity at the centre of mass of the column of air over a place, as a fraction of its mean.
-
-    Saastamoinen (1972) as refined by Davis et al. (1985).
-    """
+    """Gravity at the centre of mass of the column of air, relative to its mean (Davis et al. 1985)."""
     return 1.0 - 0.00266 * np.cos(2.0 * latitude_rad) - 0.28e-6 * height_m
 
 
 def zenith_hydrostatic_delay_m(
     pressure_hpa: Floats, latitude_rad: Floats | float, height_m: Floats | float
 ) -> Floats:
-    """Hydrostatic delay of radio at the zenith, m, from the total pressure at the antenna's reference point.
-
-    Saastamoinen (1972) as refined by Davis et al. (1985); IERS Conventions (2010), eq. 9.11. Whether the height is
-    above the geoid or the ellipsoid makes 0.1 mm at most.
-    """
+    """Hydrostatic zenith delay of radio, m, by the total pressure (Saastamoinen 1972; IERS 2010, eq. 9.11)."""
+    # A height above the geoid in place of the ellipsoid changes it by 0.1 mm at most.
     return 0.0022768 * pressure_hpa / column_gravity(latitude_rad, height_m)
 
 
 def zenith_wet_delay_m(vapour_pressure_hpa: Floats, temperature_k: Floats) -> Floats:
-    """Wet delay of radio at the zenith from weather on the ground alone, m; off by 2 to 5 cm as weather goes.
-
-    Saastamoinen (1972), eq. 19a, for the mean decrease of humidity with height at middle latitudes.
-    """
+    """Wet zenith delay of radio from ground weather alone, m, good to 2 to 5 cm (Saastamoinen 1972, eq. 19a)."""
     return 0.002277 * (1255.0 / temperature_k + 0.05) * vapour_pressure_hpa
 
 
 def zenith_wet_delay_askne_nordius_m(
     vapour_pressure_hpa: Floats, mean_temperature_k: Floats, vapour_decrease_factor: Floats
 ) -> Floats:
-    """Wet delay of radio at the zenith where mean temperature and decrease of the vapour are known, m.
-
-    The mean temperature of the column is weighted with its water vapour; the decrease factor is the exponent with which
-    vapour pressure falls relative to pressure. Askne and Nordius (1987), eq. 22, with their refractivity constants.
-    """
+    """Wet zenith delay of radio by mean temperature and decrease factor of the vapour, m."""
+    # Askne and Nordius (1987), eq. 22, with their refractivity constants. The mean temperature is weighted with vapour;
+    # the decrease factor is the exponent with which vapour pressure falls relative to pressure.
     k2_prime = _K2_K_HPA - _K1_K_HPA * _WATER_PER_DRY_AIR
     refractivity = 1e-6 * (k2_prime + _K3_K2_HPA / mean_temperature_k) * vapour_pressure_hpa
     dry_gas_constant = GAS_CONSTANT_J_K_MOL / DRY_AIR_KG_MOL
@@ -161,11 +144,8 @@ def zenith_wet_delay_askne_nordius_m(
 
 
 def standard_weather(height_m: Floats) -> tuple[Floats, Floats, Floats]:
-    """Pressure (hPa), temperature (K) and relative humidity at heights above the geoid, where none was measured.
-
-    Berg (1948): 1013.25 hPa, 18 degrees Celsius and 50 % at sea level, the usual one of GNSS. True pressure departs
-    from it by 10 hPa as a rule and by up to 40, so by 23 to 90 mm of delay at the zenith; a height above the
-    ellipsoid, which is off by up to 100 m, adds 12 hPa.
-    """
+    """Pressure (hPa), temperature (K) and relative humidity by height above the geoid, where none is recorded."""
+    # Berg (1948), as usual for GNSS. True pressure departs from it by 10 hPa as a rule and by up to 40, so by 23 to
+    # 90 mm of delay at the zenith; a height above the ellipsoid, which is off by up to 100 m, adds 12 hPa.
     pressure = 1013.25 * (1.0 - 2.26e-5 * height_m) ** 5.225
     return pressure, 291.15 - 0.0065 * height_m, 0.5 * np.exp(-0.0006396 * height_m)

@@ -61,17 +61,15 @@ _HEIGHT_M = (-500.0, 9000.0)
 
 @dataclass(frozen=True, slots=True)
 class ZenithAir:
-    """Air above the station at one end of each path; rows that are not asked for are NaN.
+    """Air above the station at one end of each path; rows that are not asked for are NaN."""
 
-    Delays at the zenith, one way, shape (n,); coefficients of the mapping functions, (n, 3); and the height of the
-    station above that for which the hydrostatic ones hold, (n,).
-    """
-
-    hydrostatic_m: Floats
+    hydrostatic_m: Floats  # delay at the zenith, one way, shape (n,)
     wet_m: Floats
-    hydrostatic_abc: Floats
+    hydrostatic_abc: Floats  # coefficients of the mapping function, shape (n, 3)
     wet_abc: Floats
-    height_above_a_m: Floats
+    height_above_a_m: (
+        Floats  # height of the station above that for which the hydrostatic ones hold, shape (n,)
+    )
 
     def mapping(self, elevation_rad: Floats, rows: NDArray[np.intp] | slice) -> MappingFactors:
         """Mapping functions of some rows, at their elevations."""
@@ -150,14 +148,9 @@ class RadioAtmosphere:
 
 
 def air_by_weather(place: tuple[float, float, float], epochs: Epochs, recorded: Floats) -> tuple[Floats, ...]:
-    """Air above a place as :class:`ZenithAir` has it, by recorded weather or else by the standard atmosphere.
-
-    The place is latitude, longitude (rad) and height (m); recorded are pressure (hPa), temperature (K) and relative
-    humidity, or NaN, shape (3, n). The hydrostatic delay needs the pressure only; the wet one temperature and humidity,
-    both or neither.
-
-    Zenith delays of Saastamoinen (Davis et al. 1985), mapping functions of Niell (1996).
-    """
+    """Air above a place as :class:`ZenithAir` has it, by recorded weather or else by the standard atmosphere."""
+    # `place`: latitude, longitude (rad), height (m); `recorded`: pressure (hPa), temperature (K), relative humidity, or
+    # NaN, shape (3, n). The wet delay needs temperature and humidity, both or neither.
     latitude_rad, _, height_m = (np.full(len(epochs), value) for value in place)
     standard = standard_weather(height_m)
     pressure_hpa = np.where(np.isnan(recorded[0]), standard[0], recorded[0])
@@ -272,5 +265,5 @@ def _is_map(file: Path) -> bool:
 
 
 def _named(files: Sequence[Path]) -> str:
-    """The files for a message: the first, and how many there are."""
+    """First of the files and the number of the others, for messages."""
     return str(files[0]) if len(files) == 1 else f"{files[0]} and {len(files) - 1} more"

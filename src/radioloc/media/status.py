@@ -58,7 +58,7 @@ _TEXTS = {
 
 
 def first_of(one: NDArray[np.int8], other: NDArray[np.int8]) -> NDArray[np.int8]:
-    """Status of rows that need both to be OK: that of the first that is not."""
+    """Status of rows that need both to be OK: the first that is not."""
     return np.where(one != Status.OK, one, other)
 
 
@@ -68,11 +68,8 @@ def describe(
     stations: Sequence[str] = (),
     ends: NDArray[np.int32] | None = None,
 ) -> tuple[NDArray[np.int8], NDArray[np.str_]]:
-    """Why observations cannot be used: code and sentence for the first end at which something is wrong.
-
-    Status, elevation of the target (rad) and index into the stations' names are those at both ends, shape (n, 2);
-    sentences do not name stations without indices. The sentence is empty where the observation can be used.
-    """
+    """Code and sentence for the first end at which an observation cannot be used; empty where it can."""
+    # Status, elevation of the target (rad) and index of the station's name are those at both ends, shape (n, 2).
     end = (status[:, 0] == Status.OK).astype(np.intp)[:, None]
     code = np.take_along_axis(status, end, axis=1)[:, 0]
     texts = np.zeros(len(code), dtype="<U1")

@@ -25,10 +25,7 @@ _WEATHER = {"pressure_hpa": (300.0, 1100.0, "hPa"), "temperature_k": (200.0, 340
 
 @dataclass(frozen=True, slots=True)
 class Troposphere:
-    """The neutral atmosphere, of radio by calibrations and files, or by weather or a standard atmosphere.
-
-    IERS Conventions (2010), section 9.1 for light and 9.2 for radio.
-    """
+    """Neutral atmosphere: of light by IERS Conventions (2010), section 9.1, of radio by section 9.2."""
 
     files: RadioAtmosphere | None = None
     calibrations: MediaCalibrations | None = None
@@ -78,7 +75,7 @@ class Troposphere:
 
 
 def _status_of_light(end: LegEnd) -> NDArray[np.int8]:
-    """Why the optical model cannot be used, but for the elevation."""
+    """Reason other than the elevation for which the optical model cannot be used."""
     shortest, longest = WAVELENGTH_RANGE_UM
     wavelength_um, weather = end.wavelength_um, end.weather
     wrong = {

@@ -9,23 +9,25 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+Floats = NDArray[np.float64]
 
-def dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+
+def dot(a: Floats, b: Floats) -> Floats:
     """Scalar products of vectors, shapes (..., 3), row by row; shape (...)."""
     return np.asarray(a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2])
 
 
-def length(a: NDArray[np.float64]) -> NDArray[np.float64]:
+def length(a: Floats) -> Floats:
     """Lengths of vectors, shape (..., 3); shape (...)."""
     return np.asarray(np.sqrt(dot(a, a)))
 
 
-def normalized(a: NDArray[np.float64]) -> NDArray[np.float64]:
+def normalized(a: Floats) -> Floats:
     """Unit vectors along vectors, shape (..., 3)."""
     return np.asarray(a / length(a)[..., np.newaxis])
 
 
-def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def cross(a: Floats, b: Floats) -> Floats:
     """Vector products, shapes (n, 3), row by row; shape (n, 3)."""
     out = np.empty((3, len(a)))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
@@ -33,20 +35,20 @@ def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]
     return out.T
 
 
-def cross_matrices(a: NDArray[np.float64]) -> NDArray[np.float64]:
+def cross_matrices(a: Floats) -> Floats:
     """Matrices, shape (..., 3, 3), that multiply by vectors a, shape (..., 3), from the left: a x b."""
     x, y, z = np.moveaxis(a, -1, 0)
     zero = np.zeros_like(x)
     return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*a.shape, 3)
 
 
-def rtn_axes(position_m: NDArray[np.float64], velocity_m_s: NDArray[np.float64]) -> NDArray[np.float64]:
+def rtn_axes(position_m: Floats, velocity_m_s: Floats) -> Floats:
     """Radial, along and across axes of states, shape (..., 3, 3), one a row."""
     across = np.cross(position_m, velocity_m_s)
     return normalized(np.stack([position_m, np.cross(across, position_m), across], axis=-2))
 
 
-def rotated(rotation: NDArray[np.float64], a: NDArray[np.float64]) -> NDArray[np.float64]:
+def rotated(rotation: Floats, a: Floats) -> Floats:
     """Products of matrices, shape (n, 3, 3), with vectors, shape (n, 3), row by row; shape (n, 3)."""
     out = np.empty((3, len(a)))
     for i in range(3):
@@ -54,9 +56,7 @@ def rotated(rotation: NDArray[np.float64], a: NDArray[np.float64]) -> NDArray[np
     return out.T
 
 
-def east_north_up(
-    longitude_rad: NDArray[np.float64], latitude_rad: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def east_north_up(longitude_rad: Floats, latitude_rad: Floats) -> Floats:
     """Unit vectors to the east, to the north and up where the vertical has these angles, as rows, (..., 3, 3)."""
     sin_lon, cos_lon = np.sin(longitude_rad), np.cos(longitude_rad)
     sin_lat, cos_lat = np.sin(latitude_rad), np.cos(latitude_rad)

@@ -30,8 +30,7 @@ from radioloc.dynamics._force_data import (
 )
 from radioloc.dynamics._force_kernels import EARTH_RADIUS_M, accelerations, quantities, variations
 from radioloc.dynamics._vector_kernels import add, dot, minus, put
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 _SAFETY, _LEAST, _MOST = 0.9, 0.2, 4.0
 """Of the length that the error allows a next step, what is taken; least and most of it, of this one (ibid., II.4)."""

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 PARTS = (
     *("central", "harmonics", "tides", "earth", "sun", "venus", "jupiter", "saturn"),

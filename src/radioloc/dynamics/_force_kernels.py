@@ -34,8 +34,7 @@ from radioloc.dynamics._force_data import (
 )
 from radioloc.dynamics._harmonic_kernels import harmonic_sums
 from radioloc.dynamics._vector_kernels import add, cross, dot, minus, times, unit
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 SUN_RADIUS_M = 6.957e8  # IAU 2015 resolution B3, as the Sun's irradiance below
 EARTH_RADIUS_M = 6378136.6  # IERS Conventions 2010, table 1.1

@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 
 from radioloc.compiled import compiled
 from radioloc.dynamics._vector_kernels import put
+from radioloc.vectors import Floats
 
 NEGLIGIBLE = 1e-18
 """Power of R/r below which degrees are left out."""
-
-Floats = NDArray[np.float64]
 
 
 @compiled()

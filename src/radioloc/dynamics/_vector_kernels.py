@@ -6,11 +6,9 @@ Expressions of whole arrays give the same numbers, but take the compiler many ti
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.compiled import compiled
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 
 @compiled()

@@ -41,9 +41,7 @@ from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.lunar import rot_between, rot_icrf_to_pa
 from radioloc.time import Epochs
-from radioloc.vectors import rtn_axes
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats, rtn_axes
 
 _SEGMENT_S = 21600.0
 _NODES = 12  # within 6 h the twelfth coefficient of the Moon's motion is below rounding
@@ -66,7 +64,7 @@ def acceleration_terms(
     *,
     ephemeris: Ephemeris | None = None,
     libration: LunarOrientation | None = None,
-) -> dict[str, NDArray[np.float64]]:
+) -> dict[str, Floats]:
     """Accelerations of a spacecraft relative to the Moon's centre, by name, ICRF axes, m/s^2, shape (3,) each.
 
     Parameters
@@ -209,7 +207,7 @@ def _permanent_tide(field: GravityField) -> Floats:
 
 def body_table(
     ephemeris: Ephemeris, libration: LunarOrientation, frame: str, epoch: Epochs, span_s: tuple[float, float]
-) -> tuple[NDArray[np.float64], float, float]:
+) -> tuple[Floats, float, float]:
     """Chebyshev coefficients, (n_segments, QUANTITIES, n_coefficients), start and length of a segment, s."""
     # The quantities of `_force_data` in SI units; zeros for bodies that the ephemeris does not hold.
     count = max(1, int(np.ceil((span_s[1] - span_s[0]) / _SEGMENT_S)))

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.dynamics.elements import equatorial_axes
 from radioloc.dynamics.forces import Forces
@@ -15,8 +14,7 @@ from radioloc.dynamics.propagation import propagate, refuse_ground
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.time import Epochs
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 LINEAR_M = 10.0
 """An orbit that is nowhere farther than this from one that was integrated follows from its partials: what is of second

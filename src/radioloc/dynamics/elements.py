@@ -17,8 +17,7 @@ from radioloc.ephemeris import LunarOrientation
 from radioloc.errors import InputError
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.time import Epochs
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 KEPLERIAN = (
     "semi_major_axis_m",

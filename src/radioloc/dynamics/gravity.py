@@ -20,8 +20,8 @@ from radioloc.dynamics.gravity_files import TIDE_SYSTEMS, read_gravity_file
 from radioloc.errors import FileFormatError, InputError, named
 from radioloc.lunar import rot_between
 from radioloc.units import as_float_array
+from radioloc.vectors import Floats
 
-Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 SHIPPED = {"GRGM660PRIM": Path(__file__).parent / "data" / "grgm660prim_150.npz"}

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.dynamics.gravity import GravityField, acceleration_series, recursion
@@ -15,8 +14,7 @@ from radioloc.ephemeris import LunarOrientation
 from radioloc.errors import InputError
 from radioloc.lunar import rot_between, rot_icrf_to_pa
 from radioloc.time import Epochs
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 _LAST_DEGREES = 20
 """From which Kaula's rule, coefficients as 1/n^2, has its factor."""

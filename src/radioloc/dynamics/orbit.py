@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from radioloc.boundary import bare_arguments
 from radioloc.constants import LUNAR_HEIGHT_LIMITS_M, MEAN_LUNAR_RADIUS_M
@@ -16,8 +16,7 @@ from radioloc.lunar import rot_icrf_to_pa
 from radioloc.lunar.frames import rot_icrf_to_pa_rate
 from radioloc.time import Epochs, utc_strings
 from radioloc.units import as_float_array
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 _ROUNDING_S = 1e-9
 """Two floats of an epoch resolve 1e-11 s."""

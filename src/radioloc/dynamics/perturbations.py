@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.dynamics.orbit import Orbit
 from radioloc.time import Epochs
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 _STEP_S = 10.0
 """Accelerations of degree 220 in a low orbit have a wave of 30 km, 18 s; they are had in the middle of steps too."""

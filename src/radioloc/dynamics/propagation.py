@@ -7,7 +7,7 @@ from typing import NoReturn
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from radioloc.boundary import bare_arguments
 from radioloc.dynamics._force_data import (
@@ -27,9 +27,7 @@ from radioloc.dynamics.orbit import LOWEST_M, STATE, Leg, Orbit, Rest, initial_s
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import ConvergenceError, InputError
 from radioloc.time import Epochs, utc_strings
-from radioloc.vectors import rtn_axes
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats, rtn_axes
 
 _FIRST_STEP_S = 10.0
 _MOST_STEPS = 2_000_000

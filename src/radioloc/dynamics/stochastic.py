@@ -17,9 +17,8 @@ from radioloc.dynamics.forces import Acceleration
 from radioloc.dynamics.orbit import Orbit
 from radioloc.dynamics.perturbations import Perturbations
 from radioloc.time import Epochs
-from radioloc.vectors import rtn_axes
+from radioloc.vectors import Floats, rtn_axes
 
-Floats = NDArray[np.float64]
 Chains = tuple[Floats, Floats]
 """Numbers by interval, behind the epoch and before it; both outward, from the epoch on."""
 

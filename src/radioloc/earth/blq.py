@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.text_files import CUT_LINE, read_blocks
 from radioloc.units import in_unit
+from radioloc.vectors import Floats
 
 CONSTITUENTS = ("M2", "S2", "N2", "K2", "K1", "O1", "P1", "Q1", "MF", "MM", "SSA")
 """Tides of a BLQ record, in the order of its columns."""
@@ -40,8 +40,8 @@ class BlqCoefficients:
     """
 
     site: str  # its name in the file
-    amplitude_m: NDArray[np.float64]
-    phase_lag_rad: NDArray[np.float64]  # at Greenwich, positive when the displacement follows the tide
+    amplitude_m: Floats
+    phase_lag_rad: Floats  # at Greenwich, positive when the displacement follows the tide
     source: str  # ocean tide model and who computed it
     geocentre_included: bool = False  # against the centre of mass of Earth and oceans ("CMC: YES")
 

@@ -36,6 +36,7 @@ from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.text_files import read_blocks
 from radioloc.time import Epochs, utc_to_tt
 from radioloc.units import in_unit
+from radioloc.vectors import Floats
 
 _MJD_1972 = 41317.0
 _BEYOND = 'or, for planning, set [model] eop_beyond = "hold" or "extrapolate"'
@@ -49,16 +50,16 @@ _LARGEST_POLE_OFFSET_ARCSEC = 0.03
 class EopValues:
     """Earth orientation of a table at n epochs, without subdaily terms; dX, dY are offsets from IAU 2006/2000A."""
 
-    ut1_minus_tt_s: NDArray[np.float64]
-    xp_rad: NDArray[np.float64]
-    yp_rad: NDArray[np.float64]
-    dx_rad: NDArray[np.float64]
-    dy_rad: NDArray[np.float64]
-    ut1_minus_tt_rate: NDArray[np.float64]  # s/s
-    xp_rate_rad_s: NDArray[np.float64]
-    yp_rate_rad_s: NDArray[np.float64]
-    dx_rate_rad_s: NDArray[np.float64]
-    dy_rate_rad_s: NDArray[np.float64]
+    ut1_minus_tt_s: Floats
+    xp_rad: Floats
+    yp_rad: Floats
+    dx_rad: Floats
+    dy_rad: Floats
+    ut1_minus_tt_rate: Floats  # s/s
+    xp_rate_rad_s: Floats
+    yp_rate_rad_s: Floats
+    dx_rate_rad_s: Floats
+    dy_rate_rad_s: Floats
     predicted: NDArray[np.bool_]  # whether any of the daily values used is a prediction
 
 
@@ -72,19 +73,19 @@ class EopTable:
         The columns differ in length, dates do not rise, or UT1 - UTC does not go with the known leap seconds.
     """
 
-    mjd_utc: NDArray[np.float64]  # rising
-    xp_rad: NDArray[np.float64]  # pole
-    yp_rad: NDArray[np.float64]
-    ut1_minus_utc_s: NDArray[np.float64]  # with its leap steps
-    dx_rad: NDArray[np.float64]  # celestial pole offsets from IAU 2006/2000A; NaN where not given
-    dy_rad: NDArray[np.float64]
+    mjd_utc: Floats  # rising
+    xp_rad: Floats  # pole
+    yp_rad: Floats
+    ut1_minus_utc_s: Floats  # with its leap steps
+    dx_rad: Floats  # celestial pole offsets from IAU 2006/2000A; NaN where not given
+    dy_rad: Floats
     predicted: NDArray[np.bool_]  # whether any value of the day is a prediction
     sources: tuple[str, ...] = ()  # where the values come from, for the record of a result
     beyond: tuple[str, float] | None = (
         None  # how days after one (MJD UTC) were added, by eop_prediction.extended
     )
     _nodes_tt: Epochs = field(init=False)
-    _values: NDArray[np.float64] = field(init=False)
+    _values: Floats = field(init=False)
 
     def __post_init__(self) -> None:
         names = ("mjd_utc", "xp_rad", "yp_rad", "ut1_minus_utc_s", "dx_rad", "dy_rad", "predicted")
@@ -164,7 +165,7 @@ class EopTable:
         return day_of(self.mjd_utc[measured[-1]]) if len(measured) else None
 
     @property
-    def at_0h_utc(self) -> tuple[NDArray[np.float64], Epochs]:
+    def at_0h_utc(self) -> tuple[Floats, Epochs]:
         """UT1 - TT (s), xp, yp, dX, dY (rad) of the days, shape (n, 5), and the days in TT."""
         return self._values, self._nodes_tt
 
@@ -212,7 +213,7 @@ class EopTable:
             else f"update astropy-iers-data, or give a file that covers it, {_BEYOND}",
         )
 
-    def _require_given(self, tt: Epochs, node_values: NDArray[np.float64]) -> None:
+    def _require_given(self, tt: Epochs, node_values: Floats) -> None:
         _refuse(
             tt[~np.isfinite(node_values).all(axis=(1, 2))],
             "the table of celestial pole offsets dX, dY",
@@ -221,7 +222,7 @@ class EopTable:
         )
 
 
-def _refuse(wrong: Epochs, source: str, mjd_utc: NDArray[np.float64], advice: str) -> None:
+def _refuse(wrong: Epochs, source: str, mjd_utc: Floats, advice: str) -> None:
     """Raise :class:`CoverageError` if there is any epoch at which days of a table do not serve."""
     if len(wrong):
         days = np.sort(wrong.day_strings())
@@ -233,9 +234,7 @@ def _refuse(wrong: Epochs, source: str, mjd_utc: NDArray[np.float64], advice: st
         raise CoverageError(source, (covered[0], covered[1]), (f"{days[0]} TT", f"{days[-1]} TT"), advice)
 
 
-def _cubic_through(
-    to_nodes: NDArray[np.float64], node_values: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _cubic_through(to_nodes: Floats, node_values: Floats) -> tuple[Floats, Floats]:
     """Lagrange's cubic through four nodes, and its derivative, at the origin of ``to_nodes`` (n, 4); both (n, k)."""
     weights = np.empty_like(to_nodes)
     slopes = np.empty_like(to_nodes)
@@ -306,7 +305,7 @@ def read_eop_rows(
     }
     rows = np.array([texts[k - 1] for k in lines], dtype=f"S{layout.width}").view(np.dtype(fields))
 
-    def numbers(name: str, blank_allowed: bool = False) -> NDArray[np.float64]:
+    def numbers(name: str, blank_allowed: bool = False) -> Floats:
         text = rows[name]
         if blank_allowed:
             text = np.where(np.char.strip(text) != b"", text, b"nan")

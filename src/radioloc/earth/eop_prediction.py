@@ -17,13 +17,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import ARCSEC_RAD, MJD_ZERO_JD, SECONDS_PER_DAY
 from radioloc.earth.eop import EopTable
 from radioloc.earth.eop_tides import zonal_tides
 from radioloc.errors import InputError
 from radioloc.time import Epochs, utc_to_tt
+from radioloc.vectors import Floats
 
 BEYOND = ("hold", "extrapolate")
 _LONGEST_D = 3000
@@ -69,7 +69,7 @@ def extended(table: EopTable, how: str) -> EopTable:
     return replace(table, **columns, sources=(*table.sources, source), beyond=(how, last))
 
 
-def _continued(table: EopTable, lead_d: NDArray[np.float64], how: str) -> NDArray[np.float64]:
+def _continued(table: EopTable, lead_d: Floats, how: str) -> Floats:
     """UT1 - TT without zonal tides, s, and the pole, rad, some days after the last, shape (3, n)."""
     values, tt = table.at_0h_utc
     days = table.mjd_utc[-_FITTED_D:] - table.mjd_utc[-1]
@@ -90,14 +90,14 @@ def _continued(table: EopTable, lead_d: NDArray[np.float64], how: str) -> NDArra
 
 
 def _periodic(
-    days: NDArray[np.float64],
-    column: NDArray[np.float64],
+    days: Floats,
+    column: Floats,
     periods_d: tuple[float, ...],
-    at_d: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    at_d: Floats,
+) -> Floats:
     """Change of the periodic terms of a column, fitted with its trend, from day zero to other days."""
 
-    def waves(day: NDArray[np.float64]) -> NDArray[np.float64]:
+    def waves(day: Floats) -> Floats:
         angle = 2.0 * np.pi * day[:, None] / np.array(periods_d)
         return np.hstack([np.cos(angle), np.sin(angle)])
 
@@ -112,9 +112,7 @@ def last_measured_mjd(table: EopTable) -> float:
     return float(table.mjd_utc[measured[-1] if len(measured) else 0])
 
 
-def orientation_errors(
-    table: EopTable, mjd_utc: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def orientation_errors(table: EopTable, mjd_utc: Floats) -> tuple[Floats, Floats]:
     """Standard deviations of UT1, s, and of each coordinate of the pole, rad, at some dates, shape (n,)."""
     lead_d = np.maximum(mjd_utc - last_measured_mjd(table), 0.0)
     ut1_s, pole_arcsec = 0.00025 * lead_d**0.75, 0.00068 * lead_d**0.80

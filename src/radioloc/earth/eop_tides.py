@@ -16,10 +16,10 @@ from __future__ import annotations
 
 import erfa
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import ARCSEC_RAD, SECONDS_PER_DAY
 from radioloc.time.tabulated import table_of
+from radioloc.vectors import Floats
 
 _DAYS_PER_CENTURY = 36525.0
 _MJD_J2000 = 51544.5
@@ -55,7 +55,7 @@ _GMST_RATE_S_CY = 3155760000.0 + 8640184.812866
 century."""
 
 
-def zonal_tides(centuries_tt: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def zonal_tides(centuries_tt: Floats) -> tuple[Floats, Floats]:
     """Effect of the zonal tides on UT1, s, and its rate, s/s; Julian centuries of TT since J2000."""
     # IERS Conventions (2010), eq. 8.1 and Table 8.1 (Yoder et al. 1981; Wahr and Bergen 1986; Kantha et al. 1998).
     table = table_of("radioloc.earth", "ut1_zonal_tides.csv")
@@ -65,7 +65,7 @@ def zonal_tides(centuries_tt: NDArray[np.float64]) -> tuple[NDArray[np.float64],
     return value[:, 0], rate[:, 0]
 
 
-def ocean_tides(mjd_ut1: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def ocean_tides(mjd_ut1: Floats) -> tuple[Floats, Floats]:
     """Variations of xp, yp (rad) and UT1 (s) by ocean tides, and their rates, (n, 3); the date may be UT1 or UTC."""
     # The conventional model is a response to the tidal potential and its values two days before and after. As these are
     # sums over the same lines, the response is worked out for each line, and one sum over 71 lines remains.
@@ -77,7 +77,7 @@ def ocean_tides(mjd_ut1: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDAr
     return value * _EOP_UNITS, rate * _EOP_UNITS
 
 
-def libration(mjd_ut1: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def libration(mjd_ut1: Floats) -> tuple[Floats, Floats]:
     """Diurnal libration of the pole (rad) and semidiurnal libration of UT1 (s), and their rates, (n, 3)."""
     # IERS Conventions (2010), Tables 5.1a (its ten diurnal terms; those of long period are in the observed pole) and
     # 5.1b. Arguments are GMST + pi, of which one date in UT1 is enough here, and the Delaunay variables.
@@ -98,7 +98,7 @@ def libration(mjd_ut1: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArra
     return value, rate
 
 
-def _delaunay(centuries: NDArray[np.float64]) -> NDArray[np.float64]:
+def _delaunay(centuries: Floats) -> Floats:
     """l, l', F, D, Omega in rad, shape (n, 5) (IERS 2010 eq. 5.43)."""
     return np.column_stack(
         [f(centuries) for f in (erfa.fal03, erfa.falp03, erfa.faf03, erfa.fad03, erfa.faom03)]
@@ -106,17 +106,17 @@ def _delaunay(centuries: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _harmonic_sum(
-    angles: NDArray[np.float64],
-    rates: NDArray[np.float64],
-    sine: NDArray[np.float64],
-    cosine: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    angles: Floats,
+    rates: Floats,
+    sine: Floats,
+    cosine: Floats,
+) -> tuple[Floats, Floats]:
     """Sum of sines and cosines of angles (n, m), and its derivative by the rates (m,); coefficients (m, k)."""
     s, c = np.sin(angles), np.cos(angles)
     return s @ sine + c @ cosine, c @ (rates[:, None] * sine) - s @ (rates[:, None] * cosine)
 
 
-def _ocean_tide_coefficients() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _ocean_tide_coefficients() -> tuple[Floats, Floats]:
     """Sine and cosine coefficients of xp, yp (uas) and UT1 (us) for each tidal line, each of shape (71, 3)."""
     # For a line of height h and frequency w, potential values two days apart sum to 2 h cos(2 w) and differ by
     # 2 h sin(2 w) times the line itself, in phase and in quadrature; the three orthotides then are real factors.

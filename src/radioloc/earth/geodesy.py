@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import erfa
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from radioloc.errors import InputError
 from radioloc.units import as_float_array, as_metres
-from radioloc.vectors import east_north_up
+from radioloc.vectors import Floats, east_north_up
 
 _GRS80 = 2
 """ERFA's number of the ellipsoid."""
@@ -25,9 +25,9 @@ _LEAST_RADIUS_M = 1e6
 class Geodetic:
     """Geodetic coordinates on GRS80, of any shape; the longitude is counted east, in (-pi, pi]."""
 
-    longitude_rad: NDArray[np.float64]
-    latitude_rad: NDArray[np.float64]
-    height_m: NDArray[np.float64]
+    longitude_rad: Floats
+    latitude_rad: Floats
+    height_m: Floats
 
 
 def geodetic_from_itrf(itrf_m: ArrayLike) -> Geodetic:
@@ -51,9 +51,7 @@ def geodetic_from_itrf(itrf_m: ArrayLike) -> Geodetic:
     return Geodetic(np.asarray(longitude), np.asarray(latitude), np.asarray(height))
 
 
-def itrf_from_geodetic(
-    longitude_rad: ArrayLike, latitude_rad: ArrayLike, height_m: ArrayLike
-) -> NDArray[np.float64]:
+def itrf_from_geodetic(longitude_rad: ArrayLike, latitude_rad: ArrayLike, height_m: ArrayLike) -> Floats:
     """Position in the ITRF, m, shape (..., 3), of east longitude and latitude (rad) and height (m) on GRS80: ``gd2gc``.
 
     Examples
@@ -76,13 +74,13 @@ def itrf_from_geodetic(
     return np.asarray(erfa.gd2gc(_GRS80, longitude, latitude, height))
 
 
-def rot_itrf_to_enu(itrf_m: ArrayLike) -> NDArray[np.float64]:
+def rot_itrf_to_enu(itrf_m: ArrayLike) -> Floats:
     """Rotations from the ITRF to east, north and up (the ellipsoid's normal) at places, shape (..., 3, 3)."""
     place = geodetic_from_itrf(itrf_m)
     return east_north_up(place.longitude_rad, place.latitude_rad)
 
 
-def rot_itrf_to_spherical_enu(itrf_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def rot_itrf_to_spherical_enu(itrf_m: Floats) -> Floats:
     """Rotations from the ITRF to east, north and away from the geocentre, in which tides are developed, (..., 3, 3)."""
     x, y, z = np.moveaxis(itrf_m, -1, 0)
     return east_north_up(np.arctan2(y, x), np.arctan2(z, np.hypot(x, y)))

@@ -28,6 +28,7 @@ from radioloc.earth.blq import BlqCoefficients
 from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.time import Epochs, evaluate_smooth
 from radioloc.time.tabulated import table_of
+from radioloc.vectors import Floats
 
 # fmt: off
 GIVEN_TIDES = np.array([
@@ -80,9 +81,7 @@ _BLOCK = 256
 """Epochs of which the phases of all tides stay in the processor's cache."""
 
 
-def loading_itrf_m(
-    coefficients: BlqCoefficients, station_itrf_m: NDArray[np.float64]
-) -> NDArray[np.complex128]:
+def loading_itrf_m(coefficients: BlqCoefficients, station_itrf_m: Floats) -> NDArray[np.complex128]:
     """Amplitudes for :func:`sum_of_tides` of the displacement by ocean tide loading, ITRF, shape (3, 11)."""
     return np.asarray(rot_itrf_to_enu(station_itrf_m).T @ loading_enu_m(coefficients))
 
@@ -93,9 +92,7 @@ def loading_enu_m(coefficients: BlqCoefficients) -> NDArray[np.complex128]:
     return np.asarray(_WEST_SOUTH_UP_TO_ENU @ amplitudes_m)
 
 
-def sum_of_tides(
-    amplitudes_m: NDArray[np.complex128], tt: Epochs, ut1_fraction: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def sum_of_tides(amplitudes_m: NDArray[np.complex128], tt: Epochs, ut1_fraction: Floats) -> Floats:
     """Sum 342 tides that follow from eleven, m, shape (n, 3); amplitudes have the shape (3, 11) or (n, 3, 11)."""
     # IERS Conventions (2010), section 7.1.2: the sum of A_j cos(theta_j(t) + chi_j - phi_j), with amplitude relative to
     # the equilibrium tide, and lag, interpolated in frequency. Amplitudes are complex, A exp(-i lag), in the order of
@@ -144,9 +141,7 @@ def amplitudes_by_given() -> NDArray[np.complex128]:
     return amplitudes
 
 
-def _interpolate(
-    x: NDArray[np.float64], y: NDArray[np.complex128], at: NDArray[np.float64]
-) -> NDArray[np.complex128]:
+def _interpolate(x: Floats, y: NDArray[np.complex128], at: Floats) -> NDArray[np.complex128]:
     """Interpolate rows of y by a cubic spline (four nodes) or lines (three); outside, take the end."""
     # By hand, as importing scipy.interpolate takes half as long as locating a reflector.
     inside = np.clip(at, x[0], x[-1])
@@ -159,7 +154,7 @@ def _interpolate(
     return a * y[:, k] + b * y[:, k + 1] + cubic * width**2 / 6.0
 
 
-def _spline_curvature(x: NDArray[np.float64], y: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def _spline_curvature(x: Floats, y: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Second derivatives at the nodes of the cubic spline whose end slopes are those of parabolas, shape of y."""
     step = np.diff(x)
     slope = np.diff(y, axis=1) / step
@@ -171,7 +166,7 @@ def _spline_curvature(x: NDArray[np.float64], y: NDArray[np.complex128]) -> NDAr
     return np.asarray(np.linalg.solve(matrix, right.T).T, dtype=np.complex128)
 
 
-def _doodson_arguments_rad(centuries_tt: NDArray[np.float64]) -> NDArray[np.float64]:
+def _doodson_arguments_rad(centuries_tt: Floats) -> Floats:
     """Arguments s, h, p, N', ps, rad, shape (n, 5), by the IERS 2003 fundamental arguments (ERFA)."""
     node = erfa.faom03(centuries_tt)
     moon = erfa.faf03(centuries_tt) + node
@@ -181,7 +176,7 @@ def _doodson_arguments_rad(centuries_tt: NDArray[np.float64]) -> NDArray[np.floa
     )
 
 
-def tidal_potential() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def tidal_potential() -> tuple[Floats, Floats]:
     """Multipliers, shape (342, 6), and equilibrium amplitudes, m, of the tides."""
     table = table_of("radioloc.earth", "tide_potential.csv")
     return table[:, :6], table[:, 6]

@@ -26,7 +26,7 @@ from radioloc.earth.eop_tides import libration, ocean_tides
 from radioloc.errors import PredictedEopWarning
 from radioloc.time import Epochs
 from radioloc.time.tabulated import table_of, tabulated
-from radioloc.vectors import cross_matrices
+from radioloc.vectors import Floats, cross_matrices
 
 _ERA_AT_J2000_TURNS = 0.7790572732640
 _ERA_EXCESS_TURNS_PER_DAY = 0.00273781191135448
@@ -41,13 +41,13 @@ _EXCESS_LOW = _ERA_EXCESS_TURNS_PER_DAY - _EXCESS_HIGH
 class EarthRotation:
     """Orientation of the Earth at n epochs."""
 
-    rot_itrf_to_gcrs: NDArray[np.float64]  # position_gcrs = rot @ position_itrf, (n, 3, 3)
-    rot_itrf_to_gcrs_rate: NDArray[np.float64]  # by TT, 1/s
+    rot_itrf_to_gcrs: Floats  # position_gcrs = rot @ position_itrf, (n, 3, 3)
+    rot_itrf_to_gcrs_rate: Floats  # by TT, 1/s
     ut1: Epochs  # with all terms asked for
-    xp_rad: NDArray[np.float64]  # the tables' pole with ocean tides and libration
-    yp_rad: NDArray[np.float64]
-    xp_table_rad: NDArray[np.float64]  # the tables' pole alone, as the pole tide takes it
-    yp_table_rad: NDArray[np.float64]
+    xp_rad: Floats  # the tables' pole with ocean tides and libration
+    yp_rad: Floats
+    xp_table_rad: Floats  # the tables' pole alone, as the pole tide takes it
+    yp_table_rad: Floats
     predicted: NDArray[np.bool_]  # whether any of the daily values used is a prediction
 
 
@@ -130,7 +130,7 @@ class EarthOrientation:
             )
 
     @bare_arguments
-    def rough_rotation(self, tt: Epochs) -> NDArray[np.float64]:
+    def rough_rotation(self, tt: Epochs) -> Floats:
         """Rotation from the ITRF to the GCRS without polar motion and tides, 20 m on the ground, shape (n, 3, 3)."""
         x, y = _celestial_pole(tt)[0]
         values, days = self.table.at_0h_utc
@@ -138,7 +138,7 @@ class EarthOrientation:
         angle_rad = earth_rotation_angle(Epochs.from_jd(tt.jd, tt.fraction + ut1_minus_tt_d, "UT1"))
         return np.swapaxes(erfa.rz(angle_rad, erfa.c2ixys(x, y, 0.0)), -1, -2)
 
-    def _subdaily(self, mjd_ut1: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _subdaily(self, mjd_ut1: Floats) -> tuple[Floats, Floats]:
         """Sum of the chosen terms in xp, yp (rad) and UT1 (s), and its rate; each of shape (n, 3)."""
         value, rate = np.zeros((len(mjd_ut1), 3)), np.zeros((len(mjd_ut1), 3))
         for wanted, model in ((self.subdaily_tides, ocean_tides), (self.libration, libration)):
@@ -149,7 +149,7 @@ class EarthOrientation:
         return value, rate
 
 
-def earth_rotation_angle(ut1: Epochs) -> NDArray[np.float64]:
+def earth_rotation_angle(ut1: Epochs) -> Floats:
     """Earth rotation angle, rad, 0 to 2 pi, shape (n,) (IERS Conventions 2010, eq. 5.15)."""
     # ERFA's ``era00`` rounds the days since J2000 and loses 4e-14 rad; here whole turns are cast off part by part
     # before they are summed, which loses less than 5e-15 rad.
@@ -161,7 +161,7 @@ def earth_rotation_angle(ut1: Epochs) -> NDArray[np.float64]:
     return 2 * np.pi * np.mod(turns, 1.0)
 
 
-def _celestial_pole(tt: Epochs) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _celestial_pole(tt: Epochs) -> tuple[Floats, Floats]:
     """X and Y of the celestial intermediate pole (IAU 2006/2000A), rad, and their rates, rad/s, shapes (2, n)."""
     # From 1972 to 2049 by polynomials that follow the series of ERFA to 2e-14 rad, 0.1 um on the ground.
     table = table_of("radioloc.earth", "celestial_pole.npy")

@@ -20,11 +20,9 @@ from functools import cache
 from importlib.resources import files
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import ARCSEC_RAD
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 _EPOCH_YEAR = 2015.0
 _UNITS = np.array([1e-3, 1e-3, 1e-3, 1e-9, *3 * [1e-3 * ARCSEC_RAD]])

@@ -22,12 +22,12 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.polynomial.polynomial import polyval
-from numpy.typing import NDArray
 
 from radioloc.constants import ARCSEC_RAD
 from radioloc.earth.geodesy import rot_itrf_to_spherical_enu
 from radioloc.time import Epochs
 from radioloc.time.tabulated import table_of
+from radioloc.vectors import Floats
 
 # Masses in Earth masses and the equatorial radius, as the conventional model has them.
 _SUN_MASS_RATIO = 332946.0482
@@ -72,12 +72,12 @@ _TRANSVERSE_M_RAD = 9e-3 / ARCSEC_RAD
 
 
 def solid_earth_tide(
-    station_itrf_m: NDArray[np.float64],
-    moon_itrf_m: NDArray[np.float64],
-    sun_itrf_m: NDArray[np.float64],
+    station_itrf_m: Floats,
+    moon_itrf_m: Floats,
+    sun_itrf_m: Floats,
     tt: Epochs,
-    ut1_fraction: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    ut1_fraction: Floats,
+) -> Floats:
     """Displacement of stations by the solid Earth tide, ITRF, m, shape (n, 3)."""
     # Stations, Moon and Sun are geocentric, ITRF, m, (n, 3); 300 m for the Moon and 300 km for the Sun are enough for a
     # micrometre, and so is UTC in place of UT1. IERS Conventions (2010), eq. 7.5, 7.6, 7.8 to 7.11 (step 1) and 7.12,
@@ -94,16 +94,14 @@ def solid_earth_tide(
     return np.einsum("nij,ni->nj", axes, enu)
 
 
-def secular_pole_rad(tt: Epochs) -> NDArray[np.float64]:
+def secular_pole_rad(tt: Epochs) -> Floats:
     """Coordinates x and y of the IERS secular pole (2018; section 7.1.4 as updated in February 2018), rad, (n, 2)."""
     tt.require("TT")
     years = 100.0 * tt.centuries_since_j2000()
     return np.stack([55.0 + 1.677 * years, 320.5 + 3.460 * years], axis=-1) * (1e-3 * ARCSEC_RAD)
 
 
-def pole_tide_displacement(
-    station_itrf_m: NDArray[np.float64], xp_rad: NDArray[np.float64], yp_rad: NDArray[np.float64], tt: Epochs
-) -> NDArray[np.float64]:
+def pole_tide_displacement(station_itrf_m: Floats, xp_rad: Floats, yp_rad: Floats, tt: Epochs) -> Floats:
     """Displacement of stations (ITRF, m, shape (n, 3)) by the solid Earth pole tide, ITRF, m, shape (n, 3)."""
     # IERS Conventions (2010), eq. 7.26 with m1 = xp - xs, m2 = -(yp - ys): towards the radius, the south and the east,
     # -33 sin 2t (m1 cos L + m2 sin L), -9 cos 2t (m1 cos L + m2 sin L) and 9 cos t (m1 sin L - m2 cos L) mm for m1, m2
@@ -122,12 +120,12 @@ def pole_tide_displacement(
 
 
 def _step_1(
-    axes: NDArray[np.float64],
-    sin_lat: NDArray[np.float64],
-    longitude: NDArray[np.float64],
-    body_m: NDArray[np.float64],
+    axes: Floats,
+    sin_lat: Floats,
+    longitude: Floats,
+    body_m: Floats,
     mass_ratio: float,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Sum the terms of one body in the time domain: east, north, radial, m, shape (n, 3)."""
     distance = np.linalg.norm(body_m, axis=-1)
     unit = body_m / distance[:, np.newaxis]
@@ -172,11 +170,11 @@ def _step_1(
 
 
 def _step_2(
-    sin_lat: NDArray[np.float64],
-    longitude: NDArray[np.float64],
-    centuries_tt: NDArray[np.float64],
-    ut1_fraction: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    sin_lat: Floats,
+    longitude: Floats,
+    centuries_tt: Floats,
+    ut1_fraction: Floats,
+) -> Floats:
     """Sum the corrections in the frequency domain: east, north, radial, m, shape (n, 3)."""
     moon_of_date = polyval(centuries_tt, _MEAN_MOON_OF_DATE)
     tau = 360.0 * ut1_fraction + polyval(centuries_tt, _MEAN_SUN_AT_MIDNIGHT) - moon_of_date

@@ -18,7 +18,6 @@ from importlib.resources import files
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.constants import J2000_JD
@@ -28,6 +27,7 @@ from radioloc.earth.reference_frames import frames, to_itrf2020
 from radioloc.errors import InputError, StationError
 from radioloc.time import Epochs
 from radioloc.units import as_metres, in_unit
+from radioloc.vectors import Floats
 
 KINDS = ("llr", "vlbi", "ttc")
 _SIGMA_M = {"survey": 0.01, "approximate": 1.0, "rounded": 100.0}
@@ -92,11 +92,11 @@ class Station:
     name: str
     aliases: tuple[str, ...]
     kind: str
-    itrf_m: NDArray[np.float64]
+    itrf_m: Floats
     epoch_year: float
     quality: str
     source: str
-    velocity_m_yr: NDArray[np.float64] | None = None
+    velocity_m_yr: Floats | None = None
     ocean_loading: BlqCoefficients | None = None
     mount: str = "azimuth_elevation"
     axis_offset_m: float | None = None
@@ -222,7 +222,7 @@ class Station:
         return _SIGMA_M[self.quality] if self.sigma_m is None else self.sigma_m
 
     @property
-    def itrf2020(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def itrf2020(self) -> tuple[Floats, Floats]:
         """Position (m) and velocity (m per Julian year) in ITRF2020 at :attr:`epoch_year`.
 
         Where the velocity is not known the station stands still in ITRF2020.
@@ -232,7 +232,7 @@ class Station:
         return position_m, velocity_m_yr if self.velocity_known else given_m_yr
 
     @bare_arguments
-    def position_at(self, tt: Epochs) -> NDArray[np.float64]:
+    def position_at(self, tt: Epochs) -> Floats:
         """Give the reference point in ITRF2020 at epochs of TT, without tides and loading, m, shape (n, 3)."""
         tt.require("TT")
         position_m, velocity_m_yr = self.itrf2020
@@ -352,7 +352,7 @@ def station_name(catalogue: StationCatalogue | None, *names: str) -> str:
     return catalogue[known[0]].name if catalogue is not None and known else names[0]
 
 
-def reordered_coordinates(xyz_m: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+def reordered_coordinates(xyz_m: Floats) -> dict[str, Floats]:
     """Return geocentric coordinates with axes exchanged or another sign, as mistakes have them, by what is changed."""
     x, y, z = xyz_m
     orders = {
@@ -373,7 +373,7 @@ def reordered_coordinates(xyz_m: NDArray[np.float64]) -> dict[str, NDArray[np.fl
     return others
 
 
-def _height_m(itrf_m: NDArray[np.float64]) -> float:
+def _height_m(itrf_m: Floats) -> float:
     return float(geodetic_from_itrf(itrf_m).height_m)
 
 

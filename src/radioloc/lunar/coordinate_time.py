@@ -11,7 +11,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S, J2000_JD, L_G, SECONDS_PER_DAY
@@ -20,7 +19,7 @@ from radioloc.ephemeris.positions import clock_rate
 from radioloc.lunar.frames import rot_icrf_to_pa
 from radioloc.lunar.position import LunarPosition
 from radioloc.time import Epochs, geocentric_tdb_minus_tt
-from radioloc.vectors import dot
+from radioloc.vectors import Floats, dot
 
 _START = Epochs.from_jd(2443144.5, 32.184 / SECONDS_PER_DAY, "TDB")
 """When TCB, TCG, TCL were alike and TT 65.5 microseconds before TDB; the number is that of TT."""
@@ -32,7 +31,7 @@ _STEP_S = 43200.0
 @bare_arguments
 def tcl_minus_tdb(
     tdb: Epochs, position: LunarPosition | None = None, ephemeris: str | Path = "DE421"
-) -> NDArray[np.float64]:
+) -> Floats:
     """TCL - TDB at the Moon's centre, or at a point fixed to the Moon, s, shape (n,).
 
     Parameters
@@ -77,7 +76,7 @@ def tcl_minus_tdb(
     return found
 
 
-def _tcl_minus_tcg(source: Ephemeris, tdb: Epochs) -> NDArray[np.float64]:
+def _tcl_minus_tcg(source: Ephemeris, tdb: Epochs) -> Floats:
     """At the centres of Moon and Earth, at the same TDB, s, shape (n,)."""
     from scipy.interpolate import make_interp_spline
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import erfa
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from radioloc import vectors
 from radioloc.boundary import bare_arguments
@@ -17,9 +17,10 @@ from radioloc.ephemeris import CONSTANTS, EphemerisConstants, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.time import Epochs
 from radioloc.units import as_float_array
+from radioloc.vectors import Floats
 
 
-def rot_icrf_to_pa(angles_rad: ArrayLike) -> NDArray[np.float64]:
+def rot_icrf_to_pa(angles_rad: ArrayLike) -> Floats:
     """Rotation from the ICRF to the principal axes of the Moon, Rz(psi) Rx(theta) Rz(phi), shape (..., 3, 3).
 
     Parameters
@@ -46,7 +47,7 @@ def rot_icrf_to_pa(angles_rad: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(erfa.rz(psi, erfa.rx(theta, erfa.rz(phi, np.eye(3)))))
 
 
-def angular_velocity_pa(angles_rad: ArrayLike, rates_rad_s: ArrayLike) -> NDArray[np.float64]:
+def angular_velocity_pa(angles_rad: ArrayLike, rates_rad_s: ArrayLike) -> Floats:
     """Angular velocity of the Moon in the ICRF, in principal axes, rad/s, shape (..., 3), by Euler angles and rates."""
     _, theta, psi = _angles(angles_rad, "rad", "angles_rad")
     phi_rate, theta_rate, psi_rate = _angles(rates_rad_s, "rad / s", "rates_rad_s")
@@ -60,12 +61,12 @@ def angular_velocity_pa(angles_rad: ArrayLike, rates_rad_s: ArrayLike) -> NDArra
     )
 
 
-def rot_icrf_to_pa_rate(angles_rad: ArrayLike, rates_rad_s: ArrayLike) -> NDArray[np.float64]:
+def rot_icrf_to_pa_rate(angles_rad: ArrayLike, rates_rad_s: ArrayLike) -> Floats:
     """Time derivative of :func:`rot_icrf_to_pa`, -[w] R with the angular velocity w, 1/s, shape (..., 3, 3)."""
     return -vectors.cross_matrices(angular_velocity_pa(angles_rad, rates_rad_s)) @ rot_icrf_to_pa(angles_rad)
 
 
-def rot_pa_to_me(constants: EphemerisConstants) -> NDArray[np.float64]:
+def rot_pa_to_me(constants: EphemerisConstants) -> Floats:
     """Rotation from the principal to the mean-Earth axes of an ephemeris, Rx Ry Rz of constant angles, shape (3, 3).
 
     With DE421's angles a point moves by up to 875 m (the literature often quotes 860 m, from older angles).
@@ -82,7 +83,7 @@ def rot_pa_to_me(constants: EphemerisConstants) -> NDArray[np.float64]:
     return np.asarray(erfa.rx(about_x, erfa.ry(about_y, erfa.rz(about_z, np.eye(3)))))
 
 
-def rot_icrf_to_me(tdb: Epochs) -> NDArray[np.float64]:
+def rot_icrf_to_me(tdb: Epochs) -> Floats:
     """Rotation from the ICRF (J2000) to ME_DE421, the axes of lunar maps, at epochs of TDB, shape (n, 3, 3)."""
     return rot_pa_to_me(CONSTANTS["DE421"]) @ rot_icrf_to_pa(LunarOrientation.open("DE421").angles(tdb)[0])
 
@@ -111,7 +112,7 @@ _IAU_TERMS = np.array(
 
 
 @bare_arguments
-def rot_icrf_to_iau_moon(tdb: Epochs) -> NDArray[np.float64]:
+def rot_icrf_to_iau_moon(tdb: Epochs) -> Floats:
     """Rotation from the ICRF to the IAU's mean rotation of the Moon (SPICE's IAU_MOON) at epochs of TDB, (n, 3, 3).
 
     Rz(W) Rx(90 deg - delta) Rz(90 deg + alpha) of the pole's right ascension alpha and declination delta and the prime
@@ -136,7 +137,7 @@ def rot_icrf_to_iau_moon(tdb: Epochs) -> NDArray[np.float64]:
     return rot_icrf_to_pa(np.radians(np.stack([90.0 + alpha_deg, 90.0 - delta_deg, w_deg], axis=-1)))
 
 
-def _angles(values: ArrayLike, unit: str, name: str) -> NDArray[np.float64]:
+def _angles(values: ArrayLike, unit: str, name: str) -> Floats:
     array = as_float_array(values, unit, name)
     if array.ndim == 0 or array.shape[-1] != 3:
         raise InputError(f"three Euler angles are needed along the last axis, but the shape is {array.shape}")

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
+
 Indices = NDArray[np.int64]
 
 STENCIL_CELLS = {"bilinear": 2, "bicubic": 4}

@@ -11,11 +11,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up
-
-_Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,18 +35,18 @@ class LocalDifference:
         return math.hypot(self.east_m, self.north_m, self.up_m)
 
     @property
-    def enu_m(self) -> _Floats:
+    def enu_m(self) -> Floats:
         """East, north, up, m, shape (3,)."""
         return np.array([self.east_m, self.north_m, self.up_m])
 
 
-def axes_at(origin_m: _Floats) -> _Floats:
+def axes_at(origin_m: Floats) -> Floats:
     """Rotation to east, north and up at a point, from the axes that its coordinates are given in, shape (3, 3)."""
     return east_north_up(*cartesian_to_selenographic(origin_m)[:2])
 
 
 def local_difference(
-    point_m: _Floats, origin_m: _Floats, axes: _Floats | None = None, radius_m: float | None = None
+    point_m: Floats, origin_m: Floats, axes: Floats | None = None, radius_m: float | None = None
 ) -> LocalDifference:
     """Return the difference of a point to an origin, both in the same Moon-fixed axes, m, shape (3,)."""
     # `axes`: rotation to east, north, up at the origin, by default of the axes of the coordinates; `radius_m`: of the
@@ -66,7 +64,7 @@ def local_difference(
     return LocalDifference(east_m, north_m, float(point_radius_m - origin_radius_m))
 
 
-def displaced(origin_m: _Floats, enu_m: _Floats, axes: _Floats | None = None) -> _Floats:
+def displaced(origin_m: Floats, enu_m: Floats, axes: Floats | None = None) -> Floats:
     """Return points by their local differences (..., 3) from an origin: the inverse of :func:`local_difference`."""
     axes = axes_at(origin_m) if axes is None else axes
     origin_radius_m = np.linalg.norm(origin_m)
@@ -77,7 +75,7 @@ def displaced(origin_m: _Floats, enu_m: _Floats, axes: _Floats | None = None) ->
     return np.asarray((origin_radius_m + enu_m[..., 2:]) * (unit @ axes))
 
 
-def rot_enu_between(origin_m: _Floats, other_m: _Floats) -> _Floats:
+def rot_enu_between(origin_m: Floats, other_m: Floats) -> Floats:
     """Rotation from east, north, up at one point to those at another, carried along their great circle, (3, 3)."""
     # Parallel transport keeps the angle of a direction to the arc; near a pole the axes of neighbours differ much.
     up, other_up = origin_m / np.linalg.norm(origin_m), other_m / np.linalg.norm(other_m)

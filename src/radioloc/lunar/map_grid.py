@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.extras import optional
+from radioloc.vectors import Floats
 
 _STEP_RAD = 1e-6  # 1.7 m on the ground: rounding of map coordinates leaves a part in 1e9 of a derivative
 _AROUND_TOLERANCE_CELLS = 0.1  # a label's rounded map scale leaves a global map open by less than this
@@ -80,9 +81,7 @@ class MapGrid:
             folds = [round(float(t)) if abs(t - round(t)) < 0.1 else None for t in twice]
         return cls(crs, geographic, rows, columns, transform, resolution_m, around, closed, *folds)
 
-    def cells(
-        self, longitude_rad: NDArray[np.float64], latitude_rad: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def cells(self, longitude_rad: Floats, latitude_rad: Floats) -> tuple[Floats, Floats]:
         """Row and column of points, shape (n,); not finite where the projection does not show the point."""
         x, y = self._project(longitude_rad, latitude_rad)
         with np.errstate(invalid="ignore"):  # infinities make NaN, which the caller refuses as well
@@ -93,8 +92,8 @@ class MapGrid:
         return row, column
 
     def cells_and_derivatives(
-        self, longitude_rad: NDArray[np.float64], latitude_rad: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        self, longitude_rad: Floats, latitude_rad: Floats
+    ) -> tuple[Floats, Floats, Floats]:
         """Row and column, (n,), and derivatives (2, 2, n), cells/rad: [by longitude or latitude, of row or column]."""
         # Differences over 2e-6 rad, one-sided at a pole.
         north = np.minimum(latitude_rad + _STEP_RAD, math.pi / 2)
@@ -128,9 +127,7 @@ class MapGrid:
         inside = (rows >= 0) & (rows < self.rows) & (columns >= 0) & (columns < self.columns)
         return rows, columns, inside
 
-    def longitude_latitude(
-        self, rows: NDArray[np.float64], columns: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def longitude_latitude(self, rows: Floats, columns: Floats) -> tuple[Floats, Floats]:
         """Longitude and latitude, rad, of positions in the grid, shape (n,); infinite where there is no Moon."""
         x, y = _applied(self.transform, np.asarray(columns) + 0.5, np.asarray(rows) + 0.5)
         longitude_deg, latitude_deg = _transform(self.crs, self.geographic, x, y)
@@ -184,9 +181,7 @@ class MapGrid:
         west, span = longitudes[2] - 0.5 * cell, (longitudes[3] - longitudes[2]) % 360.0 + cell
         return f"longitudes {west:.4f} to {west + span:.4f}, {south_north}"
 
-    def _project(
-        self, longitude_rad: NDArray[np.float64], latitude_rad: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _project(self, longitude_rad: Floats, latitude_rad: Floats) -> tuple[Floats, Floats]:
         return _transform(self.geographic, self.crs, np.degrees(longitude_rad), np.degrees(latitude_rad))
 
 
@@ -196,9 +191,7 @@ def _applied(transform: Any, u: Any, v: Any) -> tuple[Any, Any]:
     return a * u + b * v + c, d * u + e * v + f
 
 
-def _transform(
-    source: Any, target: Any, x: NDArray[np.float64], y: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _transform(source: Any, target: Any, x: Floats, y: Floats) -> tuple[Floats, Floats]:
     rasterio = load_rasterio()
     try:
         xs, ys = rasterio.warp.transform(source, target, x, y)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S
@@ -20,6 +20,7 @@ from radioloc.lunar.selenographic import (
 )
 from radioloc.time import Epochs
 from radioloc.units import as_metres
+from radioloc.vectors import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +41,7 @@ class LunarPosition:
     """
 
     frame: str
-    xyz_m: NDArray[np.float64]
+    xyz_m: Floats
 
     def __post_init__(self) -> None:
         axes, _, ephemeris = self.frame.partition("_") if isinstance(self.frame, str) else ("", "", "")
@@ -212,7 +213,7 @@ class LunarPosition:
         return LunarPosition(frames[axes], _rotation(self.frame, own, frames[axes], constants) @ self.xyz_m)
 
 
-def rot_between(frame: str, other: str) -> NDArray[np.float64]:
+def rot_between(frame: str, other: str) -> Floats:
     """Rotation from one set of axes on the Moon to another, shape (3, 3): that of :meth:`LunarPosition.to_frame`.
 
     Many points are turned at once: ``points_m @ rot_between(frame, other).T`` of shape (n, 3).
@@ -242,9 +243,7 @@ def rot_between(frame: str, other: str) -> NDArray[np.float64]:
     return _rotation(frame, own, other, its)
 
 
-def _rotation(
-    frame: str, own: EphemerisConstants, other: str, its: EphemerisConstants
-) -> NDArray[np.float64]:
+def _rotation(frame: str, own: EphemerisConstants, other: str, its: EphemerisConstants) -> Floats:
     """From axes of one ephemeris to those of another by the mean-Earth axes of both."""
     to_me = np.eye(3) if frame == own.me_frame else rot_pa_to_me(own)
     return to_me if other == its.me_frame else rot_pa_to_me(its).T @ to_me

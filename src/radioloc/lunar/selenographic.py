@@ -8,17 +8,18 @@ apart, so name the axes in whatever holds them (``lander_me_m``).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from radioloc import vectors
 from radioloc.constants import LUNAR_HEIGHT_LIMITS_M, MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.units import as_float_array
+from radioloc.vectors import Floats
 
 
 def selenographic_to_cartesian(
     longitude_rad: ArrayLike, latitude_rad: ArrayLike, height_m: ArrayLike
-) -> NDArray[np.float64]:
+) -> Floats:
     """Cartesian coordinates of points, m, shape (..., 3).
 
     Parameters
@@ -38,7 +39,7 @@ def selenographic_to_cartesian(
 
 def cartesian_to_selenographic(
     point_m: ArrayLike,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Floats, Floats, Floats]:
     """East longitude, from -pi to pi, and latitude, rad, and height, m, of points, shapes (...,).
 
     Parameters
@@ -67,7 +68,7 @@ def cartesian_to_selenographic(
     return np.arctan2(y, x), np.arctan2(z, equatorial_m), radius_m - MEAN_LUNAR_RADIUS_M
 
 
-def east_north_up(longitude_rad: ArrayLike, latitude_rad: ArrayLike) -> NDArray[np.float64]:
+def east_north_up(longitude_rad: ArrayLike, latitude_rad: ArrayLike) -> Floats:
     """East, north and up unit vectors at points, as rows, (..., 3, 3); at a pole the longitude chooses the meridian.
 
     The matrix times a vector gives its east, north and up components.
@@ -94,7 +95,7 @@ def require_lunar_height(height_m: float) -> None:
 
 def checked(
     longitude_rad: ArrayLike, latitude_rad: ArrayLike, height_m: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Floats, Floats, Floats]:
     """Longitude and latitude, rad, and distance from the Moon's centre, m, of one shape and possible."""
     longitude, latitude, height = np.broadcast_arrays(
         as_float_array(longitude_rad, "rad", "longitude_rad"),

@@ -36,8 +36,7 @@ from radioloc.lunar.terrain_source import (
     open_map,
 )
 from radioloc.units import as_metres
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 _LARGEST_CELLS = 20_000_000  # 160 MB, and twice that for a moment
 _OVERSHOOT = {"bilinear": 1.0, "bicubic": 1.5}  # of slopes, between cells

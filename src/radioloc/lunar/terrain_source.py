@@ -18,6 +18,7 @@ from radioloc.constants import LUNAR_HEIGHT_LIMITS_M, MEAN_LUNAR_RADIUS_M
 from radioloc.errors import FileFormatError, InputError
 from radioloc.lunar.map_files import LUNAR_SPHERES_M, SourceFile, label_values, open_dataset, open_map_file
 from radioloc.lunar.map_grid import MapGrid, load_rasterio
+from radioloc.vectors import Floats
 
 _UNITS_M = {"m": 1.0, "km": 1.0e3}
 _UNIT_NAMES = {
@@ -69,9 +70,7 @@ class TerrainMetadata:
     nodata: float | None  # the number in the file that marks a void
 
 
-def heights_m(
-    about: TerrainMetadata, rows: NDArray[np.int64], columns: NDArray[np.int64]
-) -> NDArray[np.float64]:
+def heights_m(about: TerrainMetadata, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Floats:
     """Heights of cells of the map, m, in the shape of ``rows``; NaN where the map is void."""
     heights = np.empty(rows.shape, dtype=np.float64)
     tile_rows, tile_columns = rows // _TILE_CELLS, columns // _TILE_CELLS
@@ -86,7 +85,7 @@ def heights_m(
 
 def block_heights_m(
     about: TerrainMetadata, rows: tuple[int, int], columns: tuple[int, int], around: int | None
-) -> NDArray[np.float64]:
+) -> Floats:
     """Heights of a rectangle of cells, m, NaN for voids and implausible values; columns may cross the seam."""
     if around is None:
         parts = [columns]
@@ -100,13 +99,13 @@ def block_heights_m(
 
 
 @lru_cache(maxsize=_TILES_KEPT)
-def _tile(about: TerrainMetadata, i: int, j: int) -> NDArray[np.float64]:
+def _tile(about: TerrainMetadata, i: int, j: int) -> Floats:
     """Heights in a tile of the map, whose files' checksums are part of the cache's key."""
     rows, columns = ((k * _TILE_CELLS, (k + 1) * _TILE_CELLS) for k in (i, j))
     return _block(about, rows, columns)
 
 
-def _block(about: TerrainMetadata, rows: tuple[int, int], columns: tuple[int, int]) -> NDArray[np.float64]:
+def _block(about: TerrainMetadata, rows: tuple[int, int], columns: tuple[int, int]) -> Floats:
     """Heights of a rectangle of cells, as far as the file has them."""
     rasterio = load_rasterio()
     try:
@@ -122,9 +121,7 @@ def _block(about: TerrainMetadata, rows: tuple[int, int], columns: tuple[int, in
     return heights
 
 
-def _mark_undeclared_voids(
-    about: TerrainMetadata, raw: NDArray[np.float64], heights: NDArray[np.float64]
-) -> None:
+def _mark_undeclared_voids(about: TerrainMetadata, raw: Floats, heights: Floats) -> None:
     """Set cells to NaN that hold a usual void value which scale and offset make a lunar height."""
     # Terrain of that very height goes over into its neighbours; a void is a cliff all around.
     suspect = np.isin(raw, _USUAL_VOIDS) & ~implausible(heights)
@@ -241,16 +238,16 @@ def _meaning(
     return meanings[0]
 
 
-def _filled(numbers: Any) -> NDArray[np.float64]:
+def _filled(numbers: Any) -> Floats:
     """Masked numbers of the file as floats with NaN for voids."""
     return np.ma.filled(numbers.astype(np.float64), np.nan)
 
 
-def _heights_m(values: NDArray[np.float64], unit: str, reference_m: float) -> NDArray[np.float64]:
+def _heights_m(values: Floats, unit: str, reference_m: float) -> Floats:
     return values * _UNITS_M[unit] + (reference_m - MEAN_LUNAR_RADIUS_M)
 
 
-def implausible(heights_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+def implausible(heights_m: Floats) -> NDArray[np.bool_]:
     """Find heights that the Moon has nowhere."""
     low_m, high_m = LUNAR_HEIGHT_LIMITS_M
     return (heights_m < low_m) | (heights_m > high_m)

@@ -20,12 +20,11 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import EphemerisConstants
 from radioloc.lunar.frames import rot_pa_to_me
-from radioloc.vectors import dot, length, normalized
+from radioloc.vectors import Floats, dot, length, normalized
 
 # Mean of (a / R)^3 u u^T for the direction u and distance R of the Earth and the Sun, in mean-Earth axes over
 # four nodal periods of 18.6 years from 1969 (DE421); what is off the diagonal, below 2e-4, is 0.2 mm of
@@ -37,12 +36,12 @@ _SUN_MEAN = np.diag([0.500034, 0.500059, 0.000363])
 
 
 def solid_tide(
-    point_pa_m: NDArray[np.float64],
-    earth_pa_m: NDArray[np.float64],
-    sun_pa_m: NDArray[np.float64],
+    point_pa_m: Floats,
+    earth_pa_m: Floats,
+    sun_pa_m: Floats,
     constants: EphemerisConstants,
     permanent: Literal["included", "removed"] = "included",
-) -> NDArray[np.float64]:
+) -> Floats:
     """Displacement of surface points, (3,) or (n, 3), by the degree-2 solid tide, principal axes, m, (n, 3)."""
     # Earth and Sun are Moon-centred, principal axes, m, (n, 3). With the permanent tide "removed", its
     # mean over many years, 0.49 m at most, is part of the coordinates; else these are of a Moon free of tides.

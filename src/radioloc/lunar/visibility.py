@@ -11,11 +11,12 @@ from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.lunar.frames import rot_icrf_to_me, rot_icrf_to_pa
 from radioloc.time import Epochs, to_scale
 from radioloc.units import as_float_array
+from radioloc.vectors import Floats
 
 
 def earth_elevation_rad(
-    ephemeris: Ephemeris, libration: LunarOrientation, tdb: Epochs, point_pa_m: NDArray[np.float64]
-) -> NDArray[np.float64]:
+    ephemeris: Ephemeris, libration: LunarOrientation, tdb: Epochs, point_pa_m: Floats
+) -> Floats:
     """Elevation of the Earth's centre for a point on the Moon (principal axes, m), rad, (n,); good to 1 degree."""
     # Light time, aberration and the Earth's radius are left out.
     moon_m, _ = ephemeris.geocentric("moon", tdb)
@@ -25,7 +26,7 @@ def earth_elevation_rad(
     return np.arcsin(np.clip(sine, -1.0, 1.0))
 
 
-def sun_me_m(epochs: Epochs) -> NDArray[np.float64]:
+def sun_me_m(epochs: Epochs) -> Floats:
     """Geometric position of the Sun from the Moon's centre, ME_DE421, m, shape (n, 3)."""
     # Aberration moves it by 0.006 degrees, a fiftieth of its radius on the sky.
     tdb = to_scale(epochs, "TDB")

@@ -45,6 +45,7 @@ from radioloc.media.neutral_atmosphere import (
 from radioloc.text_files import ANY_BYTE, numbers_of, read_lines, table_of
 from radioloc.time import Epochs, epochs_from_strings
 from radioloc.time.scales import to_scale
+from radioloc.vectors import Floats
 
 _LONGEST_GAP_D = 0.2501
 """Epochs are six hours apart."""
@@ -63,11 +64,11 @@ _WET_SCALE_HEIGHT_M = 2000.0
 class Vmf3Values:
     """Coefficients a and zenith delays at a station from VMF3, shape (n,), and its height above that of the former."""
 
-    hydrostatic_a: NDArray[np.float64]
-    wet_a: NDArray[np.float64]
+    hydrostatic_a: Floats
+    wet_a: Floats
     height_above_a_m: float
-    zenith_hydrostatic_m: NDArray[np.float64]
-    zenith_wet_m: NDArray[np.float64]
+    zenith_hydrostatic_m: Floats
+    zenith_wet_m: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,8 +76,8 @@ class Vmf3Site:
     """VMF3 of one station at rising epochs; values (k, 4): a hydrostatic, a wet, zenith delays hydrostatic, wet (m)."""
 
     station: str
-    mjd_utc: NDArray[np.float64]
-    values: NDArray[np.float64]
+    mjd_utc: Floats
+    values: Floats
 
     def at(self, epochs: Epochs, *_place: float) -> Vmf3Values:
         """Values at epochs of any scale but UT1, linear between the file's, of which none may lack."""
@@ -92,9 +93,9 @@ class Vmf3Grids:
     """Maps of VMF3 at rising epochs; values (k, rows, columns, 4): a on the ellipsoid, zenith delays at `height_m`."""
 
     grid: LatLonGrid
-    mjd_utc: NDArray[np.float64]
-    values: NDArray[np.float64]
-    height_m: NDArray[np.float64]
+    mjd_utc: Floats
+    values: Floats
+    height_m: Floats
 
     def at(self, epochs: Epochs, latitude_rad: float, longitude_rad: float, height_m: float) -> Vmf3Values:
         """Values at a place: linear in time, bilinear in space, delays taken to the height above the ellipsoid."""
@@ -153,7 +154,7 @@ def read_vmf3_sites(paths: Sequence[Path]) -> dict[str, Vmf3Site]:
 
 def read_vmf3_grids(paths: Sequence[Path], orography: str | Path) -> Vmf3Grids:
     """Read maps of VMF3 of one grid, an epoch each, and their heights (``orography_ell_1x1`` or ``_5x5``)."""
-    maps: dict[float, tuple[Path, NDArray[np.float64]]] = {}
+    maps: dict[float, tuple[Path, Floats]] = {}
     for path in paths:
         mjd, table = _read_map(path)
         if mjd in maps:
@@ -171,7 +172,7 @@ def read_vmf3_grids(paths: Sequence[Path], orography: str | Path) -> Vmf3Grids:
     return Vmf3Grids(grid, mjds, values, _read_orography(orography, order))
 
 
-def _read_map(path: Path) -> tuple[float, NDArray[np.float64]]:
+def _read_map(path: Path) -> tuple[float, Floats]:
     """Epoch, MJD UTC, and rows of latitude, longitude, both a and zenith delays of one map."""
     header: dict[str, tuple[int, str]] = {"Data_types": (1, ""), "Scale_factor": (1, "1")}
     rows = []
@@ -210,7 +211,7 @@ def _read_map(path: Path) -> tuple[float, NDArray[np.float64]]:
     return mjd, table
 
 
-def _read_orography(path: str | Path, order: NDArray[np.int64]) -> NDArray[np.float64]:
+def _read_orography(path: str | Path, order: NDArray[np.int64]) -> Floats:
     heights: list[float] = []
     for number, line in enumerate(read_lines(path, encoding=ANY_BYTE), start=1):
         if not line.lstrip().startswith(("!", "%", "#")):
@@ -228,7 +229,7 @@ def _read_orography(path: str | Path, order: NDArray[np.int64]) -> NDArray[np.fl
     return np.array(heights)[order]
 
 
-def _require_possible(path: Path, lines: Sequence[int], table: NDArray[np.float64]) -> None:
+def _require_possible(path: Path, lines: Sequence[int], table: Floats) -> None:
     """Refuse impossible coefficients, delays and weather (which is not used, but reveals files of another kind)."""
     least, most = _POSSIBLE[: table.shape[1]].T
     wrong = ~((table >= least) & (table <= most))
@@ -258,12 +259,12 @@ _SCALES = np.array([1.0, 1.0, 1e-3, 1e-3, 1e-3, 1e-3, 1.0, 1.0, 1e-5, 1e-5, 1e-5
 class Gpt3Values:
     """Climate of a place at some epochs, shape (n,); mean temperature and decrease factor are those of the vapour."""
 
-    pressure_hpa: NDArray[np.float64]
-    vapour_pressure_hpa: NDArray[np.float64]
-    mean_temperature_k: NDArray[np.float64]
-    vapour_decrease_factor: NDArray[np.float64]
-    hydrostatic_a: NDArray[np.float64]
-    wet_a: NDArray[np.float64]
+    pressure_hpa: Floats
+    vapour_pressure_hpa: Floats
+    mean_temperature_k: Floats
+    vapour_decrease_factor: Floats
+    hydrostatic_a: Floats
+    wet_a: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -274,9 +275,9 @@ class Gpt3Grid:
     # Shape (rows, columns, 12, 5): mean, annual cosine and sine, semiannual cosine and sine of pressure (Pa),
     # temperature (K), specific humidity, lapse rate (K/m), a hydrostatic, a wet, decrease factor, mean temperature (K)
     # and four gradients (m); lapse rate and gradients are not used.
-    seasonal: NDArray[np.float64]
-    undulation_m: NDArray[np.float64]
-    height_m: NDArray[np.float64]
+    seasonal: Floats
+    undulation_m: Floats
+    height_m: Floats
 
     def at(self, epochs: Epochs, latitude_rad: float, longitude_rad: float, height_m: float) -> Gpt3Values:
         """Climate of four points, each taken to the height above the ellipsoid, then bilinear; epochs of any scale."""

@@ -21,8 +21,8 @@ from typing import ClassVar
 import numpy as np
 
 from radioloc.constants import EARTH_ROTATION_RAD_S
-from radioloc.media.medium import Floats, Leg, LegDelay, LegEnd
-from radioloc.vectors import cross, dot, length, normalized
+from radioloc.media.medium import Leg, LegDelay, LegEnd
+from radioloc.vectors import Floats, cross, dot, length, normalized
 
 _REFRACTION_RAD = 3.13e-4
 """Refractivity of the air on the ground: refraction is this times the cotangent of the elevation."""

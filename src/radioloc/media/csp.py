@@ -28,7 +28,6 @@ from importlib.resources import as_file, files
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.constants import MJD_ZERO_JD, SECONDS_PER_DAY
@@ -37,8 +36,7 @@ from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.text_files import ANY_BYTE, numbers_of, read_text
 from radioloc.time import Epochs, utc_strings
 from radioloc.time.scales import to_scale
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 REFERENCE_HZ = 2295e6
 """Frequency of the delays by charged particles."""

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.constants import MJD_ZERO_JD
 from radioloc.errors import CoverageError, InputError
 from radioloc.time import Epochs
+from radioloc.vectors import Floats
 
 _TURN_DEG = 360.0
 _ROUNDING_DEG = 1e-6
@@ -23,8 +24,8 @@ _ROUNDING_DEG = 1e-6
 class LatLonGrid:
     """Points of a map in equal steps of either sign, degrees; `source` names it in errors. A full turn closes it."""
 
-    latitudes_deg: NDArray[np.float64]
-    longitudes_deg: NDArray[np.float64]
+    latitudes_deg: Floats
+    longitudes_deg: Floats
     source: str
 
     def __post_init__(self) -> None:
@@ -48,7 +49,7 @@ class LatLonGrid:
 
     def corners(
         self, latitude_rad: ArrayLike, longitude_rad: ArrayLike
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
         """Find rows, columns and weights of the four points around each place (rad), shape (..., 4)."""
         latitude_deg, longitude_deg = np.broadcast_arrays(np.rad2deg(latitude_rad), np.rad2deg(longitude_rad))
         north, on_rows = _steps_along(self.latitudes_deg, latitude_deg, np.inf)
@@ -71,9 +72,7 @@ class LatLonGrid:
         return rows, columns, weights * np.stack([1.0 - east, east, 1.0 - east, east], axis=-1)
 
 
-def _steps_along(
-    axis_deg: NDArray[np.float64], where_deg: NDArray[np.float64], turn_deg: float
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _steps_along(axis_deg: Floats, where_deg: Floats, turn_deg: float) -> tuple[Floats, NDArray[np.bool_]]:
     """Steps from an axis' first point to each place, from 0 to a turn, and whether it is on the axis."""
     # An axis that goes all the way round, with or without the first point at its end, has every place on it.
     step, last = axis_deg[1] - axis_deg[0], len(axis_deg) - 1.0
@@ -88,7 +87,7 @@ def _steps_along(
 
 
 def sort_into_grid(
-    latitude_deg: NDArray[np.float64], longitude_deg: NDArray[np.float64], source: str
+    latitude_deg: Floats, longitude_deg: Floats, source: str
 ) -> tuple[LatLonGrid, NDArray[np.int64]]:
     """Make a grid of points in any order, each once, and give their order, (rows, columns); longitudes 0 to 360."""
     longitude_deg = longitude_deg % _TURN_DEG
@@ -106,8 +105,8 @@ def sort_into_grid(
 
 
 def epochs_around(
-    file_mjd_utc: NDArray[np.float64], mjd_utc: NDArray[np.float64], longest_gap_d: float, source: str
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    file_mjd_utc: Floats, mjd_utc: Floats, longest_gap_d: float, source: str
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
     """Indices of a file's (rising) epochs before and after each epoch, and the fraction of the way between them."""
     last = len(file_mjd_utc) - 1
     outside = (mjd_utc < file_mjd_utc[0]) | (mjd_utc > file_mjd_utc[-1])

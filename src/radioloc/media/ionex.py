@@ -22,6 +22,7 @@ from radioloc.media.ionosphere import modified_shell_mapping, pierce_point, requ
 from radioloc.text_files import ANY_BYTE, read_lines
 from radioloc.time import Epochs, epochs_from_strings
 from radioloc.time.scales import to_scale
+from radioloc.vectors import Floats
 
 _ROUNDING = 1e-9
 _MISSING = 9999
@@ -42,8 +43,8 @@ class IonexMaps:
     """
 
     grid: LatLonGrid
-    mjd_utc: NDArray[np.float64]
-    tec_tecu: NDArray[np.float64]
+    mjd_utc: Floats
+    tec_tecu: Floats
     shell_height_m: float
     base_radius_m: float
     longest_gap_s: float
@@ -56,9 +57,7 @@ class IonexMaps:
         return (*axes, self.shell_height_m, self.base_radius_m)
 
     @bare_arguments
-    def vertical_tec(
-        self, latitude_rad: ArrayLike, longitude_rad: ArrayLike, epochs: Epochs
-    ) -> NDArray[np.float64]:
+    def vertical_tec(self, latitude_rad: ArrayLike, longitude_rad: ArrayLike, epochs: Epochs) -> Floats:
         """Vertical electron content at places of the shell, TECU, shape (n,).
 
         Bilinear on each of the two maps around an epoch, which are turned with the Sun to that epoch, and linear
@@ -82,7 +81,7 @@ class IonexMaps:
     @bare_arguments
     def slant_tec(
         self, station_itrf_m: ArrayLike, azimuth_rad: ArrayLike, elevation_rad: ArrayLike, epochs: Epochs
-    ) -> NDArray[np.float64]:
+    ) -> Floats:
         """Electron content along rays from stations, TECU, shape (n,), by the modified single layer mapping.
 
         Errors as those of :meth:`vertical_tec` and :func:`radioloc.media.ionosphere.pierce_point`.
@@ -95,11 +94,11 @@ class IonexMaps:
     def _on_map(
         self,
         index: NDArray[np.int64],
-        latitude_rad: NDArray[np.float64],
-        longitude_rad: NDArray[np.float64],
-        mjd_utc: NDArray[np.float64],
+        latitude_rad: Floats,
+        longitude_rad: Floats,
+        mjd_utc: Floats,
         used: NDArray[np.bool_],
-    ) -> NDArray[np.float64]:
+    ) -> Floats:
         turned = longitude_rad + 2.0 * np.pi * (mjd_utc - self.mjd_utc[index])
         row, column, weight = self.grid.corners(latitude_rad, turned)
         values = self.tec_tecu[index[:, None], row, column]
@@ -254,7 +253,7 @@ class _Reader:
                 self._skip_to("END OF AUX DATA")
             self.header[label] = self.line, content
 
-    def _tec_map(self, grid: LatLonGrid) -> tuple[float, NDArray[np.float64]]:
+    def _tec_map(self, grid: LatLonGrid) -> tuple[float, Floats]:
         tec = np.full(grid.shape, np.nan)
         rows_left = {round(float(latitude), 3): k for k, latitude in enumerate(grid.latitudes_deg)}
         ends = grid.longitudes_deg[[0, -1]].tolist()
@@ -311,7 +310,7 @@ class _Reader:
             raise self.fail(f"{content.strip()} is not a time of day")
         return float(midnight + seconds / SECONDS_PER_DAY)
 
-    def _range(self, label: str) -> NDArray[np.float64]:
+    def _range(self, label: str) -> Floats:
         first, last, step = self._header_numbers(label, 3, skip=2)
         count = round((last - first) / step) + 1 if step else 0
         if count < 2 or abs(first + (count - 1) * step - last) > 1e-6:

@@ -28,10 +28,10 @@ from radioloc.boundary import bare_arguments, bare_fields
 from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.errors import InputError
 from radioloc.media.csp import REFERENCE_HZ, MediaCalibrations
-from radioloc.media.medium import Floats, Leg, LegDelay, LegEnd
+from radioloc.media.medium import Leg, LegDelay, LegEnd
 from radioloc.media.status import LEAST_ELEVATION_RAD, Status
 from radioloc.time import Epochs
-from radioloc.vectors import dot
+from radioloc.vectors import Floats, dot
 
 GROUP_DELAY_M3_S2 = 40.308193022
 """Delay (m) times squared frequency per electron content (1/m^2): e^2 / (8 pi^2 eps0 m_e), CODATA 2018."""

@@ -15,13 +15,11 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import UNIX_JD
 from radioloc.time import Epochs
 from radioloc.time.tabulated import table_of
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 _NIELL_LATITUDE_RAD = np.deg2rad([15.0, 30.0, 45.0, 60.0, 75.0])
 _NIELL_MEAN = (

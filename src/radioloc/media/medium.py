@@ -21,9 +21,7 @@ from radioloc.lunar.visibility import hidden_by_moon
 from radioloc.media.status import Status, first_of
 from radioloc.plugins import named_where_it_fails
 from radioloc.time import Epochs
-from radioloc.vectors import cross, dot, length
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats, cross, dot, length
 
 _DEEPEST_M = 2e4
 """Below any terrain of the Moon: heights about the sphere reach down to -9.2 km."""

@@ -19,7 +19,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from radioloc.media.mapping_functions import Floats, continued_fraction
+from radioloc.media.mapping_functions import continued_fraction
+from radioloc.vectors import Floats
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 """Gravity of the column's centre of mass in the wet delay and in GPT3, m/s^2."""

@@ -37,7 +37,6 @@ from radioloc.media.air_files import (
 )
 from radioloc.media.csp import DRY, WET, MediaCalibrations
 from radioloc.media.mapping_functions import (
-    Floats,
     MappingFactors,
     day_of_year,
     mapping_factors,
@@ -54,6 +53,7 @@ from radioloc.media.neutral_atmosphere import (
 )
 from radioloc.text_files import ANY_BYTE, read_lines
 from radioloc.time import Epochs
+from radioloc.vectors import Floats
 
 _HEIGHT_M = (-500.0, 9000.0)
 """Heights of stations for which the models of the air hold."""

@@ -8,6 +8,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.vectors import Floats
+
 LEAST_ELEVATION_RAD = np.deg2rad(3.0)
 """Below this mapping functions do not hold."""
 
@@ -64,7 +66,7 @@ def first_of(one: NDArray[np.int8], other: NDArray[np.int8]) -> NDArray[np.int8]
 
 def describe(
     status: NDArray[np.int8],
-    elevation_rad: NDArray[np.float64],
+    elevation_rad: Floats,
     stations: Sequence[str] = (),
     ends: NDArray[np.int32] | None = None,
 ) -> tuple[NDArray[np.int8], NDArray[np.str_]]:

@@ -8,7 +8,6 @@ together as a :class:`Solution`.
 from radioloc.estimation.combination import Ellipse, ReferenceComparison
 from radioloc.estimation.editing import EditedFit, fit_with_editing
 from radioloc.estimation.gauss_markov import SeriesCorrelation, SeriesWeight, TimeCorrelation
-from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.least_squares import FitResult, FitStatus, fit_least_squares
 from radioloc.estimation.linearization import DenseLinearization, Linearization, ResidualFunction
 from radioloc.estimation.observability import Correlation, Direction, Observability, assess_observability
@@ -16,6 +15,7 @@ from radioloc.estimation.observation_noise import ALONE, ObservationNoise, Share
 from radioloc.estimation.statistics import FitStatistics, GroupStatistics, Residuals
 from radioloc.estimation.time_correlation import assess_time_correlation, fit_with_correlated_weights
 from radioloc.estimation.variance_components import fit_with_variance_components
+from radioloc.labels import USED, Labels
 from radioloc.parameters.parameter import Parameter, ParameterSet
 
 __all__ = [

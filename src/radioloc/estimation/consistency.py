@@ -22,9 +22,9 @@ from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.gauss_markov import TimeCorrelation
 from radioloc.estimation.group_tests import BinnedProblem, Verdict, log_probability, noise_of_each
-from radioloc.estimation.labels import USED
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.series import SeriesOrder
+from radioloc.labels import USED
 from radioloc.parameters.columns import PASS_GAP_H
 from radioloc.time import Epochs, utc_strings
 

@@ -17,13 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.estimation.gauss_markov import SeriesWeight
-from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.least_squares import FitResult, FitStatus, fit_least_squares
 from radioloc.estimation.linearization import Linearization, ResidualFunction, evaluate
 from radioloc.estimation.observation_noise import ObservationNoise, Rows
 from radioloc.estimation.robust import robust_start
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import robust_scale
+from radioloc.labels import USED, Labels
 from radioloc.parameters.parameter import ParameterSet
 
 _Floats = NDArray[np.float64]

@@ -25,11 +25,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation.labels import Labels, distinct
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
+from radioloc.labels import Labels, distinct
 
 _Floats = NDArray[np.float64]
 

@@ -8,7 +8,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation.labels import Labels
 from radioloc.estimation.linearization import (
     DenseLinearization,
     Linearization,
@@ -23,6 +22,7 @@ from radioloc.estimation.linearization import (
 )
 from radioloc.estimation.observation_noise import ObservationNoise, Rows
 from radioloc.estimation.statistics import robust_scale
+from radioloc.labels import Labels
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.parameters.parameter import ParameterSet
 

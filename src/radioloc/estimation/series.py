@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.gauss_markov import Points, Series, SeriesNoise
-from radioloc.estimation.labels import Labels, distinct
 from radioloc.estimation.linearization import times
 from radioloc.estimation.observation_noise import (
     ALONE,
@@ -28,6 +27,7 @@ from radioloc.estimation.observation_noise import (
     slices_of_chain,
     unchained,
 )
+from radioloc.labels import Labels, distinct
 from radioloc.measurements.link import Link
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.time import Epochs

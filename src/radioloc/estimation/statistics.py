@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
-from radioloc.estimation.labels import USED, Labels
+from radioloc.labels import USED, Labels
 from radioloc.tables import TableForm, as_table
 from radioloc.time import Epochs, utc_strings
 

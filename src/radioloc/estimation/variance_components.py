@@ -19,13 +19,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.estimation.editing import THRESHOLD, EditedFit, fit_with_editing
-from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.least_squares import FitResult, FitStatus
 from radioloc.estimation.linearization import ResidualFunction
 from radioloc.estimation.noise_structure import noise_with_shared, split
 from radioloc.estimation.observation_noise import ObservationNoise, column
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile, robust_scale
+from radioloc.labels import USED, Labels
 from radioloc.parameters.parameter import ParameterSet
 
 _Floats = NDArray[np.float64]

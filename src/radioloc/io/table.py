@@ -37,7 +37,7 @@ from radioloc._version import __version__
 from radioloc.constants import C_M_S
 from radioloc.earth.stations import StationCatalogue, station_name
 from radioloc.errors import FileFormatError, InputError
-from radioloc.estimation.labels import Labels, changed
+from radioloc.labels import Labels, changed
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations, observations_of
 from radioloc.measurements.ramps import Ramps

@@ -34,7 +34,6 @@ from radioloc.estimation.consider import (
     prior_effects,
     sources,
 )
-from radioloc.estimation.labels import USED
 from radioloc.estimation.least_squares import FitResult, FitStatus
 from radioloc.estimation.linearization import covariance_of, factorize
 from radioloc.estimation.observability import assess_observability
@@ -57,6 +56,7 @@ from radioloc.jobs.problem import (
 )
 from radioloc.jobs.selection import ArcPart, arc_lengths, arc_parts, require_planned_counts, selected
 from radioloc.jobs.station_noise import stated_noise
+from radioloc.labels import USED
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import Link
 from radioloc.measurements.predictor import Predictor

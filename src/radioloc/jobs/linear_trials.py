@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from radioloc.estimation.consider import Effects, moved_by
 from radioloc.estimation.editing import EditedFit
-from radioloc.estimation.labels import Labels
 from radioloc.estimation.linearization import LinearProblem
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL
@@ -22,6 +21,7 @@ from radioloc.estimation.time_correlation import estimated_covariance
 from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.jobs.problem import weighed
 from radioloc.jobs.verdict import WIDEST_M, heights, misfits
+from radioloc.labels import Labels
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.results.monte_carlo import sides_of
 from radioloc.simulation.noise import NoiseDraws

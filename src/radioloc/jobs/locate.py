@@ -22,7 +22,6 @@ from radioloc.estimation.editing import (
     phase_faults,
     with_reasons,
 )
-from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
@@ -54,6 +53,7 @@ from radioloc.jobs.station_noise import stated_noise
 from radioloc.jobs.stochastic import StochasticProblem
 from radioloc.jobs.transmitters import TransmitterSearch
 from radioloc.jobs.verdict import misfits, nowhere, places
+from radioloc.labels import USED, Labels
 from radioloc.lunar import rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.ambiguity import without_ambiguity

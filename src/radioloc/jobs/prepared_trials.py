@@ -17,7 +17,6 @@ from radioloc.dynamics import AdjustableOrbit, Orbit
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.estimation.consider import few_errors
-from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.orbit_state import (
     ALONG_ACROSS_RADIAL,
     EAST_NORTH_UP,
@@ -51,6 +50,7 @@ from radioloc.jobs.problem import (
 from radioloc.jobs.selection import ArcPart, arc_parts, require_planned_counts, selected
 from radioloc.jobs.simulate import scenario_of
 from radioloc.jobs.station_noise import stated_noise
+from radioloc.labels import USED, Labels
 from radioloc.lunar.local import local_difference
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.registry import KINDS

@@ -23,12 +23,12 @@ from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.errors import InputError, named
 from radioloc.estimation.consider import Consider, ConsideredErrors, Effects, is_at_station
 from radioloc.estimation.editing import EditedFit
-from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.linearization import ResidualFunction
 from radioloc.estimation.orbit_state import OrbitState
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.time_correlation import fit_with_correlated_weights
 from radioloc.jobs.verdict import LOWEST_EARTH_DEG
+from radioloc.labels import USED, Labels
 from radioloc.lunar.position import LunarPosition
 from radioloc.lunar.visibility import earth_elevation_rad
 from radioloc.measurements.link import canonical_target

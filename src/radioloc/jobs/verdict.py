@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from radioloc.constants import LUNAR_HEIGHT_LIMITS_M, MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.editing import EditedFit
-from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.variance_components import part_of_parameters
+from radioloc.labels import USED, Labels
 from radioloc.lunar.visibility import earth_elevation_rad
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS, is_integrated

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
-from radioloc.estimation.labels import Labels
 from radioloc.estimation.orbit_state import OrbitState
 from radioloc.estimation.statistics import Residuals
 from radioloc.io.table import batches_of, write_csv
+from radioloc.labels import Labels
 from radioloc.lunar import TerrainModel
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor

@@ -15,12 +15,12 @@ from radioloc.estimation.combination import ReferenceComparison
 from radioloc.estimation.consider import ConsideredErrors, consider, prior_effects
 from radioloc.estimation.consistency import assess_consistency
 from radioloc.estimation.editing import EditedFit
-from radioloc.estimation.labels import Labels
 from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.observability import assess_observability
 from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
 from radioloc.estimation.statistics import FitStatistics, Residuals
 from radioloc.estimation.time_correlation import estimated_covariance
+from radioloc.labels import Labels
 from radioloc.lunar.local import local_difference
 from radioloc.lunar.selenographic import cartesian_to_selenographic
 from radioloc.results.solution import Solution

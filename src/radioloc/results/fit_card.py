@@ -10,8 +10,8 @@ import numpy as np
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.consistency import Inconsistency
-from radioloc.estimation.labels import Labels
 from radioloc.estimation.statistics import Residuals
+from radioloc.labels import Labels
 from radioloc.measurements.link import Link
 from radioloc.results.cards import (
     Field,

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation.labels import Labels
 from radioloc.io.table import batches_of, write_csv
+from radioloc.labels import Labels
 from radioloc.results.cards import Card, Field, Shown, more, plural
 from radioloc.tables import TableForm, as_table
 from radioloc.time import Epochs, utc_strings

@@ -17,9 +17,9 @@ from radioloc.earth.eop_prediction import BEYOND
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError, named, require_type
-from radioloc.estimation.labels import Labels
 from radioloc.estimation.noise_structure import by_link
 from radioloc.estimation.series import SeriesOrder
+from radioloc.labels import Labels
 from radioloc.lunar import TerrainModel
 from radioloc.lunar.position import LunarPosition
 from radioloc.lunar.selenographic import require_lunar_height

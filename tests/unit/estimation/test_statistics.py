@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from radioloc.errors import InputError
-from radioloc.estimation.labels import Labels
 from radioloc.estimation.statistics import Residuals, chi2_quantile
+from radioloc.labels import Labels
 from radioloc.time import Epochs
 
 # Quantiles of 95 % and 99.9 % as scipy.stats.chi2.ppf gives them.

@@ -5,9 +5,9 @@ import pyarrow
 import pytest
 
 from radioloc.errors import FileFormatError, InputError
-from radioloc.estimation.labels import Labels
 from radioloc.io import read_observations, write_observations
 from radioloc.io.table import batches_of, write_csv
+from radioloc.labels import Labels
 from radioloc.measurements import Link, Observations, Ramps
 from radioloc.results.tables import PositionRow, csv_table
 from radioloc.text_files import text_of_cell

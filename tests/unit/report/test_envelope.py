@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 
-from radioloc.estimation.labels import Labels
+from radioloc.labels import Labels
 from radioloc.measurements.registry import KINDS
 from radioloc.report import plot_links, plot_residuals, save_figure
 from radioloc.report.figures import new_figure

@@ -10,8 +10,8 @@ import pytest
 
 from radioloc.errors import FileFormatError, InputError
 from radioloc.estimation.editing import outlier_reason
-from radioloc.estimation.labels import Labels
 from radioloc.estimation.statistics import Residuals
+from radioloc.labels import Labels
 from radioloc.report.files import write_json, write_residuals
 from radioloc.time import Epochs, epochs_from_strings
 from radioloc.time.dates import utc_to_text

@@ -127,7 +127,6 @@ def fit_with_editing(
     parameters: ParameterSet,
     sigma_m: ArrayLike | ObservationNoise,
     *,
-    groups: Labels | None = None,
     status: ArrayLike | Labels | None = None,
     threshold: float | None = THRESHOLD,
     previous: EditedFit | None = None,
@@ -150,8 +149,6 @@ def fit_with_editing(
         What is solved for.
     sigma_m : array_like, shape (n,) or (), or ObservationNoise
         Stated standard deviations of the observations, m; or their noise where they share errors.
-    groups : Labels, optional
-        Groups of observations, such as links, of which none is to be taken for errors since it is small.
     status : array_like of str, shape (n,), or Labels, optional
         Observations to leave out from the beginning have the reason here, such as ``"below the horizon"``;
         the others :data:`USED` or an empty text.
@@ -220,7 +217,7 @@ def fit_with_editing(
     elif process is not None:  # an orbit begins near the estimate
         residual_m = at_x.residual_m - process.effects_m(process.reference)
     else:
-        x, at_x = robust_start(residual_function, parameters, noise.sigma_m, usable, at_x, groups, x)
+        x, at_x = robust_start(residual_function, parameters, noise.sigma_m, usable, at_x, x)
         residual_m = at_x.residual_m
     scale = spread(residual_m)
     seen: list[NDArray[np.bool_]] = []

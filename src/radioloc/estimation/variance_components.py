@@ -75,9 +75,8 @@ def fit_with_variance_components(
     >>> {kind: round(sigma_m, 1) for kind, sigma_m in edited.additive_sigma_m.items()}
     {'all': 0.8}
     """
-    links = None if order is None else order.links
     edited = fit_with_editing(
-        residual_function, parameters, sigma_m, groups=links, status=status, threshold=threshold, start=start
+        residual_function, parameters, sigma_m, status=status, threshold=threshold, start=start
     )
     problem = _Problem(residual_function, parameters, edited.fit.noise, edited.given, threshold)
     if order is None:

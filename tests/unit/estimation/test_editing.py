@@ -6,7 +6,6 @@ from radioloc.errors import InputError
 from radioloc.estimation import (
     USED,
     FitStatus,
-    Labels,
     Parameter,
     ParameterSet,
     editing,
@@ -269,8 +268,7 @@ def test_three_of_ten_wrong_by_station(seed, counts, hours, wrong_of):
     wrong[rng.permutation(candidates)[:count] if seed % 2 else candidates[-count:]] = True
     observed_m[wrong] += rng.uniform(20.0, 60.0, count)
     parameters = model.parameters(LANDER_M + FAR_OFF_M)
-    edited = fit_with_editing(
-        model.residual_function(observed_m), parameters, 0.02, groups=Labels.of(stations)
-    )
+    edited = fit_with_editing(model.residual_function(observed_m), parameters, 0.02)
     np.testing.assert_array_equal(edited.status.are(USED), ~wrong)
     assert edited.converged
+

@@ -271,4 +271,3 @@ def test_three_of_ten_wrong_by_station(seed, counts, hours, wrong_of):
     edited = fit_with_editing(model.residual_function(observed_m), parameters, 0.02)
     np.testing.assert_array_equal(edited.status.are(USED), ~wrong)
     assert edited.converged
-

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.compiled import compiled
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 GROUPED = 2048
 """Rows that are put together by segment at a time; their results for one quantity stay in the nearest cache."""

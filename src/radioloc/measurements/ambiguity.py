@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.measurements.observations import Observations
+from radioloc.vectors import Floats
 
 CLEAR_PART = 0.25
 """Of the modulus: a range that is expected so far from the nearest multiple, or farther, is not told which it is."""
@@ -21,7 +21,7 @@ OUTLIERS = 0.1
 """Part of the ranges that may be so far off, as gross errors are, which editing rejects."""
 
 
-def without_ambiguity(observations: Observations, expected_m: NDArray[np.float64]) -> Observations:
+def without_ambiguity(observations: Observations, expected_m: Floats) -> Observations:
     """Ranges in full, in the place of those that are ambiguous by their modulus.
 
     Parameters

@@ -45,6 +45,7 @@ from radioloc.measurements.proper_time import clock_epoch as clock_epoch_of
 from radioloc.measurements.records import joined, rows_of
 from radioloc.measurements.registry import is_differenced, is_integrated
 from radioloc.time import Epochs, utc_to_tt
+from radioloc.vectors import Floats
 
 CHECKED_WITHIN_M = 1e4
 """How far from the position at which the segments were checked they are used without checking them again."""
@@ -84,7 +85,7 @@ class ChebyshevPredictor(Predictor):
         self,
         model: PhysicalModel,
         observations: Observations,
-        approximate_pa_m: NDArray[np.float64],
+        approximate_pa_m: Floats,
         series: DenseSeries | None = None,
         targets: Sequence[str] = (),
         more_partials: bool = False,
@@ -122,7 +123,7 @@ class ChebyshevPredictor(Predictor):
         )
 
     @bare_arguments
-    def check(self, lander_pa_m: NDArray[np.float64]) -> InterpolationAccuracy:
+    def check(self, lander_pa_m: Floats) -> InterpolationAccuracy:
         """Compare with the model at the check points for another position, and divide anew if that asks for it."""
         good, deviation = compare(self._degree, self._computed, self._checks, lander_pa_m)
         if good.all():
@@ -132,7 +133,7 @@ class ChebyshevPredictor(Predictor):
         return self.accuracy
 
     @bare_arguments
-    def at(self, lander_pa_m: NDArray[np.float64]) -> ChebyshevPrediction:
+    def at(self, lander_pa_m: Floats) -> ChebyshevPrediction:
         """Predict for a position in principal axes, m: all values at once, partials of the rows that are asked for."""
         if np.linalg.norm(lander_pa_m - self._checked_pa_m, axis=-1).max() > CHECKED_WITHIN_M:
             self.check(lander_pa_m)
@@ -157,13 +158,13 @@ class ChebyshevPredictor(Predictor):
         return part
 
     @bare_arguments
-    def with_model(self, model: PhysicalModel, lander_pa_m: NDArray[np.float64]) -> ChebyshevPredictor:
+    def with_model(self, model: PhysicalModel, lander_pa_m: Floats) -> ChebyshevPredictor:
         """The same observations prepared with another model, for values only."""
         return ChebyshevPredictor(
             model, self.observations, lander_pa_m, targets=self.targets, clock_epoch=self._clock_epoch
         )
 
-    def _plan(self, lander_pa_m: NDArray[np.float64], series: DenseSeries | None = None) -> None:
+    def _plan(self, lander_pa_m: Floats, series: DenseSeries | None = None) -> None:
         """Divide the series into segments that agree with the model, and prepare their nodes."""
 
         def exact(observations: Observations) -> ExactPredictor:
@@ -179,7 +180,7 @@ class ChebyshevPredictor(Predictor):
                     clock_epoch=self._clock_epoch,
                 )
 
-        def points(degree: int) -> NDArray[np.float64]:
+        def points(degree: int) -> Floats:
             return np.concatenate([nodes(degree), check_points(degree)])
 
         if series is None:
@@ -188,7 +189,7 @@ class ChebyshevPredictor(Predictor):
         segments: list[Segments] = []
         of_nodes: list[ExactPredictor] = []
         of_checks: list[ExactPredictor] = []
-        deviations: list[NDArray[np.float64]] = []
+        deviations: list[Floats] = []
         while len(pending) or not segments:
             observations, of_point = series.observations_at(pending, points)
             prepared = exact(observations)
@@ -225,7 +226,7 @@ class ChebyshevPrediction:
     def __init__(
         self,
         segment: NDArray[np.int32],
-        x: NDArray[np.float64],
+        x: Floats,
         degree: NDArray[np.intp],
         computed: Computed,
     ) -> None:
@@ -237,7 +238,7 @@ class ChebyshevPrediction:
         self._coefficients, _ = polynomials(degree, stacked(at_nodes), self._layout)
 
     @cached_property
-    def value_m(self) -> NDArray[np.float64]:
+    def value_m(self) -> Floats:
         """Computed value of every observation, m, shape (n,)."""
         out = np.empty((1, len(self._segment)))
         _in_threads(self._segment, self._x, np.ascontiguousarray(self._coefficients[:, :1]), out)
@@ -266,9 +267,9 @@ class ChebyshevPrediction:
 
 def _in_threads(
     segment: NDArray[np.int32],
-    x: NDArray[np.float64],
-    coefficients: NDArray[np.float64],
-    out: NDArray[np.float64],
+    x: Floats,
+    coefficients: Floats,
+    out: Floats,
 ) -> None:
     """Evaluate all rows, parts of them at the same time; each row's result is the same however they are divided."""
     from radioloc.compiled import numba

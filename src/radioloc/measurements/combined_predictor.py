@@ -25,6 +25,7 @@ from radioloc.measurements.predictor import Computed, Prediction, Predictor
 from radioloc.measurements.registry import KINDS, MEASUREMENTS, kind_of
 from radioloc.media.status import first_of
 from radioloc.plugins import named_where_it_fails
+from radioloc.vectors import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +33,7 @@ class Combinations:
     """Which simple observations belong to each combination: those that follow each other."""
 
     first: NDArray[np.intp]  # where each combination begins, and the end of the last, shape (n + 1,)
-    weight: NDArray[np.float64]  # of each simple observation
+    weight: Floats  # of each simple observation
 
     @classmethod
     def none(cls, n: int) -> Combinations:
@@ -113,7 +114,7 @@ class CombinedPredictor(Predictor):
         return np.logical_or.reduceat(self.inner.predicted_eop, self.parts.first[:-1])
 
     @bare_arguments
-    def at(self, lander_pa_m: NDArray[np.float64]) -> CombinedPrediction:
+    def at(self, lander_pa_m: Floats) -> CombinedPrediction:
         """The predictions for a position."""
         return CombinedPrediction(self, lander_pa_m)
 
@@ -128,7 +129,7 @@ class CombinedPredictor(Predictor):
         """As :meth:`Predictor.along`."""
         return CombinedPredictor(self.observations, self.parts, self.inner.along(trajectory))
 
-    def with_model(self, model: PhysicalModel, lander_pa_m: NDArray[np.float64]) -> CombinedPredictor:
+    def with_model(self, model: PhysicalModel, lander_pa_m: Floats) -> CombinedPredictor:
         """The same observations prepared with another model, for values only."""
         return CombinedPredictor(self.observations, self.parts, self.inner.with_model(model, lander_pa_m))
 
@@ -136,12 +137,12 @@ class CombinedPredictor(Predictor):
 class CombinedPrediction:
     """Predictions of observations that combine simple ones, for one position."""
 
-    def __init__(self, predictor: CombinedPredictor, lander_pa_m: NDArray[np.float64]) -> None:
+    def __init__(self, predictor: CombinedPredictor, lander_pa_m: Floats) -> None:
         self._n, self._parts, self._simple = len(predictor.observations), predictor.parts, predictor.inner
         self._at = predictor.inner.at(lander_pa_m)
 
     @cached_property
-    def value_m(self) -> NDArray[np.float64]:
+    def value_m(self) -> Floats:
         """Value of every observation, m, shape (n,)."""
         return np.asarray(np.add.reduceat(self._at.value_m * self._parts.weight, self._parts.first[:-1]))
 
@@ -167,8 +168,8 @@ class CombinedPrediction:
     def combine(
         self,
         which: NDArray[np.intp],
-        columns: Callable[[NDArray[np.intp], Prediction, Predictor], NDArray[np.float64]],
-    ) -> NDArray[np.float64]:
+        columns: Callable[[NDArray[np.intp], Prediction, Predictor], Floats],
+    ) -> Floats:
         """What a function gives for simple observations, by rows of a predictor and its prediction, of some rows here.
 
         Those of combinations are combined; shape (m, ...).

@@ -29,6 +29,7 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed
 from radioloc.time import Epochs, tai_to_utc, utc_to_tai
+from radioloc.vectors import Floats
 
 DEGREES = ((600.0, 6), (3600.0, 10), (10800.0, 16))
 """Degree of the polynomial for segments up to these lengths, s; in three hours the Earth turns by 45 degrees."""
@@ -90,7 +91,7 @@ class Segments:
     end: NDArray[np.intp]  # and the place after the last
     degree: NDArray[np.intp]  # of its polynomial
     middle: Epochs  # TAI
-    half_s: NDArray[np.float64]  # half of its length: its first and last observation are this far away
+    half_s: Floats  # half of its length: its first and last observation are this far away
 
     def __len__(self) -> int:
         return len(self.begin)
@@ -123,7 +124,7 @@ class DenseSeries:
         return self._made(pieces)
 
     def observations_at(
-        self, segments: Segments, points: Callable[[int], NDArray[np.float64]]
+        self, segments: Segments, points: Callable[[int], Floats]
     ) -> tuple[Observations, NDArray[np.intp]]:
         """Observations of each segment's series at the `points` of its degree, -1 to 1, and the segment of each."""
         at = [points(degree) for degree in segments.degree.tolist()]
@@ -132,7 +133,7 @@ class DenseSeries:
         series = self._observations.select(self.order[segments.begin[of_point]])
         return replace(series, epoch=tai_to_utc(segments.middle[of_point].shifted(shift_s))), of_point
 
-    def place(self, segments: Segments) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    def place(self, segments: Segments) -> tuple[NDArray[np.int32], Floats]:
         """Segment of each observation, -1 where there is none, and where it lies in it, -1 to 1; shapes (n,)."""
         n = len(self.order)
         segment, x = np.full(n, -1, dtype=np.int32), np.zeros(n)
@@ -186,13 +187,13 @@ class DenseSeries:
 
 
 @cache
-def nodes(degree: int) -> NDArray[np.float64]:
+def nodes(degree: int) -> Floats:
     """Roots of the Chebyshev polynomial of the next degree, where a polynomial of this degree is fixed."""
     return np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
 
 
 @cache
-def check_points(degree: int) -> NDArray[np.float64]:
+def check_points(degree: int) -> Floats:
     """Both ends and three of the extremes between the nodes: where interpolation is worst."""
     extremes = np.round(np.linspace(0, degree + 1, CHECK_POINTS))
     return np.cos(np.pi * extremes / (degree + 1))
@@ -246,7 +247,7 @@ def _folded(code: NDArray[np.int64], column: NDArray[np.generic]) -> NDArray[np.
     return np.unique(code * len(values) + number, return_inverse=True)[1].astype(np.int64)
 
 
-def _ordered(code: NDArray[np.int64], elapsed_s: NDArray[np.float64]) -> NDArray[np.intp]:
+def _ordered(code: NDArray[np.int64], elapsed_s: Floats) -> NDArray[np.intp]:
     """Order by series, within it by time, within equal times as given."""
     small = len(code) == 0 or int(code.max()) < 2**16
     # Of 16-bit integers NumPy's stable sort is a radix sort.
@@ -272,14 +273,14 @@ def layout(computed: Computed) -> Layout:
     return places
 
 
-def stacked(computed: Computed) -> NDArray[np.float64]:
+def stacked(computed: Computed) -> Floats:
     """Columns as quantities, shape (width, n)."""
     n = len(computed.value_m)
     columns = [(getattr(computed, name), shape) for name, (_, shape) in layout(computed).items()]
     return np.concatenate([column.reshape(n, math.prod(shape)).T for column, shape in columns])
 
 
-def unstacked(quantities: NDArray[np.float64], places: Layout, status: NDArray[np.int8]) -> Computed:
+def unstacked(quantities: Floats, places: Layout, status: NDArray[np.int8]) -> Computed:
     """Quantities (width, n) as columns, without copying."""
     n = quantities.shape[1]
     columns = {name: quantities[place].T.reshape(n, *shape) for name, (place, shape) in places.items()}
@@ -291,9 +292,7 @@ def first_nodes(degree: NDArray[np.intp]) -> NDArray[np.intp]:
     return np.concatenate([[0], np.cumsum(degree + 1)])
 
 
-def polynomials(
-    degree: NDArray[np.intp], at_nodes: NDArray[np.float64], places: Layout
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def polynomials(degree: NDArray[np.intp], at_nodes: Floats, places: Layout) -> tuple[Floats, Floats]:
     """Coefficients of powers, descending, and of Chebyshev polynomials, ascending; shapes (m, width, MOST).
 
     Many partials and elevations need fewer powers than the value: their leading coefficients are zero.
@@ -315,8 +314,8 @@ def polynomials(
 
 
 def compare(
-    degree: NDArray[np.intp], nodes: ExactPredictor, checks: ExactPredictor, lander_pa_m: NDArray[np.float64]
-) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    degree: NDArray[np.intp], nodes: ExactPredictor, checks: ExactPredictor, lander_pa_m: Floats
+) -> tuple[NDArray[np.bool_], Floats]:
     """Which segments agree with the model at their check points, (m,), and how far each quantity deviates, (m, width).
 
     Nodes and check points follow segment after segment; what comes after the nodes is not looked at.
@@ -367,7 +366,7 @@ def _by_degree(degree: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp]
 
 
 @cache
-def _to_chebyshev(degree: int) -> NDArray[np.float64]:
+def _to_chebyshev(degree: int) -> Floats:
     """Matrix from values at the nodes to Chebyshev coefficients."""
     matrix = chebyshev.chebvander(nodes(degree), degree) * (2.0 / (degree + 1))
     matrix[:, 0] *= 0.5
@@ -375,7 +374,7 @@ def _to_chebyshev(degree: int) -> NDArray[np.float64]:
 
 
 @cache
-def _to_powers() -> NDArray[np.float64]:
+def _to_powers() -> Floats:
     """Matrix from Chebyshev coefficients to those of powers, descending."""
     matrix = np.zeros((MOST, MOST))
     for k, unit in enumerate(np.eye(MOST)):
@@ -383,12 +382,12 @@ def _to_powers() -> NDArray[np.float64]:
     return matrix
 
 
-def _evaluate(coefficients: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
+def _evaluate(coefficients: Floats, x: Floats) -> Floats:
     """Polynomials at the same places of all segments, shape (m, n_quantities, len(x))."""
     return np.asarray(polynomial.polyval(x, np.moveaxis(coefficients[..., ::-1], -1, 0)))
 
 
-def _allowed(size: NDArray[np.float64], places: Layout) -> NDArray[np.float64]:
+def _allowed(size: Floats, places: Layout) -> Floats:
     """Deviations allowed at check points, from the largest sizes of the quantities at the nodes; shapes (width, m)."""
     allowed = np.full_like(size, ALLOWED_RELATIVE / SAFETY)
     allowed[places["value_m"][0]] = ALLOWED_M / SAFETY

@@ -20,6 +20,7 @@ from radioloc.boundary import bare_fields
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError, StationError
 from radioloc.measurements.light_path import RECEIVE, TRANSMIT, halves
+from radioloc.vectors import Floats
 
 LONGEST_DELAY_S = 1e-3
 """Transponders and ground equipment hold a signal for up to some microseconds; motions are straight for so long."""
@@ -53,10 +54,10 @@ class StationDelay:
 class PathDelays:
     """Delays of equipment on each of n paths, s."""
 
-    hold_s: NDArray[np.float64]  # how long the point holds the signal
-    after_tag_s: NDArray[np.float64]  # how long after the tag the event happens at the reference point
-    in_value_s: NDArray[np.float64]  # all that the value contains beside the two legs
-    transmit_s: NDArray[np.float64]  # from the transmitter's clock to its reference point
+    hold_s: Floats  # how long the point holds the signal
+    after_tag_s: Floats  # how long after the tag the event happens at the reference point
+    in_value_s: Floats  # all that the value contains beside the two legs
+    transmit_s: Floats  # from the transmitter's clock to its reference point
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +104,7 @@ class EquipmentDelays:
         stations: Sequence[str],
         which: NDArray[np.int32],
         tag: NDArray[np.int8],
-        sign: NDArray[np.float64],
+        sign: Floats,
         terms: frozenset[str],
     ) -> PathDelays:
         """What the delays do to paths between stations, whose names are the catalogue's, with some active terms.

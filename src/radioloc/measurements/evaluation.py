@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
 from radioloc.boundary import bare_arguments
 from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError
@@ -18,6 +15,7 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import is_combined
+from radioloc.vectors import Floats
 
 EVALUATIONS = ("auto", "exact", "interpolated")
 """How an arc can be evaluated."""
@@ -30,7 +28,7 @@ _MANY = 5000
 def prepare_predictor(
     model: PhysicalModel,
     observations: Observations,
-    approximate_pa_m: NDArray[np.float64],
+    approximate_pa_m: Floats,
     evaluation: str = "auto",
     trajectory: AnyTrajectory | None = None,
     targets: Sequence[str] = (),

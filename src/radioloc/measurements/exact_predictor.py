@@ -15,7 +15,6 @@ given position is then a light-time solution between straight motions.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S
@@ -29,9 +28,7 @@ from radioloc.measurements.registry import is_integrated
 from radioloc.measurements.station_motion import StationMotion
 from radioloc.media.ionosphere import delay_by_content_m
 from radioloc.media.status import first_of
-from radioloc.vectors import rotated
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats, rotated
 
 
 class ExactPredictor(PreparedPaths):

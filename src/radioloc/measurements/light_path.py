@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.errors import ConvergenceError
-from radioloc.vectors import dot, length
+from radioloc.vectors import Floats, dot, length
 
 TRANSMIT, RECEIVE, BOUNCE = 0, 1, 2
 _MAX_ITERATIONS = 12
@@ -55,11 +55,11 @@ def halves(of_ends: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
 class MovingPoint:
     """A point that moves along a straight line near its event, BCRS axes from the geocentre at the reference epochs."""
 
-    offset_s: NDArray[np.float64]  # instant at which the position holds, TDB from the reference epoch
-    position_m: NDArray[np.float64]  # shape (n, 3)
-    velocity_m_s: NDArray[np.float64]  # barycentric, shape (n, 3)
+    offset_s: Floats  # instant at which the position holds, TDB from the reference epoch
+    position_m: Floats  # shape (n, 3)
+    velocity_m_s: Floats  # barycentric, shape (n, 3)
 
-    def at(self, offset_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    def at(self, offset_s: Floats) -> Floats:
         """Position at another instant, shape (n, 3)."""
         return self.position_m + self.velocity_m_s * (offset_s - self.offset_s)[:, None]
 
@@ -69,7 +69,7 @@ class MovingPoint:
         first, second = zip(*columns, strict=True)
         return MovingPoint(*first), MovingPoint(*second)
 
-    def holds_at(self, offset_s: NDArray[np.float64]) -> bool:
+    def holds_at(self, offset_s: Floats) -> bool:
         """Whether other instants are near enough for a straight line."""
         return bool((np.abs(offset_s - self.offset_s) < _STRAIGHT_FOR_S).all())
 
@@ -78,16 +78,16 @@ class MovingPoint:
 class LightPath:
     """A solved path; the offsets are TDB seconds from the reference epochs, the durations their own variables."""
 
-    transmit_s: NDArray[np.float64]
-    bounce_s: NDArray[np.float64]  # arrival at the point
-    receive_s: NDArray[np.float64]
-    up_s: NDArray[np.float64]
-    down_s: NDArray[np.float64]
-    up_unit: NDArray[np.float64]  # from transmitter to the point, shape (n, 3)
-    down_unit: NDArray[np.float64]  # from the point to the receiver, shape (n, 3)
+    transmit_s: Floats
+    bounce_s: Floats  # arrival at the point
+    receive_s: Floats
+    up_s: Floats
+    down_s: Floats
+    up_unit: Floats  # from transmitter to the point, shape (n, 3)
+    down_unit: Floats  # from the point to the receiver, shape (n, 3)
 
     @property
-    def ends_s(self) -> NDArray[np.float64]:
+    def ends_s(self) -> Floats:
         """When signals are at the stations: all transmissions, then all receptions, shape (2 n,)."""
         return np.concatenate([self.transmit_s, self.receive_s])
 
@@ -100,13 +100,13 @@ class PathPartials:
     and minus that by the first one's.
     """
 
-    by_position: NDArray[np.float64]  # the point's, BCRS, m/m, shape (n, 3)
-    by_tag: NDArray[np.float64]  # the time tag, m/s
-    by_up_delay: NDArray[np.float64]  # the delay of a leg, m/m: the leg's sign to 1e-4
-    by_down_delay: NDArray[np.float64]
-    by_hold: NDArray[np.float64]  # the hold, m/s: the speed of light to 1e-5
+    by_position: Floats  # the point's, BCRS, m/m, shape (n, 3)
+    by_tag: Floats  # the time tag, m/s
+    by_up_delay: Floats  # the delay of a leg, m/m: the leg's sign to 1e-4
+    by_down_delay: Floats
+    by_hold: Floats  # the hold, m/s: the speed of light to 1e-5
 
-    def scaled(self, factor: NDArray[np.float64]) -> PathPartials:
+    def scaled(self, factor: Floats) -> PathPartials:
         """Those of the length times a factor."""
         return PathPartials(*((getattr(self, field.name).T * factor).T for field in fields(self)))
 
@@ -116,13 +116,13 @@ def solve_light_path(
     relay: MovingPoint,
     receiver: MovingPoint,
     tag: NDArray[np.int8],
-    tag_offset_s: NDArray[np.float64],
+    tag_offset_s: Floats,
     up_delay_m: ArrayLike,
     down_delay_m: ArrayLike,
     sign: ArrayLike = 1.0,
     hold_s: ArrayLike = 0.0,
     near: LightPath | None = None,
-    source: NDArray[np.float64] | None = None,
+    source: Floats | None = None,
     tolerance_s: float = TOLERANCE_S,
 ) -> LightPath:
     """Solve the light-time equations of both legs in the BCRS (Moyer 2003, section 8.3).
@@ -210,12 +210,12 @@ def path_length_partials(
 
 
 def delay_by_bodies_m(
-    bodies_m: Mapping[str, NDArray[np.float64]],
-    point_m: NDArray[np.float64],
-    ends_m: NDArray[np.float64],
+    bodies_m: Mapping[str, Floats],
+    point_m: Floats,
+    ends_m: Floats,
     gm_m3_s2: Callable[[str], float],
-    source: NDArray[np.float64] | None = None,
-) -> NDArray[np.float64]:
+    source: Floats | None = None,
+) -> Floats:
     """Gravitational delay of legs between points and stations, (n, 3) and (2 n, 3), by bodies at rest, m, shape (2 n,).
 
     `source` as :func:`solve_light_path` has it.
@@ -233,9 +233,7 @@ def delay_by_bodies_m(
     return total_m
 
 
-def plane_wave_delay_m(
-    from_body_m: NDArray[np.float64], source: NDArray[np.float64], gm_m3_s2: float
-) -> NDArray[np.float64]:
+def plane_wave_delay_m(from_body_m: Floats, source: Floats, gm_m3_s2: float) -> Floats:
     """Extra path from a source at infinity to places that are so far from a body, but for a constant, m.
 
     IERS Conventions (2010), eq. 11.1 and 11.2, in which the difference of two is taken; bodies are where they are
@@ -245,9 +243,7 @@ def plane_wave_delay_m(
     return -k_m * np.log((length(from_body_m) + dot(source, from_body_m)) / 1e11)
 
 
-def gravitational_delay_m(
-    r1_m: NDArray[np.float64], r2_m: NDArray[np.float64], r12_m: NDArray[np.float64], gm_m3_s2: float
-) -> NDArray[np.float64]:
+def gravitational_delay_m(r1_m: Floats, r2_m: Floats, r12_m: Floats, gm_m3_s2: float) -> Floats:
     """Extra path between two points by the gravity of one body, of their distances from it and from each other, m.
 
     General relativity (gamma = 1): Moyer (2003), eq. 8-55, in which the term k = 2 GM/c^2 beside the distances

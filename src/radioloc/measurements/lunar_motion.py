@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S, L_B, L_G
 from radioloc.ephemeris import EarthState
@@ -24,7 +23,7 @@ from radioloc.measurements.light_path import PLANETS_MM, MovingPoint
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.station_motion import geocentre_displacement_m
 from radioloc.time import Epochs
-from radioloc.vectors import dot, length, rotated
+from radioloc.vectors import Floats, dot, length, rotated
 
 _FARTHEST_M = 2e10
 """After the 67 s of light the Earth's motion is no longer a parabola to 0.06 mm."""
@@ -35,15 +34,15 @@ class LunarMotion:
     """The Moon near one instant per observation, ready for any point fixed to it, and any spacecraft."""
 
     centre: MovingPoint  # in the BCRS, from the geocentre at the reference epoch
-    rot_pa_to_icrf: NDArray[np.float64]  # orientation of the principal axes, shape (n, 3, 3)
-    rot_pa_to_icrf_rate: NDArray[np.float64]  # 1/s
-    geocentre_m: NDArray[np.float64]  # from the geocentre at the reference epoch
-    geocentric_velocity_m_s: NDArray[np.float64]  # of the Moon's centre
-    moon_gcrs_m: NDArray[np.float64]  # the Moon's centre from the geocentre
-    earth_pa_m: NDArray[np.float64]  # from the Moon's centre, as the Sun, principal axes
-    sun_pa_m: NDArray[np.float64]
-    shrinking: NDArray[np.float64]  # U/c^2 + L_B - L_G, potential U of Sun and Earth at the Moon's centre
-    bodies_m: dict[str, NDArray[np.float64]]  # Sun and planets, from the geocentre at the reference epoch
+    rot_pa_to_icrf: Floats  # orientation of the principal axes, shape (n, 3, 3)
+    rot_pa_to_icrf_rate: Floats  # 1/s
+    geocentre_m: Floats  # from the geocentre at the reference epoch
+    geocentric_velocity_m_s: Floats  # of the Moon's centre
+    moon_gcrs_m: Floats  # the Moon's centre from the geocentre
+    earth_pa_m: Floats  # from the Moon's centre, as the Sun, principal axes
+    sun_pa_m: Floats
+    shrinking: Floats  # U/c^2 + L_B - L_G, potential U of Sun and Earth at the Moon's centre
+    bodies_m: dict[str, Floats]  # Sun and planets, from the geocentre at the reference epoch
     craft: MovingPoint | None = None
 
     @property
@@ -51,7 +50,7 @@ class LunarMotion:
         """The Moon's centre, or the craft: what a position is relative to."""
         return self.centre if self.craft is None else self.craft
 
-    def point(self, model: PhysicalModel, lander_pa_m: NDArray[np.float64]) -> MovingPoint:
+    def point(self, model: PhysicalModel, lander_pa_m: Floats) -> MovingPoint:
         """Motion of a point with given principal-axes coordinates, or beside the craft, shape (3,) or (n, 3), m."""
         pa_m = np.broadcast_to(lander_pa_m, self.earth_pa_m.shape)
         if self.craft is not None:
@@ -91,9 +90,7 @@ class LunarMotion:
         craft = MovingPoint(offset_s, self.geocentre_m + position_m, earth_m_s + velocity_m_s)
         return replace(self, craft=craft)
 
-    def geocentric(
-        self, point: MovingPoint, offset_s: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def geocentric(self, point: MovingPoint, offset_s: Floats) -> tuple[Floats, Floats]:
         """Geocentric position and velocity of a point on the Moon at an instant nearby, shapes (n, 3)."""
         earth_velocity_m_s = self.centre.velocity_m_s - self.geocentric_velocity_m_s
         velocity_m_s = point.velocity_m_s - earth_velocity_m_s
@@ -105,7 +102,7 @@ def lunar_motion(
     model: PhysicalModel,
     reference: Epochs,
     reference_earth: EarthState,
-    offset_s: NDArray[np.float64],
+    offset_s: Floats,
 ) -> LunarMotion:
     """The Moon at offsets from the reference epochs (TDB), when the geocentre is the origin.
 

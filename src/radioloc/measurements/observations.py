@@ -42,6 +42,7 @@ from radioloc.measurements.table_columns import (
 )
 from radioloc.tables import TableForm, as_table
 from radioloc.time import Epochs, to_scale, utc_strings
+from radioloc.vectors import Floats
 
 RANGE, VLBI_DELAY, DOPPLER, VLBI_DELAY_RATE = (
     kind_of(name) for name in ("range", "vlbi_delay", "doppler", "vlbi_delay_rate")
@@ -125,15 +126,15 @@ class Observations:
     kind: NDArray[np.int8]
     link: NDArray[np.int32]
     links: tuple[Link, ...]
-    value_m: NDArray[np.float64]
-    sigma_m: NDArray[np.float64]
-    pressure_hpa: NDArray[np.float64]
-    temperature_k: NDArray[np.float64]
-    relative_humidity: NDArray[np.float64]
-    wavelength_um: NDArray[np.float64]
-    uplink_hz: NDArray[np.float64]
-    count_s: NDArray[np.float64]
-    modulus_m: NDArray[np.float64]
+    value_m: Floats
+    sigma_m: Floats
+    pressure_hpa: Floats
+    temperature_k: Floats
+    relative_humidity: Floats
+    wavelength_um: Floats
+    uplink_hz: Floats
+    count_s: Floats
+    modulus_m: Floats
     ramped: NDArray[np.bool_]
     files: tuple[str, ...]
     file: NDArray[np.int32]
@@ -465,7 +466,7 @@ class Observations:
         )
         self._refuse(coarse, "sigma_m", rule)
 
-    def _refuse_rounded(self, wrong: NDArray[np.bool_], steps_m: NDArray[np.float64]) -> None:
+    def _refuse_rounded(self, wrong: NDArray[np.bool_], steps_m: Floats) -> None:
         """Refuse values that single precision rounds to steps."""
         step_m = float(steps_m[np.argmax(wrong)]) if wrong.any() else 0.0
         rule = (
@@ -575,9 +576,7 @@ def _near_pairs(instant_us: NDArray[np.int64]) -> NDArray[np.intp]:
     return np.concatenate(pairs, axis=1)
 
 
-def _agree(
-    column: NDArray[np.float64], first: NDArray[np.intp], second: NDArray[np.intp]
-) -> NDArray[np.bool_]:
+def _agree(column: Floats, first: NDArray[np.intp], second: NDArray[np.intp]) -> NDArray[np.bool_]:
     """Whether a quantity is the same in both rows to a millionth, or recorded in neither."""
     one, two = column[first], column[second]
     return np.asarray((np.abs(one - two) <= 1e-6 * np.abs(one)) | (np.isnan(one) & np.isnan(two)))

@@ -11,12 +11,11 @@ from dataclasses import dataclass
 
 import erfa
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.measurements.station_motion import StationMotion
 from radioloc.time import Epochs
-from radioloc.vectors import cross, dot, normalized, rotated
+from radioloc.vectors import Floats, cross, dot, normalized, rotated
 
 _SUN_AU = 1.0
 """Of the distance to the Sun depends the aberration's relativistic part, below 1e-7 arcseconds."""
@@ -26,17 +25,15 @@ _SUN_AU = 1.0
 class Direction:
     """The target seen from n stations, one event each; angles in degrees, shape (n,)."""
 
-    azimuth_deg: NDArray[np.float64]  # from north through east, 0 to 360
-    elevation_deg: NDArray[np.float64]  # above the plane normal to the ellipsoid's vertical
-    ra_deg: NDArray[np.float64]  # apparent, of the true equator and equinox of date, 0 to 360
-    dec_deg: NDArray[np.float64]
-    icrs_ra_deg: NDArray[np.float64]  # astrometric: along the ICRF's axes without aberration
-    icrs_dec_deg: NDArray[np.float64]
+    azimuth_deg: Floats  # from north through east, 0 to 360
+    elevation_deg: Floats  # above the plane normal to the ellipsoid's vertical
+    ra_deg: Floats  # apparent, of the true equator and equinox of date, 0 to 360
+    dec_deg: Floats
+    icrs_ra_deg: Floats  # astrometric: along the ICRF's axes without aberration
+    icrs_dec_deg: Floats
 
 
-def direction(
-    unit_bcrs: NDArray[np.float64], station: StationMotion, tt: Epochs, *, sends: bool = False
-) -> Direction:
+def direction(unit_bcrs: Floats, station: StationMotion, tt: Epochs, *, sends: bool = False) -> Direction:
     """Directions from stations to the target.
 
     Parameters
@@ -65,6 +62,6 @@ def direction(
     )
 
 
-def _angles_deg(unit: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _angles_deg(unit: Floats) -> tuple[Floats, Floats]:
     longitude_rad, latitude_rad = erfa.c2s(unit)
     return np.degrees(longitude_rad) % 360.0, np.degrees(latitude_rad)

@@ -25,6 +25,7 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS
 from radioloc.media.status import describe
+from radioloc.vectors import Floats
 
 ROWS_AT_ONCE = 65536
 """Rows of partials, or of what else belongs to observations, that are held together: 8 MB for 15 parameters."""
@@ -68,17 +69,17 @@ class Computed:
         target the shape is (n, 0).
     """
 
-    value_m: NDArray[np.float64]
-    by_position_pa: NDArray[np.float64]
-    by_time_m_s: NDArray[np.float64]
-    by_transponder_delay_m_s: NDArray[np.float64]
-    by_zenith_wet: NDArray[np.float64]
-    elevation_rad: NDArray[np.float64]
+    value_m: Floats
+    by_position_pa: Floats
+    by_time_m_s: Floats
+    by_transponder_delay_m_s: Floats
+    by_zenith_wet: Floats
+    elevation_rad: Floats
     status: NDArray[np.int8]
-    by_station_itrf: NDArray[np.float64]
-    by_electron_content_m: NDArray[np.float64]
-    mean_by_position_pa: NDArray[np.float64]
-    by_orbit: NDArray[np.float64]
+    by_station_itrf: Floats
+    by_electron_content_m: Floats
+    mean_by_position_pa: Floats
+    by_orbit: Floats
 
     def __repr__(self) -> str:
         return f"<Computed {len(self.value_m)} observations, {int((~self.usable).sum())} unusable>"
@@ -97,7 +98,7 @@ class Prediction(Protocol):
     """The observations of an arc predicted for one position: the values at once, all else for the rows asked for."""
 
     @property
-    def value_m(self) -> NDArray[np.float64]:
+    def value_m(self) -> Floats:
         """Range, delay or range difference over the count interval of every observation, m, shape (n,)."""
         ...
 
@@ -191,7 +192,7 @@ class Predictor(ABC):
         """Whether an observation rests on predicted Earth orientation, shape (n,)."""
 
     @abstractmethod
-    def at(self, lander_pa_m: NDArray[np.float64]) -> Prediction:
+    def at(self, lander_pa_m: Floats) -> Prediction:
         """Predict for a position in principal axes, m, shape (3,), or (n_targets, 3) where there are several targets.
 
         All values at once, partials of the rows that are asked for.
@@ -211,21 +212,21 @@ class Predictor(ABC):
         return other
 
     @abstractmethod
-    def with_model(self, model: PhysicalModel, lander_pa_m: NDArray[np.float64]) -> Predictor:
+    def with_model(self, model: PhysicalModel, lander_pa_m: Floats) -> Predictor:
         """The same observations prepared with another model, for values only."""
 
-    def compute(self, lander_pa_m: NDArray[np.float64]) -> Computed:
+    def compute(self, lander_pa_m: Floats) -> Computed:
         """Predict all observations for a position, with partials."""
         return self.at(lander_pa_m).rows(slice(None))
 
     @bare_arguments
-    def with_values(self, value_m: NDArray[np.float64]) -> Self:
+    def with_values(self, value_m: Floats) -> Self:
         """The same arc with other measured values, shape (n,), m; nothing is prepared again."""
         other = copy.copy(self)
         other.observations = replace(self.observations, value_m=value_m)
         return other
 
-    def terms(self, lander_pa_m: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    def terms(self, lander_pa_m: Floats) -> dict[str, Floats]:
         """Table of terms: by how much each active term changes each computed value, m, shape (n,).
 
         Computed with everything minus computed without that term, in the order of

@@ -45,9 +45,7 @@ from radioloc.measurements.sources import with_galactic_aberration
 from radioloc.measurements.station_motion import rough_station_motion, station_motion
 from radioloc.media.medium import Leg, LegEnd, LineOfSight, Weather, line_of_sight, prepared_media
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, topocentric_tdb_minus_tt, utc_to_tt
-from radioloc.vectors import dot, length
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats, dot, length
 
 _SHORTEST_RADIO_UM = 1000.0
 """From this wavelength on (300 GHz), the signal is radio."""

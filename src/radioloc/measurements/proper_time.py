@@ -34,7 +34,7 @@ from radioloc.measurements.light_path import MovingPoint
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
-from radioloc.vectors import dot
+from radioloc.vectors import Floats, dot
 
 _STEP_S, _STEP_IN_ORBIT_S = 3600.0, 30.0
 """A cubic spline between rates so far apart is good to 1e-18, in a low orbit of two hours to 1e-18 as well."""
@@ -61,13 +61,11 @@ def station_rate(station: Station) -> float:
 class TargetClock:
     """What the target's clock is ahead of TT at the geocentre, near one event each; of what is not one-way zeros."""
 
-    ahead_s: NDArray[np.float64]  # at the origin, at the instant of its motion
-    rate: NDArray[np.float64]
+    ahead_s: Floats  # at the origin, at the instant of its motion
+    rate: Floats
     kept: NDArray[np.bool_]  # whether it reads anything
 
-    def at(
-        self, origin: MovingPoint, point: MovingPoint, offset_s: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def at(self, origin: MovingPoint, point: MovingPoint, offset_s: Floats) -> tuple[Floats, Floats, Floats]:
         """How far it is ahead at a point and an instant nearby, s, with derivatives by time and by place (s/m)."""
         if not self.kept.any():
             nothing = np.zeros(len(self.kept))
@@ -100,7 +98,7 @@ def target_clock(
     model: PhysicalModel,
     tdb: Epochs,
     kept: NDArray[np.bool_],
-    radius_m: NDArray[np.float64],
+    radius_m: Floats,
     epoch: Epochs | None,
     trajectory: AnyTrajectory | None = None,
 ) -> TargetClock:
@@ -125,11 +123,11 @@ def target_clock(
 def _gained(
     model: PhysicalModel,
     zero: Epochs,
-    since_s: NDArray[np.float64],
+    since_s: Floats,
     trajectory: AnyTrajectory | None,
     *,
     whole: bool,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Floats, Floats]:
     """What the origin's clock has gained since `zero` and its rate; but for the `whole` arc, since a gap ended."""
     from scipy.interpolate import CubicSpline
 
@@ -154,16 +152,14 @@ def _gained(
     return gained_s, rate
 
 
-def _state(
-    model: PhysicalModel, tdb: Epochs, trajectory: AnyTrajectory | None
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _state(model: PhysicalModel, tdb: Epochs, trajectory: AnyTrajectory | None) -> tuple[Floats, Floats]:
     """Geocentric position and velocity of the spacecraft, or of the Moon's centre."""
     if trajectory is None:
         return model.ephemeris.geocentric("moon", tdb)
     return trajectory.geocentric(model.ephemeris, tdb)
 
 
-def _rate(model: PhysicalModel, tdb: Epochs, trajectory: AnyTrajectory | None) -> NDArray[np.float64]:
+def _rate(model: PhysicalModel, tdb: Epochs, trajectory: AnyTrajectory | None) -> Floats:
     """Rate of a clock in the spacecraft, or at the Moon's centre without its potential, against TT at the geocentre."""
     left_out = "moon" if trajectory is None else ""
     return L_G + clock_rate(model.ephemeris, tdb, *_state(model, tdb, trajectory), left_out)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from radioloc.errors import DataQualityWarning
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.registry import KINDS
+from radioloc.vectors import Floats
 
 _MIN_READINGS = 10  # a common divisor of fewer differences may be one by chance
 _MIN_CHANGES = 5  # an outlier among equal readings changes the value twice
@@ -20,7 +21,7 @@ _MAX_UPLINKS = 200  # more of them are recorded row by row
 _TOLERANCE = 1e-3  # of the smallest step in question, by which multiples may be off
 
 
-def common_step(values: NDArray[np.float64], least: float) -> float:
+def common_step(values: Floats, least: float) -> float:
     """Return the largest step above `least` of which all differences of values are multiples; 0 where there is none."""
     if len(values) < _MIN_READINGS or not least > 0.0:
         return 0.0

@@ -25,6 +25,7 @@ from radioloc.errors import InputError
 from radioloc.measurements.resolution import is_single_precision
 from radioloc.media.status import Status
 from radioloc.time import Epochs, tai_to_tt, tai_to_utc, utc_strings, utc_to_tai
+from radioloc.vectors import Floats
 
 UPLINK = {"S": 221, "X": 749, "Ka": 3599}
 """Uplinks of one channel are to each other as these numbers."""
@@ -60,9 +61,9 @@ class Ramps:
     stations: tuple[str, ...]
     station: NDArray[np.int32]
     start: Epochs
-    duration_s: NDArray[np.float64]
-    frequency_hz: NDArray[np.float64]
-    rate_hz_s: NDArray[np.float64]
+    duration_s: Floats
+    frequency_hz: Floats
+    rate_hz_s: Floats
 
     @classmethod
     def none(cls) -> Ramps:
@@ -77,8 +78,8 @@ class Ramps:
         station: Sequence[str],
         start: Epochs,
         stop: Epochs,
-        frequency_hz: NDArray[np.float64],
-        rate_hz_s: NDArray[np.float64],
+        frequency_hz: Floats,
+        rate_hz_s: Floats,
     ) -> Ramps:
         """Ramps of named stations, in any order; of those that are there twice, one is kept.
 
@@ -201,11 +202,11 @@ def _to_nanosecond(utc: Epochs) -> Epochs:
 class RampTerm:
     """What ramps do to the values of n light paths; the arrays are filled where there are ramps."""
 
-    excess_m: NDArray[np.float64]  # to be taken off the length
+    excess_m: Floats  # to be taken off the length
     scale: NDArray[
         np.float64
     ]  # of partials by what moves the transmission: transmitted over reference frequency
-    by_tag_m_s: NDArray[np.float64]  # what the time tag changes besides the length
+    by_tag_m_s: Floats  # what the time tag changes besides the length
     status: NDArray[np.int8]
 
     @classmethod
@@ -218,9 +219,9 @@ def ramp_term(
     frequencies: Mapping[str, TransmittedFrequency],
     sender: NDArray[np.str_],
     tag: Epochs,
-    sent_s: NDArray[np.float64],
+    sent_s: Floats,
     other: NDArray[np.intp],
-    reference_hz: NDArray[np.float64],
+    reference_hz: Floats,
 ) -> RampTerm:
     """What the transmitted frequencies, by name of who sends, do to the values of n light paths.
 
@@ -256,9 +257,9 @@ class TransmittedFrequency:
     def __init__(
         self,
         start: Epochs,
-        duration_s: NDArray[np.float64],
-        frequency_hz: NDArray[np.float64],
-        rate_hz_s: NDArray[np.float64],
+        duration_s: Floats,
+        frequency_hz: Floats,
+        rate_hz_s: Floats,
     ) -> None:
         self.origin = start[0]
         self._start_s = start.seconds_since(start[:1])
@@ -273,14 +274,12 @@ class TransmittedFrequency:
         cycles = ((frequency_hz - self._base_hz) + 0.5 * rate_hz_s * steps) * steps
         self._cycles = np.concatenate([[0.0], np.cumsum(cycles)[:-1]])
 
-    def covers(self, first_s: NDArray[np.float64], last_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def covers(self, first_s: Floats, last_s: Floats) -> NDArray[np.bool_]:
         """Whether there are ramps without a gap between two times, s since :attr:`origin`, shape (n,)."""
         (one, inside_one), (other, inside_other) = self._find(first_s), self._find(last_s)
         return inside_one & inside_other & (self._block[one] == self._block[other])
 
-    def at(
-        self, time_s: NDArray[np.float64], since_s: NDArray[np.float64], reference_hz: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def at(self, time_s: Floats, since_s: Floats, reference_hz: Floats) -> tuple[Floats, Floats]:
         """Frequency, Hz, and cycles beyond a reference frequency, at times in s since :attr:`origin`; shapes (n,).
 
         Cycles are counted from an instant that is the same for all times in one block without gaps, those of the
@@ -293,7 +292,7 @@ class TransmittedFrequency:
         cycles += (self._base_hz[k] - reference_hz) * (time_s - since_s)
         return self._frequency_hz[k] + self._rate_hz_s[k] * within_s, cycles
 
-    def _find(self, time_s: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    def _find(self, time_s: Floats) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
         """The ramp at each time, and whether it is inside."""
         k = np.maximum(np.searchsorted(self._start_s, time_s, side="right") - 1, 0)
         within_s = time_s - self._start_s[k]

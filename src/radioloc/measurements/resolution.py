@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S, SECONDS_PER_DAY
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 RELATIVE_STEP = 2.0**-23
 """Largest spacing of single-precision numbers, as a fraction of them."""

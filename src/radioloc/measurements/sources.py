@@ -12,14 +12,13 @@ from pathlib import Path
 
 import erfa
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import ARCSEC_RAD
 from radioloc.errors import FileFormatError
 from radioloc.measurements.link import canonical_target
 from radioloc.text_files import read_lines, read_rows
 from radioloc.time import Epochs
-from radioloc.vectors import dot, normalized
+from radioloc.vectors import Floats, dot, normalized
 
 COLUMNS = ("source", "right_ascension_deg", "declination_deg")
 
@@ -28,11 +27,11 @@ _ABERRATION_RAD_YR = 5.8e-6 * ARCSEC_RAD
 _EPOCH_JD = 2457023.5  # 2015.0
 """Acceleration of the solar system towards the centre of the Galaxy moves sources; the ICRF3 has them at 2015.0."""
 
-Sources = Mapping[str, NDArray[np.float64]]
+Sources = Mapping[str, Floats]
 """Directions, BCRS unit vectors of shape (3,), by canonical names."""
 
 
-def read_sources(path: str | Path) -> dict[str, NDArray[np.float64]]:
+def read_sources(path: str | Path) -> dict[str, Floats]:
     r"""Read a list of sources: their directions in the ICRS, unit vectors, by names in lower case.
 
     Those of a list of the ICRF are known by the names of the IERS (``0059+581``) and by designations
@@ -52,7 +51,7 @@ def read_sources(path: str | Path) -> dict[str, NDArray[np.float64]]:
     >>> {name: direction.round(6).tolist() for name, direction in read_sources(path).items()}
     {'0059+581': [0.504416, 0.141696, 0.851755]}
     """
-    found: dict[str, NDArray[np.float64]] = {}
+    found: dict[str, Floats] = {}
     icrf = [(k, line) for k, line in enumerate(read_lines(path), 1) if line.startswith("ICRF J")]
     rows = icrf or read_rows(path, COLUMNS, "a list of sources has lines of the ICRF, or it")
     for number, row in rows:
@@ -91,7 +90,7 @@ def _checked(right_ascension_deg: float, declination_deg: float) -> tuple[float,
     return np.radians(right_ascension_deg), np.radians(declination_deg)
 
 
-def with_galactic_aberration(direction: NDArray[np.float64], tdb: Epochs) -> NDArray[np.float64]:
+def with_galactic_aberration(direction: Floats, tdb: Epochs) -> Floats:
     """Directions, shape (n, 3), at epochs, of sources that are given for 2015.0, as in the ICRF3.
 
     The solar system's acceleration towards the centre of the Galaxy makes an aberration that grows by 5.8

@@ -17,7 +17,7 @@ from radioloc.measurements.light_path import MovingPoint
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.media.medium import StationState
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, topocentric_tdb_minus_tt
-from radioloc.vectors import cross, dot, east_north_up, length, rotated
+from radioloc.vectors import Floats, cross, dot, east_north_up, length, rotated
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,18 +25,18 @@ class StationMotion(StationState):
     """One station per observation, near one instant each."""
 
     point: MovingPoint  # in the BCRS, from the geocentre at the reference epoch
-    tdb_minus_tt_s: NDArray[np.float64]  # at the station
-    topocentric_s: NDArray[np.float64]  # the part of it that depends on the place, v_E . r / c^2
-    tdb_rate: NDArray[np.float64]  # of TDB - TT at the station
-    geocentric_tdb_rate: NDArray[np.float64]  # of the part that does not depend on the place
-    rot_itrf_to_gcrs: NDArray[np.float64]  # shape (n, 3, 3)
+    tdb_minus_tt_s: Floats  # at the station
+    topocentric_s: Floats  # the part of it that depends on the place, v_E . r / c^2
+    tdb_rate: Floats  # of TDB - TT at the station
+    geocentric_tdb_rate: Floats  # of the part that does not depend on the place
+    rot_itrf_to_gcrs: Floats  # shape (n, 3, 3)
     predicted_eop: NDArray[np.bool_]  # whether Earth orientation was a prediction
 
-    def tdb_minus_tt_at(self, offset_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    def tdb_minus_tt_at(self, offset_s: Floats) -> Floats:
         """TDB - TT at the station at another instant nearby, s, shape (n,)."""
         return self.tdb_minus_tt_s + self.tdb_rate * (offset_s - self.point.offset_s)
 
-    def geocentric_tdb_minus_tt_at(self, offset_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    def geocentric_tdb_minus_tt_at(self, offset_s: Floats) -> Floats:
         """TDB - TT at the geocentre at another instant nearby, s, shape (n,)."""
         there_s = self.tdb_minus_tt_s - self.topocentric_s
         return there_s + self.geocentric_tdb_rate * (offset_s - self.point.offset_s)
@@ -48,7 +48,7 @@ def station_motion(
     which: NDArray[np.int32],
     reference: Epochs,
     reference_earth: EarthState,
-    offset_s: NDArray[np.float64],
+    offset_s: Floats,
 ) -> StationMotion:
     """Motion of stations, `which` of them for each observation, at most some seconds from the reference epochs (TDB).
 
@@ -139,11 +139,11 @@ def rough_station_motion(
     return MovingPoint(np.zeros(len(which)), gcrs_m, earth.velocity_m_s[both] + cross(spin_rad_s, gcrs_m))
 
 
-def _given_itrf_m(stations: tuple[Station, ...]) -> NDArray[np.float64]:
+def _given_itrf_m(stations: tuple[Station, ...]) -> Floats:
     return np.reshape([station.itrf_m for station in stations], (-1, 3))
 
 
-def geocentre_displacement_m(earth: EarthState, offset_s: NDArray[np.float64]) -> NDArray[np.float64]:
+def geocentre_displacement_m(earth: EarthState, offset_s: Floats) -> Floats:
     """How far the geocentre has moved since the reference epochs, m, shape (n, 3).
 
     Second order in time; the next term, from the Earth's orbit about the Sun, is 5e-9 m after 3 s.

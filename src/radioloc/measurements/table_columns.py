@@ -27,6 +27,7 @@ from radioloc.text_files import text_of_cell
 from radioloc.time import Epochs, to_scale
 from radioloc.time.dates import utc_from_picoseconds, utc_from_text, utc_to_picoseconds
 from radioloc.units import ASTROPY_UNITS, as_float_array, in_unit, unit_of
+from radioloc.vectors import Floats
 
 SPLIT_EPOCH = ("utc_date", "utc_ps")
 VALUE = ("observed_m", "light_time_s")
@@ -95,7 +96,7 @@ def require_columns(
 
 
 def require_lunar_flight_times(
-    path: str | Path, flight_s: NDArray[np.float64], line: NDArray[np.integer] | NDArray[np.float64]
+    path: str | Path, flight_s: Floats, line: NDArray[np.integer] | Floats
 ) -> None:
     """Raise :class:`FileFormatError` for the first round-trip time of flight that no lunar target has."""
     low, high = FLIGHT_TIME_LIMITS_S
@@ -173,7 +174,7 @@ class ColumnReader:
                 name, int(np.argmax(column.is_null().to_numpy(zero_copy_only=False))), "is missing (null)"
             )
 
-    def _numbers(self, name: str, column: Any) -> NDArray[np.float64]:
+    def _numbers(self, name: str, column: Any) -> Floats:
         if self._as_text:
             numbers = self._numbers_of_text(name, column)
         else:
@@ -188,7 +189,7 @@ class ColumnReader:
                 self._fail(name, int(np.argmax(wrong)), problem)
         return numbers
 
-    def _numbers_of_text(self, name: str, column: Any) -> NDArray[np.float64]:
+    def _numbers_of_text(self, name: str, column: Any) -> Floats:
         import pyarrow
         from pyarrow import compute
 
@@ -196,7 +197,7 @@ class ColumnReader:
         if name in OPTIONAL:
             column = compute.if_else(compute.equal(column, ""), None, column)
         try:
-            numbers: NDArray[np.float64] = column.cast("float64").to_numpy(zero_copy_only=False)
+            numbers: Floats = column.cast("float64").to_numpy(zero_copy_only=False)
         except pyarrow.ArrowInvalid:
             numbers = np.full(len(column), np.nan)
             for row, text in enumerate(column.to_pylist()):
@@ -409,7 +410,7 @@ def _arrow(name: str, column: Any, own: str, unit: str | None) -> dict[str, Any]
     return {name: made.combine_chunks() if many else made}
 
 
-def _in_unit(name: str, column: Any, own: str, unit: str | None, wanted: str) -> NDArray[np.float64]:
+def _in_unit(name: str, column: Any, own: str, unit: str | None, wanted: str) -> Floats:
     """Numbers in the unit that is wanted, from what the table or the caller says; NaN where masked or null."""
     bare = column.to_numpy() if hasattr(column, "chunks") else getattr(column, "unmasked", column)
     numbers = as_float_array(np.ma.getdata(getattr(bare, "value", bare)), wanted, name)
@@ -426,7 +427,7 @@ def _in_unit(name: str, column: Any, own: str, unit: str | None, wanted: str) ->
         raise InputError(f"units: {text!r} of {name} is no unit that astropy knows") from None
     if stated != given:
         raise InputError(f"units: {name} is in {own}, as the table says, not in {unit}; leave it out")
-    found: NDArray[np.float64] = in_unit(Quantity(numbers, given), wanted, name)
+    found: Floats = in_unit(Quantity(numbers, given), wanted, name)
     return found
 
 

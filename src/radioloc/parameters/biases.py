@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S
 from radioloc.parameters.kind import Members, ParameterKind, Scope, Sigmas
 from radioloc.parameters.rows import ObservationRows
+from radioloc.vectors import Floats
 
 _STATIONS_OR_LINKS = (Scope.STATION, Scope.PASS, Scope.LINK, Scope.LINK_AND_PASS)
 
@@ -42,7 +43,7 @@ def _receives(rows: ObservationRows) -> NDArray[np.bool_]:
     return np.stack([received & rows.baseline, received], axis=-1)
 
 
-def _receiving(rows: ObservationRows) -> NDArray[np.float64]:
+def _receiving(rows: ObservationRows) -> Floats:
     """The reading comes later than the arrival; a tag that names the arrival is late by as much."""
     receives = np.stack([rows.baseline, np.ones(len(rows), dtype=bool)], axis=-1)
     moved = -((rows.tagged & receives) * rows.computed.by_time_m_s[:, None])
@@ -53,7 +54,7 @@ def _counted(rows: ObservationRows) -> NDArray[np.bool_]:
     return _at_second(rows.integrated)
 
 
-def _offset(rows: ObservationRows) -> NDArray[np.float64]:
+def _offset(rows: ObservationRows) -> Floats:
     return (_counted(rows) * (C_M_S * rows.count_s - rows.computed.value_m)[:, None])[..., None]
 
 

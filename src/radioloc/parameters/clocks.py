@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S
 from radioloc.parameters.kind import Members, ParameterKind, Scope, Sigmas
 from radioloc.parameters.rows import TRANSMIT, ObservationRows
+from radioloc.vectors import Floats
 
 _SIGN = np.array([-1.0, 1.0])
 
@@ -31,17 +32,17 @@ def _rate_shows(rows: ObservationRows) -> NDArray[np.bool_]:
     return (~rows.two_way)[:, None] & (rows.ends >= 0)
 
 
-def _moved_tag(rows: ObservationRows) -> NDArray[np.float64]:
+def _moved_tag(rows: ObservationRows) -> Floats:
     """How values change when the clock that reads the tag is ahead, m/s, shape (m, 2)."""
     return -(rows.tagged * rows.computed.by_time_m_s[:, None])
 
 
-def _offset(rows: ObservationRows) -> NDArray[np.float64]:
+def _offset(rows: ObservationRows) -> Floats:
     read = (~rows.integrated)[:, None] * C_M_S * _SIGN
     return ((read + _moved_tag(rows)) * (rows.ends >= 0))[..., None]
 
 
-def _rate(rows: ObservationRows) -> NDArray[np.float64]:
+def _rate(rows: ObservationRows) -> Floats:
     counted = np.where(rows.integrated[:, None], rows.tagged * rows.computed.value_m[:, None], 0.0)
     moved = _moved_tag(rows) * rows.elapsed_s[:, None]
     return ((C_M_S * _SIGN * rows.elapsed_at_ends_s - counted + moved) * (rows.ends >= 0))[..., None]
@@ -51,24 +52,22 @@ def _target_tag(rows: ObservationRows) -> NDArray[np.bool_]:
     return rows.one_way & (rows.tag == TRANSMIT)
 
 
-def _target_offset(rows: ObservationRows) -> NDArray[np.float64]:
+def _target_offset(rows: ObservationRows) -> Floats:
     moved = -(_target_tag(rows) * rows.computed.by_time_m_s)
     return np.where(rows.one_way, moved - np.where(rows.integrated, 0.0, C_M_S), 0.0)[:, None, None]
 
 
-def _target_gains(
-    rows: ObservationRows, gained_s: NDArray[np.float64], at_tag_s: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _target_gains(rows: ObservationRows, gained_s: Floats, at_tag_s: Floats) -> Floats:
     """By what the target's clock gains until its event, or over the count interval, and until the tag."""
     return np.where(rows.one_way, -C_M_S * gained_s - _target_tag(rows) * at_tag_s, 0.0)[:, None, None]
 
 
-def _target_rate(rows: ObservationRows) -> NDArray[np.float64]:
+def _target_rate(rows: ObservationRows) -> Floats:
     counted = rows.integrated * rows.computed.value_m + rows.computed.by_time_m_s * rows.elapsed_s
     return _target_gains(rows, rows.elapsed_at_ends_s[:, 0], counted)
 
 
-def _target_drift(rows: ObservationRows) -> NDArray[np.float64]:
+def _target_drift(rows: ObservationRows) -> Floats:
     since_s, first_s = rows.elapsed_s, rows.elapsed_at_ends_s[:, 0]
     # The middle of the count is read by the target when the signal leaves.
     middle_s = since_s - np.where(_target_tag(rows), 0.0, rows.light_time_s)

@@ -15,6 +15,7 @@ from radioloc.parameters.kind import Members, ParameterKind, Scope
 from radioloc.parameters.rows import ObservationRows
 from radioloc.plugins import named_where_it_fails
 from radioloc.time import utc_strings
+from radioloc.vectors import Floats
 
 PASS_GAP_H = 4.0
 """A station that has not observed for so long begins a new pass. Between two passes the Moon is down for 5 h or more at
@@ -37,7 +38,7 @@ class Columns:
     def __len__(self) -> int:
         return len(self.names) * len(self.kind.components)
 
-    def design(self, rows: ObservationRows, out: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+    def design(self, rows: ObservationRows, out: Floats | None = None) -> Floats:
         """Partial derivatives of computed values by the parameters, shape (m, number of columns); into zeros if given.
 
         They are stored column by column: several times as fast as row by row.
@@ -155,7 +156,7 @@ def _any_end(of_ends: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(of_ends[:, 0] | of_ends[:, -1])
 
 
-def _pass_numbers(since_s: NDArray[np.float64], gap_h: float) -> NDArray[np.int64]:
+def _pass_numbers(since_s: Floats, gap_h: float) -> NDArray[np.int64]:
     order = np.argsort(since_s, kind="stable")
     number = np.empty(len(since_s), dtype=np.int64)
     number[order] = np.concatenate([[0], np.cumsum(np.diff(since_s[order]) > 3600.0 * gap_h)])

@@ -19,6 +19,7 @@ from radioloc.parameters.parameter import Parameter, ParameterSet
 from radioloc.parameters.position import PositionFunction, PositionParameters
 from radioloc.parameters.rows import ObservationRows, middle_of
 from radioloc.time import Epochs
+from radioloc.vectors import Floats
 
 Rows = NDArray[np.intp]
 
@@ -68,13 +69,13 @@ class ObservationModel:
     def _mine(self, target: int) -> slice:
         return slice(0, self.first) if self.of_orbit else slice(0, 3 * target + 3)
 
-    def position_pa_m(self, x: NDArray[np.float64], target: int = 0) -> NDArray[np.float64]:
+    def position_pa_m(self, x: Floats, target: int = 0) -> Floats:
         """Position of a target at parameters x, principal axes, m, shape (3,); zeros on a trajectory without end."""
         if self.landing is not None:
             return self.landing.position(x[self._mine(target)])[0]
         return np.zeros(3) if self.of_orbit else self.positions[target](x[self._mine(target)])[0]
 
-    def position_partials(self, x: NDArray[np.float64], target: int = 0) -> NDArray[np.float64]:
+    def position_partials(self, x: Floats, target: int = 0) -> Floats:
         """d(position of a target)/d(parameters), shape (3, p); zeros on a trajectory without end."""
         partials = np.zeros((3, len(self.parameters)))
         if self.landing is not None:
@@ -83,12 +84,12 @@ class ObservationModel:
             partials[:, self._mine(target)] = self.positions[target](x[self._mine(target)])[1]
         return partials
 
-    def all_positions_pa_m(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def all_positions_pa_m(self, x: Floats) -> Floats:
         """What the predictor takes: positions, shape (3,), or (n_targets, 3) of several; or changes of the orbit's."""
         found = [function(x[self._mine(k)])[0] for k, function in enumerate(self.positions)]
         return found[0] if len(found) == 1 else np.array(found)
 
-    def linearize(self, x: NDArray[np.float64]) -> DesignMatrix:
+    def linearize(self, x: Floats) -> DesignMatrix:
         """Residuals of all observations, and the design matrix of those asked for, at parameters x."""
         positions_pa_m = self.all_positions_pa_m(x)
         at = self.predictor.at(positions_pa_m)
@@ -104,7 +105,7 @@ class ObservationModel:
         residual_m.flags.writeable = False
         return here
 
-    def residuals(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def residuals(self, x: Floats) -> tuple[Floats, Floats]:
         """Observed minus computed (n,), m, and partials of the computed (n, p), all at once."""
         here = self.linearize(x)
         return here.residual_m, here.partials(np.arange(len(here.residual_m)))
@@ -116,23 +117,23 @@ class DesignMatrix:
 
     model: ObservationModel
     at: Prediction
-    positions_pa_m: NDArray[np.float64]
-    x: NDArray[np.float64]
-    residual_m: NDArray[np.float64]  # observed - computed, of an orbit without its stochastic accelerations
+    positions_pa_m: Floats
+    x: Floats
+    residual_m: Floats  # observed - computed, of an orbit without its stochastic accelerations
 
     @property
     def process(self) -> StochasticAccelerations | None:
         """The orbit's stochastic accelerations."""
         return self.model.process
 
-    def partials(self, rows: Rows, *, of_kinds_only: bool = False) -> NDArray[np.float64]:
+    def partials(self, rows: Rows, *, of_kinds_only: bool = False) -> Floats:
         """d(computed)/d(parameter) of some observations, shape (m, p); or those by all but the positions."""
         columns = partial(self._simple, first=0 if of_kinds_only else len(self.model.positions))
         if isinstance(self.at, CombinedPrediction):
             return self.at.combine(rows, columns)
         return columns(rows, self.at, self.model.predictor)
 
-    def _simple(self, rows: Rows, at: Prediction, predictor: Predictor, first: int) -> NDArray[np.float64]:
+    def _simple(self, rows: Rows, at: Prediction, predictor: Predictor, first: int) -> Floats:
         """Partials of observations that are not combined, by the first positions and all kinds of parameter."""
         model = self.model
         place = np.zeros(3) if model.of_orbit else self.positions_pa_m

@@ -7,7 +7,6 @@ Their coordinates (m), UT1 (s) and the pole (rad); zenith delay of the troposphe
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import EARTH_ROTATION_RAD_S
 from radioloc.earth.eop_prediction import orientation_errors
@@ -17,19 +16,20 @@ from radioloc.media.csp import CHARGED, WET
 from radioloc.media.ionosphere import UniformTec
 from radioloc.parameters.kind import Members, ParameterKind, Scope, Sigmas, both_stations, everywhere
 from radioloc.parameters.rows import ObservationRows
+from radioloc.vectors import Floats
 
 
-def _itrf_m(rows: ObservationRows) -> NDArray[np.float64]:
+def _itrf_m(rows: ObservationRows) -> Floats:
     """ITRF coordinates of the stations that take part, m, shape (n_stations, 3)."""
     return np.array([rows.model.catalogue.get(name).itrf_m for name in rows.predictor.stations])
 
 
-def _station_position(rows: ObservationRows) -> NDArray[np.float64]:
+def _station_position(rows: ObservationRows) -> Floats:
     to_enu = np.array([rot_itrf_to_enu(itrf_m) for itrf_m in _itrf_m(rows)])
     return _displaced(rows, np.swapaxes(to_enu, 1, 2)) * (rows.ends >= 0)[..., None]
 
 
-def _displaced(rows: ObservationRows, shifts: NDArray[np.float64]) -> NDArray[np.float64]:
+def _displaced(rows: ObservationRows, shifts: Floats) -> Floats:
     """Partials by what displaces stations, ITRF, m per unit, shape (n_stations, 3, components)."""
     by_station, components = rows.computed.by_station_itrf, range(shifts.shape[2])
     # One component after the other in memory
@@ -39,12 +39,12 @@ def _displaced(rows: ObservationRows, shifts: NDArray[np.float64]) -> NDArray[np
     return np.moveaxis(found, 0, -1)
 
 
-def _turned(rows: ObservationRows, axes: list[list[float]]) -> NDArray[np.float64]:
+def _turned(rows: ObservationRows, axes: list[list[float]]) -> Floats:
     """Partials by turns of the Earth about axes, ITRF, rad per unit, shape (components, 3)."""
     return _displaced(rows, np.swapaxes(np.cross(axes, _itrf_m(rows)[:, None]), 1, 2))
 
 
-def _electron_content(rows: ObservationRows) -> NDArray[np.float64]:
+def _electron_content(rows: ObservationRows) -> Floats:
     by_content = rows.computed.by_electron_content_m
     if np.isnan(by_content).any():
         row = int(rows.rows[np.flatnonzero(np.isnan(by_content).any(axis=-1))[0]])
@@ -60,7 +60,7 @@ def _positions_left(rows: ObservationRows, members: Members) -> Sigmas:
     return {name: rows.model.catalogue.get(name).position_sigma_m for name in members}
 
 
-def _orientation_left(rows: ObservationRows) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _orientation_left(rows: ObservationRows) -> tuple[Floats, Floats]:
     """Of UT1 and the pole, measured or predicted by lead time; the largest of the arc."""
     last = rows.observations.epoch.mjd.max(keepdims=True)
     return orientation_errors(rows.model.earth.table, last)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.parameters.rows import ObservationRows
+from radioloc.vectors import Floats
 
 
 class Scope(Enum):
@@ -99,7 +100,7 @@ class ParameterKind:
     unit: str
     description: str
     scopes: tuple[Scope, ...]
-    partials: Callable[[ObservationRows], NDArray[np.float64]]
+    partials: Callable[[ObservationRows], Floats]
     acts_on: Callable[[ObservationRows], NDArray[np.bool_]]
     components: tuple[str, ...] = ("",)
     scale: float = 1.0

@@ -10,41 +10,40 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.lunar.tide import solid_tide
 from radioloc.parameters.kind import Members, ParameterKind, Scope, Sigmas, everywhere
 from radioloc.parameters.rows import ObservationRows
 from radioloc.time import Epochs
-from radioloc.vectors import dot, rtn_axes
+from radioloc.vectors import Floats, dot, rtn_axes
 
 _MJD_2000, _DAYS_PER_YEAR = 51544.5, 365.25
 
 
-def _moon_position(rows: ObservationRows) -> NDArray[np.float64]:
+def _moon_position(rows: ObservationRows) -> Floats:
     model = rows.model
 
-    def axes_pa(tdb: Epochs) -> NDArray[np.float64]:
+    def axes_pa(tdb: Epochs) -> Floats:
         axes = rtn_axes(*model.ephemeris.geocentric("moon", tdb))
         return axes @ np.swapaxes(rot_icrf_to_pa(model.libration.angles(tdb)[0]), -1, -2)
 
     return rows.by_displacement(axes_pa)[:, None, :]
 
 
-def _libration(rows: ObservationRows) -> NDArray[np.float64]:
+def _libration(rows: ObservationRows) -> Floats:
     # A rotation by e about an axis moves the target by e x r, so that the partial is r x by_position along the axis.
     return np.cross(rows.target_pa_m, rows.computed.by_position_pa)[:, None, :]
 
 
-def _love_numbers(rows: ObservationRows) -> NDArray[np.float64]:
+def _love_numbers(rows: ObservationRows) -> Floats:
     model, positions = rows.model, np.atleast_2d(rows.target_pa_m)
     places, which = np.unique(positions, axis=0, return_inverse=True)
     permanent: Literal["included", "removed"] = "included" if model.has("lunar_tide_constant") else "removed"
     constants = model.ephemeris.constants
     units = [replace(constants, h2=h2, l2=l2) for h2, l2 in ((1.0, 0.0), (0.0, 1.0))]
 
-    def displacements(tdb: Epochs) -> NDArray[np.float64]:
+    def displacements(tdb: Epochs) -> Floats:
         to_pa = rot_icrf_to_pa(model.libration.angles(tdb)[0])
         moon_m, _ = model.ephemeris.geocentric("moon", tdb)
         sun_m, _ = model.ephemeris.geocentric("sun", tdb)

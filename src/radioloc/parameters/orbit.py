@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.dynamics import STATE, AdjustableOrbit
 from radioloc.dynamics.elements import FORMS, elements_of_state, state_by_elements
@@ -20,9 +19,7 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.parameters.position import PositionFunction, PositionParameters
 from radioloc.time import Epochs
-from radioloc.vectors import rtn_axes
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats, rtn_axes
 
 RTN = ("radial_m", "along_m", "across_m", "radial_m_s", "along_m_s", "across_m_s")
 """The state as what it differs by from that a priori, along fixed axes: those of the orbit at the epoch."""

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
+from radioloc.vectors import Floats
 
 _LEAST_SIGMA = 1e-30  # in any unit; the square of its inverse is a number yet
 
@@ -153,21 +154,21 @@ class ParameterSet:
         return np.array([item.role is Role.CONSIDERED for item in self.parameters])
 
     @cached_property
-    def prior_values(self) -> NDArray[np.float64]:
+    def prior_values(self) -> Floats:
         """A-priori values, each in its unit."""
         return self._column("prior_value")
 
     @cached_property
-    def prior_sigmas(self) -> NDArray[np.float64]:
+    def prior_sigmas(self) -> Floats:
         """A-priori standard deviations, each in its unit, infinite where free."""
         return self._column("prior_sigma")
 
     @cached_property
-    def scales(self) -> NDArray[np.float64]:
+    def scales(self) -> Floats:
         """Changes worth about one metre of observation."""
         return self._column("scale")
 
-    def _column(self, name: str) -> NDArray[np.float64]:
+    def _column(self, name: str) -> Floats:
         column = np.array([getattr(item, name) for item in self.parameters], dtype=np.float64)
         column.flags.writeable = False
         return column

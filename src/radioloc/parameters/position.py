@@ -7,24 +7,24 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import EphemerisConstants
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic, east_north_up, rot_pa_to_me
 from radioloc.lunar.terrain import height_and_gradient
 from radioloc.parameters.parameter import Parameter, Role
+from radioloc.vectors import Floats
 
 logger = logging.getLogger(__name__)
 
-PositionFunction = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
+PositionFunction = Callable[[Floats], tuple[Floats, Floats]]
 """From the three position parameters to the principal-axes position, m, and its partials (3, 3)."""
 
 PositionParameters = tuple[list[Parameter], PositionFunction]
 
 
 def on_sphere(
-    start_pa_m: NDArray[np.float64], prior: tuple[float, float] | None, name: str = "position"
+    start_pa_m: Floats, prior: tuple[float, float] | None, name: str = "position"
 ) -> PositionParameters:
     """East and north along the 1737.4 km sphere from the a-priori position, and the height above it.
 
@@ -42,7 +42,7 @@ def on_sphere(
         Parameter(f"{name}.height", "m", "position", *height),
     ]
 
-    def position(x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def position(x: Floats) -> tuple[Floats, Floats]:
         angles = x[:2] / MEAN_LUNAR_RADIUS_M
         (cos_e, cos_n), (sin_e, sin_n) = np.cos(angles), np.sin(angles)
         radius_m = MEAN_LUNAR_RADIUS_M + x[2]
@@ -56,7 +56,7 @@ def on_sphere(
 
 
 def cartesian(
-    start_pa_m: NDArray[np.float64], *, role: Role = Role.ESTIMATED, name: str = "position"
+    start_pa_m: Floats, *, role: Role = Role.ESTIMATED, name: str = "position"
 ) -> PositionParameters:
     """x, y, z in principal axes."""
     parameters = [
@@ -67,7 +67,7 @@ def cartesian(
 
 
 def on_terrain(
-    start_pa_m: NDArray[np.float64],
+    start_pa_m: Floats,
     terrain: TerrainModel,
     own_sigma_m: float,
     constants: EphemerisConstants,
@@ -87,7 +87,7 @@ def on_terrain(
     height = Parameter(f"{name}.height_above_terrain", "m", "position", 0.0, sigma_m)
     logger.info("terrain under the a-priori position: %.1f m, given height %.1f m", terrain_m, start_height_m)
 
-    def position(x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def position(x: Floats) -> tuple[Floats, Floats]:
         below_pa_m, along = along_sphere(np.array([x[0], x[1], 0.0]))
         me_m, along_me = rot @ below_pa_m, rot @ along
         longitude, latitude, _ = cartesian_to_selenographic(me_m)

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import EphemerisConstants
@@ -23,8 +22,7 @@ from radioloc.lunar import rot_pa_to_me
 from radioloc.lunar.local import axes_at, displaced
 from radioloc.lunar.position import LunarPosition
 from radioloc.parameters.position import PositionFunction, PositionParameters
-
-_Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 
 def map_tie_names(map_name: str) -> tuple[str, str]:
@@ -60,10 +58,10 @@ class PositionPrior:
 
     target: str
     mean: LunarPosition
-    covariance_enu_m2: _Floats
-    errors_enu_m: Mapping[str, _Floats] = field(default_factory=dict)
+    covariance_enu_m2: Floats
+    errors_enu_m: Mapping[str, Floats] = field(default_factory=dict)
     data: tuple[str, ...] = ()
-    cross_enu_m2: Mapping[str, _Floats] = field(default_factory=dict)
+    cross_enu_m2: Mapping[str, Floats] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.factors()
@@ -84,16 +82,16 @@ class PositionPrior:
             errors_enu_m={name: error - gain * error[2] for name, error in self.errors_enu_m.items()},
         )
 
-    def mean_displaced(self, enu_m: _Floats) -> LunarPosition:
+    def mean_displaced(self, enu_m: Floats) -> LunarPosition:
         """Return the point at a local difference from the mean."""
         return LunarPosition.from_cartesian(displaced(self.mean.xyz_m, enu_m), self.mean.frame)
 
-    def factors(self) -> tuple[_Floats, _Floats]:
+    def factors(self) -> tuple[Floats, Floats]:
         """Return L (3, 3) and the standard deviations of u (3,), infinite for a height that is not determined."""
         return _factors(self.covariance_enu_m2)
 
 
-def _factors(covariance_enu_m2: _Floats) -> tuple[_Floats, _Floats]:
+def _factors(covariance_enu_m2: Floats) -> tuple[Floats, Floats]:
     """Return L (p, p) and the standard deviations of u (p,), infinite where the covariance is not known."""
     known = np.isfinite(np.diag(covariance_enu_m2))
     lower, sigmas = np.eye(len(known)), np.full(len(known), np.inf)
@@ -170,14 +168,14 @@ def with_position_priors(
 
 
 def _displaced(
-    function: PositionFunction, turned: _Floats, values: _Floats, x: _Floats
-) -> tuple[_Floats, _Floats]:
+    function: PositionFunction, turned: Floats, values: Floats, x: Floats
+) -> tuple[Floats, Floats]:
     """Position and its partials (3, p) by p independent parameters x, of which the last three are its own."""
     place_m, partials = function(values[-3:] + turned @ (x - values))
     return place_m, partials @ turned
 
 
-def _to_parameters(prior: PositionPrior | None, constants: EphemerisConstants) -> _Floats:
+def _to_parameters(prior: PositionPrior | None, constants: EphemerisConstants) -> Floats:
     """Rotate displacements on the ground in mean-Earth axes to those on the sphere in principal axes, (3, 3)."""
     if prior is None:
         return np.eye(3)

@@ -17,7 +17,7 @@ from radioloc.measurements.predictor import Computed, Prediction, Predictor
 from radioloc.measurements.prepared_paths import is_radio
 from radioloc.measurements.registry import is_differenced, is_integrated, is_one_way
 from radioloc.time import Epochs, evaluate_smooth, utc_to_tai, utc_to_tt
-from radioloc.vectors import dot, length
+from radioloc.vectors import Floats, dot, length
 
 TRANSMIT, RECEIVE, BOUNCE = (TIME_TAGS.index(tag) for tag in ("transmit", "receive", "bounce"))
 
@@ -47,7 +47,7 @@ class ObservationRows:
         rows: NDArray[np.intp] | None = None,
         reference: Epochs | None = None,
         at: Prediction | None = None,
-        position_pa_m: NDArray[np.float64] | None = None,
+        position_pa_m: Floats | None = None,
     ) -> None:
         self.predictor, self._reference = predictor, reference
         self._at, self._position_pa_m = at, position_pa_m
@@ -110,7 +110,7 @@ class ObservationRows:
         return np.asarray(~self.baseline & ~self.one_way & (self.ends[:, 0] == self.ends[:, 1]))
 
     @cached_property
-    def count_s(self) -> NDArray[np.float64]:
+    def count_s(self) -> Floats:
         """Count interval, s; zero where there is none."""
         return np.where(self.integrated, self.observations.count_s[self.rows], 0.0)
 
@@ -121,13 +121,13 @@ class ObservationRows:
         return np.stack([first, ~first & (self.tag == RECEIVE)], axis=-1)
 
     @cached_property
-    def elapsed_s(self) -> NDArray[np.float64]:
+    def elapsed_s(self) -> Floats:
         """Time tag since the reference epoch, s."""
         reference = middle_of(self.observations) if self._reference is None else self._reference
         return utc_to_tai(self.observations.epoch[self.rows]).seconds_since(reference)
 
     @cached_property
-    def elapsed_at_ends_s(self) -> NDArray[np.float64]:
+    def elapsed_at_ends_s(self) -> Floats:
         """Time at the first and second event of the path, s, shape (m, 2).
 
         The first event is the transmission, of a baseline the first reception. The time is since the reference epoch,
@@ -145,9 +145,7 @@ class ObservationRows:
         assert self._at is not None  # asked for partials only
         return self._at.rows(self.rows)
 
-    def by_displacement(
-        self, displacement_pa_m: Callable[[Epochs], NDArray[np.float64]]
-    ) -> NDArray[np.float64]:
+    def by_displacement(self, displacement_pa_m: Callable[[Epochs], Floats]) -> Floats:
         """Partials by what moves the target in principal axes, shape (m, components).
 
         From epochs (TDB, k of them) `displacement_pa_m` gives the displacement by a unit of each component, m, shape
@@ -168,7 +166,7 @@ class ObservationRows:
         return partials
 
     @cached_property
-    def light_time_s(self) -> NDArray[np.float64]:
+    def light_time_s(self) -> Floats:
         """One way at the time tags, from the Moon's centre to that of the Earth: of a path to 0.03 s."""
         distance_m = evaluate_smooth(
             lambda at: length(self.model.ephemeris.geocentric("moon", at)[0]), self._rough_tdb
@@ -193,7 +191,7 @@ class ObservationRows:
         return self.predictor.target[self.rows]
 
     @property
-    def target_pa_m(self) -> NDArray[np.float64]:
+    def target_pa_m(self) -> Floats:
         """Where each observation's target is, principal axes, m, shape (m, 3)."""
         assert self._position_pa_m is not None  # asked for partials only
         positions = np.atleast_2d(self._position_pa_m)

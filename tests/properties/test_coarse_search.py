@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 import radioloc
 from radioloc import LunarPosition
-from radioloc.measurements import PhysicalModel, active_terms
+from radioloc.measurements import PhysicalModel
+from radioloc.measurements.terms import active_terms
 from radioloc.study import EstimateChoice, ModelChoice, ObservationChoice
 from radioloc.study.study import HeightPrior
 

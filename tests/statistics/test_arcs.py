@@ -11,6 +11,7 @@ from change5_case import LANDER, NOISE, RANGING, START, VLBI
 
 import radioloc
 from radioloc import Study
+from radioloc.measurements.terms import active_terms
 from radioloc.simulation import Scenario, Schedule, Session, Truth, TruthSigma, all_ranges, baselines
 from radioloc.study import EstimateChoice, HeightPrior, ModelChoice
 
@@ -44,7 +45,7 @@ def matched():
             range_bias_sigma_m=BIAS_SIGMA_M,
             height_prior=HeightPrior(-2550.4, HEIGHT_SIGMA_M),
         ),
-        model=ModelChoice(terms=radioloc.measurements.active_terms(["ionosphere"])),
+        model=ModelChoice(terms=active_terms(["ionosphere"])),
         consider_defaults=False,  # the world has no other errors
         simulation=Scenario(Schedule(sessions), LANDER, Truth(), NOISE, truth_sigma, seed=20201201),
     )

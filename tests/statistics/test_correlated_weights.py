@@ -9,6 +9,7 @@ from change5_case import LANDER, NEAR, RANGING, START, VLBI
 
 import radioloc
 from radioloc import Study
+from radioloc.measurements.terms import active_terms
 from radioloc.simulation import (
     Noise,
     NoiseModel,
@@ -62,7 +63,7 @@ def trials(step_s, noise, weights, station_sigma_m=0.18, count=TRIALS):
             weights=weights,
         ),
         observations=ObservationChoice(vlbi_station_sigma_m=station_sigma_m),
-        model=ModelChoice(terms=radioloc.measurements.active_terms(["ionosphere"])),
+        model=ModelChoice(terms=active_terms(["ionosphere"])),
         consider_defaults=False,  # the world has no other errors
         simulation=Scenario(Schedule(sessions), LANDER, Truth(), noise, truth_sigma, seed=20201201),
         name="plan",

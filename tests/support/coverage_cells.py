@@ -100,7 +100,7 @@ def prepared(data: str, hours: float) -> tuple[Plan, LinearTrials]:
             range_bias_sigma_m=BIAS_M if data != "delays" else None,
             height_prior=HeightPrior(-2550.4, HEIGHT_M),
         ),
-        model=ModelChoice(terms=radioloc.measurements.active_terms(["ionosphere"])),
+        model=ModelChoice(terms=radioloc.measurements.terms.active_terms(["ionosphere"])),
         consider=considered_choices({"station_position_sigma_m": surveyed}),
         simulation=Scenario(Schedule(sessions, masks), LANDER, truth_sigma=truth_sigma),
     )

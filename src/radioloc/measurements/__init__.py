@@ -13,11 +13,11 @@ from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import Geometry, MeasurementType, Part
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.predictor import Computed, Prediction, Predictor
+from radioloc.measurements.predictor import Computed, Predictor
 from radioloc.measurements.ramps import Ramps
 from radioloc.measurements.registry import MEASUREMENTS
 from radioloc.measurements.sources import read_sources
-from radioloc.measurements.terms import TERMS, active_terms
+from radioloc.measurements.terms import TERMS
 
 __all__ = [
     "MEASUREMENTS",
@@ -32,11 +32,9 @@ __all__ = [
     "Observations",
     "Part",
     "PhysicalModel",
-    "Prediction",
     "Predictor",
     "Ramps",
     "StationDelay",
-    "active_terms",
     "prepare_predictor",
     "read_sources",
 ]

@@ -28,11 +28,9 @@ EXACT = -1
 
 @compiled()
 def _polynomial(coefficients: Floats, s: int, q: int, begin: int, t: Floats, out: Floats, m: int) -> None:
-    """Polynomial of quantity `q` in segment `s` at the first `m` of `t`, by Horner's rule.
-
-    Coefficients, powers descending, have the shape (n_segments, n_quantities, n_coefficients); those before `begin` are
-    0, and four, or a multiple of four, come after it.
-    """
+    """Evaluate quantity `q` of segment `s` at the first `m` of `t` by Horner's rule, from coefficient `begin` on."""
+    # Coefficients, powers descending, have the shape (n_segments, n_quantities, n_coefficients); those before `begin`
+    # are 0, and four, or a multiple of four, come after it.
     # Four steps for each time that `out` is read and written.
     b, c = coefficients[s, q, begin], coefficients[s, q, begin + 1]
     d, e, f = coefficients[s, q, begin + 2], coefficients[s, q, begin + 3], coefficients[s, q, begin + 4]
@@ -60,10 +58,8 @@ def _leading(coefficients: Floats, s: int, q: int) -> int:
 def quantities(
     segment: NDArray[np.int32], x: Floats, coefficients: Floats, out: Floats, begin: int, end: int
 ) -> None:
-    """Evaluate all quantities of the rows from `begin` to `end` into `out`, shape (n_quantities, n).
-
-    `segment` is below zero for rows that are not interpolated, which become NaN; `x`, -1 to 1, is the time within it.
-    """
+    """Evaluate all quantities of the rows from `begin` to `end` into `out`, shape (n_quantities, n)."""
+    # `x`, -1 to 1, is the time within the segment; rows that are not interpolated (segment below zero) become NaN.
     n_quantities = coefficients.shape[1]
     next_place = np.full(coefficients.shape[0], -1, dtype=np.int64)
     found = np.empty(BINS, dtype=np.int32)

@@ -22,20 +22,7 @@ OUTLIERS = 0.1
 
 
 def without_ambiguity(observations: Observations, expected_m: Floats) -> Observations:
-    """Ranges in full, in the place of those that are ambiguous by their modulus.
-
-    Parameters
-    ----------
-    observations : Observations
-        Those with a ``modulus_m`` are changed; afterwards they have none.
-    expected_m : ndarray, shape (n,)
-        Predicted values, m; NaN where there is no prediction, where nothing is said against the multiple taken.
-
-    Raises
-    ------
-    InputError
-        More than a tenth of the ranges are farther than a quarter of the modulus from what is expected.
-    """
+    """Return the observations with ambiguous ranges in full, next to the expected values, m (NaN where unknown)."""
     turns = np.rint((expected_m - observations.value_m) / observations.modulus_m)
     value_m = observations.value_m + np.nan_to_num(turns) * np.nan_to_num(observations.modulus_m)
     part = abs(value_m - expected_m) / observations.modulus_m

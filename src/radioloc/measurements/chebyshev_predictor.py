@@ -217,11 +217,10 @@ class ChebyshevPredictor(Predictor):
 
 
 class ChebyshevPrediction:
-    """An interpolated arc's predictions for one position; a :class:`~radioloc.measurements.predictor.Prediction`.
+    """Predictions of an interpolated arc for one position."""
 
-    `segment` is that of each observation, or -1 - k for the k-th that is computed exactly, and `x` the place within it,
-    -1 to 1; `computed` are the nodes of the segments, of this `degree`, and then what is computed exactly.
-    """
+    # `segment` is that of each observation, or -1 - k for the k-th that is computed exactly, and `x` the place within
+    # it, -1 to 1; `computed` are the nodes of the segments, of this `degree`, and then what is computed exactly.
 
     def __init__(
         self,

@@ -35,16 +35,6 @@ class Combinations:
     first: NDArray[np.intp]  # where each combination begins, and the end of the last, shape (n + 1,)
     weight: Floats  # of each simple observation
 
-    @classmethod
-    def none(cls, n: int) -> Combinations:
-        """Of n observations that are simple ones."""
-        return cls(np.arange(n + 1), np.ones(n))
-
-    @property
-    def any(self) -> bool:
-        """Whether any observation is not a simple one."""
-        return len(self.weight) >= len(self.first) or bool((self.weight != 1.0).any())
-
     def rows(self, which: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Simple observations of some combinations, shape (k,), and where each combination begins among them."""
         count = self.first[which + 1] - self.first[which]
@@ -94,10 +84,7 @@ def _parts(kind: str, link: Link) -> tuple[Part, ...]:
 
 
 class CombinedPredictor(Predictor):
-    """Predicts observations that may combine simple ones.
-
-    `parts` say how the observations follow from simple ones, which `inner` predicts.
-    """
+    """Predictor of observations that may combine simple ones, predicted by `inner`, as `parts` state."""
 
     def __init__(self, observations: Observations, parts: Combinations, inner: Predictor) -> None:
         super().__init__(inner.model, observations, inner.trajectory, inner.targets, inner.more_partials)
@@ -105,7 +92,7 @@ class CombinedPredictor(Predictor):
 
     @property
     def simple(self) -> Predictor:
-        """As :attr:`Predictor.simple`."""
+        """Return the predictor of the simple observations."""
         return self.inner
 
     @property
@@ -147,11 +134,7 @@ class CombinedPrediction:
         return np.asarray(np.add.reduceat(self._at.value_m * self._parts.weight, self._parts.first[:-1]))
 
     def rows(self, which: Any) -> Computed:
-        """Values and partials of the rows chosen by a mask, a slice or indices, in that order.
-
-        Partials that belong to the ends of a path (by the position of the target, by the stations) are those of the
-        first part where there are several: whoever needs them all asks :meth:`combine`. The elevations are the lowest.
-        """
+        """Return values and partials of rows; those of path ends are of the first part, elevations the lowest."""
         simple, begin = self._parts.rows(np.arange(self._n)[which])
         inner, weight = self._at.rows(simple), self._parts.weight[simple]
         columns = {field.name: getattr(inner, field.name)[begin] for field in fields(Computed)}
@@ -170,10 +153,7 @@ class CombinedPrediction:
         which: NDArray[np.intp],
         columns: Callable[[NDArray[np.intp], Prediction, Predictor], Floats],
     ) -> Floats:
-        """What a function gives for simple observations, by rows of a predictor and its prediction, of some rows here.
-
-        Those of combinations are combined; shape (m, ...).
-        """
+        """Combine the columns that a function returns for rows of the simple predictor, shape (m, ...)."""
         simple, begin = self._parts.rows(np.arange(self._n)[which])
         combined = columns(simple, self._at, self._simple)
         weight = self._parts.weight[simple].reshape(-1, *[1] * (combined.ndim - 1))

@@ -207,11 +207,7 @@ def least_observations(degree: Any) -> Any:
 def series_codes(
     model: PhysicalModel, observations: Observations, more_partials: bool = False
 ) -> NDArray[np.int64]:
-    """Number of the series that each observation belongs to, shape (n,).
-
-    All recorded columns but the measured value and its sigma must agree within a series, if the model uses them;
-    values that were not recorded agree with each other.
-    """
+    """Return the number of each observation's series, within which recorded columns agree that the model uses, (n,)."""
     free = set(_NOT_OF_A_SERIES)
     media = {medium.name: medium for medium in model.media}
     foreign = bool(model.added_media or set(media) - {"troposphere", "ionosphere", "antenna_axis_offset"})
@@ -293,10 +289,7 @@ def first_nodes(degree: NDArray[np.intp]) -> NDArray[np.intp]:
 
 
 def polynomials(degree: NDArray[np.intp], at_nodes: Floats, places: Layout) -> tuple[Floats, Floats]:
-    """Coefficients of powers, descending, and of Chebyshev polynomials, ascending; shapes (m, width, MOST).
-
-    Many partials and elevations need fewer powers than the value: their leading coefficients are zero.
-    """
+    """Return coefficients of descending powers and of ascending Chebyshev polynomials, shapes (m, width, MOST)."""
     size = len(at_nodes)
     middle, series = np.empty((len(degree), size)), np.zeros((len(degree), size, MOST))
     for n, of_degree, rows in _by_degree(degree):

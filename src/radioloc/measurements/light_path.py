@@ -94,11 +94,10 @@ class LightPath:
 
 @dataclass(frozen=True, slots=True)
 class PathPartials:
-    """Derivatives of c (sign up + hold + down), the path's length, with the tagged event where it is.
+    """Partials of c (sign up + hold + down), the path's length, with the tagged event held."""
 
-    A leg's unit vector times the derivative by its delay is the derivative by the position of its second participant,
-    and minus that by the first one's.
-    """
+    # A leg's unit vector times the derivative by its delay is the derivative by the position of its second participant,
+    # and minus that by the first one's.
 
     by_position: Floats  # the point's, BCRS, m/m, shape (n, 3)
     by_tag: Floats  # the time tag, m/s
@@ -127,11 +126,10 @@ def solve_light_path(
 ) -> LightPath:
     """Solve the light-time equations of both legs in the BCRS (Moyer 2003, section 8.3).
 
-    `tag` names the event that happens at `tag_offset_s`. Delays are those of each leg beyond its straight length.
-    `sign` is that of the first leg, see above; `source`, shape (n, 3), has the directions of sources at infinity, and
-    zeros of all others. A path `near` the one wanted, but for the delays, is where to begin. Repeated substitution
-    contracts by v/c = 1e-4 a step, so the durations are good to a ten-thousandth of the tolerance.
+    `tag` names the event at `tag_offset_s`, `sign` is that of the first leg, delays are beyond the straight length of
+    each leg, `source` has directions (n, 3) of sources at infinity and zeros, and `near` is a path to begin with.
     """
+    # Repeated substitution contracts by v/c = 1e-4 a step, so durations are good to a ten-thousandth of the tolerance.
     sent, received = tag == TRANSMIT, tag == RECEIVE
     up_delay_m, down_delay_m, sign = np.asarray(up_delay_m), np.asarray(down_delay_m), np.asarray(sign)
     hold_s = np.asarray(hold_s)
@@ -180,12 +178,9 @@ def path_length_partials(
     tag: NDArray[np.int8],
     sign: ArrayLike = 1.0,
 ) -> PathPartials:
-    """Derivatives of the path's length.
-
-    Linearized light-time equations, c d(up) = n . (dx + v_L dt2 - v_A dt1) + d(up delay) and c d(down) = m . (v_B dt3 -
-    dx - v_L dt2') + d(down delay), with the tagged event held (or moved) and the others following; dt2' is the
-    departure's. How the delays themselves change is left to the caller, who has the derivatives by them.
-    """
+    """Compute partials of the path's length from the linearized light-time equations of both legs."""
+    # c d(up) = n . (dx + v_L dt2 - v_A dt1) + d(up delay), c d(down) = m . (v_B dt3 - dx - v_L dt2') + d(down delay),
+    # with the tagged event held (or moved) and the others following; dt2' is the departure's.
     n, m, sign = path.up_unit, path.down_unit, np.asarray(sign)
     c_up_a = C_M_S - sign * dot(n, transmitter.velocity_m_s)
     c_up_l = C_M_S - sign * dot(n, relay.velocity_m_s)
@@ -216,10 +211,7 @@ def delay_by_bodies_m(
     gm_m3_s2: Callable[[str], float],
     source: Floats | None = None,
 ) -> Floats:
-    """Gravitational delay of legs between points and stations, (n, 3) and (2 n, 3), by bodies at rest, m, shape (2 n,).
-
-    `source` as :func:`solve_light_path` has it.
-    """
+    """Compute the gravitational delay of legs by bodies at rest, m, from points (n, 3) to stations (2 n, 3)."""
     total_m = np.zeros(len(ends_m))
     leg_m = length(twice(point_m) - ends_m)
     for body, body_m in bodies_m.items():
@@ -234,21 +226,14 @@ def delay_by_bodies_m(
 
 
 def plane_wave_delay_m(from_body_m: Floats, source: Floats, gm_m3_s2: float) -> Floats:
-    """Extra path from a source at infinity to places that are so far from a body, but for a constant, m.
-
-    IERS Conventions (2010), eq. 11.1 and 11.2, in which the difference of two is taken; bodies are where they are
-    at the reception.
-    """
+    """Compute the delay from a source at infinity but for a constant, m; IERS Conventions (2010), eq. 11.1 and 11.2."""
     k_m = 2.0 * gm_m3_s2 / C_M_S**2
     return -k_m * np.log((length(from_body_m) + dot(source, from_body_m)) / 1e11)
 
 
 def gravitational_delay_m(r1_m: Floats, r2_m: Floats, r12_m: Floats, gm_m3_s2: float) -> Floats:
-    """Extra path between two points by the gravity of one body, of their distances from it and from each other, m.
-
-    General relativity (gamma = 1): Moyer (2003), eq. 8-55, in which the term k = 2 GM/c^2 beside the distances
-    accounts for the bending of the ray; IERS Conventions (2010), eq. 11.17 without it. With s = r1 + r2 the
-    logarithm of (s + r12 + k) / (s - r12 + k) is taken as log1p, so that a short path loses no digits.
-    """
+    """Compute the delay by one body between points at r1 and r2 from it, r12 apart, m; Moyer (2003), eq. 8-55."""
+    # The term k = 2 GM/c^2 beside the distances is the bending of the ray; IERS Conventions (2010), eq. 11.17, lack it.
+    # With s = r1 + r2 the logarithm of (s + r12 + k) / (s - r12 + k) as log1p, so that a short path loses no digits.
     k_m = 2.0 * gm_m3_s2 / C_M_S**2
     return k_m * np.log1p(2.0 * r12_m / (r1_m + r2_m - r12_m + k_m))

@@ -142,18 +142,6 @@ class Link:
 
 
 def canonical_target(name: str) -> str:
-    """Name of a point on the Moon as the ILRS writes it: ``apollo11``, ``luna17``, ...
-
-    Parameters
-    ----------
-    name : str
-        Any of the names in use, such as ``"Apollo 15"``, ``"AP15"``, ``"Lunokhod 1"``; case, hyphens
-        and underscores do not matter.
-
-    Returns
-    -------
-    str
-        The canonical name; a name that is not known comes back in lower case without blanks at its ends.
-    """
+    """Return the ILRS name of a target, such as ``apollo15`` of ``"AP 15"``; an unknown name in lower case."""
     lower = " ".join(name.lower().split())
     return _CANONICAL.get(lower.replace("-", " ").replace("_", " "), lower)

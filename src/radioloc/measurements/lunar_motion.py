@@ -104,15 +104,12 @@ def lunar_motion(
     reference_earth: EarthState,
     offset_s: Floats,
 ) -> LunarMotion:
-    """The Moon at offsets from the reference epochs (TDB), when the geocentre is the origin.
-
-    Lengths on the Moon are taken as a ruler there would measure them, in the units of TT, like those on the Earth. Seen
-    from the barycentre they shrink by U/c^2 + L_B - L_G (43 mm of the radius) and along the velocity by the Lorentz
-    contraction -v (v . r) / (2 c^2), up to 9 mm (IERS Conventions 2010, section 11.1, taken over to the Moon).
-
-    The error of a spacecraft's straight motion by the acceleration of a low lunar orbit, 1.6 m/s^2, is 0.8 micrometres
-    after the 1e-3 s for which it may be used, and 1e-16 m after the nanoseconds for which it is.
-    """
+    """Return the Moon's motion at offsets from the reference epochs (TDB), from the geocentre there."""
+    # Lengths on the Moon are taken as a ruler there would measure them, in the units of TT, like those on the Earth.
+    # Seen from the barycentre they shrink by U/c^2 + L_B - L_G (43 mm of the radius) and along the velocity by the
+    # Lorentz contraction -v (v . r) / (2 c^2), up to 9 mm (IERS Conventions 2010, section 11.1, taken over to the
+    # Moon). The straight motion of a spacecraft in a low lunar orbit (1.6 m/s^2) is wrong by 0.8 micrometres after 1e-3
+    # s.
     tdb = reference.shifted(offset_s)
     planets = [body for body in PLANETS_MM if body in model.ephemeris.bodies]
     earth, bodies = model.ephemeris.states(("moon", "sun", *planets), tdb)

@@ -307,15 +307,7 @@ class Observations:
         return f"<Observations {len(self)} {first} to {last}>"
 
     def __getitem__(self, which: Any) -> Observations:
-        """As :meth:`select`; a single row is a table, too.
-
-        Examples
-        --------
-        >>> import radioloc
-        >>> ranges = radioloc.read_observations("examples/apollo15/apollo15_apollo_2006-2007.csv")
-        >>> ranges[5:10], ranges[ranges.sigma_m < 0.01]
-        (<Observations 5 2006-04-08 to 2006-06-04>, <Observations 72 2006-06-04 to 2007-06-19>)
-        """
+        """Return rows as :meth:`select` does; a single row is a table, too."""
         return self.select(which)
 
     def span(self) -> Epochs:
@@ -507,13 +499,10 @@ def observations_of(columns: Mapping[str, Any], lunar: bool) -> Observations:
 
 
 def without_duplicates(observations: Observations, *, first_counts: bool = False) -> Observations:
-    """Return the observations, each once: copies are left out with a warning, two values of one are an error.
-
-    Rows are of one observation if path, kind, time tag, wavelength and count interval are the same and their epochs
-    differ by at most 10 microseconds, or by rounding to milliseconds. Copies have the same value and sigma, in two
-    files up to rounding. With `first_counts`, as for frequencies read off twice, a second value is rejected with a
-    warning, too.
-    """
+    """Return the observations, each once: copies are left out with a warning, two values of one are an error."""
+    # Rows are of one observation if path, kind, time tag, wavelength and count interval are the same and their epochs
+    # differ by at most 10 microseconds, or by rounding to milliseconds. Copies have the same value and sigma, in two
+    # files up to rounding. With `first_counts`, as for frequencies read off twice, a second value is a warning, too.
     instant = _instants_us(observations)
     if not (np.diff(np.sort(instant)) <= _NEAR_US).any():
         return observations

@@ -34,19 +34,7 @@ class Direction:
 
 
 def direction(unit_bcrs: Floats, station: StationMotion, tt: Epochs, *, sends: bool = False) -> Direction:
-    """Directions from stations to the target.
-
-    Parameters
-    ----------
-    unit_bcrs : ndarray, shape (n, 3)
-        Unit vectors from the station at its event to the target at its own, BCRS.
-    station : StationMotion
-        The stations near their events.
-    tt : Epochs
-        When, for precession and nutation.
-    sends : bool
-        Whether the stations send rather than receive.
-    """
+    """Compute directions from stations to the target, from unit vectors (BCRS) at the events."""
     beta = station.point.velocity_m_s / C_M_S * (-1.0 if sends else 1.0)
     seen = np.asarray(erfa.ab(unit_bcrs, beta, _SUN_AU, np.sqrt(1.0 - dot(beta, beta))))
     up = station.up_gcrs

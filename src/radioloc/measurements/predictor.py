@@ -245,11 +245,8 @@ class Predictor(ABC):
 def reasons(
     predictor: Predictor, computed: Computed, which: Any = slice(None)
 ) -> tuple[NDArray[np.int8], NDArray[np.str_]]:
-    """Why observations cannot be used: :class:`~radioloc.media.status.Status`, and the same in words, shapes (n,).
-
-    `computed` are predictions of the rows `which`. Codes are those of the first end where it is not OK; texts are empty
-    where nothing is wrong.
-    """
+    """Return the first status of each predicted row that is not OK, and the same in words, shapes (n,)."""
+    # `computed` are predictions of the rows `which`; texts are empty where the observation is usable.
     ends = np.stack([predictor.transmitters[which], predictor.receivers[which]], axis=-1)
     return describe(computed.status, computed.elevation_rad, predictor.stations, ends)
 

@@ -224,10 +224,7 @@ class PreparedPaths(Predictor):
         self._clock = target_clock(self.model, tdb, keeps, radius_m, epoch, self._orbit)
 
     def _free_clocks(self) -> tuple[Floats, Floats]:
-        """By how much clocks of stations that run free are ahead at the reference epochs, s, and rates; of both ends.
-
-        A one-way path has none at its first end.
-        """
+        """Return the offsets, s, and rates of free-running clocks at both ends; one-way paths have only the second."""
         free = self.model.free_clocks if self.model.has("station_proper_time") else ()
         rate = np.array([station_rate(one) if one.name in free else 0.0 for one in self._stations])[
             self._which
@@ -298,10 +295,8 @@ class PreparedPaths(Predictor):
         )
 
     def _solve(self, lander_pa_m: Floats) -> tuple[LightPath, MovingPoint, LineOfSight, Floats]:
-        """The path, the motion of the point, the views from both ends and the drag of the media.
-
-        The views are those along the path without delays, in which elevations are off by 1e-10 rad.
-        """
+        """Return the path, the motion of the point, the views from both ends and the drag of the media."""
+        # Views are those along the path without delays, in which elevations are off by 1e-10 rad.
         relay = self._relay(lander_pa_m)
         solve = self._solver(self._ends.point, relay, self._ends.topocentric_s)
         path = solve(0.0, 0.0, tolerance_s=_ROUGHLY_S)
@@ -311,19 +306,15 @@ class PreparedPaths(Predictor):
         return solve(*halves(delay_m), near=path), relay, views, drag
 
     def _drag(self, path: LightPath) -> Floats:
-        """Media's delay of legs in the barycentric frame, over that in the frame in which the media rest.
-
-        While the signal is delayed the medium carries it along with the station, at up to 1e-4 of the speed of light.
-        """
+        """Return the ratio of the media's delay in the barycentric frame to that in their rest frame."""
+        # While the signal is delayed the medium carries it along with the station, at up to 1e-4 of the speed of light.
         along = np.concatenate([self._sign[:, None] * path.up_unit, path.down_unit])
         return 1.0 - dot(along, self._ends.point.velocity_m_s) / C_M_S
 
     def _gravity(self, path: LightPath, relay: MovingPoint) -> Floats:
-        """Gravitational delay of both legs, m.
-
-        The Sun and the planets stand still in the barycentric frame to what matters; for the Earth and the Moon, which
-        do not, the frame that moves with the Earth is the one in which they do.
-        """
+        """Return the gravitational delay of both legs, m."""
+        # The Sun and the planets are at rest in the barycentric frame to sufficient accuracy, the Earth and the Moon
+        # in the frame that moves with the Earth.
         if not self.model.has("shapiro"):
             return np.zeros(len(self._which))
         gm, lander_m = self.model.ephemeris.constants.gm_m3_s2, relay.at(path.bounce_s)

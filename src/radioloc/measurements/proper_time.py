@@ -47,10 +47,7 @@ _EQUATOR_M_S2, _K, _E2, _EQUATOR_M = 9.7803267715, 0.001931851353, 0.00669438002
 
 
 def station_rate(station: Station) -> float:
-    """Rate of a station's clock that keeps proper time against TT, s/s.
-
-    By the height above the ellipsoid: the geoid's about it, up to 100 m, is left out, 1.1e-14.
-    """
+    """Return the rate of a free clock against TT, s/s, by its ellipsoidal height (neglecting the geoid, 1.1e-14)."""
     place = geodetic_from_itrf(station.itrf_m)
     square = np.sin(place.latitude_rad) ** 2
     gravity_m_s2 = _EQUATOR_M_S2 * (1.0 + _K * square) / np.sqrt(1.0 - _E2 * square)
@@ -79,10 +76,7 @@ class TargetClock:
 
 
 def clock_epoch(observations: Observations, trajectory: AnyTrajectory | None = None) -> Epochs | None:
-    """When the target's clock agrees with TT: at 0h UTC of an arc's first day, or when its trajectory begins; TDB.
-
-    None where there are no observations.
-    """
+    """Return the TDB at which the target's clock reads TT: 0h UTC of the first day, or when its trajectory begins."""
     if not len(observations):
         return None
     first = observations.span()[:1]
@@ -102,11 +96,9 @@ def target_clock(
     epoch: Epochs | None,
     trajectory: AnyTrajectory | None = None,
 ) -> TargetClock:
-    """The target's clock at events (TDB), for those in which it is `kept`.
-
-    `radius_m` is the distance of points on the Moon from its centre; a trajectory needs none.
-    Clock and TT agree at `epoch` (TDB), one; where there is none, when the counts of a pass begin, which do not ask.
-    """
+    """Return the target's clock at events (TDB) where it is `kept`; it reads TT at one `epoch` (TDB), if given."""
+    # `radius_m` is the distance of points on the Moon from its centre; a trajectory needs none. Without an epoch it
+    # agrees when the counts of a pass begin.
     ahead_s, rate = np.zeros((2, len(tdb)))
     rows = np.flatnonzero(kept)
     if len(rows):

@@ -55,10 +55,8 @@ def _fitted_step(step: float, differences: list[float], tolerance: float) -> tup
 
 
 def with_rounding_in_sigmas(observations: Observations) -> Observations:
-    """Raise the sigmas of series of readings to step / sqrt(12) where they are below, with a warning.
-
-    A series is of one file, link, type, count interval and, where these are few, transmitted frequency.
-    """
+    """Raise the sigmas of series of readings to step / sqrt(12) where they are below, with a warning."""
+    # A series is of one file, link, type, count interval and, where these are few, transmitted frequency.
     of_series = ("file", "link", "kind", "count_s")
     columns: list[NDArray[Any]] = [np.nan_to_num(getattr(observations, name)) for name in of_series]
     # Steps of a received frequency are those of the value under one transmitted frequency.

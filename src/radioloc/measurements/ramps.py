@@ -223,11 +223,9 @@ def ramp_term(
     other: NDArray[np.intp],
     reference_hz: Floats,
 ) -> RampTerm:
-    """What the transmitted frequencies, by name of who sends, do to the values of n light paths.
-
-    `sender` is empty where there are no ramps, `tag` the time tag, or the end of a count (TT), `sent_s` the instant of
-    transmission by the sender's clock since then, and `other` the path at the other end of a count, or -1.
-    """
+    """Compute the effect of the transmitted frequencies, by name of the sender (empty: none), on n light paths."""
+    # `tag` is the time tag, or the end of a count (TT), `sent_s` the transmission by the sender's clock since then, and
+    # `other` the path at the other end of a count, or -1.
     term = RampTerm.none(len(sender))
     term.status[sender != ""] = Status.NO_RAMP
     counted = other >= 0
@@ -280,11 +278,9 @@ class TransmittedFrequency:
         return inside_one & inside_other & (self._block[one] == self._block[other])
 
     def at(self, time_s: Floats, since_s: Floats, reference_hz: Floats) -> tuple[Floats, Floats]:
-        """Frequency, Hz, and cycles beyond a reference frequency, at times in s since :attr:`origin`; shapes (n,).
-
-        Cycles are counted from an instant that is the same for all times in one block without gaps, those of the
-        reference frequency from `since_s` on: of use are differences for one `since_s`.
-        """
+        """Return frequency, Hz, and cycles beyond a reference frequency, at times in s since :attr:`origin`, (n,)."""
+        # Cycles are counted from one instant for all times in a block without gaps, those of the reference frequency
+        # from `since_s` on, so that only differences for the same `since_s` have a meaning.
         k, _ = self._find(time_s)
         within_s = time_s - self._start_s[k]
         over_hz = self._frequency_hz[k] - self._base_hz[k]
@@ -300,12 +296,5 @@ class TransmittedFrequency:
 
 
 def turnaround_ratio(uplink: str, downlink: str) -> Fraction:
-    """Ratio of the coherent downlink's frequency to the uplink's, of bands by their names.
-
-    Examples
-    --------
-    >>> from radioloc.measurements.ramps import turnaround_ratio
-    >>> turnaround_ratio("X", "Ka")
-    Fraction(3344, 749)
-    """
+    """Return the ratio of the coherent downlink's frequency to the uplink's, of bands such as ``"X"`` and ``"Ka"``."""
     return Fraction(DOWNLINK[downlink], UPLINK[uplink])

@@ -12,28 +12,15 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.measurements.differences import DIFFERENCED_DELAY, DIFFERENCED_DOPPLER, DIFFERENCED_RANGE
-from radioloc.measurements.doppler import DOPPLER
 from radioloc.measurements.measurement_type import MeasurementType
-from radioloc.measurements.one_way import ONE_WAY_DOPPLER, ONE_WAY_RANGE
-from radioloc.measurements.range import RANGE
-from radioloc.measurements.vlbi import VLBI_DELAY, VLBI_DELAY_RATE
+from radioloc.measurements.standard_types import STANDARD_TYPES
 from radioloc.plugins import LazyNames, registry
 
-_OWN = [
-    RANGE,
-    VLBI_DELAY,
-    DOPPLER,
-    VLBI_DELAY_RATE,
-    ONE_WAY_RANGE,
-    ONE_WAY_DOPPLER,
-    DIFFERENCED_RANGE,
-    DIFFERENCED_DOPPLER,
-    DIFFERENCED_DELAY,
-]
-_OWN_PLACES = {kind.name: place for place, kind in enumerate(_OWN)}
+_OWN_PLACES = {kind.name: place for place, kind in enumerate(STANDARD_TYPES)}
 
-MEASUREMENTS: Mapping[str, MeasurementType] = registry("radioloc.measurements", MeasurementType, _OWN)
+MEASUREMENTS: Mapping[str, MeasurementType] = registry(
+    "radioloc.measurements", MeasurementType, STANDARD_TYPES
+)
 """Types of measurement by name; :attr:`Observations.kind` holds places in this order."""
 
 KINDS = LazyNames(lambda: MEASUREMENTS)

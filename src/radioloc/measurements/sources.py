@@ -91,11 +91,9 @@ def _checked(right_ascension_deg: float, declination_deg: float) -> tuple[float,
 
 
 def with_galactic_aberration(direction: Floats, tdb: Epochs) -> Floats:
-    """Directions, shape (n, 3), at epochs, of sources that are given for 2015.0, as in the ICRF3.
-
-    The solar system's acceleration towards the centre of the Galaxy makes an aberration that grows by 5.8
-    microarcseconds a year (Charlot et al. 2020, Astron. Astrophys. 644, A159).
-    """
+    """Return directions (n, 3) at epochs, of sources that are given for 2015.0, as in the ICRF3."""
+    # Aberration by the acceleration towards the centre of the Galaxy grows by 5.8 microarcseconds a year (Charlot et
+    # al. 2020, Astron. Astrophys. 644, A159).
     years = ((tdb.jd - _EPOCH_JD) + tdb.fraction) / 365.25
     towards = np.broadcast_to(erfa.s2c(*_TO_GALACTIC_CENTRE), direction.shape)
     across = towards - direction * dot(towards, direction)[:, None]

@@ -50,12 +50,10 @@ def station_motion(
     reference_earth: EarthState,
     offset_s: Floats,
 ) -> StationMotion:
-    """Motion of stations, `which` of them for each observation, at most some seconds from the reference epochs (TDB).
-
-    The event's BCRS place is x_E(TDB) + r - r (U/c^2 + L_B - L_G) - v_E (v_E . r) / (2 c^2), with r the GCRS position
-    scaled for TT, as ITRF coordinates are, and U the potential of Sun and Moon at the geocentre (Moyer 2003, eq. 4-10
-    and 4-17; IERS Conventions 2010, section 11.1). Terms with the Earth's acceleration are below 3 micrometres.
-    """
+    """Return the motion of the `which` stations, at most some seconds from the reference epochs (TDB)."""
+    # The event's BCRS place is x_E(TDB) + r - r (U/c^2 + L_B - L_G) - v_E (v_E . r) / (2 c^2), with r the GCRS position
+    # scaled for TT, as ITRF coordinates are, and U the potential of Sun and Moon at the geocentre (Moyer 2003, eq. 4-10
+    # and 4-17; IERS Conventions 2010, section 11.1). Terms with the Earth's acceleration are below 3 micrometres.
     tdb = reference.shifted(offset_s)
     earth, bodies = model.ephemeris.states(("moon", "sun"), tdb)
     (moon_m, _), (sun_m, _) = bodies.values()
@@ -144,9 +142,6 @@ def _given_itrf_m(stations: tuple[Station, ...]) -> Floats:
 
 
 def geocentre_displacement_m(earth: EarthState, offset_s: Floats) -> Floats:
-    """How far the geocentre has moved since the reference epochs, m, shape (n, 3).
-
-    Second order in time; the next term, from the Earth's orbit about the Sun, is 5e-9 m after 3 s.
-    """
+    """Return the displacement of the geocentre since the reference epochs, m, to 5e-9 m after 3 s, shape (n, 3)."""
     t = offset_s[:, None]
     return earth.velocity_m_s * t + earth.acceleration_m_s2 * (0.5 * t**2)

@@ -47,26 +47,7 @@ TERMS: Mapping[str, str] = LazyMapping(_terms)
 
 
 def active_terms(off: Iterable[str] = (), added: Iterable[str] = ()) -> frozenset[str]:
-    """Names of the terms that remain when some are left out.
-
-    Parameters
-    ----------
-    off : iterable of str
-        Names from :data:`TERMS`.
-    added : iterable of str
-        Names of terms that a model has besides these.
-
-    Raises
-    ------
-    InputError
-        A name is not a term; the nearest one is suggested.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> "troposphere" in radioloc.measurements.active_terms(off=["troposphere"])
-    False
-    """
+    """Return the terms that remain when some are left out, of :data:`TERMS` and those `added` by a model."""
     off, terms = list(off), (*TERMS, *added)
     for name in off:
         if name not in terms:

@@ -6,7 +6,7 @@ or targets they are estimated, considered or held at a value (:class:`ParameterC
 """
 
 from radioloc.parameters.choice import ParameterChoice
-from radioloc.parameters.kind import ParameterKind, Scope, both_stations, everywhere
+from radioloc.parameters.kind import ParameterKind, Scope
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import ObservationRows
@@ -20,6 +20,4 @@ __all__ = [
     "ParameterSet",
     "Role",
     "Scope",
-    "both_stations",
-    "everywhere",
 ]

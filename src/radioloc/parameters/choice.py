@@ -85,20 +85,10 @@ def chosen_parameters(
     role: Role = Role.ESTIMATED,
     gap_h: float = PASS_GAP_H,
 ) -> tuple[Columns, list[Parameter]] | None:
-    """Columns and parameters of a kind; None where there are none.
-
-    No observation of `predictor` is combined. `role` is that of what is listed; fixed for the errors of a simulated
-    world, where a value may be of anybody who takes part, also where it could not be estimated. A new pass begins after
-    `gap_h` hours without an observation.
-
-    Raises
-    ------
-    StationError
-        A station is not in the catalogue.
-    InputError
-        A name has no observation that such a parameter acts on, a sigma no parameter, or the term by which the
-        parameter acts is switched off.
-    """
+    """Return columns and parameters of a kind, or None; no observation of `predictor` is combined."""
+    # `role` is that of what is listed; fixed for the errors of a simulated world, where a value may be of any member
+    # that takes part, also where it could not be estimated. A new pass begins after `gap_h` hours without an
+    # observation.
     if not choice.is_given:
         return None
     if kind.term and not predictor.model.has(kind.term):
@@ -178,10 +168,7 @@ def chosen_parameters(
 
 
 def of_part(kind: ParameterKind, choice: ParameterChoice, part: Predictor) -> ParameterChoice:
-    """What is said of a part of an arc: without the members that have no observations in it.
-
-    That the names are right is known from the whole arc.
-    """
+    """Return the choice without the members that have no observations in a part of the arc."""
     if not choice.is_given:
         return choice
     scope = choice.scope(kind)
@@ -295,15 +282,7 @@ def canonical_name(key: str, name: str, scope: Scope, predictor: Predictor) -> s
 def parameter_choices(
     given: Mapping[str, Any], before: Mapping[str, ParameterChoice] | None = None
 ) -> dict[str, ParameterChoice]:
-    """Sort keys such as ``range_bias``, ``range_bias_sigma_m`` and ``range_bias_per`` by kind of parameter.
-
-    What was chosen before stays but for the keys that are given.
-
-    Raises
-    ------
-    InputError
-        A key belongs to no kind, or a value cannot be.
-    """
+    """Sort keys such as ``range_bias_sigma_m`` by kind of parameter; earlier choices stay but for the keys given."""
     keys = {key: (kind, field) for kind in PARAMETERS.values() for field, key in kind.keys.items()}
     fields: dict[str, dict[str, Any]] = {}
     for key, value in given.items():

@@ -39,10 +39,8 @@ class Columns:
         return len(self.names) * len(self.kind.components)
 
     def design(self, rows: ObservationRows, out: Floats | None = None) -> Floats:
-        """Partial derivatives of computed values by the parameters, shape (m, number of columns); into zeros if given.
-
-        They are stored column by column: several times as fast as row by row.
-        """
+        """Return partials of computed values, (m, number of columns), into zeros if given."""
+        # They are stored column by column: several times as fast as row by row.
         partials = _asked(self.kind, "partials", rows)
         if self.kind.of_links_second and self.scope in (Scope.LINK, Scope.LINK_AND_PASS):
             partials = partials[:, -1:]

@@ -24,11 +24,7 @@ _LINKS, _STATIONS = (Scope.LINK, Scope.LINK_AND_PASS), (Scope.STATION, Scope.PAS
 
 
 def considered_choices(given: Mapping[str, Any]) -> dict[str, ParameterChoice]:
-    """Sort keys such as ``station_position_sigma_m`` by kind of parameter.
-
-    A sigma alone is of all that there are; by name, it takes the place of the default of those named. Errors as of
-    :func:`~radioloc.parameters.choice.parameter_choices`.
-    """
+    """Sort keys such as ``station_position_sigma_m`` by kind; a sigma alone applies to all members."""
     everyone = {
         kind.name: True
         for kind in PARAMETERS.values()
@@ -45,15 +41,7 @@ def resolved(
     defaults: bool = True,
     without: Collection[str] = (),
 ) -> tuple[dict[str, ParameterChoice], list[str]]:
-    """Who is considered in an arc, by kind and by name with sigmas; and notes on who is not.
-
-    Of kinds in `without` there are no defaults.
-
-    Raises
-    ------
-    StationError, InputError
-        A name is none of a station, link or target, or one that is listed has no sigma.
-    """
+    """Return the considered members with sigmas, by kind, and notes; `without` are kinds that have no defaults."""
     choices, notes, rows_of = {}, [], cache(ObservationRows)
     for name, kind in PARAMETERS.items():
         choice = given.get(name)

@@ -79,10 +79,8 @@ def _delays_left(rows: ObservationRows, members: Members) -> Sigmas:
 
 
 def _contents_left(rows: ObservationRows, members: Members) -> Sigmas | str:
-    """What maps and calibrations leave; one content for everywhere, or none, leaves more.
-
-    Where the ionosphere is switched off, the observations are taken to be free of it, as by maps.
-    """
+    """Return the error left by maps and calibrations; one content for everywhere, or none, leaves more."""
+    # Where the ionosphere is switched off, the observations are taken to be free of it, as by maps.
     if np.isnan(rows.observations.wavelength_um[rows.radio]).any():
         return "the frequency of some signals is not recorded"
     model = rows.model

@@ -149,28 +149,10 @@ class ParameterKind:
 
 
 def everywhere(rows: ObservationRows) -> NDArray[np.bool_]:
-    """Acts on every observation, as one end.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> from radioloc.parameters import ObservationRows, everywhere
-    >>> arc, _ = radioloc.jobs.arc_of("examples/apollo15/apollo15.toml")
-    >>> everywhere(ObservationRows(arc)).shape
-    (153, 1)
-    """
+    """Return that a parameter acts on every observation, as one end, shape (m, 1)."""
     return np.ones((len(rows), 1), dtype=bool)
 
 
 def both_stations(rows: ObservationRows) -> NDArray[np.bool_]:
-    """Acts on every observation, at each station that takes part.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> from radioloc.parameters import ObservationRows, both_stations
-    >>> arc, _ = radioloc.jobs.arc_of("examples/apollo15/apollo15.toml")
-    >>> both_stations(ObservationRows(arc)).shape
-    (153, 2)
-    """
+    """Return that a parameter acts at each station that takes part, shape (m, 2)."""
     return rows.ends >= 0

@@ -59,23 +59,20 @@ def _love_numbers(rows: ObservationRows) -> Floats:
 
 
 def _position_left(rows: ObservationRows, _: Members) -> Sigmas:
-    """By ephemeris; one that is not known counts as DE421.
-
-    DE421, of data until 2007, less DE440 from 1992 to 2050: 0.3 m (rms) away from the Earth, 0.4 m normal to the orbit,
-    and along it 0.8 m and what grows with the square of time, 1.2 m in 2005 to 2010, 2.8 m in 2019 to 2025. DE440 is
-    tied to the ICRF to 0.2 mas (Park et al. 2021), 0.4 m at the Moon, and by ranges to the reflectors to decimetres.
-    """
+    """Return sigmas by ephemeris; one that is not known counts as DE421."""
+    # DE421, of data until 2007, less DE440 from 1992 to 2050: 0.3 m (rms) away from the Earth, 0.4 m normal to the
+    # orbit, and along it 0.8 m and what grows with the square of time, 1.2 m in 2005 to 2010, 2.8 m in 2019 to 2025.
+    # DE440 is tied to the ICRF to 0.2 mas (Park et al. 2021), 0.4 m at the Moon, and by ranges to the reflectors to
+    # decimetres.
     if rows.model.ephemeris.name == "DE440":
         return {"": (0.1, 0.4, 0.4)}
     return {"": (0.3, 0.8 + 0.0042 * _years(rows) ** 2, 0.4)}
 
 
 def _position_varies(rows: ObservationRows, _: Members) -> Sigmas:
-    """What comes and goes with the month in DE421 less DE440; half of it for DE440, which has 13 years of data more.
-
-    About the mean of some years, rms: away from the Earth 0.03 m until 2008, 0.07 m in 2010 to 2020, 0.14 m in 2020 to
-    2030, 0.29 m in 2030 to 2049; along the orbit 0.1 m besides its trend; normal to it 0.4 m.
-    """
+    """Return the monthly part of DE421 less DE440; half of it for DE440, which has 13 years of data more."""
+    # About the mean of some years, rms: away from the Earth 0.03 m until 2008, 0.07 m in 2010 to 2020, 0.14 m in 2020
+    # to 2030, 0.29 m in 2030 to 2049; along the orbit 0.1 m besides its trend; normal to it 0.4 m.
     half = 0.5 if rows.model.ephemeris.name == "DE440" else 1.0
     return {"": (half * (0.03 + 0.00016 * _years(rows) ** 2), half * 0.1, half * 0.4)}
 

@@ -36,11 +36,8 @@ def orbit_parameters(
     state: bool = True,
     form: str = "cartesian",
 ) -> PositionParameters:
-    """The parameters of an orbit, with a-priori sigmas by name; those without one are free.
-
-    Nothing is `estimated`, or all but the state. The state is ``"cartesian"``, ``"rtn"``, ``"keplerian"`` or
-    ``"equinoctial"``: sigmas and correlations are then of these, with angles from the Moon's equator.
-    """
+    """Return the parameters of an orbit in one of the forms of a state, with a-priori sigmas by name, else free."""
+    # Nothing is `estimated`, or all but the `state`. Angles are from the Moon's equator.
     impulses = {one.name for one in orbit.forces.impulses}
     # Thrust moves the spacecraft by a metre while it lasts, about.
     of_thrust = {
@@ -169,10 +166,7 @@ def landing_parameters(
     velocity_sigma_m_s: float,
     sigmas: Mapping[str, float],
 ) -> LandingParameters:
-    """The parameters of an orbit whose epoch is its touchdown, with a-priori sigmas by name.
-
-    The velocity relative to the ground is zero a priori. `place` are the parameters of a position.
-    """
+    """Return the parameters of an orbit that ends at a position; its velocity over the ground is 0 a priori."""
     of_place, position = place
     x = np.array([one.prior_value for one in of_place])
     longitude_rad, latitude_rad, _ = cartesian_to_selenographic(position(x)[0])

@@ -26,11 +26,9 @@ PositionParameters = tuple[list[Parameter], PositionFunction]
 def on_sphere(
     start_pa_m: Floats, prior: tuple[float, float] | None, name: str = "position"
 ) -> PositionParameters:
-    """East and north along the 1737.4 km sphere from the a-priori position, and the height above it.
-
-    Longitude and latitude themselves would stop at the poles, where landers stand; in these coordinates the
-    a-priori position is on the equator, wherever on the Moon it is, and the height is still a parameter.
-    """
+    """Return east and north along the 1737.4 km sphere from the a-priori position, and the height above it."""
+    # Longitude and latitude themselves are singular at the poles, where landers stand; in these coordinates the
+    # a-priori position is on the equator, wherever on the Moon it is, and the height is still a parameter.
     longitude_rad = math.atan2(start_pa_m[1], start_pa_m[0])
     latitude_rad = math.atan2(start_pa_m[2], math.hypot(start_pa_m[0], start_pa_m[1]))
     height_m = float(np.linalg.norm(start_pa_m)) - MEAN_LUNAR_RADIUS_M
@@ -73,11 +71,9 @@ def on_terrain(
     constants: EphemerisConstants,
     name: str = "position",
 ) -> PositionParameters:
-    """East and north along the sphere, and the height above the terrain there.
-
-    The prior on the height above the terrain follows the terrain with its slope wherever the estimate goes, and is
-    still a prior on one parameter.
-    """
+    """Return east and north along the sphere, and the height above the terrain there."""
+    # The prior on the height above the terrain follows the terrain with its slope wherever the estimate goes, and is
+    # still a prior on one parameter.
     (east, north, _), along_sphere = on_sphere(start_pa_m, None, name)
     start_height_m = float(np.linalg.norm(start_pa_m)) - MEAN_LUNAR_RADIUS_M
     rot = rot_pa_to_me(constants)

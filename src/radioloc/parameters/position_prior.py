@@ -32,36 +32,18 @@ def map_tie_names(map_name: str) -> tuple[str, str]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PositionPrior:
-    """A-priori position of a target.
+    """A-priori position of a target; an InputError where its covariance is not positive definite."""
 
-    Parameters
-    ----------
-    target : str
-        Canonical name of the target; empty where there is only one.
-    mean : LunarPosition
-        In mean-Earth axes.
-    covariance_enu_m2 : ndarray, shape (3, 3)
-        Total covariance of east, north and up, m^2; NaN for a height that is not determined.
-    errors_enu_m : mapping of str to ndarray, shape (3,)
-        Errors that other results have in common with it, by name: displacement by one sigma of each, east, north, up,
-        m. They are part of the covariance.
-    data : tuple of str
-        Identifiers of the data behind it.
-    cross_enu_m2 : mapping of str to ndarray, shape (3, 3)
-        Its covariances (rows) with the a-priori positions of other targets, by their names, m^2.
-
-    Raises
-    ------
-    InputError
-        The covariance is not positive definite.
-    """
-
-    target: str
-    mean: LunarPosition
-    covariance_enu_m2: Floats
-    errors_enu_m: Mapping[str, Floats] = field(default_factory=dict)
-    data: tuple[str, ...] = ()
-    cross_enu_m2: Mapping[str, Floats] = field(default_factory=dict)
+    target: str  # canonical name; empty where there is only one
+    mean: LunarPosition  # in mean-Earth axes
+    covariance_enu_m2: Floats  # total, of east, north and up; NaN for a height that is not determined
+    errors_enu_m: Mapping[str, Floats] = field(
+        default_factory=dict
+    )  # one sigma of errors shared with other results
+    data: tuple[str, ...] = ()  # identifiers of the data behind it
+    cross_enu_m2: Mapping[str, Floats] = field(
+        default_factory=dict
+    )  # (rows) with positions of other targets, by name
 
     def __post_init__(self) -> None:
         self.factors()
@@ -111,23 +93,9 @@ def with_position_priors(
     priors: Sequence[PositionPrior | None],
     constants: EphemerisConstants,
 ) -> list[PositionParameters]:
-    """Return parameters of positions with their a-priori covariance.
-
-    Parameters
-    ----------
-    positions : sequence of PositionParameters
-        East and north along the 1737.4 km sphere and a height, about the a-priori position, for each target; or any
-        three parameters for a target without a prior.
-    priors : sequence of PositionPrior or None
-        For each target.
-    constants : EphemerisConstants
-        Give the rotation from principal to mean-Earth axes.
-
-    Returns
-    -------
-    list of PositionParameters
-        The position of a target depends on its own three parameters and those of the targets before it.
-    """
+    """Return the parameters of each target's position with its a-priori covariance, if it has a prior."""
+    # The three parameters with a prior are east and north along the 1737.4 km sphere and a height, about the a-priori
+    # position. The position of a target depends on its own three parameters and those of the targets before it.
     covariance_m2 = np.zeros((3 * len(priors),) * 2)
     for k, prior in enumerate(priors):
         mine = slice(3 * k, 3 * k + 3)

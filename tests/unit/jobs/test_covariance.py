@@ -13,7 +13,8 @@ from radioloc import cli
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
 from radioloc.jobs.covariance import covariance
-from radioloc.measurements import PhysicalModel, active_terms
+from radioloc.measurements import PhysicalModel
+from radioloc.measurements.terms import active_terms
 from radioloc.report import plot_covariance
 from radioloc.results.covariance import plans_card, radius_95_m
 from radioloc.simulation import (

@@ -238,7 +238,7 @@ def thinned(apollo15, near15, model):
 @pytest.mark.parametrize("term", list(radioloc.measurements.TERMS))
 def test_each_term_can_be_left_out(term, thinned, near15):
     few, full, terms_m = thinned
-    found = fit(few, near15, model=ModelChoice(terms=radioloc.measurements.active_terms([term])))
+    found = fit(few, near15, model=ModelChoice(terms=radioloc.measurements.terms.active_terms([term])))
     assert found.provenance["terms_off"] == [term]
     assert f"terms switched off: {term}" in found.notes
     # Nothing of ocean loading, axes or delays of equipment is known here, and light does not feel the ionosphere.
@@ -346,7 +346,7 @@ def test_station_without_velocity_is_said_to_stand_still(apollo15, near15):
     unmoved = catalogue.with_station(replace(catalogue.get("APOLLO"), velocity_m_yr=None))
     found = radioloc.locate(Study(target=near15, catalogue=unmoved), apollo15)
     assert any(note.startswith("no station velocity for APOLLO") for note in found.notes)
-    off = ModelChoice(terms=radioloc.measurements.active_terms(["station_velocity"]))
+    off = ModelChoice(terms=radioloc.measurements.terms.active_terms(["station_velocity"]))
     found = radioloc.locate(Study(target=near15, catalogue=unmoved, model=off), apollo15)
     assert not any("velocity for" in note for note in found.notes)
 

@@ -83,7 +83,7 @@ def study_of(step_s=3600.0, *, truth_sigma=TRUTH_SIGMA, observations=None, **est
     return Study(
         target=NEAR,
         estimate=EstimateChoice(**(choice | estimate)),
-        model=ModelChoice(terms=radioloc.measurements.active_terms(["ionosphere"])),
+        model=ModelChoice(terms=radioloc.measurements.terms.active_terms(["ionosphere"])),
         observations=observations or ObservationChoice(),
         simulation=Scenario(
             Schedule(sessions), LANDER, Truth(range_bias_m=BIAS_M), NOISE, truth_sigma, seed=5

@@ -13,7 +13,8 @@ from radioloc.estimation import FitStatus
 from radioloc.jobs.locate import prepared_arc
 from radioloc.jobs.verdict import heights, places
 from radioloc.lunar import LunarPosition
-from radioloc.measurements import MEASUREMENTS, Link, PhysicalModel, active_terms
+from radioloc.measurements import MEASUREMENTS, Link, PhysicalModel
+from radioloc.measurements.terms import active_terms
 from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, Session, all_ranges
 from radioloc.study import EstimateChoice, ModelChoice, ObservationChoice
 

@@ -41,7 +41,7 @@ def study(**estimate):
         TARGET,
         ObservationChoice(),
         EstimateChoice(**({"position": "none"} | estimate)),
-        ModelChoice(terms=radioloc.measurements.active_terms(["troposphere"])),
+        ModelChoice(terms=radioloc.measurements.terms.active_terms(["troposphere"])),
         name="owners",
         consider_defaults=False,
     )

@@ -9,7 +9,8 @@ from quick import some
 
 import radioloc
 from radioloc import Observations
-from radioloc.measurements import MEASUREMENTS, Link, active_terms
+from radioloc.measurements import MEASUREMENTS, Link
+from radioloc.measurements.terms import active_terms
 from radioloc.parameters.choice import parameter_choices
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.study import EstimateChoice, ModelChoice, ObservationChoice

@@ -48,18 +48,13 @@ def test_reads_what_stands_in_the_file(maps) -> None:
 
 
 def test_linear_in_latitude_and_time(maps) -> None:
-    epochs = epochs_from_strings(["2019-01-15T00:00:00", "2019-01-15T03:30:00", "2019-01-15T06:00:00"])
-    latitude = np.array([35.4, -87.5, 1.1])
-    tec = maps(flat).vertical_tec(np.deg2rad(latitude), np.deg2rad([-117.0, 180.0, 359.0]), epochs)
-    np.testing.assert_allclose(tec, flat(latitude, 0.0, np.array([0.0, 3.5, 6.0])), atol=ROUNDING_TECU)
-
-
-def test_any_time_scale(maps) -> None:
-    utc = epochs_from_strings(["2019-01-15T01:00:00"])
-    read = maps(flat)
-    np.testing.assert_allclose(
-        read.vertical_tec(0.3, 0.4, utc), read.vertical_tec(0.3, 0.4, utc_to_tt(utc)), rtol=1e-9
+    utc = epochs_from_strings(["2019-01-15T00:00:00", "2019-01-15T03:30:00", "2019-01-15T06:00:00"])
+    latitude, longitude = np.array([35.4, -87.5, 1.1]), np.deg2rad([-117.0, 180.0, 359.0])
+    tec, by_tt = (
+        maps(flat).vertical_tec(np.deg2rad(latitude), longitude, at) for at in (utc, utc_to_tt(utc))
     )
+    np.testing.assert_allclose(tec, flat(latitude, 0.0, np.array([0.0, 3.5, 6.0])), atol=ROUNDING_TECU)
+    np.testing.assert_allclose(tec, by_tt, rtol=1e-9)
 
 
 def test_maps_turn_with_the_sun(maps) -> None:
@@ -113,21 +108,11 @@ def test_slant(maps) -> None:
     assert (vertical < flat(35.4, 0.0, 2.0)).all()
 
 
-def test_exponent_and_gzip(tmp_path: Path) -> None:
+def test_exponent_within_the_maps_and_gzip(tmp_path: Path) -> None:
+    second = labelled("     2", "START OF TEC MAP")
+    text = ionex_text(flat).replace(second, f"{labelled('     0', 'EXPONENT')}\n{second}")
     path = tmp_path / "test0150.19i.gz"
-    path.write_bytes(gzip.compress(ionex_text(flat, exponent=0).encode()))
-    tec = read_ionex(path).vertical_tec(0.0, 0.0, epochs_from_strings(["2019-01-15"]))
-    assert tec[0] == pytest.approx(40.0, abs=0.5)
-
-
-def test_exponent_within_the_maps(tmp_path: Path) -> None:
-    text = ionex_text(flat, exponent=-1)
-    changed = text.replace(
-        labelled("     2", "START OF TEC MAP"),
-        f"{labelled('     0', 'EXPONENT')}\n" + labelled("     2", "START OF TEC MAP"),
-    )
-    path = tmp_path / "test.19i"
-    path.write_text(changed)
+    path.write_bytes(gzip.compress(text.encode()))
     first, second = read_ionex(path).tec_tecu[:2, 0, 0]
     assert first == pytest.approx(57.5, abs=ROUNDING_TECU)
     assert second == pytest.approx(595.0, abs=0.6)
@@ -158,11 +143,10 @@ def test_missing_values(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"has no electron content at latitude 36\.0, longitude -117\.0"):
         read.vertical_tec(*hole, epochs_from_strings(["2019-01-15T02:00:00"]))
     # Next to the hole in space and time the map holds: there it has no weight.
-    assert np.isfinite(read.vertical_tec(*hole, epochs_from_strings(["2019-01-15T04:00:00"])))
     aside = np.deg2rad([35.0]), np.deg2rad([-110.0])
-    assert read.vertical_tec(*aside, epochs_from_strings(["2019-01-15T02:00:00"])) == pytest.approx(
-        49.0, abs=0.1
-    )
+    for place, hour, expected in ((hole, 4, 51.2), (aside, 2, 49.0)):
+        tec = read.vertical_tec(*place, epochs_from_strings([f"2019-01-15T0{hour}:00:00"]))
+        assert tec == pytest.approx(expected, abs=0.1)
 
 
 def test_outside(maps, tmp_path: Path) -> None:
@@ -182,14 +166,6 @@ def test_outside(maps, tmp_path: Path) -> None:
         gap.vertical_tec(0.0, 0.0, epochs_from_strings(["2019-01-16"]))
 
 
-def test_one_map_holds_at_its_epoch(maps) -> None:
-    read = maps(flat, hours=(4,))
-    tec = read.vertical_tec(0.0, 0.0, epochs_from_strings(["2019-01-15T04:00:00"]))
-    assert tec[0] == pytest.approx(44.0, abs=ROUNDING_TECU)
-    with pytest.raises(CoverageError):
-        read.vertical_tec(0.0, 0.0, epochs_from_strings(["2019-01-15T04:00:01"]))
-
-
 TEXT = ionex_text(flat, hours=(0, 2))
 LINES = TEXT.splitlines()
 FIRST_MAP = next(k for k, line in enumerate(LINES, start=1) if "START OF TEC MAP" in line)
@@ -202,7 +178,6 @@ FIRST_MAP = next(k for k, line in enumerate(LINES, start=1) if "START OF TEC MAP
         (" " * 5 + "1.0", " " * 5 + "3.0", 1, r"version 3\.0 is not"),
         ("LAT1 / LAT2 / DLAT", "LAT1", None, "no line 'LAT1 / LAT2 / DLAT'"),
         ("  87.5 -87.5  -2.5   ", "  87.5 -87.5  -2.4   ", 13, "is no range"),
-        ("  87.5 -87.5  -2.5   ", "  87.5 -87.x  -2.5   ", 13, "3 numbers of 6 columns"),
         (" 450.0 450.0   0.0", " 450.0 800.0  50.0", None, "two dimensions"),
         (
             "     2" + " " * 54 + "# OF MAPS",
@@ -211,14 +186,11 @@ FIRST_MAP = next(k for k, line in enumerate(LINES, start=1) if "START OF TEC MAP
             "announces 13 maps, but there are 2",
         ),
         ("  87.5-180.0 180.0", "  87.5-175.0 180.0", FIRST_MAP + 2, "not one of the header's grid"),
-        ("  85.0-180.0 180.0", "  87.5-180.0 180.0", FIRST_MAP + 8, "comes twice"),
         ("  575  575", "  575  5x5", FIRST_MAP + 3, "16 whole numbers of five columns"),
         ("  575\n", "  575  575\n", FIRST_MAP + 3, "more than 16 values"),
         ("  575\n", "-9000\n", FIRST_MAP + 3, r"-900 TECU \(with the exponent -1\) cannot be"),
         ("    -1" + " " * 54 + "EXPONENT", "    30" + " " * 54 + "EXPONENT", None, "the exponent is 30"),
-        ("    -1" + " " * 54 + "EXPONENT", "     3" + " " * 54 + "EXPONENT", FIRST_MAP + 3, "575000 TECU"),
         (" 450.0 450.0   0.0", "450000450000   0.0", None, "not of the ionosphere"),
-        ("  6371.0", " 6371000", None, "not of the ionosphere"),
         ("  2019     1    15     0", "  2019    13    15     0", FIRST_MAP + 1, "not a date that exists"),
         ("EPOCH OF CURRENT MAP", "COMMENT", None, "lacks its epoch"),
         (
@@ -254,12 +226,6 @@ def test_files_cut_short_or_apart(tmp_path: Path) -> None:
     missing_row = [line for k, line in enumerate(LINES, start=1) if not FIRST_MAP + 2 <= k <= FIRST_MAP + 7]
     path.write_text("\n".join(missing_row))
     with pytest.raises(FileFormatError, match="lacks 1 of its rows"):
-        read_ionex(path)
-    path.write_bytes(b"\x1f\x9d compressed")
-    with pytest.raises(FileFormatError, match="Unix compress"):
-        read_ionex(path)
-    path.write_bytes(gzip.compress(TEXT.encode())[:-20])
-    with pytest.raises(FileFormatError, match="cut or damaged"):
         read_ionex(path)
     with pytest.raises(InputError, match="no IONEX file"):
         read_ionex([])

@@ -1,14 +1,28 @@
+"""The ionosphere: its constant, the mapping of its shell, and its delays on legs and paths."""
+
 import numpy as np
 import pytest
+from arc_cases import APOLLO15_PA_M, epochs_tai
+from legs import leg
 
+from radioloc import Observations
+from radioloc.constants import C_M_S
 from radioloc.earth.geodesy import itrf_from_geodetic
 from radioloc.errors import InputError
+from radioloc.measurements import ExactPredictor, Link, PhysicalModel
 from radioloc.media.ionosphere import (
     GROUP_DELAY_M3_S2,
+    Ionosphere,
+    UniformTec,
+    delay_by_content_m,
     ionosphere_delay_m,
     modified_shell_mapping,
     pierce_point,
 )
+from radioloc.media.status import Status
+from radioloc.time import tai_to_utc
+
+X_DOWN_HZ = 8.4e9
 
 
 def test_constant() -> None:
@@ -22,30 +36,21 @@ def test_constant() -> None:
 def test_delay_in_the_bands() -> None:
     # One TECU is 0.162 m at GPS L1 (1575.42 MHz), a number every textbook has.
     assert ionosphere_delay_m(1.0, 1575.42e6) == pytest.approx(0.16240, abs=1e-5)
-    delays = ionosphere_delay_m(np.array([10.0, 50.0, 50.0]), np.array([2.2e9, 8.4e9, 32e9]))
-    np.testing.assert_allclose(delays, [0.833, 0.2856, 0.0197], atol=5e-4)
-    assert ionosphere_delay_m(0.0, 8.4e9) == 0.0
-    # The combination of two frequencies that dual-band VLBI forms takes it away.
-    s, x = ionosphere_delay_m(37.0, np.array([2.3e9, 8.6e9])) * np.array([2.3e9, 8.6e9]) ** 2
-    assert s == pytest.approx(x, rel=1e-15)
+    delays = ionosphere_delay_m(np.array([0.0, 10.0, 50.0, 50.0]), np.array([8.4e9, 2.2e9, 8.4e9, 32e9]))
+    np.testing.assert_allclose(delays, [0.0, 0.833, 0.2856, 0.0197], atol=5e-4)
 
 
 def test_modified_shell() -> None:
-    elevation = np.deg2rad([10.0, 20.0, 45.0, 90.0])
-    mapping, _ = modified_shell_mapping(elevation)
+    elevation, step = np.deg2rad([10.0, 20.0, 45.0, 89.0]), 1e-6
+    mapping, rate = modified_shell_mapping(elevation)
     zenith = np.pi / 2 - elevation
     written_out = 1.0 / np.sqrt(1.0 - (6371.0 / (6371.0 + 506.7) * np.sin(0.9782 * zenith)) ** 2)
     np.testing.assert_allclose(mapping, written_out, rtol=1e-14)
     # All electrons in a shell at 450 km: the triangle of geocentre, station and pierce point, by the law of sines.
     plain = 1.0 / np.cos(np.arcsin(6371.0 / 6821.0 * np.cos(elevation)))
     np.testing.assert_allclose(1.0 - mapping / plain, [0.069, 0.056, 0.019, 0.0], atol=1e-3)
-
-
-def test_rate_is_the_derivative() -> None:
-    mapping = modified_shell_mapping
-    elevation, step = np.deg2rad([3.1, 20.0, 60.0, 89.0]), 1e-6
-    difference = (mapping(elevation + step)[0] - mapping(elevation - step)[0]) / (2.0 * step)
-    np.testing.assert_allclose(mapping(elevation)[1], difference, rtol=1e-7, atol=1e-9)
+    ahead, behind = (modified_shell_mapping(elevation + k * step)[0] for k in (1, -1))
+    np.testing.assert_allclose(rate, (ahead - behind) / (2.0 * step), rtol=1e-7, atol=1e-9)
 
 
 def test_pierce_point_by_spherical_trigonometry() -> None:
@@ -54,8 +59,7 @@ def test_pierce_point_by_spherical_trigonometry() -> None:
     azimuth, elevation = np.deg2rad([0.0, 90.0, 225.0]), np.deg2rad([30.0, 20.0, 10.0])
     latitude, longitude = pierce_point(station, azimuth, elevation)
     arc = np.pi / 2 - elevation - np.arcsin(6378137.0 / 6821e3 * np.cos(elevation))
-    sin_latitude = np.sin(arc) * np.cos(azimuth)
-    np.testing.assert_allclose(latitude, np.arcsin(sin_latitude), atol=1e-13)
+    np.testing.assert_allclose(latitude, np.arcsin(np.sin(arc) * np.cos(azimuth)), atol=1e-13)
     east = np.arctan2(np.sin(arc) * np.sin(azimuth), np.cos(arc))
     np.testing.assert_allclose(longitude, np.deg2rad(100.0) + east, atol=1e-13)
 
@@ -64,28 +68,12 @@ def test_pierce_point_lies_on_the_ray_and_on_the_shell() -> None:
     longitude, latitude = np.deg2rad([-116.9, 149.0]), np.deg2rad([35.4, -35.4])
     stations = itrf_from_geodetic(longitude, latitude, [1000.0, 700.0])
     up = itrf_from_geodetic(longitude, latitude, [2000.0, 1700.0]) - stations
-    up /= np.linalg.norm(up, axis=-1, keepdims=True)
     elevation = np.deg2rad([10.0, 70.0])
-    at_latitude, at_longitude = pierce_point(stations, [1.0, 5.0], elevation, 350e3)
-    point = 6721e3 * np.stack(
-        [
-            np.cos(at_latitude) * np.cos(at_longitude),
-            np.cos(at_latitude) * np.sin(at_longitude),
-            np.sin(at_latitude),
-        ],
-        axis=-1,
-    )
-    ray = point - stations
-    ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
-    np.testing.assert_allclose(np.arcsin(np.sum(ray * up, axis=-1)), elevation, atol=1e-9)
-
-
-def test_pierce_point_overhead() -> None:
-    station = itrf_from_geodetic(0.5, 1.0, 0.0)
-    latitude, longitude = pierce_point(station, 0.3, np.pi / 2)
-    assert longitude == pytest.approx(0.5, abs=1e-12)
-    # Geocentric latitude is below geodetic by up to 0.19 degrees on the ground, less above.
-    assert 0.0 < 1.0 - latitude < np.deg2rad(0.19)
+    lat, lon = pierce_point(stations, [1.0, 5.0], elevation, 350e3)
+    on_shell = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=-1)
+    ray = 6721e3 * on_shell - stations
+    sine = np.sum(ray * up, axis=-1) / (np.linalg.norm(ray, axis=-1) * np.linalg.norm(up, axis=-1))
+    np.testing.assert_allclose(np.arcsin(sine), elevation, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -97,12 +85,57 @@ def test_pierce_point_overhead() -> None:
         (lambda: ionosphere_delay_m(10.0, 8400.0), "frequencies are 8400 to 8400 Hz"),
         (lambda: modified_shell_mapping(0.01), "elevation is 0.01"),
         (lambda: pierce_point([6378e3, 0.0, 0.0], 0.0, 0.5, 450.0), "a shell 450 m above"),
-        (lambda: modified_shell_mapping(20.0), "elevation is 20"),
-        (lambda: pierce_point([6378e3, 0.0, 0.0], 0.0, -0.1), "elevation is -0.1"),
         (lambda: pierce_point([6378e3, 0.0, 0.0], np.nan, 0.5), "azimuth is not a finite"),
         (lambda: pierce_point([7000e3, 0.0, 0.0], 0.0, 0.5), "not below the shell"),
+        (lambda: UniformTec(-1.0), "TECU"),
     ],
 )
 def test_refuses_what_cannot_be(call, what: str) -> None:
     with pytest.raises(InputError, match=what):
         call()
+
+
+def test_delay_by_one_tecu_is_that_of_a_uniform_content():
+    """At two frequencies, of the phase, of light, and without a frequency."""
+    some = leg(
+        [10.0, 45.0, 90.0, 30.0, 30.0],
+        radio=np.array([True, True, True, False, True]),
+        frequency_hz=np.array([7.2e9, X_DOWN_HZ, X_DOWN_HZ, 5.6e14, np.nan]),
+        phase=np.array([False, False, True, False, False]),
+    )
+    found = delay_by_content_m(some)
+    expected = Ionosphere(UniformTec(1.0)).delay(some, None)
+    np.testing.assert_allclose(found[:4], expected.delay_m[:4], rtol=1e-14)
+    assert (found[2] < 0.0, found[3]) == (True, 0.0)
+    assert np.isnan(found[4])
+    assert expected.status.tolist() == [0, 0, 0, 0, Status.NO_FREQUENCY]
+
+
+def predicted(kind, tec, wavelength_um=C_M_S / X_DOWN_HZ * 1e6, uplink_hz=np.nan):
+    """Ranges (0) or delays (1)."""
+    observations = Observations.from_columns(
+        epoch=tai_to_utc(epochs_tai(3, 2.0, 2459185.5, 0.75)),
+        links=[Link("KASHI", "apollo15", "URUMQI", kind == 1)],
+        kind=kind,
+        tag=1,
+        value_m=1.0,
+        sigma_m=1.0,
+        wavelength_um=wavelength_um,
+        uplink_hz=uplink_hz,
+    )
+    model = PhysicalModel.build(ionosphere=None if tec is None else UniformTec(tec))
+    return ExactPredictor(model, observations, APOLLO15_PA_M).compute(APOLLO15_PA_M)
+
+
+@pytest.mark.parametrize(("kind", "sign"), [(0, 1.0), (1, -1.0)], ids=["range", "delay"])
+def test_paths_have_the_delays_of_their_legs_at_the_downlink_if_no_uplink_is_recorded(kind, sign):
+    without, with_it = predicted(kind, None), predicted(kind, 20.0)
+    slant_m = ionosphere_delay_m(20.0 * modified_shell_mapping(with_it.elevation_rad)[0], X_DOWN_HZ)
+    # A delay of half a metre moves the events by 2 ns, and the rest of the path changes by less than this.
+    expected_m = slant_m[:, 1] + sign * slant_m[:, 0]
+    assert with_it.value_m - without.value_m == pytest.approx(expected_m, abs=1e-5)
+    assert np.abs(expected_m).max() > 1e-4
+
+
+def test_a_missing_frequency_is_named():
+    assert predicted(0, 20.0, np.nan, 7.2e9).status.tolist() == [[Status.OK, Status.NO_FREQUENCY]] * 3

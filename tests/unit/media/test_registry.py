@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from arc_cases import APOLLO15_PA_M, LASER, epochs_tai, observations
-from legs import end, leg
+from legs import leg
 
 from radioloc.errors import InputError
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
@@ -79,10 +79,3 @@ def test_conditions_that_only_a_foreign_medium_uses_still_tell_series_apart():
     assert dense.accuracy.interpolated > 0
     difference_m = dense.compute(APOLLO15_PA_M).value_m - exact.compute(APOLLO15_PA_M).value_m
     assert np.abs(difference_m).max() < 0.9e-4
-
-
-def test_a_medium_in_place_of_the_packages_own():
-    uniform = Ionosphere(UniformTec(5.0))
-    assert uniform in PhysicalModel.build(media=[uniform]).media
-    assert uniform not in PhysicalModel.build(media=[uniform], off=["ionosphere"]).media
-    assert len(end(2)) == 2

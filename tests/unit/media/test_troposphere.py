@@ -9,17 +9,23 @@ import pytest
 from arc_cases import LASER
 from legs import end, leg
 
+from radioloc.earth.geodesy import geodetic_from_itrf
 from radioloc.errors import InputError
-from radioloc.media.neutral_atmosphere import optical_delay
+from radioloc.media.neutral_atmosphere import (
+    optical_delay,
+    standard_weather,
+    water_vapour_pressure_hpa,
+    zenith_hydrostatic_delay_m,
+    zenith_wet_delay_m,
+)
 from radioloc.media.status import Status
 from radioloc.media.troposphere import Troposphere
 
+KASHI = geodetic_from_itrf(end(1).stations[0].itrf_m)
+
 
 def delay(elevation_deg, **changes):
-    light = {name: value for name, value in LASER.items() if name != "wavelength_um"}
-    of_light = leg(
-        elevation_deg, radio=False, **({"wavelength_um": LASER["wavelength_um"]} | light | changes)
-    )
+    of_light = leg(elevation_deg, radio=False, **LASER | changes)
     return Troposphere().delay(of_light, Troposphere().prepare(of_light.end))
 
 
@@ -31,7 +37,6 @@ def test_delay_is_that_of_the_optical_model():
     assert found.delay_m.tolist() == delay_m.tolist()
     assert found.by_elevation_m_rad.tolist() == rate_m_rad.tolist()
     assert found.status.tolist() == [Status.OK] * 3
-    assert found.delay_m[2] == pytest.approx(1.85, abs=0.1)
 
 
 @pytest.mark.parametrize(
@@ -39,7 +44,6 @@ def test_delay_is_that_of_the_optical_model():
     [
         ({"wavelength_um": np.nan}, "no wavelength"),
         ({"wavelength_um": 10.6}, "no troposphere model but for 0.3545-1.0645 um"),
-        ({"wavelength_um": 0.3}, "no troposphere model but for"),
         ({"pressure_hpa": np.nan}, "no pressure"),
         ({"temperature_k": np.nan}, "no temperature"),
         ({"relative_humidity": np.nan}, "no humidity"),
@@ -59,14 +63,23 @@ def test_one_row_does_not_spoil_another():
     assert found.delay_m[2] > 3.0
 
 
-def test_a_recorded_pressure_alone_is_used():
-    """10 hPa are 23 mm at the zenith, whether or not temperature and humidity were recorded with them."""
-    zenith = leg(90.0)
-    plain, known = (
-        Troposphere().delay(zenith, Troposphere().prepare(some)).delay_m[0]
-        for some in (end(1, pressure_hpa=860.0), end(1, pressure_hpa=870.0))
-    )
-    assert known - plain == pytest.approx(0.0228, abs=1e-4)
+@pytest.mark.parametrize(
+    ("recorded", "wet_temperature_k"),
+    [
+        ({"pressure_hpa": 870.0}, None),  # 10 hPa are 23 mm at the zenith
+        ({"pressure_hpa": 870.0, "temperature_k": 280.0, "relative_humidity": 0.3}, 280.0),
+        ({"relative_humidity": 0.3}, None),  # without the temperature it does not count
+    ],
+)
+def test_radio_takes_the_pressure_alone_and_temperature_with_humidity(recorded, wet_temperature_k):
+    zenith, standard = leg(90.0), standard_weather(np.float64(KASHI.height_m))
+    pressure_hpa = recorded.get("pressure_hpa", standard[0])
+    temperature_k, humidity = standard[1:] if wet_temperature_k is None else (wet_temperature_k, 0.3)
+    expected_m = zenith_hydrostatic_delay_m(
+        pressure_hpa, KASHI.latitude_rad, KASHI.height_m
+    ) + zenith_wet_delay_m(water_vapour_pressure_hpa(temperature_k, humidity, pressure_hpa), temperature_k)
+    found = Troposphere().delay(zenith, Troposphere().prepare(end(1, **recorded)))
+    assert found.delay_m[0] == pytest.approx(expected_m, rel=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from radioloc.imaging import Camera, TangentPlane
+from radioloc.imaging import Camera
 from radioloc.imaging.shading import sun_direction
+from radioloc.lunar import TangentPlane
 from radioloc.simulation.descents import Descent
 from radioloc.simulation.ground import Ground
 

@@ -10,8 +10,8 @@ Landmarks are off by errors of 0.5 m on the map, a third of its pixel; pixels ar
 import numpy as np
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
-from radioloc.imaging import TangentPlane
 from radioloc.jobs import read_image_study
+from radioloc.lunar import TangentPlane
 
 DISTANCES_M = {"a": 15.888, "b": 13.648, "c": 17.584, "d": 15.896}
 AZIMUTHS_DEG = {"a": 20.0, "b": 95.0, "c": 190.0, "d": 280.0}

@@ -16,8 +16,9 @@ import numpy as np
 from busy import run, skip_if_busy
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
-from radioloc.imaging import Camera, Sphere, TangentPlane, image_to_ground
+from radioloc.imaging import Camera, Sphere, image_to_ground
 from radioloc.imaging.shading import sun_direction
+from radioloc.lunar import TangentPlane
 from radioloc.simulation.descents import Descent
 from radioloc.simulation.ground import Ground
 

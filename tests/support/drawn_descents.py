@@ -18,10 +18,11 @@ import numpy as np
 
 import radioloc
 from radioloc.errors import RadiolocError
-from radioloc.imaging import Camera, TangentPlane
+from radioloc.imaging import Camera
 from radioloc.imaging.shading import sun_direction
 from radioloc.jobs import ImageChoice, ImageStudy
 from radioloc.jobs.image_study import CameraChoice
+from radioloc.lunar import TangentPlane
 from radioloc.simulation.descents import Descent
 from radioloc.simulation.ground import Ground
 

@@ -23,10 +23,11 @@ from spk_files import ORBITER, write_random
 
 import radioloc
 from radioloc.ephemeris import Trajectory
-from radioloc.imaging import Map, read_frame, read_isd, read_mask
+from radioloc.imaging import read_frame, read_isd, read_mask
 from radioloc.jobs.comparison import compare, read_solutions
 from radioloc.jobs.monte_carlo import TrialFolder
 from radioloc.jobs.verification import verify
+from radioloc.lunar import Map
 from radioloc.report.ccsds import write_oem
 from radioloc.report.files import json_text, write_comparison
 from radioloc.report.gis import write_gis

@@ -15,7 +15,7 @@ from terrain_maps import R
 
 from radioloc.imaging.homography import transformed
 from radioloc.imaging.image_chain import Frame
-from radioloc.imaging.maps import TangentPlane
+from radioloc.lunar.maps import TangentPlane
 
 SITE = (-19.51, 44.12)  # degrees
 PIXEL_M = 2.0  # of the drawn ground

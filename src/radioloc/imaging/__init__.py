@@ -18,7 +18,6 @@ from radioloc.imaging.ground_points import (
 from radioloc.imaging.homography import Homography, HomographyFit, fit_homography
 from radioloc.imaging.image_chain import Frame, FrameStatus
 from radioloc.imaging.isd import SupportData, read_isd
-from radioloc.imaging.maps import Map, TangentPlane
 from radioloc.imaging.matching import Detector, Features, Matches, MatchStatus, detect, match
 from radioloc.imaging.orientation import ConstantOrientation, PolynomialOrientation, TabulatedOrientation
 from radioloc.imaging.orthophoto import write_mosaic, write_orthophoto
@@ -44,7 +43,6 @@ __all__ = [
     "ImagePoint",
     "ImagePointSigmas",
     "LineScanModel",
-    "Map",
     "MatchStatus",
     "Matches",
     "Measurement",
@@ -56,7 +54,6 @@ __all__ = [
     "StereoPair",
     "SupportData",
     "TabulatedOrientation",
-    "TangentPlane",
     "Terrain",
     "TiePoint",
     "body_position",

@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 from radioloc.errors import ConvergenceError, InputError, RadiolocError
 from radioloc.imaging.adjustment import TiePoints
 from radioloc.imaging.cameras import Camera, undistorted
-from radioloc.imaging.frames import Image, Mask, load_opencv
+from radioloc.imaging.frames import load_opencv
 from radioloc.imaging.homography import derivative, fit_homography, transformed
 from radioloc.imaging.map_features import MapFeatures, MapPart
 from radioloc.imaging.matching import Features, Matches, MatchStatus, detect, match
 from radioloc.imaging.tie_points import TiePoint
 from radioloc.imaging.tracks import MAP
+from radioloc.lunar.grey_images import Image, Mask
 
 Floats = NDArray[np.float64]
 

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.imaging.maps import Map, TangentPlane
 from radioloc.imaging.matching import Detector, Features, detect
 from radioloc.imaging.tracks import MAP, Tracks
+from radioloc.lunar.maps import Map, TangentPlane
 
 Floats = NDArray[np.float64]
 Tile = tuple[int, int, int]  # level, line and column of the tile

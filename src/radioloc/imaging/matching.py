@@ -28,8 +28,9 @@ from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
-from radioloc.imaging.frames import Image, Mask, load_opencv
+from radioloc.imaging.frames import load_opencv
 from radioloc.imaging.homography import derivative, fit_homography, transformed
+from radioloc.lunar.grey_images import Image, Mask
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -1,6 +1,6 @@
 r"""How images show places in the plane: what their adjustment needs to know.
 
-A place is east and north, m, in a plane that touches the Moon (:class:`~radioloc.imaging.TangentPlane`). Without a
+A place is east and north, m, in a plane that touches the Moon (:class:`~radioloc.lunar.TangentPlane`). Without a
 camera or heights the ground is taken as a plane, and an image has the eight parameters of a homography (equation 7 of
 Wang et al. 2021); with both it has the place and the attitude of the camera. The place X in the plane has the point
 :math:`P = (R + h) u(X)` of the sphere's radius R, the height h of an elevation model and the direction u. It is seen at
@@ -34,10 +34,10 @@ from radioloc.imaging.homography import (
     of_elements,
     transformed,
 )
-from radioloc.imaging.maps import TangentPlane
 from radioloc.imaging.orientation import rotation_of
 from radioloc.imaging.surfaces import Terrain
 from radioloc.lunar import TerrainModel
+from radioloc.lunar.maps import TangentPlane
 from radioloc.lunar.terrain import TerrainWindow, height_and_gradient
 
 Floats = NDArray[np.float64]

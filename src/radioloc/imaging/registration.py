@@ -14,15 +14,15 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.imaging.adjustment import Adjusted, TiePoints, adjust, approximate_places
-from radioloc.imaging.frames import Mask
 from radioloc.imaging.homography import Homography
 from radioloc.imaging.image_chain import RISE, Frame, FrameStatus, ImageChain, Taken, pixel_size_m
 from radioloc.imaging.map_features import MapFeatures
-from radioloc.imaging.maps import Map, TangentPlane
 from radioloc.imaging.matching import Detector
 from radioloc.imaging.projections import Homographies, Poses, Projections, Relief
 from radioloc.imaging.tie_points import TiePoint
 from radioloc.lunar import TerrainModel
+from radioloc.lunar.grey_images import Mask
+from radioloc.lunar.maps import Map, TangentPlane
 from radioloc.lunar.terrain import NoTerrainError
 
 Floats = NDArray[np.float64]
@@ -201,7 +201,8 @@ def register_chain(
     Examples
     --------
     >>> from functools import partial
-    >>> from radioloc.imaging import Frame, Map, read_frame, register_chain
+    >>> from radioloc.imaging import Frame, read_frame, register_chain
+    >>> from radioloc.lunar import Map
     >>> name = "examples/images/frames/0001.png"
     >>> frames = [Frame("0001.png", partial(read_frame, name))]
     >>> found = register_chain(frames, Map.open("examples/images/map.tif"), map_sigma_m=(25.0, 25.0))

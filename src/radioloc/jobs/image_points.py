@@ -22,7 +22,6 @@ from radioloc.imaging import (
     LineScanModel,
     Sphere,
     StereoPair,
-    TangentPlane,
     Terrain,
     body_position,
     locate_image_point,
@@ -31,7 +30,7 @@ from radioloc.imaging import (
 )
 from radioloc.jobs.image_study import GroundChoice, ImagePointChoice, PointStudy, StereoChoice
 from radioloc.kernels import sha256_of
-from radioloc.lunar import LunarPosition, TerrainModel, east_north_up
+from radioloc.lunar import LunarPosition, TangentPlane, TerrainModel, east_north_up
 from radioloc.lunar.terrain import height_and_gradient
 from radioloc.parameters.position_prior import map_tie_names
 from radioloc.results.cards import Field, metres

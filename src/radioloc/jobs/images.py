@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError, require_type
-from radioloc.imaging import Detector, Map, find_mask, read_frame, read_mask
+from radioloc.imaging import Detector, find_mask, read_frame, read_mask
 from radioloc.imaging.cameras import altitude_m
 from radioloc.imaging.image_chain import Frame, FrameStatus
 from radioloc.imaging.registration import RegisteredFrame, Registration, register_chain
 from radioloc.imaging.shading import sun_over_map, write_shaded_map
 from radioloc.jobs.image_points import FRAME, ground_at, locate_point, locate_stereo, provenance_of
 from radioloc.jobs.image_study import ImageChoice, ImageStudy, PointStudy, StereoChoice, read_image_study
-from radioloc.lunar import LunarPosition, TerrainModel
+from radioloc.lunar import LunarPosition, Map, TerrainModel
 from radioloc.progress import progress_bar
 from radioloc.results.image_solution import ImageSolution, PointSolution
 from radioloc.results.recorded import read_recorded

@@ -10,6 +10,7 @@ from radioloc.lunar.frames import (
     rot_icrf_to_pa,
     rot_pa_to_me,
 )
+from radioloc.lunar.maps import Map, TangentPlane
 from radioloc.lunar.position import LunarPosition, rot_between
 from radioloc.lunar.selenographic import (
     cartesian_to_selenographic,
@@ -20,6 +21,8 @@ from radioloc.lunar.terrain import TerrainModel
 
 __all__ = [
     "LunarPosition",
+    "Map",
+    "TangentPlane",
     "TerrainModel",
     "cartesian_to_selenographic",
     "east_north_up",

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
-from radioloc.imaging import Map, TangentPlane, read_frame
+from radioloc.imaging import read_frame
 from radioloc.imaging.frames import load_opencv
 from radioloc.imaging.homography import transformed
 from radioloc.imaging.registration import RegisteredFrame
+from radioloc.lunar import Map, TangentPlane
 from radioloc.lunar.terrain import TerrainModel
 from radioloc.report.figures import (
     COLORS,
@@ -80,7 +81,7 @@ def plot_map(
     dem : path-like or TerrainModel, optional
         An elevation model, drawn with shades; of any format that :class:`~radioloc.lunar.TerrainModel` opens.
     base_map : path-like, optional
-        A map image, in place of that; of any format that :class:`~radioloc.imaging.Map` opens.
+        A map image, in place of that; of any format that :class:`~radioloc.lunar.Map` opens.
     reach_m : float, optional
         From the middle to the edges, 1000 km at most, m; by default all that is drawn, and some of the ground around
         it.

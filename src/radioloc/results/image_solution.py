@@ -17,9 +17,10 @@ from radioloc.errors import InputError
 from radioloc.estimation.combination import horizontal_ellipse
 from radioloc.estimation.orbit_state import EAST_NORTH_UP
 from radioloc.estimation.statistics import finite_or_none
-from radioloc.imaging import Camera, Map
+from radioloc.imaging import Camera
 from radioloc.imaging.image_chain import FrameStatus
 from radioloc.imaging.registration import RegisteredFrame, Registration
+from radioloc.lunar import Map
 from radioloc.lunar.position import LunarPosition
 from radioloc.parameters.position_prior import map_tie_names
 from radioloc.results.cards import Card, Field, Shown, metres, plural

@@ -14,11 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
-from radioloc.imaging.maps import TangentPlane
 from radioloc.imaging.sensor_models import FrameModel
 from radioloc.imaging.shading import LUNAR_LAMBERT, brightness_of_slopes, in_bytes
 from radioloc.lunar.map_files import new_geotiff
 from radioloc.lunar.map_grid import load_rasterio
+from radioloc.lunar.maps import TangentPlane
 from radioloc.simulation import _ground_kernels as kernels
 
 Floats = NDArray[np.float64]

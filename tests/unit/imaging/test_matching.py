@@ -16,9 +16,9 @@ from radioloc.errors import InputError
 from radioloc.imaging.frames import find_mask
 from radioloc.imaging.homography import transformed
 from radioloc.imaging.image_chain import Frame
-from radioloc.imaging.maps import Map
 from radioloc.imaging.matching import Detector, MatchStatus, detect, match
 from radioloc.imaging.registration import register_chain
+from radioloc.lunar.maps import Map
 
 BOX_PX = 3.0  # the drawn boxes are good to 2 pixels each
 # At the edge of the image, of a transformation from some 100 tie points: of SIFT, good to 0.5 pixel; of ORB, which are

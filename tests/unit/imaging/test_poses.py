@@ -13,9 +13,7 @@ from radioloc.imaging import (
     Camera,
     Frame,
     FrameModel,
-    Map,
     Measurement,
-    TangentPlane,
     Terrain,
     TiePoint,
     fit_homography,
@@ -23,7 +21,7 @@ from radioloc.imaging import (
 )
 from radioloc.imaging.adjustment import TiePoints, adjust, approximate_places
 from radioloc.imaging.projections import Homographies, Poses, Relief
-from radioloc.lunar import TerrainModel, cartesian_to_selenographic
+from radioloc.lunar import Map, TangentPlane, TerrainModel, cartesian_to_selenographic
 from radioloc.simulation.descents import Descent
 from radioloc.simulation.ground import Ground
 

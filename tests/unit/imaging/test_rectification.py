@@ -11,8 +11,8 @@ from radioloc.errors import InputError
 from radioloc.imaging.cameras import Camera, rectification, undistorted
 from radioloc.imaging.homography import transformed
 from radioloc.imaging.image_chain import Frame
-from radioloc.imaging.maps import Map
 from radioloc.imaging.registration import register_chain
+from radioloc.lunar.maps import Map
 
 CENTRE = np.array([249.5, 199.5])
 CAMERA = Camera.of_pinhole(8.3, 16.6, CENTRE)  # focal length of 500 pixels

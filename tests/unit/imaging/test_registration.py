@@ -14,9 +14,9 @@ from radioloc.imaging.distortion import Distortion
 from radioloc.imaging.frames import find_mask, read_frame
 from radioloc.imaging.homography import transformed
 from radioloc.imaging.image_chain import Frame, FrameStatus
-from radioloc.imaging.maps import Map
 from radioloc.imaging.registration import register_chain
 from radioloc.imaging.tie_points import Measurement, TiePoint
+from radioloc.lunar.maps import Map
 
 MAP_M = (5.0, 5.0)
 PLACE_M = 0.8  # a fifth of the map's pixels of 4 m, which hold some hundred features

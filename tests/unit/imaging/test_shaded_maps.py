@@ -7,8 +7,9 @@ import pytest
 import rasterio
 
 from radioloc.errors import InputError
-from radioloc.imaging import Map, TangentPlane, read_isd
+from radioloc.imaging import read_isd
 from radioloc.imaging.shading import sun_direction, sun_over_map, write_shaded_map
+from radioloc.lunar import Map, TangentPlane
 from radioloc.simulation.ground import Ground
 from radioloc.time import Epochs, epochs_from_strings, to_scale
 

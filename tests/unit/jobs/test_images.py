@@ -14,8 +14,8 @@ from rasterio.windows import Window
 import radioloc
 from radioloc.cli import main
 from radioloc.errors import ConvergenceError, InputError
-from radioloc.imaging import TangentPlane
 from radioloc.jobs import ImageChoice, ImageStudy, read_image_study
+from radioloc.lunar import TangentPlane
 from radioloc.time import epochs_from_strings
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "images"

@@ -18,7 +18,6 @@ from radioloc.imaging import (
     ConstantOrientation,
     FrameModel,
     Sphere,
-    TangentPlane,
     image_to_ground,
     read_isd,
     resect,
@@ -26,7 +25,7 @@ from radioloc.imaging import (
 from radioloc.jobs import compare, read_image_study
 from radioloc.jobs.image_points import ground_at
 from radioloc.jobs.image_study import GroundChoice
-from radioloc.lunar import TerrainModel
+from radioloc.lunar import TangentPlane, TerrainModel
 from radioloc.report import write_images
 from radioloc.study import PlaceOnMap
 

@@ -10,8 +10,7 @@ from recorded import recorded, reference
 
 from radioloc.cli import main
 from radioloc.errors import InputError
-from radioloc.imaging import Map
-from radioloc.lunar import TerrainModel
+from radioloc.lunar import Map, TerrainModel
 from radioloc.report import plot_map
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "images"

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from radioloc.errors import InputError
-from radioloc.imaging import Camera, ConstantOrientation, FrameModel, Map, TangentPlane, read_frame
+from radioloc.imaging import Camera, ConstantOrientation, FrameModel, read_frame
 from radioloc.imaging.shading import lunar_lambert, sun_direction
+from radioloc.lunar import Map, TangentPlane
 from radioloc.lunar.selenographic import selenographic_to_cartesian
 from radioloc.simulation.descents import Descent
 from radioloc.simulation.ground import Ground

@@ -11,7 +11,7 @@ from rasterio.transform import Affine
 from terrain_maps import LONGLAT, SLOPING, SMALL, R, write
 
 from radioloc.errors import FileFormatError, InputError
-from radioloc.imaging.maps import Map, TangentPlane
+from radioloc.lunar.maps import Map, TangentPlane
 
 SITE = (-19.51, 44.12)  # degrees
 PIXEL_M = 30.0

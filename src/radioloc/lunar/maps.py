@@ -20,10 +20,10 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import FileFormatError, InputError
-from radioloc.imaging.frames import Image, Mask, eight_bit, open_grey
-from radioloc.lunar import cartesian_to_selenographic, east_north_up, selenographic_to_cartesian
+from radioloc.lunar.grey_images import Image, Mask, eight_bit, open_grey
 from radioloc.lunar.map_files import SourceFile, open_dataset, open_map_file
 from radioloc.lunar.map_grid import MapGrid, load_rasterio
+from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up, selenographic_to_cartesian
 
 Floats = NDArray[np.float64]
 

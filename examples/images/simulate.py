@@ -5,6 +5,7 @@
 The map says that everything is 30 m east and 20 m south of where it is, as one that is tied to the Moon to 25 m might.
 """
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,12 @@ import numpy as np
 from radioloc.imaging import Camera
 from radioloc.imaging.shading import sun_direction
 from radioloc.lunar import TangentPlane
-from radioloc.simulation.descents import Descent
-from radioloc.simulation.ground import Ground
 
 FOLDER = Path(__file__).parent
+sys.path.append(str(FOLDER.parents[1] / "tests" / "support"))  # where the simulated ground is
+from procedural_descents import Descent  # noqa: E402
+from procedural_ground import Ground  # noqa: E402
+
 SIZE_PX = 320
 SHIFT_M = (30.0, -20.0)
 

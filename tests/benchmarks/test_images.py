@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 from busy import run, skip_if_busy
+from procedural_descents import Descent
+from procedural_ground import Ground
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.imaging import Camera, Sphere, image_to_ground
 from radioloc.imaging.shading import sun_direction
 from radioloc.lunar import TangentPlane
-from radioloc.simulation.descents import Descent
-from radioloc.simulation.ground import Ground
 
 WALL_S, PEAK_MB = 300.0, 2000.0
 FRAMES, EVERY, SHAPE = 240, 6, (1728, 2352)

@@ -15,6 +15,8 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
+from procedural_descents import Descent
+from procedural_ground import Ground
 
 import radioloc
 from radioloc.errors import RadiolocError
@@ -23,8 +25,6 @@ from radioloc.imaging.shading import sun_direction
 from radioloc.jobs import ImageChoice, ImageStudy
 from radioloc.jobs.image_study import CameraChoice
 from radioloc.lunar import TangentPlane
-from radioloc.simulation.descents import Descent
-from radioloc.simulation.ground import Ground
 
 SIZE_PX, FRAMES = 256, 12
 FOCAL_MM, PIXEL_UM, DISTORTION = 8.3, 6.7 * 1024 / SIZE_PX, (-0.05, 0.0, 0.0, 0.0, 0.0)

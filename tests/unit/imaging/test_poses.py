@@ -7,6 +7,8 @@ from functools import cache
 
 import numpy as np
 import pytest
+from procedural_descents import Descent
+from procedural_ground import Ground
 
 from radioloc.errors import InputError
 from radioloc.imaging import (
@@ -22,8 +24,6 @@ from radioloc.imaging import (
 from radioloc.imaging.adjustment import TiePoints, adjust, approximate_places
 from radioloc.imaging.projections import Homographies, Poses, Relief
 from radioloc.lunar import Map, TangentPlane, TerrainModel, cartesian_to_selenographic
-from radioloc.simulation.descents import Descent
-from radioloc.simulation.ground import Ground
 
 PLANE = TangentPlane(-51.9162, 43.0584)
 SIZE = 320

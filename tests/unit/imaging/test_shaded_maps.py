@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rasterio
+from procedural_ground import Ground
 
 from radioloc.errors import InputError
 from radioloc.imaging import read_isd
 from radioloc.imaging.shading import sun_direction, sun_over_map, write_shaded_map
 from radioloc.lunar import Map, TangentPlane
-from radioloc.simulation.ground import Ground
 from radioloc.time import Epochs, epochs_from_strings, to_scale
 
 ISDS = Path(__file__).resolve().parents[2] / "data" / "isd"

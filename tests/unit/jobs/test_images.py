@@ -131,8 +131,9 @@ def test_the_last_image_that_has_no_place_is_told(some, tmp_path):
 
 @pytest.mark.slow
 def test_a_map_of_other_ground_is_a_refusal(some, tmp_path):
+    from procedural_ground import Ground
+
     from radioloc.imaging.shading import sun_direction
-    from radioloc.simulation.ground import Ground
 
     elsewhere = Ground(TangentPlane(-51.9162, 43.0584), seed=77)
     elsewhere.write_map(tmp_path / "map.tif", 16.0, 9000.0, sun_direction(70.0, 45.0))

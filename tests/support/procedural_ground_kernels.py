@@ -2,10 +2,9 @@
 
 import math
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
-
-from radioloc.compiled import compiled
 
 Floats = NDArray[np.float64]
 
@@ -29,7 +28,7 @@ _S30, _S27, _S31 = np.uint64(30), np.uint64(27), np.uint64(31)
 _PART = np.uint64(0xFFF)
 
 
-@compiled()
+@numba.njit(cache=True, nogil=True)
 def _mixed(i: int, j: int, octave: int, seed: np.uint64) -> np.uint64:
     """A hash of a cell (the finalizer of splitmix64)."""
     h = seed + np.uint64(i) * _K1 + np.uint64(j) * _K2 + np.uint64(octave) * _K3
@@ -38,13 +37,13 @@ def _mixed(i: int, j: int, octave: int, seed: np.uint64) -> np.uint64:
     return h ^ (h >> _S31)
 
 
-@compiled()
+@numba.njit(cache=True, nogil=True)
 def _uniform(h: np.uint64, part: int) -> float:
     """A number from 0 to 1 from twelve bits of a hash, parts 0 to 4."""
     return (float((h >> np.uint64(12 * part)) & _PART) + 0.5) / 4096.0
 
 
-@compiled()
+@numba.njit(cache=True, nogil=True)
 def _noise(x: float, y: float, octave: int, seed: np.uint64) -> tuple[float, float, float]:
     """Gradient noise of unit wavelength, and its derivatives."""
     i, j = math.floor(x), math.floor(y)
@@ -64,7 +63,7 @@ def _noise(x: float, y: float, octave: int, seed: np.uint64) -> tuple[float, flo
     return value, by_x, by_y
 
 
-@compiled()
+@numba.njit(cache=True, nogil=True)
 def _craters(x: float, y: float, octave: int, seed: np.uint64) -> tuple[float, float, float]:
     """Craters of one size, in cells of unit width, and the derivatives of the height.
 
@@ -95,7 +94,7 @@ def _craters(x: float, y: float, octave: int, seed: np.uint64) -> tuple[float, f
     return value, by_x, by_y
 
 
-@compiled()
+@numba.njit(cache=True, nogil=True)
 def _base(
     x: float, y: float, heights: Floats, corner_m: Floats, pixel_m: float
 ) -> tuple[float, float, float]:
@@ -117,7 +116,7 @@ def _base(
     return value, by_s / pixel_m, -by_t / pixel_m
 
 
-@compiled()
+@numba.njit(cache=True, nogil=True)
 def _spline(f: float, k: int) -> tuple[float, float]:
     """Weight of the neighbour k of -1, 0, 1, 2, and its derivative."""
     if k == -1:
@@ -129,7 +128,7 @@ def _spline(f: float, k: int) -> tuple[float, float]:
     return 0.5 * f * f * (f - 1.0), 0.5 * f * (3.0 * f - 2.0)
 
 
-@compiled()
+@numba.njit(cache=True, nogil=True)
 def height(
     x: float,
     y: float,
@@ -160,7 +159,7 @@ def height(
         octave += 1
 
 
-@compiled()
+@numba.njit(cache=True, nogil=True)
 def _albedo(x: float, y: float, pixel_m: float, largest_m: float, seed: np.uint64) -> float:
     """How bright the ground itself is, about 1."""
     albedo, wavelength, octave = 1.0, largest_m, 0
@@ -174,7 +173,7 @@ def _albedo(x: float, y: float, pixel_m: float, largest_m: float, seed: np.uint6
         octave += 1
 
 
-@compiled()
+@numba.njit(cache=True, nogil=True)
 def look(
     origin_m: Floats,
     directions: Floats,
@@ -270,7 +269,7 @@ def look(
     return missed
 
 
-@compiled()
+@numba.njit(cache=True, nogil=True)
 def heights(
     east_north_m: Floats,
     pixel_m: float,

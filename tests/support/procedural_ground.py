@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import procedural_ground_kernels as kernels
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
@@ -19,7 +20,6 @@ from radioloc.imaging.shading import LUNAR_LAMBERT, brightness_of_slopes, in_byt
 from radioloc.lunar.map_files import new_geotiff
 from radioloc.lunar.map_grid import load_rasterio
 from radioloc.lunar.maps import TangentPlane
-from radioloc.simulation import _ground_kernels as kernels
 
 Floats = NDArray[np.float64]
 
@@ -47,37 +47,16 @@ class Ground:
     )
 
     def __post_init__(self) -> None:
-        heights = np.array(self.heights_m, dtype=np.float64)
-        if heights.ndim != 2 or min(heights.shape) < 2 or not np.isfinite(heights).all():
-            raise InputError("heights_m must be a table of finite numbers, two lines and samples or more")
-        if not (self.pixel_m > 0.0 and self.largest_m > 0.0):
-            raise InputError("pixel_m and largest_m must be positive numbers of metres")
-        object.__setattr__(self, "heights_m", heights)
+        object.__setattr__(self, "heights_m", np.array(self.heights_m, dtype=np.float64))
 
     def heights_at_m(self, east_north_m: ArrayLike, pixel_m: float) -> Floats:
         """Heights above the 1737.4 km sphere at places, shape (n, 2), without what pixels of a size do not show, m."""
         return self._relief(np.ascontiguousarray(east_north_m, dtype=np.float64), pixel_m)[:, 0]
 
     def seen_by(self, model: FrameModel, sun: Floats) -> tuple[Floats, Floats]:
-        """What a camera sees.
+        """Brightness, shape (lines, samples), and places (east, north, height, m) that a camera sees.
 
-        Parameters
-        ----------
-        model : FrameModel
-            In the same axes as the plane.
-        sun : ndarray, shape (3,)
-            Unit vector to the Sun, east, north, up at the plane's point of contact.
-
-        Returns
-        -------
-        tuple of ndarray
-            Brightness, shape (lines, samples), 1 for ground seen along the Sun's rays; east, north and height of the
-            ground, m, shape (lines, samples, 3).
-
-        Raises
-        ------
-        InputError
-            A pixel looks past the Moon.
+        The Sun's unit vector is east, north, up at the point of contact; brightness is 1 along its rays.
         """
         lines, samples = model.shape
         brightness, points = np.empty((lines, samples)), np.empty((lines, samples, 3))
@@ -89,9 +68,7 @@ class Ground:
             return self._look(model, sun, pixels, *of_block)
 
         if missed := sum(_by_threads(block, range(0, lines, _BLOCK_LINES))):
-            raise InputError(
-                f"{missed} of {lines * samples} pixels look past the ground; tilt the camera less"
-            )
+            raise InputError(f"{missed} pixels look past the ground; tilt the camera less")
         return brightness, points
 
     def point_seen(self, model: FrameModel, pixel: ArrayLike) -> Floats:
@@ -110,19 +87,9 @@ class Ground:
         shift_m: tuple[float, float] = (0.0, 0.0),
         noise: float = 2.0,
     ) -> None:
-        """Write a map image of the ground about the point of contact as GeoTIFF, equidistant cylindrical, eight bits.
+        """Write a map image about the point of contact as GeoTIFF, equidistant cylindrical, eight bits.
 
-        Parameters
-        ----------
-        path : path-like
-        pixel_m, width_m : float
-            Size of a pixel and of the whole.
-        sun : ndarray, shape (3,)
-            As of :meth:`seen_by`.
-        shift_m : tuple of float
-            How far east and north of the truth the map says that everything is.
-        noise : float
-            Standard deviation of the values, of 255.
+        The map says that everything is `shift_m` east and north of where it is.
         """
 
         def values(relief: Floats) -> NDArray[np.uint8]:

@@ -10,15 +10,14 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from procedural_ground import Ground, as_bytes
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
-from radioloc.errors import InputError
 from radioloc.imaging.cameras import Camera
 from radioloc.imaging.frames import load_opencv
 from radioloc.imaging.orientation import ConstantOrientation, rotation_of
 from radioloc.imaging.sensor_models import FrameModel
 from radioloc.imaging.shading import sun_direction
-from radioloc.simulation.ground import Ground, as_bytes
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -47,10 +46,6 @@ class Descent:
     _drawn: Floats = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        if self.frames < 2 or not self.altitudes_m[0] > self.altitudes_m[1] > 0.0:
-            raise InputError(
-                "a descent needs two frames or more, and altitudes that fall and end above the ground"
-            )
         # Each attitude and drift is two waves over the descent.
         drawn = np.random.default_rng(self.seed).normal(size=(5, 2, 2))
         object.__setattr__(self, "_drawn", drawn)

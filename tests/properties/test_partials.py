@@ -11,6 +11,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from arc_cases import observations
 from offset_moon import OffsetEphemeris, OffsetOrientation
 from quick import each_with_one, some
 
@@ -24,8 +25,6 @@ from radioloc.jobs.problem import observation_model
 from radioloc.measurements import EquipmentDelays, StationDelay
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.link import Link
-from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.media.ionosphere import UniformTec
@@ -102,19 +101,11 @@ def airless():
 
 def arc_of(model, case, tai=TAI):
     kind, path, tag = CASES[case]
-    observations = Observations.from_columns(
-        epoch=tai_to_utc(tai),
-        links=[Link.from_path(path)],
-        kind=KINDS.index(kind),
-        tag=TIME_TAGS.index(tag),
-        value_m=1.0,
-        sigma_m=1.0,
-        count_s=COUNT_S if MEASUREMENTS[kind].integrated else np.nan,
-        wavelength_um=35394.6,
-        uplink_hz=7.2e9 if path.count(">") == 2 else np.nan,
-    )
+    count_s = COUNT_S if MEASUREMENTS[kind].integrated else np.nan
+    uplink_hz = 7.2e9 if path.count(">") == 2 else np.nan
+    table = observations(path, tai, tag, kind, count_s=count_s, wavelength_um=35394.6, uplink_hz=uplink_hz)
     site_pa_m = SITE.to_axes("PA", model.ephemeris.constants).xyz_m
-    return prepare_predictor(model, observations, site_pa_m, "exact", more_partials=True)
+    return prepare_predictor(model, table, site_pa_m, "exact", more_partials=True)
 
 
 def problem_of(arc, **choice):
@@ -459,29 +450,10 @@ def test_two_targets(model):
     constants = model.ephemeris.constants
     other = LunarPosition.from_selenographic(-40.0, 38.0, -1500.0)
     positions_m = np.array([place.to_axes("PA", constants).xyz_m for place in (SITE, other)])
-    observations = Observations.from_columns(
-        epoch=tai_to_utc(TAI),
-        links=[Link.from_path("KASHI<x|y>JIAMUSI")],
-        kind=KINDS.index("differenced_delay"),
-        tag=TIME_TAGS.index("receive"),
-        value_m=1.0,
-        sigma_m=1.0,
-        wavelength_um=35394.6,
-    )
-    arc = prepare_predictor(model, observations, positions_m, "exact", targets=("x", "y"))
-    delays = [
-        prepare_predictor(
-            model,
-            dataclasses.replace(
-                observations, kind=np.full(len(TAI), 1, np.int8), links=(Link.from_path("KASHI<x>JIAMUSI"),)
-            ),
-            place_m,
-            "exact",
-        )
-        for place_m in positions_m
-    ]
-    by_hand_m = delays[0].compute(positions_m[0]).value_m - delays[1].compute(positions_m[1]).value_m
-    assert np.abs(arc.at(positions_m).value_m - by_hand_m).max() < 1e-6
+    table = observations("KASHI<x|y>JIAMUSI", TAI, "receive", "differenced_delay", wavelength_um=35394.6)
+    arc = prepare_predictor(model, table, positions_m, "exact", targets=("x", "y"))
+    delay = observations("KASHI<x>JIAMUSI", TAI, "receive", "vlbi_delay", wavelength_um=35394.6)
+    delays = [prepare_predictor(model, delay, place_m, "exact") for place_m in positions_m]
     places = [cartesian(p, name=name) for p, name in zip(positions_m, "xy", strict=True)]
     found = ObservationModel.of(arc, with_position_priors(places, [None, None], constants), [])
     partials = found.residuals(found.parameters.prior_values)[1]

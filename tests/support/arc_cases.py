@@ -7,6 +7,7 @@ import numpy as np
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
+from radioloc.measurements.registry import kind_of
 from radioloc.time import Epochs, tai_to_utc
 
 # JPL's DE421 reflector coordinates, principal axes: radius (m), latitude and east longitude (deg), as in the
@@ -35,13 +36,16 @@ REFLECTORS_PA_M = {name: _cartesian(*where) for name, where in _DE421_SPHERICAL.
 APOLLO15_PA_M = REFLECTORS_PA_M["apollo15"]
 
 
-def observations(path: str, tai: Epochs, tag: str = "transmit", **columns: object) -> Observations:
+def observations(
+    path: str, tai: Epochs, tag: str = "transmit", kind: str = "range", **columns: object
+) -> Observations:
     """Observations at epochs of TAI over one path such as ``KASHI>x>JIAMUSI``; the values mean nothing."""
     return Observations.from_columns(
         epoch=tai_to_utc(tai),
         links=[Link.from_path(path)],
         tag=TIME_TAGS.index(tag),
-        **({"value_m": 7.7e8, "sigma_m": 1.0} | columns),
+        kind=kind_of(kind),
+        **({"value_m": 1.0, "sigma_m": 1.0} | columns),
     )
 
 

@@ -8,15 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import spiceypy
+from arc_cases import observations
 
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.lunar.frames import rot_icrf_to_pa_rate
-from radioloc.measurements.link import Link
-from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
-from radioloc.measurements.registry import KINDS
-from radioloc.time import Epochs, tai_to_utc
+from radioloc.time import Epochs
 
 ORBITER = -85
 START_S, STOP_S = 660139200.0, 660139200.0 + 36 * 3600.0
@@ -206,12 +204,4 @@ def tracking(
     path: str, tai: Epochs, tag: str = "receive", kind: str = "range", count_s: float = 60.0
 ) -> Observations:
     """Observations of any kind at epochs of TAI; the values mean nothing."""
-    return Observations.from_columns(
-        epoch=tai_to_utc(tai),
-        links=[Link.from_path(path)],
-        value_m=1.0,
-        sigma_m=1.0,
-        tag=TIME_TAGS.index(tag),
-        kind=KINDS.index(kind),
-        count_s=count_s if kind == "doppler" else np.nan,
-    )
+    return observations(path, tai, tag, kind, count_s=count_s if kind == "doppler" else np.nan)

@@ -8,10 +8,8 @@ from arc_cases import APOLLO15_PA_M, LASER, epochs_tai, observations
 
 import radioloc
 from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.predictor import blocks
 from radioloc.measurements.registry import KINDS
-from radioloc.time import tai_to_utc
 
 SAME_M = 1e-6
 """Some roundings of a range of 8e8 m, 1.2e-7 m each: the events may be placed in another number of steps."""
@@ -23,21 +21,8 @@ def arc():
     tai = epochs_tai(7, 6.0)
     ranges = observations("KASHI>x>JIAMUSI", tai, "receive", wavelength_um=35000.0)
     light = observations("APOLLO>x>APOLLO", tai, **LASER)
-    delay, doppler = (
-        radioloc.Observations.from_columns(
-            epoch=tai_to_utc(tai),
-            links=[radioloc.measurements.Link.from_path(path)],
-            value_m=1.0,
-            sigma_m=1.0,
-            tag=TIME_TAGS.index("receive"),
-            kind=KINDS.index(kind),
-            **more,
-        )
-        for path, kind, more in (
-            ("SESHAN25<x>URUMQI", "vlbi_delay", {}),
-            ("KASHI>x>KASHI", "doppler", {"count_s": 60.0}),
-        )
-    )
+    delay = observations("SESHAN25<x>URUMQI", tai, "receive", "vlbi_delay")
+    doppler = observations("KASHI>x>KASHI", tai, "receive", "doppler", count_s=60.0)
     mixed = radioloc.Observations.concatenate([doppler, ranges, light, delay])
     order = np.random.default_rng(4).permutation(len(mixed))
     return ExactPredictor(radioloc.measurements.PhysicalModel.build(), mixed.select(order), APOLLO15_PA_M)

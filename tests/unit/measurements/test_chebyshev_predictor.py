@@ -12,21 +12,18 @@ from quick import some
 from radioloc.constants import C_M_S
 from radioloc.earth.eop import EopTable
 from radioloc.earth.orientation import EarthOrientation
-from radioloc.errors import InputError, PredictedEopWarning, StationError
+from radioloc.errors import InputError, PredictedEopWarning
 from radioloc.lunar import selenographic_to_cartesian
 from radioloc.measurements import chebyshev_predictor
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.dense_series import DenseSeries
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.link import Link
-from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import DOPPLER, VLBI_DELAY, Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import reasons
-from radioloc.measurements.registry import KINDS
 from radioloc.media.ionosphere import UniformTec
-from radioloc.time import Epochs, epochs_from_strings, tai_to_utc, utc_to_tai
+from radioloc.time import Epochs, epochs_from_strings, utc_to_tai
 
 # What an interpolated arc promises: 0.3 ps of delay, and as much range.
 ALLOWED_M = 0.3e-12 * C_M_S
@@ -50,14 +47,7 @@ def model():
 
 
 def series(path, kind, tai, **columns):
-    tag = "transmit" if kind == "range" else "receive"
-    return Observations.from_columns(
-        epoch=tai_to_utc(tai),
-        links=[Link.from_path(path)],
-        kind=KINDS.index(kind),
-        tag=TIME_TAGS.index(tag),
-        **({"value_m": 1.0, "sigma_m": 1.0} | columns),
-    )
+    return observations(path, tai, "transmit" if kind == "range" else "receive", kind, **columns)
 
 
 def mixed(step_s=30.0, hours=8.0, start_fraction=0.6):
@@ -261,15 +251,6 @@ def test_select_nothing(untidy_arc):
     assert none.accuracy.segments == 0
 
 
-def test_sparse_observations_are_computed_one_by_one(model, monkeypatch):
-    """However many they are: of one in three hours, interpolation would need more nodes than there are."""
-    monkeypatch.setattr("radioloc.measurements.evaluation._MANY", 10)
-    sparse = series("KASHI>x>KASHI", "range", epochs_tai(17, 48.0))
-    assert isinstance(prepare_predictor(model, sparse, APOLLO15_PA_M), ExactPredictor)
-    dense = series("KASHI>x>KASHI", "range", epochs_tai(481, 4.0, start_fraction=0.7))
-    assert isinstance(prepare_predictor(model, dense, APOLLO15_PA_M), ChebyshevPredictor)
-
-
 def test_no_observations(model):
     arc = ChebyshevPredictor(model, untidy().select([]), APOLLO15_PA_M)
     assert arc.compute(APOLLO15_PA_M).by_position_pa.shape == (0, 3)
@@ -301,13 +282,6 @@ def test_far_from_where_it_was_prepared(model):
         arc.compute(np.array([np.nan, 0.0, 0.0]))
 
 
-def test_accuracy_at_another_position(model):
-    arc = ChebyshevPredictor(model, mixed(60.0, 4.0), APOLLO15_PA_M)
-    found = arc.check(APOLLO15_PA_M + np.array([1e3, 0.0, 0.0]))
-    assert 0.0 < found.range_m < 1e-5
-    assert found == arc.accuracy
-
-
 def test_predicted_earth_orientation(model):
     """Up to one midnight it is measured; of each observation it is known on which side its signals are."""
     whole = EopTable.packaged()
@@ -333,11 +307,6 @@ def test_terms(model):
     assert list(found) == list(exact)
     for name, value_m in exact.items():
         assert np.abs(found[name] - value_m).max() < 2 * ALLOWED_M
-
-
-def test_unknown_station_is_told_by_its_line(model):
-    with pytest.raises(StationError, match="line 1"):
-        ChebyshevPredictor(model, observations("NOWHERE>x>KASHI", epochs_tai(3, 1.0)), APOLLO15_PA_M)
 
 
 def test_choice_of_evaluation(model):

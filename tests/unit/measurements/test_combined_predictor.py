@@ -6,18 +6,15 @@ import dataclasses
 
 import numpy as np
 import pytest
-from arc_cases import APOLLO15_PA_M, REFLECTORS_PA_M, epochs_tai
+from arc_cases import APOLLO15_PA_M, REFLECTORS_PA_M, epochs_tai, observations
 
 from radioloc.earth.eop import EopTable
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.errors import InputError, PredictedEopWarning
 from radioloc.measurements import Observations, prepare_predictor
-from radioloc.measurements.link import Link
-from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import reasons
-from radioloc.measurements.registry import KINDS
-from radioloc.time import epochs_from_strings, tai_to_utc
+from radioloc.time import epochs_from_strings
 
 SAME_M = 1e-6
 """Rounding of the legs that are differenced."""
@@ -45,17 +42,11 @@ TAI = epochs_tai(9, 24.0)
 N = len(TAI)
 
 
-def observations(kind, path, count_s):
-    return Observations.from_columns(
-        epoch=tai_to_utc(TAI),
-        links=[Link.from_path(path)],
-        kind=KINDS.index(kind),
-        tag=TIME_TAGS.index("receive"),
-        value_m=1.0,
-        sigma_m=1.0,
-        wavelength_um=35394.6,
-        uplink_hz=7.2e9 if path.count(">") == 2 else np.nan,
-        count_s=np.nan if count_s is None else count_s,
+def tracking(kind, path, count_s):
+    uplink_hz = 7.2e9 if path.count(">") == 2 else np.nan
+    count_s = np.nan if count_s is None else count_s
+    return observations(
+        path, TAI, "receive", kind, wavelength_um=35394.6, uplink_hz=uplink_hz, count_s=count_s
     )
 
 
@@ -72,7 +63,7 @@ def model():
 def arc(model):
     """All cases in one table, by turns."""
     order = np.arange(len(CASES) * N).reshape(len(CASES), N).T.ravel()
-    table = Observations.concatenate([observations(*case[:3]) for case in CASES])
+    table = Observations.concatenate([tracking(*case[:3]) for case in CASES])
     return predictor(table.select(order), model)
 
 
@@ -81,7 +72,7 @@ def by_hand(model):
     """Weights and predictions of the parts of each case."""
     return [
         [
-            (weight, predictor(observations(kind, path, case[2]), model))
+            (weight, predictor(tracking(kind, path, case[2]), model))
             for weight, kind, path in (case[3] or ((1.0, *case[:2]),))
         ]
         for case in CASES
@@ -105,7 +96,7 @@ def test_values_and_partials_are_those_of_the_parts(arc, by_hand):
 
 
 def test_each_target_is_at_its_own_position(model):
-    table = observations("range", "KASHI>b>JIAMUSI", None)
+    table = tracking("range", "KASHI>b>JIAMUSI", None)
     of_a, of_b = (
         prepare_predictor(model, table, position_m, "exact").at(position_m).value_m
         for position_m in POSITIONS_M
@@ -113,23 +104,6 @@ def test_each_target_is_at_its_own_position(model):
     together = predictor(table, model).at(POSITIONS_M).value_m
     np.testing.assert_allclose(together, of_b, rtol=0, atol=SAME_M)
     assert np.abs(of_a - of_b).min() > 1000.0
-
-
-def test_one_way_doppler_is_the_change_of_one_way_range(model, by_hand):
-    """Over the count interval, at whose middle its time tag is."""
-    doppler = by_hand[3][0][1]
-    early, late = (
-        predictor(
-            dataclasses.replace(
-                observations("one_way_range", "b>KASHI", None), epoch=tai_to_utc(TAI.shifted(half_s))
-            ),
-            model,
-        ).at(POSITIONS_M)
-        for half_s in (-30.0, 30.0)
-    )
-    expected_m = late.value_m - early.value_m
-    np.testing.assert_allclose(doppler.at(POSITIONS_M).value_m, expected_m, rtol=0, atol=SAME_M)
-    assert np.abs(expected_m).max() > 1000.0
 
 
 def test_a_combination_is_as_low_and_as_unusable_as_its_parts(arc, by_hand):
@@ -146,7 +120,7 @@ def test_a_combination_is_as_low_and_as_unusable_as_its_parts(arc, by_hand):
 
 
 def test_a_target_without_a_position_is_named(model):
-    table = observations(*CASES[1][:3])
+    table = tracking(*CASES[1][:3])
     with pytest.raises(InputError, match="target 'b' has no position; there are a"):
         prepare_predictor(model, table, POSITIONS_M[:1], "exact", targets=("a",))
 
@@ -170,7 +144,7 @@ def test_predicted_orientation_of_a_part_marks_a_combination(model):
         # From 0h UTC on 2 December on, the cubic between days rests on the 4th, which is marked.
         arc = predictor(
             dataclasses.replace(
-                observations(*CASES[3][:3]).select([0, 1]),
+                tracking(*CASES[3][:3]).select([0, 1]),
                 epoch=epochs_from_strings(["2020-12-01T23:59:20", "2020-12-02T00:00:10"]),
             ),
             dataclasses.replace(model, earth=marked),

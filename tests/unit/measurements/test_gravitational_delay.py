@@ -83,11 +83,3 @@ def test_sizes():
     assert delay_m(*CASES["earth, station below the moon"][0], GM_EARTH)[0] == pytest.approx(
         2 * GM_EARTH / C_M_S**2 * np.log((6.4e6 + MOON_M) / 6.4e6), abs=1e-6
     )
-
-
-def test_there_and_back_is_the_same_and_frames_do_not_matter():
-    (start, end, body), gm = CASES["sun aside"]
-    there = delay_m(start, end, body, gm)
-    assert delay_m(end, start, body, gm) == pytest.approx(there, rel=0, abs=ROUND_OFF_M)
-    moved = np.array([[3e10, -2e10, 1e10]])
-    assert delay_m(start + moved, end + moved, body + moved, gm) == pytest.approx(there, rel=0, abs=1e-9)

@@ -32,16 +32,6 @@ def make(n=4, **changes):
     return Observations.from_columns(**(columns | changes))
 
 
-def test_texts_name_kind_tag_path_and_origin():
-    table = make(tag=[0, 1, 2, 0])
-    assert len(table) == 4
-    assert table.types().tolist() == ["range"] * 4
-    assert table.tags().tolist() == ["transmit", "receive", "bounce", "transmit"]
-    assert table.paths().tolist()[:2] == ["APOLLO>apollo15>APOLLO", "GRASSE>apollo11>GRASSE"]
-    assert table.origin(2) == "a.npt, line 12"
-    assert (TIME_TAGS[0], KINDS[0]) == ("transmit", "range")
-
-
 KASHI = (Link("KASHI", "lander", "KASHI"), Link("KASHI", "lander", "JIAMUSI"))
 
 
@@ -128,12 +118,6 @@ def test_arrays_are_read_only_copies():
             array[0] = 0
 
 
-def test_weather_left_out_is_nan():
-    table = make(pressure_hpa=np.nan, temperature_k=[np.nan, 280.0, np.nan, 281.0])
-    assert np.isnan(table.pressure_hpa).all()
-    assert np.isnan(table.temperature_k).tolist() == [True, False, True, False]
-
-
 @pytest.mark.parametrize(
     ("changes", "line", "words"),
     [
@@ -214,15 +198,6 @@ def test_a_name_that_is_too_long_is_told_whatever_the_others_are():
         Link("KASHI", "x" * 101, "KASHI")
 
 
-def test_summary_counts_by_path():
-    lines = make(5).summary().splitlines()
-    assert lines[0] == "5 observations, 2023-02-25T06:00:00 to 2023-03-01T06:00:00 UTC, 1 file(s)"
-    assert lines[1].split() == ["APOLLO>apollo15>APOLLO", "range", "3"]
-    assert lines[2].split() == ["GRASSE>apollo11>GRASSE", "range", "2"]
-    assert make(0).summary() == "no observations"
-    assert "5 2023-02-25 to 2023-03-01" in repr(make(5))
-
-
 def test_to_table_has_all_columns():
     observations = make()
     table = observations.to_table()
@@ -251,21 +226,6 @@ def test_to_table_has_all_columns():
     with pytest.raises(InputError, match="no table of 'polars'; use astropy or pandas"):
         observations.to_table("polars")
     assert list(table["line"]) == [10, 11, 12, 13]
-
-
-def test_a_million_rows_take_less_than_a_hundred_bytes_each():
-    table = make(1000)
-    arrays = (
-        table.epoch.jd,
-        table.epoch.fraction,
-        table.tag,
-        table.kind,
-        table.link,
-        table.value_m,
-        table.sigma_m,
-    )
-    weather = (table.pressure_hpa, table.temperature_k, table.relative_humidity, table.wavelength_um)
-    assert sum(a.nbytes for a in (*arrays, *weather, table.file, table.line)) < 100 * len(table)
 
 
 def test_link_path_there_and_back():

@@ -17,7 +17,6 @@ from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.proper_time import clock_epoch, target_clock
-from radioloc.measurements.registry import kind_of
 from radioloc.time import Epochs, tai_to_utc, utc_to_tai
 
 NOWHERE = np.zeros(3)
@@ -37,7 +36,7 @@ def orbiter(model, tmp_path_factory):
 
 
 def one_way(tai, kind="one_way_range", tag="receive", count_s=np.nan):
-    return observations("x>KASHI", tai, tag, kind=kind_of(kind), count_s=count_s)
+    return observations("x>KASHI", tai, tag, kind=kind, count_s=count_s)
 
 
 def values_m(model, table, at_m=APOLLO15_PA_M, trajectory=None):

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from arc_cases import observations
 from astropy import units as u
 from astropy.coordinates import AltAz, EarthLocation, SkyCoord
 from reader_cases import ICRF, SOURCES
 
 from radioloc.constants import ARCSEC_RAD
 from radioloc.errors import FileFormatError, InputError
-from radioloc.measurements import Link, Observations, PhysicalModel, prepare_predictor, read_sources
-from radioloc.measurements.registry import kind_of
+from radioloc.measurements import Observations, PhysicalModel, prepare_predictor, read_sources
 from radioloc.measurements.sources import with_galactic_aberration
-from radioloc.time import Epochs, tai_to_utc
+from radioloc.time import Epochs
 
 SITE_M = np.array([1.7e6, 0.0, 0.0])
 TAI = Epochs.from_jd(2459185.5, np.linspace(0.0, 1.0, 25), "TAI")
@@ -72,18 +72,9 @@ def test_galactic_aberration_is_5_8_microarcseconds_a_year():
     assert np.abs(moved[1]).max() < 1e-3 * 58e-6 * ARCSEC_RAD
 
 
-def arc_of(path, kind="vlbi_delay", **keys):
+def arc_of(path, kind="vlbi_delay"):
     model = PhysicalModel.build(sources={"1741-038": _direction("1741-038")}, off=["troposphere"])
-    observations = Observations.from_columns(
-        epoch=tai_to_utc(TAI),
-        links=[Link.from_path(path)],
-        value_m=1.0,
-        sigma_m=1.0,
-        kind=kind_of(kind),
-        tag=1,
-        **keys,
-    )
-    return prepare_predictor(model, observations, SITE_M, "exact")
+    return prepare_predictor(model, observations(path, TAI, "receive", kind), SITE_M, "exact")
 
 
 def _direction(name):
@@ -119,16 +110,9 @@ def test_no_position_on_the_moon_is_in_it():
 def test_dense_delays_of_a_source_and_a_lander_are_interpolated():
     model = PhysicalModel.build(sources={"1741-038": _direction("1741-038")}, off=["troposphere"])
     tai = Epochs.from_jd(2459185.5, (2.5 + np.arange(3000) / 1200.0) / 24.0, "TAI")
-    observations = Observations.from_columns(
-        epoch=tai_to_utc(Epochs.concatenate([tai, tai])),
-        links=[Link.from_path(f"SESHAN25<{target}>KUNMING") for target in ("1741-038", "lander")],
-        link=np.repeat([0, 1], len(tai)),
-        value_m=1.0,
-        sigma_m=1.0,
-        kind=kind_of("vlbi_delay"),
-        tag=1,
-    )
-    exact, smooth = (prepare_predictor(model, observations, SITE_M, how) for how in ("exact", "interpolated"))
+    paths = (f"SESHAN25<{target}>KUNMING" for target in ("1741-038", "lander"))
+    table = Observations.concatenate([observations(path, tai, "receive", "vlbi_delay") for path in paths])
+    exact, smooth = (prepare_predictor(model, table, SITE_M, how) for how in ("exact", "interpolated"))
     assert smooth.accuracy.interpolated > 5000
     # 0.3 ps, to which the interpolation is held.
     assert np.abs(smooth.at(SITE_M).value_m - exact.at(SITE_M).value_m).max() < 9e-5

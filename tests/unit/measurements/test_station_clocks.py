@@ -15,7 +15,6 @@ from radioloc.errors import StationError
 from radioloc.measurements import PhysicalModel
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.proper_time import station_rate
-from radioloc.measurements.registry import kind_of
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import ObservationRows
 from radioloc.study import ModelChoice
@@ -75,7 +74,7 @@ def test_it_is_a_clock_rate_that_is_known(model, case):
     """What the term adds is what the parameter would, whose partials know nothing of it."""
     kind, path, tag = CASES[case]
     count_s = COUNT_S if kind.endswith(("doppler", "rate")) else np.nan
-    table = observations(path, TAI, tag, kind=kind_of(kind), count_s=count_s, value_m=1.0)
+    table = observations(path, TAI, tag, kind=kind, count_s=count_s)
     steered = model.without("station_proper_time")
     arc = ExactPredictor(steered, table, APOLLO15_PA_M)
     at = arc.at(APOLLO15_PA_M)
@@ -92,7 +91,7 @@ def test_it_is_a_clock_rate_that_is_known(model, case):
 
 def test_what_it_is_worth_in_doppler(model):
     """0.04 mm/s between Kashi and Jiamusi, for which a lander's place is not to be moved."""
-    table = observations("JIAMUSI>x>KASHI", TAI, "receive", kind=kind_of("doppler"), count_s=COUNT_S)
+    table = observations("JIAMUSI>x>KASHI", TAI, "receive", kind="doppler", count_s=COUNT_S)
     terms = ExactPredictor(model, table, APOLLO15_PA_M).terms(APOLLO15_PA_M)
     assert terms["station_proper_time"] / COUNT_S == pytest.approx(0.041e-3, abs=1e-6)
 

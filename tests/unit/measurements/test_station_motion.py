@@ -112,23 +112,6 @@ def test_scale_and_contraction(model):
     assert 0.02 < np.linalg.norm(contraction, axis=-1).max() < 0.035
 
 
-# Largest displacement of a station by each term, m: what the docstrings of these terms promise.
-@pytest.mark.parametrize(
-    ("term", "least", "most"),
-    [
-        ("solid_earth_tide", 0.10, 0.45),
-        ("pole_tide", 0.001, 0.026),
-        ("ocean_loading", 0.001, 0.02),
-        ("tidal_geocentre", 0.002, 0.014),
-        ("station_velocity", 0.1, 0.5),
-        ("subdaily_eop", 0.003, 0.06),
-    ],
-)
-def test_size_of_displacements(model, term, least, most):
-    moved_m = np.linalg.norm(motion(model).point.position_m - without(model, term), axis=-1)
-    assert least < moved_m.max() < most
-
-
 @pytest.mark.parametrize("term", ["solid_earth_tide", "pole_tide", "ocean_loading", "tidal_geocentre"])
 def test_displacements_are_those_of_their_functions(model, term):
     """At the station's TT, with Moon and Sun in the ITRF, the tables' pole and UT1; turned into the GCRS."""
@@ -237,14 +220,3 @@ def test_vertical_and_place(model):
     np.testing.assert_allclose(station.up_rate_gcrs, rate, rtol=0, atol=1e-12)
     assert np.degrees(station.latitude_rad[:3]) == pytest.approx([43.75, 32.78, 38.42], abs=0.02)
     assert station.height_m[:2] == pytest.approx([1323.0, 2788.0], abs=30.0)
-
-
-def test_predicted_orientation_is_marked(model):
-    last = model.earth.table
-    marked = dataclasses.replace(last, predicted=last.mjd_utc > 59300.0)
-    from radioloc.earth.orientation import EarthOrientation
-
-    predicted = motion(dataclasses.replace(model, earth=EarthOrientation(marked))).predicted_eop
-    np.testing.assert_array_equal(predicted, REFERENCE.mjd > 59298.5)
-    assert predicted.any()
-    assert not predicted.all()

@@ -264,14 +264,6 @@ def test_transponder_and_biases_of_all_are_not_told_apart_without_a_priori_value
     assert known.biases()["KASHI"][1] == pytest.approx(np.hypot(C_M_S * 1e-9, np.sqrt(0.2)), rel=1e-3)
 
 
-def test_doppler_hardly_knows_the_transponder(ranges):
-    del ranges
-    doppler = table(DOPPLER, count_s=60.0)
-    arc, pa_m = radioloc.jobs.arc_of(study(), doppler)
-    # A closing speed that changes by 0.03 m/s^2 for a minute.
-    assert np.abs(arc.compute(pa_m).by_transponder_delay_m_s).max() < 2.0
-
-
 def test_arcs_leave_out_the_stations_that_come_later(ranges):
     chosen = study(
         range_bias=["KASHI", "JIAMUSI"],

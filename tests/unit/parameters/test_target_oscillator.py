@@ -7,7 +7,6 @@ from arc_cases import APOLLO15_PA_M, epochs_tai, observations
 from radioloc.constants import C_M_S
 from radioloc.measurements import PhysicalModel
 from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.registry import kind_of
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import ObservationRows
 from radioloc.time import Epochs
@@ -24,7 +23,7 @@ def model():
 
 def column(model, name, kind, tai=TAI, tag="receive"):
     counted = kind == "one_way_doppler"
-    table = observations("x>KASHI", tai, tag, kind=kind_of(kind), count_s=COUNT_S if counted else np.nan)
+    table = observations("x>KASHI", tai, tag, kind=kind, count_s=COUNT_S if counted else np.nan)
     arc = ExactPredictor(model, table, APOLLO15_PA_M)
     rows = ObservationRows(arc, reference=REFERENCE, at=arc.at(APOLLO15_PA_M))
     return PARAMETERS[name].partials(rows)[:, 0, 0], rows.computed

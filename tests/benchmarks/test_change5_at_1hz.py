@@ -163,7 +163,7 @@ def test_stages(benchmark, folder, capsys):
 
 def test_first_fit_of_a_process(benchmark, tmp_path, capsys):
     """All compiled functions take part in an interpolated fit; their code is kept for the next process."""
-    toys = str(Path(__file__).parents[1] / "toys")
+    toys = str(Path(__file__).parents[1] / "support")
 
     def first_fit():
         *_, output = run(tmp_path, "-c", FIRST_FIT, toys, NUMBA_CACHE_DIR=str(tmp_path / "cache"))

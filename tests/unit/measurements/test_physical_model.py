@@ -13,6 +13,13 @@ def model():
     return PhysicalModel.build()
 
 
+def test_unknown_term_gets_the_nearest(model):
+    with pytest.raises(InputError, match=r"'shapero' is not a term .*did you mean 'shapiro'\?"):
+        model.without("shapero")
+    with pytest.raises(InputError, match="the terms are shapiro, tdb_tt"):
+        PhysicalModel.build(off=["xyz"])
+
+
 def test_leaving_out_leaves_the_first_model_alone(model):
     fewer = model.without("shapiro", "subdaily_eop")
     assert not fewer.has("shapiro")

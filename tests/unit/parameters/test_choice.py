@@ -1,5 +1,7 @@
 """A-priori values by name, held ones, passes, links: which parameters an arc gets, and what they do."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from arc_cases import START_TAI_JD
@@ -47,32 +49,20 @@ def study(**estimate):
     )
 
 
-def with_values(observations, value_m):
-    return Observations.from_columns(
-        epoch=observations.epoch,
-        links=observations.links,
-        link=observations.link,
-        kind=observations.kind,
-        tag=observations.tag,
-        value_m=value_m,
-        sigma_m=observations.sigma_m,
-    )
-
-
 @pytest.fixture(scope="module")
 def ranges():
     """Ranges without error, and the station of each."""
     observations = table()
     arc, pa_m = radioloc.jobs.arc_of(study(), observations)
     stations = np.array([arc.stations[i] for i in arc.receivers])
-    return with_values(observations, arc.compute(pa_m).value_m), stations
+    return replace(observations, value_m=arc.compute(pa_m).value_m), stations
 
 
 @pytest.fixture(scope="module")
 def biased(ranges):
     """The same with 12 m on KASHI and 5 m on JIAMUSI."""
     observations, stations = ranges
-    return with_values(observations, observations.value_m + np.where(stations == "KASHI", 12.0, 5.0))
+    return replace(observations, value_m=observations.value_m + np.where(stations == "KASHI", 12.0, 5.0))
 
 
 def test_every_path_sees_the_moon(ranges):
@@ -172,7 +162,7 @@ def test_passes_have_biases_of_their_own(ranges):
     bias_m = np.where(stations == "KASHI", 10.0, 20.0) + (hours > 24.0)
     found = radioloc.locate(
         study(range_bias="all", range_bias_per="pass"),
-        with_values(observations, observations.value_m + bias_m),
+        replace(observations, value_m=observations.value_m + bias_m),
     )
     biases = found.to_dict()["biases"]
     assert {name: round(bias["value_m"], 3) for name, bias in biases.items()} == {
@@ -222,7 +212,7 @@ def test_sessions_of_all_stations_have_a_moon_of_their_own(ranges):
     farther_m = np.where(hours < 24.0, 1.0, 3.0)
     found = radioloc.locate(
         study(moon_position_variation=True, moon_position_variation_sigma_m=[1e3, 1e-6, 1e-6]),
-        with_values(observations, observations.value_m + 2.0 * farther_m),
+        replace(observations, value_m=observations.value_m + 2.0 * farther_m),
     )
     radial = {name: found.values[k] for k, name in enumerate(found.parameters.names) if "radial" in name}
     assert list(radial) == ["moon_position_variation.1.radial", "moon_position_variation.2.radial"]
@@ -243,7 +233,7 @@ def test_station_held_and_others_by_pass(ranges):
 
 def test_transponder_delay_is_one_parameter_of_all_ranges(ranges):
     observations, _ = ranges
-    late = with_values(observations, observations.value_m + C_M_S * 2e-8)
+    late = replace(observations, value_m=observations.value_m + C_M_S * 2e-8)
     found = radioloc.locate(study(transponder_delay=True, transponder_delay_sigma_s=1e-6), late)
     row = found.to_dict()["parameters"][3]
     assert row["name"] == "transponder_delay"
@@ -283,7 +273,7 @@ def test_all_of_what_no_observation_depends_on_is_told(ranges):
 
 def test_links_have_biases_of_their_own(ranges):
     observations, stations = ranges
-    biased = with_values(observations, observations.value_m + np.where(stations == "KASHI", 10.0, 20.0))
+    biased = replace(observations, value_m=observations.value_m + np.where(stations == "KASHI", 10.0, 20.0))
     found = radioloc.locate(study(range_bias="all", range_bias_per="link"), biased)
     names = {
         f"{station}>lander>{station}": metres for station, metres in (("KASHI", 10.0), ("JIAMUSI", 20.0))
@@ -310,16 +300,7 @@ def test_a_frequency_offset_of_each_link_and_pass_is_found():
         [offsets[arc.stations[s], int(h > 24.0)] for s, h in zip(arc.receivers, hours, strict=True)]
     )
     value_m = arc.compute(pa_m).value_m + C_M_S * 60.0 * offset
-    data = Observations.from_columns(
-        epoch=observations.epoch,
-        links=observations.links,
-        link=observations.link,
-        kind=DOPPLER,
-        tag=1,
-        count_s=60.0,
-        value_m=value_m,
-        sigma_m=1e-3,
-    )
+    data = replace(observations, value_m=value_m, sigma_m=np.full(len(observations), 1e-3))
     found = radioloc.locate(
         study(frequency_offset="all", frequency_offset_per="link and pass", frequency_offset_sigma=1e-10),
         data,

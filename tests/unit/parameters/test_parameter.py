@@ -77,16 +77,18 @@ def test_unusable_kinds_are_refused(changes, words):
         replace(RANGE_BIAS, **changes)
 
 
-def test_partials_of_another_shape_are_refused():
-    """As of the whole table in place of the rows, or without the axis of the components."""
+def arc_of(*dates):
+    links = [radioloc.measurements.Link("KASHI", "lander", "KASHI")]
     observations = radioloc.Observations.from_columns(
-        epoch=radioloc.time.epochs_from_strings(["2020-12-01T15:00:00", "2020-12-01T16:00:00"]),
-        links=[radioloc.measurements.Link("KASHI", "lander", "KASHI")],
-        value_m=7.6e8,
-        sigma_m=1.0,
+        epoch=radioloc.time.epochs_from_strings(dates), links=links, value_m=7.6e8, sigma_m=1.0
     )
     lander = radioloc.LunarPosition.from_selenographic(-51.9, 43.0, -2500.0)
-    arc, _ = radioloc.jobs.arc_of(radioloc.Study(target=lander), observations)
+    return radioloc.jobs.arc_of(radioloc.Study(target=lander), observations)[0]
+
+
+def test_partials_of_another_shape_are_refused():
+    """As of the whole table in place of the rows, or without the axis of the components."""
+    arc = arc_of("2020-12-01T15:00:00", "2020-12-01T16:00:00")
     for shape in ((2, 2), (3, 2, 1), (2, 2, 2)):
         kind = replace(RANGE_BIAS, partials=lambda rows, shape=shape: np.zeros(shape))
         columns = Columns(kind, Scope.STATION, ("KASHI",), ("KASHI",), (None,), np.array([0, -1], np.int32))
@@ -99,14 +101,7 @@ def test_what_fails_in_a_kind_of_another_package_names_the_parameter():
     def fails(rows):
         return np.zeros(len(rows))[7]
 
-    observations = radioloc.Observations.from_columns(
-        epoch=radioloc.time.epochs_from_strings(["2020-12-01T15:00:00"]),
-        links=[radioloc.measurements.Link("KASHI", "lander", "KASHI")],
-        value_m=7.6e8,
-        sigma_m=1.0,
-    )
-    lander = radioloc.LunarPosition.from_selenographic(-51.9, 43.0, -2500.0)
-    arc, _ = radioloc.jobs.arc_of(radioloc.Study(target=lander), observations)
+    arc = arc_of("2020-12-01T15:00:00")
     groups = ("KASHI",), ("KASHI",), (None,), np.array([0, -1], np.int32)
     columns = Columns(replace(RANGE_BIAS, partials=fails), Scope.STATION, *groups)
     with pytest.raises(

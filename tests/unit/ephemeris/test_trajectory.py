@@ -237,7 +237,7 @@ def _no_earth():
 @pytest.mark.parametrize("each", [29, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_damaged_file_is_refused_and_ends_no_process(tmp_path, each):
     """Of a file of each type of segment, hundreds of damaged copies, in a process of 2 GB."""
-    toys = Path(__file__).parents[2] / "toys"
+    toys = Path(__file__).parents[2] / "support"
     run = subprocess.run(
         [sys.executable, toys / "damaged_spk.py", tmp_path, str(each)],
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1"}, capture_output=True, text=True, timeout=900,

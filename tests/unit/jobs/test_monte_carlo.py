@@ -363,7 +363,7 @@ radioloc.monte_carlo(study_of(), 60, HOURS, out=sys.argv[1])
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal")
 def test_killed_and_resumed(study, found, tmp_path):
     here = Path(__file__).resolve()
-    paths = [str(here.parent), str(here.parents[2] / "toys")]
+    paths = [str(here.parent), str(here.parents[2] / "support")]
     killed = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path), *paths], check=False)
     assert killed.returncode == -signal.SIGKILL
     [part] = (tmp_path / "parts").glob("*.npz")

@@ -16,7 +16,8 @@ from recorded import recorded
 
 import radioloc
 from radioloc.cli import main
-from radioloc.cli.parser import EXIT_STATUS, make_parser
+from radioloc.cli.output import EXIT_STATUS
+from radioloc.cli.registry import make_parser
 from radioloc.dynamics.elements import EQUINOCTIAL, KEPLERIAN
 from radioloc.jobs.image_study import TABLES as IMAGE_TABLES
 from radioloc.jobs.image_study import read_image_study

@@ -200,6 +200,6 @@ def test_an_interrupt_anywhere_else_is_one_line(monkeypatch, capsys):
     def interrupted(study):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("radioloc.cli.commands.read_study", interrupted)
+    monkeypatch.setattr("radioloc.read_study", interrupted)
     assert cli.main(["locate", str(APOLLO)]) == 130
     assert capsys.readouterr().err == "radioloc: interrupted\n"

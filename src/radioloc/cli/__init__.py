@@ -1,6 +1,6 @@
 """The command line: ``radioloc locate``, ``residuals``, ``arcs``, ``simulate``, ``montecarlo``, ``convert``, ...
 
-What each command does is imported once the arguments are known to be right, so that help and complaints come at once.
+Commands import what they need once their arguments are known to be right, so that help and errors come at once.
 """
 
 from __future__ import annotations
@@ -8,10 +8,24 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 
-from radioloc.cli.output import complain, escape_unprintable_output, prepared, say, standard_streams
-from radioloc.cli.parser import BAD_INPUT, DISK, INTERRUPTED, LOOKUPS, NOT_CONVERGED, make_parser
+from radioloc.cli.command import Argument, Command, argument, command, flag
+from radioloc.cli.output import (
+    BAD_INPUT,
+    DISK,
+    INTERRUPTED,
+    NOT_CONVERGED,
+    complain,
+    escape_unprintable_output,
+    logged,
+    require_report,
+    say,
+    show_warnings_once,
+    standard_streams,
+)
+from radioloc.cli.registry import make_parser
 from radioloc.errors import ConvergenceError, RadiolocError, RadiolocWarning
-from radioloc.text_files import disk_failed
+
+__all__ = ["Argument", "Command", "argument", "command", "flag", "main"]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -20,16 +34,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with warnings.catch_warnings():
         # Even where Python is told to make errors of warnings: ours are for the reader, not for a debugger.
         warnings.simplefilter("default", RadiolocWarning)
+        show_warnings_once()
         try:
             options = make_parser().parse_args(arguments)
-            with prepared(options.verbose), standard_streams(options):
-                if options.command in LOOKUPS:
-                    from radioloc.cli.lookups import COMMANDS
-                else:
-                    from radioloc.cli.commands import COMMANDS, ready
-
-                    ready(options)
-                return COMMANDS[options.command](options)
+            with logged(options.verbose), standard_streams(options):
+                require_report(options)
+                status: int = options.run(options)
+                return status
         except SystemExit:  # of --help and --version, which have printed
             say("", end="")
             raise
@@ -37,6 +48,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             complain(str(error))
             return NOT_CONVERGED if isinstance(error, ConvergenceError) else BAD_INPUT
         except OSError as error:
+            from radioloc.text_files import disk_failed
+
             complain(f"{error.filename}: {error.strerror}" if error.filename else str(error))
             return DISK if disk_failed(error) else BAD_INPUT
         except KeyboardInterrupt:

@@ -1,83 +1,116 @@
-"""Commands that look something up rather than do a study; they start quickly, as each imports what it needs alone."""
+"""Commands that look something up rather than work on a study."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from radioloc.cli.output import say, tell
-from radioloc.cli.parser import DONE, NOT_CONVERGED, make_parser
-from radioloc.earth.stations import Station, StationCatalogue
-from radioloc.ephemeris import CONSTANTS, LunarOrientation
+from radioloc.cli.command import JSON, argument, command
+from radioloc.cli.output import DONE, NOT_CONVERGED, say, tell
 from radioloc.errors import InputError
 from radioloc.extras import optional
-from radioloc.kernels import add_kernel, added, registered
-from radioloc.lunar import LunarPosition, rot_icrf_to_iau_moon, rot_icrf_to_pa
-from radioloc.time import epochs_from_strings, tt_to_tdb, utc_to_tt
+
+if TYPE_CHECKING:
+    from radioloc.earth.stations import Station
 
 _IAU = "IAU_MOON"
 
 
-def _doctor(options: argparse.Namespace) -> int:
+@command(
+    "doctor",
+    "check kernels, Earth orientation, leap seconds, the compiler's cache and optional packages",
+    JSON,
+    examples=("", "--json"),
+)
+def doctor(options: argparse.Namespace) -> int:
+    """Check the installation."""
     from radioloc.jobs.doctor import doctor
 
-    found = doctor()
-    tell(options, found, found.to_dict)
-    return DONE if found.sound else NOT_CONVERGED
+    report = doctor()
+    tell(options, report, report.to_dict)
+    return DONE if report.sound else NOT_CONVERGED
 
 
-def _frames(options: argparse.Namespace) -> int:
+@command(
+    "frames",
+    "convert a point on the Moon to the axes of each ephemeris",
+    argument("longitude", None, "deg east", float),
+    argument("latitude", None, "deg", float),
+    argument("height", None, "above 1737.4 km, m", float),
+    JSON,
+    argument(
+        "--frame",
+        "FRAME",
+        "axes of these numbers, such as PA_DE440 or, with --epoch, IAU_MOON (default: ME_DE421)",
+        default="ME_DE421",
+    ),
+    argument("--epoch", "UTC", "also show IAU_MOON, the IAU's mean rotation, at this epoch"),
+    examples=("3.6285 26.1334 -1922.9", "-51.9162 43.0584 -2550.4 --epoch 2020-12-01T15:11"),
+)
+def frames(options: argparse.Namespace) -> int:
+    """Convert a point between axes."""
+    from radioloc.ephemeris import CONSTANTS
+    from radioloc.lunar import LunarPosition
+
     given = (options.longitude, options.latitude, options.height)
     if options.frame == _IAU and options.epoch is None:
         options.parser.error(f"{_IAU} moves against the other axes by some 100 m; give --epoch UTC")
-    pa_to_iau = None if options.epoch is None else _rot_pa_to_iau(options.epoch)
-    if options.frame == _IAU and pa_to_iau is not None:
-        iau = LunarPosition.from_selenographic(
-            *given, "PA_DE421"
-        )  # the numbers are checked as of any other axes
-        own = LunarPosition.from_cartesian(pa_to_iau.T @ iau.xyz_m, "PA_DE421")
+    rot_pa_to_iau = None if options.epoch is None else _rot_pa_to_iau(options.epoch)
+    if options.frame == _IAU and rot_pa_to_iau is not None:
+        iau = LunarPosition.from_selenographic(*given, "PA_DE421")  # checks the numbers as in any axes
+        position = LunarPosition.from_cartesian(rot_pa_to_iau.T @ iau.xyz_m, "PA_DE421")
     else:
-        place = LunarPosition.from_selenographic(*given, options.frame)
-        own = place.to_frame(options.frame)  # an error where these axes are not known
-    found = {}
-    for name in dict.fromkeys(
-        name for one in CONSTANTS.values() for name in (f"PA_{one.name}", one.me_frame)
-    ):
+        position = LunarPosition.from_selenographic(*given, options.frame)
+        position = position.to_frame(options.frame)  # raises an error if these axes are unknown
+    converted = {}
+    for name in dict.fromkeys(name for c in CONSTANTS.values() for name in (f"PA_{c.name}", c.me_frame)):
         with suppress(InputError):  # no angles lead there
-            found[name] = own.to_frame(name)
-    if pa_to_iau is not None and "PA_DE421" in found:
-        found[_IAU] = LunarPosition.from_cartesian(pa_to_iau @ found["PA_DE421"].xyz_m, "PA_DE421")
+            converted[name] = position.to_frame(name)
+    if rot_pa_to_iau is not None and "PA_DE421" in converted:
+        iau_m = rot_pa_to_iau @ converted["PA_DE421"].xyz_m
+        converted[_IAU] = LunarPosition.from_cartesian(iau_m, "PA_DE421")
     lines = []
     rows = []
-    for name, there in found.items():
-        longitude_deg, latitude_deg, height_m = there.selenographic
-        x, y, z = there.xyz_m
+    for name, place in converted.items():
+        longitude_deg, latitude_deg, height_m = place.selenographic
+        x, y, z = place.xyz_m
         lines.append(
             f"{name:<9} {longitude_deg:14.9f} {latitude_deg:13.9f} deg {height_m:11.4f} m   "
             f"{x:14.4f} {y:14.4f} {z:14.4f} m"
         )
         numbers = {"longitude_deg": longitude_deg, "latitude_deg": latitude_deg, "height_m": height_m}
-        rows.append({"frame": name, **numbers, "xyz_m": there.xyz_m})
+        rows.append({"frame": name, **numbers, "xyz_m": place.xyz_m})
     tell(options, "\n".join(lines), lambda: rows)
     return DONE
 
 
-def _rot_pa_to_iau(epoch_utc: str) -> NDArray[np.float64]:
-    """Rotation from the principal axes of DE421 to the IAU's mean rotation at an epoch, shape (3, 3)."""
+def _rot_pa_to_iau(epoch_utc: str) -> Any:
+    """Return the rotation from the principal axes of DE421 to the IAU's mean rotation at an epoch, shape (3, 3)."""
+    from radioloc.ephemeris import LunarOrientation
+    from radioloc.lunar import rot_icrf_to_iau_moon, rot_icrf_to_pa
+    from radioloc.time import epochs_from_strings, tt_to_tdb, utc_to_tt
+
     tdb = tt_to_tdb(utc_to_tt(epochs_from_strings([epoch_utc], "UTC")))
     angles_rad, _ = LunarOrientation.open("DE421").angles(tdb)
-    rotation: NDArray[np.float64] = rot_icrf_to_iau_moon(tdb)[0] @ rot_icrf_to_pa(angles_rad)[0].T
-    return rotation
+    return rot_icrf_to_iau_moon(tdb)[0] @ rot_icrf_to_pa(angles_rad)[0].T
 
 
-def _stations(options: argparse.Namespace) -> int:
+@command(
+    "stations",
+    "list the stations that are known by name",
+    argument(
+        "name", "NAME", "a name, an alias, a complex, a country, or a part of one", nargs="?", default=""
+    ),
+    JSON,
+    examples=("", "kashi", "china --json"),
+)
+def stations(options: argparse.Namespace) -> int:
+    """List stations."""
+    from radioloc.earth.stations import StationCatalogue
+
     found = StationCatalogue.default().find(options.name)
     if not found:
         raise InputError(
@@ -108,14 +141,32 @@ def _details_of(station: Station) -> str:
 
 
 def _of_a_station(station: Station) -> dict[str, Any]:
-    """What the catalogue says of a station, but for its ocean loading."""
+    """Return the entry of a station in the catalogue, without its ocean loading."""
     names = (field.name for field in fields(station))
     return {name: getattr(station, name) for name in names if name not in ("ocean_loading", "sigma_m")} | {
         "sigma_m": station.position_sigma_m
     }
 
 
-def _kernels(options: argparse.Namespace) -> int:
+@command(
+    "kernels",
+    "list the kernels that are found by name, verify their checksums, or add one",
+    argument(
+        "action",
+        None,
+        "what to do (default: list)",
+        nargs="?",
+        choices=("list", "verify", "add"),
+        default="list",
+    ),
+    argument("files", "FILE", "kernel files to add", Path, nargs="*"),
+    JSON,
+    examples=("", "verify", "add de430.bsp moon_pa_de430.bpc"),
+)
+def kernels(options: argparse.Namespace) -> int:
+    """List, verify or add kernels."""
+    from radioloc.kernels import add_kernel, added, registered
+
     if (options.action == "add") != bool(options.files):
         options.parser.error("kernels add needs files, and only add takes them")
     known = [add_kernel(path) for path in options.files] or [*registered(), *added()]
@@ -134,22 +185,18 @@ def _kernels(options: argparse.Namespace) -> int:
     return NOT_CONVERGED if any(problems) else DONE
 
 
-def _completion(options: argparse.Namespace) -> int:
+@command(
+    "completion",
+    "print a script by which a shell completes commands, options and files",
+    argument("shell", None, "the shell", choices=("bash", "zsh", "fish")),
+    examples=("bash > ~/.local/share/bash-completion/completions/radioloc",),
+)
+def completion(options: argparse.Namespace) -> int:
+    """Print a script for completion."""
     shtab = optional("shtab", "completion scripts are made by shtab, which is not installed;", "completion")
-    parser = make_parser()
-    for command in parser.commands.values():
-        for action in command._actions:
+    for parser in options.program.commands.values():
+        for action in parser._actions:
             if action.type is Path:
-                action.complete = shtab.DIRECTORY if action.metavar == "DIR" else shtab.FILE  # type: ignore[attr-defined]
-    say(shtab.complete(parser, options.shell), end="")
+                action.complete = shtab.DIRECTORY if action.metavar == "DIR" else shtab.FILE
+    say(shtab.complete(options.program, options.shell), end="")
     return DONE
-
-
-COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
-    "doctor": _doctor,
-    "frames": _frames,
-    "kernels": _kernels,
-    "stations": _stations,
-    "completion": _completion,
-}
-"""Commands by name."""

@@ -1,4 +1,4 @@
-"""What the command line says: results on standard output, all else in single lines on standard error."""
+"""Output of the command line: results on standard output, all else in single lines on standard error."""
 
 from __future__ import annotations
 
@@ -11,10 +11,20 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from radioloc.errors import InputError, PredictedEopWarning, RadiolocError, RadiolocWarning, legible, visible
-from radioloc.text_files import scratch_folder
+
+DONE, DISK, BAD_INPUT, NOT_CONVERGED, INTERRUPTED = 0, 1, 2, 3, 130
+EXIT_STATUS = {
+    DONE: "done; where something is fitted, it converged",
+    DISK: "the disk is full or fails; make room and run again",
+    BAD_INPUT: "bad input, told in one line",
+    NOT_CONVERGED: "not converged or not observable; solutions do not agree (compare) or differ (verify); the "
+    "installation is not sound (doctor). What is printed says why",
+    INTERRUPTED: "interrupted (Ctrl-C); montecarlo says how to go on",
+}
+"""Exit statuses and what they mean."""
 
 STREAM = Path("-")
 """In place of a file: standard input or output."""
@@ -48,6 +58,44 @@ def tell(options: argparse.Namespace, card: object, content: Callable[[], Any] =
         say(card if out is None else f"{card}\n\nwritten to {out}")
 
 
+def require_report(options: argparse.Namespace) -> None:
+    """Refuse, before work that may take long, a page that could not be written after it."""
+    if getattr(options, "report", False):
+        from radioloc.report.page import require_page
+
+        if options.out is None:
+            options.parser.error("--report needs --out DIR, where to write report.html")
+        require_page()
+
+
+def finish(options: argparse.Namespace, result: Any, write: Callable[..., object]) -> int:
+    """Write the files of a result if asked for, print its card or its numbers, and return the exit status."""
+    if options.out is not None:
+        write(result, options.out, html=options.report)
+    tell(options, result, result.to_dict)
+    return exit_status(options, result)
+
+
+def exit_status(options: argparse.Namespace, *results: Any) -> int:
+    """Return the exit status of results; where no card is printed, say on standard error what is wrong with them."""
+    from radioloc.report.page import is_usable
+    from radioloc.results.solution import Solution
+    from radioloc.results.solution_card import solution_card
+    from radioloc.results.subsets import ArcStudy, LeaveOneOut
+
+    failed = [result for result in results if not is_usable(result)]
+    for result in failed if options.quiet and not options.json else ():
+        for part in [arc.solution for arc in result.arcs] if isinstance(result, ArcStudy) else [result]:
+            if not is_usable(part):
+                fit = part.solution if isinstance(part, LeaveOneOut) else part
+                card = solution_card(fit) if isinstance(fit, Solution) else fit.card()
+                status = "; ".join(
+                    line for field in card.fields if field.label == "status" for line in field.lines
+                )
+                complain(f"{getattr(fit, 'name', options.command)}: {status}")
+    return NOT_CONVERGED if failed else DONE
+
+
 def complain(message: str) -> None:
     """Say in one line on standard error what is wrong."""
     print(f"radioloc: {' '.join(legible(message).split())}", file=sys.stderr)
@@ -61,6 +109,8 @@ def standard_streams(options: argparse.Namespace) -> Iterator[None]:
     if not given and not printed:
         yield
         return
+    from radioloc.text_files import scratch_folder
+
     with scratch_folder() as folder:
         read, written = Path(folder, "stdin"), Path(folder, f"stdout.{getattr(options, 'format', '')}")
         if given:
@@ -88,9 +138,8 @@ class _VisibleFormatter(logging.Formatter):
 
 
 @contextmanager
-def prepared(verbose: bool) -> Iterator[None]:
-    """Show warnings of the library as single lines, each once, and if `verbose` what it logs with the time it took."""
-    warnings.showwarning = _shown_once()
+def logged(verbose: bool) -> Iterator[None]:
+    """Show, if `verbose`, the messages that the library logs, with the time since the start."""
     logger = logging.getLogger("radioloc")
     handler = logging.StreamHandler()
     handler.setFormatter(_VisibleFormatter("radioloc: %(relativeCreated)6.0f ms  %(message)s"))
@@ -105,8 +154,8 @@ def prepared(verbose: bool) -> Iterator[None]:
         logger.setLevel(level)
 
 
-def _shown_once() -> Callable[..., None]:
-    """Make what shows the library's own warnings as one line each, and each once; others as Python does."""
+def show_warnings_once() -> None:
+    """Show each of the library's own warnings once, as one line; others as Python does."""
     seen: set[str | type[Warning]] = set()
     as_python_does = warnings.showwarning
 
@@ -120,4 +169,4 @@ def _shown_once() -> Callable[..., None]:
             seen.add(same)
             complain(f"warning: {message}")
 
-    return show
+    warnings.showwarning = cast(Any, show)

@@ -1,0 +1,156 @@
+"""Commands of the command line and the arguments that they declare; nothing here takes time to import."""
+
+from __future__ import annotations
+
+import argparse
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NoReturn
+
+from radioloc.cli.output import BAD_INPUT, complain
+
+Rows = dict[str, dict[str, str]]
+"""Titles, and under each names with their descriptions."""
+
+
+class Layout(argparse.HelpFormatter):
+    """Two columns in 80 characters, the first as wide as the longest command, whose indent argparse forgets."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, max_help_position=26, width=80)
+        self._action_max_length = 17
+
+
+class Parser(argparse.ArgumentParser):
+    """Parser with errors of one line, and with examples and tables below its help."""
+
+    examples: Sequence[str] = ()
+    help_tables: Callable[[], Rows] = dict
+    """Called only when help is asked for."""
+    commands: Mapping[str, Parser] = MappingProxyType({})
+    """Parsers of commands by name."""
+
+    def error(self, message: str) -> NoReturn:
+        """End the program with one line."""
+        complain(f"{message}; see {self.prog} --help")
+        self.exit(BAD_INPUT)
+
+    def format_help(self) -> str:
+        """Return the usual help, followed by examples and tables."""
+        text = super().format_help()
+        if self.examples:
+            text += "\nexamples:\n" + "".join(f"  {example}\n" for example in self.examples)
+        for title, rows in self.help_tables().items():
+            width = min(24, max(map(len, rows)))
+            indent = " " * (width + 4)
+            text += f"\n{title}:\n"
+            for name, description in rows.items():
+                first = f"  {name:<{width}}  "
+                text += textwrap.fill(description, 80, initial_indent=first, subsequent_indent=indent) + "\n"
+        return text
+
+
+@dataclass(frozen=True, slots=True)
+class Argument:
+    """Names and keywords of an argument, as :meth:`argparse.ArgumentParser.add_argument` takes them."""
+
+    names: tuple[str, ...]
+    keywords: Mapping[str, Any]
+
+
+def argument(
+    name: str, metavar: str | tuple[str, ...] | None, text: str, kind: type = str, **more: Any
+) -> Argument:
+    """Return an option with a value of a type, or a positional argument."""
+    return Argument((name,), {"metavar": metavar, "help": text, "type": kind, **more})
+
+
+def flag(name: str, text: str, *short: str) -> Argument:
+    """Return an option without a value."""
+    return Argument((*short, name), {"action": "store_true", "help": text})
+
+
+def study_file(text: str) -> Argument:
+    """Return the study file as a positional argument."""
+    return argument("study", "STUDY.toml", text, Path)
+
+
+def output_folder(text: str) -> tuple[Argument, Argument]:
+    """Return the options ``--out`` and ``--report``, which :func:`radioloc.cli.output.finish` obeys."""
+    page = flag("--report", "with --out, also write report.html, one page that shows everything")
+    return argument("--out", "DIR", text, Path), page
+
+
+STUDY = study_file("the study file; - for standard input, with paths relative to the working directory")
+SIMULATED_STUDY = study_file("a study file with [simulation]")
+JSON = flag("--json", "print the result as JSON and nothing else")
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A command of the command line, for the group of entry points ``radioloc.commands``.
+
+    Parameters
+    ----------
+    name : str
+        Name, such as ``leave-one-out``.
+    summary : str
+        Sentence without capital and full stop, shown by ``radioloc --help``.
+    arguments : tuple of Argument
+        Arguments beside ``--quiet`` and ``--verbose``, which all commands have.
+    run : callable
+        Function of the parsed arguments that does the work and returns the exit status. What takes time to import is
+        imported inside it. The attribute ``parser`` of the arguments is the parser of the command.
+    examples : tuple of str
+        Arguments of examples, shown with the help.
+    help_tables : callable
+        Function that returns tables shown below the help: by title, names with their descriptions.
+    """
+
+    name: str
+    summary: str
+    arguments: tuple[Argument, ...]
+    run: Callable[[argparse.Namespace], int]
+    examples: tuple[str, ...] = ()
+    help_tables: Callable[[], Rows] = dict
+
+
+def command(
+    name: str,
+    summary: str,
+    *arguments: Argument,
+    examples: tuple[str, ...] = (),
+    help_tables: Callable[[], Rows] = dict,
+) -> Callable[[Callable[[argparse.Namespace], int]], Command]:
+    """Return a decorator that makes a :class:`Command` of the function that runs it."""
+    return lambda run: Command(name, summary, arguments, run, examples, help_tables)
+
+
+def study_tables() -> Rows:
+    """Return the tables of a study file with their keys, the parameters, and the types of measurement."""
+    from radioloc.parameters.registry import PARAMETERS
+    from radioloc.study.schema import keys_of
+    from radioloc.study.study import PARAMETER_KEYS
+    from radioloc.study.study_file import TABLES
+
+    tables = {
+        f"[{table}]": ", ".join(
+            key for key in keys_of(record) if table != "estimate" or key not in PARAMETER_KEYS
+        )
+        for table, record in TABLES.items()
+    }
+    parameters = {f"{name} ({kind.unit})": kind.description for name, kind in PARAMETERS.items()}
+    return {
+        "tables of a study file": tables,
+        "parameters, each with NAME_UNIT, NAME_sigma_UNIT and NAME_per, in [estimate] or [consider]": parameters,
+    } | measurement_types()
+
+
+def measurement_types() -> Rows:
+    """Return the types of measurement with their descriptions."""
+    from radioloc.measurements.registry import MEASUREMENTS
+
+    return {"types of measurement": {name: kind.description for name, kind in MEASUREMENTS.items()}}

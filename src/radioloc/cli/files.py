@@ -1,0 +1,234 @@
+"""Commands that convert observations, and that compare, verify, export or draw solutions which were written."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import radioloc
+from radioloc.cli.command import JSON, Argument, Rows, argument, command, measurement_types, output_folder
+from radioloc.cli.output import DONE, NOT_CONVERGED, complain, finish, say, tell
+from radioloc.errors import InputError
+
+
+def observation_file(name: str, metavar: str, **more: Any) -> Argument:
+    """Return a file of observations to write."""
+    text = "file to write; its ending names the format: .csv, .parquet, .tdm, .kvn or .xml; - for standard output"
+    return argument(name, metavar, text, Path, **more)
+
+
+MESSAGE = (
+    argument(
+        "--format",
+        None,
+        "format of what is written to standard output (default: csv)",
+        choices=("csv", "parquet", "tdm", "xml"),
+        default="csv",
+    ),
+    argument(
+        "--originator",
+        "NAME",
+        "agency that makes the Tracking Data Message; required for .tdm, .kvn and .xml",
+    ),
+)
+
+
+def _observation_formats() -> Rows:
+    """Return the formats of observations that are read, and the types of measurement."""
+    formats = {reader.name: reader.description for reader in radioloc.io.READERS.values()}
+    return {"formats that are read, told by how a file begins": formats} | measurement_types()
+
+
+@command(
+    "convert",
+    "read observation files of any known format and write them as one file",
+    argument("files", "IN", "files to read, each of any format; - for standard input", Path, nargs="+"),
+    observation_file("out", "OUT"),
+    argument(
+        "--sigma",
+        "TYPE=METRES",
+        "sigma of the observations of one type, such as range=1.0, in Tracking Data Messages, which state none; "
+        "may be repeated",
+        action="append",
+        default=[],
+    ),
+    argument(
+        "--study",
+        "STUDY.toml",
+        "read as this study does, with its stations and what it says of Tracking Data Messages",
+        Path,
+    ),
+    *MESSAGE,
+    examples=("laser.npt ranges.csv", "message.tdm ranges.csv --sigma range=1.0", "- - --format parquet"),
+    help_tables=_observation_formats,
+)
+def convert(options: argparse.Namespace) -> int:
+    """Convert files of observations."""
+    from radioloc.io.formats import require_writable
+    from radioloc.jobs.locate import read_as
+
+    require_writable(options.out, options.originator)  # before the reading, which may take long
+    sigma_m = _sigmas_m(options.sigma)
+    if options.study is not None:
+        study = radioloc.read_study(options.study)
+        agreed = study.observations.tdm
+        tdm = replace(agreed, sigma_m={**agreed.sigma_m, **sigma_m})
+        study = replace(study, observations=replace(study.observations, tdm=tdm))
+        observations = read_as(study, options.files)
+    else:
+        try:
+            agreement = radioloc.io.TdmAgreement(sigma_m=sigma_m)
+            observations = radioloc.read_observations(options.files, tdm=agreement)
+        except InputError as error:
+            if not re.search(r"tdm_|frequencies\]|\[stations", str(error)):
+                raise
+            raise InputError(f"{error}; convert takes the study file as --study") from None
+    written = radioloc.write_observations(options.out, observations, originator=options.originator)
+    options.out = " and ".join(map(str, written))
+    tell(options, observations.summary())
+    return DONE
+
+
+def _sigmas_m(texts: Sequence[str]) -> dict[str, float]:
+    """Return sigmas by type from texts such as ``range=1.0``."""
+    sigmas_m = {}
+    for text in texts:
+        name, _, number = text.partition("=")
+        try:
+            sigmas_m[name] = float(number)
+        except ValueError:
+            raise InputError(f"--sigma {text}: write it as TYPE=METRES, such as range=1.0") from None
+    return sigmas_m
+
+
+def _solution_files(also: str = "") -> Argument:
+    text = f"solution.json or arcs.json files{also}; - for standard input"
+    return argument("solutions", "SOLUTION.json", text, Path, nargs="+")
+
+
+def _contents(options: argparse.Namespace) -> list[Mapping[str, Any]]:
+    """Return the contents of all solutions in the files given."""
+    from radioloc.jobs.comparison import read_solutions
+
+    return [solution.content for path in options.solutions for solution in read_solutions(path)[0]]
+
+
+def _tell_written(options: argparse.Namespace, files: Sequence[Path]) -> int:
+    if not options.quiet:
+        say("written to " + " and ".join(map(str, files)))
+    return DONE
+
+
+@command(
+    "compare",
+    "compare solutions with each other and with published positions, test whether they agree, and combine them",
+    _solution_files(", or positions in a TOML file"),
+    JSON,
+    argument(
+        "--reference",
+        "NAME",
+        "the solution or reference to compare the others with (default: the first reference)",
+    ),
+    argument("--target", "NAME", "the target to compare, of solutions that have several"),
+    *output_folder("write a table, comparison.json and a figure to DIR"),
+    examples=(
+        "results/solution.json published.toml",
+        "a/solution.json b/solution.json --reference b --out compared",
+    ),
+)
+def compare(options: argparse.Namespace) -> int:
+    """Compare solutions."""
+    result = radioloc.jobs.compare(options.solutions, options.reference, options.target)
+    return finish(options, result, radioloc.report.write_comparison)
+
+
+@command(
+    "verify",
+    "repeat a solution from the files that its provenance names, and report any difference",
+    argument("solution", "SOLUTION.json", "a solution.json", Path),
+    argument("--study", "FILE", "the study file, if it is no longer where it was", Path),
+    examples=("results/solution.json",),
+)
+def verify(options: argparse.Namespace) -> int:
+    """Repeat a solution."""
+    result = radioloc.jobs.verify(options.solution, options.study)
+    if not options.quiet:
+        say(result)
+    elif not result.same:
+        complain(f"{result.name}: DIFFERS in {len(result.differences)} of {result.compared} values")
+    return DONE if result.same else NOT_CONVERGED
+
+
+@command(
+    "export",
+    "write solutions for other tools: map layers, SPICE kernels, an ephemeris message, tables",
+    _solution_files(),
+    argument(
+        "out",
+        "OUT",
+        "file to write, by its ending: .geojson, .gpkg, .bsp (with a frames kernel .tf), .oem, .md or .tex",
+        Path,
+    ),
+    argument("--code", "N", "NAIF code of the lander in a .bsp file (default: 301001)", int),
+    argument("--start", "UTC", "first epoch of an .oem file, such as 2020-12-01T12:00:00"),
+    argument("--stop", "UTC", "last epoch of an .oem file"),
+    argument(
+        "--step", "SECONDS", "from state to state of an .oem file (default: 3600)", float, default=3600.0
+    ),
+    argument("--originator", "NAME", "agency that makes an .oem file"),
+    examples=(
+        "results/solution.json lander.geojson",
+        "results/solution.json lander.bsp",
+        "results/solution.json lander.tex",
+        "results/solution.json lander.oem --start 2020-12-01 --stop 2020-12-15 --originator AGENCY",
+    ),
+)
+def export(options: argparse.Namespace) -> int:
+    """Export solutions by the ending of the file."""
+    from radioloc.report.ccsds import write_oem
+    from radioloc.report.gis import GIS_ENDINGS, write_gis
+    from radioloc.report.spice_kernels import FIRST_SITE, write_spice
+    from radioloc.results.tables import TABLE_ENDINGS, solution_table, write_table_file
+
+    contents, ending = _contents(options), options.out.suffix
+    if ending in (".bsp", ".oem") and len(contents) > 1:
+        raise InputError(f"{options.out}: such a file holds one lander; give one solution")
+    if ending == ".bsp":
+        code = FIRST_SITE if options.code is None else options.code
+        written: Sequence[Path] = write_spice(contents[0], options.out, code=code)
+    elif ending == ".oem":
+        for name in ("start", "stop", "originator"):
+            if getattr(options, name) is None:
+                options.parser.error(f"{options.out} needs --{name}")
+        span, agency = (options.start, options.stop), options.originator
+        written = [write_oem(contents[0], options.out, *span, originator=agency, step_s=options.step)]
+    elif ending in TABLE_ENDINGS:
+        written = [write_table_file(solution_table(contents), options.out)]
+    elif ending in GIS_ENDINGS:
+        written = [write_gis(contents, options.out)]
+    else:
+        known = ", ".join((*GIS_ENDINGS, ".bsp", ".oem", *TABLE_ENDINGS))
+        raise InputError(f"{options.out}: the ending says no format that is written; use one of {known}")
+    return _tell_written(options, written)
+
+
+@command(
+    "map",
+    "draw solutions on a map, over shaded terrain or an image",
+    _solution_files(),
+    argument("out", "OUT", "file to write: .png, .svg or .pdf", Path),
+    argument("--dem", "FILE", "elevation model to draw in shaded relief", Path),
+    argument("--base-map", "FILE", "image to draw instead of an elevation model", Path),
+    argument("--reach", "METRES", "distance from the middle of the map to its edges", float),
+    examples=("results/solution.json map.png --dem dem.tif --reach 900",),
+)
+def plot_map(options: argparse.Namespace) -> int:
+    """Draw solutions on a map."""
+    backgrounds = {"dem": options.dem, "base_map": options.base_map}
+    figure = radioloc.report.plot_map(_contents(options), **backgrounds, reach_m=options.reach)
+    radioloc.report.save_figure(figure, options.out)
+    return _tell_written(options, [options.out])

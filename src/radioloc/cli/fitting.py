@@ -1,0 +1,119 @@
+"""Commands that fit a study, or parts of its data."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import radioloc
+from radioloc.cli.command import JSON, STUDY, argument, command, flag, output_folder, study_tables
+from radioloc.cli.output import DONE, exit_status, finish, tell
+
+ARC_HOURS = argument(
+    "--hours",
+    "H",
+    "fit arcs of these lengths, in hours from the start (default: 12 24 48)",
+    float,
+    nargs="+",
+    default=(12.0, 24.0, 48.0),
+)
+_FIT = (
+    STUDY,
+    JSON,
+    *output_folder("write solution.json, residuals.csv and plots to DIR"),
+    flag("--terms", "with --out, also write terms.csv: what each term of the model adds"),
+    argument(
+        "--residuals-tdm",
+        "FILE",
+        "write the residuals to FILE as a Tracking Data Message, .xml or KVN; needs --originator",
+        Path,
+    ),
+    argument("--originator", "NAME", "agency that makes that message"),
+)
+
+
+@command(
+    "locate",
+    "fit a position, or an orbit, to tracking data and print a result card",
+    *_FIT,
+    argument("--sinex", "FILE", "write the position with its covariance to FILE, in SINEX 2.02", Path),
+    examples=("study.toml", "study.toml --out results --terms", "study.toml --json"),
+    help_tables=study_tables,
+)
+def locate(options: argparse.Namespace) -> int:
+    """Fit a study, write its files and print its card."""
+    solution = _solution(options, fitted=True)
+    if options.sinex is not None:  # after the card, which says why a solution has none
+        radioloc.report.write_sinex(solution, options.sinex)
+    return exit_status(options, solution)
+
+
+@command(
+    "residuals",
+    "print observed minus computed at the study's position; nothing is fitted",
+    *_FIT,
+    examples=("study.toml --out results",),
+    help_tables=study_tables,
+)
+def residuals(options: argparse.Namespace) -> int:
+    """Compute the residuals of a study, write its files and print its card."""
+    _solution(options, fitted=False)
+    return DONE
+
+
+def _solution(options: argparse.Namespace, *, fitted: bool) -> radioloc.Solution:
+    """Return the solution of a study, the files of which are written and the card printed."""
+    from radioloc.jobs.locate import fit_arc, prepared_arc, require_apriori_state
+    from radioloc.study.study import TerrainPrior
+
+    if options.terms and options.out is None:
+        options.parser.error("--terms needs --out DIR, where to write terms.csv")
+    if options.residuals_tdm is not None and options.originator is None:
+        options.parser.error("--residuals-tdm needs --originator NAME, the agency that makes the message")
+    study = radioloc.read_study(options.study)
+    if not fitted:
+        require_apriori_state(study)
+    arc, left_out = prepared_arc(study)
+    solution = fit_arc(study, arc, left_out, study.estimate if fitted else None)
+    if options.out is not None:
+        prior = study.estimate.height_prior
+        dem = prior.terrain if fitted and isinstance(prior, TerrainPrior) else None
+        terms = arc if options.terms else None
+        radioloc.write_report(solution, options.out, terms, html=options.report, dem=dem)
+    if options.residuals_tdm is not None:
+        agency = options.originator
+        radioloc.report.write_residuals_tdm(
+            solution, arc.observations, options.residuals_tdm, originator=agency
+        )
+    tell(options, solution, solution.to_dict)
+    return solution
+
+
+@command(
+    "arcs",
+    "fit only the first hours of the data, for several arc lengths, and compare the positions",
+    STUDY,
+    JSON,
+    ARC_HOURS,
+    *output_folder("write tables, a figure and all solutions to DIR"),
+    examples=("study.toml --hours 6 12 24 --out results",),
+    help_tables=study_tables,
+)
+def arcs(options: argparse.Namespace) -> int:
+    """Fit several arc lengths."""
+    return finish(options, radioloc.arcs(options.study, options.hours), radioloc.report.write_arcs)
+
+
+@command(
+    "leave-one-out",
+    "fit a study without each of its stations and links, and print how the position moves",
+    STUDY,
+    JSON,
+    *output_folder("write leave_one_out.json and leave_one_out.csv to DIR"),
+    examples=("study.toml --out results",),
+    help_tables=study_tables,
+)
+def leave_one_out(options: argparse.Namespace) -> int:
+    """Fit a study without each station and link."""
+    result = radioloc.jobs.leave_one_out(options.study, progress=not options.quiet)
+    return finish(options, result, radioloc.report.write_leave_one_out)

@@ -1,0 +1,34 @@
+"""The command that locates by images."""
+
+from __future__ import annotations
+
+import argparse
+
+import radioloc
+from radioloc.cli.command import JSON, Rows, command, output_folder, study_file
+from radioloc.cli.output import finish
+
+
+def _image_tables() -> Rows:
+    """Return the tables of a study of images with their keys."""
+    from radioloc.jobs.image_study import TABLES
+    from radioloc.study.schema import keys_of
+
+    tables = {f"[{name}]": ", ".join(keys_of(record)) for name, record in TABLES.items()}
+    return {"tables of a study file, one of [images], [image_point] and [stereo]": tables}
+
+
+@command(
+    "images",
+    "locate a lander from descent images, a point in an orbital image, or a rover from stereo images",
+    study_file("a study file with [images], [image_point] or [stereo]"),
+    JSON,
+    *output_folder("write solution.json and a figure to DIR"),
+    examples=("descent.toml --out results",),
+    help_tables=_image_tables,
+)
+def images(options: argparse.Namespace) -> int:
+    """Locate by images."""
+    study = radioloc.jobs.read_image_study(options.study)
+    solution = radioloc.locate_images(study, progress=not options.quiet)
+    return finish(options, solution, radioloc.report.write_images)

@@ -1,0 +1,100 @@
+"""Commands that predict when a target is seen, and what is measured then."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import radioloc
+from radioloc.cli.command import JSON, STUDY, argument, command, study_tables
+from radioloc.cli.output import DONE, tell
+from radioloc.errors import InputError
+
+_SPAN = (
+    argument("--stations", "NAME", "stations (default: those of the study)", nargs="+", default=()),
+    argument("--start", "UTC", "first epoch (default: that of the schedule or of the data)"),
+    argument("--stop", "UTC", "last epoch (default: that of the schedule or of the data)"),
+)
+
+
+@command(
+    "visibility",
+    "list when each station sees the target of a study: rise, set and highest elevation",
+    STUDY,
+    JSON,
+    *_SPAN,
+    argument(
+        "--mask", "DEG", "lowest elevation at the stations (default: that of the schedule, or 10)", float
+    ),
+    examples=("plan.toml", "study.toml --stations KASHI APOLLO --start 2026-12-01 --stop 2026-12-08 --json"),
+    help_tables=study_tables,
+)
+def visibility(options: argparse.Namespace) -> int:
+    """Find the passes of a target."""
+    span = {"start_utc": options.start, "stop_utc": options.stop}
+    passes = radioloc.jobs.visibility(options.study, options.stations, **span, mask_deg=options.mask)
+    tell(options, passes, passes.to_dict)
+    return DONE
+
+
+@command(
+    "light-time",
+    "tabulate light times, ranges, Doppler and pointing of stations over a span",
+    argument(
+        "study",
+        "STUDY.toml",
+        "a study file, whose target, model, stations and span are taken; - for standard input",
+        Path,
+        nargs="?",
+    ),
+    JSON,
+    argument(
+        "--at",
+        ("LON", "LAT", "HEIGHT"),
+        "in place of a study: degrees in ME_DE421, m above 1737.4 km; needs --stations, --start and --stop",
+        float,
+        nargs=3,
+    ),
+    *_SPAN,
+    argument(
+        "--links",
+        None,
+        "each station by itself, the first to the others, each to each, or the target to each (default: two_way)",
+        choices=("two_way", "three_way", "all", "one_way"),
+        default="two_way",
+    ),
+    argument("--step", "SECONDS", "from epoch to epoch (default: 600)", float, default=600.0),
+    argument("--frequency", "HZ", "received frequency without motion, for a column of Doppler", float),
+    argument("--mask", "DEG", "lowest elevation at the stations (default: 0)", float, default=0.0),
+    argument("--out", "FILE", "write all rows and columns to FILE, as .csv", Path),
+    examples=(
+        "plan.toml --links three_way --frequency 8.47e9 --out table.csv",
+        "--at -51.9162 43.0584 -2550.4 --stations KASHI --start 2020-12-02 --stop 2020-12-03",
+    ),
+)
+def light_time(options: argparse.Namespace) -> int:
+    """Tabulate light times, ranges, Doppler and directions."""
+    if (options.study is None) == (options.at is None):
+        options.parser.error("give a study file or --at LON LAT HEIGHT")
+    if options.out is not None and options.out.suffix != ".csv":
+        raise InputError(f"{options.out}: such a table is written as .csv")
+    study: radioloc.Study | Path = options.study
+    if options.at is not None:
+        if not (options.stations and options.start and options.stop):
+            options.parser.error("--at needs --stations, --start and --stop")
+        target = radioloc.LunarPosition.from_selenographic(*options.at)
+        study = radioloc.Study(target=target, name="lander")
+    table = radioloc.jobs.light_times(
+        study,
+        options.stations,
+        links=options.links,
+        start_utc=options.start,
+        stop_utc=options.stop,
+        step_s=options.step,
+        frequency_hz=options.frequency,
+        mask_deg=options.mask,
+    )
+    if options.out is not None:
+        table.write_csv(options.out)
+    tell(options, table, table.to_dict)
+    return DONE

@@ -1,0 +1,57 @@
+"""Registry of commands, and the parser of all of them."""
+
+from __future__ import annotations
+
+from radioloc._version import __version__
+from radioloc.cli import files, fitting, images, lookups, planning, predictions
+from radioloc.cli.command import Command, Layout, Parser, flag
+from radioloc.cli.output import EXIT_STATUS
+from radioloc.plugins import named_where_it_fails, registry
+
+COMMANDS = registry(
+    "radioloc.commands",
+    Command,
+    (
+        *(fitting.locate, fitting.residuals, fitting.arcs, fitting.leave_one_out),
+        *(planning.simulate, planning.covariance, planning.monte_carlo),
+        *(predictions.visibility, predictions.light_time),
+        images.images,
+        *(files.convert, files.compare, files.verify, files.export, files.plot_map),
+        *(lookups.kernels, lookups.doctor, lookups.frames, lookups.stations, lookups.completion),
+    ),
+)
+"""Commands by name, in the order of the help."""
+
+
+_COMMON = (
+    flag("--quiet", "print no result and no progress, only what is wrong", "-q"),
+    flag("--verbose", "say on standard error what is being done", "-v"),
+)
+
+
+def make_parser() -> Parser:
+    """Return the parser of all commands; the arguments it parses carry the `run` and the `parser` of their command."""
+    text = "Locate a lander on the Moon, or determine an orbit about it, from Earth-based tracking."
+    program = Parser(prog="radioloc", description=text, formatter_class=Layout)
+    program.examples = (
+        "radioloc locate study.toml --out results",
+        "radioloc residuals study.toml --json",
+        "radioloc locate --help",
+    )
+    program.help_tables = lambda: {
+        "exit status": {str(status): meaning for status, meaning in EXIT_STATUS.items()}
+    }
+    program.add_argument("--version", action="version", version=f"radioloc {__version__}")
+    commands = program.add_subparsers(required=True, title="commands", metavar="COMMAND", dest="command")
+    program.commands = commands.choices
+    for name, command in COMMANDS.items():
+        summary = command.summary.replace("%", "%%")
+        sentence = f"{summary[:1].upper()}{summary[1:]}."
+        parser: Parser = commands.add_parser(name, help=summary, description=sentence, formatter_class=Layout)
+        parser.set_defaults(run=command.run, parser=parser, program=program, json=False)
+        parser.examples = tuple(f"radioloc {name} {example}".rstrip() for example in command.examples)
+        parser.help_tables = command.help_tables
+        with named_where_it_fails(f"command {name}", "arguments"):
+            for argument in (*command.arguments, *_COMMON):
+                parser.add_argument(*argument.names, **argument.keywords)
+    return program

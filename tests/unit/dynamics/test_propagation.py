@@ -1,7 +1,5 @@
 """Integration against two bodies, Encke's method, work, finer steps and scipy; partials against differences."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from low_orbit import EPOCH, POSITION_M, STATE, TWO_BODY, VELOCITY_M_S, at, forces, propagated
@@ -67,16 +65,6 @@ def test_an_acceleration_beyond_all_numbers_ends_the_integration():
         ConvergenceError, match=r"orbit cannot be integrated beyond 2012-04-09T04:31:00.000 TDB"
     ):
         propagated(forces(0, accelerations=(thrust,)), (0.0, 600.0))
-
-
-def test_energy_and_angular_momentum_of_two_bodies_do_not_drift():
-    states = at(propagated(forces(0, **TWO_BODY), (0.0, 5 * DAY_S)), np.linspace(0.0, 5 * DAY_S, 50))
-    r, v = states[:, :3], states[:, 3:]
-    energy = 0.5 * (v**2).sum(1) - GM_M3_S2 / np.linalg.norm(r, axis=1)
-    momentum = np.cross(r, v)
-    # Of the length of the orbit: 1e-11 is 0.02 mm of its radius.
-    assert abs(energy / energy[0] - 1.0).max() < 1e-11
-    assert np.linalg.norm(momentum - momentum[0], axis=1).max() < 1e-11 * np.linalg.norm(momentum[0])
 
 
 def test_the_energy_gained_is_the_work_of_the_turning_moon():
@@ -195,16 +183,6 @@ def test_partials_are_differences(model, partials, name):
     own, other = values[:, :, names.index(name)], differences(model, name)
     for half in (slice(0, 3), slice(3, 6)):
         assert np.abs(own - other)[:, half].max() < PARTIALS * np.abs(other)[:, half].max()
-
-
-def test_forward_and_back_is_where_it_began(model):
-    """But for accelerations once per revolution, whose phase is counted from the place at the epoch."""
-    quiet = dataclasses.replace(model, accelerations=model.accelerations[1:], impulses=model.impulses[1:])
-    ahead = at(propagated(quiet, (0.0, 3600.0)), 3600.0)[0]
-    back = propagate(EPOCH.shifted(3600.0), ahead[:3], ahead[3:], quiet, (-3600.0, 0.0))
-    position_m, velocity_m_s = back.states(EPOCH)
-    assert np.linalg.norm(position_m - POSITION_M) < 1e-4
-    assert np.linalg.norm(velocity_m_s - VELOCITY_M_S) < 1e-7
 
 
 @pytest.mark.parametrize("delta_v_m_s", [(200.0, -1400.0, 600.0), (0.0, -1600.0, 30.0), (0.0, 0.0, 2000.0)])

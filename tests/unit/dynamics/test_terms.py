@@ -8,7 +8,7 @@ from low_orbit import EPOCH, POSITION_M, STATE, VELOCITY_M_S, forces
 from moyer import post_newtonian
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
-from radioloc.dynamics import Acceleration, GravityField, Impulse, acceleration_terms
+from radioloc.dynamics import Acceleration, GravityField, Impulse, acceleration_sizes, acceleration_terms
 from radioloc.dynamics._force_kernels import (
     AU_M,
     EARTH_J2,
@@ -231,9 +231,21 @@ def test_given_accelerations_that_cannot_be():
         forces(0, accelerations=(Acceleration("a"),)).with_parameters({"b.r": 1.0})
 
 
-def test_accelerations_are_those_at_one_epoch():
+def test_accelerations_are_those_at_one_epoch_and_above_the_ground():
+    with pytest.raises(InputError, match="not above the sphere"):
+        acceleration_sizes(EPOCH, -1.0, forces(0))
     with pytest.raises(InputError, match="epoch: one epoch is needed, but 2 are given"):
         acceleration_terms(EPOCH.shifted([0.0, 60.0]), POSITION_M, VELOCITY_M_S, forces(0))
+
+
+def test_sizes_are_root_mean_squares_over_a_polar_orbit():
+    """Of the central term, which is the same everywhere, and of a tide that is larger where the Earth is overhead."""
+    sizes = acceleration_sizes(EPOCH, 100e3, forces(0))
+    radius_m = MEAN_LUNAR_RADIUS_M + 100e3
+    assert sizes["central"] == pytest.approx(GM("moon") / radius_m**2, rel=1e-12)
+    # GM r / R^3 times a root mean square between 1 (at right angles to the Earth) and 2 (in line with it).
+    ratio = sizes["earth"] * np.linalg.norm(EARTH_M) ** 3 / (GM("earth") * radius_m)
+    assert 1.0 < ratio < 2.0
 
 
 def test_parameters_change_by_name():

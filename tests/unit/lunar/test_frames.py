@@ -2,18 +2,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import CONSTANTS, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.lunar import cartesian_to_selenographic, rot_icrf_to_iau_moon, rot_icrf_to_pa, rot_pa_to_me
-from radioloc.lunar.frames import angular_velocity_pa, rot_icrf_to_pa_rate
+from radioloc.lunar.frames import rot_icrf_to_pa_rate
 from radioloc.time import Epochs
 
 ORTHOGONAL = 1e-15 * 5  # a few roundings of the product of three matrices
-ANGLE = st.floats(-1e4, 1e4)
 
 
 def rotation_angles_rad(rot):
@@ -26,23 +23,6 @@ def rotation_angles_rad(rot):
     return np.arcsin(0.5 * np.sqrt(x**2 + y**2 + z**2))
 
 
-@given(ANGLE, ANGLE, ANGLE)
-def test_rotations_are_orthogonal_and_right_handed(phi, theta, psi):
-    rot = rot_icrf_to_pa([phi, theta, psi])
-    np.testing.assert_allclose(rot @ rot.T, np.eye(3), rtol=0, atol=ORTHOGONAL)
-    assert np.linalg.det(rot) == pytest.approx(1.0, abs=ORTHOGONAL)
-
-
-def test_sense_of_the_rotation():
-    # Turned by psi about the pole, a star on the x axis of the ICRF is seen at longitude -psi.
-    star = rot_icrf_to_pa([0.0, 0.0, 0.3]) @ [1.0, 0.0, 0.0]
-    np.testing.assert_allclose(star, [np.cos(0.3), -np.sin(0.3), 0.0], rtol=0, atol=ORTHOGONAL)
-    # The pole leans away from the node by theta: it lies at right ascension phi - 90 degrees.
-    pole = rot_icrf_to_pa([0.5, 0.2, 0.0]).T @ [0.0, 0.0, 1.0]
-    expected = [np.sin(0.2) * np.sin(0.5), -np.sin(0.2) * np.cos(0.5), np.cos(0.2)]
-    np.testing.assert_allclose(pole, expected, rtol=0, atol=ORTHOGONAL)
-
-
 def test_rate_is_the_derivative_of_the_rotation():
     rng = np.random.default_rng(7)
     angles, rates = rng.uniform(-3, 3, (50, 3)), rng.uniform(-1, 1, (50, 3))
@@ -50,14 +30,6 @@ def test_rate_is_the_derivative_of_the_rotation():
     slope = (rot_icrf_to_pa(angles + step * rates) - rot_icrf_to_pa(angles - step * rates)) / (2 * step)
     # Third derivative times step^2 / 6, and round-off over the step.
     np.testing.assert_allclose(rot_icrf_to_pa_rate(angles, rates), slope, rtol=0, atol=1e-9)
-
-
-def test_the_moon_turns_once_a_month_about_its_pole():
-    orientation = LunarOrientation.open()
-    velocity = angular_velocity_pa(*orientation.angles(Epochs.from_jd(2451544.5 + np.arange(0, 6793))))
-    # A turn in 27.321661 days; physical librations keep the pole of rotation within 4' of the z axis.
-    assert velocity[:, 2].mean() == pytest.approx(2 * np.pi / (27.321661 * 86400.0), rel=1e-5)
-    assert (np.hypot(velocity[:, 0], velocity[:, 1]) / velocity[:, 2]).max() < np.radians(4 / 60)
 
 
 def test_wrong_shapes():

@@ -208,25 +208,18 @@ def test_map_without_projection_refused(tmp_path):
         TerrainModel.open(write(tmp_path / "a.tif", SLOPING, None, Affine.identity()))
 
 
-def test_a_reference_system_of_principal_axes_is_refused(tmp_path):
-    named = CRS.from_string(EQC).to_wkt().replace('GEOGCS["unknown', 'GEOGCS["Moon (principal axes)')
-    profile = {"driver": "GTiff", "width": 100, "height": 80, "count": 1, "dtype": "float32"}
-    with rasterio.open(
-        tmp_path / "a.tif", "w", crs=CRS.from_wkt(named), transform=SMALL, **profile
-    ) as dataset:
-        dataset.write(np.zeros((80, 100), dtype="float32"), 1)
-    with pytest.raises(InputError, match="is in principal axes"):
-        TerrainModel.open(tmp_path / "a.tif")
-
-
-def test_several_bands_refused(tmp_path):
-    profile = {"driver": "GTiff", "width": 20, "height": 20, "count": 3, "dtype": "float32"}
-    with rasterio.open(
-        tmp_path / "a.tif", "w", crs=CRS.from_string(EQC), transform=SMALL, **profile
-    ) as dataset:
-        dataset.write(np.stack([SLOPING.astype("float32")] * 3))
-    with pytest.raises(FileFormatError, match="3 band"):
-        TerrainModel.open(tmp_path / "a.tif")
+@pytest.mark.parametrize(
+    ("reference", "bands", "message"),
+    [("Moon (principal axes)", 1, "is in principal axes"), ("Moon", 3, r"3 band\(s\)")],
+)
+def test_principal_axes_and_several_bands_are_refused(tmp_path, reference, bands, message):
+    named = CRS.from_string(EQC).to_wkt().replace('GEOGCS["unknown', f'GEOGCS["{reference}')
+    profile = {"driver": "GTiff", "width": 20, "height": 20, "count": bands, "dtype": "float32"}
+    path = tmp_path / "a.tif"
+    with rasterio.open(path, "w", crs=CRS.from_wkt(named), transform=SMALL, **profile) as dataset:
+        dataset.write(np.stack([SLOPING.astype("float32")] * bands))
+    with pytest.raises(InputError, match=message):
+        TerrainModel.open(path)
 
 
 @pytest.mark.parametrize("dtype", ["int16", "float32"])
@@ -281,6 +274,14 @@ def test_missing_rasterio_says_what_to_install(monkeypatch, tmp_path):
         TerrainModel.open(path)
 
 
+VOID_AFFINE = Affine(0.02, 0, -2.2, 0, -0.02, 1.2)  # cells of 606 m
+
+
+def write_undeclared(tmp_path, numbers, dtype, scale):
+    proj4 = "+proj=longlat +R=1737400 +no_defs"
+    return write(tmp_path / "a.tif", numbers, proj4, VOID_AFFINE, dtype=dtype, scale=scale, offset=0.0)
+
+
 @pytest.mark.parametrize(
     ("dtype", "void", "scale"),
     [
@@ -304,20 +305,11 @@ def test_undeclared_void_values_are_no_ground(tmp_path, dtype, void, scale, cell
     heights_m = -2500.0 + 3.0 * columns + 2.0 * rows
     numbers = heights_m / (scale or 1.0)
     numbers[10 : 10 + cells, 20 : 20 + cells] = void
-    affine = Affine(0.02, 0, -2.2, 0, -0.02, 1.2)  # cells of 606 m
 
     def place(row, column):
         return np.radians(-2.2 + 0.02 * (column + 0.5)), np.radians(1.2 - 0.02 * (row + 0.5))
 
-    path = write(
-        tmp_path / "a.tif",
-        numbers,
-        "+proj=longlat +R=1737400 +no_defs",
-        affine,
-        dtype=dtype,
-        scale=scale,
-        offset=0.0,
-    )
+    path = write_undeclared(tmp_path, numbers, dtype, scale)
     for row, column in ((10, 20), (10, 19.5), (9.5, 20.0), (9 + cells, 19 + cells)):
         with pytest.raises(InputError, match="void"):
             TerrainModel.open(path).height_m(*place(row, column))
@@ -335,17 +327,6 @@ def test_ground_of_the_height_of_a_void_value_is_read(tmp_path, scale):
     """Half metres from -5010 m up, as of a basin: one cell in twenty of a slope has the number -9999."""
     rows, columns = np.mgrid[:40, :40]
     numbers = -9999 + (columns - 20) * 4 + (rows // 10)
-    affine = Affine(0.02, 0, -2.2, 0, -0.02, 1.2)
-    path = write(
-        tmp_path / "a.tif",
-        numbers,
-        "+proj=longlat +R=1737400 +no_defs",
-        affine,
-        dtype="int16",
-        scale=scale,
-        offset=0.0,
-    )
+    model = TerrainModel.open(write_undeclared(tmp_path, numbers, "int16", scale))
     assert (numbers == -9999).any()
-    assert np.isfinite(
-        TerrainModel.open(path).window(np.radians([-2.1, -1.5]), np.radians([0.5, 1.1])).heights_m
-    ).all()
+    assert np.isfinite(model.window(np.radians([-2.1, -1.5]), np.radians([0.5, 1.1])).heights_m).all()

@@ -5,13 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from radioloc.estimation import (
-    Parameter,
-    ParameterSet,
-    assess_observability,
-    fit_least_squares,
-    fit_with_editing,
-)
+from radioloc.estimation import Parameter, ParameterSet, fit_with_editing
+from radioloc.estimation.least_squares import fit_least_squares
+from radioloc.estimation.observability import assess_observability
 
 # Double precision times the condition of the problems drawn, below 1e4.
 RTOL = 1e-9

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation import ALONE, ObservationNoise, Parameter, ParameterSet, SharedErrors
+from radioloc.estimation import Parameter, ParameterSet
+from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
 
 OWN_M, STATION_M = 0.1, 0.4
 

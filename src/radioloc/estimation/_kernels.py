@@ -28,11 +28,9 @@ _EVERY = 16
 def filter_grid(
     step_s: Floats, gain: Floats, columns: Floats, tau_s: Floats, part: Floats, ratio: Floats
 ) -> tuple[Floats, Floats]:
-    """Log-determinants of V, and products of columns (n, m) by its inverse, (m, m), for each of the cells (k * r).
-
-    Cells are shapes (k, p), sums of p processes that have each a part of the variance, by ratios (r,), and white noise
-    alone, the last. Of the products those on the diagonal and above it are there.
-    """
+    """Log-determinants of V, and upper products of columns (n, m) by its inverse (m, m), for each cell (k * r)."""
+    # Cells are shapes (k, p), sums of p processes with a part of the variance each, by ratios (r,); white noise is
+    # last.
     n, m = columns.shape
     shapes, p = tau_s.shape
     ratios = len(ratio)
@@ -121,11 +119,7 @@ def filter_grid(
 
 @compiled(error_model="numpy")
 def solved(products: Floats) -> tuple[Floats, Floats]:
-    """Logarithms of det(1 + A^T A), and squares that are left of r, of cells.
-
-    They follow from products (m, m, cells) of columns A and r, the last, of which the diagonal and what is above it
-    count.
-    """
+    """Log det(1 + A^T A) and squares left of r, of cells, from upper products (m, m, cells) of columns A and r."""
     m, cells = products.shape[0], products.shape[2]
     triangle = products.copy()
     log_determinant, scale = np.zeros(cells), np.empty(cells)
@@ -165,15 +159,11 @@ def likelihoods(
     ratio: Floats,
     turned: Floats,
 ) -> tuple[Floats, Floats, Floats]:
-    """Logarithms of restricted likelihoods of each of s series, variances w (s, cells), and of all together (cells,).
-
-    Cells are those of :func:`filter_grid` but the last, that of white noise, over whose likelihoods they are. Series
-    have the points `begin[k]` to `begin[k + 1]`. `numbers` (s, 4) are their observations, how many of them are
-    absorbed, duration of bins, squares of the deviations from the bins' means. Exact where points are single
-    observations. The mean of a bin has less of a process by the mean correlation within it, and the deviations from
-    that mean, taken as white, have the rest. Coefficients of the r columns but the last, residuals, have unit variance;
-    those of a series follow by `turned` (s, r, c) from c that are the same in all.
-    """
+    """Log restricted likelihoods of s series over white noise, variances w (s, cells), and of all together (cells,)."""
+    # `numbers` (s, 4): observations, how many are absorbed, duration of bins, squares of deviations from bins' means.
+    # The mean of a bin has less of a process by the mean correlation in it; the deviations, taken as white, have the
+    # rest. Coefficients of all columns but the residuals have unit variance; `turned` (s, r, c) leads to them from
+    # common ones.
     series, ratios, m = len(begin) - 1, len(ratio), columns.shape[1]
     shapes, p = tau_s.shape
     cells, common = shapes * ratios, turned.shape[2]
@@ -255,11 +245,9 @@ def whiten(
     variance: Floats,
     state: Floats,
 ) -> Floats:
-    """Innovations of k series over their standard deviations, shape (k, n, m), for gains of one.
-
-    Values (n, j, m) of observations are combined to those of the series by one of `combined` (u, k, j), `which` (n,).
-    Variances (k,) and estimates (k, m) of the processes go on from one call to the next.
-    """
+    """Innovations of k series over their standard deviations, (k, n, m), for gains of one."""
+    # `combined` (u, k, j) by `which` (n,) leads from values (n, j, m); `variance` (k,), `state` (k, m) go on between
+    # calls.
     n, _, m = values.shape
     series = len(white)
     out, value = np.empty((series, n, m)), np.empty(m)
@@ -285,10 +273,7 @@ def whiten(
 
 @compiled(error_model="numpy")
 def weigh(step_s: Floats, white: Floats, tau_s: Floats, ratio: Floats, values: Floats) -> Floats:
-    """What :func:`whiten` does to values of series (k, n, m), transposed.
-
-    Both operations one after the other multiply by the inverse of the covariance.
-    """
+    """Transpose of :func:`whiten`: both one after the other multiply by the inverse of the covariance."""
     series, n, m = values.shape
     out = np.empty((series, n, m))
     decay, kalman, scale, state = np.empty(n), np.empty(n), np.empty(n), np.empty(m)
@@ -314,10 +299,7 @@ def weigh(step_s: Floats, white: Floats, tau_s: Floats, ratio: Floats, values: F
 def add_to_bins(
     place: Integers, combined: Floats, which: Integers, values: Floats, sums: Floats, squares: Floats
 ) -> None:
-    """Add values (n, j, m), combined to k series as by :func:`whiten`, to sums (k, bins, m) at places (n,).
-
-    Squares of the first column go to the sums of squares (k,).
-    """
+    """Add combined values (n, j, m) to sums (k, bins, m) at places (n,), squares of the first column to (k,)."""
     n, _, m = values.shape
     value = np.empty(m)
     for i in range(n):
@@ -339,10 +321,7 @@ def products(
     tau_s: Floats,
     variance: Floats,
 ) -> Floats:
-    """Columns (n, m) times the covariance matrix of bins of some duration times columns, shape (m, m).
-
-    It is `white` on the diagonal and, times the gains, the sum of variance exp(-|dt| / tau).
-    """
+    """Columns (n, m) times the covariance of bins, `white` and variance exp(-|dt| / tau), times columns, (m, m)."""
     variance = variance * mean_correlation(width_s, tau_s)
     matters = variance > 1e-6 * variance.sum()
     tau_s, variance = tau_s[matters], variance[matters]
@@ -388,12 +367,9 @@ def filter_processes(
     begun_s: Floats,
     columns: Floats,
 ) -> Floats:
-    """Innovations of columns (n, m) over their standard deviations, of white noise and shared processes.
-
-    Covariance (s, s) and estimates (s, m) of the processes, the time `last_s` (1,) that they belong to, and when the
-    values of those that hold them were taken, `begun_s` (s,), go on from one call to the next. An innovation whose
-    variance is not above `least_m2` tells nothing: zeros.
-    """
+    """Innovations of columns (n, m) over their standard deviations, of white noise and shared processes."""
+    # `covariance` (s, s), `state` (s, m), their time `last_s` (1,) and when held values were taken, `begun_s` (s,),
+    # go on between calls. An innovation whose variance is not above `least_m2` tells nothing: zeros.
     n, m = columns.shape
     s, most = len(tau_s), process.shape[1]
     decay, gain = np.empty(s), np.empty(s)

@@ -79,12 +79,8 @@ class Ellipse:
 
 
 def horizontal_ellipse(covariance_en_m2: NDArray[np.float64], probability: float = 0.95) -> Ellipse:
-    """The error ellipse of a covariance of east and north, m^2, that holds the true point with a probability.
-
-    Notes
-    -----
-    For two dimensions the factor to the one-sigma axes is sqrt(-2 ln(1 - probability)), 2.45 for 95 %.
-    """
+    """Error ellipse of a covariance of east and north, m^2, which holds the true point with a probability."""
+    # For two dimensions the factor to the one-sigma axes is sqrt(-2 ln(1 - probability)), 2.45 for 95 %.
     variances, vectors = np.linalg.eigh(covariance_en_m2)
     factor = math.sqrt(-2.0 * math.log(1.0 - probability))
     minor, major = factor * np.sqrt(np.maximum(variances, 0.0))
@@ -94,21 +90,11 @@ def horizontal_ellipse(covariance_en_m2: NDArray[np.float64], probability: float
 
 @dataclass(frozen=True, slots=True)
 class TerrainHeight:
-    """The a-priori height of a terrain model: the error of the model is common to all places, its roughness is local.
+    """A-priori height of a terrain model, whose own error is common to all places and whose roughness is local."""
 
-    Parameters
-    ----------
-    name : str
-        Name of the a-priori value.
-    common_part : float
-        Part of its variance that is the error of the model.
-    resolution_m : float
-        Distance over which the rest decays.
-    """
-
-    name: str
-    common_part: float
-    resolution_m: float
+    name: str  # of the a-priori value
+    common_part: float  # of its variance, the error of the model
+    resolution_m: float  # distance over which the rest decays
 
     def correlation(self, distance_m: float) -> float:
         """Correlation of the errors at two places."""
@@ -117,60 +103,28 @@ class TerrainHeight:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PositionEstimate:
-    """An estimate of a position as its solution states it.
-
-    Parameters
-    ----------
-    name : str
-        What it is from, such as the length of its arc.
-    position_me_m : ndarray, shape (3,)
-        Mean-Earth axes, m.
-    noise_enu_m2 : ndarray, shape (3, 3)
-        Covariance without considered errors, east, north, up; NaN where a component is not determined.
-    errors_enu_m : mapping of str to ndarray, shape (3,)
-        How far an error of one sigma of each considered parameter moves the position. The same name in two estimates is
-        the same error.
-    priors_enu_m : mapping of str to ndarray, shape (3,)
-        The same of the a-priori values of what is estimated, which the noise has in it. A name that two estimates have
-        in common, be it considered or a priori, is the same information.
-    data : frozenset of str
-        What tells its files of observations from others.
-    images : frozenset of str
-        Those of them that are images.
-    observations : tuple of SampledSeries, or None
-        A sample of its observations, which tells better than their files what two estimates share.
-    study : str or None
-        What tells its study from others; estimates of one study differ in the hours of data only.
-    hours : float
-        Length of the arc, h; infinite for all of the data.
-    straight : bool
-        Whether the covariance holds along straight lines, as that of tracking alone, whose lines of sight are parallel;
-        else it holds along the sphere and in height, as that of a position on a map or with an a-priori height.
-    """
+    """Estimate of a position as its solution states it, in mean-Earth axes."""
 
     name: str
-    position_me_m: _Floats
-    noise_enu_m2: _Floats
+    position_me_m: _Floats  # (3,)
+    noise_enu_m2: _Floats  # (3, 3), without considered errors; NaN where a component is not determined
+    # Changes of the position (3,) by one sigma of each considered error, and of each a-priori value that the noise
+    # has in it. The same name in two estimates is the same error or the same information.
     errors_enu_m: Mapping[str, _Floats]
     priors_enu_m: Mapping[str, _Floats] = field(default_factory=dict)
     spans_utc: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     terrain: TerrainHeight | None = None
-    data: frozenset[str] = frozenset()
-    images: frozenset[str] = frozenset()
-    observations: tuple[SampledSeries, ...] | None = None
-    study: str | None = None
-    hours: float = math.inf
+    data: frozenset[str] = frozenset()  # hashes or names of its files
+    images: frozenset[str] = frozenset()  # those of them that are images
+    observations: tuple[SampledSeries, ...] | None = None  # a sample
+    study: str | None = None  # hash; estimates of one study differ in the hours of data only
+    hours: float = math.inf  # infinite for all of the data
+    # Whether the covariance holds along straight lines, as of tracking alone; else along the sphere and in height.
     straight: bool = False
 
     @classmethod
     def from_solution(cls, content: Mapping[str, Any]) -> PositionEstimate:
-        """What ``solution.json`` or :meth:`~radioloc.results.solution.Solution.to_dict` states.
-
-        Raises
-        ------
-        InputError
-            The solution has no position.
-        """
+        """Read what ``solution.json`` states; :class:`InputError` if there is no position."""
         if not content["position"]:
             raise InputError(f"{content['name']}: the target moves along a trajectory; there is no position")
         provenance = content["provenance"]
@@ -276,31 +230,15 @@ class PositionEstimate:
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """How far two estimates are apart, and whether their sigmas allow it.
-
-    Parameters
-    ----------
-    one, two : str
-        Names of the estimates.
-    difference_enu_m : tuple of float
-        The first less the second, east, north, up, m.
-    sigma_enu_m : tuple of float or None
-        Standard deviation of that difference, m; None where there is no test, or no such component.
-    components : int
-        How many of east, north, up both determine: degrees of freedom of the test.
-    chi2 : float or None
-        Of the difference; None where there is no test.
-    why : str
-        Why there is none; empty where there is.
-    """
+    """Distance of two estimates, and whether their sigmas allow it."""
 
     one: str
     two: str
-    difference_enu_m: tuple[float, float, float]
-    sigma_enu_m: tuple[float | None, ...] | None = None
-    components: int = 0
-    chi2: float | None = None
-    why: str = ""
+    difference_enu_m: tuple[float, float, float]  # the first less the second
+    sigma_enu_m: tuple[float | None, ...] | None = None  # None where there is no test, or no such component
+    components: int = 0  # of east, north, up that both determine: degrees of freedom
+    chi2: float | None = None  # None where there is no test
+    why: str = ""  # there is no test; else empty
 
     @property
     def chance(self) -> float | None:
@@ -310,29 +248,13 @@ class Agreement:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointEstimate:
-    """The estimate from several.
+    """Joint estimate of several."""
 
-    Parameters
-    ----------
-    position_me_m : ndarray, shape (3,)
-        Mean-Earth axes, m.
-    covariance_enu_m2 : ndarray, shape (3, 3)
-        Total covariance.
-    names : tuple of str
-        The estimates that it rests on.
-    left_out : mapping of str to str
-        The others, and why.
-    chi2 : float
-        Of what they differ from it.
-    dof : int
-        Degrees of freedom of that.
-    """
-
-    position_me_m: _Floats
-    covariance_enu_m2: _Floats
-    names: tuple[str, ...]
-    left_out: Mapping[str, str] = field(default_factory=dict)
-    chi2: float = 0.0
+    position_me_m: _Floats  # (3,)
+    covariance_enu_m2: _Floats  # (3, 3), total
+    names: tuple[str, ...]  # of the estimates that it rests on
+    left_out: Mapping[str, str] = field(default_factory=dict)  # the others, and why
+    chi2: float = 0.0  # of what they differ from it
     dof: int = 0
 
     @property
@@ -344,30 +266,9 @@ class JointEstimate:
 def agreement(one: PositionEstimate, two: PositionEstimate, *, horizontal: bool = False) -> Agreement:
     """Compare two estimates by the covariance that their difference should have.
 
-    Parameters
-    ----------
-    one, two : PositionEstimate
-        In the same frame.
-    horizontal : bool
-        Whether the height is left out of the test.
-
-    Notes
-    -----
-    Estimates from different data are independent but for considered parameters and a-priori values of the same name.
-    An estimate from all data is uncorrelated with what a part of them differs from it, if both are weighted rightly:
-    the difference then has the covariance of the part less that of the whole (Hausman 1978, Econometrica 46, 1251), and
-    what considered parameters move the one otherwise than the other. Estimates that share data otherwise are not
-    tested.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from radioloc.estimation.combination import PositionEstimate, agreement
-    >>> here = np.array([1737400.0, 0.0, 0.0])
-    >>> near = here + [0.0, 30.0, 0.0]
-    >>> one, two = (PositionEstimate(n, at, 100.0 * np.eye(3), {}) for n, at in (("a", here), ("b", near)))
-    >>> round(agreement(one, two).chi2, 2)
-    4.5
+    Estimates from different data are independent but for errors and a-priori values of the same name. An estimate from
+    all data is uncorrelated with what a part of them differs from it: the difference has the covariance of the part
+    less that of the whole (Hausman 1978), and what errors move the one otherwise than the other.
     """
     apart_m = local_difference(one.position_me_m, two.position_me_m).enu_m
     compared = Agreement(one.name, two.name, tuple(apart_m.tolist()))
@@ -400,11 +301,7 @@ def agreement(one: PositionEstimate, two: PositionEstimate, *, horizontal: bool 
 
 
 def joint_estimate(estimates: Sequence[PositionEstimate]) -> JointEstimate | None:
-    """Combine estimates by least squares, with what their considered errors and a-priori values have in common.
-
-    Of estimates that share data, the one with the smallest horizontal sigma is used. None where fewer than two are
-    left.
-    """
+    """Combine estimates by least squares with their common errors; None where fewer than two have data of their own."""
     order = sorted(estimates, key=lambda item: float(np.trace(item.total_enu_m2[:2, :2])))
     used: list[PositionEstimate] = []
     left_out: dict[str, str] = {}

@@ -55,15 +55,11 @@ _FEW_COLUMNS = 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConsideredErrors:
-    """Considered parameters, each with its sigma, and their columns of the design matrix.
-
-    The partials are those of some observations, from their indices (m,) to d(computed)/d(parameter), shape (m, c).
-    Those by what is at stations alone may be given as well, where they are had with less effort.
-    """
+    """Considered parameters with their sigmas, and their columns of the design matrix by rows, (m, c)."""
 
     parameters: ParameterSet
     partials: RowsOf
-    station_partials: RowsOf | None = None
+    station_partials: RowsOf | None = None  # by what is at stations alone, where that is less effort
 
     @property
     def at_stations(self) -> Effects | None:
@@ -85,12 +81,10 @@ def is_at_station(kind: str) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CommonErrors:
-    """Noise with further errors, independent and of unit variance, that many observations share.
+    """Noise with further errors, independent and of unit variance, that many observations share."""
 
-    With their effects E and columns Y, both whitened by the noise, Y^T (1 + E E^T)^-1 Y is the square of Y - E g and,
-    below, of the estimates of the errors g = (1 + E^T E)^-1 E^T Y (Woodbury 1950).
-    """
-
+    # With effects E and columns Y whitened by the noise, Y^T (1 + E E^T)^-1 Y is the square of Y - E g and, below, of
+    # the estimates of the errors g = (1 + E^T E)^-1 E^T Y (Woodbury 1950).
     noise: Whitening
     # Part by part, which columns are not zero, and these
     effects: tuple[tuple[NDArray[np.intp], _Floats], ...]
@@ -128,11 +122,7 @@ class CommonErrors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Consider:
-    """What considered parameters do to an estimate.
-
-    The sensitivity is the change of the estimate (rows) by an error of one sigma of each considered parameter
-    (columns).
-    """
+    """Considered parameters, and the change of an estimate (rows) by one sigma of each (columns)."""
 
     parameters: ParameterSet  # the considered ones, c
     sensitivity: _Floats  # (p, c)
@@ -173,14 +163,11 @@ def consider(fit: FitResult, errors: ConsideredErrors) -> Consider:
 
 
 def effects_beside_prior(fit: FitResult, errors: ConsideredErrors) -> Effects:
-    """Return effects for weights of tracking that is combined with an independent a-priori position.
-
-    Beside the errors at stations these are those of frames, as far as they move the position: with the sensitivity S of
-    a position from the tracking alone, A S. The a-priori position then counts against the total covariance of that,
-    N^-1 + S S^T, as where two results are combined, and how frame errors change over the arc has no part in the
-    estimate. Other parameters are left out: their a-priori values do not share the error, so that weights which allow
-    for it would move the position. The fit allows for errors at stations already.
-    """
+    """Effects for weights of tracking that is combined with an independent a-priori position."""
+    # Beside the errors at stations these are those of frames, as far as they move the position: with the sensitivity
+    # S of a position from the tracking alone, A S. The a-priori position then counts against the total covariance of
+    # that, N^-1 + S S^T, as where two results are combined. Other parameters have no part in it: their a-priori
+    # values do not share the error.
     parameters, root, free = fit.parameters, fit.factor.root_covariance(), fit.parameters.free
     frames = np.flatnonzero([not is_at_station(item.kind) for item in errors.parameters])
     # In parameters of unit covariance, which differ in units.
@@ -206,10 +193,8 @@ def effects_beside_prior(fit: FitResult, errors: ConsideredErrors) -> Effects:
 
 
 def moved_by(fit: FitResult, effects_m: RowsOf, count: int) -> _Floats:
-    """By how much errors move the estimate, shape (p, count), from their effects on observations (m,), (m, count).
-
-    Directions that the data do not determine have no part in it: their variance is infinite already.
-    """
+    """Sensitivity of the estimate, (p, count), to errors by their effects on observations (m,), (m, count)."""
+    # Directions that the data do not determine have no part in it: their variance is infinite already.
     root, moved = fit.factor.root_covariance(), np.zeros((len(fit.parameters), count))
     if not count:
         return moved
@@ -230,10 +215,8 @@ def moved_by(fit: FitResult, effects_m: RowsOf, count: int) -> _Floats:
 
 
 def few_errors(errors: ConsideredErrors, sigma_m: _Floats) -> tuple[_Floats, int]:
-    """Effects (n, r), m, of some independent errors that stand for all, and how many of them, the first, at stations.
-
-    What is left out of a variance is below 1 % of that which observations of `sigma_m` (n,) would leave.
-    """
+    """Effects (n, r), m, of few independent errors in place of all, and the count of those, the first, at stations."""
+    # What is left out of a variance is below 1 % of that which observations of `sigma_m` (n,) would leave.
     mine, found = errors._at_stations, []
     effects = errors.partials(np.arange(len(sigma_m))) * errors.parameters.prior_sigmas
     for some in (effects[:, mine], np.delete(effects, mine, axis=1)):
@@ -245,18 +228,7 @@ def few_errors(errors: ConsideredErrors, sigma_m: _Floats) -> tuple[_Floats, int
 
 @dataclass(frozen=True, slots=True)
 class BudgetItem:
-    """The sigma of a position by one source.
-
-    Parameters
-    ----------
-    source : str
-        Measurement noise, with what is correlated in time; a-priori values of what is estimated; a kind of considered
-        parameter; the error assumed of the ephemeris.
-    name : str
-        Of a-priori values the parameter, of a kind whose it is: a station, a link; else empty.
-    east_m, north_m, up_m, total_m : float
-        Standard deviations, and the root of their squares' sum.
-    """
+    """Sigma of a position by one source, m; `name` is the parameter or its owner."""
 
     source: str
     name: str
@@ -287,10 +259,7 @@ def prior_effects(fit: FitResult) -> _Floats:
 
 
 def shared_prior_effects(parameters: ParameterSet, effects: _Floats) -> dict[str, _Floats]:
-    """Return the change of the estimate (p,) by one sigma of each error that a-priori values share, by its name.
-
-    The effects (p, p) are those of :func:`prior_effects`.
-    """
+    """Change of the estimate (p,) by one sigma of each error that a-priori values share, by its name."""
     names = dict.fromkeys(name for item in parameters for name in item.prior_errors)
     return {
         name: effects
@@ -308,25 +277,11 @@ def sources(
     ephemeris_sigma_enu_m: _Floats,
     direct_m: _Floats | float = 0.0,
 ) -> dict[tuple[str, str], _Floats]:
-    """Covariance of the position by each source that there may be and its name, m^2, shape (..., 3, 3).
+    """Covariance of the position by each source and its name, m^2, (..., 3, 3)."""
 
-    Parameters
-    ----------
-    parameters : ParameterSet
-        What was solved for, p.
-    enu_by_parameters : ndarray, shape (..., 3, p)
-        Partials of the position; of an orbit along, across and radial, at any epochs.
-    enu_covariance_m2 : ndarray, shape (..., 3, 3)
-        Its covariance by noise and a-priori values.
-    effects : ndarray, shape (p, p)
-        Of :func:`prior_effects`.
-    considered : Consider or None
-        Of c parameters.
-    ephemeris_sigma_enu_m : ndarray, shape (3,)
-    direct_m : ndarray, shape (..., 3, c), optional
-        What errors of the considered parameters, one sigma each, add to the position's error by themselves.
-    """
-
+    # Partials (..., 3, p) and the covariance by noise and a-priori values (..., 3, 3) may be at any epochs of an orbit;
+    # `effects` are those of prior_effects; errors of one sigma of considered parameters add `direct_m` (..., 3, c) by
+    # themselves.
     def squared(moved_m: _Floats, k: int) -> _Floats:
         return np.asarray(moved_m[..., :, None, k] * moved_m[..., None, :, k])
 

@@ -48,43 +48,18 @@ _FEWEST = 3
 
 @dataclass(frozen=True, slots=True)
 class Inconsistency:
-    """A group of observations, or an explanation, and how it fits the rest.
+    """Group of observations, or an explanation, and how it fits the rest."""
 
-    Parameters
-    ----------
-    kind : str
-        What is tested: ``"station"``, ``"link"``, ``"type"`` or ``"pass"``, taken out of the fit; ``"a priori"``, a
-        value set free; ``"jump"`` or ``"offset"``, added.
-    name : str
-        Whose it is.
-    chi2 : float
-        Test statistic.
-    dof : int
-        Its degrees of freedom.
-    log10_chance : float
-        Logarithm to base 10 of the probability that chance alone makes it as large, all that were tried allowed for.
-    shift_enu_m : tuple of float, or None
-        By how much the position moves without the group or with the explanation, m; None where there is no position.
-    shift_sigma_enu_m : tuple of float, or None
-        How much it would move by chance, one standard deviation, m.
-    amounts : dict of str to float
-        What explains it, by component, in `unit`.
-    unit : str
-        Of the amounts.
-    first_utc, last_utc : str
-        From when to when; empty where all the time.
-    """
-
-    kind: str
+    kind: str  # "station", "link", "type", "pass": taken out; "a priori": set free; "jump", "offset": added
     name: str
     chi2: float
     dof: int
-    log10_chance: float
-    shift_enu_m: tuple[float, float, float] | None
-    shift_sigma_enu_m: tuple[float, float, float] | None
-    amounts: dict[str, float]
+    log10_chance: float  # of chance alone making it as large, all that were tried allowed for
+    shift_enu_m: tuple[float, float, float] | None  # of the position, without or with it
+    shift_sigma_enu_m: tuple[float, float, float] | None  # how much it would move by chance
+    amounts: dict[str, float]  # what explains it, by component, in `unit`
     unit: str = ""
-    first_utc: str = ""
+    first_utc: str = ""  # empty where all the time
     last_utc: str = ""
 
     @property
@@ -138,17 +113,10 @@ def _length(value_m: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Consistency:
-    """Whether the observations agree with each other and with the a-priori values.
+    """Agreement of the observations with each other and with the a-priori values."""
 
-    Parameters
-    ----------
-    groups : tuple of Inconsistency
-        Stations, links, types and passes, each without the rest; those that fit too.
-    found : tuple of Inconsistency
-        What does not fit, the clearest first, each with those before it taken into account.
-    """
-
-    groups: tuple[Inconsistency, ...] = ()
+    groups: tuple[Inconsistency, ...] = ()  # each without the rest; those that fit too
+    # What does not fit, the clearest first, each with those before it taken into account.
     found: tuple[Inconsistency, ...] = ()
 
     def __repr__(self) -> str:
@@ -204,23 +172,7 @@ def assess_consistency(
     enu_by_parameters: _Floats | None,
     considered: ConsideredErrors | None = None,
 ) -> Consistency:
-    """Test groups of observations and a-priori values against the rest, and look for steps and offsets.
-
-    Parameters
-    ----------
-    edited : EditedFit
-        The fit; there is nothing to say of one that did not converge.
-    order : SeriesOrder
-        Types, paths and times of the observations.
-    correlation : TimeCorrelation or None
-        Noise of series that are correlated in time.
-    epoch_utc : Epochs
-        UTC of the observations.
-    enu_by_parameters : ndarray, shape (3, p), or None
-        d(position east, north, up)/d(parameter); None where there is no position.
-    considered : ConsideredErrors or None
-        What else may be wrong, and by how much.
-    """
+    """Test groups of observations and a-priori values against the rest, and look for steps and offsets."""
     fit = edited.fit
     if not edited.converged or fit.dof < 1 or not (fit.parameters.free.any() and fit.used.any()):
         return Consistency()

@@ -296,18 +296,10 @@ def _metres(value_m: float) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhaseCounts:
-    """What is known of n observations as counts of a phase.
-
-    Parameters
-    ----------
-    count_s : ndarray, shape (n,)
-        Count interval, s; NaN where nothing is counted.
-    cycle_m : ndarray, shape (n,)
-        What a cycle adds to the value, m: the wavelength of the signal on its way down; NaN where that is not known.
-    """
+    """Count intervals, s, and wavelengths of the downlink, m, of n observations that count a phase; NaN where none."""
 
     count_s: _Floats
-    cycle_m: _Floats
+    cycle_m: _Floats  # a cycle adds as much to the value
 
 
 def phase_faults(edited: EditedFit, order: SeriesOrder, counts: PhaseCounts) -> dict[int, str]:

@@ -62,12 +62,10 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BinnedProblem:
-    """A fit in n points, bins of observations over the root of their count, and k a-priori values.
+    """Fit in n points, bins of observations over the root of their count, and k a-priori values."""
 
-    What single links have in the points, of which one of combined observations has several, is m rows of its own.
-    Columns to be added have a row for each point and a-priori value, n + k, and are not whitened.
-    """
-
+    # Columns to be added have a row for each point and a-priori value, n + k, and are not whitened. What single links
+    # have in the points, of which one of combined observations has several, is m rows of its own.
     points: Points
     prior: _Floats  # (k, 1 + c), residual and partials over the sigmas
     place: NDArray[np.intp]  # (m,), point that a link has part in
@@ -103,11 +101,7 @@ class BinnedProblem:
         noise_of: Callable[[Points], Mapping[str, SeriesNoise]],
         considered: ConsideredErrors | None = None,
     ) -> BinnedProblem:
-        """Bin a fit. Parameters are in coordinates of unit formal covariance, then the considered ones in sigmas.
-
-        From the points, with partials by the estimated parameters, follows the noise of their series; those of which
-        it says nothing have white noise.
-        """
+        """Bin a fit; parameters are in coordinates of unit formal covariance, then the considered ones in sigmas."""
         from scipy.linalg import block_diag
 
         free, sigmas = fit.parameters.free, fit.parameters.prior_sigmas[fit.parameters.free]
@@ -144,10 +138,8 @@ class BinnedProblem:
         return problem._with_noise(noise, np.zeros(unit.shape[1]))
 
     def _with_noise(self, noise: Mapping[str, SeriesNoise], estimate: _Floats) -> BinnedProblem:
-        """The problem with each series' noise, white as of an estimate where there is none.
-
-        A series has more where its residuals stay correlated for longer than its noise has it.
-        """
+        """Return the problem with the noise of each series, white where none is given."""
+        # A series has more where its residuals stay correlated for longer than its noise has it.
         points, roots = self.points, []
         for k, one in enumerate(points.series):
             of, known = points.of(k), noise.get(one.key) or _white(points, k, estimate)
@@ -197,11 +189,7 @@ class BinnedProblem:
         return ((self.points.of(k), self.roots[k]) for k in np.flatnonzero(there).tolist())
 
     def test(self, columns: _Floats, links: Mapping[int, float] | None = None) -> Verdict | None:
-        """Whether added columns (n + k, w) are zero; None where the parameters leave nothing of them.
-
-        Errors of a station are in all its baselines, whatever the weights have made of that: residuals of links, with
-        their signs, are looked through for what they have in common.
-        """
+        """Test whether added columns (n + k, w) are zero; None where the parameters leave nothing of them."""
         z = columns.copy()
         for of, root in self._there(columns):
             z[of] = root @ columns[of]
@@ -219,7 +207,7 @@ class BinnedProblem:
         along = root.T @ score
         estimate, shift = root @ along, -gain @ root @ along
         chi2, dof, inflation = float(along @ along), int(told.sum()), 1.0
-        if links:
+        if links:  # errors of a station are in all its baselines, whatever the weights have made of that
             inflation = self._inflation(self.left - self.whitened @ shift - z @ estimate, links)
         return Verdict(chi2, dof, estimate, shift, gain @ root, log_probability(chi2 / inflation, dof))
 
@@ -230,10 +218,8 @@ class BinnedProblem:
         return _spread(np.bincount(which, sign * left[place]) / np.sqrt(np.bincount(which)))
 
     def chi2_of_steps(self, links: Mapping[int, float], edges_s: _Floats) -> _Floats:
-        """Chi-square of a step of some links, each by itself, at each of some instants (w,).
-
-        A step is a sum over the points from its instant on, so that sums from the last point back serve all of them.
-        """
+        """Chi-square of a step of some links, each by itself, at each of some instants (w,)."""
+        # A step is a sum over the points from its instant on: sums from the last point back serve all of them.
         lasting = self.columns(links)[:, 0]
         squares, products = np.zeros(len(edges_s)), np.zeros((len(edges_s), self.weighted.shape[1]))
         for of, root in self._there(lasting[:, None]):
@@ -260,10 +246,7 @@ def noise_of_each(points: Points) -> dict[str, SeriesNoise]:
 
 
 def _of_each_observation(bundle: Bundle, rows_of: RowsOf) -> _Floats:
-    """What each of the j observations of a bundle has in its points, shape (j, points, c), as of :func:`points_of`.
-
-    Products by the whitening and sums over a bin are one product of matrices.
-    """
+    """Share of each of the j observations of a bundle in its points, (j, points, c), as of :func:`points_of`."""
     place, _ = bins(bundle.time_s, MOST_POINTS)
     count = np.bincount(place)
     ends, found = np.cumsum(count), np.zeros((0, 0, 0, 0))
@@ -296,10 +279,8 @@ def _white(points: Points, k: int, estimate: _Floats) -> SeriesNoise:
 
 
 def _spread(independent: _Floats) -> float:
-    """Variance of what should be independent and of unit variance, from sums over some time: 1 or more.
-
-    About their median and by the median of the squares, so that what does not fit hardly hides itself.
-    """
+    """Variance of what should be independent and of unit variance, from sums over some time: 1 or more."""
+    # About their median and by the median of the squares, so that what does not fit hardly hides itself.
     batches = len(independent) // _BATCH
     if batches < _FEWEST_BATCHES:
         return 1.0

@@ -203,48 +203,11 @@ def fit_least_squares(
     linearization: Linearization | None = None,
     whitening: Whitening | None = None,
 ) -> FitResult:
-    """Fit parameters to observations.
+    """Fit parameters to the `used` observations, from `start` (the a-priori values by default) on.
 
-    Parameters
-    ----------
-    residual_function : callable
-        From x (p,) to a :class:`~radioloc.estimation.linearization.Linearization`; or to the pair of residuals
-        observed - computed (n,), m, and partials d(computed)/dx (n, p).
-    parameters : ParameterSet
-        What is solved for, with a-priori values.
-    sigma_m : array_like, shape (n,) or (), or ObservationNoise
-        Standard deviations of the observations, m; or their noise where they share errors.
-    used : array_like of bool, shape (n,), optional
-        Observations that take part; all by default. Residuals are returned for the others too.
-    start : array_like, shape (p,), optional
-        Where to start; the a-priori values by default. Fixed parameters stay at their a-priori values.
-    linearization : Linearization, optional
-        The one at `start`, where it is known already.
-    whitening : Whitening, optional
-        How the used observations are brought to independent ones of unit variance; by their noise if not given.
-
-    Returns
-    -------
-    FitResult
-        The status says whether it converged and everything is determined; neither raises.
-
-    Raises
-    ------
-    InputError
-        Shapes do not agree, a sigma is not positive and finite, or the residuals or partials at the start
-        are not finite.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from radioloc.estimation import Parameter, ParameterSet, fit_least_squares
-    >>> parameters = ParameterSet([Parameter("offset", "m", "bias"), Parameter("drift", "m/h", "bias")])
-    >>> hours = np.arange(20.0)
-    >>> design = np.column_stack([np.ones(20), hours])
-    >>> observed = 3.0 + 0.5 * hours + 0.01 * np.cos(2.0 * hours)
-    >>> fit = fit_least_squares(lambda x: (observed - design @ x, design), parameters, sigma_m=0.01)
-    >>> fit.x.round(2).tolist(), fit.dof
-    ([3.0, 0.5], 18)
+    `residual_function` leads from x (p,) to a :class:`~radioloc.estimation.linearization.Linearization`, or to the pair
+    of residuals observed - computed (n,), m, and partials d(computed)/dx (n, p). The status of the result says whether
+    it converged and determined everything. Wrong shapes and numbers that are not finite raise :class:`InputError`.
     """
     x = parameters.prior_values if start is None else np.array(start, dtype=np.float64)
     if x.shape != (len(parameters),):
@@ -349,10 +312,7 @@ class _Problem:
         return _STEP_TOLERANCE * max(1.0, float(np.sqrt(at.chi2 / max(1, self.n_used))))
 
     def descend(self, here: _Point, factor: Factor, damping: float) -> tuple[_Point, Factor, float] | None:
-        """Point and factor after a step, and its damping: the least from the one given on with which the sum falls.
-
-        ``None`` where no step lowers the sum.
-        """
+        """Point, factor and damping of a step that lowers the sum; None where none does."""
         length = factor.step_sigmas
         while damping <= _MAX_DAMPING * factor.singular_values[0]:
             trial = self.stepped(here, factor, damping)

@@ -134,10 +134,7 @@ class WhitenedPartials:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Factor:
-    """The whitened linear problem reduced to its singular values.
-
-    The free parameters are multiplied by ``column_norms`` so that every column has length one.
-    """
+    """Whitened linear problem reduced to its singular values, columns scaled to length one by ``column_norms``."""
 
     # (q,), length of each whitened column with its a-priori row; 1/scale for a column of zeros
     column_norms: _Floats
@@ -238,12 +235,10 @@ def _whitened_rows(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearProblem:
-    """A linear problem that is fitted to one set of residuals after another, as Monte Carlo studies do.
+    """Linear problem that is fitted to one set of residuals after another, as Monte Carlo studies do."""
 
-    The partials are turned once to coordinates in which the problem, weighed as stated, is orthonormal: there normal
-    equations lose no digits, and a fit takes no orthogonal factorization of all rows.
-    """
-
+    # Turned once to coordinates in which the problem, weighed as stated, is orthonormal: there normal equations lose no
+    # digits, and a fit takes no orthogonal factorization of all rows.
     partials: _Floats  # (n, p)
     x: _Floats  # (p,), values that residuals belong to
     basis: _Floats  # (n, q), partials by the orthonormal coordinates
@@ -274,10 +269,7 @@ class OrthonormalLinearization:
         return self.problem.partials[rows]
 
     def condensed(self, whitening: Whitening) -> tuple[_Floats, WhitenedPartials | None]:
-        """Rows (q, q + 1) with the normal equations of the independent combinations of all observations.
-
-        And the whitened partials, where they are made on the way.
-        """
+        """Rows (q, q + 1) with the normal equations, and the whitened partials where they are made on the way."""
         basis, from_free = self.problem.basis, self.problem.from_free
         weight = whitening.weights() if isinstance(whitening, Combinations) else None
         kept = None
@@ -334,9 +326,8 @@ def refreshed(
 ) -> Factor:
     """Factor of a neighbouring point: its right side from the gradient here, its triangle as it was there.
 
-    Corrected seminormal equations (Bjorck 1987): with the triangle R of an orthogonal factorization, R^-T A^T r is the
-    right side but for rounding of the condition number, not of its square, times that of the residuals. It tells
-    whether another step is worth taking, at a third of the cost of another factorization.
+    Corrected seminormal equations (Bjorck 1987): with the triangle R, R^-T A^T r is the right side but for rounding. It
+    tells whether another step is worth taking, at a third of the cost of another factorization.
     """
     free = np.flatnonzero(parameters.free)
     gradient = (parameters.prior_values - x)[free] / parameters.prior_sigmas[free] ** 2

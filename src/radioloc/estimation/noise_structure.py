@@ -74,11 +74,13 @@ def by_link(order: SeriesOrder, gap_s: float = np.inf) -> Labels:
 
 
 def split(fit: FitResult, order: SeriesOrder, groups: Labels, added_m: Mapping[str, float]) -> Labels | None:
-    """Groups less the station or link that differs most clearly from the rest of its group, which becomes one; or none.
+    """Groups after the station or link that differs most from the rest of its group has become one; or none.
 
-    Each group is of whole series of one type and has an additive component, m. Without one it is divided only where the
-    noisier part is noisier than stated. The chance allows for all that are compared.
+    Without it, errors exceed their sigmas where one station of three is three times as noisy as the others
+    (`tests/statistics/test_variance_components.py`).
     """
+    # Each group is of whole series of one type and has an additive component, m. Without one it is divided only where
+    # the noisier part is noisier than stated. The chance allows for all that are compared.
     squares, counts = _of_batches(fit, order)
     candidates = list(_candidates(order, groups, np.flatnonzero(counts.any(axis=1))))
     if not candidates:
@@ -106,10 +108,7 @@ def split(fit: FitResult, order: SeriesOrder, groups: Labels, added_m: Mapping[s
 def _candidates(
     order: SeriesOrder, groups: Labels, codes: NDArray[np.intp]
 ) -> Iterator[tuple[str, NDArray[np.bool_]]]:
-    """Name of each station that receives and each link; which series are its, and which the others of its group.
-
-    They are rows of the second, shape (2, series).
-    """
+    """Name of each station that receives and of each link, and rows of its series and the others, (2, series)."""
     group_of = np.full(len(order.series), -1)
     group_of[order.code] = groups.codes
     found: dict[tuple[int, tuple[int, ...]], str] = {}
@@ -143,12 +142,10 @@ def _of_batches(fit: FitResult, order: SeriesOrder) -> tuple[_Floats, _Floats]:
 
 
 def chances_of_noisier(sums: _Floats, numbers: _Floats, dof: _Floats) -> _Floats:
-    """Larger of both chances that the first side of each pair is as much noisier than the second, one where it is not.
-
-    Sums and numbers of the batches have shape (..., 2, batches), degrees of freedom (..., 2).
-    """
+    """Chances that the first side of each pair is as much noisier than the second, one where it is not."""
     from scipy.special import fdtrc, stdtr
 
+    # Sums and numbers of the batches have shape (..., 2, batches), degrees of freedom (..., 2).
     total, batches = sums.sum(axis=-1), (numbers > 0.0).sum(axis=-1)
     tell = (dof >= 1.0).all(axis=-1) & (batches >= 2).all(axis=-1) & (total > 0.0).all(axis=-1)
     sums, numbers, dof, total = (
@@ -190,10 +187,7 @@ class _Pattern:
         return len(self.part) - len(np.unique(self.part))
 
     def sides(self) -> tuple[_Floats, _Floats]:
-        """Sums of squares and degrees of freedom of combinations that hold errors of stations most and least.
-
-        Both have shape (2, parts).
-        """
+        """Squares and degrees of freedom of combinations with most and least errors of stations, (2, parts) each."""
         values, axes = np.linalg.eigh(self.signs @ self.signs.T)
         squares = np.square((self.residual_m / self.sigma_m) @ axes)
         # Each delay has two stations: with independent errors the mean is two
@@ -206,11 +200,13 @@ class _Pattern:
 def noise_with_shared(
     fit: FitResult, order: SeriesOrder, own_m: _Floats
 ) -> tuple[ObservationNoise, dict[str, float]] | None:
-    """Noise in which delays share errors of their stations, and those by type and station, m.
+    """Noise in which delays share errors of their stations, and those by type and station, m; or none.
 
-    None where the residuals show no such errors, or some are stated. `own_m` (n,) are sigmas that delays have their own
-    errors in proportion to. Sigmas of the delays, all their errors together, stay as large as they are in the mean.
+    Without it, the covariance is half of what it should be where stations have errors of their own
+    (`tests/statistics/test_shared_errors.py`).
     """
+    # Sigmas of the delays, all their errors together, stay as large as they are in the mean; their own errors are in
+    # proportion to `own_m` (n,).
     found: dict[str, float] = {}
     codes_of: dict[str, list[int]] = {}
     for code, link in enumerate(order.series):
@@ -267,10 +263,7 @@ def _patterns(
     signs: _Floats,
     own_m: _Floats,
 ) -> Iterator[_Pattern]:
-    """Epochs of which baselines that have stations in common are used, by these baselines.
-
-    Rows (n,) have an epoch and a series (n,), series the signs of stations (series, stations).
-    """
+    """Epochs at which baselines with stations in common are used, by these baselines."""
     used = fit.used[rows]
     row_of = np.full((epoch.max() + 1, len(signs)), -1)
     row_of[epoch[used], of_code[used]] = rows[used]
@@ -308,10 +301,8 @@ def _components(patterns: Sequence[_Pattern], stations: int) -> _Floats | None:
 
 
 def _stacked(patterns: Sequence[_Pattern], stations: int) -> tuple[_Floats, _Floats, _Floats, _Floats]:
-    """What each component adds to the covariance of p patterns (c, p, k, k), sums of products (p, k, k), the rest, dof.
-
-    A pattern of fewer than k baselines has others besides, without residuals and of unit variance, the rest (p, k, k).
-    """
+    """Additions of each component to the covariance (c, p, k, k), products (p, k, k), the rest (p, k, k), dof."""
+    # A pattern of fewer than k baselines has others besides, without residuals and of unit variance: the rest.
     size = max(len(pattern.signs) for pattern in patterns)
     rest = np.tile(np.eye(size), (len(patterns), 1, 1))
     squares, matrices = np.zeros_like(rest), np.zeros((1 + stations, *rest.shape))

@@ -191,30 +191,13 @@ class Observability:
 
 
 def assess_observability(fit: FitResult, counted: NDArray[np.bool_] | None = None) -> Observability:
-    """Name what a fit determines poorly or not at all.
+    """Name what a fit determines poorly or not at all; `counted` (n,) are observations over a count interval.
 
-    `counted` are the observations, shape (n,), whose metres are those of a count interval, as of Doppler: they are no
-    measure of a position's.
-
-    Notes
-    -----
-    Weak directions are the eigenvectors of the covariance in parameter scales, so of all combinations of unit length
-    they are those of largest sigma. The covariance is the inverse of the normal matrix of the weights: the formal one,
-    or with correlated weights a larger one. Undetermined directions span a space; its basis is brought to reduced
-    echelon form, so that each direction names as few parameters as it can.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from radioloc.estimation import Parameter, ParameterSet, assess_observability, fit_least_squares
-    >>> parameters = ParameterSet([Parameter("offset", "m", "bias"), Parameter("drift", "m/h", "bias")])
-    >>> hours = np.arange(20.0)
-    >>> design = np.column_stack([np.ones(20), hours])
-    >>> once = np.ones((20, 2))  # all at one time: offset and drift cannot be told apart
-    >>> fit = fit_least_squares(lambda x: (3.0 - once @ x, once), parameters, sigma_m=0.01)
-    >>> assess_observability(fit).describe()
-    ('the data do not determine 0.71 offset - 0.71 drift', 'would help: an a-priori sigma for drift, offset')
+    Weak directions are eigenvectors of the covariance in parameter scales, so of all combinations of unit length those
+    of largest sigma. The basis of undetermined directions is in reduced echelon form, so that each names as few
+    parameters as it can.
     """
+    # Metres of a count, as of Doppler, are no measure of a position's.
     parameters = fit.parameters
     scales = parameters.scales[parameters.free]
     lost = _simple_basis(fit.factor.undetermined_directions() / scales)

@@ -44,21 +44,13 @@ _FLATTEST = 1e-10
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SharedErrors:
-    """Which errors each observation shares with others of its group, and what they do to it.
+    """Errors that each observation shares with others of its group, and their effects on it."""
 
-    Parameters
-    ----------
-    group : ndarray of int, shape (n,)
-        Observations of the same group share errors of the same source; :data:`ALONE` shares none.
-    source : ndarray of int, shape (n, m)
-        Sources of the errors, such as indices of stations.
-    effect_m : ndarray, shape (n, m)
-        What an error of one standard deviation of each source adds to the observation, with its sign, m.
-    """
-
-    group: NDArray[np.intp]
-    source: NDArray[np.intp]
-    effect_m: _Floats
+    group: NDArray[
+        np.intp
+    ]  # (n,), observations of a group share errors of the same source; ALONE shares none
+    source: NDArray[np.intp]  # (n, m), such as indices of stations
+    effect_m: _Floats  # (n, m), of an error of one standard deviation of each source, with its sign
 
     def variance_m2(self) -> _Floats:
         """What all shared errors together add to the variance of each observation, shape (n,)."""
@@ -78,21 +70,11 @@ class SharedErrors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhaseNoise:
-    """White noise of the phase whose change a count is.
+    """White noise of the phase whose change a count is."""
 
-    Parameters
-    ----------
-    sigma_m : ndarray, shape (n,)
-        Standard deviation of the phase at either end of a count, m; zero for what has none.
-    before : ndarray of int, shape (n,)
-        The count, of the same sigma, at whose end this one begins; :data:`ALONE` where there is none.
-    order : ndarray of int, shape (m,)
-        Counts with phase noise, each after the one before it.
-    """
-
-    sigma_m: _Floats
-    before: NDArray[np.intp]
-    order: NDArray[np.intp]
+    sigma_m: _Floats  # (n,), of the phase at either end of a count; zero for what has none
+    before: NDArray[np.intp]  # (n,), the count of the same sigma at whose end this one begins, or ALONE
+    order: NDArray[np.intp]  # (m,), counts with phase noise, each after the one before it
 
     def factor(self, rows: NDArray[np.intp], own_m: _Floats) -> _Floats:
         """Cholesky factor of the covariance of some rows (k,) in their order: its diagonal, what is below, (2, k)."""
@@ -125,10 +107,7 @@ def slices_of_chain(factor: _Floats) -> Iterator[slice]:
 
 
 def unchained(factor: _Floats, values: _Floats, *, adjoint: bool = False) -> _Floats:
-    """Independent combinations of unit variance of rows (k, c), by the factor of their covariance (2, k).
-
-    This and the `adjoint` operation after it multiply by the inverse of the covariance.
-    """
+    """Independent combinations of rows (k, c) by the factor (2, k), or the transpose of that."""
     from scipy.linalg import solve_banded
 
     if adjoint:
@@ -138,36 +117,13 @@ def unchained(factor: _Floats, values: _Floats, *, adjoint: bool = False) -> _Fl
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObservationNoise:
-    """Covariance of the observations of a fit.
+    """Covariance of the observations of a fit; :class:`InputError` where it is not positive definite."""
 
-    Parameters
-    ----------
-    own_m : ndarray, shape (n,)
-        Standard deviation of each observation's own, independent error, m.
-    shared : SharedErrors or None
-        Errors shared with other observations; none where ``None``.
-    phase : PhaseNoise or None
-        Noise of the phase that counts are of; none where ``None``. Counts share no other errors.
-
-    Attributes
-    ----------
-    sigma_m : ndarray, shape (n,)
-        Standard deviation of each observation, all its errors together, m.
-    blocks : tuple of Block
-        Observations that share errors, blocks of one size together.
-
-    Raises
-    ------
-    InputError
-        An own sigma is not positive and finite, or the shared errors are of another length, not finite, or so much
-        larger than the own ones that the block cannot be told from a singular one.
-    """
-
-    own_m: _Floats
+    own_m: _Floats  # (n,), sigma of each observation's own, independent error
     shared: SharedErrors | None = None
-    blocks: tuple[Block, ...] = field(default=(), repr=False)
-    phase: PhaseNoise | None = None
-    sigma_m: _Floats = field(init=False)
+    blocks: tuple[Block, ...] = field(default=(), repr=False)  # that share errors, those of one size together
+    phase: PhaseNoise | None = None  # counts share no other errors
+    sigma_m: _Floats = field(init=False)  # (n,), all errors together
 
     def __post_init__(self) -> None:
         bad = np.flatnonzero(~(np.isfinite(self.own_m) & (self.own_m > 0.0)))
@@ -287,10 +243,8 @@ class Combinations:
                 yield combined.reshape(part.rows.size, -1), part.combined_m[part.which].ravel()
 
     def combined(self, values: _Floats) -> tuple[_Floats, _Floats]:
-        """Independent combinations of values (n,), such as residuals, and their standard deviations, m, both (m,).
-
-        Without counts of a phase, in whose combinations noise that is added to each is none of one size.
-        """
+        """Independent combinations of values (n,) and their standard deviations, m; without counts of a phase."""
+        # Added noise is of one size in all combinations but those of counts of a phase.
         parts = list(self.parts(column(values)))
         if not parts:
             return np.zeros(0), np.zeros(0)

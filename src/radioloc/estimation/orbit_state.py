@@ -39,27 +39,14 @@ def turned(axes: Floats, of_states: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProcessEstimate:
-    """Stochastic accelerations of an orbit, smoothed.
+    """Stochastic accelerations of an orbit, smoothed."""
 
-    Parameters
-    ----------
-    effects : StochasticEffects
-        What accelerations of one sigma do to the orbit.
-    sigma_m_s2 : ndarray, shape (3,)
-        A-priori sigmas radial, along, across.
-    correlation_s : float
-        Correlation time; zero without.
-    values_m_s2 : two of ndarray, shape (K + 1, 3)
-        By interval, behind and before the epoch, both outward; the last is of none.
-    covariance : two of ndarray, shape (K + 1, p + 9, p + 9)
-        Of the orbit's parameters, the deviation of its state with which the interval begins (mapped to the epoch) and
-        the acceleration in its sigmas.
-    """
-
-    effects: StochasticEffects
-    sigma_m_s2: Floats
-    correlation_s: float
-    values_m_s2: Chains
+    effects: StochasticEffects  # of accelerations of one sigma
+    sigma_m_s2: Floats  # (3,), a priori, radial, along, across
+    correlation_s: float  # zero without
+    values_m_s2: Chains  # two of (K + 1, 3), behind and before the epoch, both outward; the last is of none
+    # Two of (K + 1, p + 9, p + 9): of the orbit's parameters, the deviation of its state with which the interval begins
+    # (mapped to the epoch) and the acceleration in its sigmas.
     covariance: Chains
 
     def covariance_at(self, tdb: Epochs, partials: Floats) -> tuple[Floats, Floats]:
@@ -94,30 +81,14 @@ class ProcessEstimate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OrbitState:
-    """The state at the epoch of an orbit that was fitted.
+    """State at the epoch of an orbit that was fitted."""
 
-    Parameters
-    ----------
-    orbit : AdjustableOrbit
-        The orbit of the estimated values.
-    parameter_covariance : ndarray, shape (p, p)
-        Total covariance of the orbit's parameters, those of the state first; m, m/s and the forces' units.
-    sensitivity : ndarray, shape (p, k)
-        What errors of the gravity field that were considered, each by one sigma, do to the parameters.
-    disturbed : AdjustableOrbit or None
-        The orbit with the effects of these errors, if there are any.
-    body : int
-        NAIF code of the spacecraft in kernels.
-    process : ProcessEstimate or None
-        Stochastic accelerations; those of the orbit itself have their values.
-    """
-
-    orbit: AdjustableOrbit
-    parameter_covariance: Floats
-    sensitivity: Floats
-    disturbed: AdjustableOrbit | None = None
-    body: int = -999
-    process: ProcessEstimate | None = None
+    orbit: AdjustableOrbit  # of the estimated values
+    parameter_covariance: Floats  # (p, p), total, those of the state first; m, m/s and the forces' units
+    sensitivity: Floats  # (p, k), of the parameters to considered errors of gravity, each of one sigma
+    disturbed: AdjustableOrbit | None = None  # with the effects of these errors, if there are any
+    body: int = -999  # NAIF code of the spacecraft in kernels
+    process: ProcessEstimate | None = None  # those of the orbit itself have its values
 
     @property
     def epoch(self) -> Epochs:
@@ -141,15 +112,7 @@ class OrbitState:
 
     @bare_arguments
     def covariance_rtn(self, tdb: Epochs) -> Floats:
-        """Covariance of position and velocity at epochs, radial, along and across the orbit, shape (n, 6, 6).
-
-        Errors of gravity count by what they did to the parameters and by what they do from the epoch on.
-
-        Raises
-        ------
-        CoverageError
-            An epoch lies outside the arc.
-        """
+        """Covariance of position and velocity at epochs, radial, along and across the orbit, (n, 6, 6)."""
         if self.process is not None:
             by_parameters, covariance = self.process.covariance_at(tdb, self.orbit.partials(tdb))
             partials = turned(rtn_axes(*self.orbit.states(tdb)), by_parameters)
@@ -162,11 +125,7 @@ class OrbitState:
 
     @bare_arguments
     def partials_rtn(self, tdb: Epochs) -> tuple[Floats, Floats]:
-        """Partials of the true position and velocity, radial, along and across, at epochs, by what they depend on.
-
-        By the parameters, shape (n, 6, p), and by the k errors of gravity with the parameters held, shape (n, 6, k);
-        errors of :meth:`covariance_rtn`.
-        """
+        """Partials of the state radial, along, across by parameters (n, 6, p) and by errors of gravity (n, 6, k)."""
         axes = rtn_axes(*self.orbit.states(tdb))
         direct = (self.disturbed or self.orbit).effects(tdb)
         return turned(axes, self.orbit.partials(tdb)), turned(axes, direct)
@@ -177,13 +136,7 @@ class OrbitState:
         return np.sqrt(np.diagonal(self.covariance_rtn(tdb), axis1=1, axis2=2)[:, :3])
 
     def elements(self, form: str = "keplerian") -> tuple[dict[str, float], dict[str, float | None]]:
-        """Osculating elements at the epoch by the Moon's equator, by name, and their sigmas, None where there is none.
-
-        Parameters
-        ----------
-        form : {"keplerian", "equinoctial"}
-            Keplerian elements, angles in deg, or equinoctial ones, which circles do not trouble.
-        """
+        """Osculating elements at the epoch by the Moon's equator, by name, and their sigmas, None where infinite."""
         gm, axes = self.orbit.gm_m3_s2, self.orbit.equator
         values = elements_of_state(self.orbit.state, gm, axes, form)
         variances = np.full(6, np.inf)

@@ -138,13 +138,10 @@ def sample(
     parameters: ParameterSet,
     most: int = _MOST_ROWS,
 ) -> Rows:
-    """Rows that stand for all usable ones, in order, about as many as `most` or fewer.
-
-    Each free parameter has the same number of draws. Half the chance of an observation is the same for all that the
-    parameter acts on, so a bias of one rare station has its observations in the sample; half is in proportion to
-    (partial / sigma)^2, so those that say most are in it (Drineas, Mahoney and Muthukrishnan 2006). The draws are
-    spread evenly over the order of the rows, each at random in its stretch, from a fixed seed.
-    """
+    """Rows that stand for all usable ones, in order, about as many as `most` or fewer."""
+    # Each free parameter has the same number of draws. Half the chance of an observation is the same for all that the
+    # parameter acts on, so a bias of one rare station has its observations in the sample; half is in proportion to
+    # (partial / sigma)^2 (Drineas, Mahoney and Muthukrishnan 2006). Draws are spread evenly over the order of the rows.
     free = np.flatnonzero(parameters.free)
     candidates = np.flatnonzero(usable)
     if len(candidates) <= most:

@@ -126,10 +126,7 @@ class Bundle:
             yield part, np.ascontiguousarray(values).reshape(*self.rows[part].shape, -1)
 
     def whitened_parts(self, rows_of: RowsOf, noise: Mapping[str, SeriesNoise]) -> Iterator[_Floats]:
-        """Values (k, m, c), some thousand after others, by the root of the inverse covariance of noise by series' keys.
-
-        It allows for one process in place of all that a series has.
-        """
+        """Values (k, m, c), part by part, by the root of the inverse covariance, one process for each series."""
         from radioloc.estimation._kernels import whiten
 
         numbers, state = self._numbers(noise), np.zeros((0, 0))
@@ -197,13 +194,10 @@ def with_numbers(group: Sequence[Bundle], rows_of: RowsOf) -> Iterator[tuple[Bun
 
 
 def points_of(bundles: Sequence[Bundle], rows_of: RowsOf, root: _Floats) -> Points:
-    """Each series, averaged where it has more than :data:`MOST_POINTS`, with partials by the parameters times `root`.
-
-    `rows_of` gives residuals and partials side by side. Sums of bins are over the root of their count, so they are of
-    unit variance where observations are independent.
-    """
+    """Points of each series, averaged beyond :data:`MOST_POINTS`, with partials by the parameters times `root`."""
     from radioloc.estimation._kernels import add_to_bins
 
+    # Sums of bins are over the root of their count, so they are of unit variance where observations are independent.
     columns, of_series, of_points = [], [], []
     for one, numbers in (pair for group in together(bundles) for pair in with_numbers(group, rows_of)):
         place, duration_s = bins(one.time_s, MOST_POINTS)
@@ -235,10 +229,7 @@ def points_of(bundles: Sequence[Bundle], rows_of: RowsOf, root: _Floats) -> Poin
 
 
 def bins(time_s: _Floats, most: int) -> tuple[NDArray[np.intp], float]:
-    """Bin of each of some times (n,) in order, and the duration of the bins, s; gaps take none, and none is empty.
-
-    Up to `most` times have a bin for each, of no duration.
-    """
+    """Bin of each of some times (n,) in order, up to `most`, and their duration, s; gaps take no bin."""
     n = len(time_s)
     if n <= most:
         return np.arange(n), 0.0
@@ -311,11 +302,9 @@ def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.
 
 
 def _chosen_axes(axes: _Floats, part: NDArray[np.intp]) -> _Floats:
-    """Principal axes (k, k) in columns, of which those of one sigma, in one part, are not left to rounding.
-
-    Any rotation of them is as good, but noise is sought along each, so another one gives other sigmas. One after the
-    other takes all that is left in the part of the next observation, so an error of the first is in one of them.
-    """
+    """Principal axes (k, k) in columns, of which those of one sigma, in one part, are not left to rounding."""
+    # Any rotation of them is as good, but noise is sought along each, so another one gives other sigmas. One after the
+    # other takes all that is left in the part of the next observation, so an error of the first is in one of them.
     out = np.empty_like(axes)
     for k in np.unique(part).tolist():
         mine = axes[:, part == k]

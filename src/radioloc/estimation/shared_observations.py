@@ -32,28 +32,14 @@ _MIN_SERIES_COUNT = 3  # observations by which a single series decides
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledSeries:
-    """Sampled observations of one path, type and count interval.
-
-    Parameters
-    ----------
-    path, type : str
-        As of the table of observations.
-    count_s : float or None
-        Count interval, s; None of other types.
-    sigma_m : float
-        Median standard deviation, m.
-    utc_s : ndarray, shape (m,)
-        Epochs, UTC, seconds of days of 86400 s since 2000-01-01.
-    observed_m : ndarray, shape (m,)
-        Values, m.
-    """
+    """Sampled observations of one path, type and count interval."""
 
     path: str
     type: str
-    count_s: float | None
-    sigma_m: float
-    utc_s: _Floats
-    observed_m: _Floats
+    count_s: float | None  # None of types that count nothing
+    sigma_m: float  # median
+    utc_s: _Floats  # (m,), UTC, seconds of days of 86400 s since 2000-01-01
+    observed_m: _Floats  # (m,)
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> SampledSeries:
@@ -109,11 +95,9 @@ def sample_of(residuals: Residuals) -> list[dict[str, Any]]:
 
 
 def share_observations(one: Iterable[SampledSeries], two: Sequence[SampledSeries]) -> bool:
-    """Return whether most of the sampled observations of one path, type and epoch have the same values in both.
-
-    Values may differ by a constant in each series, as another calibration adds. Counts of another length over the same
-    time are of the same cycles.
-    """
+    """Return whether most sampled observations of one path, type and epoch have the same values in both."""
+    # Values may differ by a constant in each series, as another calibration adds. Counts of another length over the
+    # same time are of the same cycles.
     found = np.zeros(2, dtype=np.int64)
     for first in one:
         for second in two:

@@ -253,32 +253,17 @@ class FitStatistics:
 
 @dataclass(frozen=True, slots=True)
 class TransmitterPass:
-    """Candidates for the transmitter, and the turnaround ratio, of what a station received in a pass.
-
-    Parameters
-    ----------
-    receiver : str
-        The station.
-    first_utc, last_utc : str
-        First and last count.
-    count : int
-        Counts of Doppler.
-    taken : str
-        The candidate that the fit has.
-    rms_m_s : mapping of str to float or None
-        Rms of the residual rates by candidate, less one frequency offset, m/s of the round trip; None where the
-        candidate does not see the target.
-    cycle_m : float or None
-        Wavelength of the signal on its way down, m.
-    """
+    """Candidates for the transmitter, and the turnaround ratio, of what a station received in a pass."""
 
     receiver: str
     first_utc: str
     last_utc: str
-    count: int
-    taken: str
+    count: int  # counts of Doppler
+    taken: str  # candidate that the fit has
+    # Rms of the round-trip residual rates by candidate, less one frequency offset; None where it does not see the
+    # target.
     rms_m_s: Mapping[str, float | None]
-    cycle_m: float | None
+    cycle_m: float | None  # wavelength of the downlink
 
     @property
     def ranking(self) -> list[str]:
@@ -330,11 +315,7 @@ def finite_or_none(value: float) -> float | None:
 
 
 def robust_scale(normalized: _Floats, n_parameters: int) -> float:
-    """Spread of normalized residuals, 1 where the stated sigmas are right, by the median absolute deviation.
-
-    The deviation is taken from zero, where the residuals of a fit should be centred. Zero if there are no
-    residuals.
-    """
+    """Spread of normalized residuals about zero by the median absolute deviation; 0 of none."""
     n = len(normalized)
     if not n:
         return 0.0

@@ -65,42 +65,15 @@ def assess_time_correlation(
     common: Effects | None = None,
     bundles: Sequence[Bundle] | None = None,
 ) -> TimeCorrelation:
-    """Find series whose residuals are significantly correlated in time, and what that does to the covariance.
+    """Find series with significantly correlated residuals; their effect on the covariance.
 
-    Parameters
-    ----------
-    fit : FitResult
-        Its noise should explain the size of the residuals.
-    order : SeriesOrder
-        Types, paths and times of the observations.
-    common : callable, optional
-        Effects of known errors of unit variance (:data:`~radioloc.estimation.consider.Effects`): their traces in the
-        residuals are no noise.
-    bundles : sequence of Bundle, optional
-        The series of the fit, where they are known already.
-
-    Returns
-    -------
-    TimeCorrelation
-        Without series where no type shows more correlation than chance does in one fit of a hundred.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from radioloc.estimation import Labels, Parameter, ParameterSet, assess_time_correlation, fit_least_squares
-    >>> parameters = ParameterSet([Parameter("offset", "m", "bias"), Parameter("drift", "m/h", "bias")])
-    >>> hours = np.arange(400) / 10
-    >>> design = np.column_stack([np.ones(400), hours])
-    >>> from radioloc.estimation.series import SeriesOrder
-    >>> lasting = np.convolve(np.random.default_rng(1).normal(size=420), np.exp(-np.arange(21) / 7), "valid")
-    >>> observed = 3.0 + 0.5 * hours + 0.1 * lasting
-    >>> order = SeriesOrder.of(Labels.of(["range"] * 400), Labels.of(["KASHI>lander>KASHI"] * 400), 3600.0 * hours)
-    >>> fit = fit_least_squares(lambda x: (observed - design @ x, design), parameters, sigma_m=0.2)
-    >>> [found.count for found in assess_time_correlation(fit, order).series]
-    [400]
+    Without it, 95 % ellipses hold the truth in 2 to 43 % of the cases where errors last for hours
+    (`tests/statistics/test_time_correlation.py`).
     """
     from scipy.linalg import block_diag
 
+    # The noise should explain the size of the residuals. Effects of known errors of unit variance, `common`, leave
+    # traces in the residuals that are no noise.
     if fit.time_correlation is not None:  # assessed already
         return fit.time_correlation
     nothing = TimeCorrelation((), np.zeros_like(fit.covariance), {})
@@ -147,13 +120,10 @@ def estimated_covariance(
 
 
 def scaled_covariance(fit: FitResult, noise_scale: float) -> NDArray[np.float64]:
-    """Covariance of the estimate if the observation noise is larger than stated by a factor, shape (p, p).
-
-    The estimate weighs observations by their stated sigmas and a-priori values by theirs; only the former
-    are found too small. With the information A of the observations, P of the a-priori values and C = (A +
-    P)^-1, the estimate's covariance is then C (f^2 A + P) C = f^2 C + (1 - f^2) C P C. Without a-priori
-    values it is f^2 C.
-    """
+    """Covariance of the estimate, (p, p), if the observation noise is larger than stated by a factor."""
+    # Observations are weighed by their stated sigmas and a-priori values by theirs; only the former are found too
+    # small. With their information A and P and C = (A + P)^-1, the covariance is C (f^2 A + P) C = f^2 C + (1 - f^2)
+    # C P C.
     formal = np.array(fit.covariance)
     undetermined = np.isinf(np.diag(formal))
     formal[undetermined, undetermined] = 0.0
@@ -176,10 +146,8 @@ def rows_of(fit: FitResult, common: Effects | None = None) -> RowsOf:
 
 
 def in_parameters(added: _Floats, fit: FitResult) -> _Floats:
-    """What is added to the covariance of parameters of unit formal covariance, in the parameters, shape (p, p).
-
-    A direction in which the errors happen to cancel keeps its white sigma; parameters that are lost have none.
-    """
+    """Addition to the covariance of parameters of unit formal covariance in the parameters themselves, (p, p)."""
+    # A direction in which the errors happen to cancel keeps its white sigma; parameters that are lost have none.
     root, free = fit.factor.root_covariance(), fit.parameters.free
     values, vectors = np.linalg.eigh(0.5 * (added + added.T))
     half = np.zeros((len(free), root.shape[1]))
@@ -233,43 +201,13 @@ def fit_with_correlated_weights(
     order: SeriesOrder,
     common: Effects | None = None,
 ) -> EditedFit:
-    """Fit again, each dense series with time-correlated residuals weighed by the inverse of their covariance.
+    """Fit again, each dense series with time-correlated residuals weighed by its inverse covariance.
 
-    Parameters
-    ----------
-    residual_function : callable
-        As for :func:`~radioloc.estimation.least_squares.fit_least_squares`.
-    edited : EditedFit
-        The fit with all observations weighed as independent; its selection stays, as outliers are judged by the stated
-        sigmas.
-    order : SeriesOrder
-        Types, paths and times of the observations.
-    common : callable, optional
-        Effects of known errors of unit variance (:data:`~radioloc.estimation.consider.Effects`), for which the weights
-        allow as well.
-
-    Returns
-    -------
-    EditedFit
-        With the weights of series. Noise, sum of squares and formal covariance are those of the stated sigmas; estimate
-        and factor those of the weights.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from radioloc.estimation import Labels, Parameter, ParameterSet, fit_with_correlated_weights, fit_with_editing
-    >>> parameters = ParameterSet([Parameter("offset", "m", "bias"), Parameter("drift", "m/h", "bias")])
-    >>> hours = np.arange(400) / 10
-    >>> design = np.column_stack([np.ones(400), hours])
-    >>> from radioloc.estimation.series import SeriesOrder
-    >>> lasting = np.convolve(np.random.default_rng(1).normal(size=420), np.exp(-np.arange(21) / 7), "valid")
-    >>> observed = 3.0 + 0.5 * hours + 0.1 * lasting
-    >>> order = SeriesOrder.of(Labels.of(["range"] * 400), Labels.of(["KASHI>lander>KASHI"] * 400), 3600.0 * hours)
-    >>> edited = fit_with_editing(lambda x: (observed - design @ x, design), parameters, 0.2)
-    >>> weighed = fit_with_correlated_weights(lambda x: (observed - design @ x, design), edited, order)
-    >>> [weight.name for weight in weighed.series_weights]
-    ['range KASHI>lander>KASHI']
+    Without it, errors of positions from a day of ranges and delays are 16.1 m rms in place of 11.2 m
+    (`tests/statistics/test_correlated_weights.py`).
     """
+    # The selection stays, as outliers are judged by the stated sigmas. Noise, sum of squares and formal covariance of
+    # the result are those of the stated sigmas; estimate and factor those of the weights.
     stated = edited.fit
     # A fit that did not come to its end says itself what is wrong with it.
     if not edited.ended:
@@ -300,11 +238,9 @@ def fit_with_correlated_weights(
 
 
 def _with_covariances(fit: FitResult, noise: _Whitening, found: TimeCorrelation) -> FitResult:
-    """The fit with the covariance of its estimate were errors independent and as stated, and what they add to it.
-
-    With the weights W, parameters of unit A^T W A + P have the covariance I + A^T W W A - A^T W A for errors of unit
-    variance, and A^T W V W A - A^T W W A more for those of the covariance V.
-    """
+    """Fit with the covariance of its estimate for independent errors as stated, and what the others add to it."""
+    # With the weights W, parameters of unit A^T W A + P have the covariance I + A^T W W A - A^T W A for errors of unit
+    # variance, and A^T W V W A - A^T W W A more for those of the covariance V.
     root = fit.factor.root_covariance()
     unit, added = np.eye(root.shape[1]), np.zeros((root.shape[1],) * 2)
     parts = list(fit.whitened_unit_partials())
@@ -325,11 +261,9 @@ def _with_covariances(fit: FitResult, noise: _Whitening, found: TimeCorrelation)
 def _weight_noise(
     bundles: Sequence[Bundle], found: TimeCorrelation, weights: Sequence[SeriesWeight]
 ) -> dict[str, SeriesNoise]:
-    """Noise by whose inverse covariance series are weighed, by key.
-
-    Errors of stations go on where a baseline drops out and the combinations become others, which a filter for each
-    combination does not know. Observations that share errors have one factor on their sigmas instead.
-    """
+    """Noise by whose inverse covariance series are weighed, by key."""
+    # Errors of stations go on where a baseline drops out and the combinations become others, which a filter for each
+    # combination does not know. Observations that share errors have one factor on their sigmas instead.
     factors = {weight.name: weight.sigma_factor for weight in weights}
     noise: dict[str, SeriesNoise] = {}
     for one in (one for bundle in bundles for one in bundle.series):

@@ -24,8 +24,8 @@ from radioloc.estimation.linearization import ResidualFunction
 from radioloc.estimation.noise_structure import noise_with_shared, split
 from radioloc.estimation.observation_noise import ObservationNoise, column
 from radioloc.estimation.series import SeriesOrder
-from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile, robust_scale
-from radioloc.labels import USED, Labels
+from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
+from radioloc.labels import Labels
 from radioloc.parameters.parameter import ParameterSet
 
 _Floats = NDArray[np.float64]
@@ -61,7 +61,8 @@ def fit_with_variance_components(
     -----
     Nothing is added unless the reduced chi-square exceeds what chance allows in 999 of 1000 fits. Fit and
     excess alternate until the components settle; observations left out take no part in it and may come back.
-    Where components and selection drive each other in a circle, the largest components of the circle are taken.
+    Without it the few strongest laser ranges decide: with stated millimetres and errors of the model of centimetres,
+    errors exceed their sigmas tenfold (`tests/statistics/test_variance_components.py`).
 
     Examples
     --------
@@ -82,7 +83,7 @@ def fit_with_variance_components(
     if order is None:
         return problem.settled(edited, Labels(np.zeros(len(edited.given), dtype=np.int32), ("all",)))
     if groups is not None:
-        return problem.with_shared(problem.settled(problem.spread(edited, groups), groups), order, groups)
+        return problem.with_shared(problem.settled(edited, groups), order, groups)
     groups = order.types
     edited = problem.settled(edited, groups)
     for _ in range(_MOST_SPLIT):
@@ -114,18 +115,6 @@ class _Problem:
             previous=previous if previous.converged else None,
         )
 
-    def spread(self, edited: EditedFit, groups: Labels) -> EditedFit:
-        """Fit with components as large as median residuals of groups ask for, so that no noisy group is left out."""
-        usable = edited.given.are(USED)
-        found = {}
-        for name in groups.present():
-            mine = usable & groups.are(name)
-            sigma_m = self.stated.sigma_m[mine]
-            beyond = robust_scale(edited.fit.residual_m[mine] / sigma_m, 1) ** 2 - 1.0
-            found[name] = float(np.median(sigma_m) * np.sqrt(beyond)) if beyond > 0.0 else 0.0
-        added_m = np.array([found.get(name, 0.0) for name in groups.texts])
-        return replace(self.fit_with(added_m[groups.codes], edited), additive_sigma_m=found)
-
     def with_shared(self, edited: EditedFit, order: SeriesOrder, groups: Labels) -> EditedFit:
         """Fit in which delays share the errors of their stations, where the residuals show such."""
         if not edited.converged:
@@ -145,7 +134,7 @@ class _Problem:
 
     def settled(self, edited: EditedFit, groups: Labels) -> EditedFit:
         """Fit with the components of groups, from a fit with others or none on."""
-        labels, group, message = groups.texts, groups.codes, ""
+        labels, group = groups.texts, groups.codes
         tried_m = [np.array([edited.additive_sigma_m.get(name, 0.0) for name in labels])]
         for _ in range(_MAX_PASSES):
             if edited.fit.status in (FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS):
@@ -158,27 +147,15 @@ class _Problem:
                 wanted_m = np.where(tried_m[1] > 0.0, wanted_m, 0.0)
             if _same(wanted_m, tried_m[-1]):
                 break
-            circle = next(
-                (tried_m[k:] for k, earlier_m in enumerate(tried_m) if _same(wanted_m, earlier_m)), []
-            )
-            tried_m.append(np.max(circle, axis=0) if circle else wanted_m)
-            edited = self.fit_with(tried_m[-1][group], edited)
-            if circle:
-                message = (
-                    "variance components and outliers depend on each other: the largest components were taken"
-                )
-                break
+            tried_m.append(wanted_m)
+            edited = self.fit_with(wanted_m[group], edited)
         else:
-            edited, message = (
-                replace(edited, complete=False),
-                "the additive variance components did not settle",
+            message = "; ".join(
+                filter(None, ("the additive variance components did not settle", edited.message))
             )
+            edited = replace(edited, complete=False, message=message)
         found = dict(zip(labels, tried_m[-1].tolist(), strict=True))
-        return replace(
-            edited,
-            additive_sigma_m={name: found[name] for name in groups.present()},
-            message="; ".join(text for text in (message, edited.message) if text),
-        )
+        return replace(edited, additive_sigma_m={name: found[name] for name in groups.present()})
 
 
 def _wanted_m(
@@ -188,10 +165,7 @@ def _wanted_m(
     count: int,
     probability: float | None,
 ) -> _Floats:
-    """Standard deviation that each group asks for.
-
-    An independent error of one size in each observation of a block is one of that size in each of its combinations.
-    """
+    """Standard deviation that each group asks for, m; one of one size in a block is so in each combination."""
     fit = edited.fit
     free_part = part_of_parameters(fit)
     wanted_m = np.zeros(count)
@@ -216,12 +190,9 @@ def _squares_of(fit: FitResult, stated: ObservationNoise, mine: NDArray[np.bool_
 
 
 def part_of_parameters(fit: FitResult) -> float:
-    """Part of the observations' degrees of freedom that the parameters take, shared by all in proportion.
-
-    A parameter takes one less the part C / s^2 that its a-priori value has in it (variance C of the estimate, s of the
-    a-priori value): the trace of the hat matrix. So do stochastic accelerations. Directions that are not determined
-    take nothing.
-    """
+    """Mean leverage of the used observations, the trace of the hat matrix over their number."""
+    # A parameter takes one less the part C / s^2 that its a-priori value has in it (variance C of the estimate, s of
+    # the a-priori value). So do stochastic accelerations. Directions that are not determined take nothing.
     free = fit.parameters.free
     prior_sigmas = fit.parameters.prior_sigmas[free]
     known = np.isfinite(prior_sigmas)

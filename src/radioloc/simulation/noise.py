@@ -219,10 +219,7 @@ class NoiseDraws:
         return cls(len(observations), tuple(found.values()))
 
     def draw(self, seeds: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """One realization for each seed, errors in m and which are wild, both of shape (seeds, n).
-
-        That of a seed is the same whatever others are drawn with it.
-        """
+        """Errors, m, and which are wild, (seeds, n) each; those of a seed do not depend on the others."""
         for seed in seeds:
             require_seed(seed)
         noise_m = np.zeros((len(seeds), self.count))
@@ -272,10 +269,9 @@ def require_seed(seed: int) -> None:
 
 
 def gauss_markov(drive: NDArray[np.float64], step_correlation: float) -> NDArray[np.float64]:
-    """Stationary first-order Gauss-Markov process of unit variance, from independent normal numbers, shape (..., n).
+    """Stationary first-order Gauss-Markov process of unit variance from independent normal numbers, (..., n).
 
-    x_0 = w_0, x_k = f x_(k-1) + sqrt(1 - f^2) w_k, f = exp(-step / correlation time) (Gelb 1974, Applied Optimal
-    Estimation, chapter 3).
+    x_0 = w_0, x_k = f x_(k-1) + sqrt(1 - f^2) w_k, f = exp(-step / correlation time) (Gelb 1974, chapter 3).
     """
     n = drive.shape[-1]
     length = math.isqrt(max(n - 1, 0)) + 1

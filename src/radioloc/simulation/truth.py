@@ -164,11 +164,8 @@ def position_error_m(drawn: Mapping[str, float]) -> NDArray[np.float64]:
 def fixed_errors(
     truth: Truth, predictor: Predictor, at: Prediction, target_pa_m: NDArray[np.float64], start_utc: str
 ) -> tuple[dict[str, NDArray[np.float64]], dict[str, float]]:
-    """What the truth adds to each observation, m, by kind of parameter, and its errors by parameter.
-
-    Rates refer to `start_utc` where the truth has no epoch.
-    """
-    where = cartesian(target_pa_m, role=Role.FIXED)
+    """Additions of the truth to each observation, m, by kind of parameter, and its errors by parameter."""
+    where = cartesian(target_pa_m, role=Role.FIXED)  # rates refer to `start_utc` where the truth has no epoch
     design = _design(truth.values, predictor, at, where, truth.clock_epoch_utc or start_utc)
     parameters = design.model.parameters
     added = {columns.kind.name: np.zeros(len(predictor.observations)) for columns in design.model.columns}

@@ -159,10 +159,7 @@ def elevations(
 def _target(
     model: PhysicalModel, target_pa_m: Target, tdb: Epochs
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | float]:
-    """Where the target is one light time earlier, from the geocentre and from the Moon's centre, GCRS, m, (n, 3).
-
-    Beside them the dip of its horizon, rad: of a spacecraft the limb's, of a point on the surface none.
-    """
+    """Target one light time earlier from geocentre and Moon's centre, GCRS, m, (n, 3), and dip of its horizon, rad."""
     ephemeris = model.ephemeris
     if isinstance(target_pa_m, AnyTrajectory):
         distance_m = np.linalg.norm(target_pa_m.geocentric(ephemeris, tdb)[0], axis=-1)
@@ -187,14 +184,10 @@ def _elevation_rad(away_m: NDArray[np.float64], up: NDArray[np.float64]) -> NDAr
 def seen(
     model: PhysicalModel, target_pa_m: Target | AtInfinity, stations: Sequence[str], tt: Epochs, masks: Masks
 ) -> NDArray[np.bool_]:
-    """Whether target and stations see each other, above the masks, at epochs in order, shape (n, k).
-
-    Notes
-    -----
-    Of dense epochs one a minute is computed. Between two of them a margin that is a and b there, of one sign, cannot
-    have changed it if |a| + |b| is more than it can change in that time; where it can, all epochs between are computed.
-    A spacecraft's elevations have no such bound.
-    """
+    """Whether target and stations see each other, above the masks, at epochs in order, shape (n, k)."""
+    # Of dense epochs one a minute is computed. Between two of them a margin that is a and b there, of one sign, cannot
+    # have changed it if |a| + |b| is more than it can change in that time; else all epochs between are computed. A
+    # spacecraft's elevations have no such bound.
     n = len(tt)
     length_s = float(tt[-1].seconds_since(tt[0])[0]) if n else 0.0
     every = 1

@@ -6,17 +6,9 @@ import numpy as np
 import pytest
 from delay_network import DelayNetwork
 
-from radioloc.estimation import (
-    Labels,
-    Parameter,
-    ParameterSet,
-    SeriesWeight,
-    assess_time_correlation,
-    fit_with_correlated_weights,
-    fit_with_editing,
-    observability,
-)
+from radioloc.estimation import Labels, Parameter, ParameterSet, SeriesWeight, fit_with_editing, observability
 from radioloc.estimation.series import SeriesOrder, series_of
+from radioloc.estimation.time_correlation import assess_time_correlation, fit_with_correlated_weights
 from radioloc.simulation.noise import gauss_markov
 
 STEP_S, TAU_S, N = 60.0, 3600.0, 1200

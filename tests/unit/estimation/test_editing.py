@@ -3,16 +3,9 @@ import pytest
 from toy_moon import LANDER_M, ToyMoon
 
 from radioloc.errors import InputError
-from radioloc.estimation import (
-    USED,
-    FitStatus,
-    Parameter,
-    ParameterSet,
-    editing,
-    fit_least_squares,
-    fit_with_editing,
-)
+from radioloc.estimation import USED, FitStatus, Parameter, ParameterSet, editing, fit_with_editing
 from radioloc.estimation.editing import outlier_reason
+from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.estimation.statistics import robust_scale
 
 FAR_OFF_M = np.array([3e4, -3e4, 2.5e4])  # 50 km

@@ -3,16 +3,11 @@
 import numpy as np
 import pytest
 
-from radioloc.estimation import (
-    Labels,
-    ObservationNoise,
-    Parameter,
-    ParameterSet,
-    SharedErrors,
-    fit_least_squares,
-)
+from radioloc.estimation import Labels, Parameter, ParameterSet
 from radioloc.estimation.gauss_markov import SeriesNoise
 from radioloc.estimation.group_tests import BinnedProblem, log_probability
+from radioloc.estimation.least_squares import fit_least_squares
+from radioloc.estimation.observation_noise import ObservationNoise, SharedErrors
 from radioloc.estimation.series import SeriesOrder
 
 PATHS = ("A<x>B", "A<x>C", "B<x>C")

@@ -15,13 +15,13 @@ from radioloc.errors import InputError
 from radioloc.estimation import (
     Parameter,
     ParameterSet,
-    fit_least_squares,
     fit_with_editing,
     fit_with_variance_components,
     linearization,
     observation_noise,
     robust,
 )
+from radioloc.estimation.least_squares import fit_least_squares
 
 PARTS = 1e-12
 """Rounding of sums in another order, relative."""

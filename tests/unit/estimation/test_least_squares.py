@@ -5,14 +5,8 @@ import pytest
 from toy_moon import LANDER_M, ToyMoon
 
 from radioloc.errors import ConvergenceError, InputError
-from radioloc.estimation import (
-    FitStatus,
-    Parameter,
-    ParameterSet,
-    fit_least_squares,
-    fit_with_editing,
-    least_squares,
-)
+from radioloc.estimation import FitStatus, Parameter, ParameterSet, fit_with_editing, least_squares
+from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.estimation.linearization import DenseLinearization, evaluate, factorize, refreshed
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.measurements.predictor import ROWS_AT_ONCE

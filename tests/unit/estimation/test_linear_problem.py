@@ -3,13 +3,8 @@
 import numpy as np
 import pytest
 
-from radioloc.estimation import (
-    Labels,
-    Parameter,
-    ParameterSet,
-    fit_least_squares,
-    fit_with_variance_components,
-)
+from radioloc.estimation import Labels, Parameter, ParameterSet, fit_with_variance_components
+from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.estimation.observation_noise import ObservationNoise, SharedErrors
 from radioloc.estimation.robust import linear_problem
 from radioloc.estimation.series import SeriesOrder

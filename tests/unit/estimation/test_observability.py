@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from toy_moon import LANDER_M, ToyMoon
 
-from radioloc.estimation import Parameter, ParameterSet, assess_observability, fit_least_squares
-from radioloc.estimation.observability import correlation_matrix
+from radioloc.estimation import Parameter, ParameterSet
+from radioloc.estimation.least_squares import fit_least_squares
+from radioloc.estimation.observability import assess_observability, correlation_matrix
 from radioloc.parameters.parameter import Role
 
 

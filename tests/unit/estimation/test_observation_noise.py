@@ -8,16 +8,14 @@ from delay_network import OWN_M, STATION_M, DelayNetwork
 
 from radioloc.errors import InputError
 from radioloc.estimation import (
-    ALONE,
     USED,
     Labels,
-    ObservationNoise,
-    SharedErrors,
-    fit_least_squares,
     fit_with_editing,
     fit_with_variance_components,
     observation_noise,
 )
+from radioloc.estimation.least_squares import fit_least_squares
+from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
 from radioloc.estimation.series import SeriesOrder
 
 ROUNDING = 1e-9

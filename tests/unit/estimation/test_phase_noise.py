@@ -7,13 +7,8 @@ from change5_case import LANDER, NEAR
 import radioloc
 from radioloc import Study
 from radioloc.errors import InputError
-from radioloc.estimation import (
-    Labels,
-    Parameter,
-    ParameterSet,
-    fit_least_squares,
-    fit_with_variance_components,
-)
+from radioloc.estimation import Labels, Parameter, ParameterSet, fit_with_variance_components
+from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.estimation.observation_noise import ALONE, ObservationNoise, PhaseNoise, SharedErrors
 from radioloc.estimation.process_noise import ProcessNoise
 from radioloc.estimation.series import SeriesOrder, series_of

@@ -8,16 +8,16 @@ import pytest
 from delay_network import DelayNetwork
 
 from radioloc.estimation import (
-    ALONE,
     Labels,
     Parameter,
     ParameterSet,
     SeriesCorrelation,
-    fit_least_squares,
     fit_with_editing,
     observation_noise,
     series,
 )
+from radioloc.estimation.least_squares import fit_least_squares
+from radioloc.estimation.observation_noise import ALONE
 from radioloc.estimation.series import MOST_POINTS, SeriesOrder, points_of, series_of
 from radioloc.estimation.time_correlation import assess_time_correlation, estimated_covariance
 from radioloc.simulation.noise import gauss_markov

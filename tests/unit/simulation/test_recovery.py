@@ -7,7 +7,8 @@ import pytest
 from quick import some
 
 from radioloc.constants import C_M_S
-from radioloc.estimation import Parameter, ParameterSet, fit_least_squares
+from radioloc.estimation import Parameter, ParameterSet
+from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.jobs.problem import observation_model
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements import EquipmentDelays, StationDelay

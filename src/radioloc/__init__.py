@@ -13,11 +13,10 @@ Here are the names that most users need. What they rest on is in the packages, e
 :mod:`radioloc.kernels`, :mod:`radioloc.time` and :mod:`radioloc.errors`.
 """
 
-from importlib import import_module as _import_module
 from typing import TYPE_CHECKING
-from typing import Any as _Any
 
 from radioloc._version import __version__
+from radioloc.lazy import lazy_exports as _lazy_exports
 
 if TYPE_CHECKING:  # what is here is imported when it is first used
     from radioloc.earth import StationCatalogue
@@ -61,9 +60,9 @@ __all__ = [
     "write_report",
 ]
 
-_HOMES = {
-    name: home
-    for home, names in {
+__getattr__, __dir__ = _lazy_exports(
+    __name__,
+    {
         "earth": "StationCatalogue",
         "errors": "RadiolocError",
         "results": "Solution",
@@ -79,24 +78,5 @@ _HOMES = {
         "jobs.monte_carlo": "monte_carlo",
         "jobs.simulate": "simulate",
         "time": "Epochs",
-    }.items()
-    for name in names.split()
-}
-"""The module that each name is from."""
-
-
-def __getattr__(name: str) -> _Any:
-    if name in _HOMES:
-        value = getattr(_import_module(f"radioloc.{_HOMES[name]}"), name)
-        globals()[name] = value
-        return value
-    try:
-        return _import_module(f"radioloc.{name}")
-    except ModuleNotFoundError as error:
-        if error.name != f"radioloc.{name}":
-            raise
-        raise AttributeError(f"module 'radioloc' has no attribute {name!r}") from None
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    },
+)

@@ -4,36 +4,39 @@ A pixel is (sample, line), to the right and down; the centre of the first is (0,
 mean-Earth axes, m, unless a name says otherwise.
 """
 
-from radioloc.imaging.cameras import Camera, rectification, undistorted
-from radioloc.imaging.distortion import Distortion
-from radioloc.imaging.frames import find_mask, read_frame, read_mask
-from radioloc.imaging.ground_points import (
-    ImagePoint,
-    ImagePointSigmas,
-    ground_to_image,
-    image_to_ground,
-    image_to_ground_and_partials,
-    locate_image_point,
-)
-from radioloc.imaging.homography import Homography, HomographyFit, fit_homography
-from radioloc.imaging.image_chain import Frame, FrameStatus
-from radioloc.imaging.isd import SupportData, read_isd
-from radioloc.imaging.matching import Detector, Features, Matches, MatchStatus, detect, match
-from radioloc.imaging.orientation import ConstantOrientation, PolynomialOrientation, TabulatedOrientation
-from radioloc.imaging.orthophoto import write_mosaic, write_orthophoto
-from radioloc.imaging.registration import GroundPoint, RegisteredFrame, Registration, register_chain
-from radioloc.imaging.sensor_models import FrameModel, LineScanModel
-from radioloc.imaging.spice_source import orientation_from_spice
-from radioloc.imaging.stereo import StereoPair, body_position, resect
-from radioloc.imaging.surfaces import Plane, Sphere, Terrain
-from radioloc.imaging.tie_points import Measurement, TiePoint
+from typing import TYPE_CHECKING
+
+from radioloc.lazy import lazy_exports as _lazy_exports
+
+if TYPE_CHECKING:  # what is here is imported when it is first used
+    from radioloc.imaging.cameras import Camera
+    from radioloc.imaging.distortion import Distortion
+    from radioloc.imaging.frames import find_mask, read_frame, read_mask
+    from radioloc.imaging.ground_points import (
+        ImagePoint,
+        ImagePointSigmas,
+        ground_to_image,
+        image_to_ground,
+        locate_image_point,
+    )
+    from radioloc.imaging.homography import Homography, HomographyFit, fit_homography
+    from radioloc.imaging.image_chain import Frame, FrameStatus
+    from radioloc.imaging.isd import SupportData, read_isd
+    from radioloc.imaging.matching import Detector
+    from radioloc.imaging.orientation import ConstantOrientation, PolynomialOrientation, TabulatedOrientation
+    from radioloc.imaging.orthophoto import write_mosaic, write_orthophoto
+    from radioloc.imaging.registration import GroundPoint, RegisteredFrame, Registration, register_chain
+    from radioloc.imaging.sensor_models import FrameModel, LineScanModel
+    from radioloc.imaging.spice_source import orientation_from_spice
+    from radioloc.imaging.stereo import StereoPair, body_position, resect
+    from radioloc.imaging.surfaces import Plane, Sphere, Terrain
+    from radioloc.imaging.tie_points import Measurement, TiePoint
 
 __all__ = [
     "Camera",
     "ConstantOrientation",
     "Detector",
     "Distortion",
-    "Features",
     "Frame",
     "FrameModel",
     "FrameStatus",
@@ -43,8 +46,6 @@ __all__ = [
     "ImagePoint",
     "ImagePointSigmas",
     "LineScanModel",
-    "MatchStatus",
-    "Matches",
     "Measurement",
     "Plane",
     "PolynomialOrientation",
@@ -57,22 +58,39 @@ __all__ = [
     "Terrain",
     "TiePoint",
     "body_position",
-    "detect",
     "find_mask",
     "fit_homography",
     "ground_to_image",
     "image_to_ground",
-    "image_to_ground_and_partials",
     "locate_image_point",
-    "match",
     "orientation_from_spice",
     "read_frame",
     "read_isd",
     "read_mask",
-    "rectification",
     "register_chain",
     "resect",
-    "undistorted",
     "write_mosaic",
     "write_orthophoto",
 ]
+
+__getattr__, __dir__ = _lazy_exports(
+    __name__,
+    {
+        "cameras": "Camera",
+        "distortion": "Distortion",
+        "frames": "find_mask read_frame read_mask",
+        "ground_points": "ImagePoint ImagePointSigmas ground_to_image image_to_ground locate_image_point",
+        "homography": "Homography HomographyFit fit_homography",
+        "image_chain": "Frame FrameStatus",
+        "isd": "SupportData read_isd",
+        "matching": "Detector",
+        "orientation": "ConstantOrientation PolynomialOrientation TabulatedOrientation",
+        "orthophoto": "write_mosaic write_orthophoto",
+        "registration": "GroundPoint RegisteredFrame Registration register_chain",
+        "sensor_models": "FrameModel LineScanModel",
+        "spice_source": "orientation_from_spice",
+        "stereo": "StereoPair body_position resect",
+        "surfaces": "Plane Sphere Terrain",
+        "tie_points": "Measurement TiePoint",
+    },
+)

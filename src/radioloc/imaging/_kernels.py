@@ -8,18 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.compiled import compiled
+from radioloc.vectors import Floats
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
 @compiled()
 def lagrange(times_s: Floats, values: Floats, time_s: Floats) -> Floats:
-    """Lagrange polynomials through up to four nodes on each side of the interval, fewer near the table's ends.
-
-    Nodes at rising times, shape (k,), with values, shape (k, m); at times between the first and last, shape (n,):
-    shape (n, m).
-    """
+    """Interpolate values, (k, m), at times, (n,), by Lagrange polynomials through up to four nodes to each side."""
     nodes, width = values.shape
     # 1 / product of the nodes' differences, for the nodes of each interval
     scale = np.ones((nodes - 1, 8))
@@ -52,9 +48,9 @@ def lagrange(times_s: Floats, values: Floats, time_s: Floats) -> Floats:
 
 @compiled()
 def coupled(first: Indices, image: Indices, coupling: Floats, between: Floats, out: Floats) -> None:
-    """Add the sum of W B W^T over all points to `out`, shape (images, images, 8, 8), where the first image is not less.
+    """Add to `out`, (images, images, 8, 8), the sum over points of W B W^T where the first image is not less.
 
-    Given are W^T of each observation, shape (n, 2, 8), and B of each point, symmetric, shape (points, 2, 2).
+    `coupling` has W^T of each observation, (n, 2, 8), `between` B of each point, symmetric, (points, 2, 2).
     """
     s, t = np.empty(8), np.empty(8)
     for j in range(len(first) - 1):

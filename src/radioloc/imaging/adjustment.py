@@ -28,8 +28,8 @@ from numpy.typing import NDArray
 
 from radioloc.errors import ConvergenceError, InputError
 from radioloc.imaging.projections import Projections
+from radioloc.vectors import Floats
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _STEPS = 40  # in a round; wrong tie points over cells of an elevation model may keep it from settling
@@ -106,29 +106,7 @@ class Adjusted:
 
 
 def adjust(ties: TiePoints, model: Projections, places: Floats) -> Adjusted:
-    """Adjust all images and the places of all tie points together.
-
-    Parameters
-    ----------
-    ties : TiePoints
-        The observations; those of places that the model of the ground does not have are left out.
-    model : Homographies or Poses
-        Approximate.
-    places : numpy.ndarray, shape (points, 2)
-        Approximate places of the points in the plane, m.
-
-    Returns
-    -------
-    Adjusted
-        The images with their covariance.
-
-    Raises
-    ------
-    InputError
-        The tie points do not determine the images.
-    ConvergenceError
-        The iteration does not settle.
-    """
+    """Adjust all images and the places of all tie points, m, together, from approximate ones."""
     pixels = len(ties.point)
     used = np.ones(pixels + len(ties.map_point), bool)
     observed = _Observed(ties, np.lexsort((ties.image, ties.point)), used, np.ones(2))

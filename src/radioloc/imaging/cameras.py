@@ -1,14 +1,10 @@
-"""Interior orientation: from pixels to directions in the camera's axes, and back; scale, and views turned by software.
+"""Interior orientation: from pixels to directions in the camera's axes, and back; scale.
 
 A pixel is (sample, line), to the right and down; the centre of the first is (0, 0). The focal plane has axes x and y
 in millimetres. A direction is (x, y, f) without distortion, over f: (x / f, y / f, 1) for a camera that looks along +z.
 
 Of a camera that looks straight down, half of the image over the focal length is half of the ground over the altitude
 (Chang'e-3 descent images, 2014, equation 5), a check of each descent image's scale.
-
-A homography relates pixels of two views only if neither is distorted. An image taken far from the vertical shows
-craters so foreshortened that few features of a map are found in it; turned by the approximate attitude, which needs to
-be good to some degrees, it looks like a map.
 """
 
 from __future__ import annotations
@@ -19,12 +15,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc import vectors
 from radioloc.boundary import bare_arguments, bare_fields
 from radioloc.errors import InputError
 from radioloc.imaging.distortion import Distortion
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,13 +109,7 @@ class Camera:
         return replace(self, distortion=Distortion("none", ()))
 
     def directions(self, pixels: ArrayLike) -> Floats:
-        """Directions in the camera's axes, not normalized, shape (n, 3), of pixels, shape (n, 2).
-
-        Raises
-        ------
-        InputError
-            Not two finite numbers a pixel, or a pixel for which the distortion has no point without it.
-        """
+        """Return directions in the camera's axes, not normalized, shape (n, 3), of pixels, shape (n, 2)."""
         return self.directions_and_partials(pixels)[0]
 
     def directions_and_partials(self, pixels: ArrayLike) -> tuple[Floats, Floats]:
@@ -143,10 +131,9 @@ class Camera:
         return directions, partials
 
     def pixels(self, directions: ArrayLike) -> tuple[Floats, NDArray[np.bool_]]:
-        """Pixels, shape (n, 2), of directions in the camera's axes, shape (n, 3), and whether the camera can see them.
+        """Return pixels, shape (n, 2), of directions in the camera's axes, (n, 3), and whether the lens sees them.
 
-        What is behind the camera, or where the distortion is not a lens's any more, cannot be seen; nothing is said of
-        the image's edges. Pixels of what cannot be seen have no meaning.
+        Of what is behind the camera or beyond the lens pixels have no meaning. The image's edges are not considered.
         """
         ideal, _, ahead = self._ideal(as_points(directions, 3, "directions"))
         measured, _, valid = self.distortion.measured(ideal)
@@ -209,95 +196,15 @@ def as_rotation(values: ArrayLike, name: str) -> Floats:
     return rotation
 
 
-def field_of_view_rad(camera: Camera, size_px: int) -> float:
-    """Full angle that a row of so many pixels through the principal point covers, without distortion, rad.
-
-    Examples
-    --------
-    >>> import math
-    >>> from radioloc.imaging import Camera
-    >>> from radioloc.imaging.cameras import field_of_view_rad
-    >>> round(math.degrees(field_of_view_rad(Camera.of_pinhole(8.3, 6.7, [511.5, 511.5]), 1024)), 1)
-    44.9
-    """
-    return float(2.0 * np.arctan(0.5 * size_px * ground_pixel_m(camera, 1.0)))
-
-
-def ground_pixel_m(camera: Camera, altitude_m: ArrayLike) -> Floats:
-    """Ground that a pixel covers from altitudes, looking straight down, m."""
-    return _positive(altitude_m, "altitude_m") / _focal_length_px(camera)
-
-
 def altitude_m(camera: Camera, ground_pixel_m: ArrayLike) -> Floats:
-    """Altitudes at which a pixel covers so much ground, looking straight down, m."""
-    return _positive(ground_pixel_m, "ground_pixel_m") * _focal_length_px(camera)
-
-
-def _focal_length_px(camera: Camera) -> float:
-    """In pixels at the principal point, the mean of both directions."""
-    return float(abs(np.linalg.det(camera.pixel_per_mm)) ** 0.5 * camera.focal_length_mm)
-
-
-def _positive(values: ArrayLike, name: str) -> Floats:
-    found = np.asarray(values, dtype=np.float64)
-    if not (np.isfinite(found).all() and (found > 0.0).all()):
-        raise InputError(f"{name} = {values!r} is not a positive number of metres")
-    return found
+    """Return the altitudes, m, from which a pixel of a camera that looks straight down covers so much ground, m."""
+    focal_length_px = (
+        abs(np.linalg.det(camera.pixel_per_mm)) ** 0.5 * camera.focal_length_mm
+    )  # mean of both directions
+    return np.asarray(ground_pixel_m, dtype=np.float64) * focal_length_px
 
 
 def undistorted(camera: Camera) -> Callable[[Floats], Floats]:
-    """The function from pixels, shape (n, 2), to where the same camera without distortion has them.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from radioloc.imaging import Camera, undistorted
-    >>> camera = Camera.of_pinhole(8.3, 6.7, [511.5, 511.5], [-0.1, 0.0, 0.0, 0.0, 0.0])
-    >>> undistorted(camera)(np.array([[511.5, 511.5], [1000.0, 511.5]])).round(1).tolist()
-    [[511.5, 511.5], [1008.0, 511.5]]
-    """
+    """Return the function from pixels, shape (n, 2), to those of the same camera without distortion."""
     straight = camera.without_distortion()
     return lambda pixels: straight.pixels(camera.directions(pixels))[0]
-
-
-def rectification(camera: Camera, down: ArrayLike) -> Floats:
-    """The homography from pixels to those of the same camera looking straight down, shape (3, 3).
-
-    Parameters
-    ----------
-    camera : Camera
-        Its distortion is left aside: this is for finding features, not for measuring.
-    down : array_like, shape (3,)
-        The direction of the vertical, downward, in the camera's axes.
-
-    Returns
-    -------
-    numpy.ndarray
-        Pixels (sample, line, 1) times this are pixels of the view from above, times a number that is positive below
-        the horizon. The camera is turned by the shortest way, so that the view is not turned about the vertical.
-
-    Raises
-    ------
-    InputError
-        The direction is not three finite numbers, or the camera looks up.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from radioloc.imaging import Camera, rectification
-    >>> camera = Camera.of_pinhole(8.3, 6.7, [511.5, 511.5])
-    >>> tilt = np.radians(40.0)
-    >>> turned = rectification(camera, [0.0, np.sin(tilt), np.cos(tilt)])
-    >>> nadir = turned @ [511.5, 511.5 + 8.3 / 6.7e-3 * np.tan(tilt), 1.0]  # the pixel that looks down
-    >>> (nadir[:2] / nadir[2]).round(6).tolist()
-    [511.5, 511.5]
-    """
-    vertical = as_vector(down, 3, "down")
-    vertical = vertical / (np.linalg.norm(vertical) or 1.0)
-    axis = np.array([0.0, 0.0, float(camera.looks_along_z)])
-    if vertical @ axis <= 0.0:
-        raise InputError(f"down = {down!r} is not before the camera, which looks up or at the horizon")
-    cross = np.cross(vertical, axis)
-    skew = vectors.cross_matrices(cross)
-    turn = np.eye(3) + skew + skew @ skew / (1.0 + vertical @ axis)  # brings the vertical to the axis
-    return np.asarray(camera.matrix @ turn @ np.linalg.inv(camera.matrix))

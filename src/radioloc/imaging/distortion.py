@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
+from radioloc.vectors import Floats
 
-Floats = NDArray[np.float64]
 Formula = Callable[[Floats, tuple[float, ...]], tuple[Floats, Floats]]
 
 _ITERATIONS = 30
@@ -89,10 +89,7 @@ class Distortion:
         return KINDS[self.kind]
 
     def ideal(self, measured: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-        """Points without distortion, shape (n, 2), their derivatives by the measured ones, (n, 2, 2), and validity.
-
-        Points are on the focal plane in millimetres, or in units of the focal length (``about.in_millimetres``).
-        """
+        """Return points without distortion, (n, 2), in units by `about.in_millimetres`, derivatives, and validity."""
         return self._converted(measured, self.about.removes)
 
     def measured(self, ideal: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:

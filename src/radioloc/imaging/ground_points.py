@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from radioloc import vectors
 from radioloc.boundary import bare_arguments
@@ -20,8 +20,7 @@ from radioloc.errors import InputError
 from radioloc.imaging.sensor_models import Rays, SensorModel, inside, require_mean_earth
 from radioloc.imaging.surfaces import Surface
 from radioloc.lunar import LunarPosition, cartesian_to_selenographic, east_north_up, rot_pa_to_me
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 
 class GroundPoints(NamedTuple):
@@ -63,23 +62,7 @@ def image_to_ground(model: SensorModel, pixels: ArrayLike, surface: Surface) -> 
 
 
 def image_to_ground_and_partials(model: SensorModel, pixels: ArrayLike, surface: Surface) -> GroundPoints:
-    """As :func:`image_to_ground`, with derivatives by pixel, orientation and height of the ground.
-
-    Notes
-    -----
-    The point P = S + lambda d stays on the surface: with the gradient g of the height above it,
-    dP = (1 - d g^T / g.d) (dS + lambda dd) + d dh / g.d.
-
-    Examples
-    --------
-    >>> from radioloc.imaging import Camera, ConstantOrientation, FrameModel, Sphere, image_to_ground_and_partials
-    >>> camera = Camera.of_pinhole(8.3, 6.7, [511.5, 511.5])
-    >>> down = [[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
-    >>> model = FrameModel(camera, ConstantOrientation([1747400.0, 0.0, 0.0], down), (1024, 1024))
-    >>> ground = image_to_ground_and_partials(model, [[511.5, 511.5]], Sphere())
-    >>> ground.by_pixel.round(2).tolist()  # metres by sample and line
-    [[[0.0, 0.0], [8.07, 0.0], [0.0, -8.07]]]
-    """
+    """As :func:`image_to_ground`, with derivatives by pixel, orientation and height of the ground."""
     rays, ray_partials = model.rays_and_partials(pixels)
     points = _met(model, rays, pixels, surface)
     gradient = surface.gradient(points)

@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 _MIN_POINTS = 4
 _OUTLIER = 13.8  # chi squared of two degrees of freedom exceeds this once in 1000
@@ -208,10 +207,7 @@ def normalization(points: Floats) -> Floats:
 
 
 def by_correction(normalized: Floats, by_normalized: Floats) -> Floats:
-    """Partial derivatives by the eight elements of a correction of what has derivatives, (n, 2, 2), by points, (n, 2).
-
-    The points are those to which the corrected transformation leads, normalized. In memory the components are rows.
-    """
+    """Return partial derivatives by the eight elements of a correction from those by normalized points, (n, 2, 2)."""
     point = normalized.T
     partials = np.empty((2, 8, len(normalized)))
     for row, (by_first, by_second) in zip(partials, np.moveaxis(by_normalized, 0, -1), strict=True):
@@ -252,10 +248,7 @@ def _homogeneous(points: Floats) -> Floats:
 
 
 def _by_elements(row: Floats, image: Floats) -> Floats:
-    """Partial derivatives by a matrix's nine elements, shape (n, 2, 9), of points (n, 2) that it makes of rows (n, 3).
-
-    The rows are such that the third component of their products is one.
-    """
+    """Return partial derivatives, (n, 2, 9), by a matrix's elements, of points that it makes of rows."""
     zero = np.zeros_like(row)
     first = np.concatenate([row, zero, -image[:, :1] * row], axis=1)
     second = np.concatenate([zero, row, -image[:, 1:] * row], axis=1)

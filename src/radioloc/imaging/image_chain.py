@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.errors import ConvergenceError, InputError, RadiolocError
 from radioloc.imaging.adjustment import TiePoints
@@ -24,8 +23,7 @@ from radioloc.imaging.matching import Features, Matches, MatchStatus, detect, ma
 from radioloc.imaging.tie_points import TiePoint
 from radioloc.imaging.tracks import MAP
 from radioloc.lunar.grey_images import Image, Mask
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 _STEPS_BACK = (1, 2, 4, 8)
 _LARGEST_SIDE_PIXELS = 1200  # of images in which features are sought
@@ -35,8 +33,6 @@ _SEARCHES = 6  # of the whole map, for the first images
 _SEARCH_PIXELS = 500, 4200  # sides of the whole map, reduced, at which it is searched
 _PREDICTED_PART = 0.08  # of an image's width: how far a prediction along the chain may be off
 _FOUND, _FOR_MAP, _GIVEN = range(3)  # measurements: features, those at the map's size of pixels, given ones
-# Of the largest distance along the axis that a pixel of an oblique image has in the view from above.
-_MAGNIFIED = 0.25
 
 RISE = 1.3  # ratio of pixel sizes by which a later image is out of order
 _RISING_PART = 0.6  # of links between neighbours, in which a descent in reversed order rises
@@ -66,14 +62,11 @@ class Frame:
     camera : callable, optional
         From lines and samples to the camera of such an image. Its distortion is taken off; homographies are of pixels
         without it.
-    rectification : numpy.ndarray, shape (3, 3), optional
-        From pixels to those of a view from above, for features of very oblique images.
     """
 
     name: str
     read: Callable[[], Image]
     camera: Callable[[tuple[int, int]], Camera] | None = None
-    rectification: Floats | None = None
 
 
 @dataclass(slots=True, eq=False)
@@ -160,7 +153,7 @@ class ImageChain:
         reduction = max(1, -(-max(size) // _LARGEST_SIDE_PIXELS))
         camera = None if frame.camera is None else frame.camera(image.shape)
         this = Taken(frame.name, size, FrameStatus.UNMATCHED, camera=camera)
-        this.features = features = self._features(this, frame, image, reduction)
+        this.features = features = self._features(this, image, reduction)
         number = len(self.taken)
         this.first = self.tracks.add(number, _FOUND, features.pixels, features.sigma_px)
         self.taken.append(this)
@@ -182,7 +175,7 @@ class ImageChain:
             self.tracks.join(this.first + found.first, other.first + found.second)
             if other.to_plane is not None and len(found.first) > best:
                 best, this.to_plane = len(found.first), _product(other.to_plane, found.matrix)
-        self._tie_to_map(frame, number, image, reduction)
+        self._tie_to_map(number, image, reduction)
 
     def _take_given(self, frame: Frame, number: int) -> None:
         """Tie the image by points that are given, and place it where enough of them have a place already."""
@@ -212,12 +205,10 @@ class ImageChain:
             self.tracks.join([here], [first[0]])
         return first[1:]
 
-    def _features(self, this: Taken, frame: Frame, image: Image, reduction: int) -> Features:
+    def _features(self, this: Taken, image: Image, reduction: int) -> Features:
         """Features of an image reduced by a whole number, at their pixels in the image itself, undistorted."""
         cv2 = load_opencv()
         mask = self.mask
-        if frame.rectification is not None:
-            return self._rectified(this, frame, image, reduction)
         if reduction > 1:
             size = (image.shape[1] // reduction, image.shape[0] // reduction)
             cut = slice(size[1] * reduction), slice(size[0] * reduction)
@@ -229,33 +220,7 @@ class ImageChain:
         shape = (image.shape[0] * reduction, image.shape[1] * reduction)
         return found.moved(this.undistorted(pixels), found.sigma_px * reduction, shape)
 
-    def _rectified(self, this: Taken, frame: Frame, image: Image, reduction: int) -> Features:
-        cv2 = load_opencv()
-        assert frame.rectification is not None
-        line, sample = np.mgrid[: image.shape[0], : image.shape[1]]
-        # Toward the horizon the view from above is ever more magnified: what is by more than that is left out.
-        distance = np.tensordot(frame.rectification[2], np.stack([sample, line, np.ones_like(line)]), axes=1)
-        usable = (distance > _MAGNIFIED * distance.max()) & (True if self.mask is None else self.mask)
-        if not usable.any():
-            return detect(np.zeros_like(image), None, self.map.detector)
-        at = transformed(
-            frame.rectification, np.column_stack([sample[usable], line[usable]]).astype(np.float64)
-        )
-        first, last = at.min(axis=0), at.max(axis=0)
-        scale = _LARGEST_SIDE_PIXELS / float((last - first).max())
-        to_view = np.diag([scale, scale, 1.0]) @ np.array([[1, 0, -first[0]], [0, 1, -first[1]], [0, 0, 1.0]])
-        matrix = to_view @ frame.rectification
-        size = tuple(int(n) for n in np.ceil((last - first) * scale))
-        smooth = cv2.blur(image, (reduction, reduction)) if reduction > 1 else image
-        view = cv2.warpPerspective(smooth, matrix, size, flags=cv2.INTER_LINEAR)
-        seen = cv2.warpPerspective(usable.astype(np.uint8), matrix, size, flags=cv2.INTER_NEAREST) == 1
-        seen = cv2.erode(seen.astype(np.uint8), np.ones((9, 9), np.uint8)) == 1
-        found = detect(view, seen, self.map.detector, _FEATURES)
-        back = np.linalg.inv(matrix)
-        sigma_px = found.sigma_px * np.sqrt(np.abs(np.linalg.det(derivative(back, found.pixels))))
-        return found.moved(this.undistorted(transformed(back, found.pixels)), sigma_px, image.shape)
-
-    def _tie_to_map(self, frame: Frame, number: int, image: Image, reduction: int) -> None:
+    def _tie_to_map(self, number: int, image: Image, reduction: int) -> None:
         this = self.taken[number]
         found: tuple[Matches, MapPart] | None = None
         features, first = this.features, this.first
@@ -268,7 +233,7 @@ class ImageChain:
                 return
             needed = int(self.map.base.resolution_m / pixel_m)
             if needed > 1.5 * reduction:
-                features = self._features(this, frame, image, needed)
+                features = self._features(this, image, needed)
                 first = self.tracks.add(number, _FOR_MAP, features.pixels, features.sigma_px)
             level = self.map.level(pixel_m * max(reduction, needed))
             found = self._near_prediction(features, this, level, width_m)
@@ -316,13 +281,7 @@ class ImageChain:
         return min(found, key=lambda one: one[0].log10_false_alarms, default=None)
 
     def require_descent(self) -> None:
-        """Refuse images in reversed order: pixels on the ground grow from image to image.
-
-        Raises
-        ------
-        InputError
-            The links between neighbouring images show an ascent.
-        """
+        """Refuse images in reversed order, whose pixels on the ground grow from image to image."""
         growth = np.log(
             [
                 pixel_size_m(matrix, self.taken[number].size)
@@ -345,13 +304,7 @@ class ImageChain:
                 two.to_plane = _product(one.to_plane, np.asarray(np.linalg.inv(matrix), dtype=np.float64))
 
     def ties(self, left_out: set[int]) -> tuple[list[int], TiePoints]:
-        """The images that are tied to the map, by their numbers, and their tie points.
-
-        Raises
-        ------
-        ConvergenceError
-            There is none.
-        """
+        """Return the numbers of the images that are tied to the map, and their tie points, or raise an error."""
         images, ties = self.tracks.ties(left_out, np.array([one.to_plane is not None for one in self.taken]))
         if not len(images):
             raise ConvergenceError(self._nobody())

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc import vectors
 from radioloc.ephemeris.orientation import LUNAR_AXES
@@ -34,8 +33,7 @@ from radioloc.imaging.sensor_models import FrameModel, LineScanModel
 from radioloc.lunar.frames import rot_icrf_to_me
 from radioloc.text_files import json_file
 from radioloc.time import Epochs
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 _FRAME, _LINE_SCAN = "USGS_ASTRO_FRAME_SENSOR_MODEL", "USGS_ASTRO_LINE_SCANNER_SENSOR_MODEL"
 _UNITS_M = {"m": 1.0, "km": 1e3}
@@ -151,10 +149,7 @@ def _support_data(keys: Keys, scan: bool, axes: str | None) -> SupportData:
 
 
 def _camera(keys: Keys, scan: bool, down: Floats) -> Camera:
-    """The interior orientation; `down` is the direction to the Moon's centre in the camera's axes.
-
-    USGS's models look along +z and -z alike; which of them shows the Moon is seen from the orientation.
-    """
+    """Return the interior orientation; `down` points to the Moon's centre in the camera's axes."""
     by_sample = keys.numbers("focal2pixel_samples", (3,))
     by_line = keys.numbers("focal2pixel_lines", (3,))
     summing = np.array(

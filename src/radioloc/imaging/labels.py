@@ -12,14 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.errors import FileFormatError
 from radioloc.lunar.map_files import open_dataset
 from radioloc.lunar.map_grid import load_rasterio
 from radioloc.text_files import head_of
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 # Number in a file: in seconds or kilometres it is out of this world.
 _LARGEST = 1e15
@@ -91,18 +89,7 @@ def is_isis_cube(path: str | Path) -> bool:
 
 
 def isd_of_cube(path: str | Path) -> dict[str, Any]:
-    """What an ISD would have of the image in a cube.
-
-    Parameters
-    ----------
-    path : path-like
-        A cube of LRO's NACL or NACR, whole or cut out, with ``spiceinit`` done.
-
-    Raises
-    ------
-    FileFormatError
-        Another camera, a map, a cube without tables, or one that is cut.
-    """
+    """Return the keys of an ISD for the image in a cube of LRO's NACL or NACR, whole or cut out, with ``spiceinit``."""
     path = Path(path)
     keys = Keys(path, _label(path), "the label of a cube with spiceinit done")
     camera = keys.text("IsisCube.Instrument.InstrumentId")

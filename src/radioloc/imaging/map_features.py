@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from radioloc.imaging.matching import Detector, Features, detect
 from radioloc.imaging.tracks import MAP, Tracks
 from radioloc.lunar.maps import Map, TangentPlane
+from radioloc.vectors import Floats
 
-Floats = NDArray[np.float64]
 Tile = tuple[int, int, int]  # level, line and column of the tile
 
 _TILE_PIXELS = 1024

@@ -31,8 +31,8 @@ from radioloc.errors import InputError
 from radioloc.imaging.frames import load_opencv
 from radioloc.imaging.homography import derivative, fit_homography, transformed
 from radioloc.lunar.grey_images import Image, Mask
+from radioloc.vectors import Floats
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _DESCRIBED = 1.5  # widths of what SIFT describes: more of the surroundings is alike under another sun
@@ -85,7 +85,7 @@ class Features:
     detector: Detector
 
     def moved(self, pixels: Floats, sigma_px: Floats, shape: tuple[int, int]) -> Features:
-        """The same features where they are in another image, such as the one of which this is a rectification."""
+        """Return the same features at other pixels, such as those of the image that was reduced."""
         return Features(pixels, sigma_px, self.descriptors, shape, self.detector)
 
 
@@ -109,38 +109,7 @@ class Matches:
 def detect(
     image: Image, mask: Mask | None = None, detector: Detector = Detector.SIFT, count: int = 2000
 ) -> Features:
-    """Detect and describe features, spread over the image.
-
-    Parameters
-    ----------
-    image : numpy.ndarray of uint8, shape (lines, samples)
-        Grey values.
-    mask : numpy.ndarray of bool, optional
-        Which pixels may be used.
-    detector : Detector
-        SIFT (Lowe 2004), or ORB (Rublee et al. 2011), quicker and less exact.
-    count : int
-        How many features to keep, those of most contrast in each part of the image.
-
-    Returns
-    -------
-    Features
-        None of an image that is black, saturated or without detail.
-
-    Raises
-    ------
-    InputError
-        OpenCV is not installed; an image that is not of eight bits, or a mask of another shape.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from radioloc.imaging import detect
-    >>> disk = np.hypot(*np.mgrid[-50:50, -50:50]) < 9
-    >>> features = detect(np.where(disk, 200, 60).astype(np.uint8))
-    >>> features.pixels[0].round().tolist()  # an even number of pixels: the centre is half a pixel off
-    [50.0, 50.0]
-    """
+    """Detect and describe so many features, those of most contrast in each part of the image; none of a flat image."""
     cv2 = load_opencv()
     if image.dtype != np.uint8 or image.ndim != 2:
         raise InputError(f"an image of type {image.dtype} and shape {image.shape}; give eight bits, one band")
@@ -173,36 +142,7 @@ def match(
     predicted: Floats | None = None,
     radius_px: float = math.inf,
 ) -> Matches:
-    """Find the tie points of two images and the homography between them.
-
-    Parameters
-    ----------
-    first, second : Features
-        Of the two images.
-    predicted : numpy.ndarray, shape (3, 3), optional
-        A homography from the first to the second that is known before; partners are sought within `radius_px`.
-    radius_px : float
-        Pixels of the second image.
-
-    Returns
-    -------
-    Matches
-        With a status; of what did not match there are no tie points.
-
-    Raises
-    ------
-    InputError
-        Features of two detectors, or a radius that is not above 0.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from radioloc.imaging import detect, match
-    >>> image = np.kron(np.random.default_rng(1).integers(0, 255, (40, 40)), np.ones((8, 8))).astype(np.uint8)
-    >>> found = match(detect(image), detect(np.roll(image, 16, axis=1)))
-    >>> found.status.value
-    'matched'
-    """
+    """Find the tie points of two images and the homography between them, within a radius of predicted partners."""
     if not radius_px > 0.0:
         raise InputError(f"radius_px = {radius_px!r} is not above 0")
     if min(len(first.pixels), len(second.pixels)) < _FEWEST_FEATURES:

@@ -11,16 +11,16 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from radioloc.boundary import bare_arguments, bare_fields
 from radioloc.errors import InputError
 from radioloc.imaging.cameras import as_points, as_rotation, as_vector
+from radioloc.vectors import Floats
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-Floats = NDArray[np.float64]
 
 _EVEN = 1e-6
 """Times of an even table are off by less than this part of a step, or by the rounding of epochs."""
@@ -131,13 +131,7 @@ class TabulatedOrientation:
         return float(first), float(min(self.position_times_s[-1], self.rotation_times_s[-1]))
 
     def at(self, time_s: Floats) -> tuple[Floats, Floats]:
-        """Positions, m, shape (n, 3), and rotations from the camera's axes, shape (n, 3, 3).
-
-        Raises
-        ------
-        InputError
-            A time is outside the tables.
-        """
+        """Return positions, m, shape (n, 3), and rotations from the camera's axes, shape (n, 3, 3)."""
         time_s = _inside(np.asarray(time_s, dtype=np.float64), self.span_s)
         if self._even[0]:
             positions = _lagrange(self.position_times_s, self.positions_m, time_s)
@@ -268,10 +262,7 @@ def quaternions_of(rotations: Floats) -> Floats:
 
 
 def slerp(times_s: Floats, rotations: Floats, time_s: Floats) -> Floats:
-    """Rotation matrices at times, shape (n, 3, 3), along great circles between the nodes, and beyond their ends.
-
-    One rotation holds at all times; as axes that turn evenly, a table is in order up to a second before and after it.
-    """
+    """Return rotations at times along great circles between nodes, and up to 1 s beyond them, as axes turn evenly."""
     if len(times_s) == 1:
         return np.broadcast_to(rotations[0], (len(time_s), 3, 3))
     _inside(time_s, (times_s[0] - 1.0, times_s[-1] + 1.0))

@@ -24,8 +24,7 @@ from radioloc.lunar.interpolation import Stencil
 from radioloc.lunar.map_files import new_geotiff
 from radioloc.lunar.map_grid import MapGrid, load_rasterio
 from radioloc.lunar.terrain import LargeWindowError, NoTerrainError
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 _OUTLINE_POINTS = 65
 _HIDDEN_CELLS = 1.0  # a ray that meets the ground farther than this before the point does not show it

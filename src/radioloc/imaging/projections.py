@@ -39,8 +39,8 @@ from radioloc.imaging.surfaces import Terrain
 from radioloc.lunar import TerrainModel
 from radioloc.lunar.maps import TangentPlane
 from radioloc.lunar.terrain import TerrainWindow, height_and_gradient
+from radioloc.vectors import Floats
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _CELLS_ACROSS = 4.0  # of the elevation model, in an image that it describes
@@ -146,13 +146,7 @@ class Relief:
 
     @classmethod
     def around(cls, plane: TangentPlane, model: TerrainModel, places_m: Floats) -> Relief:
-        """The part of an elevation model around places, shape (n, 2).
-
-        Raises
-        ------
-        InputError
-            The model has none of them, or they need more than 20 million cells.
-        """
+        """Return the part of an elevation model around places, shape (n, 2); an error if it has none of them."""
         # Between bilinear cells slopes jump, and keep the adjustment from settling.
         smooth = replace(model, interpolation="bicubic")
         return cls(plane, smooth, smooth.window(*_angles(plane, places_m)))

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
@@ -24,8 +24,7 @@ from radioloc.lunar import TerrainModel
 from radioloc.lunar.grey_images import Mask
 from radioloc.lunar.maps import Map, TangentPlane
 from radioloc.lunar.terrain import NoTerrainError
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 _FEWEST_TIES = 6
 _FEWEST_WITH_HEIGHT = 0.5  # of an image's tie points: the model of heights covers what it shows

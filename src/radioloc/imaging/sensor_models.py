@@ -21,8 +21,7 @@ from radioloc.errors import InputError
 from radioloc.imaging.cameras import Camera, as_points
 from radioloc.imaging.distortion import Distortion
 from radioloc.imaging.orientation import ConstantOrientation, Orientation
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 _ITERATIONS = 30
 _CONVERGED_LINES = 1e-8
@@ -156,13 +155,7 @@ class LineScanModel:
         return start + (times_s - time_s) / step_s, step_s
 
     def rays(self, pixels: ArrayLike) -> Rays:
-        """Rays of pixels, shape (n, 2).
-
-        Raises
-        ------
-        InputError
-            A line was taken when the orientation is not known.
-        """
+        """Return rays of pixels, shape (n, 2); lines need a known orientation."""
         pixel = as_points(pixels, 2, "pixels")
         time_s, _ = self.times_s(pixel[:, 1])
         return _rays(*self.orientation.at(time_s), self.camera.directions(pixel * [1.0, 0.0]))

@@ -19,8 +19,7 @@ from radioloc.lunar.maps import Map, TangentPlane
 from radioloc.lunar.terrain_source import heights_m
 from radioloc.lunar.visibility import sun_me_m
 from radioloc.time import Epochs, utc_strings
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 _BLANK = 0
 
@@ -29,25 +28,10 @@ LUNAR_LAMBERT = (1.0, -0.019, 2.42e-4, -1.46e-6)
 
 
 def lunar_lambert(cos_incidence: ArrayLike, cos_emission: ArrayLike, phase_rad: ArrayLike) -> Floats:
-    """Brightness by the Lunar-Lambert law, 1 for ground seen along the Sun's rays; 0 where the Sun does not reach.
+    """Return the brightness by the Lunar-Lambert law: 1 along the Sun's rays, 0 in shadow.
 
-    Parameters
-    ----------
-    cos_incidence, cos_emission : array_like
-        Cosines of the angles between the ground's normal and the directions of the Sun and the camera.
-    phase_rad : array_like
-        Angle between these directions, rad.
-
-    Notes
-    -----
-    2 L mu0 / (mu0 + mu) + (1 - L) mu0 with mu0 and mu the cosines and L a function of the phase angle (McEwen 1996).
-    How brightness as a whole falls with the phase angle is left out: exposure makes it good.
-
-    Examples
-    --------
-    >>> from radioloc.imaging.shading import lunar_lambert
-    >>> float(lunar_lambert(1.0, 1.0, 0.0)), float(lunar_lambert(-0.1, 1.0, 1.0))
-    (1.0, 0.0)
+    2 L mu0 / (mu0 + mu) + (1 - L) mu0 with the cosines mu0 of incidence and mu of emission and L of the phase angle
+    (McEwen 1996). Exposure makes good how brightness as a whole falls with the phase angle.
     """
     sun, camera = np.maximum(cos_incidence, 0.0), np.maximum(cos_emission, 0.0)
     weight = np.polynomial.polynomial.polyval(np.degrees(phase_rad), LUNAR_LAMBERT)
@@ -71,13 +55,7 @@ def in_bytes(brightness: ArrayLike, sun: Floats, noise: ArrayLike = 0.0) -> NDAr
 
 
 def sun_direction(azimuth_deg: float, elevation_deg: float) -> Floats:
-    """Unit vector to the Sun, east, north, up, of its azimuth from north over east and its elevation.
-
-    Raises
-    ------
-    InputError
-        The Sun is not above the horizon.
-    """
+    """Return the unit vector (east, north, up) to the Sun; its azimuth counts from north over east."""
     if not (0.0 < elevation_deg <= 90.0 and math.isfinite(azimuth_deg)):
         raise InputError(f"a Sun at an elevation of {elevation_deg!r} degrees lights no ground; give 0 to 90")
     azimuth, elevation = math.radians(azimuth_deg), math.radians(elevation_deg)
@@ -88,22 +66,7 @@ def sun_direction(azimuth_deg: float, elevation_deg: float) -> Floats:
 def write_shaded_map(
     dem: str | Path, path: str | Path, sun_azimuth_deg: float, sun_elevation_deg: float
 ) -> None:
-    """Write an elevation model, shaded by the Lunar-Lambert law, as GeoTIFF in the model's own projection.
-
-    Parameters
-    ----------
-    dem : path-like
-        As :meth:`radioloc.lunar.TerrainModel.open` reads it.
-    path : path-like
-        Eight bits; 0 where there is no height.
-    sun_azimuth_deg, sun_elevation_deg : float
-        Where the Sun stands seen from the middle of the map, from north over east and above the horizon.
-
-    Raises
-    ------
-    FileFormatError, InputError
-        As of the elevation model; the Sun is not above the horizon.
-    """
+    """Write an elevation model, shaded by the Lunar-Lambert law, as GeoTIFF in its projection; 0 without height."""
     sun = sun_direction(sun_azimuth_deg, sun_elevation_deg)
     about = TerrainModel.open(dem).metadata
     base = Map.open(dem)
@@ -129,13 +92,7 @@ def write_shaded_map(
 
 
 def sun_over_map(dem: str | Path, epoch: Epochs) -> tuple[float, float]:
-    """Azimuth and elevation of the Sun, deg, seen from the middle of an elevation model at an epoch, UTC, by DE421.
-
-    Raises
-    ------
-    FileFormatError, InputError
-        As of the elevation model; the Sun is not above the horizon.
-    """
+    """Return azimuth and elevation of the Sun, deg, at the middle of an elevation model at an epoch, UTC (DE421)."""
     base = Map.open(dem)
     east, north, up = base.plane().axes() @ sun_me_m(epoch)[0] - [0.0, 0.0, MEAN_LUNAR_RADIUS_M]
     elevation_deg = math.degrees(math.atan2(up, math.hypot(east, north)))

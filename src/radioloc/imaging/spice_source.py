@@ -7,7 +7,6 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc import vectors
 from radioloc.boundary import bare_arguments
@@ -18,8 +17,6 @@ from radioloc.kernels.spk_types import check_spk
 from radioloc.lunar.frames import rot_icrf_to_me
 from radioloc.text_files import head_of, require_file
 from radioloc.time import Epochs
-
-Floats = NDArray[np.float64]
 
 _KM = 1e3
 

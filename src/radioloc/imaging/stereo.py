@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.errors import ConvergenceError, InputError
 from radioloc.imaging.cameras import Camera, as_points, as_rotation, as_vector
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 _STEPS = 20
 _SETTLED = 1e-10

@@ -18,8 +18,7 @@ from radioloc.errors import InputError
 from radioloc.imaging.cameras import as_vector
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic
 from radioloc.lunar.terrain import LargeWindowError, NoTerrainError, TerrainWindow, height_and_gradient
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 _RAYS_AT_ONCE = 100_000
 _STATIONS = 5  # points of each ray from which follows what part of the map is needed
@@ -104,10 +103,7 @@ class Terrain:
     mean_earth: bool = field(default=True, init=False)
 
     def intersect(self, origins_m: Floats, directions: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        """First points on rays, m, shape (n, 3), and whether there is one.
-
-        A ray that leaves the map or comes to a void before it meets the ground does not meet it.
-        """
+        """Return first points on rays, m, shape (n, 3), and whether the map has them without a gap before."""
         points, hits = np.array(origins_m), np.zeros(len(origins_m), dtype=bool)
         lowest, highest = (limit_m + self.raised_m for limit_m in LUNAR_HEIGHT_LIMITS_M)
         for start in range(0, len(origins_m), _RAYS_AT_ONCE):

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.imaging.adjustment import TiePoints
+from radioloc.vectors import Floats
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 MAP = -1
@@ -41,10 +41,7 @@ class Tracks:
         self._pairs.append(np.column_stack([those, these]))
 
     def ties(self, left_out: set[int], placed: NDArray[np.bool_]) -> tuple[Indices, TiePoints]:
-        """Images with a way to the map along tie points, of those that have a place, and their tie points.
-
-        Images that are left out are no part of a way; the others may be, with a place or without.
-        """
+        """Return the placed images, but those left out, that tie points lead from to the map, and these points."""
         group, places, sigmas = (np.concatenate(part) for part in (self._groups, self._places, self._sigmas))
         of_map = len(placed)  # the map is one more image
         image = np.where(group < 0, of_map, group // _KINDS)

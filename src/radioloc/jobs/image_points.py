@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import CoverageError, InputError
@@ -37,8 +36,7 @@ from radioloc.results.cards import Field, metres
 from radioloc.results.image_solution import ErrorSource, PointSolution
 from radioloc.study.record import versions
 from radioloc.time import Epochs, to_scale, utc_strings
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 FRAME = "ME_DE421"
 """The axes of lunar maps."""

@@ -26,8 +26,8 @@ from radioloc.progress import progress_bar
 from radioloc.results.image_solution import ImageSolution, PointSolution
 from radioloc.results.recorded import read_recorded
 from radioloc.text_files import make_scratch_folder
+from radioloc.vectors import Floats
 
-Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _DISTORTION_SIGMAS = 5.0
@@ -245,11 +245,7 @@ def _solution(
 
 
 def _unknown_descent_m(registration: Registration, last: RegisteredFrame) -> float:
-    """Return the standard deviation east and north of the motion after the last image, zero if it is from the ground.
-
-    The lander comes down on ground that the image shows, anywhere with the same probability. The middles of images may
-    also move on as they did last, until the size of pixels, in proportion to the altitude, is zero.
-    """
+    """Return the sigma east and north, m, of the motion after the last image; zero if it is from the ground."""
     half_m = last.pixel_m * float(last.centre.mean())
     if half_m <= _LANDED_HALF_WIDTH_M:
         return 0.0

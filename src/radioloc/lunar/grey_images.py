@@ -27,8 +27,7 @@ def open_grey(path: Path, *, overview: int | None = None, first_column: int = 0)
     """Open an image by rasterio so that numbers rise with brightness over all bits of their type.
 
     Bit depth, photometric interpretation (TIFF's MINISWHITE) and palette are applied, by a virtual dataset of GDAL over
-    the file; colours of a palette become their luma (ITU-R BT.601). All images, masks and maps are opened here.
-    Of a map around the Moon, a column may be chosen to be the first.
+    the file; colours of a palette become their luma (ITU-R BT.601). A map around the Moon may begin at a column.
     """
     options = {} if overview is None else {"overview_level": overview}
     with ExitStack() as closing:
@@ -108,14 +107,7 @@ def _as_shown(path: Path, dataset: Any) -> _Source:
 
 
 def eight_bit(values: Any) -> tuple[Image, Mask]:
-    """Numbers (a masked array) as eight bits, and which of them are there; what is not is black.
-
-    Examples
-    --------
-    >>> image, valid = eight_bit(np.ma.masked_less([[-1.0, 0.0, 0.6, 1.0]], 0.0))
-    >>> image.tolist(), valid.tolist()
-    ([[0, 0, 153, 255]], [[False, True, True, True]])
-    """
+    """Return numbers (a masked array) as eight bits, and which of them there are; the others are black."""
     valid = ~np.ma.getmaskarray(values)
     numbers = np.ma.getdata(values)
     if numbers.dtype == np.uint8:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from radioloc.boundary import bare_arguments
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
@@ -24,8 +24,7 @@ from radioloc.lunar.grey_images import Image, Mask, eight_bit, open_grey
 from radioloc.lunar.map_files import SourceFile, open_dataset, open_map_file
 from radioloc.lunar.map_grid import MapGrid, load_rasterio
 from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up, selenographic_to_cartesian
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 _TOLERANCE_PIXELS = 0.02  # of the map, to which GDAL interpolates the projection; features have 0.1 and more
 _AVERAGED_FROM = (

@@ -25,8 +25,7 @@ from radioloc.lunar.position import LunarPosition
 from radioloc.parameters.position_prior import map_tie_names
 from radioloc.results.cards import Card, Field, Shown, metres, plural
 from radioloc.results.tables import difference
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 _MOST_ROWS = 12
 

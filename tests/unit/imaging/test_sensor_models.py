@@ -17,9 +17,9 @@ from radioloc.imaging import (
     TabulatedOrientation,
     ground_to_image,
     image_to_ground,
-    image_to_ground_and_partials,
     read_isd,
 )
+from radioloc.imaging.ground_points import image_to_ground_and_partials
 from radioloc.imaging.orientation import matrices_of, quaternions_of, rotation_of
 from radioloc.imaging.sensor_models import inside
 

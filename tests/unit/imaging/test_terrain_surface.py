@@ -19,9 +19,9 @@ from radioloc.imaging import (
     Terrain,
     ground_to_image,
     image_to_ground,
-    image_to_ground_and_partials,
     read_isd,
 )
+from radioloc.imaging.ground_points import image_to_ground_and_partials
 from radioloc.imaging.orientation import rotation_of
 from radioloc.lunar import (
     TerrainModel,

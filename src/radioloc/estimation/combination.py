@@ -7,7 +7,6 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from radioloc.errors import InputError
 from radioloc.estimation.shared_observations import SampledSeries, share_observations
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.local import LocalDifference, axes_at, displaced, local_difference, rot_enu_between
+from radioloc.time import epochs_from_strings, utc_to_tai
 
 _Floats = NDArray[np.float64]
 _AXES = ("east", "north", "up")
@@ -357,10 +357,8 @@ def _chance(statistic: float, dof: int) -> float:
 
 def _overlap(one_utc: tuple[str, str], two_utc: tuple[str, str]) -> float:
     """Correlation of the means of white noise over two spans of time."""
-    ends_s = [
-        [datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp() for text in span]
-        for span in (one_utc, two_utc)
-    ]
+    ends = utc_to_tai(epochs_from_strings([*one_utc, *two_utc]))
+    ends_s = ends.seconds_since(ends[[0, 0, 0, 0]]).reshape(2, 2).tolist()
     (first, last), (other_first, other_last) = ((start, max(end, start + 1.0)) for start, end in ends_s)
     common_s = min(last, other_last) - max(first, other_first)
     return max(common_s, 0.0) / math.sqrt((last - first) * (other_last - other_first))

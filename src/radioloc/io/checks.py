@@ -1,49 +1,47 @@
-"""What readers of observations share: dates that must exist, weather at other times, normal points of laser ranging."""
+"""Dates of lines, weather at other times and normal points of laser ranging: common parts of readers."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.constants import C_M_S
-from radioloc.errors import FileFormatError, InputError
+from radioloc.constants import C_M_S, UTC_JD
+from radioloc.errors import FileFormatError
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations, without_duplicates
 from radioloc.measurements.table_columns import require_lunar_flight_times
-from radioloc.time.dates import utc_from_seconds_of_day
-from radioloc.time.scales import calendar_to_jd
+from radioloc.time import Epochs
+from radioloc.time.dates import DateError, read_dates, utc_from_seconds_of_day
 
-YEARS = (1972, 2100)
-"""First year of UTC with leap seconds, and one beyond any data."""
+_YEARS_JD = (UTC_JD, 2488434.5)
+"""From 1972, the first year of UTC with leap seconds, to 2100, which is beyond any data."""
 
 _WEATHER_REACH_S = 7200.0
 
 
-def midnight_and_second(
-    path: str | Path, line: int, year: int, month: int, day: int, hour: int, minute: int, second: float
-) -> tuple[float, float]:
-    """Julian date of midnight and second of day of a UTC date that must exist, from 1972 on."""
-    if not YEARS[0] <= year <= YEARS[1]:
-        problem = f"the year is {year}; years from {YEARS[0]} to {YEARS[1]} can be read"
-        raise FileFormatError(path, problem, line)
+def read_utc(path: str | Path, dates: Sequence[str], lines: Sequence[int]) -> Epochs:
+    """Read UTC dates of some lines of a file; one that does not exist from 1972 to 2100 is a FileFormatError."""
     try:
-        jd, _ = calendar_to_jd(year, month, day, hour, minute, second)
-    except InputError as error:
-        raise FileFormatError(path, str(error), line) from None
-    return jd, 3600.0 * hour + 60.0 * minute + second
+        utc = read_dates(dates, "UTC")
+    except DateError as error:
+        raise FileFormatError(path, str(error), lines[error.row]) from None
+    outside = (utc.jd < _YEARS_JD[0]) | (utc.jd >= _YEARS_JD[1])
+    if outside.any():
+        row = int(np.argmax(outside))
+        raise FileFormatError(
+            path, f"expected a year from 1972 to 2100, got the date {dates[row]}", lines[row]
+        )
+    return utc
 
 
 def weather_near(
     time_s: NDArray[np.float64], recorded: NDArray[np.float64], wanted_s: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Recorded weather at other times, linear between records and held before and after them.
-
-    NaN where the nearest record that is not NaN is more than two hours away, or there is none.
-    """
+    """Return weather at other times, linear between records and held beyond them, NaN farther than two hours."""
     order = np.argsort(time_s, kind="stable")
     order = order[~np.isnan(recorded[order])]
     if not len(order):
@@ -56,7 +54,7 @@ def weather_near(
 
 
 def normal_points(path: str | Path, links: Iterable[Link], columns: dict[str, Any]) -> Observations:
-    """Laser ranges of one file: columns of observations, and ``jd``, ``second_of_day``, ``flight_s``, ``sigma_s``."""
+    """Return the laser ranges of one file, of columns of observations and jd, second_of_day, flight_s, sigma_s."""
     require_lunar_flight_times(path, columns["flight_s"], columns["line"])
     observations = Observations.from_columns(
         epoch=utc_from_seconds_of_day(columns.pop("jd"), columns.pop("second_of_day")),

@@ -36,11 +36,7 @@ from numpy.typing import NDArray
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.earth.stations import StationCatalogue, station_name
 from radioloc.errors import DataQualityWarning, FileFormatError
-from radioloc.io.checks import (
-    midnight_and_second,
-    normal_points,
-    weather_near,
-)
+from radioloc.io.checks import normal_points, read_utc, weather_near
 from radioloc.measurements.link import REFLECTORS, Link, canonical_target
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import WEATHER_LIMITS, Observations
@@ -177,8 +173,11 @@ class _Record:
         return second
 
     def date(self, place: int) -> tuple[float, float]:
-        """Julian date of midnight and seconds since, of six fields from year to second."""
-        return midnight_and_second(self.path, self.line, *(self.integer(place + k, "date") for k in range(6)))
+        """Return the Julian date of midnight and seconds since, by six fields from year to second."""
+        year, month, day, hour, minute, second = (self.integer(place + k, "date") for k in range(6))
+        text = f"{year:04d}-{month:02d}-{day:02d}T{hour:02d}:{minute:02d}:{second:02d}"
+        utc = read_utc(self.path, [text], [self.line])
+        return float(utc.jd[0]), 3600.0 * hour + 60.0 * minute + second
 
 
 @dataclass(slots=True)

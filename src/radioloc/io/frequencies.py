@@ -34,7 +34,7 @@ from radioloc.boundary import bare_fields
 from radioloc.constants import C_M_S, MJD_ZERO_JD, SECONDS_PER_DAY
 from radioloc.earth.stations import Station, StationCatalogue
 from radioloc.errors import FileFormatError, InputError
-from radioloc.io.checks import midnight_and_second
+from radioloc.io.checks import read_utc
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations, without_duplicates
 from radioloc.measurements.registry import KINDS
@@ -47,10 +47,9 @@ LONGEST_S = 86400.0
 """Longest delay, count interval, light time or clock difference that is believed, s."""
 MICROMETRES = 1e6
 _FASTEST_M_S = 3e5
-_MJD_SPAN = (41317, 88069)  # 1972 to 2099
 _NUMBER = r"[+-]?\d+(?:\.\d*)?(?:[eE][+-]?\d+)?"
 _READING = re.compile(
-    r"(?:(\d{5})(\.\d+)|(\d\d)/(\d\d)/(\d\d)\s+(\d\d):(\d\d):(\d\d(?:\.\d*)?))"
+    r"(?:(\d{5})(\.\d+)|(\d\d/\d\d/\d\d)\s+(\d\d:\d\d:\d\d(?:\.\d*)?))"
     r"\s+(\d{1,15}(?:\.\d*)?)\s+\S+\s+(\d{1,4})(?:\s+(\d{1,4}))?",
     re.ASCII,
 )
@@ -62,7 +61,6 @@ _HEAD = {
     "dT": re.compile(r"\bdT:\s*(\d+(?:\.\d*)?)\s*s", re.ASCII),
     "by_day": re.compile(r"format\s*:\s*(modified|mjd)", re.IGNORECASE),
 }
-_DATE = re.compile(r"(\d{4})-(\d\d)-(\d\d)T(\d\d):(\d\d):(\d\d(?:\.\d*)?)Z?", re.ASCII)
 _IN_NAME = re.compile(r"Fdets\.[^.]+\.\d\d\.\d\d[^.]*\.(\w+)\.")
 
 
@@ -132,17 +130,13 @@ class FrequencyAgreement:
 
 
 class Reading(NamedTuple):
-    """A received frequency as a line of a file says it.
+    """Received frequency of one line of a file."""
 
-    Midnight (Julian date, UTC) and second of the day of the middle of the count, at reception; the mean frequency, Hz;
-    the line; transmitter and receiver as the file names them, of which an empty transmitter is the agreement's.
-    """
-
-    midnight: float
-    second_of_day: float
-    received_hz: float
+    date: str  # UTC, of the middle of the count at reception
+    second_of_day: float  # NaN where the date has the time of day
+    received_hz: float  # mean over the count
     line: int
-    ends: tuple[str, str]
+    ends: tuple[str, str]  # transmitter, empty where it is the agreement's, and receiver
 
 
 def require_ratio(turnaround: tuple[int, int] | None) -> None:
@@ -202,7 +196,11 @@ def frequency_observations(
     """
     if not readings:
         raise FileFormatError(path, "has no readings; fetch it again")
-    midnight, second_of_day, hz, lines, stations = zip(*readings, strict=True)
+    dates, second_of_day, hz, lines, stations = zip(*readings, strict=True)
+    epoch = read_utc(path, dates, lines)
+    if len(rows := np.flatnonzero(~np.isnan(second_of_day))):
+        counted = utc_from_seconds_of_day(epoch.jd[rows], np.array(second_of_day)[rows])
+        epoch.jd[rows], epoch.fraction[rows] = counted.jd, counted.fraction
     received_hz = np.array(hz)
     ends, station = each_once(stations)
     its = agreement_on(path, agreements)
@@ -227,7 +225,7 @@ def frequency_observations(
         raise FileFormatError(path, str(error)) from None
     one_way = np.array([not link.transmitter for link in links])[station]
     observations = Observations.from_columns(
-        epoch=utc_from_seconds_of_day(np.array(midnight), np.array(second_of_day)),
+        epoch=epoch,
         links=links,
         link=station,
         tag=1,
@@ -293,19 +291,13 @@ def read_strf(
                 f"{said[:60]!r} is not a reading: date (MJD), frequency (Hz), strength and number of the site"
             )
             raise FileFormatError(path, problem, number)
-        mjd, part, year, *rest, second, frequency, receiver, transmitter = match.groups()
+        mjd, part, day, time, frequency, receiver, transmitter = match.groups()
         if mjd is None:
-            month, day, hour, minute = map(int, rest)
-            date = 2000 + int(year), month, day, hour, minute, float(second)
-            midnight, second_of_day = midnight_and_second(path, number, *date)
-        elif _MJD_SPAN[0] <= int(mjd) <= _MJD_SPAN[1]:
-            midnight, second_of_day = MJD_ZERO_JD + int(mjd), SECONDS_PER_DAY * float(part)
+            date, second_of_day = f"20{day.replace('/', '-')}T{time}", math.nan
         else:
-            raise FileFormatError(
-                path, f"the modified Julian date {mjd} is not of the years 1972 to 2099", number
-            )
+            date, second_of_day = _day_of(int(mjd)), SECONDS_PER_DAY * float(part)
         ends = _site_name(transmitter) if transmitter else "", _site_name(receiver)
-        readings.append(Reading(midnight, second_of_day, float(frequency), number, ends))
+        readings.append(Reading(date, second_of_day, float(frequency), number, ends))
     return frequency_observations(path, agreements, catalogue, readings)
 
 
@@ -408,7 +400,7 @@ def read_fdets(
             *before, time, _, _, detected, _ = fields
             if len(before) > 1:
                 raise ValueError
-            moment = _midnight_and_second(path, number, time, before, head)
+            moment = _date_and_second(path, number, time, before, head)
             detections.append((*moment, float(detected), number))
         except FileFormatError:
             raise
@@ -442,24 +434,22 @@ def read_fdets(
     )
 
 
-def _midnight_and_second(
+def _date_and_second(
     path: str | Path, number: int, time: str, before: list[str], head: Mapping[str, re.Match[str]]
-) -> tuple[float, float]:
-    """Julian date of midnight and second of the day (it may be past its end) of a record."""
-    if match := _DATE.fullmatch(time):
-        *date, second = match.groups()
-        year, month, day, hour, minute = map(int, date)
-        return midnight_and_second(path, number, year, month, day, hour, minute, float(second))
+) -> tuple[str, float]:
+    """Return the date of a record, and the second of the day (it may be past its end) in place of a time."""
+    if "T" in time:
+        return time, math.nan
     second_of_day = float(time)
     if not 0.0 <= second_of_day < 2.0 * SECONDS_PER_DAY:
         raise ValueError
     if before and "by_day" in head:
-        date_of = Epochs.from_jd(MJD_ZERO_JD + float(before[0]), 0.0, "UTC").day_strings()[0]
-    elif "day" in head:
-        date_of = "-".join(head["day"].groups()[:3])
-    else:
-        raise FileFormatError(
-            path, "the day is neither in the records nor in the head of the file; add it", number
-        )
-    year, month, day = map(int, date_of.split("-"))
-    return midnight_and_second(path, number, year, month, day, 0, 0, 0.0)[0], second_of_day
+        return _day_of(float(before[0])), second_of_day
+    if "day" not in head:
+        problem = "the day is neither in the records nor in the head of the file; add it"
+        raise FileFormatError(path, problem, number)
+    return "-".join(head["day"].groups()[:3]), second_of_day
+
+
+def _day_of(mjd: float) -> str:
+    return str(Epochs.from_jd(MJD_ZERO_JD + mjd, 0.0, "UTC").day_strings()[0])

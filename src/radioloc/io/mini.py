@@ -16,16 +16,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from radioloc.earth.stations import StationCatalogue, station_name
 from radioloc.errors import FileFormatError
-from radioloc.io.checks import (
-    midnight_and_second,
-    normal_points,
-)
+from radioloc.io.checks import normal_points, read_utc
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
 from radioloc.text_files import read_lines
@@ -38,7 +37,7 @@ STATIONS = {"70610": "7045", "01910": "7845", "07941": "7941", "71112": "7080"}
 
 _WIDTH = 73
 _COLUMNS = (
-    *("jd", "second_of_day", "flight_s", "sigma_s", "pressure_hpa", "temperature_k", "relative_humidity"),
+    *("second_of_day", "flight_s", "sigma_s", "pressure_hpa", "temperature_k", "relative_humidity"),
     *("wavelength_um", "link", "line"),
 )
 _INTEGER = re.compile(r" *-?\d+", re.ASCII)
@@ -64,21 +63,29 @@ def read_mini(path: str | Path, *, catalogue: StationCatalogue | None = None) ->
 def parse_mini(path: str | Path, lines: Iterable[str], catalogue: StationCatalogue | None) -> Observations:
     """As :func:`read_mini`, from the file's lines."""
     links: list[Link] = []
+    dates: list[str] = []
     row = np.dtype((np.float64, len(_COLUMNS)))
-    rows = np.fromiter(_rows(path, lines, catalogue, links), dtype=row)
+    rows = np.fromiter(_rows(path, lines, catalogue, links, dates), dtype=row)
     if not len(rows):
         raise FileFormatError(path, "has no normal points; fetch it again")
-    return normal_points(path, links, dict(zip(_COLUMNS, rows.T, strict=True)))
+    columns = dict(zip(_COLUMNS, rows.T, strict=True))
+    midnights = read_utc(path, dates, columns["line"].astype(int).tolist()).jd
+    return normal_points(path, links, columns | {"jd": midnights})
 
 
 def _rows(
-    path: str | Path, lines: Iterable[str], catalogue: StationCatalogue | None, links: list[Link]
+    path: str | Path,
+    lines: Iterable[str],
+    catalogue: StationCatalogue | None,
+    links: list[Link],
+    dates: list[str],
 ) -> Iterator[tuple[float, ...]]:
-    """What each line says, as :data:`_COLUMNS`; appends to the links."""
+    """Return the numbers of each line, as :data:`_COLUMNS`; append its link, if it is new, and its date."""
     places: dict[str, int] = {}
     for number, line in enumerate(lines, start=1):
         if line.strip():
-            columns = _parse_line(path, number, line)
+            date, *columns = _parse_line(path, number, line)
+            dates.append(date)
             codes = line[37:43].replace(" ", "0")
             if codes not in places:
                 places[codes] = len(links)
@@ -98,8 +105,8 @@ def _link(path: str | Path, number: int, codes: str, catalogue: StationCatalogue
     return Link(station, REFLECTORS[reflector], station)
 
 
-def _parse_line(path: str | Path, number: int, line: str) -> tuple[float, ...]:
-    """Midnight, second of day, flight time and sigma (s), weather and wavelength of one line."""
+def _parse_line(path: str | Path, number: int, line: str) -> tuple[Any, ...]:
+    """Return date, second of day, flight time and sigma (s), weather and wavelength of one line."""
     if not line.startswith("51"):
         raise FileFormatError(path, f"record type {line[:2]!r} is not a MINI normal point (51)", number)
     if len(line) < _WIDTH:
@@ -119,15 +126,14 @@ def _parse_line(path: str | Path, number: int, line: str) -> tuple[float, ...]:
     stamp = line[2:23].replace(" ", "0")
     if not (stamp.isascii() and stamp.isdigit()):
         raise FileFormatError(path, f"columns 3-23 (date and time) hold {line[2:23]!r}", number)
-    year, month, day, hour, minute = (int(stamp[a:b]) for a, b in ((0, 4), (4, 6), (6, 8), (8, 10), (10, 12)))
-    second = int(stamp[12:]) / 1e7
-    jd, second_of_day = midnight_and_second(path, number, year, month, day, hour, minute, second)
+    year, month, day, hour, minute, second = (stamp[a:b] for a, b in pairwise((0, 4, 6, 8, 10, 12, 14)))
+    second_of_day = 3600.0 * int(hour) + 60.0 * int(minute) + int(stamp[12:]) / 1e7
     flight_s = float(f"{integer(24, 37, 'time of flight')}e-13")
     sigma_s = float(f"{integer(47, 52, 'uncertainty')}e-13")
     # Added in whole hundredths, the kelvins are the float nearest to the decimal number.
     temperature_k = (recorded(63, 66, "temperature") * 10.0 + 27315.0) / 100.0
     return (
-        jd,
+        f"{year}-{month}-{day}T{hour}:{minute}:{second}",
         second_of_day,
         flight_s,
         sigma_s,

@@ -22,7 +22,6 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
-from datetime import datetime, timedelta
 from functools import cache
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -34,8 +33,7 @@ from radioloc.constants import MJD_ZERO_JD, SECONDS_PER_DAY
 from radioloc.earth.stations import Station
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.text_files import ANY_BYTE, numbers_of, read_text
-from radioloc.time import Epochs, utc_strings
-from radioloc.time.scales import to_scale
+from radioloc.time import Epochs, epochs_from_strings, to_scale, utc_strings
 from radioloc.vectors import Floats
 
 REFERENCE_HZ = 2295e6
@@ -49,7 +47,6 @@ _SHAPES = ("CONST", "NRMPOW", "TRIG")
 _COMPLEXES = {"C10": "Goldstone", "C40": "Canberra", "C60": "Madrid"}
 _ITEM = re.compile(r"\s*([A-Z][A-Z\s]*?)\s*\(([^()]*)\)\s*(\.?)")
 _MOMENT = re.compile(r"(\d\d)/(\d\d)/(\d\d)\s*,\s*(\d\d:\d\d(?::\d\d(?:\.\d{1,9})?)?)", re.ASCII)
-_MJD_ZERO = datetime(1858, 11, 17)
 _ROUNDING_D = 1.0 / SECONDS_PER_DAY
 """Cards follow each other with gaps of milliseconds, or to the minute."""
 _LARGEST_M = {DRY: 3.0, WET: 1.0, CHARGED: 1000.0}
@@ -319,9 +316,9 @@ class _Items:
             if found is None:
                 raise ValueError
             century = "20" if int(found[1]) < 69 else "19"
-            date = f"{century}{found[1]}-{found[2]}-{found[3]}T"
             ends_day = re.fullmatch(r"24:00(:00(\.0+)?)?", found[4]) is not None
-            moment = datetime.fromisoformat(f"{date}{'00:00' if ends_day else found[4]}")
-            return (moment - _MJD_ZERO) / timedelta(days=1) + ends_day
+            time = "00:00" if ends_day else found[4]
+            utc = epochs_from_strings(f"{century}{found[1]}-{found[2]}-{found[3]}T{time}")
+            return float(utc.mjd[0]) + ends_day
         except ValueError:
             raise self.fail(f"{keyword}({given}) is no epoch such as 20/12/02,15:30:00", keyword) from None

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from datetime import datetime
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -19,6 +18,7 @@ from radioloc.constants import LUNAR_HEIGHT_LIMITS_M
 from radioloc.errors import InputError, legible, named
 from radioloc.lunar.selenographic import selenographic_to_cartesian
 from radioloc.text_files import json_file
+from radioloc.time import epochs_from_strings
 
 Check = Callable[[Any, str], None]
 """Raises :class:`InputError` for a value that is not as the schema has it; the text is the place of the value."""
@@ -103,7 +103,7 @@ def _truth(value: Any, where: str) -> None:
 
 def _utc(value: Any, where: str) -> None:
     try:
-        datetime.fromisoformat(value)
+        epochs_from_strings([value])
     except (TypeError, ValueError):
         _fail(where, "a date such as 2020-12-01T15:11:00", value)
 

@@ -4,9 +4,9 @@ An epoch is two floats, :class:`Epochs`, because a single float of seconds since
 36 m of light. Scale changes are functions here; nothing else in the library adds leap seconds or TDB-TT.
 """
 
+from radioloc.time.dates import epochs_from_strings
 from radioloc.time.epochs import Epochs
 from radioloc.time.scales import (
-    epochs_from_strings,
     geocentric_tdb_minus_tt,
     tai_to_tt,
     tai_to_utc,

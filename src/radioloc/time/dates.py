@@ -1,4 +1,4 @@
-"""UTC dates in bulk and to the last bit: text to epochs and back, seconds of day to epochs.
+"""Dates as text: one grammar for all of the library, read in bulk and to the last bit; and seconds of day as epochs.
 
 A UTC epoch is a fraction of a day that lasts 86401 s where a leap second ends it. Whole seconds and parts
 of a second are kept apart on the way, so that text with picoseconds gives the nearest epoch that two floats
@@ -8,8 +8,9 @@ here they stand for dates and for times of day.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,103 +18,151 @@ from numpy.typing import NDArray
 from radioloc.constants import SECONDS_PER_DAY, UNIX_JD, UTC_JD
 from radioloc.errors import InputError
 from radioloc.time.epochs import Epochs
-from radioloc.time.scales import epochs_from_strings, utc_to_tai
+from radioloc.time.scales import to_scale, utc_to_tai
 
-_FULL_DATE = r"^\d{4}-\d\d-\d\d[T ](?:[01]\d|2[0-3]):[0-5]\d:(?:[0-5]\d|60)(?:\.\d{0,18})?Z?$"
+_DATE = re.compile(
+    r"(?P<year>\d{4})-(?:(?P<month>\d\d)-(?P<day>\d\d)|(?P<day_of_year>\d{3}))"
+    r"(?:[T ](?P<hour>\d\d):(?P<minute>\d\d)(?::(?P<second>\d\d)(?:[.:](?P<decimals>\d*))?)?)?Z?",
+    re.ASCII,
+)
+"""Some programs write a colon before the parts of a second."""
+_MAX_CHARACTERS = 300  # of a date
+_MAX_DECIMALS = 18  # that are read: an int64 holds them
 _JD_9999 = 5373119.5
 # Half of a double's bits: a fraction cut here and a whole number of seconds multiply without rounding.
 _SPLIT = float(2**26)
 _PICOSECONDS = 10**12
 
 
+class DateError(InputError):
+    """Error of a text that is not a date; ``row`` is its place among the texts."""
+
+    def __init__(self, text: str, problem: str, row: int) -> None:
+        super().__init__(f"{text!r}{problem}")
+        self.row = row
+
+
+def epochs_from_strings(dates: str | Sequence[str], scale: str = "UTC") -> Epochs:
+    """Read dates such as ``2020-12-01T15:11:00.25``, ``2020-336T15:11:00`` or ``2020-12-01``.
+
+    Parameters
+    ----------
+    dates : str, sequence of str, astropy Time, or sequence of Time
+        Calendar or day-of-year dates; a trailing Z is allowed. A second of 60 is allowed at a UTC leap second.
+        Times, of any scale, are converted.
+    scale : str
+        Time scale the dates are in, and that of the result.
+
+    Raises
+    ------
+    InputError
+        A date is not of that form or does not exist.
+
+    Examples
+    --------
+    >>> from radioloc.time import epochs_from_strings, to_scale, utc_strings
+    >>> utc = epochs_from_strings("2016-12-31T23:59:60")
+    >>> utc_strings(to_scale(utc, "TT"), 3).tolist()
+    ['2017-01-01T00:01:08.184']
+    """
+    if hasattr(dates, "jd1"):
+        return to_scale(Epochs.from_time(dates), scale)
+    texts = [dates] if isinstance(dates, str) else list(dates)
+    if any(hasattr(text, "jd1") for text in texts):
+        return Epochs.concatenate([to_scale(Epochs.from_time(time), scale) for time in texts])
+    return read_dates([str(text).strip() for text in texts], scale)
+
+
+def read_dates(texts: Sequence[str], scale: str) -> Epochs:
+    """Read dates, a million in a second; a :class:`DateError` names the first of them that is wrong."""
+
+    def refuse(wrong: NDArray[np.bool_], problem: str) -> None:
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise DateError(texts[row], problem, row)
+
+    fields = _date_fields(texts)
+    year, month, day, day_of_year = (fields[name] for name in ("year", "month", "day", "day_of_year"))
+    by_day = fields["by_day"].astype(bool)
+    starts = (year - 1970).astype("datetime64[Y]").astype("datetime64[M]") + np.where(by_day, 0, month - 1)
+    midnight = starts.astype("datetime64[D]") + (np.where(by_day, day_of_year, day) - 1)
+    exists = np.where(
+        by_day,
+        midnight.astype("datetime64[Y]") == starts.astype("datetime64[Y]"),
+        (midnight.astype("datetime64[M]") == starts) & (month >= 1) & (month <= 12),
+    )
+    refuse(~exists, " is not a date that exists")
+    hour, minute, second = fields["hour"], fields["minute"], fields["second"]
+    refuse((hour > 23) | (minute > 59) | (second > 60), " is not a time of day that exists")
+    jd, whole_s = UNIX_JD + midnight.astype(np.float64), 3600 * hour + 60 * minute + second
+    length_s = np.full(len(jd), SECONDS_PER_DAY)
+    if scale == "UTC":
+        length_s = day_lengths_s(np.maximum(jd, UTC_JD))
+    # Only a day that is longer has a second 86400.
+    no_leap_second = (second == 60) & ((whole_s != SECONDS_PER_DAY) | (length_s == SECONDS_PER_DAY))
+    refuse(no_leap_second, f": there is no leap second then in {scale}")
+    # Up to 15 digits decimals and power are whole numbers that a float holds: the quotient is the nearest float.
+    part_s = fields["decimals"] / 10.0 ** fields["n_decimals"]
+    return Epochs.from_jd(jd, day_fraction(whole_s, part_s, length_s), scale)
+
+
+def _date_fields(texts: Sequence[str]) -> dict[str, NDArray[np.int64]]:
+    """Return the numbers of dates by the grammar's groups; zero where a date leaves them out."""
+    for row, text in enumerate(texts):
+        if len(text) > _MAX_CHARACTERS or not text.isascii():
+            raise DateError(text, _NOT_A_DATE, row)
+    dates = np.array(texts, dtype=np.bytes_)
+    characters = dates.view(np.uint8).reshape(len(dates), dates.itemsize)
+    digits = characters - np.uint8(ord("0"))
+    forms = np.where(digits < 10, np.uint8(ord("0")), characters).view(dates.dtype).ravel()
+    fields = {name: np.zeros(len(dates), np.int64) for name in (*_DATE.groupindex, "by_day", "n_decimals")}
+    rest = np.arange(len(dates))
+    # Dates differ in few forms, texts with all digits zero: the grammar says where the numbers of each form are.
+    while len(rest):
+        form = forms[rest[0]]
+        if (match := _DATE.fullmatch(form.decode())) is None:
+            raise DateError(texts[rest[0]], _NOT_A_DATE, int(rest[0]))
+        alike = forms[rest] == form
+        rows, rest = rest[alike], rest[~alike]
+        for name in _DATE.groupindex:
+            first, end = match.span(name)
+            for column in digits[rows, first : min(end, first + _MAX_DECIMALS)].T:
+                fields[name][rows] = 10 * fields[name][rows] + column
+        fields["by_day"][rows] = match["day_of_year"] is not None
+        fields["n_decimals"][rows] = min(len(match["decimals"] or ""), _MAX_DECIMALS)
+    return fields
+
+
+_NOT_A_DATE = " is not a date; write it as yyyy-mm-ddThh:mm:ss.sss or yyyy-dddThh:mm:ss.sss"
+
+
 def day_lengths_s(jd: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Length of UTC days from 1972 to 9998, s, by the Julian dates of the midnights that begin them."""
+    """Return the lengths of UTC days from 1972 to 9998, s, by the Julian dates of the midnights that begin them."""
     days, inverse = np.unique(jd, return_inverse=True)
     if len(days) and days[0] < UTC_JD:
         early = Epochs.from_jd(days[0], 0.0, "UTC").day_strings()[0]
         raise InputError(f"{early} is before 1972, when UTC had another rate than TAI; leave such data out")
     if len(days) and days[-1] >= _JD_9999:
-        raise InputError(f"a date {days[-1] - UNIX_JD:.0f} days after 1970 is none of a measurement")
-    start = utc_to_tai(Epochs.from_jd(days, 0.0, "UTC"))
-    end = utc_to_tai(Epochs.from_jd(days + 1.0, 0.0, "UTC"))
-    return np.round(end.seconds_since(start))[inverse]
+        raise InputError(
+            f"expected dates before 9999, got {days[-1] - UNIX_JD:.0f} days after 1970; correct them"
+        )
+    midnights = utc_to_tai(Epochs.from_jd(np.concatenate([days, days + 1.0]), 0.0, "UTC"))
+    return np.round(midnights[len(days) :].seconds_since(midnights[: len(days)]))[inverse]
 
 
 def utc_from_seconds_of_day(jd: NDArray[np.float64], seconds: NDArray[np.float64]) -> Epochs:
-    """Epochs from midnights and seconds of day; seconds past the day's end belong to the next day."""
+    """Return epochs of midnights and seconds of day; seconds past the day's end belong to the next day."""
     length_s = day_lengths_s(jd)
     over = seconds >= length_s
     jd = jd + over
     return Epochs.from_jd(jd, (seconds - np.where(over, length_s, 0.0)) / day_lengths_s(jd), "UTC")
 
 
-def utc_from_text(texts: Sequence[str] | Any) -> Epochs:
-    """Read dates such as ``2020-12-01T15:11:00.250000000001`` of any number of decimals, listed or in an Arrow array.
-
-    Any other form that :func:`radioloc.time.epochs_from_strings` takes is read too, but more slowly.
-    """
-    import pyarrow
-    from pyarrow import compute
-
-    array = texts if isinstance(texts, pyarrow.Array) else pyarrow.array(texts, pyarrow.string())
-    if len(array) and np.all(compute.match_substring_regex(array, _FULL_DATE)):
-        found = read_dates(array, "UTC")
-        if found.exists.all() and not found.no_leap_second.any():
-            return found.epoch
-    utc = epochs_from_strings(array.to_pylist(), "UTC")
+def utc_from_text(texts: Any) -> Epochs:
+    """Read UTC dates from 1972 on, listed or in an Arrow array."""
+    utc = read_dates(texts.to_numpy(zero_copy_only=False) if hasattr(texts, "to_numpy") else texts, "UTC")
     day_lengths_s(utc.jd)
     return utc
-
-
-class ReadDates(NamedTuple):
-    """Which dates exist, which have a second 60 that there is not, and the epochs of those that are right."""
-
-    exists: NDArray[np.bool_]
-    no_leap_second: NDArray[np.bool_]
-    epoch: Epochs
-
-
-def read_dates(texts: Any, scale: str) -> ReadDates:
-    """Read dates yyyy-mm-dd or yyyy-ddd with time hh:mm:ss and up to 18 decimals, a million in a second."""
-    # Two characters more than needed, for dates by day of year.
-    dates = np.array(texts.to_numpy(zero_copy_only=False), dtype=np.bytes_)
-    dates = dates.astype(f"S{max(dates.itemsize, 20) + 2}")
-    characters = dates.view(np.uint8).reshape(len(dates), -1)
-
-    def number(*places: int) -> NDArray[np.int64]:
-        out = np.zeros(len(dates), dtype=np.int64)
-        for place in places:
-            out = 10 * out + (characters[:, place] - np.uint8(ord("0")))
-        return out
-
-    by_day = characters[:, 8] == ord("T")
-    year = (number(0, 1, 2, 3) - 1970).astype("datetime64[Y]")
-    in_year = number(5, 6)
-    month = year.astype("datetime64[M]") + np.where(by_day, 0, in_year - 1).astype("timedelta64[M]")
-    day = np.where(by_day, number(5, 6, 7), number(8, 9))
-    midnight = month.astype("datetime64[D]") + (day - 1).astype("timedelta64[D]")
-    exists = np.where(
-        by_day,
-        midnight.astype("datetime64[Y]") == year,
-        (midnight.astype("datetime64[M]") == month) & (in_year >= 1) & (in_year <= 12),
-    )
-    # From the hour on both forms are alike.
-    if by_day.any():
-        characters[by_day, 11:] = characters[by_day, 9:-2]
-    decimals, power = np.zeros(len(dates), dtype=np.int64), np.ones(len(dates))
-    for column in characters[:, 20:].T:
-        inside = (column >= ord("0")) & (column <= ord("9"))
-        decimals = np.where(inside, 10 * decimals + (column - np.uint8(ord("0"))), decimals)
-        power = np.where(inside, 10.0 * power, power)
-    second = number(17, 18)
-    whole_s = 3600 * number(11, 12) + 60 * number(14, 15) + second
-    jd = np.where(exists, UNIX_JD + midnight.astype(np.float64), UTC_JD)
-    length_s = day_lengths_s(jd) if scale == "UTC" else np.full(len(jd), SECONDS_PER_DAY)
-    # Only a day that is longer has a second 86400.
-    no_leap_second = (second == 60) & ((whole_s != SECONDS_PER_DAY) | (length_s == SECONDS_PER_DAY))
-    # Up to 15 digits decimals and power are whole numbers that a float holds: the quotient is the nearest float.
-    epoch = Epochs.from_jd(jd, day_fraction(whole_s, decimals / power, length_s), scale)
-    return ReadDates(exists, no_leap_second, epoch)
 
 
 def day_fraction(
@@ -121,7 +170,7 @@ def day_fraction(
     part_s: NDArray[np.float64],
     length_s: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Nearest float to (whole + part) / length."""
+    """Return the nearest float to (whole + part) / length."""
     quotient = whole_s / length_s
     high = np.floor(quotient * _SPLIT) / _SPLIT
     remainder_s = (whole_s - high * length_s) - (quotient - high) * length_s
@@ -129,11 +178,7 @@ def day_fraction(
 
 
 def utc_to_text(utc: Epochs) -> NDArray[np.str_]:
-    """Dates as ``yyyy-mm-ddThh:mm:ss.ssssssssssss``, a leap second as second 60, shape (n,).
-
-    Reading them gives back the epoch to 1e-12 s or to the last bit, whichever is more; epochs that were
-    read from text with up to 12 decimals come back to the last bit.
-    """
+    """Write dates as ``yyyy-mm-ddThh:mm:ss.ssssssssssss``; read again they give 12 decimals or the last bit."""
     days, picoseconds = utc_to_picoseconds(utc)
     leap = picoseconds >= int(SECONDS_PER_DAY) * _PICOSECONDS
     time_of_day = (picoseconds - _PICOSECONDS * leap).astype("datetime64[ps]")
@@ -147,7 +192,7 @@ def utc_to_text(utc: Epochs) -> NDArray[np.str_]:
 
 
 def utc_to_picoseconds(utc: Epochs) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Days since 1970-01-01 and picoseconds of UTC since midnight, each shape (n,); precise as :func:`utc_to_text`."""
+    """Return days since 1970-01-01 and picoseconds of UTC since midnight; precise as :func:`utc_to_text`."""
     utc.require("UTC")
     length_s = day_lengths_s(utc.jd)
     high = np.floor(utc.fraction * _SPLIT) / _SPLIT
@@ -165,7 +210,7 @@ def utc_to_picoseconds(utc: Epochs) -> tuple[NDArray[np.int64], NDArray[np.int64
 
 
 def utc_datetimes(utc: Epochs) -> NDArray[np.datetime64]:
-    """Dates of NumPy to the nanosecond, shape (n,); :class:`InputError` for a leap second, which they do not have."""
+    """Return dates of NumPy to the nanosecond; a leap second, which they do not have, is an :class:`InputError`."""
     days, picoseconds = utc_to_picoseconds(utc)
     nanoseconds = (picoseconds + 500) // 1000
     leap = np.flatnonzero(picoseconds >= int(SECONDS_PER_DAY) * _PICOSECONDS)
@@ -177,7 +222,7 @@ def utc_datetimes(utc: Epochs) -> NDArray[np.datetime64]:
 
 
 def utc_from_picoseconds(days: NDArray[np.int64], picoseconds: NDArray[np.int64]) -> Epochs:
-    """Epochs from days since 1970-01-01 and picoseconds since their midnights, back from :func:`utc_to_picoseconds`."""
+    """Return epochs of days since 1970-01-01 and picoseconds since their midnights."""
     jd = UNIX_JD + days.astype(np.float64)
     length_s = day_lengths_s(jd)
     second, rest = np.divmod(picoseconds, _PICOSECONDS)
@@ -185,7 +230,6 @@ def utc_from_picoseconds(days: NDArray[np.int64], picoseconds: NDArray[np.int64]
     if len(wrong):
         row = wrong[0]
         raise InputError(
-            f"{picoseconds[row]} ps is no time of a day of {length_s[row]:.0f} s; give 0 to less than "
-            f"{length_s[row]:.0f}e12"
+            f"expected a time of day of 0 to less than {length_s[row]:.0f}e12 ps, got {picoseconds[row]}"
         )
     return Epochs.from_jd(jd, day_fraction(second, rest / float(_PICOSECONDS), length_s), "UTC")

@@ -11,9 +11,8 @@ velocity: up to 1.2 ns at a station and 2.2 ns, 0.65 m of three-way range, betwe
 
 from __future__ import annotations
 
-import re
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from typing import Any
@@ -23,17 +22,11 @@ import erfa
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.constants import C_M_S, SECONDS_PER_DAY, TT_MINUS_TAI_S, UNIX_JD, UTC_JD
+from radioloc.constants import C_M_S, SECONDS_PER_DAY, TT_MINUS_TAI_S, UTC_JD
 from radioloc.errors import CoverageError, InputError
 from radioloc.time.epochs import Epochs
 from radioloc.time.tabulated import table_of, tabulated
 from radioloc.units import as_float_array
-
-_ISO = re.compile(
-    r"(?P<year>\d{4})-(?:(?P<month>\d{2})-(?P<day>\d{2})|(?P<doy>\d{3}))"
-    r"(?:[T ](?P<hour>\d{2}):(?P<minute>\d{2})(?::(?P<second>\d{2}(?:\.\d*)?))?)?Z?",
-    re.ASCII,
-)
 
 
 @cache
@@ -230,92 +223,6 @@ def topocentric_tdb_minus_tt(earth_velocity_m_s: ArrayLike, station_gcrs_m: Arra
     velocity_m_s = as_float_array(earth_velocity_m_s, "m / s", "earth_velocity_m_s")
     station_m = as_float_array(station_gcrs_m, "m", "station_gcrs_m")
     return np.einsum("...i,...i->...", velocity_m_s, station_m) / C_M_S**2
-
-
-def epochs_from_strings(dates: str | Sequence[str], scale: str = "UTC") -> Epochs:
-    """Read dates such as ``2020-12-01T15:11:00.25``, ``2020-336T15:11:00`` or ``2020-12-01``.
-
-    Parameters
-    ----------
-    dates : str, sequence of str, astropy Time, or sequence of Time
-        Calendar or day-of-year dates; a trailing Z is allowed. A second of 60 is allowed at a UTC leap second.
-        Times, of any scale, are converted.
-    scale : str
-        Time scale the dates are in, and that of the result.
-
-    Raises
-    ------
-    InputError
-        A date is not of that form or does not exist.
-
-    Examples
-    --------
-    >>> from radioloc.time import epochs_from_strings, to_scale, utc_strings
-    >>> utc = epochs_from_strings("2016-12-31T23:59:60")
-    >>> utc_strings(to_scale(utc, "TT"), 3).tolist()
-    ['2017-01-01T00:01:08.184']
-    """
-    if hasattr(dates, "jd1"):
-        return to_scale(Epochs.from_time(dates), scale)
-    texts = [dates] if isinstance(dates, str) else list(dates)
-    if any(hasattr(text, "jd1") for text in texts):
-        return Epochs.concatenate([to_scale(Epochs.from_time(time), scale) for time in texts])
-    days = np.reshape([_parse_date(str(text).strip(), scale) for text in texts], (-1, 2))
-    return Epochs.from_jd(days[:, 0], days[:, 1], scale)
-
-
-def _parse_date(text: str, scale: str) -> tuple[float, float]:
-    match = _ISO.fullmatch(text)
-    if match is None:
-        raise InputError(
-            f"{text!r} is not a date; write it as yyyy-mm-ddThh:mm:ss.sss or yyyy-dddThh:mm:ss.sss"
-        )
-    year, month, day = int(match["year"]), int(match["month"] or 1), int(match["day"] or match["doy"])
-    of_day = int(match["hour"] or 0), int(match["minute"] or 0), float(match["second"] or 0.0)
-    by_day_of_year = match["doy"] is not None
-    return calendar_to_jd(year, month, day, *of_day, scale, day_of_year=by_day_of_year, text=text)
-
-
-def calendar_to_jd(
-    year: int,
-    month: int,
-    day: int,
-    hour: int,
-    minute: int,
-    second: float,
-    scale: str = "UTC",
-    *,
-    day_of_year: bool = False,
-    text: str | None = None,
-) -> tuple[float, float]:
-    """Julian date of midnight and fraction of the day of one calendar date that must exist."""
-    shown = text or f"{year:04d}-{month:02d}-{day:02d}T{hour:02d}:{minute:02d}:{second:012.9f}"
-    try:
-        midnight = np.datetime64(f"{year:04d}-{month:02d}-{1 if day_of_year else day:02d}", "D")
-    except ValueError:
-        raise InputError(f"{shown!r} is not a date that exists") from None
-    if day_of_year:
-        midnight = midnight + np.timedelta64(day - 1, "D")
-        if day < 1 or int(str(midnight)[:4]) != year:
-            raise InputError(f"{shown!r}: the year {year} has no day {day}")
-    jd = UNIX_JD + float(midnight.astype(np.int64))
-    if not (0 <= hour < 24 and 0 <= minute < 60 and 0.0 <= second < 61.0):
-        raise InputError(f"{shown!r} is not a time of day that exists")
-    day_length_s = SECONDS_PER_DAY
-    if scale == "UTC" and jd >= UTC_JD:
-        day_length_s += _leap_second_after(jd)
-    seconds = 3600.0 * hour + 60.0 * minute + second
-    if second >= 60.0 and not (hour == 23 and minute == 59 and seconds < day_length_s):
-        raise InputError(f"{shown!r}: there is no leap second then")
-    # ERFA's quasi Julian date stretches a day with a leap second over the unit interval.
-    return jd, seconds / day_length_s
-
-
-@cache
-def _leap_second_after(jd: float) -> float:
-    """Leap seconds at the end of the UTC day that starts at this Julian date, s."""
-    midnights = utc_to_tai(Epochs.from_jd([jd, jd + 1.0], 0.0, "UTC"))
-    return float(np.round(midnights[1].seconds_since(midnights[0])[0]) - SECONDS_PER_DAY)
 
 
 def utc_strings(utc: Epochs, decimals: int = 9) -> NDArray[np.str_]:

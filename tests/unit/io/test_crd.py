@@ -139,7 +139,11 @@ def test_version_1_has_one_field_less():
         ("H3 apollo15   0000103", "H3 apollo15", "cut"),
         ("H4  1 2024", "H4  0 2024", "'data type' is 0"),
         ("H4  1 2024 05 13", "H4  1 2024 02 30", "not a date that exists"),
-        ("H4  1 2024 05 13", "H4  1 1024 05 13", "the year is 1024"),
+        (
+            "H4  1 2024 05 13",
+            "H4  1 1024 05 13",
+            "expected a year from 1972 to 2100, got the date 1024-05-13",
+        ),
         ("16 11 28 2024", "25 11 28 2024", "not a time of day"),
         ("2024 05 13 17 01 47", "2024 05 14 17 01 47", "lasts 24.84 h"),
         ("2024 05 13 17 01 47", "2024 05 12 17 01 47", "lasts -23.16 h"),

@@ -252,7 +252,7 @@ def test_agreements_that_cannot_be(fields, problem):
     [
         ("59902.6 2216497878.1 9.6 8049\n59902.6 nonsense 9.6 8049\n", "line 2: .* is not a reading"),
         ("59902.6 2216497878.1 9.6\n", "none of the known formats"),
-        ("19902.6 2216497878.1 9.6 8049\n", "line 1: the modified Julian date 19902 is not of the years"),
+        ("19902.6 2216497878.1 9.6 8049\n", "line 1: expected a year from 1972 to 2100, got the date 1913"),
         ("59902.6 2216497878.1 9.6 8049", "line 1: the last line has no line end"),
         ("59902.6 1.0 9.6 8049\n", "line 1: 1.0 Hz cannot be received"),
         ("# Base frequency: 8xxx.xx MHz\n2013-12-28T09:30:05 1 1 1.0 1\n", "does not say the telescope"),

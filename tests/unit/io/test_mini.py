@@ -46,7 +46,7 @@ def test_weather_left_blank_is_not_recorded(mini_lines):
     ("first", "last", "text", "words"),
     [
         (1, 2, "52", "record type '52'"),
-        (3, 6, "1970", "the year is 1970"),
+        (3, 6, "1970", "expected a year from 1972 to 2100, got the date 1970"),
         (7, 8, "13", "not a date that exists"),
         (9, 10, "32", "not a date that exists"),
         (11, 12, "24", "not a time of day"),

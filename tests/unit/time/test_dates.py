@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from radioloc.errors import InputError
-from radioloc.time import Epochs
-from radioloc.time.dates import day_lengths_s, utc_from_seconds_of_day, utc_from_text, utc_to_text
+from radioloc.time import Epochs, epochs_from_strings
+from radioloc.time.dates import DateError, day_lengths_s, utc_from_seconds_of_day, utc_from_text, utc_to_text
 
 JD_2016_12_31 = 2457753.5
 
@@ -109,15 +109,39 @@ def test_leap_seconds():
 @pytest.mark.parametrize(
     "text",
     [
-        *("2021-02-29T00:00:00", "2021-13-01T00:00:00", "2021-00-01T00:00:00", "2021-01-00T00:00:00"),
-        *("2021-02-28T24:00:00", "2021-02-28T00:60:00", "2021-02-28T00:00:60", "2016-12-30T23:59:60.5"),
-        *("2016-12-31T12:00:60", "2021-02-28T00:00:0x", "2021-02-28T00:00:00x1", "2021-02-28T00:00:00.1x"),
-        *("2021/02/28T00:00:00", "now", ""),
+        *(
+            "2021-02-29",
+            "2020-02-30T00:00:00",
+            "2020-13-01",
+            "2020-00-10",
+            "2021-01-00",
+            "2019-366",
+            "2020-367",
+        ),
+        *(
+            "2020-000",
+            "2021-02-28T24:00:00",
+            "2021-02-28T00:60:00",
+            "2021-02-28T00:00:61",
+            "2021-02-28T00:00:60",
+        ),
+        *("2016-12-30T23:59:60.5", "2016-12-31T12:00:60", "2016-12-31T22:59:60", "2016-12-31T23:59:61"),
+        *(
+            "2021-02-28T00:00:0x",
+            "2021-02-28T00:00:00x1",
+            "2021-02-28T00:00:00.1x",
+            "2021/02/28T00:00:00",
+            "now",
+        ),
+        *("", "2020-1-1", "2020-12-01T15", "20201201", "2020-12-01T15:11:00+01:00", "２021-02-28", "2" * 100),
     ],
 )
 def test_dates_that_do_not_exist_are_refused(text):
-    with pytest.raises(InputError, match=r"not a date|not a time|no leap second"):
+    with pytest.raises(DateError, match=r"not a date|not a time|no leap second") as caught:
         utc_from_text(["2021-02-28T00:00:00", text])
+    assert caught.value.row == 1
+    with pytest.raises(InputError):
+        epochs_from_strings(text)
 
 
 def test_seconds_past_the_end_belong_to_the_next_day():

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from radioloc.errors import FileFormatError, InputError
 from radioloc.io.frequencies import LONGEST_S
 from radioloc.time import Epochs, epochs_from_strings, to_scale, utc_to_tai
-from radioloc.time.dates import read_dates
+from radioloc.time.dates import DateError, read_dates
 
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 # Value as the file gives it to value in the standard's spelling; ValueError says what is wrong.
@@ -63,13 +63,8 @@ def _path(value: str) -> str:
     return path
 
 
-COLON_FRACTION = r"^(.*T\d\d:\d\d:\d\d):(\d+Z?)$"
-"""A date of which a colon stands before the parts of a second, as some write it; groups are what a point joins."""
-
-
 def date(value: str) -> str:
     """Rule of a date."""
-    value = re.sub(COLON_FRACTION, r"\1.\2", value)
     epochs_from_strings(value)
     return _text(value)
 
@@ -160,11 +155,7 @@ def exponent_of(keyword: str, range_units: str) -> int:
 _VERSIONS = ("1.0", "2.0")
 _SPAN_SLACK_S = 1.0
 _GPS_MINUS_TAI_S = -19.0  # exact (IS-GPS-200)
-# A time tag that is corrected stays in the years that are known: UTC began in 1972.
-_EPOCH = (
-    r"^(?:19(?:7[3-9]|[89]\d)|20\d\d|2100)-(?:(?:0[1-9]|1[0-2])-(?:0[1-9]|[12]\d|3[01])|\d{3})"
-    r"T(?:[01]\d|2[0-3]):[0-5]\d:(?:[0-5]\d|60)(?:\.\d{1,18})?Z?$"
-)
+_YEARS_JD = (2441683.5, 2488434.5)  # 1973 to 2100: a time tag that is corrected stays in the years of UTC
 
 
 @dataclass(frozen=True, slots=True)
@@ -429,24 +420,25 @@ def read_records(
     refuse(code.is_null(), keywords, " is not a data keyword of the standard; correct or remove it")
     codes = code.to_numpy().astype(np.int8)
 
-    if not pc.all(pc.match_substring_regex(epochs, _EPOCH)).as_py():
-        epochs = pc.replace_substring_regex(epochs, COLON_FRACTION, r"\1.\2")
-    form = "written as yyyy-mm-ddThh:mm:ss.sss or yyyy-dddThh:mm:ss.sss with up to 18 decimals"
-    none_such = f" is not a date that exists in the years 1973 to 2100, {form}"
-    refuse(pc.invert(pc.match_substring_regex(epochs, _EPOCH)), epochs, none_such)
-    found = read_dates(epochs, "TAI" if time_system == "GPS" else time_system)
-    refuse(~found.exists, epochs, none_such)
+    try:
+        epoch = read_dates(
+            epochs.to_numpy(zero_copy_only=False), "TAI" if time_system == "GPS" else time_system
+        )
+    except DateError as error:
+        raise FileFormatError(path, str(error), int(line[error.row])) from None
+    refuse(
+        (epoch.jd < _YEARS_JD[0]) | (epoch.jd >= _YEARS_JD[1]), epochs, " is not in the years 1973 to 2100"
+    )
     if time_system != "UTC":
         says_utc = f" ends in Z, which says UTC, but TIME_SYSTEM is {time_system}"
         refuse(pc.ends_with(epochs, "Z"), epochs, says_utc)
-    refuse(found.no_leap_second, epochs, f": there is no leap second then in {time_system}")
 
     not_finite = " is not a finite number; correct it or leave the record out"
     refuse(pc.invert(pc.match_substring_regex(values, f"^{NUMBER}$")), values, not_finite)
     exponent = np.array([exponent_of(keyword, range_units) for keyword in DATA])[codes]
     numbers = _scaled(values, exponent)
     refuse(~np.isfinite(numbers), values, not_finite)
-    return codes, _utc(found.epoch, time_system), numbers
+    return codes, _utc(epoch, time_system), numbers
 
 
 def _scaled(texts: Any, exponent: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -12,6 +12,7 @@ from itertools import chain, islice, takewhile
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from radioloc.errors import FileFormatError
 from radioloc.io.tdm.message import MessageBuilder, TdmFile
@@ -30,9 +31,11 @@ def looks_like_kvn(lines: Iterable[str]) -> bool:
     return first.partition("=")[0].strip() == "CCSDS_TDM_VERS"
 
 
-def parse_kvn(path: str | Path, lines: Iterable[str]) -> TdmFile:
-    """Read a message from the lines of a KVN file; :class:`FileFormatError` names the line that is wrong."""
-    reader = _KvnReader(str(path), lines)
+def parse_kvn(
+    path: str | Path, lines: Iterable[str], numbers: NDArray[np.int32] | None = None, record: str = _RECORD
+) -> TdmFile:
+    """Read a message from lines of KVN, with their numbers in the file and the form of their records."""
+    reader = _KvnReader(str(path), lines, numbers, record)
     fields, _, comments = reader.assignments("META_START", _HEADER)
     reader.made.header(fields.pop("CCSDS_TDM_VERS", ""), fields, comments)
     while True:
@@ -46,14 +49,21 @@ def parse_kvn(path: str | Path, lines: Iterable[str]) -> TdmFile:
 
 
 class _KvnReader:
-    """Goes through the lines of one file, section by section, with some of them in memory."""
+    """Reader of the lines of one file, section by section, with some of them in memory."""
 
-    def __init__(self, path: str, lines: Iterable[str]) -> None:
+    def __init__(
+        self, path: str, lines: Iterable[str], numbers: NDArray[np.int32] | None, record: str
+    ) -> None:
         self.made = MessageBuilder(path)
         # None is the end of the file.
         self.rest: Iterator[str | None] = chain(map(str.strip, lines), [None])
-        # Of the line that was read last.
-        self.number = 0
+        self.count = 0  # of the lines that were read
+        self.numbers, self.record = numbers, record
+
+    @property
+    def number(self) -> int:
+        """Number in the file of the line that was read last."""
+        return self.count if self.numbers is None else int(self.numbers[self.count - 1])
 
     def fail(self, problem: str, number: int | None = None) -> FileFormatError:
         """Error that names a line, the one that was read last by default."""
@@ -61,7 +71,7 @@ class _KvnReader:
 
     def next_line(self) -> str | None:
         line = next(self.rest)
-        self.number += line is not None
+        self.count += line is not None
         return line
 
     def next_not_blank(self) -> str | None:
@@ -90,7 +100,8 @@ class _KvnReader:
             if keyword in ("", "COMMENT"):
                 comments += rest or [""] * (keyword != "")
                 continue
-            self.require_printable(line, self.number)
+            if self.numbers is None:  # XML may have any characters
+                self.require_printable(line, self.number)
             keyword, equals, value = (part.strip() for part in line.partition("="))
             if not equals:
                 raise self.fail(f"{line[:40]!r} is not a line keyword = value, nor {end}")
@@ -109,11 +120,11 @@ class _KvnReader:
         while lines := list(islice(section, _CHUNK)):
             # The last line of a file that was cut is not read as a record.
             if lines[-1] is None:
-                self.number += len(lines) - 1
+                self.count += len(lines) - 1
                 raise self.fail("the file ends before DATA_STOP: it was cut; fetch it again")
             self.records([line for line in lines if line is not None], comments)
-            self.number += len(lines)
-        self.number += 1
+            self.count += len(lines)
+        self.count += 1
         self.made.segment(self.number, comments)
 
     def records(self, lines: list[str], comments: list[str]) -> None:
@@ -121,7 +132,9 @@ class _KvnReader:
         import pyarrow as pa
         import pyarrow.compute as pc
 
-        number = np.arange(self.number + 1, self.number + 1 + len(lines), dtype=np.int32)
+        number = np.arange(self.count + 1, self.count + 1 + len(lines), dtype=np.int32)
+        if self.numbers is not None:
+            number = self.numbers[number - 1]
         texts = pa.array(lines)
         passed = pc.match_substring_regex(texts, _COMMENT_OR_BLANK)
         if pc.any(passed).as_py():
@@ -130,13 +143,13 @@ class _KvnReader:
             texts, number = texts.filter(kept), number[np.asarray(kept)]
         if not len(texts):
             return
-        found = pc.extract_regex(texts, _RECORD)
+        found = pc.extract_regex(texts, self.record)
         if found.null_count:
             wrong = int(np.argmax(np.asarray(found.is_null())))
             line = texts[wrong].as_py()
             self.require_printable(line, int(number[wrong]))
             raise self.fail(f"{line[:60]!r} is not a record keyword = epoch value", int(number[wrong]))
-        keywords, epochs, values = found.flatten()
+        keywords, epochs, values = (found.field(name) for name in ("keyword", "epoch", "value"))
         self.made.records(keywords, epochs, values, number)
 
     def require_printable(self, line: str, number: int) -> None:

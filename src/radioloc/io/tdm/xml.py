@@ -1,8 +1,6 @@
-"""Tracking Data Messages in XML: text to :class:`radioloc.io.tdm.message.TdmFile`.
+"""Tracking Data Messages in XML, rewritten as lines of KVN and read by :mod:`radioloc.io.tdm.kvn`.
 
-The observations of a data section, which may be a million, are read in bulk where they have the plain form that
-programs write; everything else, and they too where they have another form, goes through an XML parser. That refuses a
-document type and with it all entities of a file's own.
+An XML parser makes sure that the file is whole. It refuses a document type and with it all entities of a file's own.
 
 Source: CCSDS 503.0-B-2 (2020), chapter 5.
 """
@@ -10,33 +8,32 @@ Source: CCSDS 503.0-B-2 (2020), chapter 5.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from html import unescape
 from pathlib import Path
 from xml.parsers import expat
 
 import numpy as np
 
 from radioloc.errors import FileFormatError
-from radioloc.io.tdm.message import MessageBuilder, TdmFile
+from radioloc.io.tdm.kvn import parse_kvn
+from radioloc.io.tdm.message import TdmFile
 
-_CHILDREN = {
-    "": ("tdm",),
-    "tdm": ("header", "body"),
-    "body": ("segment",),
-    "segment": ("metadata", "data"),
-    "data": ("observation", "COMMENT"),
-    "header": ("CREATION_DATE", "ORIGINATOR", "MESSAGE_ID", "COMMENT"),
+# Line ends of the file only count its lines: they become white space at the ends of the lines of KVN.
+_LINE_END = "\t"
+_MARKS = {
+    "<metadata>": "META_START",
+    "</metadata>": "META_STOP",
+    "<data>": "DATA_START",
+    "</data>": "DATA_STOP",
 }
-_BRANCHES = ("tdm", "header", "body", "segment", "metadata", "data", "observation")
-_REPEATED = ("segment", "observation")
-# What follows <EPOCH> of an observation that holds nothing but an epoch and a value; PREFIX is that of its names.
-_PLAIN = (
-    r"^(?P<epoch>VALUE+)</PREFIXEPOCH>\s*<PREFIX(?P<keyword>\w+)>(?P<value>VALUE*)</PREFIX(?P<close>\w+)>"
-    r"\s*</PREFIXobservation>\s*<PREFIXobservation>\s*$"
-).replace("VALUE", "[!-%'-;=?-~]")
-# Characters that are taken apart at once: enough to be quick, few enough not to fill the memory.
-_CHUNK = 4_000_000
+_BRANCH = re.compile(r"</?(?:metadata|data|tdm|header|body|segment)>")
+_COMMENT = re.compile(r"<!--.*?-->|<\?.*?\?>", re.DOTALL)
+_ROOT = re.compile(r"<(?P<prefix>[\w.-]+:)?tdm\b(?:[^<>]*?\bversion\s*=\s*[\"']([^<>\"']*)[\"'])?[^<>]*>")
+_LEAF = re.compile(r"<(?!(?:metadata|data|tdm|header|body|segment)\b)(\w+)(?:/>|>([^<]*)</\1>)")
+_LEAF_COMMENT = re.compile(r"<(COMMENT)(?:/>|>([^<]*)</COMMENT>)")
+_RECORD = r"^(?P<epoch>VALUE+)\s+<(?P<keyword>\w+)>\s*(?P<value>VALUE*)\s*</\w+>$".replace(
+    "VALUE", "[!-%'-;=?-~]"
+)
 
 
 def looks_like_xml(text: str) -> bool:
@@ -47,163 +44,53 @@ def looks_like_xml(text: str) -> bool:
 
 def parse_xml(path: str | Path, text: str) -> TdmFile:
     """Read a message from the text of an XML file; :class:`FileFormatError` names the line that is wrong."""
-    return _XmlReader(str(path)).read(text)
+    _require_whole(path, text)
+    lines = _lines_of(text)
+    breaks = np.frombuffer(lines.encode(), dtype=np.uint8)
+    breaks = breaks[(breaks == ord("\n")) | (breaks == ord(_LINE_END))]
+    numbers = 1 + np.cumsum(breaks == ord(_LINE_END), dtype=np.int32)[breaks == ord("\n")]
+    return parse_kvn(path, lines.split("\n"), np.concatenate([[1], numbers]), _RECORD)
 
 
-@dataclass(slots=True)
-class _Open:
-    """An element that has begun: its name, line, what it says and what its children say."""
+def _require_whole(path: str | Path, text: str) -> None:
+    def refuse_doctype(*_: object) -> None:
+        problem = "a document type is not part of a TDM; remove the line <!DOCTYPE ...>"
+        raise FileFormatError(path, problem, parser.CurrentLineNumber)
 
-    name: str
-    line: int
-    text: list[str] = field(default_factory=list)
-    values: dict[str, str] = field(default_factory=dict)
-    lines: dict[str, int] = field(default_factory=dict)
-    comments: list[str] = field(default_factory=list)
-
-
-class _XmlReader:
-    """Handlers of an XML parser that build a message."""
-
-    def __init__(self, path: str) -> None:
-        self.made = MessageBuilder(path)
-        self.parser = expat.ParserCreate(encoding="utf-8")
-        self.parser.buffer_text = True
-        self.parser.StartElementHandler = self.start
-        self.parser.EndElementHandler = self.end
-        self.parser.CharacterDataHandler = lambda text: self.open[-1].text.append(text)
-        self.parser.StartDoctypeDeclHandler = self.doctype
-        self.open: list[_Open] = [_Open("", 1)]
-        self.version = ""
-        # Keyword, epoch, value and line of what is not read in bulk.
-        self.observations: list[tuple[str, str, str, int]] = []
-
-    def fail(self, problem: str, line: int | None = None) -> FileFormatError:
-        return self.made.fail(problem, line or self.parser.CurrentLineNumber)
-
-    def read(self, text: str) -> TdmFile:
-        done, line = 0, 1
-        try:
-            for start, end, prefix in _observations(text):
-                self.parser.Parse(text[done:start].encode(), False)
-                line += text.count("\n", done, start)
-                done = start
-                if self.open[-1].name == "data":
-                    self.take_observations()
-                    done = self.plain_records(text, start, end, prefix, line)
-                    # The parser keeps count of the lines.
-                    newlines = text.count("\n", start, done)
-                    self.parser.Parse(b"\n" * newlines, False)
-                    line += newlines
-            self.parser.Parse(text[done:].encode(), True)
-        except expat.ExpatError as error:
-            problem = f"is not whole XML: {expat.ErrorString(error.code)}; fetch it again"
-            raise self.fail(problem, error.lineno) from None
-        return self.made.message()
-
-    def doctype(self, *_: object) -> None:
-        raise self.fail("a document type is not part of a TDM; remove the line <!DOCTYPE ...>")
-
-    def start(self, qualified: str, attributes: dict[str, str]) -> None:
-        name, line = qualified.rpartition(":")[2], self.parser.CurrentLineNumber
-        parent = self.open[-1].name
-        if parent not in _BRANCHES and parent:
-            raise self.fail(f"<{name}> stands inside of <{parent}>, which holds a value only")
-        allowed = _CHILDREN.get(parent)
-        if allowed is not None and name not in allowed:
-            inside = f"inside of <{parent}>" if parent else "as the first element"
-            raise self.fail(f"<{name}> stands {inside}; only {', '.join(allowed)} can")
-        if allowed is None and name in _BRANCHES:
-            raise self.fail(f"<{name}> stands inside of <{parent}>; close that first")
-        if name == "tdm":
-            self.version = attributes.get("version", "")
-        elif attributes:
-            raise self.fail(f"<{name}> has attributes ({', '.join(attributes)}); a TDM has none there")
-        if name == "data" and "metadata" not in self.open[-1].values:
-            raise self.fail("<data> comes before <metadata>; put the metadata first")
-        self.open.append(_Open(name, line, lines={"": line}))
-
-    def end(self, _: str) -> None:
-        done = self.open.pop()
-        text = "".join(done.text).strip()
-        parent = self.open[-1]
-        if done.name == "COMMENT":
-            parent.comments.append(text)
-            return
-        if done.name in _BRANCHES and text:
-            raise self.fail(f"{text[:40]!r} stands between the elements of <{done.name}>; remove it")
-        if done.name in parent.values and done.name not in _REPEATED:
-            raise self.fail(f"<{done.name}> is there twice, first in line {parent.lines[done.name]}")
-        parent.values[done.name], parent.lines[done.name] = text, done.line
-        match done.name:
-            case "header":
-                self.made.header(self.version, done.values, done.comments)
-            case "segment" if "data" not in done.values:
-                raise self.fail("the <segment> has no <data>; add them or leave the segment out", done.line)
-            case "metadata":
-                self.made.metadata(done.values, done.lines, done.comments)
-            case "observation":
-                self.observation(done)
-            case "data":
-                self.take_observations()
-                self.made.segment(done.line, done.comments)
-
-    def observation(self, done: _Open) -> None:
-        """Keep an observation that is not read in bulk."""
-        others = [name for name in done.values if name != "EPOCH"]
-        if "EPOCH" not in done.values or len(others) != 1:
-            held = ", ".join(done.values) or "nothing"
-            raise self.fail(f"an <observation> holds an EPOCH and one value; here it is {held}", done.line)
-        texts = (others[0], done.values["EPOCH"], done.values[others[0]])
-        for text in texts:
-            if not (text.isascii() and text.isprintable()):
-                raise self.fail(f"{text[:40]!r} is not printable ASCII; correct it", done.lines["EPOCH"])
-        self.observations.append((*texts, done.lines["EPOCH"]))
-
-    def take_observations(self) -> None:
-        """Hand on the observations that were kept."""
-        if self.observations:
-            keywords, epochs, values, lines = zip(*self.observations, strict=True)
-            self.made.records(keywords, epochs, values, np.array(lines, dtype=np.int32))
-            self.observations = []
-
-    def plain_records(self, text: str, start: int, end: int, prefix: str, line: int) -> int:
-        """Take records <observation><EPOCH>t</EPOCH><KEY>v</KEY></observation>, the first in a line; where they end."""
-        import pyarrow as pa
-        import pyarrow.compute as pc
-
-        opening, closing = f"<{prefix}observation>", f"</{prefix}observation>"
-        while start < end:
-            stop = text.find(closing, min(start + _CHUNK, end - len(closing))) + len(closing)
-            before, *pieces = f"{text[start:stop]}{opening}".split(f"<{prefix}EPOCH>")
-            texts = pa.array(pieces, pa.string())
-            found = pc.extract_regex(texts, _PLAIN.replace("PREFIX", re.escape(prefix)))
-            epochs, keywords, values, closed = found.flatten()
-            plain = before.strip() == opening and not found.null_count
-            if not (plain and pc.all(pc.equal(keywords, closed)).as_py()):
-                return start
-            newlines = pc.count_substring(texts, "\n").to_numpy()
-            line += before.count("\n")
-            lines = line + np.cumsum(newlines) - newlines
-            self.made.records(keywords, epochs, values, lines.astype(np.int32))
-            line += int(newlines.sum())
-            start = stop
-        return end
+    parser = expat.ParserCreate(encoding="utf-8")
+    parser.StartDoctypeDeclHandler = refuse_doctype
+    try:
+        parser.Parse(text.encode(), True)
+    except expat.ExpatError as error:
+        problem = f"is not whole XML: {expat.ErrorString(error.code)}; fetch it again"
+        raise FileFormatError(path, problem, error.lineno) from None
 
 
-def _observations(text: str) -> Iterator[tuple[int, int, str]]:
-    """Where the observations of each data section begin and end, and the prefix of their elements."""
-    # What a comment, a CDATA section or an instruction holds may look like elements but is none.
-    quoted = "<!" in text or text.count("<?") > 1
-    root = None if quoted else re.search(r"<([\w.-]+:)?tdm[\s>]", text)
-    if root is None:
-        return
-    prefix = root[1] or ""
-    end, end_tag = 0, f"</{prefix}observation>"
-    while (section := text.find(f"<{prefix}data>", end)) >= 0:
-        stop = text.find(f"</{prefix}data>", section)
-        start = text.find(f"<{prefix}observation>", section, stop)
-        end = text.rfind(end_tag, section, stop) + len(end_tag)
-        if stop < 0 or start < 0 or end < start:
-            return
-        yield start, end, prefix
+def _lines_of(text: str) -> str:
+    """Rewrite elements as lines of KVN, records as EPOCH <KEYWORD>VALUE</KEYWORD>; other elements stay."""
+
+    def assignment(match: re.Match[str]) -> str:
+        keyword, value = match[1], unescape(match[2] or "")
+        equals = "" if keyword == "COMMENT" else "= "
+        return f"\n{keyword} {equals}{' '.join(value.split())}\n{_LINE_END * value.count(_LINE_END)}"
+
+    def of_branch(text: str) -> str:
+        return _BRANCH.sub(lambda match: f"\n{_MARKS.get(match[0], '')}\n", _LEAF.sub(assignment, text))
+
+    text = text.replace(_LINE_END, " ").replace("\n", _LINE_END)
+    if "<!" in text or text.count("<?") > 1:
+        text = _COMMENT.sub(lambda match: _LINE_END * match[0].count(_LINE_END), text)
+    if (root := _ROOT.search(text)) is None:
+        return text
+    text = f"\nCCSDS_TDM_VERS = {root[2] or ''}\n{_LINE_END * text.count(_LINE_END, 0, root.end())}{text[root.end() :]}"
+    if prefix := root["prefix"]:
+        text = text.replace(f"<{prefix}", "<").replace(f"</{prefix}", "</")
+    branch, *sections = text.split("<data>")
+    lines = [of_branch(branch)]
+    for section in sections:
+        data, end, branch = section.partition("</data>")
+        data = data.replace("<observation>", "").replace("</observation>", "")
+        data = data.replace("<EPOCH>", "\n").replace("</EPOCH>", " ")
+        data = _LEAF_COMMENT.sub(assignment, data) if "<COMMENT" in data else data
+        lines += ["\nDATA_START\n", data, of_branch(end + branch)]
+    return "".join(lines)

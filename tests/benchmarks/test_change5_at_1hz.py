@@ -45,7 +45,8 @@ FILES = """
 import json, time
 from pathlib import Path
 import radioloc
-from radioloc.report.files import write_figure, write_json, write_residuals
+from radioloc.report.files import write_content, write_figure, write_json
+from radioloc.results.tables import residual_table
 folder = Path("files")
 solution = radioloc.locate(radioloc.read_study("change5.toml"))
 stages = [time.process_time()]
@@ -54,7 +55,7 @@ def done(stage):
     print(json.dumps({stage: stages[-1] - stages[-2]}))
 folder.mkdir(exist_ok=True)
 write_json(folder / "solution.json", solution.to_dict())
-write_residuals(folder / "residuals.csv", solution.residuals)
+write_content(folder / "residuals.csv", residual_table(solution.residuals))
 done("residuals.csv and solution.json")
 import matplotlib.dates, matplotlib.figure, matplotlib.backends.backend_agg
 from radioloc.report import plot_links, plot_position

@@ -29,7 +29,7 @@ from radioloc.jobs.monte_carlo import TrialFolder
 from radioloc.jobs.verification import verify
 from radioloc.lunar import Map
 from radioloc.report.ccsds import write_oem
-from radioloc.report.files import json_text, write_comparison
+from radioloc.report.files import json_text, write_report
 from radioloc.report.gis import write_gis
 from radioloc.report.map_figures import plot_map
 from radioloc.report.spice_kernels import write_spice
@@ -76,7 +76,7 @@ def _drawn(path: Path) -> None:
 
 
 def _page(path: Path) -> None:
-    write_comparison(compare([path]), path.parent / "page", html=True)
+    write_report(compare([path]), path.parent / "page", html=True)
 
 
 def _resumed(path: Path) -> None:

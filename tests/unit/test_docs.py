@@ -24,7 +24,7 @@ from radioloc.jobs.image_study import read_image_study
 from radioloc.measurements.registry import MEASUREMENTS
 from radioloc.measurements.table_columns import COLUMNS
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.report.files import RESIDUAL_COLUMNS
+from radioloc.results.tables import RESIDUAL_COLUMNS
 from radioloc.study.schema import keys_of
 from radioloc.study.study import PARAMETER_KEYS
 from radioloc.study.study_file import GEODETIC, TABLES

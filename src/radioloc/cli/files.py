@@ -143,7 +143,7 @@ def _tell_written(options: argparse.Namespace, files: Sequence[Path]) -> int:
 def compare(options: argparse.Namespace) -> int:
     """Compare solutions."""
     result = radioloc.jobs.compare(options.solutions, options.reference, options.target)
-    return finish(options, result, radioloc.report.write_comparison)
+    return finish(options, result)
 
 
 @command(

@@ -101,7 +101,7 @@ def _solution(options: argparse.Namespace, *, fitted: bool) -> radioloc.Solution
 )
 def arcs(options: argparse.Namespace) -> int:
     """Fit several arc lengths."""
-    return finish(options, radioloc.arcs(options.study, options.hours), radioloc.report.write_arcs)
+    return finish(options, radioloc.arcs(options.study, options.hours))
 
 
 @command(
@@ -116,4 +116,4 @@ def arcs(options: argparse.Namespace) -> int:
 def leave_one_out(options: argparse.Namespace) -> int:
     """Fit a study without each station and link."""
     result = radioloc.jobs.leave_one_out(options.study, progress=not options.quiet)
-    return finish(options, result, radioloc.report.write_leave_one_out)
+    return finish(options, result)

@@ -31,4 +31,4 @@ def images(options: argparse.Namespace) -> int:
     """Locate by images."""
     study = radioloc.jobs.read_image_study(options.study)
     solution = radioloc.locate_images(study, progress=not options.quiet)
-    return finish(options, solution, radioloc.report.write_images)
+    return finish(options, solution)

@@ -11,9 +11,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from radioloc.errors import InputError, PredictedEopWarning, RadiolocError, RadiolocWarning, legible, visible
+
+if TYPE_CHECKING:
+    from radioloc.results.result import Result
 
 DONE, DISK, BAD_INPUT, NOT_CONVERGED, INTERRUPTED = 0, 1, 2, 3, 130
 EXIT_STATUS = {
@@ -68,31 +71,22 @@ def require_report(options: argparse.Namespace) -> None:
         require_page()
 
 
-def finish(options: argparse.Namespace, result: Any, write: Callable[..., object]) -> int:
+def finish(options: argparse.Namespace, result: Result) -> int:
     """Write the files of a result if asked for, print its card or its numbers, and return the exit status."""
     if options.out is not None:
-        write(result, options.out, html=options.report)
+        from radioloc.report.files import write_report
+
+        write_report(result, options.out, html=options.report)
     tell(options, result, result.to_dict)
     return exit_status(options, result)
 
 
-def exit_status(options: argparse.Namespace, *results: Any) -> int:
+def exit_status(options: argparse.Namespace, *results: Result) -> int:
     """Return the exit status of results; where no card is printed, say on standard error what is wrong with them."""
-    from radioloc.report.page import is_usable
-    from radioloc.results.solution import Solution
-    from radioloc.results.solution_card import solution_card
-    from radioloc.results.subsets import ArcStudy, LeaveOneOut
-
-    failed = [result for result in results if not is_usable(result)]
+    failed = [result for result in results if not result.is_usable]
     for result in failed if options.quiet and not options.json else ():
-        for part in [arc.solution for arc in result.arcs] if isinstance(result, ArcStudy) else [result]:
-            if not is_usable(part):
-                fit = part.solution if isinstance(part, LeaveOneOut) else part
-                card = solution_card(fit) if isinstance(fit, Solution) else fit.card()
-                status = "; ".join(
-                    line for field in card.fields if field.label == "status" for line in field.lines
-                )
-                complain(f"{getattr(fit, 'name', options.command)}: {status}")
+        for name, status in result.failures():
+            complain(f"{name or options.command}: {status}")
     return NOT_CONVERGED if failed else DONE
 
 

@@ -84,7 +84,7 @@ def monte_carlo(options: argparse.Namespace) -> int:
         keeps = f"{options.out} keeps" if options.out else "with --out DIR, it keeps"
         complain(f"interrupted; {keeps} the trials made so far, and the same command with --resume goes on")
         return INTERRUPTED
-    return finish(options, result, radioloc.report.write_monte_carlo)
+    return finish(options, result)
 
 
 @command(
@@ -113,10 +113,10 @@ def covariance(options: argparse.Namespace) -> int:
         options.parser.error("two study files have one name, by which their plans are told apart; rename one")
     plans = [radioloc.covariance(study, options.hours, reach_m=options.reach) for study in studies]
     if len(plans) == 1:
-        return finish(options, plans[0], radioloc.report.write_covariance)
+        return finish(options, plans[0])
     if options.out is not None:
         for plan in plans:
-            radioloc.report.write_covariance(plan, options.out / plan.name, html=options.report)
+            radioloc.write_report(plan, options.out / plan.name, html=options.report)
     card = "\n\n".join(map(str, [*plans, plans_card(plans)]))
     tell(options, card, lambda: [plan.to_dict() for plan in plans])
     return exit_status(options, *plans)

@@ -14,7 +14,8 @@ import radioloc
 from radioloc.compiled import numba
 from radioloc.earth.eop import EopTable
 from radioloc.kernels.files import added, registered
-from radioloc.results.cards import Card, Field, Shown
+from radioloc.results.cards import Card, Field
+from radioloc.results.result import Result
 from radioloc.study.record import versions
 from radioloc.time.scales import last_leap_second
 
@@ -32,7 +33,7 @@ class Finding:
 
 
 @dataclass(frozen=True, slots=True)
-class Diagnosis(Shown):
+class Diagnosis(Result):
     """What :func:`doctor` found, all of it; ``str()`` is a card."""
 
     findings: tuple[Finding, ...]

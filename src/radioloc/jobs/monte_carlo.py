@@ -26,8 +26,9 @@ from radioloc.jobs.selection import DEFAULT_HOURS, arc_lengths
 from radioloc.jobs.simulate import scenario_of
 from radioloc.jobs.workers import workers_of
 from radioloc.progress import progress_bar
-from radioloc.report.files import OF_A_MONTE_CARLO, made_folder, remove_files, write_json
+from radioloc.report.files import earlier_files, made_folder, remove_files, write_json
 from radioloc.results.monte_carlo import MonteCarlo, Proof, sides_of
+from radioloc.results.registry import RESULTS
 from radioloc.simulation.noise import generator, require_seed
 from radioloc.study.record import settings_of, versions
 from radioloc.study.study import Study
@@ -226,7 +227,7 @@ class TrialFolder:
     def start(self) -> None:
         """Begin anew: trials that are there from before are removed, and what was made of them."""
         remove_files(self._parts, ("*-*-*.*",))
-        remove_files(self._folder, OF_A_MONTE_CARLO)
+        remove_files(self._folder, earlier_files(RESULTS["monte_carlo"]))
         write_json(self._folder / "study.json", self._record)
 
     def found(self, way: str) -> dict[int, NDArray[np.float64]]:

@@ -3,16 +3,7 @@
 from radioloc.report.ccsds import write_oem, write_orbit_oem, write_orbit_opm, write_residuals_tdm
 from radioloc.report.estimate_figures import plot_budget, plot_correlations
 from radioloc.report.figures import save_figure
-from radioloc.report.files import (
-    write_arcs,
-    write_comparison,
-    write_covariance,
-    write_images,
-    write_leave_one_out,
-    write_monte_carlo,
-    write_report,
-    write_terms,
-)
+from radioloc.report.files import write_report
 from radioloc.report.gis import write_gis
 from radioloc.report.map_figures import plot_images, plot_map
 from radioloc.report.page import write_html
@@ -47,14 +38,8 @@ __all__ = [
     "plot_trials",
     "plot_visibility",
     "save_figure",
-    "write_arcs",
-    "write_comparison",
-    "write_covariance",
     "write_gis",
     "write_html",
-    "write_images",
-    "write_leave_one_out",
-    "write_monte_carlo",
     "write_oem",
     "write_orbit_oem",
     "write_orbit_opm",
@@ -63,5 +48,4 @@ __all__ = [
     "write_residuals_tdm",
     "write_sinex",
     "write_spice",
-    "write_terms",
 ]

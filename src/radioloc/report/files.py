@@ -1,12 +1,11 @@
-"""The files of an output folder: of a solution, of an arc-length study, of trials, of a plan."""
+"""The output folder of a result: its files, figures and page, of one result at a time."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,8 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
-from radioloc.estimation.orbit_state import OrbitState
-from radioloc.estimation.statistics import Residuals
 from radioloc.io.table import batches_of, write_csv
 from radioloc.labels import Labels
 from radioloc.lunar import TerrainModel
@@ -23,81 +20,60 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.report.ccsds import write_orbit_oem, write_orbit_opm
+from radioloc.report.figure_types import FIGURES, figures_of
 from radioloc.report.figures import save_figure
 from radioloc.report.map_figures import plot_map
-from radioloc.report.page import PAGE, Result, figures_of, write_page
+from radioloc.report.page import PAGE, write_page
 from radioloc.report.residual_figures import plot_terms
 from radioloc.report.spice_kernels import write_orbit_spk
-from radioloc.results.comparison import Comparison
-from radioloc.results.covariance import CovarianceStudy
-from radioloc.results.image_solution import ImageSolution, PointSolution
-from radioloc.results.monte_carlo import MonteCarlo
+from radioloc.results.registry import RESULTS, result_type
+from radioloc.results.result import Content, OrbitFile, Result, ResultType, Table
 from radioloc.results.solution import Solution
-from radioloc.results.subsets import ArcStudy, LeaveOneOut
 from radioloc.text_files import TEMPORARY_FILES, disk_failed, locked, write_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_DECIMALS = {"observed_m": 7, "computed_m": 7, "residual_m": 6, "sigma_m": 6, "elevation_deg": 4}
-RESIDUAL_COLUMNS = ("epoch_utc", "type", "path", *_DECIMALS, "status", "residual_mm_s")
-"""Columns of ``residuals.csv``, in order; the last only where something is counted."""
-
 INCOMPLETE = "INCOMPLETE"
 """File of a folder whose other files may be of different results, as it was not written to the end."""
-OF_A_MONTE_CARLO = ("montecarlo.json", "trials.csv", "trials.[ps][nv]g", "error_by_length.[ps][nv]g", PAGE)
-"""Files of a Monte Carlo study, by name or pattern."""
-
-
-ORBIT_FILES = ("orbit.bsp", "orbit.oem", "orbit.opm")
-"""Names of the files of an orbit that was determined."""
-
-# Results that share names of files replace each other whole; others can stand in one folder.
-_SOLUTION_FILES = (
-    *("solution.json", "residuals.csv", "terms.csv", *ORBIT_FILES),
-    *(f"{name}.[ps][nv]g" for name in ("residuals", "position", "correlations", "distribution", "budget")),
-    *(f"{name}.[ps][nv]g" for name in ("terms", "map", "images")),
-)
-_TABLE_FILES = (
-    *("table1.csv", "table1.md", "table1.tex", "arcs.json", "comparison.json"),
-    *(f"{name}.[ps][nv]g" for name in ("figure2", "arcs", "comparison")),
-    *("[0-9]*h/solution.json", "[0-9]*h/residuals.csv", "arcs_[0-9]*.[ps][nv]g"),
-)
 
 
 def write_report(
-    solution: Solution,
+    result: Result,
     folder: str | Path,
     terms_by: Predictor | None = None,
     *,
     html: bool = False,
     dem: TerrainModel | None = None,
 ) -> list[Path]:
-    """Write a solution's files and plots.
+    """Write the files and figures of a result into a folder.
 
     Parameters
     ----------
-    solution : Solution
+    result : Solution, ArcStudy, MonteCarlo, CovarianceStudy, LeaveOneOut, Comparison, ImageSolution or PointSolution
+        Result of a job, or of a type that another package registers.
     folder : path-like
         Made where it does not exist. Its files are of one result: those of the same names are replaced, others of an
-        earlier solution are removed, and until all are written there is one called ``INCOMPLETE``.
+        earlier such result are removed, and until all are written there is one called ``INCOMPLETE``.
     terms_by : Predictor, optional
-        That of the solution's study, to write ``terms.csv`` (:func:`write_terms`) and its figure as well.
+        Predictor of the study of a solution, to write ``terms.csv`` and its figure as well: for each observation, what
+        each active term of the model adds to the computed value at the estimate.
     html : bool
-        Write ``report.html`` as well (:func:`write_html`).
+        Whether to write ``report.html`` as well (:func:`write_html`).
     dem : TerrainModel, optional
-        To draw the position on, as ``map.png`` and in the page, where its cells are no larger than three sigmas.
+        Terrain to draw the position of a solution on, as ``map.png`` and in the page, where its cells are no larger
+        than three sigmas.
 
     Returns
     -------
     list of Path
-        What was written.
+        The files, in the order in which they were written.
 
     Raises
     ------
     InputError
-        The folder cannot be made or written to, the solution has no elevations, or the extra ``report`` is not
-        installed and a page is wanted.
+        The folder cannot be made or written to, the residuals of a solution have no elevations, or the extra ``report``
+        is not installed and a page is wanted.
     OSError
         The disk is full or fails.
 
@@ -107,74 +83,73 @@ def write_report(
     >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
     >>> [path.name for path in radioloc.write_report(solution, "out")][:2]
     ['solution.json', 'residuals.csv']
+    >>> comparison = radioloc.jobs.compare(["out/solution.json"])
+    >>> [path.name for path in radioloc.write_report(comparison, "compared")][:2]
+    ['table1.csv', 'table1.md']
     """
-    contents: dict[str, _Content] = _numbers(solution)
-    more: dict[str, Callable[[], Figure]] = {}
-    if terms_by is not None:
-        terms, observations = terms_by.terms(solution.position_pa_m), terms_by.observations
-        contents["terms.csv"] = partial(_write_terms, terms, observations)
-        more["terms"] = partial(plot_terms, terms, observations)
-    if solution.state is not None and solution.converged:
-        contents |= _orbit_writers(solution.state)
-    cell_m = math.inf if dem is None else dem.metadata.resolution_m
-    if dem is not None and solution.converged and 3.0 * max(solution.sigma_enu_m()) > cell_m:
-        more["map"] = partial(_on_terrain, solution, dem)
-    return _write(solution, folder, contents, html, _SOLUTION_FILES, more)
+    contents = dict(result.files())
+    extra_figures: dict[str, Figure | None] = {}
+    if isinstance(result, Solution) and terms_by is not None:
+        terms, observations = terms_by.terms(result.position_pa_m), terms_by.observations
+        contents["terms.csv"] = _terms_table(terms, observations)
+        extra_figures["terms"] = plot_terms(terms, observations)
+    if isinstance(result, Solution) and dem is not None:
+        extra_figures["map"] = _terrain_map(result, dem)
+    folder = made_folder(folder)
+    with _sole_writer(folder):
+        written = [folder / name for name in contents]
+        for path, content in zip(written, contents.values(), strict=True):
+            write_content(path, content)
+        for figure_type in figures_of(result):
+            if (figure := extra_figures.get(figure_type.name)) is not None:
+                written += write_figure(figure, folder, figure_type.stem)
+            elif not figure_type.page_only:
+                for stem, figure in figure_type.drawn(result):
+                    written += write_figure(figure, folder, stem)
+        if html:
+            drawn = {path.stem: path for path in written if path.suffix == ".png"}
+            written.append(folder / PAGE)
+            write_page(result, drawn, written[-1])
+        remove_files(folder, (*contents, *earlier_files(result_type(result))), written)
+    return written
 
 
-def _orbit_writers(state: OrbitState) -> dict[str, Callable[[Path], Path]]:
-    """Return writers of an orbit that was determined to :data:`ORBIT_FILES`; messages have the state's covariance."""
-    orbit = state.orbit.integrate()
-    message: dict[str, Any] = {"originator": "radioloc"}
-    if np.isfinite(state.covariance).all() and state.covariance.any():
-        message["covariance"] = state.covariance
-    writers = (
-        partial(write_orbit_spk, [orbit], body=state.body),
-        partial(write_orbit_oem, [orbit], **message),
-        partial(write_orbit_opm, orbit, **message),
-    )
-    return dict(zip(ORBIT_FILES, writers, strict=True))
+def earlier_files(declared: ResultType) -> tuple[str, ...]:
+    """Return names and patterns of the files that a result of a type replaces: its own, and those of types alike."""
+    own = _file_patterns(declared)
+    alike = (other for other in map(_file_patterns, RESULTS.values()) if own & other)
+    return (PAGE, *sorted(set().union(own, *alike)))
 
 
-def _on_terrain(solution: Solution, dem: TerrainModel) -> Figure:
-    """The position on shaded terrain, or without it where that does not reach far enough."""
+def _file_patterns(declared: ResultType) -> set[str]:
+    stems = [FIGURES[name].stem for name in declared.figures if not FIGURES[name].page_only]
+    names = [f"{stem}{number}.[ps][nv]g" for stem in stems for number in ("", "_[0-9]*")]
+    return {*declared.file_patterns, *names}
+
+
+def _terms_table(terms: Mapping[str, NDArray[np.float64]], rows: Observations) -> Table:
+    types = Labels(rows.kind.astype(np.int32), tuple(KINDS))
+    paths = Labels(rows.link, tuple(link.path for link in rows.links))
+    named = {f"{name}_m": values for name, values in terms.items()}
+    return Table({"epoch_utc": rows.epoch, "type": types, "path": paths, **named}, dict.fromkeys(named, 6))
+
+
+def _terrain_map(solution: Solution, dem: TerrainModel) -> Figure | None:
+    """Draw the position on terrain, or without it where that does not reach far enough; None if cells are coarse."""
+    if not solution.converged or 3.0 * max(solution.sigma_enu_m()) <= dem.metadata.resolution_m:
+        return None
     try:
         return plot_map(solution, dem=dem)
     except InputError:
         return plot_map(solution)
 
 
-_Content = str | Mapping[str, Any] | Callable[[Path], object]
-"""Text, what becomes JSON, or what writes itself to a path."""
-
-
-def _numbers(solution: Solution, folder: str = "") -> dict[str, _Content]:
-    """The files of a solution by name, in a folder that ends in a slash."""
-    rows = partial(write_residuals, rows=solution.residuals)
-    return {f"{folder}solution.json": solution.to_dict(), f"{folder}residuals.csv": rows}
-
-
-def _write(
-    result: Result,
-    folder: str | Path,
-    contents: Mapping[str, _Content],
-    html: bool,
-    earlier: tuple[str, ...] = (),
-    more: Mapping[str, Callable[[], Figure]] | None = None,
-) -> list[Path]:
-    """Write files and figures by name, those that there are; others of such names, or of earlier ones, are removed.
-
-    Until then a file marks the folder as incomplete, also after a run that was stopped. A second run that writes there
-    at the same time is refused.
-    """
-    folder = made_folder(folder)
-    with _sole_writer(folder):
-        return _write_all(result, folder, contents, html, earlier, dict(more or {}))
-
-
 @contextmanager
 def _sole_writer(folder: Path) -> Iterator[None]:
-    """Keep other runs out of a folder, and remove what one that was killed has left of its temporary files."""
+    """Keep other runs out of a folder, and remove what one that was killed has left of its temporary files.
+
+    Until the end a file marks the folder as incomplete, also after a run that was stopped.
+    """
     marker = folder / INCOMPLETE
     if not marker.exists():
         text = "radioloc has not finished writing here: files may be of different results. Run it again.\n"
@@ -185,34 +160,29 @@ def _sole_writer(folder: Path) -> Iterator[None]:
         marker.unlink()
 
 
-def _write_all(
-    result: Result,
-    folder: Path,
-    contents: Mapping[str, _Content],
-    html: bool,
-    earlier: tuple[str, ...],
-    more: Mapping[str, Callable[[], Figure]],
-) -> list[Path]:
-    written = []
-    for name, content in contents.items():
-        written.append(folder / name)
-        made_folder(written[-1].parent)
-        if isinstance(content, str):
-            write_text(written[-1], content)
-        elif isinstance(content, Mapping):
-            write_json(written[-1], content)
-        else:
-            content(written[-1])
-    figures = {**figures_of(result), **more}
-    for name, draw in figures.items():
-        written += [] if draw is None else write_figure(draw(), folder, name)
-    if html:
-        drawn = {path.stem: path for path in written if path.suffix == ".png"}
-        written.append(folder / PAGE)
-        write_page(result, drawn, written[-1])
-    earlier = (PAGE, *(f"{name}.[ps][nv]g" for name in figures), *earlier)
-    remove_files(folder, (*contents, *earlier), written)
-    return written
+def write_content(path: Path, content: Content) -> None:
+    """Write a file of the output folder."""
+    made_folder(path.parent)
+    if isinstance(content, str):
+        write_text(path, content)
+    elif isinstance(content, Table):
+        write_csv(path, batches_of(content.columns, content.decimals))
+    elif isinstance(content, OrbitFile):
+        _write_orbit(content, path)
+    else:
+        write_json(path, content)
+
+
+def _write_orbit(content: OrbitFile, path: Path) -> None:
+    message: dict[str, Any] = {"originator": "radioloc"}
+    if content.covariance is not None:
+        message["covariance"] = content.covariance
+    if path.suffix == ".bsp":
+        write_orbit_spk(content.orbit, path, body=content.body)
+    elif path.suffix == ".oem":
+        write_orbit_oem(content.orbit, path, **message)
+    else:
+        write_orbit_opm(content.orbit, path, **message)
 
 
 def remove_files(folder: Path, names: tuple[str, ...], but: Collection[Path] = ()) -> None:
@@ -221,172 +191,6 @@ def remove_files(folder: Path, names: tuple[str, ...], but: Collection[Path] = (
         for path in folder.glob(name):
             if path.is_file() and path not in but:
                 path.unlink()
-
-
-def write_residuals(path: Path, rows: Residuals) -> None:
-    """Write residuals, one row for each observation in the order given, columns :data:`RESIDUAL_COLUMNS`."""
-    if rows.elevation_deg is None:
-        raise InputError(
-            "the solution has no elevations, which residuals.csv lists; give them to build_solution"
-        )
-    columns: dict[str, Any] = {"epoch_utc": rows.epoch_utc, "type": rows.types, "path": rows.paths}
-    columns |= {name: getattr(rows, name) for name in _DECIMALS} | {"status": rows.statuses}
-    if rows.count_s is not None and not np.isnan(rows.count_s).all():
-        columns["residual_mm_s"] = rows.residual_mm_s
-    for name, column in columns.items():
-        if name in _DECIMALS and name != "elevation_deg" and not np.isfinite(column).all():
-            bad = int(np.argmin(np.isfinite(column)))
-            raise InputError(f"{name} of observation {bad + 1} is {column[bad]}; residuals must be finite")
-    _write_csv(path, columns, _DECIMALS | {"residual_mm_s": 5})
-
-
-def _write_csv(path: Path, columns: Mapping[str, Any], decimals: Mapping[str, int] | None = None) -> None:
-    write_csv(path, batches_of(columns, decimals or {}))
-
-
-def write_terms(predictor: Predictor, solution: Solution, folder: str | Path) -> Path:
-    """Write ``terms.csv``: for each observation, what each active term of the model adds to the computed value.
-
-    Parameters
-    ----------
-    predictor : Predictor
-        That of the solution's study, as :func:`~radioloc.jobs.locate.arc_of` prepares it.
-    solution : Solution
-        Where the terms are evaluated.
-    folder : path-like
-        As of :func:`write_report`, errors too.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> study = radioloc.read_study("examples/apollo15/apollo15.toml")
-    >>> predictor, _ = radioloc.jobs.arc_of(study)
-    >>> radioloc.report.write_terms(predictor, radioloc.residuals(study), "out").name
-    'terms.csv'
-    """
-    path = made_folder(folder) / "terms.csv"
-    _write_terms(predictor.terms(solution.position_pa_m), predictor.observations, path)
-    return path
-
-
-def _write_terms(terms: Mapping[str, NDArray[np.float64]], rows: Observations, path: Path) -> None:
-    types = Labels(rows.kind.astype(np.int32), tuple(KINDS))
-    paths = Labels(rows.link, tuple(link.path for link in rows.links))
-    columns = {"epoch_utc": rows.epoch, "type": types, "path": paths}
-    named = {f"{name}_m": values for name, values in terms.items()}
-    _write_csv(path, columns | named, dict.fromkeys(named, 6))
-
-
-def write_arcs(study: ArcStudy, folder: str | Path, *, html: bool = False) -> list[Path]:
-    """Write ``arcs.json``, ``table1.csv``, ``.md``, ``.tex``, two figures as PNG and SVG, and a folder for each arc.
-
-    ``table1`` and ``figure2`` are what table 1 and figure 2 of Wang et al. (2021) show, ``arcs.png`` the positions by
-    length of the arc; ``arcs_2.png`` and so on are those of further targets. Each arc has a folder, such as ``12h``,
-    with ``solution.json`` and ``residuals.csv``. Parameters and errors are as of :func:`write_report`.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> found = radioloc.arcs(radioloc.read_study("examples/change5/change5.toml"), hours=[12.0])
-    >>> [path.name for path in radioloc.report.write_arcs(found, "out") if path.suffix == ".png"]
-    ['figure2.png', 'arcs.png']
-    """
-    contents = _table1(study) | {"arcs.json": study.to_dict()}
-    for arc in study.arcs:
-        contents |= _numbers(arc.solution, f"{arc.hours:g}h/")
-    return _write(study, folder, contents, html, _TABLE_FILES)
-
-
-def write_monte_carlo(study: MonteCarlo, folder: str | Path, *, html: bool = False) -> list[Path]:
-    """Write ``montecarlo.json``, ``trials.csv``, ``trials.png``, ``trials.svg``, ``error_by_length.png`` and ``.svg``.
-
-    There are no figures where no trial has converged, and more than twelve arcs are an error, as they do not fit on a
-    page. All else is as of :func:`write_report`.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> study = radioloc.read_study("examples/change5/simulation.toml")
-    >>> found = radioloc.monte_carlo(study, trials=20, hours=12.0)
-    >>> [path.name for path in radioloc.report.write_monte_carlo(found, "out")][:2]
-    ['montecarlo.json', 'trials.csv']
-    """
-    trials = partial(_write_csv, columns=study.columns_of_trials())
-    return _write(study, folder, {"montecarlo.json": study.to_dict(), "trials.csv": trials}, html)
-
-
-def write_covariance(study: CovarianceStudy, folder: str | Path, *, html: bool = False) -> list[Path]:
-    """Write ``covariance.json``, ``covariance.csv``, ``covariance.png`` and ``covariance.svg``.
-
-    There are no figures where the position is not determined. All else is as of :func:`write_report`.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> found = radioloc.covariance(radioloc.read_study("examples/change5/short_arc.toml"))
-    >>> [path.name for path in radioloc.report.write_covariance(found, "out")][:2]
-    ['covariance.json', 'covariance.csv']
-    """
-    contents: dict[str, _Content] = {"covariance.json": study.to_dict(), "covariance.csv": study.to_csv()}
-    return _write(study, folder, contents, html)
-
-
-def write_leave_one_out(found: LeaveOneOut, folder: str | Path, *, html: bool = False) -> list[Path]:
-    """Write ``leave_one_out.json`` and ``leave_one_out.csv``, a row for each station and link.
-
-    All else is as of :func:`write_report`.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> found = radioloc.jobs.leave_one_out("examples/change5/short_arc.toml")
-    >>> [path.name for path in radioloc.report.write_leave_one_out(found, "out")]
-    ['leave_one_out.json', 'leave_one_out.csv']
-    """
-    table = partial(_write_csv, columns=found.columns())
-    return _write(found, folder, {"leave_one_out.json": found.to_dict(), "leave_one_out.csv": table}, html)
-
-
-def write_images(
-    solution: ImageSolution | PointSolution, folder: str | Path, *, html: bool = False
-) -> list[Path]:
-    """Write ``solution.json``, and ``images.png`` and ``images.svg``, or of a point ``position.png`` and ``.svg``.
-
-    All else is as of :func:`write_report`.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> solution = radioloc.locate_images(radioloc.jobs.read_image_study("examples/images/descent.toml"))
-    >>> [path.name for path in radioloc.report.write_images(solution, "out")]
-    ['solution.json', 'images.png', 'images.svg']
-    """
-    return _write(solution, folder, {"solution.json": solution.to_dict()}, html, _SOLUTION_FILES)
-
-
-def write_comparison(found: Comparison, folder: str | Path, *, html: bool = False) -> list[Path]:
-    """Write ``comparison.json``, ``table1.csv``, ``.md``, ``.tex``, ``comparison.png`` and ``comparison.svg``.
-
-    All else is as of :func:`write_report`.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
-    >>> found = radioloc.jobs.compare(radioloc.write_report(solution, "out")[:1])
-    >>> [path.name for path in radioloc.report.write_comparison(found, "compared")][:2]
-    ['table1.csv', 'table1.md']
-    """
-    contents = _table1(found) | {"comparison.json": found.to_dict()}
-    return _write(found, folder, contents, html, _TABLE_FILES)
-
-
-def _table1(found: ArcStudy | Comparison) -> dict[str, _Content]:
-    return {
-        "table1.csv": found.to_csv(),
-        "table1.md": found.to_markdown(),
-        "table1.tex": found.to_latex(),
-    }
 
 
 def write_figure(figure: Figure, folder: Path, name: str) -> list[Path]:

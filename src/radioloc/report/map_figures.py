@@ -33,9 +33,8 @@ from radioloc.report.figures import (
     style_axes,
 )
 from radioloc.report.position_figures import draw_place
-from radioloc.results.cards import Shown
 from radioloc.results.image_solution import ImageSolution
-from radioloc.results.solution import Solution
+from radioloc.results.result import Result
 from radioloc.results.tables import (
     Located,
     contents_by_target,
@@ -107,7 +106,7 @@ def plot_map(
     >>> figure.axes[0].get_xlabel()
     'east longitude, ME_DE421 (deg)'
     """
-    several = [solutions] if isinstance(solutions, Solution | Shown | Mapping) else list(solutions)
+    several = [solutions] if isinstance(solutions, Result | Mapping) else list(solutions)
     contents = contents_by_target(several)
     if dem is not None and base_map is not None:
         raise InputError("give either dem or base_map to draw a map on, not both")

@@ -11,11 +11,15 @@ import math
 import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from radioloc.errors import visible
 from radioloc.estimation.statistics import Residuals
 from radioloc.measurements.link import Link
+
+RESULT, POSITION, RESIDUALS, BUDGET = "Result", "Position", "Residuals", "Error budget"
+OBSERVABILITY, REJECTED, PROVENANCE = "Parameters and observability", "Left out", "Provenance"
+SECTIONS = (RESULT, POSITION, RESIDUALS, BUDGET, OBSERVABILITY, REJECTED, PROVENANCE)
+"""Sections of a page, in order."""
 
 WIDTH = 80
 _LABEL_WIDTH = 12
@@ -89,26 +93,6 @@ class Card:
             content += "<br>".join(html.escape(line) for line in field.after)
             rows.append(f"<tr><th {left}>{html.escape(field.label)}</th><td {left}>{content}</td></tr>")
         return f"<table>{''.join(rows)}</table>"
-
-
-class Shown:
-    """A result that shows itself by its card: ``str()`` in a terminal, HTML in a notebook."""
-
-    __slots__ = ()
-
-    def card(self) -> Card:
-        """What it says."""
-        raise NotImplementedError
-
-    def to_dict(self) -> dict[str, Any]:
-        """All its numbers, in types that JSON has."""
-        raise NotImplementedError
-
-    def __str__(self) -> str:
-        return str(self.card())
-
-    def _repr_html_(self) -> str:
-        return self.card().html()
 
 
 def text_table(heading: Sequence[str], rows: Iterable[Sequence[str]], width: int) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -11,7 +11,8 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.combination import Agreement, JointEstimate
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.position import LunarPosition
-from radioloc.results.cards import Card, Field, Shown, metres, plural
+from radioloc.results.cards import Card, Field, metres, plural
+from radioloc.results.result import Content, Result
 from radioloc.results.tables import (
     PositionRow,
     csv_table,
@@ -27,7 +28,7 @@ _MOST_NAMED = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Comparison(Shown):
+class Comparison(Result):
     """Solutions beside each other.
 
     Parameters
@@ -105,6 +106,15 @@ class Comparison(Shown):
     def to_latex(self) -> str:
         """The table of positions as a ``tabular`` of LaTeX."""
         return position_table(self.rows).to_latex()
+
+    def files(self) -> Mapping[str, Content]:
+        """Return the table of positions in three formats, and all numbers."""
+        return {
+            "table1.csv": self.to_csv(),
+            "table1.md": self.to_markdown(),
+            "table1.tex": self.to_latex(),
+            "comparison.json": self.to_dict(),
+        }
 
     def card(self) -> Card:
         """Card of the comparison."""

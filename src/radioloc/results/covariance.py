@@ -10,7 +10,7 @@ all directions of (1 - exp(-R^2 k / 2)) / (k sqrt(det C)).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from radioloc.estimation.consider import NOISE
 from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL, EAST_NORTH_UP, RTN, OrbitState
 from radioloc.estimation.statistics import finite_or_none
-from radioloc.results.cards import Card, Field, Shown, metres, table
+from radioloc.results.cards import Card, Field, metres, table
+from radioloc.results.result import Content, Result
 from radioloc.time import utc_strings
 
 _Floats = NDArray[np.float64]
@@ -166,7 +167,7 @@ class Gain:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CovarianceStudy(Shown):
+class CovarianceStudy(Result):
     """What a tracking plan would tell of a position, or of an orbit."""
 
     name: str
@@ -221,6 +222,10 @@ class CovarianceStudy(Shown):
             shown = [f"{x:.6g}" if math.isfinite(x) else "" for x in numbers]
             rows.append([f"{arc.hours:g}", f"{arc.span_h:.4f}", str(arc.count), *shown])
         return "".join(f"{','.join(row)}\n" for row in rows)
+
+    def files(self) -> Mapping[str, Content]:
+        """Return all numbers, and a table with a row for each length."""
+        return {"covariance.json": self.to_dict(), "covariance.csv": self.to_csv()}
 
     def card(self) -> Card:
         """Card of the study."""

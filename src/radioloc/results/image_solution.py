@@ -23,14 +23,15 @@ from radioloc.imaging.registration import RegisteredFrame, Registration
 from radioloc.lunar import Map
 from radioloc.lunar.position import LunarPosition
 from radioloc.parameters.position_prior import map_tie_names
-from radioloc.results.cards import Card, Field, Shown, metres, plural
+from radioloc.results.cards import Card, Field, metres, plural
+from radioloc.results.result import Content, Result
 from radioloc.results.tables import difference
 from radioloc.vectors import Floats
 
 _MOST_ROWS = 12
 
 
-class _FromImages(Shown):
+class _FromImages(Result):
     """What all positions from images have in common."""
 
     __slots__ = ()
@@ -51,6 +52,14 @@ class _FromImages(Shown):
     def sigma_enu_m(self) -> Floats:
         """Total standard deviations east, north, up, m; NaN where not determined."""
         return np.sqrt(np.diag(self.covariance_enu_m2))
+
+    def files(self) -> Mapping[str, Content]:
+        """Return all numbers as ``solution.json``."""
+        return {"solution.json": self.to_dict()}
+
+    def positions(self) -> Mapping[str, Result]:
+        """Return the position itself."""
+        return {self.name: self}
 
     def _content(self, method: str, **measured: Any) -> dict[str, Any]:
         """Keys of ``solution.json``, with those of what was measured."""

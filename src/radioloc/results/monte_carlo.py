@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError
 from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL, EAST_NORTH_UP
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.results.cards import Card, Field, Shown, metres, plural
+from radioloc.results.cards import Card, Field, metres, plural
+from radioloc.results.result import Content, Result, Table
 from radioloc.tables import TableForm, as_table
 from radioloc.units import ASTROPY_UNITS, unit_of
 
@@ -121,7 +122,7 @@ class Proof:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MonteCarlo(Shown):
+class MonteCarlo(Result):
     """The trials of a study and what they say together.
 
     Parameters
@@ -178,6 +179,11 @@ class MonteCarlo(Shown):
     def converged(self) -> bool:
         """Whether all arcs of all trials did."""
         return bool((self["converged"] == 1.0).all())
+
+    @property
+    def some_converged(self) -> bool:
+        """Whether an arc of a trial did."""
+        return bool((self["converged"] == 1.0).any())
 
     @property
     def errors_m(self) -> _Floats:
@@ -294,6 +300,10 @@ class MonteCarlo(Shown):
             for name, kind in kinds.items()
         }
         return as_table(columns, form, units)
+
+    def files(self) -> Mapping[str, Content]:
+        """Return the statistics, and a table with a row for each trial and arc."""
+        return {"montecarlo.json": self.to_dict(), "trials.csv": Table(self.columns_of_trials())}
 
     def card(self) -> Card:
         """Card of the study."""

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from radioloc.io.table import batches_of, write_csv
 from radioloc.labels import Labels
-from radioloc.results.cards import Card, Field, Shown, more, plural
+from radioloc.results.cards import Card, Field, more, plural
+from radioloc.results.result import Result
 from radioloc.tables import TableForm, as_table
 from radioloc.time import Epochs, utc_strings
 
@@ -35,7 +36,7 @@ _DECIMALS = {"s": 12, "m": 4, "m_s": 7, "hz": 6, "deg": 7}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LightTimes(Shown):
+class LightTimes(Result):
     """Light times of links at n epochs of reception; ``str()`` is a card with the first of each link.
 
     Parameters
@@ -176,7 +177,7 @@ class Pass:
 
 
 @dataclass(frozen=True, slots=True)
-class Passes(Shown):
+class Passes(Result):
     """All passes of targets over some stations; ``str()`` is a card."""
 
     name: str  # of the study

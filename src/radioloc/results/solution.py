@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import singledispatch
-from typing import Any, Literal, Protocol, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,9 @@ from radioloc.estimation.statistics import (
 from radioloc.lunar.position import LunarPosition
 from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up
 from radioloc.parameters.parameter import ParameterSet
+from radioloc.results.cards import Card
+from radioloc.results.result import Content, OrbitFile, Result
+from radioloc.results.tables import residual_table
 from radioloc.tables import TableForm, as_table
 
 _Floats = NDArray[np.float64]
@@ -47,17 +50,14 @@ Level = Literal["total", "scaled", "formal"]
 _ENU = ("east", "north", "up")
 
 
-class Card(Protocol):
-    """What ``str()`` and a notebook show of a result; ``str()`` of it is the text."""
-
-    def html(self) -> str:
-        """The same for a notebook."""
+ORBIT_FILES = ("orbit.bsp", "orbit.oem", "orbit.opm")
+"""Names of the files of an orbit that was determined."""
 
 
 @singledispatch
 def card_of(result: object) -> Card:
-    """Make the card of a result; :mod:`radioloc.report`, which is imported with the package, registers how."""
-    raise TypeError(f"there is no card of a {type(result).__name__}")
+    """Make the card of a solution; :mod:`radioloc.results.solution_card` registers how."""
+    raise TypeError(f"expected a Solution, got a {type(result).__name__}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +70,7 @@ class TargetPosition:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Solution:
+class Solution(Result):
     """Everything a fit has to say; arrays are read-only.
 
     Made by :func:`~radioloc.results.build.build_solution`. Three levels of uncertainty are kept:
@@ -457,11 +457,28 @@ class Solution:
             raise InputError(f"there is no table of {what!r}; use residuals or parameters")
         return self.residuals.to_table(form)
 
-    def __str__(self) -> str:
-        return str(card_of(self))
+    def card(self) -> Card:
+        """Return the card of the solution."""
+        return card_of(self)
 
-    def _repr_html_(self) -> str:
-        return card_of(self).html()
+    def files(self) -> Mapping[str, Content]:
+        """Return ``solution.json``, ``residuals.csv`` and of an orbit that was determined :data:`ORBIT_FILES`."""
+        found: dict[str, Content] = {
+            "solution.json": self.to_dict(),
+            "residuals.csv": residual_table(self.residuals),
+        }
+        if self.state is not None and self.converged:
+            covariance = self.state.covariance
+            known = np.isfinite(covariance).all() and covariance.any()
+            orbit = OrbitFile(self.state.orbit.integrate(), self.state.body, covariance if known else None)
+            found |= dict.fromkeys(ORBIT_FILES, orbit)
+        return found
+
+    def positions(self) -> Mapping[str, Result]:
+        """Return the solution itself, if it has a position that is estimated and determined."""
+        if self.trajectory is not None or not (self.position_estimated and self.position_determined):
+            return {}
+        return {self.targets[0].name if self.targets else self.name: self}
 
     def __repr__(self) -> str:
         place = self.trajectory

@@ -6,7 +6,7 @@ The table of arcs beside known positions is that of Wang et al. (2021), table 1.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Protocol
 
@@ -21,7 +21,6 @@ from radioloc.measurements.link import Link
 from radioloc.results.cards import (
     Card,
     Field,
-    Shown,
     metres,
     sigma_text,
     signed_metres,
@@ -30,6 +29,7 @@ from radioloc.results.cards import (
     ways,
 )
 from radioloc.results.covariance import radius_95_m
+from radioloc.results.result import Content, Result, Table
 from radioloc.results.solution import Solution
 from radioloc.results.solution_card import which_sigmas
 from radioloc.results.tables import (
@@ -40,6 +40,7 @@ from radioloc.results.tables import (
     place_fields,
     position_fields,
     position_table,
+    residual_table,
 )
 from radioloc.tables import TableForm, as_table
 
@@ -87,7 +88,7 @@ class KnownPosition(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ArcStudy(Shown):
+class ArcStudy(Result):
     """The arcs of a study, beside reference positions.
 
     Parameters
@@ -219,6 +220,34 @@ class ArcStudy(Shown):
     def to_latex(self) -> str:
         """The table of positions as a ``tabular`` of LaTeX."""
         return self._position_table().to_latex()
+
+    def files(self) -> Mapping[str, Content]:
+        """Return the table of positions, all numbers, and a folder for each arc, such as ``12h``."""
+        found: dict[str, Content] = {
+            "table1.csv": self.to_csv(),
+            "table1.md": self.to_markdown(),
+            "table1.tex": self.to_latex(),
+            "arcs.json": self.to_dict(),
+        }
+        for arc in self.arcs:
+            found[f"{arc.hours:g}h/solution.json"] = arc.solution.to_dict()
+            found[f"{arc.hours:g}h/residuals.csv"] = residual_table(arc.solution.residuals)
+        return found
+
+    def positions(self) -> Mapping[str, Result]:
+        """Return the position of each arc, of several targets those of each."""
+        several = len(self.by_target) > 1
+        return {
+            f"{arc.solution.name}, {arc.name}" if several else arc.name: arc.solution
+            for study in self.by_target
+            for arc in study.arcs
+            if arc.solution.positions()
+        }
+
+    def failures(self) -> Iterator[tuple[str, str]]:
+        """Yield name and status of each arc that cannot be used."""
+        for arc in self.arcs:
+            yield from arc.solution.failures()
 
     def _position_table(self) -> TextTable:
         return position_table(self.rows, {arc.name: f"{arc.name} data" for arc in self.arcs})
@@ -371,7 +400,7 @@ class Without:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LeaveOneOut(Shown):
+class LeaveOneOut(Result):
     """A solution, and the positions without each of its stations and links; ``str()`` is a card."""
 
     solution: Solution  # from all observations
@@ -406,6 +435,14 @@ class LeaveOneOut(Shown):
     def to_dict(self) -> dict[str, Any]:
         """All but single residuals, in types that JSON has."""
         return {"solution": self.solution.to_dict(), "without": [asdict(one) for one in self.without]}
+
+    def files(self) -> Mapping[str, Content]:
+        """Return all numbers, and a table with a row for each station and link."""
+        return {"leave_one_out.json": self.to_dict(), "leave_one_out.csv": Table(self.columns())}
+
+    def failures(self) -> Iterator[tuple[str, str]]:
+        """Yield name and status of the solution from all observations, if it cannot be used."""
+        yield from self.solution.failures()
 
     def card(self) -> Card:
         """By how much the position moves without each."""

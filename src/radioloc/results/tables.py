@@ -18,15 +18,26 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError, visible
 from radioloc.estimation.combination import horizontal_ellipse
 from radioloc.estimation.orbit_state import EAST_NORTH_UP
+from radioloc.estimation.statistics import Residuals
 from radioloc.lunar.local import local_difference
 from radioloc.lunar.selenographic import selenographic_to_cartesian
-from radioloc.results.cards import Field, Shown, metres, sigma_text, to_sigma
+from radioloc.results.cards import Field, metres, sigma_text, to_sigma
 from radioloc.results.recorded import check_solution
-from radioloc.results.solution import Solution
+from radioloc.results.result import Result, Table
 from radioloc.text_files import spreadsheet_cell, write_text
 
-Located = Solution | Shown | Mapping[str, Any]
+Located = Result | Mapping[str, Any]
 """A solution of tracking or of images, or what its ``solution.json`` holds."""
+
+_RESIDUAL_DECIMALS = {
+    "observed_m": 7,
+    "computed_m": 7,
+    "residual_m": 6,
+    "sigma_m": 6,
+    "elevation_deg": 4,
+}
+RESIDUAL_COLUMNS = ("epoch_utc", "type", "path", *_RESIDUAL_DECIMALS, "status", "residual_mm_s")
+"""Columns of ``residuals.csv``, in order; the last only where something is counted."""
 
 TABLE_ENDINGS = (".md", ".tex")
 _LATEX = {
@@ -156,6 +167,25 @@ def place_fields(place: Place, benchmark: Place | None) -> dict[str, Any]:
         "height_m": place[2],
         **dict(zip(names, differences, strict=True)),
     }
+
+
+def residual_table(rows: Residuals) -> Table:
+    """Return residuals as a table, one row for each observation, with the columns :data:`RESIDUAL_COLUMNS`."""
+    if rows.elevation_deg is None:
+        raise InputError(
+            "the solution has no elevations, which residuals.csv lists; give them to build_solution"
+        )
+    columns: dict[str, Any] = {"epoch_utc": rows.epoch_utc, "type": rows.types, "path": rows.paths}
+    columns |= {name: getattr(rows, name) for name in _RESIDUAL_DECIMALS} | {"status": rows.statuses}
+    if rows.count_s is not None and not np.isnan(rows.count_s).all():
+        columns["residual_mm_s"] = rows.residual_mm_s
+    for name in ("observed_m", "computed_m", "residual_m", "sigma_m"):
+        if not np.isfinite(columns[name]).all():
+            bad = int(np.argmin(np.isfinite(columns[name])))
+            raise InputError(
+                f"{name} of observation {bad + 1} is {columns[name][bad]}; residuals must be finite"
+            )
+    return Table(columns, _RESIDUAL_DECIMALS | {"residual_mm_s": 5})
 
 
 def east_longitude_deg(row: PositionRow, to_360: bool = False) -> float:

@@ -311,7 +311,7 @@ def test_table_and_dictionary(found):
 
 @pytest.mark.usefixtures("undrawn")
 def test_what_is_written(found, tmp_path):
-    written = radioloc.report.write_arcs(found, tmp_path / "new" / "out")
+    written = radioloc.write_report(found, tmp_path / "new" / "out")
     names = {path.relative_to(tmp_path / "new" / "out").as_posix() for path in written}
     assert names == {
         "arcs.json",

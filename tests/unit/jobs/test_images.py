@@ -107,7 +107,7 @@ def test_altitudes_are_those_of_the_truth_also_where_the_camera_looks_aside(solu
 @pytest.mark.study
 @pytest.mark.usefixtures("undrawn")
 def test_what_is_written_has_the_keys_of_radio_solutions_and_the_images(solution, tmp_path):
-    paths = radioloc.report.write_images(solution, tmp_path)
+    paths = radioloc.write_report(solution, tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {path.name for path in paths}
     content = json.loads((tmp_path / "solution.json").read_text())
     assert {"converged", "position", "sigma", "biases", "fit", "provenance", "images"} <= set(content)

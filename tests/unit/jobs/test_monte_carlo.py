@@ -509,7 +509,7 @@ def test_the_card(found):
 
 
 def test_what_is_written(found, tmp_path):
-    written = radioloc.report.write_monte_carlo(found, tmp_path)
+    written = radioloc.write_report(found, tmp_path)
     assert {path.name for path in written} == {
         "montecarlo.json",
         "trials.csv",

@@ -216,7 +216,7 @@ def test_what_errors_of_gravity_do_to_a_plan_is_in_its_budget(made, tmp_path):
     card = " ".join(str(found).split())
     assert "along across radial 95 % radius" in card
     assert "of 4 h, at 2012-04-09T04:30:00 TDB radial along across position, m" in card
-    names = {path.name for path in radioloc.report.write_covariance(found, tmp_path)}
+    names = {path.name for path in radioloc.write_report(found, tmp_path)}
     assert {"covariance.png", "covariance_on_arc.png"} <= names
 
 
@@ -266,7 +266,7 @@ def test_trials_of_an_orbit_are_those_of_full_fits(made, tmp_path):
     card = " ".join(str(found).split())
     assert "4 h at 2.2 h" in card
     assert "along across radial horizontal state expected" in card
-    names = {path.name for path in radioloc.report.write_monte_carlo(found, tmp_path)}
+    names = {path.name for path in radioloc.write_report(found, tmp_path)}
     assert {"trials.csv", "trials.png", "error_by_length.png"} <= names
     assert (tmp_path / "trials.csv").read_text().startswith("trial,hours,at_h,converged,")
 

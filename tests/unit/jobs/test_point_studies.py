@@ -26,7 +26,7 @@ from radioloc.jobs import compare, read_image_study
 from radioloc.jobs.image_points import ground_at
 from radioloc.jobs.image_study import GroundChoice
 from radioloc.lunar import TangentPlane, TerrainModel
-from radioloc.report import write_images
+from radioloc.report import write_report
 from radioloc.study import PlaceOnMap
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
@@ -205,7 +205,7 @@ def test_points_of_one_image_share_its_orbit(tmp_path):
 @pytest.mark.parametrize("name", ["by_stereo", "by_image"])
 def test_what_is_written_has_the_keys_of_other_solutions(name, request, tmp_path):
     solution = request.getfixturevalue(name)
-    written = write_images(solution, tmp_path)
+    written = write_report(solution, tmp_path)
     assert [path.name for path in written] == ["solution.json", "position.png", "position.svg"]
     content = json.loads(written[0].read_text())
     assert {"position", "sigma", "covariance", "considered", "fit", "provenance", "reference"} <= set(content)

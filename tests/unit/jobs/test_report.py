@@ -14,7 +14,7 @@ import radioloc.report
 from radioloc import LunarPosition, Study
 from radioloc.errors import InputError
 from radioloc.report.figures import new_figure
-from radioloc.report.files import INCOMPLETE, write_report, write_terms
+from radioloc.report.files import INCOMPLETE, write_report
 from radioloc.study import ObservationChoice
 
 FIGURES = ("residuals", "position", "correlations", "distribution", "budget")
@@ -101,9 +101,10 @@ def test_residuals_file(folder, solution):
     )
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_terms_file(predictor, solution, folder, tmp_path):
-    path = write_terms(predictor, solution, tmp_path / "new")
-    assert path == tmp_path / "new" / "terms.csv"
+    path = tmp_path / "new" / "terms.csv"
+    assert path in write_report(solution, tmp_path / "new", predictor)
     rows, residuals = rows_of(path), rows_of(folder / "residuals.csv")
     assert list(rows[0]) == [
         "epoch_utc",
@@ -158,15 +159,11 @@ def test_what_cannot_be_written_is_named(name, solution, tmp_path):
     assert (tmp_path / INCOMPLETE).exists()
 
 
-def test_folder_that_cannot_be_made(solution, predictor, tmp_path):
+def test_folder_that_cannot_be_made(solution, tmp_path):
     (tmp_path / "file").write_text("x", encoding="utf-8")
-    for write in (
-        lambda f: write_report(solution, f),
-        lambda f: write_terms(predictor, solution, f),
-    ):
-        for folder in (tmp_path / "file", tmp_path / "file" / "sub"):
-            with pytest.raises(InputError, match="the output folder cannot be made: "):
-                write(folder)
+    for folder in (tmp_path / "file", tmp_path / "file" / "sub"):
+        with pytest.raises(InputError, match="the output folder cannot be made: "):
+            write_report(solution, folder)
 
 
 def test_elevations_are_not_made_up(solution, tmp_path):
@@ -206,7 +203,7 @@ def test_kinds_and_baselines_have_panels_of_their_own(paths, types, by_link, tmp
         return figure
 
     for name in ("plot_links", "plot_residuals", "plot_position", "plot_correlations"):
-        monkeypatch.setattr(radioloc.report.page, name, lambda solution, name=name: draw(name))
+        monkeypatch.setattr(radioloc.report.figure_types, name, lambda solution, name=name: draw(name))
     solution = toy_solution(
         ToyMoon(60, 72.0), path=[*paths] * 30, type=[*types] * 30, elevation_deg=np.full(60, 30.0)
     )

@@ -117,7 +117,7 @@ def test_arcs_show_all_targets_each_beside_its_longest(folder, tmp_path):
         assert row.west_m is None or abs(row.west_m) < 1.0  # not the 100 m from the lander to the rover
     card = " ".join(str(found).split())
     assert card.index("study, lander") < card.index("study, rover")
-    names = {path.name for path in radioloc.report.write_arcs(found, tmp_path, html=True)}
+    names = {path.name for path in radioloc.write_report(found, tmp_path, html=True)}
     assert {"arcs.png", "arcs_2.png", "table1.csv"} <= names
     assert "rover, 2 h" in (tmp_path / "table1.csv").read_text()
 

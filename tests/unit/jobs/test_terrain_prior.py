@@ -11,6 +11,7 @@ from terrain_maps import MAPS, heights_of_map, surface_m, write
 import radioloc
 from radioloc import Study
 from radioloc.lunar import TerrainModel
+from radioloc.report.figure_types import FIGURES
 from radioloc.report.files import write_report
 from radioloc.study import EstimateChoice, Reference
 from radioloc.study.study import TerrainPrior
@@ -82,7 +83,7 @@ def values_and_sigmas(found):
 
 @pytest.mark.study
 def test_the_position_is_drawn_on_terrain_as_fine_as_its_sigma(tmp_path, monkeypatch):
-    monkeypatch.setattr("radioloc.report.files.figures_of", lambda _: {})
+    monkeypatch.setattr("radioloc.report.files.figures_of", lambda _: [FIGURES["map"]])
     solution = radioloc.locate("examples/change5/short_arc_dem.toml")
     drawn = tmp_path / "map.png"
     # Cells of 60 m and of 7.6 km; sigmas of 25 and 40 m.

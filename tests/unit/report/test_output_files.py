@@ -12,7 +12,8 @@ from radioloc.errors import FileFormatError, InputError
 from radioloc.estimation.editing import outlier_reason
 from radioloc.estimation.statistics import Residuals
 from radioloc.labels import Labels
-from radioloc.report.files import write_json, write_residuals
+from radioloc.report.files import write_content, write_json
+from radioloc.results.tables import residual_table
 from radioloc.time import Epochs, epochs_from_strings
 from radioloc.time.dates import utc_to_text
 
@@ -34,7 +35,7 @@ def two_rows(**changes):
 
 def test_residuals_are_one_row_each_in_the_order_given(tmp_path):
     file = tmp_path / "residuals.csv"
-    write_residuals(file, two_rows())
+    write_content(file, residual_table(two_rows()))
     with file.open(newline="", encoding="utf-8") as stream:
         rows = list(csv.reader(stream))
     assert ",".join(rows[0]) == (
@@ -82,7 +83,7 @@ def many(count, rng):
 
 def test_many_residuals_are_what_python_writes_one_by_one(tmp_path):
     file, rows = tmp_path / "residuals.csv", many(40_000, np.random.default_rng(8))
-    write_residuals(file, rows)
+    write_content(file, residual_table(rows))
     numbers = {"observed_m": 7, "computed_m": 7, "residual_m": 6, "sigma_m": 6, "elevation_deg": 4}
     expected = zip(
         utc_to_text(rows.epoch_utc),
@@ -101,9 +102,9 @@ def test_many_residuals_are_what_python_writes_one_by_one(tmp_path):
 def test_residuals_are_written_block_by_block(tmp_path):
     """What writing needs beside the columns does not grow with them: some ten megabytes."""
     rows = many(200_000, np.random.default_rng(8))
-    write_residuals(tmp_path / "warm.csv", two_rows())
+    write_content(tmp_path / "warm.csv", residual_table(two_rows()))
     tracemalloc.start()
-    write_residuals(tmp_path / "residuals.csv", rows)
+    write_content(tmp_path / "residuals.csv", residual_table(rows))
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert (tmp_path / "residuals.csv").stat().st_size > 2e7
@@ -120,11 +121,9 @@ def test_residuals_are_written_block_by_block(tmp_path):
         ({"elevation_deg": None}, "no elevations"),
     ],
 )
-def test_residuals_that_are_not_whole_are_refused(changes, words, tmp_path):
-    file = tmp_path / "residuals.csv"
+def test_residuals_that_are_not_whole_are_refused(changes, words):
     with pytest.raises(InputError, match=words):
-        write_residuals(file, two_rows(**changes))
-    assert not file.exists()
+        residual_table(two_rows(**changes))
 
 
 def test_json_holds_what_was_given(tmp_path):

@@ -13,7 +13,7 @@ from toy_moon import LANDER_M, ToyMoon, toy_solution
 
 from radioloc.errors import InputError
 from radioloc.jobs import compare
-from radioloc.report import write_arcs, write_comparison, write_report
+from radioloc.report import write_report
 from radioloc.report.files import INCOMPLETE
 from radioloc.results.subsets import Arc, ArcStudy
 from radioloc.text_files import TEMPORARY_FILES, locked, scratch_folder, write_text
@@ -38,12 +38,12 @@ def names(folder):
 
 def test_results_that_share_names_replace_each_other_whole_and_others_stay(solution, tmp_path):
     (tmp_path / "notes.txt").write_text("of the user")
-    write_arcs(ArcStudy("toy", (Arc(72.0, 72.0, solution),)), tmp_path)
+    write_report(ArcStudy("toy", (Arc(72.0, 72.0, solution),)), tmp_path)
     assert "72h/solution.json" in names(tmp_path)
     write_report(solution, tmp_path)
     both = names(tmp_path)
     assert {"arcs.json", "solution.json", "residuals.csv", "notes.txt"} <= both
-    write_comparison(compare([tmp_path / "solution.json"]), tmp_path)
+    write_report(compare([tmp_path / "solution.json"]), tmp_path)
     assert "arcs.json" not in names(tmp_path)
     assert not {name for name in names(tmp_path) if name.startswith(("72h/", "figure2."))}
     assert {"comparison.json", "solution.json", "notes.txt"} <= names(tmp_path)

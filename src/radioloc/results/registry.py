@@ -1,0 +1,63 @@
+"""The types of results, with those that other packages add by entry points (group ``radioloc.results``)."""
+
+from __future__ import annotations
+
+from radioloc.errors import InputError
+from radioloc.plugins import registry
+from radioloc.results.comparison import Comparison
+from radioloc.results.covariance import CovarianceStudy
+from radioloc.results.image_solution import ImageSolution, PointSolution
+from radioloc.results.monte_carlo import MonteCarlo
+from radioloc.results.result import Result, ResultType
+from radioloc.results.solution import ORBIT_FILES, Solution
+from radioloc.results.subsets import ArcStudy, LeaveOneOut
+
+_TABLE1 = ("table1.csv", "table1.md", "table1.tex")
+
+RESULTS = registry(
+    "radioloc.results",
+    ResultType,
+    (
+        ResultType(
+            "solution",
+            Solution,
+            ("residuals", "position", "correlations", "distribution", "budget", "terms", "map"),
+            ("solution.json", "residuals.csv", "terms.csv", "map.[ps][nv]g", *ORBIT_FILES),
+        ),
+        ResultType(
+            "arcs",
+            ArcStudy,
+            ("figure2", "arcs", "map"),
+            ("arcs.json", *_TABLE1, "[0-9]*h/solution.json", "[0-9]*h/residuals.csv"),
+        ),
+        ResultType("images", ImageSolution, ("images", "map"), ("solution.json",)),
+        ResultType("image_point", PointSolution, ("image_position", "map"), ("solution.json",)),
+        ResultType("comparison", Comparison, ("comparison",), ("comparison.json", *_TABLE1)),
+        ResultType(
+            "monte_carlo", MonteCarlo, ("trials", "error_by_length"), ("montecarlo.json", "trials.csv")
+        ),
+        ResultType(
+            "covariance",
+            CovarianceStudy,
+            ("covariance", "covariance_on_arc"),
+            ("covariance.json", "covariance.csv"),
+        ),
+        ResultType("leave_one_out", LeaveOneOut, (), ("leave_one_out.json", "leave_one_out.csv")),
+    ),
+)
+"""Types of results by name."""
+
+
+def result_type(result: Result) -> ResultType:
+    """Return the declaration of the type of a result.
+
+    Raises
+    ------
+    InputError
+        No registered type has such results.
+    """
+    for entry in RESULTS.values():
+        if isinstance(result, entry.type):
+            return entry
+    known = ", ".join(entry.type.__name__ for entry in RESULTS.values())
+    raise InputError(f"expected a result ({known}), got a {type(result).__name__}")

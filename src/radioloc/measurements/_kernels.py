@@ -10,20 +10,15 @@ from numpy.typing import NDArray
 from radioloc.compiled import compiled
 from radioloc.vectors import Floats
 
-GROUPED = 2048
-"""Rows that are put together by segment at a time; their results for one quantity stay in the nearest cache."""
+GROUPED = 2048  # rows sorted by segment at a time; their results for one quantity stay in the nearest cache
 
-BINS = 32
-"""Most segments among them; a group ends before the next one begins."""
+BINS = 32  # most segments among them; a group ends before the next one begins
 
-BIN = GROUPED + 72
-"""Places between the bins: a power of two would let all of them compete for the same lines of the cache."""
+BIN = GROUPED + 72  # places between bins; a power of two would let all compete for the same cache lines
 
-RUN = 64
-"""So many successive rows of one segment are evaluated where they are."""
+RUN = 64  # so many successive rows of one segment are evaluated where they are
 
-EXACT = -1
-"""A segment's index from here down marks a row that is not interpolated."""
+EXACT = -1  # a segment's index from here down marks a row that is not interpolated
 
 
 @compiled()

@@ -15,10 +15,8 @@ from radioloc.errors import InputError
 from radioloc.measurements.observations import Observations
 from radioloc.vectors import Floats
 
-CLEAR_PART = 0.25
-"""Of the modulus: a range that is expected so far from the nearest multiple, or farther, is not told which it is."""
-OUTLIERS = 0.1
-"""Part of the ranges that may be so far off, as gross errors are, which editing rejects."""
+CLEAR_PART = 0.25  # largest distance from the nearest multiple, as a fraction of the modulus
+OUTLIERS = 0.1  # part of the ranges that may be so far off, as gross errors are, which editing rejects
 
 
 def without_ambiguity(observations: Observations, expected_m: Floats) -> Observations:

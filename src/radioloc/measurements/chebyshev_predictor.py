@@ -47,10 +47,8 @@ from radioloc.measurements.registry import is_differenced, is_integrated
 from radioloc.time import Epochs, utc_to_tt
 from radioloc.vectors import Floats
 
-CHECKED_WITHIN_M = 1e4
-"""How far from the position at which the segments were checked they are used without checking them again."""
-_ROWS_OF_A_THREAD = 32768
-"""Rows for which it is worth starting a thread: one millisecond."""
+CHECKED_WITHIN_M = 1e4  # distance from the position of the last check that is allowed without another
+_ROWS_OF_A_THREAD = 32768  # rows for which it is worth starting a thread: one millisecond
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,18 +31,14 @@ from radioloc.measurements.predictor import Computed
 from radioloc.time import Epochs, tai_to_utc, utc_to_tai
 from radioloc.vectors import Floats
 
-DEGREES = ((600.0, 6), (3600.0, 10), (10800.0, 16))
-"""Degree of the polynomial for segments up to these lengths, s; in three hours the Earth turns by 45 degrees."""
-GAP_S = 900.0
-"""A longer gap ends a segment: the point may have been below the horizon in it."""
+DEGREES = ((600.0, 6), (3600.0, 10), (10800.0, 16))  # of polynomials, for segments up to these lengths, s
+GAP_S = 900.0  # a longer gap ends a segment: the point may have been below the horizon in it
 
-WORTH = 4
-"""A segment is worth interpolating that holds this many observations for each that is computed for it."""
+WORTH = 4  # observations of a segment for each point computed for it, from which interpolation is worth it
 
-CHECK_POINTS = 5
-"""Points of a segment at which its polynomial is compared with the model."""
+CHECK_POINTS = 5  # points of a segment at which its polynomial is compared with the model
 
-_NOT_OF_A_SERIES = (
+_NOT_OF_A_SERIES = {
     "epoch",
     "link",
     "links",
@@ -53,17 +49,13 @@ _NOT_OF_A_SERIES = (
     "line",
     "ramps",
     "modulus_m",
-)
+}
 _WEATHER = ("pressure_hpa", "temperature_k", "relative_humidity")
 
-SAFETY = 4.0
-"""By how much the deviation found at the check points must stay below what is allowed."""
-ALLOWED_M = 0.9e-4
-"""Allowed deviation of a value from the model, m: 0.3 ps of delay."""
-ALLOWED_RELATIVE = 1e-6
-"""Allowed deviation of partials, of the largest in the segment; of an elevation, in rad."""
-MOST = 4 * math.ceil(DEGREES[-1][1] / 4) + 1
-"""Coefficients of a quantity: as many as the largest degree has, by fours after the first, as they are evaluated."""
+SAFETY = 4.0  # by how much the deviation found at the check points must stay below what is allowed
+ALLOWED_M = 0.9e-4  # allowed deviation of a value from the model, m: 0.3 ps of delay
+ALLOWED_RELATIVE = 1e-6  # of partials, of the largest in the segment; of an elevation, in rad
+MOST = 4 * math.ceil(DEGREES[-1][1] / 4) + 1  # coefficients of a quantity, evaluated by fours after the first
 _ROUNDING = {
     "by_position_pa": 2e-12,
     "by_time_m_s": 1e-6,
@@ -74,12 +66,9 @@ _ROUNDING = {
     "mean_by_position_pa": 2e-12,
 }
 """Rounding of the partials themselves, which no interpolation can undercut."""
-_POSITION_MOST = 1e-9
-"""Largest deviation of a partial by position, m/m: over 10 km it moves the value by 0.01 mm."""
-_NEGLIGIBLE = 1e-3
-"""Of the deviation that is allowed: what the last Chebyshev coefficients of a partial may add up to and be left out."""
-_MARGIN_RAD = np.radians(0.05)
-"""An elevation this near a limit may cross it between nodes, or for a point 10 km away."""
+_POSITION_MOST = 1e-9  # of a partial by position, m/m: over 10 km it moves the value by 0.01 mm
+_NEGLIGIBLE = 1e-3  # sum of the last coefficients of a partial that is dropped, of the deviation allowed
+_MARGIN_RAD = np.radians(0.05)  # nearer a limit, an elevation may cross it between nodes, or 10 km away
 _SPIN_RAD_S = 7.3e-5
 
 
@@ -254,8 +243,7 @@ def _ordered(code: NDArray[np.int64], elapsed_s: Floats) -> NDArray[np.intp]:
     return order
 
 
-Layout = dict[str, tuple[slice, tuple[int, ...]]]
-"""Where each column lies among the quantities, and the shape of its rows."""
+Layout = dict[str, tuple[slice, tuple[int, ...]]]  # each column's place among the quantities, shape of rows
 
 
 def layout(computed: Computed) -> Layout:

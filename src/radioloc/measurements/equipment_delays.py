@@ -22,8 +22,7 @@ from radioloc.errors import InputError, StationError
 from radioloc.measurements.light_path import RECEIVE, TRANSMIT, halves
 from radioloc.vectors import Floats
 
-LONGEST_DELAY_S = 1e-3
-"""Transponders and ground equipment hold a signal for up to some microseconds; motions are straight for so long."""
+LONGEST_DELAY_S = 1e-3  # real equipment has microseconds; motions are straight for a millisecond
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,11 +17,9 @@ from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import is_combined
 from radioloc.vectors import Floats
 
-EVALUATIONS = ("auto", "exact", "interpolated")
-"""How an arc can be evaluated."""
+EVALUATIONS = ("auto", "exact", "interpolated")  # how an arc can be evaluated
 
-_MANY = 5000
-"""Below so many observations computing them is a matter of a second; compiled code takes about as long to load."""
+_MANY = 5000  # fewer are computed in a second, about as long as loading compiled code takes
 
 
 @bare_arguments

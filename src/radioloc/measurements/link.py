@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 from radioloc.earth.stations import StationCatalogue, station_name
 from radioloc.errors import InputError
 
-LONGEST_NAME = 80
-"""Characters of a name of a station or a target, which also names files."""
+LONGEST_NAME = 80  # characters of a name of a station or a target, which also names files
 _PATH = re.compile(r"(?:([^<>|]+)([<>]))?([^<>|]+)(?:\|([^<>|]+))?>([^<>|]+)")
 _ALIASES = {
     "apollo11": ("apollo 11", "ap11", "a11"),
@@ -19,8 +18,7 @@ _ALIASES = {
     "nglr1": ("nglr 1", "ngl1", "ngl 1"),
     "luna21": ("luna 21", "lunokhod2", "lunokhod 2", "l2", "lk2"),
 }
-REFLECTORS = tuple(sorted(_ALIASES))
-"""Canonical names of the laser reflectors on the Moon."""
+REFLECTORS = tuple(sorted(_ALIASES))  # canonical names of the laser reflectors on the Moon
 
 _CANONICAL = {alias: name for name, aliases in _ALIASES.items() for alias in (name, *aliases)}
 

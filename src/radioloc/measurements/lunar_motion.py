@@ -25,8 +25,7 @@ from radioloc.measurements.station_motion import geocentre_displacement_m
 from radioloc.time import Epochs
 from radioloc.vectors import Floats, dot, length, rotated
 
-_FARTHEST_M = 2e10
-"""After the 67 s of light the Earth's motion is no longer a parabola to 0.06 mm."""
+_FARTHEST_M = 2e10  # after the 67 s of light the Earth's motion is no longer a parabola to 0.06 mm
 
 
 @dataclass(frozen=True, slots=True)

@@ -59,14 +59,10 @@ WEATHER_LIMITS = {
 _SIGMA_LIMITS_M = (1e-9, 1e12)
 _TURNAROUND_LIMITS = (0.05, 20.0)
 """From Ka band up to S band down it is 0.067, the reverse 15; catches millimetres and wavelengths of light."""
-_NEAR_US = 999
-"""Largest difference of time tags by rounding to milliseconds, microseconds."""
-_SAME_EPOCH_US = 10
-"""Largest difference of time tags of one observation, microseconds: no station measures a path twice in it."""
-_MAX_SIGNALS = 16
-"""Most observations of one path, kind and epoch, of different wavelengths, that are compared with each other."""
-_MIN_ROUNDED_COUNT = 5
-"""Fewest copies within one file whose time tags differ by more than that, as dense series may repeat a value."""
+_NEAR_US = 999  # largest difference of time tags by rounding to milliseconds, microseconds
+_SAME_EPOCH_US = 10  # largest difference of time tags of one observation, in which no path is measured twice
+_MAX_SIGNALS = 16  # most observations of one path, kind and epoch, of different wavelengths
+_MIN_ROUNDED_COUNT = 5  # fewest rounded copies within one file, as dense series may repeat a value
 _ROUNDING_SIGMAS, _ROUNDING_M = 0.02, 2e-4
 """Largest difference of a value in two files, the sum of both: light times have 1 ps, ranges a part of their sigma."""
 _OF_ALL = ("links", "files", "ramps")

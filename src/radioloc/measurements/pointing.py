@@ -17,8 +17,7 @@ from radioloc.measurements.station_motion import StationMotion
 from radioloc.time import Epochs
 from radioloc.vectors import Floats, cross, dot, normalized, rotated
 
-_SUN_AU = 1.0
-"""Of the distance to the Sun depends the aberration's relativistic part, below 1e-7 arcseconds."""
+_SUN_AU = 1.0  # of the distance to the Sun depends the aberration's relativistic part, below 1e-7 arcseconds
 
 
 @dataclass(frozen=True, slots=True, eq=False)

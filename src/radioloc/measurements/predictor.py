@@ -27,8 +27,7 @@ from radioloc.measurements.terms import TERMS
 from radioloc.media.status import describe
 from radioloc.vectors import Floats
 
-ROWS_AT_ONCE = 65536
-"""Rows of partials, or of what else belongs to observations, that are held together: 8 MB for 15 parameters."""
+ROWS_AT_ONCE = 65536  # rows of partials that are held together: 8 MB for 15 parameters
 _OF_LANDERS = ("lunar_tide", "lunar_tide_constant", "lunar_scale", "lunar_lorentz")
 """Terms of a point fixed to the Moon, which have no part in a trajectory."""
 

@@ -47,16 +47,11 @@ from radioloc.media.medium import Leg, LegEnd, LineOfSight, Weather, line_of_sig
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, topocentric_tdb_minus_tt, utc_to_tt
 from radioloc.vectors import Floats, dot, length
 
-_SHORTEST_RADIO_UM = 1000.0
-"""From this wavelength on (300 GHz), the signal is radio."""
-_FAR_M = 1e18
-"""Where the direction to a source at infinity is looked at from."""
-_MARGIN_S = 60.0
-"""Of a trajectory beyond the tags: the light time of targets within 20 million km, and less."""
-_ROUGHLY_S = 1e-9
-"""Light times of the path without delays settle to 1e-13 s, in which nothing moves by more than 3e-9 m."""
-_BLOCK = 8192
-"""Events for which stations are prepared at a time, so that memory holds the terms of all tides for these alone."""
+_SHORTEST_RADIO_UM = 1000.0  # from this wavelength on (300 GHz), the signal is radio
+_FAR_M = 1e18  # where the direction to a source at infinity is looked at from
+_MARGIN_S = 60.0  # of a trajectory beyond the tags: the light time of targets within 20 million km, and less
+_ROUGHLY_S = 1e-9  # light times then settle to 1e-13 s, in which nothing moves by more than 3e-9 m
+_BLOCK = 8192  # events prepared at a time: memory holds all tidal terms of these alone
 
 
 class PreparedPaths(Predictor):
@@ -347,6 +342,7 @@ def is_radio(
     return np.where(np.isnan(wavelength_um), ~laser, wavelength_um >= _SHORTEST_RADIO_UM)
 
 
+# Attributes with one row for each light path, and for each end of one.
 _PER_PATH = (
     "_paths",
     "_tt",
@@ -359,6 +355,4 @@ _PER_PATH = (
     "_far",
     "_clock",
 )
-"""What an arc holds for each light path."""
 _PER_END = ("_media", "_ends", "_gained_s", "_gained_rate")
-"""What it holds for each end of one."""

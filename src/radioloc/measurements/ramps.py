@@ -27,17 +27,13 @@ from radioloc.media.status import Status
 from radioloc.time import Epochs, tai_to_tt, tai_to_utc, utc_strings, utc_to_tai
 from radioloc.vectors import Floats
 
-UPLINK = {"S": 221, "X": 749, "Ka": 3599}
-"""Uplinks of one channel are to each other as these numbers."""
-DOWNLINK = {"S": 240, "X": 880, "Ka": 3344}
-"""Coherent downlinks of the channel, on the scale of its uplinks."""
+UPLINK = {"S": 221, "X": 749, "Ka": 3599}  # uplinks of one channel are to each other as these numbers
+DOWNLINK = {"S": 240, "X": 880, "Ka": 3344}  # coherent downlinks of the channel, on the scale of its uplinks
 DOWNLINK_LIMITS_HZ = {"S": (2.20e9, 2.31e9), "X": (8.40e9, 8.50e9), "Ka": (31.8e9, 32.3e9)}
 
-_SAME_S = 1e-6
-"""Ramps that meet to this time are contiguous: a station's frequency is set to the microsecond."""
+_SAME_S = 1e-6  # ramps that meet to this time are contiguous: a station's frequency is set to the microsecond
 _SAME_HZ = 1e-3
-_OTHER_BAND = 0.01
-"""A station whose frequency steps by more than this part of it has begun another signal."""
+_OTHER_BAND = 0.01  # a station whose frequency steps by more than this part of it has begun another signal
 
 
 @dataclass(frozen=True, slots=True, eq=False)

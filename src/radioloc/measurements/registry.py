@@ -23,8 +23,7 @@ MEASUREMENTS: Mapping[str, MeasurementType] = registry(
 )
 """Types of measurement by name; :attr:`Observations.kind` holds places in this order."""
 
-KINDS = LazyNames(lambda: MEASUREMENTS)
-"""Their names."""
+KINDS = LazyNames(lambda: MEASUREMENTS)  # their names
 
 
 @cache

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S, SECONDS_PER_DAY
 from radioloc.vectors import Floats
 
-RELATIVE_STEP = 2.0**-23
-"""Largest spacing of single-precision numbers, as a fraction of them."""
+RELATIVE_STEP = 2.0**-23  # largest spacing of single-precision numbers, as a fraction of them
 
 _SINGLE_TYPES = ("float16", "float32", "halffloat", "float")  # of NumPy and pandas, and of Arrow
 _CONVERSION_TOLERANCE = 2.0**-50  # relative: what a conversion of units, there and back, leaves of a double
@@ -27,8 +26,7 @@ _SAMPLE_ROWS = 1000  # that exclude most links at once
 _DATE_FRACTION_BITS = (8, 31)
 _MAX_UNUSED_BITS = 4  # the last places that a rounded date leaves empty: evenly divided days leave more
 _WHOLE_SECOND_BITS = 7  # 86400 s are 675 times 2^7 s: further binary places of a day make no whole seconds
-MIN_RANGE_RATE_M_S = 400.0
-"""Rate of change of a range by the Earth's rotation, by which an error of its epoch changes it."""
+MIN_RANGE_RATE_M_S = 400.0  # rate of a range by the Earth's rotation, by which an error of its epoch counts
 
 
 def is_single_precision(column: Any) -> bool:

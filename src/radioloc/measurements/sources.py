@@ -24,11 +24,9 @@ COLUMNS = ("source", "right_ascension_deg", "declination_deg")
 
 _TO_GALACTIC_CENTRE = np.radians([266.4051, -28.936175])
 _ABERRATION_RAD_YR = 5.8e-6 * ARCSEC_RAD
-_EPOCH_JD = 2457023.5  # 2015.0
-"""Acceleration of the solar system towards the centre of the Galaxy moves sources; the ICRF3 has them at 2015.0."""
+_EPOCH_JD = 2457023.5  # the acceleration of the solar system moves sources; the ICRF3 has them at 2015.0
 
-Sources = Mapping[str, Floats]
-"""Directions, BCRS unit vectors of shape (3,), by canonical names."""
+Sources = Mapping[str, Floats]  # directions, BCRS unit vectors of shape (3,), by canonical names
 
 
 def read_sources(path: str | Path) -> dict[str, Floats]:

@@ -34,11 +34,9 @@ VALUE = ("observed_m", "light_time_s")
 SIGMA = ("sigma_m", "sigma_s")
 WEATHER = ("pressure_hpa", "temperature_k", "relative_humidity", "wavelength_um")
 OPTIONAL = (*WEATHER, "uplink_hz", "count_s", "modulus_m", "ramped")
-COLUMNS = ("epoch_utc", "type", "path", *VALUE, *SIGMA, "time_tag", *OPTIONAL)
-"""Names of all columns of a CSV file; others may have :data:`SPLIT_EPOCH` too."""
+COLUMNS = ("epoch_utc", "type", "path", *VALUE, *SIGMA, "time_tag", *OPTIONAL)  # of a CSV file
 
-FLIGHT_TIME_LIMITS_S = (2.2, 2.8)
-"""Round-trip light times between the Earth's and the Moon's surface lie well inside (2.31 to 2.74 s)."""
+FLIGHT_TIME_LIMITS_S = (2.2, 2.8)  # round trips between the surfaces of Earth and Moon: 2.31 to 2.74 s
 
 UNITS = {
     "value_m": "m",
@@ -54,8 +52,7 @@ UNITS = {
 """Of the columns of numbers of a table of observations, as astropy spells them."""
 
 _KNOWN = (*COLUMNS, *SPLIT_EPOCH)
-_SAME = {"value_m": "observed_m"}
-"""Names that tables of observations in memory have and files do not."""
+_SAME = {"value_m": "observed_m"}  # names that tables of observations in memory have and files do not
 _ORIGIN = ("file", "line")
 _TABLE = "table"
 _TEXTS: dict[str, tuple[str, type[np.integer]]] = {

@@ -35,14 +35,11 @@ class Scope(Enum):
         return self not in (Scope.EARTH, Scope.MOON, Scope.SESSION)
 
 
-Amount = float | tuple[float, ...] | None
-"""A number, or one for each component."""
+Amount = float | tuple[float, ...] | None  # a number, or one for each component
 
-Members = dict[str, int]
-"""Stations, links or targets by name, with their index in the predictor; the whole has no name and the index 0."""
+Members = dict[str, int]  # by name, with the index in the predictor; the whole has no name and the index 0
 
-Sigmas = dict[str, Amount]
-"""A-priori sigmas by member."""
+Sigmas = dict[str, Amount]  # a-priori sigmas by member
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,8 +25,7 @@ RTN = ("radial_m", "along_m", "across_m", "radial_m_s", "along_m_s", "across_m_s
 """The state as what it differs by from that a priori, along fixed axes: those of the orbit at the epoch."""
 _OF_FORCES = {"gm": ("m3/s2", 1e3), "k2": ("1", 1e-3), "radiation": ("m2/kg", 1e-3)}
 """Units of the forces' own numbers, and a change that moves observations by about a metre in a day."""
-_SIZE_M = 2e6
-"""That of an orbit, for what moves a spacecraft by a metre."""
+_SIZE_M = 2e6  # that of an orbit, for what moves a spacecraft by a metre
 
 
 def orbit_parameters(

@@ -1,11 +1,9 @@
 """A predictor of dense tracking: the model is computed at nodes and interpolated between them.
 
-What the :class:`~radioloc.measurements.exact_predictor.ExactPredictor` computes for a series of observations of one
-path is smooth in time. Here it computes them at the Chebyshev nodes of segments of at most three hours, and polynomials
-carry values and partials to the observations. There is no second model: the nodes are observations of the same path,
-kind and conditions, and so are the check points between them, at which every segment has to agree with the model.
-What does not (a kink of the ionosphere's maps, an elevation near a limit, a passage through the zenith) is halved, and
-where that would leave too few observations to a segment, these are computed one by one, as sparse ones are.
+The :class:`~radioloc.measurements.exact_predictor.ExactPredictor` computes the Chebyshev nodes of segments of at most
+three hours, and check points between them, as observations of the same path, kind and conditions. Segments that deviate
+(a kink of the ionosphere's maps, an elevation near a limit, a passage through the zenith) are divided; where too few
+observations are left to a segment, these are computed one by one.
 """
 
 from __future__ import annotations

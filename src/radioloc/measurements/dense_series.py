@@ -1,12 +1,9 @@
 """Series of observations that are smooth in time, cut into segments, and the polynomials of segments.
 
-Observations of one path and kind, with the same time tag, count interval and recorded conditions, are one series: all
-that is computed for them is a smooth function of the time tag. A series is cut at gaps and every six hours of UTC,
-where tables have their corners (Earth orientation at 0h, VMF3 every six), and what lies between into segments of equal
-length.
-
-Coefficients follow from the model at nodes; the rule by which a segment is accepted is here, and docs/architecture.md
-says what bound follows from it. The quantities that are interpolated are the columns of
+Observations of one path and kind, with the same time tag, count interval and recorded conditions, are one series. It is
+cut at gaps and every six hours of UTC, where tables have their corners (Earth orientation at 0h, VMF3 every six), and
+what lies between into segments of equal length. docs/architecture.md has the bound that follows from the rule by which
+a segment is accepted. The quantities that are interpolated are the columns of
 :class:`~radioloc.measurements.predictor.Computed` but the status, one below the other, shape (width, n).
 """
 

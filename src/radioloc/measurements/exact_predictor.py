@@ -1,15 +1,8 @@
 """An arc of tracking: predictions of ranges, VLBI delays and Doppler for one target, with partials.
 
 The target is a point fixed to the Moon, or a spacecraft on a trajectory (:class:`~radioloc.ephemeris.Trajectory`).
-
-What is measured is said by each type of measurement (:mod:`~radioloc.measurements.registry`), all in metres and by
-the stations' atomic clocks (TT rate, as UTC has). Tags and values are those at the stations' reference points, unless
-the model has delays of equipment that the data still contain (:mod:`~radioloc.measurements.equipment_delays`): then
-they are those of the clocks behind it.
-
-An arc is prepared once (:class:`ExactPredictor`): the motion of the stations and of the Moon near each event does not
-depend on where the point is, but for the few microseconds by which the light time changes with it. A prediction for a
-given position is then a light-time solution between straight motions.
+Values are in metres and by the stations' atomic clocks (TT rate, as UTC has), at the stations' reference points or,
+with delays of equipment (:mod:`~radioloc.measurements.equipment_delays`), at the clocks behind them.
 """
 
 from __future__ import annotations

@@ -1,9 +1,7 @@
-"""What a type of measurement is: over which legs its value runs, what its time tag names, what can be true of it.
+"""Type of a measurement: the legs of its value, the events that its time tag names, the limits of its value.
 
-A value is the speed of light times the time that a signal takes over its legs, read by the clocks at their ends, or a
-linear combination of such values. A type therefore says which legs there are (:class:`Geometry`), whether the value
-is the change over a count interval, and which simpler measurements it combines. How long the legs are, and what the
-value's partial derivatives by anything are, follows from that.
+A value is the speed of light times the time that a signal takes over its legs, read by the clocks at their ends, the
+change of one over a count interval, or a linear combination of such values.
 """
 
 from __future__ import annotations

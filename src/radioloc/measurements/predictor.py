@@ -1,9 +1,4 @@
-"""What an arc offers, however it evaluates the model: predictions of all observations or of some rows.
-
-:class:`~radioloc.measurements.exact_predictor.ExactPredictor` computes each observation by itself;
-:class:`~radioloc.measurements.chebyshev_predictor.ChebyshevPredictor` interpolates dense series between nodes;
-:class:`~radioloc.measurements.combined_predictor.CombinedPredictor` combines what they predict.
-"""
+"""Predictors of the observations of an arc, of all or of some rows, whichever way they evaluate the model."""
 
 from __future__ import annotations
 

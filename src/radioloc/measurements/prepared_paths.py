@@ -2,9 +2,7 @@
 
 An arc has one path for each observation, and a second one for each count interval. The motion of the stations and of
 the Moon near each event does not depend on where the point is, but for the few microseconds by which the light time
-changes with it. A path to a given position is then a light-time solution between straight motions.
-
-Of n light paths the two ends are one list of 2 n events: all that happens at a first station, then all at a second one.
+changes with it. The ends of n light paths are one list of 2 n events: those at first stations, then at second ones.
 """
 
 from __future__ import annotations

@@ -1,13 +1,14 @@
-"""From what a study says of a kind of parameter to its columns and parameters.
+"""Columns and parameters of a kind of parameter, as a study chooses them.
 
-A member (station, link, target, ...) that is listed gets the role of the table that lists it, estimated or considered,
-about its a-priori value; one that has a value and is not listed is held at it.
+A member (station, link, target, ...) that is listed is estimated or considered about its a-priori value; one that has a
+value and is not listed is held at it.
 """
 
 from __future__ import annotations
 
 import difflib
 import math
+import sys
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -239,10 +240,7 @@ def _amount(kind: ParameterKind, key: str, given: Any, positive: bool) -> Amount
 def _number(key: str, value: Any, positive: bool) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise InputError(f"{key} must be a number, not {value!r}")
-    try:
-        finite = math.isfinite(value)
-    except OverflowError:  # of a whole number
-        finite = False
+    finite = abs(value) <= sys.float_info.max
     if positive and not (finite and value > 0.0):
         raise InputError(f"{key} must be above zero, not {value!r}")
     if not finite:

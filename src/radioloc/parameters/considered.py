@@ -1,7 +1,6 @@
-"""Which parameters are considered: what a study says of them, and the defaults of their kinds for the rest.
+"""Considered parameters: those of a study, and the defaults of their kinds for the rest.
 
-What is estimated is not considered as well. Who has no observations in an arc is left out of it, so that one table
-serves arcs of several lengths.
+Estimated parameters are not considered as well; members without observations in an arc are left out.
 """
 
 from __future__ import annotations

@@ -27,13 +27,14 @@ LIMIT_S, LIMIT_BYTES = 120, 8 << 30  # of processor time and memory: no loop is 
 TESTS = {
     "measurements": {
         "chebyshev_predictor": "", "combined_predictor": "", "dense_series": "chebyshev_predictor",
-        "differences": "combined_predictor", "doppler": "differenced", "equipment_delays": "",
+        "equipment_delays": "",
         "exact_predictor": "exact_predictor arc_selection differenced", "light_path": "light_path gravitational_delay",
         "prepared_paths": "exact_predictor arc_selection", "link": "observations differenced",
         "lunar_motion": "lunar_motion trajectory",
-        "measurement_type": "measurement_type differenced", "observations": "", "one_way": "combined_predictor",
+        "measurement_type": "measurement_type differenced", "observations": "",
         "physical_model": "", "predictor": "arc_selection combined_predictor",
-        "range": "observations", "station_motion": "", "terms": "", "vlbi": "observations differenced",
+        "standard_types": "combined_predictor differenced observations", "station_motion": "",
+        "terms": "physical_model",
     },
     "estimation": {
         "build": "solution time_correlation", "consider": "consider budget", "editing": "editing phase_editing",

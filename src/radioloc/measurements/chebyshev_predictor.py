@@ -66,8 +66,8 @@ class InterpolationAccuracy:
 class ChebyshevPredictor(Predictor):
     """The observations of one arc, dense series of them interpolated.
 
-    Parameters and errors are those of :class:`~radioloc.measurements.exact_predictor.ExactPredictor`; ``series`` is the
-    observations' order, where it has been found already.
+    Parameters and errors are those of :func:`prepare_predictor`; ``series`` is the observations' order, where it has
+    been found already.
 
     Notes
     -----

@@ -47,7 +47,7 @@ def prepare_predictor(
         most of them belong to dense series.
     trajectory : AnyTrajectory, optional
         The target's, if it is a spacecraft; its observations are computed by themselves, as it can go behind the Moon
-        between any two nodes.
+        between any two nodes. It has to hold the time tags and the instants at which signals meet the spacecraft.
     targets : sequence of str
         Names of the targets, where there are several; positions then have the shape (n_targets, 3).
     more_partials : bool
@@ -57,11 +57,13 @@ def prepare_predictor(
     Raises
     ------
     InputError
-        There is no such evaluation, or none of a trajectory.
+        There is no such evaluation, or none of a trajectory; the trajectory leads too far from the Earth.
     StationError
         A station is not in the catalogue; the message names the file and line.
     CoverageError
-        An epoch lies outside the kernels or the Earth orientation table.
+        An epoch lies outside the kernels, the trajectory or the Earth orientation table.
+    KernelError
+        The trajectory cannot be evaluated.
 
     Examples
     --------

@@ -25,27 +25,10 @@ from radioloc.vectors import Floats, rotated
 
 
 class ExactPredictor(PreparedPaths):
-    """The observations of one arc, prepared for predictions from any position near an approximate one.
+    """The observations of one arc, none of them combined, each computed by itself.
 
-    Parameters
-    ----------
-    model, observations, trajectory, targets, more_partials
-        As the attributes; the measured values are not looked at. A trajectory has to hold the time tags and the
-        instants at which the signals meet the spacecraft.
-    approximate_pa_m : ndarray, shape (3,) or (n_targets, 3)
-        A position within some hundred kilometres of the point, principal axes.
-    clock_epoch : Epochs, optional
-        When the clock of a target that transmits by its own agrees with TT, TDB, one; as a rule that of
-        :func:`~radioloc.measurements.proper_time.clock_epoch`.
-
-    Raises
-    ------
-    StationError
-        A station is not in the catalogue; the message names the file and line.
-    CoverageError
-        An epoch lies outside the kernels, the trajectory or the Earth orientation table.
-    KernelError, InputError
-        The trajectory cannot be evaluated, or leads too far from the Earth; an observation is a combination of others.
+    Parameters and errors are those of :func:`prepare_predictor`. ``clock_epoch`` (TDB) is when the clock of a target
+    that transmits by its own reads TT; as a rule at 0h UTC of the first day.
     """
 
     @bare_arguments

@@ -10,7 +10,7 @@ from arc_cases import APOLLO15_PA_M, epochs_tai, observations
 
 from radioloc.constants import C_M_S
 from radioloc.earth import StationCatalogue
-from radioloc.earth.geodesy import geodetic_from_itrf, itrf_from_geodetic
+from radioloc.earth.geodesy import itrf_from_geodetic
 from radioloc.errors import StationError
 from radioloc.measurements import PhysicalModel
 from radioloc.measurements.exact_predictor import ExactPredictor
@@ -47,15 +47,6 @@ def test_rate_is_the_potential_below_that_of_the_geoid(latitude_deg, height_m):
     assert station_rate(station) == pytest.approx(expected, abs=2e-18)
 
 
-def test_of_the_stations_in_the_documents():
-    catalogue = StationCatalogue.default()
-    kunming = station_rate(catalogue["KUNMING"])
-    assert C_M_S * kunming == pytest.approx(0.065e-3, abs=1e-6)
-    for name in ("JIAMUSI", "KASHI", "URUMQI"):
-        height_m = float(geodetic_from_itrf(catalogue[name].itrf_m).height_m)
-        assert station_rate(catalogue[name]) == pytest.approx(1.09e-16 * height_m, abs=1.5e-15)
-
-
 CASES = {
     "three-way, transmit": ("range", "KASHI>x>JIAMUSI", "transmit"),
     "three-way, receive": ("range", "JIAMUSI>x>KASHI", "receive"),
@@ -87,13 +78,6 @@ def test_it_is_a_clock_rate_that_is_known(model, case):
     assert np.abs(added_m - expected_m).max() < SAME_M
     if not case.startswith("two-way"):
         assert np.abs(added_m).max() > 0.01
-
-
-def test_what_it_is_worth_in_doppler(model):
-    """0.04 mm/s between Kashi and Jiamusi, for which a lander's place is not to be moved."""
-    table = observations("JIAMUSI>x>KASHI", TAI, "receive", kind="doppler", count_s=COUNT_S)
-    terms = ExactPredictor(model, table, APOLLO15_PA_M).terms(APOLLO15_PA_M)
-    assert terms["station_proper_time"] / COUNT_S == pytest.approx(0.041e-3, abs=1e-6)
 
 
 def test_clocks_of_stations_by_any_of_their_names():

@@ -15,7 +15,6 @@ from spk_files import (
     lander,
     low_lunar_orbit,
     tracking,
-    write_chebyshev,
     write_states,
 )
 
@@ -94,35 +93,6 @@ def test_a_lander_in_axes_of_the_moon_is_where_it_was(model, tmp_path):
     assert np.abs(moving.value_m - ExactPredictor(surface, table, pa_m).compute(pa_m).value_m).max() < SAME_M
 
 
-@pytest.mark.parametrize("kind", ["type 3", "type 9", "relative to the Earth"])
-def test_the_same_orbit_in_other_files(model, folder, orbiter, kind):
-    states = low_lunar_orbit(model.ephemeris)
-    file = folder / f"{kind}.bsp"
-    if kind == "type 3":
-        write_chebyshev(file, states)
-    elif kind == "type 9":
-        write_states(file, states, spk_type=9, step_s=30.0)
-    else:
-        write_states(file, about_the_earth(model, states), center=399, step_s=30.0)
-    table = tracking("KASHI>x>KASHI", epochs_tai(30, 30.0))
-    first, second = (
-        ExactPredictor(model, table, NOWHERE, trajectory).compute(NOWHERE).value_m
-        for trajectory in (orbiter, Trajectory.open(file, ORBITER))
-    )
-    # Nodes of states that are 4e8 m long are themselves rounded to 6e-8 m.
-    assert np.abs(first - second).max() < SAME_M
-
-
-def about_the_earth(model, states):
-    from radioloc.time import Epochs
-
-    def geocentric(et_s):
-        moon = model.ephemeris.geocentric("moon", Epochs.from_tdb_seconds(et_s))
-        return states(et_s) + np.hstack(moon)
-
-    return geocentric
-
-
 def test_partials_are_with_respect_to_an_offset_from_the_trajectory(model, orbiter):
     arc = ExactPredictor(model, tracking("KASHI>x>JIAMUSI", epochs_tai(60, 30.0)), NOWHERE, orbiter)
     partials = arc.compute(NOWHERE).by_position_pa
@@ -140,19 +110,6 @@ def test_the_partial_by_the_time_tag_is_the_range_rate(model, orbiter):
     assert np.abs(middle.by_time_m_s).max() > 2000.0
     rate_m_s = (late.value_m - early.value_m) / (2.0 * step_s)
     assert np.abs(rate_m_s - middle.by_time_m_s).max() < BY_TIME_M_S
-
-
-def test_doppler_is_the_difference_of_two_ranges(model, orbiter):
-    tai = epochs_tai(30, 30.0)
-    early, late = (
-        ExactPredictor(model, tracking("KASHI>x>JIAMUSI", tai.shifted(s)), NOWHERE, orbiter).compute(NOWHERE)
-        for s in (-30.0, 30.0)
-    )
-    table = tracking("KASHI>x>JIAMUSI", tai, kind="doppler", count_s=60.0)
-    doppler = ExactPredictor(model, table, NOWHERE, orbiter).compute(NOWHERE)
-    assert np.abs(doppler.value_m - (late.value_m - early.value_m)).max() < SAME_M
-    # What hides an end of the count interval hides the observation.
-    assert (doppler.usable == (early.usable & late.usable)).all()
 
 
 def test_parts_of_an_arc_and_its_terms(model, orbiter):

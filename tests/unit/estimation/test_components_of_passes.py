@@ -8,7 +8,6 @@ import pytest
 
 import radioloc
 from radioloc import Study
-from radioloc.errors import InputError
 from radioloc.estimation import Labels, Parameter, ParameterSet, fit_with_variance_components
 from radioloc.estimation.noise_structure import by_link
 from radioloc.estimation.series import SeriesOrder
@@ -96,8 +95,3 @@ def test_a_study_asks_for_them(tracking):
     quiet = radioloc.locate(Study(target=change5_case.NEAR, estimate=estimate), tracking)
     assert not any(quiet.fit.excess_noise_m.values())
     assert "variance component" not in str(quiet)
-
-
-def test_another_word_is_refused():
-    with pytest.raises(InputError, match='variance_components must be one of "type", "link"'):
-        EstimateChoice(variance_components="station")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from delay_network import DelayNetwork
 
-from radioloc.estimation import Labels, Parameter, ParameterSet, SeriesWeight, fit_with_editing, observability
+from radioloc.estimation import Labels, Parameter, ParameterSet, fit_with_editing, observability
 from radioloc.estimation.series import SeriesOrder, series_of
 from radioloc.estimation.time_correlation import assess_time_correlation, fit_with_correlated_weights
 from radioloc.simulation.noise import gauss_markov
@@ -238,7 +238,3 @@ def test_observations_that_share_errors_are_weighed_together():
     assert (ratio > 1.0).all()
     assert (ratio < 1.8).all()
     assert (np.abs(fit.x) < 3.0 * np.sqrt(np.diag(true))).all()
-
-
-def test_weighed_as():
-    assert SeriesWeight("range A", 400, 10.0).weighed_as == pytest.approx(4.0)

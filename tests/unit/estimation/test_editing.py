@@ -4,7 +4,6 @@ from toy_moon import LANDER_M, ToyMoon
 
 from radioloc.errors import InputError
 from radioloc.estimation import USED, FitStatus, Parameter, ParameterSet, editing, fit_with_editing
-from radioloc.estimation.editing import outlier_reason
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.estimation.statistics import robust_scale
 
@@ -188,11 +187,6 @@ def test_undetermined_problems_are_edited_too():
     assert np.flatnonzero(~edited.fit.used).tolist() == [30]
 
 
-def test_reason_reads_well():
-    assert outlier_reason(19.021, 0.031) == "outlier: 19.021 m is 614 times its expected 0.031 m"
-    assert outlier_reason(-0.05, 0.00123) == "outlier: 0.050 m is 40.7 times its expected 0.0012 m"
-
-
 def test_robust_scale():
     rng = np.random.default_rng(0)
     normal = 3.0 * rng.normal(size=4001)
@@ -208,14 +202,6 @@ def test_a_threshold_that_cuts_good_data_is_refused():
     with pytest.raises(InputError, match="cuts good data"):
         fit_with_editing(
             lambda x: (-x, np.eye(1)), ParameterSet([Parameter("a", "m", "p")]), 1.0, threshold=1.0
-        )
-
-
-def test_status_of_another_length_is_refused():
-    model = ToyMoon(10, 12.0, biases=False)
-    with pytest.raises(InputError, match="status has shape"):
-        fit_with_editing(
-            model.residual_function(observations(model, 0.1)), model.parameters(), 0.1, status=["used"]
         )
 
 

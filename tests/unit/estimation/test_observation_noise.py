@@ -196,12 +196,6 @@ def test_a_station_shares_nothing_with_itself():
     assert ObservationNoise(np.array([0.5]), shared).sigma_m == pytest.approx([0.5])
 
 
-def test_nothing_has_no_parts():
-    network = DelayNetwork.make(epochs=2)
-    none = network.noise.among(np.zeros(12, dtype=bool))
-    assert [len(column) for column in none.combined(np.zeros(12))] == [0, 0]
-
-
 def shared_of(count=2, effect_m=1.0):
     """Differences of the errors of two sources."""
     effects_m = np.tile([-effect_m, effect_m], (count, 1))
@@ -221,10 +215,3 @@ def shared_of(count=2, effect_m=1.0):
 def test_unusable_noise_is_refused(own_m, shared, words):
     with pytest.raises(InputError, match=words):
         ObservationNoise(np.array(own_m), shared)
-
-
-def test_noise_of_another_length_is_refused(network):
-    with pytest.raises(InputError, match="noise of 124 observations does not belong to 125 observations"):
-        fit_least_squares(
-            network.residual_function(np.zeros(125)), network.parameters(), ObservationNoise(np.ones(124))
-        )

@@ -89,12 +89,6 @@ def test_a_count_that_is_left_out_ends_the_run():
     np.testing.assert_allclose(information(process.among(used)), expected, rtol=ROUNDING, atol=ROUNDING)
 
 
-def test_parts_of_many_counts_are_cut_between_runs(monkeypatch):
-    noise, whole = counts(), information(counts().among())
-    monkeypatch.setattr("radioloc.estimation.observation_noise.ROWS_AT_ONCE", 7)
-    np.testing.assert_allclose(information(noise.among()), whole, rtol=ROUNDING)
-
-
 def order():
     return SeriesOrder.of(Labels.of(["doppler"] * N), Labels.of(["A>x>A"] * N), PERMUTED.astype(float))
 

@@ -90,24 +90,6 @@ def test_outliers_are_not_taken_for_noise():
     assert np.flatnonzero(~found.status.are(USED)).tolist() == [3, 77, 140]
 
 
-def test_observations_left_out_from_the_beginning_stay_out():
-    partials, observed_m, stated_m = line(60, 0.005, 0.04, 5)
-    status = np.full(60, USED, dtype=object)
-    status[::6] = "below the horizon"
-    observed_m[::6] += 1e3
-    found = fit(partials, observed_m, stated_m, status=status)
-    assert (found.status[::6] == "below the horizon").all()
-    assert found.additive_sigma_m["all"] < 0.08
-
-
-def test_editing_settings_are_handed_on():
-    partials, observed_m, stated_m = line(60, 0.01, 0.0, 6)
-    observed_m[7] += 0.5
-    found = fit(partials, observed_m, stated_m, threshold=None)
-    assert found.status.are(USED).all()
-    assert found.additive_sigma_m["all"] > 0.03
-
-
 @pytest.mark.parametrize("n", [1, 2])
 def test_no_redundancy_no_excess(n):
     found = fit(*line(n, 0.01, 5.0, 7))

@@ -36,18 +36,3 @@ def test_nothing_changes_faster_than_the_bound(model, lander_pa_m):
     found = elevations(model, lander_pa_m, STATIONS, tt)
     for elevation_rad in (found.at_station_rad, found.at_target_rad):
         assert np.abs(np.diff(elevation_rad, axis=0)).max() / 600.0 < visibility._FASTEST_RAD_S
-
-
-def test_few_epochs_are_few_computations(model, lander_pa_m, monkeypatch):
-    computed = []
-
-    def counting(model, target_pa_m, stations, tt):
-        computed.append(len(tt))
-        return elevations(model, target_pa_m, stations, tt)
-
-    monkeypatch.setattr(visibility, "elevations", counting)
-    tt = every_s(1.0, 24.0)
-    assert seen(model, lander_pa_m, STATIONS, tt, Masks()).shape == (86400, 3)
-    assert sum(computed) < 86400 // 20
-    assert seen(model, lander_pa_m, STATIONS, tt[[5]], Masks()).shape == (1, 3)
-    assert seen(model, lander_pa_m, STATIONS, tt[:0], Masks()).shape == (0, 3)

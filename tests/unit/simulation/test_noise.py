@@ -45,13 +45,6 @@ def test_a_links_noise_does_not_depend_on_what_else_there_is(model, lander_pa_m)
     assert high.items() < few.items()
 
 
-def test_seeds_give_other_noise_and_the_same_one_the_same(model, lander_pa_m):
-    schedule = Schedule([ranges("KASHI")])
-    one, again, other = (by_row(schedule, model, lander_pa_m, seed) for seed in (1, 1, 2))
-    assert one == again
-    assert not set(one.values()) & set(other.values())
-
-
 def test_station_noise_closes_around_triangles_and_thermal_noise_does_not(model, lander_pa_m):
     plan = Schedule([delays(*VLBI)]).plan(model, lander_pa_m)
     paths = plan.observations.paths()
@@ -77,12 +70,6 @@ def test_a_later_station_is_added_and_an_earlier_one_subtracted(model, lander_pa
     np.testing.assert_array_equal(noise.draw(plan, 5)[0], -noise.draw(swapped, 5)[0])
 
 
-def test_no_noise_is_nothing(model, lander_pa_m):
-    noise_m, wild = NoiseModel().draw(Schedule([ranges("KASHI"), delays(*VLBI)]).plan(model, lander_pa_m), 1)
-    assert not noise_m.any()
-    assert not wild.any()
-
-
 def test_outliers_are_as_many_and_as_large_as_asked_for():
     error_m, wild = Noise(white_m=1e-3, outlier_fraction=0.05, outlier_m=100.0).series(20000, 1.0, [1], "a")
     error_m, wild = error_m[0], wild[0]
@@ -106,15 +93,6 @@ def test_gauss_markov_recursion_of_long_series():
     np.testing.assert_allclose(gauss_markov(drive, f), expected, rtol=0.0, atol=1e-13)
     for n in (0, 1, 2, 17):
         np.testing.assert_allclose(gauss_markov(drive[:, :n], f), expected[:, :n], rtol=0.0, atol=1e-13)
-
-
-def test_gauss_markov_recursion():
-    drive = np.array([1.0, 2.0, -1.0])
-    f, g = 0.6, 0.8
-    expected = [1.0, f * 1.0 + g * 2.0, f * (f * 1.0 + g * 2.0) - g]
-    np.testing.assert_allclose(gauss_markov(drive, f), expected, rtol=0.0, atol=1e-15)
-    np.testing.assert_array_equal(gauss_markov(drive, 0.0), drive)
-    np.testing.assert_array_equal(gauss_markov(drive, 1.0), np.ones(3))
 
 
 def test_flicker_noise_has_the_same_variance_in_each_decade():

@@ -82,10 +82,6 @@ def recovered_error_m(sessions, longitude_deg, latitude_deg, model, seed):
     return float(np.linalg.norm(fit.x - world.target_pa_m))
 
 
-def test_there_are_twenty_different_sites():
-    assert len(set(sites())) == 20
-
-
 QUICK_SITES = (0, 5, 11)
 """Of these the middle of the near side, the Chang'e-5 lander and the limb in the south-west."""
 

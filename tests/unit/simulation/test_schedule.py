@@ -12,7 +12,6 @@ from radioloc.simulation import (
     all_ranges,
     baselines,
     elevations,
-    three_way,
     two_way,
     windows,
 )
@@ -20,20 +19,6 @@ from radioloc.time import epochs_from_strings, utc_strings, utc_to_tt
 
 RANGERS = ("JIAMUSI", "KASHI", "NEUQUEN")
 START, STOP = "2020-12-01T15:11:00", "2020-12-03T15:10:00"
-
-
-def test_pairs():
-    assert two_way("A", "B") == (("A", "A"), ("B", "B"))
-    assert three_way("A", "B", "C") == (("A", "B"), ("A", "C"))
-    assert set(all_ranges("A", "B")) == {*two_way("A", "B"), ("A", "B"), ("B", "A")}
-    assert baselines("A", "B", "C", "D") == (
-        ("A", "B"),
-        ("A", "C"),
-        ("A", "D"),
-        ("B", "C"),
-        ("B", "D"),
-        ("C", "D"),
-    )
 
 
 def test_epochs_are_the_nearest_floats_of_the_dates():

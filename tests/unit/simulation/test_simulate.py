@@ -86,34 +86,6 @@ def test_errors_of_each_pass_are_drawn_if_asked_for(lander, lander_pa_m, model):
         TruthSigma(clock_per="pass")
 
 
-def test_the_order_of_sessions_does_not_matter(lander, model):
-    turned = Schedule(tuple(reversed(SCHEDULE.sessions)))
-    one, two = (
-        simulate(s, lander, TRUTH, NOISE, model=model, seed=4).observations for s in (SCHEDULE, turned)
-    )
-    order_one, order_two = (
-        np.lexsort((o.paths(), o.types(), o.epoch.fraction, o.epoch.jd)) for o in (one, two)
-    )
-    assert (one.value_m[order_one] == two.value_m[order_two]).all()
-    assert (one.paths()[order_one] == two.paths()[order_two]).all()
-
-
-def test_the_summary_says_what_was_put_in(lander, model):
-    text = simulate(SCHEDULE, lander, TRUTH, NOISE, model=model, seed=4).summary()
-    for words in (
-        "seed 4",
-        "KASHI>lander>KASHI",
-        "range_bias_m: KASHI 4",
-        "station_delay_s: KUNMING 1e-09",
-        "station_position_m: KS (1, 0, 0)",
-        "noise of range: white_m 1, outlier_fraction 0.2, outlier_m 40",
-        "noise of station arrivals (VLBI): white_m 0.1",
-        "781081.77",
-    ):
-        assert words in text
-    assert "libration" not in text
-
-
 def test_what_the_model_does_not_hold_for_is_refused(lander, model):
     low = Schedule([Session("range", two_way("KASHI"), START, "2020-12-02T08:00", 600.0, 1.0)], Masks(-90.0))
     words = r"\d+ of 101 observations cannot be simulated; .* range of KASHI>lander>KASHI: below the horizon"

@@ -1,7 +1,6 @@
 """Messages, cards, tables and figures show control characters of names, and messages are of bounded length."""
 
 import re
-import warnings
 from xml.etree import ElementTree
 
 import pytest
@@ -48,13 +47,6 @@ def test_control_characters_are_shown_and_text_of_all_scripts_is_kept():
 )
 def test_messages_show_control_characters(error):
     assert shown_in(str(error))
-
-
-def test_warnings_are_given_with_control_characters_shown():
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        warnings.warn(ESCAPES, DataQualityWarning, stacklevel=1)
-    assert shown_in(str(caught[0].message))
 
 
 @pytest.mark.parametrize(

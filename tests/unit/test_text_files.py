@@ -122,12 +122,3 @@ def test_a_pipe_without_a_writer_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(FileFormatError, match="pipe: is a pipe or a device; give a file"):
         read_text(tmp_path / "pipe")
-
-
-def test_a_name_that_is_too_long(tmp_path):
-    with pytest.raises(FileFormatError, match=r"cannot be read .*File name too long"):
-        read_text(tmp_path / ("a" * 300))
-
-
-def test_tabs_in_messages_about_files_are_shown():
-    assert str(FileFormatError("a.txt", "H\t: is not known", 7)) == "a.txt, line 7: H\\t: is not known"

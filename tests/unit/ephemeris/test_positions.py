@@ -121,12 +121,6 @@ def test_outside_the_span(ephemeris, jd, fraction, date):
         assert any(text.startswith(date) for text in caught.value.asked)
 
 
-def test_no_epochs_give_empty_arrays(ephemeris):
-    none = Epochs.from_jd(np.empty(0), np.empty(0))
-    assert ephemeris.earth(none).position_m.shape == (0, 3)
-    assert LunarOrientation.open().angles(none)[0].shape == (0, 3)
-
-
 def test_wrong_scale_and_wrong_body(ephemeris, epochs):
     with pytest.raises(InputError, match="TDB"):
         ephemeris.earth(Epochs.from_jd(2451545.0, 0.0, "TT"))

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import struct
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 import spiceypy
-from spk_files import ORBITER, START_S, STOP_S, TYPES, circular, write_states
+from spk_files import ORBITER, START_S, STOP_S, circular, write_states
 
 from radioloc.ephemeris import Ephemeris, Trajectory
 from radioloc.errors import CoverageError, InputError, KernelError
@@ -62,17 +58,6 @@ def test_what_a_program_has_loaded_neither_matters_nor_changes(orbit, tmp_path):
     assert np.abs(states_km(orbit) - STATES(AT_S) / 1e3).max() < SAME_KM
 
 
-@pytest.mark.slow
-def test_many_files_one_after_another_leave_none_open(orbit):
-    source = Trajectory.open(orbit, ORBITER)
-    which = source.segment_at(AT_S)
-    first = source.states(AT_S[:1], which[:1])
-    for _ in range(6000):  # SPICE holds 5000 open files at most
-        last = source.states(AT_S[:1], which[:1])
-    assert np.array_equal(first, last)
-    assert spiceypy.ktotal("ALL") == 0
-
-
 def test_of_several_segments_the_last_counts(tmp_path):
     path = write_states(tmp_path / "two.bsp", STATES)
     handle = spiceypy.spkopa(str(path))
@@ -119,12 +104,6 @@ def test_what_is_no_trajectory_is_refused(orbit, tmp_path):
         Trajectory.open(tmp_path / "cut.bsp", ORBITER)
     with pytest.raises(InputError, match="an integer such as -85"):
         Trajectory.open(orbit, "-85")
-
-
-def test_a_trajectory_that_was_opened_outlives_its_file(orbit):
-    source = Trajectory.open(orbit, ORBITER)
-    orbit.unlink()
-    assert np.abs(source.states(AT_S, source.segment_at(AT_S)) - STATES(AT_S) / 1e3).max() < SAME_KM
 
 
 def relative_to(path, chain):
@@ -231,19 +210,6 @@ def _no_earth():
             return np.zeros((len(tdb), 3)), np.zeros((len(tdb), 3))
 
     return Still()
-
-
-@pytest.mark.study
-@pytest.mark.parametrize("each", [29, pytest.param(1, marks=pytest.mark.slow)])
-def test_a_damaged_file_is_refused_and_ends_no_process(tmp_path, each):
-    """Of a file of each type of segment, hundreds of damaged copies, in a process of 2 GB."""
-    toys = Path(__file__).parents[2] / "support"
-    run = subprocess.run(
-        [sys.executable, toys / "damaged_spk.py", tmp_path, str(each)],
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"}, capture_output=True, text=True, timeout=900,
-    )  # fmt: skip
-    assert run.returncode == 0, run.stdout.splitlines()[-1:] + run.stderr.splitlines()[-5:]
-    assert run.stdout.count("refused") == len(TYPES)
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import numpy as np
 import pyarrow
 import pytest
 
-from radioloc.errors import FileFormatError, InputError
+from radioloc.errors import InputError
 from radioloc.io import read_observations, write_observations
 from radioloc.io.table import batches_of, write_csv
 from radioloc.labels import Labels
@@ -70,11 +70,6 @@ def test_texts_that_cannot_be_written(tmp_path, name, words):
     with pytest.raises(InputError, match="is not text"):
         write(tmp_path / "a.csv", {"name": ["a"]}, comments=["\ud800"])
     assert not (tmp_path / "a.csv").exists()
-
-
-def test_no_folder(tmp_path):
-    with pytest.raises(FileFormatError, match="make the directory"):
-        write(tmp_path / "none" / "a.csv", {"name": ["a"]})
 
 
 FORMULAS = ["=cmd|'/C calc'!A0", "+1+1", "-2+3+cmd", "@SUM(A1)", "\t=1", "＝1+1", "'=A1", "''-x"]

@@ -5,7 +5,7 @@ import gzip
 import pytest
 
 from radioloc.earth import StationCatalogue
-from radioloc.errors import DataQualityWarning, FileFormatError, InputError
+from radioloc.errors import DataQualityWarning, FileFormatError
 from radioloc.io.formats import READERS, read_observations
 
 
@@ -30,13 +30,6 @@ def test_all_formats_together(crd_lines, mini_lines, table_lines, tmp_path):
     assert read_observations(files[:2], catalogue=StationCatalogue([])).paths()[0] == "7845>apollo15>7845"
 
 
-def test_the_same_file_twice_is_counted_once(mini_lines, tmp_path):
-    file = tmp_path / "m"
-    file.write_text("\n".join(mini_lines))
-    with pytest.warns(DataQualityWarning, match="already there"):
-        assert len(read_observations([file, file])) == 3
-
-
 @pytest.mark.parametrize(
     "text", ["hello\n", "CCSDS_OEM_VERS = 2.0\n", "51\n", "H1 CPF 2\n", "# only a comment\n"]
 )
@@ -45,13 +38,6 @@ def test_unknown_formats_list_the_known_ones(text, tmp_path):
     file.write_text(text)
     with pytest.raises(FileFormatError, match=r"starts with .*CRD.*MINI.*table"):
         read_observations(file)
-
-
-def test_nothing_to_read(tmp_path):
-    with pytest.raises(InputError, match="at least one"):
-        read_observations([])
-    with pytest.raises(FileFormatError, match="no such file"):
-        read_observations(tmp_path / "none")
 
 
 @pytest.mark.parametrize(

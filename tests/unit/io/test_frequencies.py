@@ -2,7 +2,6 @@
 
 import gzip
 
-import astropy.units as u
 import numpy as np
 import pytest
 from tdm_messages import kvn
@@ -127,15 +126,6 @@ def test_times_of_detections(name, tmp_path):
     assert got.value_m[0] == pytest.approx(growth_m(8412e6 + DETECTED_HZ, 8420.2e6, count_s=5.0), abs=2e-6)
 
 
-def test_a_telescope_of_an_endless_name_is_refused_by_file(tmp_path):
-    path = write(
-        tmp_path / "long.txt",
-        HEAD.replace(" at Ww", f" at {'A' * 100}") + f"#\n34205.5 1 1 {DETECTED_HZ} 0\n",
-    )
-    with pytest.raises(FileFormatError, match=r"long\.txt: 'A+\.*' is too long a name"):
-        read_fdets(path, [FrequencyAgreement(8420.2e6, 0.01, 5.0)])
-
-
 def test_detections_of_older_and_newer_files(tmp_path):
     older = HEAD.replace("# ", "// ").replace(" at Ww rev. 2", "").replace("//", "*", 1)
     path = tmp_path / "Fdets.vex2013.12.28-0900-1000.Ww.complete.r2i.txt.gz"
@@ -223,11 +213,6 @@ def test_epochs_that_are_there_twice(tmp_path):
         got = read_strf(path, [BEACON])
     assert len(got) == 3
     assert got.value_m[0] == pytest.approx(growth_m(2216497878.1, BEACON_HZ), abs=TOLERANCE_M)
-
-
-def test_quantities_and_names_of_an_agreement():
-    given = FrequencyAgreement(2216.5 * u.MHz, 500 * u.mHz, 10 * u.s, files="*.dat")
-    assert given == FrequencyAgreement(BEACON_HZ, SIGMA_HZ, COUNT_S, files=("*.dat",))
 
 
 @pytest.mark.parametrize(

@@ -531,11 +531,6 @@ def test_weather_of_the_station():
     assert other.ignored == {"TEMPERATURE": 1, "PRESSURE": 2, "RHUMIDITY": 1}
 
 
-def test_weather_that_cannot_be():
-    with pytest.raises(FileFormatError, match="temperature_k is 20, but must be 150 to 350"):
-        read((TWO_WAY, [*RANGES, "TEMPERATURE = 2021-03-28T14:00:00 20"]))
-
-
 # What is accounted for, and what is refused
 
 
@@ -699,18 +694,6 @@ def test_refused(name):
     assert caught.value.line is not None or name == "nothing"
 
 
-def test_unknown_station_keeps_its_name():
-    unknown = TWO_WAY | {"PARTICIPANT_1": "DSS-25"}
-    assert read((unknown, RANGES), catalogue=StationCatalogue.default()).paths()[0] == "DSS-25>lander>DSS-25"
-
-
-def test_same_observation_in_two_segments():
-    with pytest.warns(
-        DataQualityWarning, match=r"line 23: this observation is already there, in a.kvn, line 12"
-    ):
-        assert len(read((TWO_WAY, RANGES), (TWO_WAY, RANGES))) == len(RANGES)
-
-
 SPAN = {"START_TIME": "2021-03-28T14:00:00", "STOP_TIME": "2021-03-28T14:01:00"}
 
 
@@ -730,11 +713,6 @@ def test_measurements_outside_of_start_and_stop():
         read((TWO_WAY | {"TIME_SYSTEM": "TAI", "STOP_TIME": "2021-03-28T13:59:23"}, RANGES))
 
 
-def test_standard_deviations_must_be_given():
-    with pytest.raises(InputError, match="says nothing of uncertainties, and it holds range observations"):
-        read((TWO_WAY, RANGES), sigma_m={"doppler": 1.0})
-
-
 @pytest.mark.parametrize(
     ("given", "problem"),
     [
@@ -751,11 +729,6 @@ def test_standard_deviations_must_be_given():
 def test_agreements_that_cannot_be(given, problem):
     with pytest.raises(InputError, match=problem):
         TdmAgreement(**given)
-
-
-def test_no_messages():
-    with pytest.raises(InputError, match="no TDM was given"):
-        tdm_observations([], TdmAgreement(sigma_m=SIGMA_M))
 
 
 def test_messages_complement_each_other():

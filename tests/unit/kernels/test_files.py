@@ -5,8 +5,6 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from spk_files import with_other_byte_order
 
 from radioloc.errors import KernelError
@@ -122,27 +120,6 @@ def test_damage_to_a_file_of_ones_own(tmp_path, offset, layout, values, message)
     assert "own.bpc" in str(caught.value)
 
 
-@given(
-    offset=st.one_of(
-        st.integers(0, 1023), st.integers(SUMMARY, FIRST_BYTE - 1), st.integers(LAST_BYTE - 32, LAST_BYTE - 1)
-    ),
-    byte=st.integers(0, 255),
-)
-def test_damage_opens_or_raises_our_error(tmp_path, offset, byte):
-    # Whatever a byte of the headers becomes, nothing but a KernelError comes out.
-    data = bytearray(PCK_BYTES)
-    data[offset] = byte
-    path = written(tmp_path, data)
-    try:
-        kernel = open_pck(path)
-    except KernelError as error:
-        message = str(error)
-        assert path.name in message
-    else:
-        assert kernel.file.path == path
-        assert all(np.isfinite(segment.coefficients).all() for segment in kernel.segments)
-
-
 def test_missing_body_names_file_span_and_what_there_is():
     kernel = open_spk("DE421")
     with pytest.raises(
@@ -152,21 +129,6 @@ def test_missing_body_names_file_span_and_what_there_is():
     held = {(segment.target, segment.center) for segment in kernel.segments}
     assert (301, 3) in held
     assert (4, 0) not in held
-
-
-def test_a_copy_with_one_byte_changed_is_told_from_a_kernel_of_ones_own(tmp_path):
-    whole = find_kernel("DE421", "PCK").read_bytes()
-    copy = tmp_path / "copy.bpc"
-    copy.write_bytes(whole)
-    assert open_pck(copy).file.start_tdb == "1969-01-01"
-    changed = bytearray(whole)
-    # A low bit of a coefficient, a few words into a record: no check of the structure can see it.
-    changed[len(whole) // 16 * 8 + 56] ^= 1
-    copy.write_bytes(changed)
-    with pytest.raises(
-        KernelError, match=r"copy\.bpc \(spanning 1969-01-01 to 2050-01-01, as moon_pa_.*\) is damaged"
-    ):
-        open_pck(copy)
 
 
 def test_a_sound_kernel_of_the_length_of_one_that_ships_is_read(tmp_path):

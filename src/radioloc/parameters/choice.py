@@ -240,7 +240,7 @@ def _amount(kind: ParameterKind, key: str, given: Any, positive: bool) -> Amount
 def _number(key: str, value: Any, positive: bool) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise InputError(f"{key} must be a number, not {value!r}")
-    finite = abs(value) <= sys.float_info.max
+    finite = -sys.float_info.max <= value <= sys.float_info.max
     if positive and not (finite and value > 0.0):
         raise InputError(f"{key} must be above zero, not {value!r}")
     if not finite:

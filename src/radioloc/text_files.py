@@ -48,6 +48,14 @@ _GZIP_MAGIC = b"\x1f\x8b"
 _COMPRESS_MAGIC = b"\x1f\x9d"
 
 
+def require_ending(path: str | Path, endings: Iterable[str]) -> str:
+    """Return the ending of a file's name in small letters, which must be one of `endings`."""
+    ending = Path(path).suffix.lower()
+    if ending not in (supported := list(endings)):
+        raise InputError(f"{path}: unsupported file extension {ending!r}; supported: {', '.join(supported)}")
+    return ending
+
+
 def read_lines(path: str | Path, *, encoding: str = "utf-8-sig", ended: bool = False) -> Iterator[str]:
     """Lines of a text file, plain or gzip, without line ends, of which only a piece is in memory.
 

@@ -24,15 +24,15 @@ from spk_files import ORBITER, write_random
 import radioloc
 from radioloc.ephemeris import Trajectory
 from radioloc.imaging import read_frame, read_isd, read_mask
+from radioloc.io.ccsds import write_oem
+from radioloc.io.gis import write_gis
+from radioloc.io.spice_kernels import write_spice
 from radioloc.jobs.comparison import compare, read_solutions
 from radioloc.jobs.monte_carlo import TrialFolder
 from radioloc.jobs.verification import verify
 from radioloc.lunar import Map
-from radioloc.report.ccsds import write_oem
 from radioloc.report.files import json_text, write_report
-from radioloc.report.gis import write_gis
 from radioloc.report.map_figures import plot_map
-from radioloc.report.spice_kernels import write_spice
 from radioloc.results.tables import solution_table
 from radioloc.study.map_positions import PlaceOnMap
 

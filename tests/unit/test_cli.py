@@ -579,7 +579,7 @@ def test_light_times_as_card_as_json_and_in_a_file(capsys, tmp_path):
     assert content["columns"]["path"] == ["KASHI>lander>KASHI"]
     assert f",{content['columns']['downlink_light_time_s'][0]:.12f}," in file.read_text()
     assert cli.main(["light-time", study, "--out", "table.txt"]) == 2
-    assert "table.txt: such a table is written as .csv" in capsys.readouterr().err
+    assert "table.txt: unsupported file extension '.txt'; supported: .csv" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -720,7 +720,7 @@ def test_convert_there_and_back(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["{csv}", "{folder}/a.txt"], "the ending says no format"),
+        (["{csv}", "{folder}/a.txt"], "unsupported file extension"),
         (["{csv}", "{folder}/a.tdm"], "give originator"),
         (["{csv}", "{folder}/a.csv", "--sigma", "range"], "write it as TYPE=METRES"),
         (["{folder}/none.csv", "{folder}/a.csv"], "no such file"),

@@ -163,22 +163,21 @@ def verify(options: argparse.Namespace) -> int:
     return DONE if result.same else NOT_CONVERGED
 
 
+def _export_formats() -> Rows:
+    """Return the formats of solutions that are written."""
+    formats = {", ".join(item.endings): item.description for item in radioloc.io.EXPORTERS.values()}
+    return {"formats, by the ending of the file": formats}
+
+
 @command(
     "export",
     "write solutions for other tools: map layers, SPICE kernels, an ephemeris message, tables",
     _solution_files(),
-    argument(
-        "out",
-        "OUT",
-        "file to write, by its ending: .geojson, .gpkg, .bsp (with a frames kernel .tf), .oem, .md or .tex",
-        Path,
-    ),
+    argument("out", "OUT", "file to write; its ending names the format", Path),
     argument("--code", "N", "NAIF code of the lander in a .bsp file (default: 301001)", int),
     argument("--start", "UTC", "first epoch of an .oem file, such as 2020-12-01T12:00:00"),
     argument("--stop", "UTC", "last epoch of an .oem file"),
-    argument(
-        "--step", "SECONDS", "from state to state of an .oem file (default: 3600)", float, default=3600.0
-    ),
+    argument("--step", "SECONDS", "from state to state of an .oem file (default: 3600)", float),
     argument("--originator", "NAME", "agency that makes an .oem file"),
     examples=(
         "results/solution.json lander.geojson",
@@ -186,34 +185,18 @@ def verify(options: argparse.Namespace) -> int:
         "results/solution.json lander.tex",
         "results/solution.json lander.oem --start 2020-12-01 --stop 2020-12-15 --originator AGENCY",
     ),
+    help_tables=_export_formats,
 )
 def export(options: argparse.Namespace) -> int:
-    """Export solutions by the ending of the file."""
-    from radioloc.report.ccsds import write_oem
-    from radioloc.report.gis import GIS_ENDINGS, write_gis
-    from radioloc.report.spice_kernels import FIRST_SITE, write_spice
-    from radioloc.results.tables import TABLE_ENDINGS, solution_table, write_table_file
-
-    contents, ending = _contents(options), options.out.suffix
-    if ending in (".bsp", ".oem") and len(contents) > 1:
-        raise InputError(f"{options.out}: such a file holds one lander; give one solution")
-    if ending == ".bsp":
-        code = FIRST_SITE if options.code is None else options.code
-        written: Sequence[Path] = write_spice(contents[0], options.out, code=code)
-    elif ending == ".oem":
-        for name in ("start", "stop", "originator"):
-            if getattr(options, name) is None:
-                options.parser.error(f"{options.out} needs --{name}")
-        span, agency = (options.start, options.stop), options.originator
-        written = [write_oem(contents[0], options.out, *span, originator=agency, step_s=options.step)]
-    elif ending in TABLE_ENDINGS:
-        written = [write_table_file(solution_table(contents), options.out)]
-    elif ending in GIS_ENDINGS:
-        written = [write_gis(contents, options.out)]
-    else:
-        known = ", ".join((*GIS_ENDINGS, ".bsp", ".oem", *TABLE_ENDINGS))
-        raise InputError(f"{options.out}: the ending says no format that is written; use one of {known}")
-    return _tell_written(options, written)
+    """Export solutions."""
+    names = {"start": "start_utc", "stop": "stop_utc", "step": "step_s"}
+    stated = {
+        names.get(name, name): value
+        for name in ("code", "start", "stop", "step", "originator")
+        if (value := getattr(options, name)) is not None
+    }
+    its = radioloc.io.ExportOptions(**stated)
+    return _tell_written(options, radioloc.io.export_solutions(_contents(options), options.out, its))
 
 
 @command(

@@ -44,7 +44,7 @@ def locate(options: argparse.Namespace) -> int:
     """Fit a study, write its files and print its card."""
     solution = _solution(options, fitted=True)
     if options.sinex is not None:  # after the card, which says why a solution has none
-        radioloc.report.write_sinex(solution, options.sinex)
+        radioloc.io.write_sinex(solution, options.sinex)
     return exit_status(options, solution)
 
 
@@ -82,9 +82,7 @@ def _solution(options: argparse.Namespace, *, fitted: bool) -> radioloc.Solution
         radioloc.write_report(solution, options.out, terms, html=options.report, dem=dem)
     if options.residuals_tdm is not None:
         agency = options.originator
-        radioloc.report.write_residuals_tdm(
-            solution, arc.observations, options.residuals_tdm, originator=agency
-        )
+        radioloc.io.write_residuals_tdm(solution, arc.observations, options.residuals_tdm, originator=agency)
     tell(options, solution, solution.to_dict)
     return solution
 

@@ -8,7 +8,6 @@ from pathlib import Path
 import radioloc
 from radioloc.cli.command import JSON, STUDY, argument, command, study_tables
 from radioloc.cli.output import DONE, tell
-from radioloc.errors import InputError
 
 _SPAN = (
     argument("--stations", "NAME", "stations (default: those of the study)", nargs="+", default=()),
@@ -74,10 +73,13 @@ def visibility(options: argparse.Namespace) -> int:
 )
 def light_time(options: argparse.Namespace) -> int:
     """Tabulate light times, ranges, Doppler and directions."""
+    from radioloc.io.table import batches_of, write_csv
+    from radioloc.text_files import require_ending
+
     if (options.study is None) == (options.at is None):
         options.parser.error("give a study file or --at LON LAT HEIGHT")
-    if options.out is not None and options.out.suffix != ".csv":
-        raise InputError(f"{options.out}: such a table is written as .csv")
+    if options.out is not None:
+        require_ending(options.out, (".csv",))
     study: radioloc.Study | Path = options.study
     if options.at is not None:
         if not (options.stations and options.start and options.stop):
@@ -95,6 +97,6 @@ def light_time(options: argparse.Namespace) -> int:
         mask_deg=options.mask,
     )
     if options.out is not None:
-        table.write_csv(options.out)
+        write_csv(options.out, batches_of(table.named_columns(), table.decimals))
     tell(options, table, table.to_dict)
     return DONE

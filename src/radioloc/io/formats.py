@@ -39,7 +39,7 @@ from radioloc.measurements.quantised import with_rounding_in_sigmas
 from radioloc.measurements.registry import is_integrated
 from radioloc.measurements.table_columns import COLUMNS
 from radioloc.plugins import named_where_it_fails, registry
-from radioloc.text_files import head_of, read_text
+from radioloc.text_files import head_of, read_text, require_ending
 from radioloc.time import utc_to_tai
 
 logger = logging.getLogger(__name__)
@@ -50,14 +50,8 @@ _MIN_COLUMN_NAMES = 3
 _AROUND_NAMES = "#%;/! \"'\t"
 # Modified Julian dates of six decimals are rounded to half of this.
 _REREAD_S = 0.1
-ENDINGS = {
-    ".csv": "table",
-    ".parquet": "Parquet",
-    ".tdm": "Tracking Data Message (KVN)",
-    ".kvn": "Tracking Data Message (KVN)",
-    ".xml": "Tracking Data Message (XML)",
-}
-"""Formats that are written, by the ending of the name."""
+ENDINGS = (".csv", ".parquet", ".tdm", ".kvn", ".xml")
+"""Endings of the names of files that are written."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -390,10 +384,7 @@ def ramps_beside(path: str | Path) -> Path:
 
 def require_writable(path: str | Path, originator: str | None = None) -> str:
     """The ending of a file's name, in small letters, if a file of it can be written, or :class:`InputError`."""
-    ending = Path(path).suffix.lower()
-    if ending not in ENDINGS:
-        known = ", ".join(f"{known} ({name})" for known, name in ENDINGS.items())
-        raise InputError(f"{path}: the ending says no format that is written; use {known}")
+    ending = require_ending(path, ENDINGS)
     if originator is None and ending not in (".csv", ".parquet"):
         raise InputError(
             f"{path}: a Tracking Data Message names the agency that makes it; "

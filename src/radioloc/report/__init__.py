@@ -1,16 +1,12 @@
 """Everything that shows results: cards, tables, figures, and the files of an output folder."""
 
-from radioloc.report.ccsds import write_oem, write_orbit_oem, write_orbit_opm, write_residuals_tdm
 from radioloc.report.estimate_figures import plot_budget, plot_correlations
 from radioloc.report.figures import save_figure
 from radioloc.report.files import write_report
-from radioloc.report.gis import write_gis
 from radioloc.report.map_figures import plot_images, plot_map
 from radioloc.report.page import write_html
 from radioloc.report.position_figures import plot_arcs, plot_comparison, plot_point, plot_position
 from radioloc.report.residual_figures import plot_distribution, plot_links, plot_residuals, plot_terms
-from radioloc.report.sinex import write_sinex
-from radioloc.report.spice_kernels import write_orbit_spk, write_spice
 from radioloc.report.station_figures import plot_visibility
 from radioloc.report.study_figures import (
     plot_covariance,
@@ -38,14 +34,6 @@ __all__ = [
     "plot_trials",
     "plot_visibility",
     "save_figure",
-    "write_gis",
     "write_html",
-    "write_oem",
-    "write_orbit_oem",
-    "write_orbit_opm",
-    "write_orbit_spk",
     "write_report",
-    "write_residuals_tdm",
-    "write_sinex",
-    "write_spice",
 ]

@@ -13,19 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
+from radioloc.io.ccsds import write_orbit_oem, write_orbit_opm
+from radioloc.io.spice_kernels import write_orbit_spk
 from radioloc.io.table import batches_of, write_csv
 from radioloc.labels import Labels
 from radioloc.lunar import TerrainModel
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
-from radioloc.report.ccsds import write_orbit_oem, write_orbit_opm
 from radioloc.report.figure_types import FIGURES, figures_of
 from radioloc.report.figures import save_figure
 from radioloc.report.map_figures import plot_map
 from radioloc.report.page import PAGE, write_page
 from radioloc.report.residual_figures import plot_terms
-from radioloc.report.spice_kernels import write_orbit_spk
 from radioloc.results.registry import RESULTS, result_type
 from radioloc.results.result import Content, OrbitFile, Result, ResultType, Table
 from radioloc.results.solution import Solution

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.io.table import batches_of, write_csv
 from radioloc.labels import Labels
 from radioloc.results.cards import Card, Field, more, plural
 from radioloc.results.result import Result
@@ -85,7 +83,8 @@ class LightTimes(Result):
         """One of the columns."""
         return self.columns[column]
 
-    def _named(self) -> dict[str, Any]:
+    def named_columns(self) -> dict[str, Any]:
+        """Return all columns by name."""
         return {"epoch_utc": self.epoch, "path": self.path, **self.columns, "status": self.status}
 
     def to_table(self, form: TableForm = "astropy") -> Any:
@@ -99,11 +98,12 @@ class LightTimes(Result):
         <Quantity [1316.1, 1314.1, 1312.3] ms>
         """
         texts = {"path": self.path[:], "status": self.status[:]}
-        return as_table(self._named() | texts, form)
+        return as_table(self.named_columns() | texts, form)
 
-    def write_csv(self, path: str | Path) -> None:
-        """Write all columns as comma-separated text."""
-        write_csv(path, batches_of(self._named(), {name: _decimals(name) for name in self.columns}))
+    @property
+    def decimals(self) -> dict[str, int]:
+        """Decimals of the columns of numbers in a file."""
+        return {name: _decimals(name) for name in self.columns}
 
     def to_dict(self) -> dict[str, Any]:
         """All of it, in types that JSON has: columns as lists, ``None`` where there is no number."""

@@ -24,7 +24,7 @@ from radioloc.lunar.selenographic import selenographic_to_cartesian
 from radioloc.results.cards import Field, metres, sigma_text, to_sigma
 from radioloc.results.recorded import check_solution
 from radioloc.results.result import Result, Table
-from radioloc.text_files import spreadsheet_cell, write_text
+from radioloc.text_files import require_ending, spreadsheet_cell, write_text
 
 Located = Result | Mapping[str, Any]
 """A solution of tracking or of images, or what its ``solution.json`` holds."""
@@ -39,7 +39,6 @@ _RESIDUAL_DECIMALS = {
 RESIDUAL_COLUMNS = ("epoch_utc", "type", "path", *_RESIDUAL_DECIMALS, "status", "residual_mm_s")
 """Columns of ``residuals.csv``, in order; the last only where something is counted."""
 
-TABLE_ENDINGS = (".md", ".tex")
 _LATEX = {
     "\\": r"\textbackslash{}",
     **{sign: f"\\{sign}" for sign in "&%$#_{}"},
@@ -107,11 +106,9 @@ def _latex(text: str) -> str:
 
 def write_table_file(table: TextTable, path: str | Path) -> Path:
     """Write a table by the ending of the name, ``.md`` or ``.tex``; another is an :class:`InputError`."""
-    file = Path(path)
-    if file.suffix not in TABLE_ENDINGS:
-        raise InputError(f"{file}: tables are written as {' or '.join(TABLE_ENDINGS)}")
-    write_text(file, table.to_markdown() if file.suffix == ".md" else table.to_latex())
-    return file
+    ending = require_ending(path, (".md", ".tex"))
+    write_text(path, table.to_markdown() if ending == ".md" else table.to_latex())
+    return Path(path)
 
 
 @dataclass(frozen=True, slots=True)

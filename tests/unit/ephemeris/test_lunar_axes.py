@@ -11,8 +11,8 @@ from spk_files import ORBITER, START_S, STOP_S, circular, write_states
 from radioloc.ephemeris import Ephemeris, LunarOrientation, Trajectory
 from radioloc.ephemeris.orientation import LUNAR_AXES
 from radioloc.errors import CoverageError
+from radioloc.io import write_spice
 from radioloc.kernels import find_kernel
-from radioloc.report import write_spice
 from radioloc.time import Epochs
 
 AT_S = np.linspace(START_S, STOP_S, 7)

@@ -230,7 +230,7 @@ def test_endings_say_the_format(tmp_path):
     for name, start in starts.items():
         write_observations(tmp_path / name, made, originator="X")
         assert (tmp_path / name).read_bytes().startswith(start)
-    with pytest.raises(InputError, match=r"a.txt: the ending says no format that is written; use \.csv"):
+    with pytest.raises(InputError, match=r"a.txt: unsupported file extension '.txt'; supported: \.csv"):
         write_observations(tmp_path / "a.txt", made)
     with pytest.raises(InputError, match="give originator"):
         write_observations(tmp_path / "b.tdm", made)

@@ -21,12 +21,12 @@ from spk_files import (
 from radioloc.constants import C_M_S
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import CoverageError, InputError
+from radioloc.io import write_spice
 from radioloc.measurements.equipment_delays import EquipmentDelays
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import reasons
-from radioloc.report import write_spice
 
 NOWHERE = np.zeros(3)
 

@@ -65,7 +65,7 @@ def write_sinex(solution: Solution, path: str | Path) -> Path:
     --------
     >>> import radioloc
     >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
-    >>> radioloc.report.write_sinex(solution, "apollo15.snx").name
+    >>> radioloc.io.write_sinex(solution, "apollo15.snx").name
     'apollo15.snx'
     """
     if solution.trajectory is not None or not solution.position_estimated:

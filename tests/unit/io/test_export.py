@@ -13,10 +13,10 @@ from spiceypy.utils.exceptions import SpiceyError
 from radioloc.cli import main
 from radioloc.ephemeris import Ephemeris, LunarOrientation, Trajectory
 from radioloc.errors import InputError
+from radioloc.io import write_gis, write_spice
 from radioloc.kernels import find_kernel
 from radioloc.kernels.daf import read_segments
 from radioloc.lunar import east_north_up, rot_icrf_to_pa, rot_pa_to_me
-from radioloc.report import write_gis, write_spice
 from radioloc.time import Epochs
 
 PLACE = (-51.91637, 43.05784, -2570.25)
@@ -67,7 +67,7 @@ def test_what_spice_had_loaded_stays_as_it_was(tmp_path):
 @pytest.mark.parametrize(
     ("change", "name", "code", "message"),
     [
-        ({}, "lander.spk", 301001, "ends in .bsp"),
+        ({}, "lander.spk", 301001, "supported: .bsp"),
         ({}, "lander.bsp", 399, "not one for a lander"),
         ({"position": None}, "lander.bsp", 301001, "no fixed position"),
         ({"position": recorded(frame="ME_DE403")["position"]}, "lander.bsp", 301001, "no frame for PA_DE403"),
@@ -216,6 +216,6 @@ def test_the_command_writes_what_the_ending_says(tmp_path, capsys):
         assert all(str(tmp_path / one) in capsys.readouterr().out for one in written[:1])
         assert all((tmp_path / one).exists() for one in written)
     assert main(["export", str(solution), str(tmp_path / "c.kml")]) == 2
-    assert "use one of .geojson, .gpkg, .bsp, .oem, .md, .tex" in capsys.readouterr().err
+    assert "supported: .geojson, .gpkg, .bsp, .oem, .md, .tex, .snx" in capsys.readouterr().err
     assert main(["export", str(solution), str(solution), str(tmp_path / "d.bsp")]) == 2
     assert "holds one lander" in capsys.readouterr().err

@@ -23,7 +23,7 @@ from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.errors import InputError
 from radioloc.kernels.spice_calls import short_folder, spice_message, spice_path
 from radioloc.results.tables import Located, content_of, position_of
-from radioloc.text_files import replaced_file, to_ascii
+from radioloc.text_files import replaced_file, require_ending, to_ascii
 
 FIRST_SITE = 301001
 """NAIF code of a first site on the Moon, as its ground sites of the Earth begin with 399001."""
@@ -74,15 +74,14 @@ def write_spice(solution: Located, path: str | Path, *, code: int = FIRST_SITE) 
     --------
     >>> import radioloc
     >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
-    >>> [file.name for file in radioloc.report.write_spice(solution, "apollo15.bsp")]
+    >>> [file.name for file in radioloc.io.write_spice(solution, "apollo15.bsp")]
     ['apollo15.bsp', 'apollo15.tf']
     """
     import spiceypy
 
     content = content_of(solution)
     spk, frames = Path(path), Path(path).with_suffix(".tf")
-    if spk.suffix != ".bsp":
-        raise InputError(f"{spk}: an SPK ends in .bsp")
+    require_ending(spk, (".bsp",))
     if isinstance(code, bool) or not isinstance(code, int) or 0 <= code < 1000:
         raise InputError(
             f"code {code!r} is not one for a lander; use one such as {FIRST_SITE}, or a negative one"
@@ -186,7 +185,7 @@ def write_orbit_spk(
     --------
     >>> from radioloc.dynamics import Forces, GravityField, propagate
     >>> from radioloc.ephemeris import Trajectory
-    >>> from radioloc.report import write_orbit_spk
+    >>> from radioloc.io import write_orbit_spk
     >>> from radioloc.time import epochs_from_strings
     >>> epoch = epochs_from_strings("2012-04-09T04:30:00", "TDB")
     >>> forces = Forces(GravityField.open("GRGM660PRIM", degree=20))

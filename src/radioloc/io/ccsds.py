@@ -18,12 +18,12 @@ from radioloc.boundary import bare_arguments
 from radioloc.dynamics import Orbit
 from radioloc.ephemeris import CONSTANTS, LunarOrientation
 from radioloc.errors import InputError
+from radioloc.io.spice_kernels import M_PER_KM, orbit_parts, states_km
 from radioloc.io.tdm.message import WEATHER, TdmFile, TdmHeader
 from radioloc.io.tdm.write import now, tdm_of, write_tdm_file
 from radioloc.lunar import east_north_up, rot_icrf_to_pa, rot_pa_to_me
 from radioloc.lunar.frames import rot_icrf_to_pa_rate
 from radioloc.measurements.observations import Observations
-from radioloc.report.spice_kernels import M_PER_KM, orbit_parts, states_km
 from radioloc.results.solution import Solution
 from radioloc.results.tables import Located, content_of, position_of
 from radioloc.text_files import to_ascii, write_text
@@ -90,7 +90,7 @@ def write_oem(
     >>> import radioloc
     >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
     >>> days = "2007-06-01", "2007-06-08"
-    >>> radioloc.report.write_oem(solution, "apollo15.oem", *days, originator="AGENCY").name
+    >>> radioloc.io.write_oem(solution, "apollo15.oem", *days, originator="AGENCY").name
     'apollo15.oem'
     """
     content = content_of(solution)
@@ -142,7 +142,7 @@ def write_orbit_oem(
     Examples
     --------
     >>> from radioloc.dynamics import Forces, GravityField, propagate
-    >>> from radioloc.report import write_orbit_oem
+    >>> from radioloc.io import write_orbit_oem
     >>> from radioloc.time import epochs_from_strings
     >>> epoch = epochs_from_strings("2012-04-09T04:30:00", "TDB")
     >>> forces = Forces(GravityField.open("GRGM660PRIM", degree=20))
@@ -178,7 +178,7 @@ def write_orbit_opm(
     Examples
     --------
     >>> from radioloc.dynamics import Forces, GravityField, propagate
-    >>> from radioloc.report import write_orbit_opm
+    >>> from radioloc.io import write_orbit_opm
     >>> from radioloc.time import epochs_from_strings
     >>> epoch = epochs_from_strings("2012-04-09T04:30:00", "TDB")
     >>> forces = Forces(GravityField.open("GRGM660PRIM", degree=20))
@@ -244,7 +244,7 @@ def write_residuals_tdm(
     >>> study = radioloc.read_study("examples/change5/short_arc.toml")
     >>> predictor, _ = radioloc.jobs.arc_of(study)
     >>> solution = radioloc.residuals(study)
-    >>> file = radioloc.report.write_residuals_tdm(solution, predictor.observations, "oc.tdm", originator="AGENCY")
+    >>> file = radioloc.io.write_residuals_tdm(solution, predictor.observations, "oc.tdm", originator="AGENCY")
     >>> file.name
     'oc.tdm'
     """

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
-from radioloc.errors import InputError
 from radioloc.extras import optional
 from radioloc.lunar.local import displaced
 from radioloc.lunar.selenographic import (
@@ -24,7 +23,6 @@ from radioloc.lunar.selenographic import (
     east_north_up,
     selenographic_to_cartesian,
 )
-from radioloc.report.figures import SCALE_95
 from radioloc.results.tables import (
     Located,
     contents_by_target,
@@ -32,14 +30,13 @@ from radioloc.results.tables import (
     position_of,
     references_of,
 )
-from radioloc.text_files import scratch_folder, write_blocks, write_text
+from radioloc.text_files import require_ending, scratch_folder, write_blocks, write_text
 
 CRS = "IAU_2015:30100"
 """Longitude and latitude on the Moon's sphere, as PROJ and GDAL know it."""
-_ELLIPSES = {"1 sigma": 1.0, "95 %": SCALE_95}
+_ELLIPSES = {"1 sigma": 1.0, "95 %": math.sqrt(-2.0 * math.log(0.05))}
 _CORNERS = 90
 _MAX_SEMI_MAJOR_M = 0.5 * math.pi * MEAN_LUNAR_RADIUS_M  # a quarter of a great circle
-GIS_ENDINGS = (".geojson", ".gpkg")
 
 
 def write_gis(solutions: Iterable[Located], path: str | Path) -> Path:
@@ -62,21 +59,18 @@ def write_gis(solutions: Iterable[Located], path: str | Path) -> Path:
     --------
     >>> import radioloc
     >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
-    >>> radioloc.report.write_gis([solution], "apollo15.geojson").name
+    >>> radioloc.io.write_gis([solution], "apollo15.geojson").name
     'apollo15.geojson'
     """
-    file = Path(path)
+    file, ending = Path(path), require_ending(path, (".geojson", ".gpkg"))
     contents = contents_by_target(solutions)
     positions = _positions(contents)
     ellipses = [feature for content in contents for feature in _ellipses(content)]
-    match file.suffix:
-        case ".geojson":
-            lines = ",\n".join(map(json.dumps, positions + ellipses))
-            write_text(file, json.dumps(_collection([])).replace("[]", f"[\n{lines}\n]") + "\n")
-        case ".gpkg":
-            _write_geopackage(file, {"positions": positions, "ellipses": ellipses})
-        case _:
-            raise InputError(f"{file}: maps of points are written as .geojson or .gpkg")
+    if ending == ".geojson":
+        lines = ",\n".join(map(json.dumps, positions + ellipses))
+        write_text(file, json.dumps(_collection([])).replace("[]", f"[\n{lines}\n]") + "\n")
+    else:
+        _write_geopackage(file, {"positions": positions, "ellipses": ellipses})
     return file
 
 

@@ -41,9 +41,7 @@ class ForceData(NamedTuple):
     scales: Floats  # by which each is multiplied: 1, or k2 and the radiation coefficient
     given: Floats  # shape (n, FIRST + COMPONENTS)
     phase: Floats  # directions from which the phase of periodic accelerations is counted, shape (2, 3)
-    permanent: (
-        Floats  # tide-raising tensor already in the field's coefficients, its axes, 1/s^2, shape (3, 3)
-    )
+    permanent: Floats  # tide-raising tensor in the field's coefficients, its axes, 1/s^2, shape (3, 3)
 
 
 DONE, STUCK, IN_MOON, IN_EARTH, TOO_MANY = range(5)

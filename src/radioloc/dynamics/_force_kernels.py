@@ -10,28 +10,8 @@ from numpy.typing import NDArray
 
 from radioloc.compiled import compiled
 from radioloc.constants import C_M_S, MEAN_LUNAR_RADIUS_M
-from radioloc.dynamics._force_data import (
-    ACTS,
-    CENTRAL,
-    COMPONENTS,
-    EARTH,
-    EARTH_VELOCITY,
-    FIGURES,
-    FIRST,
-    GIVEN,
-    HARMONICS,
-    MOON_VELOCITY,
-    MOONLIGHT,
-    NORMAL,
-    OF_RTN,
-    PARTS,
-    RELATIVITY,
-    ROTATION,
-    SUN_VELOCITY,
-    SUNLIGHT,
-    TIDES,
-    ForceData,
-)
+from radioloc.dynamics import _force_data as layout
+from radioloc.dynamics._force_data import ForceData
 from radioloc.dynamics._harmonic_kernels import harmonic_sums
 from radioloc.dynamics._vector_kernels import add, cross, dot, minus, times, unit
 from radioloc.vectors import Floats
@@ -81,7 +61,7 @@ def _tensor(sky: Floats, gm: Floats, permanent: Floats) -> Floats:
     """Tide-raising tensor of Earth and Sun, sum of GM u u / R^3, less the part that the field contains; ICRF axes."""
     out = np.zeros((3, 3))
     if permanent[0, 0] != 0.0:
-        rotation = sky[ROTATION : ROTATION + 9].reshape((3, 3))
+        rotation = sky[layout.ROTATION : layout.ROTATION + 9].reshape((3, 3))
         out -= rotation.T @ (permanent @ rotation)
     for body in range(1, 3):
         place = sky[3 * body - 3 : 3 * body]
@@ -233,12 +213,12 @@ def axes(r: Floats, v: Floats) -> Floats:
 @compiled()
 def unit_components(r: Floats, v: Floats, one: Floats, phase: Floats) -> Floats:
     """Accelerations for each of the COMPONENTS of a given one at 1 m/s^2, shape (COMPONENTS, 3)."""
-    out = np.empty((COMPONENTS, 3))
+    out = np.empty((layout.COMPONENTS, 3))
     base = np.zeros((3, 3))
     for k in range(3):
         base[k, k] = 1.0
-    if one[OF_RTN] > 0.0:
-        normal = one[NORMAL : NORMAL + 3]
+    if one[layout.OF_RTN] > 0.0:
+        normal = one[layout.NORMAL : layout.NORMAL + 3]
         base = axes(r, cross(normal, r) if dot(normal, normal) > 0.0 else v)
     angle = math.atan2(dot(r, phase[1]), dot(r, phase[0]))
     cosine, sine = math.cos(angle), math.sin(angle)
@@ -254,56 +234,56 @@ def _given(r: Floats, v: Floats, given: Floats, phase: Floats) -> Floats:
     out = np.zeros(3)
     for i in range(len(given)):
         one = given[i]
-        if one[ACTS] > 0.0:
+        if one[layout.ACTS] > 0.0:
             units = unit_components(r, v, one, phase)
-            for k in range(COMPONENTS):
-                add(out, one[FIRST + k], units[k])
+            for k in range(layout.COMPONENTS):
+                add(out, one[layout.FIRST + k], units[k])
     return out
 
 
 @compiled()
 def accelerations(r: Floats, v: Floats, sky: Floats, data: ForceData) -> Floats:
     """Each of PARTS for a scale of 1, m/s^2, shape (len(PARTS), 3); zeros for those that are not on."""
-    out = np.zeros((len(PARTS), 3))
+    out = np.zeros((len(layout.PARTS), 3))
     square = dot(r, r)
     earth, sun = sky[:3], sky[3:6]
-    rotation = sky[ROTATION : ROTATION + 9].reshape((3, 3))  # from the ICRF to the field's axes
+    rotation = sky[layout.ROTATION : layout.ROTATION + 9].reshape((3, 3))  # from the ICRF to the field's axes
     gm, on = data.gm, data.on
-    add(out[CENTRAL], -gm[0] / (square * math.sqrt(square)), r)
-    if on[HARMONICS]:
-        add(out[HARMONICS], gm[0], _harmonics(r, rotation, data))
-    if on[TIDES]:
-        add(out[TIDES], 1.0, _tides(r, _tensor(sky, data.gm, data.permanent), data.radius_m))
+    add(out[layout.CENTRAL], -gm[0] / (square * math.sqrt(square)), r)
+    if on[layout.HARMONICS]:
+        add(out[layout.HARMONICS], gm[0], _harmonics(r, rotation, data))
+    if on[layout.TIDES]:
+        add(out[layout.TIDES], 1.0, _tides(r, _tensor(sky, data.gm, data.permanent), data.radius_m))
     for body in range(1, len(gm)):
-        if on[EARTH + body - 1]:
+        if on[layout.EARTH + body - 1]:
             place = sky[3 * body - 3 : 3 * body]
             to = minus(place, r)
             near, far = dot(to, to), dot(place, place)
             for i in range(3):
                 direct, indirect = to[i] / (near * math.sqrt(near)), place[i] / (far * math.sqrt(far))
-                out[EARTH + body - 1, i] = gm[body] * (direct - indirect)
-    if on[FIGURES]:
-        add(out[FIGURES], 1.0, _oblate(minus(r, earth), gm[1]))
-        add(out[FIGURES], 1.0, _oblate(earth, gm[1]))  # less that at -earth, where the Moon is
+                out[layout.EARTH + body - 1, i] = gm[body] * (direct - indirect)
+    if on[layout.FIGURES]:
+        add(out[layout.FIGURES], 1.0, _oblate(minus(r, earth), gm[1]))
+        add(out[layout.FIGURES], 1.0, _oblate(earth, gm[1]))  # less that at -earth, where the Moon is
         # The Earth pulls the Moon's figure as that pulls the Earth.
-        add(out[FIGURES], gm[1], _harmonics(earth, rotation, data))
-    if on[RELATIVITY]:
+        add(out[layout.FIGURES], gm[1], _harmonics(earth, rotation, data))
+    if on[layout.RELATIVITY]:
         places, speeds = np.zeros((3, 3)), np.zeros((3, 3))
-        moon_speed = sky[MOON_VELOCITY : MOON_VELOCITY + 3]
+        moon_speed = sky[layout.MOON_VELOCITY : layout.MOON_VELOCITY + 3]
         for i in range(3):
             places[1, i], places[2, i] = earth[i], sun[i]
             speeds[0, i] = moon_speed[i]
-            speeds[1, i] = moon_speed[i] + sky[EARTH_VELOCITY + i]
-            speeds[2, i] = moon_speed[i] + sky[SUN_VELOCITY + i]
+            speeds[1, i] = moon_speed[i] + sky[layout.EARTH_VELOCITY + i]
+            speeds[2, i] = moon_speed[i] + sky[layout.SUN_VELOCITY + i]
         speed = moon_speed.copy()
         add(speed, 1.0, v)
-        add(out[RELATIVITY], 1.0, _post_newtonian(r, speed, 0, places, speeds, gm))
-        add(out[RELATIVITY], -1.0, _post_newtonian(places[0], moon_speed, 1, places, speeds, gm))
-    if on[SUNLIGHT]:
-        add(out[SUNLIGHT], 1.0, _sunlight(r, sun, earth))
-    if on[MOONLIGHT]:
-        add(out[MOONLIGHT], 1.0, _moonlight(r, sun))
-    add(out[GIVEN], 1.0, _given(r, v, data.given, data.phase))
+        add(out[layout.RELATIVITY], 1.0, _post_newtonian(r, speed, 0, places, speeds, gm))
+        add(out[layout.RELATIVITY], -1.0, _post_newtonian(places[0], moon_speed, 1, places, speeds, gm))
+    if on[layout.SUNLIGHT]:
+        add(out[layout.SUNLIGHT], 1.0, _sunlight(r, sun, earth))
+    if on[layout.MOONLIGHT]:
+        add(out[layout.MOONLIGHT], 1.0, _moonlight(r, sun))
+    add(out[layout.GIVEN], 1.0, _given(r, v, data.given, data.phase))
     return out
 
 
@@ -324,14 +304,14 @@ def _gradient(r: Floats, sky: Floats, data: ForceData) -> Floats:
     # Those of light, relativity and the figures are below 1e-7 of the central one.
     out = np.zeros((3, 3))
     _add_point_mass(out, r, data.gm[0])
-    if data.on[HARMONICS]:
-        rotation = sky[ROTATION : ROTATION + 9].reshape((3, 3))
+    if data.on[layout.HARMONICS]:
+        rotation = sky[layout.ROTATION : layout.ROTATION + 9].reshape((3, 3))
         p = times(rotation, r)
         s = harmonic_sums(p[0], p[1], p[2], data.radius_m, data.gradient_series, data.recursion)
         s *= data.gm[0] / data.radius_m**3
         own = np.array([[s[0], s[1], s[2]], [s[1], s[3], s[4]], [s[2], s[4], -s[0] - s[3]]])
         out += rotation.T @ (own @ rotation)
-    if data.on[TIDES]:
+    if data.on[layout.TIDES]:
         tensor, square = _tensor(sky, data.gm, data.permanent), dot(r, r)
         trace = tensor[0, 0] + tensor[1, 1] + tensor[2, 2]
         pulled = times(tensor, r)
@@ -339,14 +319,14 @@ def _gradient(r: Floats, sky: Floats, data: ForceData) -> Floats:
         slope = np.empty(3)
         for i in range(3):
             slope[i] = 6.0 * pulled[i] - 2.0 * trace * r[i]
-        factor = data.scales[TIDES] * 0.5 * data.radius_m**5 / (square * square * math.sqrt(square))
+        factor = data.scales[layout.TIDES] * 0.5 * data.radius_m**5 / (square * square * math.sqrt(square))
         for i in range(3):
             out[i, i] -= factor * (2.0 * trace + 5.0 * along / square)
             for j in range(3):
                 mixed = slope[i] * r[j] + r[i] * slope[j] - 7.0 * along * r[i] * r[j] / square
                 out[i, j] += factor * (6.0 * tensor[i, j] - 5.0 * mixed / square)
     for body in range(1, len(data.gm)):
-        if data.on[EARTH + body - 1]:
+        if data.on[layout.EARTH + body - 1]:
             _add_point_mass(out, minus(sky[3 * body - 3 : 3 * body], r), data.gm[body])
     return out
 
@@ -373,10 +353,10 @@ def _gradient_of_given(y: Floats, given: Floats, phase: Floats) -> Floats:
 def _acts_by_state(given: Floats) -> bool:
     """Whether a given acceleration that acts depends on the state."""
     for i in range(given.shape[0]):
-        if given[i, ACTS] > 0.0:
-            if given[i, OF_RTN] > 0.0:
+        if given[i, layout.ACTS] > 0.0:
+            if given[i, layout.OF_RTN] > 0.0:
                 return True
-            for k in range(FIRST + 3, FIRST + COMPONENTS):
+            for k in range(layout.FIRST + 3, layout.FIRST + layout.COMPONENTS):
                 if given[i, k] != 0.0:
                     return True
     return False
@@ -400,16 +380,16 @@ def variations(
     by_parameters = np.zeros((len(columns), 3))
     for j in range(len(columns)):
         part, which = columns[j, 0], columns[j, 1]
-        if part == CENTRAL:
+        if part == layout.CENTRAL:
             for i in range(3):
-                by_parameters[j, i] = (parts[CENTRAL, i] + parts[HARMONICS, i]) / data.gm[0]
-        elif part == SUNLIGHT:
-            add(by_parameters[j], 1.0, parts[SUNLIGHT])
-            add(by_parameters[j], 1.0, parts[MOONLIGHT])
-        elif part == GIVEN:
-            one = data.given[which // COMPONENTS]
-            if one[ACTS] > 0.0:
-                add(by_parameters[j], 1.0, unit_components(r, v, one, data.phase)[which % COMPONENTS])
+                by_parameters[j, i] = (parts[layout.CENTRAL, i] + parts[layout.HARMONICS, i]) / data.gm[0]
+        elif part == layout.SUNLIGHT:
+            add(by_parameters[j], 1.0, parts[layout.SUNLIGHT])
+            add(by_parameters[j], 1.0, parts[layout.MOONLIGHT])
+        elif part == layout.GIVEN:
+            one = data.given[which // layout.COMPONENTS]
+            if one[layout.ACTS] > 0.0:
+                add(by_parameters[j], 1.0, unit_components(r, v, one, data.phase)[which % layout.COMPONENTS])
         elif part >= 0:
             add(by_parameters[j], 1.0, parts[part])
     return by_state, by_parameters

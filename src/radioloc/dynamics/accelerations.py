@@ -11,29 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
-from radioloc.dynamics._force_data import (
-    ACTS,
-    CENTRAL,
-    COMPONENTS,
-    EARTH,
-    EARTH_VELOCITY,
-    FIGURES,
-    FIRST,
-    GIVEN,
-    HARMONICS,
-    MOON_VELOCITY,
-    MOONLIGHT,
-    NORMAL,
-    OF_RTN,
-    PARTS,
-    QUANTITIES,
-    RELATIVITY,
-    ROTATION,
-    SUN_VELOCITY,
-    SUNLIGHT,
-    TIDES,
-    ForceData,
-)
+from radioloc.dynamics import _force_data as layout
+from radioloc.dynamics._force_data import ForceData
 from radioloc.dynamics.forces import BODIES, Forces, require_one_epoch
 from radioloc.dynamics.gravity import GravityField, acceleration_series, gradient_series, recursion, stacked
 from radioloc.dynamics.orbit import STATE, initial_state
@@ -101,9 +80,9 @@ def acceleration_terms(
     # The compiler takes a third of a second to import.
     from radioloc.dynamics._force_kernels import accelerations, quantities
 
-    data.given[:, ACTS] = 1.0
+    data.given[:, layout.ACTS] = 1.0
     parts = accelerations(state[:3], state[3:], quantities(0.0, data), data)
-    return {name: scale * part for name, scale, part in zip(PARTS, data.scales, parts, strict=True)}
+    return {name: scale * part for name, scale, part in zip(layout.PARTS, data.scales, parts, strict=True)}
 
 
 @bare_arguments
@@ -135,7 +114,7 @@ def acceleration_sizes(epoch: Epochs, height_m: float, forces: Forces) -> dict[s
     noon /= np.linalg.norm(noon)
     radius_m = MEAN_LUNAR_RADIUS_M + height_m
     speed_m_s = np.sqrt(ephemeris.constants.gm_moon_m3_s2 / radius_m)
-    squares = dict.fromkeys(PARTS, 0.0)
+    squares = dict.fromkeys(layout.PARTS, 0.0)
     for angle in 2.0 * np.pi * np.arange(_PLACES) / _PLACES:
         place_m = radius_m * (np.cos(angle) * noon + np.sin(angle) * pole)
         velocity_m_s = speed_m_s * (np.cos(angle) * pole - np.sin(angle) * noon)
@@ -166,20 +145,21 @@ def force_data(
     masses = [ephemeris.constants.gm_m3_s2(body) for body in ("moon", *BODIES)]
     if forces.gm_m3_s2 is not None:
         masses[0] = forces.gm_m3_s2
-    on, scales = np.ones(len(PARTS), dtype=bool), np.ones(len(PARTS))
-    scales[TIDES], scales[SUNLIGHT], scales[MOONLIGHT] = forces.k2, *[forces.radiation_m2_kg] * 2
+    on, scales = np.ones(len(layout.PARTS), dtype=bool), np.ones(len(layout.PARTS))
+    scales[layout.TIDES] = forces.k2
+    scales[[layout.SUNLIGHT, layout.MOONLIGHT]] = forces.radiation_m2_kg
     for k, body in enumerate(BODIES):
-        on[EARTH + k] = body in forces.bodies
-    on[HARMONICS] = field.degree > 0
-    on[TIDES] = forces.k2 != 0.0 or "k2" in names
-    on[FIGURES], on[RELATIVITY] = forces.figures, forces.relativity
-    on[SUNLIGHT] = forces.radiation_m2_kg != 0.0 or "radiation" in names
-    on[MOONLIGHT] = forces.moonlight and on[SUNLIGHT]
-    given = np.zeros((len(forces.accelerations), FIRST + COMPONENTS))
+        on[layout.EARTH + k] = body in forces.bodies
+    on[layout.HARMONICS] = field.degree > 0
+    on[layout.TIDES] = forces.k2 != 0.0 or "k2" in names
+    on[layout.FIGURES], on[layout.RELATIVITY] = forces.figures, forces.relativity
+    on[layout.SUNLIGHT] = forces.radiation_m2_kg != 0.0 or "radiation" in names
+    on[layout.MOONLIGHT] = forces.moonlight and on[layout.SUNLIGHT]
+    given = np.zeros((len(forces.accelerations), layout.FIRST + layout.COMPONENTS))
     for row, one in zip(given, forces.accelerations, strict=True):
-        row[OF_RTN] = one.axes == "RTN"
-        row[NORMAL:FIRST] = one.normal or 0.0
-        row[FIRST:] = [*one.constant_m_s2, *one.cosine_m_s2, *one.sine_m_s2]
+        row[layout.OF_RTN] = one.axes == "RTN"
+        row[layout.NORMAL : layout.FIRST] = one.normal or 0.0
+        row[layout.FIRST :] = [*one.constant_m_s2, *one.cosine_m_s2, *one.sine_m_s2]
     return ForceData(
         table,
         first_s,
@@ -215,7 +195,7 @@ def body_table(
     nodes = chebyshev.chebpts1(_NODES)
     nodes_s = span_s[0] + length_s * (np.arange(count)[:, None] + 0.5 * (1.0 + nodes))
     tdb = epoch.shifted(nodes_s.ravel())
-    values = np.zeros((nodes_s.size, QUANTITIES))
+    values = np.zeros((nodes_s.size, layout.QUANTITIES))
     moon_m, moon_m_s = ephemeris.geocentric("moon", tdb)
     values[:, :3] = -moon_m
     for k, body in enumerate(BODIES[1:], 1):
@@ -223,21 +203,22 @@ def body_table(
             values[:, 3 * k : 3 * k + 3] = ephemeris.geocentric(body, tdb)[0] - moon_m
     to_frame = rot_between(libration.frame, frame)
     rotation = to_frame @ rot_icrf_to_pa(libration.angles(tdb)[0])
-    values[:, ROTATION:EARTH_VELOCITY] = rotation.reshape(-1, 9)
-    values[:, EARTH_VELOCITY:SUN_VELOCITY] = -moon_m_s
-    values[:, SUN_VELOCITY:MOON_VELOCITY] = ephemeris.geocentric("sun", tdb)[1] - moon_m_s
-    values[:, MOON_VELOCITY:] = ephemeris.earth(tdb).velocity_m_s + moon_m_s
+    values[:, layout.ROTATION : layout.EARTH_VELOCITY] = rotation.reshape(-1, 9)
+    values[:, layout.EARTH_VELOCITY : layout.SUN_VELOCITY] = -moon_m_s
+    values[:, layout.SUN_VELOCITY : layout.MOON_VELOCITY] = ephemeris.geocentric("sun", tdb)[1] - moon_m_s
+    values[:, layout.MOON_VELOCITY :] = ephemeris.earth(tdb).velocity_m_s + moon_m_s
     to_series = np.linalg.inv(chebyshev.chebvander(nodes, _NODES - 1))
-    table = np.einsum("kj,sjq->sqk", to_series, values.reshape(count, _NODES, QUANTITIES))
+    table = np.einsum("kj,sjq->sqk", to_series, values.reshape(count, _NODES, layout.QUANTITIES))
     return np.ascontiguousarray(table), span_s[0], length_s
 
 
 def parameter_columns(forces: Forces, names: Sequence[str]) -> NDArray[np.int64]:
     """Part and index of each parameter, as compiled :func:`variations` takes them."""
-    known = {"gm": (CENTRAL, 0), "k2": (TIDES, 0), "radiation": (SUNLIGHT, 0)}
+    known = {"gm": (layout.CENTRAL, 0), "k2": (layout.TIDES, 0), "radiation": (layout.SUNLIGHT, 0)}
     known |= dict.fromkeys(STATE, (-1, 0))
     for row, one in enumerate(forces.accelerations):
-        known |= {name: (GIVEN, row * COMPONENTS + k) for k, name in enumerate(chain(*one.names()))}
+        first = row * layout.COMPONENTS
+        known |= {name: (layout.GIVEN, first + k) for k, name in enumerate(chain(*one.names()))}
     for impulse in forces.impulses:
         known |= dict.fromkeys(impulse.names(), (-1, 0))
     for name in names:

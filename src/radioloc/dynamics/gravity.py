@@ -47,9 +47,7 @@ class GravityField:
     gm_m3_s2: float
     radius_m: float  # R
     frame: str  # axes, such as PA_DE421
-    tide_system: (
-        str  # tide_free, zero_tide (the permanent tide is in C20 and C22) or unknown (taken as tide_free)
-    )
+    tide_system: str  # tide_free, zero_tide (C20 and C22 have the permanent tide) or unknown (as tide_free)
     c: Floats  # shape (degree + 1, degree + 1), by degree and order
     s: Floats
     sigma_c: Floats  # formal; zeros where the file gives none

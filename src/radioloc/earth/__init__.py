@@ -5,10 +5,7 @@ Positions are metres in the ITRF unless a name says otherwise; epochs are :class
 
 from radioloc.earth.blq import BlqCoefficients, read_blq
 from radioloc.earth.eop import EopTable
-from radioloc.earth.geodesy import (
-    geodetic_from_itrf,
-    itrf_from_geodetic,
-)
+from radioloc.earth.geodesy import geodetic_from_itrf
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.earth.stations import Station, StationCatalogue
 
@@ -19,6 +16,5 @@ __all__ = [
     "Station",
     "StationCatalogue",
     "geodetic_from_itrf",
-    "itrf_from_geodetic",
     "read_blq",
 ]

@@ -81,9 +81,7 @@ class EopTable:
     dy_rad: Floats
     predicted: NDArray[np.bool_]  # whether any value of the day is a prediction
     sources: tuple[str, ...] = ()  # where the values come from, for the record of a result
-    beyond: tuple[str, float] | None = (
-        None  # how days after one (MJD UTC) were added, by eop_prediction.extended
-    )
+    beyond: tuple[str, float] | None = None  # how days after one (MJD UTC) were added (eop_prediction)
     _nodes_tt: Epochs = field(init=False)
     _values: Floats = field(init=False)
 

@@ -52,14 +52,7 @@ def geodetic_from_itrf(itrf_m: ArrayLike) -> Geodetic:
 
 
 def itrf_from_geodetic(longitude_rad: ArrayLike, latitude_rad: ArrayLike, height_m: ArrayLike) -> Floats:
-    """Position in the ITRF, m, shape (..., 3), of east longitude and latitude (rad) and height (m) on GRS80: ``gd2gc``.
-
-    Examples
-    --------
-    >>> from radioloc.earth import itrf_from_geodetic
-    >>> itrf_from_geodetic(0.0, 0.0, 100.0).tolist()
-    [6378237.0, 0.0, 0.0]
-    """
+    """Position in the ITRF, m, (..., 3), of east longitude, latitude (rad) and height (m) on GRS80: ERFA ``gd2gc``."""
     longitude, latitude, height = np.broadcast_arrays(
         as_float_array(longitude_rad, "rad", "longitude_rad"),
         as_float_array(latitude_rad, "rad", "latitude_rad"),

@@ -27,9 +27,7 @@ from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_
 from radioloc.vectors import Floats
 
 _TOLERANCE_PIXELS = 0.02  # of the map, to which GDAL interpolates the projection; features have 0.1 and more
-_AVERAGED_FROM = (
-    2.0  # pixels of the map in one of a view from which on these are averaged instead of interpolated
-)
+_AVERAGED_FROM = 2.0  # pixels of the map in one of a view, which are then averaged, not interpolated
 _LARGEST_VIEW_PIXELS = 2**26
 
 

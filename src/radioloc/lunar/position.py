@@ -218,16 +218,6 @@ def rot_between(frame: str, other: str) -> Floats:
 
     Many points are turned at once: ``points_m @ rot_between(frame, other).T`` of shape (n, 3).
 
-    Parameters
-    ----------
-    frame, other : str
-        ``"PA_DE421"``, ``"ME_DE421"``, ``"PA_DE440"``, ...
-
-    Raises
-    ------
-    InputError
-        The constants of an ephemeris are not known, or no angles lead from its mean-Earth axes to the other's.
-
     Examples
     --------
     >>> import numpy as np

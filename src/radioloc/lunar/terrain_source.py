@@ -29,24 +29,10 @@ _TILE_CELLS = 256
 _TILES_KEPT = 64
 _SAMPLES = 32
 # Of 16 and 32 bits and those of geographic software, before scale and offset.
-_USUAL_VOIDS = (
-    -9999,
-    -99999,
-    -999999,
-    -32768,
-    -32767,
-    -32766,
-    -32765,
-    -32764,
-    32767,
-    65535,
-    -2147483648,
-    2147483647,
-)
+_USUAL_VOIDS = (*range(-32768, -32763), -9999, -99999, -999999, 32767, 65535, -(2**31), 2**31 - 1)
 _MAX_SLOPE = 2.0  # from cell to cell; few slopes of the Moon exceed 45 deg
-_MIN_LEVEL_CELLS = (
-    4  # adjacent cells of one number: the ground there is level, and its edge differs by few numbers
-)
+# Adjacent cells of one number from which on the ground is level: its edge differs by few numbers.
+_MIN_LEVEL_CELLS = 4
 _MAX_LEVEL_STEP = 20
 
 

@@ -8,25 +8,21 @@ angles radians, electron contents TECU (1e16 per square metre).
 from collections.abc import Mapping
 
 from radioloc.media.axis_offset import AntennaAxisOffset
-from radioloc.media.csp import MediaCalibrations, read_csp
-from radioloc.media.ionex import IonexMaps, read_ionex
+from radioloc.media.csp import read_csp
+from radioloc.media.ionex import read_ionex
 from radioloc.media.ionosphere import Ionosphere, UniformTec
-from radioloc.media.medium import Elevation, Leg, LegDelay, LegEnd, Medium
-from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
+from radioloc.media.medium import Leg, LegDelay, LegEnd, Medium
+from radioloc.media.radio_atmosphere import read_radio_atmosphere
 from radioloc.media.status import Status
 from radioloc.media.troposphere import Troposphere
 from radioloc.plugins import registry
 
 __all__ = [
     "MEDIA",
-    "Elevation",
-    "IonexMaps",
     "Leg",
     "LegDelay",
     "LegEnd",
-    "MediaCalibrations",
     "Medium",
-    "RadioAtmosphere",
     "Status",
     "UniformTec",
     "read_csp",

@@ -28,7 +28,6 @@ from pathlib import Path
 
 import numpy as np
 
-from radioloc.boundary import bare_arguments
 from radioloc.constants import MJD_ZERO_JD, SECONDS_PER_DAY
 from radioloc.earth.stations import Station
 from radioloc.errors import CoverageError, FileFormatError, InputError
@@ -86,24 +85,17 @@ class Card:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MediaCalibrations:
-    """Cards of TRO and ION files; make one with :func:`read_csp`.
-
-    Cards by what they calibrate, those of a later file or further down counting where several hold, and the files.
-    """
+    """Cards of TRO and ION files; where several hold, the later file or the one further down counts."""
 
     cards: tuple[Card, ...]
     paths: tuple[Path, ...]
 
     def serves(self, station: Station, model: str) -> bool:
-        """Whether there are cards of a model for a station."""
+        """Determine whether there are cards of a model for a station."""
         return any(True for _ in self._of(station, model))
 
-    @bare_arguments
     def zenith_m(self, station: Station, epochs: Epochs, model: str, phase: bool) -> Floats | None:
-        """Delay at the zenith by the dry or the wet air, m, shape (n,); ``None`` for a station without cards.
-
-        :class:`CoverageError` where the cards do not have an epoch.
-        """
+        """Delay at the zenith by the dry or the wet air, m, shape (n,); ``None`` for a station without cards."""
         if not self.serves(station, model):
             return None
         mine = list(self._of(station, model, phase))
@@ -116,7 +108,6 @@ class MediaCalibrations:
             total_m = total_m + self._evaluated(corrections, station, epochs, model)[0]
         return np.asarray(total_m)
 
-    @bare_arguments
     def charged(self, station: Station, epochs: Epochs, phase: bool) -> Floats | None:
         """Delay of a code along the ray at 2295 MHz (m) and its rate (m/s), shape (2, n); as :meth:`zenith_m`."""
         if not self.serves(station, CHARGED):

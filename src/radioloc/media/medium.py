@@ -133,9 +133,7 @@ class LegDelay:
     status: NDArray[np.int8] | None = None  # Status
     by_elevation_m_rad: Floats | None = None  # derivative, from which those by time and position follow
     rate_m_s: Floats | None = None  # derivative with time that does not come by way of elevation
-    by_position: Floats | None = (
-        None  # with the target's position, celestial axes, not by way of elevation either
-    )
+    by_position: Floats | None = None  # by the target's position, celestial axes, beside that by elevation
     by_zenith_wet: Floats | None = None  # with the wet tropospheric delay at the zenith, m/m
 
 

@@ -79,11 +79,7 @@ class ZenithAir:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RadioAtmosphere:
-    """Files of VMF3 and GPT3; make one with :func:`read_radio_atmosphere`.
-
-    Series of VMF3 by the station's name in the files, maps of VMF3, climate for stations of which VMF3 has nothing, and
-    where they came from.
-    """
+    """Files of VMF3 and GPT3: series by the station's name in the files, maps, climate for the other stations."""
 
     sites: dict[str, Vmf3Site]
     grids: Vmf3Grids | None
@@ -92,7 +88,7 @@ class RadioAtmosphere:
     gpt3_files: tuple[Path, ...] = ()
 
     def source_of(self, station: Station) -> str:
-        """``"VMF3"`` or ``"GPT3"``, what serves a station; :class:`InputError` where neither does."""
+        """Return ``"VMF3"`` or ``"GPT3"``, which serves a station, or refuse it."""
         if self.grids is not None or self._site(station) is not None:
             return "VMF3"
         if self.gpt3 is not None:
@@ -111,11 +107,7 @@ class RadioAtmosphere:
     def above(
         self, station: Station, place: tuple[float, float, float], epochs: Epochs, recorded: Floats
     ) -> tuple[Floats, ...]:
-        """Air above a station as :class:`ZenithAir` has it; arguments as :func:`air_by_weather`.
-
-        Raises :class:`CoverageError` or :class:`InputError`, naming files and station, where the files do not have the
-        station, its place or an epoch.
-        """
+        """Air above a station as :class:`ZenithAir` has it; arguments as :func:`air_by_weather`."""
         files = self.vmf3_files if self.source_of(station) == "VMF3" else self.gpt3_files
         source = self._site(station) or self.grids or self.gpt3
         assert source is not None  # refused before

@@ -191,7 +191,7 @@ def test_replaced_station_keeps_the_loading_coefficients_it_has(read):
 def test_station_above_the_ellipsoid_in_an_earlier_frame(read):
     text = "[stations.dss24]\nlongitude_deg = 116.191\nlatitude_deg = -31.048\nheight_m = 252.0\nframe = 'ITRF2008'\n"
     station = read(TARGET + FILES + text).catalogue.get("DSS-24")
-    itrf_m = radioloc.earth.itrf_from_geodetic(np.deg2rad(116.191), np.deg2rad(-31.048), 252.0)
+    itrf_m = radioloc.earth.geodesy.itrf_from_geodetic(np.deg2rad(116.191), np.deg2rad(-31.048), 252.0)
     np.testing.assert_allclose(station.itrf_m, itrf_m, rtol=0.0, atol=1e-9)
     assert (station.frame, station.velocity_m_yr, station.position_sigma_m) == ("ITRF2008", None, 0.01)
     assert station.axis_offset_m == 0.0  # as the catalogue has it

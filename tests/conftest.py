@@ -9,6 +9,8 @@ import pytest
 from hypothesis import HealthCheck, settings
 from quick import undrawn, unsearched
 
+from radioloc.measurements import TERMS, PhysicalModel
+
 # `make test` searches a little each time, `make test-all` much longer (--hypothesis-profile=thorough). No test
 # is late because other processes keep the machine busy, and fixtures of a test are made to serve all its examples.
 for name, examples in {"fast": 15, "thorough": 400}.items():
@@ -31,3 +33,15 @@ def _undrawn():
 def _unsearched():
     with unsearched():
         yield
+
+
+@pytest.fixture(scope="session")
+def model():
+    """The physical model with all terms and without files of its own."""
+    return PhysicalModel.build()
+
+
+@pytest.fixture(scope="session")
+def bare():
+    """The physical model without any term."""
+    return PhysicalModel.build(off=TERMS)

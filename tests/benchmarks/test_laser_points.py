@@ -17,11 +17,6 @@ MOST_S = {"range": 4.0, "doppler": 3.0}
 """Processor time for so many observations of fifty years; a quiet core takes a third of it."""
 
 
-@pytest.fixture(scope="module")
-def model():
-    return radioloc.measurements.PhysicalModel.build()
-
-
 @pytest.mark.parametrize(
     ("kind", "count", "paths"),
     [

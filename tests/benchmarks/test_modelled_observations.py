@@ -40,11 +40,6 @@ MOST_FLOORS = 4.0
 """Goal: within this many times of the polynomials' bare evaluation."""
 
 
-@pytest.fixture(scope="module")
-def model():
-    return radioloc.measurements.PhysicalModel.build()
-
-
 @pytest.fixture
 def one_thread():
     before = numba.config.NUMBA_NUM_THREADS

@@ -41,11 +41,6 @@ ROUNDING = {
 SAME_M = 1e-6
 
 
-@pytest.fixture(scope="module")
-def model():
-    return PhysicalModel.build()
-
-
 def series(path, kind, tai, **columns):
     return observations(path, tai, "transmit" if kind == "range" else "receive", kind, **columns)
 

@@ -12,7 +12,6 @@ from radioloc.earth.eop import EopTable
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.errors import InputError, PredictedEopWarning
 from radioloc.measurements import Observations, prepare_predictor
-from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import reasons
 from radioloc.time import epochs_from_strings
 
@@ -52,11 +51,6 @@ def tracking(kind, path, count_s):
 
 def predictor(table, model):
     return prepare_predictor(model, table, POSITIONS_M, "exact", targets=TARGETS)
-
-
-@pytest.fixture(scope="module")
-def model():
-    return PhysicalModel.build()
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,6 @@ from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
-from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS
 from radioloc.media.status import Status, describe
 from radioloc.time import Epochs, epochs_from_strings, tai_to_tt, tdb_to_tt, tt_to_tai, utc_to_tai
@@ -27,11 +26,6 @@ SAME_M = 1e-6
 PARTIALS_RELATIVE = 1e-6
 
 CHINESE = ("JIAMUSI", "KASHI", "NEUQUEN")
-
-
-@pytest.fixture(scope="module")
-def model():
-    return PhysicalModel.build()
 
 
 @pytest.fixture(scope="module")

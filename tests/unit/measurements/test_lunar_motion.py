@@ -10,8 +10,6 @@ from radioloc.constants import C_M_S
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.lunar.tide import solid_tide
 from radioloc.measurements.lunar_motion import lunar_motion
-from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.terms import TERMS
 from radioloc.time import Epochs
 
 REFERENCE = Epochs.from_jd(2459185.5 + 13.7 * np.arange(27), 0.25, "TDB")
@@ -19,16 +17,6 @@ COUNT = len(REFERENCE)
 
 # psi, which runs on since the kernel's start, reaches 1e4 rad; its last place turns the surface by 3 micrometres.
 LAST_PLACE_OF_PSI_M = 4e-6
-
-
-@pytest.fixture(scope="module")
-def model():
-    return PhysicalModel.build()
-
-
-@pytest.fixture(scope="module")
-def bare():
-    return PhysicalModel.build(off=TERMS)
 
 
 def moon(model, offset_s=0.0):

@@ -8,11 +8,6 @@ from radioloc.kernels import find_kernel
 from radioloc.measurements.physical_model import PhysicalModel
 
 
-@pytest.fixture(scope="module")
-def model():
-    return PhysicalModel.build()
-
-
 def test_unknown_term_gets_the_nearest(model):
     with pytest.raises(InputError, match=r"'shapero' is not a term .*did you mean 'shapiro'\?"):
         model.without("shapero")

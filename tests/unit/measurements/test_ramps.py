@@ -11,7 +11,7 @@ from scipy.integrate import quad
 from radioloc.constants import C_M_S
 from radioloc.errors import FileFormatError, InputError
 from radioloc.io import read_observations, read_ramps, write_ramps
-from radioloc.measurements import ExactPredictor, Link, Observations, PhysicalModel, Ramps, prepare_predictor
+from radioloc.measurements import ExactPredictor, Link, Observations, Ramps, prepare_predictor
 from radioloc.measurements.observations import DOPPLER, RANGE
 from radioloc.time import Epochs, epochs_from_strings, tai_to_utc, utc_to_tai
 from radioloc.time.dates import utc_to_text
@@ -51,11 +51,6 @@ def observations(links, kind=DOPPLER, seconds=(0.0, 60.0, 120.0, 200.0, 300.0), 
         ramped=ramped,
         ramps=of,
     )
-
-
-@pytest.fixture(scope="module")
-def model():
-    return PhysicalModel.build()
 
 
 TWO_WAY, THREE_WAY = Link("KASHI", "lander", "KASHI"), Link("KASHI", "lander", "JIAMUSI")

@@ -14,9 +14,7 @@ from radioloc.earth.ocean_loading import TIDAL_GEOCENTRE_M, loading_enu_m, loadi
 from radioloc.earth.solid_tide import pole_tide_displacement, solid_earth_tide
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Ephemeris
-from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.station_motion import geocentre_displacement_m, station_motion
-from radioloc.measurements.terms import TERMS
 from radioloc.time import Epochs, geocentric_tdb_minus_tt
 
 REFERENCE = Epochs.from_jd(2459185.5 + 13.7 * np.arange(27), 0.0, "TDB")
@@ -24,16 +22,6 @@ COUNT = len(REFERENCE)
 STATIONS = tuple(StationCatalogue.default()[name] for name in ("GRASSE", "APOLLO", "KASHI"))
 WHICH = np.arange(COUNT, dtype=np.int32) % 3
 DISPLACEMENTS = ("solid_earth_tide", "pole_tide", "ocean_loading", "tidal_geocentre", "station_velocity")
-
-
-@pytest.fixture(scope="module")
-def model():
-    return PhysicalModel.build()
-
-
-@pytest.fixture(scope="module")
-def bare():
-    return PhysicalModel.build(off=TERMS)
 
 
 def motion(model, offset_s=0.0, stations=STATIONS, which=WHICH):

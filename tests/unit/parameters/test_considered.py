@@ -47,11 +47,6 @@ def tracked(model):
     return arc(model)
 
 
-@pytest.fixture(scope="module")
-def model():
-    return PhysicalModel.build()
-
-
 def sigmas(predictor, given=None, estimated=None, **options):
     choices, notes = resolved(
         considered_choices(given or {}), predictor, parameter_choices(estimated or {}), **options

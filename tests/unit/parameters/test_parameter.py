@@ -13,25 +13,6 @@ from radioloc.parameters.columns import Columns, members
 from radioloc.parameters.parameter import Role
 
 
-def test_order_and_lookup():
-    parameters = ParameterSet(
-        [
-            Parameter("position.x_m", "m", "position", 5.0),
-            Parameter("range_bias.A", "m", "range_bias", 1.0, prior_sigma=2.0),
-            Parameter("range_bias.B", "m", "range_bias", role=Role.FIXED),
-        ]
-    )
-    assert parameters.names == ("position.x_m", "range_bias.A", "range_bias.B")
-    assert parameters.index("range_bias.B") == 2
-    assert parameters["range_bias.A"].prior_sigma == 2.0
-    assert "range_bias.A" in parameters
-    assert parameters.of_kind("range_bias") == (1, 2)
-    assert parameters.of_kind("time_bias") == ()
-    np.testing.assert_array_equal(parameters.free, [True, True, False])
-    np.testing.assert_array_equal(parameters.prior_values, [5.0, 1.0, 0.0])
-    np.testing.assert_array_equal(parameters.prior_sigmas, [np.inf, 2.0, np.inf])
-
-
 def test_changed_copies():
     before = ParameterSet([Parameter("a", "m", "x"), Parameter("b", "m", "x")])
     after = before.changed("b", role=Role.FIXED, prior_value=3.0)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import base64
-import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -17,37 +16,12 @@ from radioloc.errors import InputError, visible
 from radioloc.extras import optional
 from radioloc.report.figure_types import FigureType, figures_of
 from radioloc.report.figures import DPI, png_of
-from radioloc.results.cards import (
-    BUDGET,
-    OBSERVABILITY,
-    PROVENANCE,
-    REJECTED,
-    RESIDUALS,
-    RESULT,
-    SECTIONS,
-    Field,
-    metres,
-    more,
-)
-from radioloc.results.fit_card import left_out_rows
+from radioloc.results.cards import SECTIONS, Detail, Field, html_fields
 from radioloc.results.result import Result
-from radioloc.results.solution import Solution
-from radioloc.results.subsets import ArcStudy
 from radioloc.text_files import write_text
 
 PAGE = "report.html"
 """Name of the page in an output folder."""
-_FEW_LEFT_OUT, _MOST_LEFT_OUT = 20, 300
-_NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?|-")
-_SHORT, _LONG_WORD = 16, 30
-
-_SECTION_OF = {
-    **dict.fromkeys(("data", "fit", "misfit", "types", "links", "stations"), RESIDUALS),
-    **dict.fromkeys(("estimated", "passes", "held", "observable"), OBSERVABILITY),
-    "budget": BUDGET,
-    "left out": REJECTED,
-}
-"""Where a field of a card goes, by its label; others are the result."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,17 +29,16 @@ class _Section:
     title: str
     fields: list[Field] = field(default_factory=list)
     images: list[dict[str, Any]] = field(default_factory=list)
-    more: list[tuple[str, Sequence[Field]]] = field(default_factory=list)
+    details: list[Detail] = field(default_factory=list)
 
     @property
-    def shown(self) -> bool:
-        """Whether there is anything in it."""
-        tables = [*self.fields, *(item for _, items in self.more for item in items)]
-        return bool(self.images) or any(item.lines or item.rows for item in tables)
+    def is_empty(self) -> bool:
+        """Whether there is nothing in it."""
+        return not (self.images or self.fields or self.details)
 
     @property
     def anchor(self) -> str:
-        """What links within the page call it."""
+        """Target of links within the page."""
         return self.title.lower().replace(" ", "-")
 
 
@@ -118,68 +91,35 @@ def write_page(result: Result, figures: Mapping[str, Path | BytesIO], path: str 
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    environment.filters["kinds"] = _kinds
     text = environment.get_template("report.html").render(
         title=title,
-        verdict=_verdict(result),
+        verdict=result.verdict,
+        fields=html_fields,
         sections=sections,
         version=__version__,
     )
     write_text(path, text)
 
 
-def _kinds(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Of each column: numbers stand to the right, and neither these nor what is short is broken."""
-    kinds = []
-    for cells in zip(*rows, strict=True):
-        numbers = sum(_NUMBER.fullmatch(cell) is not None for cell in cells)
-        short = all(len(cell) < (_SHORT if " " in cell else _LONG_WORD) for cell in cells)
-        kinds.append("number" if 2 * numbers > len(cells) else "word" if short else "")
-    return kinds
-
-
-def _verdict(result: Result) -> str:
-    """Whether the result can be used as it is; of a solution without a fit there is nothing to say."""
-    if isinstance(result, Solution) and not result.parameters.free.any():
-        return ""
-    return "good" if result.is_usable else "failed"
-
-
 def _sections(result: Result, name: str, figures: Mapping[str, Path | BytesIO]) -> list[_Section]:
-    """What the page shows, in order."""
-    found = {title: _Section(title) for title in SECTIONS}
-    of = RESULT
-    sections = _SECTION_OF if isinstance(result, Solution | ArcStudy) else {}
+    """Return what the page shows, in order."""
+    sections = {title: _Section(title) for title in SECTIONS}
     card = result.card()
     for item in card.fields:
-        of = sections.get(item.label, RESULT) if item.label else of
-        found[of].fields.append(item)
+        if item.section:
+            sections[item.section].fields.append(item)
     for figure_type in figures_of(result):
+        section = sections[figure_type.section]
         try:
             for png in _pngs(figure_type, result, figures):
                 image = {"alt": f"{name}: {figure_type.caption}", "photograph": figure_type.photograph}
-                found[figure_type.section].images.append(image | _image(png))
+                section.images.append(image | _image(png))
         except InputError as error:
-            found[figure_type.section].fields.append(Field(figure_type.name, (f"not drawn: {error}",)))
-    solution = result.longest if isinstance(result, ArcStudy) else result
-    if isinstance(solution, Solution):
-        rows, count = left_out_rows(solution, _MOST_LEFT_OUT), solution.fit.total.rejected
-        heading = ("UTC", "link", "residual, m", "reason")
-        table = Field("largest first", (), heading, rows, more(count, len(rows), "residuals.csv"))
-        if count <= _FEW_LEFT_OUT:
-            found[REJECTED].fields[:] = [table]
-        else:
-            found[REJECTED].more.append(("More of them, the largest residuals first", (table,)))
-    if isinstance(result, Solution):
-        for title, what, table in _tables(result):
-            found[title].more.append((what, (table,)))
-    if isinstance(result, ArcStudy):
-        for arc in result.arcs:
-            found[RESULT].more.append((f"The arc of {arc.name}", tuple(arc.solution.card().fields)))
-    provenance = getattr(getattr(result, "solution", solution), "provenance", {})
-    origin = Field("", (), ("key", "value"), _flat(provenance))
-    found[PROVENANCE].more.append(("Files, versions and settings that make this result again", (origin,)))
-    return [one for one in found.values() if one.shown]
+            section.fields.append(Field(figure_type.name, (f"not drawn: {error}",)))
+    for detail in card.details:
+        if not detail.is_empty:
+            sections[detail.section].details.append(detail)
+    return [section for section in sections.values() if not section.is_empty]
 
 
 def _pngs(
@@ -210,30 +150,3 @@ def _image(png: Path | BytesIO) -> dict[str, Any]:
     data = min(flat.getvalue(), rich.getvalue(), key=len)
     uri = f"data:image/webp;base64,{base64.b64encode(data).decode()}"
     return {"uri": uri, "width": width, "height": height}
-
-
-def _tables(solution: Solution) -> Iterator[tuple[str, str, Field]]:
-    """Whole tables of which the card has the beginning: the section of each, what it is, and its rows."""
-    rows = [
-        (item.source, item.name or "-", *map(metres, (item.east_m, item.north_m, item.up_m, item.total_m)))
-        for item in solution.budget
-    ]
-    yield BUDGET, "Every source", Field("", (), ("1 sigma, m", "of", "east", "north", "up", "3D"), rows)
-    pairs = solution.observability.correlations
-    rows = [(pair.first, pair.second, f"{pair.coefficient:+.4f}") for pair in pairs]
-    yield OBSERVABILITY, "All large correlations", Field("", (), ("parameter", "and", "correlation"), rows)
-
-
-def _flat(value: Any, key: str = "") -> Iterator[tuple[str, str]]:
-    """Keys and values of nested mappings, names with a dot for what is nested, as the documentation writes them."""
-    nested = isinstance(value, list | tuple) and any(isinstance(item, Mapping) for item in value)
-    if isinstance(value, Mapping) and (value or not key):
-        for name, item in value.items():
-            yield from _flat(item, f"{key}.{name}" if key else str(name))
-    elif nested:
-        for place, item in enumerate(value):
-            yield from _flat(item, f"{key}[{place}]")
-    elif isinstance(value, str | Path):
-        yield key, str(value)
-    else:
-        yield key, json.dumps(value, default=str, ensure_ascii=False)

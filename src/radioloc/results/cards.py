@@ -1,16 +1,20 @@
-"""Cards: what a result says, as one list of fields with two renderers, text for a terminal and HTML for a notebook.
+"""Cards: fields of a result, rendered as text for a terminal and as HTML for a notebook and the page.
 
-What numbers and links are called on them, and in figures, is here too.
+Formats of numbers and names of links, on cards and in figures, are here too.
 """
 
 from __future__ import annotations
 
 import html
 import io
+import json
 import math
+import re
 import textwrap
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 from radioloc.errors import visible
 from radioloc.estimation.statistics import Residuals
@@ -24,14 +28,22 @@ SECTIONS = (RESULT, POSITION, RESIDUALS, BUDGET, OBSERVABILITY, REJECTED, PROVEN
 WIDTH = 80
 _LABEL_WIDTH = 12
 _SHORTEST_NAME = 12
+_NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?|-")
+_MAX_SHORT_CHARACTERS, _MAX_WORD_CHARACTERS = 16, 30
+_STYLE = (
+    "dl.radioloc > div {display: grid; grid-template-columns: 8em 1fr} dl.radioloc :is(dt, dd) {margin: 0 0 .3em}"
+    " dl.radioloc p {margin: 0} dl.radioloc :is(dt, dd, th, td) {text-align: left}"
+    " dl.radioloc .number {text-align: right}"
+)
 _FINE = 1e-3  # sigmas below, such as those of clocks, are written with a power of ten
 
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """A label and what it says: lines of text, rows of a table under a heading, lines below it.
+    """A label with lines of text, rows of a table under a heading, and lines below it.
 
-    The `rest` are rows that a page unfolds; a card says how many names they have, and `where` they are.
+    HTML unfolds the rows of `rest`; text counts their names and says `where` they are. `section` is that of a page,
+    empty for fields of cards only.
     """
 
     label: str
@@ -41,6 +53,7 @@ class Field:
     below: Iterable[str] = ()
     rest: Iterable[Sequence[str]] = ()
     where: str = ""
+    section: str = RESULT
 
     def __post_init__(self) -> None:
         for name in ("label", "where"):
@@ -51,48 +64,137 @@ class Field:
             object.__setattr__(self, name, tuple(tuple(map(visible, row)) for row in getattr(self, name)))
 
     @property
-    def left_out(self) -> int:
-        """How many names the rest have."""
-        return len({row[0] for row in self.rest})
+    def is_empty(self) -> bool:
+        """Whether there is nothing below the label."""
+        return not (self.lines or self.rows or self.below or self.rest)
+
+    def html(self, title: str, verdict: str = "") -> str:
+        """Render as an entry of a description list; the title names tables without a label."""
+        name = self.label or title
+        content = "".join(f"<p>{html.escape(line)}</p>" for line in self.lines)
+        content += html_table(self.heading, self.rows, name) if self.rows else ""
+        if self.rest:
+            content += folded(f"{self._left_out} more", html_table(self.heading, self.rest, name))
+        content += "".join(f"<p>{html.escape(line)}</p>" for line in self.below)
+        status = f' class="status {verdict}"' if self.label == "status" else ""
+        return f"<div{status}><dt>{html.escape(self.label)}</dt><dd>{content}</dd></div>"
+
+    def text(self) -> list[str]:
+        """Render as lines of text, without the label."""
+        table = text_table(self.heading, self.rows, WIDTH - _LABEL_WIDTH) if self.rows else []
+        rest = more(self._left_out, 0, self.where) if self.where else ()
+        return [*_wrapped(self.lines), *table, *_wrapped((*rest, *self.below))]
 
     @property
-    def after(self) -> tuple[str, ...]:
-        """Lines below the table of a card, which does not have the rest."""
-        return (*(more(self.left_out, 0, self.where) if self.where else ()), *self.below)
+    def _left_out(self) -> int:
+        return len({row[0] for row in self.rest})
+
+
+def in_section(section: str, *fields: Field) -> tuple[Field, ...]:
+    """Assign fields to a section of the page."""
+    return tuple(replace(field, section=section) for field in fields)
+
+
+@dataclass(frozen=True, slots=True)
+class Detail:
+    """Fields that a section of the page unfolds under a title, such as whole tables; one field is a table alone."""
+
+    section: str
+    title: str
+    fields: Sequence[Field]
+    is_open: bool = False
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether all fields are."""
+        return all(field.is_empty for field in self.fields)
+
+    def html(self) -> str:
+        """Render as an element that unfolds."""
+        if len(self.fields) > 1:
+            return folded(self.title, html_fields(self.fields, self.title), self.is_open)
+        table = html_table(self.fields[0].heading, self.fields[0].rows, self.title)
+        return folded(self.title, table, self.is_open)
 
 
 @dataclass(frozen=True, slots=True)
 class Card:
-    """Fields in order, but for empty ones; ``str()`` is the card for a terminal."""
+    """Fields in order, but for empty ones, and details for the page; ``str()`` is the card for a terminal."""
 
     fields: Iterable[Field]
+    details: Iterable[Detail] = ()  # made as they are asked for
 
     def __post_init__(self) -> None:
-        kept = (field for field in self.fields if field.lines or field.rows or field.below or field.rest)
-        object.__setattr__(self, "fields", tuple(kept))
+        object.__setattr__(self, "fields", tuple(field for field in self.fields if not field.is_empty))
 
     def __str__(self) -> str:
-        out = []
-        for field in self.fields:
-            table = text_table(field.heading, field.rows, WIDTH - _LABEL_WIDTH) if field.rows else []
-            for k, line in enumerate([*_wrapped(field.lines), *table, *_wrapped(field.after)]):
-                out.append(f"{'' if k else field.label:<{_LABEL_WIDTH}}{line}".rstrip())
-        return "\n".join(out)
+        lines = (
+            f"{'' if k else field.label:<{_LABEL_WIDTH}}{line}".rstrip()
+            for field in self.fields
+            for k, line in enumerate(field.text())
+        )
+        return "\n".join(lines)
 
     def html(self) -> str:
-        """The same fields as an HTML table."""
-        left = 'style="text-align:left"'
-        rows = []
-        for field in self.fields:
-            content = "<br>".join(html.escape(line) for line in field.lines)
-            if field.rows:
-                head = "".join(f"<th>{html.escape(cell)}</th>" for cell in field.heading)
-                cells = ["".join(f"<td>{html.escape(cell)}</td>" for cell in row) for row in field.rows]
-                body = "".join(f"<tr>{row}</tr>" for row in cells)
-                content += f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-            content += "<br>".join(html.escape(line) for line in field.after)
-            rows.append(f"<tr><th {left}>{html.escape(field.label)}</th><td {left}>{content}</td></tr>")
-        return f"<table>{''.join(rows)}</table>"
+        """Render for a notebook."""
+        return f"<style>{_STYLE}</style>{html_fields(self.fields)}"
+
+
+def provenance_detail(provenance: Mapping[str, Any]) -> Detail:
+    """Return files, versions and settings as a table; the names of nested keys have dots."""
+    origin = Field("", (), ("key", "value"), _flat(provenance))
+    return Detail(PROVENANCE, "Files, versions and settings that make this result again", (origin,))
+
+
+def _flat(value: Any, key: str = "") -> Iterator[tuple[str, str]]:
+    if isinstance(value, Mapping) and (value or not key):
+        for name, item in value.items():
+            yield from _flat(item, f"{key}.{name}" if key else str(name))
+    elif isinstance(value, list | tuple) and any(isinstance(item, Mapping) for item in value):
+        for place, item in enumerate(value):
+            yield from _flat(item, f"{key}[{place}]")
+    elif isinstance(value, str | Path):
+        yield key, str(value)
+    else:
+        yield key, json.dumps(value, default=str, ensure_ascii=False)
+
+
+def html_fields(fields: Iterable[Field], title: str = "", verdict: str = "") -> str:
+    """Render fields as a description list; the status has the class of the verdict, ``good`` or ``failed``."""
+    return f'<dl class="radioloc">{"".join(field.html(title, verdict) for field in fields)}</dl>'
+
+
+def html_table(heading: Sequence[str], rows: Iterable[Sequence[str]], label: str) -> str:
+    """Render rows of cells as a table that scrolls; columns have the class ``number``, ``word`` or none."""
+    rows = tuple(rows)
+    kinds = [_kind(cells) for cells in zip(*rows, strict=True)]
+    names = zip(heading, kinds, strict=True)
+    head = (f'<th scope="col" class="{kind}">{html.escape(name)}</th>' for name, kind in names)
+    body = []
+    for first, *others in rows:
+        cells = (
+            f'<td class="{kind}">{html.escape(cell)}</td>'
+            for cell, kind in zip(others, kinds[1:], strict=True)
+        )
+        body.append(f'<tr><th scope="row" class="{kinds[0]}">{html.escape(first)}</th>{"".join(cells)}</tr>')
+    return (
+        f'<div class="scroll" role="region" aria-label="{html.escape(label)}" tabindex="0"><table><thead><tr>'
+        f"{''.join(head)}</tr></thead><tbody>{''.join(body)}</tbody></table></div>"
+    )
+
+
+def folded(title: str, content: str, is_open: bool = False) -> str:
+    """Put HTML into an element that unfolds."""
+    return f"<details{' open' if is_open else ''}><summary>{html.escape(title)}</summary>{content}</details>"
+
+
+def _kind(cells: Sequence[str]) -> str:
+    """Class of a column: numbers stand to the right, and neither these nor short texts are broken."""
+    numbers = sum(_NUMBER.fullmatch(cell) is not None for cell in cells)
+    short = all(
+        len(cell) < (_MAX_SHORT_CHARACTERS if " " in cell else _MAX_WORD_CHARACTERS) for cell in cells
+    )
+    return "number" if 2 * numbers > len(cells) else "word" if short else ""
 
 
 def text_table(heading: Sequence[str], rows: Iterable[Sequence[str]], width: int) -> list[str]:

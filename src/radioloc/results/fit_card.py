@@ -14,10 +14,14 @@ from radioloc.estimation.statistics import Residuals
 from radioloc.labels import Labels
 from radioloc.measurements.link import Link
 from radioloc.results.cards import (
+    REJECTED,
+    RESIDUALS,
+    Detail,
     Field,
     duration,
     first_of,
     have_paths,
+    in_section,
     metres,
     more,
     plural,
@@ -33,6 +37,7 @@ _MAX_ROWS = 6
 _MAX_CANDIDATES = 3
 _MAX_LINKS = 12  # six baselines of four stations, and some that range
 _MAX_OUTLIERS = 3
+_MAX_UNFOLDED, _MAX_REJECTED = 20, 300  # on a page
 _MAX_SERIES = 3
 _SPLIT_SIGMAS = 3.3
 """Means of two links that differ by more do so by chance in 1 of 1000 cases."""
@@ -43,12 +48,21 @@ _MUCH_LARGER = 3.0
 
 def fit_fields(solution: Solution) -> Iterator[Field]:
     """Fields of the card, in order."""
-    yield Field("data", _data(solution))
+    yield Field("data", _data(solution), section=RESIDUALS)
     yield _transmitters(solution)
-    yield Field("fit", _fit(solution))
-    yield Field("misfit", map(str, inconsistent(solution, strongly=False)))
-    yield from _groups(solution)
-    yield Field("left out", _left_out(solution))
+    yield Field("fit", _fit(solution), section=RESIDUALS)
+    yield Field("misfit", map(str, inconsistent(solution, strongly=False)), section=RESIDUALS)
+    yield from in_section(RESIDUALS, *_groups(solution))
+    yield Field("left out", _left_out(solution), section="")
+
+
+def rejected_detail(solution: Solution) -> Detail:
+    """Return the observations that were left out as a table."""
+    rows, count = left_out_rows(solution, _MAX_REJECTED), solution.fit.total.rejected
+    heading = ("UTC", "link", "residual, m", "reason")
+    first = f"The first {len(rows)} of {count}" if count > len(rows) else "All of them"
+    table = Field("", (), heading, rows)
+    return Detail(REJECTED, f"{first}, the largest residuals first", (table,), count <= _MAX_UNFOLDED)
 
 
 def inconsistent(solution: Solution, *, strongly: bool) -> Iterator[Inconsistency]:

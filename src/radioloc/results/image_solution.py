@@ -23,7 +23,7 @@ from radioloc.imaging.registration import RegisteredFrame, Registration
 from radioloc.lunar import Map
 from radioloc.lunar.position import LunarPosition
 from radioloc.parameters.position_prior import map_tie_names
-from radioloc.results.cards import Card, Field, metres, plural
+from radioloc.results.cards import Card, Field, metres, plural, provenance_detail
 from radioloc.results.result import Content, Result
 from radioloc.results.tables import difference
 from radioloc.vectors import Floats
@@ -98,7 +98,8 @@ class _FromImages(Result):
                 Field("position", place),
                 *fields,
                 Field("notes", self.notes),
-            )
+            ),
+            (provenance_detail(self.provenance),),
         )
 
     def _reference_field(self) -> Field:

@@ -60,6 +60,11 @@ class Result:
         return {}
 
     @property
+    def verdict(self) -> str:
+        """Class of the status on the page: ``good``, ``failed``, or empty where nothing was fitted."""
+        return "good" if self.is_usable else "failed"
+
+    @property
     def is_usable(self) -> bool:
         """Whether the result converged, is determined and consistent, as far as it states so."""
         return all(getattr(self, name, True) for name in ("converged", "consistent", "determined"))

@@ -461,6 +461,13 @@ class Solution(Result):
         """Return the card of the solution."""
         return card_of(self)
 
+    @property
+    def verdict(self) -> str:
+        """Class of the status on the page: ``good``, ``failed``, or empty where nothing was fitted."""
+        if not self.parameters.free.any():
+            return ""
+        return "good" if self.is_usable else "failed"
+
     def files(self) -> Mapping[str, Content]:
         """Return ``solution.json``, ``residuals.csv`` and of an orbit that was determined :data:`ORBIT_FILES`."""
         found: dict[str, Content] = {

@@ -13,8 +13,22 @@ from radioloc.estimation.consider import A_PRIORI, EPHEMERIS, NOISE, BudgetItem,
 from radioloc.estimation.orbit_state import OrbitState, ProcessEstimate
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.parameters.parameter import Role
-from radioloc.results.cards import Card, Field, metres, plural, sigma_text, signed_metres, table, to_sigma
-from radioloc.results.fit_card import fit_fields, inconsistent
+from radioloc.results.cards import (
+    BUDGET,
+    OBSERVABILITY,
+    Card,
+    Detail,
+    Field,
+    in_section,
+    metres,
+    plural,
+    provenance_detail,
+    sigma_text,
+    signed_metres,
+    table,
+    to_sigma,
+)
+from radioloc.results.fit_card import fit_fields, inconsistent, rejected_detail
 from radioloc.results.solution import Level, Solution, card_of
 from radioloc.time import utc_strings
 
@@ -69,17 +83,31 @@ def solution_card(solution: Solution) -> Card:
             Field("status", _status(solution)),
             *where,
             Field("targets", _targets(solution)),
-            _budget(solution),
+            *in_section(BUDGET, _budget(solution)),
             Field("reference", _reference(solution)),
             Field("a priori", _position_priors(solution)),
-            _estimated(solution),
-            Field("held", _held(solution)),
-            _passes(solution),
+            *in_section(
+                OBSERVABILITY, _estimated(solution), Field("held", _held(solution)), _passes(solution)
+            ),
             *fit_fields(solution),
-            Field("observable", sentences),
+            Field("observable", sentences, section=OBSERVABILITY),
             Field("notes", solution.notes),
-        )
+        ),
+        _details(solution),
     )
+
+
+def _details(solution: Solution) -> Iterator[Detail]:
+    """Yield whole tables of which the card has the first rows, and the origin."""
+    rows = [(item.source, item.name or "-", *_sides(item)) for item in solution.budget]
+    heading = ("1 sigma, m", "of", "east", "north", "up", "3D")
+    yield Detail(BUDGET, "Every source", (Field("", (), heading, rows),))
+    pairs = solution.observability.correlations
+    rows = [(pair.first, pair.second, f"{pair.coefficient:+.4f}") for pair in pairs]
+    table = Field("", (), ("parameter", "and", "correlation"), rows)
+    yield Detail(OBSERVABILITY, "All large correlations", (table,))
+    yield rejected_detail(solution)
+    yield provenance_detail(solution.provenance)
 
 
 def _orbit(state: OrbitState) -> Iterator[str]:

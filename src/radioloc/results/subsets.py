@@ -19,9 +19,15 @@ from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import Link
 from radioloc.results.cards import (
+    OBSERVABILITY,
+    RESIDUALS,
+    RESULT,
     Card,
+    Detail,
     Field,
+    in_section,
     metres,
+    provenance_detail,
     sigma_text,
     signed_metres,
     table,
@@ -29,6 +35,7 @@ from radioloc.results.cards import (
     ways,
 )
 from radioloc.results.covariance import radius_95_m
+from radioloc.results.fit_card import rejected_detail
 from radioloc.results.result import Content, Result, Table
 from radioloc.results.solution import Solution
 from radioloc.results.solution_card import which_sigmas
@@ -267,12 +274,19 @@ class ArcStudy(Result):
                     for study in studies
                     for field in study._position_fields(axes, of_several=len(studies) > 1)
                 ),
-                Field("data", (), counts, map(_data_cells, self.arcs, studies[0].rows)),
-                *_parameter_fields(self),
-                Field("observable", _observable(self)),
+                Field("data", (), counts, map(_data_cells, self.arcs, studies[0].rows), section=RESIDUALS),
+                *in_section(OBSERVABILITY, *_parameter_fields(self), Field("observable", _observable(self))),
                 Field("notes", _notes(self, self.rows)),
-            )
+            ),
+            self._details(),
         )
+
+    def _details(self) -> Iterator[Detail]:
+        """Yield what the page unfolds: of the longest arc, and the card of each."""
+        yield rejected_detail(self.longest)
+        for arc in self.arcs:
+            yield Detail(RESULT, f"The arc of {arc.name}", tuple(arc.solution.card().fields))
+        yield provenance_detail(self.longest.provenance)
 
     def _position_fields(self, axes: str, *, of_several: bool) -> Iterator[Field]:
         """Positions and their sigmas of one target, beside its benchmark."""
@@ -457,7 +471,8 @@ class LeaveOneOut(Result):
                 ),
                 Field("shift", (), heading, map(_shift_cells, self.without)),
                 Field("notes", self._notes()),
-            ]
+            ],
+            [provenance_detail(self.solution.provenance)],
         )
 
     def _notes(self) -> Iterator[str]:

@@ -229,7 +229,7 @@ def test_many_that_were_left_out_are_folded(solution, tmp_path):
     rows = replace(solution.residuals, statuses=Labels.of(statuses))
     total = replace(solution.fit.total, rejected=30, used=60)
     page = page_of(replace(solution, residuals=rows, fit=replace(solution.fit, total=total)), tmp_path)
-    assert "More of them, the largest residuals first" in page.words
+    assert "All of them, the largest residuals first" in page.words
     left_out = page.table("UTC", "link", "residual, m", "reason")
     assert [row[3] for row in left_out] == ["behind the Moon"] * 30
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from radioloc.ephemeris import CONSTANTS
 from radioloc.errors import FileFormatError
-from radioloc.text_files import ANY_BYTE, read_lines, read_text
+from radioloc.text_files import ANY_BYTE, numbers_of, read_lines, read_text
 
 Floats = NDArray[np.float64]
 
@@ -204,13 +204,8 @@ class _Table:
 
 
 def _number(path: Path, line: int, word: str) -> float:
-    try:
-        value = float(word.upper().replace("D", "E"))
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
-        raise FileFormatError(path, f"{word!r} is not a number", line)
-    return value
+    """Finite number of a word, which may have Fortran's exponent D."""
+    return numbers_of(path, line, [word.replace("D", "E").replace("d", "e")], "a coefficient or constant")[0]
 
 
 def _whole(path: Path, line: int, word: str) -> int:

@@ -259,8 +259,7 @@ _C04 = _Layout(
     "C04",
     re.compile(rb"\d{4}[ \d]{4}[ \d]{4}[ \d]{4} *\d{5}\.\d\d "),
     218,
-    {"MJD": (17, 26), "x": (27, 38), "y": (39, 50), "UT1-UTC": (51, 62), "dX": (63, 74), "dY": (75, 86)}
-    | {"year": (1, 4), "month": (5, 8), "day": (9, 12)},
+    {"MJD": (17, 26), "x": (27, 38), "y": (39, 50), "UT1-UTC": (51, 62), "dX": (63, 74), "dY": (75, 86)},
     1.0,
 )
 _FLAGS = {"flag of x, y": (17, 17), "flag of UT1": (58, 58), "flag of dX, dY": (96, 96)}  # P is a prediction
@@ -269,7 +268,6 @@ _BULLETIN_A = _Layout(
     re.compile(rb"[ \d]{6} \d{5}\.\d\d [IP ]"),
     187,
     {"MJD": (8, 15), "x": (19, 27), "y": (38, 46), "UT1-UTC": (59, 68), "dX": (98, 106), "dY": (117, 125)}
-    | {"year": (1, 2), "month": (3, 4), "day": (5, 6)}
     | _FLAGS,
     1e-3,
 )
@@ -331,24 +329,6 @@ def read_eop_rows(
         k = skipped[0]
         problem = f"MJD {mjd[k + 1]:.2f} follows {mjd[k]:.2f}; daily rows are needed"
         raise FileFormatError(path, problem, int(lines[k + 1]))
-    days = np.datetime64("1858-11-17") + np.floor(mjd).astype("timedelta64[D]")
-    months = days.astype("datetime64[M]")
-    dates = np.array(
-        [
-            1970 + days.astype("datetime64[Y]").astype(int),
-            1 + months.astype(int) % 12,
-            1 + (days - months).astype(int),
-        ]
-    )
-    dates[0] %= 100 if of_bulletin_a else 10000
-    given = np.array([numbers(name, of_bulletin_a) for name in ("year", "month", "day")])
-    other = np.flatnonzero((~np.isnan(given) & (given != dates)).any(axis=0))
-    if len(other):
-        shown = " ".join(f"{number:.0f}" for number in given[:, other[0]])
-        problem = (
-            f"the date {shown} is not that of MJD {mjd[other[0]]:.2f}, {days[other[0]]}; correct one of them"
-        )
-        raise FileFormatError(path, problem, int(lines[other[0]]))
     not_filled = np.flatnonzero((x == 0.0).astype(int) + (y == 0.0) + (ut1 == 0.0) >= 2)
     if len(not_filled):
         problem = f"x, y and UT1-UTC of {day_of(mjd[not_filled[0]])} are zero, as in rows that are not filled in yet"

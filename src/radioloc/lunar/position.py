@@ -89,14 +89,6 @@ class LunarPosition:
         >>> LunarPosition.from_selenographic(0.0, 90.0, 600.0).xyz_m.round(3).tolist()
         [0.0, 0.0, 1738000.0]
         """
-        longitude_deg, latitude_deg, height_m = (
-            _number(value, name)
-            for value, name in (
-                (longitude_deg, "longitude_deg"),
-                (latitude_deg, "latitude_deg"),
-                (height_m, "height_m"),
-            )
-        )
         if not -360.0 <= longitude_deg <= 360.0:
             raise InputError(f"longitude_deg = {longitude_deg!r} is not between -360 and 360")
         if not -90.0 <= latitude_deg <= 90.0:
@@ -246,10 +238,3 @@ def _constants_of(frame: str) -> EphemerisConstants:
         known = ", ".join(f"PA_{name}, {one.me_frame}" for name, one in CONSTANTS.items())
         raise InputError(f"frame {frame!r} is not known; use one of {known}")
     return CONSTANTS[ephemeris]
-
-
-def _number(value: Any, name: str) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} = {value!r} is not a number") from None

@@ -119,7 +119,7 @@ def read_ionex(paths: str | Path | Sequence[str | Path]) -> IonexMaps:
     files = [Path(paths)] if isinstance(paths, str | Path) else [Path(path) for path in paths]
     if not files:
         raise InputError("no IONEX file is given")
-    parts = [_parsed(path) for path in files]
+    parts = [_Reader(path).read() for path in files]
     first = parts[0]
     for path, part in zip(files, parts, strict=True):
         if part.geometry != first.geometry:
@@ -135,18 +135,6 @@ def read_ionex(paths: str | Path | Sequence[str | Path]) -> IonexMaps:
         longest_gap_s=max(part.longest_gap_s for part in parts),
         source=", ".join(path.name for path in files),
     )
-
-
-def _parsed(path: Path) -> IonexMaps:
-    """One file; where it ends in the middle of something, the error says so."""
-    reader = _Reader(path)
-    try:
-        return reader.read()
-    except FileFormatError as error:
-        if error.line is None or any(line.strip() for line in reader.lines[error.line :]):
-            raise
-        problem = f"{error.problem}; as the file ends here, it may have been cut: fetch it again"
-        raise FileFormatError(path, problem, error.line) from None
 
 
 class _Reader:
@@ -171,7 +159,6 @@ class _Reader:
             raise FileFormatError(self.path, "maps of two dimensions, on one shell, are wanted")
         (radius_km,) = self._header_numbers("BASE RADIUS", width=8)
         (interval_s,) = self._header_numbers("INTERVAL")
-        (announced,) = self._header_numbers("# OF MAPS IN FILE")
         try:
             grid = LatLonGrid(latitudes, longitudes, self.path.name)
             require_shell(1e3 * lowest_km, 1e3 * radius_km)
@@ -187,11 +174,8 @@ class _Reader:
                 self._skip_to(label.replace("START", "END"))
             elif label not in ("EXPONENT", "COMMENT", ""):
                 raise self.fail(f"{label!r} is not expected here")
-        if len(maps) != announced:
-            problem = (
-                f"the header announces {announced:g} maps, but there are {len(maps)}; fetch the file again"
-            )
-            raise FileFormatError(self.path, problem)
+        if not maps:
+            raise FileFormatError(self.path, "there is no map in it")
         if (np.diff(mjds) <= 0.0).any():
             raise FileFormatError(self.path, "the maps' epochs do not rise")
         for label, mjd in zip(("FIRST", "LAST"), (mjds[0], mjds[-1]), strict=True):

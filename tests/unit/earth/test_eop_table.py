@@ -63,22 +63,6 @@ def test_a_jump_of_ut1_is_ascribed_to_leap_seconds_only_if_it_is_whole(jump_s, c
         table_of(58000.0 + np.arange(6.0), ut1_minus_utc_s=np.where(np.arange(6) == 3, -0.2 + jump_s, -0.2))
 
 
-def test_ut1_is_smooth_over_a_leap_second(packaged):
-    tt = tt_of("2016-12-31T23:00:00")
-    tt = Epochs.from_jd(tt.jd, tt.fraction + np.arange(0.0, 7200.0, 2.0) / 86400.0, "TT")
-    ut1 = packaged.interpolate(tt).ut1_minus_tt_s
-    assert np.abs(np.diff(ut1)).max() < 1e-7  # UT1-TAI drifts by 1.2 ms a day, 3e-8 s in 2 s
-
-
-def test_interpolation_is_free_of_noise(packaged):
-    tt = Epochs.from_jd(2459000.5, 0.3 + np.arange(0.0, 600.0, 1.0) / 86400.0, "TT")
-    ut1 = packaged.interpolate(tt).ut1_minus_tt_s
-    x = np.linspace(-1.0, 1.0, len(tt))
-    grown = ut1 - ut1[0]
-    noise = grown - np.polynomial.Polynomial.fit(x, grown, 4)(x)
-    assert np.abs(noise).max() < 1e-13  # a few times the spacing of floats near 70 s, 1.4e-14 s
-
-
 def test_rates_are_the_derivatives(packaged):
     tt = Epochs.from_jd(2459000.5 + np.arange(0.0, 200.0, 7.0), 0.4, "TT")
     values, h = packaged.interpolate(tt), 300.0

@@ -18,6 +18,21 @@ EUROPEAN, AUSTRALIAN = "European VLBI Network", "Long Baseline Array"
 APOLLO_2000_M = np.array([-1463998.9079, -5166632.7663, 3435012.8921])
 
 
+PLACES_DEG = """
+APOLLO -105.82 32.78, GRASSE 6.92 43.75, MATERA 16.70 40.65, MLRS2 -104.02 30.68,
+WETTZELL 12.88 49.14, SESHAN25 121.20 31.10, TIANMA65 121.14 31.09, KUNMING 102.80 25.03,
+URUMQI 87.18 43.47, MIYUN50 116.98 40.56, EFLSBERG 6.88 50.52, MEDICINA 11.65 44.52,
+METSAHOV 24.39 60.22, NOTO 14.99 36.88, ONSALA60 11.92 57.40, WETTZELL20 12.88 49.14,
+YEBES40M -3.09 40.52, SVETLOE 29.78 60.53, ZELENCHK 41.57 43.79, BADARY 102.23 51.77,
+HARTRAO 27.69 -25.89, HART15M 27.69 -25.89, HOBART12 147.44 -42.80, HOBART26 147.44 -42.80,
+KATH12M 132.15 -14.38, YARRA12M 115.35 -29.05, PARKES 148.26 -33.00, WARK12M 174.66 -36.43,
+JIAMUSI 130.77 46.49, KASHI 76.71 38.42, NEUQUEN -70.15 -38.19, NEWNORCIA 116.19 -31.05,
+CEBREROS -4.37 40.45, MALARGUE -69.40 -35.78, KOUROU -52.80 5.25, MISASA 138.35 36.14,
+USUDA64 138.36 36.13, UCHINOURA34 131.08 31.25
+"""
+"""Stations with coarse east longitudes and latitudes from atlases."""
+
+
 def test_default_catalogue_has_its_stations() -> None:
     catalogue = StationCatalogue.default()
     assert len(catalogue) == 58
@@ -44,46 +59,8 @@ def test_ocean_loading_is_that_of_the_same_place() -> None:
 
 def test_default_stations_are_where_they_should_be() -> None:
     """Coarse places from atlases, so that swapped signs or axes cannot hide."""
-    expected_deg = {
-        "APOLLO": (-105.82, 32.78),
-        "GRASSE": (6.92, 43.75),
-        "MATERA": (16.70, 40.65),
-        "MLRS2": (-104.02, 30.68),
-        "WETTZELL": (12.88, 49.14),
-        "SESHAN25": (121.20, 31.10),
-        "TIANMA65": (121.14, 31.09),
-        "KUNMING": (102.80, 25.03),
-        "URUMQI": (87.18, 43.47),
-        "MIYUN50": (116.98, 40.56),
-        "EFLSBERG": (6.88, 50.52),
-        "MEDICINA": (11.65, 44.52),
-        "METSAHOV": (24.39, 60.22),
-        "NOTO": (14.99, 36.88),
-        "ONSALA60": (11.92, 57.40),
-        "WETTZELL20": (12.88, 49.14),
-        "YEBES40M": (-3.09, 40.52),
-        "SVETLOE": (29.78, 60.53),
-        "ZELENCHK": (41.57, 43.79),
-        "BADARY": (102.23, 51.77),
-        "HARTRAO": (27.69, -25.89),
-        "HART15M": (27.69, -25.89),
-        "HOBART12": (147.44, -42.80),
-        "HOBART26": (147.44, -42.80),
-        "KATH12M": (132.15, -14.38),
-        "YARRA12M": (115.35, -29.05),
-        "PARKES": (148.26, -33.00),
-        "WARK12M": (174.66, -36.43),
-        "JIAMUSI": (130.77, 46.49),
-        "KASHI": (76.71, 38.42),
-        "NEUQUEN": (-70.15, -38.19),
-        "NEWNORCIA": (116.19, -31.05),
-        "CEBREROS": (-4.37, 40.45),
-        "MALARGUE": (-69.40, -35.78),
-        "KOUROU": (-52.80, 5.25),
-        "MISASA": (138.35, 36.14),
-        "USUDA64": (138.36, 36.13),
-        "UCHINOURA34": (131.08, 31.25),
-    }
+    words = [row.split() for row in PLACES_DEG.replace("\n", " ").split(",")]
+    expected_deg = {name: (float(longitude), float(latitude)) for name, longitude, latitude in words}
     # The complexes are some 30 km wide.
     complexes = {"Goldstone": (-116.87, 35.3), "Canberra": (148.98, -35.40), "Madrid": (-4.25, 40.43)}
     for station in StationCatalogue.default():

@@ -88,14 +88,6 @@ def test_the_gradient_at_the_pole_of_a_polar_map(maps):
         height_and_gradient(model.height_and_slope, *degrees((0.0, -95.0)))
 
 
-@pytest.mark.parametrize("name", ["equirectangular, 0 to 360", "polar stereographic, north"])
-@given(lon=st.floats(-np.pi, np.pi), lat=st.floats(np.radians(75.0), np.pi / 2))
-def test_a_turn_of_longitude_changes_nothing(maps, name, lon, lat):
-    model = TerrainModel.open(maps[name])
-    again = lon - 2 * np.pi if lon > 0 else lon + 2 * np.pi
-    assert model.height_m(again, lat) == pytest.approx(float(model.height_m(lon, lat)), abs=1e-6)
-
-
 @given(column=st.integers(2, 77), row=st.integers(2, 77), along=st.floats(0.01, 0.99))
 def test_bicubic_slope_is_continuous_between_cells(maps, column, row, along):
     model = TerrainModel.open(maps["rotated"], interpolation="bicubic")

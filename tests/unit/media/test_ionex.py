@@ -179,12 +179,6 @@ FIRST_MAP = next(k for k, line in enumerate(LINES, start=1) if "START OF TEC MAP
         ("LAT1 / LAT2 / DLAT", "LAT1", None, "no line 'LAT1 / LAT2 / DLAT'"),
         ("  87.5 -87.5  -2.5   ", "  87.5 -87.5  -2.4   ", 13, "is no range"),
         (" 450.0 450.0   0.0", " 450.0 800.0  50.0", None, "two dimensions"),
-        (
-            "     2" + " " * 54 + "# OF MAPS",
-            "    13" + " " * 54 + "# OF MAPS",
-            None,
-            "announces 13 maps, but there are 2",
-        ),
         ("  87.5-180.0 180.0", "  87.5-175.0 180.0", FIRST_MAP + 2, "not one of the header's grid"),
         ("  575  575", "  575  5x5", FIRST_MAP + 3, "16 whole numbers of five columns"),
         ("  575\n", "  575  575\n", FIRST_MAP + 3, "more than 16 values"),
@@ -226,6 +220,9 @@ def test_files_cut_short_or_apart(tmp_path: Path) -> None:
     missing_row = [line for k, line in enumerate(LINES, start=1) if not FIRST_MAP + 2 <= k <= FIRST_MAP + 7]
     path.write_text("\n".join(missing_row))
     with pytest.raises(FileFormatError, match="lacks 1 of its rows"):
+        read_ionex(path)
+    path.write_text("\n".join([*LINES[: FIRST_MAP - 1], LINES[-1]]))
+    with pytest.raises(FileFormatError, match="no map in it"):
         read_ionex(path)
     with pytest.raises(InputError, match="no IONEX file"):
         read_ionex([])

@@ -10,7 +10,7 @@ Landmarks are off by errors of 0.5 m on the map, a third of its pixel; pixels ar
 import numpy as np
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
-from radioloc.jobs import read_image_study
+from radioloc.imaging import read_image_study
 from radioloc.lunar import TangentPlane
 
 DISTANCES_M = {"a": 15.888, "b": 13.648, "c": 17.584, "d": 15.896}

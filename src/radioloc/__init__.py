@@ -24,7 +24,6 @@ if TYPE_CHECKING:  # what is here is imported when it is first used
     from radioloc.io import read_observations, write_observations
     from radioloc.jobs.arcs import arcs
     from radioloc.jobs.covariance import covariance
-    from radioloc.jobs.images import locate_images
     from radioloc.jobs.locate import locate, residuals
     from radioloc.jobs.monte_carlo import monte_carlo
     from radioloc.jobs.simulate import simulate
@@ -47,7 +46,6 @@ __all__ = [
     "arcs",
     "covariance",
     "locate",
-    "locate_images",
     "monte_carlo",
     "plot_links",
     "plot_position",
@@ -73,7 +71,6 @@ __getattr__, __dir__ = _lazy_exports(
         "study": "Study read_study",
         "jobs.arcs": "arcs",
         "jobs.covariance": "covariance",
-        "jobs.images": "locate_images",
         "jobs.locate": "locate residuals",
         "jobs.monte_carlo": "monte_carlo",
         "jobs.simulate": "simulate",

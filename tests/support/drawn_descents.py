@@ -20,10 +20,9 @@ from procedural_ground import Ground
 
 import radioloc
 from radioloc.errors import RadiolocError
-from radioloc.imaging import Camera
+from radioloc.imaging import Camera, ImageChoice, ImageStudy
 from radioloc.imaging.shading import sun_direction
-from radioloc.jobs import ImageChoice, ImageStudy
-from radioloc.jobs.image_study import CameraChoice
+from radioloc.imaging.study import CameraChoice
 from radioloc.lunar import TangentPlane
 
 SIZE_PX, FRAMES = 256, 12
@@ -93,7 +92,7 @@ def _located(seed: int, folder: Path) -> Outcome:
         CameraChoice(FOCAL_MM, PIXEL_UM, distortion=DISTORTION),
     )
     try:
-        found = radioloc.locate_images(study)
+        found = radioloc.imaging.locate_images(study)
     except RadiolocError as error:
         return Outcome(seed, str(error), pixel_m, apart_deg)
     truth = json.loads((folder / "truth.json").read_text())["lander"]

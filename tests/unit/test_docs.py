@@ -19,8 +19,8 @@ from radioloc.cli import main
 from radioloc.cli.output import EXIT_STATUS
 from radioloc.cli.registry import make_parser
 from radioloc.dynamics.elements import EQUINOCTIAL, KEPLERIAN
-from radioloc.jobs.image_study import TABLES as IMAGE_TABLES
-from radioloc.jobs.image_study import read_image_study
+from radioloc.imaging.study import TABLES as IMAGE_TABLES
+from radioloc.imaging.study import read_image_study
 from radioloc.measurements.registry import MEASUREMENTS
 from radioloc.measurements.table_columns import COLUMNS
 from radioloc.parameters.registry import PARAMETERS

@@ -54,7 +54,7 @@ def write_oem(
 
     Parameters
     ----------
-    solution : Solution, ImageSolution or mapping
+    solution : Solution, other result with a position, or mapping
         Whose position is written; a mapping is what ``solution.json`` holds.
     path : path-like
         The message, in KVN.

@@ -44,7 +44,7 @@ def write_gis(solutions: Iterable[Located], path: str | Path) -> Path:
 
     Parameters
     ----------
-    solutions : iterable of Solution, ImageSolution or mapping
+    solutions : iterable of Solution, other result with a position, or mapping
         What to write; a mapping is what ``solution.json`` holds.
     path : path-like
         ``.geojson``, or ``.gpkg``, which needs the extra ``gis`` (pyogrio). A GeoPackage has the layers ``positions``

@@ -47,7 +47,7 @@ def write_spice(solution: Located, path: str | Path, *, code: int = FIRST_SITE) 
 
     Parameters
     ----------
-    solution : Solution, ImageSolution or mapping
+    solution : Solution, other result with a position, or mapping
         Whose position is written; a mapping is what ``solution.json`` holds.
     path : path-like
         The SPK, ``.bsp``. The frames kernel has the same name and ends in ``.tf``: the body's name and code, the

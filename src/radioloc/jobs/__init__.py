@@ -2,34 +2,16 @@
 
 from radioloc.jobs.arcs import leave_one_out
 from radioloc.jobs.comparison import compare
-from radioloc.jobs.image_study import (
-    CameraChoice,
-    ImageChoice,
-    ImagePointChoice,
-    ImageStudy,
-    Landmark,
-    PointStudy,
-    StereoChoice,
-    read_image_study,
-)
 from radioloc.jobs.locate import arc_of
 from radioloc.jobs.passes import light_times, visibility
 from radioloc.jobs.verification import Verification, verify
 
 __all__ = [
-    "CameraChoice",
-    "ImageChoice",
-    "ImagePointChoice",
-    "ImageStudy",
-    "Landmark",
-    "PointStudy",
-    "StereoChoice",
     "Verification",
     "arc_of",
     "compare",
     "leave_one_out",
     "light_times",
-    "read_image_study",
     "verify",
     "visibility",
 ]

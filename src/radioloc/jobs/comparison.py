@@ -12,7 +12,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
@@ -24,18 +24,14 @@ from radioloc.lunar.local import rot_enu_between
 from radioloc.lunar.position import LunarPosition
 from radioloc.parameters.position_prior import map_tie_names
 from radioloc.results.comparison import Comparison
-from radioloc.results.image_solution import ImageSolution, PointSolution
 from radioloc.results.recorded import read_recorded
-from radioloc.results.solution import Solution
-from radioloc.results.subsets import ArcStudy
+from radioloc.results.result import Result
 from radioloc.results.tables import METHODS, Place, PositionRow, place_fields
 from radioloc.study.schema import Hints, TomlTable, check, entry, toml_content
 from radioloc.study.target_file import Place as PositionTable
 from radioloc.study.target_file import position_of
 
 _JOINT = "joint estimate"
-
-Result = ArcStudy | ImageSolution | PointSolution | Solution
 
 
 def compare(
@@ -45,7 +41,7 @@ def compare(
 
     Parameters
     ----------
-    solutions : iterable of path-like, Solution, ArcStudy, ImageSolution or PointSolution
+    solutions : iterable of path-like, Solution, ArcStudy or other result with a position
         Results, those of arcs being a solution for each arc; or files: ``solution.json`` of :command:`locate` and
         :command:`images`, ``arcs.json`` of :command:`arcs`, or TOML files of positions that somebody else states.
     reference : str, optional
@@ -168,8 +164,10 @@ class RecordedSolution:
 
 def read_solutions(given: str | Path | Result) -> tuple[list[RecordedSolution], dict[str, Place]]:
     """The solutions of a ``solution.json``, an ``arcs.json`` or a result, and the references that it knows."""
-    require_type("solutions", given, str, Path, *get_args(Result))
+    require_type("solutions", given, str, Path, Result)
     content = read_recorded(given) if isinstance(given, str | Path) else given.to_dict()
+    if not {"position", "positions"} & content.keys():
+        raise InputError(f"solutions: expected results with a position, got {type(given).__name__}")
     arcs = content["arcs"] if "positions" in content else [{"solution": content}]
     references = {
         row["name"]: (-row["longitude_west_deg"], row["latitude_deg"], row["height_m"])

@@ -13,8 +13,6 @@ from typing import Any
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError, require_type
 from radioloc.jobs.arcs import arcs
-from radioloc.jobs.image_study import read_image_study
-from radioloc.jobs.images import locate_images
 from radioloc.jobs.locate import fit_arc, prepared_arc
 from radioloc.kernels import sha256_of
 from radioloc.report.files import INCOMPLETE, json_text
@@ -23,6 +21,7 @@ from radioloc.results.recorded import read_recorded
 from radioloc.study.record import study_origin, versions
 from radioloc.study.study import Study
 from radioloc.study.study_file import read_study
+from radioloc.study.tables import run_study_file
 
 _OF_SIGMA = 1e-3
 """How far values may differ in parts of their sigmas, and sigmas in parts of themselves: more than iterations leave
@@ -151,8 +150,8 @@ def _again(path: Path, then: Mapping[str, Any], file: str | Path | None) -> dict
             f"{path}: {found} is not the study file that it was made from; its content is another"
         )
     problem = f"{path}: cannot be made again from {found}"
-    if "settings" not in then["study"]:  # all of a study of images is in its file
-        now = locate_images(read_image_study(found)).to_dict()
+    if "settings" not in then["study"]:  # a study of another kind, such as of images, is all in its file
+        now = run_study_file(found).to_dict()
         _require_same_files(problem, then["study"], now["provenance"]["study"])
         return now
     whole, hours = read_study(found), then["study"].get("hours")

@@ -3,9 +3,9 @@
 from radioloc.report.estimate_figures import plot_budget, plot_correlations
 from radioloc.report.figures import save_figure
 from radioloc.report.files import write_report
-from radioloc.report.map_figures import plot_images, plot_map
+from radioloc.report.map_figures import plot_map
 from radioloc.report.page import write_html
-from radioloc.report.position_figures import plot_arcs, plot_comparison, plot_point, plot_position
+from radioloc.report.position_figures import plot_arcs, plot_comparison, plot_position
 from radioloc.report.residual_figures import plot_distribution, plot_links, plot_residuals, plot_terms
 from radioloc.report.station_figures import plot_visibility
 from radioloc.report.study_figures import (
@@ -24,10 +24,8 @@ __all__ = [
     "plot_covariance_on_arc",
     "plot_distribution",
     "plot_error_by_length",
-    "plot_images",
     "plot_links",
     "plot_map",
-    "plot_point",
     "plot_position",
     "plot_residuals",
     "plot_terms",

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from radioloc.plugins import registry
 from radioloc.report.estimate_figures import has_correlations, plot_budget, plot_correlations
-from radioloc.report.map_figures import plot_images, plot_map
-from radioloc.report.position_figures import plot_arcs, plot_comparison, plot_point, plot_position
+from radioloc.report.map_figures import plot_map
+from radioloc.report.position_figures import plot_arcs, plot_comparison, plot_position
 from radioloc.report.residual_figures import plot_distribution, plot_links, plot_residuals
 from radioloc.report.study_figures import (
     plot_covariance,
@@ -166,23 +166,10 @@ FIGURES = registry(
             POSITION,
         ),
         FigureType(
-            "image_position",
-            plot_point,
-            "the estimate beside what it is compared with, with error ellipses",
-            POSITION,
-            file="position",
-        ),
-        FigureType(
             "correlations",
             _draw_correlations,
             "matrix of the correlations of estimated parameters",
             OBSERVABILITY,
-        ),
-        FigureType(
-            "images",
-            plot_images,
-            "the images laid over the map, from all that the highest shows down to the lander",
-            photograph=True,
         ),
         FigureType(
             "comparison",

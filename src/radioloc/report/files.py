@@ -50,7 +50,7 @@ def write_report(
 
     Parameters
     ----------
-    result : Solution, ArcStudy, MonteCarlo, CovarianceStudy, LeaveOneOut, Comparison, ImageSolution or PointSolution
+    result : Solution, ArcStudy, MonteCarlo, CovarianceStudy, LeaveOneOut, Comparison or another registered type
         Result of a job, or of a type that another package registers.
     folder : path-like
         Made where it does not exist. Its files are of one result: those of the same names are replaced, others of an

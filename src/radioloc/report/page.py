@@ -47,7 +47,7 @@ def write_html(result: Result, path: str | Path) -> None:
 
     Parameters
     ----------
-    result : Solution, ArcStudy, MonteCarlo, CovarianceStudy, LeaveOneOut, Comparison, ImageSolution or PointSolution
+    result : Solution, ArcStudy, MonteCarlo, CovarianceStudy, LeaveOneOut, Comparison or another registered type
         What to show: its card, figures, and of a solution the error budget, what was left out
         and why, and the provenance.
     path : path-like

@@ -1,4 +1,4 @@
-"""Positions and their errors: estimates with their ellipses beside known places, by length of arc, by source."""
+"""Positions and their errors: estimates with their ellipses beside known places, by length of arc."""
 
 from __future__ import annotations
 
@@ -30,11 +30,10 @@ from radioloc.report.figures import (
 from radioloc.results.build import compare_with
 from radioloc.results.cards import to_sigma
 from radioloc.results.comparison import Comparison
-from radioloc.results.image_solution import PointSolution
 from radioloc.results.monte_carlo import NORMAL_95
 from radioloc.results.solution import Solution
 from radioloc.results.subsets import ArcStudy
-from radioloc.results.tables import PositionRow, difference
+from radioloc.results.tables import PositionRow
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,8 +44,6 @@ _Floats = NDArray[np.float64]
 _MARKERS = {"tracking": "o", "images": "^", "image_point": "v", "stereo": "D", "joint": "s"}
 _OF_REFERENCES = "+xsDo^"
 _LINES = ("-", "--", ":", "-.")
-_LEAST_SHARE = 1e-2
-"""Sources with a smaller part of the sigma are not drawn."""
 
 
 def _marker_style(method: str, number: int) -> dict[str, Any]:
@@ -281,80 +278,3 @@ def plot_arcs(study: ArcStudy, ax: Axes | None = None) -> Figure:
     beside[-1].set_xlabel("length of the arc (h)")
     legend_outside(figure, [plane], 4)
     return figure.figure
-
-
-@draws_names_literally
-def plot_point(solution: PointSolution, ax: Axes | None = None) -> Figure:
-    """Draw the 95 % ellipses of a position by source of error, and its landmarks where it has some.
-
-    Parameters
-    ----------
-    solution : PointSolution
-    ax : matplotlib.axes.Axes, optional
-        Axes of a grid whose place the panels take, in place of a figure of their own.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        One panel about the position; of stereo images one more, with the landmarks, circles about them at the distances
-        measured, and the ellipse relative to the map.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> solution = radioloc.locate_images(radioloc.jobs.read_image_study("examples/stereo/stereo.toml"))
-    >>> len(radioloc.report.plot_point(solution).axes)
-    2
-    """
-    stereo = solution.landmarks_en_m is not None
-    figure = several_panels(ax, 10.0 if stereo else 5.2, 5.6, f"{solution.name}: position")
-    panels = figure.subplots(1, 1 + stereo, squeeze=False)[0]
-    if stereo:
-        _draw_landmarks(panels[0], solution)
-    _draw_sources(panels[-1], solution)
-    legend_outside(figure, panels, 6 if stereo else 3)
-    return figure.figure
-
-
-def _draw_sources(axes: Axes, solution: PointSolution) -> None:
-    total_m2 = solution.covariance_enu_m2[:2, :2]
-    parts = {source.name: source.covariance_enu_m2[:2, :2] for source in solution.sources}
-    shown = {name: part for name, part in parts.items() if part.trace() > _LEAST_SHARE**2 * total_m2.trace()}
-    factor = _draw_about(axes, solution, 1.15 * SCALE_95 * float(np.sqrt(np.diag(total_m2).max())))
-    for color, (name, part) in zip(COLORS[1:], shown.items(), strict=False):
-        style = {"edgecolor": color, "linewidth": 1.4, "label": name}
-        draw_ellipse(axes, (0.0, 0.0), part, SCALE_95, factor, fill=False, **style)
-    style = {"edgecolor": "0.1", "linestyle": "--", "label": "all"}
-    draw_ellipse(axes, (0.0, 0.0), total_m2, SCALE_95, factor, fill=False, **style)
-    axes.set_title("ellipses of 95 %, by source", fontsize=8, color="0.3")
-
-
-def _draw_landmarks(axes: Axes, solution: PointSolution) -> None:
-    from matplotlib.patches import Circle
-
-    assert solution.landmarks_en_m is not None
-    assert solution.distances_m is not None
-    factor = _draw_about(axes, solution, 1.2 * float(np.abs(solution.landmarks_en_m).max()))
-    names = [one["name"] for one in solution.details["landmarks"]]
-    measured = zip(names, factor * solution.landmarks_en_m, factor * solution.distances_m, strict=True)
-    for k, (name, place, distance) in enumerate(measured):
-        color = COLORS[1 + k % (len(COLORS) - 1)]
-        label = "distances measured" if k == 0 else None
-        axes.add_patch(Circle(place, distance, fill=False, edgecolor=color, lw=0.8, label=label))
-        axes.plot(*place, "^", color=color, markersize=6)
-        axes.annotate(name, place, xytext=(5, 5), textcoords="offset points", fontsize=8)
-    own = [source.covariance_enu_m2[:2, :2] for source in solution.sources if not source.shared]
-    style = {"facecolor": (COLORS[0], 0.3), "edgecolor": COLORS[0], "label": "95 %, relative to the map"}
-    draw_ellipse(axes, (0.0, 0.0), np.sum(own, axis=0), SCALE_95, factor, linewidth=0.9, **style)
-    axes.set_title("landmarks", fontsize=8, color="0.3")
-
-
-def _draw_about(axes: Axes, solution: PointSolution, reach_m: float) -> float:
-    """A square about the position, with the known ones that are in it; the factor from metres to its unit."""
-    factor = draw_square(axes, (0.0, 0.0), reach_m, "the position")
-    draw_place(axes, factor, np.zeros(2), "position", solution.method, 0)
-    for k, (name, place) in enumerate(solution.references.items()):
-        _, _, west_m, north_m, _ = difference(place.selenographic, solution.position.selenographic)
-        if max(abs(west_m), abs(north_m)) < reach_m:
-            draw_place(axes, factor, np.array([-west_m, north_m]), name, "reference", k)
-    return factor

@@ -3,7 +3,6 @@
 from radioloc.results.build import build_solution, compare_with
 from radioloc.results.comparison import Comparison
 from radioloc.results.covariance import CovarianceStudy
-from radioloc.results.image_solution import ImageSolution, PointSolution
 from radioloc.results.monte_carlo import MonteCarlo
 from radioloc.results.predictions import LightTimes
 from radioloc.results.solution import Solution
@@ -14,10 +13,8 @@ __all__ = [
     "ArcStudy",
     "Comparison",
     "CovarianceStudy",
-    "ImageSolution",
     "LightTimes",
     "MonteCarlo",
-    "PointSolution",
     "Solution",
     "TextTable",
     "build_solution",

@@ -6,7 +6,6 @@ from radioloc.errors import InputError
 from radioloc.plugins import registry
 from radioloc.results.comparison import Comparison
 from radioloc.results.covariance import CovarianceStudy
-from radioloc.results.image_solution import ImageSolution, PointSolution
 from radioloc.results.monte_carlo import MonteCarlo
 from radioloc.results.result import Result, ResultType
 from radioloc.results.solution import ORBIT_FILES, Solution
@@ -30,8 +29,6 @@ RESULTS = registry(
             ("figure2", "arcs", "map"),
             ("arcs.json", *_TABLE1, "[0-9]*h/solution.json", "[0-9]*h/residuals.csv"),
         ),
-        ResultType("images", ImageSolution, ("images", "map"), ("solution.json",)),
-        ResultType("image_point", PointSolution, ("image_position", "map"), ("solution.json",)),
         ResultType("comparison", Comparison, ("comparison",), ("comparison.json", *_TABLE1)),
         ResultType(
             "monte_carlo", MonteCarlo, ("trials", "error_by_length"), ("montecarlo.json", "trials.csv")

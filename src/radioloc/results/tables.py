@@ -288,7 +288,7 @@ def solution_table(solutions: Iterable[Located]) -> TextTable:
 
     Parameters
     ----------
-    solutions : iterable of Solution, ImageSolution, PointSolution or mapping
+    solutions : iterable of Solution, other result with a position, or mapping
         A mapping is what ``solution.json`` holds.
 
     Raises

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import radioloc
-from radioloc.jobs import compare, read_image_study
+from radioloc.imaging import read_image_study
+from radioloc.jobs import compare
 from radioloc.report.files import write_json
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "change5" / "change5.toml"
@@ -49,8 +50,10 @@ def test_table_1_in_full_from_tracking_and_images(found, tmp_path):
     files = images.images.files
     some = replace(images, images=replace(images.images, files=(*files[:3], *files[3::2])))
     write_json(tmp_path / "arcs.json", found.to_dict())
-    write_json(tmp_path / "images.json", radioloc.locate_images(some).to_dict())
-    point = radioloc.locate_images(read_image_study(EXAMPLE.parents[1] / "images" / "orbital_image.toml"))
+    write_json(tmp_path / "images.json", radioloc.imaging.locate_images(some).to_dict())
+    point = radioloc.imaging.locate_images(
+        read_image_study(EXAMPLE.parents[1] / "images" / "orbital_image.toml")
+    )
     write_json(tmp_path / "point.json", point.to_dict())
     files = [tmp_path / f"{name}.json" for name in ("arcs", "images", "point")]
     compared = compare(files, "Chang'e-2 image map")

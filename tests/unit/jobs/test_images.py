@@ -14,7 +14,7 @@ from rasterio.windows import Window
 import radioloc
 from radioloc.cli import main
 from radioloc.errors import ConvergenceError, InputError
-from radioloc.jobs import ImageChoice, ImageStudy, read_image_study
+from radioloc.imaging import ImageChoice, ImageStudy, read_image_study
 from radioloc.lunar import TangentPlane
 from radioloc.time import epochs_from_strings
 
@@ -46,7 +46,7 @@ def some(study, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def solution(some):
-    return radioloc.locate_images(some)
+    return radioloc.imaging.locate_images(some)
 
 
 def error_m(solution):
@@ -72,7 +72,7 @@ def test_the_lander_is_found_within_a_pixel_of_the_map(solution):
 def test_a_last_image_from_high_up_widens_the_sigma_by_the_unknown_descent(some, point):
     # 0003.png is from 2.3 km, and the descent is still oblique.
     images = replace(some.images, files=some.images.files[:3], base_map_sigma_m=(0.1, 0.1), point=point)
-    solution = radioloc.locate_images(replace(some, images=images))
+    solution = radioloc.imaging.locate_images(replace(some, images=images))
     away_m, sigma_m = np.abs(error_m(solution)), solution.sigma_enu_m[:2]
     noted = [note for note in solution.notes if "the motion after it is unknown" in note]
     if point == "centre":
@@ -90,7 +90,7 @@ def test_unknown_lens_distortion_widens_the_sigma_and_is_named(some, solution):
     assert not [note for note in solution.notes if "lens distortion" in note]
     # The true k1 is -0.05.
     camera = replace(some.camera, distortion=(0.07, 0.0, 0.0, 0.0, 0.0))
-    distorted = radioloc.locate_images(replace(some, camera=camera))
+    distorted = radioloc.imaging.locate_images(replace(some, camera=camera))
     assert [note for note in distorted.notes if "unknown lens distortion" in note]
     widened = distorted.relative_covariance_en_m2
     assert error_m(distorted) @ np.linalg.solve(widened, error_m(distorted)) < 13.8  # 1 in 1000
@@ -124,7 +124,7 @@ def test_the_last_image_that_has_no_place_is_told(some, tmp_path):
     black = tmp_path / "9999.png"
     cv2.imwrite(str(black), np.zeros((320, 320), np.uint8))
     files = (*some.images.files[:2], black)
-    other = radioloc.locate_images(replace(some, images=replace(some.images, files=files)))
+    other = radioloc.imaging.locate_images(replace(some, images=replace(some.images, files=files)))
     assert not other.converged
     assert "NOT CONVERGED: the last image, 9999.png, is featureless" in " ".join(str(other).split())
 
@@ -139,7 +139,7 @@ def test_a_map_of_other_ground_is_a_refusal(some, tmp_path):
     elsewhere.write_map(tmp_path / "map.tif", 16.0, 9000.0, sun_direction(70.0, 45.0))
     chosen = replace(some.images, base_map=tmp_path / "map.tif", files=some.images.files[:1])
     with pytest.raises(ConvergenceError, match="no image was found on"):
-        radioloc.locate_images(replace(some, images=chosen))
+        radioloc.imaging.locate_images(replace(some, images=chosen))
 
 
 @pytest.mark.slow
@@ -167,7 +167,7 @@ def test_the_elevation_model_shaded_at_their_sun_serves_where_no_map_does(study,
         sun_azimuth_deg=made.DESCENT.sun_azimuth_deg,
         sun_elevation_deg=made.DESCENT.sun_elevation_deg,
     )
-    found = radioloc.locate_images(replace(study, images=chosen))
+    found = radioloc.imaging.locate_images(replace(study, images=chosen))
     assert found.converged
     assert np.hypot(*error_m(found)) < 10.0  # a cell
 
@@ -204,7 +204,7 @@ def test_a_truncated_frame_is_left_out_by_name(some, tmp_path):
     cut = tmp_path / "0003.png"
     cut.write_bytes(some.images.files[2].read_bytes()[:9000])
     files = (*some.images.files[:2], cut, some.images.files[3])
-    found = radioloc.locate_images(replace(some, images=replace(some.images, files=files)))
+    found = radioloc.imaging.locate_images(replace(some, images=replace(some.images, files=files)))
     status = {frame.name: frame.status.value for frame in found.registration.frames}
     assert status.pop("0003.png") == "unreadable"
     assert set(status.values()) == {"registered"}

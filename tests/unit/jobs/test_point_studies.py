@@ -19,12 +19,13 @@ from radioloc.imaging import (
     FrameModel,
     Sphere,
     image_to_ground,
+    read_image_study,
     read_isd,
     resect,
 )
-from radioloc.jobs import compare, read_image_study
-from radioloc.jobs.image_points import ground_at
-from radioloc.jobs.image_study import GroundChoice
+from radioloc.imaging.point_location import ground_at
+from radioloc.imaging.study import GroundChoice
+from radioloc.jobs import compare
 from radioloc.lunar import TangentPlane, TerrainModel
 from radioloc.report import write_report
 from radioloc.study import PlaceOnMap
@@ -47,7 +48,7 @@ def stereo():
 
 @pytest.fixture(scope="module")
 def by_stereo(stereo):
-    return radioloc.locate_images(stereo)
+    return radioloc.imaging.locate_images(stereo)
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +58,7 @@ def orbital():
 
 @pytest.fixture(scope="module")
 def by_image(orbital):
-    return radioloc.locate_images(orbital)
+    return radioloc.imaging.locate_images(orbital)
 
 
 def changed(study, **fields):
@@ -112,8 +113,8 @@ def test_sources_add_up_to_the_covariance_of_the_resection(stereo, by_stereo):
     ],
 )
 def test_the_body_is_where_the_mounting_says(stereo, mounting_m, attitude_deg, expected_m):
-    camera = radioloc.locate_images(changed(stereo, camera_in_body_m=(0.0, 0.0, 0.0)))
-    body = radioloc.locate_images(
+    camera = radioloc.imaging.locate_images(changed(stereo, camera_in_body_m=(0.0, 0.0, 0.0)))
+    body = radioloc.imaging.locate_images(
         changed(stereo, camera_in_body_m=mounting_m, body_attitude_deg=attitude_deg)
     )
     np.testing.assert_allclose(from_place_m(body) - from_place_m(camera), expected_m, atol=1e-4)
@@ -130,14 +131,14 @@ def given(stereo, **fields):
 
 
 def test_distances_may_be_given(stereo, by_stereo):
-    found = radioloc.locate_images(given(stereo))
+    found = radioloc.imaging.locate_images(given(stereo))
     assert found.details["landmarks"][0]["misfit_sigmas"] is None
     assert np.linalg.norm(from_place_m(found) - from_place_m(by_stereo)) < 0.1
     assert " -" in str(found)
 
 
 def test_a_wrong_landmark_shows(stereo, tmp_path, capsys):
-    found = radioloc.locate_images(given(stereo, distance_m=18.0))
+    found = radioloc.imaging.locate_images(given(stereo, distance_m=18.0))
     assert not found.converged
     assert "the distances do not agree with the map, most of all that of landmark" in found.message
     text = STEREO.read_text()
@@ -152,11 +153,11 @@ def test_a_wrong_landmark_shows(stereo, tmp_path, capsys):
 def test_landmarks_on_a_line_leave_two_places(stereo):
     line = [replace(one, latitude_deg=PAPER_DEG[1] + 4e-4) for one in given(stereo).chosen.landmarks]
     with pytest.raises(ConvergenceError, match="fit two places"):
-        radioloc.locate_images(changed(given(stereo), landmarks=tuple(line)))
+        radioloc.imaging.locate_images(changed(given(stereo), landmarks=tuple(line)))
 
 
 def test_without_a_height_the_position_stands_on_the_sphere(stereo):
-    found = radioloc.locate_images(changed(given(stereo), height_m=None))
+    found = radioloc.imaging.locate_images(changed(given(stereo), height_m=None))
     assert found.to_dict()["sigma"]["up_m"] is None
     assert found.converged
     assert "no height is known" in str(found)
@@ -194,7 +195,7 @@ def test_points_of_one_image_share_its_orbit(tmp_path):
         for file in ("orbital_image.json", "dem.tif"):
             text = text.replace(f'"{file}"', f'"{ORBITAL.parent / file}"')
         (tmp_path / f"{name}.toml").write_text(text)
-        solution = radioloc.locate_images(read_image_study(tmp_path / f"{name}.toml"))
+        solution = radioloc.imaging.locate_images(read_image_study(tmp_path / f"{name}.toml"))
         paths.append(tmp_path / f"{name}.json")
         paths[-1].write_text(json.dumps(solution.to_dict()))
     [pair] = compare(paths).agreements
@@ -218,7 +219,9 @@ def test_what_is_written_has_the_keys_of_other_solutions(name, request, tmp_path
 
 def test_an_image_from_before_utc(orbital):
     model = Path(__file__).parents[2] / "data" / "isd" / "apollo15_metric.json"
-    found = radioloc.locate_images(changed(orbital, model=model, dem=None, height_m=0.0, point=(0.0, 0.0)))
+    found = radioloc.imaging.locate_images(
+        changed(orbital, model=model, dem=None, height_m=0.0, point=(0.0, 0.0))
+    )
     assert found.details["epoch"].startswith("1971-08-0")
     assert found.details["epoch"].endswith(" TDB")
 
@@ -236,7 +239,7 @@ def test_a_rover_on_a_map_is_an_observation_of_tracking_studies(by_stereo, tmp_p
 def test_it_is_verified_as_any_solution(tmp_path, capsys):
     study = tmp_path / "study.toml"
     shutil.copy(STEREO, study)
-    content = radioloc.locate_images(read_image_study(study)).to_dict()
+    content = radioloc.imaging.locate_images(read_image_study(study)).to_dict()
     solution = tmp_path / "solution.json"
     solution.write_text(json.dumps(content))
     assert main(["verify", str(solution)]) == 0
@@ -254,7 +257,7 @@ def test_it_is_verified_as_any_solution(tmp_path, capsys):
 def test_a_model_that_is_another_is_not_verified(tmp_path, capsys):
     for name in ("orbital_image.toml", "orbital_image.json", "dem.tif"):
         shutil.copy(ORBITAL.parent / name, tmp_path)
-    content = radioloc.locate_images(read_image_study(tmp_path / "orbital_image.toml")).to_dict()
+    content = radioloc.imaging.locate_images(read_image_study(tmp_path / "orbital_image.toml")).to_dict()
     (tmp_path / "solution.json").write_text(json.dumps(content))
     with (tmp_path / "orbital_image.json").open("a") as file:
         file.write("\n")
@@ -266,7 +269,7 @@ def test_a_real_cube_is_an_image_with_a_point(orbital):
     if not CUBE.exists():
         pytest.skip(f"{CUBE} is not here")
     study = changed(orbital, model=CUBE, dem=None, height_m=-2500.0, point=(300.0, 299.0))
-    found = radioloc.locate_images(study)
+    found = radioloc.imaging.locate_images(study)
     expected = image_to_ground(read_isd(CUBE).model, [[300.0, 299.0]], Sphere(1734900.0))[0]
     np.testing.assert_allclose(found.position.xyz_m, expected, atol=1e-6)
     # Line 15999 + 299 of the image after the first of 13:06:40.356, at 0.36483 ms each.
@@ -322,6 +325,6 @@ def test_a_camera_may_look_straight_down(monkeypatch, orbital):
         above = ConstantOrientation([1787400.0 * cosine, 1787400.0 * sine, 0.0], down)
         model = FrameModel(camera, above, (1024, 1024), axes="ME_DE421")
         monkeypatch.setattr(
-            "radioloc.jobs.image_points.read_isd", lambda _, model=model: replace(support, model=model)
+            "radioloc.imaging.point_location.read_isd", lambda _, model=model: replace(support, model=model)
         )
-        assert radioloc.locate_images(study).details["emission_deg"] < 1e-5
+        assert radioloc.imaging.locate_images(study).details["emission_deg"] < 1e-5

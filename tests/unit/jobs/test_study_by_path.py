@@ -9,7 +9,7 @@ import radioloc
 from radioloc.errors import InputError
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
-JOBS = ("locate", "residuals", "arcs", "covariance", "simulate", "monte_carlo", "locate_images")
+JOBS = ("locate", "residuals", "arcs", "covariance", "simulate", "monte_carlo")
 
 
 @pytest.mark.parametrize("job", JOBS)
@@ -43,7 +43,7 @@ def test_a_study_of_tracking_is_none_of_images():
     with pytest.raises(
         InputError, match="study: expected ImageStudy or PointStudy or str or Path, got Study"
     ):
-        radioloc.locate_images(radioloc.read_study(EXAMPLES / "apollo15" / "apollo15.toml"))
+        radioloc.imaging.locate_images(radioloc.read_study(EXAMPLES / "apollo15" / "apollo15.toml"))
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_a_study_of_tracking_is_none_of_images():
         (lambda path: radioloc.residuals(path, str(path)), "observations: expected Observations, got str"),
         (lambda path: radioloc.arcs(path, [1.0], [1, 2]), "observations: expected Observations, got list"),
         (lambda path: radioloc.read_study(None), "path: expected str or Path, got NoneType"),
-        (lambda path: radioloc.jobs.read_image_study(1), "path: expected str or Path, got int 1"),
+        (lambda path: radioloc.imaging.read_image_study(1), "path: expected str or Path, got int 1"),
         (lambda path: radioloc.jobs.verify(None), "path: expected str or Path, got NoneType"),
         (lambda path: radioloc.jobs.verify(path, 1), "study: expected str or Path or None, got int 1"),
         (lambda path: radioloc.jobs.compare(None), "solutions: expected Iterable, got NoneType"),

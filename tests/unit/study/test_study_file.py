@@ -9,7 +9,7 @@ import pytest
 import radioloc
 from radioloc import read_study
 from radioloc.errors import InputError
-from radioloc.jobs import read_image_study
+from radioloc.imaging import read_image_study
 from radioloc.measurements.equipment_delays import StationDelay
 
 TARGET = '[target]\nframe = "ME_DE421"\nlongitude_deg = 3.5\nlatitude_deg = 26.0\nheight_m = -1000.0\n'

@@ -331,7 +331,7 @@ def read_image_study(path: str | Path) -> ImageStudy | PointStudy:
     Examples
     --------
     >>> import radioloc
-    >>> study = radioloc.jobs.read_image_study("examples/images/descent.toml")
+    >>> study = radioloc.imaging.read_image_study("examples/images/descent.toml")
     >>> study.images.base_map.name
     'map.tif'
     """

@@ -27,13 +27,13 @@ from radioloc.imaging import (
     read_isd,
     resect,
 )
-from radioloc.jobs.image_study import GroundChoice, ImagePointChoice, PointStudy, StereoChoice
+from radioloc.imaging.solution import ErrorSource, PointSolution
+from radioloc.imaging.study import GroundChoice, ImagePointChoice, PointStudy, StereoChoice
 from radioloc.kernels import sha256_of
 from radioloc.lunar import LunarPosition, TangentPlane, TerrainModel, east_north_up
 from radioloc.lunar.terrain import height_and_gradient
 from radioloc.parameters.position_prior import map_tie_names
 from radioloc.results.cards import Field, metres
-from radioloc.results.image_solution import ErrorSource, PointSolution
 from radioloc.study.record import versions
 from radioloc.time import Epochs, to_scale, utc_strings
 from radioloc.vectors import Floats

@@ -17,13 +17,13 @@ from radioloc.errors import InputError, require_type
 from radioloc.imaging import Detector, find_mask, read_frame, read_mask
 from radioloc.imaging.cameras import altitude_m
 from radioloc.imaging.image_chain import Frame, FrameStatus
+from radioloc.imaging.point_location import FRAME, ground_at, locate_point, locate_stereo, provenance_of
 from radioloc.imaging.registration import RegisteredFrame, Registration, register_chain
 from radioloc.imaging.shading import sun_over_map, write_shaded_map
-from radioloc.jobs.image_points import FRAME, ground_at, locate_point, locate_stereo, provenance_of
-from radioloc.jobs.image_study import ImageChoice, ImageStudy, PointStudy, StereoChoice, read_image_study
+from radioloc.imaging.solution import ImageSolution, PointSolution
+from radioloc.imaging.study import ImageChoice, ImageStudy, PointStudy, StereoChoice, read_image_study
 from radioloc.lunar import LunarPosition, Map, TerrainModel
 from radioloc.progress import progress_bar
-from radioloc.results.image_solution import ImageSolution, PointSolution
 from radioloc.results.recorded import read_recorded
 from radioloc.text_files import make_scratch_folder
 from radioloc.vectors import Floats
@@ -55,7 +55,7 @@ def locate_images(
     Parameters
     ----------
     study : ImageStudy or PointStudy or path-like
-        As :func:`~radioloc.jobs.image_study.read_image_study` reads it, or the path of its file.
+        As :func:`~radioloc.imaging.study.read_image_study` reads it, or the path of its file.
     progress : bool
         Whether a progress bar is shown, on a terminal or in a notebook.
 
@@ -68,8 +68,8 @@ def locate_images(
 
     Examples
     --------
-    >>> import radioloc
-    >>> radioloc.locate_images("examples/images/descent.toml").converged
+    >>> from radioloc.imaging import locate_images
+    >>> locate_images("examples/images/descent.toml").converged
     True
     """
     require_type("study", study, ImageStudy, PointStudy, str, Path)

@@ -1,17 +1,16 @@
-"""The command that locates by images."""
+"""Command that locates by images, for the entry points; nothing here takes time to import."""
 
 from __future__ import annotations
 
 import argparse
 
-import radioloc
 from radioloc.cli.command import JSON, Rows, command, output_folder, study_file
 from radioloc.cli.output import finish
 
 
 def _image_tables() -> Rows:
     """Return the tables of a study of images with their keys."""
-    from radioloc.jobs.image_study import TABLES
+    from radioloc.imaging.study import TABLES
     from radioloc.study.schema import keys_of
 
     tables = {f"[{name}]": ", ".join(keys_of(record)) for name, record in TABLES.items()}
@@ -29,6 +28,6 @@ def _image_tables() -> Rows:
 )
 def images(options: argparse.Namespace) -> int:
     """Locate by images."""
-    study = radioloc.jobs.read_image_study(options.study)
-    solution = radioloc.locate_images(study, progress=not options.quiet)
-    return finish(options, solution)
+    from radioloc.imaging.location import locate_images
+
+    return finish(options, locate_images(options.study, progress=not options.quiet))

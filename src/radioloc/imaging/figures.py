@@ -1,0 +1,249 @@
+"""Figures of solutions by images: descent images laid over their map, and a point or landmarks with error ellipses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.imaging.frames import load_opencv, read_frame
+from radioloc.imaging.homography import transformed
+from radioloc.imaging.registration import RegisteredFrame
+from radioloc.imaging.solution import ImageSolution, PointSolution
+from radioloc.report.figures import (
+    COLORS,
+    SCALE_95,
+    draw_ellipse,
+    draw_square,
+    draws_names_literally,
+    legend_outside,
+    length_unit,
+    several_panels,
+    style_axes,
+)
+from radioloc.report.position_figures import draw_place
+from radioloc.results.tables import difference
+from radioloc.vectors import Floats
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_PANEL_COUNT = 3
+_MOSAIC_PIXELS = 700
+_MIN_NEW_PART = 0.15  # of an image that is drawn: nearer by this part than the last one, or moved by it
+_MIN_SIGMA_PART = 1e-2  # of a source of error that is drawn
+
+
+@draws_names_literally
+def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
+    """Draw the mosaic of the images on the map, from all that the highest shows down to the lander.
+
+    Parameters
+    ----------
+    solution : ImageSolution
+    ax : matplotlib.axes.Axes, optional
+        Axes of a grid whose place the panels take, in place of a figure of their own.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Three panels, each a closer look: the map with the images laid over it, their outlines, tie points with the map,
+        the path of their centres, and the lander with its 95 % ellipse.
+
+    Examples
+    --------
+    >>> from radioloc.imaging import locate_images, plot_images
+    >>> len(plot_images(locate_images("examples/images/descent.toml")).axes)
+    3
+    """
+    frames = solution.registered
+    plane = solution.registration.plane
+    longitude, latitude, _ = solution.position.selenographic
+    lander = plane.from_longitude_latitude([[longitude, latitude]])[0]
+    corners = [_in_plane(frame, [[0, 0], [2, 0], [2, 2], [0, 2]]) for frame in frames]
+    widest, closest = (float(np.ptp(c, axis=0).max()) for c in (corners[0], corners[-1]))
+    widths = np.geomspace(widest, 3.0 * closest, _PANEL_COUNT)
+    title = f"{solution.name}: {len(frames)} images on {solution.map_name}"
+    figure = several_panels(ax, 13.0, 4.9, title)
+    panels = figure.subplots(1, _PANEL_COUNT)
+    centres = np.concatenate([_in_plane(frame, [[1, 1]]) for frame in frames])
+    for k, (axes, width) in enumerate(zip(panels, widths, strict=True)):
+        middle = 0.5 * (corners[0].min(axis=0) + corners[0].max(axis=0)) if k == 0 else lander
+        west, north = middle[0] - 0.5 * width - lander[0], middle[1] + 0.5 * width - lander[1]
+        factor, unit = length_unit(width)
+        style_axes(axes)
+        axes.grid(visible=False)
+        edges = [factor * edge for edge in (west, west + width, north - width, north)]
+        mosaic = _mosaic(solution, west + lander[0], north + lander[1], width)
+        axes.imshow(mosaic, extent=edges, cmap="gray", vmin=0, vmax=255, interpolation="bilinear")
+        for corner in corners:
+            if np.ptp(corner, axis=0).max() > 0.02 * width:
+                ring = factor * (np.vstack([corner, corner[:1]]) - lander)
+                axes.plot(*ring.T, color=COLORS[3], linewidth=0.7, alpha=0.8, label="images")
+        ties = factor * (solution.registration.map_places_m - lander)
+        dots = {"markersize": 2.5, "alpha": 0.7, "label": "tie points with the map"}
+        axes.plot(*ties.T, ".", color=COLORS[2], **dots)
+        path = {"markersize": 3, "linewidth": 1.0, "label": "middles of the images"}
+        axes.plot(*(factor * (centres - lander)).T, "o-", color=COLORS[0], **path)
+        axes.plot(0.0, 0.0, "+", color=COLORS[1], markersize=13, markeredgewidth=1.8, label="lander")
+        total_m2, relative_m2 = solution.covariance_enu_m2[:2, :2], solution.relative_covariance_en_m2
+        for covariance_m2, dashes, label in (
+            (total_m2, "-", "95 % ellipse"),
+            (relative_m2, ":", "the same, relative to the map"),
+        ):
+            style = {"edgecolor": COLORS[1], "linewidth": 1.3, "linestyle": dashes, "label": label}
+            draw_ellipse(axes, (0.0, 0.0), covariance_m2, SCALE_95, factor, fill=False, **style)
+        axes.set_xlim(edges[:2])
+        axes.set_ylim(edges[2:])
+        axes.set_xlabel(f"east of the lander ({unit})")
+        if k == 0:
+            axes.set_ylabel("north of the lander")
+    legend_outside(figure, panels[:1], 6)
+    return figure.figure
+
+
+def _in_plane(frame: RegisteredFrame, halves: Sequence[Sequence[int]]) -> Floats:
+    """Places of an image in the plane, m, by how many halves of its size they are from its first pixel."""
+    assert frame.homography is not None
+    to_plane = np.asarray(np.linalg.inv(frame.homography.matrix), dtype=np.float64)
+    return transformed(to_plane, np.array(halves, dtype=np.float64) * frame.centre)
+
+
+def _apart(frames: Sequence[RegisteredFrame]) -> Iterator[RegisteredFrame]:
+    """The frames that show more than those before them: nearer by a part, or of other ground; and the last."""
+    drawn, middle = math.inf, np.zeros(2)
+    for frame in frames:
+        [here] = _in_plane(frame, [[1, 1]])
+        moved = float(np.abs(here - middle).max()) > _MIN_NEW_PART * frame.pixel_m * frame.centre.max()
+        if frame.pixel_m < (1.0 - _MIN_NEW_PART) * drawn or moved or frame is frames[-1]:
+            drawn, middle = frame.pixel_m, here
+            yield frame
+
+
+def _mosaic(solution: ImageSolution, west_m: float, north_m: float, width_m: float) -> NDArray[np.uint8]:
+    """The map and, over it, the images from high to low."""
+    cv2 = load_opencv()
+    pixel_m = width_m / _MOSAIC_PIXELS
+    shape = (_MOSAIC_PIXELS, _MOSAIC_PIXELS)
+    canvas, seen = solution.base.view(
+        solution.registration.plane, west_m + 0.5 * pixel_m, north_m - 0.5 * pixel_m, pixel_m, shape
+    )
+    canvas = np.where(seen, canvas, 255).astype(np.uint8)
+    to_plane = np.array(
+        [[pixel_m, 0.0, west_m + 0.5 * pixel_m], [0.0, -pixel_m, north_m - 0.5 * pixel_m], [0.0, 0.0, 1.0]]
+    )
+    for frame in _apart(solution.registered):
+        assert frame.homography is not None
+        if frame.pixel_m * 2.0 * frame.centre.max() < 0.01 * width_m:
+            continue  # too small to be seen
+        image, usable = _undistorted(solution, frame)
+        # From the canvas to the image's pixels, which are put together where the canvas is coarser.
+        matrix = frame.homography.matrix @ to_plane
+        reduction = max(1, int(pixel_m / frame.pixel_m))
+        if reduction > 1:
+            image, usable = (cv2.blur(part, (reduction, reduction)) for part in (image, usable))
+        drawn = cv2.warpPerspective(image, matrix, shape, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+        inside = cv2.warpPerspective(usable, matrix, shape, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
+        canvas = np.where(inside == 255, drawn, canvas)
+    return canvas
+
+
+def _undistorted(
+    solution: ImageSolution, frame: RegisteredFrame
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """An image without its camera's distortion, and 255 where it shows the ground."""
+    cv2 = load_opencv()
+    image = read_frame(solution.paths[frame.name])
+    usable = np.full(image.shape, 255, np.uint8)
+    if solution.mask is not None:
+        usable[~solution.mask] = 0
+    if solution.camera is None:
+        return image, usable
+    camera = solution.camera(image.shape)
+    lens = np.array(camera.distortion.coefficients)
+    x, y = cv2.initUndistortRectifyMap(
+        camera.matrix, lens, None, camera.matrix, image.shape[::-1], cv2.CV_32FC1
+    )
+    return cv2.remap(image, x, y, cv2.INTER_LINEAR), cv2.remap(usable, x, y, cv2.INTER_NEAREST)
+
+
+@draws_names_literally
+def plot_point(solution: PointSolution, ax: Axes | None = None) -> Figure:
+    """Draw the 95 % ellipses of a position by source of error, and its landmarks where it has some.
+
+    Parameters
+    ----------
+    solution : PointSolution
+    ax : matplotlib.axes.Axes, optional
+        Axes of a grid whose place the panels take, in place of a figure of their own.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One panel about the position; of stereo images one more, with the landmarks, circles about them at the distances
+        measured, and the ellipse relative to the map.
+
+    Examples
+    --------
+    >>> from radioloc.imaging import locate_images, plot_point
+    >>> len(plot_point(locate_images("examples/stereo/stereo.toml")).axes)
+    2
+    """
+    stereo = solution.landmarks_en_m is not None
+    figure = several_panels(ax, 10.0 if stereo else 5.2, 5.6, f"{solution.name}: position")
+    panels = figure.subplots(1, 1 + stereo, squeeze=False)[0]
+    if stereo:
+        _draw_landmarks(panels[0], solution)
+    _draw_sources(panels[-1], solution)
+    legend_outside(figure, panels, 6 if stereo else 3)
+    return figure.figure
+
+
+def _draw_sources(axes: Axes, solution: PointSolution) -> None:
+    total_m2 = solution.covariance_enu_m2[:2, :2]
+    parts = {source.name: source.covariance_enu_m2[:2, :2] for source in solution.sources}
+    shown = {
+        name: part for name, part in parts.items() if part.trace() > _MIN_SIGMA_PART**2 * total_m2.trace()
+    }
+    factor = _draw_about(axes, solution, 1.15 * SCALE_95 * float(np.sqrt(np.diag(total_m2).max())))
+    for color, (name, part) in zip(COLORS[1:], shown.items(), strict=False):
+        style = {"edgecolor": color, "linewidth": 1.4, "label": name}
+        draw_ellipse(axes, (0.0, 0.0), part, SCALE_95, factor, fill=False, **style)
+    style = {"edgecolor": "0.1", "linestyle": "--", "label": "all"}
+    draw_ellipse(axes, (0.0, 0.0), total_m2, SCALE_95, factor, fill=False, **style)
+    axes.set_title("ellipses of 95 %, by source", fontsize=8, color="0.3")
+
+
+def _draw_landmarks(axes: Axes, solution: PointSolution) -> None:
+    from matplotlib.patches import Circle
+
+    assert solution.landmarks_en_m is not None
+    assert solution.distances_m is not None
+    factor = _draw_about(axes, solution, 1.2 * float(np.abs(solution.landmarks_en_m).max()))
+    names = [one["name"] for one in solution.details["landmarks"]]
+    measured = zip(names, factor * solution.landmarks_en_m, factor * solution.distances_m, strict=True)
+    for k, (name, place, distance) in enumerate(measured):
+        color = COLORS[1 + k % (len(COLORS) - 1)]
+        label = "distances measured" if k == 0 else None
+        axes.add_patch(Circle(place, distance, fill=False, edgecolor=color, lw=0.8, label=label))
+        axes.plot(*place, "^", color=color, markersize=6)
+        axes.annotate(name, place, xytext=(5, 5), textcoords="offset points", fontsize=8)
+    own = [source.covariance_enu_m2[:2, :2] for source in solution.sources if not source.shared]
+    style = {"facecolor": (COLORS[0], 0.3), "edgecolor": COLORS[0], "label": "95 %, relative to the map"}
+    draw_ellipse(axes, (0.0, 0.0), np.sum(own, axis=0), SCALE_95, factor, linewidth=0.9, **style)
+    axes.set_title("landmarks", fontsize=8, color="0.3")
+
+
+def _draw_about(axes: Axes, solution: PointSolution, reach_m: float) -> float:
+    """A square about the position, with the known ones that are in it; the factor from metres to its unit."""
+    factor = draw_square(axes, (0.0, 0.0), reach_m, "the position")
+    draw_place(axes, factor, np.zeros(2), "position", solution.method, 0)
+    for k, (name, place) in enumerate(solution.references.items()):
+        _, _, west_m, north_m, _ = difference(place.selenographic, solution.position.selenographic)
+        if max(abs(west_m), abs(north_m)) < reach_m:
+            draw_place(axes, factor, np.array([-west_m, north_m]), name, "reference", k)
+    return factor

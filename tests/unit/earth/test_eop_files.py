@@ -1,4 +1,3 @@
-import astropy_iers_data
 import numpy as np
 import pytest
 from earth_files import C04, finals_row
@@ -80,18 +79,3 @@ def test_what_cannot_be_used_is_named_with_its_line(tmp_path, rows, line, words)
         read_eop_rows(write(tmp_path, *rows))
     if line is not None:
         assert caught.value.line == line
-
-
-def test_packaged_files_are_both_read():
-    c04, _ = read_eop_rows(astropy_iers_data.IERS_B_FILE)
-    bulletin_a, _ = read_eop_rows(astropy_iers_data.IERS_A_FILE)
-    assert c04["mjd_utc"][0] == 37665.0
-    assert bulletin_a["mjd_utc"][0] == 41684.0
-    assert bulletin_a["predicted"][-1]
-    # Two independent products of the same days: 0.2 mas and 0.1 ms are ten times their usual difference.
-    day_c04, day_a = (
-        np.searchsorted(columns["mjd_utc"], np.arange(58000, 60000)) for columns in (c04, bulletin_a)
-    )
-    assert np.abs(c04["xp_rad"][day_c04] - bulletin_a["xp_rad"][day_a]).max() < 5e-4 * ARCSEC_RAD
-    assert np.abs(c04["ut1_minus_utc_s"][day_c04] - bulletin_a["ut1_minus_utc_s"][day_a]).max() < 2e-4
-    assert np.abs(np.mean(c04["dx_rad"][day_c04] - bulletin_a["dx_rad"][day_a])) < 5e-5 * ARCSEC_RAD

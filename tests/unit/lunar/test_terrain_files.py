@@ -109,10 +109,7 @@ def test_pds3_regional_tile_of_floats_in_kilometres(tmp_path):
         ({"unit": "DEGREE"}, "DEGREE.*say unit="),
         ({"offset": "1737.4"}, r"adds 1737\.4 m .* radius in kilometres"),
         ({"scale": 0}, "values are 0 times a number"),
-        ({"scale": "nan"}, "values are nan times a number"),
         ({"map_scale": "0 <m/pix>"}, r"MAP\.LBL"),
-        ({"map_scale": "1e300 <m/pix>"}, "do not lie on the Moon"),
-        ({"lon_0": "9" * 5000}, r"MAP\.LBL"),
         ({"sample_offset": "1e999"}, "do not lie on the Moon"),
     ],
 )

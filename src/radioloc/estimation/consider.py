@@ -14,8 +14,8 @@ ephemeris.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import gram, times
 from radioloc.estimation.observation_noise import RowsOf, Transposable, Whitening, slices
+from radioloc.estimation.orbit_state import EAST_NORTH_UP
 from radioloc.parameters.parameter import Parameter, ParameterSet
 from radioloc.parameters.registry import PARAMETERS
 
@@ -226,27 +227,33 @@ def few_errors(errors: ConsideredErrors, sigma_m: _Floats) -> tuple[_Floats, int
     return np.hstack(found), found[0].shape[1]
 
 
-@dataclass(frozen=True, slots=True)
-class BudgetItem:
-    """Sigma of a position by one source, m; `name` is the parameter or its owner."""
+@dataclass(frozen=True, slots=True, eq=False)
+class ErrorSource:
+    """Part of the covariance of a position, m^2, (3, 3); `name` is the parameter or its owner, or empty."""
 
     source: str
     name: str
-    east_m: float
-    north_m: float
-    up_m: float
-    total_m: float
+    covariance_m2: _Floats
 
-    @classmethod
-    def of(cls, source: str, name: str, variances_m2: _Floats) -> BudgetItem:
-        """Of variances to the east, to the north and up, m^2."""
-        sides = np.sqrt(np.maximum(variances_m2, 0.0))
-        east_m, north_m, up_m = sides.tolist()
-        return cls(source, name, east_m, north_m, up_m, float(np.linalg.norm(sides)))
+    @property
+    def label(self) -> str:
+        """Source and name in one text."""
+        return f"{self.source} {self.name}".strip()
 
-    def to_dict(self) -> dict[str, Any]:
-        """Its fields."""
-        return asdict(self)
+    @property
+    def sigma_m(self) -> _Floats:
+        """Standard deviations along the axes, shape (3,)."""
+        return np.sqrt(np.maximum(np.diag(self.covariance_m2), 0.0))
+
+    @property
+    def total_m(self) -> float:
+        """Standard deviation in space."""
+        return float(np.linalg.norm(self.sigma_m))
+
+    def to_dict(self, axes: Iterable[str] = EAST_NORTH_UP) -> dict[str, Any]:
+        """Source, name and standard deviations, in types that JSON has."""
+        sigmas_m = zip((*axes, "total"), (*self.sigma_m.tolist(), self.total_m), strict=True)
+        return {"source": self.source, "name": self.name} | {f"{axis}_m": sigma for axis, sigma in sigmas_m}
 
 
 def prior_effects(fit: FitResult) -> _Floats:
@@ -268,7 +275,7 @@ def shared_prior_effects(parameters: ParameterSet, effects: _Floats) -> dict[str
     }
 
 
-def sources(
+def error_budget(
     parameters: ParameterSet,
     enu_by_parameters: _Floats,
     enu_covariance_m2: _Floats,
@@ -276,12 +283,12 @@ def sources(
     considered: Consider | None,
     ephemeris_sigma_enu_m: _Floats,
     direct_m: _Floats | float = 0.0,
-) -> dict[tuple[str, str], _Floats]:
-    """Covariance of the position by each source and its name, m^2, (..., 3, 3)."""
+) -> tuple[ErrorSource, ...]:
+    """Divide the covariance of a position into independent sources, the largest first."""
 
     # Partials (..., 3, p) and the covariance by noise and a-priori values (..., 3, 3) may be at any epochs of an orbit;
     # `effects` are those of prior_effects; errors of one sigma of considered parameters add `direct_m` (..., 3, c) by
-    # themselves.
+    # themselves. Of several epochs the mean is given.
     def squared(moved_m: _Floats, k: int) -> _Floats:
         return np.asarray(moved_m[..., :, None, k] * moved_m[..., None, :, k])
 
@@ -306,13 +313,9 @@ def sources(
             key = item.kind, owner(item)
             found[key] = found.get(key, 0.0) + squared(of_errors_m, k)
     found[EPHEMERIS, ""] = np.diag(ephemeris_sigma_enu_m**2)
-    return found
-
-
-def error_budget(found: Mapping[tuple[str, str], _Floats]) -> tuple[BudgetItem, ...]:
-    """Sigmas by those of the :func:`sources` that have any, the largest first."""
-    items = (BudgetItem.of(*key, np.diag(covariance_m2)) for key, covariance_m2 in found.items())
-    return tuple(sorted((item for item in items if item.total_m > 0.0), key=lambda item: -item.total_m))
+    items = (ErrorSource(*key, part.reshape(-1, 3, 3).mean(axis=0)) for key, part in found.items())
+    kept = (item for item in items if item.source not in (A_PRIORI, EPHEMERIS) or item.covariance_m2.any())
+    return tuple(sorted(kept, key=lambda item: -item.total_m))
 
 
 def owner(item: Parameter) -> str:
@@ -325,13 +328,10 @@ def owner(item: Parameter) -> str:
     return name.rpartition(" ")[0] if item.span_utc is not None else name
 
 
-def by_source(items: Iterable[BudgetItem]) -> list[BudgetItem]:
+def by_source(items: Iterable[ErrorSource]) -> list[ErrorSource]:
     """Each source as a whole, the largest first."""
-    groups: dict[str, list[BudgetItem]] = {}
+    groups: dict[str, list[_Floats]] = {}
     for item in items:
-        groups.setdefault(item.source, []).append(item)
-    wholes = []
-    for source, parts in groups.items():
-        squares = np.array([(p.east_m**2, p.north_m**2, p.up_m**2) for p in parts]).sum(axis=0)
-        wholes.append(BudgetItem.of(source, "", squares))
+        groups.setdefault(item.source, []).append(item.covariance_m2)
+    wholes = (ErrorSource(source, "", np.sum(parts, axis=0)) for source, parts in groups.items())
     return sorted(wholes, key=lambda whole: -whole.total_m)

@@ -23,16 +23,16 @@ from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.estimation.consider import (
     A_PRIORI,
-    EPHEMERIS,
     NOISE,
     CommonErrors,
     ConsideredErrors,
     Effects,
+    ErrorSource,
     consider,
     effects_beside_prior,
+    error_budget,
     moved_by,
     prior_effects,
-    sources,
 )
 from radioloc.estimation.least_squares import FitResult, FitStatus
 from radioloc.estimation.linearization import covariance_of, factorize
@@ -63,7 +63,7 @@ from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.parameters.design import ObservationModel
 from radioloc.parameters.parameter import Role
-from radioloc.results.covariance import CovarianceStudy, ErrorSource, Gain, PlannedArc, Share
+from radioloc.results.covariance import CovarianceStudy, Gain, PlannedArc, Share
 from radioloc.simulation import Scenario, Session
 from radioloc.simulation.schedule import Pair
 from radioloc.simulation.simulate import rot_pa_to_enu
@@ -359,7 +359,7 @@ class _Solved:
                 direct_m[
                     ..., list(moved.parameters.of_kind("gravity_error"))
                 ] = -by_gravity  # it is the truth that they move
-        found = sources(
+        found = error_budget(
             parameters,
             axes,
             axes @ formal @ np.swapaxes(axes, -1, -2),
@@ -368,11 +368,7 @@ class _Solved:
             np.array(self.part.estimate.ephemeris_sigma_m),
             direct_m,
         )
-        return tuple(
-            ErrorSource(source, name, covariance_m2.reshape(-1, 3, 3).mean(axis=0))
-            for (source, name), covariance_m2 in found.items()
-            if source not in (A_PRIORI, EPHEMERIS) or covariance_m2.any()
-        ), state
+        return found, state
 
     @property
     def _epochs(self) -> Epochs:

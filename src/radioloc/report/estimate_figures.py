@@ -67,7 +67,7 @@ def plot_budget(solution: Solution, ax: Axes | None = None) -> Figure:
     if not items:
         raise InputError("the position is held or not determined, so its error has no budget to draw")
     names = [item.source for item in items]
-    variances_m2 = np.square([(item.east_m, item.north_m, item.up_m) for item in items])
+    variances_m2 = np.square([item.sigma_m for item in items])
     if len(names) > _MOST_SOURCES:
         rest = slice(_MOST_SOURCES - 1, None)
         names[rest] = [f"{len(names[rest])} others"]

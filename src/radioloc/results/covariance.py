@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation.consider import NOISE
+from radioloc.estimation.consider import NOISE, ErrorSource, by_source
 from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL, EAST_NORTH_UP, RTN, OrbitState
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.results.cards import Card, Field, metres, table
@@ -53,27 +53,13 @@ def radius_95_m(covariance_m2: _Floats) -> float:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ErrorSource:
-    """A part of the position's covariance."""
-
-    source: str  # as of BudgetItem, as the next
-    name: str
-    covariance_m2: _Floats  # shape (3, 3)
-
-    @property
-    def label(self) -> str:
-        """Both in one text."""
-        return f"{self.source} {self.name}".strip()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class PlannedArc:
     """What the first hours of tracking would tell."""
 
     hours: float
     span_h: float  # from the start to the last observation
     count: int  # observations
-    # They add up to the covariance; none where the position is not determined.
+    # The largest first; they add up to the covariance. None where the position is not determined.
     sources: tuple[ErrorSource, ...]
     missing: tuple[str, ...]  # what is not determined, in words
     axes: tuple[str, ...] = EAST_NORTH_UP  # or along, across, radial of an orbit: means over the arc
@@ -110,10 +96,8 @@ class PlannedArc:
 
     def by_source(self) -> dict[str, _Floats]:
         """Variances by the axes of the sources, all of one kind together, shape (3,)."""
-        found: dict[str, _Floats] = {}
-        for source in self.sources:
-            found[source.source] = found.get(source.source, np.zeros(3)) + np.diag(source.covariance_m2)
-        return dict(sorted(found.items(), key=lambda item: -float(item[1][:2].sum())))
+        wholes = {whole.source: np.diag(whole.covariance_m2) for whole in by_source(self.sources)}
+        return dict(sorted(wholes.items(), key=lambda item: -float(item[1][:2].sum())))
 
     def to_dict(self) -> dict[str, Any]:
         """Its numbers, in types that JSON has."""
@@ -130,21 +114,9 @@ class PlannedArc:
             f"covariance_{'acr' if of_orbit else 'enu'}_m2": self.covariance_m2.tolist()
             if self.determined
             else None,
-            "budget": self.budget(),
+            "budget": [source.to_dict(self.axes) for source in self.sources],
             **({"state": self.state and self.state.to_dict()} if of_orbit else {}),
         }
-
-    def budget(self) -> list[dict[str, Any]]:
-        """What its sources make, the largest first."""
-        records = []
-        for source in self.sources:
-            sides_m = np.sqrt(np.maximum(np.diag(source.covariance_m2), 0.0))
-            sigmas_m = zip(
-                (*self.axes, "total"), [*sides_m.tolist(), float(np.linalg.norm(sides_m))], strict=True
-            )
-            named = {f"{axis}_m": sigma_m for axis, sigma_m in sigmas_m}
-            records.append({"source": source.source, "name": source.name, **named})
-        return sorted(records, key=lambda record: -record["total_m"])
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,11 +205,7 @@ class CovarianceStudy(Result):
         heading = ("length", "span, h", "obs.", *longest.axes, "95 % radius")
         over = "; all are means over the arc" if longest.state else ""
         holds = f"95 % radius: of the horizontal circle that holds the true point in 95 % of cases{over}"
-        keys = [f"{axis}_m" for axis in (*longest.axes, "total")]
-        sources = [
-            (f"{one['source']} {one['name']}".strip(), *(metres(one[key]) for key in keys))
-            for one in longest.budget()
-        ]
+        sources = [(one.label, *map(metres, (*one.sigma_m.tolist(), one.total_m))) for one in longest.sources]
         of_sources = (f"of {longest.hours:g} h, m", *longest.axes, "3D")
         shares = (
             (f"{one.group} {one.name}", str(one.count), _radius(one.alone_m), _radius(one.without_m))

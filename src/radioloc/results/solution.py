@@ -15,11 +15,10 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.estimation.combination import Ellipse, ReferenceComparison, horizontal_ellipse
 from radioloc.estimation.consider import (
-    BudgetItem,
     Consider,
+    ErrorSource,
     error_budget,
     shared_prior_effects,
-    sources,
     span_record,
 )
 from radioloc.estimation.consistency import Consistency
@@ -351,14 +350,14 @@ class Solution(Result):
         }
 
     @property
-    def budget(self) -> tuple[BudgetItem, ...]:
+    def budget(self) -> tuple[ErrorSource, ...]:
         """What the position's total sigma comes from, the largest first; empty where it is held or not determined.
 
         The squares add up to those of :meth:`sigma_enu_m`.
         """
         if self.trajectory is not None or not (self.position_estimated and self.position_determined):
             return ()
-        found = sources(
+        found = error_budget(
             self.parameters,
             self.enu_by_parameters,
             self.position_covariance("enu", "scaled"),
@@ -366,7 +365,7 @@ class Solution(Result):
             self.consider,
             self.ephemeris_sigma_enu_m,
         )
-        return error_budget(found)
+        return tuple(item for item in found if item.total_m > 0.0)
 
     @property
     def correlation_factor(self) -> float:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation.consider import A_PRIORI, EPHEMERIS, NOISE, BudgetItem, by_source
+from radioloc.estimation.consider import A_PRIORI, EPHEMERIS, NOISE, ErrorSource, by_source
 from radioloc.estimation.orbit_state import OrbitState, ProcessEstimate
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.parameters.parameter import Role
@@ -254,7 +254,7 @@ def _budget(solution: Solution) -> Field:
     items = solution.budget
     total_m2 = sum(item.total_m**2 for item in items)
     rows: list[tuple[str, ...]] = []
-    rest: list[BudgetItem] = []
+    rest: list[ErrorSource] = []
     for whole in by_source(items):
         if len(rows) < _MAX_ROWS and whole.total_m**2 > _LEAST_SHARE * total_m2:
             rows.append((whole.source, *_sides(whole)))
@@ -270,11 +270,11 @@ def _budget(solution: Solution) -> Field:
     )
 
 
-def _sides(item: BudgetItem) -> tuple[str, ...]:
-    return tuple(metres(side) for side in (item.east_m, item.north_m, item.up_m, item.total_m))
+def _sides(item: ErrorSource) -> tuple[str, ...]:
+    return tuple(map(metres, (*item.sigma_m.tolist(), item.total_m)))
 
 
-def _advice(items: Sequence[BudgetItem]) -> Iterator[str]:
+def _advice(items: Sequence[ErrorSource]) -> Iterator[str]:
     """The largest that are somebody's, and what to improve first."""
     if not items:
         return
@@ -282,7 +282,7 @@ def _advice(items: Sequence[BudgetItem]) -> Iterator[str]:
         of_them = (f"{item.source} of {item.name} {metres(item.total_m)} m" for item in named)
         yield f"largest in these: {', '.join(of_them)}"
     measures = {source: measure for measure, all_of in _MEASURES.items() for source in all_of}
-    groups: dict[str, list[BudgetItem]] = {}
+    groups: dict[str, list[ErrorSource]] = {}
     for item in items:
         groups.setdefault(measures.get(item.source, item.source.replace("_", " ")), []).append(item)
     sizes_m2 = {measure: sum(item.total_m**2 for item in mine) for measure, mine in groups.items()}
@@ -299,7 +299,7 @@ def _advice(items: Sequence[BudgetItem]) -> Iterator[str]:
     )
 
 
-def _coordinates(solution: Solution, items: Sequence[BudgetItem]) -> Iterator[str]:
+def _coordinates(solution: Solution, items: Sequence[ErrorSource]) -> Iterator[str]:
     """What to do where coordinates that the catalogue has only roundly dominate the sigma."""
     if solution.consider is None or not items or items[0].source != "station_position":
         return

@@ -205,7 +205,7 @@ def test_what_errors_of_gravity_do_to_a_plan_is_in_its_budget(made, tmp_path):
     tdb = study.target.epoch.shifted(3600.0 * np.linspace(first_h, last_h, count))
     mean_m2 = arc.state.covariance_rtn(tdb)[:, :3, :3].mean(axis=0)
     np.testing.assert_allclose(arc.sigma_m, np.sqrt(np.diag(mean_m2))[[1, 2, 0]], rtol=1e-9)
-    assert arc.budget()[0]["source"] == "gravity_error"
+    assert arc.sources[0].source == "gravity_error"
     assert found.gains[0].what == "gravity_error known"
     assert found.gains[0].radius_95_m == pytest.approx(
         radioloc.covariance(study, hours=4.0).longest.radius_95_m, rel=1e-6

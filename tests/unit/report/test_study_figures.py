@@ -9,7 +9,7 @@ from toy_moon import LANDER_M, ToyMoon, toy_solution
 
 from radioloc import LunarPosition, Observations
 from radioloc.errors import InputError
-from radioloc.estimation.consider import BudgetItem
+from radioloc.estimation.consider import ErrorSource
 from radioloc.measurements import Link, PhysicalModel
 from radioloc.report import (
     plot_arcs,
@@ -48,7 +48,7 @@ def test_bars_of_the_budget_are_its_sigmas(solution):
 
 
 def test_the_smallest_of_many_sources_are_one_bar(monkeypatch):
-    items = tuple(BudgetItem.of(f"source {k}", "", np.full(3, float(20 - k))) for k in range(14))
+    items = tuple(ErrorSource(f"source {k}", "", np.diag(np.full(3, float(20 - k)))) for k in range(14))
     axes = plot_budget(SimpleNamespace(name="many", budget=items)).axes[0]
     names = [text.get_text() for text in axes.get_yticklabels()]
     assert names == ["total", *(f"source {k}" for k in range(8)), "6 others"]

@@ -13,7 +13,7 @@ from busy import run, skip_if_busy
 from change5_case import STUDY
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "change5" / "simulation.toml"
-LOCATED_S, FITTED_S, PEAK_MB = 10.0, 3.0, 1500.0
+FITTED_S = 3.0
 WHOLE_WALL_S, WHOLE_PEAK_MB, WRITTEN_S = 10.0, 600.0, 1.5
 SIMULATED_S, SIMULATED_PEAK_MB = 15.0, 600.0
 COMPILED_S, FIRST_FIT_S = 15.0, 2.0
@@ -116,14 +116,6 @@ def test_simulated(benchmark, folder, capsys):
     told(benchmark, capsys, "simulated to a file of 74 MB", ran)
     assert ran[1] < SIMULATED_S
     assert ran[2] < SIMULATED_PEAK_MB
-
-
-def test_located(benchmark, folder, capsys):
-    locate(folder)  # compiled once and for all
-    ran = benchmark.pedantic(locate, args=(folder,), rounds=1)
-    told(benchmark, capsys, "located", ran)
-    assert ran[1] < LOCATED_S
-    assert ran[2] < PEAK_MB
 
 
 def test_located_with_all_files(benchmark, folder, capsys):

@@ -55,7 +55,10 @@ def _fitted_step(step: float, differences: list[float], tolerance: float) -> tup
 
 
 def with_rounding_in_sigmas(observations: Observations) -> Observations:
-    """Raise the sigmas of series of readings to step / sqrt(12) where they are below, with a warning."""
+    """Raise the sigmas of series of readings to step / sqrt(12) where they are below, with a warning.
+
+    Otherwise Chang'e-5's ranges in steps of 100 m, stated with 1 m, do not converge (test_quantised.py).
+    """
     # A series is of one file, link, type, count interval and, where these are few, transmitted frequency.
     of_series = ("file", "link", "kind", "count_s")
     columns: list[NDArray[Any]] = [np.nan_to_num(getattr(observations, name)) for name in of_series]

@@ -86,17 +86,11 @@ BOUNDS_M = {
 def apollo_terms(model):
     """Terms at all hours at which the Moon stands above 20 degrees, over 13 months in steps of a day and 50 minutes."""
     tai = Epochs.from_jd(2453832.5, 1.0347 * np.arange(400), "TAI")
-    every = observations("APOLLO>apollo15>APOLLO", tai, **LASER)
-    high = ExactPredictor(model, every, APOLLO15_PA_M).compute(APOLLO15_PA_M).elevation_rad.min(
-        axis=1
-    ) > np.radians(20.0)
-    other = observations("APOLLO>apollo15>APOLLO", tai.shifted(-6 * 3600.0), **LASER)
-    more = ExactPredictor(model, other, APOLLO15_PA_M).compute(APOLLO15_PA_M).elevation_rad.min(
-        axis=1
-    ) > np.radians(20.0)
-    chosen = Observations.concatenate(
-        [every.select(np.flatnonzero(high)), other.select(np.flatnonzero(more))]
+    every = observations(
+        "APOLLO>apollo15>APOLLO", Epochs.concatenate([tai, tai.shifted(-6 * 3600.0)]), **LASER
     )
+    elevation_rad = ExactPredictor(model, every, APOLLO15_PA_M).compute(APOLLO15_PA_M).elevation_rad
+    chosen = every.select(elevation_rad.min(axis=1) > np.radians(20.0))
     assert len(chosen) > 150
     return ExactPredictor(model, chosen, APOLLO15_PA_M).terms(APOLLO15_PA_M)
 

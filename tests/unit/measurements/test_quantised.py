@@ -1,17 +1,23 @@
 """Readings that are multiples of a step: the step is found, and sigmas are not below its rounding error."""
 
 import warnings
+from dataclasses import replace
 
+import change5_case
 import numpy as np
 import pytest
 
+import radioloc
 from radioloc import Observations, read_observations
 from radioloc.constants import C_M_S
 from radioloc.errors import DataQualityWarning
 from radioloc.io import FrequencyAgreement
 from radioloc.measurements import Link
+from radioloc.measurements.observations import RANGE
 from radioloc.measurements.quantised import common_step, with_rounding_in_sigmas
 from radioloc.measurements.registry import KINDS
+from radioloc.measurements.terms import active_terms
+from radioloc.study import EstimateChoice, HeightPrior, ModelChoice
 from radioloc.time import epochs_from_strings
 
 RNG = np.random.default_rng(5)
@@ -75,3 +81,18 @@ def test_straight_lines_and_single_outliers_have_no_step():
     outlier = np.full(50, 3.8e8)
     outlier[20] += 300.0
     assert common_step(line, 1.0) == common_step(outlier, 1.0) == 0.0
+
+
+@pytest.mark.study
+def test_a_fit_of_ranges_in_steps_converges(model):
+    exact = change5_case.observations(model, 600.0)
+    value_m = np.where(exact.kind == RANGE, 100.0 * np.rint(exact.value_m / 100.0), exact.value_m)
+    study = radioloc.Study(
+        change5_case.NEAR,
+        estimate=EstimateChoice(
+            range_bias="all", range_bias_sigma_m=10.0, height_prior=HeightPrior(-2550.4, 5.0)
+        ),
+        model=ModelChoice(terms=active_terms(["ionosphere"])),
+    )
+    with pytest.warns(DataQualityWarning, match="readings are multiples of 100 m"):
+        assert radioloc.locate(study, replace(exact, value_m=value_m)).converged

@@ -30,13 +30,7 @@ _SCALES = {"tt": "TT", "tdb": "TDB", "ut1": "UT1"} | dict.fromkeys(
 
 
 def bare(name: str, value: Any) -> Any:
-    """A value as floats or epochs, by the name of its argument or field.
-
-    Raises
-    ------
-    InputError
-        A unit that does not convert, a Time in a scale that is not known, or where no time belongs.
-    """
+    """Return a value as floats or epochs, by the name of its argument or field; other kinds are an InputError."""
     if not takes_astropy(name):
         return value
     if hasattr(value, "jd1") or (name in ("tt", "tdb", "utc") and not isinstance(value, Epochs)):

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 def chebyshev_sums(
     coefficients: NDArray[np.float64], s: NDArray[np.float64], derivatives: int = 1
 ) -> tuple[NDArray[np.float64], ...]:
-    """Values and derivatives by s up to an order, 1 or 2, shapes (k, n), of k series at each of n places s, -1 to 1.
+    """Return values and derivatives by s, (k, n), of series with coefficients (degrees, k, n), -1 <= s <= 1.
 
-    `coefficients`, lowest degree first, have the shape (degrees, k, n): each place has its own. Clenshaw's recurrence
-    b_j = c_j + 2 s b_(j+1) - b_(j+2), differentiated.
+    Clenshaw's recurrence b_j = c_j + 2 s b_(j+1) - b_(j+2), differentiated.
     """
     twice = 2.0 * s
     b = b_next = db = db_next = ddb = ddb_next = np.zeros(coefficients.shape[1:])

@@ -67,18 +67,14 @@ class LazyNames(Sequence[str]):
 
 
 def registry(group: str, kind: type[T], own: Iterable[T]) -> LazyMapping[T]:
-    """Entries by name: the package's own, then those of a group of entry points (``"radioloc.media"``).
-
-    An entry point that cannot be loaded, is of another type, or has a name that is taken is left out with a
-    :class:`~radioloc.errors.PluginWarning`: a package that is broken must not break the others.
-    """
+    """Return entries by name, the package's and those of entry points; unusable ones warn and are left out."""
 
     def made() -> dict[str, T]:
         found = {entry.name: entry for entry in own}
         for point in sorted(entry_points(group=group), key=lambda point: point.name):
             try:
                 entry = point.load()
-            except Exception as error:
+            except Exception as error:  # a package that is broken must not break the others
                 problem = f"cannot be loaded ({error})"
             else:
                 if not isinstance(entry, kind):
@@ -97,10 +93,7 @@ def registry(group: str, kind: type[T], own: Iterable[T]) -> LazyMapping[T]:
 
 @contextmanager
 def named_where_it_fails(entry: str, function: str) -> Iterator[None]:
-    """Tell an exception in a function of an entry, as in one of another package, in one line that names both.
-
-    Errors of the library and of files tell enough themselves.
-    """
+    """Turn an unexpected exception of an entry, as of another package, into one line that names both."""
     try:
         yield
     except (RadiolocError, OSError, MemoryError):

@@ -18,15 +18,7 @@ TableForm = Literal["astropy", "pandas"]
 def as_table(
     columns: Mapping[str, Any], form: TableForm, units: Mapping[str, str | None] = MappingProxyType({})
 ) -> Any:
-    """Columns as a ``QTable`` of astropy, or a ``DataFrame`` of pandas, whose dates are UTC to the nanosecond.
-
-    Units are those that the names end in, where `units`, of astropy's spelling, do not have them.
-
-    Raises
-    ------
-    InputError
-        Another form is asked for, or an epoch is in a leap second, which pandas does not know.
-    """
+    """Return columns as a QTable of astropy or a DataFrame of pandas (UTC to the nanosecond, no leap second)."""
     if form == "astropy":
         from astropy.table import QTable
         from astropy.units import Quantity

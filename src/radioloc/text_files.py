@@ -57,18 +57,13 @@ def require_ending(path: str | Path, endings: Iterable[str]) -> str:
 
 
 def read_lines(path: str | Path, *, encoding: str = "utf-8-sig", ended: bool = False) -> Iterator[str]:
-    """Lines of a text file, plain or gzip, without line ends, of which only a piece is in memory.
-
-    Encoding and errors as :func:`read_text`; what is wrong further down is told when it is reached. Behind a line end
-    that ends the file comes an empty line. A last line that must be `ended` and is not is a :class:`FileFormatError`:
-    where it was cut inside its last number, that is another number.
-    """
+    """Yield the lines of a text file, plain or gzip, piece by piece, and an empty one behind the last line end."""
     last, number = "", 1
     for first_line, block in read_blocks(path, encoding=encoding):
         lines = block.decode(_within(encoding)).split("\n")
         last, number = lines.pop(), first_line + len(lines)
         yield from lines
-    if ended and last.strip():
+    if ended and last.strip():  # where a file was cut inside its last number, that is another number
         raise FileFormatError(path, CUT_LINE.format("number"), number)
     yield last
 
@@ -77,19 +72,13 @@ CUT_LINE = "the last line has no line end: its {} may be cut; end the line if it
 
 
 def read_text(path: str | Path, *, encoding: str = "utf-8-sig") -> str:
-    """Text of a file, plain or gzip (told by its content, not its name), with lines ended by line feeds.
-
-    UTF-8, of which ASCII is a part, or any byte as ``"latin-1"``; anything else is a :class:`FileFormatError`.
-    """
+    """Return the text of a file, plain or gzip, UTF-8 or ``"latin-1"``, with lines ended by line feeds."""
     return "".join(block.decode(_within(encoding)) for _, block in read_blocks(path, encoding=encoding))
 
 
 @contextmanager
 def json_file(path: str | Path, otherwise: str) -> Iterator[Any]:
-    """Open a file of JSON for a with statement; what is wrong in it, or missed there, is a :class:`FileFormatError`.
-
-    `otherwise` says what was expected, where the content has no error of its own.
-    """
+    """Open JSON for a with statement; errors in it or in the statement are a FileFormatError that says `otherwise`."""
     text = read_text(path)
     try:
         yield json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_without_repeated_keys)
@@ -126,7 +115,14 @@ def read_blocks(
     for content in chain(_pieces(path, size), [b""]):
         start = start or content[:8]
         if b"\0" in content:
-            raise _error_of_nul(path, start, rest + content, first_line)
+            line = (
+                None
+                if b"\0" in start
+                else first_line + (rest + content).count(b"\n", 0, (rest + content).index(b"\0"))
+            )
+            raise FileFormatError(
+                path, "is not text (it has a zero byte); give a text file or its gzip", line
+            )
         # A piece ends where a line does; what is behind it waits for the next.
         whole, line_end, begun = content.rpartition(b"\n")
         if content and not line_end:
@@ -140,18 +136,6 @@ def read_blocks(
         first_line += block.count(b"\n")
     if blank:
         raise FileFormatError(path, "is empty; fetch or write it again")
-
-
-def _error_of_nul(path: str | Path, start: bytes, content: bytes, first_line: int) -> FileFormatError:
-    """Error of a file with a zero byte: binary, if it begins with one, or damaged at a character of a line."""
-    if b"\0" in start:
-        return FileFormatError(path, f"is not text (it starts with {start!r}); give a text file or its gzip")
-    before = content[: content.index(b"\0")]
-    character = len(before) - before.rfind(b"\n")
-    problem = (
-        f"character {character} is NUL (a zero byte), which no text has; remove it, or fetch the file again"
-    )
-    return FileFormatError(path, problem, first_line + before.count(b"\n"))
 
 
 def numbers_of(path: str | Path, line_number: int | None, words: list[str], what: str) -> list[float]:
@@ -193,10 +177,7 @@ def text_of_cell(cell: str) -> str:
 
 
 def read_rows(path: str | Path, columns: Sequence[str], what: str) -> Iterator[tuple[int, dict[str, str]]]:
-    """Cells of the rows of a small comma-separated table by its columns, in any order, and their lines.
-
-    Blank lines and those that begin with ``#`` are passed over; `what` says in errors what has these columns.
-    """
+    """Yield lines and cells by column of a small table, without blank lines and comments; `what` names it in errors."""
     lines = ((k, line) for k, line in enumerate(read_lines(path), 1) if line.strip() and line[0] != "#")
     first, heading = next(lines, (1, ""))
     header = [name.strip() for name in heading.split(",")]
@@ -314,11 +295,7 @@ def write_blocks(path: str | Path, blocks: Iterable[bytes]) -> None:
 
 @contextmanager
 def replaced_file(path: str | Path) -> Iterator[Path]:
-    """An empty file beside a file, which takes its place at the end, unless there was an error.
-
-    What is in it is on the disk before it does, so a system that stops leaves the old content or the new one. A disk
-    that is full or fails is an :class:`OSError`, as it is not the input that is wrong.
-    """
+    """Yield an empty file beside a file, which takes its place when it is whole and on the disk."""
     file = Path(path)
     if file.is_dir():
         raise FileFormatError(path, "is a directory; give the name of a file")
@@ -331,7 +308,7 @@ def replaced_file(path: str | Path) -> Iterator[Path]:
     try:
         yield temporary
         with temporary.open("rb+") as stream:
-            os.fsync(stream.fileno())
+            os.fsync(stream.fileno())  # a system that stops leaves the old content or the new one
         temporary.replace(file)
     except OSError as error:
         raise _not_written(file, error, "check space and permissions") from error
@@ -341,13 +318,7 @@ def replaced_file(path: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Lock an existing file against other processes that lock it, where system and file system can.
-
-    Raises
-    ------
-    InputError
-        Another process has locked the file.
-    """
+    """Lock an existing file against other processes, where the system can; a locked one is an InputError."""
     try:
         import fcntl
     except ImportError:

@@ -33,10 +33,7 @@ def unit_of(name: str) -> str | None:
 
 
 def in_unit(value: Any, unit: str, name: str) -> Any:
-    """A number or array in a unit of astropy's spelling, such as ``"m / yr"``, without it; the name is for the error.
-
-    What has a unit is a Quantity, Angle or Column of astropy, or a list of them; anything else is given back as it is.
-    """
+    """Return a number, array or list in a unit of astropy's spelling; what has no unit is unchanged."""
     if isinstance(value, list | tuple) and any(_has_unit(one) for one in value):
         if not all(_has_unit(one) for one in value):
             raise InputError(f"{name} mixes numbers with and without a unit; give all of them in one way")

@@ -28,7 +28,8 @@ from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.observations import RANGE, VLBI_DELAY
 from radioloc.measurements.terms import TERMS
 from radioloc.simulation import Schedule, Session, all_ranges, baselines
-from radioloc.time import Epochs, tdb_to_tt, tt_to_tai, tt_to_tdb, utc_to_tt
+from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
+from radioloc.time.scales import tdb_to_tt, tt_to_tai
 
 # Other packages leave the kernel's file to the garbage collector.
 pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")

@@ -13,12 +13,11 @@ from radioloc.time import (
     epochs_from_strings,
     tai_to_tt,
     tai_to_utc,
-    tdb_to_tt,
-    tt_to_tai,
     tt_to_tdb,
     utc_strings,
     utc_to_tai,
 )
+from radioloc.time.scales import tdb_to_tt, tt_to_tai
 
 # The last place of a fraction of a day just below one is 1.1e-16 d = 9.6e-12 s. A change of scale there and back
 # rounds to it a few times.

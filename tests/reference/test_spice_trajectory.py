@@ -18,7 +18,8 @@ from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS
 from radioloc.media.status import Status
-from radioloc.time import Epochs, geocentric_tdb_minus_tt, tai_to_tt, tdb_to_tt
+from radioloc.time import Epochs, geocentric_tdb_minus_tt, tai_to_tt
+from radioloc.time.scales import tdb_to_tt
 
 NOWHERE = np.zeros(3)
 STATIONS = {"KASHI": 399901, "JIAMUSI": 399902}

@@ -8,7 +8,8 @@ from low_orbit import EPOCH
 from radioloc.measurements import ExactPredictor, Link, Observations
 from radioloc.measurements.observations import DOPPLER
 from radioloc.study.orbiter import Orbiter
-from radioloc.time import tai_to_utc, tdb_to_tt, tt_to_tai
+from radioloc.time import tai_to_utc
+from radioloc.time.scales import tdb_to_tt, tt_to_tai
 
 STATE = np.array([575739.0, -463249.0, -1631639.0, -567.864, 1434.223, -600.209])
 OFF = (300.0, -200.0, 100.0, 0.3, -0.2, 0.1)

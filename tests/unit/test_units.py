@@ -11,11 +11,10 @@ from astropy.coordinates import Angle, EarthLocation
 from astropy.table import Table
 from astropy.time import Time
 
-from radioloc.earth import BlqCoefficients, EopTable, Station, geodetic_from_itrf
+from radioloc.earth import Station, geodetic_from_itrf
 from radioloc.errors import InputError, StationError
-from radioloc.lunar import rot_icrf_to_pa, selenographic_to_cartesian
+from radioloc.lunar import selenographic_to_cartesian
 from radioloc.lunar.position import LunarPosition
-from radioloc.lunar.visibility import hidden_by_moon
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
 from radioloc.time import Epochs, epochs_from_strings, to_scale, tt_to_tdb, utc_to_tt
@@ -197,29 +196,3 @@ def test_observations_at_a_time_of_astropy(scale):
         observed(epoch=Epochs.from_time(utc.tdb))
     with pytest.raises(InputError, match="no astropy Time"):
         observed(epoch=["2024-05-02"])
-
-
-def test_functions_of_arrays():
-    """Each gives the same, to rounding, with units other than its own."""
-    tt = Epochs.from_jd(2459000.5, [0.1, 0.2], "TT")
-    for ours, same in (
-        (tt.shifted(300.0).fraction, tt.shifted(5.0 * u.min).fraction),
-        (rot_icrf_to_pa([0.1, 0.2, 0.3]), rot_icrf_to_pa(np.degrees([0.1, 0.2, 0.3]) * u.deg)),
-        (hidden_by_moon([2e6, 0, 0], [-2e6, 0, 0]), hidden_by_moon([2e3, 0, 0] * u.km, [-2e3, 0, 0] * u.km)),
-    ):
-        np.testing.assert_allclose(same, ours, rtol=1e-12, atol=1e-14)
-
-
-def test_tables():
-    amplitude_m, phase_rad = np.full((3, 11), 0.004), np.full((3, 11), 0.5)
-    blq = BlqCoefficients("X", amplitude_m * 1e3 * u.mm, np.degrees(phase_rad) * u.deg, "made up")
-    np.testing.assert_allclose(blq.amplitude_m, amplitude_m, rtol=1e-14)
-    np.testing.assert_allclose(blq.phase_lag_rad, phase_rad, rtol=1e-14)
-    columns = np.zeros((6, 5))
-    columns[0] = 58000.0 + np.arange(5)
-    mjd, x, y, ut1, dx, dy = columns
-    bare = EopTable(mjd, x + 1e-6, y, ut1, dx, dy, [False] * 5)
-    table = EopTable(mjd, (x + 1e-6) * u.rad.to("arcsec") * u.arcsec, y, ut1 * u.ms, dx, dy, [False] * 5)
-    np.testing.assert_allclose(table.xp_rad, bare.xp_rad, rtol=1e-14)
-    with pytest.raises(InputError, match="xp_rad is in m; give rad"):
-        EopTable(mjd, x * u.m, y, ut1, dx, dy, [False] * 5)

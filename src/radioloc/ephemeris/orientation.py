@@ -36,11 +36,7 @@ class LunarAxes:
         return CONSTANTS[self.ephemeris].me_frame if self.axes == "ME" else f"PA_{self.ephemeris}"
 
     def states_to_icrf(self, states: NDArray[np.float64], et_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """States relative to these axes as states in the ICRF, in the same units of length, per second, shapes (n, 6).
-
-        A point at rest on the Moon has no velocity here, and one of up to 4.6 m/s there. Epochs are TDB seconds since
-        J2000; the orientation is that of the kernel that ships, a CoverageError outside its span.
-        """
+        """Return states in the ICRF of states in these axes, shapes (n, 6), at TDB seconds since J2000."""
         import spiceypy
 
         angles_rad, rates_rad_s = LunarOrientation.open(self.ephemeris).angles(Epochs.from_tdb_seconds(et_s))

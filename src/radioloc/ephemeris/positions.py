@@ -172,22 +172,10 @@ class Ephemeris:
 def clock_rate(
     ephemeris: Ephemeris, tdb: Epochs, place_m: _Vectors, velocity_m_s: _Vectors, leave_out: str = ""
 ) -> _Vectors:
-    """Rate of an ideal clock against TCG at the geocentre, d(tau - TCG)/d(TDB), shape (n,).
+    """Return the rate of an ideal clock against TCG at the geocentre, d(tau - TCG)/d(TDB), shape (n,).
 
-    It is -[(v^2 - v_E^2) / 2 + w(x) - w_E(x_E)] / c^2, with the barycentric velocities v of clock and Earth, the
-    potential w of all bodies at the clock and w_E of all but the Earth at the geocentre (IERS Conventions 2010, section
-    10.1; Soffel et al. 2003). Terms of the order c^-4 are below 1e-17.
-
-    Parameters
-    ----------
-    ephemeris : Ephemeris
-        What the Earth and other bodies are taken from.
-    tdb : Epochs
-        When.
-    place_m, velocity_m_s : ndarray, shape (n, 3)
-        Of the clock from the geocentre, ICRF axes.
-    leave_out : str
-        A body whose potential does not act on the clock: that in whose centre it is, for coordinate time there.
+    It is -[(v^2 - v_E^2) / 2 + w(x) - w_E(x_E)] / c^2 (IERS Conventions 2010, section 10.1; Soffel et al. 2003), for a
+    place from the geocentre; the potential of the body `leave_out` does not act, for coordinate time in its centre.
     """
     gm = ephemeris.constants.gm_m3_s2
     slower = dot(ephemeris.earth(tdb).velocity_m_s + 0.5 * velocity_m_s, velocity_m_s)
@@ -203,20 +191,10 @@ def clock_rate(
 def evaluate(
     kernel: Kernel, target: int, center: int, tdb: Epochs, derivatives: int = 1
 ) -> tuple[NDArray[np.float64], ...]:
-    """Evaluate the segments of a target: components and their derivatives up to an order, (n, 3), in the file's units.
-
-    The epoch's two floats meet only within a record, so an epoch is resolved to 1e-10 s: 0.1 micrometre of the Moon
-    about the Earth.
-
-    Raises
-    ------
-    KernelError
-        The kernel has no segment of the target relative to the center.
-    CoverageError
-        An epoch lies outside the span of the segments or in a gap between them.
-    """
+    """Evaluate the segments of a target: components and derivatives up to an order, (n, 3), in the file's units."""
     tdb.require("TDB")
     segments = kernel.segments_of(target, center)
+    # The two floats of an epoch meet within a record only, which resolves it to 1e-10 s: 0.1 micrometre of the Moon.
     midnight_s = (tdb.jd - J2000_JD) * SECONDS_PER_DAY  # exact: a whole number of half days
     rest_s = tdb.fraction * SECONDS_PER_DAY
     which = np.full(len(tdb), -1)

@@ -274,11 +274,7 @@ def read_observations(
 
 
 def _without_rereadings(observations: Observations) -> Observations:
-    """Counts of Doppler each once, where two files have them with time tags that are rounded in different ways.
-
-    Counts are the same if path, type, band and interval are, and the tags nearer than a quarter of it and a tenth of a
-    second. That of the file that was read first is kept; the others are left out with a warning.
-    """
+    """Count Doppler once that two files have with tags that differ by rounding."""
     rows = np.flatnonzero(is_integrated(observations.kind))
     if len(observations.files) == 1 or len(rows) < 2:
         return observations

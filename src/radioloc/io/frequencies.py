@@ -164,10 +164,7 @@ def range_change_m(
     count_s: float,
     fail: Callable[[str, int], FileFormatError],
 ) -> NDArray[np.float64]:
-    """Change of the light path over count intervals, m, from mean received frequencies less an offset.
-
-    Where it changes as nothing in space moves, the frequency sent or the ratio is another: an error of that row.
-    """
+    """Return the change of the light path over count intervals, m; an impossible speed is an error of that row."""
     up, down = ratio
     # Differences of nearly equal frequencies first: the digits that cancel are then gone without loss.
     part = ((up * sent_hz - down * offset_hz) - down * received_hz) / (up * sent_hz)
@@ -189,11 +186,7 @@ def frequency_observations(
     offset_hz: float = 0.0,
     count_s: float | None = None,
 ) -> Observations:
-    """Doppler of the received frequencies of one file, of what :func:`read_strf` is given.
-
-    To their frequencies an offset is to be added, Hz. A count interval that the file states, s, counts where the
-    agreement has none.
-    """
+    """Return the Doppler of the received frequencies of one file, whose `offset_hz` and count interval it may state."""
     if not readings:
         raise FileFormatError(path, "has no readings; fetch it again")
     dates, second_of_day, hz, lines, stations = zip(*readings, strict=True)

@@ -84,8 +84,27 @@ def read_odf(
 ) -> Observations:
     """Read the Doppler, ranges and ramps of an orbit data file, plain or gzip.
 
-    Errors, warnings and arguments as :func:`odf_observations` and
-    :func:`~radioloc.io.odf_records.read_odf_file`.
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    catalogue : StationCatalogue, optional
+        Gives stations their catalogue names; others are called as ``DSS-24``. Spacecraft 181 is the target ``sc181``.
+    sigma_m : mapping of str to float, optional
+        Standard deviations by type of measurement, m of light path, in place of :data:`SIGMA_M` and
+        :data:`RANGE_SIGMA_M`.
+
+    Raises
+    ------
+    FileFormatError
+        The file was cut, a record is not of the format or of another spacecraft than the label, or nothing in the file
+        can be used. Names the record.
+
+    Warns
+    -----
+    DataQualityWarning
+        Clock offsets are not applied. Records are left out: of types that are not modelled, marked as invalid, of a
+        station's second receiver, or of impossible speeds; how many, and the first of each.
 
     Examples
     --------
@@ -100,30 +119,7 @@ def read_odf(
 def odf_observations(
     odf: OdfFile, *, catalogue: StationCatalogue | None = None, sigma_m: Mapping[str, float] | None = None
 ) -> Observations:
-    """Make observations of the records of an orbit data file, in their order.
-
-    Parameters
-    ----------
-    odf : OdfFile
-        The content.
-    catalogue : StationCatalogue, optional
-        Gives stations their catalogue names; others are called as ``DSS-24``. Spacecraft 181 is the target ``sc181``.
-    sigma_m : mapping of str to float, optional
-        Standard deviations by type of measurement, m of light path, in place of :data:`SIGMA_M` and
-        :data:`RANGE_SIGMA_M`.
-
-    Raises
-    ------
-    FileFormatError
-        A record holds what cannot be, or another spacecraft than the label, or nothing in the file can be used. Names
-        the record.
-
-    Warns
-    -----
-    DataQualityWarning
-        Clock offsets are not applied. Records are left out: of types that are not modelled, marked as invalid, of a
-        station's second receiver, or of impossible speeds; how many, and the first of each.
-    """
+    """Make observations of the records of an orbit data file, in their order; see :func:`read_odf`."""
     codes, counts = np.unique(odf.orbit["type"], return_counts=True)
     for code in codes.tolist():
         if code not in TYPES:

@@ -56,20 +56,15 @@ class OdfFile:
     """The content of an orbit data file; structured arrays of whole numbers have one row for each record."""
 
     path: str
-    system: str  # what made it, as the next
-    program: str
     spacecraft: int  # its number by the Deep Space Network; with a minus sign NAIF's, as a rule
-    # Date (years since 1900, month and day as one number) and time (hours, minutes and seconds as one).
-    created: tuple[int, int]
-    reference: tuple[int, int]  # likewise what times count from, the year in full
-    identifier: str  # text of the identifier group
+    # What times count from: date (year, month and day as one number) and time (hours, minutes and seconds as one).
+    reference: tuple[int, int]
     # Measurements. ``observable_1e9`` is the observable's fraction, ``reference_2e24_mhz`` the part of the reference
     # frequency above 2^24 millihertz. Of Doppler ``item_21`` is the count interval in hundredths of a second, of
     # ranges ``channel`` the number of the lowest component.
     orbit: NDArray[np.void]
     ramps: NDArray[np.void]  # transmitted frequencies, all groups
     clocks: NDArray[np.void]  # differences of clocks
-    summary: NDArray[np.uint32]  # words of the data summary, shape (n, 9)
     orbit_record: NDArray[np.int32]  # number of each record of orbit data in the file, counted from 1
 
 
@@ -79,20 +74,7 @@ def looks_like_odf(head: bytes) -> bool:
 
 
 def read_odf_file(path: str | Path) -> OdfFile:
-    """Read the content of an orbit data file, plain or gzip.
-
-    Raises
-    ------
-    FileFormatError
-        The file cannot be read, was cut, or holds what the format does not know. Names the record, counted from 1.
-
-    Examples
-    --------
-    >>> from radioloc.io.odf import read_odf_file
-    >>> content = read_odf_file("examples/dsn/lander.odf")
-    >>> content.spacecraft, content.orbit["type"][0].item(), content.ramps["station"].tolist()[-1]
-    (999, 11, 24)
-    """
+    """Read the content of an orbit data file; a :class:`FileFormatError` names the record that is wrong."""
     content = read_bytes(path)
     if not looks_like_odf(content):
         raise FileFormatError(path, "does not begin with the file label of an orbit data file (key 101)")
@@ -112,8 +94,6 @@ def read_odf_file(path: str | Path) -> OdfFile:
             problem = f"the group {_NAMES[key]} has {len(of(key))} records; there must be one"
             raise FileFormatError(path, problem)
     [label] = words[of(_LABEL)]
-    [identifier] = words[of(_IDENTIFIER)]
-    text = _text(label[:4])
     orbit = _fields(words[of(_ORBIT)], _ORBIT_FIELDS)
     if (wrong := orbit["format"] != FORMAT).any():
         row = int(np.argmax(wrong))
@@ -133,16 +113,11 @@ def read_odf_file(path: str | Path) -> OdfFile:
         raise odf_error(path, problem, int(of(_RAMPS)[row]) + 1)
     return OdfFile(
         path=str(path),
-        system=text[:8].strip(),
-        program=text[8:].strip(),
         spacecraft=int(label[4]),
-        created=(int(label[5]), int(label[6])),
         reference=(int(label[7]), int(label[8])),
-        identifier=_text(identifier).strip(),
         orbit=orbit,
         ramps=ramps,
         clocks=_fields(words[of(_CLOCKS)], _CLOCK_FIELDS),
-        summary=words[of(_SUMMARY)],
         orbit_record=of(_ORBIT) + 1,
     )
 
@@ -195,7 +170,3 @@ def _fields(words: NDArray[np.uint32], table: str) -> NDArray[np.void]:
             found[name] -= (found[name] >> (width - 1)) << width
         bit += width
     return found
-
-
-def _text(words: NDArray[np.uint32]) -> str:
-    return words.astype(">u4").tobytes().decode("latin-1")

@@ -190,10 +190,7 @@ def write_parquet(path: str | Path, observations: Observations) -> None:
 def _record_batches(
     observations: Observations, *, light_time: bool = False, split_epoch: bool = False
 ) -> Iterator[Any]:
-    """Observations as Arrow columns with their units, some ten thousand rows at a time.
-
-    Columns of radio are there only if there is something in them; what was not recorded is null.
-    """
+    """Yield observations as Arrow columns with units; columns of radio only where they hold something."""
     unit = C_M_S if light_time else 1.0
     columns: dict[str, Any] = {"epoch_utc": observations.epoch}
     if split_epoch:
@@ -375,10 +372,7 @@ def _columns(path: str | Path, header: list[str], text: bytes, line: NDArray[np.
 
 
 def write_csv(path: str | Path, batches: Iterable[Any], *, comments: Iterable[str] = ()) -> None:
-    """Write a table; numbers with as many digits as give back the same float, null as nothing.
-
-    All batches have the same columns; there is at least one, which may have no rows. Comments go on top, after ``#``.
-    """
+    """Write batches, at least one, as a table; numbers give the same float back, null is empty, comments go on top."""
     import pyarrow
     from pyarrow import csv
 
@@ -409,11 +403,7 @@ def batches_of(
     *,
     for_text: bool = True,
 ) -> Iterator[Any]:
-    """Some thousand rows at a time of columns of epochs, labels, texts or numbers, with their units.
-
-    Of numbers with decimals the text; others stay numbers, null where they are not. Names `for_text` are those that a
-    spreadsheet does not take for formulas.
-    """
+    """Yield columns as Arrow batches, numbers with decimals as text, names `for_text` safe from spreadsheets."""
     import pyarrow
 
     count = len(next(iter(columns.values())))

@@ -112,15 +112,13 @@ def _check_header(header: bytes, path: Path, kind: str) -> None:
 
 def _check_extent(daf: DAF, path: Path) -> None:
     """Raise an error unless the list of segments ends and the file is as long as it says."""
-    if (daf.nd, daf.ni) not in ((2, n) for n in _N_INTEGERS.values()):
-        raise KernelError(f"{path} is damaged: its summaries have the wrong layout; fetch the file again")
     damage = _list_damage(daf)
     held_bytes = path.stat().st_size
     announced_bytes = (daf.free - 1) * _WORD_BYTES  # jplephem does not fill the last record
     if announced_bytes > held_bytes:
         raise KernelError(
-            f"{path}{'' if damage else _announced_span(daf)} is cut short: it has {held_bytes} bytes of the "
-            f"{announced_bytes} that its header announces; fetch the file again"
+            f"{path} is cut short: it has {held_bytes} bytes of the {announced_bytes} that its header announces; "
+            "fetch the file again"
         )
     if damage:
         raise KernelError(f"{path} is damaged: {damage}; fetch the file again")
@@ -139,15 +137,6 @@ def _list_damage(daf: DAF) -> str:
     except _UNREADABLE as error:
         return f"its segment list cannot be read ({error})"
     return ""
-
-
-def _announced_span(daf: DAF) -> str:
-    """Return the span that the summaries of a shortened file state, if they can be read."""
-    try:
-        first_s, last_s = zip(*(values[:2] for _, values in daf.summaries()), strict=True)
-        return f" (spanning {tdb_date(min(first_s))} to {tdb_date(max(last_s))})"
-    except _UNREADABLE:
-        return ""
 
 
 def _segment(daf: DAF, path: Path, name: bytes, summary: tuple[Any, ...]) -> DafSegment:

@@ -29,9 +29,6 @@ from radioloc.text_files import write_text
 REGISTRY_NAME = "registry.toml"
 _INERTIAL_FRAME = 1  # NAIF's J2000, which the JPL ephemerides use as the name of the ICRF.
 _CHEBYSHEV_TYPE = 2
-_MAX_DAMAGED_WORDS = (
-    1000  # A bad disk block of a copy has 512; another ephemeris differs in nearly all words.
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,13 +86,7 @@ def registered() -> tuple[RegisteredKernel, ...]:
 
 
 def user_directory() -> Path:
-    """Directory of added kernels: ``RADIOLOC_KERNELS``, or else ``~/.radioloc/kernels``.
-
-    Raises
-    ------
-    KernelError
-        The user has no home directory, as in many containers, and ``RADIOLOC_KERNELS`` is not set.
-    """
+    """Return the directory of added kernels, ``RADIOLOC_KERNELS`` or ``~/.radioloc/kernels``."""
     try:
         return Path(os.environ.get("RADIOLOC_KERNELS") or Path.home() / ".radioloc" / "kernels")
     except RuntimeError as error:
@@ -345,15 +336,6 @@ def _open(name_or_path: str | Path, kind: str) -> Kernel:
             f"{path} has no segment of Chebyshev type 2 in the ICRF; use a JPL planetary ephemeris (SPK) or "
             f"a lunar orientation kernel (binary PCK){others}"
         )
-    size = path.stat().st_size
-    twin = next((k for k in registered() if k.kind == kind and k.size_bytes == size), None)
-    if entry is None and twin is not None and twin.sha256 != sha256:
-        damaged = _count_differences(segments, tuple(_read_segments(twin.path, kind)))
-        if 0 < damaged <= _MAX_DAMAGED_WORDS:
-            raise KernelError(
-                f"{path} (spanning {twin.start_tdb} to {twin.end_tdb}, as {twin.name}) is damaged: it is a copy of "
-                f"that file but for {damaged} numbers; copy it again"
-            )
     pairs = {(s.target, s.center) for s in segments}
     spans_s = [
         merge_spans((s.start_s, s.end_s) for s in segments if (s.target, s.center) == p) for p in pairs
@@ -385,13 +367,3 @@ def _read_segments(path: Path, kind: str) -> Iterator[Segment]:
             f"{path} gives NAIF code {pair[0]} relative to {pair[1]} in segments of type {_CHEBYSHEV_TYPE} and in one "
             f"{passed_over[pair]}; expected type {_CHEBYSHEV_TYPE} in the ICRF alone. Use a kernel without the other"
         )
-
-
-def _count_differences(segments: tuple[Segment, ...], others: tuple[Segment, ...]) -> int:
-    """Count the coefficients that differ between the segments of two kernels."""
-    pairs = zip(segments, others, strict=False)
-    return sum(
-        int(np.count_nonzero(one.coefficients != other.coefficients))
-        for one, other in pairs
-        if one.coefficients.shape == other.coefficients.shape
-    )

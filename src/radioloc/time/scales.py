@@ -135,14 +135,7 @@ def tai_to_tt(tai: Epochs) -> Epochs:
 
 
 def tt_to_tai(tt: Epochs) -> Epochs:
-    """TT to TAI, a constant 32.184 s.
-
-    Examples
-    --------
-    >>> from radioloc.time import epochs_from_strings, tt_to_tai, utc_strings
-    >>> utc_strings(tt_to_tai(epochs_from_strings("2020-12-01T15:11:00", "TT")), 6).tolist()
-    ['2020-12-01T15:10:27.816000']
-    """
+    """Return TAI of TT, a constant 32.184 s earlier."""
     return _shifted(in_scale(tt, "TT"), "TAI", -TT_MINUS_TAI_S)
 
 
@@ -172,17 +165,8 @@ def tt_to_tdb(tt: Epochs) -> Epochs:
 
 
 def tdb_to_tt(tdb: Epochs) -> Epochs:
-    """TDB to TT at the geocentre.
-
-    The difference is below 2 ms and changes by less than 4e-10 of a shift, so taking it at the TDB date itself is
-    good to 1e-12 s.
-
-    Examples
-    --------
-    >>> from radioloc.time import epochs_from_strings, tdb_to_tt, utc_strings
-    >>> utc_strings(tdb_to_tt(epochs_from_strings("2020-12-01T15:11:00", "TDB")), 6).tolist()
-    ['2020-12-01T15:11:00.000930']
-    """
+    """Return TT of TDB at the geocentre, to 1e-12 s."""
+    # TDB - TT is below 2 ms and changes by less than 4e-10 of a shift: it may be taken at the TDB date itself.
     tdb = in_scale(tdb, "TDB")
     return _shifted(tdb, "TT", -geocentric_tdb_minus_tt(tdb))
 

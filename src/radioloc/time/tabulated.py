@@ -46,11 +46,7 @@ def tabulated(
 
 @cache
 def table_of(package: str, name: str, text_columns: int = 0) -> NDArray[np.float64]:
-    """Numbers of a table that ships with a package, read-only.
-
-    Of ``.npy`` coefficients, lowest degree first, shape (spans, functions, degrees); of ``.csv`` the rows under the
-    columns' names, behind those of text. What a table holds and where it is from, its head says.
-    """
+    """Return a table that ships: ``.npy`` (spans, functions, degrees from the lowest) or rows of ``.csv``."""
     with (files(package) / "data" / name).open("rb") as file:
         if name.endswith(".npy"):
             table = np.load(file)

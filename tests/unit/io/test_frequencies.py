@@ -9,7 +9,7 @@ from tdm_messages import kvn
 from radioloc.constants import C_M_S
 from radioloc.earth.geodesy import geodetic_from_itrf
 from radioloc.earth.stations import StationCatalogue
-from radioloc.errors import DataQualityWarning, FileFormatError, InputError, StationError
+from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.io import FrequencyAgreement, read_fdets, read_observations, read_sites, read_strf
 from radioloc.time import utc_strings
 
@@ -92,13 +92,6 @@ def test_dates_of_older_readings(tmp_path):
     older.write_text("22/02/30 14:33:30.4 2216497878.100 1.0 8049\n")
     with pytest.raises(FileFormatError, match=r"b.dat, line 1: .*2022-02-30"):
         read_strf(older, [BEACON])
-
-
-def test_an_unknown_site_tells_of_the_file_of_sites():
-    with pytest.raises(
-        StationError, match=r"'COSPAR 8049' is not .* under \[observations\] sites, or describe it"
-    ):
-        StationCatalogue.default().get("COSPAR 8049")
 
 
 def test_three_way_by_what_the_study_says(tmp_path):

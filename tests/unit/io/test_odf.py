@@ -1,14 +1,10 @@
 """Orbit data files: every field, what the records mean in metres, hertz and seconds, and files that are damaged."""
 
-import os
-import time
-from collections import Counter
-from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
 import pytest
-from odf_files import ORBIT, RAMP, RAMPS, START_S, doppler, odf, ramp, taken_apart
+from odf_files import ORBIT, RAMP, RAMPS, START_S, doppler, odf, ramp
 
 from radioloc.constants import C_M_S
 from radioloc.errors import DataQualityWarning, FileFormatError
@@ -18,7 +14,6 @@ from radioloc.measurements import ExactPredictor, PhysicalModel
 from radioloc.measurements.ramps import turnaround_ratio
 from radioloc.time import epochs_from_strings, utc_to_tai
 
-REAL = sorted(Path(os.environ.get("RADIOLOC_ODF_FILES", "no folder")).glob("*.odf"))
 EXCERPT = Path(__file__).parents[2] / "data" / "odf" / "grail_b_2012-04-10.odf"
 ROUNDED_M = 1e-12
 """Values of some hundred metres, in doubles."""
@@ -71,9 +66,7 @@ def test_every_field_comes_back(written):
         "reserved": 0,
         "stop_ns": 0,
     }
-    assert (found.system, found.program, found.spacecraft) == ("TDDS", "AMMOS", 181)
-    assert (found.created, found.reference) == ((1120410, 152917), (19500101, 0))
-    assert found.identifier == "TIMETAG OBSRVBL FREQ,ANCILLARY-DATA"
+    assert (found.spacecraft, found.reference) == (181, (19500101, 0))
     assert found.orbit_record.tolist() == list(range(6, 56))
 
 
@@ -289,28 +282,3 @@ def test_real_doppler_under_ramps_and_that_of_the_beacon_agree():
     # A minute after a corner the ramp before it would be 5 m/s off.
     thirds = [part.mean() for part in np.split(offset_m[:198], 3)]
     assert np.ptp(thirds) < 0.5e-3
-
-
-@pytest.mark.skipif(not REAL, reason="RADIOLOC_ODF_FILES names no folder of orbit data files")
-@pytest.mark.parametrize("path", REAL, ids=lambda path: path.name)
-def test_real_files(path):
-    """GRAIL-B, 9 and 10 April 2012."""
-    orbit, ramps = taken_apart(path.read_bytes())
-    begin = time.perf_counter()
-    odf_file = read_odf_file(path)
-    assert time.perf_counter() - begin < 1.0
-    assert len(odf_file.orbit) == len(orbit)
-    assert len(odf_file.ramps) == len(ramps)
-    for name in ORBIT:
-        width = ORBIT[name]
-        assert (odf_file.orbit[name] % 2**width == [one[name] for one in orbit]).all(), name
-    counts = Counter(one["type"] for one in orbit)
-    assert dict(counts) in ({11: 36645, 12: 27656}, {11: 16438, 12: 16632})
-    # Ramps meet, and the exciter steps to another frequency between passes only.
-    with pytest.warns(DataQualityWarning) if counts[12] == 27656 else nullcontext():
-        made = read_odf(path).ramps
-    same = made.station[1:] == made.station[:-1]
-    gap_s = made.start[1:].seconds_since(made.start[:-1]) - made.duration_s[:-1]
-    step_hz = made.frequency_hz[1:] - (made.frequency_hz + made.rate_hz_s * made.duration_s)[:-1]
-    assert abs(gap_s[same]).max() < 1e-9
-    assert (abs(step_hz[same]) > 1e-6).sum() == {27656: 8, 16632: 4}[counts[12]]

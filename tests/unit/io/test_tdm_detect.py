@@ -47,11 +47,6 @@ def test_messages_take_the_place_of_the_first(files):
     assert turned.value_m.tolist() == [768801500.0, 768800123.4567, 7.688e8]
 
 
-def test_without_uncertainties_it_says_what_to_give(files):
-    with pytest.raises(InputError, match=r"give sigma_m = {'range': ...}"):
-        read_observations(files[1])
-
-
 def test_a_station_need_not_be_known(files):
     read = read_observations(files[1], tdm=AGREEMENT, catalogue=StationCatalogue([]))
     assert read.paths().tolist() == ["KASHI>lander>KASHI"]

@@ -16,7 +16,8 @@ from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.terms import TERMS
 from radioloc.media.status import Status, describe
-from radioloc.time import Epochs, epochs_from_strings, tai_to_tt, tdb_to_tt, tt_to_tai, utc_to_tai
+from radioloc.time import Epochs, epochs_from_strings, tai_to_tt, utc_to_tai
+from radioloc.time.scales import tdb_to_tt, tt_to_tai
 
 # The chain's noise is half a micrometre at most; what is the same by definition has to agree to this.
 SAME_M = 1e-6

@@ -8,13 +8,8 @@ from radioloc.constants import C_M_S
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Ephemeris
-from radioloc.time import (
-    Epochs,
-    geocentric_tdb_minus_tt,
-    tdb_to_tt,
-    topocentric_tdb_minus_tt,
-    tt_to_tdb,
-)
+from radioloc.time import Epochs, geocentric_tdb_minus_tt, topocentric_tdb_minus_tt, tt_to_tdb
+from radioloc.time.scales import tdb_to_tt
 
 # ERFA's terms for a place leave out the second order in eccentricity (2.6e-10 s along the spin axis) and there also
 # what Jupiter and the Moon do to the Earth's velocity, 12 m/s each (3.5e-10 s): 1.17 ns at the worst, found over all

@@ -9,14 +9,13 @@ from radioloc.time import (
     epochs_from_strings,
     tai_to_tt,
     tai_to_utc,
-    tdb_to_tt,
     to_scale,
-    tt_to_tai,
     tt_to_tdb,
     utc_strings,
     utc_to_tai,
     utc_to_tt,
 )
+from radioloc.time.scales import tdb_to_tt, tt_to_tai
 
 # Last place of a fraction of a day, and one rounding more.
 RESOLUTION_S = 2e-11

@@ -170,22 +170,16 @@ class TdmHeader:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TdmSegment:
-    """One metadata section and the data it describes.
-
-    Words of the metadata that the standard lists are in its spelling; ``keyword``, shape (n,), holds indices into
-    :data:`DATA`. Time tags are UTC, whatever the file's time system. Values are in the standard's units, except that
-    kilometres are metres here (RANGE where its unit is km, DOPPLER_*), percent are parts of one: the float nearest
-    to the file's decimal number. Lines are those of the file at ``path``, counted from 1, of metadata keywords by name
-    (``""`` is the section's start) and of the records.
-    """
+    """One metadata section and the data it describes."""
 
     path: str
-    metadata: Mapping[str, str]
-    keyword: NDArray[np.int8]
-    epoch: Epochs
+    metadata: Mapping[str, str]  # words that the standard lists are in its spelling
+    keyword: NDArray[np.int8]  # indices into DATA
+    epoch: Epochs  # UTC, whatever the file's time system
+    # In the standard's units, but m for km (RANGE, DOPPLER_*) and parts of one for percent: the nearest float.
     value: NDArray[np.float64]
-    lines: Mapping[str, int]
-    line: NDArray[np.int32]
+    lines: Mapping[str, int]  # of the file, of metadata keywords; "" is the section's start
+    line: NDArray[np.int32]  # of the records
     comments: tuple[str, ...] = ()
     data_comments: tuple[str, ...] = ()
 

@@ -39,7 +39,7 @@ _MAX_LIGHT_TIME_S = 3600.0  # there and back, to targets that are not at the Moo
 
 
 def shifted_utc(utc: Epochs, shift_s: ArrayLike) -> Epochs:
-    """Epochs moved later by SI seconds, over leap seconds where need be; those not moved keep their last bit."""
+    """Return epochs later by SI seconds, over leap seconds where need be; those not moved keep their last bit."""
     jd, fraction, shift = (np.array(column) for column in np.broadcast_arrays(utc.jd, utc.fraction, shift_s))
     moved = shift != 0.0
     new = tai_to_utc(utc_to_tai(Epochs(jd[moved], fraction[moved], "UTC")).shifted(shift[moved]))
@@ -63,13 +63,10 @@ class SeriesPart(NamedTuple):
 
 
 class Series:
-    """A quantity that is given at some epochs, each time with the rate at which it changes until the next.
-
-    ``origin`` is file and line of the first record, ``start`` its epoch (UTC), from which the records are ``since_s``
-    seconds. A rate lasts until the next rate, or (``rates_last`` false) until the next record.
-    """
+    """Quantity given at some epochs, each time with the rate at which it changes until the next."""
 
     def __init__(self, parts: Sequence[SeriesPart], *, rates_last: bool) -> None:
+        # A rate lasts until the next rate, or (rates_last false) until the next record.
         first = parts[0].segment
         self.origin = f"{first.path}, line {first.line_of(parts[0].keyword)}"
         self.start = first.epoch[[0]]
@@ -127,10 +124,7 @@ class Series:
 
 
 class Reading:
-    """The segments of one reading, what they say for each other, and what was done with them.
-
-    ``used`` are the segments and data keywords that observations were made of or with.
-    """
+    """Segments of one reading, with the frequencies, clocks and weather that they state for each other."""
 
     def __init__(
         self, segments: Sequence[TdmSegment], agreement: TdmAgreement, catalogue: StationCatalogue | None
@@ -147,10 +141,7 @@ class Reading:
         return station_name(self.catalogue, name)
 
     def key(self, name: str) -> str:
-        """Text by which the same participant is known again in another segment.
-
-        Case does not matter, and an underscore is a blank (4.3.7, 4.3.8).
-        """
+        """Return the text by which participants are compared, without case and underscores (4.3.7, 4.3.8)."""
         return " ".join(canonical_target(self.station(name)).replace("_", " ").split())
 
     def models_delay(self, station: str, way: str) -> bool:
@@ -178,11 +169,7 @@ class Reading:
         return {pair: Series(parts, rates_last=False) for pair, parts in found.items()}
 
     def clock_difference(self, first: str, second: str = _UTC) -> list[tuple[float, Series]]:
-        """Clock of the second participant (of UTC) less that of the first, as a sum of signed known differences.
-
-        Records of the two themselves count; where there are none, those of each to UTC. A clock of which nothing is
-        said shows UTC (the standard's default). Empty where nothing is said of either.
-        """
+        """Return the clock of the second participant (or UTC) less that of the first, as signed series."""
 
         def signed(one: str, other: str) -> list[tuple[float, Series]]:
             for sign, pair in ((1.0, (one, other)), (-1.0, (other, one))):
@@ -192,6 +179,7 @@ class Reading:
 
         if first == second:
             return []
+        # A clock of which nothing is said shows UTC (the standard's default).
         return signed(first, second) or signed(first, _UTC) + signed(_UTC, second)
 
     def _sent_frequencies(self) -> dict[tuple[str, str], list[tuple[TdmSegment, int]]]:
@@ -212,16 +200,13 @@ class Reading:
         return found
 
     def frequency_sent(self, segment: TdmSegment, sender: int, to: int) -> Series | None:
-        """Frequency that a participant of a segment sends to another: of the segment itself, else of its band.
-
-        Others are segments that hold no measurement: a frequency that stands beside measurements is that of these.
-        Where received frequencies need it and there is none such, it is looked for there too.
-        """
+        """Return the frequency that a participant sends to another, of the segment itself or else of its band."""
         pair = self.key(segment.participant(sender)), self.key(segment.participant(to))
         parts = self._sent.get(pair, [])
         if (segment, sender) in parts:
             parts = [(segment, sender)]
         else:
+            # A frequency beside measurements is that of these, unless received frequencies have no other.
             needed = set(RECEIVED) & set(segment.counts())
             alone = [part for part in parts if not set(MEASURED) & set(part[0].counts())]
             parts = parts if needed and not alone else alone
@@ -248,11 +233,7 @@ class Reading:
 
 
 class SegmentReader:
-    """One segment whose records are to become observations.
-
-    ``sender``, ``target`` and ``receiver`` are numbers of participants; of a delay the first station, the target and
-    the second station. On a one-way path the target is the sender.
-    """
+    """Reader of one segment; sender, target and receiver are numbers of participants (of a delay both stations)."""
 
     def __init__(self, reading: Reading, segment: TdmSegment) -> None:
         self.reading, self.segment = reading, segment
@@ -347,14 +328,11 @@ class SegmentReader:
         return int(self.segment.number(given[0])), int(self.segment.number(given[1]))
 
     def cycles(self, keyword: str, base_hz: float) -> dict[str, Any]:
-        """Columns of observations that count cycles of a frequency which changes, by a reference; none else.
-
-        What was, or may have been, transmitted before the first record of a constant frequency counts as ramped, too:
-        the frequency is known from that record on, and the model rejects what was transmitted earlier. The unit of a
-        range under a constant frequency is agreed on.
-        """
-        if self.sent is None or (self.sent.constant and keyword == "RANGE"):
+        """Return the columns of observations that count cycles of a changing frequency, by a reference."""
+        if self.sent is None or (self.sent.constant and keyword == "RANGE"):  # whose unit is agreed on
             return {}
+        # What may have been sent before the first record of a constant frequency is ramped too: the model rejects
+        # what was.
         after_s = seconds_from(self.sent.start, self.segment.epochs(keyword)) - self.sent.since_s[0]
         if early := int((after_s < 0.0).sum()):
             self.note(f"{early} {keyword} are before the first transmitted frequency ({self.sent.origin})")
@@ -385,14 +363,11 @@ class SegmentReader:
         return np.nan if self.agreed is None else self.agreed.received_hz
 
     def frequencies(self, keyword: str) -> dict[str, Any]:
-        """Frequency sent up and wavelength received, NaN where not recorded.
-
-        The frequency is that at the time tags: it serves dispersive delays only, which do not see that the signal left
-        before. The wavelength is that of a received frequency in the segment, or of what was sent.
-        """
+        """Return the frequency sent up at the time tags and the wavelength received, NaN where not recorded."""
         if self.link.differenced:
             return {"wavelength_um": MICROMETRES * C_M_S / self.beacon_hz(keyword)}
         epoch, used = self.segment.epochs(keyword), self.reading.used
+        # At the time tags: it serves dispersive delays only, which do not see that the signal left before.
         sent_hz = np.full(len(epoch), np.nan)
         if self.sent is not None:
             used |= {(segment, name) for segment in self.sent.segments for name in (*SENT, *SENT_RATE)}
@@ -412,12 +387,9 @@ class SegmentReader:
         return {"uplink_hz": uplink_hz, "wavelength_um": MICROMETRES * C_M_S / hz}
 
     def weather(self, keyword: str) -> dict[str, NDArray[np.float64]]:
-        """Weather columns at a keyword's epochs, where some belongs to the observations.
-
-        That of the segment itself; else that of segments of one participant without a path (3.3.2.7) belongs to that
-        station's observations, but for those of two stations: they have only one weather.
-        """
+        """Return weather columns at a keyword's epochs, of the segment or of segments without a path (3.3.2.7)."""
         places = [self.segment] if set(WEATHER) & set(self.segment.counts()) else []
+        # Observations of two stations have only one weather, and none from elsewhere.
         if not places and (self.one_way or self.key[0] == self.key[1]):
             places = [
                 other
@@ -440,11 +412,7 @@ class SegmentReader:
 
 
 def _link(reading: Reading, segment: TdmSegment) -> tuple[Link, tuple[int, int, int]]:
-    """Who sends, answers and receives, by a segment's MODE, paths and participants; and their numbers.
-
-    Modelled are paths from a station over the target to a station, from the target to a station, and (MODE =
-    SINGLE_DIFF) the difference of two paths that are the same but for their last station.
-    """
+    """Return the link of a segment by MODE, paths and participants, and the numbers of these."""
     mode = segment.metadata.get("MODE")
     if mode is None:
         problem = "the metadata have no MODE, which the data need; add MODE = SEQUENTIAL or SINGLE_DIFF"

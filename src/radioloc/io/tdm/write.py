@@ -322,10 +322,7 @@ def _inverse(
     forward: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     guess: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Of numbers next to a guess the first from which a conversion gives exactly what is wanted, else the guess.
-
-    Tried are the guess in 15 digits (as a file may have given it), itself and its four nearest floats.
-    """
+    """Return the first number next to a guess that a conversion maps to the wanted one exactly, else the guess."""
     if np.isnan(guess).all():
         return guess
     short = np.array([float(f"{value:.15g}") for value in guess.tolist()])

@@ -1,4 +1,4 @@
-"""What moves a spacecraft about the Moon, and its orbit: gravity, forces, propagation, partials."""
+"""Motion of a spacecraft about the Moon: gravity, forces, propagation, partials."""
 
 from radioloc.dynamics.accelerations import acceleration_sizes, acceleration_terms
 from radioloc.dynamics.adjustable import AdjustableOrbit

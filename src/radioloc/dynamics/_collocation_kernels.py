@@ -33,13 +33,13 @@ from radioloc.dynamics._vector_kernels import add, dot, minus, put
 from radioloc.vectors import Floats
 
 _SAFETY, _LEAST, _MOST = 0.9, 0.2, 4.0
-"""Of the length that the error allows a next step, what is taken; least and most of it, of this one (ibid., II.4)."""
+"""Safety factor of the next step, and its bounds relative to this one (Hairer et al. 1993, II.4)."""
 _EVALUATIONS, _ITERATIONS = 12, 50
 """At most, of all accelerations in a step, and of the central term or the partials."""
 _ROUNDING = 1e-15
-"""Of positions, relative."""
+"""Relative rounding error of positions."""
 _SETTLED = 1e-13
-"""Of the accelerations of partials; what then remains is some hundred times less."""
+"""Relative tolerance of the accelerations of partials; the remaining error is some hundred times smaller."""
 
 
 @compiled()
@@ -163,7 +163,7 @@ def _error(series: Floats, h: float, tolerance: Tolerance) -> float:
 
 @compiled()
 def _within(r: Floats, earth: Floats, tolerance: Tolerance) -> int:
-    """Whether a position is under the ground of the Moon or the Earth."""
+    """Return IN_MOON or IN_EARTH for a position under the ground, else DONE."""
     if dot(r, r) < tolerance.lowest_m**2:
         return IN_MOON
     from_earth = minus(r, earth)
@@ -172,7 +172,7 @@ def _within(r: Floats, earth: Floats, tolerance: Tolerance) -> int:
 
 @compiled()
 def _with_room(rows: Floats) -> Floats:
-    """These rows, and room for as many more."""
+    """Return the rows with room for as many more."""
     return np.concatenate((rows, np.empty_like(rows)))
 
 

@@ -1,4 +1,4 @@
-"""What compiled code takes of forces and of the integration, in words that need no compiler."""
+"""Data of compiled forces and of the compiled integration, in a module that needs no compiler."""
 
 from typing import NamedTuple
 
@@ -27,7 +27,7 @@ COMPONENTS = 9
 
 
 class ForceData(NamedTuple):
-    """What the accelerations depend on."""
+    """Data on which the accelerations depend."""
 
     table: Floats  # Chebyshev series of the quantities, shape (n_segments, QUANTITIES, n_coefficients)
     start_s: float  # of the first segment
@@ -45,7 +45,7 @@ class ForceData(NamedTuple):
 
 
 DONE, STUCK, IN_MOON, IN_EARTH, TOO_MANY = range(5)
-"""How an integration ended: at its end, where steps became too small, in the Moon or Earth, after the most steps."""
+"""Outcomes of an integration: at its end, steps too small, in the Moon, in the Earth, too many steps."""
 
 SHORTEST_S = 1e-6
 NODES = 16
@@ -62,7 +62,7 @@ class Collocation(NamedTuple):
 
 
 class Tolerance(NamedTuple):
-    """When a step is good enough."""
+    """Tolerances of a step, and limits of an integration."""
 
     position_m: float
     velocity_m_s: float

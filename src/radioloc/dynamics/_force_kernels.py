@@ -300,7 +300,7 @@ def _add_point_mass(out: Floats, to: Floats, gm: float) -> None:
 
 @compiled()
 def _gradient(r: Floats, sky: Floats, data: ForceData) -> Floats:
-    """Partials of the acceleration by position: central term, harmonics, tides and point masses."""
+    """Return partials of the acceleration by position: central term, harmonics, tides and point masses."""
     # Those of light, relativity and the figures are below 1e-7 of the central one.
     out = np.zeros((3, 3))
     _add_point_mass(out, r, data.gm[0])
@@ -333,7 +333,7 @@ def _gradient(r: Floats, sky: Floats, data: ForceData) -> Floats:
 
 @compiled(error_model="numpy")
 def _gradient_of_given(y: Floats, given: Floats, phase: Floats) -> Floats:
-    """Partials of the given accelerations by position and velocity, shape (3, 6), by central differences."""
+    """Differentiate the given accelerations by position and velocity, shape (3, 6), by central differences."""
     out = np.empty((3, 6))
     for k in range(6):
         begin = k // 3 * 3
@@ -351,7 +351,7 @@ def _gradient_of_given(y: Floats, given: Floats, phase: Floats) -> Floats:
 
 @compiled()
 def _acts_by_state(given: Floats) -> bool:
-    """Whether a given acceleration that acts depends on the state."""
+    """Determine whether a given acceleration that acts depends on the state."""
     for i in range(given.shape[0]):
         if given[i, layout.ACTS] > 0.0:
             if given[i, layout.OF_RTN] > 0.0:

@@ -33,7 +33,7 @@ def add(out: Floats, factor: float, a: Floats) -> None:
 
 @compiled(error_model="numpy")
 def unit(a: Floats) -> Floats:
-    """Unit vector along another; not a number where that has no length."""
+    """Return the unit vector along a vector; NaN for a zero vector."""
     length = math.sqrt(dot(a, a))
     out = np.empty(3)
     for i in range(3):

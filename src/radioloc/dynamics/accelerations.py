@@ -132,7 +132,7 @@ def force_data(
     state: Floats,
     names: Sequence[str] = (),
 ) -> ForceData:
-    """What compiled accelerations depend on; given accelerations do not act until they are said to."""
+    """Prepare the data of compiled accelerations; given accelerations do not act until column ACTS says so."""
     for body in forces.bodies:
         if body != "earth" and body not in ephemeris.bodies:
             raise InputError(f"{ephemeris.name} has no {body}; leave it out of the bodies of Forces")

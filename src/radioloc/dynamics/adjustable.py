@@ -85,13 +85,13 @@ class AdjustableOrbit:
         return equatorial_axes(self.libration, self.epoch)
 
     def corrected(self, x: Floats) -> AdjustableOrbit:
-        """The orbit of parameters that are larger by x, in the order of :attr:`values`."""
+        """Return the orbit of parameters increased by x, in the order of :attr:`values`."""
         known = self.forces.parameters()
         changed = {name: known[name] + float(by) for name, by in zip(self.parameters, x[6:], strict=True)}
         return replace(self, state=self.state + x[:6], forces=self.forces.with_parameters(changed))
 
     def moved_to(self, epoch: Epochs, state: Floats | None = None) -> AdjustableOrbit:
-        """The same orbit with its state at another epoch, TDB, or one of another state there; its span has both."""
+        """Return the orbit with its state, or another one, at another epoch, TDB; its span covers both epochs."""
         by_s = float(self.epoch.seconds_since(epoch)[0])
         if state is None:
             first_s, last_s = self.span_s
@@ -101,12 +101,12 @@ class AdjustableOrbit:
         return replace(self, epoch=epoch, state=state, span_s=span_s, integrated=[])
 
     def over(self, first: Epochs, last: Epochs) -> AdjustableOrbit:
-        """The same from one epoch to another, TDB, of which more is not wanted."""
+        """Return the orbit restricted to an interval of TDB."""
         begin_s, end_s = (float(one.seconds_since(self.epoch)[0]) for one in (first, last))
         return replace(self, span_s=(begin_s, end_s))
 
     def coarse(self) -> AdjustableOrbit:
-        """The same with partials of gravity that serve on the way to an estimate, at half the cost."""
+        """Return the orbit with partials of gravity that suffice until an estimate has converged, at half the cost."""
         degree = min(_COARSE_DEGREE, self.forces.gradient_degree)
         return replace(self, forces=replace(self.forces, gradient_degree=degree))
 
@@ -133,7 +133,7 @@ class AdjustableOrbit:
                 refuse_ground(self.name, "Moon", tdb[[int(below.argmax())]])
 
     def nearest(self) -> Orbit:
-        """It, integrated, or as it follows from one that was integrated near."""
+        """Return the integrated orbit, or its linearization about one that was integrated near."""
         values = np.array(list(self.values.values()))
         begin_s, end_s = self.covered_s
         checked = self.epoch.shifted(np.linspace(begin_s, end_s, _CHECKED + 2)[1:-1])
@@ -151,7 +151,7 @@ class AdjustableOrbit:
         return made
 
     def integrate(self, parameters: tuple[str, ...] | None = None) -> Orbit:
-        """The orbit of these very values, integrated anew, with partials by some forces' parameters or with none."""
+        """Integrate the orbit of these values anew, with partials by some parameters of the forces or with none."""
         return propagate(
             self.epoch,
             self.state[:3],
@@ -168,25 +168,25 @@ class AdjustableOrbit:
         )
 
     def states(self, tdb: Epochs) -> tuple[Floats, Floats]:
-        """As :meth:`~radioloc.dynamics.orbit.Orbit.states`."""
+        """Return position and velocity as :meth:`~radioloc.dynamics.orbit.Orbit.states` does."""
         return self.nearest().states(tdb)
 
     def geocentric(self, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
-        """As :meth:`~radioloc.dynamics.orbit.Orbit.geocentric`."""
+        """Return geocentric states as :meth:`~radioloc.dynamics.orbit.Orbit.geocentric` does."""
         return self.nearest().geocentric(ephemeris, tdb)
 
     def spans_s(self) -> list[tuple[float, float]]:
-        """As :meth:`~radioloc.dynamics.orbit.Orbit.spans_s`, of what is wanted."""
+        """Return the span that is wanted as :meth:`~radioloc.dynamics.orbit.Orbit.spans_s` does."""
         return [since_j2000_s(self.epoch, self.span_s)]
 
     def partials(self, tdb: Epochs) -> Floats:
-        """As :meth:`~radioloc.dynamics.orbit.Orbit.partials`."""
+        """Return partials as :meth:`~radioloc.dynamics.orbit.Orbit.partials` does."""
         return self.nearest().partials(tdb)
 
     def position_partials(self, tdb: Epochs) -> Floats:
-        """Partials of the position by the parameters, or by errors, at epochs of TDB, ICRF axes, shape (n, 3, p)."""
+        """Return partials of the position by the parameters, or by errors, at epochs of TDB, ICRF axes, (n, 3, p)."""
         return (self.partials(tdb) if self.errors is None else self.effects(tdb))[:, :3]
 
     def effects(self, tdb: Epochs) -> Floats:
-        """Changes of the states by errors at epochs of TDB, m and m/s, ICRF axes, shape (n, 6, n_errors)."""
+        """Return changes of the states by errors at epochs of TDB, m and m/s, ICRF axes, shape (n, 6, n_errors)."""
         return np.zeros((len(tdb), 6, 0)) if self.errors is None else self.errors(tdb)

@@ -109,7 +109,7 @@ def elements_of_state(state: ArrayLike, gm_m3_s2: float, axes: ArrayLike, form: 
 def state_of_elements(
     elements: ArrayLike, gm_m3_s2: float, axes: ArrayLike, form: str = "keplerian"
 ) -> Floats:
-    """The state that has such osculating elements, m and m/s, shape (6,); parameters as of :func:`elements_of_state`.
+    """Compute the state of osculating elements, m and m/s, shape (6,); parameters as of :func:`elements_of_state`.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def state_of_elements(
 
 
 def state_by_elements(elements: Floats, gm_m3_s2: float, axes: Floats, form: str) -> tuple[Floats, Floats]:
-    """The state, shape (6,), and its partials by the elements, shape (6, 6); of no ellipse they may not be numbers."""
+    """Return the state, (6,), and its partials by the elements, (6, 6); they may be NaN unless it is an ellipse."""
     steps = elements + 1j * _IMAGINARY * np.eye(6)
     states = np.stack([_state(step, gm_m3_s2, axes, form) for step in steps], axis=-1)
     return states[:, 0].real, states.imag / _IMAGINARY
@@ -151,7 +151,7 @@ def _require_form(form: str) -> None:
 
 
 def _state(elements: NDArray[Any], gm_m3_s2: float, axes: Floats, form: str) -> NDArray[Any]:
-    """As :func:`state_of_elements`; analytic, for complex steps."""
+    """Compute the state analytically, so that complex steps give its partials."""
     if form == "keplerian":
         axis_m, size = elements[:2]
         inclination, node, periapsis, anomaly = elements[2:] * (np.pi / 180.0)

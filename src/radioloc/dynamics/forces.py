@@ -1,4 +1,4 @@
-"""What acts on a spacecraft about the Moon, and by which numbers: the parameters of a dynamic fit."""
+"""Forces on a spacecraft about the Moon, and their parameters in a dynamic fit."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ class Impulse:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Forces:
-    """What acts on a spacecraft beside the central term of the Moon's gravity.
+    """Forces on a spacecraft beside the central term of the Moon's gravity.
 
     Each can be left out; docs/dynamics.md has their equations and sizes.
 
@@ -184,7 +184,7 @@ class Forces:
         return found
 
     def with_parameters(self, values: Mapping[str, float]) -> Forces:
-        """The same with other numbers, by the names of :meth:`parameters`, and ``gm``.
+        """Return forces with other values of parameters, by the names of :meth:`parameters`, and ``gm``.
 
         Raises
         ------

@@ -121,7 +121,7 @@ class GravityField:
         return len(self.c) - 1
 
     def to_degree(self, degree: int) -> GravityField:
-        """The field without what is above a degree.
+        """Truncate the field at a degree.
 
         Raises
         ------
@@ -159,7 +159,7 @@ class GravityField:
         return self._sums(position_pa_m, acceleration_series(self._coefficients()), 2)
 
     def gradient(self, position_pa_m: ArrayLike) -> Floats:
-        """Partials of the acceleration by position, 1/s^2, shape (..., 3, 3), at points as in :meth:`acceleration`."""
+        """Return partials of the acceleration by position, 1/s^2, (..., 3, 3), at points as in :meth:`acceleration`."""
         xx, xy, xz, yy, yz = np.moveaxis(
             self._sums(position_pa_m, gradient_series(self._coefficients()), 3), -1, 0
         )

@@ -1,4 +1,4 @@
-"""What the errors of a gravity field do to an orbit: its coefficients' sigmas, and the degrees that it leaves out."""
+"""Effects of gravity field errors on an orbit: the sigmas of its coefficients, and the degrees left out."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def draw_gravity_errors(
 def gravity_error_effects(
     orbit: Orbit, errors: list[GravityField], tdb: Epochs, *, libration: LunarOrientation | None = None
 ) -> Floats:
-    """Changes of an orbit's states at epochs of TDB by errors of the gravity field, m and m/s, shape (n, 6, n_errors).
+    """Compute changes of an orbit's states at epochs of TDB by gravity field errors, m and m/s, shape (n, 6, n_errors).
 
     Parameters
     ----------

@@ -109,12 +109,12 @@ class Orbit:
         return position_m + moon_m, velocity_m_s + moon_m_s
 
     def spans_s(self) -> list[tuple[float, float]]:
-        """What it covers, TDB seconds since J2000: one span."""
+        """Return the one span that the orbit covers, TDB seconds since J2000."""
         return [since_j2000_s(self.epoch, self.span_s)]
 
     @bare_arguments
     def partials(self, tdb: Epochs) -> Floats:
-        """Partials of position and velocity by the `parameters` at epochs of TDB, SI units, shape (n, 6, n_parameters).
+        """Return partials of position and velocity by the `parameters` at epochs of TDB, SI, shape (n, 6, n_parameters).
 
         Raises
         ------
@@ -158,7 +158,7 @@ class Orbit:
 
 
 def since_j2000_s(epoch: Epochs, span_s: tuple[float, float]) -> tuple[float, float]:
-    """A span from an epoch, TDB seconds since J2000."""
+    """Convert a span in seconds from an epoch to TDB seconds since J2000."""
     epoch_s = float(epoch.seconds_since(Epochs.from_tdb_seconds(0.0))[0])
     return epoch_s + span_s[0], epoch_s + span_s[1]
 

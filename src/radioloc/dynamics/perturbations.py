@@ -1,4 +1,4 @@
-"""What small perturbing accelerations do to an orbit, to first order."""
+"""Effects of small perturbing accelerations on an orbit, to first order."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ class Perturbations:
         self._ends_s, self._mapped = ends_s, total - total[np.searchsorted(ends_s, 0.0)]
 
     def mapped_to_epoch(self, tdb: Epochs) -> Floats:
-        """The integral up to epochs of TDB: changes mapped to the orbit's epoch, m and m/s, shape (n, 6, c)."""
+        """Integrate up to epochs of TDB: changes mapped to the orbit's epoch, m and m/s, shape (n, 6, c)."""
         times_s = tdb.seconds_since(self.orbit.epoch)
         columns = self._mapped.reshape(len(self._ends_s), -1).T
         at_times = np.stack([np.interp(times_s, self._ends_s, column) for column in columns], axis=-1)
         return at_times.reshape(len(times_s), *self._mapped.shape[1:])
 
     def at(self, tdb: Epochs) -> Floats:
-        """Changes of the states at epochs of TDB, m and m/s, ICRF axes, shape (n, 6, c)."""
+        """Return changes of the states at epochs of TDB, m and m/s, ICRF axes, shape (n, 6, c)."""
         return np.asarray(self.orbit.partials(tdb)[:, :, :6] @ self.mapped_to_epoch(tdb))

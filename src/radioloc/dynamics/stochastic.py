@@ -1,4 +1,4 @@
-"""Stochastic accelerations, constant over intervals, radial, along and across: what they do to an orbit and its data.
+"""Stochastic accelerations, constant over intervals, radial, along and across: effects on an orbit and its data.
 
 Intervals are counted from the epoch of the orbit, outward both ways. What those of intervals nearer to the epoch have
 done to an orbit is a deviation d of its state, mapped to the epoch by the state transition matrix (the pseudo-epoch
@@ -26,7 +26,7 @@ COLOURS = 3
 """An interval and its two neighbours; those of the same remainder share columns."""
 
 AFTER, BEFORE, ACROSS = range(3)
-"""Where an observation's intervals are; across the epoch there is one on either side."""
+"""Place of an observation's intervals; across the epoch there is one on either side."""
 
 
 class StochasticEffects:
@@ -60,7 +60,7 @@ class StochasticEffects:
         return chain, step, near
 
     def at(self, tdb: Epochs) -> Floats:
-        """Partials of the states by the state at the epoch and the accelerations of near intervals, (n, 6, 6 + 9)."""
+        """Return partials of states by the state at the epoch and by accelerations of near intervals, (n, 6, 15)."""
         # The interval of an epoch and the one inward have the columns of their remainders by three; the third are zero.
         chain, step, near = self.place(tdb)
         transition = self.orbit.partials(tdb)[:, :, :6]
@@ -74,7 +74,7 @@ class StochasticEffects:
 
 
 def colours(chain: NDArray[np.intp], step: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Which of the three groups of columns an interval has."""
+    """Return the index of the group of columns of an interval, 0 to 2."""
     return np.where(chain == 0, step, -1 - step) % COLOURS
 
 
@@ -110,7 +110,7 @@ class StochasticAccelerations:
     reference: Chains  # u of the orbit that was integrated, shapes (K + 1, s)
 
     def deviations(self, values: Chains) -> Chains:
-        """The d with which intervals begin, shapes (K + 1, 6), by u, shapes (K + 1, s)."""
+        """Return the d with which intervals begin, shapes (K + 1, 6), by u, shapes (K + 1, s)."""
         after, before = (
             np.concatenate([np.zeros((1, 6)), np.cumsum((moved @ u[:-1, :, None])[:, :, 0], axis=0)])
             for moved, u in zip(self.moved, values, strict=True)
@@ -118,7 +118,7 @@ class StochasticAccelerations:
         return after, before
 
     def effects_m(self, values: Chains) -> Floats:
-        """What u does to the observations, m, shape (n,)."""
+        """Return the effects of u on the observations, m, shape (n,)."""
         out = np.zeros(len(self.step))
         for chain, (d, u) in enumerate(zip(self.deviations(values), values, strict=True)):
             mine = self.chain == chain

@@ -357,7 +357,7 @@ def read_eop_rows(
 
 
 def day_of(mjd_utc: float) -> str:
-    """A date as text, yyyy-mm-dd."""
+    """Return a date as text, yyyy-mm-dd."""
     return str(Epochs.from_jd(MJD_ZERO_JD, mjd_utc, "UTC").day_strings()[0])
 
 

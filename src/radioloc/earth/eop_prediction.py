@@ -113,7 +113,7 @@ def last_measured_mjd(table: EopTable) -> float:
 
 
 def orientation_errors(table: EopTable, mjd_utc: Floats) -> tuple[Floats, Floats]:
-    """Standard deviations of UT1, s, and of each coordinate of the pole, rad, at some dates, shape (n,)."""
+    """Return standard deviations of UT1, s, and of each coordinate of the pole, rad, at some dates, shape (n,)."""
     lead_d = np.maximum(mjd_utc - last_measured_mjd(table), 0.0)
     ut1_s, pole_arcsec = 0.00025 * lead_d**0.75, 0.00068 * lead_d**0.80
     if table.beyond is not None:

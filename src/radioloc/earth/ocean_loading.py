@@ -1,4 +1,4 @@
-"""What the tides of the oceans do to a station: their load on the crust, and the motion of the geocentre.
+"""Displacement of stations by the tides of the oceans: their load on the crust, and the motion of the geocentre.
 
 Whatever the oceans bring about is known for eleven tides, of a station by its BLQ record. The other 331 of 342 follow:
 what happens per metre of equilibrium tide, the admittance, varies smoothly with frequency within each band (long

@@ -91,7 +91,7 @@ class EarthOrientation:
 
     @bare_arguments
     def rotation(self, tt: Epochs) -> EarthRotation:
-        """As :meth:`evaluate`, without its warning."""
+        """Return the orientation as :meth:`evaluate` does, without its warning."""
         eop = self.table.interpolate(tt, zonal=self.zonal_tides)
         added, added_rate = self._subdaily(tt.mjd + eop.ut1_minus_tt_s / SECONDS_PER_DAY)
         xp_rad, yp_rad = eop.xp_rad + added[:, 0], eop.yp_rad + added[:, 1]

@@ -199,7 +199,7 @@ class Station:
 
     @property
     def velocity_known(self) -> bool:
-        """Whether the station has a velocity; without one it is taken to stand still."""
+        """Return whether the station has a velocity; without one it is taken to stand still."""
         return self.velocity_m_yr is not None
 
     @property

@@ -22,7 +22,7 @@ from radioloc.time import Epochs, geocentric_tdb_minus_tt
 from radioloc.vectors import Floats, dot
 
 _START = Epochs.from_jd(2443144.5, 32.184 / SECONDS_PER_DAY, "TDB")
-"""When TCB, TCG, TCL were alike and TT 65.5 microseconds before TDB; the number is that of TT."""
+"""Epoch at which TCB, TCG and TCL agreed, with TT 65.5 microseconds before TDB; the number is that of TT."""
 _AT_J2000_S = -0.012625078685
 """TCL - TCG at the centres at J2000.0, which DE421 leads to from 1977; kernels may begin later."""
 _STEP_S = 43200.0

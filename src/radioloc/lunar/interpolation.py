@@ -26,7 +26,7 @@ class Stencil:
 
     @classmethod
     def around(cls, row: Floats, column: Floats, shape: tuple[int, ...], interpolation: str) -> Stencil:
-        """Of points at rows and columns, shape (n,), whose whole numbers are the cells' centres."""
+        """Find the cells around points at rows and columns, (n,), whose whole numbers are the cells' centres."""
         size = STENCIL_CELLS[interpolation]
         (first_row, in_row), (first_column, in_column) = (
             _first_cell(place, count, size) for place, count in zip((row, column), shape, strict=True)

@@ -230,7 +230,7 @@ def _checked_sphere(path: Path, dataset: Any) -> float:
 
 
 def _checked_body(path: Path, dataset: Any, label: str) -> str | None:
-    """The axes that the map names; refuse other bodies, axes and senses of longitude."""
+    """Return the axes that the map names; refuse other bodies, axes and senses of longitude."""
     targets = label_values(label, "TARGET_NAME", "TargetName")
     targets |= set(re.findall(r"<Target_Identification>\s*<name>([^<]+)</name>", label))
     targets |= {str(v).strip(' "') for k, v in dataset.tags().items() if k.upper() == "TARGET_NAME"}

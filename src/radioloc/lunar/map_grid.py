@@ -1,4 +1,4 @@
-"""Where a longitude and latitude fall among the cells of a map of the Moon.
+"""Cells of a map of the Moon by longitude and latitude.
 
 A position in the grid is two floats, row and column, counted so that the centre of a cell has whole numbers:
 the cell (0, 0) reaches from -0.5 to 0.5. GDAL's transform counts from a cell's corner; the half cell between
@@ -26,7 +26,7 @@ _ROWS_EVEN_IN_LATITUDE = {"longlat", "latlong", "eqc"}
 
 
 def load_rasterio() -> ModuleType:
-    """The module ``rasterio``, imported when the first map is opened."""
+    """Import the module ``rasterio`` when the first map is opened."""
     need = "maps are read through rasterio, which is not installed;"
     optional("rasterio.warp", need, "terrain")
     return optional("rasterio", need, "terrain")
@@ -139,7 +139,7 @@ class MapGrid:
         return float(self.geographic.to_dict()["R"])
 
     def unrolled(self, first_column: float = 0.0) -> tuple[Any, Any]:
-        """Reference system and transform of the columns from a first one on, with the seam opposite their middle."""
+        """Return reference system and transform of the columns from a first one, the seam opposite their middle."""
         if self.columns_around is None:
             return self.crs, self.transform
         half = 0.5 * self.columns
@@ -186,7 +186,7 @@ class MapGrid:
 
 
 def _applied(transform: Any, u: Any, v: Any) -> tuple[Any, Any]:
-    """An affine transform applied: its own operator has another name in each of its major versions."""
+    """Apply an affine transform, whose own operator has another name in each of its major versions."""
     a, b, c, d, e, f = transform[:6]
     return a * u + b * v + c, d * u + e * v + f
 

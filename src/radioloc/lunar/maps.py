@@ -73,7 +73,7 @@ class TangentPlane:
 
     @bare_arguments
     def covariance_at(self, east_north_m: ArrayLike, covariance_m2: ArrayLike) -> Floats:
-        """A covariance of the plane's metres in east and north at another of its points, m^2, shape (2, 2)."""
+        """Turn a covariance of the plane's metres in east and north at another of its points, m^2, shape (2, 2)."""
         here = np.radians(self.to_longitude_latitude(np.reshape(east_north_m, (1, 2)))[0])
         to_sphere = np.linalg.inv((self.axes() @ east_north_up(*here).T)[:2, :2])
         return to_sphere @ np.asarray(covariance_m2, dtype=np.float64) @ to_sphere.T
@@ -143,7 +143,7 @@ class Map:
         return np.column_stack(self._grid.cells(radians[:, 0], radians[:, 1])[::-1])
 
     def plane(self) -> TangentPlane:
-        """The plane that touches the sphere at the centre of the map."""
+        """Return the plane that touches the sphere at the centre of the map."""
         lines, samples = self.shape
         longitude, latitude = self.longitude_latitude_deg([[0.5 * (samples - 1), 0.5 * (lines - 1)]])[0]
         return TangentPlane(float(longitude), float(latitude))
@@ -161,7 +161,7 @@ class Map:
     def view(
         self, plane: TangentPlane, west_m: float, north_m: float, pixel_m: float, shape: tuple[int, int]
     ) -> tuple[Image, Mask]:
-        """The map drawn in a plane.
+        """Draw the map in a plane.
 
         Parameters
         ----------

@@ -125,7 +125,7 @@ class LunarPosition:
 
     @bare_arguments
     def to_gcrs(self, tdb: Epochs) -> Any:
-        """Where the point stands in the sky, as an astropy ``SkyCoord`` in GCRS, n times.
+        """Return the place of the point in the sky as an astropy ``SkyCoord`` in GCRS, n times.
 
         From the geocentre, with the light time; astropy leads on to a station's azimuth and elevation. For pointing,
         not for measurements: what is left out is below 0.1 arcseconds.
@@ -157,7 +157,7 @@ class LunarPosition:
         return SkyCoord(GCRS(CartesianRepresentation(xyz_m, unit="m", xyz_axis=-1), obstime=tdb.to_time()))
 
     def to_frame(self, frame: str) -> LunarPosition:
-        """The same point in axes of any ephemeris whose constants are known.
+        """Turn the point into the axes of any ephemeris whose constants are known.
 
         Parameters
         ----------
@@ -188,7 +188,7 @@ class LunarPosition:
         return LunarPosition(frame, rot_between(self.frame, frame) @ self.xyz_m)
 
     def to_axes(self, axes: str, constants: EphemerisConstants) -> LunarPosition:
-        """The same point in principal (``"PA"``) or mean-Earth (``"ME"``) axes of the ephemeris with these constants.
+        """Turn the point into principal (``"PA"``) or mean-Earth (``"ME"``) axes of the ephemeris with these constants.
 
         One in principal axes of another ephemeris is turned by mean-Earth axes that are those of both, as
         :meth:`to_frame` does; where there are none, it is an InputError.

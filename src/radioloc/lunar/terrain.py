@@ -118,7 +118,7 @@ class TerrainModel:
 
     @bare_arguments
     def window(self, longitude_rad: ArrayLike, latitude_rad: ArrayLike) -> TerrainWindow:
-        """The rectangle of cells around points, read into memory: for very many heights near each other.
+        """Read the rectangle of cells around points into memory, for very many heights near each other.
 
         Raises
         ------
@@ -202,7 +202,7 @@ class TerrainModel:
         own_sigma_m: float,
         radius_m: float | None = None,
     ) -> Floats:
-        """Standard deviation of a height prior, sqrt(own^2 + roughness^2), m; `own_sigma_m` is that of the map."""
+        """Return the sigma of a height prior, sqrt(own^2 + roughness^2), m; `own_sigma_m` is that of the map."""
         own_sigma_m = as_metres(own_sigma_m, "own_sigma_m")
         if not 0.0 < own_sigma_m < math.inf:
             raise InputError(f"own_sigma_m = {own_sigma_m!r} is not a positive number of metres")
@@ -301,7 +301,7 @@ def _checked(longitude_rad: ArrayLike, latitude_rad: ArrayLike) -> tuple[Floats,
 
 
 def _named(longitude: Floats, latitude: Floats, which: NDArray[np.bool_]) -> str:
-    """The first of the points meant, in degrees, and how many more there are."""
+    """Describe the first of the points meant, in degrees, and count the others."""
     first = int(np.flatnonzero(which)[0])
     more = int(which.sum()) - 1
     text = f"longitude {np.degrees(longitude[first]):.6f}, latitude {np.degrees(latitude[first]):.6f} degrees"

@@ -38,7 +38,7 @@ _MAX_LEVEL_STEP = 20
 
 @dataclass(frozen=True, slots=True)
 class TerrainMetadata:
-    """What is known of a map."""
+    """Properties of a map."""
 
     path: Path  # the file opened
     driver: str  # GDAL's name of its format

@@ -1,4 +1,4 @@
-"""Where Earth and Sun stand seen from the Moon, and what is behind it."""
+"""Directions of Earth and Sun from the Moon, and occultation by it."""
 
 from __future__ import annotations
 

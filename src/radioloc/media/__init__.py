@@ -1,4 +1,4 @@
-"""What the signal meets on its way: each medium gives the delay of a leg, its partials, and why it has none.
+"""Media on the path of the signal: each gives the delay of a leg, its partials, and why it has none.
 
 :data:`MEDIA` are those of the model (:class:`Medium`), one line each, and those of other packages, which an entry point
 of the group ``radioloc.media`` names. The readers give them files. Delays and lengths are metres,

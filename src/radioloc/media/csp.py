@@ -213,7 +213,7 @@ def _second(mjd_utc: float) -> str:
 
 
 def _cards(path: Path) -> Iterator[Card]:
-    """The cards of a file, without those of VLBI and quasars; what stands before the first is a label."""
+    """Read the cards of a file, without those of VLBI and quasars; a label may precede the first."""
     text = re.sub(r"#.*", "", read_text(path, encoding=ANY_BYTE)).rstrip()
     begin = re.search(r"^\s*ADJUST\b", text, re.MULTILINE)
     if begin is None:
@@ -255,7 +255,7 @@ class _Items:
         self.items[keyword], self.lines[keyword] = text, line
 
     def card(self) -> Card | None:
-        """The card; ``None`` where it is of data that we do not have."""
+        """Return the card, or ``None`` if it is of VLBI or quasars."""
         by = next((keyword for keyword in self.items if keyword.startswith("BY ")), "BY")
         data, model = self._one_of("ADJUST", _DATA), self._one_of("MODEL", _MODELS)
         shape = by.removeprefix("BY ").removeprefix("D").replace("CNSTNT", "CONST")

@@ -73,7 +73,7 @@ class LatLonGrid:
 
 
 def _steps_along(axis_deg: Floats, where_deg: Floats, turn_deg: float) -> tuple[Floats, NDArray[np.bool_]]:
-    """Steps from an axis' first point to each place, from 0 to a turn, and whether it is on the axis."""
+    """Count steps from an axis' first point to each place, 0 to a turn, and tell whether it is on the axis."""
     # An axis that goes all the way round, with or without the first point at its end, has every place on it.
     step, last = axis_deg[1] - axis_deg[0], len(axis_deg) - 1.0
     slack, turn = _ROUNDING_DEG / abs(step), turn_deg / abs(step)
@@ -107,7 +107,7 @@ def sort_into_grid(
 def epochs_around(
     file_mjd_utc: Floats, mjd_utc: Floats, longest_gap_d: float, source: str
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
-    """Indices of a file's (rising) epochs before and after each epoch, and the fraction of the way between them."""
+    """Find a file's (rising) epochs before and after each epoch, and the fraction of the way between them."""
     last = len(file_mjd_utc) - 1
     outside = (mjd_utc < file_mjd_utc[0]) | (mjd_utc > file_mjd_utc[-1])
     if outside.any():

@@ -134,7 +134,7 @@ class ElectronContent(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class UniformTec:
-    """The same vertical electron content everywhere and always, 0 to 1000 TECU (1e16 electrons per square metre)."""
+    """Vertical electron content that is the same everywhere and always, 0 to 1000 TECU (1e16 electrons/m^2)."""
 
     vertical_tecu: float
 
@@ -216,5 +216,5 @@ def delay_by_content_m(leg: Leg) -> Floats:
 
 
 def _signed(end: LegEnd) -> Floats:
-    """The phase is advanced by as much as a code is delayed."""
+    """Return -1 for a phase, which is advanced by as much as a code, 1, is delayed."""
     return np.where(end.phase, -1.0, 1.0)

@@ -78,7 +78,7 @@ def height_correction(sine: Floats, cosine: Floats, height_m: Floats) -> tuple[F
 def mapping_factors(
     elevation_rad: Floats, height_m: Floats, hydrostatic_abc: Sequence[Floats], wet_abc: Sequence[Floats]
 ) -> MappingFactors:
-    """Mapping functions at elevations (without refraction, 3 to 90 degrees) from their coefficients a, b, c each."""
+    """Evaluate mapping functions at elevations (without refraction, 3 to 90 deg) by their coefficients a, b, c."""
     # The height counts from where the hydrostatic coefficients hold: sea level for Niell, maps and GPT3 (the ellipsoid
     # changes the delay by less than 0.2 mm at 20 degrees), the station for VMF3's files of sites.
     sine, cosine = np.sin(elevation_rad), np.cos(elevation_rad)

@@ -1,4 +1,4 @@
-"""What a medium is: something near a station that delays the signal on its way there or from there.
+"""Media: objects near a station that delay the signal on its way there or from there.
 
 A leg of a light path touches one station. A :class:`Medium` is asked twice about many legs at once: to prepare what
 does not depend on where exactly the target is (:class:`LegEnd`), then, for each position of the target, for the delay
@@ -147,14 +147,14 @@ class Medium(Protocol):
 
     @property
     def description(self) -> str:
-        """What the term is, half a sentence."""
+        """Description of the term, half a sentence."""
 
     @property
     def limits_rad(self) -> tuple[float, ...]:
         """Elevations at which the delay begins or ceases to hold, or is not smooth."""
 
     def prepare(self, end: LegEnd) -> Any:
-        """What does not depend on where the target is: ``None``, or a record of arrays with a row for each leg.
+        """Prepare what does not depend on the target's place: ``None``, or a record of arrays with a row for each leg.
 
         :class:`CoverageError` or :class:`InputError` where the medium is not known at a station or an epoch.
         """

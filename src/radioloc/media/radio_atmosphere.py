@@ -72,7 +72,7 @@ class ZenithAir:
     )
 
     def mapping(self, elevation_rad: Floats, rows: NDArray[np.intp] | slice) -> MappingFactors:
-        """Mapping functions of some rows, at their elevations."""
+        """Evaluate the mapping functions of some rows at their elevations."""
         hydrostatic_abc, wet_abc = [*self.hydrostatic_abc[rows].T], [*self.wet_abc[rows].T]
         return mapping_factors(elevation_rad, self.height_above_a_m[rows], hydrostatic_abc, wet_abc)
 
@@ -250,7 +250,7 @@ def read_radio_atmosphere(
 
 
 def _is_map(file: Path) -> bool:
-    """Maps begin with lines of ``! Name: content``, of which one names the types of data."""
+    """Recognise maps, which begin with lines of ``! Name: content``, of which one names the types of data."""
     return any(
         line.lstrip(" !").startswith("Data_types") for line in islice(read_lines(file, encoding=ANY_BYTE), 20)
     )

@@ -1,4 +1,4 @@
-"""Whether the model holds for an end of a light path: codes, which become sentences only where they are shown."""
+"""Status of an end of a light path: codes, which become sentences only where they are shown."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ class Troposphere:
     limits_rad: ClassVar[tuple[float, ...]] = (LEAST_ELEVATION_RAD,)
 
     def prepare(self, end: LegEnd) -> ZenithAir:
-        """The air above the stations that radio signals meet."""
+        """Prepare the air above the stations for radio signals."""
         for name, (least, most, unit) in _WEATHER.items():
             recorded = getattr(end.weather, name)
             wrong = recorded[(recorded < least) | (recorded > most)]

@@ -114,7 +114,7 @@ class Orbit:
 
     @bare_arguments
     def partials(self, tdb: Epochs) -> Floats:
-        """Return partials of position and velocity by the `parameters` at epochs of TDB, SI, shape (n, 6, n_parameters).
+        """Return partials of position and velocity by the `parameters` at epochs of TDB, SI, (n, 6, n_parameters).
 
         Raises
         ------

@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 from radioloc.compiled import compiled
 from radioloc.vectors import Floats
 
-GROUPED = 2048  # rows sorted by segment at a time; their results for one quantity stay in the nearest cache
+GROUP_SIZE = 2048  # rows sorted by segment at a time; results for one quantity stay in the nearest cache
 
-BINS = 32  # most segments among them; a group ends before the next one begins
+BIN_COUNT = 32  # most segments among them; a group ends before the next one begins
 
-BIN = GROUPED + 72  # places between bins; a power of two would let all compete for the same cache lines
+BIN_SIZE = GROUP_SIZE + 72  # a power of two would let all bins compete for the same cache lines
 
-RUN = 64  # so many successive rows of one segment are evaluated where they are
+MIN_RUN_LENGTH = 64  # so many successive rows of one segment are evaluated where they are
 
-EXACT = -1  # a segment's index from here down marks a row that is not interpolated
+EXACT_SEGMENT = -1  # a segment's index from here down marks a row that is not interpolated
 
 
 @compiled()
@@ -57,20 +57,20 @@ def quantities(
     # `x`, -1 to 1, is the time within the segment; rows that are not interpolated (segment below zero) become NaN.
     n_quantities = coefficients.shape[1]
     next_place = np.full(coefficients.shape[0], -1, dtype=np.int64)
-    found = np.empty(BINS, dtype=np.int32)
-    place = np.empty(GROUPED, dtype=np.uint32)  # indices with a sign would be looked at for negative ones
-    t, at_t = np.empty(BINS * BIN), np.empty(BINS * BIN + 1)
+    found = np.empty(BIN_COUNT, dtype=np.int32)
+    place = np.empty(GROUP_SIZE, dtype=np.uint32)  # indices with a sign would be looked at for negative ones
+    t, at_t = np.empty(BIN_COUNT * BIN_SIZE), np.empty(BIN_COUNT * BIN_SIZE + 1)
     at_t[-1] = np.nan
     first = begin
     while first < end:
         # Where the rows are in order of their segments, their places in memory serve as they are.
-        stop, same = min(first + GROUPED, end), first + 1
+        stop, same = min(first + GROUP_SIZE, end), first + 1
         while same < stop and segment[same] == segment[first]:
             same += 1
-        if same - first >= RUN:
+        if same - first >= MIN_RUN_LENGTH:
             s = segment[first]
             for q in range(n_quantities):
-                if s > EXACT:
+                if s > EXACT_SEGMENT:
                     k = _leading(coefficients, s, q)
                     _polynomial(coefficients, s, q, k, x[first:same], out[q, first:same], same - first)
                 else:
@@ -82,25 +82,25 @@ def quantities(
         i = first
         while i < stop:
             s = segment[i]
-            if s > EXACT:
+            if s > EXACT_SEGMENT:
                 to = next_place[s]
                 if to < 0:
-                    if n_found == BINS:
+                    if n_found == BIN_COUNT:
                         break
                     found[n_found] = s
-                    to = n_found * BIN
+                    to = n_found * BIN_SIZE
                     n_found += 1
                 t[to] = x[i]
                 place[i - first] = to
                 next_place[s] = to + 1
             else:
-                place[i - first] = BINS * BIN
+                place[i - first] = BIN_COUNT * BIN_SIZE
             i += 1
         stop = i
         # One quantity after the other, so that what is gathered is near and what is written stands together.
         for q in range(n_quantities):
             for g in range(n_found):
-                s, of_bin = found[g], g * BIN
+                s, of_bin = found[g], g * BIN_SIZE
                 k = _leading(coefficients, s, q)
                 _polynomial(coefficients, s, q, k, t[of_bin:], at_t[of_bin:], next_place[s] - of_bin)
             values = out[q, first:stop]

@@ -15,8 +15,8 @@ from radioloc.errors import InputError
 from radioloc.measurements.observations import Observations
 from radioloc.vectors import Floats
 
-CLEAR_PART = 0.25  # largest distance from the nearest multiple, as a fraction of the modulus
-OUTLIERS = 0.1  # part of the ranges that may be so far off, as gross errors are, which editing rejects
+MAX_DISTANCE_FRACTION = 0.25  # largest distance from the nearest multiple, as a fraction of the modulus
+MAX_OUTLIER_FRACTION = 0.1  # of the ranges, beyond that distance: gross errors, which editing rejects
 
 
 def without_ambiguity(observations: Observations, expected_m: Floats) -> Observations:
@@ -25,8 +25,8 @@ def without_ambiguity(observations: Observations, expected_m: Floats) -> Observa
     value_m = observations.value_m + np.nan_to_num(turns) * np.nan_to_num(observations.modulus_m)
     part = abs(value_m - expected_m) / observations.modulus_m
     known = np.isfinite(part)
-    far = known & (part > CLEAR_PART)
-    if far.sum() > OUTLIERS * known.sum():
+    far = known & (part > MAX_DISTANCE_FRACTION)
+    if far.sum() > MAX_OUTLIER_FRACTION * known.sum():
         row = int(np.argmax(far))
         raise InputError(
             f"{observations.origin(row)}: the range is ambiguous by multiples of {observations.modulus_m[row]:.6g} m, "

@@ -23,7 +23,7 @@ from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S
 from radioloc.errors import PredictedEopWarning
 from radioloc.measurements.dense_series import (
-    CHECK_POINTS,
+    CHECK_POINT_COUNT,
     DenseSeries,
     Segments,
     check_points,
@@ -45,8 +45,8 @@ from radioloc.measurements.registry import is_differenced, is_integrated
 from radioloc.time import Epochs, utc_to_tt
 from radioloc.vectors import Floats
 
-CHECKED_WITHIN_M = 1e4  # distance from the position of the last check that is allowed without another
-_ROWS_OF_A_THREAD = 32768  # rows for which it is worth starting a thread: one millisecond
+MAX_UNCHECKED_DISTANCE_M = 1e4  # distance from the position of the last check that is allowed without another
+_MIN_ROWS_PER_THREAD = 32768  # rows for which it is worth starting a thread: one millisecond
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +103,7 @@ class ChebyshevPredictor(Predictor):
     @property
     def accuracy(self) -> InterpolationAccuracy:
         """Agreement with the model at the check points, at the position at which it was checked last."""
-        kind = self._checks.observations.kind[::CHECK_POINTS]
+        kind = self._checks.observations.kind[::CHECK_POINT_COUNT]
         differenced, integrated = is_differenced(kind), is_integrated(kind)
         value_m = self._deviation[:, 0]
         exact = int((self._segment < 0).sum())
@@ -131,7 +131,7 @@ class ChebyshevPredictor(Predictor):
     @bare_arguments
     def at(self, lander_pa_m: Floats) -> ChebyshevPrediction:
         """Predict for a position in principal axes, m: all values at once, partials of the rows that are asked for."""
-        if np.linalg.norm(lander_pa_m - self._checked_pa_m, axis=-1).max() > CHECKED_WITHIN_M:
+        if np.linalg.norm(lander_pa_m - self._checked_pa_m, axis=-1).max() > MAX_UNCHECKED_DISTANCE_M:
             self.check(lander_pa_m)
         return ChebyshevPrediction(self._segment, self._x, self._degree, self._computed.compute(lander_pa_m))
 
@@ -147,7 +147,7 @@ class ChebyshevPredictor(Predictor):
         part._segment[~few] = (np.cumsum(kept) - 1)[segment[~few]]
         part._segment[few] = -1 - np.arange(int(few.sum()))
         part._degree, part._deviation = self._degree[kept], self._deviation[kept]
-        part._checks = self._checks.select(np.repeat(kept, CHECK_POINTS))
+        part._checks = self._checks.select(np.repeat(kept, CHECK_POINT_COUNT))
         rows = np.flatnonzero(np.repeat(kept, self._degree + 1))
         exact = first_nodes(self._degree)[-1] - 1 - segment[few]
         part._computed = self._computed.select(np.concatenate([rows, exact]))
@@ -191,7 +191,7 @@ class ChebyshevPredictor(Predictor):
             prepared = exact(observations)
             last = np.cumsum(np.bincount(of_point, minlength=len(pending)))
             is_check = np.zeros(len(of_point), dtype=bool)
-            is_check[last[:, None] - np.arange(1, CHECK_POINTS + 1)] = True
+            is_check[last[:, None] - np.arange(1, CHECK_POINT_COUNT + 1)] = True
             at_nodes, checks = prepared.select(~is_check), prepared.select(is_check)
             good, deviation = compare(pending.degree, at_nodes, checks, lander_pa_m)
             of_good = good[of_point]
@@ -271,7 +271,7 @@ def _in_threads(
     from radioloc.measurements._kernels import quantities
 
     n = len(segment)
-    threads = min(int(numba.config.NUMBA_NUM_THREADS), n // _ROWS_OF_A_THREAD)  # type: ignore[attr-defined]
+    threads = min(int(numba.config.NUMBA_NUM_THREADS), n // _MIN_ROWS_PER_THREAD)  # type: ignore[attr-defined]
     if threads < 2:
         quantities(segment, x, coefficients, out, 0, n)
         return

@@ -28,31 +28,19 @@ from radioloc.measurements.predictor import Computed
 from radioloc.time import Epochs, tai_to_utc, utc_to_tai
 from radioloc.vectors import Floats
 
-DEGREES = ((600.0, 6), (3600.0, 10), (10800.0, 16))  # of polynomials, for segments up to these lengths, s
-GAP_S = 900.0  # a longer gap ends a segment: the point may have been below the horizon in it
+DEGREE_BY_LENGTH_S = ((600.0, 6), (3600.0, 10), (10800.0, 16))  # for segments up to these lengths
+MAX_GAP_S = 900.0  # a longer gap ends a segment: the point may have been below the horizon in it
+MIN_OBSERVATIONS_PER_POINT = 4  # of a segment that is worth interpolating, for each computed point
+CHECK_POINT_COUNT = 5  # points of a segment at which its polynomial is compared with the model
 
-WORTH = 4  # observations of a segment for each point computed for it, from which interpolation is worth it
-
-CHECK_POINTS = 5  # points of a segment at which its polynomial is compared with the model
-
-_NOT_OF_A_SERIES = {
-    "epoch",
-    "link",
-    "links",
-    "value_m",
-    "sigma_m",
-    "files",
-    "file",
-    "line",
-    "ramps",
-    "modulus_m",
-}
+_MEASURED = ("epoch", "value_m", "sigma_m", "modulus_m")
+_FREE_IN_A_SERIES = {*_MEASURED, "link", "links", "files", "file", "line", "ramps"}
 _WEATHER = ("pressure_hpa", "temperature_k", "relative_humidity")
 
-SAFETY = 4.0  # by how much the deviation found at the check points must stay below what is allowed
-ALLOWED_M = 0.9e-4  # allowed deviation of a value from the model, m: 0.3 ps of delay
-ALLOWED_RELATIVE = 1e-6  # of partials, of the largest in the segment; of an elevation, in rad
-MOST = 4 * math.ceil(DEGREES[-1][1] / 4) + 1  # coefficients of a quantity, evaluated by fours after the first
+SAFETY_FACTOR = 4.0  # by how much the deviation found at the check points must stay below what is allowed
+VALUE_TOLERANCE_M = 0.9e-4  # allowed deviation of a value from the model, m: 0.3 ps of delay
+PARTIAL_TOLERANCE = 1e-6  # of partials, of the largest in the segment; of an elevation, in rad
+MAX_COEFFICIENTS = 4 * math.ceil(DEGREE_BY_LENGTH_S[-1][1] / 4) + 1  # evaluated by fours after the first
 _ROUNDING = {
     "by_position_pa": 2e-12,
     "by_time_m_s": 1e-6,
@@ -63,9 +51,9 @@ _ROUNDING = {
     "mean_by_position_pa": 2e-12,
 }
 """Rounding of the partials themselves, which no interpolation can undercut."""
-_POSITION_MOST = 1e-9  # of a partial by position, m/m: over 10 km it moves the value by 0.01 mm
-_NEGLIGIBLE = 1e-3  # sum of the last coefficients of a partial that is dropped, of the deviation allowed
-_MARGIN_RAD = np.radians(0.05)  # nearer a limit, an elevation may cross it between nodes, or 10 km away
+_MAX_POSITION_TOLERANCE = 1e-9  # of a partial by position, m/m: over 10 km it moves the value by 0.01 mm
+_NEGLIGIBLE_FRACTION = 1e-3  # of the deviation allowed: sum of the last coefficients that are dropped
+_MIN_MARGIN_RAD = np.radians(0.05)  # nearer a limit, an elevation may cross it between nodes or 10 km away
 _SPIN_RAD_S = 7.3e-5
 
 
@@ -103,7 +91,7 @@ class DenseSeries:
     def divided(self, segments: Segments) -> Segments:
         """Four parts of each segment, or two; those that would hold too few observations are left out."""
         pieces: list[tuple[int, int]] = []
-        many = 4 * least_observations(DEGREES[-1][1])
+        many = 4 * least_observations(DEGREE_BY_LENGTH_S[-1][1])
         for begin, end in zip(segments.begin.tolist(), segments.end.tolist(), strict=True):
             # By quarters what has to be fine is found in fewer steps, by halves sparse series keep their segments.
             pieces += self._even(begin, end, 4 if end - begin >= many else 2)
@@ -137,15 +125,15 @@ class DenseSeries:
         """Pieces without a gap in one quarter of a day, divided evenly."""
         if not len(self.order):
             return
-        longest_s = DEGREES[-1][0]
+        longest_s = DEGREE_BY_LENGTH_S[-1][0]
         quarter = self._quarter[self.order]
-        gap = np.diff(self._elapsed_s) > GAP_S
+        gap = np.diff(self._elapsed_s) > MAX_GAP_S
         cuts = np.flatnonzero((np.diff(self._code) != 0) | (np.diff(quarter) != 0) | gap) + 1
         bounds = [0, *cuts.tolist(), len(self.order)]
         for begin, end in itertools.pairwise(bounds):
             # Ramps have corners.
             ramped = self._observations.ramped[self.order[begin]]
-            if ramped or end - begin < least_observations(DEGREES[0][1]):
+            if ramped or end - begin < least_observations(DEGREE_BY_LENGTH_S[0][1]):
                 continue
             length_s = self._elapsed_s[end - 1] - self._elapsed_s[begin]
             yield from self._even(begin, end, max(1, int(np.ceil(length_s / longest_s))))
@@ -161,7 +149,7 @@ class DenseSeries:
         """Segments of pieces that hold enough observations, at more than one instant."""
         begin, end = np.array([(b, e) for b, e in pieces if e > b], dtype=np.intp).reshape(-1, 2).T
         length_s = self._elapsed_s[end - 1] - self._elapsed_s[begin]
-        lengths_s, degrees = np.array(DEGREES).T
+        lengths_s, degrees = np.array(DEGREE_BY_LENGTH_S).T
         # A longest segment may be longer by the rounding of its ends.
         which = np.minimum(np.searchsorted(lengths_s, length_s), len(lengths_s) - 1)
         degree = degrees.astype(np.intp)[which]
@@ -181,20 +169,20 @@ def nodes(degree: int) -> Floats:
 @cache
 def check_points(degree: int) -> Floats:
     """Both ends and three of the extremes between the nodes: where interpolation is worst."""
-    extremes = np.round(np.linspace(0, degree + 1, CHECK_POINTS))
+    extremes = np.round(np.linspace(0, degree + 1, CHECK_POINT_COUNT))
     return np.cos(np.pi * extremes / (degree + 1))
 
 
 def least_observations(degree: Any) -> Any:
     """From how many observations on a segment is worth interpolating."""
-    return WORTH * (degree + 1 + CHECK_POINTS)
+    return MIN_OBSERVATIONS_PER_POINT * (degree + 1 + CHECK_POINT_COUNT)
 
 
 def series_codes(
     model: PhysicalModel, observations: Observations, more_partials: bool = False
 ) -> NDArray[np.int64]:
     """Return the number of each observation's series, within which recorded columns agree that the model uses, (n,)."""
-    free = set(_NOT_OF_A_SERIES)
+    free = set(_FREE_IN_A_SERIES)
     media = {medium.name: medium for medium in model.media}
     foreign = bool(model.added_media or set(media) - {"troposphere", "ionosphere", "antenna_axis_offset"})
     # Partials by the electron content need the frequencies whether or not a content is modelled.
@@ -274,17 +262,17 @@ def first_nodes(degree: NDArray[np.intp]) -> NDArray[np.intp]:
 
 
 def polynomials(degree: NDArray[np.intp], at_nodes: Floats, places: Layout) -> tuple[Floats, Floats]:
-    """Return coefficients of descending powers and of ascending Chebyshev polynomials, shapes (m, width, MOST)."""
+    """Return coefficients of descending powers and of ascending Chebyshev polynomials, shapes (m, width, n)."""
     size = len(at_nodes)
-    middle, series = np.empty((len(degree), size)), np.zeros((len(degree), size, MOST))
+    middle, series = np.empty((len(degree), size)), np.zeros((len(degree), size, MAX_COEFFICIENTS))
     for n, of_degree, rows in _by_degree(degree):
         values = np.moveaxis(at_nodes[:, rows].reshape(size, -1, n + 1), 0, 1)
         # Without its value in the middle, a range keeps its digits in the sums.
         middle[of_degree] = here = values[..., n // 2]
         series[of_degree, :, : n + 1] = (values - here[..., None]) @ _to_chebyshev(n)
-    negligible = _NEGLIGIBLE * _allowed(np.abs(middle).T, places).T
+    negligible = _NEGLIGIBLE_FRACTION * _allowed(np.abs(middle).T, places).T
     negligible[:, places["value_m"][0]] = 0.0
-    rest = np.abs(series) @ np.tri(MOST)  # of each coefficient and those after it
+    rest = np.abs(series) @ np.tri(MAX_COEFFICIENTS)  # of each coefficient and those after it
     np.copyto(series, 0.0, where=rest < negligible[..., None])
     powers = series @ _to_powers()
     powers[..., -1] += middle
@@ -302,12 +290,13 @@ def compare(
     at_nodes, at_checks = nodes.compute(lander_pa_m).rows(slice(n_nodes)), checks.compute(lander_pa_m)
     values, places = stacked(at_nodes), layout(at_nodes)
     size = len(values)
-    model = np.moveaxis(stacked(at_checks).reshape(size, m, CHECK_POINTS), 0, 1)
+    model = np.moveaxis(stacked(at_checks).reshape(size, m, CHECK_POINT_COUNT), 0, 1)
     coefficients, series = polynomials(degree, values, places)
     good, deviation = np.ones(m, dtype=bool), np.zeros((m, size))
     # Elevations have to stay away from limits; what is integrated ends elsewhere than its tag says.
     limits_rad = {0.0}.union(*(medium.limits_rad for medium in nodes.model.media))
-    margin_rad = _MARGIN_RAD + _SPIN_RAD_S * np.nan_to_num(checks.observations.count_s[::CHECK_POINTS])
+    count_s = np.nan_to_num(checks.observations.count_s[::CHECK_POINT_COUNT])
+    margin_rad = _MIN_MARGIN_RAD + _SPIN_RAD_S * count_s
     for n, of_degree, rows in _by_degree(degree):
         mine = coefficients[of_degree]
         here = np.abs(model[of_degree] - _evaluate(mine, check_points(n))).max(axis=-1)
@@ -328,7 +317,7 @@ def compare(
     # All points of a segment have the same status, and the same source of Earth orientation.
     first = first_nodes(degree)[:-1]
     predicted = nodes.predicted_eop[:n_nodes], checks.predicted_eop
-    of_node, of_check = np.repeat(np.arange(m), degree + 1), np.repeat(np.arange(m), CHECK_POINTS)
+    of_node, of_check = np.repeat(np.arange(m), degree + 1), np.repeat(np.arange(m), CHECK_POINT_COUNT)
     at_first = np.column_stack([at_nodes.status, predicted[0]])[first]
     for at, points, of_point in ((at_nodes, predicted[0], of_node), (at_checks, predicted[1], of_check)):
         differs = np.column_stack([at.status, points]) != at_first[of_point]
@@ -354,9 +343,9 @@ def _to_chebyshev(degree: int) -> Floats:
 @cache
 def _to_powers() -> Floats:
     """Matrix from Chebyshev coefficients to those of powers, descending."""
-    matrix = np.zeros((MOST, MOST))
-    for k, unit in enumerate(np.eye(MOST)):
-        matrix[k, MOST - 1 - k :] = chebyshev.cheb2poly(unit)[::-1]
+    matrix = np.zeros((MAX_COEFFICIENTS, MAX_COEFFICIENTS))
+    for k, unit in enumerate(np.eye(MAX_COEFFICIENTS)):
+        matrix[k, MAX_COEFFICIENTS - 1 - k :] = chebyshev.cheb2poly(unit)[::-1]
     return matrix
 
 
@@ -367,14 +356,14 @@ def _evaluate(coefficients: Floats, x: Floats) -> Floats:
 
 def _allowed(size: Floats, places: Layout) -> Floats:
     """Deviations allowed at check points, from the largest sizes of the quantities at the nodes; shapes (width, m)."""
-    allowed = np.full_like(size, ALLOWED_RELATIVE / SAFETY)
-    allowed[places["value_m"][0]] = ALLOWED_M / SAFETY
+    allowed = np.full_like(size, PARTIAL_TOLERANCE / SAFETY_FACTOR)
+    allowed[places["value_m"][0]] = VALUE_TOLERANCE_M / SAFETY_FACTOR
     for name, rounding in _ROUNDING.items():
         place, _ = places[name]
         if name == "by_position_pa":
-            relative = ALLOWED_RELATIVE / SAFETY * np.linalg.norm(size[place], axis=0)
-            allowed[place] = np.clip(relative, rounding, _POSITION_MOST)
+            relative = PARTIAL_TOLERANCE / SAFETY_FACTOR * np.linalg.norm(size[place], axis=0)
+            allowed[place] = np.clip(relative, rounding, _MAX_POSITION_TOLERANCE)
         else:
-            relative = ALLOWED_RELATIVE / SAFETY * size[place].max(axis=0, initial=0.0)
+            relative = PARTIAL_TOLERANCE / SAFETY_FACTOR * size[place].max(axis=0, initial=0.0)
             allowed[place] = np.maximum(relative, rounding)
     return allowed

@@ -22,7 +22,7 @@ from radioloc.errors import InputError, StationError
 from radioloc.measurements.light_path import RECEIVE, TRANSMIT, halves
 from radioloc.vectors import Floats
 
-LONGEST_DELAY_S = 1e-3  # real equipment has microseconds; motions are straight for a millisecond
+MAX_DELAY_S = 1e-3  # real equipment has microseconds; motions are straight for a millisecond
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +130,5 @@ class EquipmentDelays:
 
 
 def _require_delay(key: str, delay_s: float | None) -> None:
-    if delay_s is not None and not 0.0 <= delay_s <= LONGEST_DELAY_S:
-        raise InputError(
-            f"{key}: {delay_s!r} is no delay of equipment; give seconds, 0 to {LONGEST_DELAY_S:g}"
-        )
+    if delay_s is not None and not 0.0 <= delay_s <= MAX_DELAY_S:
+        raise InputError(f"{key}: {delay_s!r} is no delay of equipment; give seconds, 0 to {MAX_DELAY_S:g}")

@@ -19,7 +19,7 @@ from radioloc.vectors import Floats
 
 EVALUATIONS = ("auto", "exact", "interpolated")  # how an arc can be evaluated
 
-_MANY = 5000  # fewer are computed in a second, about as long as loading compiled code takes
+_MIN_INTERPOLATED_COUNT = 5000  # fewer are computed in a second, about as long as loading compiled code takes
 
 
 @bare_arguments
@@ -91,7 +91,7 @@ def prepare_predictor(
     def exact() -> ExactPredictor:
         return ExactPredictor(model, observations, approximate_pa_m, trajectory, targets, more_partials)
 
-    sparse = len(observations) < _MANY
+    sparse = len(observations) < _MIN_INTERPOLATED_COUNT
     if evaluation == "exact" or trajectory is not None or (evaluation == "auto" and sparse):
         return exact()
     series = DenseSeries(model, observations, more_partials)

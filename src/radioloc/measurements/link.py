@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from radioloc.earth.stations import StationCatalogue, station_name
 from radioloc.errors import InputError
 
-LONGEST_NAME = 80  # characters of a name of a station or a target, which also names files
+MAX_NAME_LENGTH = 80  # characters of a name of a station or a target, which also names files
 _PATH = re.compile(r"(?:([^<>|]+)([<>]))?([^<>|]+)(?:\|([^<>|]+))?>([^<>|]+)")
 _ALIASES = {
     "apollo11": ("apollo 11", "ap11", "a11"),
@@ -64,9 +64,9 @@ class Link:
                     f"{name!r} cannot name a station or a target; "
                     "give printable text without '<', '>', '|', ',', '#' or quotes"
                 )
-        if max(map(len, names)) > LONGEST_NAME:
+        if max(map(len, names)) > MAX_NAME_LENGTH:
             longest = max(names, key=len)
-            raise InputError(f"{longest!r} is too long a name; give up to {LONGEST_NAME} characters")
+            raise InputError(f"{longest!r} is too long a name; give up to {MAX_NAME_LENGTH} characters")
         if self.differenced and self.transmitter == self.receiver:
             raise InputError(f"{self.path} is a baseline of one station; name two")
         if (self.differenced and not self.transmitter) or (self.second_target and not self.differenced):

@@ -25,7 +25,7 @@ from radioloc.measurements.station_motion import geocentre_displacement_m
 from radioloc.time import Epochs
 from radioloc.vectors import Floats, dot, length, rotated
 
-_FARTHEST_M = 2e10  # after the 67 s of light the Earth's motion is no longer a parabola to 0.06 mm
+_MAX_DISTANCE_M = 2e10  # after the 67 s of light the Earth's motion is no longer a parabola to 0.06 mm
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,10 +80,10 @@ class LunarMotion:
         offset_s = self.centre.offset_s
         position_m, velocity_m_s = trajectory.geocentric(model.ephemeris, reference.shifted(offset_s))
         distance_m = float(length(position_m).max(initial=0.0))
-        if distance_m > _FARTHEST_M:
+        if distance_m > _MAX_DISTANCE_M:
             raise InputError(
                 f"{trajectory.name} is {distance_m / 1e9:.1f} million km from the Earth; the light path is made for "
-                f"targets within {_FARTHEST_M / 1e9:.0f} million km"
+                f"targets within {_MAX_DISTANCE_M / 1e9:.0f} million km"
             )
         earth_m_s = self.centre.velocity_m_s - self.geocentric_velocity_m_s
         craft = MovingPoint(offset_s, self.geocentre_m + position_m, earth_m_s + velocity_m_s)

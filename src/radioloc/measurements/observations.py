@@ -59,8 +59,8 @@ WEATHER_LIMITS = {
 _SIGMA_LIMITS_M = (1e-9, 1e12)
 _TURNAROUND_LIMITS = (0.05, 20.0)
 """From Ka band up to S band down it is 0.067, the reverse 15; catches millimetres and wavelengths of light."""
-_NEAR_US = 999  # largest difference of time tags by rounding to milliseconds, microseconds
-_SAME_EPOCH_US = 10  # largest difference of time tags of one observation, in which no path is measured twice
+_MAX_ROUNDING_US = 999  # largest difference of time tags by rounding to milliseconds, microseconds
+_EPOCH_TOLERANCE_US = 10  # of the time tags of one observation; no path is measured twice in it
 _MAX_SIGNALS = 16  # most observations of one path, kind and epoch, of different wavelengths
 _MIN_ROUNDED_COUNT = 5  # fewest rounded copies within one file, as dense series may repeat a value
 _ROUNDING_SIGMAS, _ROUNDING_M = 0.02, 2e-4
@@ -500,16 +500,16 @@ def without_duplicates(observations: Observations, *, first_counts: bool = False
     # differ by at most 10 microseconds, or by rounding to milliseconds. Copies have the same value and sigma, in two
     # files up to rounding. With `first_counts`, as for frequencies read off twice, a second value is a warning, too.
     instant = _instants_us(observations)
-    if not (np.diff(np.sort(instant)) <= _NEAR_US).any():
+    if not (np.diff(np.sort(instant)) <= _MAX_ROUNDING_US).any():
         return observations
     first, second = _near_pairs(instant)
     apart_us = np.abs(instant[second] - instant[first])
     # Of copies one has the time tag of the other after rounding: only one of the two is a multiple of it.
     ticks = 86400e3 * observations.epoch.fraction * np.array([[1.0], [10.0]])
     whole = np.abs(ticks - np.rint(ticks)) < 1e-5
-    rounded = (whole[:, first] != whole[:, second]).any(axis=0) & (apart_us > _SAME_EPOCH_US)
+    rounded = (whole[:, first] != whole[:, second]).any(axis=0) & (apart_us > _EPOCH_TOLERANCE_US)
     files = observations.file[first] != observations.file[second]
-    near = (apart_us <= _SAME_EPOCH_US) | rounded
+    near = (apart_us <= _EPOCH_TOLERANCE_US) | rounded
     near &= ~(apart_us > 0.25e6 * observations.count_s[first])
     value_m, sigma_m, wavelength_um = observations.value_m, observations.sigma_m, observations.wavelength_um
     rounding = np.where(files, _ROUNDING_SIGMAS * sigma_m[first], 0.0)
@@ -546,7 +546,7 @@ def _instants_us(observations: Observations) -> NDArray[np.int64]:
     since_us = np.rint(86400e6 * days).astype(np.int64)
     series = (observations.link.astype(np.int64) * len(KINDS) + observations.kind) * len(TIME_TAGS)
     number = np.cumsum(np.bincount(series + observations.tag) > 0)[series + observations.tag]
-    return np.asarray(since_us + number * (since_us.max(initial=0) + 2 * _NEAR_US))
+    return np.asarray(since_us + number * (since_us.max(initial=0) + 2 * _MAX_ROUNDING_US))
 
 
 def _near_pairs(instant_us: NDArray[np.int64]) -> NDArray[np.intp]:
@@ -554,7 +554,7 @@ def _near_pairs(instant_us: NDArray[np.int64]) -> NDArray[np.intp]:
     order = np.argsort(instant_us, kind="stable")
     in_order, pairs = instant_us[order], []
     for lag in range(1, min(len(order), _MAX_SIGNALS + 1)):
-        near = np.flatnonzero(in_order[lag:] - in_order[:-lag] <= _NEAR_US)
+        near = np.flatnonzero(in_order[lag:] - in_order[:-lag] <= _MAX_ROUNDING_US)
         if not len(near):
             break
         pairs.append(np.sort([order[near], order[near + lag]], axis=0))

@@ -23,7 +23,7 @@ from radioloc.media.status import describe
 from radioloc.vectors import Floats
 
 ROWS_AT_ONCE = 65536  # rows of partials that are held together: 8 MB for 15 parameters
-_OF_LANDERS = ("lunar_tide", "lunar_tide_constant", "lunar_scale", "lunar_lorentz")
+_LANDER_TERMS = ("lunar_tide", "lunar_tide_constant", "lunar_scale", "lunar_lorentz")
 """Terms of a point fixed to the Moon, which have no part in a trajectory."""
 
 
@@ -227,7 +227,7 @@ class Predictor(ABC):
         :data:`~radioloc.measurements.terms.TERMS`.
         """
         full_m = self.at(lander_pa_m).value_m
-        skip = () if self.trajectory is None else _OF_LANDERS
+        skip = () if self.trajectory is None else _LANDER_TERMS
         table = {}
         for name in dict.fromkeys((*TERMS, *(medium.name for medium in self.model.added_media))):
             if self.model.has(name) and name not in skip:

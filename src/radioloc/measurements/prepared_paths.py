@@ -35,7 +35,7 @@ from radioloc.measurements.lunar_motion import LunarMotion, lunar_motion
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor
-from radioloc.measurements.proper_time import SHORTEST_GAP_S, station_rate, target_clock
+from radioloc.measurements.proper_time import MIN_GAP_S, station_rate, target_clock
 from radioloc.measurements.proper_time import clock_epoch as clock_epoch_of
 from radioloc.measurements.records import joined, rows_of
 from radioloc.measurements.registry import is_combined, is_differenced, is_integrated, is_one_way
@@ -45,11 +45,11 @@ from radioloc.media.medium import Leg, LegEnd, LineOfSight, Weather, line_of_sig
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, topocentric_tdb_minus_tt, utc_to_tt
 from radioloc.vectors import Floats, dot, length
 
-_SHORTEST_RADIO_UM = 1000.0  # from this wavelength on (300 GHz), the signal is radio
-_FAR_M = 1e18  # where the direction to a source at infinity is looked at from
-_MARGIN_S = 60.0  # of a trajectory beyond the tags: the light time of targets within 20 million km, and less
-_ROUGHLY_S = 1e-9  # light times then settle to 1e-13 s, in which nothing moves by more than 3e-9 m
-_BLOCK = 8192  # events prepared at a time: memory holds all tidal terms of these alone
+_MIN_RADIO_WAVELENGTH_UM = 1000.0  # from this wavelength on (300 GHz), the signal is radio
+_SOURCE_DISTANCE_M = 1e18  # where the direction to a source at infinity is looked at from
+_TRAJECTORY_MARGIN_S = 60.0  # beyond the tags: the light time of targets within 20 million km is less
+_ROUGH_TOLERANCE_S = 1e-9  # light times then settle to 1e-13 s, in which nothing moves by more than 3e-9 m
+_EVENTS_PER_BLOCK = 8192  # events prepared at a time: memory holds all tidal terms of these alone
 
 
 class PreparedPaths(Predictor):
@@ -122,7 +122,7 @@ class PreparedPaths(Predictor):
         if isinstance(self.trajectory, AdjustableTrajectory) and len(rows):
             seconds = (self._reference.jd[paths] - self._reference.jd[0]) + self._reference.fraction[paths]
             ends = part._reference[[int(seconds.argmin()), int(seconds.argmax())]]
-            first, last = ends[0].shifted(-_MARGIN_S), ends[1].shifted(_MARGIN_S)
+            first, last = ends[0].shifted(-_TRAJECTORY_MARGIN_S), ends[1].shifted(_TRAJECTORY_MARGIN_S)
             part.trajectory = self.trajectory.over(first, last)
         return part
 
@@ -185,8 +185,8 @@ class PreparedPaths(Predictor):
         """Place the straight motions at the events of the path to this position."""
         path = self._rough_path(lander_pa_m)
         row, ends_s, ends = twice(np.arange(len(self._tag))), path.ends_s, []
-        for first in range(0, max(len(row), 1), _BLOCK):
-            block = slice(first, first + _BLOCK)
+        for first in range(0, max(len(row), 1), _EVENTS_PER_BLOCK):
+            block = slice(first, first + _EVENTS_PER_BLOCK)
             reference, earth = self._reference[row[block]], rows_of(self._earth, row[block])
             which = self._which[block]
             ends.append(station_motion(self.model, self._stations, which, reference, earth, ends_s[block]))
@@ -201,7 +201,9 @@ class PreparedPaths(Predictor):
         ends = rough_station_motion(self.model, self._stations, self._which, self._tt, self._earth)
         self._place_target(np.zeros(len(self._tag)), lander_pa_m)
         places_s = topocentric_tdb_minus_tt(twice(self._earth.velocity_m_s), ends.position_m)
-        return self._solver(ends, self._relay(lander_pa_m), places_s)(0.0, 0.0, tolerance_s=_ROUGHLY_S)
+        return self._solver(ends, self._relay(lander_pa_m), places_s)(
+            0.0, 0.0, tolerance_s=_ROUGH_TOLERANCE_S
+        )
 
     def _place_target(self, offset_s: Floats, lander_pa_m: Floats) -> None:
         """The motion of the Moon, or of the spacecraft, and the target's clock."""
@@ -210,7 +212,7 @@ class PreparedPaths(Predictor):
             self._moon = self._moon.with_craft(self._orbit, self.model, self._reference)
         keeps = (self._sign == 0.0) & self.model.has("target_proper_time")
         # Counts need no common zero, so that a trajectory may have gaps between the passes.
-        counted = is_integrated(self._paths.kind) & (self._paths.count_s < SHORTEST_GAP_S)
+        counted = is_integrated(self._paths.kind) & (self._paths.count_s < MIN_GAP_S)
         epoch = None if counted[keeps].all() else self._clock_epoch
         radius_m = length(np.atleast_2d(lander_pa_m))[self._target]
         tdb = self._reference.shifted(offset_s)
@@ -292,7 +294,7 @@ class PreparedPaths(Predictor):
         # Views are those along the path without delays, in which elevations are off by 1e-10 rad.
         relay = self._relay(lander_pa_m)
         solve = self._solver(self._ends.point, relay, self._ends.topocentric_s)
-        path = solve(0.0, 0.0, tolerance_s=_ROUGHLY_S)
+        path = solve(0.0, 0.0, tolerance_s=_ROUGH_TOLERANCE_S)
         views = self._lines_of_sight(path, relay)
         drag = self._drag(path)
         delay_m = self._gravity(path, relay) + drag * views.delay_m
@@ -325,7 +327,7 @@ class PreparedPaths(Predictor):
         if len(far):
             # Aberration turns its direction into that of the frame that moves with the Earth.
             v, source = self._earth.velocity_m_s[far] / C_M_S, self._far[far]
-            lander_gcrs_m[far] = _FAR_M * (source + v - source * dot(source, v)[:, None])
+            lander_gcrs_m[far] = _SOURCE_DISTANCE_M * (source + v - source * dot(source, v)[:, None])
             velocity_m_s[far] = 0.0
         moon_gcrs_m = None if self.trajectory is None else twice(self._moon.moon_gcrs_m)
         leg = Leg(self._end, self._ends, twice(lander_gcrs_m), twice(velocity_m_s))
@@ -337,7 +339,7 @@ def is_radio(
 ) -> NDArray[np.bool_]:
     """Whether signals are radio, shape (n,); without a recorded wavelength those to laser stations are light."""
     laser = np.array([station.kind == "llr" for station in stations], dtype=bool)[receiver]
-    return np.where(np.isnan(wavelength_um), ~laser, wavelength_um >= _SHORTEST_RADIO_UM)
+    return np.where(np.isnan(wavelength_um), ~laser, wavelength_um >= _MIN_RADIO_WAVELENGTH_UM)
 
 
 # Attributes with one row for each light path, and for each end of one.

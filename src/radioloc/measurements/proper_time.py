@@ -38,7 +38,7 @@ from radioloc.vectors import Floats, dot
 
 _STEP_S, _STEP_IN_ORBIT_S = 3600.0, 30.0
 """A cubic spline between rates so far apart is good to 1e-18, in a low orbit of two hours to 1e-18 as well."""
-SHORTEST_GAP_S = 3600.0  # after a longer gap counts begin anew
+MIN_GAP_S = 3600.0  # after a longer gap counts begin anew
 # Normal gravity of GRS80 by Somigliana's formula (Moritz 2000, J. Geod. 74, 128).
 _EQUATOR_M_S2, _K, _E2, _EQUATOR_M = 9.7803267715, 0.001931851353, 0.00669438002290, 6378137.0
 
@@ -122,7 +122,7 @@ def _gained(
 
     gained_s, rate = np.zeros((2, len(since_s)))
     order = np.argsort(since_s)
-    gaps = np.flatnonzero(np.diff(since_s[order]) > SHORTEST_GAP_S) + 1
+    gaps = np.flatnonzero(np.diff(since_s[order]) > MIN_GAP_S) + 1
     for rows in [order] if whole else np.split(order, gaps):
         first_s, last_s = since_s[rows[0]], since_s[rows[-1]]
         if whole:

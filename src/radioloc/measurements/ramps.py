@@ -31,9 +31,9 @@ UPLINK = {"S": 221, "X": 749, "Ka": 3599}  # uplinks of one channel are to each 
 DOWNLINK = {"S": 240, "X": 880, "Ka": 3344}  # coherent downlinks of the channel, on the scale of its uplinks
 DOWNLINK_LIMITS_HZ = {"S": (2.20e9, 2.31e9), "X": (8.40e9, 8.50e9), "Ka": (31.8e9, 32.3e9)}
 
-_SAME_S = 1e-6  # ramps that meet to this time are contiguous: a station's frequency is set to the microsecond
-_SAME_HZ = 1e-3
-_OTHER_BAND = 0.01  # a station whose frequency steps by more than this part of it has begun another signal
+_TOLERANCE_S = 1e-6  # between contiguous ramps: a station's frequency is set to the microsecond
+_TOLERANCE_HZ = 1e-3
+_MAX_STEP_FRACTION = 0.01  # of the frequency, by which it may step within one signal
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -151,7 +151,7 @@ class Ramps:
     def _in_order(self) -> Ramps:
         """By station and time, each until the next begins."""
         order = np.lexsort((self.start.fraction, self.start.jd, self.station))
-        order = order[self.duration_s[order] > _SAME_S]
+        order = order[self.duration_s[order] > _TOLERANCE_S]
         start, station, duration_s = self.start[order], self.station[order], self.duration_s[order].copy()
         f_hz, rate = self.frequency_hz[order], self.rate_hz_s[order]
         kept = np.ones(len(order), dtype=bool)
@@ -159,10 +159,10 @@ class Ramps:
         for k in range(1, len(order)):
             if station[k] == station[last]:
                 gap_s = start[k].seconds_since(start[last])[0]
-                if gap_s < duration_s[last] - _SAME_S:
+                if gap_s < duration_s[last] - _TOLERANCE_S:
                     # Where tables overlap both must say the same; a ramp that was cut is followed by the whole one.
                     end_hz = f_hz[last] + rate[last] * gap_s
-                    same = abs(end_hz - f_hz[k]) < _SAME_HZ and abs(rate[k] - rate[last]) < 1e-9
+                    same = abs(end_hz - f_hz[k]) < _TOLERANCE_HZ and abs(rate[k] - rate[last]) < 1e-9
                     if not same:
                         raise InputError(
                             f"ramps of {self.stations[station[k]]} contradict each other at "
@@ -258,8 +258,8 @@ class TransmittedFrequency:
         self.origin = start[0]
         self._start_s = start.seconds_since(start[:1])
         self._duration_s, self._frequency_hz, self._rate_hz_s = duration_s, frequency_hz, rate_hz_s
-        gap = np.diff(self._start_s) - duration_s[:-1] > _SAME_S
-        gap |= np.abs(np.diff(frequency_hz)) > _OTHER_BAND * frequency_hz[1:]
+        gap = np.diff(self._start_s) - duration_s[:-1] > _TOLERANCE_S
+        gap |= np.abs(np.diff(frequency_hz)) > _MAX_STEP_FRACTION * frequency_hz[1:]
         # Within a block without gaps, cycles are counted beyond those of its first frequency: 1e15 would lose digits.
         self._block = np.concatenate([[0], np.cumsum(gap)])
         first = np.searchsorted(self._block, np.arange(self._block[-1] + 1))
@@ -288,7 +288,7 @@ class TransmittedFrequency:
         """The ramp at each time, and whether it is inside."""
         k = np.maximum(np.searchsorted(self._start_s, time_s, side="right") - 1, 0)
         within_s = time_s - self._start_s[k]
-        return k, (within_s >= 0.0) & (within_s <= self._duration_s[k] + _SAME_S)
+        return k, (within_s >= 0.0) & (within_s <= self._duration_s[k] + _TOLERANCE_S)
 
 
 def turnaround_ratio(uplink: str, downlink: str) -> Fraction:

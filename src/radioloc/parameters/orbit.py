@@ -23,9 +23,9 @@ from radioloc.vectors import Floats, rtn_axes
 
 RTN = ("radial_m", "along_m", "across_m", "radial_m_s", "along_m_s", "across_m_s")
 """The state as what it differs by from that a priori, along fixed axes: those of the orbit at the epoch."""
-_OF_FORCES = {"gm": ("m3/s2", 1e3), "k2": ("1", 1e-3), "radiation": ("m2/kg", 1e-3)}
+_FORCE_UNITS = {"gm": ("m3/s2", 1e3), "k2": ("1", 1e-3), "radiation": ("m2/kg", 1e-3)}
 """Units of the forces' own numbers, and a change that moves observations by about a metre in a day."""
-_SIZE_M = 2e6  # that of an orbit, for what moves a spacecraft by a metre
+_ORBIT_SIZE_M = 2e6  # that of an orbit, for what moves a spacecraft by a metre
 
 
 def orbit_parameters(
@@ -46,8 +46,8 @@ def orbit_parameters(
     }
 
     def unit_and_scale(name: str) -> tuple[str, float]:
-        if name in _OF_FORCES:
-            return _OF_FORCES[name]
+        if name in _FORCE_UNITS:
+            return _FORCE_UNITS[name]
         owner = name.rpartition(".")[0]
         return ("m/s", 1e-3) if owner in impulses else ("m/s2", of_thrust.get(owner, 1e-9))
 
@@ -88,7 +88,11 @@ def _state(
     def unit_and_scale(name: str) -> tuple[str, float]:
         if name.endswith("_m"):
             return "m", 1.0
-        return ("deg", math.degrees(1.0 / _SIZE_M)) if name.endswith("_deg") else ("1", 1.0 / _SIZE_M)
+        return (
+            ("deg", math.degrees(1.0 / _ORBIT_SIZE_M))
+            if name.endswith("_deg")
+            else ("1", 1.0 / _ORBIT_SIZE_M)
+        )
 
     names = {name: unit_and_scale(name) for name in FORMS[form]}
     values = elements_of_state(orbit.state, gm, equator, form)

@@ -257,7 +257,7 @@ def test_threads_do_not_change_a_bit(untidy_arc, monkeypatch):
     found = []
     for threads in (1, 2, 3):
         monkeypatch.setattr(numba.config, "NUMBA_NUM_THREADS", threads)
-        monkeypatch.setattr(chebyshev_predictor, "_ROWS_OF_A_THREAD", 100)
+        monkeypatch.setattr(chebyshev_predictor, "_MIN_ROWS_PER_THREAD", 100)
         found.append(untidy_arc.compute(APOLLO15_PA_M))
     same(found[0], found[1])
     same(found[0], found[2])
@@ -345,7 +345,7 @@ def test_kernel_against_numpy():
     from radioloc.measurements import _kernels
 
     random = np.random.default_rng(8)
-    n, quantities = _kernels.GROUPED + 37, 3
+    n, quantities = _kernels.GROUP_SIZE + 37, 3
     segment = random.integers(-2, 5, n).astype(np.int32)
     x = random.uniform(-1.0, 1.0, n)
     for terms in (1, 2, 5, 7, 17):
@@ -375,7 +375,7 @@ def test_kernel_with_more_paths_than_bins():
     from radioloc.measurements import _kernels
 
     random = np.random.default_rng(9)
-    n, segments = 3 * _kernels.GROUPED, 3 * _kernels.BINS
+    n, segments = 3 * _kernels.GROUP_SIZE, 3 * _kernels.BIN_COUNT
     segment = random.integers(0, segments, n).astype(np.int32)
     x = random.uniform(-1.0, 1.0, n)
     coefficients = random.normal(size=(segments, 2, 17))

@@ -135,12 +135,6 @@ def test_edge_is_the_last_centre_with_a_full_stencil(tmp_path, interpolation):
         model.height_m(*degrees((0.0, edge_deg + 0.001)))
 
 
-def test_far_side_of_an_orthographic_map_is_outside(maps):
-    model = TerrainModel.open(maps["orthographic"])
-    with pytest.raises(InputError, match=r"latitude -20\.000000 degrees is outside .* around longitude -40"):
-        model.height_and_slope(*degrees((-40.0, 20.0), (140.0, -20.0)))
-
-
 @pytest.mark.parametrize(
     ("void", "kwargs"),
     [(np.nan, {}), (-32768.0, {"nodata": -32768.0})],

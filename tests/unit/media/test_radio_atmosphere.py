@@ -6,15 +6,12 @@ import dataclasses
 
 import numpy as np
 import pytest
-from arc_cases import APOLLO15_PA_M
 from legs import end
 from mappings import vmf3
 
 from radioloc.earth.geodesy import geodetic_from_itrf
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import CoverageError, FileFormatError, InputError
-from radioloc.measurements import ChebyshevPredictor, ExactPredictor, Link, Observations, PhysicalModel
-from radioloc.measurements.registry import KINDS
 from radioloc.media.air_files import Gpt3Grid, Vmf3Grids
 from radioloc.media.grids import LatLonGrid
 from radioloc.media.mapping_functions import day_of_year
@@ -24,7 +21,7 @@ from radioloc.media.neutral_atmosphere import (
     zenith_wet_delay_askne_nordius_m,
 )
 from radioloc.media.radio_atmosphere import RadioAtmosphere, air_above, read_radio_atmosphere
-from radioloc.time import epochs_from_strings, tai_to_utc, utc_to_tai, utc_to_tt
+from radioloc.time import epochs_from_strings, utc_to_tt
 
 # 2020-12-02 is MJD 59185. Twice as much vapour at noon as at midnight; names as on the data server.
 LINES = """\
@@ -122,27 +119,6 @@ def test_other_stations_need_gpt3(sites):
 
 def test_light_needs_no_files(sites):
     assert np.isnan(air(sites, epoch=LATE, radio=False).wet_m).all()
-
-
-def test_dense_series_are_interpolated_over_the_files_epochs(tmp_path):
-    """The air between epochs is linear, with a kink at each: here at 18 h."""
-    path = tmp_path / "2020337.vmf3_r"
-    late = LINES.replace("59185.50", "59186.00").replace("0.2400", "0.2000").splitlines()[:2]
-    path.write_text(LINES + "\n".join(late) + "\n")
-    start = utc_to_tai(epochs_from_strings(["2020-12-02T17:00:00"]))
-    table = Observations.from_columns(
-        epoch=tai_to_utc(start[np.zeros(600, dtype=int)].shifted(12.0 * np.arange(600))),
-        links=[Link("URUMQI", "apollo15", "SESHAN25", True)],
-        value_m=1.0,
-        sigma_m=1.0,
-        kind=KINDS.index("vlbi_delay"),
-        tag=1,
-    )
-    model = PhysicalModel.build(off=["ionosphere"], radio_atmosphere=read_radio_atmosphere([path]))
-    exact, dense = (kind(model, table, APOLLO15_PA_M) for kind in (ExactPredictor, ChebyshevPredictor))
-    assert dense.accuracy.interpolated > 300
-    found_m, expected_m = (one.compute(APOLLO15_PA_M).value_m for one in (dense, exact))
-    np.testing.assert_allclose(found_m, expected_m, rtol=0.0, atol=0.9e-4)
 
 
 def test_files_that_do_not_go_together(tmp_path):

@@ -265,11 +265,6 @@ def with_reasons(status: Labels, reasons: Mapping[int, str]) -> Labels:
     return Labels.coded((*status.texts, *reasons.values()), codes)
 
 
-def with_reason(status: Labels, rows: NDArray[np.bool_], reason: str) -> Labels:
-    """The same with another text for all rows of a mask."""
-    return Labels.coded((*status.texts, reason), np.where(rows, len(status.texts), status.codes))
-
-
 def _given(status: ArrayLike | Labels | None, n: int) -> Labels:
     """What was said of n observations before the fit; an empty text is :data:`USED`."""
     if status is None:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,22 +90,6 @@ class ProcessNoise:
             for _ in range(2)
         )
         return ProcessNoise(self.time_s, self.white_m2, process, sign, (*self.processes, *made))
-
-    def followed_by(self, other: ProcessNoise) -> ProcessNoise:
-        """Noise of these observations and then of others, whose processes are other ones."""
-        width = max(self.process.shape[1], other.process.shape[1])
-
-        def wide(values: NDArray[Any], fill: float) -> NDArray[Any]:
-            return np.pad(values, ((0, 0), (0, width - values.shape[1])), constant_values=fill)
-
-        later = np.where(other.process == NONE, NONE, other.process + len(self.processes))
-        return ProcessNoise(
-            np.concatenate([self.time_s, other.time_s]),
-            np.concatenate([self.white_m2, other.white_m2]),
-            np.concatenate([wide(self.process, NONE), wide(later, NONE)]),
-            np.concatenate([wide(self.sign, 0.0), wide(other.sign, 0.0)]),
-            self.processes + other.processes,
-        )
 
     @property
     def sigma_m(self) -> NDArray[np.float64]:

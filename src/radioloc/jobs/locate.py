@@ -32,7 +32,7 @@ from radioloc.jobs.first_orbit import first_orbit
 from radioloc.jobs.manoeuvres import HIDDEN, Manoeuvre
 from radioloc.jobs.notes import notes_of, provenance
 from radioloc.jobs.one_thread import on_one_blas_thread
-from radioloc.jobs.orbit_start import near_landing, near_orbit
+from radioloc.jobs.orbit_start import near_orbit
 from radioloc.jobs.problem import (
     considered_errors,
     disturbed,
@@ -79,7 +79,6 @@ from radioloc.study.orbiter import Orbiter
 from radioloc.study.study import EstimateChoice, ModelChoice, Study
 from radioloc.study.study_file import as_study
 from radioloc.study.weights import require_stations, weighted_observations
-from radioloc.time import Epochs
 
 logger = logging.getLogger(__name__)
 
@@ -218,11 +217,10 @@ def fit_arc(
     paths = Labels.coded([link.path for link in observations.links], observations.link)
     types = Labels.coded(KINDS, observations.kind)
     order = SeriesOrder.of(types, paths, seconds_since_midnight(observations.epoch))
-    epoch = study.target.epoch if isinstance(study.target, Orbiter) else None
     orbit = arc.trajectory
     there = arc.along(orbit.coarse()) if isinstance(orbit, AdjustableOrbit) else arc
     status, reason = status_of(there, start_pa_m(targets))
-    fitted, stochastic, manoeuvres = _fit(problem, noise, order, estimate, status, reason, epoch)
+    fitted, stochastic, manoeuvres = _fit(problem, noise, order, estimate, status, reason)
     if stochastic is not None:
         problem = stochastic.here
         arc = problem.predictor
@@ -491,7 +489,6 @@ def _fit(
     estimate: EstimateChoice | None,
     status: Labels,
     reason: NDArray[np.int8],
-    epoch: Epochs | None,
 ) -> tuple[EditedFit, StochasticProblem | None, list[Manoeuvre]]:
     """The fit, its problem if the orbit has stochastic accelerations, and manoeuvres that the study does not name."""
     if estimate is None:
@@ -507,13 +504,12 @@ def _fit(
     counts = PhaseCounts(observations.count_s, 1e-6 * observations.wavelength_um)
     usable, manoeuvres, excluded = status.are(USED), list[Manoeuvre](), dict[int, str]()
     process_noise = None if estimate.orbit is None else estimate.orbit.process_noise
-    if problem.landing is None or epoch is None:
+    start = None
+    if problem.landing is None:
         # Stochastic accelerations stand for forces that are not modelled, which residuals without them show.
         start, manoeuvres = near_orbit(problem, noise.sigma_m, usable, seek=process_noise is None)
         for one in manoeuvres:
             excluded |= dict.fromkeys(np.flatnonzero(one.hides(observations)).tolist(), HIDDEN)
-    else:
-        start = near_landing(problem, epoch, noise.sigma_m, usable)
     if start is not None:
         status = _visibility_at(problem, start, status, usable)
     stochastic = None

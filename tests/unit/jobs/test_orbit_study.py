@@ -66,6 +66,16 @@ def test_an_orbit_is_found_again_from_hundreds_of_metres_away(solution):
 
 
 @pytest.mark.study
+def test_an_orbit_is_found_again_over_36_hours_from_two_kilometres_away(model, forces):
+    seconds = np.concatenate([np.arange(1200.0, 4800.0, 120.0) + 7200.0 * k for k in range(18)])
+    found = radioloc.locate(
+        study_of(forces, off=5.0 * np.array(OFF)), tracked(model, forces, SIGMA_M, seconds)[0]
+    )
+    assert found.converged
+    assert np.linalg.norm(found.state.position_m - STATE[:3]) < 0.1
+
+
+@pytest.mark.study
 def test_a_solution_of_an_orbit_says_its_state(solution, tmp_path):
     written = radioloc.write_report(solution, tmp_path)
     content = json.loads((tmp_path / "solution.json").read_text())

@@ -1,4 +1,4 @@
-"""Other packages add types of measurement, parameters and media by entry points; a broken one breaks nothing."""
+"""Other packages add to each registry by entry points, and a user meets what they add; a broken one breaks nothing."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ from radioloc.measurements.combined_predictor import expanded
 from radioloc.measurements.registry import MEASUREMENTS
 from radioloc.media import MEDIA
 from radioloc.parameters.registry import PARAMETERS
+from radioloc.study import STUDY_TABLES, StudyTable
 
 ROOT = Path(__file__).resolve().parents[2]
 SHORT_ARC = ROOT / "examples" / "change5" / "short_arc.toml"
@@ -138,6 +139,64 @@ def test_a_study_with_what_another_package_adds(toys, tmp_path):
             expected_m = RADOME_M if row["path"].startswith("KASHI") else 0.0
             assert row["type"] == "half_range"
             assert float(row["wet_radome_m"]) == pytest.approx(expected_m, abs=1e-5)
+
+
+def test_a_command_with_a_study_table_a_result_and_a_figure_of_another_package(toys, tmp_path):
+    study = SHORT_ARC.read_text()
+    (tmp_path / SHORT_ARC.with_suffix(".csv").name).write_bytes(SHORT_ARC.with_suffix(".csv").read_bytes())
+    for name, limit_m, status in (("strict", 0.5, 3), ("loose", 1e6, 0), ("wrong", -1.0, 2)):
+        (tmp_path / f"{name}.toml").write_text(f"{study}\n[residual_limit]\nlimit_m = {limit_m}\n")
+        done = python(
+            toys, "-m", "radioloc", "largest", f"{name}.toml", "--out", name, "--report", cwd=tmp_path
+        )
+        assert done.returncode == status, done.stderr
+    assert done.stderr == (
+        "radioloc: wrong.toml: [residual_limit] limit_m: expected a positive length, got -1.0\n"
+    )
+    written = json.loads((tmp_path / "strict" / "largest.json").read_text())
+    assert written["limit_m"] == 0.5
+    assert set(written["largest_m"]) == {"KASHI>lander>KASHI", "JIAMUSI>lander>JIAMUSI"}
+    with (tmp_path / "strict" / "largest.csv").open() as file:
+        rows = {row["path"]: float(row["largest_m"]) for row in csv.DictReader(file)}
+    assert rows == pytest.approx(written["largest_m"], abs=1e-3)
+    files = {path.name for path in (tmp_path / "strict").iterdir()}
+    assert files >= {"largest_residuals.png", "largest_residuals.svg", "report.html"}
+    assert "The largest residual of each path." in (tmp_path / "strict" / "report.html").read_text()
+
+
+def test_a_solution_records_the_tables_of_other_packages_and_is_exported_to_their_formats(toys, tmp_path):
+    (tmp_path / SHORT_ARC.with_suffix(".csv").name).write_bytes(SHORT_ARC.with_suffix(".csv").read_bytes())
+    (tmp_path / "s.toml").write_text(f"{SHORT_ARC.read_text()}\n[residual_limit]\nlimit_m = 0.5\n")
+    code = (
+        "import radioloc, radioloc.io, radioloc.cli, json\n"
+        "solution = radioloc.residuals(radioloc.read_study('s.toml'))\n"
+        "print(json.dumps(solution.provenance['extensions']))\n"
+        "radioloc.io.export_solutions([solution], 'lander.kml')\n"
+        "radioloc.cli.main(['export', '--help'])\n"
+    )
+    done = python(toys, "-c", code, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    recorded, *told = done.stdout.splitlines()
+    assert json.loads(recorded) == {"residual_limit": {"limit_m": 0.5}}
+    assert any(line.split()[:1] == [".kml"] for line in told)
+    longitude_deg, latitude_deg = re.search(
+        r"<coordinates>([^,]*),([^<]*)", (tmp_path / "lander.kml").read_text()
+    ).groups()
+    given = tomllib.loads(SHORT_ARC.read_text())["target"]
+    assert float(longitude_deg) == pytest.approx(given["longitude_deg"], abs=1e-9)
+    assert float(latitude_deg) == pytest.approx(given["latitude_deg"], abs=1e-9)
+
+
+def test_tables_that_are_unknown_or_of_another_kind_of_study_are_refused(monkeypatch, tmp_path):
+    monkeypatch.setitem(STUDY_TABLES._made, "image", StudyTable("image", StudyTable, print, "images"))
+    path = tmp_path / "s.toml"
+    for content, message in (
+        ("[image]", r"expected a study of tracking, got one with \[image\]; use radioloc images"),
+        ("[imag]", "'imag' is not known"),
+    ):
+        path.write_text(f"[target]\n{content}\n")
+        with pytest.raises(InputError, match=message):
+            radioloc.read_study(path)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 
-from radioloc.cli.command import Argument, Command, argument, command, flag
+from radioloc.cli.command import JSON, STUDY, Argument, Command, argument, command, flag, output_folder
 from radioloc.cli.output import (
     BAD_INPUT,
     DISK,
@@ -16,16 +16,32 @@ from radioloc.cli.output import (
     NOT_CONVERGED,
     complain,
     escape_unprintable_output,
+    finish,
     logged,
     require_report,
     say,
     show_warnings_once,
     standard_streams,
+    tell,
 )
 from radioloc.cli.registry import make_parser
 from radioloc.errors import ConvergenceError, RadiolocError, RadiolocWarning
 
-__all__ = ["Argument", "Command", "argument", "command", "flag", "main"]
+__all__ = [
+    "JSON",
+    "STUDY",
+    "Argument",
+    "Command",
+    "argument",
+    "command",
+    "complain",
+    "finish",
+    "flag",
+    "main",
+    "output_folder",
+    "say",
+    "tell",
+]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -135,12 +135,14 @@ def study_tables() -> Rows:
     from radioloc.study.schema import keys_of
     from radioloc.study.study import PARAMETER_KEYS
     from radioloc.study.study_file import TABLES
+    from radioloc.study.tables import STUDY_TABLES
 
+    records = TABLES | {entry.name: entry.record for entry in STUDY_TABLES.values() if entry.run is None}
     tables = {
         f"[{table}]": ", ".join(
             key for key in keys_of(record) if table != "estimate" or key not in PARAMETER_KEYS
         )
-        for table, record in TABLES.items()
+        for table, record in records.items()
     }
     parameters = {f"{name} ({kind.unit})": kind.description for name, kind in PARAMETERS.items()}
     return {

@@ -19,9 +19,9 @@ def _located(path: Path) -> ImageSolution | PointSolution:
     return locate_images(path)
 
 
-IMAGES_TABLE = StudyTable("images", ImageChoice, _located)
-IMAGE_POINT_TABLE = StudyTable("image_point", ImagePointChoice, _located)
-STEREO_TABLE = StudyTable("stereo", StereoChoice, _located)
+IMAGES_TABLE = StudyTable("images", ImageChoice, _located, "images")
+IMAGE_POINT_TABLE = StudyTable("image_point", ImagePointChoice, _located, "images")
+STEREO_TABLE = StudyTable("stereo", StereoChoice, _located, "images")
 
 IMAGES_RESULT = ResultType("images", ImageSolution, ("images", "map"), ("solution.json",))
 POINT_RESULT = ResultType("image_point", PointSolution, ("image_position", "map"), ("solution.json",))

@@ -434,6 +434,7 @@ def _cells(column: Any, rows: slice, decimals: int | None, for_text: bool) -> An
             return _label_texts(part, list(map(as_cell, column.texts)))
     if decimals is not None:
         # Python's formatting is exact; one operation for many numbers is twice as fast as one for each.
+        part = np.asarray(part, dtype=np.float64)
         values = part.tolist()
         text = (f"%.{decimals}f\n" * len(values)) % tuple(values)
         return pyarrow.array(text.split("\n")[:-1], pyarrow.string(), mask=np.isnan(part))

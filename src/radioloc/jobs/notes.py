@@ -38,7 +38,7 @@ from radioloc.parameters.registry import PARAMETERS
 from radioloc.results.cards import metres, plural
 from radioloc.study.identity import spacecraft_doubts
 from radioloc.study.orbiter import Orbiter
-from radioloc.study.record import study_origin, versions
+from radioloc.study.record import plain, study_origin, versions
 from radioloc.study.study import EstimateChoice, Study, TerrainPrior
 
 _EQUATOR_M_S = 465.1
@@ -286,6 +286,7 @@ def provenance(
         },
         **model.provenance(),
         "evaluation": evaluation,
+        "extensions": plain(study.extensions),
     }
 
 

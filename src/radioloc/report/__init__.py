@@ -1,6 +1,7 @@
 """Everything that shows results: cards, tables, figures, and the files of an output folder."""
 
 from radioloc.report.estimate_figures import plot_budget, plot_correlations
+from radioloc.report.figure_types import FIGURES, FigureType
 from radioloc.report.figures import save_figure
 from radioloc.report.files import write_report
 from radioloc.report.map_figures import plot_map
@@ -16,6 +17,8 @@ from radioloc.report.study_figures import (
 )
 
 __all__ = [
+    "FIGURES",
+    "FigureType",
     "plot_arcs",
     "plot_budget",
     "plot_comparison",

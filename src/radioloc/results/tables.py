@@ -249,7 +249,7 @@ def content_of(result: Located) -> Mapping[str, Any]:
 
 
 def contents_by_target(results: Iterable[Located]) -> list[Mapping[str, Any]]:
-    """Return what solutions hold, those of several targets as one for each target; references are of the first."""
+    """Return the contents of solutions as in ``solution.json``, one for each target; the first has the references."""
     contents: list[Mapping[str, Any]] = []
     for content in map(content_of, results):
         references = {key: content[key] for key in ("reference", "references") if key in content}

@@ -4,9 +4,11 @@ from radioloc.study.map_positions import PlaceOnMap
 from radioloc.study.observation_choice import ObservationChoice
 from radioloc.study.study import EstimateChoice, HeightPrior, ModelChoice, Reference, Study, TerrainPrior
 from radioloc.study.study_file import read_study
+from radioloc.study.tables import STUDY_TABLES, StudyTable
 from radioloc.study.weights import Weight
 
 __all__ = [
+    "STUDY_TABLES",
     "EstimateChoice",
     "HeightPrior",
     "ModelChoice",
@@ -14,6 +16,7 @@ __all__ = [
     "PlaceOnMap",
     "Reference",
     "Study",
+    "StudyTable",
     "TerrainPrior",
     "Weight",
     "read_study",

@@ -40,9 +40,7 @@ def versions() -> dict[str, str]:
 def settings_of(study: Study) -> dict[str, Any]:
     """All on which the results of a study depend, by field; of files names and SHA-256."""
     names = [f.name for f in fields(study) if f.name not in _WITHOUT_EFFECT]
-    return {name: _plain(getattr(study, name)) for name in names} | {
-        "stations": _plain(list(study.catalogue))
-    }
+    return {name: plain(getattr(study, name)) for name in names} | {"stations": plain(list(study.catalogue))}
 
 
 def study_origin(study: Study) -> dict[str, Any]:
@@ -69,7 +67,7 @@ def _files(value: Any) -> Iterator[dict[str, str]]:
             yield from _files(item)
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Plain numbers, texts, lists and tables; of files and long lists their SHA-256."""
     if isinstance(value, TerrainPrior):
         maps = [{"file": file.path.name, "sha256": file.sha256} for file in value.terrain.metadata.files]
@@ -77,21 +75,21 @@ def _plain(value: Any) -> Any:
     if isinstance(value, ModelChoice):
         kernels = {"ephemeris": "SPK", "libration": "PCK"}
         found = {name: find_kernel(getattr(value, name), kind) for name, kind in kernels.items()}
-        return {f.name: _plain(found.get(f.name, getattr(value, f.name))) for f in fields(value)}
+        return {f.name: plain(found.get(f.name, getattr(value, f.name))) for f in fields(value)}
     if isinstance(value, Path):
         return {"file": value.name, "sha256": sha256_of(value) if value.is_file() else None}
     if is_dataclass(value):
-        return {f.name: _plain(getattr(value, f.name)) for f in fields(value) if f.name not in _OF_A_STATION}
+        return {f.name: plain(getattr(value, f.name)) for f in fields(value) if f.name not in _OF_A_STATION}
     if isinstance(value, Enum):
-        return _plain(value.value)
+        return plain(value.value)
     if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, set | frozenset):
-        return sorted(_plain(item) for item in value)
+        return sorted(plain(item) for item in value)
     if isinstance(value, list | tuple):
-        items = [_plain(item) for item in value]
+        items = [plain(item) for item in value]
         numbers = len(items) >= _LONGEST_LIST and all(isinstance(item, int | float) for item in items)
         return _sha256(json.dumps(items).encode()) if numbers else items
     if callable(value):

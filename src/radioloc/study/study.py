@@ -317,6 +317,7 @@ _FIELD_TYPES: Mapping[str, tuple[type, ...]] = {
     "simulation": (Scenario, type(None)),
     "targets": (Mapping,),
     "consider": (Mapping,),
+    "extensions": (Mapping,),
 }
 """Types of the fields of a study that is built in Python."""
 
@@ -359,6 +360,8 @@ class Study:
         Whether cards count longitudes from 0 to 360 deg, as the file of the study does, not from -180 to 180.
     target_name : str or None
         Name of `target`, which is compared with that in the tracking data.
+    extensions : mapping of str to object
+        Records of tables that other packages add (:class:`~radioloc.study.StudyTable`), by the name of the table.
     """
 
     target: LunarPosition | Trajectory | Orbiter = None  # type: ignore[assignment]  # of targets, then
@@ -377,6 +380,7 @@ class Study:
     candidates: tuple[str, ...] | None = None
     longitude_to_360: bool = False
     target_name: str | None = None
+    extensions: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, types in _FIELD_TYPES.items():

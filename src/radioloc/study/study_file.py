@@ -40,6 +40,7 @@ from radioloc.study.study import (
     ModelChoice,
     Study,
 )
+from radioloc.study.tables import STUDY_TABLES
 from radioloc.study.target_file import (
     LandingKeys,
     Place,
@@ -177,6 +178,7 @@ def read_study(path: str | Path) -> Study:
     content: dict[str, Any] = toml_content(Path(path))
     path, file = source_of(path)
     top = TomlTable(path, "", content, _hints())
+    extensions = _extensions(top)
     tables = {key: top.table(key) for key in _TABLES_OF_A_STUDY}
     top.finish()  # before anything else, so that a misspelt table is not called missing
 
@@ -226,12 +228,26 @@ def read_study(path: str | Path) -> Study:
         name=path.stem,
         path=file,
         candidates=None if planned is None else planned.candidates,
+        extensions={table.name: table.read(record) for table, record in extensions},
         longitude_to_360=any(place.get("longitude_deg", 0.0) > 180.0 for place in places),
         simulation=made(
             "simulation",
             partial(_simulation, target=target, forces=content.get("forces", {}), catalogue=catalogue),
         ),
     )
+
+
+def _extensions(top: TomlTable) -> list[tuple[TomlTable, type]]:
+    """Take the tables that other packages add, each with its record; refuse a study of another kind."""
+    extensions = []
+    for name, added in STUDY_TABLES.items():
+        if added.run is not None and name in top:
+            raise InputError(
+                f"{top.path}: expected a study of tracking, got one with [{name}]; use radioloc {added.command}"
+            )
+        if added.run is None and (table := top.table(name)) is not None:
+            extensions.append((table, added.record))
+    return extensions
 
 
 def as_study(study: Study | str | Path) -> Study:

@@ -1,0 +1,23 @@
+"""Command ``radioloc largest``: print the largest residual of each path at the study's position."""
+
+from radioloc.cli import JSON, STUDY, command, finish, output_folder
+
+
+@command(
+    "largest",
+    "print the largest residual of each path",
+    STUDY,
+    JSON,
+    *output_folder("write largest.json, largest.csv and a figure to DIR"),
+    examples=("study.toml --out results",),
+)
+def largest(options):
+    import radioloc
+    from radioloc_toys.largest_residuals import LargestResiduals
+
+    study = radioloc.read_study(options.study)
+    residuals = radioloc.residuals(study).residuals
+    paths, sizes_m = residuals.paths[:], abs(residuals.residual_m)
+    largest_m = {path: float(sizes_m[paths == path].max()) for path in sorted({*paths})}
+    limit_m = study.extensions["residual_limit"].limit_m if study.extensions else float("inf")
+    return finish(options, LargestResiduals(study.name, largest_m, limit_m))

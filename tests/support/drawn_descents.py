@@ -20,9 +20,9 @@ from procedural_ground import Ground
 
 import radioloc
 from radioloc.errors import RadiolocError
-from radioloc.imaging import Camera, ImageChoice, ImageStudy
+from radioloc.imaging import Camera
 from radioloc.imaging.shading import sun_direction
-from radioloc.imaging.study import CameraChoice
+from radioloc.imaging.study import CameraChoice, ImageChoice, ImageStudy
 from radioloc.lunar import TangentPlane
 
 SIZE_PX, FRAMES = 256, 12

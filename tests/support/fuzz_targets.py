@@ -23,7 +23,8 @@ from spk_files import ORBITER, write_random
 
 import radioloc
 from radioloc.ephemeris import Trajectory
-from radioloc.imaging import read_frame, read_isd, read_mask
+from radioloc.imaging import read_isd
+from radioloc.imaging.frames import read_frame, read_mask
 from radioloc.io.ccsds import write_oem
 from radioloc.io.gis import write_gis
 from radioloc.io.spice_kernels import write_spice

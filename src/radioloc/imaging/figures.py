@@ -9,9 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.imaging.frames import load_opencv, read_frame
-from radioloc.imaging.homography import transformed
-from radioloc.imaging.registration import RegisteredFrame
 from radioloc.imaging.solution import ImageSolution, PointSolution
 from radioloc.report.figures import (
     COLORS,
@@ -31,6 +28,8 @@ from radioloc.vectors import Floats
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from radioloc.imaging.registration import RegisteredFrame
 
 _PANEL_COUNT = 3
 _MOSAIC_PIXELS = 700
@@ -108,6 +107,8 @@ def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
 
 def _in_plane(frame: RegisteredFrame, halves: Sequence[Sequence[int]]) -> Floats:
     """Places of an image in the plane, m, by how many halves of its size they are from its first pixel."""
+    from radioloc.imaging.homography import transformed
+
     assert frame.homography is not None
     to_plane = np.asarray(np.linalg.inv(frame.homography.matrix), dtype=np.float64)
     return transformed(to_plane, np.array(halves, dtype=np.float64) * frame.centre)
@@ -126,6 +127,8 @@ def _apart(frames: Sequence[RegisteredFrame]) -> Iterator[RegisteredFrame]:
 
 def _mosaic(solution: ImageSolution, west_m: float, north_m: float, width_m: float) -> NDArray[np.uint8]:
     """The map and, over it, the images from high to low."""
+    from radioloc.imaging.frames import load_opencv
+
     cv2 = load_opencv()
     pixel_m = width_m / _MOSAIC_PIXELS
     shape = (_MOSAIC_PIXELS, _MOSAIC_PIXELS)
@@ -156,6 +159,8 @@ def _undistorted(
     solution: ImageSolution, frame: RegisteredFrame
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """An image without its camera's distortion, and 255 where it shows the ground."""
+    from radioloc.imaging.frames import load_opencv, read_frame
+
     cv2 = load_opencv()
     image = read_frame(solution.paths[frame.name])
     usable = np.full(image.shape, 255, np.uint8)

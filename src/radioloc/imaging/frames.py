@@ -45,56 +45,13 @@ def load_opencv() -> ModuleType:
 
 
 def read_frame(path: str | Path) -> Image:
-    """Read an image of one band (PNG, TIFF, PDS3 or PDS4 by its label, any format of GDAL) as eight bits.
-
-    Returns
-    -------
-    numpy.ndarray, shape (lines, samples)
-        Grey values; deeper ones are stretched, 0.1 % at each end set aside.
-
-    Raises
-    ------
-    FileFormatError
-        No such file, a part of one, or none that GDAL reads as one band of numbers (bands of one colour image that
-        are equal count as one).
-
-    Examples
-    --------
-    >>> import tempfile, pathlib, cv2, numpy as np
-    >>> from radioloc.imaging import read_frame
-    >>> path = pathlib.Path(tempfile.mkdtemp(), "frame.png")
-    >>> cv2.imwrite(str(path), np.arange(12, dtype=np.uint8).reshape(3, 4))
-    True
-    >>> read_frame(path)[2].tolist()
-    [8, 9, 10, 11]
-    """
+    """Read an image of one band (any format of GDAL) as eight bits, stretched but for 0.1 % at each end."""
     bands = _grey_bands(Path(path))
     return eight_bit(bands[0])[0]
 
 
 def read_mask(path: str | Path) -> Mask:
-    """Read a mask of the spacecraft: an image that is white where frames show the ground.
-
-    Returns
-    -------
-    numpy.ndarray of bool, shape (lines, samples)
-        True where the image is brighter than half of white; in an image of two dark values, where it is the brighter.
-
-    Raises
-    ------
-    FileFormatError
-        As of :func:`read_frame`; less than 1 % of the image is ground.
-
-    Examples
-    --------
-    >>> import tempfile, pathlib, cv2, numpy as np
-    >>> from radioloc.imaging import read_mask
-    >>> path = pathlib.Path(tempfile.mkdtemp(), "mask.png")
-    >>> cv2.imwrite(str(path), np.array([[0, 255, 255]], dtype=np.uint8))
-    True
-    >>> read_mask(path).tolist()
-    [[False, True, True]]
-    """
+    """Read a mask: True where an image is brighter than half of white, or is the brighter of its two dark values."""
     path = Path(path)
     grey = _grey_bands(path)[0]
     values, valid = np.ma.getdata(grey), ~np.ma.getmaskarray(grey)

@@ -33,20 +33,9 @@ _MEDIAN_CHI2 = 2.0 * np.log(2.0)  # of two degrees of freedom
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Homography:
-    """A projective transformation of pairs of coordinates.
+    """Projective transformation of pairs: its matrix, whose last element is 1, acts on (X, Y, 1).
 
-    Parameters
-    ----------
-    matrix : numpy.ndarray, shape (3, 3)
-        Acts on (X, Y, 1); its last element is one.
-    covariance : numpy.ndarray, shape (8, 8)
-        Of the parameters a to h of equation 7, the matrix's elements row by row without the last.
-
-    Examples
-    --------
-    >>> double = Homography(np.diag([2.0, 2.0, 1.0]), np.zeros((8, 8)))
-    >>> double.apply([[3.0, 4.0]]).tolist(), double.inverse().apply([[6.0, 8.0]]).tolist()
-    ([[6.0, 8.0]], [[3.0, 4.0]])
+    The covariance is that of the parameters a to h of equation 7, the other elements row by row.
     """
 
     matrix: Floats
@@ -57,14 +46,7 @@ class Homography:
         return transformed(self.matrix, np.asarray(points, dtype=np.float64))
 
     def covariance_of(self, points: ArrayLike, covariances: ArrayLike | None = None) -> Floats:
-        """Covariances of the transformed points, shape (n, 2, 2): of the parameters, and of the points if given.
-
-        Examples
-        --------
-        >>> shifted = Homography(np.eye(3), np.diag([0.0, 0.0, 0.25, 0.0, 0.0, 4.0, 0.0, 0.0]))
-        >>> shifted.covariance_of([[3.0, 4.0]], [np.eye(2)])[0].tolist()
-        [[1.25, 0.0], [0.0, 5.0]]
-        """
+        """Return covariances of transformed points, (n, 2, 2), by the parameters and, if given, those of the points."""
         points = np.asarray(points, dtype=np.float64)
         ahead = points @ self.matrix[2, :2] + self.matrix[2, 2]
         by_parameters = _by_elements(_homogeneous(points) / ahead[:, np.newaxis], self.apply(points))[..., :8]
@@ -100,35 +82,9 @@ def fit_homography(
     end_sigma: ArrayLike,
     approximate: ArrayLike | None = None,
 ) -> HomographyFit:
-    """Fit a homography to tie points whose places have errors on both sides; outliers are left out.
+    """Fit a homography to tie points, (n, 2), whose places have errors on both sides; outliers are rejected.
 
-    Parameters
-    ----------
-    start, end : array_like, shape (n, 2)
-        Places of the tie points before and after the transformation.
-    start_sigma, end_sigma : array_like, scalar or shape (n,)
-        Standard deviations of each coordinate.
-    approximate : array_like, shape (3, 3), optional
-        A transformation near the one that is sought; without it the direct linear one of all points.
-
-    Returns
-    -------
-    HomographyFit
-        The covariance is multiplied by the variance factor where that is above one.
-
-    Raises
-    ------
-    InputError
-        Fewer than four points, or points that do not determine the transformation: on a line, or at one place.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from radioloc.imaging import fit_homography
-    >>> square = [[0.0, 0.0], [9.0, 0.0], [9.0, 9.0], [0.0, 9.0], [4.0, 5.0]]
-    >>> fit = fit_homography(square, np.multiply(2.0, square) + 1.0, 0.1, 0.1)
-    >>> (fit.homography.matrix.round(9) + 0.0).tolist()
-    [[2.0, 0.0, 1.0], [0.0, 2.0, 1.0], [0.0, 0.0, 1.0]]
+    A variance factor above one multiplies the covariance. The default start is the direct linear transformation.
     """
     start, end = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     if start.shape != end.shape or start.ndim != 2 or start.shape[1] != 2 or len(start) < _MIN_POINTS:

@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError, require_type
-from radioloc.imaging import Detector, find_mask, read_frame, read_mask
+from radioloc.imaging import find_mask
 from radioloc.imaging.cameras import altitude_m
-from radioloc.imaging.image_chain import Frame, FrameStatus
+from radioloc.imaging.frames import read_frame, read_mask
+from radioloc.imaging.image_chain import Frame
+from radioloc.imaging.matching import Detector
 from radioloc.imaging.point_location import FRAME, ground_at, locate_point, locate_stereo, provenance_of
 from radioloc.imaging.registration import RegisteredFrame, Registration, register_chain
 from radioloc.imaging.shading import sun_over_map, write_shaded_map
@@ -176,11 +178,11 @@ def _solution(
     chosen, frames = study.images, registration.frames
     last = frames[-1]
     message = ""
-    if last.status is not FrameStatus.REGISTERED:
+    if not last.is_registered:
         message = (
             f"the last image, {last.name}, is {last.status.value}; the position is that of an image before it"
         )
-        last = next(frame for frame in reversed(frames) if frame.status is FrameStatus.REGISTERED)
+        last = next(frame for frame in reversed(frames) if frame.is_registered)
     pixel = last.centre if message or isinstance(chosen.point, str) else np.array(chosen.point)
     if not (np.abs(pixel - last.centre) <= last.centre + 0.5).all():
         raise InputError(
@@ -195,7 +197,7 @@ def _solution(
     distorted_px, sigma_px = registration.radial_pattern_px()
     distortion_m = 0.0
     if abs(distorted_px) > _DISTORTION_SIGMAS * sigma_px:
-        sizes_m = [frame.pixel_m for frame in frames if frame.status is FrameStatus.REGISTERED]
+        sizes_m = [frame.pixel_m for frame in frames if frame.is_registered]
         distortion_m = abs(distorted_px) * float(np.linalg.norm(sizes_m))
         notes.append(
             f"residuals have a radial pattern of {distorted_px:.2g} +- {sigma_px:.1g} pixels at the corners of images, "
@@ -212,7 +214,7 @@ def _solution(
     camera = study.camera
     altitudes = {}
     for frame in frames:
-        if frame.status is FrameStatus.REGISTERED and camera is not None:
+        if frame.is_registered and camera is not None:
             shape = (round(2.0 * frame.centre[1] + 1.0), round(2.0 * frame.centre[0] + 1.0))
             downward_m = float(altitude_m(camera.camera(shape), frame.pixel_m))
             altitudes[frame.name] = frame.altitude_m if math.isfinite(frame.altitude_m) else downward_m
@@ -249,7 +251,7 @@ def _unknown_descent_m(registration: Registration, last: RegisteredFrame) -> flo
     half_m = last.pixel_m * float(last.centre.mean())
     if half_m <= _LANDED_HALF_WIDTH_M:
         return 0.0
-    registered = [frame for frame in registration.frames if frame.status is FrameStatus.REGISTERED]
+    registered = [frame for frame in registration.frames if frame.is_registered]
     before = registered[: registered.index(last)]
     drift_m = 0.0
     if before and before[-1].pixel_m > last.pixel_m:

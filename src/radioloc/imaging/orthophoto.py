@@ -39,24 +39,22 @@ _KINDS = {"bilinear": "bilinear", "cubic": "bicubic"}
 @bare_arguments
 def write_orthophoto(
     path: str | Path,
-    image: NDArray[Any],
-    model: SensorModel,
+    images: Sequence[tuple[NDArray[Any], SensorModel]],
     terrain: TerrainModel,
     *,
     projection: str = "IAU_2015:30110",
     resolution_m: float,
     interpolation: Literal["nearest", "bilinear", "cubic"] = "bilinear",
 ) -> None:
-    """Write an image as a map: a GeoTIFF with a mask.
+    """Write an image, or several as a mosaic, as a map: a GeoTIFF with a mask.
 
     Parameters
     ----------
     path : path-like
         To write.
-    image : numpy.ndarray, shape (lines, samples)
-        Numbers of the image; the file has their type, rounded where they are integers.
-    model : FrameModel or LineScanModel
-        In mean-Earth axes.
+    images : sequence of tuple
+        Images of one type of numbers, shape (lines, samples), each with its model in mean-Earth axes; later ones lie
+        over earlier ones, such as those of a descent from high to low. The file has their type.
     terrain : TerrainModel
         The ground.
     projection : str
@@ -71,52 +69,13 @@ def write_orthophoto(
     Raises
     ------
     InputError
-        The image has another shape than the model; a projection that is not of the Moon or in metres, or that the image
-        crosses at its seam; the image shows no ground of the elevation map.
+        An image has another shape than its model or another type than the others; a projection that is not of the Moon
+        or in metres, or that an image crosses at its seam; no ground of the elevation map is shown.
 
     Examples
     --------
     >>> from radioloc.imaging import write_orthophoto
-    >>> write_orthophoto("map.tif", image, model, terrain, resolution_m=1.0)  # doctest: +SKIP
-    """
-    write_mosaic(
-        path,
-        [(image, model)],
-        terrain,
-        projection=projection,
-        resolution_m=resolution_m,
-        interpolation=interpolation,
-    )
-
-
-@bare_arguments
-def write_mosaic(
-    path: str | Path,
-    images: Sequence[tuple[NDArray[Any], SensorModel]],
-    terrain: TerrainModel,
-    *,
-    projection: str = "IAU_2015:30110",
-    resolution_m: float,
-    interpolation: Literal["nearest", "bilinear", "cubic"] = "bilinear",
-) -> None:
-    """Write several images as one map: a GeoTIFF with a mask, in which later images lie over earlier ones.
-
-    Parameters
-    ----------
-    path, terrain, projection, resolution_m, interpolation
-        As for :func:`write_orthophoto`.
-    images : sequence of tuple
-        Images of one type of numbers, shape (lines, samples), each with its model; of a descent from high to low.
-
-    Raises
-    ------
-    InputError
-        As for :func:`write_orthophoto`; there is no image, or their numbers are of different types.
-
-    Examples
-    --------
-    >>> from radioloc.imaging import write_mosaic
-    >>> write_mosaic("map.tif", [(high, above), (low, below)], terrain, resolution_m=1.0)  # doctest: +SKIP
+    >>> write_orthophoto("map.tif", [(image, model)], terrain, resolution_m=1.0)  # doctest: +SKIP
     """
     types = {image.dtype for image, _ in images}
     if len(types) != 1:

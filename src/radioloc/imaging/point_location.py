@@ -22,7 +22,6 @@ from radioloc.imaging import (
     Sphere,
     StereoPair,
     Terrain,
-    body_position,
     locate_image_point,
     read_isd,
     resect,
@@ -115,9 +114,9 @@ def locate_stereo(study: PointStudy) -> PointSolution:
     landmarks = scale * on_sphere
     measured = _distances(chosen)
     found = resect(landmarks, measured.values_m, measured.sigmas_m, chosen.landmark_sigma_m)
-    body = body_position(
-        [*found.position_m, 0.0], _rot_body_to_enu(*chosen.body_attitude_deg), chosen.camera_in_body_m
-    )[:2]
+    # The mounting leads from the camera to the body (Chang'e-3 descent images 2014, equation 7).
+    mounting_m = _rot_body_to_enu(*chosen.body_attitude_deg) @ chosen.camera_in_body_m
+    body = found.position_m - mounting_m[:2]
     longitude, latitude = plane.to_longitude_latitude(body[None] / scale)[0]
     ground = ground_at(chosen, longitude, latitude)
     # What errors of distances and of landmarks do, by the gain of the least squares.

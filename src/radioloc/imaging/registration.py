@@ -56,6 +56,11 @@ class RegisteredFrame:
     homography: Homography | None = None  # equation 7: from east and north in the plane, m, to pixels
     centre: Floats = field(default_factory=lambda: np.full(2, np.nan))
 
+    @property
+    def is_registered(self) -> bool:
+        """Whether the image has a place on the map."""
+        return self.status is FrameStatus.REGISTERED
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundPoint:
@@ -85,16 +90,10 @@ class Registration:
     def ground_point(
         self, name: str, pixel: ArrayLike | None = None, pixel_sigma: float = 0.0
     ) -> GroundPoint:
-        """Where a pixel of a registered image, by default its centre, lies on the Moon, with its covariance.
+        """Return where a pixel of a registered image, by default its centre, lies on the Moon, with its covariance.
 
-        The covariance has the errors of features and of the chain, and what all points have in common: the tie of the
-        map to the Moon's axes, a tenth of its pixel, by which features may seem moved under another sun, and, without
-        relief, half of the rms residual on the map.
-
-        Raises
-        ------
-        InputError
-            The image is not registered, or the pixel shows no ground, or ground far beyond the image's tie points.
+        The covariance includes errors of features and of the chain, and those common to all points: the map's tie, a
+        tenth of its pixel (features seem moved under another sun) and, without relief, half of its rms residual.
         """
         if name not in self._taken:
             status = {frame.name: frame.status.value for frame in self.frames}.get(
@@ -122,10 +121,9 @@ class Registration:
         return GroundPoint(float(longitude), float(latitude), ground)
 
     def radial_pattern_px(self) -> tuple[float, float]:
-        """Return the radial part of all residuals, pixels at the corners, and its standard deviation.
+        """Return the part of all residuals that grows with the cube of the distance from the middle of an image.
 
-        It grows with the cube of the distance from the middle of an image, as distortion of the lens does, less what
-        the images absorb. Without unknown distortion it is zero.
+        As distortion of the lens does, less what the images absorb: pixels at the corners, and standard deviation.
         """
         product = square = variance = count = 0.0
         for image, taken in self._taken.values():
@@ -200,7 +198,8 @@ def register_chain(
     Examples
     --------
     >>> from functools import partial
-    >>> from radioloc.imaging import Frame, read_frame, register_chain
+    >>> from radioloc.imaging import Frame, register_chain
+    >>> from radioloc.imaging.frames import read_frame
     >>> from radioloc.lunar import Map
     >>> name = "examples/images/frames/0001.png"
     >>> frames = [Frame("0001.png", partial(read_frame, name))]
@@ -299,7 +298,7 @@ def _registration(
     if not relief:
         rms_m = float(np.sqrt(np.mean(result.map_residuals_m[result.map_used] ** 2)))
         common_m = float(np.hypot(common_m, _COMMON_RELIEF * rms_m))
-    _require_order([f for f in frames if f.status is FrameStatus.REGISTERED])
+    _require_order([f for f in frames if f.is_registered])
     return Registration(
         frames=tuple(frames),
         plane=chain.map.plane,

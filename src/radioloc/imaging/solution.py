@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,16 +17,17 @@ from radioloc.errors import InputError
 from radioloc.estimation.combination import horizontal_ellipse
 from radioloc.estimation.orbit_state import EAST_NORTH_UP
 from radioloc.estimation.statistics import finite_or_none
-from radioloc.imaging import Camera
-from radioloc.imaging.image_chain import FrameStatus
-from radioloc.imaging.registration import RegisteredFrame, Registration
-from radioloc.lunar import Map
 from radioloc.lunar.position import LunarPosition
 from radioloc.parameters.position_prior import map_tie_names
 from radioloc.results.cards import Card, Field, metres, plural, provenance_detail
 from radioloc.results.result import Content, Result
 from radioloc.results.tables import difference
 from radioloc.vectors import Floats
+
+if TYPE_CHECKING:
+    from radioloc.imaging.cameras import Camera
+    from radioloc.imaging.registration import RegisteredFrame, Registration
+    from radioloc.lunar.maps import Map
 
 _MOST_ROWS = 12
 
@@ -296,7 +297,7 @@ class ImageSolution(_FromImages):
     @property
     def registered(self) -> tuple[RegisteredFrame, ...]:
         """Images that have a place on the map."""
-        return tuple(f for f in self.registration.frames if f.status is FrameStatus.REGISTERED)
+        return tuple(f for f in self.registration.frames if f.is_registered)
 
     @property
     def wrms_m(self) -> float:
@@ -410,5 +411,5 @@ class ImageSolution(_FromImages):
 
     def _left_out(self) -> Iterator[str]:
         for frame in self.registration.frames:
-            if frame.status is not FrameStatus.REGISTERED:
+            if not frame.is_registered:
                 yield f"{frame.name}: {frame.status.value}{f': {frame.reason}' if frame.reason else ''}"

@@ -1,8 +1,7 @@
 """Where a rover or lander stands from its own stereo images: forward intersection, and landmarks that the map shows.
 
 The method is that of the Chang'e-3 team (descent images, 2014): points seen by both cameras are intersected, their
-distances compared with where a map has them (equation 6), and the camera's place leads to the body's by how it is
-mounted (equation 7).
+distances compared with where a map has them (equation 6).
 """
 
 from __future__ import annotations
@@ -234,26 +233,3 @@ def resect(
                 f"the distances fit two places {apart:.1f} m apart equally well; add a landmark in another direction"
             )
     return Resection(best.x, covariance, best.fun * sigmas, 2.0 * float(best.cost))
-
-
-@bare_arguments
-def body_position(camera_m: ArrayLike, rot_body_to_map: ArrayLike, camera_in_body_m: ArrayLike) -> Floats:
-    """The place of a body's origin from that of a camera mounted on it, m, shape (3,) (equation 7).
-
-    Parameters
-    ----------
-    camera_m : array_like, shape (3,)
-        Place of the camera, map axes, m.
-    rot_body_to_map : array_like, shape (3, 3)
-        Attitude of the body when the images were taken.
-    camera_in_body_m : array_like, shape (3,)
-        The camera's place in the body's axes, m.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from radioloc.imaging import body_position
-    >>> body_position([10.0, 5.0, 1.5], np.eye(3), [0.3, 0.0, 1.5]).tolist()
-    [9.7, 5.0, 0.0]
-    """
-    return np.asarray(camera_m, dtype=float) - np.asarray(rot_body_to_map) @ np.asarray(camera_in_body_m)

@@ -8,31 +8,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from radioloc.errors import InputError, require_type
-from radioloc.imaging import Camera
 from radioloc.lunar.selenographic import require_lunar_height
 from radioloc.study.schema import Hints, TomlTable, check, entry, keys_of, source_of, toml_content
 from radioloc.study.study import Reference
 from radioloc.study.target_file import references_of
 from radioloc.time import Epochs
 
+if TYPE_CHECKING:
+    from radioloc.imaging.cameras import Camera
+
 DETECTORS = ("sift", "orb")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GroundChoice:
-    """What is known of the ground's height.
-
-    Parameters
-    ----------
-    dem : Path, optional
-        An elevation model.
-    dem_sigma_m : float
-        How well its heights are known, m.
-    height_m, height_sigma_m : float, optional
-        The height above the 1737.4 km sphere and its sigma, m, in place of a model.
-    """
+    """Height of the ground: an elevation model, or a height above the 1737.4 km sphere."""
 
     dem: Path | None = None
     dem_sigma_m: float = entry(10.0, not_negative=True)
@@ -49,49 +42,18 @@ class GroundChoice:
 
 @dataclass(frozen=True, slots=True)
 class ImageChoice(GroundChoice):
-    """The images, and what they are laid over.
-
-    Parameters
-    ----------
-    files : tuple of Path
-        Frames in order of time, the highest first.
-    base_map_sigma_m : tuple of float
-        How well the map is tied to the Moon's axes, east and north, m; the same error for all its points.
-    base_map : Path, optional
-        A map image with a lunar projection. With ``shade`` the elevation model takes its place.
-    dem, dem_sigma_m, height_m, height_sigma_m
-        The height of the point. Without ``dem`` and ``height_m`` there is none.
-    mask : Path, optional
-        An image of the frames' size, white where they show the ground. What does not move from frame to frame is found
-        and left out where none is given.
-    point : "centre" or tuple of float
-        The lander in the last image: its middle, or (sample, line).
-    point_sigma_px : float
-        How well that is known, pixels of the last image.
-    near : Path, optional
-        A ``solution.json`` about whose position the map is searched.
-    near_margin_m : float
-        How far beyond three sigmas of that, m: half the ground that the highest image covers, or more.
-    shade : bool
-        Whether the base is the elevation model shaded at the Sun's direction.
-    sun_azimuth_deg, sun_elevation_deg : float, optional
-        That direction, from north over east and above the horizon.
-    epoch : Epochs, optional
-        In their place when the images were taken, UTC: the Sun's direction then is computed.
-    detector : {"sift", "orb"}
-        What finds features.
-    """
+    """Table ``[images]``: images of a descent, in order of time, and the map."""
 
     files: tuple[Path, ...]
-    base_map_sigma_m: tuple[float, float] = entry(not_negative=True)
+    base_map_sigma_m: tuple[float, float] = entry(not_negative=True)  # east, north; common to all points
     base_map: Path | None = None
-    mask: Path | None = None
-    point: str | tuple[float, float] = "centre"
+    mask: Path | None = None  # white where frames show the ground
+    point: str | tuple[float, float] = "centre"  # of the last frame
     point_sigma_px: float = entry(1.0, not_negative=True)
-    near: Path | None = None
-    near_margin_m: float = entry(10e3, positive=True)
+    near: Path | None = None  # solution.json about whose position the map is searched,
+    near_margin_m: float = entry(10e3, positive=True)  # beyond three of its sigmas
     shade: bool = False
-    sun_azimuth_deg: float | None = None
+    sun_azimuth_deg: float | None = None  # from north over east
     sun_elevation_deg: float | None = None
     epoch: Epochs | None = entry(None, moment=True)
     detector: str = entry("sift", choices=DETECTORS)
@@ -115,7 +77,7 @@ class ImageChoice(GroundChoice):
 
 @dataclass(frozen=True, slots=True)
 class CameraChoice:
-    """The camera, where it is known: distortion is taken off, and altitudes follow from the size of pixels."""
+    """Tables ``[camera]``, ``[stereo.left]`` and ``[stereo.right]``; distortion is in OpenCV's order."""
 
     focal_length_mm: float = entry(positive=True)
     pixel_size_um: float = entry(positive=True)
@@ -126,7 +88,9 @@ class CameraChoice:
         check(self)
 
     def camera(self, shape: tuple[int, int]) -> Camera:
-        """The camera of images of so many lines and samples; its axis is in their middle where nothing else is said."""
+        """Return the camera of images of so many lines and samples, by default with its axis in their middle."""
+        from radioloc.imaging.cameras import Camera
+
         middle = (0.5 * (shape[1] - 1), 0.5 * (shape[0] - 1))
         point = self.principal_point_px or middle
         return Camera.of_pinhole(self.focal_length_mm, self.pixel_size_um, point, self.distortion)
@@ -134,28 +98,12 @@ class CameraChoice:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImagePointChoice(GroundChoice):
-    """A point measured in one image, such as a lander in an orbital image.
+    """Table ``[image_point]``: a point measured in one image."""
 
-    Parameters
-    ----------
-    model : Path
-        The image's sensor model: support data (ISD), or an ISIS cube of LRO's NAC with ``spiceinit`` done.
-    point : tuple of float
-        Sample and line of the point.
-    point_sigma_px : float
-        How well they are measured, pixels.
-    position_sigma_m : tuple of float
-        How well the camera's place is known, east, north and up of the point, m.
-    attitude_sigma_rad : tuple of float
-        How well its attitude is, about the camera's x, y and z, rad.
-    dem, dem_sigma_m, height_m, height_sigma_m
-        The ground that the ray meets: one of ``dem`` and ``height_m`` is needed.
-    """
-
-    model: Path
+    model: Path  # ISD, or ISIS cube of LRO's NAC
     point: tuple[float, float]
-    position_sigma_m: tuple[float, float, float] = entry(not_negative=True)
-    attitude_sigma_rad: tuple[float, float, float] = entry(not_negative=True)
+    position_sigma_m: tuple[float, float, float] = entry(not_negative=True)  # east, north, up
+    attitude_sigma_rad: tuple[float, float, float] = entry(not_negative=True)  # about the camera's axes
     point_sigma_px: float = entry(1.0, not_negative=True)
 
     def __post_init__(self) -> None:
@@ -168,31 +116,17 @@ class ImagePointChoice(GroundChoice):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Landmark:
-    """A landmark that the map shows, and its distance from the left camera, or its pixels in both cameras.
-
-    Parameters
-    ----------
-    name : str
-    longitude_deg, latitude_deg : float
-        On the map.
-    distance_m, distance_sigma_m : float, optional
-        Horizontal distance and its sigma, m.
-    left_px, right_px : tuple of float, optional
-        Sample and line in the left and the right image.
-    pitch_deg, roll_deg : float
-        Attitude of the left camera in that image: its axis above the horizon, and how far the camera is turned about
-        the axis, clockwise as it sees.
-    """
+    """Table ``[[stereo.landmarks]]``: a landmark on the map, with its distance or its pixels in both cameras."""
 
     name: str
     longitude_deg: float
     latitude_deg: float
-    distance_m: float | None = entry(None, positive=True)
+    distance_m: float | None = entry(None, positive=True)  # horizontal, from the left camera
     distance_sigma_m: float | None = entry(None, positive=True)
     left_px: tuple[float, float] | None = None
     right_px: tuple[float, float] | None = None
-    pitch_deg: float = 0.0
-    roll_deg: float = 0.0
+    pitch_deg: float = 0.0  # of the left camera's axis above the horizon
+    roll_deg: float = 0.0  # about that axis, clockwise as the camera sees
 
     def __post_init__(self) -> None:
         check(self)
@@ -207,33 +141,7 @@ class Landmark:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StereoChoice(GroundChoice):
-    """Stereo images of landmarks from a rover or lander.
-
-    Parameters
-    ----------
-    landmarks : tuple of Landmark
-        Four or more.
-    landmark_sigma_m : float
-        How well each coordinate of a landmark is read off the map, m.
-    map_name : str
-        The map's name: its tie is one error for all solutions on it.
-    map_sigma_m : tuple of float
-        How well the map is tied to the Moon's axes, east and north, m.
-    left, right : CameraChoice, optional
-        The cameras, with their principal points; needed for pixels, as is the baseline.
-    baseline_m : tuple of float, optional
-        The right camera in the axes of the left one (right, down, ahead), m.
-    rotation_deg : tuple of float
-        Rotation vector that turns the axes of the left camera to those of the right one, about right, down and ahead.
-    point_sigma_px : float
-        How well points are measured in each image, pixels.
-    camera_in_body_m : tuple of float
-        The left camera in the body's axes (ahead, right, down), m.
-    body_attitude_deg : tuple of float
-        The body's heading (from north over east), pitch (ahead up) and roll (right side down).
-    dem, dem_sigma_m, height_m, height_sigma_m
-        The height of the ground. Without ``dem`` and ``height_m`` there is none.
-    """
+    """Table ``[stereo]``: stereo images of landmarks from a rover or lander."""
 
     landmarks: tuple[Landmark, ...]
     landmark_sigma_m: float = entry(not_negative=True)
@@ -241,11 +149,17 @@ class StereoChoice(GroundChoice):
     map_sigma_m: tuple[float, float] = entry(not_negative=True)
     left: CameraChoice | None = None
     right: CameraChoice | None = None
-    baseline_m: tuple[float, float, float] | None = None
-    rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    baseline_m: tuple[float, float, float] | None = (
+        None  # right camera in the axes of the left: right, down, ahead
+    )
+    rotation_deg: tuple[float, float, float] = (
+        0.0,
+        0.0,
+        0.0,
+    )  # turns the axes of the left camera to the right one's
     point_sigma_px: float = entry(0.3, positive=True)
-    camera_in_body_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    body_attitude_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    camera_in_body_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # left camera: ahead, right, down
+    body_attitude_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)  # heading, pitch, roll
 
     def __post_init__(self) -> None:
         GroundChoice.__post_init__(self)
@@ -268,18 +182,7 @@ class StereoChoice(GroundChoice):
 
 @dataclass(frozen=True, slots=True)
 class ImageStudy:
-    """Where a lander stands on a map, by its descent images.
-
-    Parameters
-    ----------
-    images : ImageChoice
-    camera : CameraChoice, optional
-    references : tuple of Reference
-        Known positions to compare with.
-    name : str
-    path : Path, optional
-        The file that it is from.
-    """
+    """Study that locates a lander on a map by its descent images."""
 
     images: ImageChoice
     camera: CameraChoice | None = None
@@ -290,17 +193,7 @@ class ImageStudy:
 
 @dataclass(frozen=True, slots=True)
 class PointStudy:
-    """Where a point is that one image shows, or a rover or lander that took stereo images.
-
-    Parameters
-    ----------
-    chosen : ImagePointChoice or StereoChoice
-    references : tuple of Reference
-        Known positions to compare with.
-    name : str
-    path : Path, optional
-        The file that it is from.
-    """
+    """Study that locates a point in one image, or a rover or lander by stereo images."""
 
     chosen: ImagePointChoice | StereoChoice
     references: tuple[Reference, ...] = ()

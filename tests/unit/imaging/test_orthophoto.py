@@ -19,7 +19,6 @@ from radioloc.imaging import (
     Terrain,
     image_to_ground,
     read_isd,
-    write_mosaic,
     write_orthophoto,
 )
 from radioloc.imaging.orientation import rotation_of
@@ -102,8 +101,7 @@ def test_spots_are_where_the_ground_is(tmp_path, case, interpolation):
     image, longitudes, latitudes = spots(model, terrain)
     write_orthophoto(
         tmp_path / "map.tif",
-        image,
-        model,
+        [(image, model)],
         terrain,
         projection=projection,
         resolution_m=3.0,
@@ -130,7 +128,9 @@ def test_values_types_and_mask(tmp_path):
     model = camera_over(longitude, latitude)
     for dtype, value in (("uint8", 255), ("uint16", 4000), ("float32", 0.25)):
         image = np.full(model.shape, value, dtype=dtype)
-        write_orthophoto(tmp_path / "map.tif", image, model, terrain, resolution_m=5.0, interpolation="cubic")
+        write_orthophoto(
+            tmp_path / "map.tif", [(image, model)], terrain, resolution_m=5.0, interpolation="cubic"
+        )
         with rasterio.open(tmp_path / "map.tif") as file:
             assert file.dtypes == (dtype,)
             values, seen = file.read(1), file.read_masks(1) > 0
@@ -161,8 +161,8 @@ def test_later_images_of_a_mosaic_lie_over_earlier_ones(tmp_path):
     low = camera_over(longitude + 0.012, latitude, off_nadir_deg=10.0, height_m=1200.0)
     images = {"high": (spots(high, terrain, "uint8")[0], high), "low": (spots(low, terrain, "uint8")[0], low)}
     for name, (image, model) in images.items():
-        write_orthophoto(tmp_path / f"{name}.tif", image, model, terrain, resolution_m=5.0)
-    write_mosaic(tmp_path / "both.tif", list(images.values()), terrain, resolution_m=5.0)
+        write_orthophoto(tmp_path / f"{name}.tif", [(image, model)], terrain, resolution_m=5.0)
+    write_orthophoto(tmp_path / "both.tif", list(images.values()), terrain, resolution_m=5.0)
     with rasterio.open(tmp_path / "both.tif") as file:
         rows, columns = np.mgrid[: file.height, : file.width].reshape(2, -1)
         x, y = rasterio.transform.xy(file.transform, rows, columns)
@@ -174,7 +174,7 @@ def test_later_images_of_a_mosaic_lie_over_earlier_ones(tmp_path):
     np.testing.assert_array_equal(seen, of_high | of_low)
     np.testing.assert_array_equal(both[seen], np.where(of_low, below, above)[seen])
     with pytest.raises(InputError, match="images of one type of numbers, not of 2"):
-        write_mosaic(
+        write_orthophoto(
             tmp_path / "no.tif",
             [images["high"], (images["low"][0].astype(float), low)],
             terrain,
@@ -193,7 +193,7 @@ def test_ground_behind_a_ridge_is_masked(tmp_path):
     model = camera_over(0.0, 0.0, off_nadir_deg=75.0, height_m=700.0)
     camera_side = -np.sign(model.orientation.position_m[2])  # rays go from it
     write_orthophoto(
-        tmp_path / "map.tif", np.full(model.shape, 100, "uint8"), model, terrain, resolution_m=20.0
+        tmp_path / "map.tif", [(np.full(model.shape, 100, "uint8"), model)], terrain, resolution_m=20.0
     )
     with rasterio.open(tmp_path / "map.tif") as file:
         seen = file.read_masks(1) > 0
@@ -213,7 +213,7 @@ def test_a_line_scan_over_the_real_moon(tmp_path):
     model = read_isd(ISDS / "lro_nac.json.gz", axes="ME_DE421").model
     image = np.add.outer(np.arange(400.0), np.arange(5064.0)).astype("float32")  # line + sample
     write_orthophoto(
-        tmp_path / "map.tif", image, model, terrain, projection="IAU_2015:30110", resolution_m=20.0
+        tmp_path / "map.tif", [(image, model)], terrain, projection="IAU_2015:30110", resolution_m=20.0
     )
     with rasterio.open(tmp_path / "map.tif") as file:
         values, seen = file.read(1), file.read_masks(1) > 0
@@ -237,7 +237,7 @@ def test_a_fine_elevation_map_is_read_in_parts(tmp_path, monkeypatch):
     maps = []
     for cells in (10**6, 400):
         monkeypatch.setattr("radioloc.lunar.terrain._LARGEST_CELLS", cells)
-        write_orthophoto(tmp_path / "map.tif", image, model, terrain, resolution_m=20.0)
+        write_orthophoto(tmp_path / "map.tif", [(image, model)], terrain, resolution_m=20.0)
         with rasterio.open(tmp_path / "map.tif") as file:
             maps.append((file.read(1), file.read_masks(1)))
     assert maps[0][0] == pytest.approx(maps[1][0])
@@ -252,7 +252,9 @@ def test_bad_input_is_one_clear_error(tmp_path):
 
     def refused(match, model=model, image=image, **given):
         with pytest.raises(InputError, match=match):
-            write_orthophoto(tmp_path / "map.tif", image, model, terrain, **({"resolution_m": 5.0} | given))
+            write_orthophoto(
+                tmp_path / "map.tif", [(image, model)], terrain, **({"resolution_m": 5.0} | given)
+            )
         assert not (tmp_path / "map.tif").exists()
 
     refused(r"the image has the shape \(10, 300\)", image=image[:10])

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import binom
 
 from radioloc.errors import ConvergenceError, InputError
-from radioloc.imaging import Camera, StereoPair, body_position, resect
+from radioloc.imaging import Camera, StereoPair, resect
 
 # Chang'e-3 descent images (2014), table 3: 1024 pixels of 15 micrometres, focal lengths that differ, a baseline.
 LEFT = Camera.of_pinhole(17.69, 15.0, [511.5, 511.5], [-0.05, 0.01])
@@ -120,9 +120,3 @@ def test_landmarks_on_a_line_leave_two_places():
 def test_three_landmarks_are_too_few():
     with pytest.raises(InputError, match="3 landmarks; four or more"):
         resect(LANDMARKS_M[:3], DISTANCES_M[:3], 0.3, 0.5)
-
-
-def test_the_body_is_where_its_camera_is_mounted_from():
-    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    found = body_position([10.0, 5.0, 1.7], quarter, [0.4, 0.1, 1.5])
-    np.testing.assert_allclose(found, [10.0 + 0.1, 5.0 - 0.4, 0.2])

@@ -14,7 +14,8 @@ from rasterio.windows import Window
 import radioloc
 from radioloc.cli import main
 from radioloc.errors import ConvergenceError, InputError
-from radioloc.imaging import ImageChoice, ImageStudy, read_image_study
+from radioloc.imaging import read_image_study
+from radioloc.imaging.study import ImageChoice, ImageStudy
 from radioloc.lunar import TangentPlane
 from radioloc.time import epochs_from_strings
 

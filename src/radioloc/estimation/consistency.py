@@ -172,7 +172,11 @@ def assess_consistency(
     enu_by_parameters: _Floats | None,
     considered: ConsideredErrors | None = None,
 ) -> Consistency:
-    """Test groups of observations and a-priori values against the rest, and look for steps and offsets."""
+    """Test groups of observations and a-priori values against the rest, and look for steps and offsets.
+
+    Without it nothing names a VLBI clock that is 5 ns off or a station 50 m from its place: residuals and status do not
+    show them (`tests/unit/jobs/test_consistency.py`).
+    """
     fit = edited.fit
     if not edited.converged or fit.dof < 1 or not (fit.parameters.free.any() and fit.used.any()):
         return Consistency()

@@ -34,8 +34,8 @@ THRESHOLD = 5.0
 _LOWEST_THRESHOLD = 2.0
 
 _MOST_REJECTED = 0.3
-"""No more than this part of the usable observations is left out: so many outliers mean that the model, a station or the
-sigmas are wrong, not the data."""
+"""Largest part of the usable observations that is rejected: more outliers mean a wrong model, station or sigma. Without
+it 40 of 100 wrong ranges are cut away in silence (`tests/unit/estimation/test_editing.py`)."""
 
 _MAX_PASSES = 20
 
@@ -226,7 +226,7 @@ def fit_with_editing(
         used = usable & (np.abs(residual_m) <= limit_m)
         if seen and np.array_equal(used, seen[-1]):
             return EditedFit(result, given, scale, len(seen))
-        used, message = _without_wavering(used, seen)
+        used, message = _break_rejection_cycle(used, seen)
         complete = True
         n_rejected = n_usable - int(used.sum())
         if n_rejected > most:
@@ -245,17 +245,20 @@ def fit_with_editing(
         x, at_x, residual_m = result.x, result.linearization, result.residual_m
 
 
-def _without_wavering(
+def _break_rejection_cycle(
     used: NDArray[np.bool_], seen: list[NDArray[np.bool_]]
 ) -> tuple[NDArray[np.bool_], str]:
-    """A selection and no text; or, where it runs in a circle, that without what any part of it leaves out, and why."""
+    """A selection and no text; or, where selections repeat, the intersection of all of the cycle, and why.
+
+    Without it 5 of 200 fits of residuals with heavy tails do not end (`tests/unit/estimation/test_editing.py`).
+    """
     first = next((k for k, earlier in enumerate(seen) if np.array_equal(used, earlier)), None)
     if first is None:
         return used, ""
-    circle = np.array(seen[first:])
-    kept = np.asarray(circle.all(axis=0))
-    wavering = int((circle.any(axis=0) & ~kept).sum())
-    return kept, f"{wavering} observations at the outlier limit were left out, in and out by turns"
+    cycle = np.array(seen[first:])
+    kept = np.asarray(cycle.all(axis=0))
+    count = int((cycle.any(axis=0) & ~kept).sum())
+    return kept, f"{count} observations at the outlier limit were left out, in and out by turns"
 
 
 def with_reasons(status: Labels, reasons: Mapping[int, str]) -> Labels:
@@ -298,9 +301,10 @@ class PhaseCounts:
 
 
 def phase_faults(edited: EditedFit, order: SeriesOrder, counts: PhaseCounts) -> dict[int, str]:
-    """Counts with a cycle slip, used or left out, and others left out that were of another frequency: why, by row.
+    """Rows of counts with a cycle slip, or rejected ones of another frequency, and why.
 
-    Slips are told by the scatter of their own pass, so a stated sigma that is too large does not hide them.
+    Slips are recognised by the scatter of their own pass. Without it a slip of one cycle that a sigma hides stays
+    in the fit, and counts before the lock have no reason (`tests/unit/estimation/test_phase_editing.py`).
     """
     usable = edited.given.are(USED) & ~np.isnan(counts.count_s)
     rows = order.order[usable[order.order]]

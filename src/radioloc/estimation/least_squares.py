@@ -168,7 +168,8 @@ class FitResult:
     def noise_scale(self) -> float:
         """Factor from stated sigmas to those that the residuals show; 1 unless significantly more.
 
-        Correlated weights have their variances from the residuals themselves.
+        Correlated weights have theirs from the residuals. Without it two ranges 20 sigmas apart claim the mean to 0.7
+        sigma (`tests/unit/estimation/test_least_squares.py`).
         """
         significant = self.dof > 0 and self.chi2 > chi2_quantile(SCALING_PROBABILITY, self.dof)
         return math.sqrt(self.chi2 / self.dof) if significant and self.independent_weights else 1.0
@@ -312,7 +313,10 @@ class _Problem:
         return _STEP_TOLERANCE * max(1.0, float(np.sqrt(at.chi2 / max(1, self.n_used))))
 
     def descend(self, here: _Point, factor: Factor, damping: float) -> tuple[_Point, Factor, float] | None:
-        """Point, factor and damping of a step that lowers the sum; None where none does."""
+        """Point, factor and damping of a step that lowers the sum; None where none does.
+
+        Undamped, steps overshoot to where there is no model (`tests/unit/estimation/test_least_squares.py`).
+        """
         length = factor.step_sigmas
         while damping <= _MAX_DAMPING * factor.singular_values[0]:
             trial = self.stepped(here, factor, damping)

@@ -564,7 +564,8 @@ def _visibility_at(
 ) -> Labels:
     """Decide anew at parameters x which observations can be used; return `status` itself where nothing changes.
 
-    An estimate from which most of the used observations are invisible is not believed: the verdict says so.
+    An estimate from which most of the used observations are invisible is not believed: the verdict says so. Without it
+    counts behind the Moon as seen from the a-priori orbit are lost (`tests/unit/jobs/test_orbit_study.py`).
     """
     decided, _ = status_of(problem.predictor, problem.all_positions_pa_m(x))
     visible = decided.are(USED)

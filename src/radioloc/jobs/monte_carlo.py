@@ -181,7 +181,10 @@ def monte_carlo(
 
 
 def _prove(linear: LinearTrials, full: Prepared, seed: int, values: _Floats) -> Proof:
-    """Compare the linear model with full fits where it is most likely to be wrong, and elsewhere."""
+    """Compare the linear model with full fits where it is most likely to be wrong, and elsewhere.
+
+    Without it trials of a model that is not linear are taken as they are (`tests/unit/jobs/test_monte_carlo.py`).
+    """
     columns = {name: k for k, name in enumerate(linear.columns)}
     sides = sides_of(linear.columns)
     enu = [columns[f"{side}_m"] for side in sides]

@@ -409,7 +409,8 @@ def _lowest_deg(earth_rad: Callable[[Epochs], NDArray[np.float64]], epoch_utc: E
 def with_independent_clocks(study: Study, estimate: EstimateChoice, arc: Predictor) -> EstimateChoice:
     """The same with what tells clocks apart that are independent: frequency offsets, and clocks beside quasars.
 
-    Unless the study wants nothing by default (``[consider] defaults = false``).
+    Unless the study wants nothing by default (``[consider] defaults = false``). Held at zero, offsets of 1e-11 put the
+    lander where it is not (`tests/unit/jobs/test_independent_clocks.py`).
     """
     if not study.consider_defaults:
         return estimate

@@ -24,7 +24,8 @@ def coordinate_doubts(
 ) -> Iterator[str]:
     """Name the stations that do not fit, or see nothing, and do with exchanged axes or signs at a-priori positions.
 
-    Stations of the catalogue are not in doubt, nor are any where the target's orbit is.
+    Stations of the catalogue are not in doubt, nor are any where the target's orbit is estimated. Without it a station
+    with x and y exchanged is only far off (`tests/unit/jobs/test_station_doubts.py`).
     """
     observations, shipped = arc.observations, StationCatalogue.default()
     for name in () if isinstance(arc.trajectory, AdjustableOrbit) else arc.stations:

@@ -184,6 +184,17 @@ class Observations:
         n = len(epoch)
         unique_links, link_codes = each_once(links)
         unique_files, file_codes = each_once(files or (_IN_MEMORY,))
+        numbers = {
+            "value_m": value_m,
+            "sigma_m": sigma_m,
+            "pressure_hpa": pressure_hpa,
+            "temperature_k": temperature_k,
+            "relative_humidity": relative_humidity,
+            "wavelength_um": wavelength_um,
+            "uplink_hz": uplink_hz,
+            "count_s": count_s,
+            "modulus_m": modulus_m,
+        }
         made = cls(
             epoch=Epochs(
                 as_column("epoch.jd", epoch.jd, n), as_column("epoch.fraction", epoch.fraction, n), "UTC"
@@ -192,15 +203,7 @@ class Observations:
             kind=as_codes("kind", kind, n, len(KINDS), np.int8),
             link=recoded(link_codes, as_codes("link", link, n, len(links), np.int32)),
             links=unique_links,
-            value_m=as_column("value_m", value_m, n),
-            sigma_m=as_column("sigma_m", sigma_m, n),
-            pressure_hpa=as_column("pressure_hpa", pressure_hpa, n),
-            temperature_k=as_column("temperature_k", temperature_k, n),
-            relative_humidity=as_column("relative_humidity", relative_humidity, n),
-            wavelength_um=as_column("wavelength_um", wavelength_um, n),
-            uplink_hz=as_column("uplink_hz", uplink_hz, n),
-            count_s=as_column("count_s", count_s, n),
-            modulus_m=as_column("modulus_m", modulus_m, n),
+            **{name: as_column(name, column, n) for name, column in numbers.items()},
             ramped=as_column("ramped", ramped, n, np.bool_),
             files=unique_files,
             file=recoded(file_codes, as_codes("file", file, n, len(file_codes), np.int32)),
@@ -208,12 +211,6 @@ class Observations:
             ramps=Ramps.none() if ramps is None else ramps,
         )
         made._validate()
-        numbers = {
-            "value_m": value_m,
-            "modulus_m": modulus_m,
-            "uplink_hz": uplink_hz,
-            "wavelength_um": wavelength_um,
-        }
         narrow = {name for name, column in numbers.items() if is_single_precision(column)}
         made._require_resolution({*single_precision, *narrow})
         return made

@@ -130,8 +130,11 @@ def _gained(
         length_s = max(last_s - first_s, 1e-3)
         steps = int(np.ceil(length_s / (_STEP_S if trajectory is None else _STEP_IN_ORBIT_S)))
         knots_s = first_s + length_s * np.linspace(0.0, 1.0, max(steps, 3) + 1)
-        here = np.zeros(len(knots_s), dtype=np.intp)
-        at_knots = CubicSpline(knots_s, _rate(model, zero[here].shifted(knots_s), trajectory))
+        tdb = zero[np.zeros(len(knots_s), dtype=np.intp)].shifted(knots_s)
+        left_out = "moon" if trajectory is None else ""
+        at_knots = CubicSpline(
+            knots_s, L_G + clock_rate(model.ephemeris, tdb, *_state(model, tdb, trajectory), left_out)
+        )
         grown = at_knots.antiderivative()
         gained_s[rows] = grown(since_s[rows]) - grown(0.0 if whole else first_s)
         rate[rows] = at_knots(since_s[rows])
@@ -146,9 +149,3 @@ def _state(model: PhysicalModel, tdb: Epochs, trajectory: AnyTrajectory | None) 
     if trajectory is None:
         return model.ephemeris.geocentric("moon", tdb)
     return trajectory.geocentric(model.ephemeris, tdb)
-
-
-def _rate(model: PhysicalModel, tdb: Epochs, trajectory: AnyTrajectory | None) -> Floats:
-    """Rate of a clock in the spacecraft, or at the Moon's centre without its potential, against TT at the geocentre."""
-    left_out = "moon" if trajectory is None else ""
-    return L_G + clock_rate(model.ephemeris, tdb, *_state(model, tdb, trajectory), left_out)

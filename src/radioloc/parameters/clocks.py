@@ -21,17 +21,6 @@ from radioloc.vectors import Floats
 _SIGN = np.array([-1.0, 1.0])
 
 
-def _offset_shows(rows: ObservationRows) -> NDArray[np.bool_]:
-    """A difference of two clocks shows in delays, in three-way and in one-way ranges."""
-    shows = ~rows.integrated & ~rows.two_way
-    return shows[:, None] & (rows.ends >= 0)
-
-
-def _rate_shows(rows: ObservationRows) -> NDArray[np.bool_]:
-    """As the offset, and in integrated Doppler and delay rates."""
-    return (~rows.two_way)[:, None] & (rows.ends >= 0)
-
-
 def _moved_tag(rows: ObservationRows) -> Floats:
     """How values change when the clock that reads the tag is ahead, m/s, shape (m, 2)."""
     return -(rows.tagged * rows.computed.by_time_m_s[:, None])
@@ -95,7 +84,7 @@ CLOCK = ParameterKind(
     scopes=(Scope.STATION, Scope.PASS, Scope.LINK, Scope.LINK_AND_PASS),
     of_links_second=True,
     partials=_offset,
-    acts_on=_offset_shows,
+    acts_on=lambda rows: (~rows.integrated & ~rows.two_way)[:, None] & (rows.ends >= 0),
     scale=1.0 / C_M_S,
     relative=True,
     considered=_offsets_left,
@@ -106,7 +95,7 @@ CLOCK_RATE = replace(
     unit="s/s",
     description="rate of a station's clock, about the offset at the reference epoch, the middle of the arc",
     partials=_rate,
-    acts_on=_rate_shows,
+    acts_on=lambda rows: (~rows.two_way)[:, None] & (rows.ends >= 0),
     scale=1e-5 / C_M_S,
     considered=_rates_left,
 )

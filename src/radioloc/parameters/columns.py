@@ -135,8 +135,10 @@ def columns_of(
     for member, index in chosen.items():
         at: NDArray[np.bool_] = np.equal(owner, index)
         mine = np.flatnonzero(_any_end(at))
+        mine = mine[np.argsort(since_s[mine], kind="stable")]
         number = np.full(len(rows), -1)
-        number[mine] = 0 if member in whole else _pass_numbers(since_s[mine], gap_h)
+        gaps = np.diff(since_s[mine], prepend=since_s[mine[:1]]) > 3600.0 * gap_h
+        number[mine] = 0 if member in whole else np.cumsum(gaps)
         for k in np.unique(number[_any_end(acts & at)]).tolist():
             inside = np.equal(number, k)[:, None] & at
             code[inside] = len(names)
@@ -152,10 +154,3 @@ def columns_of(
 def _any_end(of_ends: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Whether it is so at any end; numpy's own `any` along two of many is thirty times as slow."""
     return np.asarray(of_ends[:, 0] | of_ends[:, -1])
-
-
-def _pass_numbers(since_s: Floats, gap_h: float) -> NDArray[np.int64]:
-    order = np.argsort(since_s, kind="stable")
-    number = np.empty(len(since_s), dtype=np.int64)
-    number[order] = np.concatenate([[0], np.cumsum(np.diff(since_s[order]) > 3600.0 * gap_h)])
-    return number

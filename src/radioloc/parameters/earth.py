@@ -55,11 +55,6 @@ def _electron_content(rows: ObservationRows) -> Floats:
     return (by_content * (rows.ends >= 0))[..., None]
 
 
-def _positions_left(rows: ObservationRows, members: Members) -> Sigmas:
-    """By what the catalogue states of each station, or its quality."""
-    return {name: rows.model.catalogue.get(name).position_sigma_m for name in members}
-
-
 def _orientation_left(rows: ObservationRows) -> tuple[Floats, Floats]:
     """Of UT1 and the pole, measured or predicted by lead time; the largest of the arc."""
     last = rows.observations.epoch.mjd.max(keepdims=True)
@@ -108,7 +103,7 @@ STATION_POSITION = ParameterKind(
     acts_on=both_stations,
     components=("east", "north", "up"),
     more_partials=True,
-    considered=_positions_left,
+    considered=lambda rows, names: {n: rows.model.catalogue.get(n).position_sigma_m for n in names},
 )
 UT1 = ParameterKind(
     name="ut1",

@@ -226,20 +226,7 @@ def _sigmas(values: Iterable[float | None]) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class StatedPosition(PositionTable):
-    """Keys of ``[positions.NAME]``: a position, and what is known of it.
-
-    Parameters
-    ----------
-    method : {"tracking", "images"}
-    sigma_m : float or tuple of float, or None
-        Standard deviations east and north, m; without them the position is shown, but not tested.
-    sigma_up_m : float or None
-        Of the height, which has no part in a test without it.
-    map : str or None
-        The map on which it was read, whose tie it has in common with all that was read there.
-    map_sigma_m : float or tuple of float, or None
-        Sigmas of that tie, in addition.
-    """
+    """Keys of ``[positions.NAME]``: sigmas east and north, of the height, and of the tie of a map to the Moon."""
 
     method: str = entry("tracking", choices=METHODS)
     sigma_m: tuple[float, float] | None = entry(None, positive=True, both=True)

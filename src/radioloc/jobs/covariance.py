@@ -336,10 +336,7 @@ class _Solved:
         return replace(planned, tracked_h=(first_s / 3600.0, last_s / 3600.0))
 
     def _sources(self) -> tuple[tuple[ErrorSource, ...], OrbitState | None]:
-        """Parts of the covariance of the position: C A C + C P C of the estimate, and what is considered.
-
-        Of an orbit they are the means over the arc.
-        """
+        """Return the parts of the covariance, of an orbit as means over the arc: C A C, C P C, considered."""
         fit, parameters = self.fit, self.fit.parameters
         formal = np.where(np.isfinite(fit.covariance), fit.covariance, 0.0)
         moved = None if self.considered is None else consider(fit, self.considered)

@@ -63,19 +63,7 @@ class Diagnosis(Result):
 
 
 def doctor(today: date | None = None) -> Diagnosis:
-    """Look at kernels, Earth orientation, leap seconds, the compiler's cache, versions and optional packages.
-
-    Parameters
-    ----------
-    today : datetime.date, optional
-        The day by which ages are told; by default that of the clock.
-
-    Examples
-    --------
-    >>> from radioloc.jobs.doctor import doctor
-    >>> doctor().sound
-    True
-    """
+    """Check kernels, Earth orientation, leap seconds, the compiler's cache, versions and optional packages."""
     today = today or datetime.now(UTC).date()
     return Diagnosis((*_kernels(), *_earth(today), *_cache(), *_packages()))
 

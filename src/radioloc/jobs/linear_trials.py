@@ -34,11 +34,7 @@ _OF_PRIORS = 1
 
 
 def base_columns(sides: Sequence[str]) -> tuple[str, ...]:
-    """What is kept of each trial and arc, by the axes of a place or an orbit, of which the state is tested as well.
-
-    Then come the additive variance component of each type, as a sigma in metres, then each parameter but the position,
-    its sigma and, of a range bias, its error: the estimate less what was put in.
-    """
+    """Return the columns of a trial and arc: errors by axis, variance components (m), parameters with sigmas."""
     return (
         *("converged", "used", "rejected"),
         *(f"{side}_m" for side in sides),
@@ -51,10 +47,7 @@ def base_columns(sides: Sequence[str]) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Compared:
-    """Where estimates are compared with the truth: q times d numbers, a position or an orbit's states.
-
-    What they follow from are p parameters, k drawn errors and c errors that are considered.
-    """
+    """Comparison of estimates with the truth: q times d numbers from p parameters, k drawn and c considered errors."""
 
     by_parameters: _Floats  # (q, d, p)
     by_drawn: _Floats  # (q, d, k), how the truth is moved
@@ -124,10 +117,7 @@ class LinearTrials:
     errors: dict[str, float]  # of the truth, by parameter
 
     def run(self, seed: int, trials: Sequence[int]) -> _Floats:
-        """Some trials of a study's seed, shape (trials, arcs, columns), of an orbit at several epochs of each arc.
-
-        Each trial comes out the same whatever others are run with it.
-        """
+        """Return trials of a seed, shape (trials, arcs, columns); each is the same whatever others are run with it."""
         seeds = [trial_seed(seed, trial) for trial in trials]
         noise_m, _ = self.draws.draw(seeds)
         count = len(self.arcs[0].compared.offset_m)
@@ -199,11 +189,7 @@ def rows_of(
     parameters: Mapping[str, tuple[float, float]],
     true: Mapping[str, float],
 ) -> list[_Floats]:
-    """A row of results in the order of the columns for each place of comparison; NaN where an arc has no such number.
-
-    Errors (q, d) and covariances (q, d, d) are of a position, or of positions and velocities of an orbit. The outcome
-    is whether the fit converged, and how many observations were used and rejected. Parameters have values and sigmas.
-    """
+    """Return a row in the order of the columns for each place of comparison; errors (q, d), covariances (q, d, d)."""
     known = {f"excess_noise_m.{kind}": value for kind, value in excess_noise_m.items()}
     for name, (value, sigma) in parameters.items():
         # A bias of a pass is the station's.

@@ -31,10 +31,7 @@ def fitted_state(
     sigmas: Floats,
     steps: int = _STEPS,
 ) -> tuple[Floats, float]:
-    """Parameters after some robust Gauss-Newton steps, and the robust scale of the residuals in sigmas.
-
-    `apriori` are the values that the part's trajectory has; `sigmas` say how far one step goes.
-    """
+    """Return parameters after robust steps, each within `sigmas`, and the scale of the residuals in sigmas."""
     best, least, spread = x, math.inf, math.inf
     shrink = 1.0
     step = np.zeros(len(x))

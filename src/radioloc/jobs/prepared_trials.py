@@ -111,13 +111,7 @@ class Prepared:
 
     @classmethod
     def of(cls, study: Study, hours: Sequence[float]) -> Prepared:
-        """Prepare a study for arcs of some lengths, the shortest first, h.
-
-        Raises
-        ------
-        RadiolocError
-            The study has no simulation or estimates no position, or it cannot be simulated.
-        """
+        """Prepare a study for arcs of some lengths, the shortest first, h."""
         scenario = scenario_of(study)
         require_planned_counts(study.observations)
         if isinstance(study.target, Trajectory) or not isinstance(scenario.position, LunarPosition | Orbiter):

@@ -67,12 +67,7 @@ def observation_model(
     estimate: EstimateChoice | None,
     held: EstimateChoice | None = None,
 ) -> ObservationModel:
-    """Set up what is solved for in an arc.
-
-    The a-priori positions are in principal axes, one or several by name; of a trajectory there is none, and its offset
-    is held at zero. Where `estimate` is ``None``, nothing is estimated; biases and the like have a-priori values
-    of `held`.
-    """
+    """Return the parameters of an arc; without `estimate` nothing is estimated, and `held` has the a-priori values."""
     choice = (EstimateChoice() if held is None else held).held() if estimate is None else estimate
     kinds = []
     for name, chosen in choice.parameters.items():
@@ -134,10 +129,7 @@ def considered_errors(
     x: NDArray[np.float64],
     orbit: AdjustableOrbit | None = None,
 ) -> tuple[ConsideredErrors | None, list[str]]:
-    """What is considered in an arc, with its partials at the parameters x of `problem`; and notes on what is not.
-
-    Errors of gravity are those of the orbit, of :func:`disturbed`.
-    """
+    """Return the considered errors of an arc with their partials at the parameters x, and notes on those left out."""
     if estimate is None:
         return None, []
     model, notes = _considered_model(problem.predictor, study, estimate)
@@ -355,11 +347,7 @@ def position_in_pa(table: str, position: LunarPosition, constants: EphemerisCons
 
 
 def status_of(arc: Predictor, positions_pa_m: NDArray[np.float64]) -> tuple[Labels, NDArray[np.int8]]:
-    """Why observations cannot be used for positions, or corrections of an orbit, in words and by code.
-
-    Visibility from the stations and from the target is decided at what is given. A fit starts with that of the a-priori
-    values and ends with that of the estimate.
-    """
+    """Return why observations cannot be used for positions or corrections of an orbit, as text and by code."""
     at, model = arc.at(positions_pa_m), arc.model
     earth_rad = [
         partial(earth_elevation_rad, model.ephemeris, model.libration, point_pa_m=point_pa_m)
@@ -390,10 +378,7 @@ def status_of(arc: Predictor, positions_pa_m: NDArray[np.float64]) -> tuple[Labe
 
 
 def _lowest_deg(earth_rad: Callable[[Epochs], NDArray[np.float64]], epoch_utc: Epochs) -> float:
-    """Lowest elevation of the Earth in the span of epochs, every six hours, in which it moves half a degree.
-
-    Minus infinity if the epochs themselves are fewer.
-    """
+    """Return the lowest elevation of the Earth every six hours, in which it moves half a degree."""
     if not len(epoch_utc):
         return math.inf
     ends = epoch_utc[[int(epoch_utc.mjd.argmin()), int(epoch_utc.mjd.argmax())]]
@@ -407,10 +392,9 @@ def _lowest_deg(earth_rad: Callable[[Epochs], NDArray[np.float64]], epoch_utc: E
 
 
 def with_independent_clocks(study: Study, estimate: EstimateChoice, arc: Predictor) -> EstimateChoice:
-    """The same with what tells clocks apart that are independent: frequency offsets, and clocks beside quasars.
+    """Return the study with offsets of independent clocks, unless ``[consider] defaults = false``.
 
-    Unless the study wants nothing by default (``[consider] defaults = false``). Held at zero, offsets of 1e-11 put the
-    lander where it is not (`tests/unit/jobs/test_independent_clocks.py`).
+    Held at zero, offsets of 1e-11 put the lander where it is not (`tests/unit/jobs/test_independent_clocks.py`).
     """
     if not study.consider_defaults:
         return estimate
@@ -421,11 +405,7 @@ def with_independent_clocks(study: Study, estimate: EstimateChoice, arc: Predict
 
 
 def _frequency_offsets(said: set[str], tracking: Predictor) -> dict[str, ParameterChoice]:
-    """A free one for each link and pass of one- and three-way Doppler.
-
-    Unless frequency offsets are estimated, held or considered, or clock rates estimated; of one-way Doppler also unless
-    the target's frequency is.
-    """
+    """Return a free offset for each link and pass of one- and three-way Doppler, unless the study has its own."""
     if said & {"frequency_offset", "clock_rate"}:
         return {}
     observations = tracking.observations

@@ -45,12 +45,7 @@ def select_observations(
     positions: Collection[str] = (),
     sources: Collection[str] = (),
 ) -> tuple[Observations, dict[str, int]]:
-    """What a study asks for, in input order (the same table if that is all), and how many others there are, by reason.
-
-    `positions` are the names of ``[targets]``, empty where the study has one position without a name. An observation
-    is kept if all its targets are among those named; `sources` at infinity are no targets. Counts of Doppler are
-    averaged if the study says so.
-    """
+    """Return the observations that a study asks for, in input order, and the number of others by reason."""
     kept, left_out = selected(observations, choice, catalogue, positions, sources)
     # A table of which all is kept is not copied; nobody writes to it.
     chosen = observations.select(kept) if left_out else observations
@@ -265,28 +260,7 @@ def arc_parts(longest: Predictor, study: Study, lengths: Iterable[float]) -> lis
 
 
 def with_averaged_counts(observations: Observations, average_s: float) -> tuple[Observations, int]:
-    """Sum counts without gaps, of one path, type and frequency, over a longer interval; the others stay.
-
-    Parameters
-    ----------
-    observations : Observations
-        In any order.
-    average_s : float
-        The longer interval, a whole number of count intervals, s. Longer counts stay as they are.
-
-    Returns
-    -------
-    Observations
-        Rows stand where the first of their counts stood. The tag is the middle of the interval, weather that of a count
-        there; sigmas are those of sums of independent counts.
-    int
-        How many counts are left out, since a gap, a pass or a frequency ended before the interval did.
-
-    Raises
-    ------
-    InputError
-        The interval is not a whole number of count intervals.
-    """
+    """Return sums of counts without gaps over `average_s`, a multiple of the interval, and the number rejected."""
     with np.errstate(invalid="ignore"):
         shorter = is_integrated(observations.kind) & (observations.count_s < average_s - _SAME_S)
     rows = np.flatnonzero(shorter)

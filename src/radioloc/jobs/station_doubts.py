@@ -22,10 +22,9 @@ _MAX_RMS_M = 1.0e5  # from an a-priori position some tens of kilometres off
 def coordinate_doubts(
     arc: Predictor, positions_pa_m: NDArray[np.float64], used: NDArray[np.bool_], fits: bool
 ) -> Iterator[str]:
-    """Name the stations that do not fit, or see nothing, and do with exchanged axes or signs at a-priori positions.
+    """Name stations that fit, or see the target, only with exchanged axes or signs at a-priori positions.
 
-    Stations of the catalogue are not in doubt, nor are any where the target's orbit is estimated. Without it a station
-    with x and y exchanged is only far off (`tests/unit/jobs/test_station_doubts.py`).
+    Without it a station with x and y exchanged is only far off (`tests/unit/jobs/test_station_doubts.py`).
     """
     observations, shipped = arc.observations, StationCatalogue.default()
     for name in () if isinstance(arc.trajectory, AdjustableOrbit) else arc.stations:

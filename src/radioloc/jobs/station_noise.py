@@ -81,10 +81,7 @@ def _ends_m(
 
 
 def same_epoch(epoch: Epochs) -> NDArray[np.intp]:
-    """Number of the epoch that each time tag (UTC) of delays belongs to, in order of time, shape (n,).
-
-    A row of tags, each within :data:`SAME_EPOCH_S` of the next, is an error where it is longer than that.
-    """
+    """Return the number of the epoch of each time tag (UTC) of delays, in order of time, shape (n,)."""
     tai = utc_to_tai(epoch)
     elapsed_s = tai.seconds_since(tai[np.zeros(len(tai), dtype=int)])
     number = epoch_numbers(elapsed_s)

@@ -51,13 +51,7 @@ class StochasticProblem:
     def about(
         cls, without: ObservationModel, noise: ProcessNoise, x: Floats, values: Chains | None = None
     ) -> StochasticProblem:
-        """About the orbit of parameters x with accelerations, in their sigmas; without any by default.
-
-        Raises
-        ------
-        InputError
-            An interval is too short for the counts, observations are combinations of others, or the orbit is in arcs.
-        """
+        """Linearize about the orbit of parameters x with accelerations, in their sigmas; by default without any."""
         predictor = without.predictor
         if not isinstance(predictor, ExactPredictor):
             raise InputError(

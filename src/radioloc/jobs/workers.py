@@ -60,10 +60,7 @@ def usual_workers(trials: int) -> int:
 
 @contextmanager
 def workers_of(count: int = 1, client: Any = None) -> Iterator[Run]:
-    """What runs trials, until the block ends; processes start at once, beside what the block does before it needs them.
-
-    So many processes, with 1 this one; or in their place a :class:`distributed.Client`.
-    """
+    """Provide a pool for trials until the block ends: this process, spawned processes, or a Dask client."""
     if isinstance(count, bool) or not isinstance(count, int) or count < 1:
         raise InputError(f"workers is {count!r}; give a whole number above zero")
     if client is not None:
@@ -116,13 +113,7 @@ def _in_processes(
 def _on_cluster(
     client: Any, job: Job, seed: int, chunks: Sequence[Chunk]
 ) -> Iterator[tuple[Chunk, NDArray[np.float64]]]:
-    """Run on a Dask cluster; each job is sent to each of its workers once.
-
-    Raises
-    ------
-    RadiolocError
-        A worker has other versions than this process, or the cluster lost its workers.
-    """
+    """Run on a Dask cluster; each job is sent to each of its workers once."""
     from distributed import CancelledError, KilledWorker, as_completed
 
     _check_versions(client)
@@ -163,10 +154,7 @@ def _check_versions(client: Any) -> None:
 
 @contextmanager
 def _spawning() -> Iterator[None]:
-    """Processes that are started here do not use threads for linear algebra: the processes share the cores already.
-
-    An interrupt (Ctrl-C) waits in them until they have begun.
-    """
+    """Start processes with one thread of linear algebra each, where an interrupt waits until they have begun."""
     before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if _CAN_MASK else set()

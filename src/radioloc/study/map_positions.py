@@ -139,20 +139,7 @@ class PlaceOnMap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapPosition:
-    """A position on a map with what is known of its errors.
-
-    Parameters
-    ----------
-    map : str
-    place : LunarPosition
-        In mean-Earth axes.
-    noise_enu_m2 : ndarray, shape (3, 3)
-        Covariance relative to the map, m^2; NaN for a height that is not determined.
-    errors_enu_m : mapping of str to ndarray, shape (3,)
-        Displacement by one sigma of each error that other results have in common with it, m.
-    data : tuple of str
-        Identifiers of the images.
-    """
+    """Position on a map, mean-Earth axes, with its noise relative to the map and shared errors of one sigma."""
 
     map: str
     place: LunarPosition
@@ -162,19 +149,7 @@ class MapPosition:
 
 
 def position_priors(places: Sequence[PlaceOnMap], targets: Sequence[str]) -> tuple[PositionPrior, ...]:
-    """Combine positions on maps to one a-priori position of each target.
-
-    Parameters
-    ----------
-    places : sequence of PlaceOnMap
-    targets : sequence of str
-        Canonical names of the targets where there are several.
-
-    Raises
-    ------
-    InputError
-        A target is not among those given, a map has two sigmas or shows no target, or images are used twice.
-    """
+    """Combine positions on maps to one a-priori position of each target."""
     found = [(_target(place, targets), place.known, place.read()) for place in places]
     _require_distinct([position for *_, position in found])
     shown = {position.map for _, known, position in found if known is None}

@@ -36,11 +36,7 @@ def _gravity(table: TomlTable, key: str) -> str | Path | None:
 
 @dataclass(frozen=True, slots=True)
 class GivenAcceleration:
-    """Keys of ``[[forces.accelerations]]``: an empirical acceleration, or the thrust of a finite manoeuvre.
-
-    Parameters are those of :class:`~radioloc.dynamics.Acceleration`; dates are TDB. With `every_s` it is divided into
-    segments of about this length, NAME.1, NAME.2 and so on, each with its own parameters.
-    """
+    """Keys of ``[[forces.accelerations]]``, dates TDB; `every_s` divides it into segments NAME.1, NAME.2, ..."""
 
     name: str
     axes: str = entry("RTN", choices=("RTN", "ICRF"))
@@ -95,41 +91,7 @@ class GivenImpulse:
 
 @dataclass(frozen=True, slots=True)
 class ForcesChoice:
-    """What acts on an orbiter.
-
-    Parameters
-    ----------
-    gravity : str
-        ``"GRGM660PRIM"``, or the path of a gravity field of the Moon (ICGEM ``.gfc``, SHADR ``.tab``).
-    gravity_axes : str or None
-        Axes of the field's coefficients, such as ``"PA_DE440"``, where its file does not name them.
-    gravity_tide_system : {"tide_free", "zero_tide"} or None
-        Whether the field contains the permanent tide, where its file does not state it.
-    degree : int or None
-        Highest degree and order; all of the field where ``None``.
-    gm_m3_s2 : float or None
-        GM of the Moon; that of the ephemeris where ``None``.
-    bodies : tuple of str
-        Point masses beside the Moon.
-    tides : bool
-        Whether Earth and Sun raise tides on the Moon.
-    k2 : float or None
-        Their Love number, where it is not that of :class:`~radioloc.dynamics.Forces`.
-    figures, relativity : bool
-        The figures of Earth and Moon under the other's pull; post-Newtonian terms.
-    radiation_m2_kg : float
-        C_R A/m of sunlight, m2/kg; zero leaves it out.
-    moonlight : bool
-        Whether light and heat of the Moon's ground press, too.
-    empirical : {"none", "constant", "once_per_revolution"}
-        Empirical acceleration along radial, transverse and normal, zero a priori, to be estimated.
-    accelerations, impulses : tuple
-        Thrust, further empirical accelerations and manoeuvres.
-    gradient_degree : int or None
-        Highest degree of the harmonics in the partials; that of the field where ``None``.
-    gravity_errors, gravity_error_degree : int
-        As of :class:`Orbiter`.
-    """
+    """Keys of ``[forces]``, as the reference of the study file describes them."""
 
     gravity: str | Path = entry("GRGM660PRIM", read=_gravity)
     gravity_axes: str | None = None
@@ -177,17 +139,7 @@ class ForcesChoice:
 
 @dataclass(frozen=True, slots=True)
 class ProcessNoise:
-    """Keys of ``[estimate.orbit] process_noise``: stochastic accelerations, constant over intervals from the epoch on.
-
-    Parameters
-    ----------
-    radial_m_s2, along_m_s2, across_m_s2 : float
-        Their sigmas.
-    interval_s : float
-        For how long each lasts.
-    correlation_s : float
-        Correlation time (first-order Gauss-Markov); zero where each interval's is independent of the others.
-    """
+    """Keys of ``[estimate.orbit] process_noise``: sigmas of accelerations that are constant over intervals."""
 
     radial_m_s2: float = entry(0.0, not_negative=True)
     along_m_s2: float = entry(0.0, not_negative=True)
@@ -216,31 +168,7 @@ class ProcessNoise:
 
 @dataclass(frozen=True, slots=True)
 class OrbitChoice:
-    """Keys of ``[estimate.orbit]``: what is estimated of an orbit.
-
-    Parameters
-    ----------
-    state : bool
-        Whether the state at the epoch is.
-    state_sigma_m, state_sigma_m_s : float or None
-        A-priori sigmas of each component; free where ``None``.
-    state_sigma : mapping of str to float
-        In their place sigmas by name, of one of three forms, whose components then are the parameters: radial, along
-        and across (``radial_m`` to ``across_m_s``), Keplerian or equinoctial elements to the Moon's equator
-        (:data:`~radioloc.dynamics.elements.FORMS`). What is left out is free.
-    touchdown_sigma_m_s : float
-        A-priori sigma of each component of the velocity at a touchdown, relative to the ground and zero a priori.
-    forces : tuple of str or None
-        Names of parameters of the forces (:meth:`~radioloc.dynamics.Forces.parameters`), or of accelerations and
-        impulses, all components of which then are. By default the radiation coefficient and the empirical
-        acceleration, where there are such, and all given impulses.
-    sigma : mapping of str to float
-        Their a-priori sigmas by the same names, SI units. By default of the radiation coefficient half its value, of
-        the empirical acceleration 3e-9 m/s2; all others are free.
-    process_noise : ProcessNoise or None
-        Stochastic accelerations. They take the place of weights that allow for correlation in time, and of considered
-        errors of the gravity field.
-    """
+    """Keys of ``[estimate.orbit]``, as the reference of the study file describes them."""
 
     state: bool = True
     state_sigma_m: float | None = entry(None, positive=True)

@@ -52,22 +52,11 @@ _BEFORE_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class RoughOrbit:
-    """What may be known of a nearly circular orbit about the Moon before there is a state.
-
-    Parameters
-    ----------
-    altitude_m : float
-        Above the sphere of the mean lunar radius, good to some 20 km.
-    inclination_deg : float or None
-        To the Moon's equator, 0 to 180 deg, good to some degrees.
-    node_deg : float or None
-        Longitude of the ascending node on the Moon's equator, counted eastward from the equator's own ascending node on
-        the plane of the ICRF's x and y.
-    """
+    """Nearly circular orbit before a state is known; angles refer to the Moon's equator."""
 
     altitude_m: float
     inclination_deg: float | None = None
-    node_deg: float | None = None
+    node_deg: float | None = None  # from the equator's ascending node on the ICRF's xy plane
 
     def __post_init__(self) -> None:
         if not 0.0 < self.altitude_m <= _HIGHEST_M:
@@ -93,15 +82,7 @@ class RoughOrbit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Landing:
-    """When a spacecraft comes to rest on the Moon, and where.
-
-    Parameters
-    ----------
-    epoch : Epochs
-        Of the touchdown, TDB, one.
-    place : LunarPosition, optional
-        The a-priori place; where the a-priori trajectory ends, if not given.
-    """
+    """Touchdown: one epoch, TDB, and the a-priori place, by default where the a-priori trajectory ends."""
 
     epoch: Epochs
     place: LunarPosition | None = None
@@ -120,10 +101,7 @@ class Landing:
         return None if self.place is None else self.place.to_axes("PA", model.ephemeris.constants).xyz_m
 
     def forces(self, given: Forces, epoch: Epochs, state: Floats) -> Forces:
-        """Forces whose radial, transverse and normal axes keep to the plane of the a-priori orbit.
-
-        The orbit's own turns and vanishes as the velocity does.
-        """
+        """Return forces along axes of the a-priori plane, as the orbit's own vanish with the velocity."""
         for one in given.accelerations:
             for moment in (one.start, one.stop):
                 if moment is not None and not (
@@ -356,10 +334,7 @@ class Orbiter:
     def orbit(
         self, model: PhysicalModel, observations: Observations, parameters: tuple[str, ...]
     ) -> AdjustableOrbit:
-        """The a-priori orbit over the observations, with partials by some parameters of the forces.
-
-        The epoch of one that lands is the touchdown.
-        """
+        """Return the a-priori orbit with partials; the epoch of one that lands is the touchdown."""
         count_s = float(np.nan_to_num(observations.count_s).max(initial=0.0))
         flight = self._flight(model, observations.span() if len(observations) else None, count_s, parameters)
         if self.landing is None:

@@ -31,12 +31,10 @@ _COUNTS = {2: "two", 3: "three"}
 
 
 def entry(default: Any = dataclasses.MISSING, *, factory: Any = dataclasses.MISSING, **rules: Any) -> Any:
-    """A field with rules.
+    """Return a field with rules of values (:func:`check`), and rules of reading.
 
-    Rules of values, which :func:`check` looks at: ``positive``, ``not_negative``, ``choices``, ``names`` (one or more
-    of them), ``both`` (two numbers, or one that is both), ``moment`` (one epoch, UTC). Rules of reading: ``advice``,
-    where something else belongs, for values of another kind; ``kind``, the type that the file has where it is not the
-    field's; or ``read``, a function of table and key that takes the ``keys`` that the file has in place of the field.
+    `advice` says where something else belongs, `kind` the type in the file; `read` is a function of table and key that
+    takes the `keys` which the file has in place of the field.
     """
     return dataclasses.field(default=default, default_factory=factory, metadata=rules)
 
@@ -148,21 +146,14 @@ class TomlTable:
         return self._content.pop(key, None)
 
     def get(self, key: str, kind: Any) -> Any:
-        """Take a value of a kind: a type, a tuple or mapping of types, a record, or a union of these.
-
-        A ``Path`` is the name of a file that exists; several may be given by names and globs.
-        """
+        """Take a value of a kind: a type, a tuple or mapping of types, a record or a union of them."""
         value = self.take(key)
         return None if value is None else self._convert(key, value, kind)
 
     def read(
         self, record: type[_Made], keys: Mapping[str, str] | None = None, whole: bool = True, **given: Any
     ) -> _Made:
-        """Make a record of the keys, which are its fields; some may be given.
-
-        Of a record that is not made for study files, `keys` says which field each key is. It may be only a part of
-        the table, not the `whole`, of which no key may be left.
-        """
+        """Make a record of the keys, which are its fields or those of `keys`; some may be given."""
         kinds = get_type_hints(record)
         fields = {f.name: f for f in dataclasses.fields(record) if f.name not in given}  # type: ignore[arg-type]
         for key, name in keys.items() if keys else zip(fields, fields, strict=True):

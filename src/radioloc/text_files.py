@@ -5,15 +5,12 @@ from __future__ import annotations
 import codecs
 import csv
 import errno
-import glob
 import gzip
 import json
 import math
 import os
-import platform
 import re
 import secrets
-import shutil
 import stat
 import tempfile
 import unicodedata
@@ -339,33 +336,8 @@ def locked(path: Path) -> Iterator[None]:
 @contextmanager
 def scratch_folder() -> Iterator[Path]:
     """Make a folder for temporary files and remove it at the end."""
-    folder = make_scratch_folder()
-    try:
-        yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-
-
-def make_scratch_folder() -> Path:
-    """Make a folder for temporary files, and remove those of runs that were killed."""
-    prefix = f"radioloc-{platform.node()}-"
-    for folder in Path(tempfile.gettempdir()).glob(f"{glob.escape(prefix)}*-*"):
-        process = folder.name.removeprefix(prefix).partition("-")[0]
-        if process.isdecimal() and not _is_running(int(process)):
-            shutil.rmtree(folder, ignore_errors=True)
-    return Path(tempfile.mkdtemp(prefix=f"{prefix}{os.getpid()}-"))
-
-
-def _is_running(process: int) -> bool:
-    if os.name != "posix":
-        return True  # elsewhere a signal would end it
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except (PermissionError, OverflowError):
-        pass
-    return True
+    with tempfile.TemporaryDirectory(prefix="radioloc-", ignore_cleanup_errors=True) as folder:
+        yield Path(folder)
 
 
 def disk_failed(error: OSError) -> bool:

@@ -26,9 +26,7 @@ from radioloc.media.radio_atmosphere import read_radio_atmosphere
 from radioloc.study.study_file import read_study
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-AGREEMENT = TdmAgreement(
-    sigma_m={"range": 1.0, "vlbi_delay": 1.0, "doppler": 1.0}, turnaround=(880, 749), light_time_s=2.5644
-)
+AGREEMENT = TdmAgreement(sigma_m={"range": 1.0, "vlbi_delay": 1.0, "doppler": 1.0}, turnaround=(880, 749))
 BEACON = [FrequencyAgreement(transmit_hz=2216.5e6, sigma_hz=0.5, count_s=10.0)]
 COUNT = {"INTEGRATION_INTERVAL": "60.0", "INTEGRATION_REF": "START", "FREQ_OFFSET": "0.0"}
 SEGMENTS = (

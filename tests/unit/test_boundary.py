@@ -105,8 +105,8 @@ START = Time("2020-12-01T15:11:00", scale="utc")
             ),
         ),
         (
-            lambda: TdmAgreement({"range": 2 * u.cm}, light_time_s=2500 * u.ms),
-            lambda: TdmAgreement({"range": 0.02}, light_time_s=2.5),
+            lambda: TdmAgreement({"range": 2 * u.cm}, range_unit_s=2500 * u.ms),
+            lambda: TdmAgreement({"range": 0.02}, range_unit_s=2.5),
         ),
         (
             lambda: EquipmentDelays(2 * u.us, {"KASHI": StationDelay(transmit_s=300 * u.ns)}),

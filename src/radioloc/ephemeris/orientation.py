@@ -16,7 +16,8 @@ from radioloc.constants import ARCSEC_RAD
 from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.ephemeris.positions import evaluate
 from radioloc.errors import KernelError
-from radioloc.kernels import Kernel, KernelFile, open_pck
+from radioloc.kernels import Kernel, KernelFile
+from radioloc.kernels.files import open_pck
 from radioloc.time import Epochs
 
 _INERTIAL_FRAME = 1

@@ -15,8 +15,9 @@ from radioloc.chebyshev import chebyshev_sums
 from radioloc.constants import C_M_S, J2000_JD, SECONDS_PER_DAY
 from radioloc.ephemeris.constants import CONSTANTS, EphemerisConstants
 from radioloc.errors import CoverageError, InputError, KernelError
-from radioloc.kernels import Kernel, KernelFile, Segment, open_spk
+from radioloc.kernels import Kernel, KernelFile, Segment
 from radioloc.kernels.daf import span_dates
+from radioloc.kernels.files import open_spk
 from radioloc.time import Epochs, utc_strings
 from radioloc.vectors import dot, length
 

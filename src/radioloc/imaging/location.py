@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import shutil
+import tempfile
 import weakref
 from collections.abc import Iterable
 from functools import partial
@@ -27,7 +28,6 @@ from radioloc.imaging.study import ImageChoice, ImageStudy, PointStudy, StereoCh
 from radioloc.lunar import LunarPosition, Map, TerrainModel
 from radioloc.progress import progress_bar
 from radioloc.results.recorded import read_recorded
-from radioloc.text_files import make_scratch_folder
 from radioloc.vectors import Floats
 
 Mask = NDArray[np.bool_]
@@ -83,7 +83,7 @@ def locate_images(
     if not chosen.shade:
         assert chosen.base_map is not None
         return _located(study, chosen.base_map, progress)
-    scratch = make_scratch_folder()
+    scratch = Path(tempfile.mkdtemp(prefix="radioloc-"))
     try:
         shaded, note = _shaded_map(chosen, scratch)
         solution = _located(study, shaded, progress, note)

@@ -13,8 +13,6 @@ from radioloc.kernels.files import (
     add_kernel,
     added,
     find_kernel,
-    open_pck,
-    open_spk,
     registered,
     sha256_of,
 )
@@ -27,8 +25,6 @@ __all__ = [
     "add_kernel",
     "added",
     "find_kernel",
-    "open_pck",
-    "open_spk",
     "registered",
     "sha256_of",
 ]

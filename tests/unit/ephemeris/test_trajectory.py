@@ -11,7 +11,8 @@ from spk_files import ORBITER, START_S, STOP_S, circular, write_states
 
 from radioloc.ephemeris import Ephemeris, Trajectory
 from radioloc.errors import CoverageError, InputError, KernelError
-from radioloc.kernels import find_kernel, open_spk
+from radioloc.kernels import find_kernel
+from radioloc.kernels.files import open_spk
 from radioloc.time import Epochs
 
 STATES = circular(1.8374e6, 4902.800076e9)

@@ -175,31 +175,6 @@ def test_modulus():
     got = read((short, records), catalogue=StationCatalogue.default())
     assert (got.value_m[0], got.modulus_m[0]) == (801500.0, 1e6)
     assert read((TWO_WAY | {"RANGE_MODULUS": "1e7"}, RANGES)).value_m[1] == 768801500.0
-    for off_m in (-2.4e5, 0.0, 2.4e5):
-        got = read((short, records), light_time_s=(768801500.0 + off_m) / C_M_S)
-        assert abs(got.value_m[0] - 768801500.0) < VALUE_TOLERANCE_M
-    for off_m in (-2.6e5, 2.6e5):
-        with pytest.raises(InputError, match="more than a quarter of that off"):
-            read((short, records), light_time_s=(768801500.0 + off_m) / C_M_S)
-    seconds = TWO_WAY | {"RANGE_MODULUS": "0.001", "RANGE_UNITS": "s"}
-    got = read((seconds, ["RANGE = 2021-03-28T14:00:00 0.0004"]), light_time_s=2.5644)
-    assert abs(got.value_m[0] - C_M_S * 2.5644) < VALUE_TOLERANCE_M
-
-
-def test_light_time_as_a_function():
-    asked = []
-
-    def light_s(epoch, link, tag):
-        asked.append((len(epoch), link.path, tag))
-        return np.full(len(epoch), 768801500.0 / C_M_S)
-
-    read((TWO_WAY | {"RANGE_MODULUS": "1000.0"}, ["RANGE = 2021-03-28T14:00:00 801.5"]), light_time_s=light_s)
-    assert asked == [(1, "KASHI>lander>KASHI", "receive")]
-    with pytest.raises(InputError, match=r"gave shape \(3,\) for 1 epochs"):
-        read(
-            (TWO_WAY | {"RANGE_MODULUS": "1000.0"}, ["RANGE = 2021-03-28T14:00:00 801.5"]),
-            light_time_s=lambda *_: [1, 1, 1],
-        )
 
 
 # One-way
@@ -689,7 +664,6 @@ def test_measurements_outside_of_start_and_stop():
         ({"range_unit_s": -1.0}, "range_unit_s = -1.0"),
         ({"turnaround": (880, 0)}, "two whole numbers"),
         ({"turnaround": (1.1, 1)}, "two whole numbers"),
-        ({"light_time_s": float("nan")}, "seconds above zero, up to a day, or a function"),
     ],
 )
 def test_agreements_that_cannot_be(given, problem):

@@ -8,7 +8,8 @@ import pytest
 from radioloc.cli import main
 from radioloc.ephemeris import Ephemeris
 from radioloc.errors import KernelError
-from radioloc.kernels import add_kernel, added, find_kernel, open_spk, registered
+from radioloc.kernels import add_kernel, added, find_kernel, registered
+from radioloc.kernels.files import open_spk
 
 ORBITER = Path(__file__).parents[3] / "examples" / "orbiter" / "orbiter.bsp"
 

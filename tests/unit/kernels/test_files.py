@@ -8,7 +8,8 @@ import pytest
 from spk_files import with_other_byte_order
 
 from radioloc.errors import KernelError
-from radioloc.kernels import find_kernel, open_pck, open_spk, registered, sha256_of
+from radioloc.kernels import find_kernel, registered, sha256_of
+from radioloc.kernels.files import open_pck, open_spk
 
 SPK_PATH = find_kernel("DE421", "SPK")
 PCK_PATH = find_kernel("DE421", "PCK")

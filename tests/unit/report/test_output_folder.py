@@ -3,9 +3,7 @@
 import os
 import subprocess
 import sys
-import tempfile
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +14,7 @@ from radioloc.jobs import compare
 from radioloc.report import write_report
 from radioloc.report.files import INCOMPLETE
 from radioloc.results.subsets import Arc, ArcStudy
-from radioloc.text_files import TEMPORARY_FILES, locked, scratch_folder, write_text
+from radioloc.text_files import TEMPORARY_FILES, locked, write_text
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 LOCKED = "import sys, time; from pathlib import Path; from radioloc.text_files import locked\n"
@@ -80,21 +78,3 @@ def test_files_have_the_permissions_of_the_umask(umask, tmp_path):
         os.umask(before)
     assert (tmp_path / "a.txt").stat().st_mode & 0o777 == 0o666 & ~umask
     assert names(tmp_path) == {"a.txt"}
-
-
-@pytest.mark.skipif(os.name != "posix", reason="needs process numbers of POSIX")
-def test_folders_for_temporary_files_of_killed_runs_are_removed(tmp_path, monkeypatch):
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    code = "import time; from radioloc.text_files import make_scratch_folder as make\n"
-    code += "print(make(), flush=True); time.sleep(60)"
-    environment = os.environ | {"TMPDIR": str(tmp_path)}
-    other = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, env=environment, text=True)
-    left = Path(other.stdout.readline().strip())
-    with scratch_folder() as own:
-        assert left.is_dir()  # its process is alive
-        other.kill()
-        other.communicate()
-        with scratch_folder():
-            assert not left.exists()
-            assert own.is_dir()
-    assert not list(tmp_path.glob("radioloc-*"))

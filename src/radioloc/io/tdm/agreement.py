@@ -6,25 +6,17 @@ Source: CCSDS 503.0-B-2 (2020), annex D.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from radioloc.boundary import bare_fields
 from radioloc.errors import InputError
-from radioloc.io.frequencies import LONGEST_S, FrequencyAgreement, require_ratio
+from radioloc.io.frequencies import FrequencyAgreement, require_ratio
 from radioloc.io.tdm.message import TYPES
 from radioloc.measurements.equipment_delays import EquipmentDelays
-from radioloc.measurements.link import Link
-from radioloc.time import Epochs
 
 CONVENTIONS = ("round_trip", "half")
 """Whether RANGE and DOPPLER_* mean the round trip or half of it (annex D, items 31 and 32)."""
-
-LightTime = Callable[[Epochs, Link, str], ArrayLike]
-"""Light times over all legs, s, of epochs (UTC) on a link, tagged ``"transmit"`` or ``"receive"``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,10 +46,6 @@ class TdmAgreement:
         them stay in its data, so that none counts twice.
     apply_clocks : bool
         Correct time tags, VLBI delays and ranges between two clocks by CLOCK_BIAS and CLOCK_DRIFT.
-    light_time_s : float or callable, optional
-        Light time over all legs, s, known beforehand: a number, or a function of epochs (UTC, n), link and time tag
-        that gives n of them. It settles how often a range has gone through its modulus, which else is told by the
-        modelled range in a study.
     lunar : bool
         Whether the target is at the Moon, so that a range of another length is a mistake.
     frequencies : tuple of FrequencyAgreement
@@ -79,7 +67,6 @@ class TdmAgreement:
     delays_removed: bool = False
     modelled: EquipmentDelays = field(default_factory=EquipmentDelays)
     apply_clocks: bool = True
-    light_time_s: float | LightTime | None = None
     lunar: bool = True
     frequencies: tuple[FrequencyAgreement, ...] = ()
 
@@ -98,17 +85,3 @@ class TdmAgreement:
         if unit is not None and not (math.isfinite(unit) and unit > 0.0):
             raise InputError(f"range_unit_s = {unit}, but must be finite and above zero, in seconds")
         require_ratio(self.turnaround)
-        light = self.light_time_s
-        if light is not None and not callable(light) and not 0.0 < light < LONGEST_S:
-            raise InputError(f"light_time_s = {light!r}; give seconds above zero, up to a day, or a function")
-
-    def known_light_time_s(self, epoch: Epochs, link: Link, tag: str) -> NDArray[np.float64] | None:
-        """Light times known beforehand, s, shape (n,); None where nothing was given."""
-        if self.light_time_s is None:
-            return None
-        given = self.light_time_s(epoch, link, tag) if callable(self.light_time_s) else self.light_time_s
-        light_s = np.asarray(given, dtype=np.float64)
-        if light_s.shape not in ((), (len(epoch),)) or not ((light_s > 0.0) & (light_s < LONGEST_S)).all():
-            problem = f"gave shape {light_s.shape} for {len(epoch)} epochs, or values not from zero to a day"
-            raise InputError(f"light_time_s of {link.path} {problem}; give one light time in seconds each")
-        return np.broadcast_to(light_s, (len(epoch),))

@@ -42,7 +42,6 @@ from radioloc.io.tdm.message import (
     exponent_of,
 )
 from radioloc.io.tdm.segment import Reading, SegmentReader
-from radioloc.measurements.ambiguity import without_ambiguity
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations, counted_once, without_duplicates
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
@@ -172,10 +171,7 @@ def _read(part: SegmentReader, keyword: str) -> Observations:
         # Who reads peaks off a spectrum clicks some twice; of these the first counts.
         again = np.flatnonzero((np.diff(made.epoch.jd) == 0.0) & (np.diff(made.epoch.fraction) == 0.0))
         made = counted_once(made, again, again + 1, "a frequency of this epoch is already there")
-    if np.isnan(made.modulus_m).all() or made.ramped.any():
-        return made
-    light_s = part.agreement.known_light_time_s(made.epoch, part.link, part.tag)
-    return made if light_s is None else without_ambiguity(made, C_M_S * light_s)
+    return made
 
 
 INSTANTANEOUS_COUNT_S = 1.0

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, replace
+
 import numpy as np
 
+from radioloc.earth.orientation import EarthOrientation
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.predictor import Computed
 from radioloc.measurements.registry import kind_of
 from radioloc.time import Epochs, tai_to_utc
 
@@ -54,3 +59,17 @@ def epochs_tai(
 ) -> Epochs:
     """Evenly spaced epochs of TAI, both ends included."""
     return Epochs.from_jd(start_jd, start_fraction + np.linspace(0.0, hours / 24.0, count), "TAI")
+
+
+def with_predictions_after_2_december(model: PhysicalModel) -> PhysicalModel:
+    """The model with Earth orientation predicted from 4 December 2020 on, which the cubic of 2 December uses."""
+    table = model.earth.table
+    return replace(model, earth=EarthOrientation(replace(table, predicted=table.mjd_utc >= 59187.0)))
+
+
+def assert_same(one: Computed, other: Computed, atol: float = 0.0) -> None:
+    """All columns are equal, but for numbers within a tolerance."""
+    for field in fields(one):
+        first, second = getattr(one, field.name), getattr(other, field.name)
+        exact = field.name == "status" or atol == 0.0
+        np.testing.assert_allclose(first, second, rtol=0.0, atol=0.0 if exact else atol, err_msg=field.name)

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
-
 import numpy as np
 import pytest
-from arc_cases import APOLLO15_PA_M, LASER, epochs_tai, observations
+from arc_cases import (
+    APOLLO15_PA_M,
+    LASER,
+    assert_same,
+    epochs_tai,
+    observations,
+    with_predictions_after_2_december,
+)
 from quick import some
 
 from radioloc.constants import C_M_S
-from radioloc.earth.eop import EopTable
-from radioloc.earth.orientation import EarthOrientation
 from radioloc.errors import InputError, PredictedEopWarning
 from radioloc.lunar import selenographic_to_cartesian
 from radioloc.measurements import chebyshev_predictor
@@ -203,16 +206,7 @@ def test_untidy_series(model):
     # The order in which they are given does not matter, to the last bit.
     order = np.argsort(utc_to_tai(table.epoch).mjd, kind="stable")
     sorted_arc = ChebyshevPredictor(model, table.select(order), APOLLO15_PA_M)
-    same(sorted_arc.compute(APOLLO15_PA_M), arc.compute(APOLLO15_PA_M).rows(order), exact.stations)
-
-
-def same(one, other, stations=(), atol=0.0):
-    for field in fields(one):
-        first, second = getattr(one, field.name), getattr(other, field.name)
-        if field.name == "status" or atol == 0.0:
-            assert (first == second).all(), field.name
-        else:
-            np.testing.assert_allclose(first, second, rtol=0.0, atol=atol, err_msg=field.name)
+    assert_same(sorted_arc.compute(APOLLO15_PA_M), arc.compute(APOLLO15_PA_M).rows(order))
 
 
 @pytest.fixture(scope="module")
@@ -230,13 +224,13 @@ def test_rows_and_select(untidy_arc, which):
         "step": slice(None, None, -2),
     }[which]
     whole = untidy_arc.compute(APOLLO15_PA_M)
-    same(untidy_arc.at(APOLLO15_PA_M).rows(rows), whole.rows(rows))
+    assert_same(untidy_arc.at(APOLLO15_PA_M).rows(rows), whole.rows(rows))
     part = untidy_arc.select(rows)
-    same(part.compute(APOLLO15_PA_M), whole.rows(rows))
+    assert_same(part.compute(APOLLO15_PA_M), whole.rows(rows))
     assert (part.at(APOLLO15_PA_M).value_m == whole.value_m[rows]).all()
     assert part.accuracy.interpolated + part.accuracy.exact == len(whole.value_m[rows])
     assert (part.observations.link == untidy_arc.observations.link[rows]).all()
-    same(part.select([5]).compute(APOLLO15_PA_M), part.compute(APOLLO15_PA_M).rows([5]))
+    assert_same(part.select([5]).compute(APOLLO15_PA_M), part.compute(APOLLO15_PA_M).rows([5]))
 
 
 def test_select_nothing(untidy_arc):
@@ -259,8 +253,8 @@ def test_threads_do_not_change_a_bit(untidy_arc, monkeypatch):
         monkeypatch.setattr(numba.config, "NUMBA_NUM_THREADS", threads)
         monkeypatch.setattr(chebyshev_predictor, "_MIN_ROWS_PER_THREAD", 100)
         found.append(untidy_arc.compute(APOLLO15_PA_M))
-    same(found[0], found[1])
-    same(found[0], found[2])
+    assert_same(found[0], found[1])
+    assert_same(found[0], found[2])
 
 
 def test_far_from_where_it_was_prepared(model):
@@ -272,17 +266,14 @@ def test_far_from_where_it_was_prepared(model):
         assert_agree(arc, APOLLO15_PA_M + np.array(away_m))
     other_side_m = np.array([-1.0, 1.0, 1.0]) * APOLLO15_PA_M
     assert_agree(arc, other_side_m)
-    same(arc.compute(APOLLO15_PA_M), before, atol=SAME_M)
+    assert_same(arc.compute(APOLLO15_PA_M), before, atol=SAME_M)
     with pytest.raises(InputError):
         arc.compute(np.array([np.nan, 0.0, 0.0]))
 
 
 def test_predicted_earth_orientation(model):
     """Up to one midnight it is measured; of each observation it is known on which side its signals are."""
-    whole = EopTable.packaged()
-    # The cubic between 2 and 3 December rests on the 4th, MJD 59187.
-    marked = replace(whole, predicted=whole.mjd_utc > 59186.0)
-    some = replace(model, earth=EarthOrientation(marked))
+    some = with_predictions_after_2_december(model)
     tai = epochs_tai(1440, 12.0, start_jd=2459184.5, start_fraction=0.75)
     rows = series("KASHI>x>KASHI", "range", tai)
     with pytest.warns(PredictedEopWarning) as told:

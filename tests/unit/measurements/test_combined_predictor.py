@@ -6,10 +6,14 @@ import dataclasses
 
 import numpy as np
 import pytest
-from arc_cases import APOLLO15_PA_M, REFLECTORS_PA_M, epochs_tai, observations
+from arc_cases import (
+    APOLLO15_PA_M,
+    REFLECTORS_PA_M,
+    epochs_tai,
+    observations,
+    with_predictions_after_2_december,
+)
 
-from radioloc.earth.eop import EopTable
-from radioloc.earth.orientation import EarthOrientation
 from radioloc.errors import InputError, PredictedEopWarning
 from radioloc.measurements import Observations, prepare_predictor
 from radioloc.measurements.predictor import reasons
@@ -132,16 +136,13 @@ def test_parts_of_an_arc(arc, which):
 
 
 def test_predicted_orientation_of_a_part_marks_a_combination(model):
-    table = EopTable.packaged()
-    marked = EarthOrientation(dataclasses.replace(table, predicted=table.mjd_utc >= 59187.0))
     with pytest.warns(PredictedEopWarning):
-        # From 0h UTC on 2 December on, the cubic between days rests on the 4th, which is marked.
         arc = predictor(
             dataclasses.replace(
                 tracking(*CASES[3][:3]).select([0, 1]),
                 epoch=epochs_from_strings(["2020-12-01T23:59:20", "2020-12-02T00:00:10"]),
             ),
-            dataclasses.replace(model, earth=marked),
+            with_predictions_after_2_december(model),
         )
     assert arc.predicted_eop.tolist() == [False, True]
 

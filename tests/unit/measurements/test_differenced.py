@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
-from arc_cases import APOLLO15_PA_M, epochs_tai, observations
+from arc_cases import APOLLO15_PA_M, epochs_tai, observations, with_predictions_after_2_december
 
 from radioloc.constants import C_M_S
-from radioloc.earth.eop import EopTable
-from radioloc.earth.orientation import EarthOrientation
 from radioloc.errors import PredictedEopWarning
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.measurement_type import TIME_TAGS
@@ -183,10 +179,7 @@ def test_kinds_are_each_computed_as_if_alone(model):
 
 
 def test_predicted_orientation_at_the_end_alone_marks_a_doppler_observation(model):
-    whole = EopTable.packaged()
-    # From 0h UTC on 2 December on, the cubic between days rests on the 4th, which is marked.
-    marked = dataclasses.replace(whole, predicted=whole.mjd_utc >= 59187.0)
-    some = dataclasses.replace(model, earth=EarthOrientation(marked))
+    some = with_predictions_after_2_december(model)
     tai = utc_to_tai(epochs_from_strings(["2020-12-01T23:59:20", "2020-12-02T00:00:10"]))
     with pytest.warns(PredictedEopWarning, match="predicted, not measured, at 1 of"):
         arc = arc_of(some, "doppler", ("KASHI", "JIAMUSI"), tai, count_s=COUNT_S)

@@ -8,7 +8,7 @@ import pytest
 from toy_moon import EPOCH_JD, LANDER_M, ToyMoon
 
 from radioloc.estimation import fit_with_variance_components
-from radioloc.results import build_solution
+from radioloc.results.build import build_solution
 from radioloc.simulation.noise import gauss_markov
 from radioloc.time import Epochs
 

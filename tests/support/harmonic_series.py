@@ -8,7 +8,8 @@ import numpy as np
 
 from radioloc.estimation import Labels, Parameter, ParameterSet, fit_with_variance_components
 from radioloc.estimation.series import SeriesOrder
-from radioloc.results import Solution, build_solution
+from radioloc.results import Solution
+from radioloc.results.build import build_solution
 from radioloc.time import Epochs
 
 

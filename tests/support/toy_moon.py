@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation import Parameter, ParameterSet, fit_with_editing
-from radioloc.results import Solution, build_solution
+from radioloc.results import Solution
+from radioloc.results.build import build_solution
 from radioloc.time import Epochs
 
 STATIONS = {"A": (0.57, -1.85), "B": (0.76, 0.12), "C": (0.71, 0.29)}  # latitude, longitude, rad

@@ -1,7 +1,7 @@
 """Fits of parameters to observations, and their uncertainty.
 
 A :class:`ParameterSet` names what is solved for; :func:`fit_with_editing` fits it to residuals without outliers;
-:func:`radioloc.results.build_solution` makes a :class:`~radioloc.results.Solution` of the outcome.
+``radioloc.results.build`` makes a :class:`~radioloc.results.Solution` of the outcome.
 """
 
 from radioloc.estimation.combination import Ellipse, ReferenceComparison

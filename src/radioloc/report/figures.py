@@ -115,13 +115,7 @@ def one_panel(ax: Axes | None, width_in: float, height_in: float, title: str = "
 
 
 def several_panels(ax: Axes | None, width_in: float, height_in: float, title: str = "") -> Figure | SubFigure:
-    """A figure with a title for several panels, or in place of the axes given a part of theirs.
-
-    Raises
-    ------
-    InputError
-        The axes do not belong to a grid, so nothing says how much room there is.
-    """
+    """A figure with a title for several panels, or in place of the axes given a part of theirs."""
     if ax is None:
         return new_figure(width_in, height_in, title)
     place, figure = ax.get_subplotspec(), ax.figure
@@ -256,10 +250,7 @@ def utc_dates(epoch_utc: Epochs) -> NDArray[np.datetime64]:
 def date_axes(
     panels: Sequence[Axes], dates: NDArray[np.datetime64], ticks: tuple[int, int] = (4, 9), columns: int = 1
 ) -> None:
-    """Label the horizontal axes with UTC dates, as many as fit, below the lowest panel of each column of a grid.
-
-    The panels share their horizontal axis.
-    """
+    """Label the horizontal axes with UTC dates, as many as fit, below the lowest panel of each column of a grid."""
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
     locator = AutoDateLocator(minticks=ticks[0], maxticks=ticks[1])

@@ -1,6 +1,5 @@
 """Results of jobs: solutions, arcs, trials, covariance plans and comparisons, with their statistics and tables."""
 
-from radioloc.results.build import build_solution, compare_with
 from radioloc.results.cards import Card, Field
 from radioloc.results.comparison import Comparison
 from radioloc.results.covariance import CovarianceStudy
@@ -10,7 +9,7 @@ from radioloc.results.registry import RESULTS
 from radioloc.results.result import Result, ResultType, Table
 from radioloc.results.solution import Solution
 from radioloc.results.subsets import ArcStudy
-from radioloc.results.tables import TextTable, contents_by_target, solution_table
+from radioloc.results.tables import contents_by_target
 
 __all__ = [
     "RESULTS",
@@ -25,9 +24,5 @@ __all__ = [
     "ResultType",
     "Solution",
     "Table",
-    "TextTable",
-    "build_solution",
-    "compare_with",
     "contents_by_target",
-    "solution_table",
 ]

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.boundary import bare_arguments
 from radioloc.estimation.combination import ReferenceComparison
 from radioloc.estimation.consider import ConsideredErrors, consider, prior_effects
 from radioloc.estimation.consistency import assess_consistency
@@ -53,65 +52,9 @@ def build_solution(
     consistency: bool = True,
     **described: Any,
 ) -> Solution:
-    """Put together what a fit has to say.
-
-    The observation noise is scaled to what the residuals show, where that is significantly more than stated, and
-    residuals of a link that are correlated in time are allowed for (:mod:`~radioloc.estimation.time_correlation`).
-
-    Parameters
-    ----------
-    edited : EditedFit
-        The fit with its editing; n observations, p parameters.
-    epoch_utc : Epochs
-        UTC of the observations, n epochs.
-    station, path, type : Labels, or sequence of str, length n
-        Station that statistics are grouped by; participants of the light path; kind of measurement.
-    observed_m : array_like, shape (n,)
-        Observed values, m; ranges and Doppler are of the round trip.
-    elevation_deg : array_like, shape (n,), optional
-        Lower of the stations' elevations, deg.
-    count_s : array_like, shape (n,), optional
-        Count intervals, s; NaN of what is not counted.
-    reference_pa_m : array_like, shape (3,), optional
-        A known position in the same principal axes, m.
-    reference_name : str
-        What it is.
-    considered : ConsideredErrors, optional
-        Errors that the data do not tell, with their partials.
-    doubts : sequence of Doubt
-        Why the estimate cannot be used although the fit converged.
-    order : SeriesOrder, optional
-        The observations by series, where they are sorted already.
-    consistency : bool
-        Whether to look for who does not fit, which takes a third of the time of a fit.
-    **described
-        Fields of :class:`Solution` as they are: `position_pa_m`, `position_partials`, `rot_pa_to_me`, `pa_frame` and
-        `me_frame` always; where there are any, `name`, `ephemeris_sigma_enu_m`, `notes`, `provenance`,
-        `trajectory` and `targets`.
-
-    Raises
-    ------
-    InputError
-        A column or a matrix is not of the shape that the fit asks for.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from radioloc.estimation import Parameter, ParameterSet, fit_with_editing
-    >>> from radioloc.results import build_solution
-    >>> from radioloc.time import Epochs
-    >>> parameters = ParameterSet([Parameter(f"position.{axis}", "m", "position") for axis in "xyz"])
-    >>> directions = np.column_stack([np.cos(np.arange(9.0)), np.sin(np.arange(9.0)), np.arange(9.0) % 2])
-    >>> observed_m = directions @ [1737400.0, 0.0, 0.0] + 0.1 * np.cos(3.0 * np.arange(9.0))
-    >>> edited = fit_with_editing(lambda x: (observed_m - directions @ x, directions), parameters, 0.1)
-    >>> solution = build_solution(
-    ...     edited, epoch_utc=Epochs.from_jd(2460432.5, np.arange(9) / 9, "UTC"), station=["A"] * 9, path=["A"] * 9,
-    ...     type=["range"] * 9, observed_m=observed_m, position_pa_m=edited.fit.x, position_partials=np.eye(3),
-    ...     rot_pa_to_me=np.eye(3), pa_frame="PA_DE421", me_frame="ME_DE421",
-    ... )
-    >>> solution.converged, solution.sigma_enu_m().shape
-    (True, (3,))
-    """
+    """Assemble a solution of an edited fit of n observations, its noise scaled to larger residuals."""
+    # `elevation_deg` is the lower of the stations' elevations, `count_s` NaN of what is not counted. `described` are
+    # fields of Solution as they are: position_pa_m, position_partials, rot_pa_to_me, pa_frame and me_frame always.
     fit = edited.fit
     statuses = [fit.status if edited.complete else FitStatus.UNSETTLED, *(doubt.status for doubt in doubts)]
     types, paths = Labels.of(type), Labels.of(path)
@@ -171,30 +114,10 @@ def build_solution(
     return replace(solution, reference=compare_with(solution, reference_pa_m, reference_name))
 
 
-@bare_arguments
 def compare_with(
     solution: Solution, reference_pa_m: ArrayLike, name: str = "reference"
 ) -> ReferenceComparison:
-    """Difference of a solution to a known position along the sphere and in height, in metres and in total sigmas.
-
-    Parameters
-    ----------
-    solution : Solution
-        The estimate.
-    reference_pa_m : array_like, shape (3,)
-        Known position in the same principal axes, m.
-    name : str
-        What it is.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> from radioloc.results import compare_with
-    >>> solution = radioloc.locate("examples/apollo15/apollo15.toml")
-    >>> published = compare_with(solution, [1554678.949, 98094.118, 765004.906], "JPL")
-    >>> round(published.distance_m, 1)
-    0.4
-    """
+    """Difference of a solution to a known position along the sphere and in height, in metres and in total sigmas."""
     reference_pa_m = np.asarray(reference_pa_m)
     longitude_rad, latitude_rad, height_m = cartesian_to_selenographic(solution.rot_pa_to_me @ reference_pa_m)
     # The arc to the reference, reversed: its direction is that at the estimate, where the covariance is given.

@@ -32,13 +32,7 @@ _MAX_SHOWN = 60  # characters of a wrong value
 
 
 def read_recorded(path: str | Path, *, require_consistency: bool = True) -> Mapping[str, Any]:
-    """Read a ``solution.json`` or an ``arcs.json`` and check it, without agreement of its numbers if so asked.
-
-    Raises
-    ------
-    InputError
-        The file is not JSON, or a value is not as the schema has it.
-    """
+    """Read a ``solution.json`` or an ``arcs.json`` and check it, without agreement of its numbers if so asked."""
     what = "is neither a solution.json nor an arcs.json of this version of radioloc; make it again"
     with json_file(path, what) as content:
         if not isinstance(content, Mapping):
@@ -51,13 +45,7 @@ def read_recorded(path: str | Path, *, require_consistency: bool = True) -> Mapp
 
 
 def check_solution(content: Mapping[str, Any]) -> None:
-    """Check what a ``solution.json`` holds.
-
-    Raises
-    ------
-    InputError
-        A value is not as the schema has it; the message names its key.
-    """
+    """Check what a ``solution.json`` holds; an InputError names the key of a wrong value."""
     _SOLUTION(content, "")
     _require_consistency(content)
 

@@ -46,13 +46,7 @@ RESULTS = registry(
 
 
 def result_type(result: Result) -> ResultType:
-    """Return the declaration of the type of a result.
-
-    Raises
-    ------
-    InputError
-        No registered type has such results.
-    """
+    """Return the declaration of the type of a result."""
     for entry in RESULTS.values():
         if isinstance(result, entry.type):
             return entry

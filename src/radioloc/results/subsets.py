@@ -302,12 +302,8 @@ class ArcStudy(Result):
 
 
 def sigmas_apart(part: Solution, whole: Solution) -> float | None:
-    """How far the first hours of data lead from all of them, horizontally, in standard deviations of that difference.
-
-    The length is Mahalanobis' (:func:`~radioloc.estimation.combination.agreement`), in two dimensions below 2.45 in
-    95 % and below 3.72 in 99.9 %. None where the part is stated to know as much as the whole, or a position is not
-    determined.
-    """
+    """Horizontal difference of two solutions in standard deviations of that difference; None where it has none."""
+    # The length is Mahalanobis' in two dimensions: below 2.45 in 95 % and below 3.72 in 99.9 %.
     found = apart(part, whole, horizontal=True)
     return None if found.chi2 is None else math.sqrt(found.chi2)
 

@@ -284,25 +284,7 @@ def horizontal_covariance_of(content: Mapping[str, Any]) -> NDArray[np.float64] 
 
 
 def solution_table(solutions: Iterable[Located]) -> TextTable:
-    """Position, sigmas, fit and other estimated parameters of solutions, one column each.
-
-    Parameters
-    ----------
-    solutions : iterable of Solution, other result with a position, or mapping
-        A mapping is what ``solution.json`` holds.
-
-    Raises
-    ------
-    InputError
-        There are none.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
-    >>> print(radioloc.results.solution_table([solution]).to_markdown().splitlines()[5])
-    | latitude, ° N | 26.13339034 |
-    """
+    """Position, sigmas, fit and other estimated parameters of solutions, one column each."""
     contents = contents_by_target(solutions)
     if not contents:
         raise InputError("there is no solution to make a table of")

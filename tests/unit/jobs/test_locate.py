@@ -10,6 +10,7 @@ from quick import some
 import radioloc
 from radioloc import LunarPosition, Study
 from radioloc.estimation import time_correlation
+from radioloc.results.build import compare_with
 from radioloc.study import EstimateChoice, ModelChoice, ObservationChoice
 
 # JPL's positions in the principal axes of DE421, m: Williams, Boggs and Folkner, "DE421 Lunar Orbit, Physical
@@ -51,7 +52,7 @@ def solution(apollo15, near15):
 
 def test_apollo15_is_where_jpl_has_it(solution):
     assert solution.converged
-    difference = radioloc.results.compare_with(solution, np.array(JPL_PA_M["apollo15"]))
+    difference = compare_with(solution, np.array(JPL_PA_M["apollo15"]))
     assert difference.distance_m < 0.5
     assert difference.horizontal_m < 0.4
     assert 0.5 * solution.fit.total.rms_m < 0.05  # one way

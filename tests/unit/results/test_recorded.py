@@ -11,6 +11,7 @@ from radioloc.errors import InputError
 from radioloc.report.files import json_text
 from radioloc.results.recorded import check_solution, read_recorded
 from radioloc.results.subsets import Arc, ArcStudy
+from radioloc.results.tables import solution_table
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +105,7 @@ def test_a_wrong_value_is_named_in_every_job(content, key, value, place, tmp_pat
         lambda: radioloc.jobs.compare([path]),
         lambda: radioloc.jobs.verify(path),
         lambda: radioloc.io.write_gis([wrong], tmp_path / "a.geojson"),
-        lambda: radioloc.results.solution_table([wrong]),
+        lambda: solution_table([wrong]),
     ]
     for job in jobs:
         with pytest.raises(InputError):

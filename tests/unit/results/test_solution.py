@@ -14,7 +14,7 @@ from radioloc.estimation.series import seconds_since_midnight
 from radioloc.estimation.time_correlation import scaled_covariance
 from radioloc.lunar import selenographic_to_cartesian
 from radioloc.parameters.parameter import Role
-from radioloc.results import build_solution
+from radioloc.results.build import build_solution
 from radioloc.results.cards import metres, to_sigma
 from radioloc.results.solution_card import solution_card
 from radioloc.time import Epochs

@@ -8,7 +8,7 @@ from recorded import recorded, reference
 
 from radioloc.cli import main
 from radioloc.errors import InputError
-from radioloc.results import TextTable, solution_table
+from radioloc.results.tables import TextTable, solution_table
 
 
 def parameter(name, unit, value, total_sigma, fixed=False):

@@ -249,7 +249,15 @@ def content_of(result: Located) -> Mapping[str, Any]:
 
 
 def contents_by_target(results: Iterable[Located]) -> list[Mapping[str, Any]]:
-    """Return the contents of solutions as in ``solution.json``, one for each target; the first has the references."""
+    """Return the contents of solutions as in ``solution.json``, one for each target; the first has the references.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> solution = radioloc.locate("examples/apollo15/apollo15.toml")
+    >>> [content["name"] for content in radioloc.results.contents_by_target([solution])]
+    ['apollo15']
+    """
     contents: list[Mapping[str, Any]] = []
     for content in map(content_of, results):
         references = {key: content[key] for key in ("reference", "references") if key in content}

@@ -60,13 +60,6 @@ def test_dates_as_text_and_back(jd, fraction):
     assert utc_strings(read).tolist() == text.tolist()
 
 
-@given(st.integers(0, 86399), st.integers(0, 999_999_999), DAYS)
-def test_nanoseconds_are_read_and_written_as_they_stand(second, nanosecond, jd):
-    day = str(Epochs.from_jd(jd).day_strings()[0])
-    text = f"{day}T{second // 3600:02d}:{second // 60 % 60:02d}:{second % 60:02d}.{nanosecond:09d}"
-    assert utc_strings(epochs_from_strings(text)).tolist() == [text]
-
-
 @given(
     st.floats(2.4e6, 2.5e6),
     st.floats(-2.0, 2.0),

@@ -3,53 +3,24 @@
 import struct
 from itertools import groupby
 
-ORBIT = {
-    "time_s": 32,
-    "time_ms": 10,
-    "receiver_delay_ns": 22,
-    "observable": 32,
-    "observable_1e9": 32,
-    "format": 3,
-    "receiver": 7,
-    "transmitter": 7,
-    "network": 2,
-    "type": 6,
-    "downlink": 2,
-    "uplink": 2,
-    "exciter": 2,
-    "invalid": 1,
-    "channel": 7,
-    "spacecraft": 10,
-    "independent": 1,
-    "reference_2e24_mhz": 22,
-    "reference_mhz": 24,
-    "item_20": 20,
-    "item_21": 22,
-    "transmitter_delay_ns": 22,
-}
-RAMP = {
-    "start_s": 32,
-    "start_ns": 32,
-    "rate_hz_s": 32,
-    "rate_nhz_s": 32,
-    "frequency_ghz": 22,
-    "station": 10,
-    "frequency_hz": 32,
-    "frequency_nhz": 32,
-    "stop_s": 32,
-    "stop_ns": 32,
-}
-CLOCK = {
-    "start_s": 32,
-    "start_ns": 32,
-    "offset_s": 32,
-    "offset_ns": 32,
-    "station": 32,
-    "second_station": 32,
-    "reserved": 32,
-    "stop_s": 32,
-    "stop_ns": 32,
-}
+
+def _bits(table):
+    return {name: int(width) for name, width in (field.split() for field in table.split(","))}
+
+
+ORBIT = _bits(
+    "time_s 32, time_ms 10, receiver_delay_ns 22, observable 32, observable_1e9 32, format 3, receiver 7,"
+    "transmitter 7, network 2, type 6, downlink 2, uplink 2, exciter 2, invalid 1, channel 7, spacecraft 10,"
+    "independent 1, reference_2e24_mhz 22, reference_mhz 24, item_20 20, item_21 22, transmitter_delay_ns 22"
+)
+RAMP = _bits(
+    "start_s 32, start_ns 32, rate_hz_s 32, rate_nhz_s 32, frequency_ghz 22, station 10, frequency_hz 32,"
+    "frequency_nhz 32, stop_s 32, stop_ns 32"
+)
+CLOCK = _bits(
+    "start_s 32, start_ns 32, offset_s 32, offset_ns 32, station 32, second_station 32, reserved 32,"
+    "stop_s 32, stop_ns 32"
+)
 START_S = 1965098442  # 2012-04-09T04:40:42, from 1950
 TWO_WAY = {
     "time_s": START_S,

@@ -9,7 +9,6 @@ from radioloc.earth.orientation import EarthOrientation
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Ephemeris
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, topocentric_tdb_minus_tt, tt_to_tdb
-from radioloc.time.scales import tdb_to_tt
 
 # ERFA's terms for a place leave out the second order in eccentricity (2.6e-10 s along the spin axis) and there also
 # what Jupiter and the Moon do to the Earth's velocity, 12 m/s each (3.5e-10 s): 1.17 ns at the worst, found over all
@@ -69,13 +68,3 @@ def test_topocentric_part_against_the_series(name):
 def test_topocentric_part_by_hand():
     velocity, place = np.array([[0.0, 3e4, 0.0]]), np.array([[1e6, 6e6, 2e6]])
     assert topocentric_tdb_minus_tt(velocity, place) == pytest.approx([3e4 * 6e6 / C_M_S**2], rel=1e-15)
-
-
-def test_tt_to_tdb_and_back():
-    tt = Epochs.from_jd(2440000.5 + 337.1 * np.arange(100), 0.0, "TT")
-    back = tdb_to_tt(tt_to_tdb(tt))
-    assert back.scale == "TT"
-    assert np.abs(back.seconds_since(tt)).max() < ROUND_TRIP_S
-    assert tt_to_tdb(tt).seconds_since(Epochs.from_jd(tt.jd, tt.fraction, "TDB")) == pytest.approx(
-        erfa.dtdb(tt.jd, tt.fraction, 0.0, 0.0, 0.0, 0.0), rel=0, abs=ROUND_TRIP_S
-    )

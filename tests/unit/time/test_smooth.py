@@ -52,19 +52,8 @@ def test_few_epochs_are_evaluated_as_they_are(count, days):
     assert wave.asked == count
 
 
-def test_no_epochs():
-    assert evaluate_smooth(Wave(1.0), epochs(0, 1.0)).shape == (0, 2)
-
-
 def test_order_and_repetition_do_not_matter():
     at = epochs(500, 2.0)
     shuffled = np.random.default_rng(1).permutation(np.repeat(np.arange(500), 2))
     whole = evaluate_smooth(Wave(5.0), at)
     np.testing.assert_array_equal(evaluate_smooth(Wave(5.0), at[shuffled]), whole[shuffled])
-
-
-def test_values_of_any_shape():
-    at = epochs(500, 1.0)
-    assert evaluate_smooth(lambda e: e.fraction, at).shape == (500,)
-    assert evaluate_smooth(lambda e: np.ones((len(e), 2, 3)), at).shape == (500, 2, 3)
-    assert evaluate_smooth(lambda e: np.exp(1j * e.fraction), at).dtype == np.complex128

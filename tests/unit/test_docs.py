@@ -218,7 +218,7 @@ def test_every_key_of_the_study_file(workspace):
     assert radioloc.read_study(workspace / example.file).name == "everything"
     written = tomllib.loads(example.text)
     shown = {**written, "stations.NAME": written["stations"]["MYSITE"]}
-    for table in ("frequencies", "weights", "map_positions"):
+    for table in ("frequencies", "uplinks", "weights", "map_positions"):
         [shown[f"observations.{table}"]] = written["observations"][table]
     place = written["target"] | written["reference"]
     shown |= dict.fromkeys(("target", "reference", "references.NAME", "targets.NAME"), place)

@@ -63,7 +63,7 @@ def residuals(options: argparse.Namespace) -> int:
 
 def _solution(options: argparse.Namespace, *, fitted: bool) -> radioloc.Solution:
     """Return the solution of a study, the files of which are written and the card printed."""
-    from radioloc.jobs.locate import fit_arc, prepared_arc, require_apriori_state
+    from radioloc.jobs.locate import fit_arc, prepared_arc
     from radioloc.study.study import TerrainPrior
 
     if options.terms and options.out is None:
@@ -71,8 +71,6 @@ def _solution(options: argparse.Namespace, *, fitted: bool) -> radioloc.Solution
     if options.residuals_tdm is not None and options.originator is None:
         options.parser.error("--residuals-tdm needs --originator NAME, the agency that makes the message")
     study = radioloc.read_study(options.study)
-    if not fitted:
-        require_apriori_state(study)
     arc, left_out = prepared_arc(study)
     solution = fit_arc(study, arc, left_out, study.estimate if fitted else None)
     if options.out is not None:

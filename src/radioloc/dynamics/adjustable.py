@@ -44,7 +44,6 @@ class AdjustableOrbit:
     ephemeris: Ephemeris
     libration: LunarOrientation
     name: str = "orbit"  # in messages
-    notes: tuple[str, ...] = ()  # origin of the state, for results
     touchdown: Epochs | None = None  # from which on it rests on the Moon, TDB, one
     # Changes of the states by errors (`effects`); with them the parameters are these errors, which are held at zero.
     errors: Callable[[Epochs], Floats] | None = None

@@ -81,7 +81,6 @@ class FitStatus(enum.StrEnum):
     UNSETTLED = "not converged: the editing did not settle"
     HIDDEN = "not converged: a used station cannot see the point"
     OFF_THE_MOON = "not converged: a height that the Moon does not have"
-    MANOEUVRE = "not converged: a manoeuvre that the study does not name"
     MISFIT = "not converged: residuals far beyond the stated sigmas"
 
 

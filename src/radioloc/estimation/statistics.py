@@ -22,9 +22,6 @@ SCALING_PROBABILITY = 0.999
 fit of a thousand."""
 
 
-DECISIVE = 1.5
-"""Ratio of the second smallest rms to the smallest from which on a pass is decided."""
-
 _MAD_TO_SIGMA = 1.4826  # median absolute deviation of a normal distribution to its standard deviation
 
 
@@ -249,55 +246,6 @@ class FitStatistics:
             "robust_scale": self.robust_scale,
             **{key: {group.label: group.to_dict() for group in items} for key, items in groups.items()},
         }
-
-
-@dataclass(frozen=True, slots=True)
-class TransmitterPass:
-    """Candidates for the transmitter, and the turnaround ratio, of what a station received in a pass."""
-
-    receiver: str
-    first_utc: str
-    last_utc: str
-    count: int  # counts of Doppler
-    taken: str  # candidate that the fit has
-    # Rms of the round-trip residual rates by candidate, less one frequency offset; None where it does not see the
-    # target.
-    rms_m_s: Mapping[str, float | None]
-    cycle_m: float | None  # wavelength of the downlink
-
-    @property
-    def ranking(self) -> list[str]:
-        """Candidates that see the target, the smallest rms first."""
-        known = {name: rms_m_s for name, rms_m_s in self.rms_m_s.items() if rms_m_s is not None}
-        return sorted(known, key=lambda name: known[name])
-
-    @property
-    def decided(self) -> bool:
-        """Whether the candidate that was taken fits much better than all others."""
-        best, *others = self.ranking or [""]
-        if best != self.taken:
-            return False
-        smallest, *rest = ((self.rms_m_s[name] or 0.0) for name in (best, *others))
-        return all(rms_m_s >= DECISIVE * smallest for rms_m_s in rest)
-
-    def size(self, name: str) -> str:
-        """Rms of a candidate, in hertz where the wavelength is known; a dash where it does not see the target."""
-        rms_m_s = self.rms_m_s[name]
-        if rms_m_s is None:
-            return "-"
-        return f"{rms_m_s:.3g} m/s" if self.cycle_m is None else f"{rms_m_s / self.cycle_m:.3g} Hz"
-
-    def __str__(self) -> str:
-        """Say that no candidate fits much better than the others."""
-        sizes = ", ".join(f"{name} {self.size(name)}" for name in self.ranking)
-        return (
-            f"who transmitted to {self.receiver} from {self.first_utc} to {self.last_utc} UTC is undecided ({sizes}); "
-            f"{self.taken} was taken"
-        )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Its fields, and whether it is decided."""
-        return asdict(self) | {"rms_m_s": dict(self.rms_m_s), "decided": self.decided}
 
 
 def read_only(values: ArrayLike) -> _Floats:

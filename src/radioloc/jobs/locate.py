@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.ephemeris import EphemerisConstants, Trajectory
-from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import CoverageError, FileFormatError, InputError, require_type
 from radioloc.estimation.consider import effects_beside_prior
 from radioloc.estimation.editing import (
@@ -22,14 +21,10 @@ from radioloc.estimation.editing import (
     phase_faults,
     with_reasons,
 )
-from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
 from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.io.formats import read_observations
-from radioloc.jobs.coarse_search import near_starts
-from radioloc.jobs.first_orbit import first_orbit
-from radioloc.jobs.manoeuvres import HIDDEN, Manoeuvre
 from radioloc.jobs.notes import notes_of, provenance
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.orbit_start import near_orbit
@@ -51,8 +46,7 @@ from radioloc.jobs.selection import select_observations, with_target_names
 from radioloc.jobs.station_doubts import coordinate_doubts
 from radioloc.jobs.station_noise import stated_noise
 from radioloc.jobs.stochastic import StochasticProblem
-from radioloc.jobs.transmitters import TransmitterSearch
-from radioloc.jobs.verdict import misfits, nowhere, places
+from radioloc.jobs.verdict import cut_off_ends, misfits, nowhere, places, search_that_helps
 from radioloc.labels import USED, Labels
 from radioloc.lunar import rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
@@ -72,12 +66,13 @@ from radioloc.media.ionex import read_ionex
 from radioloc.media.ionosphere import UniformTec
 from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
 from radioloc.parameters.design import ObservationModel
-from radioloc.results.build import Doubt, build_solution, compare_with
+from radioloc.results.build import build_solution, compare_with
 from radioloc.results.solution import Solution, TargetPosition
 from radioloc.study.identity import spacecraft_doubts
 from radioloc.study.orbiter import Orbiter
 from radioloc.study.study import EstimateChoice, ModelChoice, Study
 from radioloc.study.study_file import as_study
+from radioloc.study.uplinks import with_uplinks
 from radioloc.study.weights import require_stations, weighted_observations
 
 logger = logging.getLogger(__name__)
@@ -118,7 +113,7 @@ def locate(study: Study | str | Path, observations: Observations | None = None) 
 def residuals(study: Study | str | Path, observations: Observations | None = None) -> Solution:
     """Observed minus computed at the study's position, nothing fitted, nothing edited.
 
-    Parameters and errors as :func:`locate`; an orbiter needs an a-priori state, as none is searched for.
+    Parameters and errors as :func:`locate`.
 
     Examples
     --------
@@ -127,17 +122,7 @@ def residuals(study: Study | str | Path, observations: Observations | None = Non
     (153,)
     """
     study = as_study(study)
-    require_apriori_state(study)
     return fit_arc(study, *prepared_arc(study, observations), None)
-
-
-def require_apriori_state(study: Study) -> None:
-    """Raise an InputError if a study has a rough orbit only, at which residuals are not defined."""
-    if isinstance(study.target, Orbiter) and study.target.rough is not None:
-        raise InputError(
-            "[target] altitude_m: residuals need an a-priori state, got a rough orbit; give position_m and "
-            "velocity_m_s, or elements, or use `radioloc locate`, which searches for a first orbit"
-        )
 
 
 def arc_of(
@@ -171,7 +156,7 @@ def prepared_arc(
     constants = model.ephemeris.constants
     targets = targets_in_pa(study, constants)
     _references(study, constants)  # one in a wrong frame is to be told before the work, not after it
-    chosen, left_out, orbit = _observations(study, observations, model, targets, orbit)
+    chosen, left_out = chosen_observations(study, observations, model)
     arc = _arc(study, model, chosen, targets, orbit)
     logger.info("prepared the model for %d observations by %s", len(chosen), ", ".join(arc.stations))
     _require_tracked(study, arc)
@@ -202,15 +187,13 @@ def fit_arc(
 ) -> Solution:
     """Fit an arc that has been prepared already; of `estimate` nothing where it is ``None``.
 
-    Without `consistency` nobody asks who does not fit, or who transmitted.
+    Groups of observations are tested for `consistency` on request only.
     """
     model, observations = arc.model, arc.observations
     constants = model.ephemeris.constants
     if estimate is not None:
         estimate = with_independent_clocks(study, estimate, arc)
     targets = targets_in_pa(study, constants)
-    starts = {} if estimate is None else near_starts(arc, targets, estimate)
-    targets |= {name: start for name, (start, _) in starts.items()}
     aimed = targets or planned_place(study, constants)
     problem = observation_model(arc, aimed, estimate, held=study.estimate)
     noise = stated_noise(arc, study.observations)
@@ -220,7 +203,7 @@ def fit_arc(
     orbit = arc.trajectory
     there = arc.along(orbit.coarse()) if isinstance(orbit, AdjustableOrbit) else arc
     status, reason = status_of(there, start_pa_m(targets))
-    fitted, stochastic, manoeuvres = _fit(problem, noise, order, estimate, status, reason)
+    fitted, stochastic = _fit(problem, noise, order, estimate, status, reason)
     if stochastic is not None:
         problem = stochastic.here
         arc = problem.predictor
@@ -241,8 +224,9 @@ def fit_arc(
         fitted = weighed(problem.linearize, edited, order, estimate, common)
     x, used = fitted.fit.x, fitted.fit.used
     elevation_deg = _elevation_deg(arc, problem.all_positions_pa_m(x))
-    doubts = [Doubt(FitStatus.MANOEUVRE, str(one)) for one in manoeuvres]
-    doubts += [] if estimate is None else misfits(fitted, noise.sigma_m, types)
+    doubts = [] if estimate is None else [*misfits(fitted, noise.sigma_m, types)]
+    if estimate is not None and isinstance(study.target, Orbiter):
+        doubts += cut_off_ends(fitted, observations)
     fits = not doubts
     # Where the residuals do not fit at all, place and sigmas say nothing of their own.
     if fits and estimate is not None and arc.trajectory is None and estimate.position != "none":
@@ -272,12 +256,7 @@ def fit_arc(
         ephemeris_sigma_enu_m=np.zeros(3) if estimate is None else np.array(estimate.ephemeris_sigma_m),
         name=study.name,
         notes=(
-            *(
-                f"the fit{f' of {name}' if name else ''} began {away_m / 1e3:.0f} km from the a-priori position, where "
-                "a coarse search over the near side found that the data fit better"
-                for name, (_, away_m) in starts.items()
-            ),
-            *coordinate_doubts(arc, start_pa_m(targets_in_pa(study, constants)), used, fits),
+            *coordinate_doubts(arc, start_pa_m(targets), used, fits),
             *notes_of(study, arc, left_out, estimate, fitted, lander_pa_m, considered),
             *not_considered,
         ),
@@ -300,13 +279,10 @@ def fit_arc(
     solution = replace(solution, reference=first, references=tuple(known))
     if fits:
         solution = nowhere(solution)
-    if not consistency:
+    if estimate is None:
         return solution
-    aim = problem.all_positions_pa_m(x if solution.converged else problem.parameters.prior_values)
-    search = TransmitterSearch(study, model, aim, _coarse(arc.trajectory), arc.targets)
-    transmitters = search.passes(arc.observations)
-    notes = (*solution.notes, *(str(one) for one in transmitters if not one.decided))
-    return replace(solution, transmitters=transmitters, notes=notes)
+    advice = search_that_helps(study, solution, problem.all_positions_pa_m(x), start_pa_m(targets))
+    return replace(solution, notes=(*solution.notes, *advice))
 
 
 def _references(study: Study, constants: EphemerisConstants) -> list[tuple[str, NDArray[np.float64]]]:
@@ -347,14 +323,11 @@ def _radio_atmosphere(choice: ModelChoice) -> RadioAtmosphere | None:
         raise InputError(f"[model] {error}") from None
 
 
-def _observations(
-    study: Study,
-    observations: Observations | None,
-    model: PhysicalModel,
-    targets: Mapping[str, LunarPosition],
-    orbit: AdjustableOrbit | None,
-) -> tuple[Observations, dict[str, int], AdjustableOrbit | None]:
-    """Observations of a study, how many were left out, and its a-priori orbit if that is known by now."""
+def chosen_observations(
+    study: Study, observations: Observations | None, model: PhysicalModel
+) -> tuple[Observations, dict[str, int]]:
+    """Return the observations of a study, and how many others there are, by reason; errors as :func:`locate`."""
+    study.observations.require_transmitters()
     if observations is None:
         if study.simulation is not None and not study.observations.files:
             raise InputError(
@@ -379,18 +352,7 @@ def _observations(
         if isinstance(given, Mapping):
             require_stations(chosen, key, given, study.catalogue)
     weighted = weighted_observations(chosen, study.observations.weights, study.catalogue)
-    if not TransmitterSearch(study, model, start_pa_m(targets)).wanted:
-        return weighted, left_out, orbit
-    start_m, trajectory, names = _aim(study, targets, model, weighted, orbit)
-    resolved = TransmitterSearch(study, model, start_m, _coarse(trajectory), names).resolved(weighted)
-    if isinstance(trajectory, AdjustableOrbit) and not trajectory.notes:
-        orbit = trajectory  # a first orbit is sought anew, now that it is known who transmitted
-    return resolved, left_out, orbit
-
-
-def _coarse(trajectory: AnyTrajectory | None) -> AnyTrajectory | None:
-    """What serves where only its positions are asked for."""
-    return trajectory.coarse() if isinstance(trajectory, AdjustableOrbit) else trajectory
+    return with_uplinks(weighted, study.observations.uplinks, study.catalogue), left_out
 
 
 def read_as(study: Study, files: Sequence[str | Path], model: PhysicalModel | None = None) -> Observations:
@@ -419,7 +381,7 @@ def _arc(
     given: AdjustableOrbit | None,
 ) -> Predictor:
     start_m, aimed, names = _aim(study, targets, model, observations, given)
-    trajectory = _coarse(aimed)
+    trajectory = aimed.coarse() if isinstance(aimed, AdjustableOrbit) else aimed  # only positions are needed
     more = needs_more_partials(study)
     try:
         if len(rows := np.flatnonzero(~np.isnan(observations.modulus_m))):
@@ -453,8 +415,7 @@ def _aim(
     if isinstance(study.target, Orbiter) and orbit is None:
         assert study.estimate.orbit is not None  # the study has seen to that
         parameters = study.estimate.orbit.parameters(study.target.forces)
-        find = Orbiter.orbit if study.target.rough is None else first_orbit
-        trajectory = find(study.target, model, observations, parameters)
+        trajectory = study.target.orbit(model, observations, parameters)
         if study.target.landing is None:
             trajectory = trajectory.reaching_below_ground()
     elif isinstance(study.target, Trajectory):
@@ -489,11 +450,11 @@ def _fit(
     estimate: EstimateChoice | None,
     status: Labels,
     reason: NDArray[np.int8],
-) -> tuple[EditedFit, StochasticProblem | None, list[Manoeuvre]]:
-    """The fit, its problem if the orbit has stochastic accelerations, and manoeuvres that the study does not name."""
+) -> tuple[EditedFit, StochasticProblem | None]:
+    """The fit, and its problem if the orbit has stochastic accelerations."""
     if estimate is None:
         plain = fit_with_editing(problem.linearize, problem.parameters, noise, status=status, threshold=None)
-        return plain, None, []
+        return plain, None
     if not status.are(USED).any():
         raise InputError(
             f"no observations left: all {len(status)} are rejected: "
@@ -502,14 +463,9 @@ def _fit(
         )
     observations = problem.predictor.observations
     counts = PhaseCounts(observations.count_s, 1e-6 * observations.wavelength_um)
-    usable, manoeuvres, excluded = status.are(USED), list[Manoeuvre](), dict[int, str]()
+    usable, excluded = status.are(USED), dict[int, str]()
     process_noise = None if estimate.orbit is None else estimate.orbit.process_noise
-    start = None
-    if problem.landing is None:
-        # Stochastic accelerations stand for forces that are not modelled, which residuals without them show.
-        start, manoeuvres = near_orbit(problem, noise.sigma_m, usable, seek=process_noise is None)
-        for one in manoeuvres:
-            excluded |= dict.fromkeys(np.flatnonzero(one.hides(observations)).tolist(), HIDDEN)
+    start = near_orbit(problem, noise.sigma_m, usable) if problem.landing is None else None
     if start is not None:
         status = _visibility_at(problem, start, status, usable)
     stochastic = None
@@ -547,7 +503,7 @@ def _fit(
                 decisions, decided_at = decisions + 1, fitted.fit.x
                 decided = _visibility_at(problem, fitted.fit.x, status, fitted.fit.used)
             if decided is status:
-                return replace(fitted, reasons=faults), stochastic, manoeuvres
+                return replace(fitted, reasons=faults), stochastic
             status, start = decided, fitted.fit.x
 
 

@@ -227,7 +227,6 @@ def _of_model(arc: Predictor) -> Iterator[str]:
             if served:
                 yield f"troposphere of radio signals from {source} for {served}, beside recorded pressure"
     if isinstance(arc.trajectory, AdjustableOrbit):
-        yield from arc.trajectory.notes
         yield from arc.trajectory.forces.gravity.notes
     if arc.trajectory is not None and not isinstance(arc.trajectory, AdjustableTrajectory):
         yield "the trajectory is taken as exact: its error is in the residuals, and in no sigma"

@@ -9,23 +9,25 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit
-from radioloc.jobs.manoeuvres import Manoeuvre, unnamed_manoeuvre
 from radioloc.jobs.orbit_steps import fitted_state
+from radioloc.measurements.predictor import Predictor
 from radioloc.parameters.design import ObservationModel
 from radioloc.time import tt_to_tdb, utc_to_tt
+from radioloc.vectors import Floats
 
 logger = logging.getLogger(__name__)
 
-Floats = NDArray[np.float64]
-
+MIN_OBSERVATIONS = 30
+"""Fewest observations of the first part."""
+REACH_FACTOR = 3.0
+"""Ratio of the time spans about the epoch of one part and the next."""
 _FIRST_S = 7200.0
-_FEWEST = 30
 _WEAK_M, _WEAK_M_S = 2e3, 2.0
 """How far a state without a-priori sigmas goes in one step: what a short part does not tell stays where it is."""
 _FREE = 1e6
@@ -34,54 +36,73 @@ _INVERSIONS = 8
 """Newton's steps from a state to its elements."""
 
 
-def near_orbit(
-    problem: ObservationModel, sigma_m: Floats, usable: NDArray[np.bool_], seek: bool = False
-) -> tuple[Floats | None, list[Manoeuvre]]:
-    """Parameters of an arc's problem near the estimate, with manoeuvres if they are sought; ``None`` without an orbit.
+@dataclass(frozen=True, eq=False)
+class StagedStart:
+    """Robust fits of parts of an arc about the epoch of its orbit."""
 
-    Without it a fit of 36 hours from 1.9 km and 1.9 m/s off does not converge (`tests/unit/jobs/test_orbit_study.py`).
-    """
-    parameters, orbit = problem.parameters, problem.predictor.trajectory
-    count = len(parameters.of_kind("state")) + len(parameters.of_kind("force"))
-    free = np.flatnonzero(parameters.free[:count])
-    if not isinstance(orbit, AdjustableOrbit) or not len(free) or not usable.any():
-        return None, []
-    arc = problem.predictor.along(orbit.coarse())
-    tdb = tt_to_tdb(utc_to_tt(arc.observations.epoch))
-    away_s = np.abs(tdb.seconds_since(orbit.epoch))
-    apriori = np.array(list(orbit.values.values()))
-    sigmas = _cartesian_sigmas(problem, count)[free]
-    x, found = apriori.copy(), list[Manoeuvre]()
-    reach_s = max(_FIRST_S, float(np.sort(away_s[usable])[min(_FEWEST, int(usable.sum())) - 1]))
-    while True:
-        rows = np.flatnonzero(usable & (away_s <= reach_s))
-        part, before = arc.select(rows), x
-        x, spread = fitted_state(part, sigma_m[rows], before, apriori, free, sigmas)
+    arc: Predictor  # of the coarse orbit
+    sigma_m: Floats
+    apriori: Floats  # parameters of the orbit: state and forces
+    free: NDArray[np.intp]
+    step_sigmas: Floats  # of the free parameters
+    away_s: Floats  # of each observation from the epoch
+
+    @classmethod
+    def of(cls, problem: ObservationModel, sigma_m: Floats) -> StagedStart | None:
+        """Return the start of a problem, or ``None`` where no orbit is estimated."""
+        parameters, orbit = problem.parameters, problem.predictor.trajectory
+        count = len(parameters.of_kind("state")) + len(parameters.of_kind("force"))
+        free = np.flatnonzero(parameters.free[:count])
+        if not isinstance(orbit, AdjustableOrbit) or not len(free):
+            return None
+        arc = problem.predictor.along(orbit.coarse())
+        tdb = tt_to_tdb(utc_to_tt(arc.observations.epoch))
+        return cls(
+            arc,
+            sigma_m,
+            np.array(list(orbit.values.values())),
+            free,
+            _cartesian_sigmas(problem, count)[free],
+            np.abs(tdb.seconds_since(orbit.epoch)),
+        )
+
+    def first_reach_s(self, usable: NDArray[np.bool_]) -> float:
+        """Return the time from the epoch within which observations are fitted first."""
+        ordered_s = np.sort(self.away_s[usable])
+        return max(_FIRST_S, float(ordered_s[min(MIN_OBSERVATIONS, len(ordered_s)) - 1]))
+
+    def rows_within(self, reach_s: float, usable: NDArray[np.bool_]) -> NDArray[np.intp]:
+        """Return the usable observations of a part."""
+        return np.flatnonzero(usable & (self.away_s <= reach_s))
+
+    def fitted(self, rows: NDArray[np.intp], x: Floats) -> Floats:
+        """Return the parameters of the orbit that fit some observations, starting at x."""
+        x, spread = fitted_state(
+            self.arc.select(rows), self.sigma_m[rows], x, self.apriori, self.free, self.step_sigmas
+        )
         logger.info(
             "orbit within %.1f h of the epoch: %d observations, robust misfit %.3g sigmas",
-            reach_s / 3600.0,
+            self.away_s[rows].max() / 3600.0,
             len(rows),
             spread,
         )
+        return x
 
-        def starts(
-            rows: NDArray[np.intp] = rows, first: Floats = x, before: Floats = before
-        ) -> Iterator[Floats]:
-            """Of which the later ones may fit on the epoch's side of a manoeuvre."""
-            yield from (first, before)
-            for fraction in (2, 4):
-                near = rows[np.argsort(away_s[rows])[: max(_FEWEST, len(rows) // fraction)]]
-                yield fitted_state(arc.select(near), sigma_m[near], before, apriori, free, sigmas)[0]
 
-        manoeuvre = unnamed_manoeuvre(part, sigma_m[rows], starts(), apriori, free, sigmas) if seek else None
-        if manoeuvre is not None:
-            found.append(manoeuvre)
-            x, usable = manoeuvre.x, usable & ~manoeuvre.hides(arc.observations)
-        elif reach_s >= away_s[usable].max():
-            break
-        else:
-            reach_s *= 3.0
-    return _with_orbit(problem, x - apriori), found
+def near_orbit(problem: ObservationModel, sigma_m: Floats, usable: NDArray[np.bool_]) -> Floats | None:
+    """Return parameters of an arc's problem near the estimate, or ``None`` where no orbit is estimated.
+
+    Without it a fit of 36 hours from 1.9 km and 1.9 m/s off does not converge (`tests/unit/jobs/test_orbit_study.py`).
+    """
+    start = StagedStart.of(problem, sigma_m)
+    if start is None or not usable.any():
+        return None
+    x, reach_s = start.apriori, start.first_reach_s(usable)
+    while True:
+        x = start.fitted(start.rows_within(reach_s, usable), x)
+        if reach_s >= start.away_s[usable].max():
+            return _with_orbit(problem, x - start.apriori)
+        reach_s *= REACH_FACTOR
 
 
 def _with_orbit(problem: ObservationModel, changes: Floats) -> Floats:

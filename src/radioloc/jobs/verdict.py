@@ -21,10 +21,13 @@ from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.variance_components import part_of_parameters
 from radioloc.labels import USED, Labels
 from radioloc.lunar.visibility import earth_elevation_rad
+from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS, is_integrated
 from radioloc.results.build import Doubt
 from radioloc.results.solution import Solution
+from radioloc.study.orbiter import Orbiter
+from radioloc.study.study import Study
 from radioloc.time import tt_to_tdb, utc_to_tt
 
 LARGEST_MISFIT = 20.0
@@ -38,6 +41,12 @@ WIDEST_M = 0.1 * MEAN_LUNAR_RADIUS_M
 LOWEST_EARTH_DEG = -8.0
 """The highest terrain sees 6.4 deg below the horizontal; the Earth's radius, light time and aberration are 1 deg, and
 0.6 deg are the Moon's curvature over 20 km of an a-priori position that is off."""
+_MIN_CUT_OFF, _MIN_CUT_OFF_FRACTION = 8, 0.05
+"""Fewest first or last observations of an orbit, and their least fraction, that are a doubt where all are outliers."""
+_MAX_MANOEUVRE_M_S = 200.0
+"""Largest change of a round-trip range rate by a manoeuvre; counts that were not locked are off by more."""
+NEAR_HOME_M = 1e5
+"""Distance of an estimate from the a-priori position up to which any start ends at the same place."""
 _EPOCHS = 100
 """The Earth moves in the point's sky with the librations, in days: of an arc so many epochs are looked at."""
 
@@ -76,6 +85,24 @@ def misfits(edited: EditedFit, stated_m: NDArray[np.float64], types: Labels) -> 
             "dynamics) or sign, for outliers among few observations, a term switched off, or a "
             "considered parameter to estimate",
         )
+
+
+def cut_off_ends(edited: EditedFit, observations: Observations) -> Iterator[Doubt]:
+    """Doubt an orbit whose first or last observations are all outliers, as beyond an undocumented manoeuvre.
+
+    A study of 37 of 138 counts after 0.5 m/s converges without it: they look like counts that were not locked.
+    """
+    epoch, unlocked = observations.epoch, edited.fit.residual_m / observations.count_s
+    rows = np.flatnonzero(edited.given.are(USED) & ~(np.abs(unlocked) > _MAX_MANOEUVRE_M_S))
+    used = edited.fit.used[rows[np.lexsort((epoch.fraction[rows], epoch.jd[rows]))]]
+    for end, ordered in (("first", used), ("last", used[::-1])):
+        count = int(ordered.argmax()) if ordered.any() else 0
+        if count >= max(_MIN_CUT_OFF, _MIN_CUT_OFF_FRACTION * len(used)):
+            yield Doubt(
+                FitStatus.MISFIT,
+                f"the {end} {count} observations are left out as outliers, as they are beyond a manoeuvre that the "
+                "study does not state",
+            )
 
 
 def heights(height_m: float) -> Iterator[Doubt]:
@@ -148,3 +175,20 @@ def nowhere(solution: Solution) -> Solution:
     return replace(
         solution, status=FitStatus.UNOBSERVABLE, message="; ".join(text for text in (reason, also) if text)
     )
+
+
+def search_that_helps(
+    study: Study, solution: Solution, estimate_pa_m: NDArray[np.float64], apriori_pa_m: NDArray[np.float64]
+) -> Iterator[str]:
+    """Name the search that helps where an estimate cannot be used, or is far from the a-priori positions."""
+    command = f"`radioloc search {study.path or 'STUDY.toml'}`"
+    if isinstance(study.target, Orbiter):
+        if not solution.converged:
+            yield f"{command} looks for manoeuvres that the study does not state"
+    elif solution.trajectory is None and solution.position_estimated:
+        away_m = float(np.linalg.norm(estimate_pa_m - apriori_pa_m, axis=-1).max())
+        if not solution.converged or away_m > NEAR_HOME_M:
+            yield (
+                f"the fit ended {away_m / 1e3:.3g} km from the a-priori position: {command} looks for a better one "
+                "over the near side"
+            )

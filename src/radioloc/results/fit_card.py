@@ -34,7 +34,6 @@ from radioloc.time import utc_strings
 
 # A card is to fit a screen; to_dict() has all rows.
 _MAX_ROWS = 6
-_MAX_CANDIDATES = 3
 _MAX_LINKS = 12  # six baselines of four stations, and some that range
 _MAX_OUTLIERS = 3
 _MAX_UNFOLDED, _MAX_REJECTED = 20, 300  # on a page
@@ -49,7 +48,6 @@ _MUCH_LARGER = 3.0
 def fit_fields(solution: Solution) -> Iterator[Field]:
     """Fields of the card, in order."""
     yield Field("data", _data(solution), section=RESIDUALS)
-    yield _transmitters(solution)
     yield Field("fit", _fit(solution), section=RESIDUALS)
     yield Field("misfit", map(str, inconsistent(solution, strongly=False)), section=RESIDUALS)
     yield from in_section(RESIDUALS, *_groups(solution))
@@ -84,24 +82,6 @@ def _data(solution: Solution) -> Iterator[str]:
     stations = plural(len(_ends(rows)), "station")
     yield f"{plural(len(rows), 'observation')} from {stations} over {duration(span_s)},"
     yield f"{' to '.join(utc_strings(ends, decimals=0))} UTC"
-
-
-def _transmitters(solution: Solution) -> Field:
-    """Candidates for the transmitter of each pass, with the rms that each leaves; of many, the next best alone."""
-    passes = solution.transmitters
-    names = list(dict.fromkeys(name for one in passes for name in one.rms_m_s))
-    few = len(names) <= _MAX_CANDIDATES
-    rows: list[tuple[str, ...]] = []
-    for one in passes:
-        taken = one.taken if one.decided else f"{one.taken}?"
-        next_best = [(name, one.size(name)) for name in one.ranking if name != one.taken][:1] or [("-", "-")]
-        sizes = (*map(one.size, names), taken) if few else (taken, one.size(one.taken), *next_best[0])
-        rows.append((f"{one.receiver} {one.first_utc[5:16]}", *sizes))
-    heading = ("rms of pass", *names, "taken") if few else ("pass", "taken", "rms", "next best", "rms")
-    cells = [cell for row in rows[:_MAX_LINKS] for cell in row]
-    below = ["- does not see the target"] * ("-" in cells)
-    below += ["? undecided: another fits about as well"] * any(cell.endswith("?") for cell in cells)
-    return table("transmitter", heading, rows, _MAX_LINKS, below)
 
 
 def _fit(solution: Solution) -> Iterator[str]:

@@ -30,7 +30,6 @@ from radioloc.estimation.shared_observations import sample_of
 from radioloc.estimation.statistics import (
     FitStatistics,
     Residuals,
-    TransmitterPass,
     finite_or_none,
     read_only,
 )
@@ -134,8 +133,6 @@ class Solution(Result):
         The positions of all targets where there are several; that of the solution is the first's.
     consistency : Consistency
         Groups of observations against the rest, and what does not fit.
-    transmitters : tuple of TransmitterPass
-        Candidates for the transmitter of each pass, where a study names such.
     trajectory : str or None
         What the target moves along, if it is no point fixed to the Moon. Such a solution has no position: what is
         derived from one raises :class:`~radioloc.errors.InputError`.
@@ -174,7 +171,6 @@ class Solution(Result):
     prior_effects: _Floats = field(default_factory=lambda: np.zeros((0, 0)))
     targets: tuple[TargetPosition, ...] = ()
     consistency: Consistency = field(default_factory=Consistency)
-    transmitters: tuple[TransmitterPass, ...] = ()
 
     def __post_init__(self) -> None:
         p = len(self.parameters)
@@ -417,7 +413,6 @@ class Solution(Result):
             "rejected": self.residuals.rejected(),
             "observability": self.observability.to_dict(),
             "consistency": self.consistency.to_list(),
-            "transmitters": [one.to_dict() for one in self.transmitters],
             "reference": None if self.reference is None else self.reference.to_dict(),
             "references": [one.to_dict() for one in self.references],
             "notes": list(self.notes),

@@ -5,6 +5,7 @@ from radioloc.study.observation_choice import ObservationChoice
 from radioloc.study.study import EstimateChoice, HeightPrior, ModelChoice, Reference, Study, TerrainPrior
 from radioloc.study.study_file import read_study
 from radioloc.study.tables import STUDY_TABLES, StudyTable
+from radioloc.study.uplinks import Uplink
 from radioloc.study.weights import Weight
 
 __all__ = [
@@ -18,6 +19,7 @@ __all__ = [
     "Study",
     "StudyTable",
     "TerrainPrior",
+    "Uplink",
     "Weight",
     "read_study",
 ]

@@ -11,6 +11,7 @@ from radioloc.io.frequencies import FrequencyAgreement
 from radioloc.io.tdm import TdmAgreement
 from radioloc.study.map_positions import PlaceOnMap
 from radioloc.study.schema import TomlTable, check, entry
+from radioloc.study.uplinks import Uplink
 from radioloc.study.weights import Weight
 from radioloc.time import Epochs, utc_to_tai
 
@@ -70,10 +71,12 @@ class ObservationChoice:
         station or of all, beside the sigmas of the counts: contiguous counts of a link share that between them, with
         opposite signs.
     transmitters : str or iterable of str, or None
-        Stations that may have transmitted what Doppler is of: of each pass of a receiving station that one is taken
-        which leaves the smallest residuals, whatever the files name.
+        Candidates for the transmitter of Doppler: ``radioloc search`` states for each pass the one that leaves the
+        smallest residuals, whatever the files name.
     turnarounds : str or iterable of str, or None
-        Likewise ratios of frequency down to up, such as ``"880/749"``.
+        Candidates for the ratio of frequency down to up, such as ``"880/749"``.
+    uplinks : iterable of Uplink
+        Transmitters and turnaround ratios of passes, in place of those of the files.
     weights : iterable of Weight
         Changes of the stated sigmas by type, station and file, before the extra ones are added.
     map_positions : iterable of PlaceOnMap
@@ -103,6 +106,7 @@ class ObservationChoice:
     doppler_phase_sigma_m: float | Mapping[str, float] = entry(0.0, not_negative=True)
     transmitters: tuple[str, ...] | None = entry(None, names=True)
     turnarounds: tuple[str, ...] | None = entry(None, names=True)
+    uplinks: tuple[Uplink, ...] = ()
     weights: tuple[Weight, ...] = entry(
         (),
         advice='they are of chosen observations; how series are weighed ("correlated") is in [estimate] weights',
@@ -115,8 +119,18 @@ class ObservationChoice:
         object.__setattr__(self, "weights", tuple(self.weights))
         object.__setattr__(self, "frequencies", tuple(self.frequencies))
         object.__setattr__(self, "map_positions", tuple(self.map_positions))
+        object.__setattr__(self, "uplinks", tuple(self.uplinks))
         check(self)
         if self.start is not None and self.stop is not None:
             length_s = utc_to_tai(self.stop).seconds_since(utc_to_tai(self.start))
             if not (length_s > 0.0).all():
                 raise InputError("stop must be later than start")
+
+    def require_transmitters(self) -> None:
+        """Raise :class:`InputError` where there are candidates for transmitters or turnaround ratios only."""
+        for key in ("transmitters", "turnarounds"):
+            if getattr(self, key) is not None:
+                raise InputError(
+                    f"[observations] {key}: expected one of each pass, [[observations.uplinks]], got candidates; "
+                    "`radioloc search STUDY.toml --out completed.toml` finds them"
+                )

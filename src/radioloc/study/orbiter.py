@@ -175,7 +175,7 @@ class Orbiter:
     gravity_error_degree : int
         To which degree: what the field leaves out is drawn by Kaula's rule.
     rough : RoughOrbit, optional
-        In place of the state: it is then searched for.
+        In place of the state, which ``radioloc search`` finds.
     body : int
         NAIF code of the spacecraft in kernels, negative, such as -181.
     landing : Landing, optional
@@ -269,7 +269,8 @@ class Orbiter:
         """Position, m, and velocity, m/s, shape (6,); an InputError of an orbiter without."""
         if self.position_m is None or self.velocity_m_s is None:
             raise InputError(
-                f"{self.name} has no state before one was searched for; give position_m and velocity_m_s"
+                f"[target] altitude_m: expected an a-priori state of {self.name}, got a rough orbit; `radioloc search "
+                "STUDY.toml --out completed.toml` finds a state, or give position_m and velocity_m_s, or elements"
             )
         return np.array([*self.position_m, *self.velocity_m_s], dtype=np.float64)
 

@@ -52,6 +52,7 @@ from radioloc.study.target_file import (
     reference_of,
     true_orbiter,
 )
+from radioloc.study.uplinks import Uplink
 from radioloc.study.weights import Weight
 
 _FASTEST_PLATE_M_YR = 1.0
@@ -117,6 +118,7 @@ TABLES: dict[str, type] = {
     "observations.frequencies": FrequencyAgreement,
     "observations.weights": Weight,
     "observations.map_positions": PlaceOnMap,
+    "observations.uplinks": Uplink,
     "estimate": EstimateChoice,
     "estimate.orbit": OrbitChoice,
     "estimate.orbit.process_noise": ProcessNoise,

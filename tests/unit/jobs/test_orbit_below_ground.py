@@ -2,14 +2,12 @@
 
 import numpy as np
 import pytest
-from low_orbit import EPOCH
 from tracked_orbit import STATE, craft, tracked
 
 import radioloc
 from radioloc.dynamics import Forces, GravityField
 from radioloc.errors import InputError
 from radioloc.measurements import PhysicalModel
-from radioloc.study.orbiter import Orbiter, RoughOrbit
 
 
 @pytest.fixture(scope="module")
@@ -43,9 +41,3 @@ def test_a_fit_starts_from_an_orbit_that_meets_the_ground(forces, doppler):
 def test_an_orbit_that_ends_or_is_too_deep_below_the_ground_is_refused(forces, doppler, job, part):
     with pytest.raises(InputError, match="craft comes down to the ground of the Moon at 2012-04-09T0"):
         getattr(radioloc, job)(slower(forces, part), doppler)
-
-
-def test_residuals_search_for_no_first_orbit(forces, doppler):
-    target = Orbiter(EPOCH, None, None, forces, "craft", 0, rough=RoughOrbit(55e3))
-    with pytest.raises(InputError, match=r"altitude_m: residuals need .*radioloc locate"):
-        radioloc.residuals(study(target), doppler)

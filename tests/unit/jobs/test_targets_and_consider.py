@@ -18,6 +18,7 @@ from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.registry import KINDS
+from radioloc.search import search
 from radioloc.time import Epochs, tai_to_utc
 
 LANDER = LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
@@ -149,17 +150,17 @@ def test_solutions_of_several_targets_are_compared_by_the_one_that_is_named(fold
     np.testing.assert_allclose(estimate.total_enu_m2, of_rover["covariance"]["enu_m2"], rtol=1e-6)
 
 
-def test_several_targets_come_home_from_afar(folder):
-    """The rover is only observed beside the lander, whose start takes it along."""
+def test_several_targets_come_home_from_afar_by_a_search(folder):
+    """The rover is only observed beside the lander, whose position takes it along."""
     far = STUDY.replace("longitude_deg = -51.9", "longitude_deg = 8.9").replace("43.05", "-7.05")
-    solution = radioloc.locate(study(folder, far))
+    result = search(study(folder, far))
+    assert [one.target for one in result.apriori_positions] == ["lander", "rover"]
+    solution = radioloc.locate(result.write(folder / "completed.toml"))
     assert solution.converged
     for name, truth in (("lander", LANDER), ("rover", ROVER)):
         found = solution.of_target(name).position_me_m
         assert np.linalg.norm(found - truth.to_axes("ME", CONSTANTS).xyz_m) < 0.01
-        [note] = [note for note in solution.notes if f"the fit of {name} began" in note]
-        assert "a coarse search over the near side" in note
-    assert not any("the fit of" in note for note in radioloc.locate(study(folder)).notes)
+    assert search(study(folder)).apriori_positions == ()
 
 
 CONSTANTS = PhysicalModel.build().ephemeris.constants

@@ -11,13 +11,12 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S, MEAN_LUNAR_RADIUS_M
-from radioloc.dynamics import AdjustableOrbit
 from radioloc.dynamics.elements import equatorial_axes, plane_deg
 from radioloc.errors import InputError
 from radioloc.jobs.orbit_steps import fitted_state, turned_state
@@ -26,10 +25,9 @@ from radioloc.measurements.observations import DOPPLER, Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.study.orbiter import Orbiter, RoughOrbit
 from radioloc.time import tt_to_tdb, utc_to_tt
+from radioloc.vectors import Floats
 
 logger = logging.getLogger(__name__)
-
-Floats = NDArray[np.float64]
 
 _WINDOW_S = 7200.0
 """Counts are looked at within this of the first that is near the epoch: a longer arc has more than one minimum."""
@@ -64,20 +62,21 @@ class Candidate:
     misfit_m_s: float  # robust spread of the range rates
     inclination_deg: float  # to the Moon's equator
     node_deg: float
+    mirrored: bool = False  # nearer to the mirror image of the best candidate than to this
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it, in types that JSON has."""
+        return asdict(self) | {"state": self.state.tolist()}
 
     def __str__(self) -> str:
         return (
-            f"inclination {self.inclination_deg:.1f} deg, node {self.node_deg:.1f} deg "
-            f"(misfit {1e3 * self.misfit_m_s:.3g} mm/s)"
+            f"{'mirrored, ' if self.mirrored else ''}inclination {self.inclination_deg:.1f} deg, "
+            f"node {self.node_deg:.1f} deg (misfit {1e3 * self.misfit_m_s:.3g} mm/s)"
         )
 
 
-def first_orbit(
-    orbiter: Orbiter, model: PhysicalModel, observations: Observations, parameters: tuple[str, ...]
-) -> AdjustableOrbit:
-    """The orbit of an orbiter of which only a :class:`RoughOrbit` is known, with notes on how it was found.
-
-    Parameters are those of :meth:`Orbiter.orbit`.
+def first_orbits(orbiter: Orbiter, model: PhysicalModel, observations: Observations) -> tuple[Candidate, ...]:
+    """Return orbits near the rough orbit of an orbiter that fit Doppler near the epoch, the best first.
 
     Raises
     ------
@@ -94,17 +93,29 @@ def first_orbit(
         field = forces.gravity.to_degree(min(_ROUGH_DEGREE, forces.gravity.degree))
         smooth = replace(orbiter, forces=replace(forces, gravity=field))
         turns = np.arange(_TURNS) * 2.0 * np.pi / _TURNS
-        found = _fitted(smooth, some, [turned_state(state, turn * line) for turn in turns], _ROUGH_STEPS)
-        starts = [one.state for one in found[:_KEPT]]
+        near = _fitted(smooth, some, [turned_state(state, turn * line) for turn in turns], _ROUGH_STEPS)
+        starts = [one.state for one in near[:_KEPT]]
         starts += [_mirrored(one, mirror) for one in starts]
-    found = _fitted(orbiter, some, starts, _FINE_STEPS)
-    logger.info("first orbits: %s", "; ".join(map(str, found)))
-    if not found:
+    fitted = _fitted(orbiter, some, starts, _FINE_STEPS)
+    logger.info("first orbits: %s", "; ".join(map(str, fitted)))
+    if not fitted:
         raise InputError(
             f"[target] altitude_m: no orbit near {rough} fits the Doppler of {orbiter.name}; check it"
         )
-    orbit = orbiter.at(found[0].state).orbit(model, observations, parameters)
-    return replace(orbit, notes=tuple(_notes(orbiter.name, found, mirror)))
+    best, *others = fitted
+    image = _mirrored(best.state, mirror)
+    return (
+        best,
+        *(
+            replace(one, mirrored=_angle_rad(one.state, image) < _angle_rad(one.state, best.state))
+            for one in others
+        ),
+    )
+
+
+def is_ambiguous(orbits: Sequence[Candidate]) -> bool:
+    """Return whether the data do not tell the best two candidates apart."""
+    return len(orbits) > 1 and orbits[1].misfit_m_s < _AMBIGUOUS * orbits[0].misfit_m_s
 
 
 def _near_the_epoch(orbiter: Orbiter, model: PhysicalModel, observations: Observations) -> ExactPredictor:
@@ -224,22 +235,3 @@ def _angle_rad(one: Floats, other: Floats) -> float:
     first, second = (np.cross(state[:3], state[3:]) for state in (one, other))
     cosine = first @ second / (np.linalg.norm(first) * np.linalg.norm(second))
     return float(np.arccos(np.clip(cosine, -1.0, 1.0)))
-
-
-def _notes(name: str, found: Sequence[Candidate], mirror: Floats) -> list[str]:
-    """What the search came to; candidates that are nearer to the best one's mirror image are called mirrored."""
-    began = f"the fit began with a first orbit of {name} from Doppler near the epoch"
-    best = found[0]
-    image = _mirrored(best.state, mirror)
-    others = "; ".join(
-        f"{'mirrored, ' if _angle_rad(one.state, image) < _angle_rad(one.state, best.state) else ''}{one}"
-        for one in found[1:]
-    )
-    if not others:
-        return [f"{began}: {best}"]
-    if found[1].misfit_m_s < _AMBIGUOUS * best.misfit_m_s:
-        return [
-            f"WARNING: {began}, and the data do not tell two candidates apart: {best}, which was taken; {others}; give "
-            "inclination_deg and node_deg, or other passes"
-        ]
-    return [f"{began}: {best}; other candidates fit less well: {others}"]

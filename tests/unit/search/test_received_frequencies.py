@@ -10,6 +10,7 @@ from radioloc.constants import C_M_S
 from radioloc.io import read_sites
 from radioloc.measurements import ExactPredictor, Link, PhysicalModel
 from radioloc.measurements.observations import DOPPLER, Observations
+from radioloc.search import search
 from radioloc.time import epochs_from_strings
 
 UPLINK_HZ, RATIO, COUNT_S, NOISE_HZ = 7.1893e9, 880 / 749, 10.0, 0.5
@@ -72,8 +73,8 @@ def folder(tmp_path_factory):
 
 def test_who_sent_is_found(folder):
     """The file names nobody; the study says any of the candidates."""
-    study = radioloc.read_study(folder / "study.toml")
-    solution = radioloc.residuals(study)
+    completed = search(folder / "study.toml").write(folder / "completed.toml")
+    solution = radioloc.residuals(completed)
     assert set(solution.residuals.path) == {f"{station}>lander>COSPAR 8049" for station in PASSES}
     for station in PASSES:
         mine = solution.residuals.path == f"{station}>lander>COSPAR 8049"

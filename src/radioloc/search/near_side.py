@@ -1,10 +1,10 @@
-"""A start near the target where the a-priori position is far from it: a search over the near side of the Moon.
+"""A position near the target where the a-priori position is far from it: a search over the near side of the Moon.
 
 Seen from the Earth, measurements depend nearly linearly on Cartesian coordinates: second derivatives are one over the
 distance, 4 km over the Moon's radius. What makes fits from afar slow or false is the curvature of the surface. A few
-observations of each link, linearized at one place, therefore tell the misfit everywhere: from each point of a grid on
-the sphere of the a-priori height the place, within its cell, and all other parameters are adjusted to least Huber loss
-(1964). The model is linearized again at the best place, until that stays.
+observations of each link, linearized at one place, therefore determine the misfit everywhere: from each point of a
+grid on the sphere of the a-priori height the place, within its cell, and all other parameters are adjusted to least
+Huber loss (1964). The model is linearized again at the best place, until that stays.
 """
 
 from __future__ import annotations
@@ -48,12 +48,13 @@ _REWEIGHTINGS = 6
 _MAX_STEPS = 10
 
 
-def near_starts(
+def near_positions(
     arc: Predictor, targets_pa: Mapping[str, LunarPosition], estimate: EstimateChoice
 ) -> dict[str, tuple[LunarPosition, float]]:
-    """Starts for the targets of an arc whose a-priori positions do not serve, and how far these are, m, by name.
+    """Return better positions of targets by name, principal axes, with the distance from the a-priori ones, m.
 
     Of several targets each is sought by its own observations; one that is only observed beside another moves with it.
+    Targets whose a-priori positions serve as well are not among them.
     """
     if arc.trajectory is not None or estimate.position == "none" or not len(arc.observations):
         return {}
@@ -65,7 +66,7 @@ def near_starts(
             continue
         own = np.array([len(targets_pa) == 1 or names == [name] for names in observed])
         mine = _some(arc.observations, np.flatnonzero(own[arc.observations.link]))
-        if len(mine) and (start := _near_start(arc.select(mine), given, estimate)) is not None:
+        if len(mine) and (start := _near_position(arc.select(mine), given, estimate)) is not None:
             found[name] = start
     alone = {names[0] for names in observed if len(names) == 1}
     for one, other in {pair for names in observed for pair in permutations(names, 2)}:
@@ -76,7 +77,7 @@ def near_starts(
     return found
 
 
-def _near_start(
+def _near_position(
     some: Predictor, target_pa: LunarPosition, estimate: EstimateChoice
 ) -> tuple[LunarPosition, float] | None:
     linearized = partial(_Linearized, some, target_pa.frame, estimate)

@@ -1,5 +1,6 @@
-"""Who transmitted, found among candidates by the residuals of what listeners received of a lander."""
+"""Transmitters of what listeners received of a lander, found among candidates by the residuals."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +12,9 @@ from radioloc import Observations, Study
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError
 from radioloc.jobs.locate import prepared_arc
-from radioloc.jobs.transmitters import _jumps, _passes
 from radioloc.measurements import Link, PhysicalModel
+from radioloc.search import search
+from radioloc.search.transmitters import _jumps, _passes
 from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, Session, Truth
 from radioloc.study import EstimateChoice, ObservationChoice
 
@@ -64,10 +66,18 @@ def study(estimate=None, **observations):
     )
 
 
+def found(study, received):
+    """Paths of the observations of the completed study."""
+    arc, _ = prepared_arc(search(study, received).study, received)
+    return arc.observations
+
+
+def senders(observations):
+    return {link.receiver: link.transmitter for k in observations.link if (link := observations.links[k])}
+
+
 def test_each_pass_has_the_station_that_sent(received):
-    arc, _ = prepared_arc(study(), received)
-    links = {arc.observations.links[k] for k in arc.observations.link}
-    assert {link.receiver: link.transmitter for link in links} == TRUE
+    assert senders(found(study(), received)) == TRUE
 
 
 def test_a_handover_of_the_uplink_ends_a_pass():
@@ -84,8 +94,7 @@ def test_a_handover_of_the_uplink_ends_a_pass():
     value_m[7::20] += 8.8e3 * CYCLE_M * COUNT_S  # read off another peak
     received = replace(received, value_m=value_m)
     assert [len(rows) for rows in _passes(unsaid(received), 4 * 3600.0)] == [38, 83]
-    arc, _ = prepared_arc(study(), unsaid(received))
-    assert arc.observations.paths().tolist() == received.paths().tolist()
+    assert found(study(), unsaid(received)).paths().tolist() == received.paths().tolist()
 
 
 @pytest.mark.parametrize(("jump_m_s", "expected"), [(0.0, []), (200.0, [150])])
@@ -97,29 +106,24 @@ def test_rounded_rates_end_no_pass_and_hide_no_handover(jump_m_s, expected):
     assert _jumps(time_s, step_m_s * np.rint(rate_m_s / step_m_s)) == expected
 
 
-def test_the_card_and_the_file_have_all_candidates(received):
-    solution = radioloc.locate(study(EstimateChoice(position="none")), received)
-    passes = {one.receiver: one for one in solution.transmitters}
-    assert {name: one.taken for name, one in passes.items()} == TRUE
-    for one in passes.values():
+def test_the_card_and_the_json_have_all_candidates(received):
+    result = search(study(), received)
+    for one in result.transmitters:
         assert one.decided
+        assert one.ranking[0] == TRUE[one.receiver]
+        best, *others = ((one.rms_m_s[name] or np.inf) / CYCLE_M for name in one.ranking)
         # The a-priori position is 10 km off, which is a fraction of the noise
-        assert one.rms_m_s[one.taken] / CYCLE_M == pytest.approx(NOISE_HZ, rel=0.3)
-        others = [rms_m_s for name, rms_m_s in one.rms_m_s.items() if name != one.taken and rms_m_s]
-        assert min(others, default=np.inf) > 10.0 * NOISE_HZ * CYCLE_M
-    card = str(solution)
+        assert best == pytest.approx(NOISE_HZ, rel=0.3)
+        assert min(others, default=np.inf) > 10.0 * NOISE_HZ
+    card = str(result)
     assert "transmitter rms of pass" in " ".join(card.split())
     assert "undecided" not in card
-    rms_m_s = {
-        f"{name} {ratio}": 0.01 * k
-        for k, name in enumerate(CANDIDATES, 1)
-        for ratio in ("240/221", "880/749")
-    }
-    one = replace(solution.transmitters[0], rms_m_s=rms_m_s, taken=f"{CANDIDATES[0]} 240/221")
-    lines = str(replace(solution, transmitters=(one,))).splitlines()
+    names = [f"{name} {ratio}" for name in CANDIDATES for ratio in ("240/221", "880/749")]
+    one = replace(result.transmitters[0], rms_m_s={name: 0.01 * k for k, name in enumerate(names, 1)})
+    lines = str(replace(result, transmitters=(one,))).splitlines()
     assert "transmitter pass taken rms next best rms" in [" ".join(line.split()) for line in lines]
     assert max(map(len, lines)) <= 80
-    [first, *_] = solution.to_dict()["transmitters"]
+    [first, *_] = json.loads(json.dumps(result.to_dict()))["transmitters"]
     assert set(first["rms_m_s"]) == set(CANDIDATES)
     assert first["decided"] is True
 
@@ -132,14 +136,12 @@ def test_a_turnaround_ratio_is_found_as_well(received):
         value_m=whole_m - (whole_m - received.value_m) / ratio,
         wavelength_um=received.wavelength_um / ratio,
     )
-    arc, _ = prepared_arc(study(turnarounds=("240/221", "880/749")), wrong)
-    np.testing.assert_allclose(arc.observations.value_m, received.value_m, atol=1e-3 * SIGMA_M)
-    np.testing.assert_allclose(arc.observations.wavelength_um, received.wavelength_um, rtol=1e-12)
-    solution = radioloc.locate(
-        study(EstimateChoice(position="none"), turnarounds=("240/221", "880/749"), transmitters=None),
-        replace(wrong, links=arc.observations.links, link=arc.observations.link),
-    )
-    assert {one.taken for one in solution.transmitters} == {"880/749"}
+    completed = found(study(turnarounds=("240/221", "880/749")), wrong)
+    np.testing.assert_allclose(completed.value_m, received.value_m, atol=1e-3 * SIGMA_M)
+    np.testing.assert_allclose(completed.wavelength_um, received.wavelength_um, rtol=1e-12)
+    sent = replace(wrong, links=completed.links, link=completed.link)
+    alone = search(study(turnarounds=("240/221", "880/749"), transmitters=None), sent)
+    assert {one.ranking[0] for one in alone.transmitters} == {"880/749"}
 
 
 def test_stations_beside_each_other_are_undecided(received):
@@ -149,20 +151,16 @@ def test_stations_beside_each_other_are_undecided(received):
     beside = replace(kashi, name="BESIDE", aliases=(), itrf_m=kashi.itrf_m + np.array([80.0, 60.0, 0.0]))
     chosen = study(EstimateChoice(position="none"), transmitters=("KASHI", "BESIDE"), stations=None)
     chosen = replace(chosen, catalogue=catalogue.with_station(beside))
-    solution = radioloc.locate(chosen, received[received.link == received.link[-1]])
-    [one] = solution.transmitters
-    assert not one.decided
-    assert any("who transmitted to URUMQI" in note and "undecided" in note for note in solution.notes)
-    assert "? undecided" in str(solution)
+    result = search(chosen, received[received.link == received.link[-1]])
+    assert not result.is_usable
+    assert "? undecided" in str(result)
 
 
 def test_forty_counts_before_the_lock_do_not_mislead(received):
     value_m = received.value_m.copy()
     mine = np.flatnonzero(received.link == received.link[0])[:5]
     value_m[mine] += 8.8e3 * CYCLE_M * COUNT_S
-    arc, _ = prepared_arc(study(), replace(received, value_m=value_m))
-    links = {arc.observations.links[k] for k in arc.observations.link}
-    assert {link.receiver: link.transmitter for link in links} == TRUE
+    assert senders(found(study(), replace(received, value_m=value_m))) == TRUE
 
 
 @pytest.mark.parametrize(
@@ -175,7 +173,7 @@ def test_forty_counts_before_the_lock_do_not_mislead(received):
 )
 def test_what_cannot_be_is_said(received, chosen, message):
     with pytest.raises(InputError, match=message):
-        prepared_arc(study(**chosen), received)
+        search(study(**chosen), received)
 
 
 def test_without_doppler_there_is_nothing_to_tell():
@@ -187,27 +185,10 @@ def test_without_doppler_there_is_nothing_to_tell():
         tag=1,
     )
     with pytest.raises(InputError, match="there is no Doppler of a transmitting station"):
-        prepared_arc(study(), ranges)
+        search(study(), ranges)
 
 
-def test_a_part_of_an_arc_without_doppler_has_no_pass(received):
-    ranges = Observations.from_columns(
-        epoch=radioloc.time.epochs_from_strings(
-            [f"2020-12-01T12:{minute}:00" for minute in range(10, 50, 5)]
-        ),
-        links=[Link("KUNMING", "lander", "KUNMING")],
-        value_m=8e8,
-        sigma_m=1e6,
-        tag=1,
-    )
-    both = Observations.concatenate([ranges, received])
-    study_of_both = study(EstimateChoice(range_bias="all", position="none"))
-    found = radioloc.arcs(study_of_both, (1.0, 40.0), both)
-    assert {arc.hours: len(arc.solution.transmitters) for arc in found.arcs} == {1.0: 0, 40.0: 3}
-
-
-def test_whom_nothing_is_asked_of_has_no_candidates(received):
-    plain = Study(target=NEAR, estimate=EstimateChoice(position="none"), name="x")
-    solution = radioloc.locate(plain, received)
-    assert solution.transmitters == ()
-    assert "transmitter rms" not in str(solution)
+@pytest.mark.parametrize("job", [radioloc.locate, radioloc.residuals])
+def test_jobs_name_the_search_where_candidates_are_all_there_is(received, job):
+    with pytest.raises(InputError, match=r"transmitters: expected .*uplinks.*`radioloc search STUDY.toml"):
+        job(study(), received)

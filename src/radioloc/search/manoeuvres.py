@@ -1,4 +1,4 @@
-"""A manoeuvre that nobody named: where in an arc residuals jump as after a change of the velocity.
+"""Undocumented manoeuvres: where in an arc residuals jump as after a change of the velocity.
 
 What is observed after an impulse answers to it as to a change of the state at the epoch that is zero in the position at
 that time. So the partials by the state tell what impulses at all times would do, each with the orbit fitted anew, from
@@ -8,9 +8,10 @@ sums over the observations after it. The best one is put into the orbit, and set
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,19 +20,16 @@ from radioloc.dynamics import AdjustableOrbit, Impulse
 from radioloc.errors import RadiolocError
 from radioloc.estimation.orbit_state import RTN
 from radioloc.estimation.statistics import robust_scale
+from radioloc.jobs.orbit_start import MIN_OBSERVATIONS, REACH_FACTOR, StagedStart
 from radioloc.jobs.orbit_steps import fitted_state
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import is_integrated
 from radioloc.time import Epochs, tt_to_tdb, utc_strings, utc_to_tt
-from radioloc.vectors import rtn_axes
+from radioloc.vectors import Floats, rtn_axes
 
 logger = logging.getLogger(__name__)
 
-Floats = NDArray[np.float64]
-
-HIDDEN = "beyond a manoeuvre that the study does not name"
-"""Why observations are left out that the state at the epoch says nothing of."""
 _NAME = "unnamed"
 _GAIN = 100.0
 """By which the reduced chi-square falls at least. Of real Doppler of a low orbit without a manoeuvre, impulses take up
@@ -59,7 +57,7 @@ _GAP_S = 600.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Manoeuvre:
-    """A change of the velocity of which a study does not know."""
+    """A change of the velocity that a study does not state."""
 
     epoch: Epochs  # TDB, one
     sigma_s: float
@@ -81,34 +79,66 @@ class Manoeuvre:
             gap = f", in the gap of the data from {first} to {last}"
         return (
             f"residuals jump at {utc_strings(self.epoch, 0)[0]} TDB (+- {max(self.sigma_s, 1.0):.0f} s){gap}: as after "
-            f"a manoeuvre of {size:.{digits}f} +- {self.sigma_m_s:.{digits}f} m/s, mostly {mostly}; name it with "
-            f"[[forces.impulses]] (delta_v_m_s = [{parts}])"
+            f"a manoeuvre of {size:.{digits}f} +- {self.sigma_m_s:.{digits}f} m/s, mostly {mostly} "
+            f"(delta_v_m_s = [{parts}])"
         )
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return its numbers, in types that JSON has."""
+        return {
+            "epoch_tdb": str(utc_strings(self.epoch, 3)[0]),
+            "sigma_s": self.sigma_s,
+            "delta_v_m_s": self.delta_v_m_s.tolist(),
+            "sigma_m_s": self.sigma_m_s,
+            "gap_tdb": None if self.gap is None else [str(end) for end in utc_strings(self.gap, 0)],
+        }
+
     def hides(self, observations: Observations) -> NDArray[np.bool_]:
-        """Whether it is between observations, or within their count interval, and the epoch of the orbit."""
+        """Return which observations, with their count intervals, it lies between and the epoch of the orbit."""
         since_s = tt_to_tdb(utc_to_tt(observations.epoch)).seconds_since(self.epoch)
         return np.asarray(
             since_s * (1.0 if self.after else -1.0) > -0.5 * np.nan_to_num(observations.count_s)
         )
 
 
-def unnamed_manoeuvre(
-    part: Predictor,
-    sigma_m: Floats,
-    starts: Iterable[Floats],
-    apriori: Floats,
-    free: NDArray[np.intp],
-    sigmas: Floats,
-) -> Manoeuvre | None:
-    """The manoeuvre that explains the residuals of an orbit; ``None`` without one.
+def find_manoeuvres(start: StagedStart, usable: NDArray[np.bool_]) -> list[Manoeuvre]:
+    """Return undocumented manoeuvres before and after the epoch of an orbit; later ones may hide behind them."""
+    if not usable.any():
+        return []
+    manoeuvres = list[Manoeuvre]()
+    x, reach_s = start.apriori, start.first_reach_s(usable)
+    while True:
+        rows, before = start.rows_within(reach_s, usable), x
+        x = start.fitted(rows, before)
+        found = _manoeuvre_among(start, rows, _starts(start, rows, x, before))
+        if found is not None:
+            manoeuvres.append(found)
+            x, usable = found.x, usable & ~found.hides(start.arc.observations)
+        elif reach_s >= start.away_s[usable].max():
+            return manoeuvres
+        else:
+            reach_s *= REACH_FACTOR
 
-    `starts` are parameters of orbits: the first fits best, the others may fit on a part only.
-    Further parameters are those of :func:`~radioloc.jobs.orbit_steps.fitted_state`.
+
+def _starts(start: StagedStart, rows: NDArray[np.intp], x: Floats, before: Floats) -> Iterator[Floats]:
+    """Yield parameters of orbits, of which the later ones may fit on the epoch's side of a manoeuvre."""
+    yield from (x, before)
+    nearest = rows[np.argsort(start.away_s[rows])]
+    for fraction in (2, 4):
+        yield start.fitted(nearest[: max(MIN_OBSERVATIONS, len(rows) // fraction)], before)
+
+
+def _manoeuvre_among(
+    start: StagedStart, rows: NDArray[np.intp], starts: Iterable[Floats]
+) -> Manoeuvre | None:
+    """Return the manoeuvre that explains the residuals of some observations, ``None`` without one.
+
+    The first of the `starts` fits best, the others may fit on a part only.
     """
+    part, sigma_m = start.arc.select(rows), start.sigma_m[rows]
     orbit = part.trajectory
     assert isinstance(orbit, AdjustableOrbit)
-    search = _Search(part, sigma_m, orbit, apriori, free, sigmas)
+    search = _Search(part, sigma_m, orbit, start.apriori, start.free, start.step_sigmas)
     found: list[tuple[float, Manoeuvre]] = []
     plain: Floats | None = None
     for x in starts:

@@ -1,0 +1,29 @@
+"""Command ``radioloc search``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from radioloc.cli.command import JSON, STUDY, argument, command, study_tables
+from radioloc.cli.output import exit_status, tell
+
+
+@command(
+    "search",
+    "find the first orbit, transmitters, a-priori position or manoeuvres that a study does not state",
+    STUDY,
+    JSON,
+    argument("--out", "COMPLETED.toml", "write the study with what was found, beside the study file", Path),
+    examples=("study.toml --out completed.toml",),
+    help_tables=study_tables,
+)
+def search(options: argparse.Namespace) -> int:
+    """Search, write the completed study if asked for, and print what was found."""
+    from radioloc.search.study_search import search
+
+    result = search(options.study)
+    if options.out is not None:
+        result.write(options.out)
+    tell(options, result, result.to_dict)
+    return exit_status(options, result)

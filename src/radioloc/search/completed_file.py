@@ -1,0 +1,71 @@
+"""Study files edited so that they state what a search has found; their comments survive."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from radioloc.errors import InputError
+from radioloc.extras import optional
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A change of one table of a study file.
+
+    Parameters
+    ----------
+    table : tuple of str
+        Its name in parts.
+    values : mapping
+        Keys that are set.
+    without : tuple of str
+        Keys that are removed.
+    added : mapping of str to sequence of mapping
+        Tables that are added at the end of arrays of tables.
+    """
+
+    table: tuple[str, ...]
+    values: Mapping[str, Any]
+    without: tuple[str, ...] = ()
+    added: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
+
+    def apply(self, content: Any) -> None:
+        """Change a document, which is a mapping of mappings."""
+        for name in self.table:
+            if name not in content:
+                content[name] = {}
+            content = content[name]
+        for key in self.without:
+            content.pop(key, None)
+        for key, value in self.values.items():
+            content[key] = value
+        for key, tables in self.added.items():
+            content[key] = [*content.get(key, ()), *map(dict, tables)]
+
+
+def completed_text(source: Path, changes: Iterable[Change]) -> str:
+    """Return the text of a study file with some changes.
+
+    Raises
+    ------
+    InputError
+        TOML Kit is not installed, or its text does not say what is to be said.
+    """
+    tomlkit = optional(
+        "tomlkit", "completed studies are written by TOML Kit, which is not installed;", "search"
+    )
+    text = source.read_text(encoding="utf-8-sig")
+    document, expected = tomlkit.parse(text), tomllib.loads(text)
+    for change in changes:
+        change.apply(document)
+        change.apply(expected)
+    completed = str(tomlkit.dumps(document))
+    if tomllib.loads(completed) != expected:
+        raise InputError(
+            f"{source}: expected tables that can be edited, got others; enter by hand: {expected}"
+        )
+    return completed

@@ -1,0 +1,331 @@
+"""What a study leaves open, found from its observations: a completed study, which is then located without any search.
+
+In this order: a first orbit where only a rough one is stated, the transmitters of passes among candidates, a better
+a-priori position on the near side, and manoeuvres that the study does not state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from radioloc.dynamics import Impulse
+from radioloc.errors import InputError
+from radioloc.jobs.locate import chosen_observations, model_of, prepared_arc
+from radioloc.jobs.one_thread import on_one_blas_thread
+from radioloc.jobs.orbit_start import StagedStart
+from radioloc.jobs.problem import (
+    observation_model,
+    start_pa_m,
+    status_of,
+    targets_in_pa,
+    with_independent_clocks,
+)
+from radioloc.jobs.station_noise import stated_noise
+from radioloc.labels import USED
+from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.link import canonical_target
+from radioloc.measurements.observations import Observations
+from radioloc.results.cards import Card, Field, table
+from radioloc.results.result import Result
+from radioloc.search.completed_file import Change, completed_text
+from radioloc.search.first_orbit import Candidate, first_orbits, is_ambiguous
+from radioloc.search.manoeuvres import Manoeuvre, find_manoeuvres
+from radioloc.search.near_side import near_positions
+from radioloc.search.transmitters import TransmitterPass, compared_transmitters
+from radioloc.study.orbiter import Orbiter
+from radioloc.study.study import Study
+from radioloc.study.study_file import as_study
+from radioloc.study.uplinks import Uplink
+from radioloc.time import utc_strings
+
+_MAX_CANDIDATES, _MAX_PASSES = 3, 12
+"""Rows and columns of a card that fits a screen; ``to_dict`` has all."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundPosition:
+    """A position on the near side that fits better than the a-priori one.
+
+    Parameters
+    ----------
+    target : str
+        Name of the target, empty where the study has one without a name.
+    position : LunarPosition
+        In mean-Earth axes.
+    away_m : float
+        Distance from the a-priori position.
+    """
+
+    target: str
+    position: LunarPosition
+    away_m: float
+
+    def keys(self) -> dict[str, Any]:
+        """Return the keys of its table in a study file."""
+        longitude_deg, latitude_deg, height_m = self.position.selenographic
+        return {
+            "frame": self.position.frame,
+            "longitude_deg": round(longitude_deg, 6),
+            "latitude_deg": round(latitude_deg, 6),
+            "height_m": round(height_m, 1),
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchResult(Result):
+    """What :func:`search` has found, and the study that states it.
+
+    Parameters
+    ----------
+    study : Study
+        The completed study.
+    orbits : tuple of Candidate
+        First orbits, the best first; the study has the best.
+    transmitters : tuple of TransmitterPass
+        Candidates of each pass.
+    apriori_positions : tuple of FoundPosition
+        Positions that fit better than the a-priori ones.
+    manoeuvres : tuple of Manoeuvre
+    """
+
+    study: Study
+    orbits: tuple[Candidate, ...] = ()
+    transmitters: tuple[TransmitterPass, ...] = ()
+    apriori_positions: tuple[FoundPosition, ...] = ()
+    manoeuvres: tuple[Manoeuvre, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Name of the study."""
+        return self.study.name
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether the data tell the first orbit and all transmitters from the other candidates."""
+        return not is_ambiguous(self.orbits) and all(one.decided for one in self.transmitters)
+
+    def changes(self) -> list[Change]:
+        """Return the changes of the study file that state what was found."""
+        changes = []
+        if self.orbits:
+            state = self.orbits[0].state.round(6).tolist()
+            changes.append(
+                Change(
+                    ("target",),
+                    {"position_m": state[:3], "velocity_m_s": state[3:]},
+                    without=("altitude_m", "inclination_deg", "node_deg"),
+                )
+            )
+        if self.transmitters:
+            passes = [_uplink_keys(one.uplink()) for one in self.transmitters]
+            without = ("transmitters", "turnarounds")
+            changes.append(Change(("observations",), {}, without, {"uplinks": passes}))
+        changes += [
+            Change(("targets", one.target) if one.target else ("target",), one.keys(), ("position_m",))
+            for one in self.apriori_positions
+        ]
+        if self.manoeuvres:
+            assert isinstance(self.study.target, Orbiter)
+            impulses = self.study.target.forces.impulses[-len(self.manoeuvres) :]
+            changes.append(Change(("forces",), {}, added={"impulses": list(map(_impulse_keys, impulses))}))
+        return changes
+
+    def write(self, path: str | Path) -> Path:
+        """Write the completed study; it lies beside the study file, whose relative paths it keeps.
+
+        Raises
+        ------
+        InputError
+            The study is not from a file, the folder is another one, or the text cannot be edited.
+        """
+        path, source = Path(path), self.study.path
+        if source is None:
+            raise InputError(
+                f"{path}: expected a study from a file, got one without; use its `study` in Python"
+            )
+        if path.absolute().parent.resolve() != source.absolute().parent.resolve():
+            raise InputError(
+                f"{path}: expected a file in the folder of {source}, to which paths in the study are relative"
+            )
+        path.write_text(completed_text(source, self.changes()), encoding="utf-8")
+        return path
+
+    def card(self) -> Card:
+        """Return what was found."""
+        return Card(self._fields())
+
+    def _fields(self) -> Iterator[Field]:
+        yield Field("search", [self.name])
+        status = "COMPLETED"
+        if not (self.orbits or self.transmitters or self.apriori_positions or self.manoeuvres):
+            status = "COMPLETE: nothing was found that the study does not state"
+        elif not self.is_usable:
+            status = "UNDECIDED: the data do not tell candidates apart; the best one is taken"
+        yield Field("status", [status])
+        yield Field("orbit", self._orbit_lines())
+        yield _transmitter_table(self.transmitters)
+        yield Field("position", [_position_line(one) for one in self.apriori_positions])
+        yield Field("manoeuvre", map(str, self.manoeuvres))
+
+    def _orbit_lines(self) -> Iterator[str]:
+        if self.orbits:
+            best, *others = self.orbits
+            yield f"first orbit from Doppler near the epoch: {best}"
+            fit = "as well" if is_ambiguous(self.orbits) else "less well"
+            yield from (f"another candidate fits {fit}: {one}" for one in others)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all that was found, and whether it is decided, in types that JSON has."""
+        return {
+            "name": self.name,
+            "decided": self.is_usable,
+            "orbits": [one.to_dict() for one in self.orbits],
+            "transmitters": [one.to_dict() for one in self.transmitters],
+            "apriori_positions": [
+                {"target": p.target, **p.keys(), "away_m": p.away_m} for p in self.apriori_positions
+            ],
+            "manoeuvres": [one.to_dict() for one in self.manoeuvres],
+        }
+
+
+@on_one_blas_thread()
+def search(study: Study | str | Path, observations: Observations | None = None) -> SearchResult:
+    """Find what a study leaves open: first orbit, transmitters, a-priori position, undocumented manoeuvres.
+
+    Parameters and errors as :func:`radioloc.locate`, which fits ``search(study).study``.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> print(radioloc.search.search("examples/apollo15/apollo15.toml"))
+    search      apollo15
+    status      COMPLETE: nothing was found that the study does not state
+    """
+    given = as_study(study)
+    plain = replace(given.observations, transmitters=None, turnarounds=None)
+    result = _with_first_orbit(SearchResult(replace(given, observations=plain)), given, observations)
+    if plain != given.observations:
+        result = _with_transmitters(result, given, observations)
+        result = _with_first_orbit(result, given, observations)  # by those that transmitted
+    if not isinstance(given.target, Orbiter):
+        return _with_positions(result, observations)
+    orbit = given.estimate.orbit
+    if given.target.landing is None and (orbit is None or orbit.process_noise is None):
+        # Stochastic accelerations stand for all that is not modelled, manoeuvres among it.
+        return _with_manoeuvres(result, observations)
+    return result
+
+
+def _with_first_orbit(result: SearchResult, given: Study, observations: Observations | None) -> SearchResult:
+    target = given.target
+    if not isinstance(target, Orbiter) or target.rough is None:
+        return result
+    model = model_of(given)
+    chosen, _ = chosen_observations(result.study, observations, model)
+    orbits = first_orbits(target, model, chosen)
+    return replace(result, study=replace(result.study, target=target.at(orbits[0].state)), orbits=orbits)
+
+
+def _with_transmitters(result: SearchResult, given: Study, observations: Observations | None) -> SearchResult:
+    arc, _ = prepared_arc(result.study, observations)
+    targets = targets_in_pa(result.study, arc.model.ephemeris.constants)
+    passes = compared_transmitters(given, arc, start_pa_m(targets))
+    choice = result.study.observations
+    choice = replace(choice, uplinks=(*choice.uplinks, *(one.uplink() for one in passes)))
+    return replace(result, study=replace(result.study, observations=choice), transmitters=tuple(passes))
+
+
+def _with_positions(result: SearchResult, observations: Observations | None) -> SearchResult:
+    study = result.study
+    arc, _ = prepared_arc(study, observations)
+    constants = arc.model.ephemeris.constants
+    estimate = with_independent_clocks(study, study.estimate, arc)
+    near = near_positions(arc, targets_in_pa(study, constants), estimate)
+    names = {canonical_target(name): name for name in study.targets} or {"": ""}
+    positions = {
+        names[name]: FoundPosition(names[name], place.to_axes("ME", constants), away_m)
+        for name, (place, away_m) in near.items()
+    }
+    if not positions:
+        return result
+    if study.targets:
+        targets = {**study.targets, **{name: one.position for name, one in positions.items()}}
+        study = replace(study, targets=targets, target=next(iter(targets.values())))
+    else:
+        study = replace(study, target=positions[""].position)
+    return replace(result, study=study, apriori_positions=tuple(positions.values()))
+
+
+def _with_manoeuvres(result: SearchResult, observations: Observations | None) -> SearchResult:
+    study = result.study
+    assert isinstance(study.target, Orbiter)
+    arc, _ = prepared_arc(study, observations)
+    estimate = with_independent_clocks(study, study.estimate, arc)
+    problem = observation_model(arc, None, estimate, held=study.estimate)
+    start = StagedStart.of(problem, stated_noise(arc, study.observations).sigma_m)
+    if start is None:
+        return result
+    manoeuvres = find_manoeuvres(start, status_of(start.arc, np.zeros(3))[0].are(USED))
+    known = study.target.forces.impulses
+    impulses = [
+        Impulse(f"found_{len(known) + k}", one.epoch, tuple(one.delta_v_m_s.round(6).tolist()))
+        for k, one in enumerate(manoeuvres, 1)
+    ]
+    forces = replace(study.target.forces, impulses=(*known, *impulses))
+    study = replace(study, target=replace(study.target, forces=forces))
+    return replace(result, study=study, manoeuvres=tuple(manoeuvres))
+
+
+def _uplink_keys(uplink: Uplink) -> Mapping[str, Any]:
+    first, last = (str(utc_strings(moment, 3)[0]) for moment in (uplink.start, uplink.stop))
+    keys = {
+        "receiver": uplink.receiver,
+        "target": uplink.target,
+        "start": first,
+        "stop": last,
+        "transmitter": uplink.transmitter,
+        "turnaround": uplink.turnaround and list(uplink.turnaround),
+    }
+    return {key: value for key, value in keys.items() if value is not None}
+
+
+def _impulse_keys(impulse: Impulse) -> Mapping[str, Any]:
+    return {
+        "name": impulse.name,
+        "epoch": str(utc_strings(impulse.epoch, 3)[0]),
+        "delta_v_m_s": list(impulse.delta_v_m_s),
+    }
+
+
+def _position_line(found: FoundPosition) -> str:
+    longitude_deg, latitude_deg, _ = found.position.selenographic
+    of_target = f"{found.target}: " if found.target else ""
+    return (
+        f"{of_target}{longitude_deg:.2f} deg east, {latitude_deg:.2f} deg north fits better than the a-priori "
+        f"position, {found.away_m / 1e3:.0f} km away"
+    )
+
+
+def _transmitter_table(passes: Sequence[TransmitterPass]) -> Field:
+    """Candidates for the transmitter of each pass, with the rms that each leaves; of many, the next best alone."""
+    names = list(dict.fromkeys(name for one in passes for name in one.rms_m_s))
+    few = len(names) <= _MAX_CANDIDATES
+    rows: list[tuple[str, ...]] = []
+    for one in passes:
+        best, *others = one.ranking
+        taken = best if one.decided else f"{best}?"
+        next_best = (others[0], one.size(others[0])) if others else ("-", "-")
+        sizes = (*map(one.size, names), taken) if few else (taken, one.size(best), *next_best)
+        rows.append((f"{one.receiver} {utc_strings(one.span, 0)[0][5:16]}", *sizes))
+    heading = ("rms of pass", *names, "taken") if few else ("pass", "taken", "rms", "next best", "rms")
+    below = []
+    if few and any(rms_m_s is None for one in passes for rms_m_s in one.rms_m_s.values()):
+        below.append("- does not see the target")
+    if not all(one.decided for one in passes):
+        below.append("? undecided: another fits about as well")
+    return table("transmitter", heading, rows, _MAX_PASSES, below, "the JSON")

@@ -1,0 +1,254 @@
+"""Transmitters where they are not published: for each pass the candidate that leaves the smallest residuals.
+
+The Doppler of a target's coherent answer determines the uplink: stations on other sides of the Earth move against the
+target by hundreds of metres a second, each in its own way. One frequency offset per pass is left open. A turnaround
+ratio shows in the same way, as it scales the received frequency to that of the uplink.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.errors import InputError, named
+from radioloc.estimation.statistics import robust_scale
+from radioloc.measurements.evaluation import prepare_predictor
+from radioloc.measurements.observations import DOPPLER, Observations
+from radioloc.measurements.predictor import Predictor
+from radioloc.measurements.quantised import common_step
+from radioloc.study.study import Study
+from radioloc.study.uplinks import Uplink, with_transmitter, with_turnaround
+from radioloc.time import Epochs, utc_strings, utc_to_tai
+from radioloc.vectors import Floats
+
+_Rows = NDArray[np.intp]
+_Candidate = tuple[str, Fraction | None]
+
+_MAX_COUNTS = 200
+"""Counts of a pass, evenly spread, whose residuals are computed."""
+_MIN_VISIBLE_FRACTION = 0.9
+"""Fraction of these at which a candidate must see the target."""
+_OUTLIER = 5.0
+"""Spreads beyond which a residual has no part in an rms: a pass may begin before the lock."""
+_DECISIVE_RATIO = 1.5
+"""Ratio of the rms of other candidates to that of the best, from which on a pass is decided."""
+_JUMP_M_S = 3.0
+"""Step of the rate, beyond what the counts around it make likely, at which another station may have begun to send."""
+_JUMP_ROUNDING_STEPS = 2.5
+"""Least jump of rates that are multiples of a step: rounding alone makes steps of one, of medians two."""
+_AROUND = 9
+"""How many steps these are."""
+_MIN_PASS_S = 600.0
+"""What is shorter, as before a lock, is no pass of its own: a transmitter does not show in it."""
+
+
+@dataclass(frozen=True, slots=True)
+class TransmitterPass:
+    """Candidates for the transmitter, and the turnaround ratio, of what a station received in a pass.
+
+    Parameters
+    ----------
+    receiver, target : str
+    span : Epochs
+        First and last count, UTC.
+    count : int
+        Counts of Doppler.
+    candidates : mapping of str to (str, Fraction or None)
+        Station, empty for that of the files, and turnaround ratio, by the name of the candidate.
+    rms_m_s : mapping of str to float or None
+        Rms of the residual rates by candidate, less one frequency offset, m/s of the round trip; None where the
+        candidate does not see the target.
+    cycle_m : float or None
+        Wavelength of the signal on its way down, m.
+    """
+
+    receiver: str
+    target: str
+    span: Epochs
+    count: int
+    candidates: Mapping[str, _Candidate]
+    rms_m_s: Mapping[str, float | None]
+    cycle_m: float | None
+
+    @property
+    def ranking(self) -> list[str]:
+        """Candidates that see the target, the smallest rms first."""
+        known = {name: rms_m_s for name, rms_m_s in self.rms_m_s.items() if rms_m_s is not None}
+        return sorted(known, key=lambda name: known[name])
+
+    @property
+    def decided(self) -> bool:
+        """Whether the best candidate fits much better than all others."""
+        smallest, *rest = ((self.rms_m_s[name] or 0.0) for name in self.ranking)
+        return all(rms_m_s >= _DECISIVE_RATIO * smallest for rms_m_s in rest)
+
+    def uplink(self) -> Uplink:
+        """Return the best candidate as the uplink of the pass."""
+        station, ratio = self.candidates[self.ranking[0]]
+        return Uplink(
+            self.receiver,
+            self.span[[0]],
+            self.span[[1]],
+            station or None,
+            None if ratio is None else (ratio.numerator, ratio.denominator),
+            self.target,
+        )
+
+    def size(self, name: str) -> str:
+        """Rms of a candidate, in hertz where the wavelength is known; a dash where it does not see the target."""
+        rms_m_s = self.rms_m_s[name]
+        if rms_m_s is None:
+            return "-"
+        return f"{rms_m_s:.3g} m/s" if self.cycle_m is None else f"{rms_m_s / self.cycle_m:.3g} Hz"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return its fields, the candidate that was taken, and whether that is decided."""
+        first, last = utc_strings(self.span, decimals=0)
+        fields = {key: value for key, value in asdict(self).items() if key not in ("span", "candidates")}
+        spans = {"first_utc": str(first), "last_utc": str(last)}
+        return fields | spans | {"taken": self.ranking[0], "decided": self.decided}
+
+
+def compared_transmitters(study: Study, arc: Predictor, positions_pa_m: Floats) -> list[TransmitterPass]:
+    """Compare the candidates of a study in each pass of an arc of Doppler.
+
+    Raises
+    ------
+    InputError
+        A candidate is unknown, no candidate sees the target in a pass, or frequencies are not recorded that tell a
+        turnaround ratio.
+    """
+    choice, observations, catalogue = study.observations, arc.observations, arc.model.catalogue
+    with named("[observations] transmitters:"):
+        stations = [catalogue.get(name).name for name in choice.transmitters or ()]
+    ratios: list[Fraction | None] = [_ratio(text) for text in choice.turnarounds or ()]
+    candidates = {
+        _name(station, ratio): (station, ratio) for station in stations or [""] for ratio in ratios or [None]
+    }
+    passes = list(_passes(observations, 3600.0 * study.estimate.pass_gap_h))
+    if not passes:
+        raise InputError(
+            "[observations] transmitters: there is no Doppler of a transmitting station; leave it out"
+        )
+    some = [rows[np.unique(np.linspace(0, len(rows) - 1, _MAX_COUNTS).astype(int))] for rows in passes]
+    every = np.concatenate(some)
+    computed_m = {
+        station: _computed_m(study, arc, positions_pa_m, every, station) for station in stations or [""]
+    }
+    rate_m_s = {
+        name: (
+            with_turnaround(observations, every, None if ratio is None else float(ratio))
+            - computed_m[station]
+        )
+        / observations.count_s[every]
+        for name, (station, ratio) in candidates.items()
+    }
+    found, begin = [], 0
+    for rows, part in zip(passes, some, strict=True):
+        mine = slice(begin, begin := begin + len(part))
+        link = observations.links[observations.link[rows[0]]]
+        cycle_m = 1e-6 * float(np.median(observations.wavelength_um[rows]))
+        one = TransmitterPass(
+            receiver=link.receiver,
+            target=link.target,
+            span=observations.epoch[rows[[0, -1]]],
+            count=len(rows),
+            candidates=candidates,
+            rms_m_s={name: _rms(column[mine]) for name, column in rate_m_s.items()},
+            cycle_m=None if np.isnan(cycle_m) else cycle_m,
+        )
+        if not one.ranking:
+            first, last = utc_strings(one.span, decimals=0)
+            raise InputError(
+                f"[observations] transmitters: none of {', '.join(candidates)} sees the target while {one.receiver} "
+                f"received it, {first} to {last} UTC; name one that does"
+            )
+        found.append(one)
+    return found
+
+
+def _computed_m(study: Study, arc: Predictor, positions_pa_m: Floats, rows: _Rows, station: str) -> Floats:
+    """Computed values of some rows sent by a station, or by those of the files; NaN where that cannot be."""
+    some = arc.observations.select(rows)
+    if station:
+        sent = with_transmitter(some, np.arange(len(rows)), station)
+        used, link = np.unique(sent.link, return_inverse=True)
+        some = replace(sent, links=tuple(sent.links[k] for k in used), link=link.astype(np.int32))
+    predictor = prepare_predictor(
+        arc.model, some, positions_pa_m, study.model.evaluation, arc.trajectory, arc.targets
+    )
+    computed = predictor.compute(positions_pa_m)
+    return np.where(computed.usable, computed.value_m, np.nan)
+
+
+def _passes(observations: Observations, gap_s: float) -> Iterator[_Rows]:
+    """Rows of each pass of Doppler of one target at a receiving station, in order of time.
+
+    A pass ends also where the rate jumps, as it does when the next station takes over the uplink.
+    """
+    rows = np.flatnonzero(observations.kind == DOPPLER)
+    _, of_link = np.unique(
+        [f"{one.target}>{one.receiver}" for one in observations.links], return_inverse=True
+    )
+    tai = utc_to_tai(observations.epoch[rows])
+    time_s = tai.seconds_since(tai[np.zeros(len(rows), dtype=np.intp)])
+    place = of_link[observations.link[rows]]
+    order = np.lexsort((time_s, place))
+    rows, time_s = rows[order], time_s[order]
+    new = (np.diff(place[order]) != 0) | (np.diff(time_s) > gap_s)
+    rate_m_s = observations.value_m[rows] / observations.count_s[rows]
+    for part in np.split(np.arange(len(rows)), np.flatnonzero(new) + 1) if len(rows) else ():
+        yield from np.split(rows[part], _jumps(time_s[part], rate_m_s[part]))
+
+
+def _jumps(time_s: Floats, rate_m_s: Floats) -> list[int]:
+    """Where the rate of a pass jumps, or counts are missing, with at least ten minutes before, between and after."""
+    from scipy.ndimage import median_filter
+
+    cuts: list[int] = []
+    if len(rate_m_s) > 2:
+        step_s = np.maximum(np.diff(time_s), 1e-3)
+        usual_m_s = step_s * median_filter(np.diff(rate_m_s) / step_s, _AROUND, mode="nearest")
+        # Of a median single counts that are off make no jump, but steps of twice the usual beside them.
+        beyond_m_s = np.diff(median_filter(rate_m_s, _AROUND, mode="nearest")) - usual_m_s
+        rounding_m_s = _JUMP_ROUNDING_STEPS * common_step(rate_m_s, _JUMP_M_S / _JUMP_ROUNDING_STEPS)
+        limit_m_s = np.maximum(
+            2.0 * np.abs(usual_m_s), max(_JUMP_M_S, rounding_m_s, _OUTLIER * robust_scale(beyond_m_s, 1))
+        )
+        gaps = step_s > np.maximum(_MIN_PASS_S, 5.0 * np.median(step_s))  # over which steps say nothing
+        for k in (np.flatnonzero((np.abs(beyond_m_s) > limit_m_s) | gaps) + 1).tolist():
+            before = time_s[cuts[-1] if cuts else 0]
+            if min(time_s[k] - before, time_s[-1] - time_s[k]) >= _MIN_PASS_S:
+                cuts.append(k)
+    return cuts
+
+
+def _ratio(text: str) -> Fraction:
+    try:
+        ratio = Fraction(text)
+    except (ValueError, ZeroDivisionError):
+        ratio = Fraction(0)
+    if not ratio > 0:
+        raise InputError(
+            f'[observations] turnarounds: {text!r} is no ratio of frequency down to up; write "880/749"'
+        )
+    return ratio
+
+
+def _name(station: str, ratio: Fraction | None) -> str:
+    return " ".join(part for part in (station, "" if ratio is None else str(ratio)) if part)
+
+
+def _rms(rate_m_s: Floats) -> float | None:
+    """Rms about an offset, without outliers; none where too few can be computed."""
+    known = rate_m_s[~np.isnan(rate_m_s)]
+    if len(known) < max(_MIN_VISIBLE_FRACTION * len(rate_m_s), 1):
+        return None
+    off = known - np.median(known)
+    near = off[np.abs(off) <= _OUTLIER * max(robust_scale(off, 1), 1e-12)]
+    return float(np.sqrt(np.square(near - near.mean()).mean()))

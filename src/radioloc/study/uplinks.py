@@ -1,0 +1,121 @@
+"""Which station transmitted what another one received, and the turnaround ratio of the target's answer.
+
+Files of listeners do not record it. `radioloc search` finds it among candidates, pass by pass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import C_M_S
+from radioloc.earth.stations import StationCatalogue
+from radioloc.errors import InputError, named
+from radioloc.measurements.link import Link, canonical_target
+from radioloc.measurements.observations import DOPPLER, Observations
+from radioloc.study.schema import check, entry
+from radioloc.time import Epochs, utc_to_tai
+from radioloc.vectors import Floats
+
+_TAG_TOLERANCE_S = 1e-3
+"""Epochs of study files are rounded to milliseconds."""
+
+
+@dataclass(frozen=True, slots=True)
+class Uplink:
+    """The transmitter of Doppler that a station received in a pass.
+
+    Parameters
+    ----------
+    receiver : str
+        The receiving station.
+    start, stop : Epochs
+        First and last time tag, UTC.
+    transmitter : str or None
+        The transmitting station, in place of the one that the files name.
+    turnaround : tuple of int or None
+        Ratio of frequency down to up, such as (880, 749), in place of the one that the recorded frequencies have. The
+        received frequencies stay as they are.
+    target : str or None
+        The target; all where ``None``.
+    """
+
+    receiver: str
+    start: Epochs = entry(moment=True)
+    stop: Epochs = entry(moment=True)
+    transmitter: str | None = None
+    turnaround: tuple[int, int] | None = None
+    target: str | None = None
+
+    def __post_init__(self) -> None:
+        check(self)
+        if self.turnaround is not None and min(self.turnaround) <= 0:
+            raise InputError(f"turnaround must be two numbers above zero, not {self.turnaround}")
+
+    def rows(self, observations: Observations, catalogue: StationCatalogue) -> NDArray[np.intp]:
+        """Return the rows of Doppler of this pass."""
+        receiver = catalogue.get(self.receiver).name
+        received = [
+            catalogue.get(link.receiver).name == receiver
+            and (self.target is None or canonical_target(self.target) == canonical_target(link.target))
+            for link in observations.links
+        ]
+        tai = utc_to_tai(observations.epoch)
+        after_s, beyond_s = (tai.seconds_since(utc_to_tai(moment)) for moment in (self.start, self.stop))
+        inside = (after_s >= -_TAG_TOLERANCE_S) & (beyond_s <= _TAG_TOLERANCE_S)
+        return np.flatnonzero(
+            inside & (observations.kind == DOPPLER) & np.array(received, dtype=bool)[observations.link]
+        )
+
+
+def with_uplinks(
+    observations: Observations, uplinks: Iterable[Uplink], catalogue: StationCatalogue
+) -> Observations:
+    """Return observations with the transmitters and turnaround ratios of their passes."""
+    for uplink in uplinks:
+        with named("[[observations.uplinks]]"):
+            rows = uplink.rows(observations, catalogue)
+            sender = uplink.transmitter and catalogue.get(uplink.transmitter).name
+        if sender:
+            observations = with_transmitter(observations, rows, sender)
+        if uplink.turnaround is not None and len(rows):
+            down, up = uplink.turnaround
+            columns = {name: getattr(observations, name).copy() for name in ("value_m", "wavelength_um")}
+            with named("[[observations.uplinks]]"):
+                columns["value_m"][rows] = with_turnaround(observations, rows, down / up)
+            columns["wavelength_um"][rows] = 1e6 * C_M_S * up / (down * observations.uplink_hz[rows])
+            for column in columns.values():
+                column.flags.writeable = False
+            observations = replace(observations, **columns)
+    return observations
+
+
+def with_transmitter(observations: Observations, rows: NDArray[np.intp], station: str) -> Observations:
+    """Return observations whose given rows have another transmitter; one-way and differenced links stay."""
+    links = {link: k for k, link in enumerate(observations.links)}
+    sent = [links.setdefault(_sent(link, station), len(links)) for link in observations.links]
+    column = observations.link.copy()
+    column[rows] = np.array(sent, dtype=column.dtype)[column[rows]]
+    column.flags.writeable = False
+    return replace(observations, links=tuple(links), link=column)
+
+
+def _sent(link: Link, station: str) -> Link:
+    return replace(link, transmitter=station) if link.transmitter and not link.differenced else link
+
+
+def with_turnaround(observations: Observations, rows: NDArray[np.intp], ratio: float | None) -> Floats:
+    """Return the values of some rows for another turnaround ratio, m: the received frequency stays as it is."""
+    value_m = observations.value_m[rows]
+    if ratio is None:
+        return value_m
+    if np.isnan(observations.uplink_hz[rows] * observations.wavelength_um[rows]).any():
+        raise InputError(
+            "turnaround: expected observations with frequencies up and down, got some without; leave it out"
+        )
+    whole_m = C_M_S * observations.count_s[rows]
+    recorded = C_M_S / (1e-6 * observations.wavelength_um[rows] * observations.uplink_hz[rows])
+    return np.asarray(whole_m - recorded / ratio * (whole_m - value_m))

@@ -1,0 +1,113 @@
+"""Manoeuvres that a study does not state: a doubt of the fit, found by the search, and then estimated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from low_orbit import EPOCH
+from tracked_orbit import OFF, STATE, craft, tracked
+
+import radioloc
+from radioloc.dynamics import Acceleration, Forces, GravityField, Impulse
+from radioloc.errors import InputError
+from radioloc.estimation import FitStatus
+from radioloc.measurements import PhysicalModel
+from radioloc.search import search
+from radioloc.study.orbit_choice import OrbitChoice
+
+SIGMA_M = 2e-3  # of 60 s: what counts of real links of 0.03 mm/s have
+FORCES = Forces(GravityField.open("GRGM660PRIM", 20), radiation_m2_kg=0.018, gradient_degree=20)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return PhysicalModel.build()
+
+
+def burn(time_s, delta_v_m_s):
+    return Impulse("burn", EPOCH.shifted(time_s), delta_v_m_s)
+
+
+def counts(model, forces):
+    return tracked(model, forces, SIGMA_M, seed=7)[0]
+
+
+def study(forces):
+    target = craft(STATE + OFF, forces)
+    estimate = radioloc.study.EstimateChoice(orbit=OrbitChoice())
+    return radioloc.Study(target, estimate=estimate, consider_defaults=False, name="orbit")
+
+
+@pytest.mark.study
+@pytest.mark.parametrize(
+    ("time_s", "delta_v_m_s"),
+    [
+        (6000.0, (0.03, 0.04, 0.0)),
+        pytest.param(9500.0, (0.0, 0.5, 0.1), marks=pytest.mark.slow),
+        pytest.param(9500.0, (1.0, 4.0, 3.0), marks=pytest.mark.slow),
+    ],
+)
+def test_an_undocumented_manoeuvre_is_found_and_then_estimated(model, time_s, delta_v_m_s):
+    observations = counts(model, replace(FORCES, impulses=(burn(time_s, delta_v_m_s),)))
+    doubtful = radioloc.locate(study(FORCES), observations)
+    assert doubtful.status is FitStatus.MISFIT
+    assert any("`radioloc search STUDY.toml` looks for manoeuvres" in note for note in doubtful.notes)
+    result = search(study(FORCES), observations)
+    (found,) = result.manoeuvres
+    assert abs(found.epoch.seconds_since(EPOCH)[0] - time_s) < 4.0 * max(found.sigma_s, 1.0) + 1.0
+    # What is short of it in a pass is made up by the state: per cent.
+    assert np.abs(found.delta_v_m_s - delta_v_m_s).max() < 0.02 * np.linalg.norm(delta_v_m_s)
+    assert (found.gap is not None) == (time_s == 6000.0)
+    solution = radioloc.locate(result.study, observations)
+    assert solution.converged
+    assert solution.residuals.used.sum() > len(observations) - 8
+    error = np.concatenate([solution.state.position_m, solution.state.velocity_m_s]) - STATE
+    assert (np.abs(error) < 4.0 * np.sqrt(np.diag(solution.state.covariance))).all()
+    sigmas = dict(zip([one.name for one in solution.parameters], solution.sigmas(), strict=True))
+    values = dict(zip([one.name for one in solution.parameters], solution.values, strict=True))
+    for name, true in zip("rtn", delta_v_m_s, strict=True):
+        # The epoch is off by its sigma, and is not estimated.
+        tolerance_m_s = 5.0 * sigmas[f"force.found_1.{name}"] + 1e-3 * np.linalg.norm(delta_v_m_s)
+        assert abs(values[f"force.found_1.{name}"] - true) < tolerance_m_s
+
+
+@pytest.mark.slow
+def test_a_burn_of_a_minute_is_found_as_an_impulse(model):
+    thrust = Acceleration(
+        "burn", constant_m_s2=(0.0, 0.01, 0.0), start=EPOCH.shifted(9470.0), stop=EPOCH.shifted(9530.0)
+    )
+    result = search(study(FORCES), counts(model, replace(FORCES, accelerations=(thrust,))))
+    (found,) = result.manoeuvres
+    assert abs(found.epoch.seconds_since(EPOCH)[0] - 9500.0) < 15.0
+    np.testing.assert_allclose(found.delta_v_m_s, [0.0, 0.6, 0.0], atol=0.02)
+
+
+@pytest.mark.study
+def test_an_orbit_without_a_manoeuvre_is_left_alone(model):
+    observations = counts(model, FORCES)
+    assert radioloc.locate(study(FORCES), observations).converged
+    assert search(study(FORCES), observations).manoeuvres == ()
+
+
+@pytest.mark.parametrize(
+    ("forces", "message"),
+    [
+        (
+            replace(FORCES, impulses=(burn(20000.0, (0.0, 0.5, 0.1)),)),
+            r"impulses\]\] burn acts after the arc",
+        ),
+        (
+            replace(FORCES, accelerations=(Acceleration("thrust", stop=EPOCH.shifted(-900.0)),)),
+            r"accelerations\]\] thrust acts before the arc, which is from 2012-04-09T04:30:00 to 2012-04-09T07:51",
+        ),
+        (
+            replace(FORCES, impulses=(burn(0.0, (0.0, 0.5, 0.1)),)),
+            "burn is at 2012-04-09T04:30:00.000 TDB, .* at the epoch of craft",
+        ),
+    ],
+)
+def test_manoeuvres_that_are_not_on_the_arc(model, forces, message):
+    with pytest.raises(InputError, match=message):
+        radioloc.locate(study(forces), counts(model, FORCES))

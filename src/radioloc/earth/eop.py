@@ -224,12 +224,10 @@ def _refuse(wrong: Epochs, source: str, mjd_utc: Floats, advice: str) -> None:
     """Raise :class:`CoverageError` if there is any epoch at which days of a table do not serve."""
     if len(wrong):
         days = np.sort(wrong.day_strings())
-        covered = (
-            [f"{day_of(mjd)} UTC" for mjd in (mjd_utc[0], mjd_utc[-1])]
-            if len(mjd_utc)
-            else ["no date", "none"]
+        first, last = (
+            [f"{day_of(mjd)} UTC" for mjd in mjd_utc[[0, -1]]] if len(mjd_utc) else ["no date", "none"]
         )
-        raise CoverageError(source, (covered[0], covered[1]), (f"{days[0]} TT", f"{days[-1]} TT"), advice)
+        raise CoverageError(source, (first, last), (f"{days[0]} TT", f"{days[-1]} TT"), advice)
 
 
 def _cubic_through(to_nodes: Floats, node_values: Floats) -> tuple[Floats, Floats]:

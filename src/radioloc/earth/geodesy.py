@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from radioloc.errors import InputError
-from radioloc.units import as_float_array, as_metres
+from radioloc.units import as_metres
 from radioloc.vectors import Floats, east_north_up
 
 _GRS80 = 2
@@ -53,18 +53,7 @@ def geodetic_from_itrf(itrf_m: ArrayLike) -> Geodetic:
 
 def itrf_from_geodetic(longitude_rad: ArrayLike, latitude_rad: ArrayLike, height_m: ArrayLike) -> Floats:
     """Position in the ITRF, m, (..., 3), of east longitude, latitude (rad) and height (m) on GRS80: ERFA ``gd2gc``."""
-    longitude, latitude, height = np.broadcast_arrays(
-        as_float_array(longitude_rad, "rad", "longitude_rad"),
-        as_float_array(latitude_rad, "rad", "latitude_rad"),
-        as_float_array(height_m, "m", "height_m"),
-    )
-    if not all(np.isfinite(value).all() for value in (longitude, latitude, height)):
-        raise InputError("a longitude, latitude or height is not a finite number")
-    if (np.abs(latitude) > np.pi / 2).any():
-        raise InputError(
-            f"latitudes reach {np.abs(latitude).max():g} rad, which is beyond 90 degrees; give radians"
-        )
-    return np.asarray(erfa.gd2gc(_GRS80, longitude, latitude, height))
+    return np.asarray(erfa.gd2gc(_GRS80, longitude_rad, latitude_rad, height_m))
 
 
 def rot_itrf_to_enu(itrf_m: ArrayLike) -> Floats:

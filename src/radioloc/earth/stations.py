@@ -167,13 +167,14 @@ class Station:
         >>> Station.from_geodetic(name="MINE", **place, **words).itrf_m.round().tolist()
         [1150441.0, 4870506.0, 3942821.0]
         """
-        try:
-            if abs(latitude_deg) > 90.0 or abs(longitude_deg) > 360.0:
-                given = f"latitude_deg = {latitude_deg:g}, longitude_deg = {longitude_deg:g}"
-                raise InputError(f"{given}: they are up to 90 and 360 degrees; are they exchanged?")
-            itrf_m = itrf_from_geodetic(np.deg2rad(longitude_deg), np.deg2rad(latitude_deg), height_m)
-        except InputError as error:
-            raise StationError(f"station {fields.get('name')}: {error}") from error
+        if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 360.0 and math.isfinite(height_m)):
+            given = (
+                f"latitude_deg = {latitude_deg:g}, longitude_deg = {longitude_deg:g}, height_m = {height_m:g}"
+            )
+            raise StationError(
+                f"station {fields.get('name')}: {given}: angles are up to 90 and 360 degrees; are they exchanged?"
+            )
+        itrf_m = itrf_from_geodetic(np.deg2rad(longitude_deg), np.deg2rad(latitude_deg), height_m)
         return cls(itrf_m=itrf_m, **fields)
 
     def _set_numbers(self, field: str, unit: str, shape: tuple[int, ...]) -> None:

@@ -205,11 +205,8 @@ def _names(station: Station) -> set[str]:
 
 
 def _second(mjd_utc: float) -> str:
-    return (
-        str(utc_strings(Epochs.from_jd(MJD_ZERO_JD, mjd_utc, "UTC"), 0)[0])
-        if np.isfinite(mjd_utc)
-        else "no epoch"
-    )
+    epoch = Epochs.from_jd(MJD_ZERO_JD, mjd_utc, "UTC") if np.isfinite(mjd_utc) else None
+    return "no epoch" if epoch is None else str(utc_strings(epoch, 0)[0])
 
 
 def _cards(path: Path) -> Iterator[Card]:

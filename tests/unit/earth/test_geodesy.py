@@ -70,7 +70,3 @@ def test_refuses() -> None:
         geodetic_from_itrf([6378137.0, 0.0])
     with pytest.raises(InputError, match="finite"):
         geodetic_from_itrf([np.nan, 0.0, 0.0])
-    with pytest.raises(InputError, match="give radians"):
-        itrf_from_geodetic(0.0, 45.0, 0.0)
-    with pytest.raises(InputError, match="finite"):
-        itrf_from_geodetic(0.0, np.inf, 0.0)

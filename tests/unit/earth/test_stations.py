@@ -251,12 +251,11 @@ def test_geodetic_coordinates_are_those_of_the_ellipsoid() -> None:
     made = Station.from_geodetic(**place, **fields, frame="ITRF97")
     np.testing.assert_allclose(made.itrf_m, StationCatalogue.default()["KOUROU"].itrf_m, rtol=0.0, atol=1e-3)
     assert made.frame == "ITRF97"
-    for wrong in ({"latitude_deg": 140.0}, {"longitude_deg": 520.0}):
-        [(name, value)] = wrong.items()
+    for name, value in (("latitude_deg", 140.0), ("longitude_deg", 520.0), ("height_m", np.nan)):
         with pytest.raises(
             StationError, match=rf"station K: .*{name} = {value:g}.* up to 90 and 360 degrees"
         ):
-            Station.from_geodetic(**place | wrong, **fields)
+            Station.from_geodetic(**place | {name: value}, **fields)
 
 
 def test_position_is_in_itrf2020_whatever_frame_it_is_given_in() -> None:

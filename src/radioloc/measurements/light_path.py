@@ -232,7 +232,7 @@ def plane_wave_delay_m(from_body_m: Floats, source: Floats, gm_m3_s2: float) -> 
 
 
 def gravitational_delay_m(r1_m: Floats, r2_m: Floats, r12_m: Floats, gm_m3_s2: float) -> Floats:
-    """Compute the delay by one body between points at r1 and r2 from it, r12 apart, m; Moyer (2003), eq. 8-55."""
+    """Compute the delay (gamma = 1) by one body at r1 and r2 from points r12 apart, m; Moyer (2003), eq. 8-55."""
     # The term k = 2 GM/c^2 beside the distances is the bending of the ray; IERS Conventions (2010), eq. 11.17, lack it.
     # With s = r1 + r2 the logarithm of (s + r12 + k) / (s - r12 + k) as log1p, so that a short path loses no digits.
     k_m = 2.0 * gm_m3_s2 / C_M_S**2

@@ -108,7 +108,7 @@ def lunar_motion(
     # Seen from the barycentre they shrink by U/c^2 + L_B - L_G (43 mm of the radius) and along the velocity by the
     # Lorentz contraction -v (v . r) / (2 c^2), up to 9 mm (IERS Conventions 2010, section 11.1, taken over to the
     # Moon). The straight motion of a spacecraft in a low lunar orbit (1.6 m/s^2) is wrong by 0.8 micrometres after 1e-3
-    # s.
+    # s, and by 1e-16 m after the nanoseconds for which it is used.
     tdb = reference.shifted(offset_s)
     planets = [body for body in PLANETS_MM if body in model.ephemeris.bodies]
     earth, bodies = model.ephemeris.states(("moon", "sun", *planets), tdb)

@@ -16,12 +16,9 @@ from radioloc.compiled import compiled
 Floats = NDArray[np.float64]
 Integers = NDArray[np.intp]
 
-_LANES = 8
-"""Pairs of a correlation time and a ratio are done so many at a time."""
-_TOGETHER = 4
-"""Products of so many innovations are added at once: sums are then read and written a quarter as often."""
-_EVERY = 16
-"""Innovation variances multiplied before a logarithm is taken; each is below 1e15."""
+_LANE_COUNT = 8  # pairs of a correlation time and a ratio that are done at a time
+_INNOVATION_COUNT = 4  # innovations whose products are added at once
+_LOGARITHM_STEP = 16  # innovation variances, each below 1e15, that are multiplied before a logarithm is taken
 
 
 @compiled(error_model="numpy")
@@ -35,7 +32,7 @@ def filter_grid(
     shapes, p = tau_s.shape
     ratios = len(ratio)
     cells = shapes * ratios + 1
-    size = -(-cells // _LANES) * _LANES
+    size = -(-cells // _LANE_COUNT) * _LANE_COUNT
     stationary, decay = np.zeros((p, size)), np.zeros((p, size))
     covariance, projected, inverse = np.zeros((p, p, size)), np.empty((p, size)), np.empty(size)
     for a in range(p):
@@ -44,7 +41,7 @@ def filter_grid(
             covariance[a, a, g] = stationary[a, g]
     determinant, log_determinant = np.ones(size), np.zeros(size)
     state, products = np.zeros((m, p, size)), np.zeros((m, m, size))
-    innovation, weighted = np.zeros((_TOGETHER, m, size)), np.zeros((_TOGETHER, m, size))
+    innovation, weighted = np.zeros((_INNOVATION_COUNT, m, size)), np.zeros((_INNOVATION_COUNT, m, size))
     last_s = -1.0
     # Short loops over few arrays: compilers turn them to vector instructions.
     for i in range(n):
@@ -79,11 +76,11 @@ def filter_grid(
                 one, left, right = covariance[a, b], projected[a], projected[b]
                 for g in range(size):
                     one[g] -= left[g] * right[g] * inverse[g]
-        if i % _EVERY == _EVERY - 1:
+        if i % _LOGARITHM_STEP == _LOGARITHM_STEP - 1:
             for g in range(size):
                 log_determinant[g] += math.log(determinant[g])
                 determinant[g] = 1.0
-        now = i % _TOGETHER
+        now = i % _INNOVATION_COUNT
         for j in range(m):
             y, e, w = columns[i, j], innovation[now, j], weighted[now, j]
             for g in range(size):
@@ -99,10 +96,10 @@ def filter_grid(
                 s, into = state[j, a], projected[a]
                 for g in range(size):
                     s[g] += into[g] * w[g]
-        if now < _TOGETHER - 1 and i < n - 1:
+        if now < _INNOVATION_COUNT - 1 and i < n - 1:
             continue
         for j in range(m):
-            for k in range(now + 1, _TOGETHER):
+            for k in range(now + 1, _INNOVATION_COUNT):
                 for g in range(size):
                     weighted[k, j, g] = 0.0
         for j in range(m):

@@ -22,8 +22,7 @@ _Floats = NDArray[np.float64]
 _AXES = ("east", "north", "up")
 _NUMBER = re.compile(r"[ .]\d+(?=\.|$)")
 _ABOVE_TERRAIN = "height_above_terrain"
-_MIN_OWN_PART = 1e-6
-"""Least part of variances that a difference has for a test: without it both heights are the same a-priori value."""
+_MIN_OWN_FRACTION = 1e-6  # of the variances, for a test: below, both heights are the same a-priori value
 _MAX_ITERATIONS = 20
 _STEP_TOLERANCE_M = 1e-5
 
@@ -285,7 +284,7 @@ def agreement(one: PositionEstimate, two: PositionEstimate, *, horizontal: bool 
         common = one.common_covariance(two)
         apart_m2 = one.total_enu_m2 + two.total_enu_m2
         covariance = apart_m2 - common - common.T
-        own = np.diag(covariance) > _MIN_OWN_PART * np.diag(apart_m2)
+        own = np.diag(covariance) > _MIN_OWN_FRACTION * np.diag(apart_m2)
     held = np.flatnonzero(np.isfinite(np.diag(covariance)) & [True, True, not horizontal] & own)
     tested = covariance[np.ix_(held, held)]
     if not held.size:

@@ -44,14 +44,10 @@ _OF_FRAMES = frozenset(
 )
 """Kinds of parameter that weights do not allow for. An estimate that did would rest on how they change over the arc,
 which is what their a-priori values, the same for a month or a year, say least about."""
-_NEGLIGIBLE = 0.1
-"""Length of errors, in the sigmas of the observations, that move no combination of parameters by more of its sigmas."""
-_NEGLIGIBLE_IN_WEIGHTS = 0.01
-"""The same of errors that weights leave out. Its square is the relative change of a variance: 0.1 would be 1 %."""
-_LEAST_INFORMATION = 1e-10
-"""Least eigenvalue of determined information of the tracking, in parts of the largest: rounding is below."""
-_FEW_COLUMNS = 16
-"""Of more effects fewer rows are held together."""
+_MIN_EFFECT_SIGMAS = 0.1  # length of errors that move no combination of parameters by more of its sigmas
+_MIN_WEIGHT_EFFECT_SIGMAS = 0.01  # its square is the relative change of a variance: 0.1 would be 1 %
+_MIN_INFORMATION_RATIO = 1e-10  # least determined eigenvalue over the largest: rounding is below
+_EFFECT_COLUMN_COUNT = 16  # of more effects fewer rows are held together
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +103,7 @@ class CommonErrors:
             products[np.ix_(there, there)] += gram(some, some)
             effects.append((there, some))
         squares, axes = np.linalg.eigh(products)
-        felt = squares > _NEGLIGIBLE_IN_WEIGHTS**2
+        felt = squares > _MIN_WEIGHT_EFFECT_SIGMAS**2
         return cls(noise, tuple(effects), axes[:, felt], 1.0 / (1.0 + squares[felt]))
 
     def whitened(self, rows_of: RowsOf) -> Iterator[_Floats]:
@@ -182,10 +178,10 @@ def effects_beside_prior(fit: FitResult, errors: ConsideredErrors) -> Effects:
     sigmas = np.linalg.norm(root, axis=1)
     sigmas[sigmas == 0.0] = 1.0
     unit = root / sigmas[:, None]
-    information = np.linalg.pinv(unit @ unit.T, rcond=_LEAST_INFORMATION, hermitian=True)
+    information = np.linalg.pinv(unit @ unit.T, rcond=_MIN_INFORMATION_RATIO, hermitian=True)
     placed = np.array([item.kind == "position" for item in parameters])[free]
     tracking = information - np.diag(placed * (sigmas / parameters.prior_sigmas[free]) ** 2)
-    alone = np.linalg.pinv(tracking, rcond=_LEAST_INFORMATION, hermitian=True)
+    alone = np.linalg.pinv(tracking, rcond=_MIN_INFORMATION_RATIO, hermitian=True)
     moved = moved_by(fit, errors.partials, len(errors.parameters)) * errors.parameters.prior_sigmas
     sensitivity = np.zeros((len(parameters), len(frames)))
     sensitivity[free] = (placed * sigmas)[:, None] * (
@@ -213,7 +209,7 @@ def moved_by(fit: FitResult, effects_m: RowsOf, count: int) -> _Floats:
     if isinstance(alone, Transposable):
         # Weights of few parameters are brought to the observations, not many effects to independent combinations
         for rows, weights in alone.transposed(whitened):
-            for some in slices(len(rows), 1 + count // _FEW_COLUMNS):
+            for some in slices(len(rows), 1 + count // _EFFECT_COLUMN_COUNT):
                 along += gram(weights[some], effects_m(rows[some]))
     else:
         for partials, effects in zip(whitened, alone.whitened(effects_m), strict=False):
@@ -230,7 +226,7 @@ def few_errors(errors: ConsideredErrors, sigma_m: _Floats) -> tuple[_Floats, int
     for some in (effects[:, mine], np.delete(effects, mine, axis=1)):
         weighted = some / sigma_m[:, None]
         squares, axes = np.linalg.eigh(gram(weighted, weighted))
-        found.append(times(some, axes[:, np.cumsum(squares) > _NEGLIGIBLE**2]))
+        found.append(times(some, axes[:, np.cumsum(squares) > _MIN_EFFECT_SIGMAS**2]))
     return np.hstack(found), found[0].shape[1]
 
 

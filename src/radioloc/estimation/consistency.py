@@ -32,18 +32,13 @@ _Floats = NDArray[np.float64]
 _Links = dict[int, float]
 """Series of single observations, with the sign that something has in each."""
 
-CHANCE = 1e-3
-"""An inconsistency is told that occurs by chance in fewer than one solution of a thousand."""
-_SIMPLER = 0.01
-"""Components are left out of an explanation that chance makes as large in more cases than that."""
-_MOST_KEPT = 0.5
-"""Part of a series below which what is left of it does not stand for it."""
-_FAMILIES = 4
-"""Groups, a-priori values, steps, offsets."""
-_MOST_FOUND = 3
-_MOST_GROUPS = 200
-_FEWEST = 3
-"""Points on either side of a step."""
+SIGNIFICANCE_LEVEL = 1e-3  # of an inconsistency: by chance in fewer than one solution of a thousand
+_COMPONENT_SIGNIFICANCE_LEVEL = 0.01  # components that chance makes as large more often are left out
+_MIN_KEPT_FRACTION = 0.5  # of a series, below which the rest does not stand for it
+TEST_FAMILY_COUNT = 4  # groups, a-priori values, steps, offsets (Bonferroni correction)
+_MAX_FINDING_COUNT = 3
+_MAX_GROUP_COUNT = 200
+_MIN_STEP_POINT_COUNT = 3  # on either side of a step
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +60,7 @@ class Inconsistency:
     @property
     def significant(self) -> bool:
         """Whether chance hardly explains it."""
-        return self.log10_chance < math.log10(CHANCE)
+        return self.log10_chance < math.log10(SIGNIFICANCE_LEVEL)
 
     def to_dict(self) -> dict[str, Any]:
         """Its numbers, with the sentence as ``text`` where it is significant."""
@@ -157,7 +152,7 @@ class _Tried:
         k = int(np.argmax(chances))
         columns = self.columns[:, [k]]
         verdict = problem.test(columns)
-        if chances[k] <= math.log(_SIMPLER) or verdict is None:
+        if chances[k] <= math.log(_COMPONENT_SIGNIFICANCE_LEVEL) or verdict is None:
             return self, after
         part, scale = self.components[k : k + 1], self.scale[[k]]
         one = replace(self, columns=columns, components=part, scale=scale, verdict=verdict)
@@ -188,9 +183,9 @@ def assess_consistency(
     groups = tuple(search.named(tried) for tried in tested)
     explained: list[_Tried] = []
     width = len(problem.estimate)
-    while len(explained) < _MOST_FOUND:
+    while len(explained) < _MAX_FINDING_COUNT:
         best = min([*search.explanations(problem), *tested], key=lambda tried: tried.log_chance, default=None)
-        if best is None or best.log_chance > math.log(CHANCE):
+        if best is None or best.log_chance > math.log(SIGNIFICANCE_LEVEL):
             break
         best, problem = best.explained(problem)
         explained.append(replace(best, verdict=replace(best.verdict, shift=problem.estimate[:width])))
@@ -209,7 +204,7 @@ def _readmitted(edited: EditedFit, order: SeriesOrder) -> NDArray[np.bool_]:
     """Observations in use, and those of series of which the editing has left out most: these are no outliers."""
     usable, used = edited.given.are(USED), edited.fit.used
     count, kept = (np.bincount(order.code[of], minlength=len(order.series)) for of in (usable, used))
-    return np.asarray(used | (usable & (kept < _MOST_KEPT * count)[order.code]))
+    return np.asarray(used | (usable & (kept < _MIN_KEPT_FRACTION * count)[order.code]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -235,7 +230,7 @@ class _Search:
         tested: list[tuple[str, str, _Links, tuple[float, float] | None]] = []
         for (kind, name), links in every.items():
             spans = _passes(problem, links) if kind == "station" else []
-            if 1 < len(spans) < _MOST_GROUPS - len(tested):
+            if 1 < len(spans) < _MAX_GROUP_COUNT - len(tested):
                 tested += [("pass", name, links, span_s) for span_s in spans]
             if len(links) < len(self.codes):
                 tested.append((kind, name, links, None))
@@ -254,7 +249,7 @@ class _Search:
                     sets.append((f"{station} {kind}", some))
         steps, edges, offsets = [], 0, []
         for name, links in sets:
-            edges_s = problem.times_s(links)[_FEWEST : 1 - _FEWEST]
+            edges_s = problem.times_s(links)[_MIN_STEP_POINT_COUNT : 1 - _MIN_STEP_POINT_COUNT]
             edges += len(edges_s)
             if len(edges_s):
                 best = int(np.argmax(problem.chi2_of_steps(links, edges_s)))
@@ -368,7 +363,7 @@ def _tried(
 
 def _judged(tried: Iterable[_Tried | None], count: int) -> list[_Tried]:
     """With their chances, so many having been tried in each family."""
-    every = math.log(_FAMILIES * max(count, 1))
+    every = math.log(TEST_FAMILY_COUNT * max(count, 1))
     return [replace(one, log_chance=one.verdict.log_chance + every) for one in tried if one is not None]
 
 

@@ -28,10 +28,9 @@ from radioloc.parameters.parameter import ParameterSet
 
 _Floats = NDArray[np.float64]
 
-THRESHOLD = 5.0
-"""Expected sigmas beyond which a residual is an outlier: of normal ones one in 1.7 million."""
+THRESHOLD = 5.0  # expected sigmas beyond which a residual is an outlier: of normal ones one in 1.7 million
 
-_LOWEST_THRESHOLD = 2.0
+_MIN_THRESHOLD = 2.0
 
 _MOST_REJECTED = 0.3
 """Largest part of the usable observations that is rejected: more outliers mean a wrong model, station or sigma. Without
@@ -39,23 +38,14 @@ it 40 of 100 wrong ranges are cut away in silence (`tests/unit/estimation/test_e
 
 _MAX_PASSES = 20
 
-_SIGMAS = 5.0
-"""Sigmas within which a residual is one of whole cycles."""
-_CLEAR = 0.15
-"""Part of a cycle that so many sigmas may be at most: else any residual is near to a whole number."""
-_MOST_CYCLES = 1000.0
-"""More cycles at once are no slip, but another frequency."""
-_SILENT_S, _SILENT_STEPS = 300.0, 10.0
-"""Time without a count, s and in the median time from one to the next, after which the lock is a new one."""
-_FEWEST = 10
-"""Counts of a pass from which on it tells its own scatter."""
-_RUN = 3
-"""Counts on end that are off together: that is a frequency, not a slip."""
-_FAR = 30.0
-"""Sigmas by which they are off: less can be the air near the horizon. One count may be longer than the time without
-lock."""
-_OTHER_M_S = 0.03
-"""Rate from which on the signal was another one, 1e-10 of its frequency; less, on end, is an error of the model."""
+_SLIP_TOLERANCE_SIGMAS = 5.0  # within which a residual is one of whole cycles
+_SLIP_MAX_TOLERANCE_CYCLES = 0.15  # that the tolerance may be: else any residual is near to a whole number
+_SLIP_MAX_CYCLES = 1000.0  # more cycles at once are another frequency
+_SILENCE_S, _SILENCE_STEPS = 300.0, 10.0  # without a count, after which the lock is a new one
+_MIN_PASS_COUNTS = 10  # of a pass that shows its own scatter
+_WRONG_SIGNAL_MIN_COUNTS = 3  # on end that are off together: a frequency, not a slip
+_WRONG_SIGNAL_MIN_SIGMAS = 30.0  # less can be the air near the horizon
+_WRONG_SIGNAL_MIN_RATE_M_S = 0.03  # 1e-10 of the frequency; less, on end, is an error of the model
 _ROUNDING_M = 1e-6
 
 
@@ -182,7 +172,7 @@ def fit_with_editing(
     >>> edited.fit.x.round(2).tolist(), np.flatnonzero(~edited.fit.used).tolist()
     ([3.0, 0.5], [7])
     """
-    if threshold is not None and not threshold >= _LOWEST_THRESHOLD:
+    if threshold is not None and not threshold >= _MIN_THRESHOLD:
         raise InputError(f"an outlier threshold of {threshold} sigmas cuts good data; give 2 or more")
     if previous is None:
         x = parameters.prior_values if start is None else start
@@ -313,7 +303,7 @@ def phase_faults(edited: EditedFit, order: SeriesOrder, counts: PhaseCounts) -> 
     for series in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(code)) + 1) if len(rows) else ():
         steps_s = np.diff(time_s[series])
         usual_s = float(np.median(steps_s)) if len(steps_s) else 0.0
-        silent = steps_s > max(_SILENT_S, _SILENT_STEPS * usual_s)
+        silent = steps_s > max(_SILENCE_S, _SILENCE_STEPS * usual_s)
         for one in np.split(rows[series], np.flatnonzero(silent) + 1):
             found |= dict(_of_pass(edited, one, counts))
     return found
@@ -323,21 +313,26 @@ def _of_pass(edited: EditedFit, rows: Rows, counts: PhaseCounts) -> Iterator[tup
     """Those of one pass, in order of time."""
     residual_m, used = edited.fit.residual_m[rows], edited.fit.used[rows]
     sigma_m = edited.fit.sigma_m[rows] * max(1.0, edited.robust_scale)
-    if used.sum() >= _FEWEST:
+    if used.sum() >= _MIN_PASS_COUNTS:
         residual_m = residual_m - np.median(residual_m[used])
         sigma_m = np.clip(robust_scale(residual_m[used], 1), _ROUNDING_M, sigma_m)
     cycle_m = counts.cycle_m[rows]
     cycles = np.rint(residual_m / cycle_m)
     size = np.abs(cycles)
-    whole = np.abs(residual_m - cycles * cycle_m) <= _SIGMAS * sigma_m
-    slips = whole & (size >= 1.0) & (size <= _MOST_CYCLES) & (_SIGMAS * sigma_m <= _CLEAR * cycle_m)
+    whole = np.abs(residual_m - cycles * cycle_m) <= _SLIP_TOLERANCE_SIGMAS * sigma_m
+    slips = (
+        whole
+        & (size >= 1.0)
+        & (size <= _SLIP_MAX_CYCLES)
+        & (_SLIP_TOLERANCE_SIGMAS * sigma_m <= _SLIP_MAX_TOLERANCE_CYCLES * cycle_m)
+    )
     for run in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(used)) + 1):
         off_m = residual_m[run]
         at_border = run[0] == 0 or run[-1] == len(rows) - 1
-        far = np.median(np.abs(off_m) / np.maximum(sigma_m[run], _ROUNDING_M)) > _FAR
-        lasts = len(run) >= _RUN and abs(np.sign(off_m).sum()) == len(run)
+        far = np.median(np.abs(off_m) / np.maximum(sigma_m[run], _ROUNDING_M)) > _WRONG_SIGNAL_MIN_SIGMAS
+        lasts = len(run) >= _WRONG_SIGNAL_MIN_COUNTS and abs(np.sign(off_m).sum()) == len(run)
         off_m_s = float(np.median(off_m / counts.count_s[rows[run]]))
-        other = far and abs(off_m_s) > _OTHER_M_S
+        other = far and abs(off_m_s) > _WRONG_SIGNAL_MIN_RATE_M_S
         if not used[run[0]] and other and (lasts or (at_border and not slips[run].any())):
             what = "not locked to the uplink" if at_border else "not locked to this uplink for a while"
             for k in run.tolist():

@@ -34,39 +34,23 @@ from radioloc.estimation.statistics import SCALING_PROBABILITY
 
 _Floats = NDArray[np.float64]
 
-RATIOS = np.logspace(-5.0, 3.0, 33)
-"""Ratios c / w that are tried."""
-_TAU_STEP = 0.25
-"""Common logarithm of the factor from one correlation time that is tried to the next."""
-_EACH_TAU, _EACH_RATIO = 2, 4
-"""Of those every so many are tried first."""
-_EACH_FLICKER = 2
-"""Of the ratios every so many are tried for flicker noise."""
-_FLICKER_STEP = 1.0
-"""Common logarithm of the factor from one correlation time of flicker noise to the next, about."""
-_FLICKER_SPANS = 3.0
-"""Longest correlation time of flicker noise in spans of the data: what lasts longer is the same all the time."""
-_FELT = 1.0
-"""Chi-square that a combination of parameters off by one sigma adds to all series of a group, from which on it is
-projected out."""
-_FELT_BY_ONE = 1e-3
-"""Likewise of a series by itself: what it feels less of changes no likelihood by more than half of that."""
-_NEAR = 6.0
-"""Logarithm of the likelihood below the largest at which nothing need be looked at."""
-_MATTERS = 1e-4
-"""Part of the variance below which a process is left out of a filter."""
-_TOLD = 3.0
-"""Logarithm of the likelihood by which white noise must be likelier than another series' noise to rule that out."""
+RATIOS = np.logspace(-5.0, 3.0, 33)  # c / w that are tried
+_TAU_STEP_DECADES = 0.25  # from one correlation time that is tried to the next
+_COARSE_TAU_STEP, _COARSE_RATIO_STEP = 2, 4  # of those every so many are tried first
+_FLICKER_RATIO_STEP = 2  # every so many of the ratios are tried for flicker noise
+_FLICKER_STEP_DECADES = 1.0  # from one correlation time of flicker noise to the next, about
+_MAX_FLICKER_SPANS = 3.0  # longest correlation time in spans of the data; longer is constant
+_MIN_PARAMETER_CHI2 = 1.0  # by one sigma of a combination of parameters: below, it is not projected out
+_MIN_SERIES_CHI2 = 1e-3  # likewise in one series: less changes no likelihood by more than half of that
+_MAX_LOG_LIKELIHOOD_LOSS = 6.0  # below the largest at which nothing need be looked at
+_MIN_VARIANCE_FRACTION = 1e-4  # below which a process is left out of a filter
+_LOG_BAYES_FACTOR_WHITE = 3.0  # for white noise over another series' noise, to rule that out
 DENSE = 3.0
 """Observations in a correlation time, in the mean over a series, from which on its weights allow for the correlation.
 Fewer, such as laser normal points, hardly outweigh anything, and their few sessions tell a correlation badly."""
-_DENSE_FOR_FLICKER = 1.0
-"""Likewise where flicker noise is considered: the single process that is most like it may be short."""
-FEWEST = 20
-"""Points beyond the number of parameters that a verdict takes."""
-_CHANCE = 0.01
-"""White residuals seem correlated in one fit of a hundred: a correlation that is missed costs a factor on the sigmas,
-one that is not there costs little."""
+_MIN_FLICKER_OBSERVATIONS_PER_TAU = 1.0  # fewer than DENSE: the single process most like it may be short
+MIN_POINTS_LEFT = 20  # beyond the number of parameters, for a verdict
+_SIGNIFICANCE_LEVEL = 0.01  # a correlation missed costs a factor on the sigmas, one that is not there little
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +120,7 @@ class SeriesNoise:
         from radioloc.estimation._kernels import filter_processes, mean_correlation
 
         variance = self.coloured * mean_correlation(width_s, self.tau_s)
-        matters = variance > _MATTERS * variance.sum()
+        matters = variance > _MIN_VARIANCE_FRACTION * variance.sum()
         n, p = len(step_s), int(matters.sum())
         if not p:
             return columns / math.sqrt(self.white)
@@ -250,12 +234,12 @@ def noise_of_series(
     likelihoods = [
         RestrictedLikelihood.of(points, np.array(mine), sigmas, jointly=jointly)
         for mine in groups.values()
-        if length[mine].max() >= FEWEST
+        if length[mine].max() >= MIN_POINTS_LEFT
     ]
-    long = [one.among(one.points_left >= FEWEST) for one in likelihoods]
+    long = [one.among(one.points_left >= MIN_POINTS_LEFT) for one in likelihoods]
     long = [one for one in long if len(one.mine)]
     for likelihood in long:
-        threshold = -math.log(_CHANCE / len(long))
+        threshold = -math.log(_SIGNIFICANCE_LEVEL / len(long))
         found |= _fitted(likelihood, threshold, sum(len(one.mine) for one in long))
     found |= _taken_over(points, long, found)
     return {points.series[k].key: noise for k, noise in found.items()}
@@ -286,10 +270,10 @@ class RestrictedLikelihood:
         of_series = [slice(*ends) for ends in itertools.pairwise(begin.tolist())]
         grams = np.array([gram(scaled[part], scaled[part]) for part in of_series])
         squares, axes = np.linalg.eigh(grams.sum(axis=0))
-        axes = axes[:, squares > _FELT]
+        axes = axes[:, squares > _MIN_PARAMETER_CHI2]
         felt = axes.T @ grams @ axes
         own, own_axes = np.linalg.eigh(felt)
-        most = int((own > _FELT_BY_ONE).sum(axis=1).max(initial=0))
+        most = int((own > _MIN_SERIES_CHI2).sum(axis=1).max(initial=0))
         turned = np.swapaxes(own_axes[:, :, len(axes.T) - most :], 1, 2)
         parts = [scaled[part] @ (axes @ one.T) for part, one in zip(of_series, turned, strict=True)]
         columns = np.column_stack([np.concatenate(parts), residual])
@@ -359,7 +343,7 @@ def _taken_over(
             some = likelihood.among(left)
             mean = means[others[int(some.mine[0])]]
             log, _, _ = some.at(np.array([mean.correlation_time_s]), np.array([mean.ratio]))
-            white |= set(some.mine[log[:, 0] <= -_TOLD].tolist())
+            white |= set(some.mine[log[:, 0] <= -_LOG_BAYES_FACTOR_WHITE].tolist())
     return {k: means[kind] for k, kind in others.items() if k not in white}
 
 
@@ -369,27 +353,29 @@ def _fitted(likelihood: RestrictedLikelihood, threshold: float, n_series: int) -
 
     points, mine = likelihood.points, likelihood.mine
     tau_s = _tried_taus_s(points, mine)
-    coarse_taus_s, coarse_ratios = tau_s[::_EACH_TAU], RATIOS[::_EACH_RATIO]
+    coarse_taus_s, coarse_ratios = tau_s[::_COARSE_TAU_STEP], RATIOS[::_COARSE_RATIO_STEP]
     coarse, _, together = likelihood.at(coarse_taus_s, coarse_ratios)
     if together.max() < 0.5 * threshold - 1.0:
         return {}
     differing = -math.log((1.0 - SCALING_PROBABILITY) / n_series)
     best = int(together.argmax())
     alone = [one for one in coarse if one.max() - one[best] > differing - 1.0]
-    near = np.any([one > one.max() - _NEAR for one in (together, *alone)], axis=0)
+    near = np.any([one > one.max() - _MAX_LOG_LIKELIHOOD_LOSS for one in (together, *alone)], axis=0)
     at_tau, at_ratio = np.nonzero(near.reshape(len(coarse_taus_s), -1))
     taus, ratios = (
         slice(max(0, int(at.min() - 1) * each), int(at.max() + 1) * each + 1)
-        for at, each in ((at_tau, _EACH_TAU), (at_ratio, _EACH_RATIO))
+        for at, each in ((at_tau, _COARSE_TAU_STEP), (at_ratio, _COARSE_RATIO_STEP))
     )
     taus_of_flicker_s, part = _flicker_shape(points, mine, tau_s[0])
     # Either is as likely before: cells of both have the same weight together.
-    odds = math.log(len(tau_s) * _EACH_FLICKER)
+    odds = math.log(len(tau_s) * _FLICKER_RATIO_STEP)
     spans_s = [float(points.step_s[points.of(k)].sum()) for k in mine]
     in_tau = points.count[mine].sum() * coarse_taus_s[best // len(coarse_ratios)] / sum(spans_s)
-    if in_tau < _DENSE_FOR_FLICKER:
+    if in_tau < _MIN_FLICKER_OBSERVATIONS_PER_TAU:
         odds = -math.inf
-    wider = slice(max(0, ratios.start - _EACH_RATIO), ratios.stop + _EACH_RATIO, _EACH_FLICKER)
+    wider = slice(
+        max(0, ratios.start - _COARSE_RATIO_STEP), ratios.stop + _COARSE_RATIO_STEP, _FLICKER_RATIO_STEP
+    )
     tau_s, ratio, flicker_ratio = tau_s[taus], RATIOS[ratios], RATIOS[wider]
     tried = [likelihood.at(tau_s, ratio), likelihood.at(taus_of_flicker_s, flicker_ratio, part)]
     log, white, together = (np.concatenate(both, axis=-1) for both in zip(*tried, strict=True))
@@ -416,8 +402,8 @@ def _fitted(likelihood: RestrictedLikelihood, threshold: float, n_series: int) -
 
 def _flicker_shape(points: Points, mine: NDArray[np.intp], least_s: float) -> tuple[_Floats, _Floats]:
     """Correlation times, up to the longest span, and shares of processes that add up to flicker noise, both (1, p)."""
-    span_s = _FLICKER_SPANS * max(float(points.step_s[points.of(k)].sum()) for k in mine)
-    p = math.ceil(math.log10(max(span_s / least_s, 10.0)) / _FLICKER_STEP) + 1
+    span_s = _MAX_FLICKER_SPANS * max(float(points.step_s[points.of(k)].sum()) for k in mine)
+    p = math.ceil(math.log10(max(span_s / least_s, 10.0)) / _FLICKER_STEP_DECADES) + 1
     tau_s = np.logspace(math.log10(least_s), math.log10(max(span_s, 10.0 * least_s)), p)
     return tau_s[None], np.full((1, p), 1.0 / p)
 
@@ -431,5 +417,5 @@ def _tried_taus_s(points: Points, mine: NDArray[np.intp]) -> _Floats:
         if step_s.any()
     )
     most_s = max(0.5 * max(float(step_s.sum()) for step_s in steps_s), 2.0 * least_s)
-    steps = math.ceil(math.log10(most_s / least_s) / _TAU_STEP)
+    steps = math.ceil(math.log10(most_s / least_s) / _TAU_STEP_DECADES)
     return np.asarray(least_s * (most_s / least_s) ** (np.arange(steps + 1) / steps))

@@ -27,25 +27,21 @@ from radioloc.estimation.gauss_markov import Points, SeriesNoise, noise_of_serie
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.observation_noise import Rows, RowsOf, column
 from radioloc.estimation.series import (
-    MOST_POINTS,
+    MAX_POINTS,
     Bundle,
     SeriesOrder,
     bins,
     points_of,
     series_of,
 )
-from radioloc.estimation.time_correlation import ABSORBED
+from radioloc.estimation.time_correlation import ABSORBED_SIGMAS
 
 _Floats = NDArray[np.float64]
 
-_TOLD = 1e-6
-"""Least part of the square of a column that the parameters must leave of it for it to be tested."""
-_BATCH, _FEWEST_BATCHES = 10, 5
-"""Points that are summed to see whether residuals stay correlated, and fewest sums that tell."""
-_MEDIAN_OF_SQUARE = 0.4549
-"""Of a normal variable of unit variance."""
-_ENOUGH = 20
-"""Observations from which the variance of a series is told."""
+_MIN_SQUARE_FRACTION = 1e-6  # of a column that the parameters must leave of it for a test
+_BATCH_POINTS, _MIN_BATCHES = 10, 5  # summed to see whether residuals stay correlated
+_MEDIAN_CHI2_1 = 0.4549  # of the square of a normal variable of unit variance
+_MIN_VARIANCE_OBSERVATIONS = 20  # that determine the variance of a series
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -200,7 +196,7 @@ class BinnedProblem:
         size = np.sqrt(np.diag(squares))
         scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
         values, axes = np.linalg.eigh((squares - with_partials @ gain) * scale[:, None] * scale)
-        told = values > _TOLD
+        told = values > _MIN_SQUARE_FRACTION
         if not told.any():
             return None
         root = scale[:, None] * axes[:, told] / np.sqrt(values[told])
@@ -229,7 +225,7 @@ class BinnedProblem:
         with_partials = products[:, 1:]
         score = products[:, 0] - with_partials @ self.estimate
         information = squares - np.einsum("wc,wc->w", with_partials @ self.inverse, with_partials)
-        told = information > _TOLD * squares
+        told = information > _MIN_SQUARE_FRACTION * squares
         return np.divide(score**2, information, out=np.zeros_like(score), where=told)
 
     def with_columns(self, columns: _Floats) -> BinnedProblem:
@@ -242,12 +238,12 @@ class BinnedProblem:
 
 def noise_of_each(points: Points) -> dict[str, SeriesNoise]:
     """Noise that each series shows by itself: an offset of one of them is none."""
-    return noise_of_series(points, ABSORBED, jointly=False)
+    return noise_of_series(points, ABSORBED_SIGMAS, jointly=False)
 
 
 def _of_each_observation(bundle: Bundle, rows_of: RowsOf) -> _Floats:
     """Share of each of the j observations of a bundle in its points, (j, points, c), as of :func:`points_of`."""
-    place, _ = bins(bundle.time_s, MOST_POINTS)
+    place, _ = bins(bundle.time_s, MAX_POINTS)
     count = np.bincount(place)
     ends, found = np.cumsum(count), np.zeros((0, 0, 0, 0))
     for part, values in bundle.parts(rows_of):
@@ -273,7 +269,7 @@ def _white(points: Points, k: int, estimate: _Floats) -> SeriesNoise:
     left = points.residual[part] - points.unit[part] @ estimate
     inside = float(points.squares[k] - np.square(points.residual[part]).sum())
     variance = (inside + float(left @ left)) / count
-    if count < _ENOUGH or not variance > 0.0:
+    if count < _MIN_VARIANCE_OBSERVATIONS or not variance > 0.0:
         variance = max(variance, 1.0)
     return SeriesNoise(variance, np.ones(1), np.zeros(1))
 
@@ -281,13 +277,13 @@ def _white(points: Points, k: int, estimate: _Floats) -> SeriesNoise:
 def _spread(independent: _Floats) -> float:
     """Variance of what should be independent and of unit variance, from sums over some time: 1 or more."""
     # About their median and by the median of the squares, so that what does not fit hardly hides itself.
-    batches = len(independent) // _BATCH
-    if batches < _FEWEST_BATCHES:
+    batches = len(independent) // _BATCH_POINTS
+    if batches < _MIN_BATCHES:
         return 1.0
-    begin = np.arange(batches) * _BATCH
+    begin = np.arange(batches) * _BATCH_POINTS
     sums = np.add.reduceat(independent, begin) / np.sqrt(np.diff(np.append(begin, len(independent))))
     squares = np.square(sums - np.median(sums))
-    return max(1.0, float(np.median(squares)) / _MEDIAN_OF_SQUARE)
+    return max(1.0, float(np.median(squares)) / _MEDIAN_CHI2_1)
 
 
 def log_probability(chi2: float, dof: int) -> float:

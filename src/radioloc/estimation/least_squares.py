@@ -52,23 +52,17 @@ _STEP_TOLERANCE = 1e-3
 """A fit has converged when a step is shorter, in standard deviations over all parameters together (formal ones, or
 scaled up to what the residuals show). Such a step lowers the sum of squares by its square, so this bounds that too."""
 
-_NEGLIGIBLE = 1e-3
-"""A next step below this part of the tolerance is not taken any more."""
+_MIN_STEP_TOLERANCES = 1e-3  # a next step below this part of the tolerance is not taken any more
 
 # Damping given up at, in largest singular values: the step is then a millionth of the plain one.
 _MAX_DAMPING = 1e3
 
-_SHORT = 0.1
-"""Steps below so many standard deviations are not asked to lower the sum of squares."""
-_ROUNDED = 1e-4
-"""What rounding may add to the sum, in parts of its root: 1e-7 m in residuals of millimetres."""
+_SHORT_STEP_SIGMAS = 0.1  # steps below are not asked to lower the sum of squares
+_ROUNDING_OF_ROOT = 1e-4  # in parts of the root of the sum: 1e-7 m in residuals of millimetres
 
-_AT_FLOOR = 10.0
-"""Steps of so few tolerances that do not become shorter are of rounding, of hundreds of parameters together."""
+_FLOOR_TOLERANCES = 10.0  # steps below that do not become shorter are rounding
 
-_NEAR = 1.0
-"""A step of so many parameter scales (metres) changes the partials by less than 1e-6 of themselves: their triangle
-stays."""
+_TRIANGLE_REUSE_SCALES = 1.0  # a step of a metre changes the partials by less than 1e-6: their triangle stays
 
 
 class FitStatus(enum.StrEnum):
@@ -301,7 +295,7 @@ class _Problem:
     def factor_after(self, here: _Point, trial: _Point, factor: Factor) -> Factor | None:
         """That of the point a step led to: at the end of a fit the one it has serves on."""
         moved = np.abs(trial.x - here.x) / self.parameters.scales
-        if moved.max() <= _NEAR:
+        if moved.max() <= _TRIANGLE_REUSE_SCALES:
             near = refreshed(factor, trial.linearization, self.whitening, self.parameters, trial.x)
             if near.step_sigmas < self.tolerance(trial):
                 return near
@@ -326,8 +320,8 @@ class _Problem:
             after = self.factor_after(here, trial, factor) if np.isfinite(trial.chi2) else None
             if after is not None:
                 # Ranges are rounded to 1e-7 m, and the sum with them: it cannot tell a short step's gain.
-                short = damping == 0.0 and length <= _SHORT
-                if trial.chi2 <= here.chi2 + short * _ROUNDED * np.sqrt(here.chi2):
+                short = damping == 0.0 and length <= _SHORT_STEP_SIGMAS
+                if trial.chi2 <= here.chi2 + short * _ROUNDING_OF_ROOT * np.sqrt(here.chi2):
                     return trial, after, damping
             damping = 3.0 * damping if damping > 0.0 else factor.least_damping
         return None
@@ -343,16 +337,16 @@ class _Problem:
         damping, before = 0.0, math.inf
         for count in range(_MAX_ITERATIONS):
             length, tolerance = factor.step_sigmas, self.tolerance(here)
-            if count and length < _NEGLIGIBLE * tolerance:
+            if count and length < _MIN_STEP_TOLERANCES * tolerance:
                 return here, factor, FitStatus.CONVERGED, count
-            if 0.5 * before < length < _AT_FLOOR * tolerance:
+            if 0.5 * before < length < _FLOOR_TOLERANCES * tolerance:
                 return here, factor, FitStatus.CONVERGED, count
             before = length
             found = self.descend(here, factor, damping)
             if found is None:
                 # Nothing lowers the sum: either it is at its floor to rounding (ranges are rounded to 1e-7 m),
                 # or the partials point the wrong way.
-                at_floor = length <= max(_SHORT, 1e-3 * np.sqrt(here.chi2))
+                at_floor = length <= max(_SHORT_STEP_SIGMAS, 1e-3 * np.sqrt(here.chi2))
                 return here, factor, FitStatus.CONVERGED if at_floor else FitStatus.DIVERGED, count
             least = factor.least_damping
             here, factor, damping = found

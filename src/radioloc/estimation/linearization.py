@@ -102,8 +102,7 @@ _LEAF_ELEMENTS = 8192
 """Numbers in the matrices that rows are reduced in: they fit a processor's own cache, and are too few for linear
 algebra libraries to share them out, so the result does not depend on the number of threads."""
 
-_NOTHING = 1e-13
-"""Information along an orthonormal coordinate that is rounding."""
+_MIN_INFORMATION = 1e-13  # along an orthonormal coordinate; less is rounding
 
 _RANK_TOLERANCE = 1e-10
 """Least singular value of a determined combination of parameters, in parts of the largest, with all columns scaled to
@@ -115,8 +114,7 @@ _MAX_SIGMA = 1e6
 the linear model that the figure rests on means nothing."""
 
 
-_ROOM = 2**22
-"""Numbers of whitened partials that are kept for what is asked of a fit afterwards; more are computed again."""
+_KEPT_ELEMENTS = 2**22  # of whitened partials, for what is asked of a fit afterwards; more are computed again
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,7 +187,7 @@ def factorize(
         triangle = reduced(triangle, rows)
     else:
         # The triangle carries over from part to part, so no copy of all whitened rows need be made
-        parts, room = list[_Floats](), _ROOM
+        parts, room = list[_Floats](), _KEPT_ELEMENTS
         for whitened in _whitened_rows(linearization, whitening, free) if q else ():
             triangle = reduced(triangle, whitened)
             room -= whitened.size
@@ -285,7 +283,7 @@ class OrthonormalLinearization:
             kept = WhitenedPartials(tuple(part[:, :-1] for part in parts), from_free)
         values, axes = np.linalg.eigh(normal)
         root = np.sqrt(np.maximum(values, 0.0))
-        along = np.divide(axes.T @ side, root, out=np.zeros(len(root)), where=values > _NOTHING)
+        along = np.divide(axes.T @ side, root, out=np.zeros(len(root)), where=values > _MIN_INFORMATION)
         return np.column_stack([root[:, None] * axes.T @ from_free, along]), kept
 
 

@@ -34,29 +34,25 @@ from radioloc.labels import Labels, distinct
 _Floats = NDArray[np.float64]
 
 
-FEWEST = 10
-"""Observations that tell a variance of their own, to a quarter of the standard deviation."""
+MIN_OBSERVATIONS = 10  # that determine a variance, to a quarter of the standard deviation
 _BATCHES = 10
 """Parts of the time whose means are compared, or taken off: of two days each is longer than errors of a link stay
 correlated."""
 SAME_EPOCH_S = 0.05
 """A delay is tagged with the arrival at its first station. One wavefront meets all stations within 43 ms, the light
 time through the Earth; epochs 0.1 s apart or more can be told from each other."""
-_STEPS = 20
+_MAX_STEPS = 20
 _SETTLED = 1e-6
-_LEAST_OWN = 1e-2
-"""Least part of the variance that is the delays' own: below, closures would weigh as if they were exact."""
-_LARGEST = 1e3
-"""Of stations' errors over the delays' own. Beyond, it is no noise: the model is wrong, as residuals are to say."""
+_MIN_OWN_VARIANCE_FRACTION = 1e-2  # of delays: below, closures would weigh as if they were exact
+_MAX_STATION_SIGMA_RATIO = 1e3  # over the delays' own; beyond, it is an error of the model
 _ROUNDING = 1e-9
-_UNLIKE = 2.0
-"""Factor from the common variance of stations to that of one of them from which on each has its own."""
+_MIN_VARIANCE_RATIO = 2.0  # of a station to all, from which on each has its own
 
 
 def by_link(order: SeriesOrder, gap_s: float = np.inf) -> Labels:
     """Each link of each type as a group of its own, or each of its passes, which begin after a silence of `gap_s`.
 
-    Those with fewer than :data:`FEWEST` observations are the group of their type.
+    Those with fewer than :data:`MIN_OBSERVATIONS` observations are the group of their type.
     """
     code, time_s = order.code[order.order], order.time_s[order.order]
     first = np.diff(code, prepend=-1) != 0
@@ -67,7 +63,7 @@ def by_link(order: SeriesOrder, gap_s: float = np.inf) -> Labels:
         number = 1 if first[start] else number + 1
         link = order.series[code[start]]
         name = f"{link.kind} of {link.path}" + (f" {number}" if np.isfinite(gap_s) else "")
-        texts.append(name if count >= FEWEST else link.kind)
+        texts.append(name if count >= MIN_OBSERVATIONS else link.kind)
     group = np.empty(len(code), dtype=np.intp)
     group[order.order] = run
     return Labels.coded(texts, group)
@@ -235,7 +231,7 @@ def noise_with_shared(
         variances = variance_m2[0] * np.square(own_m[rows]) + variance_m2[1:][stations].sum(axis=1)
         variance_m2 *= np.square(fit.sigma_m[rows]).sum() / variances.sum()
         of_stations_m = np.sqrt(variance_m2[1:])
-        if of_stations_m.max() > _LARGEST * np.sqrt(variance_m2[0]) * own_m[rows].min():
+        if of_stations_m.max() > _MAX_STATION_SIGMA_RATIO * np.sqrt(variance_m2[0]) * own_m[rows].min():
             continue
         noise_m[rows] = np.sqrt(variance_m2[0]) * own_m[rows]
         group[rows] = group.max() + 1 + epoch
@@ -273,7 +269,7 @@ def _patterns(
         part = mine * _BATCHES // len(row_of)
         epochs = np.bincount(part, minlength=_BATCHES)
         alike = np.abs(signs[there] @ signs[there].T)
-        if len(mine) < FEWEST or epochs.max() < 2 or not (alike - np.diag(np.diag(alike))).any():
+        if len(mine) < MIN_OBSERVATIONS or epochs.max() < 2 or not (alike - np.diag(np.diag(alike))).any():
             continue
         at = row_of[mine][:, there]
         residual_m = fit.residual_m[at]
@@ -295,7 +291,7 @@ def _components(patterns: Sequence[_Pattern], stations: int) -> _Floats | None:
     of_any = np.stack([matrices[0], matrices[1:].sum(axis=0)])
     common, of_common = _likeliest(of_any, squares, rest, dof)
     each, of_each = _likeliest(matrices, squares, rest, dof)
-    unlike = np.abs(np.log(np.maximum(each[1:], 1e-300) / common[1])).max() > np.log(_UNLIKE)
+    unlike = np.abs(np.log(np.maximum(each[1:], 1e-300) / common[1])).max() > np.log(_MIN_VARIANCE_RATIO)
     gained = of_common - of_each > chi2_quantile(SCALING_PROBABILITY, max(stations - 1, 1))
     return each if unlike and gained else np.append(common[0], np.full(stations, common[1]))
 
@@ -322,15 +318,17 @@ def _likeliest(matrices: _Floats, squares: _Floats, rest: _Floats, dof: _Floats)
     scale = np.sqrt(dof)[:, None, None]
     own_m2 = np.diagonal(matrices[0], axis1=1, axis2=2)
     # Far beyond what is taken for noise, and the covariance still has an inverse
-    least = 1e-3 / (_LARGEST**2 * own_m2[own_m2 > 0.0].min())
+    least = 1e-3 / (_MAX_STATION_SIGMA_RATIO**2 * own_m2[own_m2 > 0.0].min())
     components = np.append(1.0, np.zeros(len(matrices) - 1))
-    for _ in range(_STEPS):
+    for _ in range(_MAX_STEPS):
         root = np.linalg.inv(np.linalg.cholesky(rest + np.tensordot(components, matrices, 1)))
         turned = np.swapaxes(root, 1, 2)
         left, right = scale * (root @ matrices @ turned), root @ squares @ turned / scale
         before = components
         components, _ = nnls(left.reshape(len(matrices), -1).T, right.ravel())
-        components[0] = max(components[0], _LEAST_OWN * before[0], least * components[1:].max())
+        components[0] = max(
+            components[0], _MIN_OWN_VARIANCE_FRACTION * before[0], least * components[1:].max()
+        )
         if np.abs(components - before).max() <= _SETTLED * components.max():
             break
     covariance = rest + np.tensordot(components, matrices, 1)

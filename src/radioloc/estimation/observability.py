@@ -20,15 +20,11 @@ WEAK_FACTOR = 100.0
 """A combination is weak when its sigma is this many times the median sigma of one observation: errors of the model
 (centimetres) then stand in the answer as metres, whatever the sigma says."""
 
-STRONG_CORRELATION = 0.95
-"""Correlations above this are listed; the two parameters share more than 90 % of their variance."""
+STRONG_CORRELATION = 0.95  # listed above: the two parameters share more than 90 % of their variance
 
-UNIMPROVED = 0.7
-"""A common part is named when its sigma is above this part of the a-priori one: the data say less of it than was
-known before."""
+MIN_SIGMA_RATIO = 0.7  # of a common part to the a-priori one, to be named: the data improve it little
 
-_SHARE = 0.3
-"""... and when the position moves with it by more than this part of its own sigma."""
+_MIN_POSITION_SIGMAS = 0.3  # that the position moves with one sigma of a common part, to be named
 
 _SMALLEST_WEIGHT = 0.05  # parts of a direction below this are left out of its text
 
@@ -238,14 +234,16 @@ def _common_parts(parameters: ParameterSet, covariance: _Floats, sigma_m: float)
         sigma = math.sqrt(float(covariance[np.ix_(rows, rows)].sum())) / count
         prior_sigma = float(np.linalg.norm(parameters.prior_sigmas[rows])) / count
         known_to = (
-            UNIMPROVED * prior_sigma if math.isfinite(prior_sigma) else WEAK_FACTOR * sigma_m * first.scale
+            MIN_SIGMA_RATIO * prior_sigma
+            if math.isfinite(prior_sigma)
+            else WEAK_FACTOR * sigma_m * first.scale
         )
         if not sigma > known_to > 0.0:
             continue
         moved = covariance[np.ix_(position, rows)].mean(axis=1) / sigma / parameters.scales[position]
         position_m = float(np.linalg.norm(moved))
         sigmas_m = np.sqrt(np.diag(covariance)[position]) / parameters.scales[position]
-        if position_m >= _SHARE * float(np.linalg.norm(sigmas_m)):
+        if position_m >= _MIN_POSITION_SIGMAS * float(np.linalg.norm(sigmas_m)):
             correlated = 0.0, ""
             if position:
                 most = int(np.argmax(np.abs(moved / sigmas_m)))

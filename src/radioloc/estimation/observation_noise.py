@@ -29,8 +29,7 @@ from radioloc.measurements.predictor import ROWS_AT_ONCE
 
 _Floats = NDArray[np.float64]
 
-ALONE = -1
-"""Group of an observation that shares no error."""
+ALONE = -1  # group of an observation that shares no error
 
 Rows = NDArray[np.intp]
 """Indices of observations, in any order."""
@@ -38,8 +37,7 @@ Rows = NDArray[np.intp]
 RowsOf = Callable[[Rows], _Floats]
 """From indices of observations (m,) to numbers that belong to them, such as partials, (m, c)."""
 
-_FLATTEST = 1e-10
-"""Least variance of a combination, in parts of the largest in its block: below, rounding shows in the weights."""
+_MIN_VARIANCE_RATIO = 1e-10  # of combinations in a block: below, rounding shows in the weights
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -302,7 +300,7 @@ def _blocks_of(own_m: _Floats, shared: SharedErrors, rows: NDArray[np.intp]) -> 
         covariance = shared.covariance_m2(some)
         covariance[:, np.arange(size), np.arange(size)] += own_m[some] ** 2
         variances, axes = np.linalg.eigh(covariance)
-        flat = np.flatnonzero(variances[:, 0] <= _FLATTEST * variances[:, -1])
+        flat = np.flatnonzero(variances[:, 0] <= _MIN_VARIANCE_RATIO * variances[:, -1])
         if len(flat):
             row = int(some[flat[0], np.argmin(own_m[some[flat[0]]])])
             raise InputError(

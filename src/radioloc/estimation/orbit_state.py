@@ -26,10 +26,15 @@ RTN = ("radial", "along", "across")
 EAST_NORTH_UP = ("east", "north", "up")
 ALONG_ACROSS_RADIAL = ("along", "across", "radial")
 """Axes of errors of a place and of an orbit, of which the first two are horizontal."""
-LOCAL_LEVEL = [1, 2, 0, 4, 5, 3]
-"""Where those of an orbit's position and velocity are among radial, along and across."""
-_MAPPED = 25
-"""Epochs at which the covariance is mapped, the ends of the arc included."""
+LOCAL_LEVEL = [
+    1,
+    2,
+    0,
+    4,
+    5,
+    3,
+]  # places of along, across and radial position and velocity among radial, along and across
+_MAPPED_EPOCH_COUNT = 25  # at which the covariance is mapped, the ends of the arc included
 
 
 def turned(axes: Floats, of_states: Floats) -> Floats:
@@ -159,9 +164,9 @@ class OrbitState:
 
     def to_dict(self) -> dict[str, Any]:
         """In types that JSON has."""
-        mapped = self.orbit.times(_MAPPED)
+        mapped = self.orbit.times(_MAPPED_EPOCH_COUNT)
         determined = bool(np.isfinite(self.parameter_covariance).all())
-        sigmas = self.sigma_rtn_m(mapped) if determined else np.full((_MAPPED, 3), np.inf)
+        sigmas = self.sigma_rtn_m(mapped) if determined else np.full((_MAPPED_EPOCH_COUNT, 3), np.inf)
         at_epoch = self.sigma_rtn_m(self.epoch)[0] if determined else np.full(3, np.inf)
         (elements, element_sigmas), (equinoctial, equinoctial_sigmas) = map(self.elements, FORMS)
         lowest_m, highest_m = self.apsides_m()

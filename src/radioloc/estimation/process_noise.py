@@ -20,10 +20,8 @@ from radioloc.estimation.observation_noise import ALONE, ObservationNoise, Phase
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.parameters.rows import networks
 
-NONE = -1
-"""No process."""
-_REDUNDANT = 1e-10
-"""Variance of an innovation, in parts of the observation's, below which the observation follows from others."""
+NONE = -1  # index of no process
+_MIN_INNOVATION_FRACTION = 1e-10  # of the variance: below, the observation follows from others
 _ROUNDING = 1e-6
 
 
@@ -154,7 +152,7 @@ class ProcessWhitening:
                 columns = np.ascontiguousarray(rows_of(part))
                 state = np.zeros((len(tau_s), columns.shape[1])) if state is None else state
                 here = slice(k * ROWS_AT_ONCE, k * ROWS_AT_ONCE + len(part))
-                least_m2 = _REDUNDANT * sigma_m[part] ** 2
+                least_m2 = _MIN_INNOVATION_FRACTION * sigma_m[part] ** 2
                 entries = (noise.time_s[part], local[here], noise.sign[part], noise.white_m2[part], least_m2)
                 of_processes = (variance_m2, tau_s, walk_m2_s, hold_s, covariance)
                 yield filter_processes(*entries, *of_processes, state, last_s, begun_s, columns)

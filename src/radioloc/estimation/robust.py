@@ -31,20 +31,16 @@ _Floats = NDArray[np.float64]
 
 _MAX_LINEARIZATIONS = 15
 _MAX_REWEIGHTINGS = 100
-_MOST_ROWS = 20000
-"""Of more observations a sample of about so many makes the start: it is then off by a hundredth of one observation's
-sigma, where five decide."""
-_REPEATED_ROWS = 1000
-"""The same where one problem is fitted again and again: the start only has to tell outliers from the rest."""
-_FEWEST_DRAWS = 200  # for each parameter
+_MAX_ROWS = 20000  # a sample of about so many is off by a hundredth of one sigma, where five decide
+_MAX_REPEATED_ROWS = 1000  # where one problem is fitted again and again
+_MIN_DRAWS = 200  # for each parameter
 _SEED = 20201201
-_MAX_HUBER_SPREAD_SIGMAS = 3.0
-"""Spread of the residuals, in stated sigmas, above which random subsets are tried."""
+_MAX_HUBER_SPREAD_SIGMAS = 3.0  # above which random subsets are tried
 _MAX_SPREAD_RATIO = 0.1
 """Largest ratio of the spread about their estimate to that about Huber's: a few observations can always be left out so
 that the rest agree somewhat better, of weakly determined positions several times better."""
 _CONSENSUS_PASSES = 3  # linearizations: where geometry is weak, gross errors carry far away
-_SETTLED = 0.1  # the fitted values have settled when none moves by more than this many (robust) sigmas
+_SETTLED_SIGMAS = 0.1  # the fitted values have settled when none moves by more than this many (robust) sigmas
 _SUBSET_COUNT = 500
 _AGREEMENT_SPREADS = 5.0  # an observation agrees with an estimate within so many spreads
 _RIDGE = 1e-9
@@ -91,7 +87,7 @@ def robust_start(
             root = factor.root_covariance()
         basis = times(partials[:, free], root) / sigma_m[:, None]
         y = _huber_estimate(basis, left, *_prior_terms(parameters, x, root))
-        if np.abs(basis @ y).max(initial=0.0) < _SETTLED * max(1.0, robust_scale(left, q)):
+        if np.abs(basis @ y).max(initial=0.0) < _SETTLED_SIGMAS * max(1.0, robust_scale(left, q)):
             break
         loss = _huber_loss(left, parameters, x)
         for part in 0.5 ** np.arange(10.0):
@@ -127,7 +123,7 @@ def linear_problem(
     to_free = factor.root_covariance()
     basis = times(partials[:, parameters.free], to_free)
     from_free = factor.singular_values[:, None] * factor.vectors.T * factor.column_norms
-    start_rows = sample(dense, noise.sigma_m, usable, parameters, _REPEATED_ROWS)
+    start_rows = sample(dense, noise.sigma_m, usable, parameters, _MAX_REPEATED_ROWS)
     return LinearProblem(partials, x, basis, from_free, to_free, start_rows)
 
 
@@ -136,7 +132,7 @@ def sample(
     sigma_m: _Floats,
     usable: NDArray[np.bool_],
     parameters: ParameterSet,
-    most: int = _MOST_ROWS,
+    most: int = _MAX_ROWS,
 ) -> Rows:
     """Rows that stand for all usable ones, in order, about as many as `most` or fewer."""
     # Each free parameter has the same number of draws. Half the chance of an observation is the same for all that the
@@ -157,7 +153,7 @@ def sample(
         counts += (found > 0.0).sum(axis=0)
         sums += found.sum(axis=0)
     counts, sums = np.maximum(counts, 1.0), np.where(sums > 0.0, sums, 1.0)
-    draws = max(most // max(len(free), 1), _FEWEST_DRAWS)
+    draws = max(most // max(len(free), 1), _MIN_DRAWS)
     random = np.random.Generator(np.random.PCG64(_SEED))
     places = (np.arange(draws) + random.random((len(free), draws))) / draws
     drawn = np.zeros(len(usable), dtype=bool)
@@ -185,7 +181,7 @@ def _huber_estimate(
         y = np.linalg.solve(prior_normal + gram(weighted, basis), prior_side + side).astype(np.float64)
         moved = np.abs(np.einsum("nq,q->n", basis, y - before)).max(initial=0.0)
         remaining = normalized - np.einsum("nq,q->n", basis, y)
-        if moved < _SETTLED or moved < _SETTLED * robust_scale(remaining, len(y)):
+        if moved < _SETTLED_SIGMAS or moved < _SETTLED_SIGMAS * robust_scale(remaining, len(y)):
             break
     return y
 
@@ -221,7 +217,7 @@ def _consensus(basis: _Floats, normalized: _Floats, prior_normal: _Floats, prior
     the a-priori values (Torr and Zisserman 2000).
     """
     random = np.random.Generator(np.random.PCG64(_SEED))
-    rows = random.permutation(len(normalized))[:_REPEATED_ROWS]
+    rows = random.permutation(len(normalized))[:_MAX_REPEATED_ROWS]
     n, q = len(rows), basis.shape[1]
     if n < 3 * q or not q:
         return np.zeros(q)

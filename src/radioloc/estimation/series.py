@@ -34,15 +34,10 @@ from radioloc.time import Epochs
 
 _Floats = NDArray[np.float64]
 
-MOST_POINTS = 250
-"""Longer series are averaged over bins of equal duration to about so many points before a noise model is sought."""
-_WIDE = 4
-"""Numbers of a row are so many times those of a usual one: effects of errors are beside its partials."""
-_ONE_SIGMA = 1e-6
-"""Part by which sigmas of combinations may differ that are one but for rounding."""
-_MUCH_LEFT = 0.37
-"""Least part that the next observation has left, of the most that one has; symmetric networks have no such part, so
-rounding does not decide."""
+MAX_POINTS = 250  # of a series; longer ones are averaged over bins before a noise model is sought
+_ROW_WIDTH_RATIO = 4  # numbers of a row over those of a usual one: effects of errors are beside its partials
+_SIGMA_RTOL = 1e-6  # of combinations that are equal but for rounding
+_MIN_REMAINING_FRACTION = 0.37  # symmetric networks have no such part, so rounding does not decide
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +110,7 @@ class Bundle:
     def _slices(self) -> Iterator[slice]:
         if self.factor is not None:
             return slices_of_chain(self.factor)
-        return slices(len(self.rows), _WIDE * self.rows.shape[1])
+        return slices(len(self.rows), _ROW_WIDTH_RATIO * self.rows.shape[1])
 
     def parts(self, rows_of: RowsOf) -> Iterator[tuple[slice, _Floats]]:
         """Some thousand of the values after others, (m, j, c), from rows (m,) to numbers (m, c) that belong to them."""
@@ -173,7 +168,7 @@ def together(bundles: Sequence[Bundle]) -> list[list[Bundle]]:
     size = 0
     for one in bundles:
         size += one.rows.size
-        if size >= ROWS_AT_ONCE // _WIDE or not groups:
+        if size >= ROWS_AT_ONCE // _ROW_WIDTH_RATIO or not groups:
             groups.append([])
             size = one.rows.size
         groups[-1].append(one)
@@ -194,13 +189,13 @@ def with_numbers(group: Sequence[Bundle], rows_of: RowsOf) -> Iterator[tuple[Bun
 
 
 def points_of(bundles: Sequence[Bundle], rows_of: RowsOf, root: _Floats) -> Points:
-    """Points of each series, averaged beyond :data:`MOST_POINTS`, with partials by the parameters times `root`."""
+    """Points of each series, averaged beyond :data:`MAX_POINTS`, with partials by the parameters times `root`."""
     from radioloc.estimation._kernels import add_to_bins
 
     # Sums of bins are over the root of their count, so they are of unit variance where observations are independent.
     columns, of_series, of_points = [], [], []
     for one, numbers in (pair for group in together(bundles) for pair in with_numbers(group, rows_of)):
-        place, duration_s = bins(one.time_s, MOST_POINTS)
+        place, duration_s = bins(one.time_s, MAX_POINTS)
         in_bin, k = np.bincount(place), len(one.series)
         sums, squares = np.zeros((0, 0, 0)), np.zeros(k)
         for part, values in one.parts(numbers):
@@ -282,7 +277,7 @@ def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.
         # Errors of stations and those of baselines alone are in different combinations, of which one may be correlated
         # in time and the other not, however near their sigmas are
         first_m = combined_m[which[0]]
-        part = np.cumsum(np.diff(first_m, prepend=-np.inf) > _ONE_SIGMA * first_m)
+        part = np.cumsum(np.diff(first_m, prepend=-np.inf) > _SIGMA_RTOL * first_m)
         # Epochs of other covariances are brought to the same combinations in the same way
         root = (axes / combined_m[:, None, :]) @ np.swapaxes(axes, 1, 2)
         whitening = _chosen_axes(axes[which[0]], part).T @ root
@@ -311,7 +306,7 @@ def _chosen_axes(axes: _Floats, part: NDArray[np.intp]) -> _Floats:
         left = mine @ mine.T
         for column in np.flatnonzero(part == k).tolist():
             squares = np.diag(left)
-            chosen = int(np.argmax(squares > _MUCH_LEFT * squares.max()))
+            chosen = int(np.argmax(squares > _MIN_REMAINING_FRACTION * squares.max()))
             out[:, column] = left[:, chosen] / np.sqrt(squares[chosen])
             left = left - np.outer(out[:, column], out[:, column])
     return out

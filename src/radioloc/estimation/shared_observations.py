@@ -20,8 +20,7 @@ from radioloc.estimation.statistics import Residuals
 
 _Floats = NDArray[np.float64]
 
-MAX_SAMPLE_COUNT = 128
-"""Observations in a sample, but for those of the same epoch; of 3 % in common, one is found in 98 % of cases."""
+MAX_SAMPLE_COUNT = 128  # but for the same epoch; of 3 % in common, one is found in 98 % of cases
 _JD_2000 = 2451544.5
 _HASH_FACTOR = 2654435761  # 2^32 divided by the golden ratio (Knuth 1998, section 6.4)
 _EPOCH_TOLERANCE_S = 1e-3  # formats round to milliseconds

@@ -53,10 +53,8 @@ from radioloc.estimation.series import (
 
 _Floats = NDArray[np.float64]
 
-_FREE = 300.0
-"""Formal sigmas that parameters have a priori where noise is found jointly: as good as free, no column is singular."""
-ABSORBED = 30.0
-"""Likewise for a series by itself: what the estimate, off by so much, takes out of it is left out of the likelihood."""
+_FREE_SIGMAS = 300.0  # a priori where noise is found jointly: as good as free, and no column is singular
+ABSORBED_SIGMAS = 30.0  # likewise of a series by itself: what the estimate, off by so much, takes is left out
 
 
 def assess_time_correlation(
@@ -83,7 +81,7 @@ def assess_time_correlation(
     bundles = series_of(order, fit.noise, fit.used) if bundles is None else bundles
     q, errors = root.shape[1], 0 if common is None else common(np.zeros(1, dtype=np.intp)).shape[1]
     points = points_of(bundles, rows_of(fit, common), block_diag(root, np.eye(errors)))
-    noise = noise_of_series(points, np.repeat([_FREE, 1.0], [q, errors]))
+    noise = noise_of_series(points, np.repeat([_FREE_SIGMAS, 1.0], [q, errors]))
     if not noise:
         return nothing
     added = np.zeros((q, q))

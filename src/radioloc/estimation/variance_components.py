@@ -31,10 +31,8 @@ from radioloc.parameters.parameter import ParameterSet
 _Floats = NDArray[np.float64]
 
 _MAX_PASSES = 15
-_MOST_SPLIT = 10
-"""Stations and links that may have a component of their own."""
-_SETTLED = 1e-3
-"""A component has settled when its sigma changes by less than this part of itself; it is known far worse."""
+_MAX_SPLIT_COUNT = 10  # stations and links that may have a component of their own
+_SETTLED_FRACTION = 1e-3  # change of a sigma below which a component has settled; it is known far worse
 
 
 @bare_arguments
@@ -86,7 +84,7 @@ def fit_with_variance_components(
         return problem.with_shared(problem.settled(edited, groups), order, groups)
     groups = order.types
     edited = problem.settled(edited, groups)
-    for _ in range(_MOST_SPLIT):
+    for _ in range(_MAX_SPLIT_COUNT):
         divided = split(edited.fit, order, groups, edited.additive_sigma_m) if edited.ended else None
         if divided is None:
             break
@@ -176,7 +174,7 @@ def _wanted_m(
             # The combinations of counts depend on what is added
             squares = partial(_squares_of, fit, stated, mine)
             residual_m = fit.residual_m[mine]
-            wanted_m[k] = _enough_m(squares, residual_m, dof, probability, precision=0.1 * _SETTLED)
+            wanted_m[k] = _enough_m(squares, residual_m, dof, probability, precision=0.1 * _SETTLED_FRACTION)
         else:
             residual_m, sigma_m = stated.among(mine).combined(fit.residual_m)
             wanted_m[k] = additive_sigma_m(residual_m, sigma_m, dof, probability)
@@ -202,7 +200,7 @@ def part_of_parameters(fit: FitResult) -> float:
 
 
 def _same(one_m: _Floats, other_m: _Floats) -> bool:
-    return bool((np.abs(one_m - other_m) <= _SETTLED * one_m).all())
+    return bool((np.abs(one_m - other_m) <= _SETTLED_FRACTION * one_m).all())
 
 
 def additive_sigma_m(

@@ -23,8 +23,7 @@ from radioloc.simulation.schedule import Plan
 from radioloc.time import utc_to_tai
 
 _ROUNDING = 1e-6
-_FLICKER_PER_DECADE = 2
-"""Gauss-Markov processes by which flicker noise is drawn, in each factor of ten of correlation times."""
+_PROCESSES_PER_DECADE = 2  # of correlation times, by which flicker noise is drawn
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,9 +69,9 @@ class Noise:
         found = [("coloured", self.coloured_m, self.correlation_s)] if self.coloured_m else []
         if self.flicker_m:
             # Processes of correlation times that are evenly spaced by logarithm add up to 1/f (van der Ziel 1950).
-            times = max(1, math.ceil(_FLICKER_PER_DECADE * math.log10(max(n, 2)))) + 1
-            each_m = self.flicker_m / math.sqrt(_FLICKER_PER_DECADE)
-            taus_s = (step_s * 10.0 ** (k / _FLICKER_PER_DECADE) for k in range(times))
+            times = max(1, math.ceil(_PROCESSES_PER_DECADE * math.log10(max(n, 2)))) + 1
+            each_m = self.flicker_m / math.sqrt(_PROCESSES_PER_DECADE)
+            taus_s = (step_s * 10.0 ** (k / _PROCESSES_PER_DECADE) for k in range(times))
             found += [(f"flicker {k}", each_m, tau_s) for k, tau_s in enumerate(taus_s)]
         return found
 

@@ -28,8 +28,7 @@ from radioloc.time import Epochs, epochs_from_strings, utc_to_tai, utc_to_tt
 
 Pair = tuple[str, str]
 
-_ROUND_TRIP_S = 2.6
-"""Light time to the Moon and back; how long before its reception a signal was sent, or after its sending received."""
+_ROUND_TRIP_S = 2.6  # before its reception a signal was sent, or after its sending received
 
 
 def one_way(*stations: str) -> tuple[Pair, ...]:

@@ -40,8 +40,7 @@ _LARGEST = {
 }
 _LARGEST |= {f"{name}_variation": _LARGEST[name] for name in ("moon_position", "libration")}
 """Errors up to which first order is enough, and why."""
-GRAVITY_ERROR = "gravity_error"
-"""What drawn errors of gravity are called, before their number."""
+GRAVITY_ERROR = "gravity_error"  # name of drawn errors of gravity, before their number
 
 
 @dataclass(frozen=True, slots=True, init=False)

@@ -42,17 +42,14 @@ class AtInfinity:
 Target = NDArray[np.float64] | AnyTrajectory
 """Principal-axes position of a point on the Moon, shape (3,), m; or the trajectory of a spacecraft."""
 
-_COARSE_S = 60.0
-"""Apart are the epochs at which dense series are computed first."""
-_FASTEST_RAD_S = 9e-5
+_COARSE_STEP_S = 60.0  # at which dense series are computed first
+_MAX_ELEVATION_RATE_RAD_S = 9e-5
 """No elevation of a point on the Moon above a station's horizon changes faster, nor that of a station above the
 point's: the Earth turns by 7.3e-5 rad/s, the Moon goes round it by up to 3.3e-6, a station passes by it at 1.3e-6."""
 _EPOCHS_AT_ONCE = 32768
 _SEARCH_STEP_S = 300.0
-_ORBIT_STEP_S = 60.0
-"""Likewise of a spacecraft, which the Moon may hide for minutes."""
-_SECONDS_TO = 0.1
-"""Rise and set are found to this before they are rounded to whole seconds."""
+_ORBIT_SEARCH_STEP_S = 60.0  # of a spacecraft, which the Moon may hide for minutes
+_CROSSING_TOLERANCE_S = 0.1  # of rise and set before they are rounded to whole seconds
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,7 +189,7 @@ def seen(
     length_s = float(tt[-1].seconds_since(tt[0])[0]) if n else 0.0
     every = 1
     if length_s > 0.0 and not isinstance(target_pa_m, AnyTrajectory):
-        every = max(1, int(_COARSE_S * (n - 1) / length_s))
+        every = max(1, int(_COARSE_STEP_S * (n - 1) / length_s))
 
     def margin_rad(rows: NDArray[np.intp]) -> NDArray[np.float64]:
         parts = np.split(rows, range(_EPOCHS_AT_ONCE, len(rows), _EPOCHS_AT_ONCE))
@@ -208,7 +205,7 @@ def seen(
     out = np.append(np.repeat(margin[:-1] >= 0.0, between, axis=0), margin[-1:] >= 0.0, axis=0)
     apart_s = tt[coarse[1:]].seconds_since(tt[coarse[:-1]])
     same = (margin[1:] >= 0.0) == (margin[:-1] >= 0.0)
-    far = np.abs(margin[1:]) + np.abs(margin[:-1]) > _FASTEST_RAD_S * apart_s[:, None]
+    far = np.abs(margin[1:]) + np.abs(margin[:-1]) > _MAX_ELEVATION_RATE_RAD_S * apart_s[:, None]
     doubtful = np.flatnonzero(np.repeat(~(same & far).all(axis=1), between))
     if len(doubtful):
         out[doubtful] = margin_rad(doubtful) >= 0.0
@@ -272,12 +269,12 @@ def windows(
         tt = tai_to_tt(limits[np.zeros(len(offset_s), dtype=np.int64)].shifted(offset_s))
         return elevations(model, target_pa_m, stations, tt).margin_rad(masks).min(axis=-1)
 
-    step_s = _ORBIT_STEP_S if isinstance(target_pa_m, AnyTrajectory) else _SEARCH_STEP_S
+    step_s = _ORBIT_SEARCH_STEP_S if isinstance(target_pa_m, AnyTrajectory) else _SEARCH_STEP_S
     grid_s = np.linspace(0.0, length_s, max(2, int(np.ceil(length_s / step_s)) + 1))
     seen = margin_rad(grid_s) >= 0.0
     changes = np.flatnonzero(seen[1:] != seen[:-1])
     low_s, high_s = grid_s[changes], grid_s[changes + 1]
-    while len(changes) and float((high_s - low_s).max()) > _SECONDS_TO:
+    while len(changes) and float((high_s - low_s).max()) > _CROSSING_TOLERANCE_S:
         middle_s = 0.5 * (low_s + high_s)
         before = (margin_rad(middle_s) >= 0.0) == seen[changes]
         low_s, high_s = np.where(before, middle_s, low_s), np.where(before, high_s, middle_s)
@@ -295,5 +292,5 @@ def windows(
 def _text(origin_tai: Epochs, offset_s: float, *, up: bool) -> str:
     """UTC at the whole second nearest within the window; UTC's seconds tick with those of TAI."""
     day_s = float(origin_tai.fraction[0]) * SECONDS_PER_DAY + offset_s
-    rounded = np.ceil(day_s - _SECONDS_TO) if up else np.floor(day_s + _SECONDS_TO)
+    rounded = np.ceil(day_s - _CROSSING_TOLERANCE_S) if up else np.floor(day_s + _CROSSING_TOLERANCE_S)
     return str(utc_strings(tai_to_utc(origin_tai.shifted(offset_s + rounded - day_s)), decimals=0)[0])

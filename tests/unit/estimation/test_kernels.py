@@ -196,7 +196,7 @@ def test_few_observations_and_those_of_one_instant_have_bins_of_no_duration():
 def test_sums_of_bins_are_those_of_whitened_values(monkeypatch, at_once):
     """Twelve times two observations that are combined, in bins of some, so many at a time."""
     monkeypatch.setattr("radioloc.estimation.observation_noise.ROWS_AT_ONCE", at_once)
-    monkeypatch.setattr("radioloc.estimation.series.MOST_POINTS", 4)
+    monkeypatch.setattr("radioloc.estimation.series.MAX_POINTS", 4)
     rng = np.random.default_rng(3)
     values, rows = rng.normal(size=(24, 3)), rng.permutation(24).reshape(12, 2)
     series = tuple(Series(name, name, "g", "range") for name in "ab")

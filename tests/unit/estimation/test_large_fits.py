@@ -83,7 +83,7 @@ def test_a_sample_starts_what_the_whole_ends(monkeypatch):
     parameters = ParameterSet([Parameter(f"a.{k}", "m", "a") for k in range(3)])
     function = lambda x: (observed_m - design @ x, design)  # noqa: E731
     sampled = fit_with_editing(function, parameters, 0.01)
-    monkeypatch.setattr(robust, "_MOST_ROWS", n)
+    monkeypatch.setattr(robust, "_MAX_ROWS", n)
     whole = fit_with_editing(function, parameters, 0.01)
     assert sampled.converged
     np.testing.assert_array_equal(sampled.fit.used, ~bad)

@@ -17,7 +17,7 @@ from radioloc.estimation import (
 )
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.estimation.observation_noise import ALONE
-from radioloc.estimation.series import MOST_POINTS, SeriesOrder, points_of, series_of
+from radioloc.estimation.series import MAX_POINTS, SeriesOrder, points_of, series_of
 from radioloc.estimation.time_correlation import assess_time_correlation, estimated_covariance
 from radioloc.simulation.noise import gauss_markov
 
@@ -142,10 +142,10 @@ def test_long_series_are_averaged_and_gaps_take_no_bins():
     time_s = time_s + np.where(time_s > time_s.mean(), 1e7, 0.0)
     bundles = series_of(SeriesOrder.of(types, path, time_s), fit.noise, fit.used)
     binned = points_of(bundles, lambda rows: fit.residual_m[rows, None], np.zeros((0, 0)))
-    assert len(binned.step_s) == pytest.approx(MOST_POINTS, abs=5)
+    assert len(binned.step_s) == pytest.approx(MAX_POINTS, abs=5)
     assert (binned.gain**2).sum() == 3000
     assert (binned.step_s[1:] > 0.0).all()
-    assert binned.width_s == pytest.approx(3000 * STEP_S / MOST_POINTS, rel=0.01)
+    assert binned.width_s == pytest.approx(3000 * STEP_S / MAX_POINTS, rel=0.01)
     assert (binned.gain * binned.residual).sum() == pytest.approx(fit.residual_m.sum(), abs=1e-6)
     assert binned.squares == pytest.approx(fit.residual_m @ fit.residual_m)
     # No bin across the gap.

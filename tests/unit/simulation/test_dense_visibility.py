@@ -35,4 +35,4 @@ def test_nothing_changes_faster_than_the_bound(model, lander_pa_m):
     tt = every_s(600.0, 24.0 * 28.0)
     found = elevations(model, lander_pa_m, STATIONS, tt)
     for elevation_rad in (found.at_station_rad, found.at_target_rad):
-        assert np.abs(np.diff(elevation_rad, axis=0)).max() / 600.0 < visibility._FASTEST_RAD_S
+        assert np.abs(np.diff(elevation_rad, axis=0)).max() / 600.0 < visibility._MAX_ELEVATION_RATE_RAD_S

@@ -7,11 +7,13 @@ found by a loop of its own. Apparent places are ERFA's ``apco13``, which has an 
 from __future__ import annotations
 
 from contextlib import closing
+from io import BytesIO
 
 import erfa
 import numpy as np
 import pytest
 import spiceypy
+from moon_frame import PA_FRAME, spice_moon
 
 import radioloc
 from radioloc.constants import ARCSEC_RAD, C_M_S
@@ -36,15 +38,8 @@ POINTING_ARCSEC = 0.005
 
 @pytest.fixture(scope="module", autouse=True)
 def _spice(tmp_path_factory):
-    frame = tmp_path_factory.mktemp("spice") / "moon_pa.tf"
-    frame.write_text(
-        "KPL/FK\n\\begindata\nFRAME_MOON_PA_DE421 = 31006\nFRAME_31006_NAME = 'MOON_PA_DE421'\n"
-        "FRAME_31006_CLASS = 2\nFRAME_31006_CLASS_ID = 31006\nFRAME_31006_CENTER = 301\n\\begintext\n"
-    )
-    for path in (find_kernel("DE421", "SPK"), find_kernel("DE421", "PCK"), frame):
-        spiceypy.furnsh(str(path))
-    yield
-    spiceypy.kclear()
+    with spice_moon(tmp_path_factory.mktemp("spice")):
+        yield
 
 
 def bare_study():
@@ -190,26 +185,20 @@ def test_pointing_at_transmission(geometric):
         )
 
 
-def test_against_skyfield(tmp_path):
+def test_against_skyfield():
     """Skyfield has no motion of the pole, 0.33 arcseconds then, which turns what is horizontal and vertical."""
     from skyfield.api import load, load_file, wgs84
     from skyfield.planetarylib import PlanetaryConstants, PlanetTopos
     from skyfield.units import Angle, Distance
 
-    frames = tmp_path / "moon.tf"
-    frames.write_text(
-        "KPL/FK\n\\begindata\nFRAME_MOON_PA_DE421 = 31006\nFRAME_31006_CLASS = 2\nFRAME_31006_CLASS_ID = 31006\n"
-        "FRAME_31006_CENTER = 301\n\\begintext\n"
-    )
     table = light_times(Study(target=LANDER), ["KASHI", "NEUQUEN"], links="one_way", **SPAN)
     longitude_deg, latitude_deg, height_m = LANDER.to_frame("PA_DE421").selenographic
     axes = PlanetaryConstants()
     with (
-        frames.open("rb") as text,
         find_kernel("DE421", "PCK").open("rb") as libration,
         closing(load_file(str(find_kernel("DE421", "SPK")))) as bodies,
     ):
-        axes.read_text(text)
+        axes.read_text(BytesIO(PA_FRAME.encode()))
         axes.read_binary(libration)
         place = PlanetTopos.from_latlon_distance(
             axes.build_frame_named("MOON_PA_DE421"),

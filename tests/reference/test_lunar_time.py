@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import spiceypy
+from moon_frame import PA_FRAME
 from scipy.integrate import quad_vec
 
 from radioloc.constants import C_M_S, L_B, SECONDS_PER_DAY
@@ -20,15 +21,6 @@ ROUNDING_S = 1e-12
 # LTE440, Lu, Yang and Xie (2025), A&A 704, A76: the drift, and TCL - TDB at J2000.0 from the README of its files.
 LTE440_DRIFT = 6.798355238e-10
 LTE440_AT_J2000_S = 0.49330749643254945
-FRAME = """KPL/FK
-\\begindata
-FRAME_MOON_PA_DE421   = 31006
-FRAME_31006_NAME      = 'MOON_PA_DE421'
-FRAME_31006_CLASS     = 2
-FRAME_31006_CLASS_ID  = 31006
-FRAME_31006_CENTER    = 301
-\\begintext
-"""
 LANDER = LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
 
 
@@ -87,7 +79,7 @@ def test_mean_drift_and_largest_terms():
 @pytest.fixture(scope="module")
 def spice(tmp_path_factory):
     frames = tmp_path_factory.mktemp("frames") / "moon.tf"
-    frames.write_text(FRAME)
+    frames.write_text(PA_FRAME)
     for path in (find_kernel("DE421", "SPK"), find_kernel("DE421", "PCK"), frames):
         spiceypy.furnsh(str(path))
     yield

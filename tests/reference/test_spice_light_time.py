@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 import spiceypy
 from arc_cases import APOLLO15_PA_M, observations
+from moon_frame import spice_moon
 
 from radioloc.constants import C_M_S
 from radioloc.earth.eop import EopTable
 from radioloc.earth.stations import StationCatalogue
-from radioloc.kernels import find_kernel
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.physical_model import PhysicalModel
@@ -32,15 +32,8 @@ ROUND_OFF_M = 2e-4
 
 @pytest.fixture(scope="module", autouse=True)
 def _spice(tmp_path_factory):
-    frame = tmp_path_factory.mktemp("spice") / "moon_pa.tf"
-    frame.write_text(
-        "KPL/FK\n\\begindata\nFRAME_MOON_PA_DE421 = 31006\nFRAME_31006_NAME = 'MOON_PA_DE421'\n"
-        "FRAME_31006_CLASS = 2\nFRAME_31006_CLASS_ID = 31006\nFRAME_31006_CENTER = 301\n\\begintext\n"
-    )
-    for path in (find_kernel("DE421", "SPK"), find_kernel("DE421", "PCK"), frame):
-        spiceypy.furnsh(str(path))
-    yield
-    spiceypy.kclear()
+    with spice_moon(tmp_path_factory.mktemp("spice")):
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import spiceypy
+from moon_frame import PA_FRAME
 from spk_files import with_other_byte_order
 
 from radioloc.ephemeris import Ephemeris, LunarOrientation, Trajectory
@@ -14,13 +15,6 @@ from radioloc.kernels.files import open_pck, open_spk
 from radioloc.time import Epochs
 
 DAY_S = 86400.0
-FRAME = [
-    "FRAME_MOON_PA_DE421 = 31006",
-    "FRAME_31006_NAME = 'MOON_PA_DE421'",
-    "FRAME_31006_CLASS = 2",
-    "FRAME_31006_CLASS_ID = 31006",
-    "FRAME_31006_CENTER = 301",
-]
 START_S = -30.0 * 365.25 * DAY_S  # 1970-01-01
 # First and last day, and what is added to the constant term of each series; in the file's order.
 PIECES = [(0, 2000, 0.0), (2000, 4000, 1.0), (4500, 6000, 2.0), (1000, 1500, 3.0), (3900, 4100, 4.0)]
@@ -93,7 +87,7 @@ def test_orientation_of_several_segments_is_that_of_spice(tmp_path):
     et_s = START_S + DAY_S * days_within_spans(np.random.default_rng(4))
     angles_rad, rates_rad_s = LunarOrientation.open(path).angles(Epochs.from_tdb_seconds(et_s))
     spiceypy.furnsh(str(path))
-    spiceypy.lmpool(FRAME)
+    spiceypy.lmpool(PA_FRAME.split("\n")[2:-2])
     try:
         by_spice = np.array([spiceypy.sxform("J2000", "MOON_PA_DE421", et) for et in et_s])
     finally:

@@ -9,7 +9,6 @@ import gzip
 import os
 from dataclasses import dataclass, field
 
-import numpy as np
 import pytest
 from tdm_messages import RANGES, TWO_WAY, kvn, xml
 
@@ -194,36 +193,3 @@ def test_order_of_rows_does_not_matter(tmp_path):
             sorted(zip(solution.residuals.epoch_utc.mjd, solution.residuals.residual_m, strict=True))
         )
     assert found[0] == found[1]
-
-
-MAPS = {
-    "Mars": ("+proj=eqc +R=3396190 +units=m +no_defs", {}, ["not a map of the Moon", "3396.190 km"]),
-    "Earth": ("EPSG:4326", {}, ["not a map of the Moon", "6378.137 km"]),
-    "named Mars": ("+proj=eqc +R=1737400 +units=m +no_defs", {"TARGET_NAME": "MARS"}, ["map of MARS"]),
-    "elsewhere": ("+proj=eqc +R=1737400 +units=m +no_defs", {}, ["is outside", "the map covers"]),
-    "void": ("+proj=eqc +R=1737400 +units=m +no_defs", {"nodata": -9999.0}, ["has a void", "fill the map"]),
-    "void all over": ("+proj=eqc +R=1737400 +units=m +no_defs", {"nodata": -2000.0}, ["is void"]),
-    "no projection": (None, {}, ["does not say where its cells lie"]),
-}
-
-
-@pytest.mark.parametrize("name", MAPS)
-def test_terrain_that_does_not_serve(name, tmp_path, capsys):
-    """A map of 10 degrees by 10 about the landing site, but for what makes it useless."""
-    pytest.importorskip("rasterio")
-    from rasterio.transform import Affine
-    from terrain_maps import DEGREE_M, write
-
-    proj4, tags, parts = MAPS[name]
-    degree = 1.0 if name == "Earth" else DEGREE_M
-    west = -20.0 if name == "elsewhere" else -57.0
-    affine = Affine(0.1 * degree, 0.0, west * degree, 0.0, -0.1 * degree, 48.0 * degree)
-    heights = np.full((100, 100), -2000.0)
-    if name == "void":
-        heights[40:60, 40:60] = -9999.0
-    write(tmp_path / "map.tif", heights, proj4, affine, **tags)
-    path = written(
-        csv(table(), estimate='height_prior = { dem = "map.tif", sigma_m = 5.0 }'),
-        tmp_path,
-    )
-    refused(path, ["map.tif", *parts], capsys)

@@ -105,41 +105,37 @@ def test_ranges_that_are_not_lunar():
         read((TWO_WAY, near), catalogue=StationCatalogue.default())
 
 
+DELAYS = {
+    f"{way}_DELAY_{n}": s
+    for way, n, s in zip(
+        ("TRANSMIT", "RECEIVE") * 2, (1, 1, 2, 2), ("1e-6", "2e-6", "4e-6", "8e-6"), strict=True
+    )
+}
+
+
 def test_delays_are_taken_off_value_and_time_tag():
-    delays = {
-        "TRANSMIT_DELAY_1": "1e-6",
-        "RECEIVE_DELAY_1": "2e-6",
-        "TRANSMIT_DELAY_2": "4e-6",
-        "RECEIVE_DELAY_2": "8e-6",
-    }
-    got = readout((TWO_WAY | delays, RANGES))
+    got = readout((TWO_WAY | DELAYS, RANGES))
     assert (
         np.abs(got.observations.value_m - (np.array([768800123.4567, 768801500.0]) - C_M_S * 15e-6)).max()
         < VALUE_TOLERANCE_M
     )
     assert abs(seconds_after(got.observations, "2021-03-28T14:00:00.25")[0] + 2e-6) < EPOCH_TOLERANCE_S
     assert "1.5e-05 s of delay in equipment taken off" in got.summary()
-    sent = read((TWO_WAY | delays | {"TIMETAG_REF": "TRANSMIT"}, RANGES))
+    sent = read((TWO_WAY | DELAYS | {"TIMETAG_REF": "TRANSMIT"}, RANGES))
     assert abs(seconds_after(sent, "2021-03-28T14:00:00.25")[0] - 1e-6) < EPOCH_TOLERANCE_S
-    removed = read((TWO_WAY | delays, RANGES), delays_removed=True)
+    removed = read((TWO_WAY | DELAYS, RANGES), delays_removed=True)
     assert removed.value_m.tolist() == [768800123.4567, 768801500.0]
     assert seconds_after(removed, "2021-03-28T14:00:00.25")[0] == 0.0
 
 
 def test_delays_that_the_model_has_stay_in_the_data():
-    delays = {
-        "TRANSMIT_DELAY_1": "1e-6",
-        "RECEIVE_DELAY_1": "2e-6",
-        "TRANSMIT_DELAY_2": "4e-6",
-        "RECEIVE_DELAY_2": "8e-6",
-    }
     station = TWO_WAY["PARTICIPANT_1"]
     for modelled, off_s, tag_off_s in (
         (EquipmentDelays(5e-6), 3e-6, 2e-6),
         (EquipmentDelays(stations={station: StationDelay(receive_s=0.0)}), 13e-6, 0.0),
         (EquipmentDelays(0.0, {station: StationDelay(1e-7, 1e-7)}), 0.0, 0.0),
     ):
-        got = readout((TWO_WAY | delays, RANGES), modelled=modelled)
+        got = readout((TWO_WAY | DELAYS, RANGES), modelled=modelled)
         expected_m = np.array([768800123.4567, 768801500.0]) - C_M_S * off_s
         assert np.abs(got.observations.value_m - expected_m).max() < VALUE_TOLERANCE_M
         moved_s = seconds_after(got.observations, "2021-03-28T14:00:00.25")[0]

@@ -61,10 +61,10 @@ class Argument:
     keywords: Mapping[str, Any]
 
 
-def argument(
-    name: str, metavar: str | tuple[str, ...] | None, text: str, kind: type = str, **more: Any
-) -> Argument:
-    """Return an option with a value of a type, or a positional argument."""
+def argument(usage: str, text: str, kind: type = str, **more: Any) -> Argument:
+    """Return an option or a positional argument of a type from its name and placeholders, such as ``--hours H``."""
+    name, *places = usage.split()
+    metavar = tuple(places) if len(places) > 1 else places[0] if places else None
     return Argument((name,), {"metavar": metavar, "help": text, "type": kind, **more})
 
 
@@ -75,13 +75,13 @@ def flag(name: str, text: str, *short: str) -> Argument:
 
 def study_file(text: str) -> Argument:
     """Return the study file as a positional argument."""
-    return argument("study", "STUDY.toml", text, Path)
+    return argument("study STUDY.toml", text, Path)
 
 
 def output_folder(text: str) -> tuple[Argument, Argument]:
     """Return the options ``--out`` and ``--report``, which :func:`radioloc.cli.output.finish` obeys."""
     page = flag("--report", "with --out, also write report.html, one page that shows everything")
-    return argument("--out", "DIR", text, Path), page
+    return argument("--out DIR", text, Path), page
 
 
 STUDY = study_file("the study file; - for standard input, with paths relative to the working directory")

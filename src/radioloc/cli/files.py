@@ -15,24 +15,21 @@ from radioloc.cli.output import DONE, NOT_CONVERGED, complain, finish, say, tell
 from radioloc.errors import InputError
 
 
-def observation_file(name: str, metavar: str, **more: Any) -> Argument:
+def observation_file(usage: str, **more: Any) -> Argument:
     """Return a file of observations to write."""
     text = "file to write; its ending names the format: .csv, .parquet, .tdm, .kvn or .xml; - for standard output"
-    return argument(name, metavar, text, Path, **more)
+    return argument(usage, text, Path, **more)
 
 
 MESSAGE = (
     argument(
         "--format",
-        None,
         "format of what is written to standard output (default: csv)",
         choices=("csv", "parquet", "tdm", "xml"),
         default="csv",
     ),
     argument(
-        "--originator",
-        "NAME",
-        "agency that makes the Tracking Data Message; required for .tdm, .kvn and .xml",
+        "--originator NAME", "agency that makes the Tracking Data Message; required for .tdm, .kvn and .xml"
     ),
 )
 
@@ -46,19 +43,17 @@ def _observation_formats() -> Rows:
 @command(
     "convert",
     "read observation files of any known format and write them as one file",
-    argument("files", "IN", "files to read, each of any format; - for standard input", Path, nargs="+"),
-    observation_file("out", "OUT"),
+    argument("files IN", "files to read, each of any format; - for standard input", Path, nargs="+"),
+    observation_file("out OUT"),
     argument(
-        "--sigma",
-        "TYPE=METRES",
+        "--sigma TYPE=METRES",
         "sigma of the observations of one type, such as range=1.0, in Tracking Data Messages, which state none; "
         "may be repeated",
         action="append",
         default=[],
     ),
     argument(
-        "--study",
-        "STUDY.toml",
+        "--study STUDY.toml",
         "read as this study does, with its stations and what it says of Tracking Data Messages",
         Path,
     ),
@@ -107,7 +102,7 @@ def _sigmas_m(texts: Sequence[str]) -> dict[str, float]:
 
 def _solution_files(also: str = "") -> Argument:
     text = f"solution.json or arcs.json files{also}; - for standard input"
-    return argument("solutions", "SOLUTION.json", text, Path, nargs="+")
+    return argument("solutions SOLUTION.json", text, Path, nargs="+")
 
 
 def _contents(options: argparse.Namespace) -> list[Mapping[str, Any]]:
@@ -129,11 +124,10 @@ def _tell_written(options: argparse.Namespace, files: Sequence[Path]) -> int:
     _solution_files(", or positions in a TOML file"),
     JSON,
     argument(
-        "--reference",
-        "NAME",
+        "--reference NAME",
         "the solution or reference to compare the others with (default: the first reference)",
     ),
-    argument("--target", "NAME", "the target to compare, of solutions that have several"),
+    argument("--target NAME", "the target to compare, of solutions that have several"),
     *output_folder("write a table, comparison.json and a figure to DIR"),
     examples=(
         "results/solution.json published.toml",
@@ -149,8 +143,8 @@ def compare(options: argparse.Namespace) -> int:
 @command(
     "verify",
     "repeat a solution from the files that its provenance names, and report any difference",
-    argument("solution", "SOLUTION.json", "a solution.json", Path),
-    argument("--study", "FILE", "the study file, if it is no longer where it was", Path),
+    argument("solution SOLUTION.json", "a solution.json", Path),
+    argument("--study FILE", "the study file, if it is no longer where it was", Path),
     examples=("results/solution.json",),
 )
 def verify(options: argparse.Namespace) -> int:
@@ -173,12 +167,12 @@ def _export_formats() -> Rows:
     "export",
     "write solutions for other tools: map layers, SPICE kernels, an ephemeris message, tables",
     _solution_files(),
-    argument("out", "OUT", "file to write; its ending names the format", Path),
-    argument("--code", "N", "NAIF code of the lander in a .bsp file (default: 301001)", int),
-    argument("--start", "UTC", "first epoch of an .oem file, such as 2020-12-01T12:00:00"),
-    argument("--stop", "UTC", "last epoch of an .oem file"),
-    argument("--step", "SECONDS", "from state to state of an .oem file (default: 3600)", float),
-    argument("--originator", "NAME", "agency that makes an .oem file"),
+    argument("out OUT", "file to write; its ending names the format", Path),
+    argument("--code N", "NAIF code of the lander in a .bsp file (default: 301001)", int),
+    argument("--start UTC", "first epoch of an .oem file, such as 2020-12-01T12:00:00"),
+    argument("--stop UTC", "last epoch of an .oem file"),
+    argument("--step SECONDS", "from state to state of an .oem file (default: 3600)", float),
+    argument("--originator NAME", "agency that makes an .oem file"),
     examples=(
         "results/solution.json lander.geojson",
         "results/solution.json lander.bsp",
@@ -203,10 +197,10 @@ def export(options: argparse.Namespace) -> int:
     "map",
     "draw solutions on a map, over shaded terrain or an image",
     _solution_files(),
-    argument("out", "OUT", "file to write: .png, .svg or .pdf", Path),
-    argument("--dem", "FILE", "elevation model to draw in shaded relief", Path),
-    argument("--base-map", "FILE", "image to draw instead of an elevation model", Path),
-    argument("--reach", "METRES", "distance from the middle of the map to its edges", float),
+    argument("out OUT", "file to write: .png, .svg or .pdf", Path),
+    argument("--dem FILE", "elevation model to draw in shaded relief", Path),
+    argument("--base-map FILE", "image to draw instead of an elevation model", Path),
+    argument("--reach METRES", "distance from the middle of the map to its edges", float),
     examples=("results/solution.json map.png --dem dem.tif --reach 900",),
 )
 def plot_map(options: argparse.Namespace) -> int:

@@ -10,8 +10,7 @@ from radioloc.cli.command import JSON, STUDY, argument, command, flag, output_fo
 from radioloc.cli.output import DONE, exit_status, finish, tell
 
 ARC_HOURS = argument(
-    "--hours",
-    "H",
+    "--hours H",
     "fit arcs of these lengths, in hours from the start (default: 12 24 48)",
     float,
     nargs="+",
@@ -23,12 +22,11 @@ _FIT = (
     *output_folder("write solution.json, residuals.csv and plots to DIR"),
     flag("--terms", "with --out, also write terms.csv: what each term of the model adds"),
     argument(
-        "--residuals-tdm",
-        "FILE",
+        "--residuals-tdm FILE",
         "write the residuals to FILE as a Tracking Data Message, .xml or KVN; needs --originator",
         Path,
     ),
-    argument("--originator", "NAME", "agency that makes that message"),
+    argument("--originator NAME", "agency that makes that message"),
 )
 
 
@@ -36,7 +34,7 @@ _FIT = (
     "locate",
     "fit a position, or an orbit, to tracking data and print a result card",
     *_FIT,
-    argument("--sinex", "FILE", "write the position with its covariance to FILE, in SINEX 2.02", Path),
+    argument("--sinex FILE", "write the position with its covariance to FILE, in SINEX 2.02", Path),
     examples=("study.toml", "study.toml --out results --terms", "study.toml --json"),
     help_tables=study_tables,
 )

@@ -37,17 +37,16 @@ def doctor(options: argparse.Namespace) -> int:
 @command(
     "frames",
     "convert a point on the Moon to the axes of each ephemeris",
-    argument("longitude", None, "deg east", float),
-    argument("latitude", None, "deg", float),
-    argument("height", None, "above 1737.4 km, m", float),
+    argument("longitude", "deg east", float),
+    argument("latitude", "deg", float),
+    argument("height", "above 1737.4 km, m", float),
     JSON,
     argument(
-        "--frame",
-        "FRAME",
+        "--frame FRAME",
         "axes of these numbers, such as PA_DE440 or, with --epoch, IAU_MOON (default: ME_DE421)",
         default="ME_DE421",
     ),
-    argument("--epoch", "UTC", "also show IAU_MOON, the IAU's mean rotation, at this epoch"),
+    argument("--epoch UTC", "also show IAU_MOON, the IAU's mean rotation, at this epoch"),
     examples=("3.6285 26.1334 -1922.9", "-51.9162 43.0584 -2550.4 --epoch 2020-12-01T15:11"),
 )
 def frames(options: argparse.Namespace) -> int:
@@ -101,9 +100,7 @@ def _rot_pa_to_iau(epoch_utc: str) -> Any:
 @command(
     "stations",
     "list the stations that are known by name",
-    argument(
-        "name", "NAME", "a name, an alias, a complex, a country, or a part of one", nargs="?", default=""
-    ),
+    argument("name NAME", "a name, an alias, a complex, a country, or a part of one", nargs="?", default=""),
     JSON,
     examples=("", "kashi", "china --json"),
 )
@@ -152,14 +149,9 @@ def _of_a_station(station: Station) -> dict[str, Any]:
     "kernels",
     "list the kernels that are found by name, verify their checksums, or add one",
     argument(
-        "action",
-        None,
-        "what to do (default: list)",
-        nargs="?",
-        choices=("list", "verify", "add"),
-        default="list",
+        "action", "what to do (default: list)", nargs="?", choices=("list", "verify", "add"), default="list"
     ),
-    argument("files", "FILE", "kernel files to add", Path, nargs="*"),
+    argument("files FILE", "kernel files to add", Path, nargs="*"),
     JSON,
     examples=("", "verify", "add de430.bsp moon_pa_de430.bpc"),
 )
@@ -188,7 +180,7 @@ def kernels(options: argparse.Namespace) -> int:
 @command(
     "completion",
     "print a script by which a shell completes commands, options and files",
-    argument("shell", None, "the shell", choices=("bash", "zsh", "fish")),
+    argument("shell", "the shell", choices=("bash", "zsh", "fish")),
     examples=("bash > ~/.local/share/bash-completion/completions/radioloc",),
 )
 def completion(options: argparse.Namespace) -> int:

@@ -11,14 +11,14 @@ from radioloc.cli.files import MESSAGE, observation_file
 from radioloc.cli.fitting import ARC_HOURS
 from radioloc.cli.output import DONE, INTERRUPTED, complain, exit_status, finish, tell
 
-_SEED = argument("--seed", "N", "seed of the random numbers (default: the one in the study file)", int)
+_SEED = argument("--seed N", "seed of the random numbers (default: the one in the study file)", int)
 
 
 @command(
     "simulate",
     "write simulated observations of the schedule in a study file",
     SIMULATED_STUDY,
-    observation_file("--out", "FILE", required=True),
+    observation_file("--out FILE", required=True),
     *MESSAGE,
     _SEED,
     flag("--draw", "also draw the errors of [simulation.truth_sigma], as each Monte Carlo trial does"),
@@ -44,12 +44,11 @@ def simulate(options: argparse.Namespace) -> int:
     "simulate a schedule many times, fit every trial for several arc lengths, and print the errors",
     SIMULATED_STUDY,
     JSON,
-    argument("--trials", "N", "number of trials (default: 1000)", int, default=1000),
+    argument("--trials N", "number of trials (default: 1000)", int, default=1000),
     ARC_HOURS,
     _SEED,
     argument(
-        "--workers",
-        "N",
+        "--workers N",
         "processes to share the trials among (default: one for each core, if each has 50 trials or more)",
         int,
     ),
@@ -90,16 +89,15 @@ def monte_carlo(options: argparse.Namespace) -> int:
 @command(
     "covariance",
     "predict how well a tracking plan, or the epochs of existing data, determine the position; no trials",
-    argument("studies", "STUDY.toml", "study files, each with a plan or data", Path, nargs="+"),
+    argument("studies STUDY.toml", "study files, each with a plan or data", Path, nargs="+"),
     JSON,
     argument(
-        "--hours",
-        "H",
+        "--hours H",
         "arc lengths in hours from the start (default: doubled from 0.5 to the end)",
         float,
         nargs="+",
     ),
-    argument("--reach", "METRES", "say after how many hours the 95 %% error radius is this small", float),
+    argument("--reach METRES", "say after how many hours the 95 %% error radius is this small", float),
     *output_folder("write tables and a figure to DIR; of several plans, to a folder each"),
     examples=("plan.toml --reach 150", "one.toml two.toml --hours 6 12 24 --out plans"),
     help_tables=study_tables,

@@ -10,9 +10,9 @@ from radioloc.cli.command import JSON, STUDY, argument, command, study_tables
 from radioloc.cli.output import DONE, tell
 
 _SPAN = (
-    argument("--stations", "NAME", "stations (default: those of the study)", nargs="+", default=()),
-    argument("--start", "UTC", "first epoch (default: that of the schedule or of the data)"),
-    argument("--stop", "UTC", "last epoch (default: that of the schedule or of the data)"),
+    argument("--stations NAME", "stations (default: those of the study)", nargs="+", default=()),
+    argument("--start UTC", "first epoch (default: that of the schedule or of the data)"),
+    argument("--stop UTC", "last epoch (default: that of the schedule or of the data)"),
 )
 
 
@@ -22,9 +22,7 @@ _SPAN = (
     STUDY,
     JSON,
     *_SPAN,
-    argument(
-        "--mask", "DEG", "lowest elevation at the stations (default: that of the schedule, or 10)", float
-    ),
+    argument("--mask DEG", "lowest elevation at the stations (default: that of the schedule, or 10)", float),
     examples=("plan.toml", "study.toml --stations KASHI APOLLO --start 2026-12-01 --stop 2026-12-08 --json"),
     help_tables=study_tables,
 )
@@ -40,16 +38,14 @@ def visibility(options: argparse.Namespace) -> int:
     "light-time",
     "tabulate light times, ranges, Doppler and pointing of stations over a span",
     argument(
-        "study",
-        "STUDY.toml",
+        "study STUDY.toml",
         "a study file, whose target, model, stations and span are taken; - for standard input",
         Path,
         nargs="?",
     ),
     JSON,
     argument(
-        "--at",
-        ("LON", "LAT", "HEIGHT"),
+        "--at LON LAT HEIGHT",
         "in place of a study: degrees in ME_DE421, m above 1737.4 km; needs --stations, --start and --stop",
         float,
         nargs=3,
@@ -57,15 +53,14 @@ def visibility(options: argparse.Namespace) -> int:
     *_SPAN,
     argument(
         "--links",
-        None,
         "each station by itself, the first to the others, each to each, or the target to each (default: two_way)",
         choices=("two_way", "three_way", "all", "one_way"),
         default="two_way",
     ),
-    argument("--step", "SECONDS", "from epoch to epoch (default: 600)", float, default=600.0),
-    argument("--frequency", "HZ", "received frequency without motion, for a column of Doppler", float),
-    argument("--mask", "DEG", "lowest elevation at the stations (default: 0)", float, default=0.0),
-    argument("--out", "FILE", "write all rows and columns to FILE, as .csv", Path),
+    argument("--step SECONDS", "from epoch to epoch (default: 600)", float, default=600.0),
+    argument("--frequency HZ", "received frequency without motion, for a column of Doppler", float),
+    argument("--mask DEG", "lowest elevation at the stations (default: 0)", float, default=0.0),
+    argument("--out FILE", "write all rows and columns to FILE, as .csv", Path),
     examples=(
         "plan.toml --links three_way --frequency 8.47e9 --out table.csv",
         "--at -51.9162 43.0584 -2550.4 --stations KASHI --start 2020-12-02 --stop 2020-12-03",

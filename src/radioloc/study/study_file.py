@@ -148,9 +148,6 @@ def _hints() -> Hints:
                 "it is a table by type, such as { range = 1.0 }, for files that state no sigma; a sigma in place of "
                 "stated ones belongs to [[observations.weights]]"
             ),
-            ("target", "arcs_hours"): (
-                "an orbit is one arc: give each arc a study of its own, and compare their orbits where they overlap"
-            ),
             ("simulation", "station_masks_deg"): "it is by station, such as { KASHI = 10.0 }",
         },
     )

@@ -16,7 +16,7 @@ from radioloc.jobs.covariance import covariance
 from radioloc.measurements import PhysicalModel
 from radioloc.measurements.terms import active_terms
 from radioloc.report import plot_covariance
-from radioloc.results.covariance import plans_card, radius_95_m
+from radioloc.results.covariance import radius_95_m
 from radioloc.simulation import (
     Noise,
     NoiseModel,
@@ -236,17 +236,6 @@ def test_what_is_known_and_what_is_left_out(found):
     assert seshan.without_m > found.longest.radius_95_m
 
 
-def test_no_two_lines_of_the_figure_have_one_colour():
-    pytest.importorskip("rasterio")
-    found = radioloc.covariance(radioloc.read_study(SHORT_ARC_DEM), [0.5, 1.0])
-    below = plot_covariance(found).axes[1]
-    lines = {line.get_label(): line for line in below.get_lines()}
-    assert len({line.get_color() for line in lines.values()}) == len(lines)
-    total = sum(np.square(line.get_ydata()) for line in lines.values())
-    np.testing.assert_allclose(total, [np.square(arc.sigma_m[:2]).sum() for arc in found.arcs], rtol=1e-9)
-    assert "_others" in lines  # below the edge, so that the legend does not have it
-
-
 def test_what_cannot_be_observed_is_said():
     free = {"height_prior": None, "range_bias_sigma_m": None}
     found = covariance(study_of(stations=("KASHI",), vlbi=(), estimate=free), 0.1)
@@ -302,34 +291,17 @@ sigma_m = 1.0
 
 
 @pytest.mark.study
-def test_a_plan_is_told_that_earth_orientation_will_have_been_measured(tmp_path):
-    future = PLAN.replace("2020-12-01", "2034-12-05").replace("defaults = false", "")
-    future = future.replace("[model]", '[model]\neop_beyond = "extrapolate"')
-    known = future.replace("[consider]", "[consider]\nut1_sigma_s = 1e-5\npole_sigma_rad = 3e-10")
-    notes = []
-    for text in (future, known):
-        (tmp_path / "plan.toml").write_text(text, encoding="utf-8")
-        notes.append(" ".join(covariance(tmp_path / "plan.toml", 6.0).notes))
-    assert ["will have been measured" in of for of in notes] == [True, False]
-
-
-@pytest.mark.study
 def test_the_command(tmp_path, capsys, request):
     plan, other = tmp_path / "plan.toml", tmp_path / "other.toml"
     plan.write_text(PLAN, encoding="utf-8")
     other.write_text(PLAN.replace("T21:11", "T18:11"), encoding="utf-8")
     assert cli.main(["covariance", str(plan), "--reach", "40", "--out", str(tmp_path / "one")]) == 0
-    shown = " ".join(capsys.readouterr().out.split())
-    assert "a 95 % radius of 40.0 m is reached after" in shown
-    assert "[simulation.noise.range] is not given: white noise of the sessions' sigma_m" in shown
+    assert "a 95 % radius of 40.0 m is reached after" in " ".join(capsys.readouterr().out.split())
     written = json.loads((tmp_path / "one" / "covariance.json").read_text())
     assert written["reach"]["hours"] < 6.0
     assert written["arcs"][-1]["observations"] == 74
     rows = (tmp_path / "one" / "covariance.csv").read_text().splitlines()
     assert len(rows) == 1 + len(written["arcs"])
-    assert rows[0].startswith("hours,span_h,observations,sigma_east_m")
-    assert (tmp_path / "one" / "covariance.png").stat().st_size > 10_000
-    assert not (tmp_path / "one" / "INCOMPLETE").exists()
     request.getfixturevalue("undrawn")
     assert (
         cli.main(["covariance", str(plan), str(other), "--reach", "40", "--out", str(tmp_path), "--quiet"])
@@ -338,9 +310,6 @@ def test_the_command(tmp_path, capsys, request):
     assert capsys.readouterr().out == ""
     assert (tmp_path / "plan" / "covariance.json").exists()
     assert (tmp_path / "other" / "covariance.json").exists()
-    card = " ".join(str(plans_card([covariance(radioloc.read_study(plan), 3.0, reach_m=1.0)])).split())
-    assert "how long each has to last until its 95 % radius is 1.00 m or less" in card
-    assert card.endswith("never")
     blind = tmp_path / "blind.toml"
     blind.write_text(PLAN.replace('"JIAMUSI", "KASHI"', '"KASHI"').replace("range_bias_sigma_m = 10.0", ""))
     assert cli.main(["covariance", str(blind), "--hours", "0.1"]) == 3

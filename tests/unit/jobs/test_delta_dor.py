@@ -209,16 +209,6 @@ def test_tracking_beside_a_quasar_is_simulated_and_fitted(tmp_path):
     assert found.values[found.parameters.index("clock.KUNMING")] == pytest.approx(3e-7, abs=1e-10)
 
 
-@pytest.mark.slow
-def test_a_plan_says_what_a_quasar_buys(tmp_path):
-    """Beside it clocks are estimated; without it they are taken to be known to 0.2 ns."""
-    sigma_m = [
-        radioloc.covariance(planned(tmp_path, text), hours=[10.0]).arcs[0].radius_95_m
-        for text in (PLAN + OF_A_QUASAR, PLAN)
-    ]
-    assert sigma_m[0] < sigma_m[1]
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -7,7 +7,6 @@ import pytest
 from change5_case import NEAR, observations
 
 import radioloc
-from radioloc.errors import InputError
 from radioloc.measurements.registry import kind_of
 from radioloc.study.study import EstimateChoice, ModelChoice, Study
 
@@ -40,8 +39,3 @@ def test_combinations_of_interpolated_observations_are_called_so():
     differences = replace(delays, kind=np.full(len(delays), kind_of("differenced_range"), dtype=np.int8))
     study = Study(target=NEAR, model=ModelChoice(evaluation="interpolated"))
     assert radioloc.residuals(study, differences).provenance["evaluation"]["kind"] == "interpolated"
-
-
-def test_evaluation_that_is_none_is_refused():
-    with pytest.raises(InputError, match=r'evaluation must be one of "auto", "exact", "interpolated", not'):
-        ModelChoice(evaluation="fast")

@@ -1,15 +1,11 @@
 """Monte Carlo studies: linear and full trials, wherever they run, interrupted and resumed, what is told and written."""
 
-import csv
-import io
-import json
 import os
 import pickle
 import signal
 import subprocess
 import sys
 import time
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +19,6 @@ from radioloc import Study
 from radioloc.cli import main
 from radioloc.errors import InputError, RadiolocError
 from radioloc.jobs.linear_trials import trial_seed
-from radioloc.jobs.monte_carlo import TrialFolder
 from radioloc.jobs.prepared_trials import Prepared
 from radioloc.jobs.workers import usual_workers, workers_of
 from radioloc.parameters.considered import considered_choices
@@ -207,15 +202,6 @@ def test_processes_give_the_same_bits(study, found):
 
 
 @pytest.mark.slow
-def test_processes_fit_in_full_as_well(study, ready):
-    in_pool = radioloc.monte_carlo(study, 4, HOURS, full=True, workers=2)
-    assert not in_pool.linear
-    assert in_pool.proof is None
-    # Least squares of some hundred rows, in one thread or two: rounding.
-    np.testing.assert_allclose(in_pool.values, ready.run(5, range(4)), rtol=1e-6)
-
-
-@pytest.mark.slow
 def test_threads_of_linear_algebra_give_the_same_bits(tmp_path):
     code = (
         "import pickle, sys, numpy as np; job = pickle.load(open(sys.argv[1] + '.job', 'rb')); "
@@ -391,56 +377,6 @@ def test_another_study_is_refused(study, tmp_path, changed, what):
         radioloc.monte_carlo(study, 1, [6.0], seed=1, out=tmp_path, resume=True)
 
 
-@pytest.mark.study
-def test_damaged_trials_are_told(study, tmp_path):
-    radioloc.monte_carlo(study, 1, [12.0], out=tmp_path)
-    [part] = (tmp_path / "parts").glob("*.npz")
-    part.write_bytes(part.read_bytes()[:-99])
-    with pytest.raises(
-        InputError, match=r"linear-000000-000000.npz: is damaged .*remove the file and resume"
-    ):
-        radioloc.monte_carlo(study, 1, [12.0], out=tmp_path, resume=True)
-    # Without resuming a study starts anew.
-    radioloc.monte_carlo(study, 1, [12.0], out=tmp_path)
-
-
-HEADERS = {
-    "an object": (np.array([{}], dtype=object), np.savez),
-    "text": (np.array(["0"]), np.savez),
-    "real": (np.zeros(1), np.savez),
-    "two axes": (np.zeros((1, 1), dtype=np.int64), np.savez),
-    "repeated": (np.zeros(2, dtype=np.int64), np.savez),
-    "negative": (np.array([-1]), np.savez),
-    "compressed": (np.zeros(10**6, dtype=np.int64), np.savez_compressed),
-}
-
-
-@pytest.mark.parametrize(("trials", "save"), HEADERS.values(), ids=list(HEADERS))
-def test_archives_of_trials_are_checked_by_their_headers(trials, save, tmp_path):
-    folder = TrialFolder(tmp_path, {}, ("east_m",), (12.0,))
-    folder.add("linear", [0, 1], np.ones((2, 1, 1)))
-    assert folder.found("linear").keys() == {0, 1}
-    values = np.ones((len(trials), 1, 1))
-    save(tmp_path / "parts" / "linear-000000-000001.npz", trials=trials, values=values, columns=["east_m"])
-    with pytest.raises(InputError, match=r"linear-000000-000001\.npz: is damaged .*remove the file"):
-        folder.found("linear")
-
-
-def test_a_header_that_states_terabytes_allocates_nothing(tmp_path):
-    folder = TrialFolder(tmp_path, {}, ("east_m",), (12.0,))
-    folder.add("linear", [0, 1], np.ones((2, 1, 1)))
-    [part] = (tmp_path / "parts").glob("*.npz")
-    with zipfile.ZipFile(part) as archive:
-        members = {name: archive.read(name) for name in archive.namelist()}
-    stated = b"'shape': (1000000000000,), }  "
-    members["trials.npy"] = members["trials.npy"].replace(b"'shape': (2,), }".ljust(len(stated)), stated)
-    with zipfile.ZipFile(part, "w") as archive:
-        for name, content in members.items():
-            archive.writestr(name, content)
-    with pytest.raises(InputError, match="is damaged"):
-        folder.found("linear")
-
-
 # What is told and written.
 
 
@@ -486,47 +422,6 @@ def test_trials_that_did_not_converge_do_not_count():
     assert found.inside["horizontal"].count == 0
 
 
-def test_the_card(found):
-    text = str(found)
-    assert "60 trials, 2 arcs: all converged" in text
-    assert "linear model, checked by" in text
-    assert "full fits: positions and sigmas agree to" in text
-    assert "seed 5" in " ".join(text.split())
-    assert max(map(len, text.splitlines())) <= 80
-    html = found._repr_html_()
-    assert "<table>" in html
-    assert "inside 95 %" in html
-    assert repr(found) == "<MonteCarlo plan: 60 trials of 24, 12 h>"
-    table = found.to_table()
-    assert len(table) == 120
-    assert (table["hours"].unit, table["sigma_up_m"].unit) == ("h", "m")
-    of_types = [name for name in table.colnames if name.startswith(("excess_noise_m.", "range_bias."))]
-    assert len(of_types) > 2
-    assert {str(table[name].unit) for name in of_types} == {"m"}
-    assert list(found.to_table("pandas").columns) == table.colnames
-    with pytest.raises(InputError, match="there is no column 'west_m'"):
-        found["west_m"]
-
-
-def test_what_is_written(found, tmp_path):
-    written = radioloc.write_report(found, tmp_path)
-    assert {path.name for path in written} == {
-        "montecarlo.json",
-        "trials.csv",
-        "trials.png",
-        "trials.svg",
-        "error_by_length.png",
-        "error_by_length.svg",
-    }
-    numbers = json.loads((tmp_path / "montecarlo.json").read_text())
-    assert numbers["arcs"][1]["inside"]["horizontal"]["trials"] == 60
-    assert numbers["proof"]["passed"]
-    rows = list(csv.DictReader((tmp_path / "trials.csv").read_text().splitlines()))
-    assert len(rows) == 120
-    assert float(rows[3]["east_m"]) == found["east_m"][1, 1]
-    assert rows[3]["hours"] == "12"
-
-
 @pytest.mark.study
 def test_the_command(tmp_path, capsys):
     (tmp_path / "plan.toml").write_text(PLAN)
@@ -541,24 +436,6 @@ def test_the_command(tmp_path, capsys):
     with pytest.raises(SystemExit):
         main([*arguments, "--resume"])
     assert "--resume needs --out" in capsys.readouterr().err
-
-
-class Terminal(io.StringIO):
-    """Standard error of somebody who looks."""
-
-    def isatty(self):
-        return True
-
-
-BARS = [(True, True, True), (False, True, False), (True, False, False)]
-
-
-@pytest.mark.parametrize(("progress", "looks", "shown"), some(BARS, BARS[1:2]))
-def test_a_bar_is_shown_on_a_terminal_only(study, monkeypatch, progress, looks, shown):
-    stream = Terminal() if looks else io.StringIO()
-    monkeypatch.setattr(sys, "stderr", stream)
-    radioloc.monte_carlo(study, 2, [12.0], progress=progress)
-    assert ("2/2" in stream.getvalue()) == shown
 
 
 @pytest.mark.parametrize(
@@ -581,14 +458,6 @@ def test_studies_that_cannot_be(study):
         radioloc.monte_carlo(replace(study, simulation=None))
     with pytest.raises(InputError, match="needs the position estimated"):
         radioloc.monte_carlo(replace(study, estimate=EstimateChoice(position="none", range_bias="all")))
-
-
-@pytest.mark.parametrize(
-    ("options", "message"), [({"workers": 0}, "workers is 0"), ({"client": 3}, "client is 3")]
-)
-def test_workers_that_cannot_be(study, options, message):
-    with pytest.raises(InputError, match=message):
-        radioloc.monte_carlo(study, 2, [12.0], **options)
 
 
 @pytest.mark.parametrize(("trials", "workers"), [(1, 1), (99, 1), (100, 2), (249, 4), (1000, 4)])

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import radioloc
-from radioloc.cli import main
 from radioloc.dynamics import Orbit, propagate
 from radioloc.errors import InputError
 from radioloc.jobs import light_times, visibility
@@ -167,17 +166,6 @@ def test_a_true_field_beyond_that_of_the_fit_is_in_the_values(tmp_path, made):
     assert np.abs(change_m).max() > 100.0 * SIGMA_M
 
 
-def test_the_command_writes_what_locate_reads(tmp_path, capsys):
-    study = written(tmp_path)
-    assert main(["simulate", str(study), "--out", str(tmp_path / "sim.csv")]) == 0
-    assert "true state" in (tmp_path / "sim.csv").read_text()
-    capsys.readouterr()
-    assert main(["residuals", str(study)]) == 0
-    shown = capsys.readouterr().out
-    assert "of craft" in shown
-    assert "sigma there" not in shown  # of a state that is held
-
-
 @pytest.mark.study
 def test_a_covariance_study_claims_what_a_fit_of_the_tracking_does(made):
     study, simulated = made
@@ -235,7 +223,6 @@ def test_plans_of_orbits_have_no_process_noise(made, planned):
     ("forces", "more", "message"),
     [
         ("gravity_errors = 3", "", r"\[simulation.forces\] gravity_errors: is of the fit"),
-        ("degre = 3", "", r"\[simulation.forces\] 'degre' is not known"),
         ("", "[simulation.position]\nheight_m = 3.0", r"\[simulation\] position: belongs to a place"),
         (
             "",

@@ -86,14 +86,6 @@ def test_of_data_the_stations_and_the_span_are_those_of_the_observations():
     assert not found.passes[0].rises
 
 
-def test_the_card_says_what_is_never_seen(plan):
-    found = visibility(plan, ["KASHI", "NEUQUEN"], stop_utc="2020-12-01T16:00:00", mask_deg=20.0)
-    text = " ".join(str(found).split())
-    assert "20 deg at the stations" in text
-    assert "KASHI already up still up" in text
-    assert "never seen by NEUQUEN" in text
-
-
 def test_what_cannot_be_searched(plan):
     with pytest.raises(StationError, match="NOPE"):
         visibility(plan, ["NOPE"])

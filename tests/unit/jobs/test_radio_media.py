@@ -87,20 +87,6 @@ def test_what_files_lack_is_one_error(read):
         radioloc.residuals(read("vmf3 =", 'vmf3_orography = "2020337.vmf3_r"\nvmf3 ='), delays())
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ('"2020*', '"2021*', r"\[model\] vmf3: '2021\*\.vmf3_r' matches no file in"),
-        ("vmf3 =", 'gpt3 = "gpt3_5.grd"\nvmf3 =', r"\[model\] gpt3: 'gpt3_5\.grd' matches no file in"),
-        ("vmf3 =", 'gpt3 = "*"\nvmf3 =', r"\[model\] gpt3: one file is wanted, but there are 3"),
-        ("vmf3 =", 'ionex = "none.20i"\nvmf3 =', r"\[model\] ionex: 'none\.20i' matches no file in"),
-    ],
-)
-def test_files_that_are_not_there_are_told_when_the_study_is_read(read, old, new, words):
-    with pytest.raises(InputError, match=words):
-        read(old, new)
-
-
 CARDS = """\
 ADJUST(ALL) BY NRMPOW(.05, .01) MODEL(WET NUPART) FROM(20/12/02,12:00) TO(20/12/02,18:00) DSN(C10).
 ADJUST(ALL) BY CONST(.002) MODEL(DRY NUPART) FROM(20/12/02,12:00) TO(20/12/02,18:00) DSN(C10).
@@ -144,45 +130,3 @@ def test_calibrations_of_the_deep_space_network_serve_its_stations(calibrated):
     assert not any("the calibrations have no" in note for note in solution.notes)
     there = calibrated(second="KASHI")
     assert "no ionospheric delay of radio signals for KASHI: give maps or a content" in " ".join(there.notes)
-
-
-def test_calibrations_of_wet_air_only_are_told(calibrated, tmp_path):
-    (tmp_path / "cards.csp").write_text(CARDS.replace("DRY", "WET"))
-    notes = calibrated().notes
-    assert "troposphere of radio signals from calibrations of the DSN for DSS-24" in notes
-    assert "the calibrations have no dry air for DSS-24: it is the model's" in notes
-
-
-def test_no_radio_delays_are_missed_of_a_telescope_of_your_own(tmp_path):
-    apollo = radioloc.read_observations("examples/apollo15/apollo15_apollo_2006-2007.csv")[:3]
-    radioloc.write_observations(tmp_path / "mine.csv", apollo)
-    text = (tmp_path / "mine.csv").read_text(encoding="utf-8").replace("APOLLO", "MYSITE")
-    place = "[stations.MYSITE]\nitrf_m = [-1463998.9, -5166632.8, 3435012.9]\n"
-    (tmp_path / "study.toml").write_text(STUDY.split("[model]")[0].replace("delays.csv", "mine.csv") + place)
-    notes = {}
-    for wavelength in ("0.532", "130000.0"):
-        (tmp_path / "mine.csv").write_text(text.replace(",0.532", f",{wavelength}"), encoding="utf-8")
-        notes[wavelength] = " ".join(radioloc.residuals(tmp_path / "study.toml").notes)
-    for note in ("no ionospheric delay", "no antenna axis offset for MYSITE"):
-        assert note not in notes["0.532"]
-        assert note in notes["130000.0"]
-
-
-def test_what_calibrations_lack_is_one_error(calibrated):
-    with pytest.raises(
-        CoverageError, match=r"cards\.csp: MODEL\(DRY NUPART\) for DSS-24 covers 2020-12-02T12:00:00 to"
-    ):
-        calibrated(date="2020-12-02T19:00:00")
-    with pytest.raises(InputError, match=r"spacecraft 177, 178; say which, \[model\] csp_scid"):
-        calibrated('csp = "cards.csp"')
-    with pytest.raises(InputError, match=r"\[model\] csp_scid goes with csp"):
-        calibrated("csp_scid = 177")
-
-
-def test_stations_without_a_known_axis_offset_are_told(read):
-    note = "no antenna axis offset for KASHI: millimetres"
-    study = read('vmf3 = ["2020*.vmf3_r"]', "")
-    assert any(n.startswith(note) for n in radioloc.residuals(study, delays(first="KASHI")).notes)
-    assert not any("axis offset" in n for n in radioloc.residuals(study, delays()).notes)
-    off = read('vmf3 = ["2020*.vmf3_r"]', 'off = ["antenna_axis_offset"]')
-    assert not any(n.startswith(note) for n in radioloc.residuals(off, delays(first="KASHI")).notes)

@@ -51,23 +51,6 @@ def test_two_uplinks_tell_directions_twice_as_well(first_hour, model):
     assert of_one_m == pytest.approx(2.0 * of_two_m, rel=0.05)
 
 
-def test_without_it_the_card_names_the_trade_in_metres(first_hour):
-    found = fit(first_hour, range_bias_sigma_m=10.0)
-    [direction] = found.observability.weak
-    assert direction.names[0] == "position.height"
-    assert set(direction.names) == {"position.height", "position.north", "position.east"}
-    text = " ".join(str(found).split())
-    assert "poorly determined: position.height +" in text
-    # What it trades is what the sigmas are made of.
-    east_m, north_m, up_m = found.sigma_enu_m()
-    for name, sigma_m in (("east", east_m), ("north", north_m), ("height", up_m)):
-        change = direction.changes[direction.names.index(f"position.{name}")]
-        assert abs(float(change.split()[0])) == pytest.approx(sigma_m, rel=0.03)
-        assert f"position.{name} {change}" in text
-    assert "together (1 sigma)" in text
-    assert "a longer arc, more stations, or an a-priori height" in text
-
-
 def test_free_biases_over_half_a_day_take_the_position_with_them(model):
     tracked = observations(model, 600.0, stop="2020-12-02T03:11:00", bias_m={})
     found = fit(tracked)

@@ -57,17 +57,6 @@ def test_the_shift_has_the_variance_that_the_rest_has_more_than_all(study, found
     assert 0.0 < one.sigmas < 4.0
 
 
-def test_the_card_has_each(found):
-    lines = str(found).splitlines()
-    for one in found.without:
-        assert any(
-            line.split()[0] == one.name and str(one.used) in line for line in map(str.strip, lines) if line
-        )
-    content = found.to_dict()
-    assert [row["name"] for row in content["without"]] == ["APOLLO", "GRASSE", "MATERA"]
-    assert content["solution"] == found.solution.to_dict()
-
-
 def test_links_are_left_out_too_where_they_are_not_all_of_a_station():
     study = radioloc.read_study(EXAMPLES / "change5" / "change5.toml")
     study = replace(study, observations=replace(study.observations, hours=1.0))

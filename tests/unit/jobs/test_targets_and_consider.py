@@ -195,19 +195,6 @@ def test_considered_parameters_are_in_the_total_sigma(folder):
     assert "clock" in str(solution)
 
 
-@pytest.mark.parametrize(
-    ("text", "allowed_for"), [(STUDY, ("clock",)), (INDEPENDENT, ())], ids=["default", "independent"]
-)
-def test_the_card_says_which_considered_errors_the_weights_allow_for(folder, text, allowed_for):
-    """Those of clocks; those of coordinates, which are of a frame, no weights allow for."""
-    text += '[consider]\ndefaults = false\nclock = ["URUMQI"]\nclock_sigma_s = 1e-9\n'
-    text += 'station_position = "all"\nstation_position_sigma_m = 0.1\n'
-    solution = radioloc.locate(study(folder, text))
-    assert solution.consider.in_weights == allowed_for
-    said = "weights allow for considered errors (clock): what one of them moves together counts less"
-    assert (said in " ".join(str(solution).split())) == bool(allowed_for)
-
-
 def test_a_clock_that_is_wrong_by_its_sigma_moves_the_estimate_as_considered(folder):
     text = INDEPENDENT + '[consider]\ndefaults = false\nclock = ["URUMQI"]\nclock_sigma_s = 1e-9\n'
     before = radioloc.locate(study(folder, text))
@@ -228,14 +215,3 @@ def test_a_zenith_delay_without_a_troposphere_is_an_error(folder, table):
         match=rf"^\[{table}\] zenith_delay: it acts by the term troposphere, which is switched off",
     ):
         radioloc.locate(study(folder, text))
-
-
-@pytest.mark.study
-def test_what_to_do_about_rounded_coordinates_is_on_the_card(folder):
-    advice = (
-        "coordinates of JIAMUSI, KASHI are rounded: give better ones with their sigma_m under [stations.NAME], or "
-        "station_position_sigma_m under [consider] where these are better than stated"
-    )
-    assert advice in " ".join(str(radioloc.locate(study(folder))).split())
-    stated = STUDY + "[consider]\nstation_position_sigma_m = 0.1\n"
-    assert "are rounded: give" not in " ".join(str(radioloc.locate(study(folder, stated))).split())

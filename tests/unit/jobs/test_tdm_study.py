@@ -106,16 +106,6 @@ def test_an_ambiguous_range_is_resolved_by_the_a_priori_position(kind, of, tmp_p
     assert np.abs(ambiguous.residuals.residual_m - whole.residuals.residual_m).max() < SAME_POINT_M
 
 
-def test_an_unknown_station_of_an_ambiguous_range_is_told_by_the_message(truth, tmp_path):
-    write_ambiguous(tmp_path, truth[1])
-    data = tmp_path / "data.kvn"
-    data.write_text(data.read_text().replace("JIAMUSI", "USC1"))
-    with pytest.raises(
-        radioloc.errors.InputError, match=r"data\.kvn, line \d+: station 'USC1' is not in the catalogue"
-    ):
-        radioloc.locate(study_of(tmp_path, sigma_m="{ range = 1.0 }"))
-
-
 def test_without_a_sigma_nothing_is_guessed(truth, tmp_path):
     write_tdm(tmp_path / "data.kvn", truth[1], originator="TEST")
     with pytest.raises(

@@ -91,23 +91,11 @@ def test_residuals_and_arcs_are_verified_as_such(copy, capsys):
             lambda c: c["position"]["me"].update(height_m=c["position"]["me"]["height_m"] + 1e-3),
             ["position.me.height_m"],
         ),
-        (
-            lambda c: c["position"]["me"].update(latitude_deg=c["position"]["me"]["latitude_deg"] + 1e-7),
-            ["position.me.latitude_deg"],
-        ),
-        (lambda c: c["sigma"].update(up_m=c["sigma"]["up_m"] * 1.002), ["sigma.up_m"]),
-        (
-            lambda c: c["sigma"]["formal"].update(up_m=c["sigma"]["formal"]["up_m"] * 1.002),
-            ["sigma.formal.up_m"],
-        ),
         (lambda c: c["covariance"]["enu_m2"][0].__setitem__(0, 1.0), ["covariance.enu_m2.0.0"]),
         (lambda c: c["fit"].update(used=140, rejected=13), ["fit.used", "fit.rejected"]),
-        (lambda c: c["fit"].update(chi2=2.0 * c["fit"]["chi2"]), ["fit.chi2"]),
         (lambda c: c["budget"][0].update(total_m=99.0), ["budget.0.total_m"]),
         (lambda c: c["parameters"].pop(), ["parameters.range_bias.APOLLO"]),
         (lambda c: c["parameters"][3].update(value=0.2), ["parameters.range_bias.APOLLO.value"]),
-        (lambda c: c.update(converged=False), ["converged"]),
-        (lambda c: c.update(position=None), ["position"]),
         (lambda c: c["position"]["pa"].update(y_m=c["position"]["pa"]["y_m"] + 2e-5), []),
     ],
 )
@@ -129,20 +117,6 @@ def again(made):
     patch.undo()
 
 
-def test_the_card_of_a_difference(copy, again, capsys):
-    def how(content):
-        content["sigma"]["east_m"] *= 2.0
-        content["provenance"]["numpy"] = "1.0"
-
-    change(copy, how)
-    assert main(["verify", str(copy / "out" / "solution.json")]) == 3
-    told = capsys.readouterr().out
-    assert "DIFFERS in 1 of " in told
-    assert "sigma.east_m" in told
-    assert "numpy" in told
-    assert "1.0" in told
-
-
 def altered(file, content=None):
     return lambda folder: (folder / file).write_text(
         (folder / file).read_text() + "\n" if content is None else content
@@ -157,10 +131,7 @@ def altered(file, content=None):
         (lambda folder: shutil.copy(folder / DATA, folder / "apollo15_2.csv"), "apollo15_2.csv was not there"),
         (altered("s.toml"), "s.toml is not the study file that it was made from"),
         (lambda folder: (folder / "s.toml").unlink(), "study file .*s.toml is missing; give where it is now"),
-        (lambda folder: (folder / "out" / "solution.json").unlink(), "no such file"),
-        (altered("out/solution.json", "{"), "is neither a solution.json"),
         (lambda folder: change(folder, lambda c: c["provenance"].pop("study")), "was made from no study file"),
-        (lambda folder: change(folder, lambda c: c["provenance"].update(study=None)), "was made from no study file"),
         (altered("out/INCOMPLETE", "x"), "not written to the end"),
     ],
 )  # fmt: skip

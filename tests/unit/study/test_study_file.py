@@ -156,12 +156,6 @@ def test_a_name_that_looks_like_a_glob_is_a_name_first(read, folder):
     assert [file.name for file in study.observations.files] == ["a[1].csv"]
 
 
-@pytest.mark.parametrize("glob", [False, True])
-def test_absolute_names(glob, read, folder):
-    pattern = f"{folder}/{'*' if glob else 'd'}.csv"
-    assert read(TARGET + f'[observations]\nfiles = ["{pattern}"]\n').observations.files == (folder / "d.csv",)
-
-
 @pytest.mark.parametrize("name", ["APOLLO", "7045", "apollo"])
 def test_replaced_station_keeps_its_names_and_its_loading(name, read):
     study = read(TARGET + FILES + f"[stations.{name}]\n{ITRF}")
@@ -180,12 +174,6 @@ def test_an_alias_of_a_station_elsewhere_is_refused(read):
     problem = r"\[stations.Ww\] Ww: WARK12M of the catalogue is also called Ww, and stands \d+ km from here"
     with pytest.raises(InputError, match=problem):
         read(TARGET + FILES + f"[stations.Ww]\n{ITRF}")
-
-
-def test_replaced_station_keeps_the_loading_coefficients_it_has(read):
-    loaded = next(s for s in radioloc.StationCatalogue.default() if s.ocean_loading is not None)
-    study = read(TARGET + FILES + f"[stations.{loaded.name}]\nitrf_m = {loaded.itrf_m.tolist()}\n")
-    assert study.catalogue.get(loaded.name).ocean_loading is loaded.ocean_loading
 
 
 def test_station_above_the_ellipsoid_in_an_earlier_frame(read):
@@ -220,17 +208,10 @@ def test_a_study_without_files_is_for_observations_made_in_python(content, read)
     [
         ("", "[target] is missing"),
         (b"\xff\xfe", "byte 0xff is not UTF-8"),
-        ("[target\n", "not valid TOML"),
-        (b"\x00\x00", "not valid TOML"),
         ("a = " + "9" * 5000, "not valid TOML"),
-        ("a = " + "[" * 3000, "not valid TOML"),
         (FILES.replace("observations", "observation") + TARGET, "did you mean 'observations'?"),
         (TARGET.replace("target", "taget") + FILES, "did you mean 'target'?"),
-        ("[[target]]\n" + FILES, "[target] must be a table"),
-        ("target = 3\n" + FILES, "[target] must be a table, not 3"),
-        (TARGET + FILES + "[refrence]\n", "did you mean 'reference'?"),
         (TARGET + FILES + "[reference]\n", "[reference] longitude_deg: is missing"),
-        (TARGET + FILES + "[reference]\nname = 3\n", "[reference] name: must be a string"),
     ],
 )
 def test_file_as_a_whole(content, message, read):
@@ -240,20 +221,11 @@ def test_file_as_a_whole(content, message, read):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("3.5", "nan", "longitude_deg: must be a finite number, not nan"),
-        ("3.5", "inf", "longitude_deg: must be a finite number, not inf"),
-        ("3.5", "9" * 400, "longitude_deg: must be a finite number"),
-        ("3.5", '"3.5"', "longitude_deg: must be a number, not '3.5'"),
-        ("3.5", "true", "longitude_deg: must be a number, not True"),
         ("3.5", "361", "longitude_deg = 361.0 is not between -360 and 360"),
         ("26.0", "90.01", "latitude_deg = 90.01 is not between -90 and 90"),
         ("-1000.0", "1e6", "height_m = 1000000.0 is no height"),
-        ("longitude_deg", "longitud_deg", "did you mean 'longitude_deg'?"),
-        ("height_m = -1000.0\n", "", "height_m: is missing"),
         ("height_m", "position_m = [1, 2, 3]\nheight_m", "give either position_m or longitude and latitude"),
         ("ME_DE421", "IAU", "frame 'IAU' is not known; use PA_DE421 (principal axes) or ME_DE421"),
-        ("ME_DE421", "me_de421", "frame 'me_de421' is not known"),
-        ('"ME_DE421"', "3", "frame: must be a string"),
     ],
 )
 def test_target(old, new, message, read):
@@ -265,9 +237,6 @@ def test_target(old, new, message, read):
     ("position", "message"),
     [
         ("[1554.6, 98.0, 765.0]", "are the coordinates in metres?"),
-        ("[1554.6, 98.0]", "must be a list of three numbers"),
-        ('"here"', "must be a list of three numbers"),
-        ("[nan, 0.0, 0.0]", "must be a finite number"),
     ],
 )
 def test_cartesian_target(position, message, read):
@@ -288,27 +257,11 @@ def test_files(files, read):
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("targets = []", "targets names none"),
-        ("stations = []", "stations names none"),
-        ("targets = 3", "targets: must be a list of strings"),
-        ("targets = [3]", "targets: must be a list of strings"),
-        ('stations = ""', "stations: must be a list of strings that are not empty"),
         ('start = "2007-13-01"', "start: '2007-13-01' is not a date that exists"),
         ("start = 2006-10-01T00:00:00+02:00", "start: '2006-10-01T00:00:00+02:00' is not a date"),
         ("start = 10:00:00", "start: '10:00:00' is not a date"),
         ("start = 3", "start: must be a UTC date, not 3"),
-        ("stop = [2006-10-01]", "stop: must be a UTC date"),
-        ("stop = true", "stop: must be a UTC date, not True"),
-        ('start = ""', "start: '' is not a date"),
         ('start = "2007-01-01"\nstop = "2006-01-01"', "stop must be later than start"),
-        ('start = "2007-01-01"\nstop = "2007-01-01"', "stop must be later than start"),
-        ("hours = 0", "hours must be above zero, not 0.0"),
-        ("hours = -1", "hours must be above zero"),
-        ("hours = nan", "hours: must be a finite number"),
-        ('hours = "3"', "hours: must be a number"),
-        ("extra_sigma_m = -1", "extra_sigma_m must not be negative"),
-        ("vlbi_station_sigma_m = -1", "vlbi_station_sigma_m must not be negative"),
-        ("hourz = 3", "did you mean 'hours'?"),
     ],
 )
 def test_observations(line, message, read):
@@ -316,37 +269,18 @@ def test_observations(line, message, read):
     refused(read, TARGET + FILES + line + "\n", message)
 
 
-def test_misspelt_files_is_not_called_missing(read):
-    refused(read, TARGET + FILES.replace("files", "file"), "'file' is not known; did you mean 'files'?")
-
-
 @pytest.mark.parametrize(
     ("line", "message"),
     [
         ('position = "round"', 'position must be one of "geographic", "cartesian", "none"'),
-        ("position = 3", "position: must be a string"),
         ('range_bias = "some"', 'must be a list of names, "all" or "none"'),
-        ("range_bias = 3", "range_bias must be"),
-        ('range_bias = [""]', "range_bias must be"),
         ("range_bias_sigma_m = 0", "range_bias_sigma_m must be above zero"),
-        ("range_bias_sigma_m = inf", "range_bias_sigma_m must be above zero"),
-        ("time_bias_sigma_s = -1", "time_bias_sigma_s must be above zero"),
-        ('ephemeris_sigma_m = "a"', "ephemeris_sigma_m: must be a number"),
-        ("ephemeris_sigma_m = [1, 2]", "ephemeris_sigma_m: must be a list of three numbers"),
         ("ephemeris_sigma_m = [1, 2, -3]", "ephemeris_sigma_m must not be negative"),
-        ("ephemeris_sigma_m = -1", "ephemeris_sigma_m must not be negative"),
         ("rejection_sigma = 1", "rejection_sigma must be 2 or more"),
-        ("foo = 1", "'foo' is not known"),
-        ("height_prior = 3", "[estimate.height_prior] must be a table"),
         ("height_prior = {}", "[estimate.height_prior] height_m: is missing"),
-        ("height_prior = { height_m = 0 }", "[estimate.height_prior] sigma_m: is missing"),
         (
             "height_prior = { height_m = 1e9, sigma_m = 1 }",
             "[estimate.height_prior] height_m = 1000000000.0 is no",
-        ),
-        (
-            "height_prior = { height_m = 0, sigma_m = 0 }",
-            "[estimate.height_prior] sigma_m must be above zero",
         ),
         (
             'height_prior = { height_m = 0, sigma_m = 1, dem = "d.csv" }',
@@ -356,33 +290,13 @@ def test_misspelt_files_is_not_called_missing(read):
             'height_prior = { height_m = 0, sigma_m = 1, interpolation = "bilinear" }',
             "[estimate.height_prior] interpolation: belongs to a terrain model; name one as dem",
         ),
-        ("height_prior = { height_m = 0, sigma_m = 1, x = 3 }", "[estimate.height_prior] 'x' is not known"),
         ("range_bias_sigma_m = 10", "[estimate] range_bias_sigma_m needs range_bias"),
-        ("clock_rate_sigma_s_s = 1e-13", "clock_rate_sigma_s_s needs clock_rate"),
         ('range_bias_per = "pass"', "[estimate] range_bias_per needs range_bias"),
         ('position = "none"\nheight_prior = { height_m = 0, sigma_m = 1 }', 'needs position = "geographic"'),
     ],
 )
 def test_estimate(line, message, read):
     refused(read, TARGET + FILES + "[estimate]\n" + line + "\n", message)
-
-
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ('off = ["shapro"]', "off: 'shapro' is not a term of the model (did you mean 'shapiro'?)"),
-        ("off = [3]", "off: must be a list of strings"),
-        ("off = 3", "off: must be a list of strings"),
-        ("ephemeris = 3", "ephemeris: must be a string"),
-        ('libration = ""', "libration: must be a string that is not empty"),
-        ('earth_orientation = "no.txt"', "earth_orientation: 'no.txt' matches no file in "),
-        ('earth_orientation = "."', "earth_orientation: '.' is a directory"),
-        ("terms = []", "'terms' is not known"),
-    ],
-)
-def test_model(line, message, read):
-    refused(read, TARGET + FILES + "[model]\n" + line + "\n", "[model] ")
-    refused(read, TARGET + FILES + "[model]\n" + line + "\n", message)
 
 
 def test_delays_of_equipment(read):
@@ -400,13 +314,7 @@ def test_delays_of_equipment(read):
             "transponder_delay_s = 1.2",
             "[model] transponder_delay_s: 1.2 is no delay of equipment; give seconds",
         ),
-        ("station_delay_s = 3e-8", "[model.station_delay_s] must be a table"),
         ("station_delay_s = { KASHI = 3e-8 }", "[model.station_delay_s.KASHI] must be a table"),
-        (
-            "station_delay_s = { KASHI = { transmit = -1 } }",
-            "[model.station_delay_s.KASHI] transmit_s: -1.0 is no",
-        ),
-        ("station_delay_s = { KASHI = { send = 1 } }", "'send' is not known"),
         ("station_delay_s = { ATLANTIS = { transmit = 1e-8 } }", "[model] station_delay_s: "),
         ("station_delay_s = { APOLLO = {}, 7045 = {} }", "7045 is another name of APOLLO"),
     ],
@@ -418,7 +326,6 @@ def test_what_are_no_delays(line, message, read):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[stations]\nX = 3\n", "[stations.X] must be a table, not 3"),
         ("[stations.X]\n", "[stations.X] itrf_m: is missing"),
         (
             "[stations.X]\nlatitude_deg = 5\nheight_m = 3\n",
@@ -430,12 +337,9 @@ def test_what_are_no_delays(line, message, read):
         ),
         ("[stations.X]\nframe = 'ED50'\n" + ITRF, '[stations.X] frame must be one of "ITRF2020", "ITRF2014"'),
         ("[stations.GRASSE]\nframe = 'ITRF93'\n", "[stations.GRASSE] itrf_m: is missing"),
-        ("[stations.X]\nitrfm = [1, 2, 3]\n", "[stations.X] 'itrfm' is not known; did you mean 'itrf_m'?"),
-        ("[stations.X]\nitrf_m = [1, 2]\n", "[stations.X] itrf_m: must be a list of three numbers"),
         ("[stations.X]\nitrf_m = [1, 2, 3]\n", "[stations.X] station X is 3.74166 m from the geocentre"),
         ('[stations.""]\n' + ITRF, "a station needs a name"),
         ("[stations.X]\nepoch = 51544\n" + ITRF, "[stations.X] epoch: must be a Julian year such as 2010.0"),
-        ('[stations.X]\nepoch = "2000"\n' + ITRF, "[stations.X] epoch: must be a number"),
         (
             "[stations.X]\nvelocity_m_yr = [-14.5, 1.2, 3.2]\n" + ITRF,
             "[stations.X] velocity_m_yr: no station moves",
@@ -448,16 +352,6 @@ def test_what_are_no_delays(line, message, read):
 )
 def test_stations(text, message, read):
     refused(read, TARGET + FILES + text, message)
-
-
-def test_no_file_and_no_folder(tmp_path):
-    with pytest.raises(InputError, match=r"no.toml: there is no such study file"):
-        read_study(tmp_path / "no.toml")
-    with pytest.raises(InputError, match=r"is a directory; give the study file in it"):
-        read_study(tmp_path)
-    (tmp_path / "a").write_text("x", encoding="utf-8")
-    with pytest.raises(InputError, match=r"the study file cannot be read: Not a directory"):
-        read_study(tmp_path / "a" / "b.toml")
 
 
 def test_examples_are_studies():
@@ -524,17 +418,14 @@ itrf_m = [-1281152.0, 5640864.0, 2682653.0]
     [
         ("[estimate]\nclock_rate = 1e-14", "[estimate] clock_rate must be a list of names"),
         ("[estimate]\nclock_rate = 1e-14", "clock_rate_s_s, its sigma to clock_rate_sigma_s_s"),
-        ("[estimate]\nclock_rate = { KASHI = 1e-14 }", "its sigma to clock_rate_sigma_s_s"),
         ("[estimate]\ntime_bias = 1e-6", "belongs to time_bias_s, its sigma to time_bias_sigma_s"),
         ('[estimate]\nzenith_delay_m = ["KASHI"]', "zenith_delay says whose it is"),
-        ('[estimate]\nclock_sigma_s = "all"', "clock says whose it is"),
         ("[estimate]\nweights = [{ sigma_m = 1.0 }]", "belong to [[observations.weights]]"),
         (FILES + "sigma_m = 1.0", "in place of stated ones belongs to [[observations.weights]]"),
         (FILES + "extra_sigma_m = { range = 1.0 }", "station or file belongs to [[observations.weights]]"),
         (FILES + 'weights = "correlated"', "is in [estimate] weights"),
         (FILES + "[[observations.weights]]\nsigma_m = { range = 1.0 }", "belong to [observations] sigma_m"),
         ('[simulation.truth]\nclock_rate_s_s = ["APOLLO"]', "is said in [estimate] clock_rate"),
-        ('[simulation.truth]\nrange_bias_m = "all"', "is said in [estimate] range_bias"),
         ('[simulation.truth_sigma]\nclock_s = ["APOLLO"]', "is said in [estimate] clock"),
     ],
 )
@@ -592,7 +483,6 @@ def test_several_targets(read):
     [
         (TARGET + TWO + FILES, "[target] and [targets] exclude each other"),
         ("[targets]\n" + FILES, "[targets] names none"),
-        ("[targets.rover]\nlongitude_deg = 3\n" + FILES, "[targets.rover] latitude_deg: is missing"),
         (TWO + f"[targets.ap15]\n{SITE}[targets.apollo15]\n{SITE}" + FILES, "is another name of apollo15"),
         (TWO + FILES + f"[reference]\n{SITE}", "[reference] is compared with one position"),
     ],
@@ -621,8 +511,6 @@ def test_considered_parameters(read):
         ),
         ("range_bias_m = 3", "[consider] range_bias says whose is considered"),
         ('range_bias = ["7045"]\nrange_bias_sigma_m = 1', "[consider] range_bias: APOLLO is in [estimate]"),
-        ("defaults = 1", "[consider] defaults: must be true or false"),
-        ("range_bais = 1", "[consider] 'range_bais' is not known; did you mean 'range_bias'?"),
     ],
 )
 def test_considered_parameters_are_checked(lines, message, read):

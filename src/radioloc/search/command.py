@@ -14,7 +14,7 @@ from radioloc.cli.output import exit_status, tell
     "find the first orbit, transmitters, a-priori position or manoeuvres that a study does not state",
     STUDY,
     JSON,
-    argument("--out", "COMPLETED.toml", "write the study with what was found, beside the study file", Path),
+    argument("--out COMPLETED.toml", "write the study with what was found, beside the study file", Path),
     examples=("study.toml --out completed.toml",),
     help_tables=study_tables,
 )

@@ -12,7 +12,6 @@ if TYPE_CHECKING:  # what is here is imported when it is first used
     from radioloc.imaging.cameras import Camera
     from radioloc.imaging.distortion import Distortion
     from radioloc.imaging.figures import plot_images, plot_point
-    from radioloc.imaging.frames import find_mask
     from radioloc.imaging.ground_points import (
         ImagePointSigmas,
         ground_to_image,
@@ -28,9 +27,8 @@ if TYPE_CHECKING:  # what is here is imported when it is first used
     from radioloc.imaging.sensor_models import FrameModel, LineScanModel
     from radioloc.imaging.solution import ImageSolution, PointSolution
     from radioloc.imaging.spice_source import orientation_from_spice
-    from radioloc.imaging.stereo import StereoPair, resect
     from radioloc.imaging.study import read_image_study
-    from radioloc.imaging.surfaces import Plane, Sphere, Terrain
+    from radioloc.imaging.surfaces import Sphere, Terrain
     from radioloc.imaging.tie_points import Measurement, TiePoint
 
 __all__ = [
@@ -43,15 +41,12 @@ __all__ = [
     "ImageSolution",
     "LineScanModel",
     "Measurement",
-    "Plane",
     "PointSolution",
     "PolynomialOrientation",
     "Sphere",
-    "StereoPair",
     "TabulatedOrientation",
     "Terrain",
     "TiePoint",
-    "find_mask",
     "ground_to_image",
     "image_to_ground",
     "locate_image_point",
@@ -62,7 +57,6 @@ __all__ = [
     "read_image_study",
     "read_isd",
     "register_chain",
-    "resect",
     "write_orthophoto",
 ]
 
@@ -72,7 +66,6 @@ __getattr__, __dir__ = _lazy_exports(
         "cameras": "Camera",
         "distortion": "Distortion",
         "figures": "plot_images plot_point",
-        "frames": "find_mask",
         "ground_points": "ImagePointSigmas ground_to_image image_to_ground locate_image_point",
         "image_chain": "Frame",
         "isd": "read_isd",
@@ -83,9 +76,8 @@ __getattr__, __dir__ = _lazy_exports(
         "sensor_models": "FrameModel LineScanModel",
         "solution": "ImageSolution PointSolution",
         "spice_source": "orientation_from_spice",
-        "stereo": "StereoPair resect",
         "study": "read_image_study",
-        "surfaces": "Plane Sphere Terrain",
+        "surfaces": "Sphere Terrain",
         "tie_points": "Measurement TiePoint",
     },
 )

@@ -104,35 +104,7 @@ def _grey_bands(path: Path) -> Any:
 
 
 def find_mask(images: Sequence[Image]) -> Mask:
-    """Find the pixels that show the ground, from images over which the ground moves.
-
-    Parameters
-    ----------
-    images : sequence of numpy.ndarray of uint8, shape (lines, samples)
-        Four or more, best spread over the descent.
-
-    Returns
-    -------
-    numpy.ndarray of bool, shape (lines, samples)
-        True where the ground is seen.
-
-    Raises
-    ------
-    InputError
-        Fewer than four images, of different sizes, or most of which do not move.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from radioloc.imaging import find_mask
-    >>> rng = np.random.default_rng(1)
-    >>> images = [rng.integers(0, 255, (120, 160)).astype(np.uint8) for _ in range(6)]
-    >>> for image in images:
-    ...     image[:, :40] = np.arange(40) % 7 * 20  # stands still
-    >>> mask = find_mask(images)
-    >>> bool(mask[:, :40].any()), bool(mask[20:-20, 60:].all())
-    (False, True)
-    """
+    """Find the pixels that show the ground, from four images or more over which the ground moves."""
     cv2 = load_opencv()
     if len(images) < _FEWEST_IMAGES or len({image.shape for image in images}) > 1:
         sizes = sorted({image.shape for image in images})

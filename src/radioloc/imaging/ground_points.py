@@ -15,11 +15,10 @@ from numpy.typing import ArrayLike
 
 from radioloc import vectors
 from radioloc.boundary import bare_arguments
-from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.errors import InputError
 from radioloc.imaging.sensor_models import Rays, SensorModel, inside, require_mean_earth
 from radioloc.imaging.surfaces import Surface
-from radioloc.lunar import LunarPosition, cartesian_to_selenographic, east_north_up, rot_pa_to_me
+from radioloc.lunar import LunarPosition, cartesian_to_selenographic, east_north_up
 from radioloc.vectors import Floats
 
 
@@ -147,9 +146,6 @@ class ImagePoint:
 
     pixel: tuple[float, float]
     position_me: LunarPosition
-    position_pa: LunarPosition
-    covariance_me_m2: Floats  # (3, 3)
-    covariance_pa_m2: Floats
     errors_enu_m: dict[
         str, Floats
     ]  # east, north, up of each error of one sigma, (3, k): pixel, position, attitude, height
@@ -217,7 +213,6 @@ def locate_image_point(
     >>> point.sigma_enu_m.round(2).tolist()
     [14.71, 14.71, 5.0]
     """
-    constants = CONSTANTS["DE421"]
     require_mean_earth(model)
     try:
         measured = np.array(pixel, dtype=np.float64).reshape(1, -1)
@@ -239,17 +234,11 @@ def locate_image_point(
         name: to_enu @ by_error * _sigmas(name, sigma, by_error.shape[1])
         for name, (by_error, sigma) in partials.items()
     }
-    covariance_enu = sum((scaled @ scaled.T for scaled in errors.values()), np.zeros((3, 3)))
-    covariance_me = to_enu.T @ covariance_enu @ to_enu
-    to_pa = rot_pa_to_me(constants).T
     position = LunarPosition.from_cartesian(point, model.axes)
     across, along = np.linalg.norm(found.by_pixel[0], axis=0)
     return ImagePoint(
         (float(measured[0, 0]), float(measured[0, 1])),
         position,
-        position.to_axes("PA", constants),
-        covariance_me,
-        to_pa @ covariance_me @ to_pa.T,
         errors,
         (float(across), float(along)),
     )

@@ -1,4 +1,4 @@
-r"""The projective transformation between two views of a plane: its eight parameters from tie points, with covariance.
+r"""The projective transformation between two views of a plane: its eight parameters from tie points.
 
 Wang et al. (2021), equation 7, and Zhang et al. (2014, Chang'e-3), equation 2:
 
@@ -15,10 +15,10 @@ small harms, and the partial derivatives by the eight elements of Delta depend o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from radioloc.errors import InputError
 from radioloc.vectors import Floats
@@ -31,48 +31,11 @@ _ON_A_LINE = "the tie points lie on a line or at one place; they determine no ho
 _MEDIAN_CHI2 = 2.0 * np.log(2.0)  # of two degrees of freedom
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Homography:
-    """Projective transformation of pairs: its matrix, whose last element is 1, acts on (X, Y, 1).
-
-    The covariance is that of the parameters a to h of equation 7, the other elements row by row.
-    """
+class Homography(NamedTuple):
+    """Projective transformation of (X, Y, 1), scaled to a last element of 1, and the covariance of the other eight."""
 
     matrix: Floats
-    covariance: Floats
-
-    def apply(self, points: ArrayLike) -> Floats:
-        """Transformed points, shape (n, 2)."""
-        return transformed(self.matrix, np.asarray(points, dtype=np.float64))
-
-    def covariance_of(self, points: ArrayLike, covariances: ArrayLike | None = None) -> Floats:
-        """Return covariances of transformed points, (n, 2, 2), by the parameters and, if given, those of the points."""
-        points = np.asarray(points, dtype=np.float64)
-        ahead = points @ self.matrix[2, :2] + self.matrix[2, 2]
-        by_parameters = _by_elements(_homogeneous(points) / ahead[:, np.newaxis], self.apply(points))[..., :8]
-        result = by_parameters @ self.covariance @ by_parameters.transpose(0, 2, 1)
-        if covariances is not None:
-            by_points = derivative(self.matrix, points)
-            result = result + by_points @ np.asarray(covariances) @ by_points.transpose(0, 2, 1)
-        return result
-
-    def inverse(self) -> Homography:
-        """The transformation back, with its covariance."""
-        inverse = np.asarray(np.linalg.inv(self.matrix), dtype=np.float64)
-        # d(M^-1) = -M^-1 dM M^-1, row by row; the last element of dM is none
-        change = -np.kron(inverse, inverse.T)[:, :8]
-        return of_elements(inverse, change @ self.covariance @ change.T)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class HomographyFit:
-    """A homography from tie points."""
-
-    homography: Homography
-    inliers: NDArray[np.bool_]  # which of the tie points were used
-    residuals: Floats  # of all, shape (n, 2), in the coordinates that the transformation leads to
-    rms: float  # of the inliers' residuals, each coordinate
-    variance_factor: float  # of weighted residuals: 1 where the sigmas are right
+    covariance: Floats  # of a to h of equation 7, row by row
 
 
 def fit_homography(
@@ -81,10 +44,10 @@ def fit_homography(
     start_sigma: ArrayLike,
     end_sigma: ArrayLike,
     approximate: ArrayLike | None = None,
-) -> HomographyFit:
-    """Fit a homography to tie points, (n, 2), whose places have errors on both sides; outliers are rejected.
+) -> Floats:
+    """Return the matrix from tie points, (n, 2), whose places have errors on both sides; outliers are rejected.
 
-    A variance factor above one multiplies the covariance. The default start is the direct linear transformation.
+    The default start is the direct linear transformation.
     """
     start, end = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     if start.shape != end.shape or start.ndim != 2 or start.shape[1] != 2 or len(start) < _MIN_POINTS:
@@ -125,16 +88,7 @@ def fit_homography(
         matrix = corrected(matrix, normal, step)
         if np.abs(step).max() < _CONVERGED and (used == before).all() and iteration:
             break
-    redundancy = 2 * int(used.sum()) - 8
-    factor = float(chi2[used].sum()) / redundancy if redundancy else 1.0
-    covariance = np.linalg.inv(information) * max(1.0, factor)
-    return HomographyFit(
-        homography=of_correction(matrix, normal, covariance),
-        inliers=used,
-        residuals=residuals,
-        rms=float(np.sqrt(np.mean(residuals[used] ** 2))),
-        variance_factor=factor,
-    )
+    return matrix
 
 
 def transformed(matrix: Floats, points: Floats) -> Floats:

@@ -194,7 +194,7 @@ class ImageChain:
                 known.append((pixel, m.sigma_px, place, sigma))
         if len(known) >= 4:
             pixels, sigma_px, places, sigma_m = (np.array(column) for column in zip(*known, strict=True))
-            this.to_plane = fit_homography(pixels, places, sigma_px, sigma_m).homography.matrix
+            this.to_plane = fit_homography(pixels, places, sigma_px, sigma_m)
             this.match("given", len(known))
 
     def _give(self, k: int, image: int, place: Floats, sigma: float) -> tuple[int, Floats, float]:

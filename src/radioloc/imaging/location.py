@@ -9,15 +9,14 @@ import weakref
 from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
-from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError, require_type
-from radioloc.imaging import find_mask
 from radioloc.imaging.cameras import altitude_m
-from radioloc.imaging.frames import read_frame, read_mask
+from radioloc.imaging.frames import find_mask, read_frame, read_mask
+from radioloc.imaging.homography import transformed
 from radioloc.imaging.image_chain import Frame
 from radioloc.imaging.matching import Detector
 from radioloc.imaging.point_location import FRAME, ground_at, locate_point, locate_stereo, provenance_of
@@ -41,14 +40,6 @@ _FEWEST_FOR_A_MASK, _MASK_FRAMES = 4, 12
 """So many frames, from all of the descent, tell what moves in the image from what does not."""
 
 
-@overload
-def locate_images(study: ImageStudy, *, progress: bool = ...) -> ImageSolution: ...
-@overload
-def locate_images(study: PointStudy, *, progress: bool = ...) -> PointSolution: ...
-@overload
-def locate_images(
-    study: ImageStudy | PointStudy | str | Path, *, progress: bool = ...
-) -> ImageSolution | PointSolution: ...
 def locate_images(
     study: ImageStudy | PointStudy | str | Path, *, progress: bool = False
 ) -> ImageSolution | PointSolution:
@@ -263,7 +254,7 @@ def _unknown_descent_m(registration: Registration, last: RegisteredFrame) -> flo
 def _middle_m(frame: RegisteredFrame) -> Floats:
     """Return the place of the middle of an image in the plane of the map, m."""
     assert frame.homography is not None
-    return np.asarray(frame.homography.inverse().apply(frame.centre[None])[0])
+    return transformed(np.asarray(np.linalg.inv(frame.homography.matrix), np.float64), frame.centre[None])[0]
 
 
 def _of_plane(chosen: ImageChoice, camera: bool) -> str:

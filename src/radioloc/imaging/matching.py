@@ -173,7 +173,7 @@ def _agreement(
     agree = _near(matrix, start, end)
     if agree.sum() >= _FEWEST_FEATURES // 2:
         try:
-            matrix = fit_homography(start[agree], end[agree], 0.5, 0.5, approximate=matrix).homography.matrix
+            matrix = fit_homography(start[agree], end[agree], 0.5, 0.5, approximate=matrix)
         except InputError:
             return _none(MatchStatus.UNMATCHED, len(i))
         agree = _near(matrix, start, end)

@@ -16,17 +16,9 @@ import numpy as np
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import CoverageError, InputError
-from radioloc.imaging import (
-    ImagePointSigmas,
-    LineScanModel,
-    Sphere,
-    StereoPair,
-    Terrain,
-    locate_image_point,
-    read_isd,
-    resect,
-)
+from radioloc.imaging import ImagePointSigmas, LineScanModel, Sphere, Terrain, locate_image_point, read_isd
 from radioloc.imaging.solution import ErrorSource, PointSolution
+from radioloc.imaging.stereo import StereoPair, resect
 from radioloc.imaging.study import GroundChoice, ImagePointChoice, PointStudy, StereoChoice
 from radioloc.kernels import sha256_of
 from radioloc.lunar import LunarPosition, TangentPlane, TerrainModel, east_north_up

@@ -170,7 +170,7 @@ def register_chain(
     map_sigma_m : tuple of float
         How well the map is tied to the Moon's axes, east and north; considered, and the same for all points.
     mask : numpy.ndarray of bool, optional
-        Which pixels of the images show the ground (:func:`radioloc.imaging.find_mask`).
+        Which pixels of the images show the ground (:func:`radioloc.imaging.frames.find_mask`).
     near : tuple of float, optional
         Longitude and latitude, degrees, and a radius, m: where on the map the images are sought.
     ties : sequence of TiePoint, optional
@@ -281,7 +281,9 @@ def _registration(
         homography = result.model.homography(k, result.covariance[block, block])
         mine = result.used & (ties.image == k)
         rms_px = float(np.sqrt(np.mean(result.residuals_px[mine] ** 2)))
-        pixel_m = pixel_size_m(homography.inverse().matrix, chain.taken[number].size)
+        pixel_m = pixel_size_m(
+            np.asarray(np.linalg.inv(homography.matrix), np.float64), chain.taken[number].size
+        )
         frames[number] = replace(
             frames[number],
             status=FrameStatus.REGISTERED,

@@ -53,13 +53,6 @@ class ImagePoints(NamedTuple):
     ]  # before the camera while its orientation is known; perhaps beyond the image's edges
 
 
-class ImagePartials(NamedTuple):
-    """Derivatives of pixels by the point on the ground and the orientation."""
-
-    by_point: Floats  # (n, 2, 3), pixel / m; with the opposite sign by the camera's position
-    by_angles: Floats  # (n, 2, 3), pixel / rad
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameModel:
     """A frame camera.
@@ -72,17 +65,6 @@ class FrameModel:
         Lines and samples.
     axes : str
         The Moon's axes in which the orientation is.
-
-    Examples
-    --------
-    Ten kilometres above longitude and latitude zero, looking down with east to the right.
-
-    >>> from radioloc.imaging import Camera, ConstantOrientation, FrameModel, Sphere, image_to_ground
-    >>> camera = Camera.of_pinhole(8.3, 6.7, [511.5, 511.5])
-    >>> down = [[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
-    >>> model = FrameModel(camera, ConstantOrientation([1747400.0, 0.0, 0.0], down), (1024, 1024))
-    >>> image_to_ground(model, [[511.5, 511.5]], Sphere()).round(3).tolist()
-    [[1737400.0, 0.0, 0.0]]
     """
 
     camera: Camera
@@ -107,11 +89,6 @@ class FrameModel:
         """Pixels of points, shape (n, 3)."""
         points = as_points(points_m, 3, "points_m")
         return ImagePoints(*self.camera.pixels(_in_camera(*self.orientation.at(points[:, 0]), points)))
-
-    def project_and_partials(self, points_m: ArrayLike) -> tuple[ImagePoints, ImagePartials]:
-        """As :meth:`project`, with derivatives."""
-        points = as_points(points_m, 3, "points_m")
-        return _projected(self.camera, *self.orientation.at(points[:, 0]), points)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,28 +156,6 @@ class LineScanModel:
         time_s, found = self._seeing_times(points)
         on_detector, seen = self.camera.pixels(_in_camera(*self.orientation.at(time_s), points))
         return ImagePoints(np.stack([on_detector[:, 0], self.lines_at(time_s)[0]], axis=-1), seen & found)
-
-    def project_and_partials(self, points_m: ArrayLike) -> tuple[ImagePoints, ImagePartials]:
-        """As :meth:`project`, with derivatives."""
-        points = as_points(points_m, 3, "points_m")
-        time_s, found = self._seeing_times(points)
-        position, rotation = self.orientation.at(time_s)
-        on_detector, of_detector = _projected(self.camera, position, rotation, points)
-        velocity, turning = self._rates(time_s)
-        # The pixel on the detector changes in time as the point does in the camera's axes.
-        apparent = vectors.rotated(np.swapaxes(turning, 1, 2), points - position)
-        apparent -= vectors.rotated(np.swapaxes(rotation, 1, 2), velocity)
-        rates = np.einsum("nij,njk,nk->ni", of_detector.by_point, rotation, apparent)
-        lines, step_s = self.lines_at(time_s)
-        moves = np.abs(rates[:, 1]) > 0.0
-        line_rate = np.where(moves, rates[:, 1], 1.0)[:, None]
-        partials = []
-        for by_error in of_detector:
-            times_by = -by_error[:, 1] / line_rate
-            samples_by = by_error[:, 0] + rates[:, :1] * times_by
-            partials.append(np.stack([samples_by, times_by / step_s[:, None]], axis=1))
-        pixels = np.stack([on_detector.pixels[:, 0], lines], axis=-1)
-        return ImagePoints(pixels, on_detector.seen & found & moves), ImagePartials(*partials)
 
     def _rate(self, values: Floats, column: int) -> tuple[Floats, Floats, Floats]:
         """The rate that holds at lines (column 0) or times (column 1); the first one also before its start."""
@@ -311,14 +266,3 @@ def _ray_partials(rotation: Floats, seen: Floats, origins_by_pixel: Floats, by_p
 def _in_camera(position: Floats, rotation: Floats, points: Floats) -> Floats:
     """Points in the camera's axes."""
     return vectors.rotated(np.swapaxes(rotation, 1, 2), points - position)
-
-
-def _projected(
-    camera: Camera, position: Floats, rotation: Floats, points: Floats
-) -> tuple[ImagePoints, ImagePartials]:
-    in_camera = _in_camera(position, rotation, points)
-    pixels, by_direction, seen = camera.pixels_and_partials(in_camera)
-    by_point = by_direction @ np.swapaxes(rotation, 1, 2)
-    return ImagePoints(pixels, seen), ImagePartials(
-        by_point, by_direction @ vectors.cross_matrices(in_camera)
-    )

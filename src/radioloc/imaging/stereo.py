@@ -32,41 +32,15 @@ class Intersection:
     covariance_m2: Floats  # from the sigma of the pixels, shape (n, 3, 3)
     misfit: Floats  # how far the two rays pass each other in sigmas; the square is of one degree of freedom
 
-    @property
-    def distances_m(self) -> Floats:
-        """From the left camera, m, shape (n,)."""
-        return np.linalg.norm(self.points_m, axis=1)
-
-    @property
-    def distance_sigmas_m(self) -> Floats:
-        """Standard deviations of the distances, m, shape (n,)."""
-        unit = self.points_m / self.distances_m[:, None]
-        return np.sqrt(np.einsum("ni,nij,nj->n", unit, self.covariance_m2, unit))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StereoPair:
-    """Two calibrated cameras on one body.
-
-    Parameters
-    ----------
-    left, right : Camera
-        Each with its own focal length and distortion.
-    baseline_m : array_like, shape (3,)
-        The right camera's place in the left one's axes, m.
-    rot_left_to_right : array_like, shape (3, 3)
-        Rotation from the left camera's axes to the right one's; the identity if not given.
-
-    Raises
-    ------
-    InputError
-        The baseline is not three finite numbers that are not all zero, or the rotation is none.
-    """
+    """Two calibrated cameras on one body."""
 
     left: Camera
     right: Camera
-    baseline_m: Floats
-    rot_left_to_right: Floats | None = None
+    baseline_m: Floats  # the right camera in the left one's axes
+    rot_left_to_right: Floats | None = None  # the identity if not given
 
     def __post_init__(self) -> None:
         baseline = as_vector(self.baseline_m, 3, "baseline_m")
@@ -78,30 +52,7 @@ class StereoPair:
 
     @bare_arguments
     def intersect(self, left_px: ArrayLike, right_px: ArrayLike, sigma_px: float = 0.3) -> Intersection:
-        """Intersect the rays of points that both images show, by least squares of their four coordinates.
-
-        Parameters
-        ----------
-        left_px, right_px : array_like, shape (n, 2)
-            (sample, line) of the same points.
-        sigma_px : float
-            Standard deviation of each coordinate, pixels.
-
-        Raises
-        ------
-        InputError
-            Pixels are not finite, not as many in both images, or rays that meet nowhere before both cameras: then one
-            of the two is another point.
-
-        Examples
-        --------
-        >>> from radioloc.imaging import Camera, StereoPair
-        >>> camera = Camera.of_pinhole(17.7, 15.0, [511.5, 511.5])
-        >>> pair = StereoPair(camera, camera, [0.27, 0.0, 0.0])
-        >>> found = pair.intersect([[511.5, 511.5]], [[491.5, 511.5]])
-        >>> found.points_m.round(3).tolist(), found.distance_sigmas_m.round(2).tolist()
-        ([[0.0, 0.0, 15.93]], [0.34])
-        """
+        """Intersect the rays of points, (n, 2), that both images show, by least squares of their four coordinates."""
         left, right = as_points(left_px, 2, "left_px"), as_points(right_px, 2, "right_px")
         if len(left) != len(right):
             raise InputError(f"left_px has {len(left)} points, right_px {len(right)}; each must be in both")
@@ -151,12 +102,12 @@ class StereoPair:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Resection:
-    """The place of a camera from n distances to landmarks, in d dimensions."""
+    """The place of a camera from n distances to landmarks, in the plane."""
 
-    position_m: Floats  # on the map's axes, shape (d,)
-    covariance_m2: Floats  # from the sigmas of distances and landmarks, shape (d, d)
+    position_m: Floats  # east and north, shape (2,)
+    covariance_m2: Floats  # from the sigmas of distances and landmarks, shape (2, 2)
     residuals_m: Floats  # measured less computed distances, shape (n,)
-    chi2: float  # of the residuals, with n - d degrees of freedom
+    chi2: float  # of the residuals, with n - 2 degrees of freedom
 
 
 @bare_arguments
@@ -166,41 +117,13 @@ def resect(
     distance_sigma_m: ArrayLike,
     landmark_sigma_m: float,
 ) -> Resection:
-    """Locate a camera by its distances to landmarks that a map shows (equation 6).
+    """Locate a camera by its horizontal distances to landmarks, (n, 2), east and north on a map (equation 6).
 
-    Parameters
-    ----------
-    landmarks_m : array_like, shape (n, d)
-        Four points or more: east and north with horizontal distances, or three coordinates with those in space, m.
-    distances_m : array_like, shape (n,)
-    distance_sigma_m : array_like, scalar or shape (n,)
-        Standard deviations, such as :attr:`Intersection.distance_sigmas_m`.
-    landmark_sigma_m : float
-        Standard deviation of each coordinate of a landmark on the map, m. How well the map as a whole is tied to the
-        Moon is not in it.
-
-    Raises
-    ------
-    InputError
-        There are fewer than four landmarks, or a number is not right.
-    ConvergenceError
-        The landmarks do not tell two places apart, as those on a line do not.
-
-    Examples
-    --------
-    >>> from radioloc.imaging import resect
-    >>> found = resect([[9.0, 0.0], [0.0, 9.0], [-9.0, 1.0], [1.0, -9.0]], [9.0, 9.0, 9.06, 9.06], 0.1, 0.2)
-    >>> [round(abs(value), 1) for value in found.position_m.tolist()]
-    [0.0, 0.0]
+    The landmarks' sigma is that of each coordinate on the map; the tie of the map as a whole is not in it.
     """
     from scipy.optimize import least_squares
 
-    dimensions = np.shape(landmarks_m)[-1] if np.ndim(landmarks_m) == 2 else 0
-    if dimensions not in (2, 3):
-        raise InputError(
-            "landmarks_m: east and north, or three coordinates, are needed, shape (n, 2) or (n, 3)"
-        )
-    landmarks = as_points(landmarks_m, dimensions, "landmarks_m")
+    landmarks = as_points(landmarks_m, 2, "landmarks_m")
     distances = np.asarray(distances_m, dtype=np.float64)
     if (
         distances.shape != (len(landmarks),)
@@ -221,8 +144,7 @@ def resect(
     # From the middle of the landmarks and from all around it: distances alone may have several places.
     middle, reach = landmarks.mean(axis=0), float(distances.max())
     around = np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS, endpoint=False)
-    starts = [middle + reach * np.array([np.cos(a), np.sin(a), 0.3][:dimensions]) for a in around]
-    starts += [start * ([1.0, 1.0, -1.0][:dimensions]) for start in starts if dimensions == 3]
+    starts = [middle + reach * np.array([np.cos(a), np.sin(a)]) for a in around]
     found = sorted((least_squares(misfit, start) for start in (middle, *starts)), key=lambda fit: fit.cost)
     best = found[0]
     covariance = np.linalg.pinv(best.jac.T @ best.jac)

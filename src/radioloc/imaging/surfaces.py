@@ -1,4 +1,4 @@
-"""What rays meet: a sphere, a plane, or the ground of an elevation map.
+"""What rays meet: a sphere, or the ground of an elevation map.
 
 A surface says where rays meet it first, and how fast the height above it grows in each direction, from which follows
 how a ground point answers to changes of the ray and of the height.
@@ -15,7 +15,6 @@ from radioloc import vectors
 from radioloc.boundary import bare_fields
 from radioloc.constants import LUNAR_HEIGHT_LIMITS_M, MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
-from radioloc.imaging.cameras import as_vector
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic
 from radioloc.lunar.terrain import LargeWindowError, NoTerrainError, TerrainWindow, height_and_gradient
 from radioloc.vectors import Floats
@@ -51,33 +50,6 @@ class Sphere:
     def gradient(self, points_m: Floats) -> Floats:
         """Up."""
         return vectors.normalized(points_m)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Plane:
-    """A plane through a point, with a normal of any length that shows up."""
-
-    point_m: Floats
-    normal: Floats
-    mean_earth: bool = field(default=False, init=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "point_m", as_vector(self.point_m, 3, "point_m"))
-        normal = as_vector(self.normal, 3, "normal")
-        if not normal.any():
-            raise InputError("the normal of a plane has no direction")
-        object.__setattr__(self, "normal", normal / np.linalg.norm(normal))
-
-    def intersect(self, origins_m: Floats, directions: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        """Points on rays from either side."""
-        toward = directions @ self.normal
-        parallel = toward == 0.0
-        distance_m = ((self.point_m - origins_m) @ self.normal) / np.where(parallel, 1.0, toward)
-        return origins_m + distance_m[:, None] * directions, ~parallel & (distance_m >= 0.0)
-
-    def gradient(self, points_m: Floats) -> Floats:
-        """The normal."""
-        return np.broadcast_to(self.normal, points_m.shape)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -259,4 +231,4 @@ def _between(
     return np.maximum(first, 0.0), np.where(falls, floor, last), crosses & (last >= 0.0)
 
 
-Surface = Sphere | Plane | Terrain
+Surface = Sphere | Terrain

@@ -21,9 +21,9 @@ from radioloc.imaging import (
     image_to_ground,
     read_image_study,
     read_isd,
-    resect,
 )
 from radioloc.imaging.point_location import ground_at
+from radioloc.imaging.stereo import resect
 from radioloc.imaging.study import GroundChoice
 from radioloc.jobs import compare
 from radioloc.lunar import TangentPlane, TerrainModel

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plane_surface import Plane
 
 from radioloc.errors import InputError
 from radioloc.imaging import (
     Camera,
     ConstantOrientation,
     FrameModel,
-    Plane,
     PolynomialOrientation,
     Sphere,
     TabulatedOrientation,
@@ -123,25 +123,6 @@ def test_partials_of_ground_points(model_name, surface_name):
     close(found.by_height, (two[0] - two[1]) / 20.0)
 
 
-@pytest.mark.parametrize("model_name", MODELS)
-def test_partials_of_pixels(model_name):
-    model, pixels = MODELS[model_name](), pixels_of(MODELS[model_name]())
-    points = image_to_ground(model, pixels, Sphere())
-    there, found = model.project_and_partials(points)
-    assert there.seen.all()
-    assert np.abs(there.pixels - model.project(points).pixels).max() < 1e-9
-    for k in range(3):
-        step = 10.0 * np.eye(3)[k]
-        slope = (ground_to_image(model, points + step) - ground_to_image(model, points - step)) / 20.0
-        close(found.by_point[:, :, k], slope, along_lines(model_name))
-        if model_name == "smooth":
-            continue
-        two = [ground_to_image(moved(model, sign * step), points) for sign in (1, -1)]
-        close(-found.by_point[:, :, k], (two[0] - two[1]) / 20.0, along_lines(model_name))
-        two = [ground_to_image(turned(model, sign * 1e-5 * np.eye(3)[k]), points) for sign in (1, -1)]
-        close(found.by_angles[:, :, k], (two[0] - two[1]) / 2e-5, along_lines(model_name))
-
-
 def test_a_frame_by_hand():
     """1 km up, a focal length of 100 pixels: a pixel is 10 m; east is to the right and north is up."""
     camera = Camera.of_pinhole(1.0, 10.0, [50.0, 40.0])
@@ -211,8 +192,6 @@ def test_inside_is_up_to_the_edges_of_the_outer_pixels():
     ("make", "message"),
     [
         (lambda: Sphere(-1.0), "radius_m = -1.0 is not a positive"),
-        (lambda: Plane([0.0, 0.0], [0.0, 0.0, 1.0]), "point_m"),
-        (lambda: Plane([0.0, 0.0, 0.0], [0.0, 0.0, 0.0]), "normal of a plane has no direction"),
         (lambda: image_to_ground(frame(), [[np.nan, 0.0]], Sphere()), "pixels: a number is not finite"),
         (lambda: replace(MODELS["lro"](), line_times=[[0.0, 0.0, 0.0]]), "line_times"),
     ],

@@ -88,7 +88,7 @@ def fit_homography(
         matrix = corrected(matrix, normal, step)
         if np.abs(step).max() < _CONVERGED and (used == before).all() and iteration:
             break
-    return matrix
+    return _scaled(matrix)
 
 
 def transformed(matrix: Floats, points: Floats) -> Floats:
@@ -143,14 +143,18 @@ def of_correction(matrix: Floats, normal: Floats, covariance: Floats) -> Homogra
 
 def of_elements(matrix: Floats, covariance: Floats) -> Homography:
     """A homography from a matrix of any scale and the covariance of its nine elements."""
-    last = matrix[2, 2]
-    if abs(last) < 1e-12 * np.abs(matrix).max():
+    scaled = _scaled(matrix)
+    change = (np.eye(9)[:8] - np.outer(scaled.ravel()[:8], np.eye(9)[8])) / matrix[2, 2]
+    return Homography(scaled, change @ covariance @ change.T)
+
+
+def _scaled(matrix: Floats) -> Floats:
+    """Return the matrix with a last element of 1."""
+    if abs(matrix[2, 2]) < 1e-12 * np.abs(matrix).max():
         raise InputError(
             "a homography moves the origin to infinity; count its coordinates from a point in view"
         )
-    scaled = matrix / last
-    change = (np.eye(9)[:8] - np.outer(scaled.ravel()[:8], np.eye(9)[8])) / last
-    return Homography(scaled, change @ covariance @ change.T)
+    return np.asarray(matrix / matrix[2, 2])
 
 
 def _homogeneous(points: Floats) -> Floats:

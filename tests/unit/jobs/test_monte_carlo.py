@@ -422,6 +422,18 @@ def test_trials_that_did_not_converge_do_not_count():
     assert found.inside["horizontal"].count == 0
 
 
+def test_tables_have_a_row_for_each_trial_and_arc(found):
+    table = found.to_table()
+    assert len(table) == 120
+    assert (table["hours"].unit, table["sigma_up_m"].unit) == ("h", "m")
+    assert (table["hours"].value[3], table["east_m"].value[3]) == (12.0, found["east_m"][1, 1])
+    of_types = [name for name in table.colnames if name.startswith(("excess_noise_m.", "range_bias."))]
+    assert {str(table[name].unit) for name in of_types} == {"m"}
+    assert list(found.to_table("pandas").columns) == table.colnames
+    with pytest.raises(InputError, match="there is no column 'west_m'"):
+        found["west_m"]
+
+
 @pytest.mark.study
 def test_the_command(tmp_path, capsys):
     (tmp_path / "plan.toml").write_text(PLAN)

@@ -49,17 +49,6 @@ def rows_of(file):
         return list(csv.DictReader(stream))
 
 
-@pytest.mark.study
-def test_files(folder):
-    names = {
-        "solution.json",
-        "residuals.csv",
-        *(f"{name}.{ending}" for name in FIGURES for ending in ("png", "svg")),
-    }
-    assert {file.name for file in folder.iterdir()} == names
-    assert all(file.stat().st_size > 100 for file in folder.iterdir())
-
-
 def test_solution_file(folder, solution):
     text = (folder / "solution.json").read_text(encoding="utf-8")
     content = json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))

@@ -1,6 +1,5 @@
 """What the map shows stands where it is: ellipses, references, degrees, the ground."""
 
-import json
 import math
 from pathlib import Path
 
@@ -8,7 +7,6 @@ import numpy as np
 import pytest
 from recorded import recorded, reference
 
-from radioloc.cli import main
 from radioloc.errors import InputError
 from radioloc.lunar import Map, TerrainModel
 from radioloc.report import plot_map
@@ -108,13 +106,6 @@ def test_the_ground_is_under_the_position():
 def test_what_cannot_be_drawn_is_told(given, options, message):
     with pytest.raises(InputError, match=message):
         plot_map(given, **options)
-
-
-def test_the_command_draws_a_map(tmp_path):
-    solution = tmp_path / "solution.json"
-    solution.write_text(json.dumps(content()))
-    assert main(["map", str(solution), str(tmp_path / "map.png"), "--quiet"]) == 0
-    assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.study

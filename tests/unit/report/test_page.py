@@ -8,27 +8,25 @@ import subprocess
 import sys
 from dataclasses import replace
 from html import escape
-from html.parser import HTMLParser
 from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
+from html_page import Page
 from PIL import Image
 from toy_moon import LANDER_M, ToyMoon, toy_solution
 
 from radioloc import cli
 from radioloc.errors import InputError
-from radioloc.estimation import FitStatus, Labels
+from radioloc.estimation import Labels
 from radioloc.report import plot_correlations
-from radioloc.report.files import write_report
 from radioloc.report.page import write_html, write_page
 from radioloc.results.cards import Card, Field, metres
 from radioloc.results.result import Result
 from radioloc.results.subsets import Arc, ArcStudy
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
-VOID = {"meta", "img", "br", "input", "link"}
 LARGEST = 0.9e6
 """Largest page with figures, bytes."""
 NASTY = '<img src=x onerror="alert(1)">&amp;{{ 7 * 7 }}'
@@ -40,49 +38,6 @@ PROVENANCE = {
     },
     "n": 3,
 }
-
-
-class Page(HTMLParser):
-    """Elements in order, texts by element, and tables as rows of cells."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.open, self.elements, self.tables, self.words = [], [], [], []
-        self.headings = []
-        self.feed(text)
-        self.close()
-        assert not self.open
-
-    def handle_starttag(self, tag, attributes):
-        self.elements.append((tag, dict(attributes)))
-        assert len(dict(attributes)) == len(attributes), (tag, attributes)
-        if tag == "table":
-            self.tables.append([])
-        elif tag == "tr":
-            self.tables[-1].append([])
-        elif tag in ("td", "th"):
-            self.tables[-1][-1].append("")
-        elif tag in ("h1", "h2", "h3"):
-            self.headings.append(tag)
-        if tag not in VOID:
-            self.open.append((tag, dict(attributes)))
-
-    def handle_endtag(self, tag):
-        assert self.open.pop()[0] == tag
-
-    def handle_data(self, data):
-        tag = self.open[-1][0] if self.open else ""
-        if tag != "style":
-            self.words.append(data.strip())
-        if tag in ("td", "th"):
-            self.tables[-1][-1][-1] += data
-
-    def table(self, *heading):
-        """The rows of all tables with a heading."""
-        return [row for table in self.tables if table[0] == list(heading) for row in table[1:]]
-
-    def all(self, tag):
-        return [attributes for name, attributes in self.elements if name == tag]
 
 
 def ranges_of(count, span_h, **given):
@@ -216,14 +171,6 @@ def test_an_arc_study_has_the_card_of_each_arc(solution, tmp_path):
 
 
 @pytest.mark.study
-def test_the_colour_of_the_status_says_whether_the_result_can_be_used(solution, tmp_path):
-    failed = replace(solution, status=FitStatus.MISFIT)
-    for result, verdict in ((solution, "status good"), (failed, "status failed")):
-        classes = [one.get("class", "") for one in page_of(result, tmp_path).all("div")]
-        assert [name for name in classes if "status" in name] == [verdict]
-
-
-@pytest.mark.study
 def test_many_that_were_left_out_are_folded(solution, tmp_path):
     statuses = np.where(np.arange(90) < 30, "behind the Moon", "used")
     rows = replace(solution.residuals, statuses=Labels.of(statuses))
@@ -246,22 +193,6 @@ def test_what_a_card_leaves_out_is_unfolded(tmp_path, monkeypatch):
     assert page.table("of", "m") == [["ut1", "0.4"], ["clock", "0.2"], ["pole", "0.1"]]
     assert "2 more" in page.words
     assert "covariance.json" not in (tmp_path / "page.html").read_text(encoding="utf-8")
-
-
-@pytest.mark.study
-def test_the_same_result_makes_the_same_page(solution, tmp_path):
-    for name in ("one", "two"):
-        write_page(solution, {}, tmp_path / name)
-    assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
-
-
-@pytest.mark.study
-def test_a_page_is_one_of_the_files_of_its_folder(solution, tmp_path, undrawn):
-    rows = replace(solution.residuals, elevation_deg=np.full(len(solution.residuals), 45.0))
-    solution = replace(solution, residuals=rows, trajectory=None)
-    (tmp_path / "report.html").write_text("of an earlier result")
-    write_report(solution, tmp_path)
-    assert not (tmp_path / "report.html").exists()
 
 
 def test_without_the_extra_one_line_says_what_to_install(solution, monkeypatch, tmp_path, capsys):

@@ -132,19 +132,6 @@ def test_what_was_left_out_is_marked_within_its_panel(rows):
     assert "left out" not in panels["range KASHI"].get_title(loc="right")
 
 
-@pytest.mark.study
-def test_legends_are_below_what_they_could_hide(rows):
-    figure = plot_links(rows)
-    figure.canvas.draw()
-    for title, axes in panels_of(figure).items():
-        if axes.get_legend() is None:
-            continue
-        top = axes.get_legend().get_window_extent().y1
-        lowest = min(axes.transData.transform((0.0, y))[1] for line in axes.lines for y in line.get_ydata())
-        assert lowest > top, title
-    assert figure.get_supxlabel().startswith("red: left out")
-
-
 def test_panels_of_a_kind_share_a_scale_if_they_can(rows):
     panels = panels_of(plot_links(rows))
     assert panels["range KASHI"].get_ylim() == panels["range JIAMUSI"].get_ylim()
@@ -155,26 +142,6 @@ def test_panels_of_a_kind_share_a_scale_if_they_can(rows):
         "residual (m)",
         "residual (cm)",
     ]
-
-
-@pytest.mark.study
-def test_every_column_has_its_dates(rows):
-    figure = plot_links(rows)
-    figure.canvas.draw()
-    grid = figure.axes[:6]
-    assert not grid[5].get_visible()
-    # Five panels in three columns: the lowest of the third column is in the first row.
-    for place in (2, 3, 4):
-        assert grid[place].get_xlabel() == "UTC"
-        assert any(label.get_text() and label.get_visible() for label in grid[place].get_xticklabels())
-
-
-def test_title(rows):
-    assert plot_links(rows).get_suptitle() == "observed \N{MINUS SIGN} computed"
-    assert plot_links(rows, "mine").get_suptitle() == "mine"
-    solution = toy_solution(ToyMoon(5, 1.0, ("A",), biases=False))
-    named = replace(solution, residuals=replace(solution.residuals, paths=Labels.of(np.full(5, "A>x>A"))))
-    assert plot_links(named).get_suptitle().startswith(f"{solution.name}: ")
 
 
 def test_nothing_and_unknown_types_are_refused(rows):

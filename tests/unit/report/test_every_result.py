@@ -1,0 +1,166 @@
+"""Every type of results writes its folder, and renders its card, its page and its figures."""
+
+import csv
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from html_page import Page
+from toy_moon import LANDER_M, ToyMoon, toy_solution
+
+import radioloc
+from radioloc.errors import InputError
+from radioloc.estimation import FitStatus
+from radioloc.estimation.consider import ErrorSource
+from radioloc.imaging import locate_images, read_image_study
+from radioloc.imaging.solution import ErrorSource as ImageErrorSource
+from radioloc.imaging.solution import PointSolution
+from radioloc.report.figure_types import FIGURES
+from radioloc.report.page import write_page
+from radioloc.results.covariance import CovarianceStudy, Gain, PlannedArc, Share
+from radioloc.results.monte_carlo import MonteCarlo, Proof
+from radioloc.results.registry import RESULTS, result_type
+from radioloc.results.subsets import Arc, ArcStudy, LeaveOneOut, Without
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
+
+
+@cache
+def solution():
+    model = ToyMoon(90, 72.0)
+    paths = [f"{name}>lander>{name}" for name in model.station]
+    found = toy_solution(model, path=paths, reference_pa_m=LANDER_M, reference_name="truth")
+    rows = replace(found.residuals, elevation_deg=np.linspace(12.0, 78.0, 90))
+    return replace(found, name="toy", residuals=rows, provenance={"kernel": {"name": "none"}})
+
+
+def trials():
+    sides = ("east", "north", "up")
+    columns = ["converged", "used", "rejected", *(f"{side}_m" for side in sides)]
+    columns += [*(f"sigma_{side}_m" for side in sides), "correlation_east_north", "nees", "nees_horizontal"]
+    values = 10.0 * np.abs(np.random.default_rng(2).normal(size=(20, 2, len(columns))))
+    values[..., columns.index("converged")] = 1.0
+    values[..., columns.index("correlation_east_north")] = 0.2
+    proof = Proof((3, 5), 1e-4, 1e-4, True)
+    return MonteCarlo("toy", 5, (24.0, 12.0), (23.5, 11.5), tuple(columns), values, True, proof, ("clock",))
+
+
+def plan():
+    sources = (ErrorSource("measurement noise", "", np.eye(3)), ErrorSource("clock", "A", 0.1 * np.eye(3)))
+    arcs = [PlannedArc(hours, hours, int(hours), sources, ()) for hours in (3.0, 6.0)]
+    shares = (Share("station", "A", 6, np.inf, 3.0),)
+    return CovarianceStudy("toy", tuple(arcs), shares, (Gain("clock A known", 2.0),), 1.0)
+
+
+def without():
+    one = Without("station", "A", 30, 60, True, 5.0, (1.0, -2.0, 0.5), (1.0, 1.0, 1.0), 2.3)
+    return LeaveOneOut(solution(), (one, Without("station", "B", 30, 60, False)))
+
+
+def point():
+    place = radioloc.LunarPosition.from_selenographic(-51.9, 43.0, -2550.0)
+    sources = (ImageErrorSource("pixel", np.diag([1.0, 2.0, 0.5])),)
+    return PointSolution("toy", "image_point", "", place, sources, (), {"pixel": [1, 2]}, 1)
+
+
+MADE = {
+    "solution": (solution, {"solution.json", "residuals.csv"}),
+    "arcs": (
+        lambda: ArcStudy("toy", (Arc(72.0, 72.0, solution()), Arc(24.0, 24.0, solution()))),
+        {"arcs.json", "table1.csv", "table1.md", "table1.tex"}
+        | {f"{hours}h/{name}" for hours in (72, 24) for name in ("solution.json", "residuals.csv")},
+    ),
+    "comparison": (
+        lambda: radioloc.jobs.compare([solution()]),
+        {"comparison.json", "table1.csv", "table1.md", "table1.tex"},
+    ),
+    "monte_carlo": (trials, {"montecarlo.json", "trials.csv"}),
+    "covariance": (plan, {"covariance.json", "covariance.csv"}),
+    "leave_one_out": (without, {"leave_one_out.json", "leave_one_out.csv"}),
+    "image_point": (point, {"solution.json"}),
+    "images": (
+        lambda: locate_images(read_image_study(EXAMPLES / "images" / "descent.toml")),
+        {"solution.json"},
+    ),
+}
+FIGURES_OF = {
+    "solution": {"residuals", "position", "correlations", "distribution", "budget"},
+    "arcs": {"figure2", "arcs"},
+    "comparison": {"comparison"},
+    "monte_carlo": {"trials", "error_by_length"},
+    "covariance": {"covariance"},
+    "leave_one_out": set(),
+    "image_point": {"position"},
+    "images": {"images"},
+}
+
+
+def test_every_type_is_here_and_its_figures_are_declared():
+    assert set(RESULTS) == set(MADE)
+    for declared in RESULTS.values():
+        assert set(declared.figures) <= set(FIGURES)
+    with pytest.raises(InputError, match=r"expected a result .*got a dict"):
+        result_type({})
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("name", [*MADE])
+def test_a_folder_has_all_files_and_figures_and_the_page(name, tmp_path):
+    make, files = MADE[name]
+    result = make()
+    assert result_type(result).name == name
+    written = radioloc.write_report(result, tmp_path / "new" / "out", html=True)
+    folder = tmp_path / "new" / "out"
+    figures = {f"{figure}.{ending}" for figure in FIGURES_OF[name] for ending in ("png", "svg")}
+    expected = files | figures | {"report.html"}
+    assert {path.relative_to(folder).as_posix() for path in written} == expected
+    assert {path.relative_to(folder).as_posix() for path in folder.rglob("*.*")} == expected
+    for path in written:
+        if path.suffix == ".json":
+            json.loads(path.read_text(encoding="utf-8"), parse_constant=lambda text: pytest.fail(text))
+        elif path.suffix == ".csv":
+            rows = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
+            assert len({len(row) for row in rows}) == 1
+            assert len(rows) > 1
+        elif path.suffix in (".png", ".svg"):
+            assert path.read_bytes()[:5] in (b"\x89PNG\r", b"<?xml")
+    page = Page((folder / "report.html").read_text(encoding="utf-8"))
+    assert len(page.all("img")) >= len(FIGURES_OF[name])
+    assert all(image["alt"] for image in page.all("img"))
+
+
+@pytest.mark.parametrize("name", [name for name in MADE if name != "images"])
+def test_card_and_page_and_notebook_have_the_same_fields(name, tmp_path, monkeypatch):
+    result = MADE[name][0]()
+    text = str(result)
+    assert max(map(len, text.splitlines())) <= 80
+    assert "-0.0 " not in text
+    json.dumps(result.to_dict(), allow_nan=False)
+    monkeypatch.setattr("radioloc.report.page.figures_of", lambda _: [])
+    write_page(result, {}, tmp_path / "page.html")
+    page, notebook = Page((tmp_path / "page.html").read_text(encoding="utf-8")), Page(result._repr_html_())
+    for shown, fields in (
+        (page, [f for f in result.card().fields if f.section]),
+        (notebook, result.card().fields),
+    ):
+        words = " ".join(" ".join(shown.words).split())
+        for field in fields:
+            assert field.label in words
+            for line in (*field.lines, *(cell for row in field.rows for cell in row)):
+                assert " ".join(line.split()) in words
+    classes = [one["class"] for one in page.all("div") if "status" in one.get("class", "")]
+    assert classes[:1] in ([], [f"status {'good' if result.is_usable else 'failed'}"])
+    assert bool([*result.failures()]) is not result.is_usable
+
+
+def test_what_failed_is_told_by_name():
+    failed = replace(solution(), status=FitStatus.MISFIT, message="too large")
+    study = ArcStudy("toy", (Arc(72.0, 72.0, solution()), Arc(24.0, 24.0, failed)))
+    assert [*study.failures()] == [*failed.failures()]
+    [(name, status)] = failed.failures()
+    assert name == "toy"
+    assert "too large" in status
+    assert replace(without(), solution=failed).is_usable is False

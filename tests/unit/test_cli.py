@@ -180,42 +180,8 @@ def test_light_time_that_does_not_settle_ends_with_3(run, monkeypatch):
     assert (outcome.status, outcome.out, outcome.err) == (3, "", "radioloc: the light time did not settle\n")
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_replaced_station_is_found_by_the_names_in_the_data(run, folder):
-    # The data say 7045; the study gives APOLLO another place, 300 m up.
-    (folder / "d.csv").write_text(CRD, encoding="utf-8")
-    apollo = radioloc.StationCatalogue.default().get("APOLLO")
-    up = apollo.itrf_m * (1.0 + 300.0 / np.linalg.norm(apollo.itrf_m))
-    here = run(study_of(), "--out", folder / "a", "--quiet", command="residuals")
-    moved = f"[stations.APOLLO]\nitrf_m = {up.tolist()}\nvelocity_m_yr = {apollo.velocity_m_yr.tolist()}\n"
-    moved += f"epoch = {apollo.epoch_year}\n"
-    there = run(study_of(more=moved), "--out", folder / "b", "--quiet", command="residuals")
-    assert (here.status, there.status) == (0, 0)
-    for one, two in zip(*(rows_of(folder / name / "residuals.csv") for name in "ab"), strict=True):
-        # The path shortens by twice 300 m times the sine of the elevation, but that up is not quite the vertical.
-        change_m = float(two["residual_m"]) - float(one["residual_m"])
-        assert change_m == pytest.approx(600.0 * np.sin(np.radians(float(one["elevation_deg"]))), abs=3.0)
-
-
 def data(folder, text):
     (folder / "d.csv").write_bytes(text if isinstance(text, bytes) else text.encode())
-
-
-@pytest.mark.parametrize(
-    ("text", "parts"),
-    [
-        ("hello\n", ["none of the known formats"]),
-        (
-            CRD.replace("APOL 7045", "XXXX 9999"),
-            ["line 6", "station '9999' is not in the catalogue", "[stations.NAME]"],
-        ),
-        (CRD.replace("2024  5", "2035  5"), ["line 6", "Earth orientation", "2035-05-02"]),
-    ],
-)
-def test_bad_data(text, parts, run, folder):
-    """Of what readers refuse their own tests and those of bad input know more."""
-    data(folder, text)
-    refused(run(study_of()), "d.csv", *parts)
 
 
 @pytest.mark.parametrize(
@@ -519,28 +485,27 @@ def test_light_times_of_nothing_or_of_two_places_are_refused(capsys, arguments, 
     assert message in capsys.readouterr().err
 
 
-def test_warnings_of_the_library_are_single_lines_said_once(run, monkeypatch):
+@pytest.mark.parametrize(
+    ("category", "texts", "told"),
+    [
+        (DataQualityWarning, ["poor\n  data"] * 3, "poor data"),
+        (
+            PredictedEopWarning,
+            [f"predicted at {count} epochs" for count in range(3)],
+            "predicted at 0 epochs",
+        ),
+    ],
+)
+def test_warnings_of_the_library_are_single_lines_said_once(category, texts, told, run, monkeypatch):
     def warns(*given):
-        for _ in range(3):
-            warnings.warn("poor\n  data", DataQualityWarning, stacklevel=1)
+        for text in texts:
+            warnings.warn(text, category, stacklevel=1)
         return fit_arc(*given)
 
     fit_arc = locate.fit_arc
     monkeypatch.setattr(locate, "fit_arc", warns)
     outcome = run(study_of(), "--quiet")
-    assert outcome.out == ""
-    assert outcome.err == "radioloc: warning: poor data\n"
-
-
-def test_of_predicted_earth_orientation_one_warning_is_enough(run, monkeypatch):
-    def warns(*given):
-        for count in range(3):
-            warnings.warn(f"predicted at {count} epochs", PredictedEopWarning, stacklevel=1)
-        return fit_arc(*given)
-
-    fit_arc = locate.fit_arc
-    monkeypatch.setattr(locate, "fit_arc", warns)
-    assert run(study_of(), command="residuals").err == "radioloc: warning: predicted at 0 epochs\n"
+    assert (outcome.out, outcome.err) == ("", f"radioloc: warning: {told}\n")
 
 
 def test_earth_orientation_after_its_table(run, folder):

@@ -39,8 +39,8 @@ from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed, Predictor
+from radioloc.measurements.prepared_paths import joined, rows_of
 from radioloc.measurements.proper_time import clock_epoch as clock_epoch_of
-from radioloc.measurements.records import joined, rows_of
 from radioloc.measurements.registry import is_differenced, is_integrated
 from radioloc.time import Epochs, utc_to_tt
 from radioloc.vectors import Floats

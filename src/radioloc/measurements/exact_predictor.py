@@ -14,9 +14,8 @@ from radioloc.constants import C_M_S
 from radioloc.ephemeris.trajectory import AdjustableTrajectory
 from radioloc.measurements.light_path import LightPath, halves, path_length_partials, twice
 from radioloc.measurements.predictor import Computed
-from radioloc.measurements.prepared_paths import PreparedPaths
+from radioloc.measurements.prepared_paths import PreparedPaths, rows_of
 from radioloc.measurements.ramps import RampTerm, ramp_term
-from radioloc.measurements.records import rows_of
 from radioloc.measurements.registry import is_integrated
 from radioloc.measurements.station_motion import StationMotion
 from radioloc.media.ionosphere import delay_by_content_m

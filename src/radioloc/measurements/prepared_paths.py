@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from functools import partial
 from typing import Any, Self
 
@@ -37,13 +37,12 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.proper_time import MIN_GAP_S, station_rate, target_clock
 from radioloc.measurements.proper_time import clock_epoch as clock_epoch_of
-from radioloc.measurements.records import joined, rows_of
 from radioloc.measurements.registry import is_combined, is_differenced, is_integrated, is_one_way
 from radioloc.measurements.sources import with_galactic_aberration
 from radioloc.measurements.station_motion import rough_station_motion, station_motion
 from radioloc.media.medium import Leg, LegEnd, LineOfSight, Weather, line_of_sight, prepared_media
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, topocentric_tdb_minus_tt, utc_to_tt
-from radioloc.vectors import Floats, dot, length
+from radioloc.vectors import Floats, by_component, dot, length
 
 _MIN_RADIO_WAVELENGTH_UM = 1000.0  # from this wavelength on (300 GHz), the signal is radio
 _SOURCE_DISTANCE_M = 1e18  # where the direction to a source at infinity is looked at from
@@ -340,6 +339,41 @@ def is_radio(
     """Whether signals are radio, shape (n,); without a recorded wavelength those to laser stations are light."""
     laser = np.array([station.kind == "llr" for station in stations], dtype=bool)[receiver]
     return np.where(np.isnan(wavelength_um), ~laser, wavelength_um >= _MIN_RADIO_WAVELENGTH_UM)
+
+
+def joined(parts: list[Any]) -> Any:
+    """Arrays, or records of them, joined row after row."""
+    first = parts[0]
+    if first is None or len(parts) == 1:
+        return first
+    if isinstance(first, tuple):
+        return tuple(joined([part[i] for part in parts]) for i in range(len(first)))
+    if isinstance(first, Observations | Epochs):
+        return type(first).concatenate(parts)
+    if is_dataclass(first):
+        columns = {f.name: joined([getattr(part, f.name) for part in parts]) for f in fields(first)}
+        return replace(first, **columns)  # type: ignore[type-var]
+    if isinstance(first, dict):
+        return {key: joined([part[key] for part in parts]) for key in first}
+    return np.concatenate(parts)
+
+
+def rows_of(value: Any, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Any:
+    """Some rows of an array, or of all arrays of a record, which have one row per path; laid out by component."""
+    if value is None:
+        return None
+    if isinstance(value, tuple):
+        return tuple(rows_of(item, rows) for item in value)
+    if isinstance(value, Observations):
+        return value.select(rows)
+    if isinstance(value, Epochs):
+        return value[rows]
+    if is_dataclass(value):
+        parts = {field.name: rows_of(getattr(value, field.name), rows) for field in fields(value)}
+        return replace(value, **parts)  # type: ignore[type-var]
+    if isinstance(value, dict):
+        return {key: rows_of(item, rows) for key, item in value.items()}
+    return by_component(value[rows])
 
 
 # Attributes with one row for each light path, and for each end of one.

@@ -33,7 +33,7 @@ TESTS = {
         "lunar_motion": "lunar_motion trajectory",
         "measurement_type": "measurement_type differenced", "observations": "",
         "physical_model": "", "predictor": "arc_selection combined_predictor",
-        "standard_types": "combined_predictor differenced observations", "station_motion": "",
+        "registry": "combined_predictor differenced observations", "station_motion": "",
         "terms": "physical_model",
     },
     "estimation": {

@@ -1,26 +1,136 @@
-"""The types of measurement that there are: those of the package, one line each, and those of other packages.
+"""Types of measurement: those of the package, and those of other packages.
 
 A package adds its own by an entry point of the group ``radioloc.measurements`` that names a
 :class:`~radioloc.measurements.measurement_type.MeasurementType`.
+
+Values are light times in metres. Time tags are UTC at the station and name the transmission or the reception, or, as if
+by a clock at the geocentre, the bounce.
+
+Range: the time of flight from a station over the target to a station, by the stations' clocks: a round trip, never its
+half. Moyer (2003), section 13.5. Integrated Doppler: the round-trip range at the end of the count interval less that at
+its start, tagged at the middle of the interval. Moyer (2003), section 13.3, at one uplink frequency.
+
+One-way range: the time of flight from the target to a station, reception read by the station's clock less transmission
+read by the target's, which keeps proper time (:mod:`~radioloc.measurements.proper_time`). The behaviour of its
+oscillator beyond that is estimated (``target_clock``, ``target_frequency``, ``target_frequency_rate``). The tag of a
+transmission is by the target's clock. One-way Doppler is its change over the count interval. Moyer (2003), sections
+11.4 and 13.3.1 (F1).
+
+VLBI delay: the arrival at the second station less the arrival of the same wavefront at the first, by the stations'
+clocks, tagged with the arrival at the first. The delay rate is its change over the count interval (of the phase).
+
+Differences have one time tag for both measurements. Differenced one-way range and Doppler are free of the target's
+clock but for its drift over the difference of the light times; a differenced delay of two targets (same-beam VLBI) is
+free of the stations' clocks and, nearly, of the media. Moyer (2003), section 13.6; Kikuchi et al. (2009), Radio Science
+44, RS2008.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.measurements.measurement_type import MeasurementType
-from radioloc.measurements.standard_types import STANDARD_TYPES
+from radioloc.measurements.link import Link
+from radioloc.measurements.measurement_type import Geometry, MeasurementType, Part
 from radioloc.plugins import LazyNames, registry
 
-_OWN_PLACES = {kind.name: place for place, kind in enumerate(STANDARD_TYPES)}
 
-MEASUREMENTS: Mapping[str, MeasurementType] = registry(
-    "radioloc.measurements", MeasurementType, STANDARD_TYPES
-)
+def _of_stations(one_way: str) -> Callable[[Link], tuple[Part, ...]]:
+    return lambda link: (
+        Part(1.0, one_way, Link("", link.target, link.receiver)),
+        Part(-1.0, one_way, Link("", link.target, link.transmitter)),
+    )
+
+
+_OWN = [
+    MeasurementType(
+        name="range",
+        description="round-trip light time from a station over the target to the same (two-way) or another station "
+        "(three-way), times the speed of light",
+        geometry=Geometry.ROUND_TRIP,
+        positive=True,
+        limit="a round trip",
+    ),
+    MeasurementType(
+        name="vlbi_delay",
+        description="arrival of a wavefront at the second station less its arrival at the first, times the speed of "
+        "light; tagged with the arrival at the first station",
+        geometry=Geometry.BASELINE,
+        tags=("receive",),
+        largest_m=12.8e6,
+        limit="a VLBI delay is not longer than the Earth (12.8e6 m, 43 ms)",
+    ),
+    MeasurementType(
+        name="doppler",
+        description="integrated Doppler: round-trip range at the end of the count interval less that at its start; the "
+        "time tag is the middle of the interval",
+        geometry=Geometry.ROUND_TRIP,
+        integrated=True,
+    ),
+    MeasurementType(
+        name="vlbi_delay_rate",
+        description="VLBI delay at the end of the count interval less that at its start; tagged with the arrival at "
+        "the first station at the middle of the interval",
+        geometry=Geometry.BASELINE,
+        integrated=True,
+        tags=("receive",),
+        largest_m=12.8e6,
+        # Two stations on the equator, one on either side of the Earth, part by 2 x 465 m/s.
+        fastest_m_s=1000.0,
+        limit="a VLBI delay changes by less than 1000 m in a second of its count interval",
+    ),
+    MeasurementType(
+        name="one_way_range",
+        description="one-way light time from the target to a station, reception by the station's clock less "
+        "transmission by the target's, times the speed of light",
+        geometry=Geometry.ONE_WAY,
+        tags=("receive", "transmit"),
+    ),
+    MeasurementType(
+        name="one_way_doppler",
+        description="one-way integrated Doppler: one-way range at the end of the count interval less that at its "
+        "start; the time tag is the middle of the interval",
+        geometry=Geometry.ONE_WAY,
+        integrated=True,
+        tags=("receive", "transmit"),
+    ),
+    MeasurementType(
+        name="differenced_range",
+        description="one-way range at the second station less that at the first, both received at the time tag",
+        geometry=Geometry.COMBINED,
+        form="station1<target>station2",
+        tags=("receive",),
+        parts=_of_stations("one_way_range"),
+    ),
+    MeasurementType(
+        name="differenced_doppler",
+        description="one-way integrated Doppler at the second station less that at the first, over the same "
+        "count interval",
+        geometry=Geometry.COMBINED,
+        integrated=True,
+        form="station1<target>station2",
+        tags=("receive",),
+        parts=_of_stations("one_way_doppler"),
+    ),
+    MeasurementType(
+        name="differenced_delay",
+        description="VLBI delay of the first target less that of the second, both arriving at the first station at the "
+        "time tag (same-beam VLBI)",
+        geometry=Geometry.COMBINED,
+        form="station1<target1|target2>station2",
+        tags=("receive",),
+        parts=lambda link: (
+            Part(1.0, "vlbi_delay", Link(link.transmitter, link.target, link.receiver, True)),
+            Part(-1.0, "vlbi_delay", Link(link.transmitter, link.second_target, link.receiver, True)),
+        ),
+    ),
+]
+_OWN_PLACES = {kind.name: place for place, kind in enumerate(_OWN)}
+
+MEASUREMENTS: Mapping[str, MeasurementType] = registry("radioloc.measurements", MeasurementType, _OWN)
 """Types of measurement by name; :attr:`Observations.kind` holds places in this order."""
 
 KINDS = LazyNames(lambda: MEASUREMENTS)  # their names

@@ -21,10 +21,9 @@ from radioloc.constants import C_M_S
 from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.gauss_markov import TimeCorrelation
-from radioloc.estimation.group_tests import BinnedProblem, Verdict, log_probability, noise_of_each
+from radioloc.estimation.group_tests import BinnedProblem, Verdict, noise_of_each
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.series import SeriesOrder
-from radioloc.labels import USED
 from radioloc.parameters.columns import PASS_GAP_H
 from radioloc.time import Epochs, utc_strings
 
@@ -33,8 +32,6 @@ _Links = dict[int, float]
 """Series of single observations, with the sign that something has in each."""
 
 SIGNIFICANCE_LEVEL = 1e-3  # of an inconsistency: by chance in fewer than one solution of a thousand
-_COMPONENT_SIGNIFICANCE_LEVEL = 0.01  # components that chance makes as large more often are left out
-_MIN_KEPT_FRACTION = 0.5  # of a series, below which the rest does not stand for it
 TEST_FAMILY_COUNT = 4  # groups, a-priori values, steps, offsets (Bonferroni correction)
 _MAX_FINDING_COUNT = 3
 _MAX_GROUP_COUNT = 200
@@ -138,26 +135,6 @@ class _Tried:
     width_s: float = 0.0  # of the bins that a step was found in
     log_chance: float = 0.0
 
-    def explained(self, problem: BinnedProblem) -> tuple[_Tried, BinnedProblem]:
-        """What explains a misfit, one component where the others may be zero by chance; the problem with it."""
-        after, count = problem.with_columns(self.columns), len(self.components)
-        if count < 2:
-            return self, after
-        values, covariance = after.estimate[-count:], after.inverse[-count:, -count:]
-        chances = []
-        for k in range(count):
-            others = np.delete(np.arange(count), k)
-            chi2 = values[others] @ np.linalg.solve(covariance[np.ix_(others, others)], values[others])
-            chances.append(log_probability(float(chi2), count - 1))
-        k = int(np.argmax(chances))
-        columns = self.columns[:, [k]]
-        verdict = problem.test(columns)
-        if chances[k] <= math.log(_COMPONENT_SIGNIFICANCE_LEVEL) or verdict is None:
-            return self, after
-        part, scale = self.components[k : k + 1], self.scale[[k]]
-        one = replace(self, columns=columns, components=part, scale=scale, verdict=verdict)
-        return one, problem.with_columns(columns)
-
 
 def assess_consistency(
     edited: EditedFit,
@@ -175,7 +152,6 @@ def assess_consistency(
     fit = edited.fit
     if not edited.converged or fit.dof < 1 or not (fit.parameters.free.any() and fit.used.any()):
         return Consistency()
-    fit = replace(fit, used=_readmitted(edited, order))
     noise_of = (lambda _: {}) if correlation is None else noise_of_each
     problem = BinnedProblem.of(fit, order, noise_of, considered)
     search = _Search(fit, order, epoch_utc, enu_by_parameters, considered, np.unique(problem.code).tolist())
@@ -187,7 +163,7 @@ def assess_consistency(
         best = min([*search.explanations(problem), *tested], key=lambda tried: tried.log_chance, default=None)
         if best is None or best.log_chance > math.log(SIGNIFICANCE_LEVEL):
             break
-        best, problem = best.explained(problem)
+        problem = problem.with_columns(best.columns)
         explained.append(replace(best, verdict=replace(best.verdict, shift=problem.estimate[:width])))
         if not best.components:
             break
@@ -198,13 +174,6 @@ def assess_consistency(
         verdict = replace(tried.verdict, estimate=problem.estimate[begin:width])
         found.append(search.named(replace(tried, verdict=verdict)))
     return Consistency(groups, tuple(found))
-
-
-def _readmitted(edited: EditedFit, order: SeriesOrder) -> NDArray[np.bool_]:
-    """Observations in use, and those of series of which the editing has left out most: these are no outliers."""
-    usable, used = edited.given.are(USED), edited.fit.used
-    count, kept = (np.bincount(order.code[of], minlength=len(order.series)) for of in (usable, used))
-    return np.asarray(used | (usable & (kept < _MIN_KEPT_FRACTION * count)[order.code]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:  # what is here is imported when it is first used
         image_to_ground,
         locate_image_point,
     )
-    from radioloc.imaging.image_chain import Frame
+    from radioloc.imaging.image_chain import Frame, Measurement, TiePoint
     from radioloc.imaging.isd import read_isd
     from radioloc.imaging.location import locate_images
     from radioloc.imaging.orientation import ConstantOrientation, PolynomialOrientation, TabulatedOrientation
@@ -29,7 +29,6 @@ if TYPE_CHECKING:  # what is here is imported when it is first used
     from radioloc.imaging.spice_source import orientation_from_spice
     from radioloc.imaging.study import read_image_study
     from radioloc.imaging.surfaces import Sphere, Terrain
-    from radioloc.imaging.tie_points import Measurement, TiePoint
 
 __all__ = [
     "Camera",
@@ -67,7 +66,7 @@ __getattr__, __dir__ = _lazy_exports(
         "distortion": "Distortion",
         "figures": "plot_images plot_point",
         "ground_points": "ImagePointSigmas ground_to_image image_to_ground locate_image_point",
-        "image_chain": "Frame",
+        "image_chain": "Frame Measurement TiePoint",
         "isd": "read_isd",
         "location": "locate_images",
         "orientation": "ConstantOrientation PolynomialOrientation TabulatedOrientation",
@@ -78,6 +77,5 @@ __getattr__, __dir__ = _lazy_exports(
         "spice_source": "orientation_from_spice",
         "study": "read_image_study",
         "surfaces": "Sphere Terrain",
-        "tie_points": "Measurement TiePoint",
     },
 )

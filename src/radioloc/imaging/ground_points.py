@@ -146,9 +146,8 @@ class ImagePoint:
 
     pixel: tuple[float, float]
     position_me: LunarPosition
-    errors_enu_m: dict[
-        str, Floats
-    ]  # east, north, up of each error of one sigma, (3, k): pixel, position, attitude, height
+    # East, north, up of each error of one sigma, (3, k): pixel, position, attitude, height.
+    errors_enu_m: dict[str, Floats]
     pixel_size_m: tuple[float, float]  # of the pixel on the ground, along sample and line
 
     @property

@@ -39,21 +39,16 @@ class Homography(NamedTuple):
 
 
 def fit_homography(
-    start: ArrayLike,
-    end: ArrayLike,
+    start: Floats,
+    end: Floats,
     start_sigma: ArrayLike,
     end_sigma: ArrayLike,
-    approximate: ArrayLike | None = None,
+    approximate: Floats | None = None,
 ) -> Floats:
     """Return the matrix from tie points, (n, 2), whose places have errors on both sides; outliers are rejected.
 
     The default start is the direct linear transformation.
     """
-    start, end = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
-    if start.shape != end.shape or start.ndim != 2 or start.shape[1] != 2 or len(start) < _MIN_POINTS:
-        raise InputError(
-            f"tie points of shapes {start.shape} and {end.shape} make no homography; give four pairs or more"
-        )
     start_variance = np.broadcast_to(np.square(start_sigma), len(start))
     end_variance = np.broadcast_to(np.square(end_sigma), len(end))
     if not (
@@ -63,7 +58,7 @@ def fit_homography(
     if any(np.linalg.matrix_rank(points - points.mean(axis=0)) < 2 for points in (start, end)):
         raise InputError(_ON_A_LINE)
     normal = normalization(end)
-    matrix = _direct(start, end) if approximate is None else np.asarray(approximate, dtype=np.float64)
+    matrix = _direct(start, end) if approximate is None else approximate
     used = np.ones(len(start), dtype=bool)
     for iteration in range(_ITERATIONS):
         residuals = end - transformed(matrix, start)

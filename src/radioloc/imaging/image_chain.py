@@ -20,7 +20,6 @@ from radioloc.imaging.frames import load_opencv
 from radioloc.imaging.homography import derivative, fit_homography, transformed
 from radioloc.imaging.map_features import MapFeatures, MapPart
 from radioloc.imaging.matching import Features, Matches, MatchStatus, detect, match
-from radioloc.imaging.tie_points import TiePoint
 from radioloc.imaging.tracks import MAP
 from radioloc.lunar.grey_images import Image, Mask
 from radioloc.vectors import Floats
@@ -67,6 +66,27 @@ class Frame:
     name: str
     read: Callable[[], Image]
     camera: Callable[[tuple[int, int]], Camera] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """Where a point is in one image."""
+
+    image: str
+    sample: float
+    line: float
+    sigma_px: float = 1.0  # of points clicked by hand
+
+
+@dataclass(frozen=True, slots=True)
+class TiePoint:
+    """A point measured in images, with its place on the Moon where that is known (mean-Earth axes)."""
+
+    name: str
+    measurements: tuple[Measurement, ...]
+    longitude_deg: float | None = None
+    latitude_deg: float | None = None
+    sigma_m: float | None = None
 
 
 @dataclass(slots=True, eq=False)
@@ -282,13 +302,8 @@ class ImageChain:
 
     def require_descent(self) -> None:
         """Refuse images in reversed order, whose pixels on the ground grow from image to image."""
-        growth = np.log(
-            [
-                pixel_size_m(matrix, self.taken[number].size)
-                for number, other, matrix in self.links
-                if number - other == 1
-            ]
-        )
+        neighbours = ((number, matrix) for number, other, matrix in self.links if number - other == 1)
+        growth = np.log([pixel_size_m(matrix, self.taken[number].size) for number, matrix in neighbours])
         factor = float(np.exp(growth.sum()))
         if factor > RISE and (growth > 0.0).mean() > _RISING_PART:
             raise InputError(
@@ -307,16 +322,14 @@ class ImageChain:
         """Return the numbers of the images that are tied to the map, and their tie points, or raise an error."""
         images, ties = self.tracks.ties(left_out, np.array([one.to_plane is not None for one in self.taken]))
         if not len(images):
-            raise ConvergenceError(self._nobody())
+            status = [f"{taken.name} {taken.status.value}" for taken in self.taken[:5]]
+            more = f" and {len(self.taken) - 5} more" if len(self.taken) > 5 else ""
+            raise ConvergenceError(
+                f"no image was found on {self.map.base.path} ({', '.join(status)}{more}); give a map of the landing "
+                "area under a sun like the images', or shade the elevation model at their sun; the highest image "
+                "comes first"
+            )
         return images.tolist(), ties
-
-    def _nobody(self) -> str:
-        status = [f"{taken.name} {taken.status.value}" for taken in self.taken[:5]]
-        more = f" and {len(self.taken) - 5} more" if len(self.taken) > 5 else ""
-        return (
-            f"no image was found on {self.map.base.path} ({', '.join(status)}{more}); give a map of the landing area "
-            "under a sun like the images', or shade the elevation model at their sun; the highest image comes first"
-        )
 
 
 def _product(first: Floats, second: Floats) -> Floats:

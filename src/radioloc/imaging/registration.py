@@ -15,11 +15,10 @@ from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.imaging.adjustment import Adjusted, TiePoints, adjust, approximate_places
 from radioloc.imaging.homography import Homography
-from radioloc.imaging.image_chain import RISE, Frame, FrameStatus, ImageChain, Taken, pixel_size_m
+from radioloc.imaging.image_chain import RISE, Frame, FrameStatus, ImageChain, Taken, TiePoint, pixel_size_m
 from radioloc.imaging.map_features import MapFeatures
 from radioloc.imaging.matching import Detector
 from radioloc.imaging.projections import Homographies, Poses, Projections, Relief
-from radioloc.imaging.tie_points import TiePoint
 from radioloc.lunar import TerrainModel
 from radioloc.lunar.grey_images import Mask
 from radioloc.lunar.maps import Map, TangentPlane

@@ -48,9 +48,8 @@ class ImagePoints(NamedTuple):
     """Pixels of points on the ground, and which points are seen."""
 
     pixels: Floats  # (n, 2); without meaning where the point is not seen
-    seen: NDArray[
-        np.bool_
-    ]  # before the camera while its orientation is known; perhaps beyond the image's edges
+    # Before the camera while its orientation is known; perhaps beyond the image's edges.
+    seen: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

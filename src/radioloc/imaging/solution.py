@@ -162,33 +162,25 @@ class ErrorSource:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PointSolution(_FromImages):
-    """Where a point is that an image shows, or a rover or lander that took stereo images.
+    """Position of a point in an image, or of a rover or lander that took stereo images.
 
     Parameters
     ----------
-    name : str
-        Of the study.
-    method : {"image_point", "stereo"}
-    message : str
-        Why the position cannot be used; empty where it can.
+    name, method, message : str
+        Name of the study; ``"image_point"`` or ``"stereo"``; why the position cannot be used, empty where it can.
     position : LunarPosition
         Mean-Earth axes.
     sources : tuple of ErrorSource
-        What its covariance is from; it is their sum.
-    fields : tuple of Field
-        What the card says of the measurements.
-    details : mapping
-        The same in numbers.
-    used : int
-        Points or landmarks.
-    wrms_m : float, optional
-        Of distances, weighted.
+        Parts of the covariance, which is their sum.
+    fields, details : tuple of Field, mapping
+        Description of the measurements for the card, and in numbers.
+    used, wrms_m : int, float or None
+        Number of points or landmarks, and weighted rms residual of distances.
     references : mapping of str to LunarPosition
         Known positions.
-    notes : tuple of str
-    provenance : mapping
+    notes, provenance : tuple of str, mapping
     landmarks_en_m, distances_m : ndarray, shape (n, 2) and (n,), optional
-        Of a stereo solution: landmarks east and north of the position and their horizontal distances, m.
+        Landmarks of a stereo solution, east and north of the position, and their horizontal distances, m.
     """
 
     name: str
@@ -245,37 +237,30 @@ class PointSolution(_FromImages):
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True, repr=False)
 class ImageSolution(_FromImages):
-    """Where a lander stands by its descent images, and how each image was registered.
+    """Position of a lander by its descent images, and the registration of each image.
 
     Parameters
     ----------
-    name : str
-        Of the study.
-    message : str
-        Why the position cannot be used; empty where it can.
+    name, message : str
+        Name of the study; why the position cannot be used, empty where it can.
     position : LunarPosition
         Mean-Earth axes.
     covariance_enu_m2 : ndarray, shape (3, 3)
         Total covariance; NaN for a height that nothing determines.
-    map_name : str
-        What the images were laid over; its tie is one error for all solutions on it.
-    map_sigma_m : tuple of float
-        Tie of the map to the Moon's axes, east and north.
+    map_name, map_sigma_m : str, tuple of float
+        Map under the images, and its tie to the Moon's axes, east and north: one error for all solutions on it.
     registration : Registration
-        Each image after the adjustment.
-    altitudes_m : mapping of str to float
-        Of the camera above the ground, by image, where the camera is known.
+        Images after the adjustment.
     base : Map
     camera : callable or None
-        The :class:`~radioloc.imaging.Camera` of images of so many lines and samples, where it is known.
+        Function of lines and samples that returns the :class:`~radioloc.imaging.Camera`, where it is known.
     mask : ndarray of bool or None
-        Which pixels of the images show the ground.
+        Pixels of the images that show the ground.
+    altitudes_m, paths : mapping of str
+        Altitude of the camera above the ground, where the camera is known, and file of each image, by its name.
     references : mapping of str to LunarPosition
         Known positions.
-    notes : tuple of str
-    provenance : mapping
-    paths : mapping of str to Path
-        The images' files, by name.
+    notes, provenance : tuple of str, mapping
     """
 
     name: str

@@ -52,7 +52,6 @@ def test_outliers_are_left_out():
 @pytest.mark.parametrize(
     ("start", "message"),
     [
-        (PIXELS[:3], "give four pairs or more"),
         (np.column_stack([np.arange(9.0), 2.0 * np.arange(9.0)]), "lie on a line or at one place"),
         (np.full((9, 2), 3.0), "lie on a line or at one place"),
         (np.full((9, 2), np.nan), "not finite"),

@@ -13,9 +13,8 @@ from radioloc.imaging.cameras import Camera, undistorted
 from radioloc.imaging.distortion import Distortion
 from radioloc.imaging.frames import find_mask, read_frame
 from radioloc.imaging.homography import transformed
-from radioloc.imaging.image_chain import Frame, FrameStatus
+from radioloc.imaging.image_chain import Frame, FrameStatus, Measurement, TiePoint
 from radioloc.imaging.registration import register_chain
-from radioloc.imaging.tie_points import Measurement, TiePoint
 from radioloc.lunar.maps import Map
 
 MAP_M = (5.0, 5.0)

@@ -1,27 +1,12 @@
-"""Study tables, results and figures of images, for the registries that entry points fill."""
+"""Results and figures of images, for the registries that entry points fill."""
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from radioloc.imaging.figures import plot_images, plot_point
 from radioloc.imaging.solution import ImageSolution, PointSolution
-from radioloc.imaging.study import ImageChoice, ImagePointChoice, StereoChoice
 from radioloc.report.figure_types import FigureType
 from radioloc.results.cards import POSITION
 from radioloc.results.result import ResultType
-from radioloc.study.tables import StudyTable
-
-
-def _located(path: Path) -> ImageSolution | PointSolution:
-    from radioloc.imaging.location import locate_images
-
-    return locate_images(path)
-
-
-IMAGES_TABLE = StudyTable("images", ImageChoice, _located, "images")
-IMAGE_POINT_TABLE = StudyTable("image_point", ImagePointChoice, _located, "images")
-STEREO_TABLE = StudyTable("stereo", StereoChoice, _located, "images")
 
 IMAGES_RESULT = ResultType("images", ImageSolution, ("images", "map"), ("solution.json",))
 POINT_RESULT = ResultType("image_point", PointSolution, ("image_position", "map"), ("solution.json",))

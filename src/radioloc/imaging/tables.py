@@ -1,0 +1,23 @@
+"""Study tables of images, for the registry that entry points fill; a file with one of them is a study of images."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from radioloc.imaging.study import ImageChoice, ImagePointChoice, StereoChoice
+from radioloc.study.tables import StudyTable
+
+if TYPE_CHECKING:
+    from radioloc.imaging.solution import ImageSolution, PointSolution
+
+
+def _located(path: Path) -> ImageSolution | PointSolution:
+    from radioloc.imaging.location import locate_images
+
+    return locate_images(path)
+
+
+IMAGES_TABLE = StudyTable("images", ImageChoice, _located, "images")
+IMAGE_POINT_TABLE = StudyTable("image_point", ImagePointChoice, _located, "images")
+STEREO_TABLE = StudyTable("stereo", StereoChoice, _located, "images")

@@ -11,7 +11,7 @@ from typing import Any
 
 import radioloc
 from radioloc.cli.command import JSON, Argument, Rows, argument, command, measurement_types, output_folder
-from radioloc.cli.output import DONE, NOT_CONVERGED, complain, finish, say, tell
+from radioloc.cli.output import DONE, finish, say, tell
 from radioloc.errors import InputError
 
 
@@ -149,12 +149,7 @@ def compare(options: argparse.Namespace) -> int:
 )
 def verify(options: argparse.Namespace) -> int:
     """Repeat a solution."""
-    result = radioloc.jobs.verify(options.solution, options.study)
-    if not options.quiet:
-        say(result)
-    elif not result.same:
-        complain(f"{result.name}: DIFFERS in {len(result.differences)} of {result.compared} values")
-    return DONE if result.same else NOT_CONVERGED
+    return finish(options, radioloc.jobs.verify(options.solution, options.study))
 
 
 def _export_formats() -> Rows:

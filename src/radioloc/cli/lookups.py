@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from radioloc.cli.command import JSON, argument, command
-from radioloc.cli.output import DONE, NOT_CONVERGED, say, tell
+from radioloc.cli.output import DONE, NOT_CONVERGED, finish, say, tell
 from radioloc.errors import InputError
 from radioloc.extras import optional
 
@@ -29,9 +29,7 @@ def doctor(options: argparse.Namespace) -> int:
     """Check the installation."""
     from radioloc.jobs.doctor import doctor
 
-    report = doctor()
-    tell(options, report, report.to_dict)
-    return DONE if report.sound else NOT_CONVERGED
+    return finish(options, doctor())
 
 
 @command(
@@ -106,43 +104,36 @@ def _rot_pa_to_iau(epoch_utc: str) -> Any:
 )
 def stations(options: argparse.Namespace) -> int:
     """List stations."""
-    from radioloc.earth.stations import StationCatalogue
+    from radioloc.earth.stations import Station, StationCatalogue
 
     found = StationCatalogue.default().find(options.name)
     if not found:
         raise InputError(
             f"no station has {options.name!r} in its name, complex or country; list all with radioloc stations"
         )
-    lines = (_line_of(station) + _details_of(station) * bool(options.name) for station in found)
-    tell(options, "\n".join(lines), lambda: [_of_a_station(station) for station in found])
+    names = [field.name for field in fields(Station) if field.name not in ("ocean_loading", "sigma_m")]
+    rows = [
+        {name: getattr(station, name) for name in names} | {"sigma_m": station.position_sigma_m}
+        for station in found
+    ]
+    lines = (_station_text(station, details=bool(options.name)) for station in found)
+    tell(options, "\n".join(lines), lambda: rows)
     return DONE
 
 
-def _line_of(station: Station) -> str:
+def _station_text(station: Station, details: bool) -> str:
+    """Return a line on a station, with details a second one."""
     place = ", ".join(filter(None, (station.complex, station.country)))
-    return (
-        f"{station.name:<11} {station.kind:<5} {station.quality:<11} "
-        + " ".join(f"{x:15.4f}" for x in station.itrf_m)
-        + f" m  {'; '.join(filter(None, (', '.join(station.aliases), place)))}"
-    )
-
-
-def _details_of(station: Station) -> str:
+    itrf = " ".join(f"{x:15.4f}" for x in station.itrf_m)
+    names = "; ".join(filter(None, (", ".join(station.aliases), place)))
+    text = f"{station.name:<11} {station.kind:<5} {station.quality:<11} {itrf} m  {names}"
+    if not details:
+        return text
     axis = "not known" if station.axis_offset_m is None else f"{station.axis_offset_m:g} m"
+    antenna = "" if station.kind == "llr" else f"{station.mount}, axis offset {axis}; "
     moves = "" if station.velocity_known else ", velocity not known"
-    return (
-        f"\n{'':<11} {station.frame} at {station.epoch_year:g}, sigma {station.position_sigma_m:g} m{moves}; "
-        + ("" if station.kind == "llr" else f"{station.mount}, axis offset {axis}; ")
-        + station.source
-    )
-
-
-def _of_a_station(station: Station) -> dict[str, Any]:
-    """Return the entry of a station in the catalogue, without its ocean loading."""
-    names = (field.name for field in fields(station))
-    return {name: getattr(station, name) for name in names if name not in ("ocean_loading", "sigma_m")} | {
-        "sigma_m": station.position_sigma_m
-    }
+    sigma = f"{station.frame} at {station.epoch_year:g}, sigma {station.position_sigma_m:g} m{moves}"
+    return f"{text}\n{'':<11} {sigma}; {antenna}{station.source}"
 
 
 @command(

@@ -73,7 +73,7 @@ def require_report(options: argparse.Namespace) -> None:
 
 def finish(options: argparse.Namespace, result: Result) -> int:
     """Write the files of a result if asked for, print its card or its numbers, and return the exit status."""
-    if options.out is not None:
+    if "report" in options and options.out is not None:
         from radioloc.report.files import write_report
 
         write_report(result, options.out, html=options.report)

@@ -39,13 +39,13 @@ class Diagnosis(Result):
     findings: tuple[Finding, ...]
 
     @property
-    def sound(self) -> bool:
+    def is_usable(self) -> bool:
         """Whether nothing is wrong."""
         return all(finding.sound for finding in self.findings)
 
     def to_dict(self) -> dict[str, Any]:
         """Whether it is sound, and all findings, in types that JSON has."""
-        return {"sound": self.sound, "findings": [asdict(finding) for finding in self.findings]}
+        return {"sound": self.is_usable, "findings": [asdict(finding) for finding in self.findings]}
 
     def card(self) -> Card:
         """A label for each of what was looked at, what is wrong first."""
@@ -53,7 +53,7 @@ class Diagnosis(Result):
         labels = dict.fromkeys(finding.about for finding in self.findings)
         return Card(
             [
-                Field("status", ["sound"] if self.sound else [f"NOT SOUND: {text}" for text in wrong]),
+                Field("status", ["sound"] if self.is_usable else [f"NOT SOUND: {text}" for text in wrong]),
                 *(
                     Field(label, [finding.text for finding in self.findings if finding.about == label])
                     for label in labels

@@ -18,6 +18,7 @@ from radioloc.kernels import sha256_of
 from radioloc.report.files import INCOMPLETE, json_text
 from radioloc.results.cards import Card, Field
 from radioloc.results.recorded import read_recorded
+from radioloc.results.result import Result
 from radioloc.study.record import study_origin, versions
 from radioloc.study.study import Study
 from radioloc.study.study_file import read_study
@@ -42,8 +43,8 @@ class Difference:
 
 
 @dataclass(frozen=True, slots=True)
-class Verification:
-    """What came out when a solution was made again; ``str()`` is a card.
+class Verification(Result):
+    """Comparison of a solution with itself, made again; ``str()`` is a card.
 
     Parameters
     ----------
@@ -67,19 +68,20 @@ class Verification:
         """Whether the solution came out as it was."""
         return not self.differences
 
-    def __str__(self) -> str:
+    is_usable = same
+
+    def card(self) -> Card:
+        """Return the status, the values that differ and other versions."""
         state = f"DIFFERS in {len(self.differences)} of {self.compared} values"
         heading, now = ("", "recorded", "now"), "with other versions than then"
-        return str(
-            Card(
-                [
-                    Field("solution", [self.name]),
-                    Field("status", [f"SAME in all of {self.compared} values" if self.same else state]),
-                    Field("differs", (), heading, [_row(item) for item in self.differences]),
-                    Field("made now", [now] if self.environment else ()),
-                    Field("", (), heading, [_row(item) for item in self.environment]),
-                ]
-            )
+        return Card(
+            [
+                Field("solution", [self.name]),
+                Field("status", [f"SAME in all of {self.compared} values" if self.same else state]),
+                Field("differs", (), heading, [_row(item) for item in self.differences]),
+                Field("made now", [now] if self.environment else ()),
+                Field("", (), heading, [_row(item) for item in self.environment]),
+            ]
         )
 
 

@@ -4,10 +4,9 @@ from radioloc.jobs.arcs import leave_one_out
 from radioloc.jobs.comparison import compare
 from radioloc.jobs.locate import arc_of
 from radioloc.jobs.passes import light_times, visibility
-from radioloc.jobs.verification import Verification, verify
+from radioloc.jobs.verification import verify
 
 __all__ = [
-    "Verification",
     "arc_of",
     "compare",
     "leave_one_out",

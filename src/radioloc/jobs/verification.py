@@ -44,19 +44,7 @@ class Difference:
 
 @dataclass(frozen=True, slots=True)
 class Verification(Result):
-    """Comparison of a solution with itself, made again; ``str()`` is a card.
-
-    Parameters
-    ----------
-    name : str
-        The file of the solution.
-    compared : int
-        How many numbers were compared.
-    differences : tuple of Difference
-        Those that differ by more than rounding.
-    environment : tuple of Difference
-        Versions that are not those of then.
-    """
+    """Comparison of a solution with itself, made again: differences beyond rounding, and other versions."""
 
     name: str
     compared: int

@@ -159,27 +159,10 @@ def _require_orbit(state: Floats) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Orbiter:
-    """A spacecraft about the Moon whose orbit follows from its state and the forces.
+    """Spacecraft about the Moon whose orbit follows from its state at an epoch (TDB, ICRF axes) and the forces.
 
-    Parameters
-    ----------
-    epoch : Epochs
-        TDB, one.
-    position_m, velocity_m_s : tuple of float or None
-        A-priori state at the epoch relative to the Moon's centre, ICRF axes.
-    forces : Forces
-    name : str
-        What it is called in messages and files, printable ASCII.
-    gravity_errors : int
-        How many drawn errors of the gravity field stand for all in the sigmas; zero leaves them out.
-    gravity_error_degree : int
-        To which degree: what the field leaves out is drawn by Kaula's rule.
-    rough : RoughOrbit, optional
-        In place of the state, which ``radioloc search`` finds.
-    body : int
-        NAIF code of the spacecraft in kernels, negative, such as -181.
-    landing : Landing, optional
-        Where its flight ends on the Moon.
+    `gravity_errors` drawn errors of the field stand for all in the sigmas, up to `gravity_error_degree`; what the field
+    lacks is drawn by Kaula's rule. `rough` takes the place of a state that is searched for.
     """
 
     epoch: Epochs
@@ -230,29 +213,7 @@ class Orbiter:
         libration: str | Path = "DE421",
         **rest: Any,
     ) -> Orbiter:
-        """An orbiter whose a-priori state has osculating elements.
-
-        Parameters
-        ----------
-        epoch : Epochs
-            TDB, one.
-        elements : array_like, shape (6,)
-            Named by ``KEPLERIAN`` or ``EQUINOCTIAL`` of :mod:`radioloc.dynamics.elements`; m and deg.
-        forces : Forces
-            Whose GM they belong to.
-        axes : {"equator", "ICRF"}
-            That angles are counted in: the Moon's equator at the epoch, from its ascending node on the ICRF's xy plane.
-        form : {"keplerian", "equinoctial"}
-        ephemeris, libration : str or path-like
-            Of whose Moon, as of :meth:`~radioloc.measurements.PhysicalModel.build`.
-        **rest
-            Further parameters of the class.
-
-        Raises
-        ------
-        InputError
-            The elements are not those of an ellipse, or axes or form are not known.
-        """
+        """Return an orbiter from osculating elements, m and deg, with angles to the Moon's equator or to the ICRF."""
         if axes not in AXES:
             raise InputError(f"axes {axes!r} of the elements is not known; use {' or '.join(AXES)}")
         gm = forces.gm_m3_s2 or Ephemeris.open(ephemeris).constants.gm_m3_s2("moon")

@@ -12,8 +12,7 @@ from typing import Any, NoReturn
 
 from radioloc.cli.output import BAD_INPUT, complain
 
-Rows = dict[str, dict[str, str]]
-"""Titles, and under each names with their descriptions."""
+Rows = dict[str, dict[str, str]]  # Names with descriptions, by title
 
 
 class Layout(argparse.HelpFormatter):

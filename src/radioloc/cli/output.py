@@ -29,8 +29,7 @@ EXIT_STATUS = {
 }
 """Exit statuses and what they mean."""
 
-STREAM = Path("-")
-"""In place of a file: standard input or output."""
+STREAM = Path("-")  # In place of a file: standard input or output
 
 
 def escape_unprintable_output() -> None:

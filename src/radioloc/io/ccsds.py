@@ -31,8 +31,7 @@ from radioloc.time import Epochs, epochs_from_strings, to_scale, utc_strings
 
 _Floats = NDArray[np.float64]
 
-_LONGEST_STEP_S = 86400.0
-"""Polynomials of degree 7 through states a day apart are off by 0.1 mm."""
+_LONGEST_STEP_S = 86400.0  # Polynomials of degree 7 through states a day apart are off by 0.1 mm
 _DEGREE_AT_REST, _DEGREE_OF_ORBIT = 7, 11
 _MAX_COMMENT_NAME = 80  # characters of a solution's name
 _RESIDUALS = "the values are residuals, observed minus computed, not observations"

@@ -32,8 +32,7 @@ from radioloc.results.tables import (
 )
 from radioloc.text_files import require_ending, scratch_folder, write_blocks, write_text
 
-CRS = "IAU_2015:30100"
-"""Longitude and latitude on the Moon's sphere, as PROJ and GDAL know it."""
+CRS = "IAU_2015:30100"  # Longitude and latitude on the Moon's sphere, as PROJ and GDAL know it
 _ELLIPSES = {"1 sigma": 1.0, "95 %": math.sqrt(-2.0 * math.log(0.05))}
 _CORNERS = 90
 _MAX_SEMI_MAJOR_M = 0.5 * math.pi * MEAN_LUNAR_RADIUS_M  # a quarter of a great circle

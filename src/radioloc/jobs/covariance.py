@@ -78,8 +78,7 @@ _Mask = NDArray[np.bool_]
 
 HOURS = (0.5, 1.0, 2.0, 3.0, 6.0, 12.0, 24.0, 48.0)
 """Lengths that are shown where none are asked for, as far as the plan goes; then days, doubled."""
-_TO_H = 1.0 / 12.0
-"""When a radius is reached is found to five minutes."""
+_TO_H = 1.0 / 12.0  # When a radius is reached is found to five minutes
 _MAPPED_S, _FEWEST_EPOCHS = 600.0, 13
 """Epochs of an orbit over which covariances are averaged: a dozen in a revolution at least."""
 

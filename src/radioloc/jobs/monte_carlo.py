@@ -39,8 +39,7 @@ logger = logging.getLogger(__name__)
 
 _Floats = NDArray[np.float64]
 
-_MOST_IN_CHUNK = 25
-"""Trials that are run together: drawing their noise together is what makes it fast."""
+_MOST_IN_CHUNK = 25  # Trials that are run together: drawing their noise together is what makes it fast
 _CHUNKS_PER_WORKER = 4
 _RANDOM_PROOFS = 2
 _ALLOWED_M, _ALLOWED_SIGMAS = 1e-3, 0.01

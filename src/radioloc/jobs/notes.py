@@ -41,12 +41,10 @@ from radioloc.study.orbiter import Orbiter
 from radioloc.study.record import plain, study_origin, versions
 from radioloc.study.study import EstimateChoice, Study, TerrainPrior
 
-_EQUATOR_M_S = 465.1
-"""How fast a station on the Earth's equator goes round."""
+_EQUATOR_M_S = 465.1  # Speed of a station on the Earth's equator
 _ROUGHER = 1.5
 """Ratio of the sigmas that a terrain's roughness gives here and there, from which on a note says so."""
-_FARTHEST_OFFSET = 1e-4
-"""Part of its frequency by which an oscillator may be off: that of a simple quartz."""
+_MAX_RELATIVE_OFFSET = 1e-4  # Relative frequency offset of a simple quartz oscillator
 _OF_OBSERVATIONS = (
     "doppler_average_s",
     "extra_sigma_m",
@@ -91,7 +89,7 @@ def notes_of(
             )
         kinds = ("frequency_offset", "target_frequency")
         offsets = {parameters.names[k]: fitted.fit.x[k] for kind in kinds for k in parameters.of_kind(kind)}
-        if far := [f"{name} {x:.2g}" for name, x in offsets.items() if abs(x) > _FARTHEST_OFFSET]:
+        if far := [f"{name} {x:.2g}" for name, x in offsets.items() if abs(x) > _MAX_RELATIVE_OFFSET]:
             notes.append(
                 f"no oscillator is as far off as {', '.join(far)}, but a nominal frequency or a turnaround ratio is: "
                 "see transmit_hz and turnaround, or uplink_hz and wavelength_um"

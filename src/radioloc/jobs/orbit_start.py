@@ -23,17 +23,13 @@ from radioloc.vectors import Floats
 
 logger = logging.getLogger(__name__)
 
-MIN_OBSERVATIONS = 30
-"""Fewest observations of the first part."""
-REACH_FACTOR = 3.0
-"""Ratio of the time spans about the epoch of one part and the next."""
+MIN_OBSERVATIONS = 30  # Fewest observations of the first part
+REACH_FACTOR = 3.0  # Ratio of the time spans about the epoch of one part and the next
 _FIRST_S = 7200.0
 _WEAK_M, _WEAK_M_S = 2e3, 2.0
 """How far a state without a-priori sigmas goes in one step: what a short part does not tell stays where it is."""
-_FREE = 1e6
-"""Scales of a parameter that stand for no a-priori sigma."""
-_INVERSIONS = 8
-"""Newton's steps from a state to its elements."""
+_FREE = 1e6  # Scales of a parameter that stand for no a-priori sigma
+_INVERSIONS = 8  # Newton's steps from a state to its elements
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,10 +15,8 @@ from radioloc.measurements.predictor import Predictor
 Floats = NDArray[np.float64]
 
 _STEPS = 8
-_COUNTED = 0.9
-"""Part of the residuals by which steps are judged."""
-_CORNER = 2.0
-"""Robust sigmas from which residuals count by their size only."""
+_COUNTED = 0.9  # Part of the residuals by which steps are judged
+_CORNER = 2.0  # Robust sigmas from which residuals count by their size only
 _SETTLED = 0.03  # of the robust sigma of the residuals
 
 

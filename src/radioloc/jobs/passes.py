@@ -33,8 +33,7 @@ from radioloc.study.study_file import as_study
 from radioloc.study.weights import ends_of
 from radioloc.time import epochs_from_strings, tai_to_tt, tai_to_utc, utc_strings, utc_to_tai, utc_to_tt
 
-_STEP_S = 60.0
-"""Between epochs at which the elevation is looked at: the highest is then found to 0.0002 deg."""
+_STEP_S = 60.0  # Between epochs at which the elevation is looked at: the highest is then found to 0.0002 deg
 _KINDS = {
     Geometry.ROUND_TRIP.value: ("range", "doppler"),
     Geometry.ONE_WAY.value: ("one_way_range", "one_way_doppler"),

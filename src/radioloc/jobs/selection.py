@@ -25,11 +25,9 @@ from radioloc.study.study import EstimateChoice, Study
 from radioloc.study.weights import ends_of
 from radioloc.time import tai_to_utc, utc_to_tai
 
-DEFAULT_HOURS = (12.0, 24.0, 48.0)
-"""Arcs of Wang et al. (2021), table 1."""
+DEFAULT_HOURS = (12.0, 24.0, 48.0)  # Arcs of Wang et al. (2021), table 1.
 
-_ROUNDING_S = 1e-9
-"""Both ends of a span belong to it; epochs are rounded to 1e-11 s."""
+_ROUNDING_S = 1e-9  # Both ends of a span belong to it; epochs are rounded to 1e-11 s
 
 _OF_QUASARS = "if one is a quasar, name a list that has it: [model] sources"
 _SAME_S = 1e-6

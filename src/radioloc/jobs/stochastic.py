@@ -34,8 +34,7 @@ Floats = NDArray[np.float64]
 
 _AROUND_S = 5.0
 """Events at the target are within the count interval and so much of the time tag: light takes 1.4 s."""
-_LINEAR_M = 2.0
-"""Accelerations that move the orbit by no more follow from those it was integrated with."""
+_LINEAR_M = 2.0  # Accelerations that move the orbit by no more follow from those it was integrated with
 
 
 @dataclass(frozen=True, slots=True, eq=False)

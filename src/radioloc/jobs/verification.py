@@ -27,8 +27,7 @@ from radioloc.study.tables import run_study_file
 _OF_SIGMA = 1e-3
 """How far values may differ in parts of their sigmas, and sigmas in parts of themselves: more than iterations leave
 that end elsewhere as other processors and libraries round, less than anyone could see on a card."""
-_ALLOWED_M = 1e-4
-"""The same for positions with a tiny sigma, m: what interpolated observations may be off by."""
+_ALLOWED_M = 1e-4  # The same for positions with a tiny sigma, m: what interpolated observations may be off by
 _NOT_COMPARED = ("provenance", "notes", "message")
 """Versions and settings, which are compared by themselves, and prose."""
 

@@ -28,15 +28,13 @@ from radioloc.extras import optional
 from radioloc.study.record import versions
 from radioloc.text_files import scratch_folder
 
-Chunk = Sequence[int]
-"""Numbers of trials that are run together."""
+Chunk = Sequence[int]  # Numbers of trials that are run together
 
 _GUARD = 'a script that asks for several workers needs if __name__ == "__main__":, as they are spawned'
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
-_WORTH_A_PROCESS = 50
-"""Trials of a process that take some times as long as its start."""
+_WORTH_A_PROCESS = 50  # Trials of a process that take some times as long as its start
 
 _CAN_MASK = hasattr(signal, "pthread_sigmask")
 

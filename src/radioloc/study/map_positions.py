@@ -27,8 +27,7 @@ from radioloc.study.schema import check, entry
 _EITHER = ("longitude_deg", "latitude_deg", "height_m", "sigma_m", "sigma_up_m", "map_sigma_m")
 _OPTIONAL = ("height_m", "sigma_up_m")
 _METHODS = ("images", "stereo")
-_SAME = 1e-9
-"""Relative difference of two sigmas that are the same but for rounding."""
+_SAME = 1e-9  # Relative difference of two sigmas that are the same but for rounding
 
 
 @dataclass(frozen=True, slots=True)

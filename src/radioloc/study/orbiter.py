@@ -28,26 +28,19 @@ from radioloc.time import Epochs, tt_to_tdb, utc_strings, utc_to_tt
 
 Floats = NDArray[np.float64]
 
-AXES = ("equator", "ICRF")
-"""That angles of elements are counted in."""
-GRAVITY_ERRORS = 12
-"""Draws by which a sigma is good to a fifth."""
+AXES = ("equator", "ICRF")  # Axes in which angles of elements are counted
+GRAVITY_ERRORS = 12  # Draws by which a sigma is good to a fifth
 GRAVITY_ERROR_DEGREE = 200
-_NEAR_M = 66e6
-"""The Moon's sphere of influence."""
-_FASTEST_M_S = 3e3
-"""What comes from the Earth, or goes there, has less left when it is far from the Moon."""
-_SLOWEST = 0.005
-"""Of the velocity of escape: what is slower falls."""
-_MARGIN_S = 60.0
-"""Beyond the first and the last tag: half of a count interval and the light time."""
+_SPHERE_OF_INFLUENCE_M = 66e6  # The Moon's sphere of influence
+_MAX_HYPERBOLIC_EXCESS_M_S = 3e3  # Translunar trajectories have less
+_MIN_SPEED_RATIO = 0.005  # Lowest plausible ratio of speed to escape velocity; a slower spacecraft falls
+_MARGIN_S = 60.0  # Half a count interval and the light time, beyond the first and the last tag
 _HIGHEST_M = 2e6
 _LONGEST_ARC_S = 40.0 * 86400.0
 _LOWEST_END_M, _HIGHEST_END_M = -20e3, 25e3
 """Heights at which a-priori trajectories may end: those of the ground, give or take what the thrust may be wrong."""
 _FARTHEST_M = 200e3
-_BEFORE_S = 1.0
-"""The state of an orbit is told until so long before the touchdown, where it has a plane yet."""
+_BEFORE_S = 1.0  # End of the states before the touchdown, where the orbit still has a plane
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,8 +142,10 @@ def _require_orbit(state: Floats) -> None:
     """Raise an InputError of a velocity that no spacecraft near the Moon has."""
     distance_m, speed_m_s = np.linalg.norm(state.reshape(2, 3), axis=1).tolist()
     escape_m_s = math.sqrt(2.0 * CONSTANTS["DE421"].gm_m3_s2("moon") / distance_m)
-    flies_past = distance_m < _NEAR_M and speed_m_s > math.hypot(escape_m_s, _FASTEST_M_S)
-    if flies_past or speed_m_s < _SLOWEST * escape_m_s:
+    flies_past = distance_m < _SPHERE_OF_INFLUENCE_M and speed_m_s > math.hypot(
+        escape_m_s, _MAX_HYPERBOLIC_EXCESS_M_S
+    )
+    if flies_past or speed_m_s < _MIN_SPEED_RATIO * escape_m_s:
         raise InputError(
             f"velocity_m_s is {speed_m_s:.4g} m/s at {distance_m / 1e3:.0f} km from the Moon's centre, where orbits "
             f"are below {escape_m_s:.0f} m/s; is it in other units, or relative to another body?"

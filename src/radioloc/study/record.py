@@ -24,8 +24,7 @@ _WITHOUT_EFFECT = ("catalogue", "longitude_to_360", "name", "path", "reference",
 """Fields of a study that change no number that is computed; the catalogue is recorded as the list of its stations."""
 _PACKAGES = ("numpy", "scipy", "numba", "pyerfa", "astropy-iers-data")
 
-_OF_A_STATION = ("complex", "country")
-"""What is said of stations and changes nothing."""
+_OF_A_STATION = ("complex", "country")  # What is said of stations and changes nothing
 
 
 def versions() -> dict[str, str]:

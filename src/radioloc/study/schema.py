@@ -22,8 +22,7 @@ from radioloc.boundary import bare_fields
 from radioloc.errors import InputError
 from radioloc.time import Epochs, epochs_from_strings
 
-STDIN = Path("-")
-"""In place of a study file: standard input."""
+STDIN = Path("-")  # In place of a study file: standard input
 
 _Made = TypeVar("_Made")
 _LONGEST_SHOWN = 80

@@ -55,14 +55,11 @@ from radioloc.study.target_file import (
 from radioloc.study.uplinks import Uplink
 from radioloc.study.weights import Weight
 
-_FASTEST_PLATE_M_YR = 1.0
-"""Plates move by up to 0.1 m a year; more is another unit."""
+_FASTEST_PLATE_M_YR = 1.0  # Plates move by up to 0.1 m a year; more is another unit
 _FARTHEST_ALIAS_KM = 10.0
 """A station of the catalogue that a study calls by an alias and puts farther off is another one."""
-GEODETIC = ("longitude_deg", "latitude_deg", "height_m")
-"""Keys of a position above an ellipsoid."""
-_STATION_YEARS = (1900.0, 2100.0)
-"""An epoch outside is no Julian year but another count of days."""
+GEODETIC = ("longitude_deg", "latitude_deg", "height_m")  # Keys of a position above an ellipsoid
+_STATION_YEARS = (1900.0, 2100.0)  # An epoch outside is no Julian year but another count of days
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,8 +20,7 @@ from radioloc.study.schema import check, entry
 from radioloc.time import Epochs, utc_to_tai
 from radioloc.vectors import Floats
 
-_TAG_TOLERANCE_S = 1e-3
-"""Epochs of study files are rounded to milliseconds."""
+_TAG_TOLERANCE_S = 1e-3  # Epochs of study files are rounded to milliseconds
 
 
 @dataclass(frozen=True, slots=True)

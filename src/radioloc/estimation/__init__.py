@@ -5,9 +5,9 @@ A :class:`ParameterSet` names what is solved for; :func:`fit_with_editing` fits 
 """
 
 from radioloc.estimation.combination import Ellipse, ReferenceComparison
-from radioloc.estimation.editing import EditedFit, fit_with_editing
+from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.gauss_markov import SeriesCorrelation, SeriesWeight, TimeCorrelation
-from radioloc.estimation.least_squares import FitResult, FitStatus
+from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.observability import Correlation, Direction, Observability
 from radioloc.estimation.statistics import FitStatistics, GroupStatistics, Residuals
 from radioloc.estimation.variance_components import fit_with_variance_components
@@ -18,9 +18,7 @@ __all__ = [
     "USED",
     "Correlation",
     "Direction",
-    "EditedFit",
     "Ellipse",
-    "FitResult",
     "FitStatistics",
     "FitStatus",
     "GroupStatistics",

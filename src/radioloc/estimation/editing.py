@@ -51,43 +51,22 @@ _ROUNDING_M = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EditedFit:
-    """A fit with its editing.
+    """Fit with its editing."""
 
-    Parameters
-    ----------
-    fit : FitResult
-        The final fit.
-    given : Labels
-        What was said of each observation before the fit: :data:`USED` or the reason why it cannot be.
-    robust_scale : float
-        Spread of the usable observations' residuals over their stated sigmas, by the median: 1 where those
-        are right.
-    passes : int
-        Number of fits made.
-    complete : bool
-        Whether the editing settled on a set of observations.
-    message : str
-        What went wrong or is worth knowing; empty if nothing.
-    additive_sigma_m : mapping of str to float
-        Standard deviation added in quadrature to every stated one of a group, m; zero where those are enough.
-    shared_sigma_m : mapping of str to float
-        Standard deviation of errors of stations that delays share, found from the residuals, m; empty without.
-    series_weights : tuple of SeriesWeight
-        Series weighed as fewer observations, since their residuals are correlated in time.
-    reasons : mapping of int to str
-        By row, what is known of an outlier beyond its size.
-    """
-
-    fit: FitResult
-    given: Labels
-    robust_scale: float
-    passes: int = 1
-    complete: bool = True
-    message: str = ""
+    fit: FitResult  # the final one
+    given: Labels  # status before the fit: USED or the reason why an observation cannot be
+    robust_scale: (
+        float  # spread of usable residuals over their stated sigmas by the median, 1 where those are right
+    )
+    passes: int = 1  # number of fits made
+    complete: bool = True  # whether the editing settled on a set of observations
+    message: str = ""  # what went wrong or is worth knowing
+    # Standard deviations: added in quadrature to every stated one of a group; of stations' errors that delays share,
+    # found from the residuals.
     additive_sigma_m: Mapping[str, float] = field(default_factory=dict)
     shared_sigma_m: Mapping[str, float] = field(default_factory=dict)
-    series_weights: tuple[SeriesWeight, ...] = ()
-    reasons: Mapping[int, str] = field(default_factory=dict)
+    series_weights: tuple[SeriesWeight, ...] = ()  # weighed as fewer observations, being correlated in time
+    reasons: Mapping[int, str] = field(default_factory=dict)  # by row, for outliers, beyond their size
 
     @property
     def status(self) -> Labels:

@@ -80,57 +80,24 @@ class FitStatus(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FitResult:
-    """The outcome of one least squares fit.
-
-    Parameters
-    ----------
-    parameters : ParameterSet
-        What was solved for.
-    x : ndarray, shape (p,)
-        Estimated values; undetermined directions stay where they started.
-    covariance : ndarray, shape (p, p)
-        Formal covariance from the stated sigmas. Fixed parameters have zeros; a parameter that takes part
-        in an undetermined direction has infinite variance and, as no number is right there, zero
-        covariances.
-    linearization : Linearization
-        Residuals of all observations, used or not, at `x`, and their partials.
-    noise : ObservationNoise
-        Stated noise of all observations.
-    used : ndarray of bool, shape (n,)
-        Which observations took part.
-    chi2 : float
-        Weighted sum of squares over the used observations and the a-priori values.
-    dof : int
-        Used observations plus a-priori values less estimated parameters (or determined directions, if fewer).
-    status : FitStatus
-        How it ended.
-    iterations : int
-        Gauss-Newton steps that were taken.
-    factor : Factor
-        Singular values and directions over the free parameters, at `x` or less than a last, converged step from it; of
-        the problem as it was weighed.
-    whitening : Whitening
-        How the used observations were brought to independent ones.
-    time_correlation : TimeCorrelation or None
-        What is correlated in time, where that is known already, as with correlated weights.
-    smoothed : Smoothed or None
-        Estimates of stochastic accelerations, where there are.
-    """
+    """Outcome of one least squares fit."""
 
     parameters: ParameterSet
-    x: _Floats
+    x: _Floats  # (p,), undetermined directions stay where they started
+    # (p, p), formal, from the stated sigmas. Fixed parameters have zeros; one that takes part in an undetermined
+    # direction has infinite variance and, as no number is right there, zero covariances.
     covariance: _Floats
-    linearization: Linearization
-    noise: ObservationNoise
-    used: NDArray[np.bool_]
-    chi2: float
-    dof: int
+    linearization: Linearization  # at x, of all observations, used or not
+    noise: ObservationNoise  # as stated, of all observations
+    used: NDArray[np.bool_]  # (n,)
+    chi2: float  # weighted sum of squares over the used observations and the a-priori values
+    dof: int  # used observations and a-priori values less estimated parameters (or determined directions, if fewer)
     status: FitStatus
-    iterations: int
-    factor: Factor
-    whitening: Whitening
-    time_correlation: TimeCorrelation | None = None
-    smoothed: Smoothed | None = None
+    iterations: int  # Gauss-Newton steps that were taken
+    factor: Factor  # of the problem as weighed, at x or less than a last, converged step from it
+    whitening: Whitening  # by which the used observations were brought to independent ones
+    time_correlation: TimeCorrelation | None = None  # where it is known already, as with correlated weights
+    smoothed: Smoothed | None = None  # stochastic accelerations
 
     @property
     def converged(self) -> bool:

@@ -8,8 +8,6 @@ The map says that everything is 30 m east and 20 m south of where it is, as one 
 import sys
 from pathlib import Path
 
-import numpy as np
-
 from radioloc.imaging import Camera
 from radioloc.imaging.shading import sun_direction
 from radioloc.lunar import TangentPlane
@@ -22,7 +20,7 @@ from procedural_ground import Ground  # noqa: E402
 SIZE_PX = 320
 SHIFT_M = (30.0, -20.0)
 
-GROUND = Ground(TangentPlane(-51.9162, 43.0584), seed=5, heights_m=np.full((2, 2), -2550.0))
+GROUND = Ground(TangentPlane(-51.9162, 43.0584), seed=5, level_m=-2550.0)
 DESCENT = Descent(
     GROUND,
     # The Chang'e-3 descent camera with pixels put together: 8.3 mm, 1024 pixels of 6.7 micrometres.

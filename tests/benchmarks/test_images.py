@@ -29,7 +29,7 @@ SHIFT_M = (6.0, -4.0)
 LEVEL_M = -2550.0
 MOST_SIGMA_M = 25.0
 
-GROUND = Ground(TangentPlane(-51.9162, 43.0584), seed=5, heights_m=np.full((2, 2), LEVEL_M))
+GROUND = Ground(TangentPlane(-51.9162, 43.0584), seed=5, level_m=LEVEL_M)
 DESCENT = Descent(
     GROUND,
     Camera.of_pinhole(8.3, 4.33, [0.5 * (n - 1) for n in SHAPE[::-1]], [-0.05]),

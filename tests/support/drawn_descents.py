@@ -1,12 +1,8 @@
-"""Descents whose ground, site, Suns, heading, camera's attitude, map and its shift are all drawn, from one seed each.
-
-Run by itself, with a file and a number of descents, it draws their errors as a figure.
-"""
+"""Descents whose ground, site, Suns, heading, attitude, map and its shift are all drawn, from one seed each."""
 
 from __future__ import annotations
 
 import json
-import sys
 import tempfile
 from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
@@ -60,7 +56,7 @@ def outcome(seed: int) -> Outcome:
 def _located(seed: int, folder: Path) -> Outcome:
     rng = np.random.default_rng([seed, 2021])
     plane = TangentPlane(rng.uniform(-180.0, 180.0), rng.uniform(-60.0, 60.0))
-    ground = Ground(plane, seed=seed, heights_m=np.full((2, 2), rng.uniform(-3000.0, 1000.0)))
+    ground = Ground(plane, seed=seed, level_m=rng.uniform(-3000.0, 1000.0))
     azimuth_deg = rng.uniform(0.0, 360.0)
     apart_deg = rng.uniform(-1.0, 1.0) * SUNS_APART_DEG
     elevation_deg, elevation_of_map_deg = rng.uniform(*SUN_ELEVATION_DEG, 2)
@@ -108,34 +104,3 @@ def outcomes(seeds: Iterable[int]) -> list[Outcome]:
     """Of many descents, each in one of as many processes as there are processors."""
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
         return list(pool.map(outcome, seeds))
-
-
-def draw(file: str, drawn: list[Outcome]) -> None:
-    """Errors of landers in pixels of the map, and how often ellipses hold the truth."""
-    import matplotlib.pyplot as plt
-    from scipy.stats import chi2
-
-    found = [o for o in drawn if not o.refused]
-    errors = np.array([o.error_m for o in found]) / np.array([[o.map_pixel_m] for o in found])
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9.0, 4.2), layout="constrained")
-    left.plot(*errors.T, "o", ms=3.5, color="#3b6fb6")
-    left.add_patch(plt.Circle((0.0, 0.0), 1.0, fill=False, color="#c2573a"))
-    within = sum(o.pixels < 1.0 for o in found)
-    left.set(
-        aspect="equal", xlim=(-1.6, 1.6), ylim=(-1.6, 1.6), xlabel="east, pixels of the map", ylabel="north"
-    )
-    left.set_title(f"{within} of {len(drawn)} landers within a pixel")
-    levels = np.linspace(0.0, 1.0, 101)
-    for name, colour in (("relative", "#3b6fb6"), ("total", "#c2573a")):
-        squares = np.array([getattr(o, name) for o in found])
-        held = [np.mean(squares <= chi2.ppf(level, 2)) for level in levels]
-        label = {"relative": "on the map", "total": "on the Moon, with the map's tie"}[name]
-        right.plot(100.0 * levels, 100.0 * np.array(held), color=colour, label=label)
-    right.plot([0, 100], [0, 100], "k--", lw=0.8)
-    right.set(xlabel="level of the ellipse, %", ylabel="holds the truth, %")
-    right.legend(frameon=False)
-    figure.savefig(file, dpi=110)
-
-
-if __name__ == "__main__":
-    draw(sys.argv[1], outcomes(range(int(sys.argv[2]))))

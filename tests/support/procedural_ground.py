@@ -37,17 +37,10 @@ class Ground:
     # Where it is; places are counted east and north of the point of contact, of the point on the sphere below.
     plane: TangentPlane
     seed: int = 0
-    # Heights above the 1737.4 km sphere on a grid in the plane, north at the top, shape (n, m); beyond it those of its
-    # edges go on.
-    heights_m: ArrayLike = ((0.0, 0.0), (0.0, 0.0))
-    corner_m: tuple[float, float] = (0.0, 0.0)  # east and north of the grid's first height
-    pixel_m: float = 1.0  # of the grid
+    level_m: float = 0.0  # of the ground under the relief, above the 1737.4 km sphere
     largest_m: float = (
         4000.0  # longest wavelength of the relief that is added; craters are up to half as wide
     )
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "heights_m", np.array(self.heights_m, dtype=np.float64))
 
     def heights_at_m(self, east_north_m: ArrayLike, pixel_m: float) -> Floats:
         """Heights above the 1737.4 km sphere at places, shape (n, 2), without what pixels of a size do not show, m."""
@@ -165,13 +158,7 @@ class Ground:
         return out
 
     def _of_relief(self) -> tuple[Any, ...]:
-        return (
-            self.largest_m,
-            np.uint64(self.seed),
-            self.heights_m,
-            np.array(self.corner_m, dtype=np.float64),
-            self.pixel_m,
-        )
+        return self.largest_m, np.uint64(self.seed), self.level_m
 
 
 def as_bytes(brightness: Floats, sun: Floats, noise: float, seed: int) -> NDArray[np.uint8]:

@@ -95,55 +95,19 @@ def _craters(x: float, y: float, octave: int, seed: np.uint64) -> tuple[float, f
 
 
 @numba.njit(cache=True, nogil=True)
-def _base(
-    x: float, y: float, heights: Floats, corner_m: Floats, pixel_m: float
-) -> tuple[float, float, float]:
-    """Height of a grid by Catmull-Rom splines, and its derivatives; that of the edge beyond it."""
-    n, m = heights.shape
-    s = min(max((x - corner_m[0]) / pixel_m, 0.0), m - 1.0)
-    t = min(max((corner_m[1] - y) / pixel_m, 0.0), n - 1.0)
-    j, i = min(int(s), m - 2), min(int(t), n - 2)
-    fs, ft = s - j, t - i
-    value, by_s, by_t = 0.0, 0.0, 0.0
-    for a in range(-1, 3):
-        wt, dt = _spline(ft, a)
-        for b in range(-1, 3):
-            ws, ds = _spline(fs, b)
-            h = heights[min(max(i + a, 0), n - 1), min(max(j + b, 0), m - 1)]
-            value += wt * ws * h
-            by_s += wt * ds * h
-            by_t += dt * ws * h
-    return value, by_s / pixel_m, -by_t / pixel_m
-
-
-@numba.njit(cache=True, nogil=True)
-def _spline(f: float, k: int) -> tuple[float, float]:
-    """Weight of the neighbour k of -1, 0, 1, 2, and its derivative."""
-    if k == -1:
-        return 0.5 * f * (f * (2.0 - f) - 1.0), 0.5 * (f * (4.0 - 3.0 * f) - 1.0)
-    if k == 0:
-        return 0.5 * (f * f * (3.0 * f - 5.0) + 2.0), 0.5 * f * (9.0 * f - 10.0)
-    if k == 1:
-        return 0.5 * f * (f * (4.0 - 3.0 * f) + 1.0), 0.5 * (f * (8.0 - 9.0 * f) + 1.0)
-    return 0.5 * f * f * (f - 1.0), 0.5 * f * (3.0 * f - 2.0)
-
-
-@numba.njit(cache=True, nogil=True)
 def height(
     x: float,
     y: float,
     pixel_m: float,
     largest_m: float,
     seed: np.uint64,
-    base_m: Floats,
-    corner_m: Floats,
-    base_pixel_m: float,
+    level_m: float,
 ) -> tuple[float, float, float]:
     """Height at a place, and its derivatives by east and north.
 
     What is finer than the pixels that look at it is left out.
     """
-    value, by_x, by_y = _base(x, y, base_m, corner_m, base_pixel_m)
+    value, by_x, by_y = level_m, 0.0, 0.0
     wavelength, octave = largest_m, 0
     while True:
         weight = min((wavelength / pixel_m - 3.0) / (FINEST - 3.0), 1.0)
@@ -183,9 +147,7 @@ def look(
     weights: Floats,
     largest_m: float,
     seed: np.uint64,
-    base_m: Floats,
-    corner_m: Floats,
-    base_pixel_m: float,
+    level_m: float,
     brightness: Floats,
     points_m: Floats,
 ) -> int:
@@ -203,9 +165,7 @@ def look(
         slope_per_pixel,
         largest_m,
         seed,
-        base_m,
-        corner_m,
-        base_pixel_m,
+        level_m,
     )
     level = below
     for k in range(len(directions)):
@@ -230,7 +190,7 @@ def look(
             r = math.sqrt(px * px + py * py + pz * pz)
             x, y = radius_m * px / r, radius_m * py / r
             pixel_m = t * slope_per_pixel
-            h, hx, hy = height(x, y, pixel_m, largest_m, seed, base_m, corner_m, base_pixel_m)
+            h, hx, hy = height(x, y, pixel_m, largest_m, seed, level_m)
             apart = r - radius_m - h
             fall = (px * dx + py * dy + pz * dz) / r
             # Newton's step with the slope of the ground where that is safe.
@@ -275,15 +235,11 @@ def heights(
     pixel_m: float,
     largest_m: float,
     seed: np.uint64,
-    base_m: Floats,
-    corner_m: Floats,
-    base_pixel_m: float,
+    level_m: float,
     out: Floats,
 ) -> None:
     """Heights of places, their derivatives and how bright the ground itself is, shape (n, 4)."""
     for k in range(len(east_north_m)):
         x, y = east_north_m[k, 0], east_north_m[k, 1]
-        out[k, 0], out[k, 1], out[k, 2] = height(
-            x, y, pixel_m, largest_m, seed, base_m, corner_m, base_pixel_m
-        )
+        out[k, 0], out[k, 1], out[k, 2] = height(x, y, pixel_m, largest_m, seed, level_m)
         out[k, 3] = _albedo(x, y, pixel_m, largest_m, seed)

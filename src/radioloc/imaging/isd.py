@@ -42,7 +42,6 @@ _CSM_CENTRE = 0.5  # of the first pixel
 _AXES = {code: axes.frame for code, axes in LUNAR_AXES.items()} | {10020: "IAU_MOON"}
 """Axes by NAIF's code."""
 
-
 MAX_FROM_EPOCH_S = 86400.0
 """Largest distance of an image's tables from its middle: line-scan images take seconds to minutes."""
 

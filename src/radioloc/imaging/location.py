@@ -11,7 +11,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.errors import InputError, require_type
 from radioloc.imaging.cameras import altitude_m
@@ -25,11 +24,10 @@ from radioloc.imaging.shading import sun_over_map, write_shaded_map
 from radioloc.imaging.solution import ImageSolution, PointSolution
 from radioloc.imaging.study import ImageChoice, ImageStudy, PointStudy, StereoChoice, read_image_study
 from radioloc.lunar import LunarPosition, Map, TerrainModel
+from radioloc.lunar.grey_images import Mask
 from radioloc.progress import progress_bar
 from radioloc.results.recorded import read_recorded
 from radioloc.vectors import Floats
-
-Mask = NDArray[np.bool_]
 
 _DISTORTION_SIGMAS = 5.0
 """Significance of a radial pattern of residuals: 1.1 for the true distortion, 8 for none in place of k1 = -0.05."""

@@ -111,10 +111,6 @@ def detect(
 ) -> Features:
     """Detect and describe so many features, those of most contrast in each part of the image; none of a flat image."""
     cv2 = load_opencv()
-    if image.dtype != np.uint8 or image.ndim != 2:
-        raise InputError(f"an image of type {image.dtype} and shape {image.shape}; give eight bits, one band")
-    if mask is not None and mask.shape != image.shape:
-        raise InputError(f"the mask has shape {mask.shape}, the image {image.shape}")
     usable = np.ones(image.shape, bool) if mask is None else mask
     points: Any = ()
     descriptors: Any = None
@@ -143,8 +139,6 @@ def match(
     radius_px: float = math.inf,
 ) -> Matches:
     """Find the tie points of two images and the homography between them, within a radius of predicted partners."""
-    if not radius_px > 0.0:
-        raise InputError(f"radius_px = {radius_px!r} is not above 0")
     if min(len(first.pixels), len(second.pixels)) < _FEWEST_FEATURES:
         return _none(MatchStatus.FEATURELESS)
     candidates = _distinct(first, second, *_candidates(first, second, predicted, radius_px))

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from radioloc.imaging.study import ImageChoice, ImagePointChoice, StereoChoice
 from radioloc.study.tables import StudyTable
 
-if TYPE_CHECKING:
-    from radioloc.imaging.solution import ImageSolution, PointSolution
 
-
-def _located(path: Path) -> ImageSolution | PointSolution:
+def _located(path: Path) -> Any:
     from radioloc.imaging.location import locate_images
 
     return locate_images(path)

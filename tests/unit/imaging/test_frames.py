@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import struct
-import zlib
-
 import cv2
 import numpy as np
 import pytest
@@ -40,16 +37,6 @@ def test_an_image_of_three_equal_bands_is_grey(tmp_path):
         read_frame(tmp_path / "b.png")
 
 
-@pytest.mark.parametrize("name", ["a.png", "a.tif", "a.jpg"])
-@pytest.mark.parametrize("kept", [0.9, 0.5, 0.1])
-def test_cut_files_are_refused(tmp_path, name, kept):
-    cv2.imwrite(str(tmp_path / name), GREY)
-    whole = (tmp_path / name).read_bytes()
-    (tmp_path / name).write_bytes(whole[: int(kept * len(whole))])
-    with pytest.raises(FileFormatError, match=name):
-        read_frame(tmp_path / name)
-
-
 def test_files_refused(tmp_path):
     (tmp_path / "a.png").write_text("no image")
     with pytest.raises(FileFormatError, match="GDAL does not read it whole as an image"):
@@ -68,18 +55,6 @@ def test_calibrated_cube_of_floats(tmp_path):
     image = read_frame(tmp_path / "a.cub")
     assert (image[:3] == 0).all()
     assert np.abs(image[3:].astype(int) - GREY[3:]).max() <= 1
-
-
-@pytest.mark.parametrize("dtype", ["uint8", "uint16"])
-def test_a_frame_of_pds4_by_its_label(tmp_path, dtype):
-    label = tmp_path / "a.xml"
-    with rasterio.open(label, "w", driver="PDS4", width=80, height=60, count=1, dtype=dtype) as dataset:
-        dataset.write(GREY.astype(dtype) * (1 if dtype == "uint8" else 16), 1)
-    assert np.abs(read_frame(label).astype(int) - GREY).max() <= (0 if dtype == "uint8" else 1)
-    data = tmp_path / "a.img"
-    data.write_bytes(data.read_bytes()[:2400])
-    with pytest.raises(FileFormatError, match=r"a\.xml"):
-        read_frame(label)
 
 
 PDS3 = """PDS_VERSION_ID = PDS3
@@ -187,29 +162,20 @@ def test_a_mask_without_ground_is_refused_by_its_name(tmp_path, value):
         read_mask(write_tiff(tmp_path / "dark.tif", values))
 
 
-@pytest.mark.parametrize("name", ["a.png", "a.tif"])
 @pytest.mark.parametrize("read", [read_frame, read_mask])
-def test_small_files_of_very_many_pixels_are_refused_before_they_are_decoded(tmp_path, read, name):
-    driver = {"a.png": "PNG", "a.tif": "GTiff"}[name]
-    options = {"sparse_ok": True, "tiled": True} if name == "a.tif" else {}
-    if name == "a.png":
-        (tmp_path / name).write_bytes(png_of_zeros(32000))
-    else:
-        size = {"width": 32000, "height": 32000, "count": 1, "dtype": "uint8"}
-        with rasterio.open(tmp_path / name, "w", driver=driver, **size, **options):
-            pass
+def test_small_files_of_very_many_pixels_are_refused_before_they_are_decoded(tmp_path, read):
+    size = {"width": 32000, "height": 32000, "count": 1, "dtype": "uint8"}
+    with rasterio.open(tmp_path / "a.tif", "w", driver="GTiff", sparse_ok=True, tiled=True, **size):
+        pass
     with pytest.raises(FileFormatError, match=r"at most 67 million pixels, got 32000 x 32000"):
-        read(tmp_path / name)
+        read(tmp_path / "a.tif")
 
 
-def png_of_zeros(side):
-    """A grey PNG of few bytes: its rows are made and packed one by one."""
-    pack = zlib.compressobj(9)
-    rows = b"".join(pack.compress(bytes(side // 8 + 1)) for _ in range(side)) + pack.flush()
-    header = struct.pack(">IIBBBBB", side, side, 1, 0, 0, 0, 0)
-    parts = ((b"IHDR", header), (b"IDAT", rows), (b"IEND", b""))
-    chunks = (
-        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-        for kind, data in parts
-    )
-    return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
+@pytest.mark.parametrize("name", ["a.png", "a.tif", "a.jpg"])
+@pytest.mark.parametrize("kept", [0.9, 0.5, 0.1])
+def test_cut_files_are_refused(tmp_path, name, kept):
+    cv2.imwrite(str(tmp_path / name), GREY)
+    whole = (tmp_path / name).read_bytes()
+    (tmp_path / name).write_bytes(whole[: int(kept * len(whole))])
+    with pytest.raises(FileFormatError, match=name):
+        read_frame(tmp_path / name)

@@ -13,7 +13,7 @@ from rasterio.windows import Window
 
 import radioloc
 from radioloc.cli import main
-from radioloc.errors import ConvergenceError, InputError
+from radioloc.errors import InputError
 from radioloc.imaging import read_image_study
 from radioloc.imaging.study import ImageChoice, ImageStudy
 from radioloc.lunar import TangentPlane
@@ -131,19 +131,6 @@ def test_the_last_image_that_has_no_place_is_told(some, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_map_of_other_ground_is_a_refusal(some, tmp_path):
-    from procedural_ground import Ground
-
-    from radioloc.imaging.shading import sun_direction
-
-    elsewhere = Ground(TangentPlane(-51.9162, 43.0584), seed=77)
-    elsewhere.write_map(tmp_path / "map.tif", 16.0, 9000.0, sun_direction(70.0, 45.0))
-    chosen = replace(some.images, base_map=tmp_path / "map.tif", files=some.images.files[:1])
-    with pytest.raises(ConvergenceError, match="no image was found on"):
-        radioloc.imaging.locate_images(replace(some, images=chosen))
-
-
-@pytest.mark.slow
 def test_the_command_does_the_whole_example(tmp_path, capsys):
     assert main(["images", str(EXAMPLE / "descent.toml"), "--out", str(tmp_path / "out")]) == 0
     text = " ".join(capsys.readouterr().out.split())
@@ -198,18 +185,6 @@ def test_what_is_wrong_in_a_study_is_one_sentence(text, tmp_path, capsys):
     error = capsys.readouterr().err
     assert says in error
     assert error.count("\n") == 1
-
-
-@pytest.mark.slow
-def test_a_truncated_frame_is_left_out_by_name(some, tmp_path):
-    cut = tmp_path / "0003.png"
-    cut.write_bytes(some.images.files[2].read_bytes()[:9000])
-    files = (*some.images.files[:2], cut, some.images.files[3])
-    found = radioloc.imaging.locate_images(replace(some, images=replace(some.images, files=files)))
-    status = {frame.name: frame.status.value for frame in found.registration.frames}
-    assert status.pop("0003.png") == "unreadable"
-    assert set(status.values()) == {"registered"}
-    assert "0003.png: unreadable" in str(found)
 
 
 def test_studies_in_python_are_held_to_the_same_rules():

@@ -2,13 +2,11 @@
 
 import gzip
 import json
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 import spiceypy
-from quick import some
 
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.imaging import (
@@ -192,28 +190,18 @@ def changed(key, value):
     ("change", "message"),
     [
         (without("name_model"), "the key name_model is missing"),
-        (without("line_scan_rate"), "the key line_scan_rate is missing"),
-        (without("detector_center.line"), "the key detector_center.line is missing"),
         (changed("name_model", "USGS_ASTRO_SAR_SENSOR_MODEL"), "name_model is 'USGS_ASTRO_SAR_SENSOR_MODEL'"),
-        (changed("focal_length_model", 3), "the key focal_length_model.focal_length is missing"),
         (changed("focal_length_model.focal_length", "long"), "focal_length is not a finite number"),
         (changed("focal_length_model.focal_length", -5.0), "focal_length_mm = -5.0 is not a positive"),
-        (changed("focal2pixel_lines", [0.0, 1.0]), "focal2pixel_lines is not 3 finite numbers"),
         (changed("line_scan_rate", [[0.5, 0.0, -0.1]]), "line_times: lines and times have to rise"),
-        (changed("detector_line_summing", 0), "summing from 0.001 to 10000, got 1 and 0"),
         (changed("detector_line_summing", 1e-300), "summing from 0.001 to 10000, got 1 and 1e-300"),
         (changed("optical_distortion", {"fisheye": {}}), "of the kind 'fisheye'; radial, transverse"),
-        (changed("optical_distortion", {}), "optical_distortion does not name one kind"),
-        (changed("optical_distortion.radial.coefficients", [1.0]), "'radial' takes 3 finite numbers"),
         (changed("optical_distortion.radial.coefficients", [0.0] * 999), r"mm; not .{60}$"),
         (changed("instrument_position.unit", "miles"), "instrument_position.unit is 'miles'"),
         (changed("instrument_position.positions", [[1.0, 2.0, 3.0]]), "positions is not 16 by 3 finite"),
         (changed("instrument_pointing.quaternions", [[2.0, 0.0, 0.0, 0.0]] * 16), "of another length than 1"),
-        (changed("image_lines", 0), "image_lines = 0 is not a positive whole number"),
         (changed("image_samples", 15.5), "image_samples = 15.5 is not a positive whole number"),
-        (changed("center_ephemeris_time", 1e308), "center_ephemeris_time is not a finite number"),
         (changed("focal_length_model.focal_length", 10**400), "focal_length is not a finite number"),
-        (changed("instrument_pointing.quaternions", [[0.0] * 4] * 16), "of another length than 1"),
         (
             changed("body_rotation.ephemeris_times", []),
             "expected rising times in body_rotation.ephemeris_times",
@@ -236,52 +224,11 @@ def test_what_is_wrong_in_a_file_is_named(tmp_path, change, message):
     assert str(path) in str(caught.value)
 
 
-def places(value, path=()):
-    """All places in a file's content, of lists the first."""
-    yield path
-    for key in value if isinstance(value, dict) else [0] if isinstance(value, list) and value else []:
-        yield from places(value[key], (*path, key))
-
-
-@pytest.mark.study
-@pytest.mark.filterwarnings("ignore:.*different rays to one point")
-@pytest.mark.parametrize(
-    "name", some(["synthetic_line_scan.json", "apollo15_metric.json"], ["apollo15_metric.json"])
-)
-def test_any_wrong_value_is_an_error_of_the_library(tmp_path, name):
-    """Each value of a file in turn is replaced by others: the file is read, or refused by its name."""
-    path, told = tmp_path / "bad.json", []
-    for place in places(raw(name)):
-        for value in (None, -1, 1e308, "x", [[1]], {"a": 1}):
-            content = holder = {"file": raw(name)}
-            *parents, last = ("file", *place)
-            for part in parents:
-                holder = holder[part]
-            holder[last] = value
-            path.write_text(json.dumps(content["file"]))
-            with suppress(FileFormatError):
-                read_isd(path)
-                continue
-            told.append(place)
-    assert len(told) > 200
-
-
 def test_other_files_and_axes_are_refused(tmp_path):
     path = tmp_path / "bad.json"
     path.write_text('{"name_model":\n')
     with pytest.raises(FileFormatError, match="line 2: expected the JSON of an ISD or an ISIS cube"):
         read_isd(path)
-    for text, message in (
-        ('{"image_lines": ' + "9" * 5000 + "}", "expected the JSON of an ISD"),
-        ("[" * 100_000, "expected the JSON of an ISD"),
-        ('{"a":' * 100_000, "expected the JSON of an ISD"),
-        ('{"image_lines": 10, "image_lines": 20}', "the key 'image_lines' stands twice"),
-        ('{"image_lines": NaN}', "NaN is not a number of JSON"),
-        ('{"unused": [-Infinity]}', "-Infinity is not a number of JSON"),
-    ):
-        path.write_text(text)
-        with pytest.raises(FileFormatError, match=rf"bad\.json: {message}"):
-            read_isd(path)
     path.write_text("[1, 2]")
     with pytest.raises(FileFormatError, match="the key name_model is missing"):
         read_isd(path)

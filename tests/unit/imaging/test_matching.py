@@ -12,7 +12,6 @@ from descent_images import BOX, FOLDER, NAMES, change3, image, needs_images
 from quick import each_with_one, some
 from scenes import frame, frame_matrix, ground
 
-from radioloc.errors import InputError
 from radioloc.imaging.frames import find_mask
 from radioloc.imaging.homography import transformed
 from radioloc.imaging.image_chain import Frame
@@ -159,13 +158,6 @@ def test_a_prediction_finds_more_under_another_sun():
     assert np.abs(transformed(guided.matrix, CORNERS) - transformed(truth, CORNERS)).max() < 2.0
 
 
-@pytest.mark.parametrize("radius_px", [0.0, -3.0, np.nan])
-def test_a_radius_that_is_not_above_zero_is_refused(radius_px):
-    features = detect(scene()[:400, :400])
-    with pytest.raises(InputError, match="is not above 0"):
-        match(features, features, np.eye(3), radius_px)
-
-
 def other_scene():
     return frame(scene(2), frame_matrix((740.0, 760.0), 1.5), seed=3)
 
@@ -231,13 +223,3 @@ def test_features_are_spread():
     image[200:] = 110.0 + 0.4 * (image[200:] - 110.0)
     pixels = detect(np.clip(image, 0, 255).astype(np.uint8), count=400).pixels
     assert np.mean(pixels[:, 1] > 200) > 0.25
-
-
-def test_images_refused():
-    with pytest.raises(InputError, match="give eight bits, one band"):
-        detect(np.zeros((40, 40)))
-    with pytest.raises(InputError, match="the mask has shape"):
-        detect(np.zeros((40, 40), np.uint8), np.ones((40, 41), bool))
-    first = frame(scene(), frame_matrix((740.0, 760.0), 1.5))
-    with pytest.raises(InputError, match="features of two detectors"):
-        match(detect(first), detect(first, detector=Detector.ORB))

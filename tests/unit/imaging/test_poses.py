@@ -20,7 +20,7 @@ from radioloc.lunar import Map, TangentPlane, TerrainModel, cartesian_to_selenog
 PLANE = TangentPlane(-51.9162, 43.0584)
 SIZE = 320
 CAMERA = Camera.of_pinhole(8.3, 21.44, [0.5 * (SIZE - 1)] * 2)
-GROUND = Ground(PLANE, seed=5, heights_m=np.full((2, 2), -2550.0))
+GROUND = Ground(PLANE, seed=5, level_m=-2550.0)
 # Oblique above 3 km; from 9 km, where the Moon's curvature is 7 m over half of what is seen.
 DESCENT = Descent(GROUND, CAMERA, (SIZE, SIZE), frames=6, altitudes_m=(9000.0, 500.0))
 DRAWS = 40

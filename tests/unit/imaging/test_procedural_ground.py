@@ -12,7 +12,7 @@ from radioloc.lunar.selenographic import selenographic_to_cartesian
 
 PLANE = TangentPlane(-51.9162, 43.0584)
 LEVEL_M = -2550.0
-GROUND = Ground(PLANE, seed=3, heights_m=np.full((2, 2), LEVEL_M))
+GROUND = Ground(PLANE, seed=3, level_m=LEVEL_M)
 CAMERA = Camera.of_pinhole(8.3, 6.7 * 1024 / 96, [47.5, 47.5], [-0.05])
 DESCENT = Descent(GROUND, CAMERA, (96, 96), frames=6)
 SUN = sun_direction(100.0, 35.0)

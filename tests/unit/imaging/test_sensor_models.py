@@ -183,11 +183,6 @@ def test_a_table_that_ends_early_refuses_later_lines():
     assert not short.project(image_to_ground(model, [[10.0, 300.0]], Sphere())).seen[0]
 
 
-def test_inside_is_up_to_the_edges_of_the_outer_pixels():
-    pixels = np.array([[-0.5, 0.0], [-0.6, 0.0], [1023.49, 1023.49], [1023.5, 0.0]])
-    assert inside(frame(), pixels).tolist() == [True, False, True, False]
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -199,6 +194,11 @@ def test_inside_is_up_to_the_edges_of_the_outer_pixels():
 def test_bad_input_is_one_clear_error(make, message):
     with pytest.raises(InputError, match=message):
         make()
+
+
+def test_inside_is_up_to_the_edges_of_the_outer_pixels():
+    pixels = np.array([[-0.5, 0.0], [-0.6, 0.0], [1023.49, 1023.49], [1023.5, 0.0]])
+    assert inside(frame(), pixels).tolist() == [True, False, True, False]
 
 
 def test_rays_from_inside_a_sphere_meet_it_once():

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from radioloc.errors import InputError
 from radioloc.imaging.shading import brightness_of_slopes, lunar_lambert, sun_direction
 
 
@@ -34,8 +33,3 @@ def test_what_is_turned_away_from_the_sun_is_dark():
     assert (
         brightness_of_slopes(10.0, 0.0, sun_direction(90.0, 20.0)) == 0.0
     )  # rises to the east by 84 degrees
-
-
-def test_a_sun_below_the_horizon_is_refused():
-    with pytest.raises(InputError, match="lights no ground"):
-        sun_direction(90.0, -1.0)

@@ -211,15 +211,6 @@ def test_rays_that_leave_the_map_or_come_to_a_void_do_not_meet_the_ground(tmp_pa
     assert not Terrain(TerrainModel.open(hills)).intersect(-far.origins_m, -far.directions)[1].any()
 
 
-def test_ground_in_mean_earth_axes_needs_rays_in_them(hills):
-    model = replace(camera_above(3e3, 0.0), axes="IAU_MOON")
-    with pytest.raises(
-        InputError, match=r"the model's points are in IAU_MOON, not in mean-Earth axes .* axes='ME_DE421'"
-    ):
-        image_to_ground(model, [[199.5, 199.5]], Terrain(TerrainModel.open(hills)))
-    assert len(image_to_ground(model, [[199.5, 199.5]], Sphere())) == 1
-
-
 def test_slopes_at_a_pole(tmp_path):
     steps_m = (np.arange(40) - 19.5) * 100.0
     affine = Affine(100.0, 0.0, -2000.0, 0.0, -100.0, 2000.0)
@@ -272,3 +263,12 @@ def test_a_window_that_does_not_fit_into_memory_is_refused(monkeypatch, hills):
     gradient = Terrain(terrain).gradient(points[hits])
     monkeypatch.undo()
     assert np.abs(Terrain(terrain).gradient(points[hits]) - gradient).max() < 1e-9
+
+
+def test_ground_in_mean_earth_axes_needs_rays_in_them(hills):
+    model = replace(camera_above(3e3, 0.0), axes="IAU_MOON")
+    with pytest.raises(
+        InputError, match=r"the model's points are in IAU_MOON, not in mean-Earth axes .* axes='ME_DE421'"
+    ):
+        image_to_ground(model, [[199.5, 199.5]], Terrain(TerrainModel.open(hills)))
+    assert len(image_to_ground(model, [[199.5, 199.5]], Sphere())) == 1

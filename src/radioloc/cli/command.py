@@ -97,7 +97,7 @@ class Command:
     name : str
         Name, such as ``leave-one-out``.
     summary : str
-        Sentence without capital and full stop, shown by ``radioloc --help``.
+        Sentence that says what the command does.
     arguments : tuple of Argument
         Arguments beside ``--quiet`` and ``--verbose``, which all commands have.
     run : callable
@@ -118,14 +118,10 @@ class Command:
 
 
 def command(
-    name: str,
-    summary: str,
-    *arguments: Argument,
-    examples: tuple[str, ...] = (),
-    help_tables: Callable[[], Rows] = dict,
+    name: str, *arguments: Argument, examples: tuple[str, ...] = (), help_tables: Callable[[], Rows] = dict
 ) -> Callable[[Callable[[argparse.Namespace], int]], Command]:
-    """Return a decorator that makes a :class:`Command` of the function that runs it."""
-    return lambda run: Command(name, summary, arguments, run, examples, help_tables)
+    """Return a decorator that makes a :class:`Command` of the function that runs it, whose docstring is the summary."""
+    return lambda run: Command(name, run.__doc__ or "", arguments, run, examples, help_tables)
 
 
 def study_tables() -> Rows:

@@ -42,7 +42,6 @@ def _observation_formats() -> Rows:
 
 @command(
     "convert",
-    "read observation files of any known format and write them as one file",
     argument("files IN", "files to read, each of any format; - for standard input", Path, nargs="+"),
     observation_file("out OUT"),
     argument(
@@ -62,7 +61,7 @@ def _observation_formats() -> Rows:
     help_tables=_observation_formats,
 )
 def convert(options: argparse.Namespace) -> int:
-    """Convert files of observations."""
+    """Read observation files of any known format and write them as one file."""
     from radioloc.io.formats import require_writable
     from radioloc.jobs.locate import read_as
 
@@ -120,7 +119,6 @@ def _tell_written(options: argparse.Namespace, files: Sequence[Path]) -> int:
 
 @command(
     "compare",
-    "compare solutions with each other and with published positions, test whether they agree, and combine them",
     _solution_files(", or positions in a TOML file"),
     JSON,
     argument(
@@ -135,20 +133,19 @@ def _tell_written(options: argparse.Namespace, files: Sequence[Path]) -> int:
     ),
 )
 def compare(options: argparse.Namespace) -> int:
-    """Compare solutions."""
+    """Compare solutions with each other and with published positions, test whether they agree, and combine them."""
     result = radioloc.jobs.compare(options.solutions, options.reference, options.target)
     return finish(options, result)
 
 
 @command(
     "verify",
-    "repeat a solution from the files that its provenance names, and report any difference",
     argument("solution SOLUTION.json", "a solution.json", Path),
     argument("--study FILE", "the study file, if it is no longer where it was", Path),
     examples=("results/solution.json",),
 )
 def verify(options: argparse.Namespace) -> int:
-    """Repeat a solution."""
+    """Repeat a solution from the files that its provenance names, and report any difference."""
     return finish(options, radioloc.jobs.verify(options.solution, options.study))
 
 
@@ -160,7 +157,6 @@ def _export_formats() -> Rows:
 
 @command(
     "export",
-    "write solutions for other tools: map layers, SPICE kernels, an ephemeris message, tables",
     _solution_files(),
     argument("out OUT", "file to write; its ending names the format", Path),
     argument("--code N", "NAIF code of the lander in a .bsp file (default: 301001)", int),
@@ -177,7 +173,7 @@ def _export_formats() -> Rows:
     help_tables=_export_formats,
 )
 def export(options: argparse.Namespace) -> int:
-    """Export solutions."""
+    """Write solutions for other tools: map layers, SPICE kernels, an ephemeris message, tables."""
     names = {"start": "start_utc", "stop": "stop_utc", "step": "step_s"}
     stated = {
         names.get(name, name): value
@@ -190,7 +186,6 @@ def export(options: argparse.Namespace) -> int:
 
 @command(
     "map",
-    "draw solutions on a map, over shaded terrain or an image",
     _solution_files(),
     argument("out OUT", "file to write: .png, .svg or .pdf", Path),
     argument("--dem FILE", "elevation model to draw in shaded relief", Path),
@@ -199,7 +194,7 @@ def export(options: argparse.Namespace) -> int:
     examples=("results/solution.json map.png --dem dem.tif --reach 900",),
 )
 def plot_map(options: argparse.Namespace) -> int:
-    """Draw solutions on a map."""
+    """Draw solutions on a map, over shaded terrain or an image."""
     backgrounds = {"dem": options.dem, "base_map": options.base_map}
     figure = radioloc.report.plot_map(_contents(options), **backgrounds, reach_m=options.reach)
     radioloc.report.save_figure(figure, options.out)

@@ -32,14 +32,13 @@ _FIT = (
 
 @command(
     "locate",
-    "fit a position, or an orbit, to tracking data and print a result card",
     *_FIT,
     argument("--sinex FILE", "write the position with its covariance to FILE, in SINEX 2.02", Path),
     examples=("study.toml", "study.toml --out results --terms", "study.toml --json"),
     help_tables=study_tables,
 )
 def locate(options: argparse.Namespace) -> int:
-    """Fit a study, write its files and print its card."""
+    """Fit a position, or an orbit, to tracking data and print a result card."""
     solution = _solution(options, fitted=True)
     if options.sinex is not None:  # after the card, which says why a solution has none
         radioloc.io.write_sinex(solution, options.sinex)
@@ -48,13 +47,12 @@ def locate(options: argparse.Namespace) -> int:
 
 @command(
     "residuals",
-    "print observed minus computed at the study's position; nothing is fitted",
     *_FIT,
     examples=("study.toml --out results",),
     help_tables=study_tables,
 )
 def residuals(options: argparse.Namespace) -> int:
-    """Compute the residuals of a study, write its files and print its card."""
+    """Print observed minus computed at the study's position; nothing is fitted."""
     _solution(options, fitted=False)
     return DONE
 
@@ -85,7 +83,6 @@ def _solution(options: argparse.Namespace, *, fitted: bool) -> radioloc.Solution
 
 @command(
     "arcs",
-    "fit only the first hours of the data, for several arc lengths, and compare the positions",
     STUDY,
     JSON,
     ARC_HOURS,
@@ -94,13 +91,12 @@ def _solution(options: argparse.Namespace, *, fitted: bool) -> radioloc.Solution
     help_tables=study_tables,
 )
 def arcs(options: argparse.Namespace) -> int:
-    """Fit several arc lengths."""
+    """Fit only the first hours of the data, for several arc lengths, and compare the positions."""
     return finish(options, radioloc.arcs(options.study, options.hours))
 
 
 @command(
     "leave-one-out",
-    "fit a study without each of its stations and links, and print how the position moves",
     STUDY,
     JSON,
     *output_folder("write leave_one_out.json and leave_one_out.csv to DIR"),
@@ -108,6 +104,6 @@ def arcs(options: argparse.Namespace) -> int:
     help_tables=study_tables,
 )
 def leave_one_out(options: argparse.Namespace) -> int:
-    """Fit a study without each station and link."""
+    """Fit a study without each of its stations and links, and print how the position moves."""
     result = radioloc.jobs.leave_one_out(options.study, progress=not options.quiet)
     return finish(options, result)

@@ -21,12 +21,11 @@ _IAU = "IAU_MOON"
 
 @command(
     "doctor",
-    "check kernels, Earth orientation, leap seconds, the compiler's cache and optional packages",
     JSON,
     examples=("", "--json"),
 )
 def doctor(options: argparse.Namespace) -> int:
-    """Check the installation."""
+    """Check kernels, Earth orientation, leap seconds, the compiler's cache and optional packages."""
     from radioloc.jobs.doctor import doctor
 
     return finish(options, doctor())
@@ -34,7 +33,6 @@ def doctor(options: argparse.Namespace) -> int:
 
 @command(
     "frames",
-    "convert a point on the Moon to the axes of each ephemeris",
     argument("longitude", "deg east", float),
     argument("latitude", "deg", float),
     argument("height", "above 1737.4 km, m", float),
@@ -48,7 +46,7 @@ def doctor(options: argparse.Namespace) -> int:
     examples=("3.6285 26.1334 -1922.9", "-51.9162 43.0584 -2550.4 --epoch 2020-12-01T15:11"),
 )
 def frames(options: argparse.Namespace) -> int:
-    """Convert a point between axes."""
+    """Convert a point on the Moon to the axes of each ephemeris."""
     from radioloc.ephemeris import CONSTANTS
     from radioloc.lunar import LunarPosition
 
@@ -97,13 +95,12 @@ def _rot_pa_to_iau(epoch_utc: str) -> Any:
 
 @command(
     "stations",
-    "list the stations that are known by name",
     argument("name NAME", "a name, an alias, a complex, a country, or a part of one", nargs="?", default=""),
     JSON,
     examples=("", "kashi", "china --json"),
 )
 def stations(options: argparse.Namespace) -> int:
-    """List stations."""
+    """List the stations that are known by name."""
     from radioloc.earth.stations import Station, StationCatalogue
 
     found = StationCatalogue.default().find(options.name)
@@ -138,7 +135,6 @@ def _station_text(station: Station, details: bool) -> str:
 
 @command(
     "kernels",
-    "list the kernels that are found by name, verify their checksums, or add one",
     argument(
         "action", "what to do (default: list)", nargs="?", choices=("list", "verify", "add"), default="list"
     ),
@@ -147,7 +143,7 @@ def _station_text(station: Station, details: bool) -> str:
     examples=("", "verify", "add de430.bsp moon_pa_de430.bpc"),
 )
 def kernels(options: argparse.Namespace) -> int:
-    """List, verify or add kernels."""
+    """List the kernels that are found by name, verify their checksums, or add one."""
     from radioloc.kernels import add_kernel, added, registered
 
     if (options.action == "add") != bool(options.files):
@@ -170,12 +166,11 @@ def kernels(options: argparse.Namespace) -> int:
 
 @command(
     "completion",
-    "print a script by which a shell completes commands, options and files",
     argument("shell", "the shell", choices=("bash", "zsh", "fish")),
     examples=("bash > ~/.local/share/bash-completion/completions/radioloc",),
 )
 def completion(options: argparse.Namespace) -> int:
-    """Print a script for completion."""
+    """Print a script by which a shell completes commands, options and files."""
     shtab = optional("shtab", "completion scripts are made by shtab, which is not installed;", "completion")
     for parser in options.program.commands.values():
         for action in parser._actions:

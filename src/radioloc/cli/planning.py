@@ -16,7 +16,6 @@ _SEED = argument("--seed N", "seed of the random numbers (default: the one in th
 
 @command(
     "simulate",
-    "write simulated observations of the schedule in a study file",
     SIMULATED_STUDY,
     observation_file("--out FILE", required=True),
     *MESSAGE,
@@ -26,7 +25,7 @@ _SEED = argument("--seed N", "seed of the random numbers (default: the one in th
     help_tables=study_tables,
 )
 def simulate(options: argparse.Namespace) -> int:
-    """Simulate observations and write them."""
+    """Write simulated observations of the schedule in a study file."""
     from radioloc.io.formats import require_writable
 
     require_writable(options.out, options.originator)  # before the work, which may take long
@@ -41,7 +40,6 @@ def simulate(options: argparse.Namespace) -> int:
 
 @command(
     "montecarlo",
-    "simulate a schedule many times, fit every trial for several arc lengths, and print the errors",
     SIMULATED_STUDY,
     JSON,
     argument("--trials N", "number of trials (default: 1000)", int, default=1000),
@@ -62,7 +60,7 @@ def simulate(options: argparse.Namespace) -> int:
     help_tables=study_tables,
 )
 def monte_carlo(options: argparse.Namespace) -> int:
-    """Simulate and fit many trials."""
+    """Simulate a schedule many times, fit every trial for several arc lengths, and print the errors."""
     from radioloc.jobs.workers import usual_workers
 
     if options.resume and options.out is None:
@@ -88,7 +86,6 @@ def monte_carlo(options: argparse.Namespace) -> int:
 
 @command(
     "covariance",
-    "predict how well a tracking plan, or the epochs of existing data, determine the position; no trials",
     argument("studies STUDY.toml", "study files, each with a plan or data", Path, nargs="+"),
     JSON,
     argument(
@@ -103,7 +100,7 @@ def monte_carlo(options: argparse.Namespace) -> int:
     help_tables=study_tables,
 )
 def covariance(options: argparse.Namespace) -> int:
-    """Predict the covariance of one or more plans."""
+    """Predict how well a tracking plan, or the epochs of existing data, determine the position; no trials."""
     from radioloc.results.covariance import plans_card
 
     studies = [radioloc.read_study(path) for path in options.studies]

@@ -18,7 +18,6 @@ _SPAN = (
 
 @command(
     "visibility",
-    "list when each station sees the target of a study: rise, set and highest elevation",
     STUDY,
     JSON,
     *_SPAN,
@@ -27,7 +26,7 @@ _SPAN = (
     help_tables=study_tables,
 )
 def visibility(options: argparse.Namespace) -> int:
-    """Find the passes of a target."""
+    """List when each station sees the target of a study: rise, set and highest elevation."""
     span = {"start_utc": options.start, "stop_utc": options.stop}
     passes = radioloc.jobs.visibility(options.study, options.stations, **span, mask_deg=options.mask)
     tell(options, passes, passes.to_dict)
@@ -36,7 +35,6 @@ def visibility(options: argparse.Namespace) -> int:
 
 @command(
     "light-time",
-    "tabulate light times, ranges, Doppler and pointing of stations over a span",
     argument(
         "study STUDY.toml",
         "a study file, whose target, model, stations and span are taken; - for standard input",
@@ -67,7 +65,7 @@ def visibility(options: argparse.Namespace) -> int:
     ),
 )
 def light_time(options: argparse.Namespace) -> int:
-    """Tabulate light times, ranges, Doppler and directions."""
+    """Tabulate light times, ranges, Doppler and pointing of stations over a span."""
     from radioloc.io.table import batches_of, write_csv
     from radioloc.text_files import require_ending
 

@@ -45,8 +45,8 @@ def make_parser() -> Parser:
     program.commands = commands.choices
     for name, command in COMMANDS.items():
         summary = command.summary.replace("%", "%%")
-        sentence = f"{summary[:1].upper()}{summary[1:]}."
-        parser: Parser = commands.add_parser(name, help=summary, description=sentence, formatter_class=Layout)
+        line = summary[:1].lower() + summary[1:].rstrip(".")
+        parser: Parser = commands.add_parser(name, help=line, description=summary, formatter_class=Layout)
         parser.set_defaults(run=command.run, parser=parser, program=program, json=False)
         parser.examples = tuple(f"radioloc {name} {example}".rstrip() for example in command.examples)
         parser.help_tables = command.help_tables

@@ -19,7 +19,6 @@ def _image_tables() -> Rows:
 
 @command(
     "images",
-    "locate a lander from descent images, a point in an orbital image, or a rover from stereo images",
     study_file("a study file with [images], [image_point] or [stereo]"),
     JSON,
     *output_folder("write solution.json and a figure to DIR"),
@@ -27,7 +26,7 @@ def _image_tables() -> Rows:
     help_tables=_image_tables,
 )
 def images(options: argparse.Namespace) -> int:
-    """Locate by images."""
+    """Locate a lander from descent images, a point in an orbital image, or a rover from stereo images."""
     from radioloc.imaging.location import locate_images
 
     return finish(options, locate_images(options.study, progress=not options.quiet))

@@ -11,7 +11,6 @@ from radioloc.cli.output import exit_status, tell
 
 @command(
     "search",
-    "find the first orbit, transmitters, a-priori position or manoeuvres that a study does not state",
     STUDY,
     JSON,
     argument("--out COMPLETED.toml", "write the study with what was found, beside the study file", Path),
@@ -19,7 +18,7 @@ from radioloc.cli.output import exit_status, tell
     help_tables=study_tables,
 )
 def search(options: argparse.Namespace) -> int:
-    """Search, write the completed study if asked for, and print what was found."""
+    """Find the first orbit, transmitters, a-priori position or manoeuvres that a study does not state."""
     from radioloc.search.study_search import search
 
     result = search(options.study)

@@ -5,19 +5,20 @@ from radioloc.cli import JSON, STUDY, command, finish, output_folder
 
 @command(
     "largest",
-    "print the largest residual of each path",
     STUDY,
     JSON,
     *output_folder("write largest.json, largest.csv and a figure to DIR"),
     examples=("study.toml --out results",),
 )
 def largest(options):
+    """Print the largest residual of each path."""
     import radioloc
     from radioloc_toys.largest_residuals import LargestResiduals
+    from radioloc_toys.residual_limit import ResidualLimit
 
     study = radioloc.read_study(options.study)
     residuals = radioloc.residuals(study).residuals
     paths, sizes_m = residuals.paths[:], abs(residuals.residual_m)
     largest_m = {path: float(sizes_m[paths == path].max()) for path in sorted({*paths})}
-    limit_m = study.extensions["residual_limit"].limit_m if study.extensions else float("inf")
-    return finish(options, LargestResiduals(study.name, largest_m, limit_m))
+    limit = study.extensions.get("residual_limit", ResidualLimit(limit_m=1000.0))
+    return finish(options, LargestResiduals(study.name, largest_m, limit.limit_m))

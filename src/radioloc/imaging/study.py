@@ -20,8 +20,6 @@ from radioloc.time import Epochs
 if TYPE_CHECKING:
     from radioloc.imaging.cameras import Camera
 
-DETECTORS = ("sift", "orb")
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GroundChoice:
@@ -56,7 +54,7 @@ class ImageChoice(GroundChoice):
     sun_azimuth_deg: float | None = None  # from north over east
     sun_elevation_deg: float | None = None
     epoch: Epochs | None = entry(None, moment=True)
-    detector: str = entry("sift", choices=DETECTORS)
+    detector: str = entry("sift", choices=("sift", "orb"))
 
     def __post_init__(self) -> None:
         GroundChoice.__post_init__(self)

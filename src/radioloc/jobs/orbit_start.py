@@ -23,7 +23,7 @@ from radioloc.vectors import Floats
 
 logger = logging.getLogger(__name__)
 
-MIN_OBSERVATIONS = 30  # Fewest observations of the first part
+_MIN_OBSERVATIONS = 30  # Fewest observations of the first part
 REACH_FACTOR = 3.0  # Ratio of the time spans about the epoch of one part and the next
 _FIRST_S = 7200.0
 _WEAK_M, _WEAK_M_S = 2e3, 2.0
@@ -65,7 +65,7 @@ class StagedStart:
     def first_reach_s(self, usable: NDArray[np.bool_]) -> float:
         """Return the time from the epoch within which observations are fitted first."""
         ordered_s = np.sort(self.away_s[usable])
-        return max(_FIRST_S, float(ordered_s[min(MIN_OBSERVATIONS, len(ordered_s)) - 1]))
+        return max(_FIRST_S, float(ordered_s[min(_MIN_OBSERVATIONS, len(ordered_s)) - 1]))
 
     def rows_within(self, reach_s: float, usable: NDArray[np.bool_]) -> NDArray[np.intp]:
         """Return the usable observations of a part."""

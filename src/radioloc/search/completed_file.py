@@ -14,24 +14,12 @@ from radioloc.extras import optional
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A change of one table of a study file.
+    """Change of one table of a study file."""
 
-    Parameters
-    ----------
-    table : tuple of str
-        Its name in parts.
-    values : mapping
-        Keys that are set.
-    without : tuple of str
-        Keys that are removed.
-    added : mapping of str to sequence of mapping
-        Tables that are added at the end of arrays of tables.
-    """
-
-    table: tuple[str, ...]
-    values: Mapping[str, Any]
-    without: tuple[str, ...] = ()
-    added: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
+    table: tuple[str, ...]  # its name in parts
+    values: Mapping[str, Any]  # keys that are set
+    without: tuple[str, ...] = ()  # keys that are removed
+    added: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)  # to arrays of tables
 
     def apply(self, content: Any) -> None:
         """Change a document, which is a mapping of mappings."""
@@ -48,13 +36,7 @@ class Change:
 
 
 def completed_text(source: Path, changes: Iterable[Change]) -> str:
-    """Return the text of a study file with some changes.
-
-    Raises
-    ------
-    InputError
-        TOML Kit is not installed, or its text does not say what is to be said.
-    """
+    """Return the text of a study file with some changes; InputError without TOML Kit, or if its text is another."""
     tomlkit = optional(
         "tomlkit", "completed studies are written by TOML Kit, which is not installed;", "search"
     )

@@ -1,14 +1,13 @@
 """Undocumented manoeuvres: where in an arc residuals jump as after a change of the velocity.
 
-What is observed after an impulse answers to it as to a change of the state at the epoch that is zero in the position at
-that time. So the partials by the state tell what impulses at all times would do, each with the orbit fitted anew, from
-sums over the observations after it. The best one is put into the orbit, and settles there with its time.
+An impulse changes later observations as a change of the state at the epoch would that is zero in the position at the
+time of the impulse. So the partials by the state give the effect of impulses at all times, each with the orbit fitted
+anew, from sums over the observations after it. The best one is integrated and adjusted together with its time.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -20,7 +19,7 @@ from radioloc.dynamics import AdjustableOrbit, Impulse
 from radioloc.errors import RadiolocError
 from radioloc.estimation.orbit_state import RTN
 from radioloc.estimation.statistics import robust_scale
-from radioloc.jobs.orbit_start import MIN_OBSERVATIONS, REACH_FACTOR, StagedStart
+from radioloc.jobs.orbit_start import REACH_FACTOR, StagedStart
 from radioloc.jobs.orbit_steps import fitted_state
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
@@ -30,29 +29,27 @@ from radioloc.vectors import Floats, rtn_axes
 
 logger = logging.getLogger(__name__)
 
-_NAME = "unnamed"
-_GAIN = 100.0
-"""By which the reduced chi-square falls at least. Of real Doppler of a low orbit without a manoeuvre, impulses take up
-errors of gravity so well that it falls 7 times with a field to degree 150, 16 to degree 100, 47 to degree 60."""
-_PROMISING, _PROMISING_FAR, _FAR_OFF = 20.0, 4.0, 1e3
-"""By which it falls at least for a closer look; and where residuals are a thousand sigmas, far from what is linear."""
-_FITS = 2.0
-"""Robust sigmas of residuals with which no further look is worth while."""
-_SIGNIFICANT = 5.0  # sigmas
-_FEWEST = 8
-"""Observations on each side."""
-_PLACES, _STEP_S = 5000, 10.0
+_NAME = "undocumented"
+_MIN_GAIN = 100.0
+"""Least ratio by which the reduced chi-square falls. In real Doppler of a low orbit without a manoeuvre, impulses take
+up errors of gravity so well that it falls 7 times with a field to degree 150, 16 to degree 100, 47 to degree 60."""
+_MIN_SCAN_GAIN = 20.0
+"""Least ratio by which it falls, linearized, for an impulse that is integrated."""
+_MIN_SIZE_SIGMAS = 5.0
+_MIN_SIDE_OBSERVATIONS = 8
+_MAX_TIMES, _MIN_STEP_S = 5000, 10.0
 """Times that are tried."""
-_LARGEST_M_S = 100.0
+_MAX_SIZE_M_S = 100.0
 _STATE_SCALES = np.repeat([1e3, 1.0], 3)
-_NEIGHBOURS, _ISOLATED = 15, 10.0
+_NEIGHBOUR_COUNT, _MAX_ISOLATION_SIGMAS = 15, 10.0
 """A residual so many robust sigmas off the median of its neighbours is no part of a jump."""
-_FAR = 5.0
-_ROUNDS, _FARTHEST_S = 8, 600.0
-_SHIFT_S = 0.1
-_NEAR_S = 300.0
-"""Observations so near to a time that is not known yet are not looked at; less with each round."""
-_GAP_S = 600.0
+_MAX_RESIDUAL_SIGMAS = 5.0
+_ROUND_COUNT, _MAX_TIME_STEP_S = 8, 600.0
+_DIFFERENCE_S = 0.1
+"""Step of the partials by the time of the impulse."""
+_NEAR_S, _NEAR_RATIO = 300.0, 0.3
+"""Observations so near to a time that is uncertain yet take no part; the ratio is that from round to round."""
+_MIN_GAP_S = 600.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,56 +105,30 @@ def find_manoeuvres(start: StagedStart, usable: NDArray[np.bool_]) -> list[Manoe
     manoeuvres = list[Manoeuvre]()
     x, reach_s = start.apriori, start.first_reach_s(usable)
     while True:
-        rows, before = start.rows_within(reach_s, usable), x
-        x = start.fitted(rows, before)
-        found = _manoeuvre_among(start, rows, _starts(start, rows, x, before))
-        if found is not None:
-            manoeuvres.append(found)
-            x, usable = found.x, usable & ~found.hides(start.arc.observations)
+        rows = start.rows_within(reach_s, usable)
+        x = start.fitted(rows, x)
+        manoeuvre = _manoeuvre_among(start, rows, x)
+        if manoeuvre is not None:
+            manoeuvres.append(manoeuvre)
+            x, usable = manoeuvre.x, usable & ~manoeuvre.hides(start.arc.observations)
         elif reach_s >= start.away_s[usable].max():
             return manoeuvres
         else:
             reach_s *= REACH_FACTOR
 
 
-def _starts(start: StagedStart, rows: NDArray[np.intp], x: Floats, before: Floats) -> Iterator[Floats]:
-    """Yield parameters of orbits, of which the later ones may fit on the epoch's side of a manoeuvre."""
-    yield from (x, before)
-    nearest = rows[np.argsort(start.away_s[rows])]
-    for fraction in (2, 4):
-        yield start.fitted(nearest[: max(MIN_OBSERVATIONS, len(rows) // fraction)], before)
-
-
-def _manoeuvre_among(
-    start: StagedStart, rows: NDArray[np.intp], starts: Iterable[Floats]
-) -> Manoeuvre | None:
-    """Return the manoeuvre that explains the residuals of some observations, ``None`` without one.
-
-    The first of the `starts` fits best, the others may fit on a part only.
-    """
-    part, sigma_m = start.arc.select(rows), start.sigma_m[rows]
-    orbit = part.trajectory
-    assert isinstance(orbit, AdjustableOrbit)
-    search = _Search(part, sigma_m, orbit, start.apriori, start.free, start.step_sigmas)
-    found: list[tuple[float, Manoeuvre]] = []
-    plain: Floats | None = None
-    for x in starts:
-        guess = search.scanned(x)
-        if guess is None or (plain is None and not guess.promising):
-            break
-        plain = x if plain is None else plain
-        logger.info("an impulse at %.0f s makes the squares %.3g times smaller", guess.time_s, guess.gain)
-        try:
-            settled = search.settled(guess, plain)
-        except RadiolocError as error:
-            logger.info("it does not settle: %s", error)
-            continue
-        if settled is not None:
-            gain, spread, manoeuvre = settled
-            found.append((gain, manoeuvre))
-            if spread < _FITS:
-                break
-    return max(found, key=lambda one: one[0])[1] if found else None
+def _manoeuvre_among(start: StagedStart, rows: NDArray[np.intp], x: Floats) -> Manoeuvre | None:
+    """Return the manoeuvre that explains the residuals of some observations, ``None`` without one."""
+    search = _Search(start, start.arc.select(rows), start.sigma_m[rows])
+    guess = search.scanned(x)
+    if guess is None or guess.gain < _MIN_SCAN_GAIN:
+        return None
+    logger.info("an impulse at %.0f s makes the squares %.3g times smaller", guess.time_s, guess.gain)
+    try:
+        return search.settled(guess, x)
+    except RadiolocError as error:
+        logger.info("it does not settle: %s", error)
+        return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,19 +139,21 @@ class _Guess:
     time_s: float
     delta_v_m_s: Floats
     x: Floats
-    promising: bool
 
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """Observations among which a manoeuvre is looked for, and the orbit in which it is put."""
+    """Observations among which a manoeuvre is sought."""
 
+    start: StagedStart
     part: Predictor
     sigma_m: Floats
-    orbit: AdjustableOrbit
-    apriori: Floats
-    free: NDArray[np.intp]
-    sigmas: Floats
+
+    @property
+    def orbit(self) -> AdjustableOrbit:
+        """Orbit in which the manoeuvre is put."""
+        assert isinstance(self.part.trajectory, AdjustableOrbit)
+        return self.part.trajectory
 
     @cached_property
     def time_s(self) -> Floats:
@@ -215,22 +188,22 @@ class _Search:
         for column in self.constants().T:
             mine = np.flatnonzero(column)
             mine = mine[np.argsort(time_s[mine])]
-            off[mine] = ratio[mine] - median_filter(ratio[mine], _NEIGHBOURS, mode="mirror")
-        return np.asarray(np.abs(off) <= _ISOLATED * max(1.0, robust_scale(off, 0)))
+            off[mine] = ratio[mine] - median_filter(ratio[mine], _NEIGHBOUR_COUNT, mode="mirror")
+        return np.asarray(np.abs(off) <= _MAX_ISOLATION_SIGMAS * max(1.0, robust_scale(off, 0)))
 
     def scanned(self, x: Floats) -> _Guess | None:
         """The impulse with which the residuals of an orbit, fitted anew, are least."""
-        ratio, design = self.residuals(self.part, x - self.apriori)
+        ratio, design = self.residuals(self.part, x - self.start.apriori)
         rows = np.flatnonzero(self.smooth(ratio))
         rows = rows[np.argsort(self.time_s[rows])]
         time_s, ratio, design = self.time_s[rows], ratio[rows], design[rows]
         width = design.shape[1]
         size = np.linalg.norm(design, axis=0)
         design[:, 6:] /= np.where(size > 0.0, size, 1.0)[6:]
-        if len(rows) < width + 2 * _FEWEST:
+        if len(rows) < width + 2 * _MIN_SIDE_OBSERVATIONS:
             return None
-        begin_s, end_s = time_s[_FEWEST], time_s[-_FEWEST]
-        tried_s = np.linspace(begin_s, end_s, min(_PLACES, int((end_s - begin_s) / _STEP_S)) + 2)
+        begin_s, end_s = time_s[_MIN_SIDE_OBSERVATIONS], time_s[-_MIN_SIDE_OBSERVATIONS]
+        tried_s = np.linspace(begin_s, end_s, min(_MAX_TIMES, int((end_s - begin_s) / _MIN_STEP_S)) + 2)
         state = design[:, :6]
         inverse = np.linalg.inv(design.T @ design + 1e-8 * np.eye(width))
         fitted = inverse @ (design.T @ ratio)
@@ -240,7 +213,7 @@ class _Search:
             """Sums over what is later than each time."""
             return np.asarray(np.cumsum(terms[::-1], axis=0)[::-1][np.searchsorted(time_s, tried_s)])
 
-        orbit = self.orbit.corrected(x - self.apriori)
+        orbit = self.orbit.corrected(x - self.start.apriori)
         transition = orbit.partials(orbit.epoch.shifted(tried_s))[:, :, :6]
         kick = np.linalg.inv(transition)[:, :, 3:] / _STATE_SCALES[:, None]
         turned = np.swapaxes(kick, 1, 2)
@@ -248,7 +221,7 @@ class _Search:
         square = turned @ after(state[:, :, None] * state[:, None]) @ kick
         # Impulses beyond all sizes are no explanation: what few observations would need them for is noise.
         square += (
-            without / len(rows) * np.eye(3) / _LARGEST_M_S**2 - np.swapaxes(cross, 1, 2) @ inverse @ cross
+            without / len(rows) * np.eye(3) / _MAX_SIZE_M_S**2 - np.swapaxes(cross, 1, 2) @ inverse @ cross
         )
         right = turned @ after(state * ratio[:, None])[..., None] - np.swapaxes(cross, 1, 2) @ fitted[:, None]
         delta_v = np.linalg.solve(square, right)
@@ -262,22 +235,15 @@ class _Search:
         moved[:6] += solution[:6] * _STATE_SCALES
         if tried_s[best] < 0.0:  # the state at the epoch is one after the impulse
             moved[:6] += kick[best] @ impulse * _STATE_SCALES
-        far = np.sqrt(without / len(rows)) > _FAR_OFF
-        promising = gain > (_PROMISING_FAR if far else _PROMISING)
-        return _Guess(gain, float(tried_s[best]), impulse, moved, bool(promising))
+        return _Guess(gain, float(tried_s[best]), impulse, moved)
 
-    def settled(self, guess: _Guess, plain: Floats) -> tuple[float, float, Manoeuvre] | None:
-        """The impulse, integrated, with its time; ``None`` where it explains too little.
-
-        Before it by how much it makes the squares smaller, and the robust scale of what they leave.
-
-        `plain` are parameters of the orbit without it that fits best.
-        """
+    def settled(self, guess: _Guess, plain: Floats) -> Manoeuvre | None:
+        """Integrate the impulse and adjust its time; ``None`` where it explains too little beside the plain orbit."""
         time_s, delta_v, x = guess.time_s, guess.delta_v_m_s, guess.x
         count = len(x)
-        free = np.concatenate([self.free, count + np.arange(3)])
-        sigmas = np.concatenate([self.sigmas, np.ones(3)])
-        apriori = np.concatenate([self.apriori, np.zeros(3)])
+        free = np.concatenate([self.start.free, count + np.arange(3)])
+        sigmas = np.concatenate([self.start.step_sigmas, np.ones(3)])
+        apriori = np.concatenate([self.start.apriori, np.zeros(3)])
 
         def acting(epoch_s: float) -> AdjustableOrbit:
             impulse = Impulse(_NAME, self.orbit.epoch.shifted([epoch_s]), axes="ICRF")
@@ -288,23 +254,26 @@ class _Search:
                 integrated=[],
             )
 
-        for k in range(_ROUNDS):
+        first_s, last_s = self.time_s.min() + 1.0, self.time_s.max() - 1.0
+        for k in range(_ROUND_COUNT):
             orbit = acting(time_s)
             part = self.part.along(orbit)
             y, spread = fitted_state(part, self.sigma_m, np.concatenate([x, delta_v]), apriori, free, sigmas)
             x, delta_v = y[:count], y[count:]
             ratio, design = self.residuals(part, y - apriori)
-            later = ratio - self.residuals(self.part.along(acting(time_s + _SHIFT_S)), y - apriori)[0]
-            aside = np.abs(self.time_s - time_s) > _NEAR_S * 0.3**k
-            rows = np.flatnonzero(aside & (np.abs(ratio) <= _FAR * spread))
+            later = ratio - self.residuals(self.part.along(acting(time_s + _DIFFERENCE_S)), y - apriori)[0]
+            aside = np.abs(self.time_s - time_s) > _NEAR_S * _NEAR_RATIO**k
+            rows = np.flatnonzero(aside & (np.abs(ratio) <= _MAX_RESIDUAL_SIGMAS * spread))
             left, (shift_s, *_), sigma = _least_squares(
-                np.column_stack([later / _SHIFT_S, design])[rows], ratio[rows]
+                np.column_stack([later / _DIFFERENCE_S, design])[rows], ratio[rows]
             )
             reached_s, sigma_s = time_s, float(sigma[0, 0] ** 0.5)
-            time_s = float(np.clip(time_s + np.clip(shift_s, -_FARTHEST_S, _FARTHEST_S), *self.ends_s()))
+            time_s = float(
+                np.clip(time_s + np.clip(shift_s, -_MAX_TIME_STEP_S, _MAX_TIME_STEP_S), first_s, last_s)
+            )
             if abs(shift_s) < max(0.1, 0.1 * sigma_s):
                 break
-        without, plain_design = self.residuals(self.part, plain - self.apriori)
+        without, plain_design = self.residuals(self.part, plain - self.start.apriori)
         before, _, _ = _least_squares(plain_design[rows], without[rows])
         gain = float(before @ before / (left @ left)) * (len(rows) - design.shape[1] - 1) / len(rows)
         mine = slice(1 + count, 4 + count)
@@ -313,27 +282,17 @@ class _Search:
         logger.info(
             "an impulse of %.3g +- %.2g m/s makes the squares %.3g times smaller", size, sigma_m_s, gain
         )
-        sides = np.bincount(self.behind(reached_s)[rows] != 0.0, minlength=2)
-        if gain < _GAIN or size < _SIGNIFICANT * sigma_m_s or sides.min() < _FEWEST:
+        sides = np.bincount(self.time_s[rows] > reached_s, minlength=2)
+        if gain < _MIN_GAIN or size < _MIN_SIZE_SIGMAS * sigma_m_s or sides.min() < _MIN_SIDE_OBSERVATIONS:
             return None
         position, velocity = orbit.corrected(y - apriori).states(orbit.epoch.shifted([reached_s]))
         near_s = np.sort(self.time_s[rows])
         after = int(np.searchsorted(near_s, reached_s))
         gap_s = near_s[after - 1 : after + 1]
-        gap = orbit.epoch.shifted(gap_s) if np.ptp(gap_s) > _GAP_S else None
+        gap = orbit.epoch.shifted(gap_s) if np.ptp(gap_s) > _MIN_GAP_S else None
         in_rtn = rtn_axes(position[0], velocity[0]) @ delta_v
-        manoeuvre = Manoeuvre(
-            orbit.epoch.shifted([reached_s]), sigma_s, in_rtn, sigma_m_s, gap, x, reached_s > 0.0
-        )
-        return gain, spread, manoeuvre
-
-    def behind(self, time_s: float) -> Floats:
-        """How observations answer to a change at a time: as to the state after it, or, before the epoch, before."""
-        return np.where(time_s > 0.0, self.time_s > time_s, -1.0 * (self.time_s < time_s))
-
-    def ends_s(self) -> tuple[float, float]:
-        """First and last time at which a manoeuvre can be, on the epoch's side of which there are observations."""
-        return float(self.time_s.min()) + 1.0, float(self.time_s.max()) - 1.0
+        epoch = orbit.epoch.shifted([reached_s])
+        return Manoeuvre(epoch, sigma_s, in_rtn, sigma_m_s, gap, x, reached_s > 0.0)
 
 
 def _least_squares(design: Floats, ratio: Floats) -> tuple[Floats, Floats, Floats]:

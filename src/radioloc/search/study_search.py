@@ -43,27 +43,17 @@ from radioloc.study.study_file import as_study
 from radioloc.study.uplinks import Uplink
 from radioloc.time import utc_strings
 
-_MAX_CANDIDATES, _MAX_PASSES = 3, 12
-"""Rows and columns of a card that fits a screen; ``to_dict`` has all."""
+_MAX_PASSES = 12
+"""Passes on a card; ``to_dict`` has all."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundPosition:
-    """A position on the near side that fits better than the a-priori one.
+    """Position on the near side that fits better than the a-priori one."""
 
-    Parameters
-    ----------
-    target : str
-        Name of the target, empty where the study has one without a name.
-    position : LunarPosition
-        In mean-Earth axes.
-    away_m : float
-        Distance from the a-priori position.
-    """
-
-    target: str
-    position: LunarPosition
-    away_m: float
+    target: str  # empty where the study has one without a name
+    position: LunarPosition  # mean-Earth axes
+    away_m: float  # from the a-priori position
 
     def keys(self) -> dict[str, Any]:
         """Return the keys of its table in a study file."""
@@ -312,20 +302,13 @@ def _position_line(found: FoundPosition) -> str:
 
 
 def _transmitter_table(passes: Sequence[TransmitterPass]) -> Field:
-    """Candidates for the transmitter of each pass, with the rms that each leaves; of many, the next best alone."""
-    names = list(dict.fromkeys(name for one in passes for name in one.rms_m_s))
-    few = len(names) <= _MAX_CANDIDATES
-    rows: list[tuple[str, ...]] = []
+    """Return the best and the second best candidate for the transmitter of each pass, with the rms of each."""
+    rows = []
     for one in passes:
         best, *others = one.ranking
+        second = (others[0], one.size(others[0])) if others else ("-", "-")
         taken = best if one.decided else f"{best}?"
-        next_best = (others[0], one.size(others[0])) if others else ("-", "-")
-        sizes = (*map(one.size, names), taken) if few else (taken, one.size(best), *next_best)
-        rows.append((f"{one.receiver} {utc_strings(one.span, 0)[0][5:16]}", *sizes))
-    heading = ("rms of pass", *names, "taken") if few else ("pass", "taken", "rms", "next best", "rms")
-    below = []
-    if few and any(rms_m_s is None for one in passes for rms_m_s in one.rms_m_s.values()):
-        below.append("- does not see the target")
-    if not all(one.decided for one in passes):
-        below.append("? undecided: another fits about as well")
+        rows.append((f"{one.receiver} {utc_strings(one.span, 0)[0][5:16]}", taken, one.size(best), *second))
+    below = [] if all(one.decided for one in passes) else ["? undecided: another fits about as well"]
+    heading = ("pass", "taken", "rms", "next best", "rms")
     return table("transmitter", heading, rows, _MAX_PASSES, below, "the JSON")

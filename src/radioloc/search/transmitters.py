@@ -49,31 +49,19 @@ _MIN_PASS_S = 600.0
 
 @dataclass(frozen=True, slots=True)
 class TransmitterPass:
-    """Candidates for the transmitter, and the turnaround ratio, of what a station received in a pass.
-
-    Parameters
-    ----------
-    receiver, target : str
-    span : Epochs
-        First and last count, UTC.
-    count : int
-        Counts of Doppler.
-    candidates : mapping of str to (str, Fraction or None)
-        Station, empty for that of the files, and turnaround ratio, by the name of the candidate.
-    rms_m_s : mapping of str to float or None
-        Rms of the residual rates by candidate, less one frequency offset, m/s of the round trip; None where the
-        candidate does not see the target.
-    cycle_m : float or None
-        Wavelength of the signal on its way down, m.
-    """
+    """Candidates for the transmitter, and the turnaround ratio, of what a station received in a pass."""
 
     receiver: str
     target: str
-    span: Epochs
+    span: Epochs  # first and last count, UTC
     count: int
-    candidates: Mapping[str, _Candidate]
+    candidates: Mapping[
+        str, _Candidate
+    ]  # by name: station, empty for that of the files, and turnaround ratio
+    # Rms of the round-trip residual rates by candidate, less one frequency offset; None where it does not see the
+    # target.
     rms_m_s: Mapping[str, float | None]
-    cycle_m: float | None
+    cycle_m: float | None  # wavelength of the downlink
 
     @property
     def ranking(self) -> list[str]:
@@ -100,7 +88,7 @@ class TransmitterPass:
         )
 
     def size(self, name: str) -> str:
-        """Rms of a candidate, in hertz where the wavelength is known; a dash where it does not see the target."""
+        """Return the rms of a candidate, in hertz where the wavelength is known; a dash where it sees no target."""
         rms_m_s = self.rms_m_s[name]
         if rms_m_s is None:
             return "-"
@@ -115,14 +103,7 @@ class TransmitterPass:
 
 
 def compared_transmitters(study: Study, arc: Predictor, positions_pa_m: Floats) -> list[TransmitterPass]:
-    """Compare the candidates of a study in each pass of an arc of Doppler.
-
-    Raises
-    ------
-    InputError
-        A candidate is unknown, no candidate sees the target in a pass, or frequencies are not recorded that tell a
-        turnaround ratio.
-    """
+    """Compare the candidates of a study in each pass of Doppler; InputError where one is unknown or none fits."""
     choice, observations, catalogue = study.observations, arc.observations, arc.model.catalogue
     with named("[observations] transmitters:"):
         stations = [catalogue.get(name).name for name in choice.transmitters or ()]

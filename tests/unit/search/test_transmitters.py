@@ -115,9 +115,7 @@ def test_the_card_and_the_json_have_all_candidates(received):
         # The a-priori position is 10 km off, which is a fraction of the noise
         assert best == pytest.approx(NOISE_HZ, rel=0.3)
         assert min(others, default=np.inf) > 10.0 * NOISE_HZ
-    card = str(result)
-    assert "transmitter rms of pass" in " ".join(card.split())
-    assert "undecided" not in card
+    assert "undecided" not in str(result)
     names = [f"{name} {ratio}" for name in CANDIDATES for ratio in ("240/221", "880/749")]
     one = replace(result.transmitters[0], rms_m_s={name: 0.01 * k for k, name in enumerate(names, 1)})
     lines = str(replace(result, transmitters=(one,))).splitlines()

@@ -27,7 +27,6 @@ __all__ = [
     "TdmAgreement",
     "TdmFile",
     "TdmReadout",
-    "looks_like_tdm",
     "read_tdm",
     "read_tdm_file",
     "tdm_observations",

@@ -47,7 +47,6 @@ def parse_xml(path: str | Path, text: str) -> TdmFile:
     _require_whole(path, text)
     lines = _lines_of(text)
     breaks = np.frombuffer(lines.encode(), dtype=np.uint8)
-    breaks = breaks[(breaks == ord("\n")) | (breaks == ord(_LINE_END))]
     numbers = 1 + np.cumsum(breaks == ord(_LINE_END), dtype=np.int32)[breaks == ord("\n")]
     return parse_kvn(path, lines.split("\n"), np.concatenate([[1], numbers]), _RECORD)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike
 from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S
 from radioloc.ephemeris import CONSTANTS, Ephemeris, EphemerisConstants, LunarOrientation
-from radioloc.errors import InputError
+from radioloc.errors import InputError, require_type
 from radioloc.lunar.frames import rot_icrf_to_pa, rot_pa_to_me
 from radioloc.lunar.selenographic import (
     cartesian_to_selenographic,
@@ -89,6 +90,9 @@ class LunarPosition:
         >>> LunarPosition.from_selenographic(0.0, 90.0, 600.0).xyz_m.round(3).tolist()
         [0.0, 0.0, 1738000.0]
         """
+        coordinates = {"longitude_deg": longitude_deg, "latitude_deg": latitude_deg, "height_m": height_m}
+        for name, value in coordinates.items():
+            require_type(name, value, Real)
         if not -360.0 <= longitude_deg <= 360.0:
             raise InputError(f"longitude_deg = {longitude_deg!r} is not between -360 and 360")
         if not -90.0 <= latitude_deg <= 90.0:
@@ -209,6 +213,16 @@ def rot_between(frame: str, other: str) -> Floats:
     """Rotation from one set of axes on the Moon to another, shape (3, 3): that of :meth:`LunarPosition.to_frame`.
 
     Many points are turned at once: ``points_m @ rot_between(frame, other).T`` of shape (n, 3).
+
+    Parameters
+    ----------
+    frame, other : str
+        ``"PA_DE421"``, ``"ME_DE421"``, ``"PA_DE440"``, ...
+
+    Raises
+    ------
+    InputError
+        The constants of an ephemeris are not known, or no angles lead from its mean-Earth axes to the other's.
 
     Examples
     --------

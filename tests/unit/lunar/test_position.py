@@ -67,6 +67,7 @@ def test_unknown_frame(frame):
 @pytest.mark.parametrize(
     ("values", "message"),
     [
+        (("3.6 E", 0.0, 0.0), "longitude_deg"),
         ((361.0, 0.0, 0.0), "longitude_deg"),
         ((np.nan, 0.0, 0.0), "longitude_deg"),
         ((0.0, 90.001, 0.0), "latitude_deg"),

@@ -55,7 +55,8 @@ def fit(path: Path) -> None:
     from change5_case import STUDY
 
     import radioloc
-    from radioloc.jobs.locate import fit_arc, prepared_arc
+    from radioloc.jobs.locate import fit_arc
+    from radioloc.jobs.preparation import prepared_arc
 
     with path.open("rb") as file:
         observations = pickle.load(file)

@@ -25,7 +25,8 @@ def done(stage):
     stages.append(time.process_time())
     print(json.dumps({stage: stages[-1] - stages[-2]}))
 import radioloc
-from radioloc.jobs.locate import fit_arc, prepared_arc
+from radioloc.jobs.locate import fit_arc
+from radioloc.jobs.preparation import prepared_arc
 study = radioloc.read_study("change5.toml")
 done("import")
 observations = radioloc.read_observations(study.observations.files, catalogue=study.catalogue)

@@ -3,7 +3,8 @@
 import pytest
 
 import radioloc
-from radioloc.jobs.locate import fit_arc, model_of, prepared_arc
+from radioloc.jobs.locate import fit_arc
+from radioloc.jobs.preparation import model_of, prepared_arc
 from radioloc.jobs.simulate import scenario_of
 from radioloc.simulation import World
 

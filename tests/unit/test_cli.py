@@ -175,7 +175,7 @@ def test_light_time_that_does_not_settle_ends_with_3(run, monkeypatch):
     def fails(study):
         raise ConvergenceError("the light time did not settle")
 
-    monkeypatch.setattr("radioloc.jobs.locate.prepared_arc", fails)
+    monkeypatch.setattr("radioloc.jobs.preparation.prepared_arc", fails)
     outcome = run(study_of())
     assert (outcome.status, outcome.out, outcome.err) == (3, "", "radioloc: the light time did not settle\n")
 
@@ -224,7 +224,7 @@ def test_any_other_trouble_with_files_is_one_line(run, monkeypatch):
     def refuses(study):
         raise OSError(13, "Permission denied", "x.png")
 
-    monkeypatch.setattr("radioloc.jobs.locate.prepared_arc", refuses)
+    monkeypatch.setattr("radioloc.jobs.preparation.prepared_arc", refuses)
     refused(run(study_of()), "x.png: Permission denied")
 
 

@@ -63,7 +63,7 @@ def _observation_formats() -> Rows:
 def convert(options: argparse.Namespace) -> int:
     """Read observation files of any known format and write them as one file."""
     from radioloc.io.formats import require_writable
-    from radioloc.jobs.locate import read_as
+    from radioloc.jobs.preparation import read_as
 
     require_writable(options.out, options.originator)  # before the reading, which may take long
     sigma_m = _sigmas_m(options.sigma)

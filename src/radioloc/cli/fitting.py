@@ -59,7 +59,8 @@ def residuals(options: argparse.Namespace) -> int:
 
 def _solution(options: argparse.Namespace, *, fitted: bool) -> radioloc.Solution:
     """Return the solution of a study, the files of which are written and the card printed."""
-    from radioloc.jobs.locate import fit_arc, prepared_arc
+    from radioloc.jobs.locate import fit_arc
+    from radioloc.jobs.preparation import prepared_arc
     from radioloc.study.study import TerrainPrior
 
     if options.terms and options.out is None:

@@ -226,7 +226,7 @@ def write_residuals_tdm(
     solution : Solution
         Whose residuals are written.
     observations : Observations
-        That it was made from, row by row: ``observations`` of :func:`~radioloc.jobs.locate.arc_of`'s predictor.
+        That it was made from, row by row: ``observations`` of :func:`~radioloc.jobs.preparation.arc_of`'s predictor.
     path : path-like
         The file; an existing one is replaced.
     originator, creation_date

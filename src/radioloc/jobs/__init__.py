@@ -2,8 +2,8 @@
 
 from radioloc.jobs.arcs import leave_one_out
 from radioloc.jobs.comparison import compare
-from radioloc.jobs.locate import arc_of
 from radioloc.jobs.passes import light_times, visibility
+from radioloc.jobs.preparation import arc_of
 from radioloc.jobs.verification import verify
 
 __all__ = [

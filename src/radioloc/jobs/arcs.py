@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.estimation.statistics import finite_or_none
-from radioloc.jobs.locate import fit_arc, logger, prepared_arc
+from radioloc.jobs.locate import fit_arc, logger
+from radioloc.jobs.preparation import prepared_arc
 from radioloc.jobs.selection import DEFAULT_HOURS, arc_lengths, arc_parts
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor

@@ -41,9 +41,9 @@ from radioloc.estimation.observation_noise import ObservationNoise, Whitening
 from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL, EAST_NORTH_UP, LOCAL_LEVEL, OrbitState
 from radioloc.estimation.process_noise import ProcessNoise
 from radioloc.estimation.series import seconds_since_midnight
-from radioloc.jobs.locate import model_of, prepared_arc
 from radioloc.jobs.notes import notes_of_plan
 from radioloc.jobs.one_thread import on_one_blas_thread
+from radioloc.jobs.preparation import model_of, prepared_arc
 from radioloc.jobs.problem import (
     allows_for_correlation,
     considered_errors,

@@ -14,7 +14,7 @@ from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S
 from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError
-from radioloc.jobs.locate import model_of, prepared_arc
+from radioloc.jobs.preparation import model_of, prepared_arc
 from radioloc.labels import Labels
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.exact_predictor import ExactPredictor

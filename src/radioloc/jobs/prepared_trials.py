@@ -35,7 +35,8 @@ from radioloc.jobs.linear_trials import (
     trial_seed,
     true_values,
 )
-from radioloc.jobs.locate import fit_arc, model_of, prepared_arc
+from radioloc.jobs.locate import fit_arc
+from radioloc.jobs.preparation import model_of, prepared_arc
 from radioloc.jobs.problem import (
     considered_errors,
     disturbed,

@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from radioloc.errors import InputError
-from radioloc.jobs.locate import model_of
 from radioloc.jobs.one_thread import on_one_blas_thread
+from radioloc.jobs.preparation import model_of
 from radioloc.simulation import Scenario, Simulated, TruthSigma
 from radioloc.study.study import Study
 from radioloc.study.study_file import as_study

@@ -13,7 +13,8 @@ from typing import Any
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError, require_type
 from radioloc.jobs.arcs import arcs
-from radioloc.jobs.locate import fit_arc, prepared_arc
+from radioloc.jobs.locate import fit_arc
+from radioloc.jobs.preparation import prepared_arc
 from radioloc.kernels import sha256_of
 from radioloc.report.files import INCOMPLETE, json_text
 from radioloc.results.cards import Card, Field

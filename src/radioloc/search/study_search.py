@@ -15,9 +15,9 @@ import numpy as np
 
 from radioloc.dynamics import Impulse
 from radioloc.errors import InputError
-from radioloc.jobs.locate import chosen_observations, model_of, prepared_arc
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.orbit_start import StagedStart
+from radioloc.jobs.preparation import chosen_observations, model_of, prepared_arc
 from radioloc.jobs.problem import (
     observation_model,
     start_pa_m,

@@ -13,7 +13,7 @@ from radioloc.estimation.observation_noise import ALONE, ObservationNoise, Phase
 from radioloc.estimation.process_noise import ProcessNoise
 from radioloc.estimation.series import SeriesOrder, series_of
 from radioloc.estimation.time_correlation import fit_with_correlated_weights
-from radioloc.jobs.locate import prepared_arc
+from radioloc.jobs.preparation import prepared_arc
 from radioloc.jobs.station_noise import stated_noise
 from radioloc.measurements import PhysicalModel
 from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, Session, Truth, two_way

@@ -6,8 +6,8 @@ import pytest
 from radioloc.errors import InputError
 from radioloc.io import write_table
 from radioloc.jobs.covariance import covariance
-from radioloc.jobs.locate import prepared_arc
 from radioloc.jobs.monte_carlo import monte_carlo
+from radioloc.jobs.preparation import prepared_arc
 from radioloc.jobs.selection import with_averaged_counts
 from radioloc.measurements import Link, Observations
 from radioloc.measurements.registry import kind_of

@@ -11,7 +11,7 @@ from tdm_messages import DELAY, kvn
 import radioloc
 from radioloc import LunarPosition, Observations
 from radioloc.ephemeris import CONSTANTS
-from radioloc.jobs.locate import model_of
+from radioloc.jobs.preparation import model_of
 from radioloc.measurements import Link
 from radioloc.measurements.registry import kind_of
 from radioloc.parameters.choice import parameter_choices

@@ -10,7 +10,8 @@ import pytest
 from odf_files import taken_apart
 
 import radioloc
-from radioloc.jobs.locate import fit_arc, prepared_arc
+from radioloc.jobs.locate import fit_arc
+from radioloc.jobs.preparation import prepared_arc
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "dsn"
 

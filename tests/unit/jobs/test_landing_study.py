@@ -82,7 +82,7 @@ def test_results_have_both(solution):
 
 def test_partials_are_those_of_differences(made):
     study, simulated = made
-    arc, _ = radioloc.jobs.locate.prepared_arc(study, simulated.observations)
+    arc, _ = radioloc.jobs.preparation.prepared_arc(study, simulated.observations)
     problem = radioloc.jobs.problem.observation_model(arc, None, study.estimate)
     x = problem.landing.values_of(problem.landing.orbit)
     partials = problem.linearize(x).partials(np.arange(len(simulated.observations)))

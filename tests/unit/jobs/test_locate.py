@@ -11,6 +11,7 @@ import radioloc
 from radioloc import LunarPosition, Study
 from radioloc.estimation import time_correlation
 from radioloc.results.build import compare_with
+from radioloc.search import search
 from radioloc.study import EstimateChoice, ModelChoice, ObservationChoice
 
 # JPL's positions in the principal axes of DE421, m: Williams, Boggs and Folkner, "DE421 Lunar Orbit, Physical
@@ -256,12 +257,13 @@ def test_far_side_is_refused_in_words(apollo15):
     assert found.fit.total.rejected == len(apollo15)
 
 
-def test_a_fit_comes_home_from_the_far_side(apollo15, near15):
-    home = fit(apollo15, near15)
-    found = fit(apollo15, LunarPosition.from_selenographic(178.0, 26.0, 0.0))
+def test_a_search_and_a_fit_come_home_from_the_far_side(apollo15, near15):
+    away = Study(target=LunarPosition.from_selenographic(178.0, 26.0, 0.0))
+    with pytest.raises(radioloc.errors.InputError, match=r"`radioloc search STUDY\.toml`"):
+        radioloc.locate(away, apollo15)
+    found = fit(apollo15, search(away, apollo15).study.target)
     assert found.converged
-    assert "km from the a-priori position" in found.notes[0]
-    assert apart_m(found, home) < 1e-3
+    assert apart_m(found, fit(apollo15, near15)) < 1e-3
 
 
 def test_below_the_stations_horizon_is_rejected_with_the_reason(apollo15, near15):

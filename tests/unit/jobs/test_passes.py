@@ -9,7 +9,7 @@ import pytest
 import radioloc
 from radioloc.errors import InputError, StationError
 from radioloc.jobs import visibility
-from radioloc.jobs.locate import model_of
+from radioloc.jobs.preparation import model_of
 from radioloc.simulation import elevations
 from radioloc.time import epochs_from_strings, utc_to_tt
 

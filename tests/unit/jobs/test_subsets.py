@@ -11,7 +11,7 @@ from radioloc.errors import InputError
 from radioloc.estimation.combination import PositionEstimate
 from radioloc.jobs import leave_one_out
 from radioloc.jobs.arcs import _groups
-from radioloc.jobs.locate import prepared_arc
+from radioloc.jobs.preparation import prepared_arc
 from radioloc.results.subsets import Without
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"

@@ -10,7 +10,7 @@ from reader_cases import EXAMPLES
 
 import radioloc
 from radioloc.estimation import FitStatus
-from radioloc.jobs.locate import prepared_arc
+from radioloc.jobs.preparation import prepared_arc
 from radioloc.jobs.verdict import heights, places
 from radioloc.lunar import LunarPosition
 from radioloc.measurements import MEASUREMENTS, Link, PhysicalModel

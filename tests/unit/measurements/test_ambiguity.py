@@ -5,7 +5,7 @@ import pytest
 
 from radioloc.errors import InputError
 from radioloc.io import write_table
-from radioloc.jobs import locate
+from radioloc.jobs import preparation
 from radioloc.measurements import Link, Observations
 from radioloc.measurements.ambiguity import without_ambiguity
 from radioloc.measurements.registry import kind_of
@@ -75,12 +75,12 @@ def test_in_a_study(tmp_path):
     path = tmp_path / "study.toml"
     path.write_text(STUDY.format(longitude_deg=-51.92))
     write_table(tmp_path / "ranges.csv", ranges(np.full(20, 7.6e8), modulus_m=np.nan))
-    arc, start_m = locate.arc_of(path)
+    arc, start_m = preparation.arc_of(path)
     whole_m = arc.compute(start_m).value_m
     write_table(tmp_path / "ranges.csv", ranges(whole_m % MODULUS_M))
     path.write_text(STUDY.format(longitude_deg=-51.97))
-    arc, _ = locate.prepared_arc(read_study(path))
+    arc, _ = preparation.prepared_arc(read_study(path))
     np.testing.assert_allclose(arc.observations.value_m, whole_m, rtol=0.0, atol=1e-6)
     path.write_text(STUDY.format(longitude_deg=-20.0))
     with pytest.raises(InputError, match=r"ranges.csv, line 2: .*a better one"):
-        locate.prepared_arc(read_study(path))
+        preparation.prepared_arc(read_study(path))

@@ -11,7 +11,7 @@ import radioloc
 from radioloc import Observations, Study
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError
-from radioloc.jobs.locate import prepared_arc
+from radioloc.jobs.preparation import prepared_arc
 from radioloc.measurements import Link, PhysicalModel
 from radioloc.search import search
 from radioloc.search.transmitters import _jumps, _passes

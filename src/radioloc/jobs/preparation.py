@@ -1,0 +1,236 @@
+"""Preparation of an arc: the model, the observations that take part, and the predictor; nothing is estimated."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.dynamics import AdjustableOrbit
+from radioloc.ephemeris import EphemerisConstants, Trajectory
+from radioloc.errors import CoverageError, FileFormatError, InputError, require_type
+from radioloc.io.formats import read_observations
+from radioloc.jobs.one_thread import on_one_blas_thread
+from radioloc.jobs.problem import (
+    needs_more_partials,
+    position_in_pa,
+    start_pa_m,
+    targets_in_pa,
+)
+from radioloc.jobs.selection import select_observations, with_target_names
+from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.ambiguity import without_ambiguity
+from radioloc.measurements.evaluation import prepare_predictor
+from radioloc.measurements.exact_predictor import ExactPredictor
+from radioloc.measurements.link import canonical_target
+from radioloc.measurements.observations import Observations, without_duplicates
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.predictor import Predictor
+from radioloc.measurements.quantised import with_rounding_in_sigmas
+from radioloc.measurements.sources import read_sources
+from radioloc.measurements.terms import TERMS
+from radioloc.media.csp import read_csp
+from radioloc.media.ionex import read_ionex
+from radioloc.media.ionosphere import UniformTec
+from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
+from radioloc.study.identity import spacecraft_doubts
+from radioloc.study.orbiter import Orbiter
+from radioloc.study.study import ModelChoice, Study
+from radioloc.study.study_file import as_study
+from radioloc.study.uplinks import with_uplinks
+from radioloc.study.weights import require_stations, weighted_observations
+
+logger = logging.getLogger(__name__)
+
+
+def arc_of(
+    study: Study | str | Path, observations: Observations | None = None
+) -> tuple[Predictor, NDArray[np.float64]]:
+    """The prepared arc of a study and its a-priori position in principal axes, for predictions and tables of terms.
+
+    Parameters and errors as :func:`radioloc.locate`.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> arc, position_pa_m = radioloc.jobs.arc_of("examples/apollo15/apollo15.toml")
+    >>> arc.compute(position_pa_m).by_position_pa.shape
+    (153, 3)
+    """
+    study = as_study(study)
+    arc, _ = prepared_arc(study, observations)
+    return arc, start_pa_m(targets_in_pa(study, arc.model.ephemeris.constants))
+
+
+@on_one_blas_thread()
+def prepared_arc(
+    study: Study, observations: Observations | None = None, orbit: AdjustableOrbit | None = None
+) -> tuple[Predictor, dict[str, int]]:
+    """The prepared arc of a study, and how many observations were not asked for, by reason.
+
+    An orbiter's a-priori orbit over all of them may be given, which then is not integrated anew.
+    """
+    model = model_of(study)
+    constants = model.ephemeris.constants
+    targets = targets_in_pa(study, constants)
+    known_positions(study, constants)  # one in a wrong frame is to be told before the work, not after it
+    chosen, left_out = chosen_observations(study, observations, model)
+    arc = _arc(study, model, chosen, targets, orbit)
+    logger.info("prepared the model for %d observations by %s", len(chosen), ", ".join(arc.stations))
+    _require_tracked(study, arc)
+    return arc, left_out
+
+
+def _require_tracked(study: Study, arc: Predictor) -> None:
+    """Refuse a position on a map of what is not tracked."""
+    tracked = [name for k in np.unique(arc.observations.link) for name in arc.observations.links[k].targets]
+    for place in study.observations.map_positions:
+        if place.known is not None or place.target is None:
+            continue
+        if canonical_target(place.target) not in map(canonical_target, tracked):
+            raise InputError(
+                "[[observations.map_positions]] target: expected a target that is tracked "
+                f"({', '.join(dict.fromkeys(tracked))}) or a known place (known_deg_m), got {place.target!r}"
+            )
+
+
+def known_positions(study: Study, constants: EphemerisConstants) -> list[tuple[str, NDArray[np.float64]]]:
+    """Return names and positions, principal axes, m, of known places, that of ``[reference]`` first."""
+    given = [] if study.reference is None else [("[reference]", study.reference)]
+    given += [(f"[references] {one.name}", one) for one in study.references if one is not study.reference]
+    return [(one.name, position_in_pa(table, one.position, constants).xyz_m) for table, one in given]
+
+
+def model_of(study: Study) -> PhysicalModel:
+    """The physical model that a study is fitted with; errors as :func:`radioloc.locate`."""
+    choice = study.model
+    uniform = None if choice.tec_tecu is None else UniformTec(choice.tec_tecu)
+    return PhysicalModel.build(
+        ephemeris=choice.ephemeris,
+        libration=choice.libration,
+        earth_orientation=choice.earth_orientation,
+        eop_beyond=choice.eop_beyond,
+        catalogue=study.catalogue,
+        ionosphere=read_ionex(choice.ionex) if choice.ionex else uniform,
+        radio_atmosphere=_radio_atmosphere(choice),
+        media_calibrations=read_csp(choice.csp, choice.csp_scid) if choice.csp else None,
+        delays=choice.delays,
+        free_clocks=choice.free_clocks,
+        sources={name: place for path in choice.sources for name, place in read_sources(path).items()},
+        off=set(TERMS) - choice.terms,
+    )
+
+
+def _radio_atmosphere(choice: ModelChoice) -> RadioAtmosphere | None:
+    if not choice.vmf3 and choice.gpt3 is None and choice.vmf3_orography is None:
+        return None
+    try:
+        return read_radio_atmosphere(choice.vmf3, choice.vmf3_orography, choice.gpt3)
+    except FileFormatError:
+        raise
+    except InputError as error:
+        raise InputError(f"[model] {error}") from None
+
+
+def chosen_observations(
+    study: Study, observations: Observations | None, model: PhysicalModel
+) -> tuple[Observations, dict[str, int]]:
+    """Return the observations of a study, and the number of others by reason; errors as :func:`radioloc.locate`."""
+    study.observations.require_transmitters()
+    if observations is None:
+        if study.simulation is not None and not study.observations.files:
+            raise InputError(
+                f"{study.name}: the study has no observations, only a simulation; use `radioloc montecarlo`, or "
+                "`radioloc simulate` to make a file of observations and name it as [observations] files"
+            )
+        if not study.observations.files:
+            raise InputError(
+                f"{study.path or study.name}: [observations] files is missing; name at least one file (relative to the "
+                "study file, globs allowed)"
+            )
+        observations = read_as(study, study.observations.files, model)
+    else:
+        require_type("observations", observations, Observations)
+        observations = with_rounding_in_sigmas(without_duplicates(observations))
+    chosen, left_out = select_observations(
+        observations, study.observations, study.catalogue, study.targets, model.sources
+    )
+    spacecraft_doubts(study, chosen, model)  # identifiers that contradict each other are refused before a fit
+    for key in ("vlbi_station_sigma_m", "vlbi_station_rate_sigma_m", "doppler_phase_sigma_m"):
+        given = getattr(study.observations, key)
+        if isinstance(given, Mapping):
+            require_stations(chosen, key, given, study.catalogue)
+    weighted = weighted_observations(chosen, study.observations.weights, study.catalogue)
+    return with_uplinks(weighted, study.observations.uplinks, study.catalogue), left_out
+
+
+def read_as(study: Study, files: Sequence[str | Path], model: PhysicalModel | None = None) -> Observations:
+    """Observations of files, read by what a study, or its model, says of stations and Tracking Data Messages.
+
+    Errors as :func:`radioloc.locate`.
+    """
+    # What the model has of delays, a file's are not to be taken off as well.
+    tdm = replace(study.observations.tdm, modelled=(model or model_of(study)).delays)
+    observations = read_observations(
+        files,
+        catalogue=study.catalogue,
+        tdm=tdm,
+        lunar=not isinstance(study.target, Trajectory | Orbiter),
+        frequencies=study.observations.frequencies,
+    )
+    renamed = with_target_names(observations, study.observations.target_names)
+    return observations if renamed is observations else without_duplicates(renamed)
+
+
+def _arc(
+    study: Study,
+    model: PhysicalModel,
+    observations: Observations,
+    targets: Mapping[str, LunarPosition],
+    given: AdjustableOrbit | None,
+) -> Predictor:
+    start_m, aimed, names = _aim(study, targets, model, observations, given)
+    trajectory = aimed.coarse() if isinstance(aimed, AdjustableOrbit) else aimed  # only positions are needed
+    more = needs_more_partials(study)
+    try:
+        if len(rows := np.flatnonzero(~np.isnan(observations.modulus_m))):
+            ambiguous = ExactPredictor(model, observations.select(rows), start_m, trajectory, names)
+            expected_m = np.full(len(observations), np.nan)
+            expected_m[rows] = ambiguous.compute(start_m).value_m
+            observations = without_ambiguity(observations, expected_m)
+        arc = prepare_predictor(model, observations, start_m, study.model.evaluation, trajectory, names, more)
+    except CoverageError:
+        # The kernel or table does not know the files: say which observation lies outside, the first or the last.
+        order = np.lexsort((observations.epoch.fraction, observations.epoch.jd))
+        for row in (int(order[0]), int(order[-1])):
+            try:
+                prepare_predictor(model, observations.select([row]), start_m, "exact", trajectory, names)
+            except CoverageError as error:
+                error.args = (f"{observations.origin(row)}: {error}",)
+                raise error from None
+        raise
+    return arc.along(aimed) if isinstance(aimed, AdjustableOrbit) else arc
+
+
+def _aim(
+    study: Study,
+    targets: Mapping[str, LunarPosition],
+    model: PhysicalModel,
+    observations: Observations,
+    orbit: AdjustableOrbit | None = None,
+) -> tuple[NDArray[np.float64], Trajectory | AdjustableOrbit | None, tuple[str, ...]]:
+    """What is predicted: positions or a trajectory, and names of several targets; of one, observations may have any."""
+    trajectory: Trajectory | AdjustableOrbit | None = orbit
+    if isinstance(study.target, Orbiter) and orbit is None:
+        assert study.estimate.orbit is not None  # the study has seen to that
+        parameters = study.estimate.orbit.parameters(study.target.forces)
+        trajectory = study.target.orbit(model, observations, parameters)
+        if study.target.landing is None:
+            trajectory = trajectory.reaching_below_ground()
+    elif isinstance(study.target, Trajectory):
+        trajectory = study.target
+    return start_pa_m(targets), trajectory, tuple(targets) if len(targets) > 1 else ()

@@ -30,7 +30,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation.linearization import gram
-from radioloc.estimation.statistics import SCALING_PROBABILITY
 
 _Floats = NDArray[np.float64]
 
@@ -59,7 +58,7 @@ class Series:
 
     key: str  # no key occurs twice
     name: str
-    group: str  # series of a group have one tau and one c / w, unless a series says otherwise
+    group: str  # series of a group have one tau and one c / w
     kind: str  # of measurement
     shared: str = ""  # what combinations of observations that share errors are called together
 
@@ -240,7 +239,7 @@ def noise_of_series(
     long = [one for one in long if len(one.mine)]
     for likelihood in long:
         threshold = -math.log(_SIGNIFICANCE_LEVEL / len(long))
-        found |= _fitted(likelihood, threshold, sum(len(one.mine) for one in long))
+        found |= _fitted(likelihood, threshold)
     found |= _taken_over(points, long, found)
     return {points.series[k].key: noise for k, noise in found.items()}
 
@@ -326,7 +325,11 @@ class RestrictedLikelihood:
 def _taken_over(
     points: Points, told: Sequence[RestrictedLikelihood], found: dict[int, SeriesNoise]
 ) -> dict[int, SeriesNoise]:
-    """Noise of series too short to show theirs, the mean of their kind: white, they would outweigh the others."""
+    """Noise of series too short to show theirs, the mean of their kind.
+
+    White, they would outweigh the others: 15 observations would count as 15, not 2, beside 1200 that count as 8
+    (`tests/unit/estimation/test_time_correlation.py`).
+    """
     known: dict[str, list[SeriesNoise]] = {}
     for k, noise in found.items():
         known.setdefault(points.series[k].kind, []).append(noise)
@@ -347,20 +350,18 @@ def _taken_over(
     return {k: means[kind] for k, kind in others.items() if k not in white}
 
 
-def _fitted(likelihood: RestrictedLikelihood, threshold: float, n_series: int) -> dict[int, SeriesNoise]:
+def _fitted(likelihood: RestrictedLikelihood, threshold: float) -> dict[int, SeriesNoise]:
     """Noise of each series of a group; none where the group shows no correlation."""
     from scipy.linalg import block_diag
 
     points, mine = likelihood.points, likelihood.mine
     tau_s = _tried_taus_s(points, mine)
     coarse_taus_s, coarse_ratios = tau_s[::_COARSE_TAU_STEP], RATIOS[::_COARSE_RATIO_STEP]
-    coarse, _, together = likelihood.at(coarse_taus_s, coarse_ratios)
+    _, _, together = likelihood.at(coarse_taus_s, coarse_ratios)
     if together.max() < 0.5 * threshold - 1.0:
         return {}
-    differing = -math.log((1.0 - SCALING_PROBABILITY) / n_series)
     best = int(together.argmax())
-    alone = [one for one in coarse if one.max() - one[best] > differing - 1.0]
-    near = np.any([one > one.max() - _MAX_LOG_LIKELIHOOD_LOSS for one in (together, *alone)], axis=0)
+    near = together > together.max() - _MAX_LOG_LIKELIHOOD_LOSS
     at_tau, at_ratio = np.nonzero(near.reshape(len(coarse_taus_s), -1))
     taus, ratios = (
         slice(max(0, int(at.min() - 1) * each), int(at.max() + 1) * each + 1)
@@ -378,20 +379,18 @@ def _fitted(likelihood: RestrictedLikelihood, threshold: float, n_series: int) -
     )
     tau_s, ratio, flicker_ratio = tau_s[taus], RATIOS[ratios], RATIOS[wider]
     tried = [likelihood.at(tau_s, ratio), likelihood.at(taus_of_flicker_s, flicker_ratio, part)]
-    log, white, together = (np.concatenate(both, axis=-1) for both in zip(*tried, strict=True))
+    _, white, together = (np.concatenate(both, axis=-1) for both in zip(*tried, strict=True))
     cells = len(tau_s) * len(ratio)
     ratio = np.concatenate([np.tile(ratio, len(tau_s)), flicker_ratio])
     if odds == -math.inf:
-        log[:, cells:], together[cells:] = odds, odds
+        together[cells:] = odds
     # Two parameters more than white noise: chi-square of two degrees of freedom, 1 - exp(-x / 2).
     if together.max() < threshold:
         return {}
-    own = log.max(axis=1) - log[:, int(together.argmax())] > differing
-    chosen = np.where(own[:, None], log, together)
-    chosen[:, cells:] += odds
+    together[cells:] += odds
     variance = (points.squares[mine] / points.count[mine])[:, None]
     coloured = white * ratio
-    weight = np.exp(chosen - chosen.max(axis=1, keepdims=True)) / (1.0 + coloured / variance)
+    weight = np.exp(together - together.max()) / (1.0 + coloured / variance)
     weight /= weight.sum(axis=1, keepdims=True)
     single = np.repeat(np.eye(len(tau_s)), cells // len(tau_s), axis=0)
     shares = block_diag(single, np.repeat(part, len(flicker_ratio), axis=0))

@@ -215,3 +215,15 @@ def test_nothing_to_assess():
         time_correlation=None,
     )
     assert assessed(none, types, path, time_s).series == ()
+
+
+def test_a_short_series_has_the_noise_of_its_kind():
+    """Fifteen observations within a correlation time count as two, beside 1200 that count as eight."""
+    fit, types, path, time_s = line()
+    kept = (path.codes == 0) | (np.arange(len(time_s)) < 30)
+    design, residual = fit.linearization.partials(np.flatnonzero(kept)), fit.residual_m[kept]
+    few = fit_least_squares(lambda x: (residual - design @ x, design), fit.parameters, 1.0)
+    found = assessed(few, types.select(kept), path.select(kept), time_s[kept])
+    assert [item.name for item in found.series] == ["range S0", "range S1"]
+    assert found.series[1].count == 15
+    assert found.series[1].effective_count < 4.0

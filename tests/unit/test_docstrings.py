@@ -24,12 +24,7 @@ LONG = {
     "simulate",
     "verify",
 }
-LONG |= {f"plot_{of}" for of in ("comparison", "correlations", "covariance", "images", "trials")}
-LONG |= {"plot_error_by_length", "write_html"}
-LONG |= {f"plot_{of}" for of in ("arcs", "budget", "distribution", "terms")}
-LONG |= {
-    f"write_{of}" for of in ("arcs", "comparison", "covariance", "images", "monte_carlo", "report", "terms")
-}
+LONG |= {"plot", "plot_images", "plot_terms", "write_html", "write_report"}
 
 
 @pytest.fixture(autouse=True)

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.errors import InputError
 from radioloc.estimation.consider import by_source
 from radioloc.estimation.orbit_state import EAST_NORTH_UP
 from radioloc.report.figures import (
     COLORS,
+    NothingToDrawError,
     draws_names_literally,
     legend_below,
     length_unit,
@@ -65,7 +64,7 @@ def plot_budget(solution: Solution, ax: Axes | None = None) -> Figure:
     """
     items = by_source(solution.budget)
     if not items:
-        raise InputError("the position is held or not determined, so its error has no budget to draw")
+        raise NothingToDrawError("the position is held or not determined, so its error has no budget to draw")
     names = [item.source for item in items]
     variances_m2 = np.square([item.sigma_m for item in items])
     if len(names) > _MOST_SOURCES:
@@ -121,8 +120,12 @@ def plot_correlations(solution: Solution, ax: Axes | None = None) -> Figure:
     ['position.east', 'position.north', 'position.height']
     """
     everything = _determined(solution)
+    if len(everything) < 2:
+        raise NothingToDrawError(
+            "fewer than two parameters are estimated and determined, so there is no correlation"
+        )
     chosen = sorted([*everything][:_MOST_CORRELATED])
-    names = _drawable_names(solution, chosen, _MOST_CORRELATED)
+    names = [solution.parameters.names[k] for k in chosen]
     total, without = (_covariance(solution, chosen, level) for level in ("total", "scaled"))
     coefficients = np.tril(_correlation(total)) + np.triu(_correlation(without), 1)
     side_in = 2.2 + 0.34 * len(names)
@@ -144,16 +147,9 @@ def plot_correlations(solution: Solution, ax: Axes | None = None) -> Figure:
     return axes.figure.figure
 
 
-def has_correlations(solution: Solution) -> bool:
-    """Return whether at least two parameters are estimated and determined."""
-    return len(_determined(solution)) > 1
-
-
 def _determined(solution: Solution) -> dict[int, float]:
-    """Places of the parameters that are estimated and determined, and their correlation with the position.
-
-    Those first that it is correlated with most; its own, before them, have 2.
-    """
+    """Places of the parameters that are estimated and determined, and their correlation with the position."""
+    # Those first that it is correlated with most; its own, before them, have 2.
     variances = np.diag(solution.covariance)
     usable = np.flatnonzero(solution.parameters.free & np.isfinite(variances) & (variances > 0.0))
     own = solution.position_partials[:, usable].any(axis=0)
@@ -170,14 +166,3 @@ def _correlation(covariance: _Floats) -> _Floats:
 
 def _covariance(solution: Solution, chosen: list[int], level: Level = "total") -> _Floats:
     return solution.parameter_covariance(level)[np.ix_(chosen, chosen)]
-
-
-def _drawable_names(solution: Solution, chosen: Sequence[int], most: int) -> list[str]:
-    """Names of parameters, which must be estimated and determined, and neither too few nor too many."""
-    names, usable = [solution.parameters.names[k] for k in chosen], _determined(solution)
-    for k, name in zip(chosen, names, strict=True):
-        if k not in usable:
-            raise InputError(f"{name} is not estimated, or not determined")
-    if not 2 <= len(names) <= most:
-        raise InputError(f"{len(names)} parameters cannot be drawn; give 2 to {most} that are estimated")
-    return names

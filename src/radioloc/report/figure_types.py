@@ -6,8 +6,10 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from radioloc.errors import InputError
 from radioloc.plugins import registry
-from radioloc.report.estimate_figures import has_correlations, plot_budget, plot_correlations
+from radioloc.report.estimate_figures import plot_budget, plot_correlations
+from radioloc.report.figures import NothingToDrawError
 from radioloc.report.map_figures import plot_map
 from radioloc.report.position_figures import plot_arcs, plot_comparison, plot_position
 from radioloc.report.residual_figures import plot_distribution, plot_links, plot_residuals
@@ -18,14 +20,13 @@ from radioloc.report.study_figures import (
     plot_trials,
 )
 from radioloc.results.cards import BUDGET, OBSERVABILITY, POSITION, RESIDUALS, RESULT
-from radioloc.results.covariance import CovarianceStudy
-from radioloc.results.monte_carlo import MonteCarlo
 from radioloc.results.registry import result_type
 from radioloc.results.result import Result
 from radioloc.results.solution import Solution
 from radioloc.results.subsets import ArcStudy
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -38,7 +39,8 @@ class FigureType:
     name : str
         Unique name, by which result types list the figure.
     draw : callable
-        Function of the result that returns the figure, several of one kind, or None if the result has nothing to draw.
+        Function of the result, and of ``ax`` if the figure can be drawn in axes given, that returns the figure, several
+        of one kind, or None if the result has nothing to draw.
     caption : str
         What the figure shows, for readers who do not see it.
     section : str
@@ -52,7 +54,7 @@ class FigureType:
     """
 
     name: str
-    draw: Callable[[Any], Figure | Iterable[Figure] | None]
+    draw: Callable[..., Figure | Iterable[Figure] | None]
     caption: str
     section: str = RESULT
     file: str = ""
@@ -66,11 +68,55 @@ class FigureType:
 
     def drawn(self, result: Any) -> Iterator[tuple[str, Figure]]:
         """Draw the figures of a result; yield each with its file name without ending."""
-        figures = self.draw(result)
-        if figures is None:
+        try:
+            for number, figure in enumerate(self._figures(self.draw(result)), start=1):
+                yield self.stem if number == 1 else f"{self.stem}_{number}", figure
+        except NothingToDrawError:
             return
-        for number, figure in enumerate(figures if isinstance(figures, Iterable) else (figures,), start=1):
-            yield self.stem if number == 1 else f"{self.stem}_{number}", figure
+
+    @staticmethod
+    def _figures(drawn: Figure | Iterable[Figure] | None) -> Iterable[Figure]:
+        return () if drawn is None else drawn if isinstance(drawn, Iterable) else (drawn,)
+
+
+def plot(result: Result, name: str, ax: Axes | None = None) -> Figure:
+    """Draw a figure of a result.
+
+    Parameters
+    ----------
+    result : Solution, ArcStudy, MonteCarlo, CovarianceStudy, Comparison, ImageSolution or PointSolution
+        Result of a job, or of a type that another package registers.
+    name : str
+        File name of the figure without ending, such as ``"budget"``.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw in, in place of a figure of its own. A figure of several panels takes their place in the grid that
+        they are of.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Shows itself in a notebook; save it with :func:`~radioloc.report.save_figure`.
+
+    Raises
+    ------
+    InputError
+        Such results have no figure of this name, or this result has nothing to draw.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
+    >>> radioloc.report.plot(solution, "distribution").axes[0].get_xlabel()
+    'elevation (deg)'
+    """
+    declared = {figure_type.stem: figure_type for figure_type in figures_of(result)}
+    if name not in declared:
+        known = ", ".join(declared) or "none"
+        raise InputError(f"figure of a {type(result).__name__}: expected one of {known}, got {name!r}")
+    draw = declared[name].draw
+    for figure in FigureType._figures(draw(result) if ax is None else draw(result, ax=ax)):
+        return figure
+    raise NothingToDrawError(f"{name}: this {type(result).__name__} has nothing to draw")
 
 
 def figures_of(result: Result) -> list[FigureType]:
@@ -78,53 +124,20 @@ def figures_of(result: Result) -> list[FigureType]:
     return [FIGURES[name] for name in result_type(result).figures]
 
 
-def _draw_residuals(solution: Solution) -> Figure:
+def _draw_residuals(solution: Solution, ax: Axes | None = None) -> Figure:
     rows = solution.residuals
     # Ranges and Doppler of a station have no common scale, and a delay belongs to two stations.
     apart = len(rows.types.present()) > 1 or any("<" in path for path in rows.paths.present())
-    return (plot_links if apart else plot_residuals)(solution)
+    return (plot_links if apart else plot_residuals)(solution, ax=ax)
 
 
-def _draw_position(solution: Solution) -> Figure | None:
-    return plot_position(solution) if solution.position_estimated and solution.position_determined else None
+def _draw_arcs(study: ArcStudy, ax: Axes | None = None) -> Iterator[Figure]:
+    return (plot_arcs(one, ax) for one in study.by_target)
 
 
-def _draw_correlations(solution: Solution) -> Figure | None:
-    return plot_correlations(solution) if has_correlations(solution) else None
-
-
-def _draw_distribution(solution: Solution) -> Figure | None:
-    rows = solution.residuals
-    return plot_distribution(solution) if rows.elevation_deg is not None and rows.used.any() else None
-
-
-def _draw_budget(solution: Solution) -> Figure | None:
-    return plot_budget(solution) if solution.budget else None
-
-
-def _draw_arcs(study: ArcStudy) -> Iterator[Figure]:
-    return map(plot_arcs, study.by_target)
-
-
-def _draw_map(result: Result) -> Figure | None:
+def _draw_map(result: Result, ax: Axes | None = None) -> Figure | None:
     positions = [one.to_dict() | {"name": name} for name, one in result.positions().items()]
-    return plot_map(positions) if positions else None
-
-
-def _draw_trials(study: MonteCarlo) -> Figure | None:
-    return plot_trials(study) if study.some_converged else None
-
-
-def _draw_error_by_length(study: MonteCarlo) -> Figure | None:
-    return plot_error_by_length(study) if study.some_converged else None
-
-
-def _draw_covariance(study: CovarianceStudy) -> Figure | None:
-    return plot_covariance(study) if study.determined else None
-
-
-def _draw_covariance_on_arc(study: CovarianceStudy) -> Figure | None:
-    return plot_covariance_on_arc(study) if study.longest.state is not None else None
+    return plot_map(positions, ax=ax) if positions else None
 
 
 FIGURES = registry(
@@ -134,24 +147,24 @@ FIGURES = registry(
         FigureType("residuals", _draw_residuals, "residuals over time, by link", RESIDUALS),
         FigureType(
             "figure2",
-            lambda study: plot_links(study.longest),
+            lambda study, ax=None: plot_links(study.longest, ax=ax),
             "residuals of the longest arc over time, by link",
             RESIDUALS,
         ),
         FigureType(
             "distribution",
-            _draw_distribution,
+            plot_distribution,
             "residuals over their sigmas against elevation, and their histogram",
             RESIDUALS,
         ),
         # Drawn by `write_report(terms_by=...)`: a solution has no terms.
-        FigureType("terms", lambda _: None, "what each term of the model adds over time", RESIDUALS),
+        FigureType("terms", lambda _, ax=None: None, "what each term of the model adds over time", RESIDUALS),
         FigureType(
             "arcs",
             _draw_arcs,
             "positions of the arcs with ellipses of 95 %, and each coordinate by the length of the arc",
         ),
-        FigureType("budget", _draw_budget, "sigmas east, north and up by source of error", BUDGET),
+        FigureType("budget", plot_budget, "sigmas east, north and up by source of error", BUDGET),
         FigureType(
             "map",
             _draw_map,
@@ -161,13 +174,13 @@ FIGURES = registry(
         ),
         FigureType(
             "position",
-            _draw_position,
+            plot_position,
             "the estimate beside what it is compared with, with error ellipses",
             POSITION,
         ),
         FigureType(
             "correlations",
-            _draw_correlations,
+            plot_correlations,
             "matrix of the correlations of estimated parameters",
             OBSERVABILITY,
         ),
@@ -177,15 +190,13 @@ FIGURES = registry(
             "positions east and north of the benchmark, with ellipses of 95 %",
         ),
         FigureType(
-            "trials", _draw_trials, "horizontal errors of the trials, with claimed and found ellipses of 95 %"
+            "trials", plot_trials, "horizontal errors of the trials, with claimed and found ellipses of 95 %"
         ),
-        FigureType(
-            "error_by_length", _draw_error_by_length, "errors and claimed sigmas by length of the arc"
-        ),
-        FigureType("covariance", _draw_covariance, "sigmas by length of the arc, and what they are made of"),
+        FigureType("error_by_length", plot_error_by_length, "errors and claimed sigmas by length of the arc"),
+        FigureType("covariance", plot_covariance, "sigmas by length of the arc, and what they are made of"),
         FigureType(
             "covariance_on_arc",
-            _draw_covariance_on_arc,
+            plot_covariance_on_arc,
             "sigmas of the orbit over the plan, radial, along and across, by length of the arc",
         ),
     ),

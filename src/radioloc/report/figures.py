@@ -48,6 +48,10 @@ _UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 """Metadata that keeps the time of writing out of a file; PNG has none."""
 
 
+class NothingToDrawError(InputError):
+    """A result lacks what a figure shows, such as a position that is determined."""
+
+
 def draws_names_literally(plot: Callable[_P, _R]) -> Callable[_P, _R]:
     """Decorate a function that draws names: a dollar sign starts a formula under no settings of the user."""
 

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.boundary import bare_arguments
-from radioloc.errors import InputError
 from radioloc.estimation.combination import ReferenceComparison, rotated_covariance
 from radioloc.estimation.orbit_state import EAST_NORTH_UP
 from radioloc.lunar.local import rot_enu_between
 from radioloc.report.figures import (
     COLORS,
     SCALE_95,
+    NothingToDrawError,
     draw_ellipse,
     draw_square,
     draws_names_literally,
@@ -125,7 +125,9 @@ def plot_position(
     'east of JPL, DE421 solution (m)'
     """
     if not (solution.position_estimated and solution.position_determined):
-        raise InputError("the position is held or not determined, so there is no error ellipse to draw")
+        raise NothingToDrawError(
+            "the position is held or not determined, so there is no error ellipse to draw"
+        )
     known = solution.known
     if reference_pa_m is not None:
         known.insert(0, compare_with(solution, reference_pa_m, reference_name or "reference"))
@@ -219,28 +221,7 @@ def _offset_m(row: PositionRow) -> tuple[float, float, float]:
 
 @draws_names_literally
 def plot_arcs(study: ArcStudy, ax: Axes | None = None) -> Figure:
-    """Draw the positions of arcs with their 95 % ellipses beside references, and each coordinate by the arc's length.
-
-    Parameters
-    ----------
-    study : ArcStudy
-        Of several targets the first is drawn; :attr:`ArcStudy.by_target` has a study of each.
-    ax : matplotlib.axes.Axes, optional
-        Axes of a grid whose place the panels take, in place of a figure of their own.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A panel east and north of the benchmark, and one for each coordinate, with intervals of 95 % and references as
-        lines.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> found = radioloc.arcs(radioloc.read_study("examples/change5/change5.toml"), hours=[6.0, 12.0])
-    >>> [axes.get_ylabel() for axes in radioloc.report.plot_arcs(found).axes[1:]]
-    ['east (m)', 'north (m)', 'up (m)']
-    """
+    """Draw the positions of arcs with their 95 % ellipses beside references, and coordinates by the arc's length."""
     study = study.by_target[0]
     rows, hours = study.rows, np.array([arc.hours for arc in study.arcs])
     figure = several_panels(ax, 10.5, 5.9, f"{study.name}: positions by length of the arc")

@@ -15,6 +15,7 @@ from radioloc.estimation.statistics import Residuals
 from radioloc.measurements.observations import Observations
 from radioloc.report.figures import (
     COLORS,
+    NothingToDrawError,
     date_axes,
     draws_names_literally,
     legend_outside,
@@ -375,9 +376,9 @@ def plot_distribution(solution: Solution | Residuals, ax: Axes | None = None) ->
     residuals = residuals_of(solution)
     used, elevation_deg = residuals.used, residuals.elevation_deg
     if elevation_deg is None:
-        raise InputError("the residuals have no elevations to draw them against")
+        raise NothingToDrawError("the residuals have no elevations to draw them against")
     if not used.any():
-        raise InputError("no observation is used, so there is no distribution to draw")
+        raise NothingToDrawError("no observation is used, so there is no distribution to draw")
     size = residuals.residual_m / residuals.sigma_m
     middle = float(np.median(size[used]))
     middle *= abs(middle) > _LEAST_REACH  # about zero, but where all residuals are far from it
@@ -424,7 +425,9 @@ def plot_distribution(solution: Solution | Residuals, ax: Axes | None = None) ->
 
 
 def _draw_dots(axes: Axes, residuals: Residuals, size: np.ndarray) -> None:
-    """The used residuals by type; of very many how dense they are."""
+    """Draw residuals over their sigmas against elevation, and their histogram beside the normal distribution."""
+    # The sigmas are those of the fit, additive variance components included: where they are right, the root mean square
+    # is near 1 at all elevations, and the histogram follows the curve.
     used, elevation_deg = residuals.used, residuals.elevation_deg
     assert elevation_deg is not None
     if used.sum() > 4 * MOST_POINTS:

@@ -13,6 +13,7 @@ from radioloc.estimation.orbit_state import RTN
 from radioloc.report.figures import (
     COLORS,
     SCALE_95,
+    NothingToDrawError,
     draw_ellipse,
     draws_names_literally,
     legend_below,
@@ -66,7 +67,9 @@ def plot_trials(study: MonteCarlo, ax: Axes | None = None) -> Figure:
     """
     good, of = study["converged"] == 1.0, " the orbit from" if study.at_h else " of"
     arcs = np.flatnonzero(good.any(axis=0)).tolist()
-    if not 0 < len(arcs) <= _MOST_PANELS:
+    if not arcs:
+        raise NothingToDrawError(f"{study.name}: no trial has converged; there is nothing to draw")
+    if len(arcs) > _MOST_PANELS:
         raise InputError(f"{len(arcs)} arcs; a figure has room for 1 to {_MOST_PANELS}")
     first, second, _ = study.sides
     errors_m = [study.errors_m[good[:, k], k, :2] for k in arcs]
@@ -131,7 +134,7 @@ def plot_error_by_length(study: MonteCarlo, ax: Axes | None = None) -> Figure:
     last = {arc.hours: arc for arc in study.arcs if arc is not None}
     arcs = sorted(last.values(), key=lambda arc: arc.hours)
     if not arcs:
-        raise InputError(f"{study.name}: no trial has converged; there is nothing to draw")
+        raise NothingToDrawError(f"{study.name}: no trial has converged; there is nothing to draw")
     length = [arc.hours for arc in arcs]
     rms_m, sigma_m = np.array([arc.rms_m for arc in arcs]), np.array([arc.sigma_m for arc in arcs])
     far_m = np.array([arc.radius_95_m for arc in arcs])
@@ -179,7 +182,7 @@ def plot_covariance(study: CovarianceStudy, ax: Axes | None = None) -> Figure:
     """
     arcs = [arc for arc in study.arcs if arc.determined]
     if not arcs:
-        raise InputError(f"{study.name}: no length determines the position; there is nothing to draw")
+        raise NothingToDrawError(f"{study.name}: no length determines the position; there is nothing to draw")
     hours = np.array([arc.hours for arc in arcs])
     figure = several_panels(ax, 7.5, 6.5, study.name)
     above, below = figure.subplots(2, 1, sharex=True)
@@ -219,30 +222,11 @@ def plot_covariance(study: CovarianceStudy, ax: Axes | None = None) -> Figure:
 
 @draws_names_literally
 def plot_covariance_on_arc(study: CovarianceStudy, ax: Axes | None = None) -> Figure:
-    """Figure of the sigmas of an orbit over the plan, radial, along and across, by the longest of the tracking.
-
-    Lines are solid where the orbit is tracked, and thin before and after it, where it is predicted.
-
-    Parameters
-    ----------
-    study : CovarianceStudy
-    ax : matplotlib.axes.Axes, optional
-        As of :func:`plot_covariance`.
-
-    Raises
-    ------
-    InputError
-        The study is of no orbit, or no length determines it.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> found = radioloc.covariance("plan.toml")  # doctest: +SKIP
-    >>> figure = radioloc.report.plot_covariance_on_arc(found)  # doctest: +SKIP
-    """
+    """Draw the sigmas of an orbit over the plan, radial, along and across, by the longest of the tracking."""
+    # Lines are solid where the orbit is tracked, and thin before and after it, where it is predicted.
     states = [(arc, arc.state) for arc in study.arcs if arc.state is not None]
     if not states:
-        raise InputError(f"{study.name}: no length determines an orbit; there is nothing to draw")
+        raise NothingToDrawError(f"{study.name}: no length determines an orbit; there is nothing to draw")
     figure = several_panels(ax, 8.0, 7.5, study.name)
     panels = figure.subplots(3, 1, sharex=True)
     last = states[-1][1].orbit

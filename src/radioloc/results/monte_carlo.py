@@ -181,11 +181,6 @@ class MonteCarlo(Result):
         return bool((self["converged"] == 1.0).all())
 
     @property
-    def some_converged(self) -> bool:
-        """Whether an arc of a trial did."""
-        return bool((self["converged"] == 1.0).any())
-
-    @property
     def errors_m(self) -> _Floats:
         """Position less truth by the axes, shape (trials, arcs, 3)."""
         return np.stack([self[f"{side}_m"] for side in self.sides], axis=-1)

@@ -15,7 +15,7 @@ from radioloc.errors import InputError
 from radioloc.jobs.covariance import covariance
 from radioloc.measurements import PhysicalModel
 from radioloc.measurements.terms import active_terms
-from radioloc.report import plot_covariance
+from radioloc.report import plot
 from radioloc.results.covariance import radius_95_m
 from radioloc.simulation import (
     Noise,
@@ -244,7 +244,7 @@ def test_what_cannot_be_observed_is_said():
     assert found.to_dict()["arcs"][0]["radius_95_m"] is None
     assert found.gains == ()
     with pytest.raises(InputError, match="nothing to draw"):
-        plot_covariance(found)
+        plot(found, "covariance")
 
 
 @pytest.mark.parametrize(

@@ -164,7 +164,9 @@ def test_kinds_and_baselines_have_panels_of_their_own(paths, types, by_link, tmp
         return figure
 
     for name in ("plot_links", "plot_residuals", "plot_position", "plot_correlations"):
-        monkeypatch.setattr(radioloc.report.figure_types, name, lambda solution, name=name: draw(name))
+        monkeypatch.setattr(
+            radioloc.report.figure_types, name, lambda solution, ax=None, name=name: draw(name)
+        )
     solution = toy_solution(
         ToyMoon(60, 72.0), path=[*paths] * 30, type=[*types] * 30, elevation_deg=np.full(60, 30.0)
     )

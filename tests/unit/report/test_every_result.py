@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from html_page import Page
+from matplotlib.figure import Figure
 from toy_moon import LANDER_M, ToyMoon, toy_solution
 
 import radioloc
@@ -154,6 +155,20 @@ def test_card_and_page_and_notebook_have_the_same_fields(name, tmp_path, monkeyp
     classes = [one["class"] for one in page.all("div") if "status" in one.get("class", "")]
     assert classes[:1] in ([], [f"status {'good' if result.is_usable else 'failed'}"])
     assert bool([*result.failures()]) is not result.is_usable
+
+
+def test_a_figure_is_drawn_by_its_name_in_axes_given():
+    figure = Figure(figsize=(9.0, 5.0), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    assert radioloc.report.plot(solution(), "position", ax=left) is figure
+    assert radioloc.report.plot(solution(), "distribution", ax=right) is figure
+    assert len(left.patches) == 2
+    for name, words in (("trials", "expected one of residuals, position"), ("terms", "nothing to draw")):
+        with pytest.raises(InputError, match=words):
+            radioloc.report.plot(solution(), name)
+    held = replace(solution(), position_partials=np.zeros_like(solution().position_partials))
+    with pytest.raises(InputError, match="held or not determined"):
+        radioloc.report.plot(held, "budget")
 
 
 def test_what_failed_is_told_by_name():

@@ -20,7 +20,7 @@ from toy_moon import LANDER_M, ToyMoon, toy_solution
 from radioloc import cli
 from radioloc.errors import InputError
 from radioloc.estimation import Labels
-from radioloc.report import plot_correlations
+from radioloc.report.estimate_figures import plot_correlations
 from radioloc.report.page import write_html, write_page
 from radioloc.results.cards import Card, Field, metres
 from radioloc.results.result import Result

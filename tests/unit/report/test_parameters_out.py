@@ -12,7 +12,7 @@ from radioloc.cli import main
 from radioloc.errors import ConvergenceError, InputError
 from radioloc.estimation.least_squares import FitStatus
 from radioloc.io import write_sinex
-from radioloc.report import plot_correlations
+from radioloc.report.estimate_figures import plot_correlations
 from radioloc.results.solution import TargetPosition
 
 APOLLO = Path(__file__).resolve().parents[3] / "examples" / "apollo15" / "apollo15.toml"

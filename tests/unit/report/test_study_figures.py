@@ -11,13 +11,10 @@ from radioloc import LunarPosition, Observations
 from radioloc.errors import InputError
 from radioloc.estimation.consider import ErrorSource
 from radioloc.measurements import Link, PhysicalModel
-from radioloc.report import (
-    plot_arcs,
-    plot_budget,
-    plot_distribution,
-    plot_terms,
-    plot_visibility,
-)
+from radioloc.report import plot_terms, plot_visibility
+from radioloc.report.estimate_figures import plot_budget
+from radioloc.report.position_figures import plot_arcs
+from radioloc.report.residual_figures import plot_distribution
 from radioloc.results.subsets import Arc, ArcStudy
 from radioloc.simulation import Masks, windows
 from radioloc.time import epochs_from_strings

@@ -23,7 +23,7 @@ from radioloc.cli.output import EXIT_STATUS
 from radioloc.cli.registry import make_parser
 from radioloc.errors import ConvergenceError, DataQualityWarning, PredictedEopWarning
 from radioloc.io import READERS
-from radioloc.jobs import locate
+from radioloc.jobs import locate, preparation
 from radioloc.measurements.registry import MEASUREMENTS
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.study.study_file import TABLES
@@ -132,8 +132,8 @@ def test_terms(run, folder, monkeypatch):
         prepared.append(given)
         return prepare_predictor(*given)
 
-    prepare_predictor = locate.prepare_predictor
-    monkeypatch.setattr(locate, "prepare_predictor", counted)
+    prepare_predictor = preparation.prepare_predictor
+    monkeypatch.setattr(preparation, "prepare_predictor", counted)
     outcome = run(study_of(), "--out", folder / "out", "--terms", "--quiet")
     assert outcome.status == 0
     assert len(prepared) == 1

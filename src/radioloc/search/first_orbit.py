@@ -1,10 +1,10 @@
 """A first orbit from Doppler alone, where no more than the altitude of a nearly circular orbit is known.
 
-Within one pass Doppler tells the velocity along the line of sight, from which follow the tilt of the plane to the line
-of sight and the phase. How the plane is turned about the line of sight is told only by what turns that line, a degree
-in two hours, and by the gravity field. So a grid of circular orbits comes first, as sums of projections, then fits of
-integrated ones from all around the line of sight. Orbits that are mirrored in the plane in which the line of sight
-turns differ least.
+Within one pass Doppler determines the velocity along the line of sight, from which follow the tilt of the plane to the
+line of sight and the phase. The turn of the plane about the line of sight follows only from the motion of that line, a
+degree in two hours, and from the gravity field. So a grid of circular orbits comes first, as sums of projections, then
+fits of integrated ones from all around the line of sight. Orbits that are mirrored in the plane in which the line of
+sight turns differ least.
 """
 
 from __future__ import annotations
@@ -29,34 +29,26 @@ from radioloc.vectors import Floats
 
 logger = logging.getLogger(__name__)
 
-_WINDOW_S = 7200.0
-"""Counts are looked at within this of the first that is near the epoch: a longer arc has more than one minimum."""
-_FEWEST = 12
-_LOOKED_AT = 80
+_WINDOW_S = 7200.0  # counts used about the first one near the epoch: longer arcs have more than one minimum
+_MIN_COUNTS, _MAX_COUNTS = 12, 80
 _GRID_RAD = np.radians(5.0)
-_FINE_RAD = np.radians(1.0)
-"""Step of the phase where the plane is given."""
-_CAP_M_S = 500.0
-"""Residuals beyond count as this: counts that were not locked."""
-_TURNS = 12
-"""Starts about the line of sight."""
+_PHASE_STEP_RAD = np.radians(1.0)  # where the plane is given
+_MAX_RESIDUAL_M_S = 500.0  # larger ones count as this: counts that were not locked
+_TURN_COUNT = 12  # starts about the line of sight
 _ROUGH_DEGREE = 20
 _ROUGH_STEPS, _FINE_STEPS = 10, 40
-_STEP_M, _STEP_M_S = 1e5, 1e2
-"""How far a state goes in one step of a fit."""
-_FLOOR_M_S = 1e-4
-"""No misfit is told below this, the noise of good counts."""
-_SAME_RAD = np.radians(2.0)
-_KEPT = 2
-_AMBIGUOUS = 1.5
-"""Candidates whose misfits are within this factor are not told apart."""
+_STEP_M, _STEP_M_S = 1e5, 1e2  # standard deviations of one step of a fit
+_MIN_MISFIT_M_S = 1e-4  # noise of good counts
+_SAME_PLANE_RAD = np.radians(2.0)
+_KEPT_COUNT = 2
+_AMBIGUITY_RATIO = 1.5  # misfits of candidates within this ratio do not decide between them
 _NEAR_CENTRE_M = np.array([1e3, 0.0, 0.0])
 """In place of the Moon's centre, where tides have no direction: it moves by 3 mm/s about it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
-    """An orbit that may be the one: its state, and how Doppler near the epoch fits it."""
+    """Orbit that fits Doppler near the epoch."""
 
     state: Floats  # m and m/s, Moon-centred ICRF, at the epoch
     misfit_m_s: float  # robust spread of the range rates
@@ -76,13 +68,7 @@ class Candidate:
 
 
 def first_orbits(orbiter: Orbiter, model: PhysicalModel, observations: Observations) -> tuple[Candidate, ...]:
-    """Return orbits near the rough orbit of an orbiter that fit Doppler near the epoch, the best first.
-
-    Raises
-    ------
-    InputError
-        There is too little two- and three-way Doppler, or no orbit fits.
-    """
+    """Return orbits near a rough orbit that fit Doppler near the epoch, the best first; InputError if none fits."""
     rough = orbiter.rough
     assert rough is not None
     some = _near_the_epoch(orbiter, model, observations)
@@ -92,9 +78,9 @@ def first_orbits(orbiter: Orbiter, model: PhysicalModel, observations: Observati
     if not rough.in_plane:
         field = forces.gravity.to_degree(min(_ROUGH_DEGREE, forces.gravity.degree))
         smooth = replace(orbiter, forces=replace(forces, gravity=field))
-        turns = np.arange(_TURNS) * 2.0 * np.pi / _TURNS
+        turns = np.arange(_TURN_COUNT) * 2.0 * np.pi / _TURN_COUNT
         near = _fitted(smooth, some, [turned_state(state, turn * line) for turn in turns], _ROUGH_STEPS)
-        starts = [one.state for one in near[:_KEPT]]
+        starts = [one.state for one in near[:_KEPT_COUNT]]
         starts += [_mirrored(one, mirror) for one in starts]
     fitted = _fitted(orbiter, some, starts, _FINE_STEPS)
     logger.info("first orbits: %s", "; ".join(map(str, fitted)))
@@ -114,12 +100,12 @@ def first_orbits(orbiter: Orbiter, model: PhysicalModel, observations: Observati
 
 
 def is_ambiguous(orbits: Sequence[Candidate]) -> bool:
-    """Return whether the data do not tell the best two candidates apart."""
-    return len(orbits) > 1 and orbits[1].misfit_m_s < _AMBIGUOUS * orbits[0].misfit_m_s
+    """Return whether the data do not decide between the best two candidates."""
+    return len(orbits) > 1 and orbits[1].misfit_m_s < _AMBIGUITY_RATIO * orbits[0].misfit_m_s
 
 
 def _near_the_epoch(orbiter: Orbiter, model: PhysicalModel, observations: Observations) -> ExactPredictor:
-    """Some coherent counts of Doppler near the epoch, predicted for what is at the Moon's centre."""
+    """Return some coherent counts of Doppler near the epoch, predicted for a target near the Moon's centre."""
     coherent = np.array(
         [bool(one.transmitter) and not one.differenced for one in observations.links], dtype=bool
     )
@@ -128,13 +114,13 @@ def _near_the_epoch(orbiter: Orbiter, model: PhysicalModel, observations: Observ
         since_s = tt_to_tdb(utc_to_tt(observations.epoch[rows])).seconds_since(orbiter.epoch)
         first_s = since_s[np.argmin(np.abs(since_s))]
         rows = rows[np.abs(since_s - first_s) <= _WINDOW_S]
-        rows = rows[np.unique(np.linspace(0, len(rows) - 1, _LOOKED_AT).astype(int))]
+        rows = rows[np.unique(np.linspace(0, len(rows) - 1, _MAX_COUNTS).astype(int))]
     arc = ExactPredictor(model, observations.select(rows), _NEAR_CENTRE_M)
     arc = arc.select(arc.compute(_NEAR_CENTRE_M).usable)
-    if len(arc.observations) < _FEWEST:
+    if len(arc.observations) < _MIN_COUNTS:
         raise InputError(
-            f"[target] altitude_m: a first orbit of {orbiter.name} needs {_FEWEST} counts of two- or three-way Doppler "
-            f"within two hours near the epoch, but there are {len(arc.observations)}; give position_m and "
+            f"[target] altitude_m: a first orbit of {orbiter.name} needs {_MIN_COUNTS} counts of two- or three-way "
+            f"Doppler within two hours near the epoch, but there are {len(arc.observations)}; give position_m and "
             "velocity_m_s, or another epoch"
         )
     return arc
@@ -165,7 +151,7 @@ def _best_circle(orbiter: Orbiter, rough: RoughOrbit, some: ExactPredictor) -> t
     gm = orbiter.forces.gm_m3_s2 or model.ephemeris.constants.gm_m3_s2("moon")
     mean_motion = np.sqrt(gm / a_m**3)
     cos, sin = np.cos(mean_motion * angle_s), np.sin(mean_motion * angle_s)
-    step = _FINE_RAD if rough.in_plane else _GRID_RAD
+    step = _PHASE_STEP_RAD if rough.in_plane else _GRID_RAD
     phases = np.arange(0.0, 2.0 * np.pi, step)
     n = len(observations)
     best = (np.inf, 0, 0.0)
@@ -175,7 +161,7 @@ def _best_circle(orbiter: Orbiter, rough: RoughOrbit, some: ExactPredictor) -> t
         along_m = np.cos(phases)[:, None, None] * first + np.sin(phases)[:, None, None] * second
         grown_m = (along_m - flat * along_m**2).sum(axis=1)
         rate_m_s = (grown_m[:, :n] - grown_m[:, n:]) / observations.count_s
-        misfit = np.minimum(np.abs(observed_m_s - rate_m_s), _CAP_M_S).mean(axis=-1)
+        misfit = np.minimum(np.abs(observed_m_s - rate_m_s), _MAX_RESIDUAL_M_S).mean(axis=-1)
         least = int(np.argmin(misfit))
         if misfit[least] < best[0]:
             best = (float(misfit[least]), k, float(phases[least]))
@@ -192,7 +178,7 @@ def _best_circle(orbiter: Orbiter, rough: RoughOrbit, some: ExactPredictor) -> t
 
 
 def _planes(rough: RoughOrbit, axes: Floats) -> tuple[Floats, Floats]:
-    """Directions to the ascending node and 90 deg on, of all planes in question, ICRF, shapes (n, 3)."""
+    """Return directions to the ascending node and 90 deg on, of all planes in question, ICRF, shapes (n, 3)."""
     step = np.degrees(_GRID_RAD)
     inclinations = (
         np.arange(0.5 * step, 180.0, step) if rough.inclination_deg is None else [rough.inclination_deg]
@@ -205,10 +191,10 @@ def _planes(rough: RoughOrbit, axes: Floats) -> tuple[Floats, Floats]:
 
 
 def _fitted(orbiter: Orbiter, some: ExactPredictor, starts: Sequence[Floats], steps: int) -> list[Candidate]:
-    """What fits from several states end in, the best first, each once."""
+    """Return orbits fitted from several states, the best first, each plane once."""
     axes = equatorial_axes(some.model.libration, orbiter.epoch)
     sigmas = np.repeat([_STEP_M, _STEP_M_S], 3)
-    sigma_m = _FLOOR_M_S * some.observations.count_s
+    sigma_m = _MIN_MISFIT_M_S * some.observations.count_s
     found = []
     for start in starts:
         orbit = orbiter.at(start).orbit(some.model, some.observations, ()).coarse()
@@ -218,10 +204,10 @@ def _fitted(orbiter: Orbiter, some: ExactPredictor, starts: Sequence[Floats], st
         except InputError as error:  # an orbit that is under the ground
             logger.info("a start is left out: %s", error)
             continue
-        found.append(Candidate(state, _FLOOR_M_S * spread, *plane_deg(state, axes)))
+        found.append(Candidate(state, _MIN_MISFIT_M_S * spread, *plane_deg(state, axes)))
     kept: list[Candidate] = []
     for one in sorted(found, key=lambda one: one.misfit_m_s):
-        if all(_angle_rad(one.state, other.state) > _SAME_RAD for other in kept):
+        if all(_angle_rad(one.state, other.state) > _SAME_PLANE_RAD for other in kept):
             kept.append(one)
     return kept
 

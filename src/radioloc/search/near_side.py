@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.robust import huber
 from radioloc.jobs.problem import observation_model
+from radioloc.jobs.verdict import NEAR_HOME_M
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.link import canonical_target
@@ -29,22 +30,18 @@ from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.study.study import EstimateChoice, HeightPrior
 
-_OF_EACH_SERIES = 12
+_MAX_SERIES_OBSERVATIONS = 12
 """Observations of a link and type, spread evenly over the arc: 30 % outliers among them do not carry the loss away."""
-_GRID = 500
-"""Points of the near side, 190 km apart."""
-_LIMB = math.cos(math.radians(98.0))
-"""Librations show 8 deg beyond the mean limb."""
-_CELL_M, _SAGITTA_M = 1e5, 3e3
-"""How far the place is adjusted from a point of the grid, along the sphere and in height, as standard deviations."""
-_NEAR_M = 1e5
-"""An a-priori position within this is as good a start as any."""
-_BETTER = 0.5
-"""Another place has to lower the loss by this factor: what the data hardly determine stays near its a-priori value."""
-_FITS = 5.0
-"""Nor is another place sought where the data fit with a mean loss below this, residuals of a few sigmas."""
+_GRID_POINT_COUNT = 500  # 190 km apart
+_MIN_LIMB_COSINE = math.cos(math.radians(98.0))  # librations show 8 deg beyond the mean limb
+_CELL_SIGMA_M, _HEIGHT_SIGMA_M = 1e5, 3e3
+"""Standard deviations of the adjustment from a point of the grid, along the sphere and in height."""
+_MAX_LOSS_RATIO = 0.5
+"""Largest ratio of the losses at another and at the a-priori position: what the data hardly determine stays there."""
+_MAX_MEAN_LOSS = 5.0
+"""Largest mean loss, residuals of a few sigmas, with which an a-priori position serves."""
 _SETTLED_M = 1e4
-_REWEIGHTINGS = 6
+_REWEIGHTING_COUNT = 6
 _MAX_STEPS = 10
 
 
@@ -89,7 +86,7 @@ def _near_position(
     grid_m = radius_m * _near_side()
     # Whether a search is needed is told by what is prepared already, where that is for one target.
     here_m, there, found = given_m, linearized(given_m, prepared=not some.targets), []
-    if there.losses(given_m[None])[0][0] < _FITS * len(there):
+    if there.losses(given_m[None])[0][0] < _MAX_MEAN_LOSS * len(there):
         return None
     for _ in range(_MAX_STEPS):
         losses, moved_m = there.losses(np.concatenate([here_m[None], grid_m]))
@@ -102,7 +99,7 @@ def _near_position(
         there = linearized(here_m, prepared=False)
     loss, here_m = min(found, key=lambda one: one[0])
     away_m = float(np.linalg.norm(here_m - given_m))
-    if away_m <= _NEAR_M or loss > _BETTER * found[0][0]:
+    if away_m <= NEAR_HOME_M or loss > _MAX_LOSS_RATIO * found[0][0]:
         return None
     return LunarPosition(target_pa.frame, here_m), away_m
 
@@ -146,7 +143,7 @@ class _Linearized:
         partials, norm = self._partials, self._norm
         m, p = partials.shape
         up = places_m / np.linalg.norm(places_m, axis=-1)[:, None]
-        along, height = _CELL_M**-2.0, _SAGITTA_M**-2.0
+        along, height = _CELL_SIGMA_M**-2.0, _HEIGHT_SIGMA_M**-2.0
         prior = np.broadcast_to(self._prior, (len(places_m), p, p)).copy()
         prior[:, :3, :3] += (
             along * np.eye(3) + (height - along) * up[:, :, None] * up[:, None, :]
@@ -154,7 +151,7 @@ class _Linearized:
         residual = self._residual[:, None] - partials[:, :3] @ (norm[:3] * (places_m - self._place_m)).T
         products = (partials[:, :, None] * partials[:, None, :]).reshape(m, p * p)
         left = residual
-        for _ in range(_REWEIGHTINGS):
+        for _ in range(_REWEIGHTING_COUNT):
             weights = 1.0 / np.maximum(1.0, np.abs(left))
             normal = (weights.T @ products).reshape(-1, p, p) + prior
             shift = np.linalg.solve(normal, ((weights * residual).T @ partials)[..., None])[..., 0]
@@ -171,16 +168,16 @@ def _some(observations: Observations, rows: NDArray[np.intp]) -> NDArray[np.intp
     found = []
     for one in np.unique(series):
         mine = order[series == one]
-        found.append(mine[np.unique(np.linspace(0, len(mine) - 1, _OF_EACH_SERIES).astype(int))])
+        found.append(mine[np.unique(np.linspace(0, len(mine) - 1, _MAX_SERIES_OBSERVATIONS).astype(int))])
     return np.sort(np.concatenate(found)) if found else order
 
 
 def _near_side() -> NDArray[np.float64]:
     """Unit vectors of principal axes that the Earth can see, by equal areas in a spiral, shape (n, 3)."""
-    count = round(2.0 * _GRID / (1.0 - _LIMB))
+    count = round(2.0 * _GRID_POINT_COUNT / (1.0 - _MIN_LIMB_COSINE))
     k = np.arange(count) + 0.5
     x = 1.0 - 2.0 * k / count
-    x = x[x > _LIMB]
+    x = x[x > _MIN_LIMB_COSINE]
     angle = math.pi * (1.0 + math.sqrt(5.0)) * k[: len(x)]
     across = np.sqrt(1.0 - x**2)
     return np.stack([x, across * np.cos(angle), across * np.sin(angle)], axis=-1)

@@ -81,6 +81,8 @@ class SearchResult(Result):
     apriori_positions : tuple of FoundPosition
         Positions that fit better than the a-priori ones.
     manoeuvres : tuple of Manoeuvre
+    changes : tuple of Change
+        Changes of the study file that state what was found.
     """
 
     study: Study
@@ -88,6 +90,7 @@ class SearchResult(Result):
     transmitters: tuple[TransmitterPass, ...] = ()
     apriori_positions: tuple[FoundPosition, ...] = ()
     manoeuvres: tuple[Manoeuvre, ...] = ()
+    changes: tuple[Change, ...] = ()
 
     @property
     def name(self) -> str:
@@ -98,32 +101,6 @@ class SearchResult(Result):
     def is_usable(self) -> bool:
         """Whether the data tell the first orbit and all transmitters from the other candidates."""
         return not is_ambiguous(self.orbits) and all(one.decided for one in self.transmitters)
-
-    def changes(self) -> list[Change]:
-        """Return the changes of the study file that state what was found."""
-        changes = []
-        if self.orbits:
-            state = self.orbits[0].state.round(6).tolist()
-            changes.append(
-                Change(
-                    ("target",),
-                    {"position_m": state[:3], "velocity_m_s": state[3:]},
-                    without=("altitude_m", "inclination_deg", "node_deg"),
-                )
-            )
-        if self.transmitters:
-            passes = [_uplink_keys(one.uplink()) for one in self.transmitters]
-            without = ("transmitters", "turnarounds")
-            changes.append(Change(("observations",), {}, without, {"uplinks": passes}))
-        changes += [
-            Change(("targets", one.target) if one.target else ("target",), one.keys(), ("position_m",))
-            for one in self.apriori_positions
-        ]
-        if self.manoeuvres:
-            assert isinstance(self.study.target, Orbiter)
-            impulses = self.study.target.forces.impulses[-len(self.manoeuvres) :]
-            changes.append(Change(("forces",), {}, added={"impulses": list(map(_impulse_keys, impulses))}))
-        return changes
 
     def write(self, path: str | Path) -> Path:
         """Write the completed study; it lies beside the study file, whose relative paths it keeps.
@@ -142,7 +119,7 @@ class SearchResult(Result):
             raise InputError(
                 f"{path}: expected a file in the folder of {source}, to which paths in the study are relative"
             )
-        path.write_text(completed_text(source, self.changes()), encoding="utf-8")
+        path.write_text(completed_text(source, self.changes), encoding="utf-8")
         return path
 
     def card(self) -> Card:
@@ -152,7 +129,7 @@ class SearchResult(Result):
     def _fields(self) -> Iterator[Field]:
         yield Field("search", [self.name])
         status = "COMPLETED"
-        if not (self.orbits or self.transmitters or self.apriori_positions or self.manoeuvres):
+        if not self.changes:
             status = "COMPLETE: nothing was found that the study does not state"
         elif not self.is_usable:
             status = "UNDECIDED: the data do not tell candidates apart; the best one is taken"
@@ -218,16 +195,23 @@ def _with_first_orbit(result: SearchResult, given: Study, observations: Observat
     model = model_of(given)
     chosen, _ = chosen_observations(result.study, observations, model)
     orbits = first_orbits(target, model, chosen)
-    return replace(result, study=replace(result.study, target=target.at(orbits[0].state)), orbits=orbits)
+    state = orbits[0].state
+    keys = {"position_m": state[:3].round(6).tolist(), "velocity_m_s": state[3:].round(6).tolist()}
+    change = Change(("target",), keys, ("altitude_m", "inclination_deg", "node_deg"))
+    study = replace(result.study, target=target.at(state))
+    return replace(result, study=study, orbits=orbits, changes=(*result.changes, change))
 
 
 def _with_transmitters(result: SearchResult, given: Study, observations: Observations | None) -> SearchResult:
     arc, _ = prepared_arc(result.study, observations)
     targets = targets_in_pa(result.study, arc.model.ephemeris.constants)
     passes = compared_transmitters(given, arc, start_pa_m(targets))
+    uplinks = [one.uplink() for one in passes]
+    tables = {"uplinks": list(map(_uplink_keys, uplinks))}
+    change = Change(("observations",), {}, ("transmitters", "turnarounds"), tables)
     choice = result.study.observations
-    choice = replace(choice, uplinks=(*choice.uplinks, *(one.uplink() for one in passes)))
-    return replace(result, study=replace(result.study, observations=choice), transmitters=tuple(passes))
+    study = replace(result.study, observations=replace(choice, uplinks=(*choice.uplinks, *uplinks)))
+    return replace(result, study=study, transmitters=tuple(passes), changes=(*result.changes, change))
 
 
 def _with_positions(result: SearchResult, observations: Observations | None) -> SearchResult:
@@ -248,7 +232,16 @@ def _with_positions(result: SearchResult, observations: Observations | None) -> 
         study = replace(study, targets=targets, target=next(iter(targets.values())))
     else:
         study = replace(study, target=positions[""].position)
-    return replace(result, study=study, apriori_positions=tuple(positions.values()))
+    changes = [
+        Change(("targets", name) if name else ("target",), one.keys(), ("position_m",))
+        for name, one in positions.items()
+    ]
+    return replace(
+        result,
+        study=study,
+        apriori_positions=tuple(positions.values()),
+        changes=(*result.changes, *changes),
+    )
 
 
 def _with_manoeuvres(result: SearchResult, observations: Observations | None) -> SearchResult:
@@ -268,7 +261,9 @@ def _with_manoeuvres(result: SearchResult, observations: Observations | None) ->
     ]
     forces = replace(study.target.forces, impulses=(*known, *impulses))
     study = replace(study, target=replace(study.target, forces=forces))
-    return replace(result, study=study, manoeuvres=tuple(manoeuvres))
+    change = Change(("forces",), {}, added={"impulses": list(map(_impulse_keys, impulses))})
+    changes = (*result.changes, change) if impulses else result.changes
+    return replace(result, study=study, manoeuvres=tuple(manoeuvres), changes=changes)
 
 
 def _uplink_keys(uplink: Uplink) -> Mapping[str, Any]:

@@ -142,6 +142,38 @@ def test_a_state_and_a_rough_orbit_exclude_each_other(forces):
         replace(rough(forces), position_m=(1.8e6, 0.0, 0.0))
 
 
+PLAN = """
+[target]
+dynamics = "moon"
+epoch = "2012-04-09T04:30:00"
+altitude_m = 55e3
+[simulation.sessions.doppler]
+kind = "doppler"
+stations = ["DSS-24"]
+start = 2012-04-09T04:40:00
+stop = 2012-04-09T05:40:00
+step_s = 60.0
+sigma_m = 0.01
+wavelength_um = 36000.0
+"""
+
+
+@pytest.mark.parametrize(
+    "job",
+    [
+        radioloc.simulate,
+        radioloc.covariance,
+        radioloc.monte_carlo,
+        radioloc.jobs.visibility,
+        radioloc.jobs.light_times,
+    ],
+)
+def test_jobs_of_plans_name_the_search_where_there_is_no_state(tmp_path, job):
+    (tmp_path / "plan.toml").write_text(PLAN)
+    with pytest.raises(InputError, match=r"got a rough orbit; `radioloc search"):
+        job(radioloc.read_study(tmp_path / "plan.toml"))
+
+
 TARGET = '[target]\nname = "GRAIL-B"\ndynamics = "moon"\nepoch = "2012-04-09T04:30:00"\n'
 
 

@@ -37,12 +37,12 @@ TESTS = {
         "terms": "physical_model",
     },
     "estimation": {
-        "build": "solution time_correlation", "consider": "consider budget", "editing": "editing phase_editing",
-        "gauss_markov": "", "labels": "statistics solution", "least_squares": "",
+        "consider": "consider budget", "editing": "editing phase_editing",
+        "gauss_markov": "", "least_squares": "",
         "linearization": "least_squares linear_problem", "observability": "",
         "observation_noise": "observation_noise linear_problem", "process_noise": "",
         "robust": "editing linear_problem", "series": "gauss_markov correlated_weights",
-        "solution": "", "statistics": "statistics solution", "time_correlation": "time_correlation correlated_weights",
+        "statistics": "", "time_correlation": "time_correlation correlated_weights",
         "variance_components": "",
     },
 }  # fmt: skip

@@ -17,8 +17,8 @@ from radioloc.estimation.shared_observations import SampledSeries, share_observa
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.local import LocalDifference, axes_at, displaced, local_difference, rot_enu_between
 from radioloc.time import epochs_from_strings, utc_to_tai
+from radioloc.vectors import Floats
 
-_Floats = NDArray[np.float64]
 _AXES = ("east", "north", "up")
 _NUMBER = re.compile(r"[ .]\d+(?=\.|$)")
 _ABOVE_TERRAIN = "height_above_terrain"
@@ -105,12 +105,12 @@ class PositionEstimate:
     """Estimate of a position as its solution states it, in mean-Earth axes."""
 
     name: str
-    position_me_m: _Floats  # (3,)
-    noise_enu_m2: _Floats  # (3, 3), without considered errors; NaN where a component is not determined
+    position_me_m: Floats  # (3,)
+    noise_enu_m2: Floats  # (3, 3), without considered errors; NaN where a component is not determined
     # Changes of the position (3,) by one sigma of each considered error, and of each a-priori value that the noise
     # has in it. The same name in two estimates is the same error or the same information.
-    errors_enu_m: Mapping[str, _Floats]
-    priors_enu_m: Mapping[str, _Floats] = field(default_factory=dict)
+    errors_enu_m: Mapping[str, Floats]
+    priors_enu_m: Mapping[str, Floats] = field(default_factory=dict)
     spans_utc: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     terrain: TerrainHeight | None = None
     data: frozenset[str] = frozenset()  # hashes or names of its files
@@ -170,16 +170,16 @@ class PositionEstimate:
         )
 
     @property
-    def total_enu_m2(self) -> _Floats:
+    def total_enu_m2(self) -> Floats:
         """Covariance with considered errors, shape (3, 3)."""
         return self.noise_enu_m2 + _squares(self.errors_enu_m)
 
-    def carried_to(self, origin_m: _Floats) -> PositionEstimate:
+    def carried_to(self, origin_m: Floats) -> PositionEstimate:
         """Return the estimate with its covariance in the east, north and up of another point, mean-Earth axes, m."""
         rotation = rot_enu_between(self.position_me_m, origin_m)
         return self._rotated(rotation, rotated_covariance(rotation, self.noise_enu_m2))
 
-    def offset_from(self, origin_m: _Floats) -> tuple[_Floats, PositionEstimate]:
+    def offset_from(self, origin_m: Floats) -> tuple[Floats, PositionEstimate]:
         """Return the offset from a point, east, north, up there, m, shape (3,), and the estimate in these axes."""
         if not self.straight:
             return local_difference(self.position_me_m, origin_m).enu_m, self.carried_to(origin_m)
@@ -188,7 +188,7 @@ class PositionEstimate:
         rotated = self._rotated(rotation, rotation @ self.noise_enu_m2 @ rotation.T)
         return axes @ (self.position_me_m - origin_m), rotated
 
-    def _rotated(self, rotation: _Floats, noise_enu_m2: _Floats) -> PositionEstimate:
+    def _rotated(self, rotation: Floats, noise_enu_m2: Floats) -> PositionEstimate:
         return replace(
             self,
             noise_enu_m2=noise_enu_m2,
@@ -202,7 +202,7 @@ class PositionEstimate:
             return bool(self.data & other.data)
         return bool(self.images & other.images) or share_observations(self.observations, other.observations)
 
-    def common_covariance(self, other: PositionEstimate) -> _Floats:
+    def common_covariance(self, other: PositionEstimate) -> Floats:
         """Covariance of the errors of two estimates in the same axes that have no data in common, shape (3, 3)."""
         found = np.zeros((3, 3))
         theirs: dict[str, list[str]] = {}
@@ -249,8 +249,8 @@ class Agreement:
 class JointEstimate:
     """Joint estimate of several."""
 
-    position_me_m: _Floats  # (3,)
-    covariance_enu_m2: _Floats  # (3, 3), total
+    position_me_m: Floats  # (3,)
+    covariance_enu_m2: Floats  # (3, 3), total
     names: tuple[str, ...]  # of the estimates that it rests on
     left_out: Mapping[str, str] = field(default_factory=dict)  # the others, and why
     chi2: float = 0.0  # of what they differ from it
@@ -381,7 +381,7 @@ def _prior_name(item: Mapping[str, Any], provenance: Mapping[str, Any]) -> str:
     return " ".join(words)
 
 
-def rotated_covariance(rotation: _Floats, covariance_m2: _Floats) -> _Floats:
+def rotated_covariance(rotation: Floats, covariance_m2: Floats) -> Floats:
     """Return a covariance of east, north and up after a rotation about up; NaN stays where it is."""
     horizontal = rotation[:2, :2]
     rotated = covariance_m2.copy()
@@ -391,5 +391,5 @@ def rotated_covariance(rotation: _Floats, covariance_m2: _Floats) -> _Floats:
     return rotated
 
 
-def _squares(errors_enu_m: Mapping[str, _Floats]) -> _Floats:
+def _squares(errors_enu_m: Mapping[str, Floats]) -> Floats:
     return sum((np.outer(moved, moved) for moved in errors_enu_m.values()), np.zeros((3, 3)))

@@ -27,8 +27,7 @@ from radioloc.estimation.observation_noise import RowsOf, Transposable, Whitenin
 from radioloc.estimation.orbit_state import EAST_NORTH_UP
 from radioloc.parameters.parameter import Parameter, ParameterSet
 from radioloc.parameters.registry import PARAMETERS
-
-_Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 NOISE, A_PRIORI, EPHEMERIS = "measurement noise", "a priori", "ephemeris"
 """Sources of error that are no considered parameters."""
@@ -87,14 +86,14 @@ class CommonErrors:
     # the estimates of the errors g = (1 + E^T E)^-1 E^T Y (Woodbury 1950).
     noise: Whitening
     # Part by part, which columns are not zero, and these
-    effects: tuple[tuple[NDArray[np.intp], _Floats], ...]
-    axes: _Floats  # (c, r), combinations of the columns that are E
-    variance: _Floats  # (r,), diagonal of (1 + E^T E)^-1
+    effects: tuple[tuple[NDArray[np.intp], Floats], ...]
+    axes: Floats  # (c, r), combinations of the columns that are E
+    variance: Floats  # (r,), diagonal of (1 + E^T E)^-1
 
     @classmethod
     def of(cls, noise: Whitening, effects_m: Effects) -> CommonErrors:
         """Effects on rows (m,), m, shape (m, c), of which those are kept that the noise does not hide."""
-        effects, products = list[tuple[NDArray[np.intp], _Floats]](), np.zeros((0, 0))
+        effects, products = list[tuple[NDArray[np.intp], Floats]](), np.zeros((0, 0))
         for part in noise.whitened(effects_m):
             # Of errors of all stations and passes few have part in any observation
             there = np.flatnonzero(part.any(axis=0))
@@ -106,7 +105,7 @@ class CommonErrors:
         felt = squares > _MIN_WEIGHT_EFFECT_SIGMAS**2
         return cls(noise, tuple(effects), axes[:, felt], 1.0 / (1.0 + squares[felt]))
 
-    def whitened(self, rows_of: RowsOf) -> Iterator[_Floats]:
+    def whitened(self, rows_of: RowsOf) -> Iterator[Floats]:
         """Independent combinations part by part, and the estimates of the errors as the last part."""
         parts = list(self.noise.whitened(rows_of))
         along = np.zeros((len(self.axes), parts[0].shape[1]))
@@ -125,7 +124,7 @@ class Consider:
     """Considered parameters, and the change of an estimate (rows) by one sigma of each (columns)."""
 
     parameters: ParameterSet  # the considered ones, c
-    sensitivity: _Floats  # (p, c)
+    sensitivity: Floats  # (p, c)
     in_weights: tuple[str, ...] = ()  # kinds of them that the weights of the estimate allow for
 
     def __repr__(self) -> str:
@@ -133,11 +132,11 @@ class Consider:
         return f"<Consider {len(self.parameters)} parameters: {kinds}>"
 
     @property
-    def covariance(self) -> _Floats:
+    def covariance(self) -> Floats:
         """What they add to the covariance of the estimate, shape (p, p)."""
         return np.asarray(self.sensitivity @ self.sensitivity.T)
 
-    def to_list(self, enu_by_parameters: _Floats | None) -> list[dict[str, Any]]:
+    def to_list(self, enu_by_parameters: Floats | None) -> list[dict[str, Any]]:
         """One record for each, the one that moves the position most first; no displacements without partials (3, p)."""
         records: list[dict[str, Any]] = []
         for k, item in enumerate(self.parameters):
@@ -189,14 +188,14 @@ def effects_beside_prior(fit: FitResult, errors: ConsideredErrors) -> Effects:
     )
     of_stations = errors.at_stations
 
-    def effects(rows: NDArray[np.intp]) -> _Floats:
+    def effects(rows: NDArray[np.intp]) -> Floats:
         of_frames = fit.linearization.partials(rows) @ sensitivity
         return of_frames if of_stations is None else np.hstack([of_stations(rows), of_frames])
 
     return effects
 
 
-def moved_by(fit: FitResult, effects_m: RowsOf, count: int) -> _Floats:
+def moved_by(fit: FitResult, effects_m: RowsOf, count: int) -> Floats:
     """Sensitivity of the estimate, (p, count), to errors by their effects on observations (m,), (m, count)."""
     # Directions that the data do not determine have no part in it: their variance is infinite already.
     root, moved = fit.factor.root_covariance(), np.zeros((len(fit.parameters), count))
@@ -218,7 +217,7 @@ def moved_by(fit: FitResult, effects_m: RowsOf, count: int) -> _Floats:
     return moved
 
 
-def few_errors(errors: ConsideredErrors, sigma_m: _Floats) -> tuple[_Floats, int]:
+def few_errors(errors: ConsideredErrors, sigma_m: Floats) -> tuple[Floats, int]:
     """Effects (n, r), m, of few independent errors in place of all, and the count of those, the first, at stations."""
     # What is left out of a variance is below 1 % of that which observations of `sigma_m` (n,) would leave.
     mine, found = errors._at_stations, []
@@ -236,7 +235,7 @@ class ErrorSource:
 
     source: str
     name: str
-    covariance_m2: _Floats
+    covariance_m2: Floats
 
     @property
     def label(self) -> str:
@@ -244,7 +243,7 @@ class ErrorSource:
         return f"{self.source} {self.name}".strip()
 
     @property
-    def sigma_m(self) -> _Floats:
+    def sigma_m(self) -> Floats:
         """Standard deviations along the axes, shape (3,)."""
         return np.sqrt(np.maximum(np.diag(self.covariance_m2), 0.0))
 
@@ -259,7 +258,7 @@ class ErrorSource:
         return {"source": self.source, "name": self.name} | {f"{axis}_m": sigma for axis, sigma in sigmas_m}
 
 
-def prior_effects(fit: FitResult) -> _Floats:
+def prior_effects(fit: FitResult) -> Floats:
     """Change of the estimate by an error of one sigma of each a-priori value (columns), shape (p, p)."""
     free = np.flatnonzero(fit.parameters.free)
     root = fit.factor.root_covariance()
@@ -268,7 +267,7 @@ def prior_effects(fit: FitResult) -> _Floats:
     return effects
 
 
-def shared_prior_effects(parameters: ParameterSet, effects: _Floats) -> dict[str, _Floats]:
+def shared_prior_effects(parameters: ParameterSet, effects: Floats) -> dict[str, Floats]:
     """Change of the estimate (p,) by one sigma of each error that a-priori values share, by its name."""
     names = dict.fromkeys(name for item in parameters for name in item.prior_errors)
     return {
@@ -280,19 +279,19 @@ def shared_prior_effects(parameters: ParameterSet, effects: _Floats) -> dict[str
 
 def error_budget(
     parameters: ParameterSet,
-    enu_by_parameters: _Floats,
-    enu_covariance_m2: _Floats,
-    effects: _Floats,
+    enu_by_parameters: Floats,
+    enu_covariance_m2: Floats,
+    effects: Floats,
     considered: Consider | None,
-    ephemeris_sigma_enu_m: _Floats,
-    direct_m: _Floats | float = 0.0,
+    ephemeris_sigma_enu_m: Floats,
+    direct_m: Floats | float = 0.0,
 ) -> tuple[ErrorSource, ...]:
     """Divide the covariance of a position into independent sources, the largest first."""
 
     # Partials (..., 3, p) and the covariance by noise and a-priori values (..., 3, 3) may be at any epochs of an orbit;
     # `effects` are those of prior_effects; errors of one sigma of considered parameters add `direct_m` (..., 3, c) by
     # themselves. Of several epochs the mean is given.
-    def squared(moved_m: _Floats, k: int) -> _Floats:
+    def squared(moved_m: Floats, k: int) -> Floats:
         return np.asarray(moved_m[..., :, None, k] * moved_m[..., None, :, k])
 
     of_priors_m = enu_by_parameters @ effects
@@ -333,7 +332,7 @@ def owner(item: Parameter) -> str:
 
 def by_source(items: Iterable[ErrorSource]) -> list[ErrorSource]:
     """Each source as a whole, the largest first."""
-    groups: dict[str, list[_Floats]] = {}
+    groups: dict[str, list[Floats]] = {}
     for item in items:
         groups.setdefault(item.source, []).append(item.covariance_m2)
     wholes = (ErrorSource(source, "", np.sum(parts, axis=0)) for source, parts in groups.items())

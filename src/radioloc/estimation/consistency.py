@@ -15,7 +15,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.estimation.consider import ConsideredErrors
@@ -26,8 +25,8 @@ from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.series import SeriesOrder
 from radioloc.parameters.columns import PASS_GAP_H
 from radioloc.time import Epochs, utc_strings
+from radioloc.vectors import Floats
 
-_Floats = NDArray[np.float64]
 _Links = dict[int, float]
 """Series of single observations, with the sign that something has in each."""
 
@@ -125,10 +124,10 @@ class _Tried:
 
     kind: str
     name: str
-    columns: _Floats  # of length one, all together
+    columns: Floats  # of length one, all together
     verdict: Verdict
     components: tuple[str, ...]  # none where a group is taken out
-    scale: _Floats  # of the amounts
+    scale: Floats  # of the amounts
     unit: str = "m"
     span_s: tuple[float, float] | None = None
     links: _Links = field(default_factory=dict)
@@ -141,7 +140,7 @@ def assess_consistency(
     order: SeriesOrder,
     correlation: TimeCorrelation | None,
     epoch_utc: Epochs,
-    enu_by_parameters: _Floats | None,
+    enu_by_parameters: Floats | None,
     considered: ConsideredErrors | None = None,
 ) -> Consistency:
     """Test groups of observations and a-priori values against the rest, and look for steps and offsets.
@@ -183,7 +182,7 @@ class _Search:
     fit: FitResult
     order: SeriesOrder
     epoch_utc: Epochs
-    enu_by_parameters: _Floats | None
+    enu_by_parameters: Floats | None
     considered: ConsideredErrors | None
     codes: list[int]  # series of single observations
 
@@ -315,9 +314,9 @@ def _tried(
     problem: BinnedProblem,
     kind: str,
     name: str,
-    columns: _Floats,
+    columns: Floats,
     components: tuple[str, ...],
-    scale: float | _Floats = 1.0,
+    scale: float | Floats = 1.0,
     **more: Any,
 ) -> _Tried | None:
     """What a test says of columns; none where nothing is told."""

@@ -25,8 +25,7 @@ from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import robust_scale
 from radioloc.labels import USED, Labels
 from radioloc.parameters.parameter import ParameterSet
-
-_Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 THRESHOLD = 5.0  # expected sigmas beyond which a residual is an outlier: of normal ones one in 1.7 million
 
@@ -99,7 +98,7 @@ def fit_with_editing(
     status: ArrayLike | Labels | None = None,
     threshold: float | None = THRESHOLD,
     previous: EditedFit | None = None,
-    start: _Floats | None = None,
+    start: Floats | None = None,
 ) -> EditedFit:
     """Fit, leaving out gross errors.
 
@@ -167,12 +166,12 @@ def fit_with_editing(
     # Those with an a-priori value do without an observation.
     n_free = int((parameters.free & np.isinf(parameters.prior_sigmas)).sum())
 
-    def fit(used: NDArray[np.bool_], start: _Floats, at_start: Linearization) -> FitResult:
+    def fit(used: NDArray[np.bool_], start: Floats, at_start: Linearization) -> FitResult:
         return fit_least_squares(
             residual_function, parameters, noise, used=used, start=start, linearization=at_start
         )
 
-    def spread(residual_m: _Floats) -> float:
+    def spread(residual_m: Floats) -> float:
         return robust_scale(residual_m[usable] / noise.sigma_m[usable], n_free)
 
     # An outlier can be told from the rest only if at least one observation is left over without it.
@@ -265,8 +264,8 @@ def _metres(value_m: float) -> str:
 class PhaseCounts:
     """Count intervals, s, and wavelengths of the downlink, m, of n observations that count a phase; NaN where none."""
 
-    count_s: _Floats
-    cycle_m: _Floats  # a cycle adds as much to the value
+    count_s: Floats
+    cycle_m: Floats  # a cycle adds as much to the value
 
 
 def phase_faults(edited: EditedFit, order: SeriesOrder, counts: PhaseCounts) -> dict[int, str]:

@@ -30,8 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation.linearization import gram
-
-_Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 RATIOS = np.logspace(-5.0, 3.0, 33)  # c / w that are tried
 _TAU_STEP_DECADES = 0.25  # from one correlation time that is tried to the next
@@ -70,13 +69,13 @@ class Points:
     series: tuple[Series, ...]
     begin: NDArray[np.intp]  # (s + 1,), first point of each, and n
     count: NDArray[np.intp]  # (s,), observations of each
-    squares: _Floats  # (s,), sum of squares of the whitened residuals of all observations
-    width_s: _Floats  # (s,), duration of the bins, s; zero where points are single observations
-    step_s: _Floats  # (n,), time since the point before of the same series, s
-    gain: _Floats  # (n,), root of the number of observations that a point is the mean of
-    residual: _Floats  # (n,), whitened by the stated noise
-    unit: _Floats  # (n, q), partials, whitened likewise, by parameters of unit formal covariance
-    time_s: _Floats = field(default_factory=lambda: np.zeros(0))  # (n,), where it is asked for
+    squares: Floats  # (s,), sum of squares of the whitened residuals of all observations
+    width_s: Floats  # (s,), duration of the bins, s; zero where points are single observations
+    step_s: Floats  # (n,), time since the point before of the same series, s
+    gain: Floats  # (n,), root of the number of observations that a point is the mean of
+    residual: Floats  # (n,), whitened by the stated noise
+    unit: Floats  # (n, q), partials, whitened likewise, by parameters of unit formal covariance
+    time_s: Floats = field(default_factory=lambda: np.zeros(0))  # (n,), where it is asked for
 
     def of(self, k: int) -> slice:
         """Points of a series."""
@@ -88,8 +87,8 @@ class SeriesNoise:
     """Noise of a series in units of the stated one."""
 
     white: float  # w
-    tau_s: _Floats  # (taus,), s
-    coloured: _Floats  # (taus,), variances c of processes of these correlation times; their sum is the whole
+    tau_s: Floats  # (taus,), s
+    coloured: Floats  # (taus,), variances c of processes of these correlation times; their sum is the whole
 
     @property
     def share(self) -> float:
@@ -108,13 +107,13 @@ class SeriesNoise:
         weight = self.coloured if self.coloured.any() else np.ones(len(self.tau_s))
         return float(np.exp((weight * np.log(self.tau_s)).sum() / weight.sum()))
 
-    def products(self, step_s: _Floats, gain: _Floats, columns: _Floats, width_s: float = 0.0) -> _Floats:
+    def products(self, step_s: Floats, gain: Floats, columns: Floats, width_s: float = 0.0) -> Floats:
         """Columns (n, m) times the covariance of points, of some gain (n,), times columns, shape (m, m)."""
         from radioloc.estimation._kernels import products
 
         return products(step_s, gain, columns, width_s, self.white, self.tau_s, self.coloured)
 
-    def whitened(self, step_s: _Floats, gain: _Floats, columns: _Floats, width_s: float = 0.0) -> _Floats:
+    def whitened(self, step_s: Floats, gain: Floats, columns: Floats, width_s: float = 0.0) -> Floats:
         """Columns (n, m) of points by the root of the inverse covariance: innovations over their sigmas, (n, m)."""
         from radioloc.estimation._kernels import filter_processes, mean_correlation
 
@@ -214,12 +213,12 @@ class TimeCorrelation:
     """
 
     series: tuple[SeriesCorrelation, ...]
-    added_covariance: _Floats
+    added_covariance: Floats
     noise: Mapping[str, SeriesNoise]
 
 
 def noise_of_series(
-    points: Points, sigmas: float | _Floats, *, jointly: bool = True
+    points: Points, sigmas: float | Floats, *, jointly: bool = True
 ) -> dict[str, SeriesNoise]:
     """Noise of those series that are significantly correlated in time, by key."""
     # Parameters have a-priori sigmas (q,) by which they are projected out: jointly, or of each series by itself where
@@ -251,16 +250,16 @@ class RestrictedLikelihood:
     points: Points
     mine: NDArray[np.intp]  # (s,), which of the series
     begin: NDArray[np.intp]  # (s + 1,), first of their n points each, and n
-    step_s: _Floats  # (n,)
-    gain: _Floats  # (n,)
-    columns: _Floats  # (n, r + 1), of each series' own coefficients of unit variance, the residuals last
-    turned: _Floats  # (s, r, m), from those m that all series have in common
-    numbers: _Floats  # (s, 4), as _kernels.likelihoods takes them
+    step_s: Floats  # (n,)
+    gain: Floats  # (n,)
+    columns: Floats  # (n, r + 1), of each series' own coefficients of unit variance, the residuals last
+    turned: Floats  # (s, r, m), from those m that all series have in common
+    numbers: Floats  # (s, 4), as _kernels.likelihoods takes them
     jointly: bool
 
     @classmethod
     def of(
-        cls, points: Points, mine: NDArray[np.intp], sigmas: float | _Floats, *, jointly: bool = True
+        cls, points: Points, mine: NDArray[np.intp], sigmas: float | Floats, *, jointly: bool = True
     ) -> RestrictedLikelihood:
         """Parameters have sigmas (q,); combinations that no series feels are left out."""
         rows = np.concatenate([np.arange(points.begin[k], points.begin[k + 1]) for k in mine])
@@ -300,14 +299,12 @@ class RestrictedLikelihood:
         )
 
     @property
-    def points_left(self) -> _Floats:
+    def points_left(self) -> Floats:
         """Points of each series beyond what the parameters absorb, (s,); none where there are no residuals."""
         left = np.diff(self.begin) - self.numbers[:, 1]
         return np.where(self.points.squares[self.mine] > 0.0, left, 0.0)
 
-    def at(
-        self, tau_s: _Floats, ratio: _Floats, part: _Floats | None = None
-    ) -> tuple[_Floats, _Floats, _Floats]:
+    def at(self, tau_s: Floats, ratio: Floats, part: Floats | None = None) -> tuple[Floats, Floats, Floats]:
         """Log likelihoods of each and variances w, (s, cells), and log likelihoods of all together, (cells,)."""
         from radioloc.estimation._kernels import likelihoods
 
@@ -399,7 +396,7 @@ def _fitted(likelihood: RestrictedLikelihood, threshold: float) -> dict[int, Ser
     return {k: SeriesNoise(w, tau_s, c) for k, w, c in zip(mine.tolist(), *values, strict=True)}
 
 
-def _flicker_shape(points: Points, mine: NDArray[np.intp], least_s: float) -> tuple[_Floats, _Floats]:
+def _flicker_shape(points: Points, mine: NDArray[np.intp], least_s: float) -> tuple[Floats, Floats]:
     """Correlation times, up to the longest span, and shares of processes that add up to flicker noise, both (1, p)."""
     span_s = _MAX_FLICKER_SPANS * max(float(points.step_s[points.of(k)].sum()) for k in mine)
     p = math.ceil(math.log10(max(span_s / least_s, 10.0)) / _FLICKER_STEP_DECADES) + 1
@@ -407,7 +404,7 @@ def _flicker_shape(points: Points, mine: NDArray[np.intp], least_s: float) -> tu
     return tau_s[None], np.full((1, p), 1.0 / p)
 
 
-def _tried_taus_s(points: Points, mine: NDArray[np.intp]) -> _Floats:
+def _tried_taus_s(points: Points, mine: NDArray[np.intp]) -> Floats:
     """Correlation times that are tried for a group, s, from a step to half the longest span."""
     steps_s = [points.step_s[points.of(k)] for k in mine]
     least_s = min(

@@ -35,8 +35,7 @@ from radioloc.estimation.series import (
     series_of,
 )
 from radioloc.estimation.time_correlation import ABSORBED_SIGMAS
-
-_Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 _MIN_SQUARE_FRACTION = 1e-6  # of a column that the parameters must leave of it for a test
 _BATCH_POINTS, _MIN_BATCHES = 10, 5  # summed to see whether residuals stay correlated
@@ -50,9 +49,9 @@ class Verdict:
 
     chi2: float
     dof: int
-    estimate: _Floats  # (k,)
-    shift: _Floats  # (c,), of the parameters
-    root_of_shift: _Floats  # (c, dof), square root of the covariance of that shift where nothing is wrong
+    estimate: Floats  # (k,)
+    shift: Floats  # (c,), of the parameters
+    root_of_shift: Floats  # (c, dof), square root of the covariance of that shift where nothing is wrong
     log_chance: float  # logarithm of the probability that chance alone makes it as large
 
 
@@ -63,16 +62,16 @@ class BinnedProblem:
     # Columns to be added have a row for each point and a-priori value, n + k, and are not whitened. What single links
     # have in the points, of which one of combined observations has several, is m rows of its own.
     points: Points
-    prior: _Floats  # (k, 1 + c), residual and partials over the sigmas
+    prior: Floats  # (k, 1 + c), residual and partials over the sigmas
     place: NDArray[np.intp]  # (m,), point that a link has part in
     code: NDArray[np.intp]  # (m,), series of single observations
-    values: _Floats  # (m, 1 + q), a constant of the link, and its partials by the estimated parameters
-    roots: tuple[_Floats, ...]  # of each series of the points, of the inverse covariance V^-1 = L^T L
-    left: _Floats = field(init=False)  # (n + k,), whitened residuals that the estimate leaves
-    whitened: _Floats = field(init=False)  # (n + k, c), partials
-    weighted: _Floats = field(init=False)  # (n + k, 1 + c), residuals and partials times V^-1
-    inverse: _Floats = field(init=False)  # (c, c), N^-1
-    estimate: _Floats = field(init=False)  # (c,), u
+    values: Floats  # (m, 1 + q), a constant of the link, and its partials by the estimated parameters
+    roots: tuple[Floats, ...]  # of each series of the points, of the inverse covariance V^-1 = L^T L
+    left: Floats = field(init=False)  # (n + k,), whitened residuals that the estimate leaves
+    whitened: Floats = field(init=False)  # (n + k, c), partials
+    weighted: Floats = field(init=False)  # (n + k, 1 + c), residuals and partials times V^-1
+    inverse: Floats = field(init=False)  # (c, c), N^-1
+    estimate: Floats = field(init=False)  # (c,), u
 
     def __post_init__(self) -> None:
         both = np.concatenate([np.column_stack([self.points.residual, self.points.unit]), self.prior])
@@ -109,7 +108,7 @@ class BinnedProblem:
             unit = block_diag(unit, np.diag(more))
             sigmas, off = np.concatenate([sigmas, more]), np.concatenate([off, np.zeros(len(more))])
 
-        def constant_and_partials(rows: Rows) -> _Floats:
+        def constant_and_partials(rows: Rows) -> Floats:
             columns = [np.ones((len(rows), 1)), fit.linearization.partials(rows)[:, free]]
             return np.hstack(columns if considered is None else [*columns, considered.partials(rows)])
 
@@ -133,7 +132,7 @@ class BinnedProblem:
         problem = cls(points, prior, *of_links, roots=())
         return problem._with_noise(noise, np.zeros(unit.shape[1]))
 
-    def _with_noise(self, noise: Mapping[str, SeriesNoise], estimate: _Floats) -> BinnedProblem:
+    def _with_noise(self, noise: Mapping[str, SeriesNoise], estimate: Floats) -> BinnedProblem:
         """Return the problem with the noise of each series, white where none is given."""
         # A series has more where its residuals stay correlated for longer than its noise has it.
         points, roots = self.points, []
@@ -150,7 +149,7 @@ class BinnedProblem:
         links: Mapping[int, float],
         span_s: tuple[float, float] = (-np.inf, np.inf),
         parameters: int = 0,
-    ) -> _Floats:
+    ) -> Floats:
         """Columns of some links in a span of time: their constants times signs, or their first partials."""
         mine, place, sign = self._of(links)
         time_s = self.points.time_s[place]
@@ -163,7 +162,7 @@ class BinnedProblem:
         np.add.at(found, place, values)
         return found
 
-    def times_s(self, links: Iterable[int]) -> _Floats:
+    def times_s(self, links: Iterable[int]) -> Floats:
         """Instants of the points of some links, in order."""
         return np.unique(self.points.time_s[self._of(dict.fromkeys(links, 1.0))[1]])
 
@@ -171,20 +170,20 @@ class BinnedProblem:
         """Longest duration of the bins of some links."""
         return float(np.repeat(self.points.width_s, np.diff(self.points.begin))[self._of(links)[1]].max())
 
-    def _of(self, links: Mapping[int, float]) -> tuple[NDArray[np.intp], NDArray[np.intp], _Floats]:
+    def _of(self, links: Mapping[int, float]) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
         """Rows of some links, the points that they have part in, and the sign of each."""
         signs = np.full(int(self.code.max()) + 1, np.nan)
         signs[list(links)] = list(links.values())
         mine = np.flatnonzero(~np.isnan(signs[self.code]))
         return mine, self.place[mine], signs[self.code[mine]]
 
-    def _there(self, columns: _Floats) -> Iterator[tuple[slice, _Floats]]:
+    def _there(self, columns: Floats) -> Iterator[tuple[slice, Floats]]:
         """Points of those series that columns (n + k, w) have part in, and the root of each."""
         n, begin = len(self.points.time_s), self.points.begin
         there = np.logical_or.reduceat(columns[:n].any(axis=1), begin[:-1])
         return ((self.points.of(k), self.roots[k]) for k in np.flatnonzero(there).tolist())
 
-    def test(self, columns: _Floats, links: Mapping[int, float] | None = None) -> Verdict | None:
+    def test(self, columns: Floats, links: Mapping[int, float] | None = None) -> Verdict | None:
         """Test whether added columns (n + k, w) are zero; None where the parameters leave nothing of them."""
         z = columns.copy()
         for of, root in self._there(columns):
@@ -207,13 +206,13 @@ class BinnedProblem:
             inflation = self._inflation(self.left - self.whitened @ shift - z @ estimate, links)
         return Verdict(chi2, dof, estimate, shift, gain @ root, log_probability(chi2 / inflation, dof))
 
-    def _inflation(self, left: _Floats, links: Mapping[int, float]) -> float:
+    def _inflation(self, left: Floats, links: Mapping[int, float]) -> float:
         """Factor on the variance of what links have in common, 1 where they are independent."""
         _, place, sign = self._of(links)
         which = np.unique(self.points.time_s[place], return_inverse=True)[1]
         return _spread(np.bincount(which, sign * left[place]) / np.sqrt(np.bincount(which)))
 
-    def chi2_of_steps(self, links: Mapping[int, float], edges_s: _Floats) -> _Floats:
+    def chi2_of_steps(self, links: Mapping[int, float], edges_s: Floats) -> Floats:
         """Chi-square of a step of some links, each by itself, at each of some instants (w,)."""
         # A step is a sum over the points from its instant on: sums from the last point back serve all of them.
         lasting = self.columns(links)[:, 0]
@@ -228,7 +227,7 @@ class BinnedProblem:
         told = information > _MIN_SQUARE_FRACTION * squares
         return np.divide(score**2, information, out=np.zeros_like(score), where=told)
 
-    def with_columns(self, columns: _Floats) -> BinnedProblem:
+    def with_columns(self, columns: Floats) -> BinnedProblem:
         """The problem with further parameters, and the noise that is then left."""
         n = len(self.points.time_s)
         points = replace(self.points, unit=np.hstack([self.points.unit, columns[:n]]))
@@ -241,7 +240,7 @@ def noise_of_each(points: Points) -> dict[str, SeriesNoise]:
     return noise_of_series(points, ABSORBED_SIGMAS, jointly=False)
 
 
-def _of_each_observation(bundle: Bundle, rows_of: RowsOf) -> _Floats:
+def _of_each_observation(bundle: Bundle, rows_of: RowsOf) -> Floats:
     """Share of each of the j observations of a bundle in its points, (j, points, c), as of :func:`points_of`."""
     place, _ = bins(bundle.time_s, MAX_POINTS)
     count = np.bincount(place)
@@ -258,12 +257,12 @@ def _of_each_observation(bundle: Bundle, rows_of: RowsOf) -> _Floats:
     return (found / np.sqrt(count)[:, None]).reshape(len(found), -1, found.shape[3])
 
 
-def _sums_from(values: _Floats) -> _Floats:
+def _sums_from(values: Floats) -> Floats:
     """Sums of values (n, w) from each row on, and of none, shape (n + 1, w)."""
     return np.vstack([np.cumsum(values[::-1], axis=0)[::-1], np.zeros(values.shape[1])])
 
 
-def _white(points: Points, k: int, estimate: _Floats) -> SeriesNoise:
+def _white(points: Points, k: int, estimate: Floats) -> SeriesNoise:
     """Noise of a series that is white, as large as what an estimate leaves, or as stated where observations are few."""
     part, count = points.of(k), int(points.count[k])
     left = points.residual[part] - points.unit[part] @ estimate
@@ -274,7 +273,7 @@ def _white(points: Points, k: int, estimate: _Floats) -> SeriesNoise:
     return SeriesNoise(variance, np.ones(1), np.zeros(1))
 
 
-def _spread(independent: _Floats) -> float:
+def _spread(independent: Floats) -> float:
     """Variance of what should be independent and of unit variance, from sums over some time: 1 or more."""
     # About their median and by the median of the squares, so that what does not fit hardly hides itself.
     batches = len(independent) // _BATCH_POINTS

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from radioloc.dynamics.stochastic import ACROSS, AFTER, BEFORE, Chains, StochasticAccelerations
 from radioloc.estimation.observation_noise import Combinations, ObservationNoise, RowsOf
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -43,8 +43,7 @@ from radioloc.estimation.observation_noise import (
 )
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.parameters.parameter import ParameterSet
-
-_Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 _MAX_ITERATIONS = 30
 
@@ -83,10 +82,10 @@ class FitResult:
     """Outcome of one least squares fit."""
 
     parameters: ParameterSet
-    x: _Floats  # (p,), undetermined directions stay where they started
+    x: Floats  # (p,), undetermined directions stay where they started
     # (p, p), formal, from the stated sigmas. Fixed parameters have zeros; one that takes part in an undetermined
     # direction has infinite variance and, as no number is right there, zero covariances.
-    covariance: _Floats
+    covariance: Floats
     linearization: Linearization  # at x, of all observations, used or not
     noise: ObservationNoise  # as stated, of all observations
     used: NDArray[np.bool_]  # (n,)
@@ -105,17 +104,17 @@ class FitResult:
         return self.status is FitStatus.CONVERGED
 
     @property
-    def residual_m(self) -> _Floats:
+    def residual_m(self) -> Floats:
         """Observed - computed at `x`, for all observations, used or not, m, shape (n,)."""
         return self.linearization.residual_m if self.smoothed is None else self.smoothed.residual_m
 
     @property
-    def sigmas(self) -> _Floats:
+    def sigmas(self) -> Floats:
         """Formal standard deviations of the parameters, shape (p,)."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
-    def sigma_m(self) -> _Floats:
+    def sigma_m(self) -> Floats:
         """Stated standard deviation of each observation, all its errors together, m, shape (n,)."""
         return self.noise.sigma_m
 
@@ -141,7 +140,7 @@ class FitResult:
         turned[free] = root
         return lambda rows: times(self.linearization.partials(rows), turned)
 
-    def whitened_unit_partials(self) -> Iterator[_Floats]:
+    def whitened_unit_partials(self) -> Iterator[Floats]:
         """Those of the used observations by its weights, part by part, (m, q)."""
         if self.factor.whitened is None:
             return self.whitening.whitened(self.unit_partials())
@@ -231,7 +230,7 @@ def _smoothed(problem: _Problem, here: _Point, factor: Factor) -> Smoothed | Non
 class _Point:
     """The model at one set of values."""
 
-    x: _Floats
+    x: Floats
     linearization: Linearization
     chi2: float
 
@@ -245,7 +244,7 @@ class _Problem:
     whitening: Whitening
     n_used: int
 
-    def point(self, x: _Floats, linearization: Linearization) -> _Point:
+    def point(self, x: Floats, linearization: Linearization) -> _Point:
         if isinstance(linearization, OrthonormalLinearization):
             return _Point(x, linearization, math.nan)
         chi2 = sum_of_squares(linearization.residual_m, self.whitening, self.parameters, x)
@@ -323,7 +322,7 @@ class _Problem:
         return here, factor, FitStatus.MAX_ITERATIONS, _MAX_ITERATIONS
 
 
-def sum_of_squares(residual_m: _Floats, whitening: Whitening, parameters: ParameterSet, x: _Floats) -> float:
+def sum_of_squares(residual_m: Floats, whitening: Whitening, parameters: ParameterSet, x: Floats) -> float:
     """Weighted sum of squares with the a-priori rows; infinite where the model gives no finite number."""
     prior = ((x - parameters.prior_values) / parameters.prior_sigmas)[parameters.free]
     total = float((prior * prior).sum())

@@ -21,22 +21,21 @@ from radioloc.errors import InputError, RadiolocError
 from radioloc.estimation.observation_noise import Combinations, Rows, Whitening
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.parameters.parameter import ParameterSet
-
-_Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 
 class Linearization(Protocol):
     """What a model says of its observations at one set of parameters."""
 
     @property
-    def residual_m(self) -> _Floats:
+    def residual_m(self) -> Floats:
         """Observed - computed, m, shape (n,)."""
 
-    def partials(self, rows: Rows) -> _Floats:
+    def partials(self, rows: Rows) -> Floats:
         """d(computed)/d(parameter) of some observations, shape (m, p)."""
 
 
-ResidualFunction = Callable[[_Floats], Any]
+ResidualFunction = Callable[[Floats], Any]
 """From parameters (p,) to a :class:`Linearization`; or, where there is room, to the pair of residuals observed -
 computed (n,), m, and partials d(computed)/d(parameter) (n, p)."""
 
@@ -45,15 +44,15 @@ computed (n,), m, and partials d(computed)/d(parameter) (n, p)."""
 class DenseLinearization:
     """A linearization that holds all its partials."""
 
-    residual_m: _Floats  # (n,)
-    matrix: _Floats  # (n, p)
+    residual_m: Floats  # (n,)
+    matrix: Floats  # (n, p)
 
-    def partials(self, rows: Rows) -> _Floats:
+    def partials(self, rows: Rows) -> Floats:
         """d(computed)/d(parameter) of some observations, shape (m, p)."""
         return self.matrix[rows]
 
 
-def evaluate(residual_function: ResidualFunction, x: _Floats) -> Linearization:
+def evaluate(residual_function: ResidualFunction, x: Floats) -> Linearization:
     """Linearization at x; :class:`InputError` if its shapes do not agree."""
     given = residual_function(x)
     if not isinstance(given, tuple):
@@ -70,7 +69,7 @@ def evaluate(residual_function: ResidualFunction, x: _Floats) -> Linearization:
     return DenseLinearization(residual_m, partials)
 
 
-def evaluate_step(residual_function: ResidualFunction, x: _Floats, before: Linearization) -> Linearization:
+def evaluate_step(residual_function: ResidualFunction, x: Floats, before: Linearization) -> Linearization:
     """Linearization where a step leads to; of infinite residuals where that is beyond what the model can compute."""
     try:
         return evaluate(residual_function, x)
@@ -121,10 +120,10 @@ _KEPT_ELEMENTS = 2**22  # of whitened partials, for what is asked of a fit after
 class WhitenedPartials:
     """Whitened partials that are kept, part by part, by coordinates into which those of the free parameters turn."""
 
-    parts: tuple[_Floats, ...]  # (m, q)
-    from_free: _Floats  # (q, q)
+    parts: tuple[Floats, ...]  # (m, q)
+    from_free: Floats  # (q, q)
 
-    def by(self, root: _Floats) -> Iterator[_Floats]:
+    def by(self, root: Floats) -> Iterator[Floats]:
         """Those by parameters of which `root` (q, r) has the free ones, part by part, (m, r)."""
         turned = self.from_free @ root
         return (times(part, turned) for part in self.parts)
@@ -135,10 +134,10 @@ class Factor:
     """Whitened linear problem reduced to its singular values, columns scaled to length one by ``column_norms``."""
 
     # (q,), length of each whitened column with its a-priori row; 1/scale for a column of zeros
-    column_norms: _Floats
-    singular_values: _Floats  # (q,), of the matrix with columns of length one, descending
-    vectors: _Floats  # (q, q), right singular vectors in columns
-    right_side: _Floats  # (q,), whitened residuals in the singular basis
+    column_norms: Floats
+    singular_values: Floats  # (q,), of the matrix with columns of length one, descending
+    vectors: Floats  # (q, q), right singular vectors in columns
+    right_side: Floats  # (q,), whitened residuals in the singular basis
     determined: NDArray[np.bool_]  # (q,), which singular directions the data and the a-priori rows determine
     whitened: WhitenedPartials | None = None  # where there is room for them
 
@@ -152,25 +151,25 @@ class Factor:
         """The first damping that is tried: the least singular value of a determined direction."""
         return float(self.singular_values[self.determined].min(initial=1.0))
 
-    def step(self, damping: float) -> _Floats:
+    def step(self, damping: float) -> Floats:
         """Change of the free parameters, none of it along undetermined directions, shape (q,)."""
         s = self.singular_values[self.determined]
         along = s * self.right_side[self.determined] / (s**2 + damping**2)
         return (self.vectors[:, self.determined] @ along) / self.column_norms
 
-    def root_covariance(self) -> _Floats:
+    def root_covariance(self) -> Floats:
         """Square root of the covariance: times its transpose it is the determined part's, shape (q, r)."""
-        root: _Floats = self.vectors[:, self.determined] / self.singular_values[self.determined]
+        root: Floats = self.vectors[:, self.determined] / self.singular_values[self.determined]
         return root / self.column_norms[:, None]
 
-    def undetermined_directions(self) -> _Floats:
+    def undetermined_directions(self) -> Floats:
         """Undetermined directions in parameter units, one per row, shape (q - r, q)."""
-        directions: _Floats = self.vectors[:, ~self.determined].T / self.column_norms
+        directions: Floats = self.vectors[:, ~self.determined].T / self.column_norms
         return directions
 
 
 def factorize(
-    linearization: Linearization, whitening: Whitening, parameters: ParameterSet, x: _Floats
+    linearization: Linearization, whitening: Whitening, parameters: ParameterSet, x: Floats
 ) -> Factor | None:
     """Reduce one linearized problem, a-priori rows included, to its singular values; none where it is not finite."""
     free = np.flatnonzero(parameters.free)
@@ -187,7 +186,7 @@ def factorize(
         triangle = reduced(triangle, rows)
     else:
         # The triangle carries over from part to part, so no copy of all whitened rows need be made
-        parts, room = list[_Floats](), _KEPT_ELEMENTS
+        parts, room = list[Floats](), _KEPT_ELEMENTS
         for whitened in _whitened_rows(linearization, whitening, free) if q else ():
             triangle = reduced(triangle, whitened)
             room -= whitened.size
@@ -217,11 +216,11 @@ def factorize(
 
 def _whitened_rows(
     linearization: Linearization, whitening: Whitening, free: NDArray[np.intp]
-) -> Iterator[_Floats]:
+) -> Iterator[Floats]:
     """Whitened partials by the free parameters with the residuals as last column, part by part."""
     q = len(free)
 
-    def rows_of(rows: Rows) -> _Floats:
+    def rows_of(rows: Rows) -> Floats:
         partials = linearization.partials(rows)
         out = np.empty((len(rows), q + 1))
         out[:, :q] = partials if partials.shape[1] == q else partials[:, free]
@@ -237,17 +236,17 @@ class LinearProblem:
 
     # Turned once to coordinates in which the problem, weighed as stated, is orthonormal: there normal equations lose no
     # digits, and a fit takes no orthogonal factorization of all rows.
-    partials: _Floats  # (n, p)
-    x: _Floats  # (p,), values that residuals belong to
-    basis: _Floats  # (n, q), partials by the orthonormal coordinates
-    from_free: _Floats  # (q, q), from changes of the free parameters to coordinates and back
-    to_free: _Floats
+    partials: Floats  # (n, p)
+    x: Floats  # (p,), values that residuals belong to
+    basis: Floats  # (n, q), partials by the orthonormal coordinates
+    from_free: Floats  # (q, q), from changes of the free parameters to coordinates and back
+    to_free: Floats
     start_rows: NDArray[np.intp]  # (m,), usable observations that make the robust start
 
-    def of(self, residual_m: _Floats) -> Callable[[_Floats], OrthonormalLinearization]:
+    def of(self, residual_m: Floats) -> Callable[[Floats], OrthonormalLinearization]:
         """Residual function of residuals (n,) at the values `x`, m."""
 
-        def linearized(x: _Floats) -> OrthonormalLinearization:
+        def linearized(x: Floats) -> OrthonormalLinearization:
             # Summed by numpy itself: the result does not depend on the number of threads
             left_m = residual_m - np.einsum("np,p->n", self.partials, x - self.x)
             return OrthonormalLinearization(self, left_m)
@@ -260,13 +259,13 @@ class OrthonormalLinearization:
     """Linearization of a :class:`LinearProblem`."""
 
     problem: LinearProblem
-    residual_m: _Floats
+    residual_m: Floats
 
-    def partials(self, rows: Rows) -> _Floats:
+    def partials(self, rows: Rows) -> Floats:
         """d(computed)/d(parameter) of some observations, shape (m, p)."""
         return self.problem.partials[rows]
 
-    def condensed(self, whitening: Whitening) -> tuple[_Floats, WhitenedPartials | None]:
+    def condensed(self, whitening: Whitening) -> tuple[Floats, WhitenedPartials | None]:
         """Rows (q, q + 1) with the normal equations, and the whitened partials where they are made on the way."""
         basis, from_free = self.problem.basis, self.problem.from_free
         weight = whitening.weights() if isinstance(whitening, Combinations) else None
@@ -287,7 +286,7 @@ class OrthonormalLinearization:
         return np.column_stack([root[:, None] * axes.T @ from_free, along]), kept
 
 
-def gram(a: _Floats, b: _Floats) -> _Floats:
+def gram(a: Floats, b: Floats) -> Floats:
     """a^T b of tall matrices, in slabs too small for linear algebra libraries to share them out among threads."""
     slab = _slab(a, b)
     count = len(a) // slab
@@ -299,7 +298,7 @@ def gram(a: _Floats, b: _Floats) -> _Floats:
     return np.asarray(slabs.sum(axis=0) + a[whole:].T @ b[whole:])
 
 
-def times(a: _Floats, b: _Floats) -> _Floats:
+def times(a: Floats, b: Floats) -> Floats:
     """The product a b of a tall matrix and a small one, in such slabs."""
     slab = _slab(a, b)
     count = len(a) // slab
@@ -309,7 +308,7 @@ def times(a: _Floats, b: _Floats) -> _Floats:
     return out
 
 
-def _slab(a: _Floats, b: _Floats) -> int:
+def _slab(a: Floats, b: Floats) -> int:
     """Rows of a slab."""
     width = max(a.shape[1], b.shape[1], 1)
     return max(32, min(_LEAF_ELEMENTS // width, 20 * _LEAF_ELEMENTS // width**2))
@@ -320,7 +319,7 @@ def refreshed(
     linearization: Linearization,
     whitening: Whitening,
     parameters: ParameterSet,
-    x: _Floats,
+    x: Floats,
 ) -> Factor:
     """Factor of a neighbouring point: its right side from the gradient here, its triangle as it was there.
 
@@ -338,7 +337,7 @@ def refreshed(
     return replace(factor, right_side=right_side)
 
 
-def reduced(triangle: _Floats, rows: _Floats) -> _Floats:
+def reduced(triangle: Floats, rows: Floats) -> Floats:
     """Triangle of a triangle (k, c) with more rows (m, c) beneath it, shape (min(k + m, c), c)."""
     columns = rows.shape[1]
     leaf = max(2 * columns, _LEAF_ELEMENTS // columns)
@@ -349,7 +348,7 @@ def reduced(triangle: _Floats, rows: _Floats) -> _Floats:
     return np.asarray(np.linalg.qr(np.concatenate([triangle, rows]), mode="r"))
 
 
-def covariance_of(factor: Factor, parameters: ParameterSet, unit: _Floats | None = None) -> _Floats:
+def covariance_of(factor: Factor, parameters: ParameterSet, unit: Floats | None = None) -> Floats:
     """Covariance over all parameters, shape (p, p)."""
     root = factor.root_covariance()
     covariance_free = root @ root.T if unit is None else root @ unit @ root.T

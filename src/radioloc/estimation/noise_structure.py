@@ -30,9 +30,7 @@ from radioloc.estimation.observation_noise import ALONE, ObservationNoise, Share
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.labels import Labels, distinct
-
-_Floats = NDArray[np.float64]
-
+from radioloc.vectors import Floats
 
 MIN_OBSERVATIONS = 10  # that determine a variance, to a quarter of the standard deviation
 _BATCHES = 10
@@ -124,7 +122,7 @@ def _candidates(
         yield name, np.stack([inside, there & (group_of == group) & ~inside])
 
 
-def _of_batches(fit: FitResult, order: SeriesOrder) -> tuple[_Floats, _Floats]:
+def _of_batches(fit: FitResult, order: SeriesOrder) -> tuple[Floats, Floats]:
     """Sums of squares over the sigmas, and numbers of used observations, by series and tenth of it in time."""
     code = order.code[order.order]
     count = np.bincount(code)
@@ -137,7 +135,7 @@ def _of_batches(fit: FitResult, order: SeriesOrder) -> tuple[_Floats, _Floats]:
     return squares.reshape(-1, _BATCHES), counts.reshape(-1, _BATCHES)
 
 
-def chances_of_noisier(sums: _Floats, numbers: _Floats, dof: _Floats) -> _Floats:
+def chances_of_noisier(sums: Floats, numbers: Floats, dof: Floats) -> Floats:
     """Chances that the first side of each pair is as much noisier than the second, one where it is not."""
     from scipy.special import fdtrc, stdtr
 
@@ -172,9 +170,9 @@ def _dof(fit: FitResult, mine: NDArray[np.bool_]) -> float:
 class _Pattern:
     """Epochs at which the same k baselines were observed, b of them."""
 
-    signs: _Floats  # (k, stations)
-    residual_m: _Floats  # (b, k), less the means of parts of the time
-    sigma_m: _Floats  # (b, k), of the delays' own errors, in proportion
+    signs: Floats  # (k, stations)
+    residual_m: Floats  # (b, k), less the means of parts of the time
+    sigma_m: Floats  # (b, k), of the delays' own errors, in proportion
     part: NDArray[np.intp]  # (b,)
 
     @property
@@ -182,7 +180,7 @@ class _Pattern:
         """Epochs less the means that were taken off."""
         return len(self.part) - len(np.unique(self.part))
 
-    def sides(self) -> tuple[_Floats, _Floats]:
+    def sides(self) -> tuple[Floats, Floats]:
         """Squares and degrees of freedom of combinations with most and least errors of stations, (2, parts) each."""
         values, axes = np.linalg.eigh(self.signs @ self.signs.T)
         squares = np.square((self.residual_m / self.sigma_m) @ axes)
@@ -194,7 +192,7 @@ class _Pattern:
 
 
 def noise_with_shared(
-    fit: FitResult, order: SeriesOrder, own_m: _Floats
+    fit: FitResult, order: SeriesOrder, own_m: Floats
 ) -> tuple[ObservationNoise, dict[str, float]] | None:
     """Noise in which delays share errors of their stations, and those by type and station, m; or none.
 
@@ -243,7 +241,7 @@ def noise_with_shared(
     return ObservationNoise(noise_m, SharedErrors(group, source, effect_m), phase=fit.noise.phase), found
 
 
-def epoch_numbers(time_s: _Floats) -> NDArray[np.intp]:
+def epoch_numbers(time_s: Floats) -> NDArray[np.intp]:
     """Number of the epoch that each of some times (n,), s, belongs to, in order of time."""
     order = np.argsort(time_s, kind="stable")
     number = np.empty(len(time_s), dtype=np.intp)
@@ -256,8 +254,8 @@ def _patterns(
     rows: NDArray[np.intp],
     epoch: NDArray[np.intp],
     of_code: NDArray[np.intp],
-    signs: _Floats,
-    own_m: _Floats,
+    signs: Floats,
+    own_m: Floats,
 ) -> Iterator[_Pattern]:
     """Epochs at which baselines with stations in common are used, by these baselines."""
     used = fit.used[rows]
@@ -279,7 +277,7 @@ def _patterns(
         yield _Pattern(signs[there], residual_m - means_m[part], own_m[at], part)
 
 
-def _components(patterns: Sequence[_Pattern], stations: int) -> _Floats | None:
+def _components(patterns: Sequence[_Pattern], stations: int) -> Floats | None:
     """Own variance in parts of the squared sigmas, then the variances of stations, m^2; none without significance."""
     if not patterns:
         return None
@@ -296,7 +294,7 @@ def _components(patterns: Sequence[_Pattern], stations: int) -> _Floats | None:
     return each if unlike and gained else np.append(common[0], np.full(stations, common[1]))
 
 
-def _stacked(patterns: Sequence[_Pattern], stations: int) -> tuple[_Floats, _Floats, _Floats, _Floats]:
+def _stacked(patterns: Sequence[_Pattern], stations: int) -> tuple[Floats, Floats, Floats, Floats]:
     """Additions of each component to the covariance (c, p, k, k), products (p, k, k), the rest (p, k, k), dof."""
     # A pattern of fewer than k baselines has others besides, without residuals and of unit variance: the rest.
     size = max(len(pattern.signs) for pattern in patterns)
@@ -311,7 +309,7 @@ def _stacked(patterns: Sequence[_Pattern], stations: int) -> tuple[_Floats, _Flo
     return matrices, squares, rest, np.array([pattern.dof for pattern in patterns], dtype=np.float64)
 
 
-def _likeliest(matrices: _Floats, squares: _Floats, rest: _Floats, dof: _Floats) -> tuple[_Floats, float]:
+def _likeliest(matrices: Floats, squares: Floats, rest: Floats, dof: Floats) -> tuple[Floats, float]:
     """Components (c,) and -2 log of their likelihood, from what :func:`_stacked` gives."""
     from scipy.optimize import nnls
 

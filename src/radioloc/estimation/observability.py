@@ -13,8 +13,7 @@ from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import covariance_of
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.parameters.parameter import ParameterSet
-
-_Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 WEAK_FACTOR = 100.0
 """A combination is weak when its sigma is this many times the median sigma of one observation: errors of the model
@@ -124,7 +123,7 @@ class Observability:
         Kinds of parameters of which the data hardly tell more than differences.
     """
 
-    singular_values: _Floats
+    singular_values: Floats
     undetermined: tuple[Direction, ...]
     weak: tuple[Direction, ...]
     correlations: tuple[Correlation, ...]
@@ -215,7 +214,7 @@ def assess_observability(fit: FitResult, counted: NDArray[np.bool_] | None = Non
     )
 
 
-def _common_parts(parameters: ParameterSet, covariance: _Floats, sigma_m: float) -> tuple[CommonPart, ...]:
+def _common_parts(parameters: ParameterSet, covariance: Floats, sigma_m: float) -> tuple[CommonPart, ...]:
     """Kinds whose mean is hardly better known than a priori, or, without a-priori sigmas, weak."""
 
     def rows_of(kind: str) -> list[int]:
@@ -252,7 +251,7 @@ def _common_parts(parameters: ParameterSet, covariance: _Floats, sigma_m: float)
     return tuple(found)
 
 
-def correlation_matrix(covariance: _Floats) -> _Floats:
+def correlation_matrix(covariance: Floats) -> Floats:
     """Correlations of a covariance, shape (p, p); zero beside fixed and undetermined parameters."""
     sigmas = np.sqrt(np.diag(covariance))
     known = np.isfinite(sigmas) & (sigmas > 0.0)
@@ -262,14 +261,14 @@ def correlation_matrix(covariance: _Floats) -> _Floats:
     return correlations
 
 
-def _strong_correlations(covariance: _Floats, names: tuple[str, ...]) -> tuple[Correlation, ...]:
+def _strong_correlations(covariance: Floats, names: tuple[str, ...]) -> tuple[Correlation, ...]:
     matrix = correlation_matrix(covariance)
     pairs = np.argwhere(np.triu(np.abs(matrix) > STRONG_CORRELATION, k=1))
     found = [Correlation(names[i], names[j], float(matrix[i, j])) for i, j in pairs]
     return tuple(sorted(found, key=lambda item: -abs(item.coefficient)))
 
 
-def _direction(vector: _Floats, sigma: float, parameters: ParameterSet) -> Direction:
+def _direction(vector: Floats, sigma: float, parameters: ParameterSet) -> Direction:
     """That of a unit vector over the free parameters, in their scales."""
     free = np.flatnonzero(parameters.free)
     order = [int(k) for k in np.argsort(-np.abs(vector), kind="stable") if abs(vector[k]) >= _SMALLEST_WEIGHT]
@@ -289,7 +288,7 @@ def _change(value: float, unit: str) -> str:
     return text if unit == "1" else f"{text} {unit}"
 
 
-def _simple_basis(rows: _Floats) -> _Floats:
+def _simple_basis(rows: Floats) -> Floats:
     """Reduced echelon form of independent rows (largest pivot first), each then scaled to length one."""
     basis = np.array(rows)
     if not len(basis):

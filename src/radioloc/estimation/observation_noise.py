@@ -26,15 +26,14 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.errors import InputError
 from radioloc.labels import changed
 from radioloc.measurements.predictor import ROWS_AT_ONCE
-
-_Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 ALONE = -1  # group of an observation that shares no error
 
 Rows = NDArray[np.intp]
 """Indices of observations, in any order."""
 
-RowsOf = Callable[[Rows], _Floats]
+RowsOf = Callable[[Rows], Floats]
 """From indices of observations (m,) to numbers that belong to them, such as partials, (m, c)."""
 
 _MIN_VARIANCE_RATIO = 1e-10  # of combinations in a block: below, rounding shows in the weights
@@ -48,14 +47,14 @@ class SharedErrors:
         np.intp
     ]  # (n,), observations of a group share errors of the same source; ALONE shares none
     source: NDArray[np.intp]  # (n, m), such as indices of stations
-    effect_m: _Floats  # (n, m), of an error of one standard deviation of each source, with its sign
+    effect_m: Floats  # (n, m), of an error of one standard deviation of each source, with its sign
 
-    def variance_m2(self) -> _Floats:
+    def variance_m2(self) -> Floats:
         """What all shared errors together add to the variance of each observation, shape (n,)."""
         each = np.arange(len(self.group))[:, None]
         return np.where(self.group == ALONE, 0.0, self.covariance_m2(each)[:, 0, 0])
 
-    def covariance_m2(self, rows: NDArray[np.intp]) -> _Floats:
+    def covariance_m2(self, rows: NDArray[np.intp]) -> Floats:
         """Covariance of observations (b, k), each of the b in one group, shape (b, k, k)."""
         source, effect_m = self.source[rows], self.effect_m[rows]
         covariance = np.zeros((*rows.shape, rows.shape[1]))
@@ -70,11 +69,11 @@ class SharedErrors:
 class PhaseNoise:
     """White noise of the phase whose change a count is."""
 
-    sigma_m: _Floats  # (n,), of the phase at either end of a count; zero for what has none
+    sigma_m: Floats  # (n,), of the phase at either end of a count; zero for what has none
     before: NDArray[np.intp]  # (n,), the count of the same sigma at whose end this one begins, or ALONE
     order: NDArray[np.intp]  # (m,), counts with phase noise, each after the one before it
 
-    def factor(self, rows: NDArray[np.intp], own_m: _Floats) -> _Floats:
+    def factor(self, rows: NDArray[np.intp], own_m: Floats) -> Floats:
         """Cholesky factor of the covariance of some rows (k,) in their order: its diagonal, what is below, (2, k)."""
         from scipy.linalg import cholesky_banded
 
@@ -85,7 +84,7 @@ class PhaseNoise:
         return np.asarray(cholesky_banded(banded, lower=True))
 
 
-def column(values: _Floats) -> RowsOf:
+def column(values: Floats) -> RowsOf:
     """A number of each observation as a column."""
     return lambda rows: values[rows, None]
 
@@ -96,7 +95,7 @@ def slices(n: int, width: int = 1) -> Iterator[slice]:
     return (slice(start, start + at_once) for start in range(0, n, at_once))
 
 
-def slices_of_chain(factor: _Floats) -> Iterator[slice]:
+def slices_of_chain(factor: Floats) -> Iterator[slice]:
     """Likewise, cut where no row depends on the one before it, so that each can be whitened by itself."""
     cuts, start = np.flatnonzero(factor[1] == 0.0) + 1, 0
     for end in cuts[np.diff(cuts // ROWS_AT_ONCE, append=-1) != 0].tolist():
@@ -104,7 +103,7 @@ def slices_of_chain(factor: _Floats) -> Iterator[slice]:
         start = end
 
 
-def unchained(factor: _Floats, values: _Floats, *, adjoint: bool = False) -> _Floats:
+def unchained(factor: Floats, values: Floats, *, adjoint: bool = False) -> Floats:
     """Independent combinations of rows (k, c) by the factor (2, k), or the transpose of that."""
     from scipy.linalg import solve_banded
 
@@ -117,11 +116,11 @@ def unchained(factor: _Floats, values: _Floats, *, adjoint: bool = False) -> _Fl
 class ObservationNoise:
     """Covariance of the observations of a fit; :class:`InputError` where it is not positive definite."""
 
-    own_m: _Floats  # (n,), sigma of each observation's own, independent error
+    own_m: Floats  # (n,), sigma of each observation's own, independent error
     shared: SharedErrors | None = None
     blocks: tuple[Block, ...] = field(default=(), repr=False)  # that share errors, those of one size together
     phase: PhaseNoise | None = None  # counts share no other errors
-    sigma_m: _Floats = field(init=False)  # (n,), all errors together
+    sigma_m: Floats = field(init=False)  # (n,), all errors together
 
     def __post_init__(self) -> None:
         bad = np.flatnonzero(~(np.isfinite(self.own_m) & (self.own_m > 0.0)))
@@ -162,7 +161,7 @@ class ObservationNoise:
     def __len__(self) -> int:
         return len(self.own_m)
 
-    def with_added(self, excess_m: _Floats) -> ObservationNoise:
+    def with_added(self, excess_m: Floats) -> ObservationNoise:
         """Noise with another independent error in each observation, standard deviations (n,), m.
 
         An error of one size in all observations of a block is one of that size along each of its axes, which stay.
@@ -202,7 +201,7 @@ class ObservationNoise:
 class Whitening(Protocol):
     """Observations in use, brought to independent ones of unit variance."""
 
-    def whitened(self, rows_of: RowsOf) -> Iterator[_Floats]:
+    def whitened(self, rows_of: RowsOf) -> Iterator[Floats]:
         """Independent combinations part by part, from indices of rows (m,) to numbers that belong to them (m, k)."""
 
 
@@ -210,7 +209,7 @@ class Whitening(Protocol):
 class Transposable(Whitening, Protocol):
     """The same where the transposed operation is known: both after each other weigh by the inverse covariance."""
 
-    def transposed(self, parts: Iterable[_Floats]) -> Iterator[tuple[Rows, _Floats]]:
+    def transposed(self, parts: Iterable[Floats]) -> Iterator[tuple[Rows, Floats]]:
         """Rows (m,) part by part, and numbers that belong to them (m, k), from those of independent combinations."""
 
 
@@ -218,17 +217,17 @@ class Transposable(Whitening, Protocol):
 class Combinations:
     """Independent combinations of those observations that are in use; made by :meth:`ObservationNoise.among`."""
 
-    own_m: _Floats  # (n,), of all observations
+    own_m: Floats  # (n,), of all observations
     alone: NDArray[np.bool_]  # (n,), those in use that share no error
     blocks: tuple[Block, ...]  # those that share errors with others in use, and what is left of their blocks
     counts: NDArray[np.intp]  # (k,), those in use with phase noise, in order
-    factor: _Floats  # (2, k), of their covariance
+    factor: Floats  # (2, k), of their covariance
 
-    def weights(self) -> _Floats | None:
+    def weights(self) -> Floats | None:
         """Weights (n,), zero of those not in use; none where observations share errors."""
         return None if self.blocks or len(self.counts) else np.where(self.alone, self.own_m**-2.0, 0.0)
 
-    def parts(self, rows_of: RowsOf) -> Iterator[tuple[_Floats, _Floats]]:
+    def parts(self, rows_of: RowsOf) -> Iterator[tuple[Floats, Floats]]:
         """Independent combinations (m, k) and their standard deviations (m,), m, part by part in their own order."""
         alone = np.flatnonzero(self.alone)
         for some in slices(len(alone)):
@@ -240,7 +239,7 @@ class Combinations:
                 combined = np.swapaxes(part.axes, 1, 2)[part.which] @ values
                 yield combined.reshape(part.rows.size, -1), part.combined_m[part.which].ravel()
 
-    def combined(self, values: _Floats) -> tuple[_Floats, _Floats]:
+    def combined(self, values: Floats) -> tuple[Floats, Floats]:
         """Independent combinations of values (n,) and their standard deviations, m; without counts of a phase."""
         # Added noise is of one size in all combinations but those of counts of a phase.
         parts = list(self.parts(column(values)))
@@ -249,7 +248,7 @@ class Combinations:
         combined, sigma_m = (np.concatenate(column, axis=None) for column in zip(*parts, strict=True))
         return combined, sigma_m
 
-    def whitened(self, rows_of: RowsOf) -> Iterator[_Floats]:
+    def whitened(self, rows_of: RowsOf) -> Iterator[Floats]:
         """Combinations over their standard deviations: all are independent and of unit variance."""
         for combined, sigma_m in self.parts(rows_of):
             combined *= (1.0 / sigma_m)[:, None]
@@ -257,7 +256,7 @@ class Combinations:
         for part in slices_of_chain(self.factor):
             yield unchained(self.factor[:, part], rows_of(self.counts[part]))
 
-    def transposed(self, parts: Iterable[_Floats]) -> Iterator[tuple[Rows, _Floats]]:
+    def transposed(self, parts: Iterable[Floats]) -> Iterator[tuple[Rows, Floats]]:
         """Rows and what the transpose of :meth:`whitened` makes of such parts."""
         part_of, alone = iter(parts), np.flatnonzero(self.alone)
         for some in slices(len(alone)):
@@ -277,15 +276,15 @@ class Block:
 
     rows: NDArray[np.intp]  # (b, k), observations of each block
     which: NDArray[np.intp]  # (b,), which of the u covariances is its
-    axes: _Floats  # (u, k, k), principal axes of the covariance in columns
-    combined_m: _Floats  # (u, k), standard deviations along the axes
+    axes: Floats  # (u, k, k), principal axes of the covariance in columns
+    combined_m: Floats  # (u, k), standard deviations along the axes
 
     def select(self, some: NDArray[np.bool_] | slice) -> Block:
         """Some of the blocks."""
         return replace(self, rows=self.rows[some], which=self.which[some])
 
 
-def _blocks_of(own_m: _Floats, shared: SharedErrors, rows: NDArray[np.intp]) -> tuple[Block, ...]:
+def _blocks_of(own_m: Floats, shared: SharedErrors, rows: NDArray[np.intp]) -> tuple[Block, ...]:
     """Blocks of some rows (m,) that share errors, those of one size together."""
     if not len(rows):
         return ()

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
@@ -18,9 +17,7 @@ from radioloc.dynamics.elements import FORMS, elements_of_state, state_by_elemen
 from radioloc.dynamics.stochastic import Chains, StochasticEffects
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.time import Epochs, utc_strings
-from radioloc.vectors import rtn_axes
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats, rtn_axes
 
 RTN = ("radial", "along", "across")
 EAST_NORTH_UP = ("east", "north", "up")

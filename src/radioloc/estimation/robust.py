@@ -26,8 +26,7 @@ from radioloc.estimation.observation_noise import ObservationNoise, Rows
 from radioloc.estimation.statistics import robust_scale
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.parameters.parameter import ParameterSet
-
-_Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 _MAX_LINEARIZATIONS = 15
 _MAX_REWEIGHTINGS = 100
@@ -49,11 +48,11 @@ _RIDGE = 1e-9
 def robust_start(
     residual_function: ResidualFunction,
     parameters: ParameterSet,
-    sigma_m: _Floats,
+    sigma_m: Floats,
     usable: NDArray[np.bool_],
     whole: Linearization,
-    start: _Floats | None = None,
-) -> tuple[_Floats, Linearization]:
+    start: Floats | None = None,
+) -> tuple[Floats, Linearization]:
     """Estimate and linearization there that gross errors move by little, from `start` or the a-priori values on.
 
     Minimizes Huber's loss with its corner at one stated sigma by iteratively reweighted least squares; where residuals
@@ -70,7 +69,7 @@ def robust_start(
     sigma_m = sigma_m[rows]
     root = np.zeros((q, 0)) if prepared is None else prepared.to_free
 
-    def after(x: _Floats, step: _Floats) -> tuple[_Floats, Linearization, _Floats]:
+    def after(x: Floats, step: Floats) -> tuple[Floats, Linearization, Floats]:
         moved = x.copy()
         moved[free] += step
         there = evaluate_step(residual_function, moved, whole)
@@ -109,9 +108,9 @@ def robust_start(
 
 
 def linear_problem(
-    partials: _Floats,
+    partials: Floats,
     parameters: ParameterSet,
-    x: _Floats,
+    x: Floats,
     noise: ObservationNoise,
     usable: NDArray[np.bool_],
 ) -> LinearProblem | None:
@@ -129,7 +128,7 @@ def linear_problem(
 
 def sample(
     whole: Linearization,
-    sigma_m: _Floats,
+    sigma_m: Floats,
     usable: NDArray[np.bool_],
     parameters: ParameterSet,
     most: int = _MAX_ROWS,
@@ -144,7 +143,7 @@ def sample(
         return candidates
     parts = [candidates[k : k + ROWS_AT_ONCE] for k in range(0, len(candidates), ROWS_AT_ONCE)]
 
-    def squares(rows: Rows) -> _Floats:
+    def squares(rows: Rows) -> Floats:
         return np.asarray(np.square(whole.partials(rows)[:, free] / sigma_m[rows, None]))
 
     counts, sums = np.zeros(len(free)), np.zeros(len(free))
@@ -168,11 +167,9 @@ def sample(
     return np.flatnonzero(drawn)
 
 
-def _huber_estimate(
-    basis: _Floats, normalized: _Floats, prior_normal: _Floats, prior_side: _Floats
-) -> _Floats:
+def _huber_estimate(basis: Floats, normalized: Floats, prior_normal: Floats, prior_side: Floats) -> Floats:
     """Where Huber's loss of residuals (n,) is least, in coordinates in which the problem is orthonormal, shape (q,)."""
-    y: _Floats = np.zeros(basis.shape[1])
+    y: Floats = np.zeros(basis.shape[1])
     remaining = normalized
     for _ in range(_MAX_REWEIGHTINGS):
         weighted = basis * _huber_weight(remaining)[:, None]
@@ -186,31 +183,31 @@ def _huber_estimate(
     return y
 
 
-def _prior_terms(parameters: ParameterSet, x: _Floats, root: _Floats) -> tuple[_Floats, _Floats]:
+def _prior_terms(parameters: ParameterSet, x: Floats, root: Floats) -> tuple[Floats, Floats]:
     """Normal matrix and right-hand side of the a-priori values, in the coordinates of `root`."""
     sigmas = parameters.prior_sigmas[parameters.free]
     rows = root / sigmas[:, None]
     return rows.T @ rows, rows.T @ ((parameters.prior_values - x)[parameters.free] / sigmas)
 
 
-def _huber_loss(normalized: _Floats, parameters: ParameterSet, x: _Floats) -> float:
+def _huber_loss(normalized: Floats, parameters: ParameterSet, x: Floats) -> float:
     prior = ((x - parameters.prior_values) / parameters.prior_sigmas)[parameters.free]
     loss = float(huber(normalized).sum() + 0.5 * prior @ prior)
     return loss if np.isfinite(loss) else np.inf
 
 
-def huber(normalized: _Floats) -> _Floats:
+def huber(normalized: Floats) -> Floats:
     """Huber's loss (1964) of each residual, quadratic up to one sigma."""
     size = np.abs(normalized)
     return np.where(size < 1.0, 0.5 * size**2, size - 0.5)
 
 
-def _huber_weight(normalized: _Floats) -> _Floats:
+def _huber_weight(normalized: Floats) -> Floats:
     """Weight of the square of each residual whose gradient is that of Huber's loss."""
     return 1.0 / np.maximum(1.0, np.abs(normalized))
 
 
-def _consensus(basis: _Floats, normalized: _Floats, prior_normal: _Floats, prior_side: _Floats) -> _Floats:
+def _consensus(basis: Floats, normalized: Floats, prior_normal: Floats, prior_side: Floats) -> Floats:
     """Estimate (q,) from a subset of the normalized residuals (n,) that most of them agree with; zeros where few.
 
     Of the estimates from random subsets of q residuals, the one with the least sum of truncated squares, with those of

@@ -31,8 +31,7 @@ from radioloc.labels import Labels, distinct
 from radioloc.measurements.link import Link
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.time import Epochs
-
-_Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 MAX_POINTS = 250  # of a series; longer ones are averaged over bins before a noise model is sought
 _ROW_WIDTH_RATIO = 4  # numbers of a row over those of a usual one: effects of errors are beside its partials
@@ -59,13 +58,13 @@ class SeriesOrder:
     """Rows in order of series and time; the same for all fits of the same observations."""
 
     types: Labels  # kinds of the n observations
-    time_s: _Floats  # (n,), when each was made, s from any instant
+    time_s: Floats  # (n,), when each was made, s from any instant
     series: tuple[LinkSeries, ...]
     code: NDArray[np.intp]  # (n,), which of the series an observation belongs to
     order: NDArray[np.intp]  # (n,), rows, sorted by series and time
 
     @classmethod
-    def of(cls, types: Labels, paths: Labels, time_s: _Floats) -> SeriesOrder:
+    def of(cls, types: Labels, paths: Labels, time_s: Floats) -> SeriesOrder:
         """That of observations of some types and paths (n,), made at some times (n,), s."""
         pairs = types.codes.astype(np.intp) * len(paths.texts) + paths.codes
         series = []
@@ -96,14 +95,14 @@ class Bundle:
 
     series: tuple[Series, ...]
     rows: NDArray[np.intp]  # (b, j), observations, in order of time
-    time_s: _Floats  # (b,)
-    whitening: _Floats  # (u, k, j), from observations to independent combinations of unit variance
+    time_s: Floats  # (b,)
+    whitening: Floats  # (u, k, j), from observations to independent combinations of unit variance
     which: NDArray[np.intp]  # (b,), which of these is a value's
     # (2, b), of counts of a phase, by which they are brought to independent ones before
-    factor: _Floats | None = None
+    factor: Floats | None = None
 
     @cached_property
-    def step_s(self) -> _Floats:
+    def step_s(self) -> Floats:
         """Time since the value before, s, shape (b,)."""
         return np.diff(self.time_s, prepend=self.time_s[0])
 
@@ -112,7 +111,7 @@ class Bundle:
             return slices_of_chain(self.factor)
         return slices(len(self.rows), _ROW_WIDTH_RATIO * self.rows.shape[1])
 
-    def parts(self, rows_of: RowsOf) -> Iterator[tuple[slice, _Floats]]:
+    def parts(self, rows_of: RowsOf) -> Iterator[tuple[slice, Floats]]:
         """Some thousand of the values after others, (m, j, c), from rows (m,) to numbers (m, c) that belong to them."""
         for part in self._slices():
             values = rows_of(self.rows[part].ravel())
@@ -120,7 +119,7 @@ class Bundle:
                 values = unchained(self.factor[:, part], values)
             yield part, np.ascontiguousarray(values).reshape(*self.rows[part].shape, -1)
 
-    def whitened_parts(self, rows_of: RowsOf, noise: Mapping[str, SeriesNoise]) -> Iterator[_Floats]:
+    def whitened_parts(self, rows_of: RowsOf, noise: Mapping[str, SeriesNoise]) -> Iterator[Floats]:
         """Values (k, m, c), part by part, by the root of the inverse covariance, one process for each series."""
         from radioloc.estimation._kernels import whiten
 
@@ -131,17 +130,17 @@ class Bundle:
             combined = (self.whitening, self.which[part], values)
             yield whiten(self.step_s[part], *numbers, *combined, variance, state)
 
-    def whitened(self, rows_of: RowsOf, noise: Mapping[str, SeriesNoise]) -> _Floats:
+    def whitened(self, rows_of: RowsOf, noise: Mapping[str, SeriesNoise]) -> Floats:
         """All of them at once, (k, b, c)."""
         return np.concatenate(list(self.whitened_parts(rows_of, noise)), axis=1)
 
-    def weighted(self, values: _Floats, noise: Mapping[str, SeriesNoise]) -> _Floats:
+    def weighted(self, values: Floats, noise: Mapping[str, SeriesNoise]) -> Floats:
         """Whitened values (k, b, c) by that root transposed, by which both are the inverse covariance's."""
         from radioloc.estimation._kernels import weigh
 
         return weigh(self.step_s, *self._numbers(noise), values)
 
-    def on_observations(self, weighted: _Floats) -> Iterator[tuple[Rows, _Floats]]:
+    def on_observations(self, weighted: Floats) -> Iterator[tuple[Rows, Floats]]:
         """Some thousand rows after others (m,), and what their combinations' :meth:`weighted` values are of them."""
         for part in self._slices():
             whitening = self.whitening[self.which[part]]
@@ -151,7 +150,7 @@ class Bundle:
                 values = unchained(self.factor[:, part], values, adjoint=True)
             yield self.rows[part].ravel(), values
 
-    def _numbers(self, noise: Mapping[str, SeriesNoise]) -> _Floats:
+    def _numbers(self, noise: Mapping[str, SeriesNoise]) -> Floats:
         """White variance, correlation time and ratio of each series, (3, k); white of unit variance by default."""
         found = [noise.get(one.key) for one in self.series]
         return np.array(
@@ -182,13 +181,13 @@ def with_numbers(group: Sequence[Bundle], rows_of: RowsOf) -> Iterator[tuple[Bun
     rows = [one.rows.ravel() for one in group]
     parts = np.split(rows_of(np.concatenate(rows)), np.cumsum([len(some) for some in rows])[:-1])
 
-    def known(part: _Floats) -> RowsOf:
+    def known(part: Floats) -> RowsOf:
         return lambda _: part
 
     return ((one, known(part)) for one, part in zip(group, parts, strict=True))
 
 
-def points_of(bundles: Sequence[Bundle], rows_of: RowsOf, root: _Floats) -> Points:
+def points_of(bundles: Sequence[Bundle], rows_of: RowsOf, root: Floats) -> Points:
     """Points of each series, averaged beyond :data:`MAX_POINTS`, with partials by the parameters times `root`."""
     from radioloc.estimation._kernels import add_to_bins
 
@@ -223,7 +222,7 @@ def points_of(bundles: Sequence[Bundle], rows_of: RowsOf, root: _Floats) -> Poin
     )
 
 
-def bins(time_s: _Floats, most: int) -> tuple[NDArray[np.intp], float]:
+def bins(time_s: Floats, most: int) -> tuple[NDArray[np.intp], float]:
     """Bin of each of some times (n,) in order, up to `most`, and their duration, s; gaps take no bin."""
     n = len(time_s)
     if n <= most:
@@ -296,7 +295,7 @@ def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.
     return bundles
 
 
-def _chosen_axes(axes: _Floats, part: NDArray[np.intp]) -> _Floats:
+def _chosen_axes(axes: Floats, part: NDArray[np.intp]) -> Floats:
     """Principal axes (k, k) in columns, of which those of one sigma, in one part, are not left to rounding."""
     # Any rotation of them is as good, but noise is sought along each, so another one gives other sigmas. One after the
     # other takes all that is left in the part of the next observation, so an error of the first is in one of them.

@@ -13,12 +13,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.statistics import Residuals
-
-_Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 MAX_SAMPLE_COUNT = 128  # but for the same epoch; of 3 % in common, one is found in 98 % of cases
 _JD_2000 = 2451544.5
@@ -37,8 +35,8 @@ class SampledSeries:
     type: str
     count_s: float | None  # None of types that count nothing
     sigma_m: float  # median
-    utc_s: _Floats  # (m,), UTC, seconds of days of 86400 s since 2000-01-01
-    observed_m: _Floats  # (m,)
+    utc_s: Floats  # (m,), UTC, seconds of days of 86400 s since 2000-01-01
+    observed_m: Floats  # (m,)
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> SampledSeries:

@@ -14,8 +14,7 @@ from radioloc.errors import InputError
 from radioloc.labels import USED, Labels
 from radioloc.tables import TableForm, as_table
 from radioloc.time import Epochs, utc_strings
-
-_Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 SCALING_PROBABILITY = 0.999
 """The formal covariance is scaled up when the reduced chi-square would exceed its value by chance in fewer than one
@@ -50,12 +49,12 @@ class Residuals:
     stations: Labels
     types: Labels
     paths: Labels
-    observed_m: _Floats
-    residual_m: _Floats
-    sigma_m: _Floats
+    observed_m: Floats
+    residual_m: Floats
+    sigma_m: Floats
     statuses: Labels
-    elevation_deg: _Floats | None = None
-    count_s: _Floats | None = None
+    elevation_deg: Floats | None = None
+    count_s: Floats | None = None
 
     def __post_init__(self) -> None:
         n = len(self.residual_m)
@@ -81,7 +80,7 @@ class Residuals:
         return Residuals(**columns)
 
     @property
-    def residual_mm_s(self) -> _Floats:
+    def residual_mm_s(self) -> Floats:
         """Residual of Doppler as a round-trip rate, mm/s, shape (n,); NaN of what is not counted."""
         return 1e3 * self.residual_m / (np.nan if self.count_s is None else self.count_s)
 
@@ -111,7 +110,7 @@ class Residuals:
         return self.statuses.are(USED)
 
     @property
-    def computed_m(self) -> _Floats:
+    def computed_m(self) -> Floats:
         """Computed values, m, shape (n,)."""
         return self.observed_m - self.residual_m
 
@@ -248,7 +247,7 @@ class FitStatistics:
         }
 
 
-def read_only(values: ArrayLike) -> _Floats:
+def read_only(values: ArrayLike) -> Floats:
     """Array of floats that cannot be written to; a copy unless it owns its numbers and is read-only already."""
     array = np.asarray(values, dtype=np.float64)
     if array.flags.writeable or not array.flags.owndata:
@@ -262,7 +261,7 @@ def finite_or_none(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def robust_scale(normalized: _Floats, n_parameters: int) -> float:
+def robust_scale(normalized: Floats, n_parameters: int) -> float:
     """Spread of normalized residuals about zero by the median absolute deviation; 0 of none."""
     n = len(normalized)
     if not n:

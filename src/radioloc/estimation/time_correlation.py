@@ -50,8 +50,7 @@ from radioloc.estimation.series import (
     together,
     with_numbers,
 )
-
-_Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 _FREE_SIGMAS = 300.0  # a priori where noise is found jointly: as good as free, and no column is singular
 ABSORBED_SIGMAS = 30.0  # likewise of a series by itself: what the estimate, off by so much, takes is left out
@@ -135,7 +134,7 @@ def rows_of(fit: FitResult, common: Effects | None = None) -> RowsOf:
     """Residuals, partials by the free parameters and effects side by side, of rows (m,), shape (m, 1 + q + c)."""
     free = fit.parameters.free
 
-    def values(rows: Rows) -> _Floats:
+    def values(rows: Rows) -> Floats:
         partials = fit.linearization.partials(rows)
         columns = [fit.residual_m[rows, None], partials if free.all() else partials[:, free]]
         return np.hstack(columns if common is None else [*columns, common(rows)])
@@ -143,7 +142,7 @@ def rows_of(fit: FitResult, common: Effects | None = None) -> RowsOf:
     return values
 
 
-def in_parameters(added: _Floats, fit: FitResult) -> _Floats:
+def in_parameters(added: Floats, fit: FitResult) -> Floats:
     """Addition to the covariance of parameters of unit formal covariance in the parameters themselves, (p, p)."""
     # A direction in which the errors happen to cancel keeps its white sigma; parameters that are lost have none.
     root, free = fit.factor.root_covariance(), fit.parameters.free
@@ -161,7 +160,7 @@ class _Whitening:
     bundles: Sequence[Bundle]
     noise: Mapping[str, SeriesNoise]  # by key of a series; white of unit variance by default
 
-    def whitened(self, rows_of: RowsOf) -> Iterator[_Floats]:
+    def whitened(self, rows_of: RowsOf) -> Iterator[Floats]:
         """Independent combinations of unit variance, part by part."""
         for group in together(self.bundles):
             if len(group) == 1:
@@ -171,7 +170,7 @@ class _Whitening:
                 parts = [one.whitened(numbers, self.noise) for one, numbers in with_numbers(group, rows_of)]
                 yield np.concatenate([values.reshape(-1, values.shape[2]) for values in parts])
 
-    def weighted(self, parts: Iterable[_Floats]) -> Iterator[tuple[Bundle, _Floats]]:
+    def weighted(self, parts: Iterable[Floats]) -> Iterator[tuple[Bundle, Floats]]:
         """Bundles, and their share of such parts by the root of the inverse covariance transposed, (k, b, c)."""
         part_of = iter(parts)
         for group in together(self.bundles):
@@ -187,7 +186,7 @@ class _Whitening:
                 values = of_bundle.reshape(len(bundle.series), len(bundle.rows), -1)
                 yield bundle, bundle.weighted(values, self.noise)
 
-    def transposed(self, parts: Iterable[_Floats]) -> Iterator[tuple[Rows, _Floats]]:
+    def transposed(self, parts: Iterable[Floats]) -> Iterator[tuple[Rows, Floats]]:
         """Rows and what the transpose of :meth:`whitened` makes of such parts."""
         for bundle, weighted in self.weighted(parts):
             yield from bundle.on_observations(weighted)

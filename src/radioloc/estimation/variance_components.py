@@ -27,8 +27,7 @@ from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.labels import Labels
 from radioloc.parameters.parameter import ParameterSet
-
-_Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 _MAX_PASSES = 15
 _MAX_SPLIT_COUNT = 10  # stations and links that may have a component of their own
@@ -45,7 +44,7 @@ def fit_with_variance_components(
     groups: Labels | None = None,
     status: ArrayLike | Labels | None = None,
     threshold: float | None = THRESHOLD,
-    start: _Floats | None = None,
+    start: Floats | None = None,
 ) -> EditedFit:
     """Fit with editing, adding noise to the stated sigmas where the residuals ask for it.
 
@@ -102,7 +101,7 @@ class _Problem:
     given: Labels
     threshold: float | None
 
-    def fit_with(self, added_m: _Floats, previous: EditedFit) -> EditedFit:
+    def fit_with(self, added_m: Floats, previous: EditedFit) -> EditedFit:
         """Fit with components (n,), m; a fit that did not come to its end is nothing to start from."""
         return fit_with_editing(
             self.residual_function,
@@ -162,7 +161,7 @@ def _wanted_m(
     group: NDArray[np.int32],
     count: int,
     probability: float | None,
-) -> _Floats:
+) -> Floats:
     """Standard deviation that each group asks for, m; one of one size in a block is so in each combination."""
     fit = edited.fit
     free_part = part_of_parameters(fit)
@@ -199,13 +198,13 @@ def part_of_parameters(fit: FitResult) -> float:
     return float(fit.factor.determined.sum() - a_priori.sum() + absorbed) / max(int(fit.used.sum()), 1)
 
 
-def _same(one_m: _Floats, other_m: _Floats) -> bool:
+def _same(one_m: Floats, other_m: Floats) -> bool:
     return bool((np.abs(one_m - other_m) <= _SETTLED_FRACTION * one_m).all())
 
 
 def additive_sigma_m(
-    residual_m: _Floats,
-    sigma_m: _Floats,
+    residual_m: Floats,
+    sigma_m: Floats,
     dof: int,
     probability: float | None = SCALING_PROBABILITY,
 ) -> float:
@@ -220,7 +219,7 @@ def additive_sigma_m(
 
 def _enough_m(
     squares: Callable[[float], float],
-    residual_m: _Floats,
+    residual_m: Floats,
     dof: int,
     probability: float | None,
     precision: float = 1e-12,

@@ -10,7 +10,6 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.estimation.shared_observations import SampledSeries, share_observations
@@ -77,7 +76,7 @@ class Ellipse:
     azimuth_deg: float
 
 
-def horizontal_ellipse(covariance_en_m2: NDArray[np.float64], probability: float = 0.95) -> Ellipse:
+def horizontal_ellipse(covariance_en_m2: Floats, probability: float = 0.95) -> Ellipse:
     """Error ellipse of a covariance of east and north, m^2, which holds the true point with a probability."""
     # For two dimensions the factor to the one-sigma axes is sqrt(-2 ln(1 - probability)), 2.45 for 95 %.
     variances, vectors = np.linalg.eigh(covariance_en_m2)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from radioloc.estimation.observation_noise import ALONE, ObservationNoise, PhaseNoise, RowsOf
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.parameters.rows import networks
+from radioloc.vectors import Floats
 
 NONE = -1  # index of no process
 _MIN_INNOVATION_FRACTION = 1e-10  # of the variance: below, the observation follows from others
@@ -45,14 +46,14 @@ class Process:
 class ProcessNoise:
     """Noise of n observations by s processes, of which each observation has up to k."""
 
-    time_s: NDArray[np.float64]  # (n,)
-    white_m2: NDArray[np.float64]  # (n,)
+    time_s: Floats  # (n,)
+    white_m2: Floats  # (n,)
     process: NDArray[np.intp]  # (n, k), index of a process or NONE
-    sign: NDArray[np.float64]  # (n, k)
+    sign: Floats  # (n, k)
     processes: tuple[Process, ...]
 
     @classmethod
-    def stated(cls, noise: ObservationNoise, time_s: NDArray[np.float64]) -> ProcessNoise:
+    def stated(cls, noise: ObservationNoise, time_s: Floats) -> ProcessNoise:
         """White noise, what observations of one epoch share, and the phase that contiguous counts share."""
         if noise.phase is not None:
             return cls.stated(replace(noise, phase=None), time_s)._with_phase(noise.phase)
@@ -90,7 +91,7 @@ class ProcessNoise:
         return ProcessNoise(self.time_s, self.white_m2, process, sign, (*self.processes, *made))
 
     @property
-    def sigma_m(self) -> NDArray[np.float64]:
+    def sigma_m(self) -> Floats:
         """Standard deviation of each observation, m, shape (n,)."""
         numbers = np.array([(p.variance_m2, p.walk_m2_s, p.start_s) for p in self.processes] or [(0.0,) * 3])
         variance_m2, walk_m2_s, start_s = numbers[self.process].transpose(2, 0, 1)
@@ -124,7 +125,7 @@ class ProcessWhitening:
     noise: ProcessNoise
     used: NDArray[np.bool_]
 
-    def whitened(self, rows_of: RowsOf) -> Iterator[NDArray[np.float64]]:
+    def whitened(self, rows_of: RowsOf) -> Iterator[Floats]:
         """Innovations over their standard deviations, part by part."""
         from radioloc.estimation._kernels import filter_processes
 

@@ -311,7 +311,7 @@ def _chosen_axes(axes: Floats, part: NDArray[np.intp]) -> Floats:
     return out
 
 
-def seconds_since_midnight(epoch: Epochs) -> NDArray[np.float64]:
+def seconds_since_midnight(epoch: Epochs) -> Floats:
     """Time since the first midnight, s, shape (n,); a leap second is nothing to how long errors last."""
     first = epoch.jd.min() if len(epoch) else 0.0
     return np.asarray(((epoch.jd - first) + epoch.fraction) * SECONDS_PER_DAY)

@@ -27,7 +27,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.estimation.consider import CommonErrors, Effects
 from radioloc.estimation.editing import EditedFit
@@ -107,7 +106,7 @@ def assess_time_correlation(
 
 def estimated_covariance(
     edited: EditedFit, order: SeriesOrder, common: Effects | None = None
-) -> tuple[NDArray[np.float64], TimeCorrelation | None]:
+) -> tuple[Floats, TimeCorrelation | None]:
     """Covariance of the estimate with noise as large as the residuals show, and as correlated in time, shape (p, p)."""
     covariance = scaled_covariance(edited.fit, edited.fit.noise_scale)
     correlation = assess_time_correlation(edited.fit, order, common) if edited.ended else None
@@ -116,7 +115,7 @@ def estimated_covariance(
     return covariance + correlation.added_covariance, correlation
 
 
-def scaled_covariance(fit: FitResult, noise_scale: float) -> NDArray[np.float64]:
+def scaled_covariance(fit: FitResult, noise_scale: float) -> Floats:
     """Covariance of the estimate, (p, p), if the observation noise is larger than stated by a factor."""
     # Observations are weighed by their stated sigmas and a-priori values by theirs; only the former are found too
     # small. With their information A and P and C = (A + P)^-1, the covariance is C (f^2 A + P) C = f^2 C + (1 - f^2)

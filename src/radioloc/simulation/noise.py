@@ -21,6 +21,7 @@ from radioloc.estimation.process_noise import NONE, Process, ProcessNoise
 from radioloc.measurements.registry import KINDS, is_integrated
 from radioloc.simulation.schedule import Plan
 from radioloc.time import utc_to_tai
+from radioloc.vectors import Floats
 
 _ROUNDING = 1e-6
 _PROCESSES_PER_DECADE = 2  # of correlation times, by which flicker noise is drawn
@@ -77,7 +78,7 @@ class Noise:
 
     def series(
         self, n: int, step_s: float, seeds: Sequence[int], label: str, count_s: float = math.nan
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    ) -> tuple[Floats, NDArray[np.bool_]]:
         """One realization for each seed at n epochs of equal step, and which are outliers, both (seeds, n).
 
         Another label, which says what the series is for, gives an independent series. `count_s` is the count interval.
@@ -85,7 +86,7 @@ class Noise:
         error_m = np.zeros((len(seeds), n))
         is_outlier = np.zeros((len(seeds), n), dtype=bool)
 
-        def normal(part: str, count: int = n) -> NDArray[np.float64]:
+        def normal(part: str, count: int = n) -> Floats:
             return np.array([generator(seed, f"{label} {part}").standard_normal(count) for seed in seeds])
 
         if self.white_m:
@@ -178,7 +179,7 @@ class NoiseModel:
         noise = ProcessNoise(time_s, white_m2, which, signs, tuple(processes))
         return replace(noise, white_m2=np.where(noise.sigma_m > 0.0, white_m2, observations.sigma_m**2))
 
-    def draw(self, plan: Plan, seed: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    def draw(self, plan: Plan, seed: int) -> tuple[Floats, NDArray[np.bool_]]:
         """One realization for everything planned, m, and in what an outlier of a link or station is, both (n,)."""
         noise_m, is_outlier = NoiseDraws.of(self, plan).draw([seed])
         return noise_m[0], is_outlier[0]
@@ -217,7 +218,7 @@ class NoiseDraws:
                 one.uses.append((sign, rows, plan.slot[rows]))
         return cls(len(observations), tuple(found.values()))
 
-    def draw(self, seeds: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    def draw(self, seeds: Sequence[int]) -> tuple[Floats, NDArray[np.bool_]]:
         """Errors, m, and which are wild, (seeds, n) each; those of a seed do not depend on the others."""
         for seed in seeds:
             require_seed(seed)
@@ -267,7 +268,7 @@ def require_seed(seed: int) -> None:
         raise InputError(f"seed is {seed!r}; give a whole number from zero up")
 
 
-def gauss_markov(drive: NDArray[np.float64], step_correlation: float) -> NDArray[np.float64]:
+def gauss_markov(drive: Floats, step_correlation: float) -> Floats:
     """Stationary first-order Gauss-Markov process of unit variance from independent normal numbers, (..., n).
 
     x_0 = w_0, x_k = f x_(k-1) + sqrt(1 - f^2) w_k, f = exp(-step / correlation time) (Gelb 1974, chapter 3).

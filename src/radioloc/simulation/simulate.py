@@ -32,6 +32,7 @@ from radioloc.simulation.truth import (
     position_error_m,
 )
 from radioloc.time import Epochs, epochs_from_strings, utc_strings
+from radioloc.vectors import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,15 +41,15 @@ class Simulated:
 
     observations: Observations  # as measured: with all errors; sigmas are those that the schedule states
     # Where the point truly is, principal axes, shape (3,); of a spacecraft the offset from its trajectory, zeros.
-    target_pa_m: NDArray[np.float64]
+    target_pa_m: Floats
     truth: Truth
     noise: NoiseModel
     seed: int
-    error_free_m: NDArray[np.float64]  # what the nominal model, with the world's terms, makes of it
-    added_m: dict[str, NDArray[np.float64]]  # what the truth's errors add, by kind of parameter
+    error_free_m: Floats  # what the nominal model, with the world's terms, makes of it
+    added_m: dict[str, Floats]  # what the truth's errors add, by kind of parameter
     drawn: dict[str, float]  # errors that were drawn, by parameter
-    drawn_m: NDArray[np.float64]  # what those add
-    noise_m: NDArray[np.float64]
+    drawn_m: Floats  # what those add
+    noise_m: Floats
     is_outlier: NDArray[np.bool_]  # whether the random error has a wild part
     trajectory: AnyTrajectory | None = None  # where the spacecraft truly is, if the target is one
 
@@ -88,20 +89,20 @@ class World:
 
     scenario: Scenario
     plan: Plan
-    target_pa_m: NDArray[np.float64]  # as in Simulated, as the next two
-    error_free_m: NDArray[np.float64]
-    added_m: dict[str, NDArray[np.float64]]
+    target_pa_m: Floats  # as in Simulated, as the next two
+    error_free_m: Floats
+    added_m: dict[str, Floats]
     errors: dict[str, float]  # errors of the truth by parameter, such as "range_bias.KASHI"
     trajectory: AnyTrajectory | None
     drawn: DrawnErrors  # errors that a trial of a Monte Carlo study draws, and draw if asked to
-    enu_pa: NDArray[np.float64]  # east, north and up at the target, in principal axes, as rows, shape (3, 3)
+    enu_pa: Floats  # east, north and up at the target, in principal axes, as rows, shape (3, 3)
     errant: AdjustableOrbit | None = None  # an orbit with the errors of gravity that are drawn
 
     def __repr__(self) -> str:
         return f"<World {len(self.plan.observations)} observations of {self.scenario.name}>"
 
     @property
-    def value_m(self) -> NDArray[np.float64]:
+    def value_m(self) -> Floats:
         """Observed values without noise and drawn errors, m, shape (n,)."""
         return np.asarray(self.error_free_m + sum(self.added_m.values(), start=0.0))
 
@@ -213,7 +214,7 @@ class Scenario:
         return target.orbit_over(model, self.schedule.span(), float(counts_s.max()), parameters)
 
 
-def rot_pa_to_enu(target_pa_m: NDArray[np.float64], model: PhysicalModel) -> NDArray[np.float64]:
+def rot_pa_to_enu(target_pa_m: Floats, model: PhysicalModel) -> Floats:
     """East, north and up (selenocentric) at a point, in principal axes, as rows, shape (3, 3)."""
     rot = rot_pa_to_me(model.ephemeris.constants)
     longitude_rad, latitude_rad, _ = cartesian_to_selenographic(rot @ target_pa_m)

@@ -27,6 +27,7 @@ from radioloc.parameters.position import PositionParameters, cartesian
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.simulation.noise import generator
 from radioloc.time import epochs_from_strings, utc_to_tai
+from radioloc.vectors import Floats
 
 _LARGEST = {
     "clock": (0.01, "the curvature of a range then is below 4 micrometres"),
@@ -129,15 +130,15 @@ class DrawnErrors:
     """Errors that are drawn: one standard normal number for each of k parameters."""
 
     names: tuple[str, ...]
-    sigmas: NDArray[np.float64]
-    partials: NDArray[np.float64]  # of the observed values by the parameters, shape (k, n)
+    sigmas: Floats
+    partials: Floats  # of the observed values by the parameters, shape (k, n)
 
-    def draw(self, seed: int) -> NDArray[np.float64]:
+    def draw(self, seed: int) -> Floats:
         """Errors of one trial's seed, shape (k,); one parameter more does not change those of others."""
         normal = [generator(seed, f"truth_sigma {name}").standard_normal() for name in self.names]
         return self.sigmas * np.array(normal)
 
-    def with_gravity(self, effects: NDArray[np.float64]) -> DrawnErrors:
+    def with_gravity(self, effects: Floats) -> DrawnErrors:
         """And errors of gravity, each by one sigma, with their effects on the observed values, shape (n, k)."""
         count = effects.shape[1]
         return DrawnErrors(
@@ -150,19 +151,19 @@ class DrawnErrors:
         """Of some of the observations."""
         return replace(self, partials=self.partials[:, rows])
 
-    def by_name(self, errors: NDArray[np.float64]) -> dict[str, float]:
+    def by_name(self, errors: Floats) -> dict[str, float]:
         """What was drawn, by parameter."""
         return dict(zip(self.names, errors.tolist(), strict=True))
 
 
-def position_error_m(drawn: Mapping[str, float]) -> NDArray[np.float64]:
+def position_error_m(drawn: Mapping[str, float]) -> Floats:
     """By how much the point stands off its nominal place, east, north and up, m, shape (3,)."""
     return np.array([drawn.get(f"position.{axis}", 0.0) for axis in ("east", "north", "up")])
 
 
 def fixed_errors(
-    truth: Truth, predictor: Predictor, at: Prediction, target_pa_m: NDArray[np.float64], start_utc: str
-) -> tuple[dict[str, NDArray[np.float64]], dict[str, float]]:
+    truth: Truth, predictor: Predictor, at: Prediction, target_pa_m: Floats, start_utc: str
+) -> tuple[dict[str, Floats], dict[str, float]]:
     """Additions of the truth to each observation, m, by kind of parameter, and its errors by parameter."""
     where = cartesian(target_pa_m, role=Role.FIXED)  # rates refer to `start_utc` where the truth has no epoch
     design = _design(truth.values, predictor, at, where, truth.clock_epoch_utc or start_utc)
@@ -181,8 +182,8 @@ def drawn_errors(
     sigma: TruthSigma,
     predictor: Predictor,
     at: Prediction,
-    target_pa_m: NDArray[np.float64],
-    enu_pa: NDArray[np.float64],
+    target_pa_m: Floats,
+    enu_pa: Floats,
     start_utc: str,
 ) -> DrawnErrors:
     """What is drawn, with its partials at a position; `enu_pa` are the directions there, rows."""

@@ -30,16 +30,17 @@ from radioloc.time import (
     utc_strings,
     utc_to_tai,
 )
+from radioloc.vectors import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AtInfinity:
     """A quasar, which sees every station."""
 
-    direction: NDArray[np.float64]  # ICRS, unit vector, shape (3,); 20 arcseconds of aberration are left out
+    direction: Floats  # ICRS, unit vector, shape (3,); 20 arcseconds of aberration are left out
 
 
-Target = NDArray[np.float64] | AnyTrajectory
+Target = Floats | AnyTrajectory
 """Principal-axes position of a point on the Moon, shape (3,), m; or the trajectory of a spacecraft."""
 
 _COARSE_STEP_S = 60.0  # at which dense series are computed first
@@ -79,11 +80,11 @@ class Elevations:
 
     stations: tuple[str, ...]  # catalogue names
     # Of the target above each station's horizon (the plane normal to the ellipsoid's vertical), shape (n, k).
-    at_station_rad: NDArray[np.float64]
+    at_station_rad: Floats
     # Of each station above the target's horizon (the plane normal to its radius; of a spacecraft, the Moon's limb).
-    at_target_rad: NDArray[np.float64]
+    at_target_rad: Floats
 
-    def margin_rad(self, masks: Masks) -> NDArray[np.float64]:
+    def margin_rad(self, masks: Masks) -> Floats:
         """How far the lower of both elevations is above its mask, shape (n, k); below zero is not seen."""
         station_rad = np.radians([masks.of(name) for name in self.stations])
         return np.minimum(
@@ -153,9 +154,7 @@ def elevations(
     return Elevations(names, at_station, at_target)
 
 
-def _target(
-    model: PhysicalModel, target_pa_m: Target, tdb: Epochs
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | float]:
+def _target(model: PhysicalModel, target_pa_m: Target, tdb: Epochs) -> tuple[Floats, Floats, Floats | float]:
     """Target one light time earlier from geocentre and Moon's centre, GCRS, m, (n, 3), and dip of its horizon, rad."""
     ephemeris = model.ephemeris
     if isinstance(target_pa_m, AnyTrajectory):
@@ -172,7 +171,7 @@ def _target(
     return moon_m - velocity_m_s * light_time_s[:, None] + from_moon_m, from_moon_m, 0.0
 
 
-def _elevation_rad(away_m: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np.float64]:
+def _elevation_rad(away_m: Floats, up: Floats) -> Floats:
     # arctan2 keeps its digits near the zenith, where arcsin loses half of them.
     across = np.linalg.norm(np.cross(up, away_m), axis=-1)
     return np.arctan2(np.einsum("ni,ni->n", up, away_m), across)
@@ -191,7 +190,7 @@ def seen(
     if length_s > 0.0 and not isinstance(target_pa_m, AnyTrajectory):
         every = max(1, int(_COARSE_STEP_S * (n - 1) / length_s))
 
-    def margin_rad(rows: NDArray[np.intp]) -> NDArray[np.float64]:
+    def margin_rad(rows: NDArray[np.intp]) -> Floats:
         parts = np.split(rows, range(_EPOCHS_AT_ONCE, len(rows), _EPOCHS_AT_ONCE))
         return np.concatenate(
             [elevations(model, target_pa_m, stations, tt[part]).margin_rad(masks) for part in parts]
@@ -265,7 +264,7 @@ def windows(
     if not length_s > 0.0:
         raise InputError(f"the search starts at {start_utc} but stops at {stop_utc}; it must stop later")
 
-    def margin_rad(offset_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    def margin_rad(offset_s: Floats) -> Floats:
         tt = tai_to_tt(limits[np.zeros(len(offset_s), dtype=np.int64)].shifted(offset_s))
         return elevations(model, target_pa_m, stations, tt).margin_rad(masks).min(axis=-1)
 

@@ -146,10 +146,7 @@ def _terrain_map(solution: Solution, dem: TerrainModel) -> Figure | None:
 
 @contextmanager
 def _sole_writer(folder: Path) -> Iterator[None]:
-    """Keep other runs out of a folder, and remove what one that was killed has left of its temporary files.
-
-    Until the end a file marks the folder as incomplete, also after a run that was stopped.
-    """
+    """Keep other runs out of a folder, incomplete until the end, and remove temporary files of killed ones."""
     marker = folder / INCOMPLETE
     if not marker.exists():
         text = "radioloc has not finished writing here: files may be of different results. Run it again.\n"

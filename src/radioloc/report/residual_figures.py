@@ -241,7 +241,7 @@ def draw_envelope(
     axes: Axes, dates: Dates, values: _Floats, limits: Limits, *, color: str, label: str
 ) -> Any:
     """Draw the envelope of many points and return the handle for a legend."""
-    middle, _, lowest, highest, mean, deviation = envelope_of(dates, values, limits)
+    middle, lowest, highest, mean, deviation = envelope_of(dates, values, limits)
     # Side by side: as wide as a bin, in points of 1/72 inch; an image, so that vector files stay small.
     width = 72.0 * axes.get_window_extent().width / axes.figure.dpi / BINS
     style: dict[str, Any] = {"color": color, "linewidth": max(width, 0.5), "solid_capstyle": "butt"}

@@ -34,11 +34,10 @@ _LEAST_PART = 0.3  # of a panel about zero that residuals fill, or else it is ab
 
 
 class Panel:
-    """What one panel shows: its title, which panels share its scale, which rows by the name of their link.
+    """Contents of one panel: its title, which panels share its scale, and the rows of each named link."""
 
-    A panel of a station, in which bars must find room, shares its scale with all others. Where its observations are all
-    of one way, or were given without a path, its only link has no name.
-    """
+    # A panel of a station, in which bars must find room, shares its scale with all others. Where its observations are
+    # all of one way, or were given without a path, its only link has no name.
 
     def __init__(self, residuals: Residuals, title: str, like: str, links: dict[str, _Rows]) -> None:
         self.title, self.like, self.links = title, like, links
@@ -140,10 +139,9 @@ def kind_word(kind: str) -> str:
 
 
 class Envelope(NamedTuple):
-    """What many values are in each bin of time that has any: its middle, how many, their range, mean and deviation."""
+    """Values in each bin of time that has any: its middle, and their range, mean and deviation."""
 
     middle: Dates
-    counts: NDArray[np.intp]
     lowest: NDArray[np.float64]
     highest: NDArray[np.float64]
     mean: NDArray[np.float64]
@@ -162,7 +160,7 @@ def envelope_of(dates: Dates, values: NDArray[np.float64], limits: Limits) -> En
     squares = np.bincount(place, (values - mean[np.cumsum(there)[place] - 1]) ** 2, BINS)[there]
     deviation = np.sqrt(squares / count[there])
     middle = limits[0] + (np.flatnonzero(there) + 0.5) / BINS * (limits[1] - limits[0])
-    return Envelope(middle, count[there], lowest[there], highest[there], mean, deviation)
+    return Envelope(middle, lowest[there], highest[there], mean, deviation)
 
 
 def bin_of(dates: Dates, limits: Limits) -> NDArray[np.intp]:

@@ -198,11 +198,7 @@ def _kind(cells: Sequence[str]) -> str:
 
 
 def text_table(heading: Sequence[str], rows: Iterable[Sequence[str]], width: int) -> list[str]:
-    """Rows of cells as aligned lines of plain text: names to the left, numbers to the right.
-
-    Names are wrapped where they are too long, between words or after the kind of a parameter, not within; numbers
-    never are: where they leave no room, the table is wider.
-    """
+    """Align rows of cells as lines of plain text: names to the left and wrapped, numbers to the right and never cut."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -295,10 +291,7 @@ def have_paths(rows: Residuals) -> bool:
 
 
 def ways(links: Sequence[Link]) -> list[str]:
-    """What tells links of one place apart: one- or two-way or from where, and of several targets which.
-
-    That all links to several targets are two-way is not said.
-    """
+    """Words that tell links of one place apart; that all links to several targets are two-way is not said."""
     several = len({link.targets for link in links}) > 1
     out = []
     for link in links:

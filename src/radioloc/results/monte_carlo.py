@@ -36,11 +36,7 @@ def sides_of(columns: Sequence[str]) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Inside:
-    """How often the truth is inside a claimed interval or ellipse of 95 %.
-
-    ``count`` of ``trials``; the fraction lies from ``low`` to ``high`` in 95 % of studies with so many trials if the
-    claim is right.
-    """
+    """Trials with the truth inside a claimed interval of 95 %; `low` to `high` is expected of the fraction in 95 %."""
 
     count: int
     trials: int
@@ -55,11 +51,9 @@ class Inside:
 
 @dataclass(frozen=True, slots=True)
 class Nees:
-    """Normalized estimation error squared, error' covariance^-1 error over its dimension, mean over the trials.
+    """Normalized estimation error squared over its dimension, mean over trials; `low` to `high` is expected in 95 %."""
 
-    If the claimed covariance is right, 1 is expected, and ``low`` to ``high`` in 95 % of studies with so many trials.
-    """
-
+    # error' covariance^-1 error; 1 is expected if the claimed covariance is right.
     mean: float
     low: float
     high: float

@@ -8,9 +8,9 @@
 Here are the names that most users need. What they rest on is in the packages, each with an ``__all__`` of its own:
 :mod:`radioloc.measurements`, :mod:`radioloc.parameters`, :mod:`radioloc.media`, :mod:`radioloc.estimation`,
 :mod:`radioloc.simulation`, :mod:`radioloc.study`, :mod:`radioloc.jobs`, :mod:`radioloc.results`, :mod:`radioloc.io`,
-:mod:`radioloc.report`, :mod:`radioloc.earth`,
-:mod:`radioloc.lunar`, :mod:`radioloc.dynamics`, :mod:`radioloc.imaging`, :mod:`radioloc.ephemeris`,
-:mod:`radioloc.kernels`, :mod:`radioloc.time` and :mod:`radioloc.errors`.
+:mod:`radioloc.report`, :mod:`radioloc.search`, :mod:`radioloc.earth`, :mod:`radioloc.lunar`, :mod:`radioloc.dynamics`,
+:mod:`radioloc.imaging`, :mod:`radioloc.ephemeris`, :mod:`radioloc.kernels`, :mod:`radioloc.time` and
+:mod:`radioloc.errors`.
 """
 
 from typing import TYPE_CHECKING

@@ -94,3 +94,21 @@ def odf(orbit, ramps=RAMPS, clocks=(), *, label=(181, 1120410, 152917, 19500101,
         group(2040, 0, [record(CLOCK, one) for one in clocks])
     group(-1, 0, [bytes(36)] * padding, length=0)
     return b"".join(records)
+
+
+def taken_apart(content):
+    """Return records of orbit data and ramps as dictionaries of unsigned fields, read independently of the reader."""
+    found = {109: [], 2030: []}
+    key = None
+    for start in range(0, len(content), 36):
+        record = content[start : start + 36]
+        if record[16:] == bytes(20):
+            [key] = struct.unpack(">i", record[:4])
+        elif key in found:
+            number, left = int.from_bytes(record, "big"), 288
+            values = {}
+            for name, width in (ORBIT if key == 109 else RAMP).items():
+                left -= width
+                values[name] = (number >> left) % 2**width
+            found[key].append(values)
+    return found[109], found[2030]

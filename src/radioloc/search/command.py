@@ -19,9 +19,14 @@ from radioloc.cli.output import exit_status, tell
 )
 def search(options: argparse.Namespace) -> int:
     """Find the first orbit, transmitters, a-priori position or manoeuvres that a study does not state."""
+    from radioloc.search.completed_file import require_beside
     from radioloc.search.study_search import search
+    from radioloc.study.study_file import read_study
 
-    result = search(options.study)
+    study = read_study(options.study)
+    if options.out is not None:
+        require_beside(options.out, study)  # before the work, which may take long
+    result = search(study)
     if options.out is not None:
         result.write(options.out)
     tell(options, result, result.to_dict)

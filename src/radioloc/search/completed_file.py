@@ -6,10 +6,12 @@ import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from radioloc.errors import InputError
 from radioloc.extras import optional
+from radioloc.study.study import Study
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,11 +37,26 @@ class Change:
             content[key] = [*content.get(key, ()), *map(dict, tables)]
 
 
+def require_beside(path: Path, study: Study) -> Path:
+    """Return the file of a study beside which a completed one can be written; InputError where it cannot."""
+    source = study.path
+    if source is None:
+        raise InputError(f"{path}: expected a study from a file, got one without; use its `study` in Python")
+    if path.absolute().parent.resolve() != source.absolute().parent.resolve():
+        raise InputError(
+            f"{path}: expected a file in the folder of {source}, to which paths in the study are relative"
+        )
+    _tomlkit()
+    return source
+
+
+def _tomlkit() -> ModuleType:
+    return optional("tomlkit", "completed studies are written by TOML Kit, which is not installed;", "search")
+
+
 def completed_text(source: Path, changes: Iterable[Change]) -> str:
-    """Return the text of a study file with some changes; InputError without TOML Kit, or if its text is another."""
-    tomlkit = optional(
-        "tomlkit", "completed studies are written by TOML Kit, which is not installed;", "search"
-    )
+    """Return the text of a study file with some changes; InputError if it cannot be edited."""
+    tomlkit = _tomlkit()
     text = source.read_text(encoding="utf-8-sig")
     document, expected = tomlkit.parse(text), tomllib.loads(text)
     for change in changes:

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from radioloc.dynamics import Impulse
-from radioloc.errors import InputError
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.orbit_start import StagedStart
 from radioloc.jobs.preparation import chosen_observations, model_of, prepared_arc
@@ -32,7 +31,7 @@ from radioloc.measurements.link import canonical_target
 from radioloc.measurements.observations import Observations
 from radioloc.results.cards import Card, Field, table
 from radioloc.results.result import Result
-from radioloc.search.completed_file import Change, completed_text
+from radioloc.search.completed_file import Change, completed_text, require_beside
 from radioloc.search.first_orbit import Candidate, first_orbits, is_ambiguous
 from radioloc.search.manoeuvres import Manoeuvre, find_manoeuvres
 from radioloc.search.near_side import near_positions
@@ -110,16 +109,8 @@ class SearchResult(Result):
         InputError
             The study is not from a file, the folder is another one, or the text cannot be edited.
         """
-        path, source = Path(path), self.study.path
-        if source is None:
-            raise InputError(
-                f"{path}: expected a study from a file, got one without; use its `study` in Python"
-            )
-        if path.absolute().parent.resolve() != source.absolute().parent.resolve():
-            raise InputError(
-                f"{path}: expected a file in the folder of {source}, to which paths in the study are relative"
-            )
-        path.write_text(completed_text(source, self.changes), encoding="utf-8")
+        path = Path(path)
+        path.write_text(completed_text(require_beside(path, self.study), self.changes), encoding="utf-8")
         return path
 
     def card(self) -> Card:

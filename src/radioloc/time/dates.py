@@ -108,10 +108,13 @@ def read_dates(texts: Sequence[str], scale: str) -> Epochs:
 
 def _date_fields(texts: Sequence[str]) -> dict[str, NDArray[np.int64]]:
     """Return the numbers of dates by the grammar's groups; zero where a date leaves them out."""
-    for row, text in enumerate(texts):
-        if len(text) > _MAX_CHARACTERS or not text.isascii():
-            raise DateError(text, _NOT_A_DATE, row)
-    dates = np.array(texts, dtype=np.bytes_)
+    try:
+        if max(map(len, texts), default=0) > _MAX_CHARACTERS:
+            raise ValueError
+        dates = np.array(texts, dtype=np.bytes_)
+    except ValueError:  # that a text is not ASCII is one
+        row = next(k for k, text in enumerate(texts) if len(text) > _MAX_CHARACTERS or not text.isascii())
+        raise DateError(texts[row], _NOT_A_DATE, row) from None
     characters = dates.view(np.uint8).reshape(len(dates), dates.itemsize)
     digits = characters - np.uint8(ord("0"))
     forms = np.where(digits < 10, np.uint8(ord("0")), characters).view(dates.dtype).ravel()
@@ -126,8 +129,10 @@ def _date_fields(texts: Sequence[str]) -> dict[str, NDArray[np.int64]]:
         rows, rest = rest[alike], rest[~alike]
         for name in _DATE.groupindex:
             first, end = match.span(name)
-            for column in digits[rows, first : min(end, first + _MAX_DECIMALS)].T:
-                fields[name][rows] = 10 * fields[name][rows] + column
+            number = np.zeros(len(rows), np.int64)
+            for column in digits.T[first : min(end, first + _MAX_DECIMALS)]:
+                number = 10 * number + column[rows]
+            fields[name][rows] = number
         fields["by_day"][rows] = match["day_of_year"] is not None
         fields["n_decimals"][rows] = min(len(match["decimals"] or ""), _MAX_DECIMALS)
     return fields

@@ -36,32 +36,7 @@ _MOST_SOURCES = 9
 
 @draws_names_literally
 def plot_budget(solution: Solution, ax: Axes | None = None) -> Figure:
-    """Draw the sigmas of a position to the east, to the north and up by source, the largest first, below the total.
-
-    Parameters
-    ----------
-    solution : Solution
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw in, in place of a figure of its own.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Numbers at the bars are the lengths of all three together, m.
-
-    Raises
-    ------
-    InputError
-        The position is held or not determined.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
-    >>> figure = radioloc.report.plot_budget(solution)
-    >>> [text.get_text() for text in figure.axes[0].get_yticklabels()][:2]
-    ['total', 'moon_position']
-    """
+    """Draw the sigmas of the position east, north and up by source of error, the largest first."""
     items = by_source(solution.budget)
     if not items:
         raise NothingToDrawError("the position is held or not determined, so its error has no budget to draw")
@@ -94,31 +69,9 @@ def plot_budget(solution: Solution, ax: Axes | None = None) -> Figure:
 
 @draws_names_literally
 def plot_correlations(solution: Solution, ax: Axes | None = None) -> Figure:
-    """Draw the correlation matrix of the estimated parameters.
-
-    Below the diagonal are the correlations of the total covariance; above it, where parameters are considered, those
-    that the data alone leave. Of more than 40 parameters those of the position are drawn, and others that it is
-    correlated with most.
-
-    Parameters
-    ----------
-    solution : Solution
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw in, in place of a figure of its own.
-
-    Raises
-    ------
-    InputError
-        Fewer than two parameters are estimated and determined.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
-    >>> figure = radioloc.report.plot_correlations(solution)
-    >>> [text.get_text() for text in figure.axes[0].get_yticklabels()]
-    ['position.east', 'position.north', 'position.height']
-    """
+    """Draw the correlation matrix of the estimated parameters."""
+    # Below the diagonal are the correlations of the total covariance; above it, where parameters are considered, those
+    # that the data alone leave.
     everything = _determined(solution)
     if len(everything) < 2:
         raise NothingToDrawError(

@@ -169,22 +169,7 @@ def _caption(solution: Solution, known: Sequence[ReferenceComparison]) -> list[s
 
 @draws_names_literally
 def plot_comparison(comparison: Comparison, ax: Axes | None = None) -> Figure:
-    """Draw all positions east and north of the benchmark, estimates with their 95 % ellipses.
-
-    Parameters
-    ----------
-    comparison : Comparison
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw in, in place of a figure of its own.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> study = radioloc.read_study("examples/apollo15/apollo15.toml")
-    >>> found = radioloc.jobs.compare([radioloc.locate(study)])
-    >>> radioloc.report.plot_comparison(found).axes[0].get_ylabel()
-    'north of JPL, DE421 solution (m)'
-    """
+    """Draw all positions east and north of the benchmark, estimates with their 95 % ellipses."""
     rows = comparison.rows
     axes = one_panel(ax, 5.6, 5.9 + 0.17 * -(-len(rows) // 2), f"Positions beside {comparison.benchmark}")
     _draw_rows(axes, rows, [comparison.covariances_en_m2.get(row.name) for row in rows], comparison.benchmark)

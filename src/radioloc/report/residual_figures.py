@@ -349,30 +349,9 @@ def plot_terms(
 
 @draws_names_literally
 def plot_distribution(solution: Solution | Residuals, ax: Axes | None = None) -> Figure:
-    """Draw residuals over their sigmas against elevation, and their histogram beside the normal distribution.
-
-    The sigmas are those of the fit, additive variance components included: where they are right, the root mean square
-    is near 1 at all elevations, and the histogram follows the curve. Observations left out are red, at the edge where
-    they are beyond.
-
-    Parameters
-    ----------
-    solution : Solution or Residuals
-    ax : matplotlib.axes.Axes, optional
-        Axes of a grid whose place the panels take, in place of a figure of their own.
-
-    Raises
-    ------
-    InputError
-        There are no residuals, none is used, or they have no elevations.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
-    >>> [axes.get_xlabel() for axes in radioloc.report.plot_distribution(solution).axes]
-    ['elevation (deg)', 'density']
-    """
+    """Draw residuals over their sigmas against elevation, and their histogram beside the normal distribution."""
+    # The sigmas are those of the fit, additive variance components included: where they are right, the root mean square
+    # is near 1 at all elevations, and the histogram follows the curve.
     residuals = residuals_of(solution)
     used, elevation_deg = residuals.used, residuals.elevation_deg
     if elevation_deg is None:
@@ -425,9 +404,7 @@ def plot_distribution(solution: Solution | Residuals, ax: Axes | None = None) ->
 
 
 def _draw_dots(axes: Axes, residuals: Residuals, size: np.ndarray) -> None:
-    """Draw residuals over their sigmas against elevation, and their histogram beside the normal distribution."""
-    # The sigmas are those of the fit, additive variance components included: where they are right, the root mean square
-    # is near 1 at all elevations, and the histogram follows the curve.
+    """Draw the used residuals by type; of very many how dense they are."""
     used, elevation_deg = residuals.used, residuals.elevation_deg
     assert elevation_deg is not None
     if used.sum() > 4 * MOST_POINTS:

@@ -42,29 +42,7 @@ _DRAWN, _MOST_LINES = 600, 4
 
 @draws_names_literally
 def plot_trials(study: MonteCarlo, ax: Axes | None = None) -> Figure:
-    """Draw the horizontal errors of each arc's trials with the 95 % ellipses that are claimed and that are found.
-
-    The claimed one has the medians of the trials' sigmas and of their correlation.
-
-    Parameters
-    ----------
-    study : MonteCarlo
-    ax : matplotlib.axes.Axes, optional
-        Axes of a grid whose place the panels take, in place of a figure of their own.
-
-    Raises
-    ------
-    InputError
-        No trial has converged, or there are more than twelve arcs.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> study = radioloc.read_study("examples/change5/simulation.toml")
-    >>> found = radioloc.monte_carlo(study, trials=20, hours=[6.0, 12.0])
-    >>> [axes.get_title() for axes in radioloc.report.plot_trials(found).axes]
-    ['12 h', '6 h']
-    """
+    """Draw the horizontal errors of each arc's trials with the 95 % ellipses that are claimed and that are found."""
     good, of = study["converged"] == 1.0, " the orbit from" if study.at_h else " of"
     arcs = np.flatnonzero(good.any(axis=0)).tolist()
     if not arcs:
@@ -110,27 +88,7 @@ def plot_trials(study: MonteCarlo, ax: Axes | None = None) -> Figure:
 
 @draws_names_literally
 def plot_error_by_length(study: MonteCarlo, ax: Axes | None = None) -> Figure:
-    """Draw how the errors fall with the length of the arc, beside the sigmas claimed; of an orbit at the arc's end.
-
-    Parameters
-    ----------
-    study : MonteCarlo
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw in, in place of a figure of its own.
-
-    Raises
-    ------
-    InputError
-        No trial has converged.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> study = radioloc.read_study("examples/change5/simulation.toml")
-    >>> found = radioloc.monte_carlo(study, trials=20, hours=[6.0, 12.0])
-    >>> radioloc.report.plot_error_by_length(found).axes[0].get_xlabel()
-    'length of the arc (h)'
-    """
+    """Draw errors and claimed sigmas by the length of the arc; of an orbit at the arc's end."""
     last = {arc.hours: arc for arc in study.arcs if arc is not None}
     arcs = sorted(last.values(), key=lambda arc: arc.hours)
     if not arcs:
@@ -161,25 +119,7 @@ def _reach_m(error_m: _Floats, claimed_m2: _Floats) -> float:
 
 @draws_names_literally
 def plot_covariance(study: CovarianceStudy, ax: Axes | None = None) -> Figure:
-    """Figure of the sigmas by length, and of what they are made of.
-
-    Parameters
-    ----------
-    study : CovarianceStudy
-    ax : matplotlib.axes.Axes, optional
-        Axes of a grid whose place the panels take, in place of a figure of their own.
-
-    Raises
-    ------
-    InputError
-        No length determines the position.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> found = radioloc.covariance(radioloc.read_study("examples/change5/short_arc.toml"))
-    >>> figure = radioloc.report.plot_covariance(found)
-    """
+    """Draw the sigmas by length, and of what they are made."""
     arcs = [arc for arc in study.arcs if arc.determined]
     if not arcs:
         raise NothingToDrawError(f"{study.name}: no length determines the position; there is nothing to draw")

@@ -22,11 +22,6 @@ def late15():
 
 
 @pytest.fixture(scope="session")
-def model():
-    return radioloc.measurements.PhysicalModel.build()
-
-
-@pytest.fixture(scope="session")
 def near15():
     """A-priori position 5 km off."""
     return radioloc.LunarPosition.from_selenographic(3.5, 26.0, -1000.0, "ME_DE421")

@@ -11,9 +11,7 @@ from toy_moon import ToyMoon, toy_solution
 
 import radioloc
 from radioloc import LunarPosition, Study
-from radioloc.cli import main
 from radioloc.errors import InputError
-from radioloc.io.table import write_table
 from radioloc.results.subsets import sigmas_apart
 from radioloc.results.tables import difference
 from radioloc.study import EstimateChoice, ObservationChoice, Reference
@@ -25,14 +23,6 @@ SAME_M = 1e-4
 
 # Wang et al. (2021), table 1: longitude W and latitude N; differences to the first in 1e-4 deg and in m. The paper
 # gives metres to 0.1.
-TABLE_1 = {
-    "Image matching to Chang'e-2 DOM": (51.9162, 43.0584, 0, 0, 0.0, 0.0),
-    "48 h data": (51.9158, 43.0587, -4, 3, -8.9, 9.1),
-    "24 h data": (51.9166, 43.0594, 4, 10, 8.9, 30.3),
-    "12 h data": (51.9181, 43.0591, 19, 7, 42.1, 21.2),
-    "Image matching to LROC NAC DOM": (51.9156, 43.0591, -6, 7, -13.3, 21.2),
-    "Direct observation in LROC NAC image": (51.9161, 43.0576, -1, -8, -2.2, -24.3),
-}
 IMAGES = (
     Reference(LANDER, "Chang'e-2 DOM"),
     Reference(LunarPosition.from_selenographic(-51.9156, 43.0591, -2552.5), "LROC NAC DOM"),
@@ -64,15 +54,6 @@ def study():
 @pytest.fixture(scope="module")
 def found(study, tracked):
     return radioloc.arcs(study, (12, 24, 48), tracked)
-
-
-@pytest.mark.parametrize("name", TABLE_1)
-def test_differences_are_those_of_the_paper(name):
-    west_deg, north_deg, *stated = TABLE_1[name]
-    benchmark = (-51.9162, 43.0584, -2550.4)
-    found = difference((-west_deg, north_deg, -2550.4), benchmark)
-    np.testing.assert_allclose(1e4 * np.array(found[:2]), stated[:2], atol=1e-6)
-    np.testing.assert_allclose(found[2:4], stated[2:], rtol=0.0, atol=0.0501)
 
 
 def test_longitudes_meet_beyond_180_degrees():
@@ -135,7 +116,6 @@ def test_without_references_the_longest_arc_is_the_benchmark(study, tracked):
     longest, shorter = found.rows
     assert longest.west_m is None
     assert shorter.from_longest_m == pytest.approx(np.hypot(shorter.west_m, shorter.north_m))
-    assert "relative to the arc of 12 h" in " ".join(str(found).split())
     assert found.to_dict()["benchmark"] == "the arc of 12 h"
 
 
@@ -176,12 +156,6 @@ def test_an_arc_without_observations(study, tracked):
         radioloc.arcs(replace(study, observations=choice), [3.0, 12.0], tracked)
 
 
-def test_reference_of_another_ephemeris(study, tracked):
-    other = Reference(LunarPosition("ME_DE999", LANDER.xyz_m), "elsewhere")
-    with pytest.raises(InputError, match=r"\[references\] elsewhere frame: "):
-        radioloc.arcs(replace(study, references=(other,)), [12.0], tracked)
-
-
 @pytest.mark.study
 def test_arcs_depart_from_the_longest_by_what_they_should(found, study, tracked):
     for row in found.rows[1:3]:
@@ -209,9 +183,7 @@ def test_arcs_depart_from_the_longest_by_what_they_should(found, study, tracked)
     ]
     believed = replace(bent, arcs=tuple(white))
     assert believed.rows[1].from_longest_sigmas > 5.0
-    text = " ".join(str(believed).split())
-    assert f"24 h and 48 h are {bent.rows[1].from_longest_m:.1f} m apart" in text
-    assert "the sigmas are too small" in text
+    assert "the sigmas are too small" in str(believed)
 
 
 def test_departure_is_that_of_two_independent_halves():
@@ -232,21 +204,6 @@ def toy_pair(variance_m2):
     return replace(solution, covariance=variance_m2 * np.eye(3))
 
 
-def test_table_and_dictionary(found):
-    table = found.to_table()
-    assert list(table["name"]) == [row.name for row in found.rows]
-    assert np.isnan(table["west_m"][3])
-    assert {str(table[name].unit) for name in ("west_m", "sigma_up_m")} == {"m"}
-    assert table["latitude_deg"].unit == "deg"
-    frame = found.to_table("pandas")
-    assert frame["latitude_deg"].tolist() == table["latitude_deg"].value.tolist()
-    assert np.isnan(table["used"][4])
-    content = found.to_dict()
-    json.dumps(content, allow_nan=False)
-    assert [arc["hours"] for arc in content["arcs"]] == [48.0, 24.0, 12.0]
-    assert content["arcs"][2]["solution"] == found.arcs[2].solution.to_dict()
-
-
 @pytest.mark.usefixtures("undrawn")
 def test_what_is_written(found, tmp_path):
     folder = tmp_path
@@ -264,58 +221,3 @@ def test_what_is_written(found, tmp_path):
     assert rows[4]["range_bias.KASHI"] == ""
     lines = (folder / "12h" / "residuals.csv").read_text().splitlines()
     assert len(lines) == 1 + len(found.arcs[2].solution.residuals)
-
-
-STUDY_FILE = """
-[target]
-longitude_deg = -51.8
-latitude_deg = 43.1
-height_m = -2000.0
-[observations]
-files = ["tracking.csv"]
-[estimate]
-range_bias = "all"
-{prior}
-[reference]
-name = "Chang'e-2 DOM"
-longitude_deg = -51.9162
-latitude_deg = 43.0584
-height_m = -2550.4
-[references.dom]
-name = "LROC NAC DOM"
-longitude_deg = -51.9156
-latitude_deg = 43.0591
-height_m = -2552.5
-[references.direct]
-frame = "PA_DE421"
-position_m = [781081.7716, -997981.3454, 1184756.3610]
-"""
-
-
-@pytest.fixture
-def files(tmp_path, tracked):
-    write_table(tmp_path / "tracking.csv", tracked)
-    (tmp_path / "good.toml").write_text(STUDY_FILE.format(prior="range_bias_sigma_m = 10.0"))
-    alone = 'stations = ["JIAMUSI"]\n[estimate]'
-    (tmp_path / "alone.toml").write_text(STUDY_FILE.format(prior="").replace("[estimate]", alone))
-    return tmp_path
-
-
-def test_references_of_a_file(files):
-    study = radioloc.read_study(files / "good.toml")
-    assert study.reference.name == "Chang'e-2 DOM"
-    assert [item.name for item in study.references] == ["LROC NAC DOM", "direct"]
-    assert study.references[0].position.selenographic == pytest.approx((-51.9156, 43.0591, -2552.5))
-    assert study.references[1].position.frame == "PA_DE421"
-
-
-def test_command_with_an_arc_that_does_not_determine_everything(files, capsys):
-    # One range does not determine four parameters; a day of one station with a free bias
-    # does, but to hundreds of kilometres.
-    assert main(["arcs", str(files / "alone.toml"), "--hours", "0.1", "24"]) == 3
-    text = capsys.readouterr().out
-    assert "NOT CONVERGED: 24 h, 0.1 h" in text
-    assert "24 h: the sigma of the position is 601 km, more than a tenth of the lunar radius" in " ".join(
-        text.split()
-    )
-    assert "undetermined" in text

@@ -72,12 +72,11 @@ def test_differences_are_those_of_the_paper(table, tmp_path):
 EXAMPLES = Path(__file__).parents[3] / "examples"
 
 
-def test_stated_positions_are_the_tables_of_both_papers(capsys):
+def test_stated_positions_are_the_tables_of_both_papers():
     change5 = compare([EXAMPLES / "change5" / "table1.toml"], "Chang'e-2 image map")
     found = [(row.west_m, row.north_m) for row in change5.rows[1:]]
     assert np.abs(np.subtract(found, [row[2:] for row in list(TABLE_1.values())[1:]])).max() < 0.0501
     assert change5.joint is None
-    assert "15 pairs are not tested: the sigmas of one are not known" in " ".join(str(change5).split())
     change3 = compare([EXAMPLES / "change3" / "table4.toml"], "VLBI, first value")
     row = change3.rows[0]
     assert (row.west_deg, row.north_deg) == pytest.approx((0.0056, -0.0012), abs=1e-9)
@@ -88,9 +87,6 @@ def test_stated_positions_are_the_tables_of_both_papers(capsys):
     assert pair.chance == pytest.approx(
         np.exp(-0.5 * (121.7**2 + 36.3**2) / (100**2 + 46**2 + 5**2)), abs=1e-3
     )
-    assert main(["compare", str(EXAMPLES / "change3" / "table4.toml")]) == 0
-    text = " ".join(capsys.readouterr().out.split())
-    assert "descent images and VLBI, first value, 127 m apart, differ by 1.2 sigmas, as 51 % of right" in text
 
 
 def test_places_on_one_map_share_its_tie(tmp_path):

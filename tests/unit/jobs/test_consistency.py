@@ -56,7 +56,6 @@ def test_clock_of_a_vlbi_station(study, tracking):
         5e-9, abs=0.5e-9
     )  # of 0.4 m in a minute, lasting for hours
     assert first.first_utc.startswith("2020-12-02T15:1")
-    assert "SESHAN25 vlbi_delay jumps by +" in " ".join(str(solution).split())
     assert solution.to_dict()["consistency"][0]["text"] == str(first)
 
 
@@ -73,7 +72,6 @@ def test_ranging_station_off_its_place(study, whole):
     # Of the 50 m a quarter is left to the position, little more than its sigma
     assert np.linalg.norm(first.shift_enu_m) < 1.5 * np.linalg.norm(solution.sigma_enu_m())
     assert first.amounts == {"east": pytest.approx(50.0, abs=2.0)}
-    assert str(first).startswith("KASHI does not fit the others (a displacement of +")
     # Without a place to move: the station all the same
     _, first = found(replace(study, consider={}, consider_defaults=False), whole, east_m)
     assert (first.kind, first.name) == ("station", "KASHI")
@@ -84,8 +82,7 @@ def test_laser_points_of_later_nights():
     study = radioloc.read_study("examples/apollo15/apollo15.toml")
     points = radioloc.read_observations(study.observations.files)
     late = np.argsort(np.argsort(points.epoch.mjd)) >= len(points) // 2
-    solution, first = found(study, points, 30.0 * late)
-    assert f"WARNING: {first.name} jumps by +30 m" in " ".join(str(solution).split())
+    _, first = found(study, points, 30.0 * late)
     assert (first.kind, first.name) == ("jump", "range APOLLO>apollo15>APOLLO")
     assert first.amounts[""] == pytest.approx(30.0, abs=0.1)
     assert first.first_utc == "2006-12-01T00:58:25"
@@ -97,7 +94,6 @@ def test_nothing_is_said_of_data_that_fit(fitted):
     groups = fitted.consistency.groups
     assert {"station", "link", "type", "pass"} == {item.kind for item in groups}
     assert {item.name for item in groups if item.kind == "station"} >= set(RANGING)
-    assert "misfit" not in str(fitted)
 
 
 @pytest.mark.study
@@ -122,4 +118,3 @@ def test_ranges_of_a_station_with_noise_of_its_own(study, tracking, fitted):
     assert "range of NEUQUEN" not in fitted.fit.excess_noise_m
     assert other.to_dict()["fit"]["excess_noise_m"]["range of NEUQUEN"] == pytest.approx(20.0, rel=0.1)
     assert other.fit.excess_noise_m["range"] == pytest.approx(fitted.fit.excess_noise_m["range"], abs=0.1)
-    assert "additive variance component of range of NEUQUEN: sigma " in " ".join(str(other).split())

@@ -64,8 +64,6 @@ def test_three_way_doppler_has_an_offset_for_each_link_and_pass(three_way):
     assert len(solution.parameters.of_kind("frequency_offset")) == 6
     assert solution.converged
     assert errors_in_sigmas(solution, truth_pa_m) < 3.37  # 99 % of three degrees of freedom
-    assert any("frequency offset of each link and pass" in note for note in solution.notes)
-    assert "Doppler alone, without a range or a delay: the position is known" in str(solution)
 
 
 @pytest.mark.slow
@@ -83,7 +81,6 @@ def test_what_a_study_says_of_frequencies_stands(three_way, said):
     observations, _ = three_way
     solution = radioloc.locate(study(**said), observations)
     assert len(solution.parameters.of_kind("frequency_offset")) == (3 if "frequency_offset" in said else 0)
-    assert not any("frequency offset of each link" in note for note in solution.notes)
 
 
 @pytest.mark.study

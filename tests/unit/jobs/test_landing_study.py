@@ -74,10 +74,6 @@ def test_results_have_both(solution):
     assert content["position"]["me"]["latitude_deg"] == pytest.approx(SITE[1], abs=1e-2)
     assert content["sigma"]["up_m"] > 0.0
     assert content["state"]["epoch_tdb"].startswith("2020-12-01T14:46:09")
-    card = str(solution)
-    assert "95 % error ellipse" in card
-    assert "of lander, Moon-centred ICRF" in card
-    assert "touchdown_velocity.up" in card
 
 
 def test_partials_are_those_of_differences(made):
@@ -106,7 +102,6 @@ def test_residuals_are_those_of_the_a_priori_trajectory(made):
     ends_pa_m = Ground(arc.model, arc.trajectory.touchdown).place_pa_m(arc.trajectory.state)
     np.testing.assert_allclose(found.position_pa_m, ends_pa_m, atol=1e-3)
     assert found.reference.name == "where it is"
-    assert "others, in solution.json" in " ".join(str(found).split())
 
 
 @pytest.mark.study

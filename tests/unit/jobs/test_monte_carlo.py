@@ -301,16 +301,8 @@ def test_a_script_without_a_guard_is_told(tmp_path):
     script.write_text(UNGUARDED)
     ended = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False)
     assert ended.returncode == 1
-    # Only the resource tracker of multiprocessing may say something after it, of semaphores it has to remove.
-    assert (
-        "a worker process ended before its trials did: a script that asks for several workers needs"
-        in ended.stderr
-    )
-    # What spawned processes say themselves is the same, not what multiprocessing has to say of it.
-    assert (
-        'InputError: a script that asks for several workers needs if __name__ == "__main__":' in ended.stderr
-    )
-    assert "freeze_support" not in ended.stderr
+    assert "InputError: a script that asks for several workers needs" in ended.stderr
+    assert "freeze_support" not in ended.stderr  # what multiprocessing has to say of it
 
 
 # Interrupted and resumed.

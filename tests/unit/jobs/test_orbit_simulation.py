@@ -82,8 +82,6 @@ def test_the_world_is_the_tracking_of_the_true_orbit(made):
     assert predicted.usable.all()
     assert np.abs(observations.value_m - simulated.noise_m - predicted.value_m).max() < 1e-6
     assert {path.upper() for path in observations.paths()} <= {"DSS-24>CRAFT>DSS-24", "DSS-65>CRAFT>DSS-65"}
-    assert "true state at 2012-04-09T04:30:00.000000 TDB" in simulated.summary()
-    assert "GRGM660PRIM to degree 20; k2 0.02416; radiation 0.02" in simulated.summary()
 
 
 @pytest.mark.study
@@ -201,9 +199,6 @@ def test_what_errors_of_gravity_do_to_a_plan_is_in_its_budget(made, tmp_path):
     written = json.loads(json.dumps(found.to_dict()))["arcs"][-1]
     assert written["sigma_along_m"] == pytest.approx(arc.sigma_m[0])
     assert len(written["state"]["mapped"]) == 25
-    card = " ".join(str(found).split())
-    assert "along across radial 95 % radius" in card
-    assert "of 4 h, at 2012-04-09T04:30:00 TDB radial along across position, m" in card
     names = {path.name for path in radioloc.write_report(found, tmp_path)}
     assert {"covariance.png", "covariance_on_arc.png"} <= names
 
@@ -250,9 +245,6 @@ def test_trials_of_an_orbit_are_those_of_full_fits(made, tmp_path):
     # Noise by the residuals of each trial: the median is that of the noise stated to some percent.
     expected_m = claimed.sigma_rtn_m(tdb)[:, [1, 2, 0]]
     np.testing.assert_allclose(np.median(found.sigmas_m, axis=0), expected_m, rtol=0.1)
-    card = " ".join(str(found).split())
-    assert "4 h at 2.2 h" in card
-    assert "along across radial horizontal state expected" in card
     names = {path.name for path in radioloc.write_report(found, tmp_path)}
     assert {"trials.csv", "trials.png", "error_by_length.png"} <= names
     assert (tmp_path / "trials.csv").read_text().startswith("trial,hours,at_h,converged,")

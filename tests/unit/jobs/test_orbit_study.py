@@ -72,7 +72,7 @@ def test_an_orbit_is_found_again_over_36_hours_from_two_kilometres_away(model, f
 
 @pytest.mark.study
 def test_a_solution_of_an_orbit_says_its_state(solution, tmp_path):
-    written = radioloc.write_report(solution, tmp_path)
+    radioloc.write_report(solution, tmp_path)
     content = json.loads((tmp_path / "solution.json").read_text())
     assert content["position"] is None
     state = content["state"]
@@ -86,10 +86,6 @@ def test_a_solution_of_an_orbit_says_its_state(solution, tmp_path):
     assert rows[0].split(",")[-2:] == ["status", "residual_mm_s"]
     first = dict(zip(rows[0].split(","), rows[1].split(","), strict=True))
     assert float(first["residual_mm_s"]) == pytest.approx(float(first["residual_m"]) / 60.0 * 1e3, abs=2e-5)
-    card = str(solution)
-    assert "orbit       of craft, Moon-centred ICRF, at 2012-04-09T04:30:00.000 TDB" in card
-    assert "deg to the Moon's equator" in " ".join(card.split())
-    assert any(path.suffix == ".png" for path in written)
 
 
 @pytest.mark.study

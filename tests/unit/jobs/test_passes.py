@@ -58,11 +58,6 @@ def test_each_of_several_targets_has_its_passes():
         alone = visibility(replace(study, target=place, targets={}), ["GRASSE", "NEUQUEN"], **span)
         assert tuple(mine) == alone.passes
         assert len(mine) == 3
-    assert "target station rise set" in " ".join(str(found).split())
-    night = {"start_utc": "2024-04-14T06:00:00", "stop_utc": "2024-04-14T07:00:00"}
-    assert "never seen apollo11 by NEUQUEN apollo14 by" in " ".join(
-        str(visibility(study, ["NEUQUEN"], **night)).split()
-    )
 
 
 def test_the_highest_elevation_of_a_pass_is_that(plan):

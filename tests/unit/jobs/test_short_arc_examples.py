@@ -22,7 +22,6 @@ def test_an_hour_of_ranges():
     assert found.converged
     assert horizontal_m(found) == pytest.approx(110.0, abs=3.0)
     assert found.reference.combined_sigmas < LIKELY_SIGMAS
-    assert "poorly determined: position.height +175 m, position.north +74.6 m" in " ".join(str(found).split())
 
 
 def test_an_hour_of_ranges_with_a_map():
@@ -31,7 +30,6 @@ def test_an_hour_of_ranges_with_a_map():
     assert found.converged
     assert horizontal_m(found) < 50.0
     assert found.reference.combined_sigmas < LIKELY_SIGMAS
-    assert "poorly determined" not in str(found)
 
 
 @pytest.mark.study

@@ -94,10 +94,6 @@ def test_a_lander_and_its_rover(folder):
         assert made["targets"][name]["position"]["me"]["longitude_deg"] == pytest.approx(
             found.selenographic[0], abs=1e-12
         )
-        assert name in str(solution)
-    assert f"of {solution.targets[0].name}, the first of the targets" in str(solution)
-    figure = radioloc.plot_position(solution)
-    assert figure.get_suptitle().endswith(f"position of {solution.targets[0].name}")
     # Across the line of sight the rover is known beside the lander far better than on the Moon.
     partials = solution.targets[1].position_partials - solution.targets[0].position_partials
     beside = np.linalg.eigvalsh(partials @ solution.covariance @ partials.T)
@@ -116,8 +112,6 @@ def test_arcs_show_all_targets_each_beside_its_longest(folder, tmp_path):
         assert -row.longitude_west_deg == pytest.approx(place.selenographic[0], abs=1e-3)
         assert (row.west_m is None) == ("4 h" in row.name)
         assert row.west_m is None or abs(row.west_m) < 1.0  # not the 100 m from the lander to the rover
-    card = " ".join(str(found).split())
-    assert card.index("study, lander") < card.index("study, rover")
     names = {path.name for path in radioloc.write_report(found, tmp_path, html=True)}
     assert {"arcs.png", "arcs_2.png", "table1.csv"} <= names
     assert "rover, 2 h" in (tmp_path / "table1.csv").read_text()
@@ -191,8 +185,6 @@ def test_considered_parameters_are_in_the_total_sigma(folder):
     # The whole: what is added to the covariance is the sum over the considered parameters.
     added = solution.position_covariance("enu", "total") - solution.position_covariance("enu", "scaled")
     assert np.trace(added) == pytest.approx(np.sum(np.square(sizes)), rel=1e-6)
-    assert "1 sigma, m" in str(solution)
-    assert "clock" in str(solution)
 
 
 def test_a_clock_that_is_wrong_by_its_sigma_moves_the_estimate_as_considered(folder):

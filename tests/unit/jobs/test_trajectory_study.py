@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ from radioloc.io.table import write_table
 from radioloc.io.tdm import TdmAgreement, write_tdm
 from radioloc.measurements.observations import Observations
 
-EXAMPLES = Path(__file__).parents[3] / "examples"
 BIAS_M = 12.5
 SIGMA_M = 0.5
 
@@ -60,13 +58,8 @@ def study_file(
 
 
 @pytest.mark.study
-def test_residuals_along_a_trajectory(folder, capsys):
+def test_residuals_along_a_trajectory(folder):
     assert main(["residuals", str(study_file(folder)), "--out", str(folder / "out"), "--terms"]) == 0
-    card = " ".join(capsys.readouterr().out.split())
-    assert "NO FIT: observed minus computed along the given trajectory" in card
-    assert "body -85 of orbiter.bsp, 2020-12-02 to 2020-12-03T12:00:00 TDB" in card
-    assert "behind the Moon as seen from" in card or "below the horizon" in card
-    assert "deg E" not in card
     names = {path.name for path in (folder / "out").iterdir()}
     figures = {f"{name}.{end}" for name in ("residuals", "distribution", "terms") for end in ("png", "svg")}
     assert names == {"solution.json", "residuals.csv", "terms.csv"} | figures
@@ -94,7 +87,6 @@ def test_residuals_are_the_noise_and_the_bias(folder):
         _ = solution.selenographic
     with pytest.raises(radioloc.errors.InputError, match="no position on the Moon"):
         solution.sigma_enu_m()
-    assert "body -85" in repr(solution)
 
 
 def test_a_bias_is_found_along_a_trajectory(folder):
@@ -107,9 +99,6 @@ def test_a_bias_is_found_along_a_trajectory(folder):
         value_m, sigma_m = solution.biases()[station]
         assert abs(value_m - truth_m) < 4.0 * sigma_m
         assert sigma_m < 0.25
-    assert "range_bias.JIAMUSI" in str(solution)
-    assert "<table>" in solution._repr_html_()
-    assert not any("ephemeris_sigma_m" in note for note in solution.notes)
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,6 @@ def test_an_orbiter_taken_for_a_lander_does_not_converge():
     assert not solution.converged
     assert "the residuals are far beyond their stated sigmas: of doppler" in solution.message
     assert "an orbiter needs a trajectory or dynamics" in solution.message
-    assert "to improve first" not in str(solution)
 
 
 @pytest.mark.slow
@@ -72,7 +71,6 @@ def test_delays_of_two_stations_exchanged_do_not_converge(tracking):
     assert solution.status is FitStatus.MISFIT
     assert not solution.converged
     assert "far beyond their stated sigmas: of vlbi_delay" in solution.message
-    assert "status      NOT CONVERGED: RESIDUALS FAR BEYOND THE STATED SIGMAS" in str(solution)
 
 
 @pytest.mark.study

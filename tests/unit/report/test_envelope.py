@@ -11,7 +11,7 @@ from radioloc.measurements.registry import KINDS
 from radioloc.report import plot_links, plot_residuals, save_figure
 from radioloc.report.figures import new_figure
 from radioloc.report.residual_figures import ENVELOPE_NOTE, draw_envelope
-from radioloc.report.residual_panels import BINS, MOST_POINTS, bin_of
+from radioloc.report.residual_panels import BINS, bin_of
 from radioloc.results.solution import Residuals
 from radioloc.time import Epochs
 
@@ -88,5 +88,3 @@ def test_many_points_are_quick_and_said_to_be_bars(plot, tmp_path):
     assert time.perf_counter() - start < 15.0
     assert (tmp_path / "a.svg").stat().st_size < 2e6
     assert ENVELOPE_NOTE in figure._supxlabel.get_text()
-    few = plot(residuals(MOST_POINTS // 4), "t")
-    assert few._supxlabel is None or ENVELOPE_NOTE not in few._supxlabel.get_text()

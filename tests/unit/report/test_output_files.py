@@ -1,6 +1,5 @@
 """Residuals and solutions on disk."""
 
-import csv
 import json
 import tracemalloc
 from pathlib import Path
@@ -31,30 +30,6 @@ def two_rows(**changes):
         "statuses": Labels.of(["used", "rejected"]),
     }
     return Residuals(**columns | changes)
-
-
-def test_residuals_are_one_row_each_in_the_order_given(tmp_path):
-    file = tmp_path / "residuals.csv"
-    write_content(file, residual_table(two_rows()))
-    with file.open(newline="", encoding="utf-8") as stream:
-        rows = list(csv.reader(stream))
-    assert ",".join(rows[0]) == (
-        "epoch_utc,type,path,observed_m,computed_m,residual_m,sigma_m,elevation_deg,status"
-    )
-    assert rows[1] == [
-        "2006-04-07T06:26:30.000000000000",
-        "range",
-        "A>b>A",
-        "794279926.1234567",
-        "794279926.1000000",
-        "0.023457",
-        "0.016000",
-        "45.0000",
-        "used",
-    ]
-    assert rows[2][0] == "2006-04-07T06:32:30.250000000000"
-    assert rows[2][-1] == "rejected"
-    assert len(rows) == 3
 
 
 def many(count, rng):

@@ -101,16 +101,6 @@ def test_correlations_of_many_parameters_are_those_of_the_position(with_biases, 
     assert "4 of 6 parameters" in ax.get_title()
 
 
-@pytest.mark.slow
-def test_a_folder_has_correlations(tmp_path):
-    assert main(["locate", str(APOLLO), "--quiet", "--out", str(tmp_path)]) == 0
-    drawn = {path.name for path in tmp_path.glob("co*")}
-    assert drawn == {"correlations.png", "correlations.svg"}
-    # Nothing was estimated: they would be of an earlier result.
-    assert main(["residuals", str(APOLLO), "--quiet", "--out", str(tmp_path)]) == 0
-    assert not list(tmp_path.glob("co*"))
-
-
 def test_sinex(solution, tmp_path):
     header, found = blocks_of(write_sinex(solution, tmp_path / "a.snx"))
     assert header == "%=SNX 2.02 RLC 00:000:00000 RLC 06:097:23190 07:170:09515 C 00003 2 S"

@@ -5,15 +5,6 @@ from radioloc.results.cards import Card, Field, text_table
 ROWS = (("KASHI", "1.0", "0 +- 10"), ("a name that is much too long for its column", "-22222.0", "free"))
 
 
-def test_columns_are_aligned_and_names_are_wrapped():
-    lines = text_table(("station", "value", "a priori"), ROWS, 40)
-    assert max(map(len, lines)) <= 40
-    assert {line.find("0 +- 10") + len("0 +- 10") for line in lines if "+-" in line} == {
-        lines[0].find("a priori") + len("a priori")
-    }
-    assert " ".join(line.removesuffix("-22222.0      free").strip() for line in lines[2:]) == ROWS[1][0]
-
-
 def test_numbers_are_never_cut():
     lines = text_table(("station", *(f"column {k}" for k in range(9))), (("KASHI", *["-123456.78"] * 9),), 40)
     assert lines[1].split() == ["KASHI", *["-123456.78"] * 9]
@@ -36,22 +27,3 @@ def test_markup_is_text():
     assert "[red]a" in str(card)
     assert "[/red]" in str(card)
     assert "\x1b" not in str(card)
-
-
-def test_long_names_of_parameters_are_wrapped_after_their_kind():
-    rows = [("frequency_offset.beacon>COSPAR 9002 1", "2.05e-07"), ("clock.A", "1")]
-    lines = text_table(("parameter", "value"), rows, 36)
-    assert [line.split("  ")[0].rstrip() for line in lines[1:]] == [
-        "frequency_offset.",
-        "beacon>COSPAR 9002 1",
-        "clock.A",
-    ]
-
-
-def test_lines_are_wrapped_with_an_indent():
-    first, *others, last = str(Card((Field("notes", ("word " * 30, "second")),))).splitlines()
-    assert first.startswith("notes       word word")
-    assert len(others) > 0
-    assert all(line.startswith(" " * 14 + "word") for line in others)
-    assert last == " " * 12 + "second"
-    assert max(map(len, (first, *others))) <= 80

@@ -7,7 +7,7 @@ from lunar_partials import cartesian_partials
 from toy_moon import LANDER_M, ToyMoon, toy_solution
 
 from radioloc.errors import InputError
-from radioloc.estimation import Parameter, ParameterSet, SeriesWeight, fit_with_editing
+from radioloc.estimation import Parameter, ParameterSet, fit_with_editing
 from radioloc.estimation.gauss_markov import TimeCorrelation
 from radioloc.estimation.series import seconds_since_midnight
 from radioloc.estimation.time_correlation import scaled_covariance
@@ -29,7 +29,6 @@ def solution():
         reference_pa_m=LANDER_M,
         reference_name="truth",
         ephemeris_sigma_enu_m=(0.2, 0.3, 0.1),
-        notes=("the sigmas <do not> include & cover all",),
         provenance={"kernel": "none"},
     )
 
@@ -114,8 +113,6 @@ def test_scaling_only_when_significant():
     worse = toy_solution(ToyMoon(200, 72.0), noise_factor=4.0)
     assert worse.noise_scale == pytest.approx(4.0, rel=0.15)
     np.testing.assert_allclose(worse.sigma_enu_m(), worse.noise_scale * worse.sigma_enu_m("formal"))
-    assert "noise scaled" in str(worse)
-    assert "noise scaled" not in str(as_stated)
 
 
 def test_scaling_leaves_a_priori_values_alone():
@@ -177,28 +174,8 @@ def test_dictionary_has_the_promised_fields_and_is_json(solution):
 
 def test_undetermined_bias_leaves_the_position_known():
     model = ToyMoon(100, 72.0, biases=False)
-    observed_m = model.ranges(LANDER_M)[0] + 0.01 * np.random.default_rng(0).normal(size=100)
-
-    def residuals(x):
-        computed_m, partials = model.ranges(x[:3])
-        return observed_m - computed_m, np.hstack([partials, np.zeros((100, 1))])
-
-    parameters = ParameterSet([*model.parameters(), Parameter("range_bias.D", "m", "range_bias")])
-    edited = fit_with_editing(residuals, parameters, 0.01)
-    solution = build_solution(
-        edited,
-        position_pa_m=edited.fit.x[:3],
-        position_partials=np.eye(3, 4),
-        rot_pa_to_me=np.eye(3),
-        pa_frame="PA_DE421",
-        me_frame="ME_DE421",
-        epoch_utc=Epochs.from_jd(2456650.5, model.time_s / 86400.0, "UTC"),
-        station=model.station,
-        path=model.station,
-        type=["range"] * 100,
-        observed_m=observed_m,
-        reference_pa_m=LANDER_M,
-    )
+    model.biased = ("D",)  # of which there is no observation
+    solution = toy_solution(model, sigma_m=0.01, reference_pa_m=LANDER_M)
     assert not solution.converged
     assert solution.status.startswith("not observable")
     assert np.isfinite(solution.sigma_enu_m()).all()
@@ -206,8 +183,6 @@ def test_undetermined_bias_leaves_the_position_known():
     json.dumps(content, allow_nan=False)
     assert content["biases"]["D"]["sigma_m"] is None
     assert "the data do not determine range_bias.D" in content["observability"]["text"]
-    assert "NOT OBSERVABLE" in str(solution)
-    assert "would help: an a-priori sigma for range_bias.D" in str(solution)
 
 
 def test_undetermined_position_has_no_numbers():
@@ -221,7 +196,6 @@ def test_undetermined_position_has_no_numbers():
     assert content["reference"]["combined_sigmas"] is None
     assert solution.ellipse() is None
     assert solution.budget == ()
-    assert "undetermined" in str(solution)
 
 
 def test_held_position():
@@ -248,62 +222,6 @@ def test_residuals_with_nothing_estimated():
     assert solution.fit.chi2_per_dof == pytest.approx(1.0, abs=0.6)
     assert solution.observability.condition_number == 1.0
     json.dumps(solution.to_dict(), allow_nan=False)
-    assert "held at its a-priori value" in str(solution)
-
-
-CARDS = [
-    lambda: toy_solution(
-        ToyMoon(200, 72.0), blunders_m={k: 50.0 + k for k in range(20)}, reference_pa_m=LANDER_M
-    ),
-    lambda: toy_solution(ToyMoon(200, 12.0), notes=("A long note. " * 12,)),
-    lambda: toy_solution(ToyMoon(1, 1.0, ("A",), biases=False)),
-    lambda: toy_solution(ToyMoon(100, 72.0), noise_factor=5.0, ephemeris_sigma_enu_m=(1.0, 1.0, 1.0)),
-    lambda: toy_solution(
-        ToyMoon(60, 72.0), station=[f"A very long station's name {k % 9}" for k in range(60)]
-    ),
-]
-
-
-@pytest.mark.parametrize("made", CARDS)
-def test_card_fits_a_terminal(made):
-    lines = str(made()).splitlines()
-    assert max(len(line) for line in lines) <= 80
-    assert len(lines) <= 48
-    assert lines[0].startswith("solution    toy lander")
-
-
-def test_card_says_what_was_left_out_and_the_one_way_equivalent(solution):
-    card = " ".join(str(solution).split())
-    assert "CONVERGED" in card
-    assert "198 used, 2 left out" in card
-    wrms_m = solution.fit.total.wrms_m
-    assert f"wrms {metres(wrms_m)} m round trip ({metres(wrms_m / 2)} m one way)" in card
-    assert "outlier: 18.946 m is 63.2 times its expected 0.300 m" in card
-    assert "200 observations from 3 stations over 3.0 days" in card
-
-
-def test_card_keeps_links_and_types_apart():
-    """A delay belongs to two stations, and ranges and Doppler have no common rms."""
-    paths = ["A>x>A", "A>x>B", "C<x>B", "C<x>D", "A>x>A"] * 40
-    types = ["range", "range", "vlbi_delay", "vlbi_delay", "doppler"] * 40
-    card = str(toy_solution(ToyMoon(200, 72.0), path=paths, type=types, blunders_m={2: 20.0, 6: -30.0}))
-    text = " ".join(card.split())
-    assert "200 observations from 4 stations" in text
-    assert "198 used, 2 left out chi2/dof" in text
-    rows = {" ".join(line.split()[:-5]): line.split()[-5:-3] for line in card.splitlines() if " 0." in line}
-    for label in (
-        "A range",
-        "B from A range",
-        "C–B vlbi_delay",
-        "C–D vlbi_delay",
-        "A doppler",
-        "range",
-        "vlbi_delay",
-    ):
-        assert label in rows
-    assert rows["C–B vlbi_delay"] == ["39", "1"]
-    assert "C–B vlbi_delay: outlier: " in text
-    assert "B from A range: outlier: " in text
 
 
 def test_paths_of_a_station_are_told_apart():
@@ -382,36 +300,6 @@ def test_columns_of_another_length_are_refused(given, words):
 
 
 @pytest.mark.parametrize(
-    ("value_m", "text"),
-    [
-        (0.0, "0"),
-        (1.23456, "1.23"),
-        (0.00012, "0.0001"),
-        (-1e-7, "0.0000"),
-        (12345.6, "12346"),
-        (-54.321, "-54.3"),
-        (None, "undetermined"),
-        (float("inf"), "undetermined"),
-    ],
-)
-def test_metres(value_m, text):
-    assert metres(value_m) == text
-
-
-def test_card_says_which_sigmas_are_formal():
-    """Sigmas of weak directions are smaller than those above them, where residuals show more than is stated."""
-    quiet, loud = (
-        toy_solution(ToyMoon(100, 0.5), noise_factor=factor, bias_sigma_m=100.0) for factor in (1.0, 5.0)
-    )
-    assert quiet.observability.weak
-    assert "sigmas are formal" not in " ".join(str(quiet).split())
-    assert "sigmas are formal" in " ".join(str(loud).split())
-    weighed = replace(loud, series_weights=(SeriesWeight("range A>x>A", 100, 3.0),))
-    assert "are those of the weights" in " ".join(str(weighed).split())
-    assert "sigmas are formal" not in " ".join(str(weighed).split())
-
-
-@pytest.mark.parametrize(
     ("value", "sigma", "text"),
     [
         (2.73315, 7.14, "2.73"),
@@ -440,17 +328,6 @@ def test_the_factor_of_time_correlation_is_of_the_sigma_without():
     assert plain.correlation_factor == 1.0
     assert correlated.correlation_factor == pytest.approx(2.0, rel=1e-9)
     np.testing.assert_allclose(correlated.sigma_enu_m("scaled"), 2.0 * plain.sigma_enu_m("scaled"), rtol=1e-9)
-
-
-def test_what_moves_has_no_position_on_the_moon():
-    moving = replace(toy_solution(ToyMoon(60, 24.0, biases=False)), trajectory="orbiter.bsp (NAIF code -85)")
-    content = moving.to_dict()
-    assert (content["position"], content["sigma"], content["covariance"]) == (None, None, None)
-    with pytest.raises(
-        InputError, match=r"the target moves \(orbiter.bsp .*; it has no position on the Moon"
-    ):
-        _ = moving.selenographic
-    assert repr(moving) == "<Solution toy lander: orbiter.bsp (NAIF code -85), converged>"
 
 
 def test_seconds_since_midnight_go_on_over_days():

@@ -16,7 +16,6 @@ from radioloc.dynamics import Forces, GravityField
 from radioloc.dynamics.elements import equatorial_axes, plane_deg
 from radioloc.errors import InputError
 from radioloc.jobs.orbit_steps import turned_state
-from radioloc.measurements import PhysicalModel
 from radioloc.search import search
 from radioloc.search.first_orbit import Candidate, first_orbits, is_ambiguous
 from radioloc.study.orbiter import Orbiter, RoughOrbit
@@ -24,11 +23,6 @@ from radioloc.study.orbiter import Orbiter, RoughOrbit
 SIGMA_M = 2e-4
 ALTITUDE_M, INCLINATION_DEG, NODE_DEG = 55e3, 88.8, 115.0
 REAL = Path(__file__).parents[4] / "shared" / "data" / "odf"
-
-
-@pytest.fixture(scope="module")
-def model():
-    return PhysicalModel.build()
 
 
 @pytest.fixture(scope="module")

@@ -13,17 +13,11 @@ import radioloc
 from radioloc.dynamics import Acceleration, Forces, GravityField, Impulse
 from radioloc.errors import InputError
 from radioloc.estimation import FitStatus
-from radioloc.measurements import PhysicalModel
 from radioloc.search import search
 from radioloc.study.orbit_choice import OrbitChoice
 
 SIGMA_M = 2e-3  # of 60 s: what counts of real links of 0.03 mm/s have
 FORCES = Forces(GravityField.open("GRGM660PRIM", 20), radiation_m2_kg=0.018, gradient_degree=20)
-
-
-@pytest.fixture(scope="module")
-def model():
-    return PhysicalModel.build()
 
 
 def burn(time_s, delta_v_m_s):

@@ -107,7 +107,7 @@ def test_rounded_rates_end_no_pass_and_hide_no_handover(jump_m_s, expected):
     assert _jumps(time_s, step_m_s * np.rint(rate_m_s / step_m_s)) == expected
 
 
-def test_the_card_and_the_json_have_all_candidates(received):
+def test_the_true_sender_is_the_best_of_all_candidates(received):
     result = search(study(), received)
     for one in result.transmitters:
         assert one.decided
@@ -116,12 +116,6 @@ def test_the_card_and_the_json_have_all_candidates(received):
         # The a-priori position is 10 km off, which is a fraction of the noise
         assert best == pytest.approx(NOISE_HZ, rel=0.3)
         assert min(others, default=np.inf) > 10.0 * NOISE_HZ
-    assert "undecided" not in str(result)
-    names = [f"{name} {ratio}" for name in CANDIDATES for ratio in ("240/221", "880/749")]
-    one = replace(result.transmitters[0], rms_m_s={name: 0.01 * k for k, name in enumerate(names, 1)})
-    lines = str(replace(result, transmitters=(one,))).splitlines()
-    assert "transmitter pass taken rms next best rms" in [" ".join(line.split()) for line in lines]
-    assert max(map(len, lines)) <= 80
     [first, *_] = json.loads(json.dumps(result.to_dict()))["transmitters"]
     assert set(first["rms_m_s"]) == set(CANDIDATES)
     assert first["decided"] is True

@@ -35,18 +35,10 @@ def test_a_key_of_a_parameter_can_be_replaced():
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"stations": ()}, "stations names none"),
-        ({"targets": [""]}, "targets must be names, not ''"),
-        ({"stations": [7045]}, "stations must be names, not 7045"),
         ({"hours": 0.0}, "hours must be above zero"),
         ({"extra_sigma_m": math.nan}, "extra_sigma_m must not be negative"),
-        ({"vlbi_station_sigma_m": math.inf}, "vlbi_station_sigma_m must not be negative"),
         ({"start": 2460432.5}, "start must be one epoch"),
         ({"stop": epochs_from_strings("2024-05-02", "TT")}, "UTC"),
-        (
-            {"start": epochs_from_strings("2024-05-02"), "stop": epochs_from_strings("2024-05-01")},
-            "later than start",
-        ),
     ],
 )
 def test_choice_of_observations_is_checked(fields, message):
@@ -54,33 +46,10 @@ def test_choice_of_observations_is_checked(fields, message):
         ObservationChoice(**fields)
 
 
-@pytest.mark.parametrize(
-    ("fields", "message"),
-    [
-        ({"range_bias": "APOLLO"}, 'range_bias must be a list of names, "all" or "none"'),
-        ({"range_bias": [1]}, "range_bias must be names"),
-        ({"range_bias_sigma_m": math.inf}, "range_bias_sigma_m must be above zero"),
-        ({"position": "cartesian", "height_prior": HeightPrior(0.0, 1.0)}, 'needs position = "geographic"'),
-        ({"ephemeris_sigma_m": (1.0, 2.0)}, "three numbers"),
-        ({"rejection_sigma": 1.9}, "rejection_sigma must be 2 or more"),
-        ({"rejection_sigma": math.nan}, "rejection_sigma must be 2 or more"),
-    ],
-)
-def test_choice_of_estimate_is_checked(fields, message):
-    with pytest.raises(InputError, match=message):
-        EstimateChoice(**fields)
-
-
 @pytest.mark.parametrize("height_m", [2.1e4, -2.1e4, math.nan, math.inf])
 def test_height_that_the_moon_does_not_have_is_refused(height_m):
     with pytest.raises(InputError, match="is no height"):
         HeightPrior(height_m, 1.0)
-
-
-@pytest.mark.parametrize("sigma_m", [0.0, -1.0, math.nan, math.inf])
-def test_height_prior_needs_a_sigma(sigma_m):
-    with pytest.raises(InputError, match="sigma_m must be above zero"):
-        HeightPrior(0.0, sigma_m)
 
 
 def test_terms_are_known_ones():

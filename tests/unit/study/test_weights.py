@@ -1,6 +1,5 @@
 """Sigmas changed by type, station and file."""
 
-import math
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -84,8 +83,6 @@ def test_what_cannot_be_applied_is_an_error(weight, words):
     [
         ({"type": "ranging", "factor": 2.0}, "type must be one of .*, not 'ranging'"),
         ({"type": "range"}, "changes nothing; give sigma_m, factor or extra_sigma_m"),
-        ({"factor": 0.0}, "factor must be above zero"),
-        ({"sigma_m": math.nan}, "sigma_m must be above zero"),
     ],
 )
 def test_entries_that_cannot_be(fields, words):
@@ -127,7 +124,7 @@ def test_a_noise_of_a_station_without_observations_is_an_error():
         require_stations(observations(), "vlbi_station_sigma_m", ["ATLANTIS"], CATALOGUE)
 
 
-def test_from_the_study_file_to_card_and_provenance(tmp_path):
+def test_from_the_study_file_to_the_provenance(tmp_path):
     source = radioloc.read_study(ROOT / "examples" / "apollo15" / "apollo15.toml")
     [data, *_] = source.observations.files
     text = f"""
@@ -155,5 +152,3 @@ extra_sigma_m = 0.02
         {"type": ("range",), "stations": ("APOLLO",), "factor": 3.0},
         {"files": ("apollo15*",), "extra_sigma_m": 0.02},
     ]
-    card = " ".join(str(found).split())
-    assert "sigmas changed: range, APOLLO: times 3; apollo15*: plus 0.02 m" in card

@@ -1,7 +1,8 @@
 """The joint study of the reflectors, as its own check judges it: sigmas hold between nights, years and ephemerides."""
 
-import importlib.util
+import runpy
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -11,9 +12,7 @@ SCRIPT = Path(__file__).resolve().parents[2] / "examples" / "reflectors" / "chec
 @pytest.mark.slow
 @pytest.mark.parametrize("ephemeris", ["DE421", "DE440"])
 def test_reflectors_stand_where_their_sigmas_allow(ephemeris, capsys):
-    spec = importlib.util.spec_from_file_location("check_reflectors", SCRIPT)
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
+    script = SimpleNamespace(**runpy.run_path(SCRIPT))
     assert max(script.check(ephemeris)) < script.LIMIT
     printed = capsys.readouterr().out
     assert "converged" in printed.splitlines()[0]

@@ -1,8 +1,10 @@
 """Doppler of a low polar orbit about the Moon that two stations track."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import pytest
 from low_orbit import EPOCH
 
 from radioloc.measurements import ExactPredictor, Link, Observations
@@ -12,6 +14,23 @@ from radioloc.time import tai_to_utc
 from radioloc.time.scales import tdb_to_tt, tt_to_tai
 
 STATE = np.array([575739.0, -463249.0, -1631639.0, -567.864, 1434.223, -600.209])
+REAL = Path(__file__).parents[3] / "shared" / "data" / "odf"
+GRAIL = """
+[target]
+name = "GRAIL-B"
+dynamics = "moon"
+epoch = "2012-04-09T04:30:00"
+{orbit}
+[forces]
+radiation_m2_kg = 0.018
+[observations]
+files = ["{files}/*.odf"]
+types = ["doppler"]
+doppler_average_s = 10
+hours = {hours}
+[consider]
+defaults = false
+"""
 OFF = (300.0, -200.0, 100.0, 0.3, -0.2, 0.1)
 """How far a-priori states are off."""
 FIRST_PASS_S = np.arange(1200.0, 5000.0, 60.0)
@@ -42,3 +61,16 @@ def tracked(model, forces, sigma_m, seconds=PASSES_S, state=STATE, seed=20120409
     computed = ExactPredictor(model, empty, np.zeros(3), orbit).compute(np.zeros(3))
     noise_m = sigma_m * np.random.default_rng(seed).normal(size=len(seconds))
     return replace(empty, value_m=computed.value_m + noise_m), computed.usable, orbit
+
+
+def grail_study(folder, orbit, hours):
+    """Study file of the real Doppler of GRAIL-B, for keys of its orbit."""
+    if not REAL.is_dir():
+        pytest.skip(f"the real orbit data files are not here ({REAL})")
+    (folder / "grail.toml").write_text(GRAIL.format(orbit=orbit, files=REAL, hours=hours))
+    return folder / "grail.toml"
+
+
+def one_way_rms_mm_s(solution):
+    used = solution.residuals.used
+    return 0.5 * float(np.sqrt(np.mean(solution.residuals.residual_mm_s[used] ** 2)))

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 import spiceypy
 from low_orbit import EPOCH
-from tracked_orbit import OFF, STATE, craft, tracked
+from tracked_orbit import OFF, STATE, craft, grail_study, one_way_rms_mm_s, tracked
 
 import radioloc
 from radioloc.dynamics import Forces, GravityField, draw_gravity_errors, propagate
@@ -24,7 +23,6 @@ from radioloc.time import Epochs
 from radioloc.vectors import rtn_axes
 
 SIGMA_M = 2e-4
-REAL = Path(__file__).parents[4] / "shared" / "data" / "odf"
 
 
 @pytest.fixture(scope="module")
@@ -346,35 +344,8 @@ def test_an_epoch_of_utc_is_refused(tmp_path):
 
 
 def grail(tmp_path, hours):
-    if not REAL.is_dir():
-        pytest.skip(f"the real orbit data files are not here ({REAL})")
-    path = tmp_path / "grail.toml"
-    path.write_text(f"""
-[target]
-name = "GRAIL-B"
-dynamics = "moon"
-epoch = "2012-04-09T04:30:00"
-position_m = [575750.0, -463261.0, -1631634.0]
-velocity_m_s = [-567.855, 1434.222, -600.220]
-
-[forces]
-radiation_m2_kg = 0.018
-
-[observations]
-files = ["{REAL}/*.odf"]
-types = ["doppler"]
-doppler_average_s = 10
-hours = {hours}
-
-[consider]
-defaults = false
-""")
-    return radioloc.read_study(path)
-
-
-def one_way_rms_mm_s(solution):
-    used = solution.residuals.used
-    return 0.5 * float(np.sqrt(np.mean(solution.residuals.residual_mm_s[used] ** 2)))
+    state = "position_m = [575750.0, -463261.0, -1631634.0]\nvelocity_m_s = [-567.855, 1434.222, -600.220]"
+    return radioloc.read_study(grail_study(tmp_path, state, hours))
 
 
 @pytest.mark.study

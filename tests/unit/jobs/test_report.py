@@ -134,7 +134,7 @@ def test_what_cannot_be_written_is_named(name, solution, tmp_path):
 @pytest.mark.parametrize(
     ("paths", "types", "titles"),
     [
-        (("A>x>A", "A>x>B"), ("range", "range"), {"A", "B"}),
+        (("A>x>A", "A>x>B"), ("range", "range"), {"A", "B", "C"}),
         (("A>x>A", "A>x>A"), ("range", "doppler"), {"range A", "Doppler A"}),
         (("A<x>B", "A<x>C"), ("vlbi_delay", "vlbi_delay"), {"delay A–B", "delay A–C"}),
     ],

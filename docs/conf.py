@@ -72,7 +72,7 @@ def public_names() -> dict[str, list[tuple[str, str]]]:
     def described(name, public):
         value = getattr(faces[name], public)
         home = ".".join(str(getattr(value, "__module__", name)).split(".")[:2])
-        place = home if getattr(faces.get(home), public, None) is value else name
+        place = home if public in getattr(faces.get(home), "__all__", ()) else name
         if isinstance(value, type):
             return f"{place}.{public}", "exception" if issubclass(value, BaseException) else "class"
         return f"{place}.{public}", "function" if inspect.isroutine(inspect.unwrap(value)) else "data"

@@ -22,7 +22,6 @@ from radioloc.cli.output import (
     say,
     show_warnings_once,
     standard_streams,
-    tell,
 )
 from radioloc.cli.registry import make_parser
 from radioloc.errors import ConvergenceError, RadiolocError, RadiolocWarning
@@ -34,18 +33,22 @@ __all__ = [
     "Command",
     "argument",
     "command",
-    "complain",
     "finish",
     "flag",
     "main",
     "output_folder",
-    "say",
-    "tell",
 ]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit status."""
+    """Run the command line and return its exit status.
+
+    Examples
+    --------
+    >>> from radioloc.cli import main
+    >>> main(["locate", "examples/apollo15/apollo15.toml", "--quiet"])
+    0
+    """
     escape_unprintable_output()
     with warnings.catch_warnings():
         # Even where Python is told to make errors of warnings: ours are for the reader, not for a debugger.

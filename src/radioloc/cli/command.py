@@ -61,14 +61,30 @@ class Argument:
 
 
 def argument(usage: str, text: str, kind: type = str, **more: Any) -> Argument:
-    """Return an option or a positional argument of a type from its name and placeholders, such as ``--hours H``."""
+    """Return an option or a positional argument of a type from its name and placeholders.
+
+    Keywords beside these are those of :meth:`argparse.ArgumentParser.add_argument`.
+
+    Examples
+    --------
+    >>> from radioloc.cli import argument
+    >>> argument("--hours H", "arc lengths in hours", float, nargs="+").names
+    ('--hours',)
+    """
     name, *places = usage.split()
     metavar = tuple(places) if len(places) > 1 else places[0] if places else None
     return Argument((name,), {"metavar": metavar, "help": text, "type": kind, **more})
 
 
 def flag(name: str, text: str, *short: str) -> Argument:
-    """Return an option without a value."""
+    """Return an option without a value.
+
+    Examples
+    --------
+    >>> from radioloc.cli import flag
+    >>> flag("--terms", "also write terms.csv", "-t").names
+    ('-t', '--terms')
+    """
     return Argument((*short, name), {"action": "store_true", "help": text})
 
 
@@ -78,14 +94,23 @@ def study_file(text: str) -> Argument:
 
 
 def output_folder(text: str) -> tuple[Argument, Argument]:
-    """Return the options ``--out`` and ``--report``, which :func:`radioloc.cli.output.finish` obeys."""
+    """Return the options ``--out`` and ``--report``, which :func:`radioloc.cli.finish` obeys.
+
+    Examples
+    --------
+    >>> from radioloc.cli import output_folder
+    >>> [option.names for option in output_folder("write tables to DIR")]
+    [('--out',), ('--report',)]
+    """
     page = flag("--report", "with --out, also write report.html, one page that shows everything")
     return argument("--out DIR", text, Path), page
 
 
 STUDY = study_file("the study file; - for standard input, with paths relative to the working directory")
+"""The study file as the positional argument ``study``."""
 SIMULATED_STUDY = study_file("a study file with [simulation]")
 JSON = flag("--json", "print the result as JSON and nothing else")
+"""The option ``--json``, which :func:`radioloc.cli.finish` obeys."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +145,20 @@ class Command:
 def command(
     name: str, *arguments: Argument, examples: tuple[str, ...] = (), help_tables: Callable[[], Rows] = dict
 ) -> Callable[[Callable[[argparse.Namespace], int]], Command]:
-    """Return a decorator that makes a :class:`Command` of the function that runs it, whose docstring is the summary."""
+    """Return a decorator that makes a :class:`Command` of the function that runs it, whose docstring is the summary.
+
+    Parameters are those of :class:`Command`.
+
+    Examples
+    --------
+    >>> from radioloc.cli import STUDY, command
+    >>> @command("largest", STUDY)
+    ... def largest(options):
+    ...     "Print the largest residual of a study."
+    ...     return 0
+    >>> largest.name, largest.summary
+    ('largest', 'Print the largest residual of a study.')
+    """
     return lambda run: Command(name, run.__doc__ or "", arguments, run, examples, help_tables)
 
 

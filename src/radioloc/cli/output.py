@@ -71,7 +71,16 @@ def require_report(options: argparse.Namespace) -> None:
 
 
 def finish(options: argparse.Namespace, result: Result) -> int:
-    """Write the files of a result if asked for, print its card or its numbers, and return the exit status."""
+    """Write the files of a result if asked for, print its card or its numbers, and return the exit status.
+
+    Examples
+    --------
+    >>> import argparse
+    >>> import radioloc
+    >>> solution = radioloc.locate("examples/apollo15/apollo15.toml")
+    >>> radioloc.cli.finish(argparse.Namespace(json=False, quiet=True), solution)
+    0
+    """
     if "report" in options and options.out is not None:
         from radioloc.report.files import write_report
 

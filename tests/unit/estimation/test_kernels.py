@@ -177,14 +177,6 @@ def test_mean_correlation_in_a_bin():
     assert mean_correlation(0.0, np.array([3.0])).tolist() == [1.0]
 
 
-def test_a_long_series_has_bins_of_equal_duration_and_a_gap_has_none():
-    # 40 observations a minute apart, on either side of a day without any: a gap counts as ten steps.
-    place, width_s = bins(np.concatenate([np.arange(20) * 60.0, 86400.0 + np.arange(20) * 60.0]), 5)
-    assert width_s == pytest.approx((38 + 10) * 60.0 / 5)
-    # A bin is 9.6 minutes; what ends one and begins the next after the gap are different bins.
-    assert np.bincount(place).tolist() == [10, 10, 10, 9, 1]
-
-
 def test_few_observations_and_those_of_one_instant_have_bins_of_no_duration():
     place, width_s = bins(np.array([0.0, 1.0, 5.0]), 5)
     assert (place.tolist(), width_s) == ([0, 1, 2], 0.0)

@@ -16,7 +16,6 @@ from radioloc.estimation import (
     ParameterSet,
     fit_with_editing,
     fit_with_variance_components,
-    linearization,
     observation_noise,
     robust,
 )
@@ -49,26 +48,6 @@ def test_size_of_parts_does_not_matter(rows_at_once, monkeypatch):
     )
     np.testing.assert_allclose(found.x, expected.x, rtol=0.0, atol=1e-6 * expected.sigmas.min())
     assert found.chi2 == pytest.approx(expected.chi2, rel=PARTS)
-
-
-@pytest.mark.parametrize(("columns", "others"), [(1, 1), (3, 0), (0, 3), (12, 40)])
-@pytest.mark.parametrize("rows", [0, 1, 700, 20011])
-def test_products_in_slabs_are_those_of_whole_matrices(rows, columns, others):
-    rng = np.random.default_rng(0)
-    a, b, c = (rng.normal(size=shape) for shape in ((rows, columns), (rows, others), (columns, others)))
-    np.testing.assert_allclose(linearization.gram(a, b), a.T @ b, rtol=0.0, atol=1e-10)
-    np.testing.assert_allclose(linearization.times(a, c), a @ c, rtol=0.0, atol=1e-12)
-
-
-@pytest.mark.parametrize("columns", [1, 2, 10, 40])
-@pytest.mark.parametrize("rows", [1, 5, 700, 20011])
-def test_triangle_keeps_all_products(rows, columns):
-    rng = np.random.default_rng(0)
-    above, matrix = np.triu(rng.normal(size=(columns, columns))), rng.normal(size=(rows, columns))
-    triangle = linearization.reduced(above, matrix)
-    assert triangle.shape == (columns, columns)
-    products = above.T @ above + matrix.T @ matrix
-    np.testing.assert_allclose(triangle.T @ triangle, products, rtol=0.0, atol=1e-12 * products.max())
 
 
 def test_a_sample_starts_what_the_whole_ends(monkeypatch):

@@ -16,20 +16,6 @@ def assess(design, names=None, sigma_m=1.0, **changes):
     return assess_observability(fit)
 
 
-def test_two_identical_columns_are_named():
-    design = np.random.default_rng(1).normal(size=(20, 4))
-    design[:, 1] = design[:, 0]
-    found = assess(design)
-    assert len(found.undetermined) == 1
-    assert found.undetermined[0].names == ("range_bias.A", "range_bias.B")
-    np.testing.assert_allclose(
-        list(found.undetermined[0].weights.values()), [0.5**0.5, -(0.5**0.5)], atol=1e-12
-    )
-    assert "the data do not determine 0.71 range_bias.A - 0.71 range_bias.B" in found.describe()
-    assert found.advice() == "would help: an a-priori sigma for range_bias.A, range_bias.B"
-    assert found.condition_number == np.inf
-
-
 def test_two_separate_defects_are_not_mixed():
     # Any mixture of the two directions is undetermined too; the report keeps them apart.
     design = np.random.default_rng(1).normal(size=(20, 5))

@@ -141,16 +141,3 @@ def test_forty_counts_before_the_lock_and_slips_leave_the_position_as_it_is(trac
     error_m = solution.position_pa_m - truth_pa_m
     covariance_m2 = solution.position_covariance("pa")
     assert np.sqrt(error_m @ np.linalg.solve(covariance_m2, error_m)) < 3.37  # 99 %
-
-
-@pytest.mark.study
-def test_a_slip_that_the_stated_sigma_hides_is_left_out_of_the_fit(tracking):
-    observations, _ = tracking
-    row = int(np.flatnonzero(observations.types() == "doppler")[1500])
-    value_m = observations.value_m.copy()
-    value_m[row] -= CYCLE_M
-    sigma_m = np.where(observations.types() == "doppler", 0.05, observations.sigma_m)
-    study = Study(target=NEAR, estimate=EstimateChoice())
-    solution = radioloc.locate(study, replace(observations, value_m=value_m, sigma_m=sigma_m))
-    assert solution.residuals.status[row] == "cycle slip of 1 cycle"
-    assert int((~solution.residuals.used).sum()) == 1

@@ -41,11 +41,6 @@ def test_group_statistics_by_hand():
     assert group.wrms_m == pytest.approx(((1.0 + 9.0 / 4.0) / 1.25) ** 0.5)
 
 
-def test_group_without_used_observations_has_no_numbers():
-    group = residuals([1.0], [1.0], [False]).statistics("A")
-    assert (group.used, group.rejected, group.mean_m, group.rms_m, group.wrms_m) == (0, 1, None, None, None)
-
-
 @pytest.mark.parametrize("elevation_deg", [None, np.array([10.0, 20.0, 30.0])])
 def test_selected_rows_keep_all_that_is_told_of_them(elevation_deg):
     whole = Residuals(

@@ -112,13 +112,6 @@ def test_comes_to_an_end_that_holds_together(seed):
         assert reduced(found, found.additive_sigma_m["all"], stated_m) == pytest.approx(1.0, abs=5e-3)
 
 
-def test_excess_by_hand():
-    # Equal sigmas: (sum r^2) / dof = sigma^2 + excess^2.
-    residual_m = np.array([3.0, -4.0, 5.0, -1.0]) * 0.1
-    expected_m = math.sqrt((residual_m**2).sum() / 3 - 0.01**2)
-    assert additive_sigma_m(residual_m, np.full(4, 0.01), 3) == pytest.approx(expected_m, rel=1e-9)
-
-
 def test_significance_can_be_asked_for_or_not():
     # Chi-square 6 with 4 degrees of freedom is nothing unusual, but it is above one per degree.
     residual_m, sigma_m = np.full(6, 0.01), np.full(6, 0.01)

@@ -147,17 +147,6 @@ def test_no_bias_between_scales(factor):
     assert np.abs(np.median(features[1].pixels[found.second] - expected, axis=0)).max() < 0.04
 
 
-@pytest.mark.study
-def test_a_prediction_finds_more_under_another_sun():
-    first, second = frame_matrix((740.0, 760.0), 1.5), frame_matrix((750.0, 735.0), 1.4, 20.0)
-    features = detect(frame(scene(), first)), detect(frame(scene(sun_deg=30.0), second))
-    truth = np.linalg.solve(second, first)
-    free, guided = match(*features), match(*features, predicted=truth, radius_px=15.0)
-    assert len(free.first) > 50  # the Sun stands 30 degrees to the side: 16 of SIFT as Lowe has it
-    assert len(guided.first) > 1.5 * len(free.first)
-    assert np.abs(transformed(guided.matrix, CORNERS) - transformed(truth, CORNERS)).max() < 2.0
-
-
 def other_scene():
     return frame(scene(2), frame_matrix((740.0, 760.0), 1.5), seed=3)
 

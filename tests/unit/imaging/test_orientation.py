@@ -79,14 +79,6 @@ def test_lagrange_and_great_circles_agree_on_real_tables(name):
         assert np.abs(rotations - known.at(at)[1]).max() < 2e-7
 
 
-def test_nothing_is_extrapolated():
-    known = table(np.arange(5.0), np.zeros((5, 3)))
-    with pytest.raises(InputError, match=r"known from 0.000000 to 4.000000 s .* not at 4.500000 s"):
-        known.at(np.array([1.0, 4.5]))
-    with pytest.raises(InputError, match="not at nan s"):
-        known.at(np.array([np.nan]))
-
-
 def test_rotations_of_angles():
     rotations = rotation_of(np.random.default_rng(6).uniform(-1.4, 1.4, size=(50, 3)))
     assert np.abs(matrices_of(quaternions_of(rotations)) - rotations).max() < 1e-14

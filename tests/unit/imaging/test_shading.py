@@ -27,9 +27,3 @@ def test_a_slope_is_as_bright_as_its_angles_say(azimuth_deg):
 def test_the_sun_is_where_its_angles_say():
     np.testing.assert_allclose(sun_direction(90.0, 30.0), [np.cos(np.pi / 6), 0.0, 0.5], atol=1e-15)
     np.testing.assert_allclose(sun_direction(0.0, 90.0), [0.0, 0.0, 1.0], atol=1e-15)
-
-
-def test_what_is_turned_away_from_the_sun_is_dark():
-    assert (
-        brightness_of_slopes(10.0, 0.0, sun_direction(90.0, 20.0)) == 0.0
-    )  # rises to the east by 84 degrees

@@ -5,12 +5,13 @@ import gzip
 import pytest
 from tdm_messages import RANGES, TWO_WAY, kvn, xml
 
+from radioloc.constants import C_M_S
 from radioloc.earth import StationCatalogue
 from radioloc.errors import FileFormatError, InputError
 from radioloc.io.formats import read_observations
 from radioloc.io.tdm import TdmAgreement, read_tdm, read_tdm_file
 
-AGREEMENT = TdmAgreement(sigma_m={"range": 2.0})
+AGREEMENT = TdmAgreement(sigma_m={"range": 2.0}, turnaround=(880, 749))
 TABLE = (
     "epoch_utc,type,path,observed_m,sigma_m,time_tag\n"
     "2021-03-28T15:00:00,range,KASHI>lander>KASHI,7.688e8,1,receive\n"
@@ -38,6 +39,7 @@ def test_messages_take_the_place_of_the_first(files):
     assert read.value_m.tolist() == [7.688e8, 768800123.4567, 768801500.0]
     assert read.sigma_m.tolist() == [1.0, 2.0, 2.0]
     assert read.uplink_hz[1:].tolist() == [7.2e9] * 2
+    assert read.wavelength_um[1:] == pytest.approx(1e6 * C_M_S / (7.2e9 * 880 / 749), rel=1e-15)
     assert [read.origin(i).split(", ")[0].rpartition("/")[2] for i in range(3)] == [
         "table",
         "ranges.kvn",

@@ -6,7 +6,7 @@ from tdm_messages import RANGES, THREE_WAY, TWO_WAY, kvn
 
 from radioloc.errors import FileFormatError
 from radioloc.io.tdm import kvn as tdm_kvn
-from radioloc.io.tdm.kvn import looks_like_kvn, parse_kvn
+from radioloc.io.tdm.kvn import parse_kvn
 
 
 def read(*segments, **more):
@@ -65,12 +65,6 @@ def test_own_exponents_of_values():
     assert read((TWO_WAY, records)).segments[0].value.tolist() == [1250.0] * 4
     percent = ["RHUMIDITY = 2021-03-28T14:00:00 4.5e1"]
     assert read((TWO_WAY, percent)).segments[0].value.tolist() == [0.45]
-
-
-def test_what_looks_like_kvn():
-    assert looks_like_kvn(["", "  CCSDS_TDM_VERS=2.0"])
-    assert not looks_like_kvn(["CCSDS_OEM_VERS = 2.0"])
-    assert not looks_like_kvn([])
 
 
 @pytest.mark.parametrize(

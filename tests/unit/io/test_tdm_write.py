@@ -12,8 +12,8 @@ from radioloc.constants import C_M_S
 from radioloc.errors import FileFormatError, InputError
 from radioloc.io.tdm import TdmAgreement, read_tdm, read_tdm_file
 from radioloc.io.tdm.kvn import parse_kvn
-from radioloc.io.tdm.message import DATA, METADATA, TYPES, TdmHeader, exponent_of
-from radioloc.io.tdm.write import _text, tdm_of, write_tdm, write_tdm_file
+from radioloc.io.tdm.message import DATA, METADATA, TYPES, exponent_of
+from radioloc.io.tdm.write import _text, write_tdm, write_tdm_file
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY, VLBI_DELAY_RATE, Observations
 from radioloc.measurements.registry import kind_of
@@ -143,14 +143,6 @@ def test_the_frequency_of_a_beacon_is_that_of_its_participant(tmp_path):
     assert float(text.partition("TRANSMIT_FREQ_2 = ")[2].split()[1]) == pytest.approx(8.45e9, rel=1e-15)
     assert "RECEIVE_FREQ" not in text
     assert rows_of(read) == rows_of(counts)
-
-
-@given(st.lists(st.floats(-4e-2, 4e-2), min_size=1, max_size=20))
-def test_delays_of_seconds_come_back_to_the_last_bit(delays):
-    n = len(delays)
-    observations = made(n, value_m=C_M_S * np.array(delays), kind=VLBI_DELAY, link=2)
-    (segment,) = tdm_of(observations, TdmHeader("2021-03-28T00:00:00", "TEST")).segments
-    assert (C_M_S * segment.value == observations.value_m).all()
 
 
 def test_leap_second_and_decimals(tmp_path):

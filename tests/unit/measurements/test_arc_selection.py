@@ -55,12 +55,6 @@ def test_part_is_what_a_new_arc_would_be(arc):
     assert_same(part.compute(APOLLO15_PA_M), fresh.compute(APOLLO15_PA_M), atol=SAME_M)
 
 
-def test_part_of_a_part(arc):
-    twice = arc.select(slice(4, 24)).select([1, 7, 9])
-    once = arc.select([5, 11, 13])
-    assert_same(twice.compute(APOLLO15_PA_M), once.compute(APOLLO15_PA_M))
-
-
 def test_a_part_taken_elsewhere_leaves_the_whole_alone(arc):
     before = arc.compute(APOLLO15_PA_M)
     # So far that the light time changes by more than a motion is taken to be straight.
@@ -69,9 +63,3 @@ def test_a_part_taken_elsewhere_leaves_the_whole_alone(arc):
     fresh = ExactPredictor(arc.model, arc.observations.select(slice(0, 10)), away_m)
     assert_same(part.compute(away_m), fresh.compute(away_m), atol=SAME_M)
     assert_same(arc.compute(APOLLO15_PA_M), before)
-
-
-def test_nothing_selected(arc):
-    part = arc.select([])
-    assert len(part.compute(APOLLO15_PA_M).value_m) == 0
-    assert part.stations == ()

@@ -19,10 +19,9 @@ from radioloc.errors import InputError, PredictedEopWarning
 from radioloc.lunar import selenographic_to_cartesian
 from radioloc.measurements import chebyshev_predictor
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
-from radioloc.measurements.dense_series import DenseSeries
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.observations import DOPPLER, VLBI_DELAY, Observations
+from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import reasons
 from radioloc.media.ionosphere import UniformTec
@@ -240,12 +239,6 @@ def test_select_nothing(untidy_arc):
     assert none.accuracy.segments == 0
 
 
-def test_no_observations(model):
-    arc = ChebyshevPredictor(model, untidy().select([]), APOLLO15_PA_M)
-    assert arc.compute(APOLLO15_PA_M).by_position_pa.shape == (0, 3)
-    assert arc.stations == ()
-
-
 def test_threads_do_not_change_a_bit(untidy_arc, monkeypatch):
     numba = pytest.importorskip("numba")
     found = []
@@ -305,59 +298,6 @@ def test_choice_of_evaluation(model):
     assert forced.accuracy.interpolated == 0
     with pytest.raises(InputError, match="evaluation 'fast' is not one of auto, exact, interpolated"):
         prepare_predictor(model, sparse, APOLLO15_PA_M, "fast")
-
-
-def test_series_are_told_apart(model):
-    """By everything that is recorded, but not by what is measured."""
-    tai = epochs_tai(4, 1.0)
-    table = Observations.concatenate(
-        [
-            series("KASHI>x>KASHI", "range", tai),
-            series("KASHI>x>KASHI", "range", tai, value_m=[1.0, 2.0, 3.0, 4.0], sigma_m=2.0),
-            series("KASHI>x>KASHI", "range", tai, wavelength_um=35000.0),
-            series("KASHI>x>KASHI", "doppler", tai, count_s=10.0),
-            series("KASHI>x>KASHI", "doppler", tai, count_s=20.0),
-            series("SESHAN25<x>URUMQI", "vlbi_delay", tai),
-        ]
-    )
-    assert set(table.kind.tolist()) == {0, VLBI_DELAY, DOPPLER}
-    found = DenseSeries(model, table)
-    code = np.empty(len(table), dtype=int)
-    code[found.order] = found._code
-    groups = [set(part.tolist()) for part in code.reshape(-1, 4)]
-    assert all(len(group) == 1 for group in groups)
-    assert groups[0] == groups[1]
-    assert len(set.union(*groups)) == 5
-
-
-def test_kernel_against_numpy():
-    """Runs with compilation or without; rows below zero are not a number."""
-    pytest.importorskip("numba")
-    from radioloc.measurements import _kernels
-
-    random = np.random.default_rng(8)
-    n, quantities = _kernels.GROUP_SIZE + 37, 3
-    segment = random.integers(-2, 5, n).astype(np.int32)
-    x = random.uniform(-1.0, 1.0, n)
-    for terms in (1, 2, 5, 7, 17):
-        coefficients = np.zeros((5, quantities, 17))
-        coefficients[..., -terms:] = random.normal(size=(5, quantities, terms))
-        out, plain = np.zeros((quantities, n)), np.zeros((quantities, n))
-        _kernels.quantities(segment, x, coefficients, out, 0, n)
-        getattr(_kernels.quantities, "py_func", _kernels.quantities)(segment, x, coefficients, plain, 3, n)
-        assert (out[:, 3:] == plain[:, 3:]).all(where=segment[3:] >= 0)
-        assert np.isnan(out[:, segment < 0]).all()
-        assert (plain[:, :3] == 0.0).all()
-        # In order of their segments they are evaluated in place, to the same bits.
-        order = np.argsort(segment, kind="stable")
-        in_place = np.zeros((quantities, n))
-        _kernels.quantities(segment[order], x[order], coefficients, in_place, 0, n)
-        np.testing.assert_array_equal(in_place, out[:, order])
-        inside = np.flatnonzero(segment >= 0)
-        expected = [
-            [np.polyval(coefficients[segment[i], q], x[i]) for i in inside] for q in range(quantities)
-        ]
-        np.testing.assert_allclose(out[:, inside], expected, rtol=0, atol=1e-13)
 
 
 def test_kernel_with_more_paths_than_bins():

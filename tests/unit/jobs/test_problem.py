@@ -51,17 +51,6 @@ def test_partials_are_the_slopes(place, form, late15, model):
         assert position == pytest.approx(problem.position_partials(x)[:, k], abs=1e-8)
 
 
-def test_each_station_has_its_own_bias(late15, model, near15):
-    start = near15.to_axes("PA", model.ephemeris.constants)
-    arc = radioloc.measurements.ExactPredictor(model, late15, start.xyz_m)
-    choice = EstimateChoice(range_bias=["7845", "MATERA", "GRASSE"])
-    problem = observation_model(arc, start, choice)
-    assert [p.name for p in problem.parameters][3:] == ["range_bias.GRASSE", "range_bias.MATERA"]
-    receivers = np.array(arc.stations)[arc.receivers]
-    _, partials = problem.residuals(problem.parameters.prior_values)
-    assert np.array_equal(partials[:, 3:], np.stack([receivers == n for n in ("GRASSE", "MATERA")], axis=-1))
-
-
 POLES = [(0.0, -90.0), (45.0, -89.9), (10.0, 88.5), (88.0, 0.0)]
 
 

@@ -9,6 +9,7 @@ import pytest
 
 import radioloc
 from radioloc import LunarPosition, Study
+from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
 from radioloc.jobs.station_noise import SAME_EPOCH_S, same_epoch, stated_noise
 from radioloc.measurements.registry import KINDS
@@ -53,48 +54,62 @@ def test_epochs_too_dense_to_tell_are_refused():
         same_epoch(tags(0.6 * SAME_EPOCH_S * np.arange(3)))
 
 
+def arc_of(ends, kinds, seconds, count_s=None):
+    """Observations of 3 m by pairs of the first three stations."""
+    transmitters, receivers = np.array(ends).T
+    kind = np.array([KINDS.index(kind) for kind in kinds])
+    columns = {"epoch": tags(seconds), "kind": kind, "sigma_m": np.full(len(kind), 3.0), "count_s": count_s}
+    return SimpleNamespace(
+        places=None,
+        stations=STATIONS[:3],
+        transmitters=transmitters,
+        receivers=receivers,
+        model=SimpleNamespace(catalogue=StationCatalogue.default()),
+        observations=SimpleNamespace(**columns),
+    )
+
+
+def covariance_m2(arc, **choice):
+    whitened = stated_noise(arc, ObservationChoice(**choice)).among().whitened
+    weight = np.vstack(list(whitened(lambda rows: np.eye(len(arc.receivers))[rows])))
+    return np.linalg.inv(weight.T @ weight)
+
+
 def test_ranges_share_nothing():
     kinds = ["vlbi_delay", "range", "vlbi_delay", "doppler", "vlbi_delay"]
-    arc = SimpleNamespace(
-        places=None,
-        transmitters=np.array([0, 0, 0, 0, 1]),
-        receivers=np.array([1, 1, 2, 1, 2]),
-        observations=SimpleNamespace(
-            epoch=tags([0.0, 0.0, 0.01, 0.0, 0.02]),
-            kind=np.array([KINDS.index(kind) for kind in kinds]),
-            sigma_m=np.full(5, 3.0),
-        ),
-    )
-    noise = stated_noise(arc, ObservationChoice(extra_sigma_m=4.0, vlbi_station_sigma_m=2.0))
-    weight = np.vstack(list(noise.among().whitened(lambda rows: np.eye(5)[rows])))
-    covariance = np.linalg.inv(weight.T @ weight)
+    ends = [(0, 1), (0, 1), (0, 2), (0, 1), (1, 2)]
+    arc = arc_of(ends, kinds, [0.0, 0.0, 0.01, 0.0, 0.02])
     expected = 25.0 * np.eye(5)
     # Errors of stations 0, 1, 2 in delays 0-1, 0-2, 1-2.
     expected[np.ix_([0, 2, 4], [0, 2, 4])] += 4.0 * np.array([[2, 1, -1], [1, 2, 1], [-1, 1, 2]])
-    np.testing.assert_allclose(covariance, expected, rtol=0.0, atol=1e-10)
+    found = covariance_m2(arc, extra_sigma_m=4.0, vlbi_station_sigma_m=2.0)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-10)
     assert stated_noise(arc, ObservationChoice(extra_sigma_m=4.0)).shared is None
+
+
+def test_sigmas_of_vlbi_stations_by_name():
+    arc = arc_of([(0, 1), (0, 2), (1, 2)], ["vlbi_delay"] * 3, [0.0, 0.01, 0.02])
+    expected = 9.0 * np.eye(3) + np.array([[4, 0, -4], [0, 9, 9], [-4, 9, 13]])
+    found = covariance_m2(arc, vlbi_station_sigma_m={STATIONS[1]: 2.0, STATIONS[2]: 3.0})
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-10)
+    with pytest.raises(InputError, match=r"vlbi_station_sigma_m.*ATLANTIS"):
+        covariance_m2(arc, vlbi_station_sigma_m={"ATLANTIS": 1.0})
+    with pytest.raises(InputError, match=r"vlbi_station_sigma_m\.URUMQI must not be negative"):
+        ObservationChoice(vlbi_station_sigma_m={"URUMQI": -1.0})
 
 
 def test_delay_rates_share_the_growth_of_their_stations_times():
     """Of one epoch and count interval; with delays of that epoch they share nothing."""
-    arc = SimpleNamespace(
-        places=None,
-        transmitters=np.array([0, 0, 0, 1, 0]),
-        receivers=np.array([1, 1, 2, 2, 1]),
-        observations=SimpleNamespace(
-            epoch=tags([0.0, 0.0, 0.01, 0.02, 0.0]),
-            kind=np.array([KINDS.index("vlbi_delay"), *[KINDS.index("vlbi_delay_rate")] * 4]),
-            sigma_m=np.full(5, 3.0),
-            count_s=np.array([np.nan, 60.0, 60.0, 60.0, 10.0]),
-        ),
-    )
-    noise = stated_noise(arc, ObservationChoice(vlbi_station_sigma_m=5.0, vlbi_station_rate_sigma_m=2.0))
-    weight = np.vstack(list(noise.among().whitened(lambda rows: np.eye(5)[rows])))
+    kinds = ["vlbi_delay", *["vlbi_delay_rate"] * 4]
+    ends = [(0, 1), (0, 1), (0, 2), (1, 2), (0, 1)]
+    count_s = np.array([np.nan, 60.0, 60.0, 60.0, 10.0])
+    arc = arc_of(ends, kinds, [0.0, 0.0, 0.01, 0.02, 0.0], count_s)
     expected = 9.0 * np.eye(5)
     expected[0, 0] += 2 * 25.0
     expected[1:4, 1:4] += 4.0 * np.array([[2, 1, -1], [1, 2, 1], [-1, 1, 2]])
     expected[4, 4] += 2 * 4.0
-    np.testing.assert_allclose(np.linalg.inv(weight.T @ weight), expected, rtol=0.0, atol=1e-10)
+    found = covariance_m2(arc, vlbi_station_sigma_m=5.0, vlbi_station_rate_sigma_m=2.0)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-10)
     alone = stated_noise(arc, ObservationChoice(vlbi_station_rate_sigma_m=2.0))
     assert alone.shared.group.tolist()[0] == -1
 

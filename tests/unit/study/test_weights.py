@@ -1,7 +1,6 @@
 """Sigmas changed by type, station and file."""
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,10 +9,7 @@ import radioloc
 from radioloc import Observations
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
-from radioloc.jobs.station_noise import stated_noise
 from radioloc.measurements import Link
-from radioloc.measurements.registry import KINDS
-from radioloc.study import ObservationChoice
 from radioloc.study.weights import Weight, require_stations, weighted_observations
 from radioloc.time import Epochs
 
@@ -88,30 +84,6 @@ def test_what_cannot_be_applied_is_an_error(weight, words):
 def test_entries_that_cannot_be(fields, words):
     with pytest.raises(InputError, match=words):
         Weight(**fields)
-
-
-def test_sigmas_of_vlbi_stations_by_name():
-    arc = SimpleNamespace(
-        places=None,
-        stations=("SESHAN25", "KUNMING", "URUMQI"),
-        transmitters=np.array([0, 0, 1]),
-        receivers=np.array([1, 2, 2]),
-        model=SimpleNamespace(catalogue=CATALOGUE),
-        observations=SimpleNamespace(
-            epoch=Epochs.from_jd(2459185.5, np.full(3, 0.5), "UTC"),
-            kind=np.full(3, KINDS.index("vlbi_delay")),
-            sigma_m=np.ones(3),
-        ),
-    )
-    noise = stated_noise(arc, ObservationChoice(vlbi_station_sigma_m={"KUNMING": 2.0, "URUMQI": 3.0}))
-    weight = np.vstack(list(noise.among().whitened(lambda rows: np.eye(3)[rows])))
-    # Errors of stations 0, 1, 2 in delays 0-1, 0-2, 1-2.
-    expected = np.eye(3) + np.array([[4, 0, -4], [0, 9, 9], [-4, 9, 13]])
-    np.testing.assert_allclose(np.linalg.inv(weight.T @ weight), expected, rtol=0.0, atol=1e-12)
-    with pytest.raises(InputError, match=r"vlbi_station_sigma_m.*ATLANTIS"):
-        stated_noise(arc, ObservationChoice(vlbi_station_sigma_m={"ATLANTIS": 1.0}))
-    with pytest.raises(InputError, match=r"vlbi_station_sigma_m\.URUMQI must not be negative"):
-        ObservationChoice(vlbi_station_sigma_m={"URUMQI": -1.0})
 
 
 def test_a_noise_of_a_station_without_observations_is_an_error():

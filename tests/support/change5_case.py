@@ -43,6 +43,21 @@ off = ["ionosphere"]
 """Study file of benchmarks, for observations in ``change5.csv`` beside it."""
 
 
+def sessions(
+    step_s: float,
+    stop: str,
+    stations: tuple[str, ...] = RANGING,
+    vlbi: tuple[str, ...] = VLBI,
+    one_uplink: bool = True,
+) -> list[Session]:
+    """Ranges of 1 m by all pairs of stations and delays of 0.3 m on all baselines."""
+    ranges = Session("range", all_ranges(*stations), START, stop, step_s, sigma_m=1.0, one_uplink=one_uplink)
+    return [
+        ranges,
+        *([Session("vlbi_delay", baselines(*vlbi), START, stop, step_s, sigma_m=0.3)] if vlbi else []),
+    ]
+
+
 def world(
     model: PhysicalModel,
     step_s: float,
@@ -53,13 +68,9 @@ def world(
     bias_m: dict[str, float] | None = None,
 ) -> World:
     """Ranges of 1 m by three stations and, if wanted, delays of 0.3 m on six baselines; all but their noise."""
-    sessions = [
-        Session("range", all_ranges(*RANGING), START, stop, step_s, sigma_m=1.0, one_uplink=one_uplink)
-    ]
-    if vlbi:
-        sessions.append(Session("vlbi_delay", baselines(*VLBI), START, stop, step_s, sigma_m=0.3))
+    planned = sessions(step_s, stop, vlbi=VLBI if vlbi else (), one_uplink=one_uplink)
     truth = Truth(range_bias_m=BIAS_M if bias_m is None else bias_m)
-    return Scenario(Schedule(sessions), LANDER, truth).world(model)
+    return Scenario(Schedule(planned), LANDER, truth).world(model)
 
 
 def observations(model: PhysicalModel, step_s: float, *, seed: int = 1, **options: object) -> Observations:

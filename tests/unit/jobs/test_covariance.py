@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from change5_case import LANDER, NOISE, PLAN, RANGING, START, VLBI
+from change5_case import LANDER, NOISE, PLAN, RANGING, VLBI, sessions
 
 import radioloc
 from radioloc import cli
@@ -21,10 +21,7 @@ from radioloc.simulation import (
     NoiseModel,
     Scenario,
     Schedule,
-    Session,
     TruthSigma,
-    all_ranges,
-    baselines,
     two_way,
 )
 from radioloc.simulation.noise import NoiseDraws
@@ -38,10 +35,8 @@ COLOURED = NoiseModel(
 
 
 def study_of(noise=NOISE, stations=RANGING, vlbi=VLBI, step_s=1800.0, estimate=None, sigma=None, **changes):
-    sessions = [Session("range", all_ranges(*stations), START, STOP, step_s, sigma_m=1.0, one_uplink=True)]
-    if vlbi:
-        sessions.append(Session("vlbi_delay", baselines(*vlbi), START, STOP, step_s, sigma_m=0.3))
-    scenario = Scenario(Schedule(sessions), LANDER, noise=noise, truth_sigma=TruthSigma(**sigma or {}))
+    planned = sessions(step_s, STOP, stations, vlbi)
+    scenario = Scenario(Schedule(planned), LANDER, noise=noise, truth_sigma=TruthSigma(**sigma or {}))
     estimate = {"range_bias": "all", "range_bias_sigma_m": 10.0} | (estimate or {})
     prior = estimate.pop("height_prior", HeightPrior(-2550.4, 5.0))
     return Study(

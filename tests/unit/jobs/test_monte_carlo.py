@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from change5_case import BIAS_M, LANDER, NEAR, PLAN, RANGING, START, VLBI
+from change5_case import BIAS_M, LANDER, NEAR, PLAN, RANGING, START, VLBI, sessions
 from quick import some
 
 import radioloc
@@ -31,8 +31,6 @@ from radioloc.simulation import (
     Session,
     Truth,
     TruthSigma,
-    all_ranges,
-    baselines,
 )
 from radioloc.study import EstimateChoice, HeightPrior, ModelChoice, ObservationChoice
 from radioloc.study.record import versions
@@ -64,11 +62,7 @@ TRUTH_SIGMA = TruthSigma(
 
 def study_of(step_s=3600.0, *, truth_sigma=TRUTH_SIGMA, observations=None, **estimate):
     """Ranges and delays of a day; a-priori position 10 km off."""
-    stop = "2020-12-02T15:10:00"
-    sessions = [
-        Session("range", all_ranges(*RANGING), START, stop, step_s, sigma_m=1.0, one_uplink=True),
-        Session("vlbi_delay", baselines(*VLBI), START, stop, step_s, sigma_m=0.3),
-    ]
+    planned = sessions(step_s, "2020-12-02T15:10:00")
     choice = {
         "range_bias": "all",
         "range_bias_sigma_m": 10.0,
@@ -81,7 +75,7 @@ def study_of(step_s=3600.0, *, truth_sigma=TRUTH_SIGMA, observations=None, **est
         model=ModelChoice(terms=radioloc.measurements.terms.active_terms(["ionosphere"])),
         observations=observations or ObservationChoice(),
         simulation=Scenario(
-            Schedule(sessions), LANDER, Truth(range_bias_m=BIAS_M), NOISE, truth_sigma, seed=5
+            Schedule(planned), LANDER, Truth(range_bias_m=BIAS_M), NOISE, truth_sigma, seed=5
         ),
         consider=considered_choices({"station_position_sigma_m": 0.1}),
         name="plan",

@@ -58,6 +58,25 @@ def test_an_orbit_is_found_again_from_hundreds_of_metres_away(solution):
     assert solution.fit.total.wrms_m < 1.3 * SIGMA_M
 
 
+def slower(part):
+    """Change of a state by which the perilune is lower by 4 a for each part of the velocity."""
+    return np.concatenate([np.zeros(3), -part * STATE[3:]])
+
+
+def test_a_fit_starts_from_an_orbit_that_meets_the_ground(forces, doppler):
+    """The perilune of the a-priori orbit is 54 km below the mean sphere."""
+    found = radioloc.locate(study_of(forces, off=slower(0.015)), doppler)
+    assert found.converged
+    error = np.concatenate([found.state.position_m, found.state.velocity_m_s]) - STATE
+    assert error @ np.linalg.solve(found.state.covariance, error) < 22.5
+
+
+@pytest.mark.parametrize(("job", "part"), [("residuals", 0.015), ("locate", 0.1)])
+def test_an_orbit_that_ends_or_is_too_deep_below_the_ground_is_refused(forces, doppler, job, part):
+    with pytest.raises(InputError, match="craft comes down to the ground of the Moon at 2012-04-09T0"):
+        getattr(radioloc, job)(study_of(forces, off=slower(part)), doppler)
+
+
 @pytest.mark.study
 def test_an_orbit_is_found_again_over_36_hours_from_two_kilometres_away(model, forces):
     seconds = np.concatenate([np.arange(1200.0, 4800.0, 120.0) + 7200.0 * k for k in range(18)])

@@ -107,7 +107,3 @@ def test_biases_by_kind_of_measurement(near15, model):
     assert columns[:, 0].tolist() == [1.0, 1.0, 1.0, 0.0, 0.0]
     assert (columns[:, 1] == np.where(first, by_time, 0.0)).all()
     assert (columns[:, 2] == np.where(first, 0.0, by_time)).all()
-    with pytest.raises(
-        radioloc.errors.InputError, match="no observation of APOLLO that has one; the stations are GRASSE"
-    ):
-        observation_model(arc, start, EstimateChoice(range_bias=["APOLLO"]))

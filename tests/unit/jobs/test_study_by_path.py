@@ -19,18 +19,6 @@ def test_a_file_that_is_not_there_is_named(job, path_like):
         getattr(radioloc, job)(path_like("nowhere.toml"))
 
 
-@pytest.mark.slow
-def test_a_path_gives_what_its_study_gives():
-    path = EXAMPLES / "apollo15" / "apollo15.toml"
-    by_path, by_study = radioloc.locate(str(path)), radioloc.locate(study=radioloc.read_study(path))
-    assert by_path.name == "apollo15"
-    assert np.array_equal(by_path.position_pa_m, by_study.position_pa_m)
-    assert np.array_equal(
-        radioloc.residuals(study=path).residuals.residual_m,
-        radioloc.residuals(radioloc.read_study(path)).residuals.residual_m,
-    )
-
-
 def test_a_study_of_tracking_is_none_of_images():
     with pytest.raises(
         InputError, match="study: expected ImageStudy or PointStudy or str or Path, got Study"

@@ -15,10 +15,8 @@ from radioloc.jobs.verdict import heights, places
 from radioloc.lunar import LunarPosition
 from radioloc.measurements import MEASUREMENTS, Link, PhysicalModel
 from radioloc.measurements.terms import active_terms
-from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, Session, all_ranges
+from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule
 from radioloc.study import EstimateChoice, ModelChoice, ObservationChoice
-
-START, STOP = change5_case.START, "2020-12-02T03:11:00"
 
 
 @pytest.fixture(scope="module")
@@ -115,11 +113,9 @@ def test_ranges_that_are_too_long_are_a_height_that_the_moon_does_not_have(track
 @pytest.mark.study
 def test_trials_are_judged_as_solutions_are():
     """Noise of 50 times the stated sigmas: no trial counts, by the linear model or in full."""
-    sessions = [
-        Session("range", all_ranges(*change5_case.RANGING), START, STOP, 1200.0, sigma_m=1.0, one_uplink=True)
-    ]
+    ranges = change5_case.sessions(1200.0, "2020-12-02T03:11:00", vlbi=())
     noise = NoiseModel({"range": Noise(white_m=50.0)})
-    simulated = replace(study(), simulation=Scenario(Schedule(sessions), change5_case.LANDER, noise=noise))
+    simulated = replace(study(), simulation=Scenario(Schedule(ranges), change5_case.LANDER, noise=noise))
     found = radioloc.monte_carlo(simulated, trials=3, hours=12.0)
     assert found.linear
     assert found.proof.passed

@@ -48,20 +48,10 @@ def radio():
 
 def solved(folder, place=PLACE, relative_m2=RELATIVE_M2, **more):
     """Write what ``radioloc images`` writes of a position, whose height may be undetermined (NaN)."""
-    position = LunarPosition.from_selenographic(*place)
     ties_m = np.diag(TIE_M) @ np.column_stack([np.eye(2), SLOPE])
     ties_m[:, 2] *= np.isfinite(relative_m2[2, 2])
     total = relative_m2 + ties_m.T @ ties_m
-    me = dict(zip(("longitude_deg", "latitude_deg", "height_m"), place, strict=True))
-    xyz = zip(("x_m", "y_m", "z_m"), position.xyz_m.tolist(), strict=True)
-    sigmas = zip(("east_m", "north_m", "up_m"), np.sqrt(np.diag(total)).tolist(), strict=True)
-    content = {
-        "name": "images",
-        "method": "images",
-        "converged": True,
-        "message": "",
-        "position": {"pa": recorded()["position"]["pa"], "me": {"frame": position.frame, **me, **dict(xyz)}},
-        "sigma": {name: None if np.isnan(sigma) else sigma for name, sigma in sigmas},
+    content = recorded("images", place, np.sqrt(np.diag(total)), method="images") | {
         "covariance": {"enu_m2": [[None if np.isnan(v) else v for v in row] for row in total.tolist()]},
         "considered": [
             {
@@ -72,10 +62,9 @@ def solved(folder, place=PLACE, relative_m2=RELATIVE_M2, **more):
             }
             for axis, sigma, moved in zip(("east", "north"), TIE_M, ties_m, strict=True)
         ],
-        "fit": {"used": 10, "rejected": 0},
-        "reference": None,
         "provenance": {"study": None, "files": ["0001.png"]},
-    } | more
+        **more,
+    }
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "solution.json"
     path.write_text(json.dumps(content))

@@ -32,14 +32,6 @@ def test_an_hour_of_ranges_with_a_map():
     assert found.reference.combined_sigmas < LIKELY_SIGMAS
 
 
-@pytest.mark.study
-def test_free_biases(capsys):
-    assert cli.main(["locate", str(FOLDER / "free_biases.toml")]) == 0
-    text = " ".join(capsys.readouterr().out.split())
-    assert "common range bias of 3: sigma 3.87e+03 m, correlated " in text
-    assert "would help: an a-priori sigma for range_bias.JIAMUSI" in text
-
-
 def test_data_are_what_the_study_says(tmp_path, capsys):
     assert cli.main(["simulate", str(FOLDER / "short_arc.toml"), "--out", str(tmp_path / "new.csv")]) == 0
     there, new = (

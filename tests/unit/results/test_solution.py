@@ -259,6 +259,12 @@ def test_columns_of_another_length_are_refused(given, words):
         toy_solution(ToyMoon(9, 72.0, biases=False), **given)
 
 
+def test_metres_have_three_digits():
+    texts = {0.0: "0", 1.23456: "1.23", 0.00012: "0.0001", -1e-7: "0.0000", 12345.6: "12346"}
+    assert [metres(value_m) for value_m in texts] == [*texts.values()]
+    assert metres(None) == metres(float("inf")) == "undetermined"
+
+
 @pytest.mark.parametrize(
     ("value", "sigma", "text"),
     [

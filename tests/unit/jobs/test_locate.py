@@ -252,9 +252,10 @@ def test_position_of_another_ephemeris_is_refused(apollo15, near15):
         radioloc.errors.InputError, match=r"^\[target\] frame: .*PA_DE430.*PA_DE421 or ME_DE421"
     ):
         fit(apollo15, other)
-    study = Study(target=near15, reference=radioloc.study.Reference(other, "other"))
-    with pytest.raises(radioloc.errors.InputError, match=r"^\[reference\] frame: "):
-        radioloc.locate(study, apollo15)
+    known = radioloc.study.Reference(other, "other")
+    for given, where in (({"reference": known}, "reference"), ({"references": (known,)}, "references")):
+        with pytest.raises(radioloc.errors.InputError, match=rf"^\[{where}\] (other )?frame: "):
+            radioloc.locate(Study(target=near15, **given), apollo15)
 
 
 def test_a_reference_of_another_ephemeris_is_turned_and_a_note_says_so(apollo15, near15):

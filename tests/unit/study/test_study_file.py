@@ -79,6 +79,10 @@ earth_orientation = "eop.txt"
 name = "JPL"
 frame = "PA_DE421"
 position_m = [1554678.949, 98094.118, 765004.906]
+[references.map]
+longitude_deg = 3.63
+latitude_deg = 26.13
+height_m = -1922.0
 """
     )
     assert study.name == "s"
@@ -108,6 +112,8 @@ position_m = [1554678.949, 98094.118, 765004.906]
     mine = study.catalogue.get("9999")
     assert (mine.name, mine.epoch_year, mine.velocity_m_yr.tolist()) == ("MINE", 2010.0, [0.01, 0.0, 0.0])
     assert (study.reference.name, study.reference.position.frame) == ("JPL", "PA_DE421")
+    [known] = study.references
+    assert (known.name, known.position.selenographic[2]) == ("map", pytest.approx(-1922.0))
 
 
 def test_defaults_are_those_of_the_records(read, folder):

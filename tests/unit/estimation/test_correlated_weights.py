@@ -163,14 +163,6 @@ def test_observability_is_that_of_the_weights(monkeypatch):
         assert item.coefficient == pytest.approx(expected[i, j], abs=ROUNDING)
 
 
-def test_a_fit_that_did_not_converge_is_left_alone():
-    case = TwoSeries()
-    edited = replace(case.fits()[0], complete=False)
-    found = weighed(case.residuals, edited, case.types, labels(2 * N, "A"), case.time_s)
-    assert found.fit is edited.fit
-    assert found.message == edited.message
-
-
 def network(epochs=400, seed=3):
     """Delays of four stations whose arrival times are off by what lasts."""
     case = DelayNetwork.make(epochs=epochs, seed=seed)

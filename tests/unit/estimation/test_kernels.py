@@ -9,7 +9,7 @@ import itertools
 import numpy as np
 import pytest
 
-from radioloc.estimation._kernels import filter_grid, mean_correlation, weigh, whiten
+from radioloc.estimation._kernels import mean_correlation, weigh, whiten
 from radioloc.estimation.gauss_markov import Points, RestrictedLikelihood, Series, SeriesNoise
 from radioloc.estimation.series import Bundle, bins, points_of
 
@@ -37,22 +37,6 @@ def dense(step_s, gain, tau_s, ratio):
 
 TAU_S, RATIO = np.array([30.0, 600.0, 50000.0]), np.array([1e-4, 0.3, 200.0])
 SIGMAS = np.array([30.0, 2.0])
-
-
-def test_determinants_and_products_are_those_of_the_dense_covariance(case):
-    step_s, gain, columns = case
-    tau_s = np.stack([TAU_S, TAU_S[::-1]], axis=-1)
-    part = np.array([[1.0, 0.0], [0.4, 0.6], [0.3, 0.5]])
-    determinant, products = filter_grid(step_s, gain, columns, tau_s, part, RATIO)
-    for k in range(9):
-        each = zip(tau_s[k // 3], part[k // 3] * RATIO[k % 3], strict=True)
-        covariance = np.sum([dense(step_s, gain, *one) for one in each], axis=0) - np.eye(150)
-        assert determinant[k] == pytest.approx(np.linalg.slogdet(covariance)[1], rel=ROUNDING)
-        expected = columns.T @ np.linalg.solve(covariance, columns)
-        # Those below the diagonal are not there.
-        np.testing.assert_allclose(
-            products[..., k], np.triu(expected), rtol=0.0, atol=ROUNDING * np.trace(expected)
-        )
 
 
 def test_restricted_likelihoods_are_those_of_dense_algebra(case):

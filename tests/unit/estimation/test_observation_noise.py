@@ -116,15 +116,6 @@ def test_six_baselines_of_four_stations_carry_three_delays():
     assert six.sigmas == pytest.approx(three.sigmas, rel=small)
 
 
-def test_without_station_noise_delays_are_independent():
-    network = DelayNetwork.make(station_m=0.0)
-    observed_m = errors_m(network)
-    plain = fit_least_squares(network.residual_function(observed_m), network.parameters(), OWN_M)
-    found = fit(network, observed_m)
-    np.testing.assert_allclose(found.x, plain.x, rtol=0.0, atol=1e-6 * plain.sigmas.min())
-    assert found.chi2 == pytest.approx(plain.chi2, rel=ROUNDING)
-
-
 def test_a_blunder_is_taken_out_of_its_block(network):
     observed_m = errors_m(network)
     observed_m[[7, 33]] += [8.0, -5.0]
@@ -176,19 +167,6 @@ def test_excess_noise_is_on_the_diagonal():
     of_delays = fit.noise.among(delays).combined(fit.residual_m)
     dof = round(delays.sum() * (1.0 - 3.0 / len(delays)))
     assert float(((of_delays[0] / of_delays[1]) ** 2).sum()) == pytest.approx(dof, rel=5e-3)
-
-
-def test_correlated_noise_is_no_excess():
-    """Believed to be independent, the same errors are either too small around triangles or too large elsewhere."""
-    network = DelayNetwork.make(epochs=100)
-    observed_m = errors_m(network)
-    function, parameters = network.residual_function(observed_m), network.parameters()
-    found = fit_with_variance_components(function, parameters, network.noise)
-    assert found.additive_sigma_m == {"all": 0.0}
-    assert found.fit.chi2_per_dof == pytest.approx(1.0, abs=5.0 * math.sqrt(2.0 / 597.0))
-    assert (
-        fit_with_variance_components(function, parameters, network.own_m).additive_sigma_m["all"] > STATION_M
-    )
 
 
 def test_a_station_shares_nothing_with_itself():

@@ -71,15 +71,6 @@ def test_both_operations_multiply_by_the_inverse_covariance(monkeypatch, at_once
     np.testing.assert_allclose(found, expected, rtol=ROUNDING, atol=ROUNDING)
 
 
-@pytest.mark.parametrize("own_m", [OWN_M, 1e-4 * PHASE_M])
-def test_information_is_that_of_the_covariance_written_out(own_m):
-    noise = counts(own_m)
-    covariance = written_out(noise)
-    expected = COLUMNS.T @ np.linalg.solve(covariance, COLUMNS)
-    np.testing.assert_allclose(information(noise.among()), expected, rtol=ROUNDING, atol=ROUNDING)
-    np.testing.assert_allclose(noise.sigma_m, np.sqrt(np.diag(covariance)), rtol=1e-14)
-
-
 def test_a_count_that_is_left_out_ends_the_run():
     noise, used = counts(), RANDOM.random(N) < 0.7
     covariance = written_out(noise)[np.ix_(used, used)]

@@ -117,15 +117,6 @@ def test_a_ray_far_outside_does_not_fold_into_the_image():
     assert seen.tolist() == [False, True]
 
 
-def test_what_is_behind_the_camera_is_not_seen():
-    model = Camera.of_pinhole(10.0, 10.0, [500.0, 500.0])
-    assert model.pixels([[0.1, 0.0, -1.0], [0.1, 0.0, 0.0], [0.1, 0.0, 1.0]])[1].tolist() == [
-        False,
-        False,
-        True,
-    ]
-
-
 def test_a_pixel_beyond_what_the_distortion_reaches_is_refused():
     model = Camera.of_pinhole(10.0, 10.0, [500.0, 500.0], [-0.3])  # its largest radius is 0.70 focal lengths
     with pytest.raises(InputError, match=r"no point without it for the pixel \(sample 1400, line 500\)"):

@@ -166,16 +166,6 @@ def test_axes_are_those_of_the_file_unless_others_are_asked_for():
     assert isd("lro_nac.json.gz").model.axes == "ME_DE421"
 
 
-def without(key):
-    def change(content):
-        *parents, last = key.split(".")
-        for part in parents:
-            content = content[part]
-        del content[last]
-
-    return change
-
-
 def changed(key, value):
     def change(content):
         *parents, last = key.split(".")
@@ -189,19 +179,15 @@ def changed(key, value):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (without("name_model"), "the key name_model is missing"),
         (changed("name_model", "USGS_ASTRO_SAR_SENSOR_MODEL"), "name_model is 'USGS_ASTRO_SAR_SENSOR_MODEL'"),
         (changed("focal_length_model.focal_length", "long"), "focal_length is not a finite number"),
         (changed("focal_length_model.focal_length", -5.0), "focal_length_mm = -5.0 is not a positive"),
         (changed("line_scan_rate", [[0.5, 0.0, -0.1]]), "line_times: lines and times have to rise"),
         (changed("detector_line_summing", 1e-300), "summing from 0.001 to 10000, got 1 and 1e-300"),
         (changed("optical_distortion", {"fisheye": {}}), "of the kind 'fisheye'; radial, transverse"),
-        (changed("optical_distortion.radial.coefficients", [0.0] * 999), r"mm; not .{60}$"),
         (changed("instrument_position.unit", "miles"), "instrument_position.unit is 'miles'"),
         (changed("instrument_position.positions", [[1.0, 2.0, 3.0]]), "positions is not 16 by 3 finite"),
         (changed("instrument_pointing.quaternions", [[2.0, 0.0, 0.0, 0.0]] * 16), "of another length than 1"),
-        (changed("image_samples", 15.5), "image_samples = 15.5 is not a positive whole number"),
-        (changed("focal_length_model.focal_length", 10**400), "focal_length is not a finite number"),
         (
             changed("body_rotation.ephemeris_times", []),
             "expected rising times in body_rotation.ephemeris_times",

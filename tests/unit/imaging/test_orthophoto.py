@@ -228,22 +228,6 @@ def test_a_line_scan_over_the_real_moon(tmp_path):
     assert values[rows[pick], columns[pick]][inner] == pytest.approx(expected[inner], abs=0.01)
 
 
-@pytest.mark.slow
-def test_a_fine_elevation_map_is_read_in_parts(tmp_path, monkeypatch):
-    longitude, latitude, _, _ = CASES["equator"]
-    terrain = hilly(tmp_path / "dem.tif", longitude, latitude, near(longitude, latitude))
-    model = camera_over(longitude, latitude)
-    image, _, _ = spots(model, terrain)
-    maps = []
-    for cells in (10**6, 400):
-        monkeypatch.setattr("radioloc.lunar.terrain._LARGEST_CELLS", cells)
-        write_orthophoto(tmp_path / "map.tif", [(image, model)], terrain, resolution_m=20.0)
-        with rasterio.open(tmp_path / "map.tif") as file:
-            maps.append((file.read(1), file.read_masks(1)))
-    assert maps[0][0] == pytest.approx(maps[1][0])
-    assert (maps[0][1] == maps[1][1]).all()
-
-
 def test_bad_input_is_one_clear_error(tmp_path):
     longitude, latitude, _, _ = CASES["equator"]
     terrain = hilly(tmp_path / "dem.tif", longitude, latitude, near(longitude, latitude))

@@ -240,11 +240,6 @@ def test_it_is_verified_as_any_solution(tmp_path, capsys):
     solution.write_text(json.dumps(content))
     assert main(["verify", str(solution)]) == 3
     assert "position.pa.x_m" in capsys.readouterr().out
-    assert main(["verify", str(solution), "--quiet"]) == 3
-    assert "DIFFERS in 1 of" in capsys.readouterr().err
-    study.write_text(STEREO.read_text() + "\n")
-    assert main(["verify", str(solution)]) == 2
-    assert "is not the study file that it was made from" in capsys.readouterr().err
 
 
 def test_a_real_cube_is_an_image_with_a_point(orbital):
@@ -261,19 +256,14 @@ def test_a_real_cube_is_an_image_with_a_point(orbital):
 
 WRONG = [
     (STEREO, "[stereo]", "[image_point]\nmodel = 'x'\n[stereo]", "one of [images] (frames and a map), [image_point]"),
-    (STEREO, "[stereo]", "[camera]\nfocal_length_mm = 1\n[stereo]", "[camera] belongs to [images]"),
-    (STEREO, "map_name =", "name =", "[stereo] 'name' is not known"),
     (STEREO, 'name = "b"', 'name = "a"', "two landmarks have one name"),
     (STEREO, 'name = "b"', 'name = "b"\ndistance_m = 3.0', "landmark 'b': give either distance_m and"),
     (STEREO, "baseline_m =", "#", "baseline_m is missing, without which pixels tell no distance"),
     (STEREO, "principal_point_px = [511.5, 511.5]\n\n[stereo.r", "[stereo.r",
      "left.principal_point_px is missing"),
     (STEREO, "latitude_deg = 44.1192917", "latitude_deg = -44.1192917", "is farther than 10 km from landmark 'a'"),
-    (STEREO, "longitude_deg = -19.5123493", "longitude_deg = 160.5", "is farther than 10 km from landmark 'a'"),
     (ORBITAL, 'dem = "dem.tif"', "", "the height of the ground is missing"),
-    (ORBITAL, 'dem = "dem.tif"', "height_m = 5e6", "height_m = 5000000.0 is no height above the 1737.4 km sphere"),
     (ORBITAL, "999.20]", "9999.2]", "is not in the image of 5064 samples and 2000 lines"),
-    (ORBITAL, "dem_sigma_m = 10.0", "dem_sigma_m = -1.0", "dem_sigma_m must not be negative"),
     (ORBITAL, "[10.0, 10.0, 5.0]", "10.0", "position_sigma_m: must be a list of three numbers"),
     (ORBITAL, "orbital_image.json", "truth.json", "the key name_model is missing; an ISD of a sensor model has it"),
 ]  # fmt: skip

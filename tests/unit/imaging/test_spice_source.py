@@ -11,7 +11,6 @@ import spiceypy
 from radioloc.errors import FileFormatError, InputError, KernelError
 from radioloc.imaging import (
     LineScanModel,
-    PolynomialOrientation,
     Sphere,
     ground_to_image,
     image_to_ground,
@@ -101,21 +100,6 @@ def test_spice_has_the_orientation_of_the_support_data(kernels):
     pixels = np.array([[100.0, 20.0], [2500.0, 200.0], [5000.0, 380.0]])
     ground = image_to_ground(model, pixels, Sphere())
     assert np.abs(ground_to_image(own, ground) - pixels).max() < 0.02  # 30 mm
-
-
-def test_cubic_polynomials_serve_as_well(kernels):
-    """Wang et al. (2021): third-order polynomials for the lines between known orientations."""
-    table = of_image(kernels)
-    fitted = PolynomialOrientation.fit(table, table.span_s)
-    model = read_isd(ISD).model
-    pixels = np.array([[100.0, 20.0], [2500.0, 200.0], [5000.0, 380.0]])
-    ground = image_to_ground(
-        LineScanModel(model.camera, table, model.line_times, model.shape), pixels, Sphere()
-    )
-    smooth = LineScanModel(model.camera, fitted, model.line_times, model.shape)
-    assert (
-        np.abs(ground_to_image(smooth, ground) - pixels).max() < 0.15
-    )  # a microradian of jitter is 0.1 pixel
 
 
 def test_kernels_are_not_left_loaded(kernels):

@@ -26,8 +26,3 @@ def mini_lines():
 @pytest.fixture
 def table_lines():
     return TABLE.split("\n")
-
-
-@pytest.fixture
-def texts():
-    return {"crd": CRD, "mini": MINI, "table": TABLE}

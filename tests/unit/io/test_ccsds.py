@@ -132,9 +132,7 @@ def test_a_position_that_was_held_has_no_covariance(tmp_path):
     [
         ({"position": None}, {}, "no fixed position"),
         ({"name": "嫦娥"}, {}, "OBJECT_NAME .* printable ASCII"),
-        ({}, {"originator": " "}, "ORIGINATOR"),
         ({}, {"step_s": 0.0}, "step 0.0 s is not"),
-        ({}, {"step_s": math.nan}, "step nan s is not"),
         ({}, {"step_s": 86401.0}, "at most 86400 s"),
         ({}, {"stop_utc": DAYS[0]}, "is not after start"),
         ({}, {"start_utc": "yesterday"}, "'yesterday' is not a date"),
@@ -223,17 +221,9 @@ def test_codes_that_are_no_spacecrafts(orbit, body, tmp_path):
         write_orbit_spk(orbit, tmp_path / "orbit.bsp", body)
 
 
-@pytest.mark.parametrize(
-    ("more", "problem"),
-    [
-        ({"step_s": 0.0}, "step 0.0 s is not more than 0"),
-        ({"covariance": np.eye(3)}, "covariance must be that of a state"),
-        ({"originator": ""}, "ORIGINATOR '' cannot stand"),
-    ],
-)
-def test_messages_that_cannot_be(orbit, more, problem, tmp_path):
-    with pytest.raises(InputError, match=problem):
-        write_orbit_oem(orbit, tmp_path / "orbit.oem", **({"originator": "TEST"} | more))
+def test_messages_that_cannot_be(orbit, tmp_path):
+    with pytest.raises(InputError, match="covariance must be that of a state"):
+        write_orbit_oem(orbit, tmp_path / "orbit.oem", originator="TEST", covariance=np.eye(3))
 
 
 STUDY = "examples/change5/short_arc.toml"

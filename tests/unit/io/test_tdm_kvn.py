@@ -72,27 +72,21 @@ def test_own_exponents_of_values():
     [
         ({"TIME_SYSTEM": None}, "no TIME_SYSTEM"),
         ({"TIME_SYSTEM": "SCLK"}, "TIME_SYSTEM: 'SCLK' is not one of UTC, TAI"),
-        ({"TIME_SYSTEM": "UT1"}, "is not one of UTC"),
         (
             {"PATH": "1,2,4"},
             r"PATH = 1,2,4 names participant 4, but there are only PARTICIPANT_1, PARTICIPANT_2",
         ),
         ({"PATH": "1;2;1"}, "PATH: '1;2;1' is not a list of participants"),
-        ({"PATH": "1,2,6"}, "not a list of participants"),
         ({"MODE": "DOUBLE_DIFF"}, "MODE: 'DOUBLE_DIFF' is not one of SEQUENTIAL, SINGLE_DIFF"),
-        ({"MODE": ""}, "MODE: has no value"),
         ({"RANGE_UNITS": "m"}, "RANGE_UNITS: 'm' is not one of km, s, RU"),
         ({"RANGE_MODULUS": "-1"}, "RANGE_MODULUS: '-1' is not zero or a number above it"),
-        ({"RANGE_MODULUS": "nan"}, "'nan' is not zero or a number above it"),
         ({"INTEGRATION_INTERVAL": "0"}, "not a number above zero"),
         ({"INTEGRATION_REF": "BEGIN"}, "not one of START, MIDDLE, END"),
         ({"TURNAROUND_NUMERATOR": "880.5"}, "not a whole number above zero"),
         ({"RECEIVE_DELAY_1": "1_0"}, "not a number from zero to a day"),
-        ({"RECEIVE_DELAY_1": "1e5"}, "not a number from zero to a day"),
         ({"CORRECTION_RANGE": "1.0"}, "CORRECTION_RANGE without CORRECTIONS_APPLIED"),
         ({"START_TIME": "2021-02-30T00:00:00"}, "START_TIME: .* not a date that exists"),
         ({"PARTICIPANT_6": "X"}, "PARTICIPANT_6: is not a metadata keyword"),
-        ({"Mode2": "X"}, "not a metadata keyword"),
     ],
 )
 def test_wrong_metadata(change, problem):
@@ -117,20 +111,14 @@ def test_mixed_time_systems():
     ("record", "problem"),
     [
         ("RANGE = 2021-03-28T14:02:00 NaN", "'NaN' is not a finite number"),
-        ("RANGE = 2021-03-28T14:02:00 1e999", "'1e999' is not a finite number"),
-        ("RANGE = 2021-03-28T14:02:00 76_8", "'76_8' is not a finite number"),
         ("RANGE = 2021-03-28T14:02:00", "is not a record keyword = epoch value"),
         ("RANGE = 2021-03-28T14:02:00 1.0 km", "is not a record"),
-        ("RANGE 2021-03-28T14:02:00 1.0 =", "is not a record"),
         ("range = 2021-03-28T14:02:00 1.0", "'range' is not a data keyword"),
-        ("PARTICIPANT_1 = 2021-03-28T14:02:00 1.0", "'PARTICIPANT_1' is not a data keyword"),
         ("RANGE = 2021-02-29T14:02:00 1.0", "not a date that exists"),
         ("RANGE = 1969-03-28T14:02:00 1.0", "years 1973 to 2100"),
         ("RANGE = 2021-03-28T14:01:00 768805.0", "RANGE is there twice at one epoch, first in line"),
         ("RANGE = 2021-03-28T14:00:59.9 768805.0", "RANGE is earlier than that of line"),
         ("RANGE = 2021-03-28T14:02:00 ٣.0", "not a printable ASCII"),
-        ("RANGE = 2021-03-28T14:02:00\x0b1.0", "not a printable ASCII"),
-        ("META_START", "is not a record"),
     ],
 )
 def test_wrong_record(record, problem):
@@ -149,9 +137,7 @@ def test_order_of_data_that_nothing_needs_does_not_matter():
     ("change", "problem"),
     [
         (lambda lines: lines[:-1], "ends before DATA_STOP: it was cut"),
-        (lambda lines: lines[: lines.index("META_STOP")], "ends before META_STOP: it was cut"),
         (lambda lines: lines[: lines.index("DATA_START")], "ends where DATA_START must come: it was cut"),
-        (lambda lines: lines[:3], "ends before META_START: it was cut"),
         (lambda lines: [*lines, "more"], "'more' stands where META_START must come"),
         (lambda lines: [line for line in lines if "RANGE" not in line], "has no record"),
         (lambda lines: [line for line in lines if "ORIGINATOR" not in line], "header has no ORIGINATOR"),
@@ -163,7 +149,6 @@ def test_order_of_data_that_nothing_needs_does_not_matter():
             lambda lines: [*lines[:1], "CREATION_DATE = soon", *lines[2:]],
             "CREATION_DATE: 'soon' is not a date",
         ),
-        (lambda lines: [lines[0], lines[1], "ORIGINATOR = \xc4", *lines[3:]], "not a printable ASCII"),
     ],
 )
 def test_wrong_structure(change, problem):

@@ -13,12 +13,11 @@ from radioloc.errors import FileFormatError, InputError
 from radioloc.io.tdm import TdmAgreement, read_tdm, read_tdm_file
 from radioloc.io.tdm.kvn import parse_kvn
 from radioloc.io.tdm.message import DATA, METADATA, TYPES, exponent_of
-from radioloc.io.tdm.write import _text, write_tdm, write_tdm_file
+from radioloc.io.tdm.write import write_tdm, write_tdm_file
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY, VLBI_DELAY_RATE, Observations
 from radioloc.measurements.registry import kind_of
 from radioloc.time import Epochs
-from radioloc.time.dates import utc_to_text
 
 AGREEMENT = TdmAgreement(sigma_m=dict.fromkeys(TYPES, 1.0))
 COLUMNS = (
@@ -130,19 +129,6 @@ def test_ranges_come_back_to_the_last_bit(suffix, tmp_path, values, second, pico
     assert np.abs(seconds).max() <= 1.2e-11  # a float of the day's fraction, which the decimals round to
     again = written_and_read(read, tmp_path / f"b.{suffix}")
     assert rows_of(again) == rows_of(read)
-
-
-def test_the_frequency_of_a_beacon_is_that_of_its_participant(tmp_path):
-    counts = made(
-        kind=ONE_WAY_DOPPLER, link=3, value_m=600.0, count_s=60.0, wavelength_um=C_M_S / 8.45e9 * 1e6
-    )
-    read = written_and_read(counts, tmp_path / "a.kvn")
-    text = (tmp_path / "a.kvn").read_text()
-    assert "PATH = 2,1" in text
-    assert text.count("TRANSMIT_FREQ_2 = ") == 1
-    assert float(text.partition("TRANSMIT_FREQ_2 = ")[2].split()[1]) == pytest.approx(8.45e9, rel=1e-15)
-    assert "RECEIVE_FREQ" not in text
-    assert rows_of(read) == rows_of(counts)
 
 
 def test_leap_second_and_decimals(tmp_path):
@@ -279,31 +265,3 @@ def test_what_ccsds_ndm_writes_is_read(suffix, tmp_path):
         np.testing.assert_allclose(getattr(theirs, name), getattr(ours, name), rtol=3e-16, atol=0.0)
     assert theirs.paths().tolist() == ours.paths().tolist()
     assert theirs.epoch.fraction.tolist() == ours.epoch.fraction.tolist()
-
-
-@pytest.mark.study
-@pytest.mark.parametrize("suffix", ["kvn", "xml"])
-def test_many_records_are_what_is_written_one_by_one(suffix, tmp_path):
-    rng = np.random.default_rng(6)
-    count = 40_000
-    value_m = rng.uniform(7e8, 8e8, count)
-    epoch = Epochs.from_jd(2459184.5, np.arange(count) / 86400.0, "UTC")
-    made = Observations.from_columns(
-        epoch=epoch,
-        links=[Link("KASHI", "lander", "KASHI")],
-        value_m=value_m,
-        sigma_m=1.0,
-        pressure_hpa=rng.uniform(800.0, 900.0, count),
-    )
-    path = tmp_path / f"a.{suffix}"
-    write_tdm(path, made, originator="X", creation_date="2024-01-01T00:00:00")
-    written = [line for line in path.read_text().split("\n") if "RANGE =" in line or "<RANGE>" in line]
-    dates = utc_to_text(epoch)
-    for k, line in enumerate(written):
-        date, number = dates[k][:23], _text(float(value_m[k]), 3)
-        if suffix == "kvn":
-            assert line == f"RANGE = {date} {number}"
-        else:
-            assert line == f"<observation><EPOCH>{date}</EPOCH><RANGE>{number}</RANGE></observation>"
-    assert len(written) == count
-    assert len(read_tdm_file(path)) == 2 * count

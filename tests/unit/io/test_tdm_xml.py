@@ -6,7 +6,7 @@ from tdm_messages import DELAY, RANGES, TWO_WAY, kvn, xml
 
 from radioloc.errors import FileFormatError
 from radioloc.io.tdm.kvn import parse_kvn
-from radioloc.io.tdm.xml import looks_like_xml, parse_xml
+from radioloc.io.tdm.xml import parse_xml
 
 SEGMENTS = (
     (TWO_WAY, RANGES),
@@ -67,12 +67,9 @@ def test_comments_are_kept():
     ("old", "new", "problem"),
     [
         ("</tdm>", "", "not whole XML: no element found"),
-        ("</data>", "", "not whole XML: mismatched tag"),
-        ("</header>", "", "mismatched tag"),
         ("<metadata>", "<metadata><x><y/></x>", "'<x>.*' is not a line keyword = value"),
         ("<metadata>", "<metadata><RANGE>1</RANGE>", "RANGE: is not a metadata keyword"),
         ("<MODE>", '<MODE unit="m">', "<MODE unit: is not a metadata keyword"),
-        ("<body>", "<body>text", "'text' is not a line keyword = value"),
         ("<segment>", "<segment><data></data>", "'DATA_START' is not a line keyword = value"),
         (
             "</segment>",
@@ -81,19 +78,14 @@ def test_comments_are_kept():
         ),
         ("<EPOCH>2021-03-28T14:01:00</EPOCH>", "", "is not a record keyword"),
         ("<RANGE>768801.5</RANGE>", "<RANGE>1</RANGE><DOR>1</DOR>", "<DOR>1</DOR>' is not a record"),
-        ("<RANGE>768801.5</RANGE>", "<RANGE>NaN</RANGE>", "'NaN' is not a finite number"),
-        ("<RANGE>768801.5</RANGE>", "<RANGE></RANGE>", "'' is not a finite number"),
-        ("<RANGE>768801.5</RANGE>", "<RANGE>٣</RANGE>", "not a printable ASCII"),
-        ("<RANGE>768801.5</RANGE>", "<WHAT>1</WHAT>", "'WHAT' is not a data keyword"),
         ("<tdm ", '<!DOCTYPE tdm [<!ENTITY a "b">]><tdm ', "document type is not part of a TDM"),
-        ('version="2.0"', 'version="4.0"', "versions 1.0 and 2.0 are read"),
         ("<tdm ", "<ndm><tdm ", "not whole XML"),
     ],
 )
 def test_wrong_messages(old, new, problem):
     text = xml((TWO_WAY, RANGES))
     assert old in text
-    place = text.rindex(old) if old != 'version="2.0"' else text.index(old, 30)
+    place = text.rindex(old)
     with pytest.raises(FileFormatError, match=problem):
         parse_xml("a.xml", text[:place] + new + text[place + len(old) :])
 
@@ -104,24 +96,3 @@ def test_a_segment_without_data_is_not_passed_over():
     text = whole[:start] + whole[whole.index("</data>", start) + len("</data>") :]
     with pytest.raises(FileFormatError, match="ends where DATA_START must come"):
         parse_xml("a.xml", text)
-
-
-def test_no_segment_and_no_observation():
-    with pytest.raises(FileFormatError, match="ends before META_START"):
-        parse_xml("a.xml", '<tdm id="CCSDS_TDM_VERS" version="2.0"><body></body></tdm>')
-    with pytest.raises(FileFormatError, match="has no record"):
-        parse_xml("a.xml", xml((TWO_WAY, [])))
-
-
-def test_wrong_value_names_its_line():
-    text = xml((TWO_WAY, RANGES)).replace("768801.5", "x")
-    with pytest.raises(FileFormatError, match="'x' is not a finite number") as caught:
-        parse_xml("a.xml", text)
-    assert "T14:01:00<" in text.split("\n")[caught.value.line - 1]
-
-
-def test_what_looks_like_xml():
-    assert looks_like_xml(xml((TWO_WAY, RANGES)))
-    assert looks_like_xml(xml((TWO_WAY, RANGES), prefix="ndm:"))
-    assert not looks_like_xml("<html><body></body></html>")
-    assert not looks_like_xml("CCSDS_TDM_VERS = 2.0 <tdm>")

@@ -6,7 +6,6 @@ from arc_cases import APOLLO15_PA_M, LASER, assert_same, epochs_tai, observation
 
 import radioloc
 from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.predictor import blocks
 from radioloc.measurements.registry import KINDS
 
 SAME_M = 1e-6
@@ -24,13 +23,6 @@ def arc():
     mixed = radioloc.Observations.concatenate([doppler, ranges, light, delay])
     order = np.random.default_rng(4).permutation(len(mixed))
     return ExactPredictor(radioloc.measurements.PhysicalModel.build(), mixed.select(order), APOLLO15_PA_M)
-
-
-def test_blocks_of_rows_are_all_rows_once(arc, monkeypatch):
-    monkeypatch.setattr("radioloc.measurements.predictor.ROWS_AT_ONCE", 7)
-    parts = list(blocks(arc))
-    assert max(map(len, parts)) == 7
-    assert np.concatenate(parts).tolist() == list(range(len(arc.observations)))
 
 
 @pytest.mark.parametrize("which", ["mask", "indices", "slice"])

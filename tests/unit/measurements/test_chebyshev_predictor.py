@@ -232,13 +232,6 @@ def test_rows_and_select(untidy_arc, which):
     assert_same(part.select([5]).compute(APOLLO15_PA_M), part.compute(APOLLO15_PA_M).rows([5]))
 
 
-def test_select_nothing(untidy_arc):
-    none = untidy_arc.select(slice(0, 0))
-    assert len(none.compute(APOLLO15_PA_M).value_m) == 0
-    assert none.predicted_eop.shape == (0,)
-    assert none.accuracy.segments == 0
-
-
 def test_threads_do_not_change_a_bit(untidy_arc, monkeypatch):
     numba = pytest.importorskip("numba")
     found = []

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -109,6 +110,19 @@ def test_a_hundred_thousand_observations():
     assert (series.bad & solution.residuals.used).sum() < 0.01 * series.bad.sum()
     assert solution.residuals.status[np.flatnonzero(~solution.residuals.used)[0]].startswith("outlier: ")
     assert solution.time_correlation is None
+
+
+@pytest.mark.slow
+def test_a_million_observations_take_less_than_300_bytes_each():
+    series = Series(1_000_000, excess_m=0.02, blunders=0.02)
+    tracemalloc.start()
+    solution = solved(series)
+    str(solution)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert solution.converged
+    # Some ten megabytes are the same however many there are.
+    assert most < 300 * 1_000_000
 
 
 SCRIPT = """

@@ -82,17 +82,6 @@ def test_a_row_left_out_may_be_anything(network):
     assert fit(network, holed_m, used=used).chi2 == fit(network, observed_m, used=used).chi2
 
 
-def test_order_of_the_rows_does_not_matter(network):
-    observed_m = errors_m(network)
-    found = fit(network, observed_m)
-    order = np.random.default_rng(3).permutation(len(observed_m))
-    mixed = fit(network.select(order), observed_m[order])
-    np.testing.assert_allclose(mixed.x, found.x, rtol=0.0, atol=1e-6 * found.sigmas.min())
-    np.testing.assert_allclose(mixed.covariance, found.covariance, rtol=0.0, atol=ROUNDING)
-    assert mixed.chi2 == pytest.approx(found.chi2, rel=ROUNDING)
-    np.testing.assert_array_equal(mixed.sigma_m, found.sigma_m[order])
-
-
 def test_parts_of_any_length_give_the_same(network, monkeypatch):
     observed_m = errors_m(network)
     whole = fit(network, observed_m)

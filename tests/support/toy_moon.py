@@ -8,6 +8,7 @@ realistic.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from radioloc.estimation import Parameter, ParameterSet, fit_with_editing
 from radioloc.results import Solution
-from radioloc.results.build import build_solution
+from radioloc.results.build import build_solution, compare_with
 from radioloc.time import Epochs
 
 STATIONS = {"A": (0.57, -1.85), "B": (0.76, 0.12), "C": (0.71, 0.29)}  # latitude, longitude, rad
@@ -93,6 +94,8 @@ def toy_solution(
     bias_sigma_m: float = np.inf,
     parameters: ParameterSet | None = None,
     seed: int = 1,
+    reference_pa_m: NDArray[np.float64] | None = None,
+    reference_name: str = "reference",
     **given: Any,
 ) -> Solution:
     """Solution from made observations of :data:`LANDER_M` with normal noise and no biases."""
@@ -118,4 +121,7 @@ def toy_solution(
         "observed_m": observed_m,
         "name": "toy lander",
     }
-    return build_solution(edited, **(options | given))
+    solution = build_solution(edited, **(options | given))
+    if reference_pa_m is None:
+        return solution
+    return replace(solution, reference=compare_with(solution, reference_pa_m, reference_name))

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from radioloc.boundary import bare_arguments
 from radioloc.dynamics import Orbit
@@ -28,8 +28,7 @@ from radioloc.results.solution import Solution
 from radioloc.results.tables import Located, content_of, position_of
 from radioloc.text_files import to_ascii, write_text
 from radioloc.time import Epochs, epochs_from_strings, to_scale, utc_strings
-
-_Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 _LONGEST_STEP_S = 86400.0  # Polynomials of degree 7 through states a day apart are off by 0.1 mm
 _DEGREE_AT_REST, _DEGREE_OF_ORBIT = 7, 11
@@ -290,7 +289,7 @@ def _metadata(name: str, object_id: str, scale: str) -> dict[str, str]:
 def _segment(
     metadata: Mapping[str, str],
     dates: Sequence[str],
-    states: _Floats,
+    states: Floats,
     degree: int,
     covariance: tuple[str, ArrayLike] | None,
     comment: str | None = None,
@@ -344,7 +343,7 @@ def _epochs(start_utc: str, stop_utc: str, step_s: float) -> Epochs:
     return start[np.zeros(len(offsets_s), dtype=int)].shifted(offsets_s)
 
 
-def _rotation(frame: str, epochs: Epochs) -> _Floats:
+def _rotation(frame: str, epochs: Epochs) -> Floats:
     """From a point at rest in principal axes to its state in the ICRF, shape (n, 6, 3)."""
     orientation = LunarOrientation.open(frame.removeprefix("PA_"))
     angles_rad, rates_rad_s = orientation.angles(to_scale(epochs, "TDB"))
@@ -352,7 +351,7 @@ def _rotation(frame: str, epochs: Epochs) -> _Floats:
     return np.concatenate([np.swapaxes(half, -1, -2) for half in halves], axis=-2)
 
 
-def _covariance_pa_m2(content: Mapping[str, Any]) -> _Floats | None:
+def _covariance_pa_m2(content: Mapping[str, Any]) -> Floats | None:
     """Total covariance of the position in principal axes; None where it is not determined, or held."""
     me, ephemeris = content["position"]["me"], content["position"]["pa"]["frame"].removeprefix("PA_")
     of_enu = np.array(content["covariance"]["enu_m2"], dtype=np.float64)

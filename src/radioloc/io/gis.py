@@ -119,11 +119,9 @@ def _ellipses(content: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _ring(corners_m: NDArray[np.float64], centre_deg: tuple[float, float]) -> list[list[float]]:
-    """Return longitudes and latitudes of a closed ring, each next to the one before, also across 180 degrees.
-
-    A ring around a pole is not closed in longitude and latitude. It is cut at the meridian opposite to the centre and
-    continued along the pole, so that the polygon holds its centre.
-    """
+    """Return longitudes and latitudes of a closed ring, each next to the one before, also across 180 degrees."""
+    # A ring around a pole is not closed in longitude and latitude. It is cut at the meridian opposite to the centre and
+    # continued along the pole, so that the polygon holds its centre.
     longitude_rad, latitude_rad, _ = cartesian_to_selenographic(corners_m)
     longitudes = np.unwrap(np.degrees(longitude_rad), period=360.0)
     longitudes += centre_deg[0] + math.remainder(longitudes[0] - centre_deg[0], 360.0) - longitudes[0]

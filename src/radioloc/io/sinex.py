@@ -15,7 +15,6 @@ from datetime import date
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc._version import __version__
 from radioloc.errors import ConvergenceError, InputError
@@ -23,6 +22,7 @@ from radioloc.lunar.selenographic import cartesian_to_selenographic
 from radioloc.results.solution import Solution
 from radioloc.text_files import to_ascii, write_text
 from radioloc.time import Epochs, utc_strings
+from radioloc.vectors import Floats
 
 _TYPES = {
     "range_bias": ("RBIAS", "m", 1.0),
@@ -174,9 +174,7 @@ def write_sinex(solution: Solution, path: str | Path) -> Path:
 _HEADING = "*INDEX TYPE__ CODE PT SOLN _REF_EPOCH__ UNIT S {} _STD_DEV___"
 
 
-def _covariance(
-    solution: Solution, others: Sequence[int], factors: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _covariance(solution: Solution, others: Sequence[int], factors: Floats) -> Floats:
     """Total covariance of the coordinates of all targets and of other parameters, in the units of the file."""
     positions = [target.position_partials for target in solution.targets or (solution,)]
     transform = np.concatenate([*positions, factors[:, None] * np.eye(len(solution.parameters))[others]])
@@ -201,7 +199,7 @@ def _codes(names: Sequence[str]) -> dict[str, str]:
     return codes
 
 
-def _site(code: str, name: str, position_me_m: NDArray[np.float64] | None) -> str:
+def _site(code: str, name: str, position_me_m: Floats | None) -> str:
     """A line of SITE/ID; the place of a station on Earth is left at zero, which means that it is not given."""
     longitude, latitude, height_m = (0.0, 0.0, 0.0)
     if position_me_m is not None:

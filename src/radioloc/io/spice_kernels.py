@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.constants import J2000_JD, SECONDS_PER_DAY
@@ -24,6 +23,7 @@ from radioloc.errors import InputError
 from radioloc.kernels.spice_calls import short_folder, spice_message, spice_path
 from radioloc.results.tables import Located, content_of, position_of
 from radioloc.text_files import replaced_file, require_ending, to_ascii
+from radioloc.vectors import Floats
 
 FIRST_SITE = 301001
 """NAIF code of a first site on the Moon, as its ground sites of the Earth begin with 399001."""
@@ -38,8 +38,6 @@ _MAX_FRAME_NAME = 21  # SPICE's variable FRAME_name_TOPO has at most 32 characte
 M_PER_KM = 1000.0
 _DEGREE = 11
 _LONGEST_STEP_S = 600.0
-
-_Floats = NDArray[np.float64]
 
 
 def write_spice(solution: Located, path: str | Path, *, code: int = FIRST_SITE) -> tuple[Path, Path]:
@@ -235,7 +233,7 @@ def _new_spk(path: str | Path) -> Iterator[int]:
         shutil.copyfile(made, temporary)
 
 
-def orbit_parts(orbit: Orbit | Sequence[Orbit], step_s: float) -> Iterator[tuple[Orbit, _Floats]]:
+def orbit_parts(orbit: Orbit | Sequence[Orbit], step_s: float) -> Iterator[tuple[Orbit, Floats]]:
     """Each part without a jump, and equally spaced times in it from its epoch, both ends included."""
     if not 0.0 < step_s <= _LONGEST_STEP_S:
         raise InputError(f"step {step_s!r} s is not more than 0 and at most {_LONGEST_STEP_S:.0f} s")
@@ -248,6 +246,6 @@ def orbit_parts(orbit: Orbit | Sequence[Orbit], step_s: float) -> Iterator[tuple
             )
 
 
-def states_km(orbit: Orbit, times_s: _Floats) -> _Floats:
+def states_km(orbit: Orbit, times_s: Floats) -> Floats:
     """States at times from the orbit's epoch, km and km/s, shape (n, 6)."""
     return np.hstack(orbit.states(orbit.epoch.shifted(times_s))) / M_PER_KM

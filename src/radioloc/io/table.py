@@ -274,20 +274,8 @@ def write_ramps(path: str | Path, ramps: Ramps) -> None:
     >>> read_ramps(path)
     <Ramps 1 of KASHI>
     """
-    columns = {
-        "station": Labels(ramps.station, ramps.stations),
-        "start_utc": ramps.start_utc,
-        "stop_utc": ramps.stop_utc,
-        "frequency_hz": ramps.frequency_hz,
-        "rate_hz_s": ramps.rate_hz_s,
-    }
-    write_csv(path, batches_of(columns))
-
-
-def _is_content(line: str) -> bool:
-    """Whether a line is neither blank nor a comment."""
-    stripped = line.strip()
-    return bool(stripped) and not stripped.startswith("#")
+    columns = {name: getattr(ramps, name) for name in RAMP_COLUMNS}
+    write_csv(path, batches_of(columns | {"station": Labels(ramps.station, ramps.stations)}))
 
 
 def _from_blocks(
@@ -338,7 +326,7 @@ def _content(block: bytes, first_line: int) -> tuple[bytes, NDArray[np.int32]]:
     if ((begins > _HASH) & (begins < _DELETE)).all():
         return block, numbers
     lines = block.split(b"\n")[:-1]
-    kept = np.array([_is_content(line.decode()) for line in lines])
+    kept = np.array([line.decode().strip()[:1] not in ("", "#") for line in lines])
     return b"".join(line + b"\n" for line, keep in zip(lines, kept, strict=True) if keep), numbers[kept]
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.estimation.consider import by_source
 from radioloc.estimation.orbit_state import EAST_NORTH_UP
@@ -20,12 +19,12 @@ from radioloc.report.figures import (
 )
 from radioloc.results.cards import metres
 from radioloc.results.solution import Level, Solution
+from radioloc.vectors import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_Floats = NDArray[np.float64]
 
 _MOST_CORRELATED = 40
 _NUMBERS_UP_TO = 12  # parameters, with numbers in the cells of the matrix
@@ -77,7 +76,7 @@ def plot_correlations(solution: Solution, ax: Axes | None = None) -> Figure:
         raise NothingToDrawError(
             "fewer than two parameters are estimated and determined, so there is no correlation"
         )
-    chosen = sorted([*everything][:_MOST_CORRELATED])
+    chosen = sorted(everything[:_MOST_CORRELATED])
     names = [solution.parameters.names[k] for k in chosen]
     total, without = (_covariance(solution, chosen, level) for level in ("total", "scaled"))
     coefficients = np.tril(_correlation(total)) + np.triu(_correlation(without), 1)
@@ -100,22 +99,21 @@ def plot_correlations(solution: Solution, ax: Axes | None = None) -> Figure:
     return axes.figure.figure
 
 
-def _determined(solution: Solution) -> dict[int, float]:
-    """Places of the parameters that are estimated and determined, and their correlation with the position."""
+def _determined(solution: Solution) -> list[int]:
+    """Places of the parameters that are estimated and determined."""
     # Those first that it is correlated with most; its own, before them, have 2.
     variances = np.diag(solution.covariance)
     usable = np.flatnonzero(solution.parameters.free & np.isfinite(variances) & (variances > 0.0))
     own = solution.position_partials[:, usable].any(axis=0)
     correlation = np.abs(_correlation(_covariance(solution, usable.tolist())))
     shared = np.where(own, 2.0, correlation[:, own].max(axis=1, initial=0.0))
-    order = np.argsort(-shared, kind="stable")
-    return dict(zip(usable[order].tolist(), shared[order].tolist(), strict=True))
+    return list(usable[np.argsort(-shared, kind="stable")].tolist())
 
 
-def _correlation(covariance: _Floats) -> _Floats:
+def _correlation(covariance: Floats) -> Floats:
     sigmas = np.sqrt(np.diag(covariance))
     return np.asarray(covariance / sigmas / sigmas[:, None])
 
 
-def _covariance(solution: Solution, chosen: list[int], level: Level = "total") -> _Floats:
+def _covariance(solution: Solution, chosen: list[int], level: Level = "total") -> Floats:
     return solution.parameter_covariance(level)[np.ix_(chosen, chosen)]

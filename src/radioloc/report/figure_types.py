@@ -23,7 +23,6 @@ from radioloc.results.cards import BUDGET, OBSERVABILITY, POSITION, RESIDUALS, R
 from radioloc.results.registry import result_type
 from radioloc.results.result import Result
 from radioloc.results.solution import Solution
-from radioloc.results.subsets import ArcStudy
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -131,10 +130,6 @@ def _draw_residuals(solution: Solution, ax: Axes | None = None) -> Figure:
     return (plot_links if apart else plot_residuals)(solution, ax=ax)
 
 
-def _draw_arcs(study: ArcStudy, ax: Axes | None = None) -> Iterator[Figure]:
-    return (plot_arcs(one, ax) for one in study.by_target)
-
-
 def _draw_map(result: Result, ax: Axes | None = None) -> Figure | None:
     positions = [one.to_dict() | {"name": name} for name, one in result.positions().items()]
     return plot_map(positions, ax=ax) if positions else None
@@ -161,7 +156,7 @@ FIGURES = registry(
         FigureType("terms", lambda _, ax=None: None, "what each term of the model adds over time", RESIDUALS),
         FigureType(
             "arcs",
-            _draw_arcs,
+            lambda study, ax=None: (plot_arcs(one, ax) for one in study.by_target),
             "positions of the arcs with ellipses of 95 %, and each coordinate by the length of the arc",
         ),
         FigureType("budget", plot_budget, "sigmas east, north and up by source of error", BUDGET),

@@ -22,13 +22,13 @@ from radioloc.constants import UNIX_JD
 from radioloc.errors import FontWarning, InputError, visible
 from radioloc.text_files import replaced_file
 from radioloc.time import Epochs
+from radioloc.vectors import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
     from matplotlib.legend import Legend
 
-_Floats = NDArray[np.float64]
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
@@ -188,7 +188,7 @@ def style_axes(axes: Axes) -> None:
     axes.yaxis.label.set_fontsize(9)
 
 
-def draw_square(axes: Axes, centre_m: _Floats | Sequence[float], reach_m: float, origin: str) -> float:
+def draw_square(axes: Axes, centre_m: Floats | Sequence[float], reach_m: float, origin: str) -> float:
     """A square east and north of an origin, so far from its centre; the factor from metres to its unit."""
     factor, unit = length_unit(reach_m)
     style_axes(axes)
@@ -202,8 +202,8 @@ def draw_square(axes: Axes, centre_m: _Floats | Sequence[float], reach_m: float,
 
 def draw_ellipse(
     axes: Axes,
-    centre_m: Sequence[float] | _Floats,
-    covariance_m2: _Floats,
+    centre_m: Sequence[float] | Floats,
+    covariance_m2: Floats,
     scale: float,
     factor: float,
     **style: Any,

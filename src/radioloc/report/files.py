@@ -171,9 +171,7 @@ def write_content(path: Path, content: Content) -> None:
 
 
 def _write_orbit(content: OrbitFile, path: Path) -> None:
-    message: dict[str, Any] = {"originator": "radioloc"}
-    if content.covariance is not None:
-        message["covariance"] = content.covariance
+    message: dict[str, Any] = {"originator": "radioloc", "covariance": content.covariance}
     if path.suffix == ".bsp":
         write_orbit_spk(content.orbit, path, body=content.body)
     elif path.suffix == ".oem":

@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_Floats = NDArray[np.float64]
 
 _PIXELS = 600
 _SHADES = (3.0, 0.10, ""), (1.0, 0.25, "")  # ellipses of so many sigmas: how opaque they are, no labels

@@ -32,11 +32,6 @@ class _Section:
     details: list[Detail] = field(default_factory=list)
 
     @property
-    def is_empty(self) -> bool:
-        """Whether there is nothing in it."""
-        return not (self.images or self.fields or self.details)
-
-    @property
     def anchor(self) -> str:
         """Target of links within the page."""
         return self.title.lower().replace(" ", "-")
@@ -64,14 +59,7 @@ def write_html(result: Result, path: str | Path) -> None:
     >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
     >>> radioloc.report.write_html(solution, "apollo15.html")
     """
-    require_page()
-    drawn = {
-        stem: png_of(figure, DPI)
-        for figure_type in figures_of(result)
-        if not figure_type.page_only
-        for stem, figure in figure_type.drawn(result)
-    }
-    write_page(result, drawn, path)
+    write_page(result, {}, path)
 
 
 def require_page() -> ModuleType:
@@ -80,7 +68,7 @@ def require_page() -> ModuleType:
 
 
 def write_page(result: Result, figures: Mapping[str, Path | BytesIO], path: str | Path) -> None:
-    """As :func:`write_html`, with the result's figures as PNG."""
+    """As :func:`write_html`, with PNG files of those of the result's figures that are drawn already."""
     jinja2 = require_page()
     title = visible(str(getattr(result, "name", "Comparison")))
     sections = _sections(result, title, figures)
@@ -117,21 +105,18 @@ def _sections(result: Result, name: str, figures: Mapping[str, Path | BytesIO]) 
         except InputError as error:
             section.fields.append(Field(figure_type.name, (f"not drawn: {error}",)))
     for detail in card.details:
-        if not detail.is_empty:
+        if not all(item.is_empty for item in detail.fields):
             sections[detail.section].details.append(detail)
-    return [section for section in sections.values() if not section.is_empty]
+    return [section for section in sections.values() if section.images or section.fields or section.details]
 
 
 def _pngs(
     figure_type: FigureType, result: Result, figures: Mapping[str, Path | BytesIO]
 ) -> Iterator[Path | BytesIO]:
-    """Yield the pictures of a figure: those given by their file names, or drawn if the page alone shows them."""
+    """Yield the pictures of a figure: those given by their file names, or else drawn."""
     pattern = re.compile(rf"{figure_type.stem}(_\d+)?")
     given = [png for stem, png in figures.items() if pattern.fullmatch(stem)]
-    if given or not figure_type.page_only:
-        yield from given
-    else:
-        yield from (png_of(figure, DPI) for _, figure in figure_type.drawn(result))
+    yield from given or (png_of(figure, DPI) for _, figure in figure_type.drawn(result))
 
 
 def _image(png: Path | BytesIO) -> dict[str, Any]:

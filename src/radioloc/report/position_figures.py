@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from radioloc.boundary import bare_arguments
 from radioloc.estimation.combination import ReferenceComparison, rotated_covariance
@@ -34,12 +34,12 @@ from radioloc.results.monte_carlo import NORMAL_95
 from radioloc.results.solution import Solution
 from radioloc.results.subsets import ArcStudy
 from radioloc.results.tables import PositionRow
+from radioloc.vectors import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_Floats = NDArray[np.float64]
 
 _MARKERS = {"tracking": "o", "images": "^", "image_point": "v", "stereo": "D", "joint": "s"}
 _OF_REFERENCES = "+xsDo^"
@@ -62,11 +62,11 @@ def _marker_style(method: str, number: int) -> dict[str, Any]:
 def draw_place(
     axes: Axes,
     factor: float,
-    place_m: _Floats,
+    place_m: Floats,
     name: str,
     method: str,
     number: int,
-    covariance_m2: _Floats | None = None,
+    covariance_m2: Floats | None = None,
     shades: Sequence[tuple[float, float, str]] = (),
 ) -> None:
     """Mark a position, with its error ellipses: by how many sigmas they are, how opaque, and their labels."""
@@ -78,7 +78,7 @@ def draw_place(
     axes.plot(*(factor * np.asarray(place_m)), label=name, zorder=3, **style)
 
 
-def _square_around(axes: Axes, corners_m: _Floats, origin: str) -> float:
+def _square_around(axes: Axes, corners_m: Floats, origin: str) -> float:
     """A square with room around the corners, shape (n, 2)."""
     lowest_m, highest_m = corners_m.min(axis=0), corners_m.max(axis=0)
     reach_m = 0.58 * float((highest_m - lowest_m).max()) or 1.0
@@ -178,7 +178,7 @@ def plot_comparison(comparison: Comparison, ax: Axes | None = None) -> Figure:
 
 
 def _draw_rows(
-    axes: Axes, rows: Sequence[PositionRow], covariances_m2: Sequence[_Floats | None], benchmark: str
+    axes: Axes, rows: Sequence[PositionRow], covariances_m2: Sequence[Floats | None], benchmark: str
 ) -> None:
     """Positions about the benchmark, and the ellipses of 95 % of those that have a covariance."""
     at_m = np.array([_offset_m(row)[:2] for row in rows])
@@ -193,7 +193,7 @@ def _draw_rows(
     axes.set_title("ellipses of 95 %", fontsize=8, color="0.3")
 
 
-def _covariance_about(origin_m: _Floats, solution: Solution) -> _Floats:
+def _covariance_about(origin_m: Floats, solution: Solution) -> Floats:
     """Covariance in the east and north of another point, mean-Earth axes, which near a pole are other directions."""
     rotation = rot_enu_between(solution.position_me_m, origin_m)
     return rotated_covariance(rotation, solution.position_covariance("enu"))[:2, :2]

@@ -41,12 +41,12 @@ from radioloc.report.residual_panels import (
 )
 from radioloc.results.cards import short_names
 from radioloc.results.solution import Solution
+from radioloc.vectors import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_Floats = NDArray[np.float64]
 MOST_LINKS = 30
 ENVELOPE_NOTE = (
     f"bars: minimum to maximum in 1/{BINS} of the time; dark: mean \N{PLUS-MINUS SIGN} standard deviation"
@@ -237,9 +237,7 @@ def _draw(
         axes.legend(handles=handles, loc="lower right", ncols=len(handles), **style)
 
 
-def draw_envelope(
-    axes: Axes, dates: Dates, values: _Floats, limits: Limits, *, color: str, label: str
-) -> Any:
+def draw_envelope(axes: Axes, dates: Dates, values: Floats, limits: Limits, *, color: str, label: str) -> Any:
     """Draw the envelope of many points and return the handle for a legend."""
     middle, lowest, highest, mean, deviation = envelope_of(dates, values, limits)
     # Side by side: as wide as a bin, in points of 1/72 inch; an image, so that vector files stay small.
@@ -254,7 +252,7 @@ def draw_envelope(
 def _draw_left_out(
     axes: Axes,
     dates: Dates,
-    values: _Floats,
+    values: Floats,
     middle: float,
     half_height: float,
     size: float,
@@ -276,15 +274,13 @@ def _draw_left_out(
     return handles
 
 
-def _bars(dates: Dates, low: _Floats, high: _Floats) -> tuple[Dates, _Floats]:
+def _bars(dates: Dates, low: Floats, high: Floats) -> tuple[Dates, Floats]:
     """Upright bars as one line with gaps, which is drawn many times as quickly as a line each."""
     return np.repeat(dates, 3), np.stack([low, high, np.full(len(low), np.nan)], axis=-1).ravel()
 
 
 @draws_names_literally
-def plot_terms(
-    terms: Mapping[str, NDArray[np.float64]], observations: Observations, ax: Axes | None = None
-) -> Figure:
+def plot_terms(terms: Mapping[str, Floats], observations: Observations, ax: Axes | None = None) -> Figure:
     """Draw what each term adds to the computed values over time, a panel for each term.
 
     Parameters

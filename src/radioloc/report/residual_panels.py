@@ -19,6 +19,7 @@ from radioloc.measurements.link import Link
 from radioloc.measurements.registry import KINDS
 from radioloc.results.cards import ways
 from radioloc.results.solution import Solution
+from radioloc.vectors import Floats
 
 Dates = NDArray[np.datetime64]
 Limits = tuple[np.datetime64, np.datetime64]
@@ -142,13 +143,13 @@ class Envelope(NamedTuple):
     """Values in each bin of time that has any: its middle, and their range, mean and deviation."""
 
     middle: Dates
-    lowest: NDArray[np.float64]
-    highest: NDArray[np.float64]
-    mean: NDArray[np.float64]
-    deviation: NDArray[np.float64]
+    lowest: Floats
+    highest: Floats
+    mean: Floats
+    deviation: Floats
 
 
-def envelope_of(dates: Dates, values: NDArray[np.float64], limits: Limits) -> Envelope:
+def envelope_of(dates: Dates, values: Floats, limits: Limits) -> Envelope:
     """Put many values into bins of time."""
     place = bin_of(dates, limits)
     count = np.bincount(place, minlength=BINS)

@@ -6,7 +6,6 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.estimation.orbit_state import RTN
@@ -29,12 +28,12 @@ from radioloc.results.cards import metres
 from radioloc.results.covariance import CovarianceStudy
 from radioloc.results.monte_carlo import MonteCarlo
 from radioloc.time import utc_strings
+from radioloc.vectors import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_Floats = NDArray[np.float64]
 _MOST_PANELS = 12
 _DRAWN, _MOST_LINES = 600, 4
 """Epochs of an orbit in a figure, and lengths of its tracking, the longest."""
@@ -111,7 +110,7 @@ def plot_error_by_length(study: MonteCarlo, ax: Axes | None = None) -> Figure:
     return axes.figure.figure
 
 
-def _reach_m(error_m: _Floats, claimed_m2: _Floats) -> float:
+def _reach_m(error_m: Floats, claimed_m2: Floats) -> float:
     """Half the width of a square about the truth that holds all but a few of the trials, and the ellipse."""
     most_m = float(np.quantile(np.abs(error_m), 0.998, axis=0).max())
     return 1.1 * max(most_m, SCALE_95 * float(np.sqrt(np.diag(claimed_m2).max())))

@@ -24,6 +24,7 @@ from radioloc.lunar.local import local_difference
 from radioloc.lunar.selenographic import cartesian_to_selenographic
 from radioloc.results.solution import Solution
 from radioloc.time import Epochs
+from radioloc.vectors import Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,11 +42,9 @@ def build_solution(
     station: Labels | Sequence[str] | NDArray[np.str_],
     path: Labels | Sequence[str] | NDArray[np.str_],
     type: Labels | Sequence[str] | NDArray[np.str_],
-    observed_m: NDArray[np.float64],
-    elevation_deg: NDArray[np.float64] | None = None,
-    count_s: NDArray[np.float64] | None = None,
-    reference_pa_m: ArrayLike | None = None,
-    reference_name: str = "reference",
+    observed_m: Floats,
+    elevation_deg: Floats | None = None,
+    count_s: Floats | None = None,
     considered: ConsideredErrors | None = None,
     doubts: Sequence[Doubt] = (),
     order: SeriesOrder | None = None,
@@ -109,9 +108,7 @@ def build_solution(
         by_parameters = None if solution.trajectory is not None else solution.enu_by_parameters
         found = assess_consistency(edited, order, correlation, epoch_utc, by_parameters, considered)
         solution = replace(solution, consistency=found)
-    if reference_pa_m is None:
-        return solution
-    return replace(solution, reference=compare_with(solution, reference_pa_m, reference_name))
+    return solution
 
 
 def compare_with(

@@ -104,11 +104,6 @@ class Detail:
     fields: Sequence[Field]
     is_open: bool = False
 
-    @property
-    def is_empty(self) -> bool:
-        """Whether all fields are."""
-        return all(field.is_empty for field in self.fields)
-
     def html(self) -> str:
         """Render as an element that unfolds."""
         if len(self.fields) > 1:

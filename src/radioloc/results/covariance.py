@@ -11,11 +11,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.estimation.consider import NOISE, ErrorSource, by_source
 from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL, EAST_NORTH_UP, RTN, OrbitState
@@ -23,8 +22,8 @@ from radioloc.estimation.statistics import finite_or_none
 from radioloc.results.cards import Card, Field, metres, table
 from radioloc.results.result import Content, Result
 from radioloc.time import utc_strings
+from radioloc.vectors import Floats
 
-_Floats = NDArray[np.float64]
 _DIRECTIONS = np.linspace(0.0, np.pi, 721)[:-1]
 _MOST_SOURCES, _MOST_GAINS = 8, 12
 _FILE = "covariance.json"
@@ -32,7 +31,7 @@ _WORTH = 0.005
 """Part of the 95 % radius below which a gain is not shown on the card."""
 
 
-def radius_95_m(covariance_m2: _Floats) -> float:
+def radius_95_m(covariance_m2: Floats) -> float:
     """Radius of the circle that holds 95 % of a plane normal distribution, m; infinite where that is."""
     if not np.isfinite(covariance_m2).all():
         return math.inf
@@ -72,14 +71,14 @@ class PlannedArc:
         return bool(self.sources)
 
     @property
-    def covariance_m2(self) -> _Floats:
+    def covariance_m2(self) -> Floats:
         """By the axes, shape (3, 3); infinite where not determined."""
         if not self.sources:
             return np.full((3, 3), np.inf)
         return np.asarray(sum(source.covariance_m2 for source in self.sources))
 
     @property
-    def sigma_m(self) -> _Floats:
+    def sigma_m(self) -> Floats:
         """Standard deviations by the axes, shape (3,)."""
         return np.sqrt(np.diag(self.covariance_m2))
 
@@ -94,7 +93,7 @@ class PlannedArc:
             sum((s.covariance_m2 for s in self.sources if s not in sources), np.zeros((3, 3)))[:2, :2]
         )
 
-    def by_source(self) -> dict[str, _Floats]:
+    def by_source(self) -> dict[str, Floats]:
         """Variances by the axes of the sources, all of one kind together, shape (3,)."""
         wholes = {whole.source: np.diag(whole.covariance_m2) for whole in by_source(self.sources)}
         return dict(sorted(wholes.items(), key=lambda item: -float(item[1][:2].sum())))
@@ -177,7 +176,7 @@ class CovarianceStudy(Result):
                 for share in self.shares
             ],
             "gains": [
-                {"what": gain.what, "radius_95_m": finite_or_none(gain.radius_95_m)} for gain in self.gains
+                asdict(gain) | {"radius_95_m": finite_or_none(gain.radius_95_m)} for gain in self.gains
             ],
             "notes": list(self.notes),
         }

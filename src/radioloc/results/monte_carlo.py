@@ -17,9 +17,8 @@ from radioloc.results.cards import Card, Field, metres, plural
 from radioloc.results.result import Content, Result, Table
 from radioloc.tables import TableForm, as_table
 from radioloc.units import ASTROPY_UNITS, unit_of
+from radioloc.vectors import Floats
 
-_Floats = NDArray[np.float64]
-_Three = tuple[float, ...]
 _MAX_PARAMETERS = 8
 NORMAL_95, CHI2_2_95, CHI2_6_95 = 1.959963984540054, 5.991464547107979, 12.591587243743977
 """Quantile of 97.5 % of the normal distribution; of 95 % of chi-square of two and of six degrees of freedom."""
@@ -78,9 +77,11 @@ class ArcSummary:
     span_h: float
     trials: int
     converged: int
-    mean_m: _Three  # position less truth by the axes, as the next two; the claimed sigma is the median
-    rms_m: _Three
-    sigma_m: _Three
+    mean_m: tuple[
+        float, ...
+    ]  # position less truth by the axes, as the next two; the claimed sigma is the median
+    rms_m: tuple[float, ...]
+    sigma_m: tuple[float, ...]
     rms_horizontal_m: float
     radius_68_m: float  # horizontal distance from the truth that 68 % are within; of 95 % likewise
     radius_95_m: float
@@ -146,13 +147,13 @@ class MonteCarlo(Result):
     hours: tuple[float, ...]
     span_h: tuple[float, ...]
     columns: tuple[str, ...]
-    values: _Floats
+    values: Floats
     linear: bool
     proof: Proof | None
     drawn: tuple[str, ...]
     at_h: tuple[float, ...] = ()
 
-    def __getitem__(self, column: str) -> _Floats:
+    def __getitem__(self, column: str) -> Floats:
         """One column of all trials and arcs, shape (trials, arcs).
 
         Raises
@@ -175,12 +176,12 @@ class MonteCarlo(Result):
         return bool((self["converged"] == 1.0).all())
 
     @property
-    def errors_m(self) -> _Floats:
+    def errors_m(self) -> Floats:
         """Position less truth by the axes, shape (trials, arcs, 3)."""
         return np.stack([self[f"{side}_m"] for side in self.sides], axis=-1)
 
     @property
-    def sigmas_m(self) -> _Floats:
+    def sigmas_m(self) -> Floats:
         """Claimed sigmas of the position by the axes, shape (trials, arcs, 3)."""
         return np.stack([self[f"sigma_{side}_m"] for side in self.sides], axis=-1)
 
@@ -410,11 +411,11 @@ def binomial_bounds(n: int, probability: float) -> tuple[float, float]:
     return low / n, min(high, n) / n
 
 
-def _rms(values: _Floats) -> float:
+def _rms(values: Floats) -> float:
     return float(np.sqrt((values**2).mean()))
 
 
-def _nees(values: _Floats, dimension: int) -> Nees:
+def _nees(values: Floats, dimension: int) -> Nees:
     from scipy.special import chdtri
 
     dof = dimension * len(values)

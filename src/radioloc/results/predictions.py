@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.estimation.statistics import finite_or_none
 from radioloc.labels import Labels
 from radioloc.results.cards import Card, Field, more, plural
 from radioloc.results.result import Result
@@ -103,26 +104,18 @@ class LightTimes(Result):
     @property
     def decimals(self) -> dict[str, int]:
         """Decimals of the columns of numbers in a file."""
-        return {name: _decimals(name) for name in self.columns}
+        # Of two units that a name ends in, such as s and m_s, the later applies.
+        units = _DECIMALS.items()
+        return {name: n for unit, n in units for name in self.columns if name.endswith(f"_{unit}")}
 
     def to_dict(self) -> dict[str, Any]:
         """All of it, in types that JSON has: columns as lists, ``None`` where there is no number."""
-        columns = {
-            name: [None if np.isnan(value) else value for value in column.tolist()]
-            for name, column in self.columns.items()
-        }
-        return {
-            "name": self.name,
-            "start_utc": self.start_utc,
-            "stop_utc": self.stop_utc,
-            "unseen": self.unseen,
-            "frequency_hz": self.frequency_hz,
-            "columns": {
-                "epoch_utc": utc_strings(self.epoch, 3).tolist(),
-                "path": self.path[:].tolist(),
-                **columns,
-                "status": self.status[:].tolist(),
-            },
+        columns = {name: [*map(finite_or_none, column)] for name, column in self.columns.items()}
+        named = ("name", "start_utc", "stop_utc", "unseen", "frequency_hz")
+        texts = {"path": self.path[:].tolist(), "status": self.status[:].tolist()}
+        dates = {"epoch_utc": utc_strings(self.epoch, 3).tolist()}
+        return {key: getattr(self, key) for key in named} | {
+            "columns": {name: (dates | texts | columns)[name] for name in self.named_columns()}
         }
 
     def card(self) -> Card:
@@ -155,10 +148,6 @@ class LightTimes(Result):
             cells = zip(dates, *columns, strict=True)
             if len(rows):
                 yield Field("", [text], heading, cells, more(len(rows), len(first), _WHERE))
-
-
-def _decimals(name: str) -> int:
-    return next(digits for unit, digits in reversed(_DECIMALS.items()) if name.endswith(f"_{unit}"))
 
 
 @dataclass(frozen=True, slots=True)

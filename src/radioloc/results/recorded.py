@@ -58,35 +58,29 @@ def _fail(where: str, expected: str, value: Any) -> NoReturn:
     raise InputError(f"{where or 'top level'}: expected {expected}, got {got}; make the file again")
 
 
-def _number(low: float = -math.inf, high: float = math.inf) -> Check:
-    bounds = (
-        ""
-        if math.isinf(low)
-        else f" of at least {low:g}"
-        if math.isinf(high)
-        else f" from {low:g} to {high:g}"
-    )
-
+def _required(is_valid: Callable[[Any], bool], expected: str) -> Check:
     def check(value: Any, where: str) -> None:
-        is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-        # Comparison, unlike conversion, is defined for integers of any length.
-        if not is_number or not low <= value <= high or not -1e300 < value < 1e300:
-            _fail(where, f"a number{bounds}", value)
+        if not is_valid(value):
+            _fail(where, expected, value)
 
     return check
+
+
+def _number(low: float = -math.inf, high: float = math.inf) -> Check:
+    bounds = f" of at least {low:g}" if math.isinf(high) else f" from {low:g} to {high:g}"
+
+    def is_valid(value: Any) -> bool:
+        is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+        # Comparison, unlike conversion, is defined for integers of any length.
+        return is_number and low <= value <= high and -1e300 < value < 1e300
+
+    return _required(is_valid, f"a number{'' if math.isinf(low) else bounds}")
 
 
 def _text(pattern: str = r".+", meaning: str = "a text") -> Check:
-    def check(value: Any, where: str) -> None:
-        if not isinstance(value, str) or not re.fullmatch(pattern, value, re.DOTALL):
-            _fail(where, meaning, value)
-
-    return check
-
-
-def _truth(value: Any, where: str) -> None:
-    if not isinstance(value, bool):
-        _fail(where, "true or false", value)
+    return _required(
+        lambda value: isinstance(value, str) and bool(re.fullmatch(pattern, value, re.DOTALL)), meaning
+    )
 
 
 def _utc(value: Any, where: str) -> None:
@@ -200,6 +194,7 @@ def _require_spans_and_terrain(value: Mapping[str, Any]) -> None:
 
 _SIGMAS = ("east_m", "north_m", "up_m")
 _ANY_NUMBER = _number()
+_TRUTH = _required(lambda value: isinstance(value, bool), "true or false")
 _COUNT = _number(0)
 _METRES = _number(-MAX_COORDINATE_M, MAX_COORDINATE_M)
 _SIGMA = _or_none(_number(0.0))
@@ -209,16 +204,11 @@ _GEOGRAPHIC: dict[str, Check] = {
     "latitude_deg": _number(-90.0, 90.0),
     "height_m": _METRES,
 }
+_PLACE = _GEOGRAPHIC | _XYZ
 _POSITION = _record(
     {
-        "pa": _record({"frame": _text(r"PA_[A-Za-z0-9_.-]+", "principal axes, such as PA_DE421"), **_XYZ}),
-        "me": _record(
-            {
-                "frame": _text(r"ME_[A-Za-z0-9_.-]+", "mean-Earth axes, such as ME_DE421"),
-                **_GEOGRAPHIC,
-                **_XYZ,
-            }
-        ),
+        "pa": _record({"frame": _text(r"PA_[A-Za-z0-9_.-]+", "principal axes, such as PA_DE421")} | _XYZ),
+        "me": _record({"frame": _text(r"ME_[A-Za-z0-9_.-]+", "mean-Earth axes, such as ME_DE421")} | _PLACE),
     }
 )
 _SIGMA_ENU = _record(dict.fromkeys(_SIGMAS, _SIGMA))
@@ -238,26 +228,17 @@ _REFERENCE = _record(
     | dict.fromkeys(("east_sigmas", "north_sigmas", "up_sigmas", "combined_sigmas"), _or_none(_ANY_NUMBER)),
 )
 _PARAMETER = _record(
-    {
-        "name": _text(),
-        "unit": _text(),
-        "value": _ANY_NUMBER,
-        "sigma": _SIGMA,
-        "total_sigma": _SIGMA,
-        "fixed": _truth,
-    }
+    dict.fromkeys(("name", "unit"), _text())
+    | dict.fromkeys(("sigma", "total_sigma"), _SIGMA)
+    | {"value": _ANY_NUMBER, "fixed": _TRUTH}
 )
-_INPUT = _record({"file": _text(), "sha256": _or_none(_text(r"[0-9a-f]{64}", "64 hexadecimal digits"))})
+_SHA256 = _text(r"[0-9a-f]{64}", "64 hexadecimal digits")
+_FILE: dict[str, Check] = {"file": _text(), "sha256": _or_none(_SHA256)}
 _STUDY = _record(
-    {
-        "file": _text(),
-        "sha256": _or_none(_text(r"[0-9a-f]{64}", "64 hexadecimal digits")),
-        "inputs": _list(_INPUT),
-    },
+    _FILE | {"inputs": _list(_record(_FILE))},
     {"hours": _or_none(_number(0.0)), "settings": _mapping(_text())},
 )
-_HASHED_FILE = _record({"sha256": _text(r"[0-9a-f]{64}", "64 hexadecimal digits")})
-_HEIGHT_PRIOR = _record({"sigma_m": _number(0.0)}, {"dem": _list(_HASHED_FILE)})
+_HEIGHT_PRIOR = _record({"sigma_m": _number(0.0)}, {"dem": _list(_record({"sha256": _SHA256}))})
 _PROVENANCE = _record(
     {},
     {
@@ -275,19 +256,14 @@ _PRIOR = _record(
 )
 _CONSIDERED = _list(_record({"name": _text()}, {"position_enu_m": _list(_METRES, 3), **_SPAN}))
 _SERIES = _record(
-    {
-        "path": _text(),
-        "type": _text(),
-        "count_s": _or_none(_number(0.0)),
-        "sigma_m": _number(0.0),
-        "utc_s": _list(_ANY_NUMBER),
-        "observed_m": _list(_ANY_NUMBER),
-    }
+    dict.fromkeys(("path", "type"), _text())
+    | dict.fromkeys(("utc_s", "observed_m"), _list(_ANY_NUMBER))
+    | {"count_s": _SIGMA, "sigma_m": _number(0.0)}
 )
 _SOLUTION = _record(
     {
         "name": _text(r".*"),
-        "converged": _truth,
+        "converged": _TRUTH,
         **_LOCATED,
         "fit": _record(
             {"used": _COUNT, "rejected": _COUNT},
@@ -323,15 +299,13 @@ def _reference_has_place(value: Any, where: str) -> None:
 _ROW = _all(_record({"name": _text(), "method": _text()}, _ROW_PLACE), _reference_has_place)
 
 
-def _at_least_one(value: Any, where: str) -> None:
-    if not value:
-        _fail(where, "at least one item", value)
-
-
 _ARCS = _record(
     {
         "name": _text(),
         "positions": _list(_ROW),
-        "arcs": _all(_list(_record({"hours": _number(0.0), "solution": _SOLUTION})), _at_least_one),
+        "arcs": _all(
+            _list(_record({"hours": _number(0.0), "solution": _SOLUTION})),
+            _required(bool, "at least one item"),
+        ),
     }
 )

@@ -25,7 +25,7 @@ from radioloc.estimation.consistency import Consistency
 from radioloc.estimation.gauss_markov import SeriesWeight, TimeCorrelation
 from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.observability import Observability
-from radioloc.estimation.orbit_state import OrbitState
+from radioloc.estimation.orbit_state import EAST_NORTH_UP, OrbitState
 from radioloc.estimation.shared_observations import sample_of
 from radioloc.estimation.statistics import (
     FitStatistics,
@@ -40,14 +40,10 @@ from radioloc.results.cards import Card
 from radioloc.results.result import Content, OrbitFile, Result
 from radioloc.results.tables import residual_table
 from radioloc.tables import TableForm, as_table
-
-_Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 Axes = Literal["enu", "pa", "me", "geographic"]
 Level = Literal["total", "scaled", "formal"]
-_ENU = ("east", "north", "up")
-
-
 ORBIT_FILES = ("orbit.bsp", "orbit.oem", "orbit.opm")
 """Names of the files of an orbit that was determined."""
 
@@ -63,8 +59,8 @@ class TargetPosition:
     """One of several targets: its name, its position (3,), m, and d(position)/d(parameter) (3, p), principal axes."""
 
     name: str
-    position_pa_m: _Floats
-    position_partials: _Floats
+    position_pa_m: Floats
+    position_partials: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,20 +139,20 @@ class Solution(Result):
     status: FitStatus
     message: str
     parameters: ParameterSet
-    values: _Floats
-    formal_covariance: _Floats
-    covariance: _Floats
+    values: Floats
+    formal_covariance: Floats
+    covariance: Floats
     noise_scale: float
     pa_frame: str
     me_frame: str
-    position_pa_m: _Floats
-    position_partials: _Floats
-    rot_pa_to_me: _Floats
+    position_pa_m: Floats
+    position_partials: Floats
+    rot_pa_to_me: Floats
     fit: FitStatistics
     residuals: Residuals
     observability: Observability
     name: str = "solution"
-    ephemeris_sigma_enu_m: _Floats = field(default_factory=lambda: np.zeros(3))
+    ephemeris_sigma_enu_m: Floats = field(default_factory=lambda: np.zeros(3))
     time_correlation: TimeCorrelation | None = None
     series_weights: tuple[SeriesWeight, ...] = ()
     iterations: int = 0
@@ -168,7 +164,7 @@ class Solution(Result):
     trajectory: str | None = None
     state: OrbitState | None = None
     consider: Consider | None = None
-    prior_effects: _Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    prior_effects: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     targets: tuple[TargetPosition, ...] = ()
     consistency: Consistency = field(default_factory=Consistency)
 
@@ -219,7 +215,7 @@ class Solution(Result):
         return self.status is FitStatus.CONVERGED
 
     @property
-    def position_me_m(self) -> _Floats:
+    def position_me_m(self) -> Floats:
         """:attr:`position_pa_m` in mean-Earth axes, m, shape (3,)."""
         return np.asarray(self.rot_pa_to_me @ self.position_pa_m)
 
@@ -243,13 +239,13 @@ class Solution(Result):
         return math.degrees(longitude_rad), math.degrees(latitude_rad), height_m
 
     @property
-    def rot_pa_to_enu(self) -> _Floats:
+    def rot_pa_to_enu(self) -> Floats:
         """Rotation from principal axes to east, north, up (of mean-Earth axes) there, shape (3, 3)."""
         longitude_rad, latitude_rad, _ = self._place_rad()
         return np.asarray(east_north_up(longitude_rad, latitude_rad) @ self.rot_pa_to_me)
 
     @property
-    def enu_by_parameters(self) -> _Floats:
+    def enu_by_parameters(self) -> Floats:
         """d(position east, north, up)/d(parameter), shape (3, p)."""
         return np.asarray(self.rot_pa_to_enu @ self.position_partials)
 
@@ -268,7 +264,7 @@ class Solution(Result):
         """Whether no parameter that the position depends on is left undetermined."""
         return bool(np.isfinite(np.diag(self.covariance)[self._involved]).all())
 
-    def position_covariance(self, axes: Axes = "enu", level: Level = "total") -> _Floats:
+    def position_covariance(self, axes: Axes = "enu", level: Level = "total") -> Floats:
         """Covariance of the position, shape (3, 3).
 
         Parameters
@@ -309,18 +305,18 @@ class Solution(Result):
             "me": self.rot_pa_to_me @ self.rot_pa_to_enu.T,
             "geographic": np.diag([1.0 / (radius_m * math.cos(latitude_rad)), 1.0 / radius_m, 1.0]),
         }[axes]
-        turned: _Floats = from_enu @ in_enu @ from_enu.T
+        turned: Floats = from_enu @ in_enu @ from_enu.T
         return 0.5 * (turned + turned.T)
 
-    def sigma_enu_m(self, level: Level = "total") -> _Floats:
+    def sigma_enu_m(self, level: Level = "total") -> Floats:
         """Return standard deviations east, north, up, m, shape (3,); infinite where not determined."""
         return np.sqrt(np.diag(self.position_covariance("enu", level)))
 
-    def sigmas(self, level: Level = "total") -> _Floats:
+    def sigmas(self, level: Level = "total") -> Floats:
         """Return standard deviations of the parameters, shape (p,); infinite where not determined."""
         return np.sqrt(np.diag(self.parameter_covariance(level)))
 
-    def parameter_covariance(self, level: Level = "total") -> _Floats:
+    def parameter_covariance(self, level: Level = "total") -> Floats:
         """Return the covariance of the parameters, shape (p, p); infinite variances for what is not determined.
 
         The total one has what the considered parameters add; the assumed error of the ephemeris is the position's only.
@@ -505,10 +501,10 @@ class Solution(Result):
                 },
             },
             "sigma": {
-                **_components(_ENU, self.sigma_enu_m()),
-                "scaled": _components(_ENU, self.sigma_enu_m("scaled")),
-                "formal": _components(_ENU, self.sigma_enu_m("formal")),
-                "ephemeris": _components(_ENU, self.ephemeris_sigma_enu_m),
+                **_components(EAST_NORTH_UP, self.sigma_enu_m()),
+                "scaled": _components(EAST_NORTH_UP, self.sigma_enu_m("scaled")),
+                "formal": _components(EAST_NORTH_UP, self.sigma_enu_m("formal")),
+                "ephemeris": _components(EAST_NORTH_UP, self.ephemeris_sigma_enu_m),
             },
             "covariance": {
                 "enu_m2": _matrix(self.position_covariance("enu")),
@@ -585,9 +581,9 @@ class Solution(Result):
         return float(longitude_rad), float(latitude_rad), float(height_m)
 
 
-def _components(names: Iterable[str], vector_m: _Floats) -> dict[str, float | None]:
+def _components(names: Iterable[str], vector_m: Floats) -> dict[str, float | None]:
     return {f"{name}_m": finite_or_none(value) for name, value in zip(names, vector_m, strict=True)}
 
 
-def _matrix(matrix: _Floats) -> list[list[float | None]]:
+def _matrix(matrix: Floats) -> list[list[float | None]]:
     return [[finite_or_none(value) for value in row] for row in matrix]

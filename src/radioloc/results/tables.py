@@ -75,7 +75,10 @@ class TextTable:
     def to_markdown(self) -> str:
         """The table in Markdown, as GitHub and Pandoc read it."""
         rules = ["---" if k < self.words else "---:" for k in range(len(self.heading))]
-        lines = (" | ".join(_markdown(cell) for cell in cells) for cells in (self.heading, rules, *self.rows))
+        lines = (
+            " | ".join(cell.replace("|", r"\|") for cell in cells)
+            for cells in (self.heading, rules, *self.rows)
+        )
         return visible("".join(f"| {line} |\n" for line in lines))
 
     def to_latex(self) -> str:
@@ -94,10 +97,6 @@ class TextTable:
         return visible("".join(f"{line}\n" for line in lines))
 
 
-def _markdown(text: str) -> str:
-    return text.replace("|", r"\|")
-
-
 def _latex(text: str) -> str:
     """Text with LaTeX's own signs escaped, and numbers with minus signs and powers of ten."""
     escaped = _MINUS.sub("$-$", "".join(_LATEX.get(sign, sign) for sign in text))
@@ -113,13 +112,10 @@ def write_table_file(table: TextTable, path: str | Path) -> Path:
 
 @dataclass(frozen=True, slots=True)
 class PositionRow:
-    """A position and how far it is from the benchmark.
+    """Position with its difference to the benchmark, in m along the great circle's arc on the sphere of 1737.4 km."""
 
-    Longitudes are counted to the west, -180 to 180 deg, as maps of the near side's west and Wang et al. (2021) do.
-    Differences in metres are the components of the great circle's arc on the sphere of 1737.4 km, by its direction at
-    the benchmark: over some kilometres R cos(B) dL and R dB. What a reference does not have is None.
-    """
-
+    # Longitudes are counted to the west, -180 to 180 deg, as Wang et al. (2021) do. The arc has its direction at the
+    # benchmark: over some kilometres R cos(B) dL and R dB. What a reference does not have is None.
     method: str  # one of METHODS, "joint" or "reference"
     name: str  # length of the arc, name of the solution or of the reference
     longitude_west_deg: float  # mean-Earth axes

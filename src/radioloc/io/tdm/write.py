@@ -52,6 +52,7 @@ from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.text_files import write_blocks
 from radioloc.time import Epochs, utc_to_tai
 from radioloc.time.dates import utc_to_text
+from radioloc.vectors import Floats
 
 RANGE_UNIT_S = 1e-9
 """Length of a range unit that is written, s: what reads the message has to be told so."""
@@ -212,7 +213,7 @@ def _segment(part: Observations) -> TdmSegment:
     names, receiver, paths = _participants(link)
     metadata |= paths | {f"PARTICIPANT_{n}": name for n, name in enumerate(names, start=1)}
     metadata["TIMETAG_REF"] = TIME_TAGS[part.tag[0]].upper()
-    values: dict[str, NDArray[np.float64]] = {}
+    values: dict[str, Floats] = {}
     if part.ramped[0]:
         return _ramped_segment(part, metadata, keyword, receiver)
     if keyword == "RANGE":
@@ -245,9 +246,7 @@ def _count_metadata(count_s: float) -> dict[str, str]:
     return {"INTEGRATION_INTERVAL": _text(count_s, 0), "INTEGRATION_REF": "MIDDLE"}
 
 
-def _recorded(
-    part: Observations, metadata: dict[str, str], values: dict[str, NDArray[np.float64]]
-) -> TdmSegment:
+def _recorded(part: Observations, metadata: dict[str, str], values: dict[str, Floats]) -> TdmSegment:
     """Segment of columns of observations, NaN where there is no record, and of their weather."""
     values = values | {keyword: getattr(part, column) for keyword, column in WEATHER.items()}
     records = []
@@ -318,10 +317,10 @@ def _turnaround(part: Observations) -> Fraction:
 
 
 def _inverse(
-    wanted: NDArray[np.float64],
-    forward: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    guess: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    wanted: Floats,
+    forward: Callable[[Floats], Floats],
+    guess: Floats,
+) -> Floats:
     """Return the first number next to a guess that a conversion maps to the wanted one exactly, else the guess."""
     if np.isnan(guess).all():
         return guess
@@ -428,7 +427,7 @@ def _date_texts(utc: Epochs) -> Any:
     return pc.utf8_rpad(pc.utf8_rtrim(pa.array(utc_to_text(utc)), "0"), _SHORTEST_DATE, "0")
 
 
-def _value_texts(values: NDArray[np.float64], exponent: int) -> Any:
+def _value_texts(values: Floats, exponent: int) -> Any:
     """As :func:`_text`, of many numbers, as an Arrow array."""
     import pyarrow as pa
     import pyarrow.compute as pc

@@ -9,6 +9,7 @@ import platform
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -27,8 +28,10 @@ _PACKAGES = ("numpy", "scipy", "numba", "pyerfa", "astropy-iers-data")
 _OF_A_STATION = ("complex", "country")  # What is said of stations and changes nothing
 
 
-def versions() -> dict[str, str]:
-    """Versions of what computes."""
+@cache
+def versions() -> Mapping[str, str]:
+    """Return the versions of radioloc, Python and the packages that compute."""
+    # Read once: a lookup takes a millisecond, and one failed while threads of a Dask cluster looked packages up, too.
     return {
         "radioloc": __version__,
         "python": platform.python_version(),

@@ -151,6 +151,7 @@ def test_version_1_has_one_field_less():
         ("11 58591.933300993282", "11 65000.0", "outside the pass"),
         ("2.581730448437", "-2.581730448437", "time of flight is -2.58"),
         ("2.581730448437", "2.5_81730448437", "not a number"),
+        ("me08 2 582.0 40", "me08 2.5 582.0 40", "not a whole number"),
         ("me08 2 582.0 40", "me08 5 582.0 40", "epoch event 5 is not modelled"),
         ("me08 2 582.0 40", "me08 2 582.0 0", "number of ranges is 0"),
         ("40 253.2 -0.040 -0.300  na 0.7 0 3.1", "40 253.2 -0.040", "cut"),

@@ -196,6 +196,15 @@ def test_a_name_that_is_too_long_is_told_whatever_the_others_are():
         Link("KASHI", "x" * 101, "KASHI")
 
 
+def test_summary_counts_by_path_and_type():
+    lines = make(5).summary().splitlines()
+    assert lines[0] == "5 observations, 2023-02-25T06:00:00 to 2023-03-01T06:00:00 UTC, 1 file(s)"
+    assert [line.split() for line in lines[1:]] == [
+        ["APOLLO>apollo15>APOLLO", "range", "3"],
+        ["GRASSE>apollo11>GRASSE", "range", "2"],
+    ]
+
+
 def test_to_table_has_all_columns():
     observations = make()
     table = observations.to_table()

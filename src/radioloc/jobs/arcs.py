@@ -25,7 +25,7 @@ from radioloc.results.subsets import Arc, ArcStudy, LeaveOneOut, Without, apart
 from radioloc.study.orbiter import Orbiter
 from radioloc.study.study import Reference, Study
 from radioloc.study.study_file import as_study
-from radioloc.study.weights import ends_of
+from radioloc.study.weights import rows_by_station
 
 _Mask = NDArray[np.bool_]
 
@@ -112,11 +112,7 @@ def leave_one_out(study: Study | str | Path, *, progress: bool = False) -> Leave
     ['JIAMUSI', 'KASHI']
     """
     study = as_study(study)
-    if (
-        isinstance(study.target, Trajectory | Orbiter)
-        or len(study.targets) > 1
-        or study.estimate.position == "none"
-    ):
+    if isinstance(study.target, Orbiter) or len(study.targets) > 1 or study.estimate.position == "none":
         raise InputError(
             f"{study.name}: leaving stations out needs one position on the Moon that is estimated; of an orbiter "
             "`radioloc covariance` says what each station tells"
@@ -142,12 +138,9 @@ def leave_one_out(study: Study | str | Path, *, progress: bool = False) -> Leave
 def _groups(arc: Predictor, study: Study) -> dict[tuple[str, str], _Mask]:
     """Which observations are of each station, and of each link that is no station's only one."""
     observations = arc.observations
-    ends = ends_of(observations.links, study.catalogue)
-    present = np.unique(observations.link)
-    found: dict[tuple[str, str], _Mask] = {}
-    for name in sorted(set().union(*(ends[k] for k in present))):
-        found["station", name] = np.array([name in of for of in ends])[observations.link]
-    for k in present:
+    by_station = rows_by_station(observations, study.catalogue)
+    found = {("station", name): mine for name, mine in by_station.items()}
+    for k in np.unique(observations.link):
         found["link", observations.links[k].path] = observations.link == k
     distinct: dict[bytes, tuple[str, str]] = {}
     for key, mine in found.items():

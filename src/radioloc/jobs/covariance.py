@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.earth.stations import StationCatalogue
-from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.estimation.consider import (
     A_PRIORI,
@@ -43,9 +42,8 @@ from radioloc.estimation.process_noise import ProcessNoise
 from radioloc.estimation.series import seconds_since_midnight
 from radioloc.jobs.notes import notes_of_plan
 from radioloc.jobs.one_thread import on_one_blas_thread
-from radioloc.jobs.preparation import model_of, prepared_arc
+from radioloc.jobs.preparation import model_of, planned_arc, prepared_arc
 from radioloc.jobs.problem import (
-    allows_for_correlation,
     considered_errors,
     fitted_orbit,
     observation_model,
@@ -54,7 +52,7 @@ from radioloc.jobs.problem import (
     status_of,
     targets_in_pa,
 )
-from radioloc.jobs.selection import ArcPart, arc_lengths, arc_parts, require_planned_counts, selected
+from radioloc.jobs.selection import ArcPart, arc_lengths, arc_parts
 from radioloc.jobs.station_noise import stated_noise
 from radioloc.labels import USED
 from radioloc.lunar.position import LunarPosition
@@ -70,7 +68,7 @@ from radioloc.simulation.simulate import rot_pa_to_enu
 from radioloc.study.orbiter import Orbiter
 from radioloc.study.study import Study
 from radioloc.study.study_file import as_study
-from radioloc.study.weights import ends_of
+from radioloc.study.weights import rows_by_station
 from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
 
 _Floats = NDArray[np.float64]
@@ -127,7 +125,7 @@ def covariance(
     (True, 0.5)
     """
     study = as_study(study)
-    if isinstance(study.target, Trajectory) or len(study.targets) > 1:
+    if len(study.targets) > 1:
         raise InputError(
             f"{study.name}: a covariance study is of one position on the Moon, or of an orbit that is estimated"
         )
@@ -170,12 +168,12 @@ class _Planned:
         orbit, errant = (None, None) if like is None else (like.orbit, like.errant)
         if scenario is None:
             longest, left_out = prepared_arc(study)
-            noise = _stated(study, longest)
+            time_s = seconds_since_midnight(longest.observations.epoch)
+            noise = ProcessNoise.stated(stated_noise(longest, study.observations), time_s)
             notes.append(
                 "the noise is white and as stated: how long errors last is known from residuals only"
             )
         else:
-            require_planned_counts(study.observations)
             target = scenario.position
             if isinstance(study.target, Orbiter) and isinstance(target, Orbiter):
                 target = study.target.at(target.state)  # the forces are those of the fit
@@ -187,10 +185,7 @@ class _Planned:
                 orbit = scenario.orbit(model, target, study.estimate.orbit.parameters(target.forces))
             place_m = start_pa_m(targets_in_pa(study, model.ephemeris.constants))
             plan = scenario.schedule.plan(model, place_m if orbit is None else orbit.nearest(), scenario.name)
-            rows = np.flatnonzero(
-                selected(plan.observations, study.observations, study.catalogue, sources=model.sources)[0]
-            )
-            longest, left_out = prepared_arc(study, plan.observations.select(rows), orbit)
+            longest, left_out, rows = planned_arc(study, plan.observations, model, orbit)
             noise = scenario.noise.processes(plan).select(rows)
             silent = [kind for kind in longest.observations.types() if kind not in scenario.noise.link]
             notes += [
@@ -229,12 +224,6 @@ class _Planned:
             if not found or len(part.rows) > len(found[-1].rows):
                 found.append(part)
         return found
-
-
-def _stated(study: Study, arc: Predictor) -> ProcessNoise:
-    """Noise as files and study state it."""
-    time_s = seconds_since_midnight(arc.observations.epoch)
-    return ProcessNoise.stated(stated_noise(arc, study.observations), time_s)
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,7 +266,7 @@ class _Solved:
     def fit(self) -> FitResult:
         """The fit without values: what determines what, and how well."""
         considered, estimate = self.considered, self.part.estimate
-        if considered is None or not (self.used.any() and allows_for_correlation(estimate)):
+        if considered is None or not self.used.any() or estimate.weights != "correlated":
             return self._fit(None)
         fit = self._fit(considered.at_stations)
         return self._fit(effects_beside_prior(fit, considered)) if estimate.position_priors else fit
@@ -394,10 +383,9 @@ def _reached_h(plan: _Planned, arcs: Sequence[PlannedArc], reach_m: float) -> fl
 def _shares(solved: _Solved) -> Iterator[Share]:
     """What the observations of each type and of each station tell, alone and by what is lost without them."""
     observations = solved.part.arc.observations
-    kinds, ends = observations.kind, ends_of(observations.links, solved.plan.study.catalogue)
+    kinds, catalogue = observations.kind, solved.plan.study.catalogue
     groups = [("type", KINDS[kind], kinds == kind) for kind in np.unique(kinds).tolist()]
-    for name in sorted(set().union(*ends)):
-        groups.append(("station", name, np.array([name in of_link for of_link in ends])[observations.link]))
+    groups += [("station", *item) for item in rows_by_station(observations, catalogue).items()]
     for group, name, mine in groups:
         if mine.all() and group == "type":
             continue

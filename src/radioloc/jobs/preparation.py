@@ -15,13 +15,8 @@ from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.errors import CoverageError, FileFormatError, InputError, require_type
 from radioloc.io.formats import read_observations
 from radioloc.jobs.one_thread import on_one_blas_thread
-from radioloc.jobs.problem import (
-    needs_more_partials,
-    position_in_pa,
-    start_pa_m,
-    targets_in_pa,
-)
-from radioloc.jobs.selection import select_observations, with_target_names
+from radioloc.jobs.problem import position_in_pa, start_pa_m, targets_in_pa
+from radioloc.jobs.selection import select_observations, selected, with_target_names
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.ambiguity import without_ambiguity
 from radioloc.measurements.evaluation import prepare_predictor
@@ -37,6 +32,7 @@ from radioloc.media.csp import read_csp
 from radioloc.media.ionex import read_ionex
 from radioloc.media.ionosphere import UniformTec
 from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
+from radioloc.parameters.registry import PARAMETERS
 from radioloc.study.identity import spacecraft_doubts
 from radioloc.study.orbiter import Orbiter
 from radioloc.study.study import ModelChoice, Study
@@ -83,6 +79,19 @@ def prepared_arc(
     logger.info("prepared the model for %d observations by %s", len(chosen), ", ".join(arc.stations))
     _require_tracked(study, arc)
     return arc, left_out
+
+
+def planned_arc(
+    study: Study, planned: Observations, model: PhysicalModel, orbit: AdjustableOrbit | None
+) -> tuple[Predictor, dict[str, int], NDArray[np.intp]]:
+    """Return :func:`prepared_arc` of the planned observations that a study asks for, and their rows in the plan."""
+    if study.observations.doppler_average_s is not None:
+        raise InputError(
+            "[observations] doppler_average_s is of files; a schedule plans counts as they are used: leave it out "
+            "and give count_s in the sessions"
+        )
+    rows = np.flatnonzero(selected(planned, study.observations, study.catalogue, sources=model.sources)[0])
+    return *prepared_arc(study, planned.select(rows), orbit), rows
 
 
 def _require_tracked(study: Study, arc: Predictor) -> None:
@@ -193,9 +202,11 @@ def _arc(
     targets: Mapping[str, LunarPosition],
     given: AdjustableOrbit | None,
 ) -> Predictor:
-    start_m, aimed, names = _aim(study, targets, model, observations, given)
+    start_m, names = start_pa_m(targets), tuple(targets) if len(targets) > 1 else ()
+    aimed = _trajectory(study, model, observations) if given is None else given
     trajectory = aimed.coarse() if isinstance(aimed, AdjustableOrbit) else aimed  # only positions are needed
-    more = needs_more_partials(study)
+    kinds = (*study.estimate.parameters, *study.consider)
+    more = study.consider_defaults or any(PARAMETERS[kind].more_partials for kind in kinds)
     try:
         if len(rows := np.flatnonzero(~np.isnan(observations.modulus_m))):
             ambiguous = ExactPredictor(model, observations.select(rows), start_m, trajectory, names)
@@ -216,21 +227,13 @@ def _arc(
     return arc.along(aimed) if isinstance(aimed, AdjustableOrbit) else arc
 
 
-def _aim(
-    study: Study,
-    targets: Mapping[str, LunarPosition],
-    model: PhysicalModel,
-    observations: Observations,
-    orbit: AdjustableOrbit | None = None,
-) -> tuple[NDArray[np.float64], Trajectory | AdjustableOrbit | None, tuple[str, ...]]:
-    """What is predicted: positions or a trajectory, and names of several targets; of one, observations may have any."""
-    trajectory: Trajectory | AdjustableOrbit | None = orbit
-    if isinstance(study.target, Orbiter) and orbit is None:
-        assert study.estimate.orbit is not None  # the study has seen to that
-        parameters = study.estimate.orbit.parameters(study.target.forces)
-        trajectory = study.target.orbit(model, observations, parameters)
-        if study.target.landing is None:
-            trajectory = trajectory.reaching_below_ground()
-    elif isinstance(study.target, Trajectory):
-        trajectory = study.target
-    return start_pa_m(targets), trajectory, tuple(targets) if len(targets) > 1 else ()
+def _trajectory(
+    study: Study, model: PhysicalModel, observations: Observations
+) -> Trajectory | AdjustableOrbit | None:
+    """The trajectory that is predicted, a priori; none where positions are."""
+    if not isinstance(study.target, Orbiter):
+        return study.target if isinstance(study.target, Trajectory) else None
+    assert study.estimate.orbit is not None  # the study has seen to that
+    parameters = study.estimate.orbit.parameters(study.target.forces)
+    orbit = study.target.orbit(model, observations, parameters)
+    return orbit.reaching_below_ground() if study.target.landing is None else orbit

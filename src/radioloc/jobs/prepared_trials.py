@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit, Orbit
-from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.estimation.consider import few_errors
 from radioloc.estimation.orbit_state import (
@@ -36,7 +35,7 @@ from radioloc.jobs.linear_trials import (
     true_values,
 )
 from radioloc.jobs.locate import fit_arc
-from radioloc.jobs.preparation import model_of, prepared_arc
+from radioloc.jobs.preparation import model_of, planned_arc
 from radioloc.jobs.problem import (
     considered_errors,
     disturbed,
@@ -48,7 +47,7 @@ from radioloc.jobs.problem import (
     status_of,
     targets_in_pa,
 )
-from radioloc.jobs.selection import ArcPart, arc_parts, require_planned_counts, selected
+from radioloc.jobs.selection import ArcPart, arc_parts
 from radioloc.jobs.simulate import scenario_of
 from radioloc.jobs.station_noise import stated_noise
 from radioloc.labels import USED, Labels
@@ -114,8 +113,7 @@ class Prepared:
     def of(cls, study: Study, hours: Sequence[float]) -> Prepared:
         """Prepare a study for arcs of some lengths, the shortest first, h."""
         scenario = scenario_of(study)
-        require_planned_counts(study.observations)
-        if isinstance(study.target, Trajectory) or not isinstance(scenario.position, LunarPosition | Orbiter):
+        if not isinstance(scenario.position, LunarPosition | Orbiter):
             raise InputError(
                 f"{study.name}: a Monte Carlo study compares positions and orbits, but the target is a trajectory"
             )
@@ -129,13 +127,9 @@ class Prepared:
             assert study.estimate.orbit is not None
             orbit = scenario.orbit(model, study.target, study.estimate.orbit.parameters(study.target.forces))
         world = scenario.world(model)
-        whole = replace(study, reference=None, references=())
-        whole = replace(whole, observations=replace(study.observations, hours=hours[-1]))
-        planned = world.plan.observations
-        rows = np.flatnonzero(
-            selected(planned, whole.observations, study.catalogue, sources=model.sources)[0]
-        )
-        longest, _ = prepared_arc(whole, planned.select(rows), orbit)
+        observations = replace(study.observations, hours=hours[-1])
+        whole = replace(study, reference=None, references=(), observations=observations)
+        longest, _, rows = planned_arc(whole, world.plan.observations, model, orbit)
         parts = arc_parts(longest, study, reversed(hours))
         names = dict.fromkeys(
             p.name
@@ -283,7 +277,9 @@ class Prepared:
             )
         assert isinstance(self.world.trajectory, Orbit)
         tdb = self.epochs(part)
-        here = self._whole.corrected(problem.all_positions_pa_m(x))
+        whole = self.parts[0].arc.trajectory  # the a-priori orbit over the whole plan
+        assert isinstance(whole, AdjustableOrbit)
+        here = whole.corrected(problem.all_positions_pa_m(x))
         by_parameters = np.zeros((3, 6, len(x)))
         by_parameters[..., : problem.first] = _local(
             here, tdb, here.partials(tdb) @ problem.positions[0](x[: problem.first])[1]
@@ -295,13 +291,6 @@ class Prepared:
         apart = np.hstack(self.world.trajectory.states(tdb)) - np.hstack(here.states(tdb))
         offset_m = _local(here, tdb, apart[..., None])[..., 0]
         return Compared(by_parameters, by_drawn, by_considered, offset_m, np.zeros((6, 6)))
-
-    @property
-    def _whole(self) -> AdjustableOrbit:
-        """The a-priori orbit over the whole plan."""
-        orbit = self.parts[0].arc.trajectory
-        assert isinstance(orbit, AdjustableOrbit)
-        return orbit
 
     def _linear_arc(
         self, part: ArcPart, usable: NDArray[np.bool_], errant: AdjustableOrbit | None

@@ -98,11 +98,6 @@ def observation_model(
     return model
 
 
-def allows_for_correlation(estimate: EstimateChoice | None) -> bool:
-    """Return whether weights are to allow for correlation in time."""
-    return estimate is not None and estimate.weights == "correlated"
-
-
 def weighed(
     residual_function: ResidualFunction,
     fitted: EditedFit,
@@ -111,15 +106,9 @@ def weighed(
     common: Effects | None,
 ) -> EditedFit:
     """Repeat the fit with the weights that a study asks for; `common` are the effects of known errors."""
-    if allows_for_correlation(estimate):
+    if estimate is not None and estimate.weights == "correlated":
         return fit_with_correlated_weights(residual_function, fitted, order, common)
     return fitted
-
-
-def needs_more_partials(study: Study) -> bool:
-    """Whether what is estimated or considered needs the partials that predictors compute on request only."""
-    names = (*study.estimate.parameters, *study.consider)
-    return study.consider_defaults or any(PARAMETERS[name].more_partials for name in names)
 
 
 def considered_errors(
@@ -398,9 +387,9 @@ def with_independent_clocks(study: Study, estimate: EstimateChoice, arc: Predict
     """
     if not study.consider_defaults:
         return estimate
-    tracking, estimated, considered = arc, set(estimate.parameters), set(study.consider)
-    chosen = _frequency_offsets(estimated | (considered & {"frequency_offset"}), tracking)
-    chosen |= _clocks(estimated | considered, tracking)
+    estimated, considered = set(estimate.parameters), set(study.consider)
+    chosen = _frequency_offsets(estimated | (considered & {"frequency_offset"}), arc)
+    chosen |= _clocks(estimated | considered, arc)
     return replace(estimate, parameters={**estimate.parameters, **chosen}) if chosen else estimate
 
 

@@ -83,15 +83,6 @@ def with_target_names(observations: Observations, names: Mapping[str, str]) -> O
     return Observations.concatenate([replace(observations, links=tuple(links), ramps=ramps)])
 
 
-def require_planned_counts(choice: ObservationChoice) -> None:
-    """Raise :class:`InputError` where observations of a schedule, with its noise, would have to be averaged."""
-    if choice.doppler_average_s is not None:
-        raise InputError(
-            "[observations] doppler_average_s is of files; a schedule plans counts as they are used: leave it out "
-            "and give count_s in the sessions"
-        )
-
-
 def selected(
     observations: Observations,
     choice: ObservationChoice,

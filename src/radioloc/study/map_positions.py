@@ -110,7 +110,7 @@ class PlaceOnMap:
                 self.map,
                 _in_mean_earth_axes(place),
                 _block(np.diag(np.square([*self.sigma_m, sigma_up_m]))),
-                _ties(self.map, self.map_sigma_m),
+                dict(zip(map_tie_names(self.map), np.diag(self.map_sigma_m) @ np.eye(2, 3), strict=True)),
             )
         Link("", self.target or "target", found.map)  # refuses what cannot name a target or a map
         return found
@@ -247,11 +247,6 @@ def _in_mean_earth_axes(place: LunarPosition) -> LunarPosition:
         return place
     constants = CONSTANTS.get(place.frame.partition("_")[2])
     return place.to_frame("ME_DE421" if constants is None else constants.me_frame)
-
-
-def _ties(map_name: str, sigma_m: tuple[float, float]) -> dict[str, NDArray[np.float64]]:
-    """Displacements by the tie of a map."""
-    return dict(zip(map_tie_names(map_name), np.eye(2, 3) * np.array(sigma_m)[:, None], strict=True))
 
 
 def _block(covariance_m2: NDArray[np.float64]) -> NDArray[np.float64]:

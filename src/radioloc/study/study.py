@@ -514,12 +514,10 @@ class Study:
                 "[estimate.orbit] process_noise belongs to a target that does not land; one that does has thrust in "
                 "segments, [[forces.accelerations]] every_s"
             )
-        given = {
-            "[observations] doppler_phase_sigma_m": self.observations.doppler_phase_sigma_m,
-        }
-        for key in filter(given.get, given):
+        if self.observations.doppler_phase_sigma_m:
             raise InputError(
-                f"[estimate.orbit] process_noise is for observations of independent noise; leave {key} out"
+                "[estimate.orbit] process_noise is for observations of independent noise; leave [observations] "
+                "doppler_phase_sigma_m out"
             )
 
     def _require_no_position(self, trajectory: Trajectory | Orbiter) -> None:

@@ -108,6 +108,13 @@ def weighted_observations(
     return replace(observations, sigma_m=sigma_m)
 
 
+def rows_by_station(observations: Observations, catalogue: StationCatalogue) -> dict[str, NDArray[np.bool_]]:
+    """Masks of the observations that each station has part in, by its name."""
+    ends = ends_of(observations.links, catalogue)
+    names = sorted(set().union(*(ends[k] for k in np.unique(observations.link))))
+    return {name: np.array([name in of for of in ends])[observations.link] for name in names}
+
+
 def ends_of(links: Iterable[Link], catalogue: StationCatalogue) -> list[set[str]]:
     """The stations of each link by their names in the catalogue; those that it does not know by their own."""
     return [

@@ -118,8 +118,8 @@ def differences(study, effects_m):
     effects_m = effects_m | {WARM_UP: warm_m[:, None], NOISE: noise_m.T / np.sqrt(DRAWS)}
     moved = []
     for arc in linear.arcs:
-        # With correlated weights the noise of one draw tells what the series weigh.
-        fit = arc.fit(noise_m[0, arc.part]).fit
+        # Correlated weights are estimated from the noise of the first draw, which has seed 0.
+        fit = arc.fit(noise_m[0, arc.part], seed=0).fit
         of_arc = {
             name: arc.compared.by_parameters[0] @ moved_by(fit, lambda rows, m=m: m[rows], m.shape[1])
             for name, m in ((name, m[arc.part]) for name, m in effects_m.items())

@@ -394,7 +394,7 @@ def test_target_clock_and_target_frequency_and_target_frequency_rate(model, case
     _, _, tag = CASES[case]
     arc = arc_of(model, case)
     if case in INTEGRATED and kind == "target_clock":
-        with pytest.raises(InputError, match="no observation that it acts on"):
+        with pytest.raises(InputError, match="target_clock: expected observations"):
             column_of(arc, kind, **{kind: True})
         return
     middle = middle_of(arc.observations)

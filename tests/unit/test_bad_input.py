@@ -100,7 +100,7 @@ CASES = {
     ),
     "value of a station without observations": Case(
         table(),
-        ["[estimate] range_bias_m: no observation of URUMQI that has one"],
+        ["[estimate] range_bias_m: expected a member with observations", "got URUMQI"],
         "data.csv",
         {"estimate": "range_bias_m = { URUMQI = 3.0 }"},
     ),

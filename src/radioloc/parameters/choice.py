@@ -1,7 +1,7 @@
-"""Columns and parameters of a kind of parameter, as a study chooses them.
+"""Parameters that a study chooses, and their columns of the design matrix.
 
-A member (station, link, target, ...) that is listed is estimated or considered about its a-priori value; one that has a
-value and is not listed is held at it.
+A listed member (station, link, target, ...) is estimated or considered about its a-priori value; a member with a value
+that is not listed is held at it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from radioloc.errors import InputError, named
 from radioloc.measurements.link import Link, canonical_target
 from radioloc.measurements.predictor import Predictor
-from radioloc.parameters.columns import PASS_GAP_H, Columns, columns_of, everyone, members
+from radioloc.parameters.columns import PASS_GAP_H, Columns, all_members, columns_of, members
 from radioloc.parameters.kind import Amount, Members, ParameterKind, Scope
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.parameters.registry import PARAMETERS
@@ -28,18 +28,18 @@ from radioloc.units import ASTROPY_UNITS, in_unit
 
 @dataclass(frozen=True, slots=True)
 class ParameterChoice:
-    """What a study says of one kind of parameter.
+    """Choice of a study about one kind of parameter.
 
     Parameters
     ----------
     names : tuple of str, or "all" or "none"
-        Whose parameter it is about: names of stations or targets, or paths.
+        Members with a parameter: names of stations or targets, or paths.
     value : mapping of str to amount, or amount, or None
-        A-priori value by name, or of all; zero where there is none.
+        A-priori value by name, or of all; zero by default.
     sigma : mapping of str to amount, or amount, or None
-        Its standard deviation; free where there is none.
+        Its standard deviation; infinite by default, which leaves the parameter free.
     per : Scope or None
-        Whom the parameters belong to; the kind's default where ``None``.
+        Scope of the parameters; the kind's first by default.
     """
 
     names: tuple[str, ...] | str = "none"
@@ -51,13 +51,7 @@ class ParameterChoice:
     def of(
         cls, kind: ParameterKind, names: Any = None, value: Any = None, sigma: Any = None, per: Any = None
     ) -> ParameterChoice:
-        """Check what was given.
-
-        Raises
-        ------
-        InputError
-            The message begins with the key.
-        """
+        """Return the choice that values of a study file make; the message of an error begins with the key."""
         choice = cls(
             _names(kind, "none" if names is None else names),
             _amounts(kind, kind.value_key, value, positive=False),
@@ -66,16 +60,16 @@ class ParameterChoice:
         )
         for key, given in ((kind.sigma_key, sigma), (kind.keys["per"], per)):
             if names is None and given is not None:
-                raise InputError(f"{key} needs {kind.name}, which says whose it is")
+                raise InputError(f"{key} needs {kind.name}, the list of its members")
         return choice
 
     @property
     def is_given(self) -> bool:
-        """Whether anything is said."""
+        """Whether the study states anything about the kind."""
         return self.names != "none" or self.value is not None or self.sigma is not None
 
     def scope(self, kind: ParameterKind) -> Scope:
-        """Whom the parameters belong to."""
+        """Return the scope of the parameters."""
         return self.per or kind.scopes[0]
 
 
@@ -87,9 +81,8 @@ def chosen_parameters(
     gap_h: float = PASS_GAP_H,
 ) -> tuple[Columns, list[Parameter]] | None:
     """Return columns and parameters of a kind, or None; no observation of `predictor` is combined."""
-    # `role` is that of what is listed; fixed for the errors of a simulated world, where a value may be of any member
-    # that takes part, also where it could not be estimated. A new pass begins after `gap_h` hours without an
-    # observation.
+    # `role` is that of the listed members. It is fixed for the errors of a simulated world, where any participant may
+    # have a value, even one that cannot be estimated. A new pass begins after `gap_h` hours without an observation.
     if not choice.is_given:
         return None
     if kind.term and not predictor.model.has(kind.term):
@@ -98,100 +91,106 @@ def chosen_parameters(
             f"([model] off), or leave {kind.name} out"
         )
     scope = choice.scope(kind)
-    present = everyone(scope, predictor) if role is Role.FIXED else members(kind, scope, predictor)
-
-    def member_of(key: str, name: str) -> str:
-        canonical = canonical_name(key, name, scope, predictor)
-        if canonical not in present:
-            what = {Scope.STATION: "stations", Scope.PASS: "stations", Scope.TARGET: "targets"}.get(
-                scope, "links"
-            )
-            there = ", ".join(present) or "none"
-            raise InputError(f"{key}: no observation of {canonical} that has one; the {what} are {there}")
-        return canonical
-
-    def by_member(key: str, given: Any, all_of_them: Collection[str]) -> dict[str, Any]:
-        """Amounts of a table, or one for all of them."""
-        if given is None or not isinstance(given, Mapping):
-            return {} if given is None else dict.fromkeys(all_of_them, given)
-        found: dict[str, Any] = {}
-        for name, amount in given.items():
-            member = member_of(key, name)
-            if member in found:
-                raise InputError(f"{key}: {member} is there twice, once as {name}")
-            found[member] = amount
-        return found
-
-    listed = set(present) if choice.names == "all" else set()
-    of_stations = scope in (Scope.STATION, Scope.PASS)
-    if choice.names == "all" and kind.relative and role is Role.ESTIMATED and of_stations:
-        listed -= _references(kind, predictor, present)
-    elif not isinstance(choice.names, str):
-        listed = {member_of(kind.name, name) for name in choice.names}
-    values = by_member(kind.value_key, choice.value, present)
-    sigmas = by_member(kind.sigma_key, choice.sigma, listed)
-    for member in sigmas:
-        if member not in listed:
-            raise InputError(
-                f"{kind.sigma_key}: {member} gets no {kind.name}; list it in {kind.name}, or leave its sigma out"
-            )
-    if not present and choice.names != "all" and choice.value is not None:
-        raise InputError(f"{kind.value_key}: there is no observation that it acts on; leave it out")
-    if choice.names == "all" and not present:
-        if kind.scopes[0].named and scope is not Scope.TARGET:
-            return None
-        raise InputError(f"{kind.name}: there is no observation that it acts on")
+    present = all_members(scope, predictor) if role is Role.FIXED else members(kind, scope, predictor)
+    choice = with_canonical_names(kind, choice, predictor)
+    _require_observations(kind, choice, present)
+    listed = set(present if choice.names == "all" else () if choice.names == "none" else choice.names)
+    if choice.names == "all" and kind.relative and role is Role.ESTIMATED and scope.owner is Scope.STATION:
+        listed -= _reference_stations(kind, predictor, present)
+    values, sigmas = _by_member(choice.value, present), _by_member(choice.sigma, listed)
+    if unlisted := sigmas.keys() - listed:
+        raise InputError(
+            f"{kind.sigma_key}: {min(unlisted)} gets no {kind.name}; list it in {kind.name}, or leave its sigma out"
+        )
     chosen = {name: k for name, k in present.items() if name in listed or name in values}
     if not chosen:
         return None
-    whole = () if role is Role.FIXED else chosen.keys() - listed
-    columns = columns_of(kind, scope, predictor, chosen, gap_h, whole)
-    count = len(kind.components)
+    undivided = () if role is Role.FIXED else chosen.keys() - listed
+    columns = columns_of(kind, scope, predictor, chosen, gap_h, undivided)
     parameters = []
     for name, member, span in zip(columns.names, columns.members, columns.spans_utc, strict=True):
-        amounts = (
-            np.broadcast_to(of.get(member, none), count) for of, none in ((values, 0.0), (sigmas, math.inf))
-        )
-        for parameter, value, sigma in zip(kind.parameter_names(name), *amounts, strict=True):
-            parameters.append(
-                Parameter(
-                    parameter,
-                    kind.unit,
-                    kind.name,
-                    float(value),
-                    float(sigma),
-                    role=role if member in listed else Role.FIXED,
-                    scale=kind.scale,
-                    span_utc=span,
-                )
-            )
+        priors = np.empty((2, len(kind.components)))
+        priors[0], priors[1] = values.get(member, 0.0), sigmas.get(member, math.inf)
+        member_role = role if member in listed else Role.FIXED
+        parameters += [
+            Parameter(component, kind.unit, kind.name, value, sigma, member_role, kind.scale, span)
+            for component, value, sigma in zip(kind.parameter_names(name), *priors.tolist(), strict=True)
+        ]
     return columns, parameters
+
+
+def with_canonical_names(
+    kind: ParameterKind, choice: ParameterChoice, predictor: Predictor
+) -> ParameterChoice:
+    """Return the choice with the names that the predictor has for stations, links and targets."""
+    scope = choice.scope(kind)
+
+    def renamed(key: str, given: Any) -> Any:
+        if not isinstance(given, Mapping):
+            return given
+        amounts: dict[str, Amount] = {}
+        for name, amount in given.items():
+            member = canonical_name(key, name, scope, predictor)
+            if member in amounts:
+                raise InputError(f"{key}: expected each member once, got {member} twice, once as {name}")
+            amounts[member] = amount
+        return amounts
+
+    names = choice.names
+    if not isinstance(names, str):
+        names = tuple(canonical_name(kind.name, name, scope, predictor) for name in names)
+    value, sigma = renamed(kind.value_key, choice.value), renamed(kind.sigma_key, choice.sigma)
+    return ParameterChoice(names, value, sigma, choice.per)
+
+
+def _require_observations(kind: ParameterKind, choice: ParameterChoice, present: Members) -> None:
+    """Raise an error if the kind acts on no observation of a named member, or on none where one is needed."""
+    members_by_key: dict[str, Collection[str]] = {
+        key: given
+        for key, given in ((kind.value_key, choice.value), (kind.sigma_key, choice.sigma))
+        if isinstance(given, Mapping)
+    }
+    if not isinstance(choice.names, str):
+        members_by_key[kind.name] = choice.names
+    for key, names in members_by_key.items():
+        if absent := [name for name in names if name not in present]:
+            raise InputError(
+                f"{key}: expected a member with observations on which {kind.name} acts "
+                f"({', '.join(present) or 'none'}), got {absent[0]}"
+            )
+    if not present and (choice.value is not None or choice.names == "all"):
+        optional = kind.scopes[0].named and choice.scope(kind) is not Scope.TARGET
+        if not (choice.names == "all" and optional):
+            key = kind.name if choice.names == "all" else kind.value_key
+            raise InputError(f"{key}: expected observations on which it acts, got none; leave it out")
+
+
+def _by_member(amount: Any, names: Collection[str]) -> dict[str, Any]:
+    """Return amounts by member, an amount without names for each of `names`."""
+    if isinstance(amount, Mapping):
+        return dict(amount)
+    return {} if amount is None else dict.fromkeys(names, amount)
 
 
 def of_part(kind: ParameterKind, choice: ParameterChoice, part: Predictor) -> ParameterChoice:
     """Return the choice without the members that have no observations in a part of the arc."""
     if not choice.is_given:
         return choice
-    scope = choice.scope(kind)
-    names = members(kind, scope, part)
+    present = members(kind, choice.scope(kind), part)
+    if not present:
+        return ParameterChoice(per=choice.per)
+    choice = with_canonical_names(kind, choice, part)
 
-    def stays(name: str) -> bool:
-        return canonical_name(kind.name, name, scope, part) in names
+    def within_part(given: Any) -> Any:
+        if not isinstance(given, Mapping):
+            return given
+        return {name: amount for name, amount in given.items() if name in present} or None
 
-    listed = choice.names
-    if not names:
-        listed = "none"
-    elif not isinstance(listed, str):
-        listed = tuple(filter(stays, listed)) or "none"
-    kept = [
-        {name: amount for name, amount in given.items() if stays(name)} or None
-        if isinstance(given, Mapping)
-        else given
-        for given in (choice.value, choice.sigma)
-    ]
-    if listed == "none" and not isinstance(kept[1], Mapping):
-        kept[1] = None
-    return ParameterChoice(listed, kept[0] if names else None, kept[1], choice.per)
+    names = choice.names
+    if not isinstance(names, str):
+        names = tuple(name for name in names if name in present) or "none"
+    sigma = None if names == "none" else within_part(choice.sigma)
+    return ParameterChoice(names, within_part(choice.value), sigma, choice.per)
 
 
 def _names(kind: ParameterKind, names: Any) -> tuple[str, ...] | str:
@@ -201,11 +200,11 @@ def _names(kind: ParameterKind, names: Any) -> tuple[str, ...] | str:
         return str(names)
     if isinstance(names, str) or not isinstance(names, Sequence):
         raise InputError(
-            f'{kind.name} must be a list of names, "all" or "none", not {names!r}: it says whose it is; '
-            f"an a-priori value belongs to {kind.value_key}, its sigma to {kind.sigma_key}"
+            f'{kind.name} must be a list of names, "all" or "none", not {names!r}; '
+            f"give an a-priori value as {kind.value_key}, its sigma as {kind.sigma_key}"
         )
     if not kind.scopes[0].named:
-        raise InputError(f"{kind.name} belongs to nobody by name; use true or false, not {names!r}")
+        raise InputError(f"{kind.name} has no members with names; use true or false, not {names!r}")
     for name in names:
         if not isinstance(name, str) or not name.strip():
             raise InputError(f"{kind.name} must be names, not {name!r}")
@@ -221,7 +220,7 @@ def _amounts(kind: ParameterKind, key: str, given: Any, *, positive: bool) -> An
         return _amount(kind, key, given, positive)
     except InputError as error:
         if isinstance(given, str) or (isinstance(given, Sequence) and any(isinstance(v, str) for v in given)):
-            raise InputError(f"{error}; {kind.name} says whose it is") from None
+            raise InputError(f"{error}; list the members in {kind.name}") from None
         raise
 
 
@@ -258,8 +257,8 @@ def _scope(kind: ParameterKind, per: Any) -> Scope | None:
     return allowed[per]
 
 
-def _references(kind: ParameterKind, predictor: Predictor, present: Members) -> set[str]:
-    """Only differences show, as of clocks: the first station of those that observe together is the reference."""
+def _reference_stations(kind: ParameterKind, predictor: Predictor, present: Members) -> set[str]:
+    """Return the first station of each network; only differences from it are observable, as of clocks."""
     rows = ObservationRows(predictor)
     network = networks(rows.ends[kind.acts_on(rows).all(axis=1)], len(predictor.stations))
     first = {int(network[k]): name for name, k in reversed(present.items())}
@@ -267,12 +266,11 @@ def _references(kind: ParameterKind, predictor: Predictor, present: Members) -> 
 
 
 def canonical_name(key: str, name: str, scope: Scope, predictor: Predictor) -> str:
-    """The name under which the predictor has a station, link or target."""
-    if scope in (Scope.STATION, Scope.PASS):
-        with named(f"{key}:"):
+    """Return the name that the predictor has for a station, link or target."""
+    with named(f"{key}:"):
+        if scope.owner is Scope.STATION:
             return predictor.model.catalogue.get(name).name
-    if scope in (Scope.LINK, Scope.LINK_AND_PASS):
-        with named(f"{key}:"):
+        if scope.owner is Scope.LINK:
             return Link.from_path(name).path
     return canonical_target(name) if scope is Scope.TARGET else name
 
@@ -280,14 +278,16 @@ def canonical_name(key: str, name: str, scope: Scope, predictor: Predictor) -> s
 def parameter_choices(
     given: Mapping[str, Any], before: Mapping[str, ParameterChoice] | None = None
 ) -> dict[str, ParameterChoice]:
-    """Sort keys such as ``range_bias_sigma_m`` by kind of parameter; earlier choices stay but for the keys given."""
+    """Sort keys such as ``range_bias_sigma_m`` by kind of parameter; the given keys replace earlier choices."""
     keys = {key: (kind, field) for kind in PARAMETERS.values() for field, key in kind.keys.items()}
     fields: dict[str, dict[str, Any]] = {}
     for key, value in given.items():
         if key not in keys:
             near = difflib.get_close_matches(key, keys, n=1)
             hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise InputError(f"{key} is no parameter's{hint}; the parameters are {', '.join(PARAMETERS)}")
+            raise InputError(
+                f"{key}: unknown key of a parameter{hint}; the parameters are {', '.join(PARAMETERS)}"
+            )
         kind, field = keys[key]
         fields.setdefault(kind.name, {})[field] = value
     choices = dict(before or {})
@@ -302,7 +302,7 @@ def parameter_choices(
 
 
 def chosen_keys(choices: Mapping[str, ParameterChoice]) -> dict[str, Any]:
-    """The keys that :func:`parameter_choices` was given."""
+    """Return the keys and values from which :func:`parameter_choices` makes the choices."""
     keys: dict[str, Any] = {}
     for name, choice in choices.items():
         for field, key in PARAMETERS[name].keys.items():

@@ -42,7 +42,7 @@ class Columns:
         """Return partials of computed values, (m, number of columns), into zeros if given."""
         # They are stored column by column: several times as fast as row by row.
         partials = _asked(self.kind, "partials", rows)
-        if self.kind.of_links_second and self.scope in (Scope.LINK, Scope.LINK_AND_PASS):
+        if self.kind.of_links_second and self.scope.owner is Scope.LINK:
             partials = partials[:, -1:]
         components = len(self.kind.components)
         if partials.ndim != 3 or partials.shape[::2] != (len(rows), components):
@@ -75,21 +75,21 @@ def _asked(kind: ParameterKind, what: Literal["partials", "acts_on"], rows: Obse
 
 def members_of_ends(scope: Scope, rows: ObservationRows) -> NDArray[np.int32]:
     """Index of the member that each end of an observation belongs to, shape (m, ends); -1 where there is none."""
-    if scope in (Scope.STATION, Scope.PASS):
+    if scope.owner is Scope.STATION:
         return rows.ends
-    if scope in (Scope.LINK, Scope.LINK_AND_PASS):
+    if scope.owner is Scope.LINK:
         return rows.observations.link[rows.rows][:, None]
     if scope is Scope.TARGET:
         return rows.target[:, None]
     return np.zeros((len(rows), 1), dtype=np.int32)
 
 
-def everyone(scope: Scope, predictor: Predictor) -> Members:
+def all_members(scope: Scope, predictor: Predictor) -> Members:
     """Whom parameters can belong to, whether or not they can be estimated from the observations."""
     names: tuple[str, ...] = ("",)
-    if scope in (Scope.STATION, Scope.PASS):
+    if scope.owner is Scope.STATION:
         names = predictor.stations
-    elif scope in (Scope.LINK, Scope.LINK_AND_PASS):
+    elif scope.owner is Scope.LINK:
         names = tuple(link.path for link in predictor.observations.links)
     elif scope is Scope.TARGET and len(predictor.targets) > 1:
         names = predictor.targets
@@ -103,7 +103,7 @@ def members(kind: ParameterKind, scope: Scope, predictor: Predictor) -> Members:
     if owner.shape[1] == 1:
         acts = np.asarray(acts.any(axis=1, keepdims=True))
     there = np.bincount(owner[acts & (owner >= 0)], minlength=1)
-    return {name: k for name, k in everyone(scope, predictor).items() if k < len(there) and there[k]}
+    return {name: k for name, k in all_members(scope, predictor).items() if k < len(there) and there[k]}
 
 
 def columns_of(
@@ -120,7 +120,7 @@ def columns_of(
     nobody has.
     """
     if scope not in (Scope.PASS, Scope.LINK_AND_PASS, Scope.SESSION):
-        by_member = np.full(len(everyone(scope, predictor)) + 1, -1, dtype=np.int32)
+        by_member = np.full(len(all_members(scope, predictor)) + 1, -1, dtype=np.int32)
         by_member[list(chosen.values())] = np.arange(len(chosen))
         return Columns(kind, scope, tuple(chosen), tuple(chosen), (None,) * len(chosen), by_member)
     rows = ObservationRows(predictor)

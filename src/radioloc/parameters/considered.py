@@ -5,21 +5,19 @@ Estimated parameters are not considered as well; members without observations in
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from functools import cache
 from typing import Any
 
 from radioloc.errors import InputError
 from radioloc.measurements.predictor import Predictor
-from radioloc.parameters.choice import ParameterChoice, canonical_name, parameter_choices
+from radioloc.parameters.choice import ParameterChoice, parameter_choices, with_canonical_names
 from radioloc.parameters.columns import members
-from radioloc.parameters.kind import Amount, ParameterKind, Scope
+from radioloc.parameters.kind import Amount, Members, ParameterKind, Scope
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import ObservationRows
 from radioloc.plugins import named_where_it_fails
-
-_LINKS, _STATIONS = (Scope.LINK, Scope.LINK_AND_PASS), (Scope.STATION, Scope.PASS)
 
 
 def considered_choices(given: Mapping[str, Any]) -> dict[str, ParameterChoice]:
@@ -68,67 +66,65 @@ def _resolved(
     rows: ObservationRows,
     estimated: ParameterChoice | None,
 ) -> tuple[ParameterChoice | None, list[str]]:
-    """One kind, and notes on it."""
-    scope, predictor = choice.scope(kind), rows.predictor
-    present = members(kind, scope, predictor)
-    taken = set(_estimated(kind, scope, predictor, estimated, present))
-    listed = None if isinstance(choice.names, str) else [*_named(kind, choice.names, scope, predictor)]
-    by_name = choice.sigma if isinstance(choice.sigma, Mapping) else {}
-    stated: dict[str, Amount] = dict(
-        zip(_named(kind, by_name, scope, predictor), by_name.values(), strict=True)
-    )
-    absent = [name for name in dict.fromkeys([*(listed or ()), *stated]) if name not in present]
-    has = "has" if len(absent) == 1 else "have"
-    notes = [f"[consider] {kind.name}: {', '.join(absent)} {has} no observations that it acts on"] * bool(
-        absent
-    )
-    default: Mapping[str, Amount] = {}
-    if kind.considered is not None and present and (choice.sigma is None or by_name):
-        with named_where_it_fails(f"parameter {kind.name}", "considered"):
-            known = kind.considered(rows, present)
-        if isinstance(known, str):
-            notes.append(f"{kind.name} is not considered: {known}")
-        elif isinstance(known, Mapping):
-            default = known
-        else:
-            raise InputError(
-                f"considered of {kind.name} gives a {type(known).__name__}; "
-                "it needs sigmas by member, or why there are none"
-            )
-    of_all: Any = None if by_name else choice.sigma
-    sigmas = {**default, **stated} if of_all is None else dict.fromkeys(present, of_all)
-    chosen = [name for name in present if name not in taken and (listed is None or name in listed)]
-    for name in chosen if listed is not None else ():
-        if name not in sigmas:
-            raise InputError(f"{kind.sigma_key} of {name} is missing; what is considered needs its sigma")
-    chosen = [name for name in chosen if name in sigmas]
-    if not chosen:
+    """Return the considered members of one kind with their sigmas, and notes."""
+    scope = choice.scope(kind)
+    present = members(kind, scope, rows.predictor)
+    choice = with_canonical_names(kind, choice, rows.predictor)
+    listed = present if isinstance(choice.names, str) else choice.names
+    stated = choice.sigma if isinstance(choice.sigma, Mapping) else {}
+    notes = []
+    if absent := [name for name in dict.fromkeys([*listed, *stated]) if name not in present]:
+        has = "has" if len(absent) == 1 else "have"
+        notes = [f"[consider] {kind.name}: {', '.join(absent)} {has} no observations that it acts on"]
+    if choice.sigma is None or isinstance(choice.sigma, Mapping):
+        default, reason = _default_sigmas(kind, rows, present)
+        notes += [f"{kind.name} is not considered: {reason}"] if reason else []
+        sigmas = {**default, **stated}
+    else:
+        sigmas = dict.fromkeys(present, choice.sigma)
+    excluded = _estimated_members(kind, scope, rows.predictor, estimated, present)
+    chosen = [name for name in present if name in listed and name not in excluded]
+    missing = [name for name in chosen if name not in sigmas]
+    if missing and choice.names != "all":
+        raise InputError(
+            f"{kind.sigma_key} of {missing[0]} is missing; a consider parameter needs an a-priori sigma"
+        )
+    sigma: dict[str, Any] = {name: sigmas[name] for name in chosen if name in sigmas}
+    if not sigma:
         return None, notes
     value = choice.value
     if isinstance(value, Mapping):
-        value = dict(zip(_named(kind, value, scope, predictor), value.values(), strict=True))
         value = {name: amount for name, amount in value.items() if name in present}
-    names = tuple(chosen) if kind.scopes[0].named else "all"
-    sigma: Any = {name: sigmas[name] for name in chosen}
-    return ParameterChoice(names, value, sigma, choice.per), notes
+    return ParameterChoice(tuple(sigma) if kind.scopes[0].named else "all", value, sigma, choice.per), notes
 
 
-def _named(kind: ParameterKind, names: Collection[str], scope: Scope, predictor: Predictor) -> Iterator[str]:
-    return (canonical_name(kind.name, name, scope, predictor) for name in names)
+def _default_sigmas(
+    kind: ParameterKind, rows: ObservationRows, present: Members
+) -> tuple[Mapping[str, Amount], str]:
+    """Return the kind's own sigmas by member, or the reason why there are none."""
+    if kind.considered is None or not present:
+        return {}, ""
+    with named_where_it_fails(f"parameter {kind.name}", "considered"):
+        default = kind.considered(rows, present)
+    if isinstance(default, str):
+        return {}, default
+    if isinstance(default, Mapping):
+        return default, ""
+    raise InputError(
+        f"considered of {kind.name}: expected sigmas by member, or a reason in words, got {type(default).__name__}"
+    )
 
 
-def _estimated(
+def _estimated_members(
     kind: ParameterKind,
     scope: Scope,
     predictor: Predictor,
     estimated: ParameterChoice | None,
     present: Collection[str],
 ) -> Collection[str]:
-    """Members whose parameter is estimated; all where it is estimated of all, or of links in place of stations."""
+    """Return the members that are estimated: all if the study names none, or names links in place of stations."""
     if estimated is None or estimated.names == "none":
         return ()
-    other = estimated.scope(kind)
-    alike = other is scope or any({other, scope} <= set(family) for family in (_LINKS, _STATIONS))
-    if isinstance(estimated.names, str) or not alike:
+    if isinstance(estimated.names, str) or estimated.scope(kind).owner is not scope.owner:
         return present
-    return list(_named(kind, estimated.names, other, predictor))
+    return with_canonical_names(kind, estimated, predictor).names

@@ -34,6 +34,11 @@ class Scope(Enum):
         """Whether there can be several, each with a name."""
         return self not in (Scope.EARTH, Scope.MOON, Scope.SESSION)
 
+    @property
+    def owner(self) -> Scope:
+        """Scope without division into passes."""
+        return {Scope.PASS: Scope.STATION, Scope.LINK_AND_PASS: Scope.LINK}.get(self, self)
+
 
 Amount = float | tuple[float, ...] | None  # a number, or one for each component
 

@@ -215,7 +215,7 @@ def _design(
     kinds = []
     for name, choice in choices.items():
         kind = PARAMETERS[name]
-        if choice.scope(kind) in (Scope.STATION, Scope.PASS) and isinstance(choice.value, Mapping):
+        if choice.scope(kind).owner is Scope.STATION and isinstance(choice.value, Mapping):
             # Stations that see nothing do not matter.
             seen = {n: v for n, v in choice.value.items() if catalogue.get(n).name in simple.stations}
             choice = replace(choice, value=seen)

@@ -280,7 +280,7 @@ def test_nothing_to_estimate_is_refused(apollo15, near15):
 def test_bias_of_a_station_without_observations_is_refused(kind, apollo15, near15):
     with pytest.raises(
         radioloc.errors.InputError,
-        match=rf"\[estimate\] {kind}: no observation of GRASSE that has one; .* APOLLO",
+        match=rf"\[estimate\] {kind}: .*APOLLO.*, got GRASSE",
     ):
         fit(apollo15, near15, **{kind: ["GRASSE"]})
     with pytest.raises(radioloc.errors.StationError, match=rf"\[estimate\] {kind}: station 'NOPE'"):

@@ -119,13 +119,13 @@ def test_residuals_are_those_at_the_a_priori_values(biased):
         (
             {"range_bias_m": {"NEUQUEN": 1.0}},
             InputError,
-            "range_bias_m: no observation of NEUQUEN that has one",
+            "range_bias_m: expected a member with observations .* got NEUQUEN",
         ),
         ({"range_bias_sigma_m": {"JIAMUSI": 1.0}}, InputError, "JIAMUSI gets no range_bias; list it"),
-        ({"range_bias_m": {"KASHI": 1.0, "kashi": 2.0}}, InputError, "KASHI is there twice, once as kashi"),
-        ({"clock_s": 1e-6}, InputError, "clock_s: there is no observation that it acts on; leave it out"),
+        ({"range_bias_m": {"KASHI": 1.0, "kashi": 2.0}}, InputError, "KASHI twice, once as kashi"),
+        ({"clock_s": 1e-6}, InputError, "clock_s: expected observations .* none; leave it out"),
         ({"range_bias_per": "link"}, InputError, r"\[estimate\] range_bias: 'KASHI' is not a path"),
-        ({"clock_s": {"KASHI": 1.0}}, InputError, "clock_s: no observation of KASHI that has one; .* none"),
+        ({"clock_s": {"KASHI": 1.0}}, InputError, r"clock_s: .* \(none\), got KASHI"),
     ],
 )
 def test_stations_that_cannot_be(ranges, estimate, error, message):
@@ -145,9 +145,9 @@ def test_stations_that_cannot_be(ranges, estimate, error, message):
         ({"pass_gap_h": 0.0}, "pass_gap_h must be above zero"),
         ({"range_bias": "KASHI"}, 'range_bias must be a list of names, "all" or "none", not \'KASHI\''),
         ({"range_bias": ["KASHI", 7]}, "range_bias must be names, not 7"),
-        ({"ut1": ["KASHI"]}, "ut1 belongs to nobody by name; use true or false"),
+        ({"ut1": ["KASHI"]}, "ut1 has no members with names; use true or false"),
         ({"range_bias_m": 10**400}, "range_bias_m must be a finite number"),
-        ({"range_bais": "all"}, "range_bais is no parameter's; did you mean 'range_bias'"),
+        ({"range_bais": "all"}, "range_bais: unknown key of a parameter; did you mean 'range_bias'"),
         ({"transponder_delay_sigma_s": 1e-8}, "transponder_delay_sigma_s needs transponder_delay"),
     ],
 )
@@ -241,7 +241,7 @@ def test_transponder_delay_is_one_parameter_of_all_ranges(ranges):
     assert row["sigma"] == pytest.approx(1.0 / C_M_S / np.sqrt(10.0), rel=1e-3)
     assert "transponder_delay" in str(found)
     delays = table(VLBI_DELAY, "KASHI<lander>JIAMUSI", value_m=0.0)
-    with pytest.raises(InputError, match="transponder_delay: there is no observation that it acts on"):
+    with pytest.raises(InputError, match="transponder_delay: expected observations"):
         radioloc.locate(study(transponder_delay=True), delays)
 
 
@@ -284,9 +284,7 @@ def test_links_have_biases_of_their_own(ranges):
         biased,
     )
     assert list(one.biases()) == ["KASHI>lander>KASHI 1", "KASHI>lander>KASHI 2"]
-    with pytest.raises(
-        InputError, match="no observation of URUMQI>lander>KASHI that has one; the links are KASHI>l"
-    ):
+    with pytest.raises(InputError, match=r"\(KASHI>l.*\), got URUMQI>lander>KASHI"):
         radioloc.locate(study(range_bias=["URUMQI>lander>KASHI"], range_bias_per="link"), biased)
 
 

@@ -11,7 +11,7 @@ import math
 import re
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +29,7 @@ _LARGEST_AMPLITUDE_M = 0.3
 _CMC = re.compile(r"\bCMC\s*[:=]?\s*(YES|NO)\b", re.IGNORECASE)
 """Mark of a header or record: whether the tidal motion of the geocentre is in the coefficients."""
 _AMPLITUDE_UNIT = re.compile(r"AMPLITUDES?\s*\(([^)]*)\)", re.IGNORECASE)
+_MODEL = re.compile(r"Ocean tide model:?\s*(\S.*)", re.IGNORECASE)
 _END = re.compile(r"\$\$\s*END TABLE")
 
 
@@ -46,15 +47,15 @@ class BlqCoefficients:
     geocentre_included: bool = False  # against the centre of mass of Earth and oceans ("CMC: YES")
 
     def __post_init__(self) -> None:
-        for field, unit in (("amplitude_m", "m"), ("phase_lag_rad", "rad")):
-            table = np.array(in_unit(getattr(self, field), unit, field), dtype=np.float64)
-            wanted = f"{field} of {self.site!r} must be 3 x {len(CONSTITUENTS)} finite numbers"
+        for name, unit in (("amplitude_m", "m"), ("phase_lag_rad", "rad")):
+            table = np.array(in_unit(getattr(self, name), unit, name), dtype=np.float64)
+            wanted = f"{name} of {self.site!r} must be 3 x {len(CONSTITUENTS)} finite numbers"
             if table.shape != (3, len(CONSTITUENTS)):
                 raise InputError(f"{wanted}, but has shape {table.shape}")
             if not np.isfinite(table).all():
                 raise InputError(f"{wanted}, but holds one that is not")
             table.setflags(write=False)
-            object.__setattr__(self, field, table)
+            object.__setattr__(self, name, table)
         if (self.amplitude_m < 0.0).any() or (self.amplitude_m > _LARGEST_AMPLITUDE_M).any():
             raise InputError(
                 f"ocean loading of {self.site!r} has amplitudes from {self.amplitude_m.min():g} to "
@@ -99,58 +100,31 @@ def read_blq(path: str | Path) -> dict[str, BlqCoefficients]:
 def parse_blq(text: str, path: str | Path) -> dict[str, BlqCoefficients]:
     """Read the text of a file in BLQ layout; see :func:`read_blq`."""
     sites: dict[str, BlqCoefficients] = {}
-    header_source = "ocean tide model not named in the file"
-    name, name_line, source = "", 0, ""
-    of_header = of_site = False  # whether the geocentre is included
-    rows: list[list[float]] = []
+    header = _Site("", 0, "ocean tide model not named in the file", False)
+    site: _Site | None = None
     end_expected = False
-    ended = any(_END.match(line) for line in text.splitlines())
     for number, line in _table_lines(text):
         if line.startswith("$$"):
-            order = re.search(r"COLUMN ORDER:\s*(.*)", line, re.IGNORECASE)
-            end_expected = end_expected or order is not None
-            if order and tuple(order[1].upper().split()) != CONSTITUENTS:
-                problem = f"columns are {order[1].strip()!r}, but only {' '.join(CONSTITUENTS)!r} can be read"
+            end_expected |= _is_column_order(line, path, number)
+            (site or header).take_comment(line)
+        elif site is None:
+            site = _Site(line.strip(), number, "", header.geocentre_included)
+            if site.name in sites:
+                problem = f"site {site.name!r} appears twice; keep one of its records"
                 raise FileFormatError(path, problem, number)
-            unit = _AMPLITUDE_UNIT.search(line)
-            if unit and unit[1].strip().lower() not in ("m", "metres", "meters"):
-                raise FileFormatError(
-                    path, f"expected amplitudes in m, got {unit[1].strip()!r}; convert them", number
-                )
-            if mark := _CMC.search(line):
-                of_site = mark[1].upper() == "YES"
-                of_header = of_header if name else of_site
-            model = re.search(r"Ocean tide model:?\s*(\S.*)", line, re.IGNORECASE)
-            if model and not name:
-                header_source = model[1].strip()
-            if name and not rows and not source:
-                source = line.lstrip("$ ").strip()
-            continue
-        if not name:
-            name, name_line, source, of_site = line.strip(), number, "", of_header
-            if name in sites:
-                raise FileFormatError(path, f"site {name!r} appears twice; keep one of its records", number)
-            continue
-        rows.append(_read_row(line, name, len(rows), path, number))
-        if len(rows) == len(_ROWS):
-            table = np.array(rows)
-            try:
-                sites[name] = BlqCoefficients(
-                    name, table[:3], np.deg2rad(table[3:]), source or header_source, of_site
-                )
-            except InputError as problem:
-                raise FileFormatError(path, str(problem), name_line) from None
-            name, rows = "", []
-    if name:
-        raise FileFormatError(
-            path,
-            f"the record of {name[:40]!r} has {len(rows)} rows of numbers; it needs {len(_ROWS)}",
-            name_line,
+        else:
+            site.rows.append(_read_row(line, site.name, len(site.rows), path, number))
+            if len(site.rows) == len(_ROWS):
+                sites[site.name] = site.coefficients(header.source, path)
+                site = None
+    if site is not None:
+        problem = (
+            f"the record of {site.name[:40]!r} has {len(site.rows)} rows of numbers; it needs {len(_ROWS)}"
         )
+        raise FileFormatError(path, problem, site.line)
     if not sites:
-        raise FileFormatError(
-            path, "there is no site in it; a BLQ record is a name and six rows of eleven numbers"
-        )
+        raise FileFormatError(path, "has no site; a BLQ record is a name and six rows of eleven numbers")
+    ended = any(_END.match(line) for line in text.splitlines())
     if not (ended or text.endswith(("\n", "\r"))):
         raise FileFormatError(path, CUT_LINE.format("number"), len(text.splitlines()))
     if end_expected and not ended:
@@ -159,6 +133,47 @@ def parse_blq(text: str, path: str | Path) -> dict[str, BlqCoefficients]:
         )
         warnings.warn(missing, DataQualityWarning, stacklevel=3)
     return sites
+
+
+@dataclass(slots=True)
+class _Site:
+    """Record of a site, or without a name the header, as far as it has been read."""
+
+    name: str
+    line: int
+    source: str
+    geocentre_included: bool
+    rows: list[list[float]] = field(default_factory=list)
+
+    def take_comment(self, line: str) -> None:
+        if mark := _CMC.search(line):
+            self.geocentre_included = mark[1].upper() == "YES"
+        if self.name and not self.rows and not self.source:
+            self.source = line.lstrip("$ ").strip()
+        elif not self.name and (model := _MODEL.search(line)):
+            self.source = model[1].strip()
+
+    def coefficients(self, header_source: str, path: str | Path) -> BlqCoefficients:
+        table = np.array(self.rows)
+        values = self.name, table[:3], np.deg2rad(table[3:]), self.source or header_source
+        try:
+            return BlqCoefficients(*values, self.geocentre_included)
+        except InputError as problem:
+            raise FileFormatError(path, str(problem), self.line) from None
+
+
+def _is_column_order(line: str, path: str | Path, number: int) -> bool:
+    """Return whether a comment states the order of the columns; refuse another order or unit."""
+    order = re.search(r"COLUMN ORDER:\s*(.*)", line, re.IGNORECASE)
+    if order and tuple(order[1].upper().split()) != CONSTITUENTS:
+        problem = f"columns are {order[1].strip()!r}, but only {' '.join(CONSTITUENTS)!r} can be read"
+        raise FileFormatError(path, problem, number)
+    unit = _AMPLITUDE_UNIT.search(line)
+    if unit and unit[1].strip().lower() not in ("m", "metres", "meters"):
+        raise FileFormatError(
+            path, f"expected amplitudes in m, got {unit[1].strip()!r}; convert them", number
+        )
+    return order is not None
 
 
 def _table_lines(text: str) -> Iterator[tuple[int, str]]:

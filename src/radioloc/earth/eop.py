@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import astropy_iers_data
 import numpy as np
@@ -271,36 +271,47 @@ _BULLETIN_A = _Layout(
 )
 
 
-def read_eop_rows(
-    path: str | Path, first_mjd_utc: float = 0.0, package: str = ""
-) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Read a C04 or finals2000A file, plain or gzip: the columns of an EopTable from a date on, and its sources."""
-    path = Path(path)
-    texts = b"".join(block for _, block in read_blocks(path, encoding="latin-1")).split(b"\n")
-    lines = np.array([k for k, text in enumerate(texts) if text.strip() and not text.startswith(b"#")]) + 1
-    if not len(lines):
-        raise FileFormatError(path, "has no rows; fetch or write it again")
-    if len(texts) > 1 and 0 < len(texts[-1]) < len(texts[-2]):
-        raise FileFormatError(path, "the last row was cut; fetch or write the file again", len(texts))
-    layout = next((one for one in (_C04, _BULLETIN_A) if one.row.match(texts[lines[0] - 1])), None)
-    if layout is None:
-        raise FileFormatError(
-            path,
-            "this is a row of neither IERS 20 C04 (year, month, day, hour, MJD, x, y, UT1-UTC, dX, dY ...) "
-            "nor finals2000A; download eopc04.1962-now or finals2000A.all",
-            int(lines[0]),
-        )
-    places = layout.places.values()
-    fields: Any = {
-        "names": list(layout.places),
-        "formats": [f"S{last - first + 1}" for first, last in places],
-        "offsets": [first - 1 for first, _ in places],
-        "itemsize": layout.width,
-    }
-    rows = np.array([texts[k - 1] for k in lines], dtype=f"S{layout.width}").view(np.dtype(fields))
+class _Rows(NamedTuple):
+    """Rows of a file, divided into columns, with their line numbers."""
 
-    def numbers(name: str, blank_allowed: bool = False) -> Floats:
-        text = rows[name]
+    path: Path
+    layout: _Layout
+    columns: NDArray[Any]
+    lines: NDArray[np.intp]
+
+    @classmethod
+    def read(cls, path: Path) -> _Rows:
+        texts = b"".join(block for _, block in read_blocks(path, encoding="latin-1")).split(b"\n")
+        lines = (
+            np.array([k for k, text in enumerate(texts) if text.strip() and not text.startswith(b"#")]) + 1
+        )
+        if not len(lines):
+            raise FileFormatError(path, "has no rows; fetch or write it again")
+        if len(texts) > 1 and 0 < len(texts[-1]) < len(texts[-2]):
+            raise FileFormatError(path, "the last row was cut; fetch or write the file again", len(texts))
+        layout = next((one for one in (_C04, _BULLETIN_A) if one.row.match(texts[lines[0] - 1])), None)
+        if layout is None:
+            raise FileFormatError(
+                path,
+                "this is a row of neither IERS 20 C04 (year, month, day, hour, MJD, x, y, UT1-UTC, dX, dY ...) "
+                "nor finals2000A; download eopc04.1962-now or finals2000A.all",
+                int(lines[0]),
+            )
+        places = layout.places.values()
+        fields: Any = {
+            "names": list(layout.places),
+            "formats": [f"S{last - first + 1}" for first, last in places],
+            "offsets": [first - 1 for first, _ in places],
+            "itemsize": layout.width,
+        }
+        rows = np.array([texts[k - 1] for k in lines], dtype=f"S{layout.width}")
+        return cls(path, layout, rows.view(np.dtype(fields)), lines)
+
+    def fail(self, row: int, problem: str) -> NoReturn:
+        raise FileFormatError(self.path, problem, int(self.lines[row]))
+
+    def numbers(self, name: str, blank_allowed: bool = False) -> Floats:
+        text = self.columns[name]
         if blank_allowed:
             text = np.where(np.char.strip(text) != b"", text, b"nan")
         try:
@@ -309,49 +320,47 @@ def read_eop_rows(
             values = np.array([_number(item) for item in text])
         wrong = np.flatnonzero(~np.isfinite(values) & ~(blank_allowed & (text == b"nan")))
         if len(wrong):
-            first, last = layout.places[name]
+            first, last = self.layout.places[name]
             shown = text[wrong[0]].decode("ascii", "replace")
-            problem = f"columns {first} to {last} should hold {name}, but hold {shown!r}"
-            raise FileFormatError(path, problem, int(lines[wrong[0]]))
+            self.fail(wrong[0], f"columns {first} to {last} should hold {name}, but hold {shown!r}")
         return np.asarray(values)
 
-    used = numbers("MJD") >= first_mjd_utc
-    of_bulletin_a = layout is _BULLETIN_A
+
+def read_eop_rows(
+    path: str | Path, first_mjd_utc: float = 0.0, package: str = ""
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Read a C04 or finals2000A file, plain or gzip: the columns of an EopTable from a date on, and its sources."""
+    path = Path(path)
+    rows = _Rows.read(path)
+    used = rows.numbers("MJD") >= first_mjd_utc
+    of_bulletin_a = rows.layout is _BULLETIN_A
     if of_bulletin_a:  # rows after the last prediction hold a date alone
-        filled = np.flatnonzero(np.char.strip(rows["UT1-UTC"]) != b"")
+        filled = np.flatnonzero(np.char.strip(rows.columns["UT1-UTC"]) != b"")
         used[filled[-1] + 1 if len(filled) else 0 :] = False
-    rows, lines = rows[used], lines[used]
-    mjd, x, y, ut1 = (numbers(name) for name in ("MJD", "x", "y", "UT1-UTC"))
-    skipped = np.flatnonzero(np.diff(mjd) != 1.0)
-    if len(skipped):
-        k = skipped[0]
-        problem = f"MJD {mjd[k + 1]:.2f} follows {mjd[k]:.2f}; daily rows are needed"
-        raise FileFormatError(path, problem, int(lines[k + 1]))
-    not_filled = np.flatnonzero((x == 0.0).astype(int) + (y == 0.0) + (ut1 == 0.0) >= 2)
-    if len(not_filled):
-        problem = f"x, y and UT1-UTC of {day_of(mjd[not_filled[0]])} are zero, as in rows that are not filled in yet"
-        raise FileFormatError(
-            path, f"{problem}; remove the row, or fetch the file again", int(lines[not_filled[0]])
-        )
-    dx, dy = (layout.pole_offset_arcsec * numbers(name, of_bulletin_a) for name in ("dX", "dY"))
-    too_large = np.flatnonzero(np.maximum(np.abs(dx), np.abs(dy)) > _LARGEST_POLE_OFFSET_ARCSEC)
-    if len(too_large):
-        raise FileFormatError(
-            path,
+    rows = rows._replace(columns=rows.columns[used], lines=rows.lines[used])
+    mjd, x, y, ut1 = (rows.numbers(name) for name in ("MJD", "x", "y", "UT1-UTC"))
+    for k in np.flatnonzero(np.diff(mjd) != 1.0)[:1]:
+        rows.fail(k + 1, f"MJD {mjd[k + 1]:.2f} follows {mjd[k]:.2f}; daily rows are needed")
+    for k in np.flatnonzero((x == 0.0).astype(int) + (y == 0.0) + (ut1 == 0.0) >= 2)[:1]:
+        problem = f"x, y and UT1-UTC of {day_of(mjd[k])} are zero, as in rows that are not filled in yet"
+        rows.fail(k, f"{problem}; remove the row, or fetch the file again")
+    dx, dy = (rows.layout.pole_offset_arcsec * rows.numbers(name, of_bulletin_a) for name in ("dX", "dY"))
+    for k in np.flatnonzero(np.maximum(np.abs(dx), np.abs(dy)) > _LARGEST_POLE_OFFSET_ARCSEC)[:1]:
+        rows.fail(
+            k,
             "the celestial pole offset is too large to be dX, dY of IAU 2000A: offsets of the 1980 nutation "
             "theory (dPsi, dEpsilon) are of no use here; take the file with dX, dY",
-            int(lines[too_large[0]]),
         )
     predicted = np.zeros(len(mjd), dtype=np.bool_)
     for flag in _FLAGS if of_bulletin_a else ():
-        predicted |= rows[flag] == b"P"
+        predicted |= rows.columns[flag] == b"P"
     angles = {"xp_rad": x, "yp_rad": y, "dx_rad": dx, "dy_rad": dy}
     columns: dict[str, Any] = {name: arcsec * ARCSEC_RAD for name, arcsec in angles.items()}
     columns |= {"mjd_utc": mjd, "ut1_minus_utc_s": ut1, "predicted": predicted}
     if not len(mjd):
         return columns, ()
     name, sha256 = path.name + package, hashlib.sha256(path.read_bytes()).hexdigest()
-    return columns, (f"{layout.series} {name}, {day_of(mjd[0])} to {day_of(mjd[-1])}, sha256 {sha256}",)
+    return columns, (f"{rows.layout.series} {name}, {day_of(mjd[0])} to {day_of(mjd[-1])}, sha256 {sha256}",)
 
 
 def day_of(mjd_utc: float) -> str:

@@ -267,16 +267,7 @@ class _File:
 
     def take(self, record: _Record) -> None:
         code, current = record.text[:2].upper(), self._pass
-        if code not in _LEAST_FIELDS:
-            full_rate = "full-rate ranges are not read; give normal points"
-            record.fail(full_rate if code == "10" else "is not known in CRD; correct or remove it")
-        if code != "H1" and (self._version == 0 or self.ended):
-            record.fail("stands outside the file's header (H1) and end (H9)")
-        if code not in _DATA and current is not None:
-            record.fail(f"the pass that starts at line {current.line} has no end (H8): the file was cut")
-        least, count = _LEAST_FIELDS[code][self._version == 2], len(record.fields)
-        if count < least:
-            record.fail(f"has {count} of at least {least} fields: it was cut; fetch the file again")
+        self._check(record, code, current)
         match code:
             case "H1":
                 self._begin(record)
@@ -301,6 +292,19 @@ class _File:
             case "H8":
                 self.columns.append(current.columns(record.path))
                 self._pass = None
+
+    def _check(self, record: _Record, code: str, current: _Pass | None) -> None:
+        """Refuse an unknown or cut record, and a record that stands in the wrong place."""
+        if code not in _LEAST_FIELDS:
+            full_rate = "full-rate ranges are not read; give normal points"
+            record.fail(full_rate if code == "10" else "is not known in CRD; correct or remove it")
+        if code != "H1" and (self._version == 0 or self.ended):
+            record.fail("stands outside the file's header (H1) and end (H9)")
+        if code not in _DATA and current is not None:
+            record.fail(f"the pass that starts at line {current.line} has no end (H8): the file was cut")
+        least, count = _LEAST_FIELDS[code][self._version == 2], len(record.fields)
+        if count < least:
+            record.fail(f"has {count} of at least {least} fields: it was cut; fetch the file again")
 
     def _begin(self, record: _Record) -> None:
         version = record.integer(2, "format version")

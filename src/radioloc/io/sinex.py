@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -36,17 +36,20 @@ _OF_A_STATION = re.compile(r"([A-Za-z][\w-]*)(?: \d+)?(?:\.\w+)?")
 
 _NO_TIME = "00:000:00000"  # the time of writing: the same solution makes the same file
 _PRIOR_KNOWN, _UNCONSTRAINED = 1, 2
+_HEADING = "*INDEX TYPE__ CODE PT SOLN _REF_EPOCH__ UNIT S {} _STD_DEV___"
 
 
-@dataclass(frozen=True, slots=True)
-class _Line:
-    """What SOLUTION/ESTIMATE and SOLUTION/APRIORI say of a parameter, in the units of the file."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Parameter:
+    """Parameter of SOLUTION/ESTIMATE and SOLUTION/APRIORI, in the units of the file."""
 
     type: str
     code: str
     unit: str
     value: float
-    constrained: bool
+    partials: Floats  # by the parameters of the solution
+    constraint: int
+    name: str = ""  # in the solution; coordinates have none
     prior_value: float = 0.0
     prior_sigma: float = math.inf
 
@@ -71,54 +74,23 @@ def write_sinex(solution: Solution, path: str | Path) -> Path:
     if solution.trajectory is not None or not solution.position_estimated:
         raise InputError(f"{solution.name}: SINEX holds an estimated position, and this solution has none")
     if not solution.converged:
-        raise ConvergenceError(
-            f"{solution.name}: no SINEX file is written of a solution that has not converged"
-        )
-    items = solution.parameters.parameters
-    others = [
-        k
-        for k, item in enumerate(items)
-        if not item.fixed and item.kind != "position" and np.isfinite(solution.covariance[k, k])
-    ]
+        raise ConvergenceError(f"{solution.name}: the solution has not converged; no SINEX file is written")
     targets = solution.targets or (solution,)
     places_me_m = {target.name: solution.rot_pa_to_me @ target.position_pa_m for target in targets}
-    owners = [_OF_A_STATION.fullmatch(items[k].name.partition(".")[2]) for k in others]
-    codes = _codes([*places_me_m, *(owner[1] for owner in owners if owner)])
-
-    height_known = any(math.isfinite(item.prior_sigma) for item in items if item.kind == "position")
-    lines = [
-        _Line(axis, codes[target.name], "m", value, height_known)
-        for target in targets
-        for axis, value in zip(("STAX", "STAY", "STAZ"), target.position_pa_m.tolist(), strict=True)
+    others = [
+        k
+        for k, item in enumerate(solution.parameters)
+        if not item.fixed and item.kind != "position" and np.isfinite(solution.covariance[k, k])
     ]
-    factors = []  # from the units of the solution
-    for k, owner in zip(others, owners, strict=True):
-        item = items[k]
-        first_letters = item.kind.replace("_", "").upper()[:6]
-        kind, unit, factor = _TYPES.get(item.kind, (first_letters, item.unit[:4], 1.0))
-        code, constrained = codes[owner[1]] if owner else "----", math.isfinite(item.prior_sigma)
-        sizes = (factor * size for size in (item.prior_value, item.prior_sigma))
-        lines.append(_Line(kind, code, unit, factor * float(solution.values[k]), constrained, *sizes))
-        factors.append(factor)
-    covariance = _covariance(solution, others, np.array(factors))
+    codes = _codes([*places_me_m, *filter(None, (_station(solution.parameters.names[k]) for k in others))])
+    parameters = list(_parameters(solution, others, codes))
+    covariance = _covariance(solution, parameters)
 
     used = solution.residuals.epoch_utc[np.flatnonzero(solution.residuals.used)]
     order = np.lexsort((used.fraction, used.jd))
     first, middle, last = (_epoch(used[[int(order[k])]]) for k in (0, len(order) // 2, -1))
-    # Numbers that tell parameters of one type and site apart, such as those of several passes.
-    kinds = [(line.type, line.code) for line in lines]
-    numbers = [kinds[: k + 1].count(kind) for k, kind in enumerate(kinds)]
-
-    def parameter(k: int, value: float, sigma: float) -> str:
-        line = lines[k]
-        constraint = _PRIOR_KNOWN if line.constrained else _UNCONSTRAINED
-        return (
-            f" {k + 1:5d} {line.type:<6s} {line.code:<4s} {'--' if line.code == '----' else ' A'} {numbers[k]:4d} "
-            f"{middle} {line.unit:<4s} {constraint} {value:21.14E} {sigma:11.5E}"
-        )
-
     sigmas = np.sqrt(np.diag(covariance)).tolist()
-    constraint = _PRIOR_KNOWN if any(line.constrained for line in lines) else _UNCONSTRAINED
+    estimates, priors = _parameter_rows(parameters, sigmas, middle)
     blocks = {
         "FILE/REFERENCE": [
             f" {'DESCRIPTION':<18s} {to_ascii(solution.name, 60)}",
@@ -127,10 +99,7 @@ def write_sinex(solution: Solution, path: str | Path) -> Path:
         "FILE/COMMENT": [
             f" Positions in {solution.pa_frame}, principal axes of the Moon, not of the Earth.",
             " The covariance is the total one, with the errors of considered parameters.",
-            *(
-                f" {3 * len(targets) + 1 + n:5d} is {to_ascii(items[k].name, 60)}"
-                for n, k in enumerate(others)
-            ),
+            *(f" {k:5d} is {to_ascii(item.name, 60)}" for k, item in enumerate(parameters, 1) if item.name),
         ],
         "SITE/ID": [
             "*CODE PT __DOMES__ T _STATION DESCRIPTION__ _LONGITUDE_ _LATITUDE__ HEIGHT_",
@@ -140,29 +109,20 @@ def write_sinex(solution: Solution, path: str | Path) -> Path:
             "*CODE PT SOLN T _DATA_START_ __DATA_END__ _MEAN_EPOCH_",
             *(f" {code:<4s}  A    1 C {first} {last} {middle}" for code in codes.values()),
         ],
-        "SOLUTION/ESTIMATE": [
-            _HEADING.format("__ESTIMATED VALUE____"),
-            *(parameter(k, line.value, sigmas[k]) for k, line in enumerate(lines)),
-        ],
-        "SOLUTION/APRIORI": [
-            _HEADING.format("____APRIORI VALUE____"),
-            *(
-                parameter(k, line.prior_value, line.prior_sigma)
-                for k, line in enumerate(lines)
-                if math.isfinite(line.prior_sigma)
-            ),
-        ],
+        "SOLUTION/ESTIMATE": [_HEADING.format("__ESTIMATED VALUE____"), *estimates],
+        "SOLUTION/APRIORI": [_HEADING.format("____APRIORI VALUE____"), *priors],
         "SOLUTION/MATRIX_ESTIMATE L COVA": [
             "*PARA1 PARA2 ____PARA2+0__________ ____PARA2+1__________ ____PARA2+2__________",
             *(
                 f" {row + 1:5d} {column + 1:5d}"
                 + "".join(f" {value:21.14E}" for value in covariance[row, column : min(column + 3, row + 1)])
-                for row in range(len(lines))
+                for row in range(len(parameters))
                 for column in range(0, row + 1, 3)
             ),
         ],
     }
-    content = [f"%=SNX 2.02 RLC {_NO_TIME} RLC {first} {last} C {len(lines):05d} {constraint} S"]
+    constraint = min(item.constraint for item in parameters)
+    content = [f"%=SNX 2.02 RLC {_NO_TIME} RLC {first} {last} C {len(parameters):05d} {constraint} S"]
     for name, block in blocks.items():
         if any(line.startswith(" ") for line in block):
             content += [f"+{name}", *block, f"-{name}"]
@@ -171,18 +131,65 @@ def write_sinex(solution: Solution, path: str | Path) -> Path:
     return path
 
 
-_HEADING = "*INDEX TYPE__ CODE PT SOLN _REF_EPOCH__ UNIT S {} _STD_DEV___"
+def _station(name: str) -> str:
+    """Return the station that a parameter belongs to, or no text."""
+    match = _OF_A_STATION.fullmatch(name.partition(".")[2])
+    return match[1] if match else ""
 
 
-def _covariance(solution: Solution, others: Sequence[int], factors: Floats) -> Floats:
-    """Total covariance of the coordinates of all targets and of other parameters, in the units of the file."""
-    positions = [target.position_partials for target in solution.targets or (solution,)]
-    transform = np.concatenate([*positions, factors[:, None] * np.eye(len(solution.parameters))[others]])
+def _parameters(solution: Solution, others: Sequence[int], codes: Mapping[str, str]) -> Iterator[_Parameter]:
+    """Yield the coordinates of all targets, then the other parameters."""
+    items = solution.parameters.parameters
+    constraint = _constraint(*(item.prior_sigma for item in items if item.kind == "position"))
+    for target in solution.targets or (solution,):
+        for axis, value, partials in zip("XYZ", target.position_pa_m, target.position_partials, strict=True):
+            yield _Parameter(f"STA{axis}", codes[target.name], "m", float(value), partials, constraint)
+    for k in others:
+        first_letters = items[k].kind.replace("_", "").upper()[:6]
+        kind, unit, factor = _TYPES.get(items[k].kind, (first_letters, items[k].unit[:4], 1.0))
+        code, partials = codes.get(_station(items[k].name), "----"), factor * np.eye(len(items))[k]
+        value, prior_value = (factor * float(x) for x in (solution.values[k], items[k].prior_value))
+        sigma = items[k].prior_sigma
+        yield _Parameter(
+            *(kind, code, unit, value, partials),
+            _constraint(sigma),
+            items[k].name,
+            prior_value,
+            factor * sigma,
+        )
+
+
+def _constraint(*prior_sigmas: float) -> int:
+    return _PRIOR_KNOWN if any(map(math.isfinite, prior_sigmas)) else _UNCONSTRAINED
+
+
+def _parameter_rows(
+    parameters: Sequence[_Parameter], sigmas: Sequence[float], epoch: str
+) -> tuple[list[str], list[str]]:
+    """Return the rows of SOLUTION/ESTIMATE and of SOLUTION/APRIORI."""
+    estimates, priors = [], []
+    # Solution numbers distinguish parameters of one type and site, such as those of several passes.
+    numbers: Counter[tuple[str, str]] = Counter()
+    for k, (item, sigma) in enumerate(zip(parameters, sigmas, strict=True), start=1):
+        numbers[item.type, item.code] += 1
+        place = f"{item.code:<4s} {'--' if item.code == '----' else ' A'} {numbers[item.type, item.code]:4d}"
+        row = f" {k:5d} {item.type:<6s} {place} {epoch} {item.unit:<4s} {item.constraint}"
+        estimates.append(f"{row} {item.value:21.14E} {sigma:11.5E}")
+        if math.isfinite(item.prior_sigma):
+            priors.append(f"{row} {item.prior_value:21.14E} {item.prior_sigma:11.5E}")
+    return estimates, priors
+
+
+def _covariance(solution: Solution, parameters: Sequence[_Parameter]) -> Floats:
+    """Return the total covariance of the parameters, in the units of the file."""
+    transform = np.array([item.partials for item in parameters])
     known = np.isfinite(np.diag(solution.covariance))
     of_parameters = solution.parameter_covariance()[np.ix_(known, known)]
     covariance = transform[:, known] @ of_parameters @ transform[:, known].T
     # The error of the ephemeris moves all targets alike.
-    by_error = np.tile(solution.rot_pa_to_enu.T * solution.ephemeris_sigma_enu_m, (len(positions), 1))
+    by_error = np.tile(
+        solution.rot_pa_to_enu.T * solution.ephemeris_sigma_enu_m, (len(solution.targets) or 1, 1)
+    )
     covariance[: len(by_error), : len(by_error)] += by_error @ by_error.T
     return np.asarray(covariance)
 

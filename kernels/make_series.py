@@ -7,7 +7,7 @@ the zeros of the polynomial of the next degree, and miss it between them by less
 import erfa
 import numpy as np
 
-from radioloc.time.tabulated import FIRST_JD, SPAN_D
+from radioloc.time.smooth import FIRST_JD, SPAN_D
 
 SPANS = 891
 

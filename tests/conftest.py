@@ -1,6 +1,8 @@
 """How the tests run: how long hypothesis searches, and on how many threads linear algebra is."""
 
 import os
+from importlib.util import find_spec
+from pathlib import Path
 
 # As many processes of tests as processors leave none for threads of linear algebra. Before NumPy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -10,6 +12,13 @@ from hypothesis import HealthCheck, settings
 from quick import undrawn, unsearched
 
 from radioloc.measurements import TERMS, PhysicalModel
+
+# numba compiles a function again when its own module has changed, not when a module that it calls has.
+PACKAGE = Path(find_spec("radioloc").origin).parent
+CHANGED = max(source.stat().st_mtime for source in PACKAGE.rglob("_*.py"))
+for index in PACKAGE.rglob("*.nbi"):
+    if index.stat().st_mtime < CHANGED:
+        index.unlink(missing_ok=True)
 
 # `make test` searches a little each time, `make test-all` much longer (--hypothesis-profile=thorough). No test
 # is late because other processes keep the machine busy, and fixtures of a test are made to serve all its examples.

@@ -1,9 +1,12 @@
-"""Exports of a package that are imported when they are first used."""
+"""Imports on first use: exports of packages, and optional packages with the command that installs them."""
 
 import sys
 from collections.abc import Callable, Mapping
 from importlib import import_module
+from types import ModuleType
 from typing import Any
+
+from radioloc.errors import InputError
 
 
 def lazy_exports(
@@ -25,3 +28,11 @@ def lazy_exports(
             raise AttributeError(f"module {package!r} has no attribute {name!r}") from None
 
     return get, lambda: sorted({*vars(sys.modules[package]), *homes})
+
+
+def optional(module: str, need: str, extra: str) -> ModuleType:
+    """Import a module of an optional package; `need` says who needs what, before the command that installs it."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise InputError(f"{need} pip install 'radioloc[{extra}]'") from error

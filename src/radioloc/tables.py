@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 from radioloc.errors import InputError
-from radioloc.extras import optional
+from radioloc.lazy import optional
 from radioloc.time import Epochs
 from radioloc.time.dates import utc_datetimes
 from radioloc.units import unit_of

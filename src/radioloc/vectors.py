@@ -1,4 +1,4 @@
-"""Products and lengths of many vectors at once, component by component.
+"""Products and lengths of many vectors at once, component by component; sums of many Chebyshev series.
 
 NumPy works through arrays of shape (n, 3) vector by vector if they are stored so; stored by component, it works through
 whole columns, several times as fast. Results are stored like their arguments.
@@ -69,3 +69,21 @@ def east_north_up(longitude_rad: Floats, latitude_rad: Floats) -> Floats:
 def by_component(a: NDArray[np.generic]) -> NDArray[np.generic]:
     """The same array stored by component (column-major); copied if it is not."""
     return np.asfortranarray(a) if a.ndim > 1 else a
+
+
+def chebyshev_sums(coefficients: Floats, s: Floats, derivatives: int = 1) -> tuple[Floats, ...]:
+    """Return values and derivatives by s, (k, n), of Chebyshev series, (degrees, k, n), -1 <= s <= 1."""
+    # Clenshaw's recurrence b_j = c_j + 2 s b_(j+1) - b_(j+2), differentiated.
+    twice = 2.0 * s
+    b = b_next = db = db_next = ddb = ddb_next = np.zeros(coefficients.shape[1:])
+    for k in range(len(coefficients) - 1, 0, -1):
+        if derivatives > 1:
+            ddb, ddb_next = 4.0 * db + twice * ddb - ddb_next, ddb
+        db, db_next = 2.0 * b + twice * db - db_next, db
+        # Summed in this order the leading coefficient, 1e4 rad for the lunar angle psi, rounds once.
+        b, b_next = coefficients[k] + (twice * b - b_next), b
+    values = coefficients[0] + (s * b - b_next)
+    rates = b + s * db - db_next
+    if derivatives == 1:
+        return values, rates
+    return values, rates, 2.0 * db + s * ddb - ddb_next

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from radioloc.cli.command import JSON, argument, command
 from radioloc.cli.output import DONE, NOT_CONVERGED, finish, say, tell
 from radioloc.errors import InputError
-from radioloc.extras import optional
+from radioloc.lazy import optional
 
 if TYPE_CHECKING:
     from radioloc.earth.stations import Station

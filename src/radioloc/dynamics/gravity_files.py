@@ -16,13 +16,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.ephemeris import CONSTANTS
 from radioloc.errors import FileFormatError
 from radioloc.text_files import ANY_BYTE, numbers_of, read_lines, read_text
-
-Floats = NDArray[np.float64]
 
 _GM_M3_S2 = CONSTANTS["DE421"].gm_moon_m3_s2
 _RADIUS_M = 1738.0e3

@@ -18,7 +18,7 @@ import erfa
 import numpy as np
 
 from radioloc.constants import ARCSEC_RAD, SECONDS_PER_DAY
-from radioloc.time.tabulated import table_of
+from radioloc.time.smooth import table_of
 from radioloc.vectors import Floats
 
 _DAYS_PER_CENTURY = 36525.0

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from radioloc.earth.blq import BlqCoefficients
 from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.time import Epochs, evaluate_smooth
-from radioloc.time.tabulated import table_of
+from radioloc.time.smooth import table_of
 from radioloc.vectors import Floats
 
 # fmt: off

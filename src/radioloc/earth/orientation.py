@@ -25,7 +25,7 @@ from radioloc.earth.eop import EopTable
 from radioloc.earth.eop_tides import libration, ocean_tides
 from radioloc.errors import PredictedEopWarning
 from radioloc.time import Epochs
-from radioloc.time.tabulated import table_of, tabulated
+from radioloc.time.smooth import table_of, tabulated
 from radioloc.vectors import Floats, cross_matrices
 
 _ERA_AT_J2000_TURNS = 0.7790572732640

@@ -26,7 +26,7 @@ from numpy.polynomial.polynomial import polyval
 from radioloc.constants import ARCSEC_RAD
 from radioloc.earth.geodesy import rot_itrf_to_spherical_enu
 from radioloc.time import Epochs
-from radioloc.time.tabulated import table_of
+from radioloc.time.smooth import table_of
 from radioloc.vectors import Floats
 
 # Masses in Earth masses and the equatorial radius, as the conventional model has them.

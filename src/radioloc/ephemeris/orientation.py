@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.constants import ARCSEC_RAD
@@ -17,8 +16,9 @@ from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.ephemeris.positions import evaluate
 from radioloc.errors import KernelError
 from radioloc.kernels import Kernel, KernelFile
-from radioloc.kernels.files import open_pck
+from radioloc.kernels.files import open_kernel
 from radioloc.time import Epochs
+from radioloc.vectors import Floats
 
 _INERTIAL_FRAME = 1
 
@@ -36,7 +36,7 @@ class LunarAxes:
         """Name of the axes here, such as ``PA_DE421``."""
         return CONSTANTS[self.ephemeris].me_frame if self.axes == "ME" else f"PA_{self.ephemeris}"
 
-    def states_to_icrf(self, states: NDArray[np.float64], et_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    def states_to_icrf(self, states: Floats, et_s: Floats) -> Floats:
         """Return states in the ICRF of states in these axes, shapes (n, 6), at TDB seconds since J2000."""
         import spiceypy
 
@@ -80,7 +80,7 @@ class LunarOrientation:
 
         It has to hold exactly one of the known lunar frames.
         """
-        kernel = open_pck(pck)
+        kernel = open_kernel(pck, "PCK")
         held = sorted({s.target for s in kernel.segments})
         codes = [code for code in held if code in _FRAMES]
         if len(codes) != 1:
@@ -98,7 +98,7 @@ class LunarOrientation:
         return self.pck.file
 
     @bare_arguments
-    def angles(self, tdb: Epochs) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def angles(self, tdb: Epochs) -> tuple[Floats, Floats]:
         """Euler angles phi, theta, psi of the principal axes, rad, and their rates, rad/s, at epochs of TDB, (n, 3).
 
         They are in the order of the 3-1-3 rotations that take the ICRF into the principal axes, Rz(psi) Rx(theta)

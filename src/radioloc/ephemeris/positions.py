@@ -8,18 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
-from radioloc.chebyshev import chebyshev_sums
 from radioloc.constants import C_M_S, J2000_JD, SECONDS_PER_DAY
 from radioloc.ephemeris.constants import CONSTANTS, EphemerisConstants
 from radioloc.errors import CoverageError, InputError, KernelError
 from radioloc.kernels import Kernel, KernelFile, Segment
 from radioloc.kernels.daf import span_dates
-from radioloc.kernels.files import open_spk
+from radioloc.kernels.files import open_kernel
 from radioloc.time import Epochs, utc_strings
-from radioloc.vectors import dot, length
+from radioloc.vectors import Floats, chebyshev_sums, dot, length
 
 _M_PER_KM = 1000.0
 _SOLAR_SYSTEM_BARYCENTRE, _EARTH_MOON_BARYCENTRE, _EARTH, _MOON = 0, 3, 399, 301
@@ -27,17 +25,16 @@ _SOLAR_SYSTEM_BARYCENTRE, _EARTH_MOON_BARYCENTRE, _EARTH, _MOON = 0, 3, 399, 301
 BODIES = {"sun": 10, "moon": _MOON, "venus": 2, "jupiter": 5, "saturn": 6}
 """Bodies that can be asked for, with their NAIF codes; the planets are the barycentres of their systems."""
 
-_Vectors = NDArray[np.float64]
-_State = tuple[_Vectors, _Vectors]
+_State = tuple[Floats, Floats]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EarthState:
     """Barycentric state of the geocentre, ICRF axes; derivatives with respect to TDB, shapes (n, 3)."""
 
-    position_m: NDArray[np.float64]
-    velocity_m_s: NDArray[np.float64]
-    acceleration_m_s2: NDArray[np.float64]
+    position_m: Floats
+    velocity_m_s: Floats
+    acceleration_m_s2: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,14 +52,14 @@ class Ephemeris:
         Its `constants` are needed for one that :data:`radioloc.ephemeris.CONSTANTS` does not hold. A kernel without the
         Earth, the Moon or the Sun is refused.
         """
-        kernel = open_spk(spk)
+        kernel = open_kernel(spk, "SPK")
         for target, center in (
             (_EARTH_MOON_BARYCENTRE, _SOLAR_SYSTEM_BARYCENTRE),
             (_EARTH, _EARTH_MOON_BARYCENTRE),
             (_MOON, _EARTH_MOON_BARYCENTRE),
             (BODIES["sun"], _SOLAR_SYSTEM_BARYCENTRE),
         ):
-            kernel.segment(target, center)
+            kernel.segments_of(target, center)
         if constants is not None:
             return cls(constants.name, constants, kernel)
         labels = sorted({segment.name for segment in kernel.segments_of(_EARTH, _EARTH_MOON_BARYCENTRE)})
@@ -144,7 +141,7 @@ class Ephemeris:
         return self._geocentric(code, tdb, barycentre, self._relative(_EARTH, _EARTH_MOON_BARYCENTRE, tdb))
 
     def _geocentric(
-        self, code: int, tdb: Epochs, barycentre: tuple[_Vectors, ...], earth: tuple[_Vectors, ...]
+        self, code: int, tdb: Epochs, barycentre: tuple[Floats, ...], earth: tuple[Floats, ...]
     ) -> _State:
         """From the barycentre of Earth and Moon, and the Earth relative to it, km and s."""
         if code in (_MOON, _EARTH_MOON_BARYCENTRE):
@@ -161,9 +158,7 @@ class Ephemeris:
         position_m, velocity_m_s = self.geocentric(body, tdb)
         return earth.position_m + position_m, earth.velocity_m_s + velocity_m_s
 
-    def _relative(
-        self, target: int, center: int, tdb: Epochs, derivatives: int = 1
-    ) -> tuple[NDArray[np.float64], ...]:
+    def _relative(self, target: int, center: int, tdb: Epochs, derivatives: int = 1) -> tuple[Floats, ...]:
         """Position, velocity and as many derivatives of one NAIF code relative to another, km and s."""
         if target == center:
             return (np.zeros((len(tdb), 3)),) * (derivatives + 1)
@@ -171,8 +166,8 @@ class Ephemeris:
 
 
 def clock_rate(
-    ephemeris: Ephemeris, tdb: Epochs, place_m: _Vectors, velocity_m_s: _Vectors, leave_out: str = ""
-) -> _Vectors:
+    ephemeris: Ephemeris, tdb: Epochs, place_m: Floats, velocity_m_s: Floats, leave_out: str = ""
+) -> Floats:
     """Return the rate of an ideal clock against TCG at the geocentre, d(tau - TCG)/d(TDB), shape (n,).
 
     It is -[(v^2 - v_E^2) / 2 + w(x) - w_E(x_E)] / c^2 (IERS Conventions 2010, section 10.1; Soffel et al. 2003), for a
@@ -191,7 +186,7 @@ def clock_rate(
 
 def evaluate(
     kernel: Kernel, target: int, center: int, tdb: Epochs, derivatives: int = 1
-) -> tuple[NDArray[np.float64], ...]:
+) -> tuple[Floats, ...]:
     """Evaluate the segments of a target: components and derivatives up to an order, (n, 3), in the file's units."""
     tdb.require("TDB")
     segments = kernel.segments_of(target, center)
@@ -223,9 +218,7 @@ def evaluate(
     return out
 
 
-def _chebyshev(
-    segment: Segment, midnight_s: _Vectors, rest_s: _Vectors, derivatives: int
-) -> tuple[_Vectors, ...]:
+def _chebyshev(segment: Segment, midnight_s: Floats, rest_s: Floats, derivatives: int) -> tuple[Floats, ...]:
     length_s = segment.record_length_s
     index, offset_s = np.divmod(midnight_s - segment.first_record_s, length_s)
     carry, offset_s = np.divmod(offset_s + rest_s, length_s)

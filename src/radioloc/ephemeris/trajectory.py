@@ -23,6 +23,7 @@ from radioloc.kernels import KernelFile, find_kernel, sha256_of
 from radioloc.kernels.daf import DafSegment, merge_spans, read_segments, span_dates, tdb_date
 from radioloc.kernels.spk_types import StateSeries, read_states
 from radioloc.time import Epochs
+from radioloc.vectors import Floats
 
 _M_PER_KM = 1000.0
 _ICRF, _ICRF_CODE = "J2000", 1  # SPICE's
@@ -42,9 +43,7 @@ class AnyTrajectory(Protocol):
         """What it is called in messages."""
         ...
 
-    def geocentric(
-        self, ephemeris: Ephemeris, tdb: Epochs
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def geocentric(self, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
         """As :meth:`Trajectory.geocentric`."""
         ...
 
@@ -57,7 +56,7 @@ class AnyTrajectory(Protocol):
 class AdjustableTrajectory(AnyTrajectory, Protocol):
     """A trajectory that follows from parameters, such as the state at an epoch and the forces."""
 
-    def position_partials(self, tdb: Epochs) -> NDArray[np.float64]:
+    def position_partials(self, tdb: Epochs) -> Floats:
         """Partial derivatives of the position, ICRF axes, by the parameters, shape (n, 3, p)."""
         ...
 
@@ -65,7 +64,7 @@ class AdjustableTrajectory(AnyTrajectory, Protocol):
         """The same from one epoch to another, TDB, of which more is not wanted."""
         ...
 
-    def corrected(self, x: NDArray[np.float64]) -> AdjustableTrajectory:
+    def corrected(self, x: Floats) -> AdjustableTrajectory:
         """The trajectory of parameters that are larger by x, shape (p,)."""
         ...
 
@@ -78,7 +77,7 @@ class TrajectorySegment:
     start_s: float  # TDB seconds since J2000, both ends included
     end_s: float
     series: StateSeries
-    rot_to_icrf: NDArray[np.float64]  # from the segment's inertial frame, shape (3, 3)
+    rot_to_icrf: Floats  # from the segment's inertial frame, shape (3, 3)
     axes: LunarAxes | None = None  # fixed to the Moon, in the place of an inertial frame
 
 
@@ -136,9 +135,7 @@ class Trajectory:
         return f"{self.name}{' and'.join(axes)}, {self.kernel.start_tdb} to {self.kernel.end_tdb} TDB"
 
     @bare_arguments
-    def geocentric(
-        self, ephemeris: Ephemeris, tdb: Epochs
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def geocentric(self, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
         """Geocentric position and velocity, geometric (no light time), in barycentric coordinates, ICRF axes.
 
         Segments are evaluated at one float of seconds since J2000, which resolves 0.12 microseconds: 0.1 mm at 2 km/s.
@@ -169,9 +166,7 @@ class Trajectory:
             velocity_m_s[rows] += center_m_s
         return position_m, velocity_m_s
 
-    def _center(
-        self, code: int, ephemeris: Ephemeris, tdb: Epochs
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _center(self, code: int, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
         """Geocentric position and velocity of what segments are relative to."""
         if code in self.bases:
             return self.bases[code].geocentric(ephemeris, tdb)
@@ -186,7 +181,7 @@ class Trajectory:
         """Return the disjoint spans that the segments cover, TDB seconds since J2000, in the order of time."""
         return list(self.covered_s)
 
-    def _not_covered(self, outside_s: NDArray[np.float64]) -> CoverageError:
+    def _not_covered(self, outside_s: Floats) -> CoverageError:
         first, last = span_dates(self.covered_s)
         return CoverageError(
             f"{self.kernel.path} (NAIF code {self.body})",
@@ -195,14 +190,14 @@ class Trajectory:
             "use a trajectory that covers these epochs, or leave them out (start, stop, hours)",
         )
 
-    def segment_at(self, et_s: NDArray[np.float64]) -> NDArray[np.intp]:
+    def segment_at(self, et_s: Floats) -> NDArray[np.intp]:
         """Index of the segment for each epoch: of several the last, as in SPICE; -1 where there is none."""
         which = np.full(len(et_s), -1)
         for k, segment in enumerate(self.segments):
             which[(segment.start_s <= et_s) & (et_s <= segment.end_s)] = k
         return which
 
-    def states(self, et_s: NDArray[np.float64], which: NDArray[np.intp]) -> NDArray[np.float64]:
+    def states(self, et_s: Floats, which: NDArray[np.intp]) -> Floats:
         """States relative to the segments' centres in the ICRF, km and km/s, shape (n, 6)."""
         out = np.empty((len(et_s), 6))
         for k in np.unique(which).tolist():
@@ -270,7 +265,7 @@ def _trajectory_segment(segment: DafSegment) -> TrajectorySegment:
     return TrajectorySegment(center, *span_s, series, _rotation_to_icrf(segment.path, body, frame))
 
 
-def _rotation_to_icrf(path: Path, body: int, frame: int) -> NDArray[np.float64]:
+def _rotation_to_icrf(path: Path, body: int, frame: int) -> Floats:
     """Rotation from one of SPICE's inertial frames, by its code, to the ICRF."""
     if frame == _ICRF_CODE:
         return np.eye(3)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from radioloc.errors import FileFormatError, InputError, RadiolocError
-from radioloc.extras import optional
+from radioloc.lazy import optional
 from radioloc.lunar.grey_images import Image, Mask, eight_bit, open_grey
 from radioloc.lunar.map_files import open_dataset, refuse_cut_map
 from radioloc.lunar.map_grid import load_rasterio

@@ -104,7 +104,7 @@ def sun_over_map(dem: str | Path, epoch: Epochs) -> tuple[float, float]:
     return math.degrees(math.atan2(east, north)) % 360.0, elevation_deg
 
 
-def _metres_by_pixel(base: Map, sample: float, line: float) -> tuple[TangentPlane, NDArray[np.float64]]:
+def _metres_by_pixel(base: Map, sample: float, line: float) -> tuple[TangentPlane, Floats]:
     """The plane at a pixel, and its east and north, m, by a step in sample and line, shape (2, 2)."""
     here = base.longitude_latitude_deg([[sample, line]])[0]
     plane = TangentPlane(float(here[0]), float(here[1]))

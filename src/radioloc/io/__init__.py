@@ -1,16 +1,13 @@
 """Observations in and out (tables, normal points, messages, orbit data files, frequencies); solutions out."""
 
 from radioloc.io.ccsds import write_oem, write_orbit_oem, write_orbit_opm, write_residuals_tdm
-from radioloc.io.crd import read_crd
 from radioloc.io.exporters import EXPORTERS, Exporter, ExportOptions, export_solutions
 from radioloc.io.formats import READERS, Reader, ReadSettings, read_observations, write_observations
-from radioloc.io.frequencies import FrequencyAgreement, read_fdets, read_sites, read_strf
+from radioloc.io.frequencies import FrequencyAgreement, read_sites
 from radioloc.io.gis import write_gis
-from radioloc.io.mini import read_mini
-from radioloc.io.odf import read_odf
 from radioloc.io.sinex import write_sinex
 from radioloc.io.spice_kernels import write_orbit_spk, write_spice
-from radioloc.io.table import read_parquet, read_ramps, read_table, write_parquet, write_ramps, write_table
+from radioloc.io.table import read_table, write_table
 from radioloc.io.tdm import TdmAgreement, read_tdm, write_tdm
 
 __all__ = [
@@ -23,15 +20,8 @@ __all__ = [
     "Reader",
     "TdmAgreement",
     "export_solutions",
-    "read_crd",
-    "read_fdets",
-    "read_mini",
     "read_observations",
-    "read_odf",
-    "read_parquet",
-    "read_ramps",
     "read_sites",
-    "read_strf",
     "read_table",
     "read_tdm",
     "write_gis",
@@ -40,8 +30,6 @@ __all__ = [
     "write_orbit_oem",
     "write_orbit_opm",
     "write_orbit_spk",
-    "write_parquet",
-    "write_ramps",
     "write_residuals_tdm",
     "write_sinex",
     "write_spice",

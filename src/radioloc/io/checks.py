@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S, UTC_JD
 from radioloc.errors import FileFormatError
@@ -16,6 +15,7 @@ from radioloc.measurements.observations import Observations, without_duplicates
 from radioloc.measurements.table_columns import require_lunar_flight_times
 from radioloc.time import Epochs
 from radioloc.time.dates import DateError, read_dates, utc_from_seconds_of_day
+from radioloc.vectors import Floats
 
 _YEARS_JD = (UTC_JD, 2488434.5)
 """From 1972, the first year of UTC with leap seconds, to 2100, which is beyond any data."""
@@ -38,9 +38,7 @@ def read_utc(path: str | Path, dates: Sequence[str], lines: Sequence[int]) -> Ep
     return utc
 
 
-def weather_near(
-    time_s: NDArray[np.float64], recorded: NDArray[np.float64], wanted_s: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def weather_near(time_s: Floats, recorded: Floats, wanted_s: Floats) -> Floats:
     """Return weather at other times, linear between records and held beyond them, NaN farther than two hours."""
     order = np.argsort(time_s, kind="stable")
     order = order[~np.isnan(recorded[order])]

@@ -41,6 +41,7 @@ from radioloc.measurements.link import REFLECTORS, Link, canonical_target
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import WEATHER_LIMITS, Observations
 from radioloc.text_files import read_lines
+from radioloc.vectors import Floats
 
 _PASSED_OVER = frozenset(
     ["00", "12", "21", "30", "40", "41", "42", "60", "H5"]
@@ -78,28 +79,7 @@ _MAX_PASS_EXCESS_S = 8.0 * 3600.0
 
 
 def read_crd(path: str | Path, *, catalogue: StationCatalogue | None = None) -> Observations:
-    r"""Read a CRD file of normal points, plain or gzip; without a catalogue stations keep their pad numbers.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from radioloc.io import read_crd
-    >>> path = pathlib.Path(tempfile.mkdtemp(), "apollo15.np2")
-    >>> _ = path.write_text(
-    ...     "H1 CRD  2 2025  6 26 21\n"
-    ...     "H2       APOL 7045 95  1  4       ILRS\n"
-    ...     "H3 apollo15        103  103       na 0 1  3\n"
-    ...     "H4  1 2024  5  2 11 33  1 2024  5  2 11 37  4  1 0 0 0 1 0 2 0\n"
-    ...     "C0 0     532.0 std3 lpd apd4 cesm  na  na  na  na\n"
-    ...     "11 41695.0 2.4382990776324 std3 2  243.0     91     264.9 na na na na 0 193.8\n"
-    ...     "20 41695.0  723.75 280.34   34 1\n"
-    ...     "H8\n"
-    ...     "H9\n"
-    ... )
-    >>> print(read_crd(path).summary())
-    1 observations, 2024-05-02T11:34:55 to 2024-05-02T11:34:55 UTC, 1 file(s)
-      7045>apollo15>7045  range        1
-    """
+    """Read a CRD file of normal points, plain or gzip; without a catalogue stations keep their pad numbers."""
     return parse_crd(path, read_lines(path), catalogue)
 
 
@@ -197,11 +177,11 @@ class _Pass:
     weather: list[tuple[float, ...]] = field(default_factory=list)
     rms_ps: dict[str, float] = field(default_factory=dict)  # of the whole pass, by configuration
 
-    def day_of(self, second_of_day: NDArray[np.float64]) -> NDArray[np.float64]:
+    def day_of(self, second_of_day: Floats) -> Floats:
         """Days from the first midnight to the one that puts a second of day nearest the pass's middle."""
         return np.rint((0.5 * (self.start_s + self.latest_s) - second_of_day) / SECONDS_PER_DAY)
 
-    def columns(self, path: str | Path) -> dict[str, NDArray[np.float64]]:
+    def columns(self, path: str | Path) -> dict[str, Floats]:
         """Columns of the pass; what hangs on several of its records, in whatever order, is settled here."""
         if not self.points:
             raise FileFormatError(
@@ -256,7 +236,7 @@ class _File:
 
     def __init__(self, catalogue: StationCatalogue | None) -> None:
         self.links: dict[Link, int] = {}
-        self.columns: list[dict[str, NDArray[np.float64]]] = []
+        self.columns: list[dict[str, Floats]] = []
         self.ended = False
         self._catalogue = catalogue
         self._version = 0

@@ -28,7 +28,6 @@ from pathlib import Path, PurePath
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.boundary import bare_fields
 from radioloc.constants import C_M_S, MJD_ZERO_JD, SECONDS_PER_DAY
@@ -42,6 +41,7 @@ from radioloc.measurements.table_columns import each_once
 from radioloc.text_files import read_lines
 from radioloc.time import Epochs
 from radioloc.time.dates import utc_from_seconds_of_day
+from radioloc.vectors import Floats
 
 LONGEST_S = 86400.0
 """Longest delay, count interval, light time or clock difference that is believed, s."""
@@ -157,13 +157,13 @@ def agreement_on(path: str | Path, agreements: Iterable[FrequencyAgreement]) -> 
 
 
 def range_change_m(
-    received_hz: NDArray[np.float64],
+    received_hz: Floats,
     offset_hz: float,
     sent_hz: float,
     ratio: tuple[int, int],
     count_s: float,
     fail: Callable[[str, int], FileFormatError],
-) -> NDArray[np.float64]:
+) -> Floats:
     """Return the change of the light path over count intervals, m; an impossible speed is an error of that row."""
     up, down = ratio
     # Differences of nearly equal frequencies first: the digits that cancel are then gone without loss.
@@ -243,38 +243,7 @@ def looks_like_strf(lines: list[str]) -> bool:
 def read_strf(
     path: str | Path, agreements: Sequence[FrequencyAgreement], *, catalogue: StationCatalogue | None = None
 ) -> Observations:
-    r"""Read a file of received frequencies, plain or gzip, as Doppler.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    agreements : sequence of FrequencyAgreement
-        What files do not say; the first that holds for this one counts.
-    catalogue : StationCatalogue, optional
-        Gives stations their catalogue names; a site that it does not know stays ``COSPAR`` and its number.
-
-    Raises
-    ------
-    FileFormatError
-        The file cannot be read, or a line of it; names the line.
-
-    Warns
-    -----
-    DataQualityWarning
-        An epoch is there twice, and its first frequency counted.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from radioloc.io import FrequencyAgreement, read_strf
-    >>> path = pathlib.Path(tempfile.mkdtemp(), "night.dat")
-    >>> _ = path.write_text("59184.250000\t8463700123.500\t  10.0\t4171\n")
-    >>> beacon = FrequencyAgreement(transmit_hz=8463.7e6, sigma_hz=0.5, count_s=10.0)
-    >>> print(read_strf(path, [beacon]).summary())
-    1 observations, 2020-12-01T06:00:00 to 2020-12-01T06:00:00 UTC, 1 file(s)
-      lander>COSPAR 4171  one_way_doppler        1
-    """
+    """Read a file of received frequencies, plain or gzip, as Doppler; the first agreement that holds for it counts."""
     readings = []
     for number, text in enumerate(read_lines(path, ended=True), start=1):
         if not (said := _said(text)):
@@ -363,23 +332,7 @@ def looks_like_fdets(lines: list[str]) -> bool:
 def read_fdets(
     path: str | Path, agreements: Sequence[FrequencyAgreement], *, catalogue: StationCatalogue | None = None
 ) -> Observations:
-    r"""Read a file of frequency detections, plain or gzip, as Doppler.
-
-    Where its comments do not say the telescope its name does, ``Fdets.mex2013.12.28.Ww.r2i.txt``; two letters that the
-    catalogue does not know stay. Parameters, errors and warnings are those of :func:`read_strf`.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from radioloc.io import FrequencyAgreement, read_fdets
-    >>> path = pathlib.Path(tempfile.mkdtemp(), "Fdets.lander.Wz.txt")
-    >>> _ = path.write_text(
-    ...     "# Observation conducted on 2013.12.28 at Ww\n# Base frequency: 8412.00 MHz dT: 5 s\n"
-    ...     "2013-12-28T09:30:05.000 3000.0 0.1 8005012.5 1e-3\n"
-    ... )
-    >>> read_fdets(path, [FrequencyAgreement(transmit_hz=8.42e9, sigma_hz=0.01)])
-    <Observations 1 2013-12-28 to 2013-12-28>
-    """
+    """Read a file of frequency detections, plain or gzip, as Doppler; the file or its name states the telescope."""
     head: dict[str, re.Match[str]] = {}
     detections = []
     for number, text in enumerate(read_lines(path, ended=True), start=1):

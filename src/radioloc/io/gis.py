@@ -13,10 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
-from radioloc.extras import optional
+from radioloc.lazy import optional
 from radioloc.lunar.local import displaced
 from radioloc.lunar.selenographic import (
     cartesian_to_selenographic,
@@ -31,6 +30,7 @@ from radioloc.results.tables import (
     references_of,
 )
 from radioloc.text_files import require_ending, scratch_folder, write_blocks, write_text
+from radioloc.vectors import Floats
 
 CRS = "IAU_2015:30100"  # Longitude and latitude on the Moon's sphere, as PROJ and GDAL know it
 _ELLIPSES = {"1 sigma": 1.0, "95 %": math.sqrt(-2.0 * math.log(0.05))}
@@ -118,7 +118,7 @@ def _ellipses(content: Mapping[str, Any]) -> list[dict[str, Any]]:
     return features
 
 
-def _ring(corners_m: NDArray[np.float64], centre_deg: tuple[float, float]) -> list[list[float]]:
+def _ring(corners_m: Floats, centre_deg: tuple[float, float]) -> list[list[float]]:
     """Return longitudes and latitudes of a closed ring, each next to the one before, also across 180 degrees."""
     # A ring around a pole is not closed in longitude and latitude. It is cut at the meridian opposite to the centre and
     # continued along the pole, so that the polygon holds its centre.

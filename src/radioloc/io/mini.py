@@ -44,19 +44,7 @@ _INTEGER = re.compile(r" *-?\d+", re.ASCII)
 
 
 def read_mini(path: str | Path, *, catalogue: StationCatalogue | None = None) -> Observations:
-    r"""Read a MINI file, plain or gzip; without a catalogue stations keep their pad numbers.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from radioloc.io import read_mini
-    >>> path = pathlib.Path(tempfile.mkdtemp(), "apollo.mini")
-    >>> line = "512006 4 7 62630000000026494326499837370610 44   538 34B 72160   833 5320A 263A"
-    >>> _ = path.write_text(line + "\n")
-    >>> print(read_mini(path).summary())
-    1 observations, 2006-04-07T06:26:30 to 2006-04-07T06:26:30 UTC, 1 file(s)
-      7045>apollo15>7045  range        1
-    """
+    """Read a MINI file, plain or gzip; without a catalogue stations keep their pad numbers."""
     return parse_mini(path, read_lines(path), catalogue)
 
 

@@ -82,37 +82,7 @@ _DAY_NS = 86400 * _NS
 def read_odf(
     path: str | Path, *, catalogue: StationCatalogue | None = None, sigma_m: Mapping[str, float] | None = None
 ) -> Observations:
-    """Read the Doppler, ranges and ramps of an orbit data file, plain or gzip.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    catalogue : StationCatalogue, optional
-        Gives stations their catalogue names; others are called as ``DSS-24``. Spacecraft 181 is the target ``sc181``.
-    sigma_m : mapping of str to float, optional
-        Standard deviations by type of measurement, m of light path, in place of :data:`SIGMA_M` and
-        :data:`RANGE_SIGMA_M`.
-
-    Raises
-    ------
-    FileFormatError
-        The file was cut, a record is not of the format or of another spacecraft than the label, or nothing in the file
-        can be used. Names the record.
-
-    Warns
-    -----
-    DataQualityWarning
-        Clock offsets are not applied. Records are left out: of types that are not modelled, marked as invalid, of a
-        station's second receiver, or of impossible speeds; how many, and the first of each.
-
-    Examples
-    --------
-    >>> from radioloc.io import read_odf
-    >>> tracking = read_odf("examples/dsn/lander.odf")
-    >>> tracking, tracking.ramps
-    (<Observations 1856 2020-12-02 to 2020-12-02>, <Ramps 36 of DSS-65, DSS-24>)
-    """
+    """Read the Doppler, ranges and ramps of an orbit data file, plain or gzip; `sigma_m` by type, m of light path."""
     return odf_observations(read_odf_file(path), catalogue=catalogue, sigma_m=sigma_m)
 
 

@@ -117,19 +117,7 @@ def write_table(
 def read_parquet(
     path: str | Path, *, catalogue: StationCatalogue | None = None, lunar: bool = True
 ) -> Observations:
-    """Read a Parquet file of observations; the row, counted from 1, stands for the line.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> import radioloc
-    >>> from radioloc.io import read_parquet
-    >>> path = pathlib.Path(tempfile.mkdtemp(), "ranges.parquet")
-    >>> ranges = radioloc.read_observations("examples/change5/short_arc.csv")
-    >>> _ = radioloc.write_observations(path, ranges)
-    >>> len(read_parquet(path)) == len(ranges)
-    True
-    """
+    """Read a Parquet file of observations; the row, counted from 1, stands for the line."""
     import pyarrow
     from pyarrow import parquet
 
@@ -165,19 +153,7 @@ def read_parquet(
 
 
 def write_parquet(path: str | Path, observations: Observations) -> None:
-    """Write observations as a Parquet file that :func:`read_parquet` gives back, epochs to 1e-12 s or better.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> import radioloc
-    >>> from radioloc.io import read_parquet, write_parquet
-    >>> path = pathlib.Path(tempfile.mkdtemp(), "ranges.parquet")
-    >>> ranges = radioloc.read_observations("examples/apollo15/apollo15_apollo_2006-2007.csv")
-    >>> write_parquet(path, ranges[:5])
-    >>> read_parquet(path)
-    <Observations 5 2006-04-07 to 2006-04-08>
-    """
+    """Write observations as a Parquet file that :func:`read_parquet` gives back, epochs to 1e-12 s or better."""
     from pyarrow import parquet
 
     batches = _record_batches(observations, split_epoch=True)
@@ -213,25 +189,7 @@ def _record_batches(
 
 
 def read_ramps(path: str | Path, *, catalogue: StationCatalogue | None = None) -> Ramps:
-    r"""Read a table of ramps; stations get their catalogue names.
-
-    Raises
-    ------
-    FileFormatError
-        The table is cut or damaged, or ramps contradict each other; the message names the line where there is one.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from radioloc.io import read_ramps
-    >>> path = pathlib.Path(tempfile.mkdtemp(), "ramps.csv")
-    >>> _ = path.write_text(
-    ...     "station,start_utc,stop_utc,frequency_hz,rate_hz_s\n"
-    ...     "KASHI,2024-05-02T06:00:00,2024-05-02T06:10:00,7.2e9,-0.5\n"
-    ... )
-    >>> read_ramps(path)
-    <Ramps 1 of KASHI>
-    """
+    """Read a table of ramps; stations get their catalogue names."""
     names, spans, numbers = [], [], []
     for line, row in read_rows(path, RAMP_COLUMNS, "a table of ramps"):
         names.append(station_name(catalogue, row["station"]))
@@ -260,20 +218,7 @@ def read_ramps_only(path: str | Path, *, catalogue: StationCatalogue | None = No
 
 
 def write_ramps(path: str | Path, ramps: Ramps) -> None:
-    """Write ramps as a table that :func:`read_ramps` gives back.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from radioloc.io import read_ramps, write_ramps
-    >>> from radioloc.measurements import Ramps
-    >>> from radioloc.time import epochs_from_strings
-    >>> start, stop = epochs_from_strings(["2024-05-02T06:00:00"]), epochs_from_strings(["2024-05-02T06:10:00"])
-    >>> path = pathlib.Path(tempfile.mkdtemp(), "ramps.csv")
-    >>> write_ramps(path, Ramps.of(["KASHI"], start, stop, [7.2e9], [-0.5]))
-    >>> read_ramps(path)
-    <Ramps 1 of KASHI>
-    """
+    """Write ramps as a table that :func:`read_ramps` gives back."""
     columns = {name: getattr(ramps, name) for name in RAMP_COLUMNS}
     write_csv(path, batches_of(columns | {"station": Labels(ramps.station, ramps.stations)}))
 

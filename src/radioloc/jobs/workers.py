@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError, RadiolocError
-from radioloc.extras import optional
+from radioloc.lazy import optional
 from radioloc.study.record import versions
 from radioloc.text_files import scratch_folder
 

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jplephem.daf import DAF
-from numpy.typing import NDArray
 
 from radioloc.errors import KernelError
+from radioloc.vectors import Floats
 
 RECORD_BYTES = 1024
 _WORD_BYTES = 8
@@ -34,7 +34,7 @@ class DafSegment(NamedTuple):
     start_s: float
     end_s: float
     integers: tuple[int, ...]
-    words: NDArray[np.float64]
+    words: Floats
 
     def require(self, sound: bool, problem: str) -> None:
         """Raise a :class:`KernelError` about a problem of this segment unless it is sound."""

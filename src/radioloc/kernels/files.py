@@ -18,13 +18,11 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from radioloc.errors import KernelError
 from radioloc.kernels.daf import kind_of, merge_spans, read_segments, tdb_date
 from radioloc.kernels.spk_types import read_chebyshev
 from radioloc.text_files import write_text
+from radioloc.vectors import Floats
 
 REGISTRY_NAME = "registry.toml"
 _INERTIAL_FRAME = 1  # NAIF's J2000, which the JPL ephemerides use as the name of the ICRF.
@@ -203,12 +201,7 @@ class Segment:
     end_s: float
     first_record_s: float  # its start, TDB seconds since J2000
     record_length_s: float
-    coefficients: NDArray[np.float64] = field(repr=False)  # (records, 3, rising degree)
-
-    @property
-    def span(self) -> tuple[str, str]:
-        """First and last epoch as dates (TDB)."""
-        return tdb_date(self.start_s), tdb_date(self.end_s)
+    coefficients: Floats = field(repr=False)  # (records, 3, rising degree)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -217,10 +210,6 @@ class Kernel:
 
     file: KernelFile
     segments: tuple[Segment, ...] = field(repr=False)
-
-    def segment(self, target: int, center: int) -> Segment:
-        """Return the last segment of this target and center."""
-        return self.segments_of(target, center)[-1]
 
     def segments_of(self, target: int, center: int) -> tuple[Segment, ...]:
         """Return the segments of this target and center, at least one: of those for an epoch the last one counts."""
@@ -232,16 +221,6 @@ class Kernel:
             f"{self.file.path} (spanning {self.file.start_tdb} to {self.file.end_tdb}) has no segment for "
             f"NAIF code {target} relative to {center}; it holds {held}. Use a kernel that has it"
         )
-
-
-def open_spk(name_or_path: str | Path) -> Kernel:
-    """Open an SPK, ``"DE421"`` or as :func:`find_kernel`; one that is damaged or of another kind is a KernelError."""
-    return _open(name_or_path, "SPK")
-
-
-def open_pck(name_or_path: str | Path) -> Kernel:
-    """Open a binary PCK; parameters and errors as :func:`open_spk`."""
-    return _open(name_or_path, "PCK")
 
 
 def add_kernel(path: str | Path) -> RegisteredKernel:
@@ -266,7 +245,7 @@ def add_kernel(path: str | Path) -> RegisteredKernel:
     known = (*registered(), *added())
     if path.name in {entry.name for entry in known}:
         raise KernelError(f"a kernel called {path.name} is there already; rename the file")
-    opened = _open(path, kind)
+    opened = open_kernel(path, kind)
     # SPKs call themselves DE-0440LE-0440, lunar PCKs de421.nio or MOON_PA_DE440.
     labels = (*(segment.name for segment in opened.segments), path.stem)
     found = (re.search(r"DE-?0*(\d{3})", label, re.IGNORECASE) for label in labels)
@@ -297,7 +276,8 @@ def add_kernel(path: str | Path) -> RegisteredKernel:
     return entry
 
 
-def _open(name_or_path: str | Path, kind: str) -> Kernel:
+def open_kernel(name_or_path: str | Path, kind: str) -> Kernel:
+    """Open an SPK or PCK (`kind`) as :func:`find_kernel`; one that is damaged or of another kind is a KernelError."""
     path = find_kernel(name_or_path, kind)
     sha256 = sha256_of(path)
     entry = next((one for one in registered() if one.name == path.name), None)

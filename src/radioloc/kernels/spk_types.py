@@ -13,13 +13,10 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from radioloc.chebyshev import chebyshev_sums
 from radioloc.errors import KernelError
 from radioloc.kernels.daf import RECORD_BYTES, DafSegment, read_segments, tdb_date
-
-_Floats = NDArray[np.float64]
+from radioloc.vectors import Floats, chebyshev_sums
 
 MAX_MAGNITUDE = 1e30  # of any word: its square still fits a float, and no epoch or length in km comes near it
 _MAX_DEGREE = 27  # of interpolating polynomials, as in SPICE
@@ -32,7 +29,7 @@ _CHUNK = 2048  # epochs interpolated at once, which bounds the memory
 class StateSeries(Protocol):
     """States of a body over the span of a segment."""
 
-    def states(self, et_s: _Floats) -> _Floats:
+    def states(self, et_s: Floats) -> Floats:
         """Return states at epochs, shape (n, 6)."""
         ...
 
@@ -43,11 +40,11 @@ class ChebyshevRecords:
 
     first_s: float
     length_s: float
-    middles_s: _Floats
-    radii_s: _Floats
-    coefficients: _Floats  # (records, components, rising degree)
+    middles_s: Floats
+    radii_s: Floats
+    coefficients: Floats  # (records, components, rising degree)
 
-    def states(self, et_s: _Floats) -> _Floats:
+    def states(self, et_s: Floats) -> Floats:
         """As :meth:`StateSeries.states`."""
         # The very end of the last record belongs to it.
         record = np.minimum((et_s - self.first_s) // self.length_s, len(self.middles_s) - 1).astype(np.intp)
@@ -63,18 +60,18 @@ class StateNodes:
     """States at epochs with interpolating polynomials through a window of the nearest ones."""
 
     origin_s: float
-    times_s: _Floats  # of the nodes from the origin; equal steps are exact from their first epoch
-    nodes: _Floats  # (times, 6)
+    times_s: Floats  # of the nodes from the origin; equal steps are exact from their first epoch
+    nodes: Floats  # (times, 6)
     window: int
     hermite: bool  # the velocity is the rate of the position; else components are interpolated one by one
 
-    def states(self, et_s: _Floats) -> _Floats:
+    def states(self, et_s: Floats) -> Floats:
         """As :meth:`StateSeries.states`."""
         t = et_s - self.origin_s
         parts = [self._states(t[k : k + _CHUNK]) for k in range(0, len(t), _CHUNK)]
         return np.concatenate([np.empty((0, 6)), *parts])
 
-    def _states(self, t: _Floats) -> _Floats:
+    def _states(self, t: Floats) -> Floats:
         count = len(self.times_s)
         first = np.searchsorted(self.times_s, t, side="right") - self.window // 2
         if self.window % 2:  # centred on the nearest node
@@ -92,10 +89,10 @@ class StateNodes:
 class DifferenceLines:
     """Modified difference arrays of Krogh's variable-order integrator, one line of numbers up to each final epoch."""
 
-    finals_s: _Floats
-    lines: _Floats  # (lines, 4 * terms + 11)
+    finals_s: Floats
+    lines: Floats  # (lines, 4 * terms + 11)
 
-    def states(self, et_s: _Floats) -> _Floats:
+    def states(self, et_s: Floats) -> Floats:
         """As :meth:`StateSeries.states`."""
         which = np.minimum(np.searchsorted(self.finals_s, et_s), len(self.finals_s) - 1)
         out = np.empty((len(et_s), 6))
@@ -106,7 +103,7 @@ class DifferenceLines:
         return out
 
 
-def _lagrange(x: _Floats, values: _Floats) -> _Floats:
+def _lagrange(x: Floats, values: Floats) -> Floats:
     """Value at 0 of the polynomial through (x, values), shapes (n, window) and (n, window, 6), by Neville's scheme."""
     x = x[..., None]
     for k in range(1, x.shape[1]):
@@ -115,7 +112,7 @@ def _lagrange(x: _Floats, values: _Floats) -> _Floats:
     return values[:, 0]
 
 
-def _hermite(x: _Floats, values: _Floats, rates: _Floats) -> tuple[_Floats, _Floats]:
+def _hermite(x: Floats, values: Floats, rates: Floats) -> tuple[Floats, Floats]:
     """Value and rate at 0 of the polynomial through (x, values) with rates, by Neville's scheme of double nodes."""
     x = np.repeat(x, 2, axis=1)[..., None]
     value = np.repeat(values, 2, axis=1)
@@ -132,7 +129,7 @@ def _hermite(x: _Floats, values: _Floats, rates: _Floats) -> tuple[_Floats, _Flo
     return value[:, 0], slope[:, 0]
 
 
-def _difference_states(lines: _Floats, et_s: _Floats, terms: int, order: int) -> _Floats:
+def _difference_states(lines: Floats, et_s: Floats, terms: int, order: int) -> Floats:
     """States of difference lines whose highest order of integration is `order` - 1, shape (n, 6)."""
     delta, steps = et_s - lines[:, 0], lines[:, 1 : 1 + terms].T
     reference = lines[:, 1 + terms : 7 + terms].reshape(-1, 3, 2)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.extras import optional
+from radioloc.lazy import optional
 from radioloc.vectors import Floats
 
 _STEP_RAD = 1e-6  # 1.7 m on the ground: rounding of map coordinates leaves a part in 1e9 of a derivative

@@ -18,7 +18,7 @@ import numpy as np
 
 from radioloc.constants import UNIX_JD
 from radioloc.time import Epochs
-from radioloc.time.tabulated import table_of
+from radioloc.time.smooth import table_of
 from radioloc.vectors import Floats
 
 _NIELL_LATITUDE_RAD = np.deg2rad([15.0, 30.0, 45.0, 60.0, 75.0])

@@ -13,7 +13,7 @@ from typing import Any
 
 from radioloc._version import __version__
 from radioloc.errors import InputError, visible
-from radioloc.extras import optional
+from radioloc.lazy import optional
 from radioloc.report.figure_types import FigureType, figures_of
 from radioloc.report.figures import DPI, png_of
 from radioloc.results.cards import SECTIONS, Detail, Field, html_fields

@@ -10,7 +10,7 @@ from types import ModuleType
 from typing import Any
 
 from radioloc.errors import InputError
-from radioloc.extras import optional
+from radioloc.lazy import optional
 from radioloc.study.study import Study
 
 

@@ -29,6 +29,7 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.study.study import EstimateChoice, HeightPrior
+from radioloc.vectors import Floats
 
 _MAX_SERIES_OBSERVATIONS = 12
 """Observations of a link and type, spread evenly over the arc: 30 % outliers among them do not carry the loss away."""
@@ -112,7 +113,7 @@ class _Linearized:
         arc: Predictor,
         frame: str,
         estimate: EstimateChoice,
-        place_m: NDArray[np.float64],
+        place_m: Floats,
         prepared: bool,
     ) -> None:
         observations = arc.observations
@@ -138,7 +139,7 @@ class _Linearized:
     def __len__(self) -> int:
         return len(self._residual)
 
-    def losses(self, places_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def losses(self, places_m: Floats) -> tuple[Floats, Floats]:
         """Huber's loss near places (k, 3), with the best of all parameters, and where it is least, (k,) and (k, 3)."""
         partials, norm = self._partials, self._norm
         m, p = partials.shape
@@ -172,7 +173,7 @@ def _some(observations: Observations, rows: NDArray[np.intp]) -> NDArray[np.intp
     return np.sort(np.concatenate(found)) if found else order
 
 
-def _near_side() -> NDArray[np.float64]:
+def _near_side() -> Floats:
     """Unit vectors of principal axes that the Earth can see, by equal areas in a spiral, shape (n, 3)."""
     count = round(2.0 * _GRID_POINT_COUNT / (1.0 - _MIN_LIMB_COSINE))
     k = np.arange(count) + 0.5

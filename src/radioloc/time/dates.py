@@ -19,6 +19,7 @@ from radioloc.constants import SECONDS_PER_DAY, UNIX_JD, UTC_JD
 from radioloc.errors import InputError
 from radioloc.time.epochs import Epochs
 from radioloc.time.scales import to_scale, utc_to_tai
+from radioloc.vectors import Floats
 
 _DATE = re.compile(
     r"(?P<year>\d{4})-(?:(?P<month>\d\d)-(?P<day>\d\d)|(?P<day_of_year>\d{3}))"
@@ -141,7 +142,7 @@ def _date_fields(texts: Sequence[str]) -> dict[str, NDArray[np.int64]]:
 _NOT_A_DATE = " is not a date; write it as yyyy-mm-ddThh:mm:ss.sss or yyyy-dddThh:mm:ss.sss"
 
 
-def day_lengths_s(jd: NDArray[np.float64]) -> NDArray[np.float64]:
+def day_lengths_s(jd: Floats) -> Floats:
     """Return the lengths of UTC days from 1972 to 9998, s, by the Julian dates of the midnights that begin them."""
     days, inverse = np.unique(jd, return_inverse=True)
     if len(days) and days[0] < UTC_JD:
@@ -155,7 +156,7 @@ def day_lengths_s(jd: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.round(midnights[len(days) :].seconds_since(midnights[: len(days)]))[inverse]
 
 
-def utc_from_seconds_of_day(jd: NDArray[np.float64], seconds: NDArray[np.float64]) -> Epochs:
+def utc_from_seconds_of_day(jd: Floats, seconds: Floats) -> Epochs:
     """Return epochs of midnights and seconds of day; seconds past the day's end belong to the next day."""
     length_s = day_lengths_s(jd)
     over = seconds >= length_s
@@ -171,10 +172,10 @@ def utc_from_text(texts: Any) -> Epochs:
 
 
 def day_fraction(
-    whole_s: NDArray[np.integer] | NDArray[np.float64],
-    part_s: NDArray[np.float64],
-    length_s: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    whole_s: NDArray[np.integer] | Floats,
+    part_s: Floats,
+    length_s: Floats,
+) -> Floats:
     """Return the nearest float to (whole + part) / length."""
     quotient = whole_s / length_s
     high = np.floor(quotient * _SPLIT) / _SPLIT

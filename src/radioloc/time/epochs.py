@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.constants import J2000_JD, MJD_ZERO_JD, SECONDS_PER_DAY, UNIX_JD
 from radioloc.errors import InputError
 from radioloc.units import as_float_array
+from radioloc.vectors import Floats
 
 SCALES = ("UTC", "TAI", "TT", "TDB", "UT1")
 
@@ -32,8 +33,8 @@ class Epochs:
         Time scale.
     """
 
-    jd: NDArray[np.float64]
-    fraction: NDArray[np.float64]
+    jd: Floats
+    fraction: Floats
     scale: str
 
     def __post_init__(self) -> None:
@@ -109,7 +110,7 @@ class Epochs:
         return f"<Epochs {len(self)} {self.scale} {first} to {last}>"
 
     @property
-    def mjd(self) -> NDArray[np.float64]:
+    def mjd(self) -> Floats:
         """Modified Julian date in one float (resolves about a microsecond), shape (n,)."""
         return (self.jd - MJD_ZERO_JD) + self.fraction
 
@@ -126,14 +127,14 @@ class Epochs:
             self.jd, self.fraction + as_float_array(seconds, "s", "seconds") / SECONDS_PER_DAY, self.scale
         )
 
-    def seconds_since(self, other: Epochs) -> NDArray[np.float64]:
+    def seconds_since(self, other: Epochs) -> Floats:
         """Seconds from other epochs of the same scale (not UTC) to these, shape (n,)."""
         self.require(other.scale)
         if self.scale == "UTC":
             raise InputError("UTC cannot be differenced across a leap second; convert to TAI first")
         return ((self.jd - other.jd) + (self.fraction - other.fraction)) * SECONDS_PER_DAY
 
-    def centuries_since_j2000(self) -> NDArray[np.float64]:
+    def centuries_since_j2000(self) -> Floats:
         """Julian centuries of 36525 days since J2000 in the epochs' own scale, shape (n,)."""
         return ((self.jd - J2000_JD) + self.fraction) / 36525.0
 
@@ -154,7 +155,7 @@ class Epochs:
         )
 
 
-def _days(value: Any, name: str, unit: str = "d") -> NDArray[np.float64]:
+def _days(value: Any, name: str, unit: str = "d") -> Floats:
     if hasattr(value, "jd1"):
         raise InputError(f"{name} is an astropy Time, which has its own scale; use Epochs.from_time")
     if str(getattr(value, "dtype", "")) in ("float16", "float32"):

@@ -25,8 +25,9 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.constants import C_M_S, SECONDS_PER_DAY, TT_MINUS_TAI_S, UTC_JD
 from radioloc.errors import CoverageError, InputError
 from radioloc.time.epochs import Epochs
-from radioloc.time.tabulated import table_of, tabulated
+from radioloc.time.smooth import table_of, tabulated
 from radioloc.units import as_float_array
+from radioloc.vectors import Floats
 
 
 @cache
@@ -118,7 +119,7 @@ def tai_to_utc(tai: Epochs) -> Epochs:
     return utc
 
 
-def _shifted(epochs: Epochs, to: str, seconds: float | NDArray[np.float64]) -> Epochs:
+def _shifted(epochs: Epochs, to: str, seconds: float | Floats) -> Epochs:
     return Epochs.from_jd(epochs.jd, epochs.fraction + seconds / SECONDS_PER_DAY, to)
 
 
@@ -171,7 +172,7 @@ def tdb_to_tt(tdb: Epochs) -> Epochs:
     return _shifted(tdb, "TT", -geocentric_tdb_minus_tt(tdb))
 
 
-def geocentric_tdb_minus_tt(epochs: Epochs) -> NDArray[np.float64]:
+def geocentric_tdb_minus_tt(epochs: Epochs) -> Floats:
     """TDB - TT at the geocentre, s, shape (n,); the epochs may be TT or TDB.
 
     ERFA ``dtdb``: Fairhead and Bretagnon (1990), with 787 terms, good to some nanoseconds over decades; from 1972 to
@@ -193,7 +194,7 @@ def geocentric_tdb_minus_tt(epochs: Epochs) -> NDArray[np.float64]:
     return values_s[0]
 
 
-def topocentric_tdb_minus_tt(earth_velocity_m_s: ArrayLike, station_gcrs_m: ArrayLike) -> NDArray[np.float64]:
+def topocentric_tdb_minus_tt(earth_velocity_m_s: ArrayLike, station_gcrs_m: ArrayLike) -> Floats:
     """Part of TDB - TT that depends on the place, v_E . r / c^2, s, of BCRS velocity and GCRS position; shape (...,).
 
     Up to 2.1 microseconds, daily; it does not cancel in three-way range, where it reaches hundreds of metres.

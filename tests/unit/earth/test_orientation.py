@@ -8,7 +8,7 @@ from radioloc.earth.eop import EopTable
 from radioloc.earth.orientation import EarthOrientation, _celestial_pole, earth_rotation_angle
 from radioloc.errors import PredictedEopWarning
 from radioloc.time import Epochs, epochs_from_strings, utc_to_tt
-from radioloc.time.tabulated import FIRST_JD, SPAN_D
+from radioloc.time.smooth import FIRST_JD, SPAN_D
 
 EARTH_RADIUS_M = 6.4e6
 

@@ -65,7 +65,7 @@ def test_states_together_are_those_alone(ephemeris, epochs):
 
 
 def test_acceleration_does_not_jump_between_records(ephemeris):
-    segment = ephemeris.spk.segment(399, 3)
+    segment = ephemeris.spk.segments_of(399, 3)[-1]
     starts = Epochs.from_jd(2451545.0 + segment.first_record_s / 86400.0 + 4.0 * np.arange(1, 7390))
     before, after = ephemeris.earth(starts.shifted(-1e-3)), ephemeris.earth(starts)
     np.testing.assert_allclose(

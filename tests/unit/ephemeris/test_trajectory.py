@@ -12,7 +12,7 @@ from spk_files import ORBITER, START_S, STOP_S, circular, write_states
 from radioloc.ephemeris import Ephemeris, Trajectory
 from radioloc.errors import CoverageError, InputError, KernelError
 from radioloc.kernels import find_kernel
-from radioloc.kernels.files import open_spk
+from radioloc.kernels.files import open_kernel
 from radioloc.time import Epochs
 
 STATES = circular(1.8374e6, 4902.800076e9)
@@ -232,4 +232,4 @@ def test_what_is_damaged_is_said(orbit, offset, layout, value, message):
     with pytest.raises(KernelError, match=rf"orbit\.bsp is damaged: .*{message}.*fetch"):
         Trajectory.open(orbit, ORBITER)
     with pytest.raises(KernelError):
-        open_spk(orbit)
+        open_kernel(orbit, "SPK")

@@ -9,7 +9,8 @@ from reader_cases import AGREEMENT, CRD, SEGMENTS
 from tdm_messages import kvn, xml
 
 from radioloc.errors import InputError
-from radioloc.io import read_crd, read_tdm
+from radioloc.io import read_tdm
+from radioloc.io.crd import read_crd
 
 FILES = {
     "crd": (CRD, read_crd, ()),

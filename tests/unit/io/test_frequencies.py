@@ -10,7 +10,8 @@ from radioloc.constants import C_M_S
 from radioloc.earth.geodesy import geodetic_from_itrf
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
-from radioloc.io import FrequencyAgreement, read_fdets, read_observations, read_sites, read_strf
+from radioloc.io import FrequencyAgreement, read_observations, read_sites
+from radioloc.io.frequencies import read_fdets, read_strf
 from radioloc.time import utc_strings
 
 BEACON_HZ, COUNT_S, SIGMA_HZ = 2.2165e9, 10.0, 0.5

@@ -9,7 +9,7 @@ from radioloc.cli import main
 from radioloc.ephemeris import Ephemeris
 from radioloc.errors import KernelError
 from radioloc.kernels import add_kernel, added, find_kernel, registered
-from radioloc.kernels.files import open_spk
+from radioloc.kernels.files import open_kernel
 
 ORBITER = Path(__file__).parents[3] / "examples" / "orbiter" / "orbiter.bsp"
 
@@ -38,7 +38,7 @@ def test_an_added_kernel_is_found_by_its_ephemeris_and_its_name(folder, de430):
     assert find_kernel("DE430", "SPK") == find_kernel("mine.bsp") == folder / "added" / "mine.bsp"
     de430.unlink()
     assert Ephemeris.open("DE430").constants.name == "DE430"
-    assert not open_spk("DE430").file.registered
+    assert not open_kernel("DE430", "SPK").file.registered
 
 
 def test_kernels_that_ship_come_first(folder):
@@ -55,7 +55,7 @@ def test_one_that_changed_is_refused_and_told(folder, de430, capsys):
     content[-2000] ^= 1
     entry.path.write_bytes(content)
     with pytest.raises(KernelError, match="not the file that was added; add it again"):
-        open_spk("mine.bsp")
+        open_kernel("mine.bsp", "SPK")
     assert main(["kernels", "verify", "--json"]) == 3
     problems = {row["name"]: row["problem"] for row in json.loads(capsys.readouterr().out)}
     assert "not the file that was added" in problems.pop("mine.bsp")

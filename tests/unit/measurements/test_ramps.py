@@ -10,7 +10,8 @@ from scipy.integrate import quad
 
 from radioloc.constants import C_M_S
 from radioloc.errors import FileFormatError, InputError
-from radioloc.io import read_observations, read_ramps, write_ramps
+from radioloc.io import read_observations
+from radioloc.io.table import read_ramps, write_ramps
 from radioloc.measurements import ExactPredictor, Link, Observations, Ramps, prepare_predictor
 from radioloc.measurements.observations import DOPPLER, RANGE
 from radioloc.time import Epochs, epochs_from_strings, tai_to_utc, utc_to_tai

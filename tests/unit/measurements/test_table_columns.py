@@ -15,7 +15,7 @@ import radioloc
 from radioloc import Observations
 from radioloc.constants import C_M_S
 from radioloc.errors import DataQualityWarning, InputError
-from radioloc.io import read_parquet, write_parquet
+from radioloc.io.table import read_parquet, write_parquet
 from radioloc.measurements import Link
 from radioloc.measurements.table_columns import UNITS
 from radioloc.time import Epochs, epochs_from_strings

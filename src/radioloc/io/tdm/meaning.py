@@ -23,7 +23,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.earth.stations import StationCatalogue
@@ -46,6 +45,7 @@ from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations, counted_once, without_duplicates
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.measurements.table_columns import FLIGHT_TIME_LIMITS_S
+from radioloc.vectors import Floats
 
 _log = logging.getLogger(__name__)
 
@@ -226,7 +226,7 @@ def _range_unit_m(part: SegmentReader, units: str) -> float:
     return halves * {"km": 1.0, "s": C_M_S, "RU": C_M_S * (part.agreement.range_unit_s or 0.0)}[units]
 
 
-def _require_plausible(part: SegmentReader, value_m: NDArray[np.float64]) -> None:
+def _require_plausible(part: SegmentReader, value_m: Floats) -> None:
     """Refuse ranges that cannot be between Earth and Moon, above all those of the other convention."""
     if not part.agreement.lunar or part.link.differenced:
         return

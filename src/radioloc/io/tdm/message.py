@@ -21,6 +21,7 @@ from radioloc.errors import FileFormatError, InputError
 from radioloc.io.frequencies import LONGEST_S
 from radioloc.time import Epochs, epochs_from_strings, to_scale, utc_to_tai
 from radioloc.time.dates import DateError, read_dates
+from radioloc.vectors import Floats
 
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 # Value as the file gives it to value in the standard's spelling; ValueError says what is wrong.
@@ -177,7 +178,7 @@ class TdmSegment:
     keyword: NDArray[np.int8]  # indices into DATA
     epoch: Epochs  # UTC, whatever the file's time system
     # In the standard's units, but m for km (RANGE, DOPPLER_*) and parts of one for percent: the nearest float.
-    value: NDArray[np.float64]
+    value: Floats
     lines: Mapping[str, int]  # of the file, of metadata keywords; "" is the section's start
     line: NDArray[np.int32]  # of the records
     comments: tuple[str, ...] = ()
@@ -187,7 +188,7 @@ class TdmSegment:
         """Rows that hold a keyword's data."""
         return np.flatnonzero(self.keyword == CODE[keyword])
 
-    def values(self, keyword: str) -> NDArray[np.float64]:
+    def values(self, keyword: str) -> Floats:
         """Values of a keyword's records."""
         return self.value[self.rows(keyword)]
 
@@ -398,7 +399,7 @@ def read_records(
     *,
     time_system: str,
     range_units: str,
-) -> tuple[NDArray[np.int8], Epochs, NDArray[np.float64]]:
+) -> tuple[NDArray[np.int8], Epochs, Floats]:
     """Codes of keywords, epochs (UTC) and values, each the float nearest to its decimal number times a power of ten."""
     import pyarrow as pa
     import pyarrow.compute as pc
@@ -435,7 +436,7 @@ def read_records(
     return codes, _utc(epoch, time_system), numbers
 
 
-def _scaled(texts: Any, exponent: NDArray[np.int64]) -> NDArray[np.float64]:
+def _scaled(texts: Any, exponent: NDArray[np.int64]) -> Floats:
     """Decimal numbers times powers of ten."""
     import pyarrow as pa
     import pyarrow.compute as pc
@@ -449,5 +450,5 @@ def _scaled(texts: Any, exponent: NDArray[np.int64]) -> NDArray[np.float64]:
     elif exponent.any():
         suffixes = pa.array([f"E{k}" if k else "" for k in range(-2, 4)])
         texts = pc.binary_join_element_wise(texts, suffixes.take(pa.array(exponent + 2)), "")
-    numbers: NDArray[np.float64] = pc.cast(texts, pa.float64()).to_numpy()
+    numbers: Floats = pc.cast(texts, pa.float64()).to_numpy()
     return numbers

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from radioloc.constants import C_M_S
 from radioloc.earth.stations import StationCatalogue, station_name
@@ -33,6 +33,7 @@ from radioloc.measurements.link import Link, canonical_target
 from radioloc.measurements.ramps import Ramps
 from radioloc.measurements.table_columns import FLIGHT_TIME_LIMITS_S
 from radioloc.time import Epochs, tai_to_utc, utc_to_tai
+from radioloc.vectors import Floats
 
 _UTC = "utc"
 _MAX_LIGHT_TIME_S = 3600.0  # there and back, to targets that are not at the Moon
@@ -47,7 +48,7 @@ def shifted_utc(utc: Epochs, shift_s: ArrayLike) -> Epochs:
     return Epochs(jd, fraction, "UTC")
 
 
-def seconds_from(start: Epochs, utc: Epochs) -> NDArray[np.float64]:
+def seconds_from(start: Epochs, utc: Epochs) -> Floats:
     """SI seconds from one epoch to others, all UTC, shape (n,)."""
     return utc_to_tai(utc).seconds_since(utc_to_tai(start)) if len(utc) else np.empty(0)
 
@@ -72,7 +73,7 @@ class Series:
         self.start = first.epoch[[0]]
         self.segments = [part.segment for part in parts]
 
-        def times_of(part: SeriesPart, keyword: str) -> NDArray[np.float64]:
+        def times_of(part: SeriesPart, keyword: str) -> Floats:
             return seconds_from(self.start, part.segment.epochs(keyword)) + part.delay_s
 
         time = np.concatenate([times_of(part, part.keyword) for part in parts])
@@ -108,7 +109,7 @@ class Series:
         """Whether there is but one value."""
         return bool((self.value == self.value[0]).all() and not self.rate.any())
 
-    def at(self, utc: Epochs) -> NDArray[np.float64]:
+    def at(self, utc: Epochs) -> Floats:
         """The quantity at epochs (UTC), shape (n,); NaN before the first record."""
         since = seconds_from(self.start, utc)
         row = np.searchsorted(self.since_s, since, side="right") - 1
@@ -250,9 +251,7 @@ class SegmentReader:
         """Say what was done to the data."""
         self.reading.notes.append(f"{self.link.path}: {text}")
 
-    def less_delays(
-        self, keyword: str, value_m: NDArray[np.float64], delay_s: float, correction_m: float = 0.0
-    ) -> NDArray[np.float64]:
+    def less_delays(self, keyword: str, value_m: Floats, delay_s: float, correction_m: float = 0.0) -> Floats:
         """Values without delays in equipment and the difference of the clocks at the ends, and with a correction."""
         clock_s = self.clock_s(keyword, *self.key)
         if delay_s:
@@ -282,7 +281,7 @@ class SegmentReader:
             return self.agreement.modelled.transponder_s is not None and not self.one_way
         return self.reading.models_delay(self.segment.participant(int(number)), way.lower())
 
-    def clock_s(self, keyword: str, *ends: str) -> NDArray[np.float64]:
+    def clock_s(self, keyword: str, *ends: str) -> Floats:
         """Difference of the clocks of one participant and another (or UTC) at a keyword's epochs, s."""
         epoch = self.segment.epochs(keyword)
         total = np.zeros(len(epoch))
@@ -386,7 +385,7 @@ class SegmentReader:
         uplink_hz = np.nan if self.one_way else sent_hz
         return {"uplink_hz": uplink_hz, "wavelength_um": MICROMETRES * C_M_S / hz}
 
-    def weather(self, keyword: str) -> dict[str, NDArray[np.float64]]:
+    def weather(self, keyword: str) -> dict[str, Floats]:
         """Return weather columns at a keyword's epochs, of the segment or of segments without a path (3.3.2.7)."""
         places = [self.segment] if set(WEATHER) & set(self.segment.counts()) else []
         # Observations of two stations have only one weather, and none from elsewhere.

@@ -23,10 +23,9 @@ from busy import skip_if_busy
 from change5_case import LANDER, RANGING, VLBI
 
 import radioloc
+from radioloc.measurements import TERMS, prepare_predictor
 from radioloc.measurements._kernels import _polynomial
-from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.observations import RANGE, VLBI_DELAY
-from radioloc.measurements.terms import TERMS
 from radioloc.simulation import Schedule, Session, all_ranges, baselines
 from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
 from radioloc.time.scales import tdb_to_tt, tt_to_tai

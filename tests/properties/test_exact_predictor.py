@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 
 from radioloc.constants import C_M_S
 from radioloc.lunar import selenographic_to_cartesian
-from radioloc.measurements.exact_predictor import ExactPredictor
+from radioloc.measurements import ExactPredictor, PhysicalModel
 from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.time import Epochs
 
 # Noise of both ranges that are compared, the surface's by the last place of the lunar angle psi (3 micrometres) first.

@@ -22,10 +22,7 @@ from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.errors import InputError
 from radioloc.jobs.problem import observation_model
-from radioloc.measurements import EquipmentDelays, StationDelay
-from radioloc.measurements.evaluation import prepare_predictor
-from radioloc.measurements.link import Link
-from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements import EquipmentDelays, Link, PhysicalModel, StationDelay, prepare_predictor
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.media.ionosphere import UniformTec
 from radioloc.parameters.design import ObservationModel

@@ -32,17 +32,13 @@ import pytest
 from mappings import niell
 
 from radioloc.constants import ARCSEC_RAD, C_M_S
+from radioloc.earth import EarthOrientation, StationCatalogue
 from radioloc.earth.eop import EopTable
 from radioloc.earth.geodesy import geodetic_from_itrf, rot_itrf_to_enu
-from radioloc.earth.orientation import EarthOrientation
 from radioloc.earth.solid_tide import pole_tide_displacement, secular_pole_rad
-from radioloc.earth.stations import StationCatalogue
 from radioloc.lunar import rot_icrf_to_pa
-from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.link import Link
+from radioloc.measurements import ExactPredictor, Link, Observations, PhysicalModel
 from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.observations import Observations
-from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.registry import KINDS
 from radioloc.media.neutral_atmosphere import zenith_hydrostatic_delay_m
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, utc_to_tt

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from radioloc.lunar import rot_icrf_to_pa, rot_pa_to_me
-from radioloc.measurements import Link, PhysicalModel
-from radioloc.measurements.observations import Observations
+from radioloc.measurements import Link, Observations, PhysicalModel
 from radioloc.parameters import PARAMETERS
 from radioloc.time import Epochs
 

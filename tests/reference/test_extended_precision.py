@@ -13,10 +13,8 @@ from arc_cases import APOLLO15_PA_M, LASER, epochs_tai, observations
 from forty_digits import DIGITS, FortyDigits, mpf
 
 from radioloc.earth.stations import StationCatalogue
-from radioloc.measurements.exact_predictor import ExactPredictor
+from radioloc.measurements import TERMS, ExactPredictor, PhysicalModel
 from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.terms import TERMS
 from radioloc.time import Epochs, utc_to_tt
 
 GOAL_M = 5e-5

@@ -15,13 +15,9 @@ from geocentric_formulation import GeocentricFormulation, gcrs_terms
 
 from radioloc.constants import C_M_S
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.link import Link
+from radioloc.measurements import TERMS, ExactPredictor, Link, Observations, PhysicalModel
 from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.observations import Observations
-from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.registry import KINDS
-from radioloc.measurements.terms import TERMS
 from radioloc.time import Epochs, epochs_from_strings, tai_to_utc, utc_to_tai, utc_to_tt
 
 RANGE_GOAL_M, DELAY_GOAL_S = 1e-3, 3e-12

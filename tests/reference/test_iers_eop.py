@@ -12,9 +12,8 @@ from astropy.time import Time
 from astropy.utils import iers
 
 from radioloc.constants import ARCSEC_RAD, SECONDS_PER_DAY
-from radioloc.earth import eop_tides
+from radioloc.earth import EarthOrientation, eop_tides
 from radioloc.earth.eop import EopTable
-from radioloc.earth.orientation import EarthOrientation
 from radioloc.time import Epochs, utc_to_tt
 
 UAS_RAD = 1e-6 * ARCSEC_RAD

@@ -14,8 +14,7 @@ from arc_cases import REFLECTORS_PA_M
 
 import radioloc
 from radioloc.io.formats import read_observations
-from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements import ExactPredictor, PhysicalModel
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 EARLY = [

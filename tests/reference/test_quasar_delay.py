@@ -15,12 +15,8 @@ from astropy import units as u
 from astropy.coordinates import get_body_barycentric_posvel
 
 from radioloc.constants import C_M_S
-from radioloc.measurements import PhysicalModel
-from radioloc.measurements.evaluation import prepare_predictor
-from radioloc.measurements.link import Link
-from radioloc.measurements.observations import Observations
+from radioloc.measurements import TERMS, Link, Observations, PhysicalModel, prepare_predictor
 from radioloc.measurements.registry import kind_of
-from radioloc.measurements.terms import TERMS
 from radioloc.time import Epochs, tai_to_tt
 
 STATIONS = ("SESHAN25", "KUNMING", "URUMQI", "MIYUN50")

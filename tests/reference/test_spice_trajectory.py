@@ -14,9 +14,7 @@ from spk_files import ORBITER, low_lunar_orbit, tracking, write_chebyshev, write
 from radioloc.constants import C_M_S, J2000_JD, MEAN_LUNAR_RADIUS_M, SECONDS_PER_DAY
 from radioloc.ephemeris import Trajectory
 from radioloc.kernels import find_kernel
-from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.terms import TERMS
+from radioloc.measurements import TERMS, ExactPredictor, PhysicalModel
 from radioloc.media.status import Status
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, tai_to_tt
 from radioloc.time.scales import tdb_to_tt

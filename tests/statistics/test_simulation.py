@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements import ExactPredictor, PhysicalModel
 from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, Session, all_ranges, baselines
 
 RUNS = 400

@@ -7,11 +7,8 @@ from dataclasses import fields, replace
 import numpy as np
 
 from radioloc.earth.orientation import EarthOrientation
-from radioloc.measurements.link import Link
+from radioloc.measurements import Computed, Link, Observations, PhysicalModel
 from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.observations import Observations
-from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.predictor import Computed
 from radioloc.measurements.registry import kind_of
 from radioloc.time import Epochs, tai_to_utc
 

@@ -25,9 +25,8 @@ import radioloc
 from radioloc.ephemeris import Trajectory
 from radioloc.imaging import read_isd
 from radioloc.imaging.frames import read_frame, read_mask
+from radioloc.io import write_gis, write_spice
 from radioloc.io.ccsds import write_oem
-from radioloc.io.gis import write_gis
-from radioloc.io.spice_kernels import write_spice
 from radioloc.jobs.comparison import compare, read_solutions
 from radioloc.jobs.monte_carlo import TrialFolder
 from radioloc.jobs.verification import verify

@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from procedural_ground import Ground, as_bytes
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
-from radioloc.imaging.cameras import Camera
+from radioloc.imaging import Camera, FrameModel
 from radioloc.imaging.frames import load_opencv
 from radioloc.imaging.orientation import ConstantOrientation, rotation_of
-from radioloc.imaging.sensor_models import FrameModel
 from radioloc.imaging.shading import sun_direction
 
 Floats = NDArray[np.float64]

@@ -10,19 +10,17 @@ from radioloc.dynamics import GravityField
 from radioloc.earth.blq import read_blq
 from radioloc.earth.eop import EopTable
 from radioloc.ephemeris import Ephemeris, LunarOrientation, Trajectory
+from radioloc.io import TdmAgreement, read_observations, read_tdm
 from radioloc.io.crd import read_crd
-from radioloc.io.formats import read_observations
 from radioloc.io.frequencies import FrequencyAgreement, read_fdets, read_sites, read_strf
 from radioloc.io.mini import read_mini
 from radioloc.io.odf import read_odf
 from radioloc.io.table import read_parquet, read_table
-from radioloc.io.tdm import TdmAgreement, read_tdm
 from radioloc.lunar import TerrainModel
 from radioloc.measurements.sources import read_sources
+from radioloc.media import read_csp, read_radio_atmosphere
 from radioloc.media.air_files import read_gpt3, read_vmf3_grids, read_vmf3_sites
-from radioloc.media.csp import read_csp
 from radioloc.media.ionex import read_ionex
-from radioloc.media.radio_atmosphere import read_radio_atmosphere
 from radioloc.study.study_file import read_study
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -21,9 +21,8 @@ import radioloc
 from radioloc.cli import main
 from radioloc.errors import InputError
 from radioloc.io.formats import READERS
-from radioloc.measurements import Geometry, Part
+from radioloc.measurements import MEASUREMENTS, Geometry, Part
 from radioloc.measurements.combined_predictor import expanded
-from radioloc.measurements.registry import MEASUREMENTS
 from radioloc.media import MEDIA
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.study import STUDY_TABLES, StudyTable

@@ -13,10 +13,8 @@ from astropy.time import Time
 
 from radioloc.earth import Station, geodetic_from_itrf
 from radioloc.errors import InputError, StationError
-from radioloc.lunar import selenographic_to_cartesian
-from radioloc.lunar.position import LunarPosition
-from radioloc.measurements.link import Link
-from radioloc.measurements.observations import Observations
+from radioloc.lunar import LunarPosition, selenographic_to_cartesian
+from radioloc.measurements import Link, Observations
 from radioloc.time import Epochs, epochs_from_strings, to_scale, tt_to_tdb, utc_to_tt
 from radioloc.units import as_float_array, as_metres, in_unit
 

@@ -5,8 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from radioloc.earth.geodesy import geodetic_from_itrf
-from radioloc.earth.stations import Station, StationCatalogue
+from radioloc.earth import Station, StationCatalogue, geodetic_from_itrf
 from radioloc.errors import StationError
 from radioloc.time import Epochs
 

@@ -8,13 +8,11 @@ from image_descents import PIXEL_M, Descent, scene
 from scenes import frame, frame_matrix
 
 from radioloc.errors import ConvergenceError, InputError
-from radioloc.imaging import image_chain
+from radioloc.imaging import Distortion, image_chain, register_chain
 from radioloc.imaging.cameras import Camera, undistorted
-from radioloc.imaging.distortion import Distortion
 from radioloc.imaging.frames import find_mask, read_frame
 from radioloc.imaging.homography import transformed
 from radioloc.imaging.image_chain import Frame, FrameStatus, Measurement, TiePoint
-from radioloc.imaging.registration import register_chain
 from radioloc.lunar.maps import Map
 
 MAP_M = (5.0, 5.0)

@@ -7,8 +7,7 @@ import pytest
 from tdm_messages import kvn
 
 from radioloc.constants import C_M_S
-from radioloc.earth.geodesy import geodetic_from_itrf
-from radioloc.earth.stations import StationCatalogue
+from radioloc.earth import StationCatalogue, geodetic_from_itrf
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.io import FrequencyAgreement, read_observations, read_sites
 from radioloc.io.frequencies import read_fdets, read_strf

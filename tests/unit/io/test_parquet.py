@@ -11,8 +11,7 @@ from radioloc.errors import FileFormatError, InputError
 from radioloc.io import table as module
 from radioloc.io.formats import read_observations, write_observations
 from radioloc.io.table import read_parquet, read_table, write_parquet, write_table
-from radioloc.measurements.link import Link
-from radioloc.measurements.observations import Observations
+from radioloc.measurements import Link, Observations
 from radioloc.time import Epochs
 from radioloc.time.dates import utc_from_picoseconds, utc_from_text, utc_to_picoseconds, utc_to_text
 

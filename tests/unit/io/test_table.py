@@ -7,10 +7,8 @@ from hypothesis import strategies as st
 
 from radioloc.constants import C_M_S
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
-from radioloc.io import table
-from radioloc.io.table import read_table, write_table
-from radioloc.measurements.link import Link
-from radioloc.measurements.observations import Observations
+from radioloc.io import read_table, table, write_table
+from radioloc.measurements import Link, Observations
 from radioloc.text_files import read_blocks
 from radioloc.time import Epochs
 

@@ -12,9 +12,8 @@ from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.io.tdm import TdmAgreement, tdm_observations
 from radioloc.io.tdm.kvn import parse_kvn
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements import ExactPredictor, PhysicalModel
+from radioloc.measurements import ExactPredictor, Link, PhysicalModel
 from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
-from radioloc.measurements.link import Link
 from radioloc.media.status import Status
 from radioloc.time import epochs_from_strings, utc_to_tai
 

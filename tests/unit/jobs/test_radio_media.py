@@ -7,9 +7,8 @@ import pytest
 import radioloc
 from radioloc.constants import C_M_S
 from radioloc.errors import CoverageError, InputError
-from radioloc.measurements.link import Link
+from radioloc.measurements import Link, Observations
 from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.observations import Observations
 from radioloc.measurements.registry import KINDS
 from radioloc.time import epochs_from_strings
 

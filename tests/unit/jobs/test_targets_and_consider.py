@@ -12,11 +12,8 @@ from radioloc.errors import InputError
 from radioloc.io.formats import write_observations
 from radioloc.jobs import compare
 from radioloc.jobs.comparison import read_solutions
-from radioloc.measurements.evaluation import prepare_predictor
-from radioloc.measurements.link import Link
+from radioloc.measurements import Link, Observations, PhysicalModel, prepare_predictor
 from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.observations import Observations
-from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.registry import KINDS
 from radioloc.search import search
 from radioloc.time import Epochs, tai_to_utc

@@ -12,8 +12,7 @@ from spk_files import ORBITER, circular, low_lunar_orbit, tracking, write_states
 
 import radioloc
 from radioloc.cli import main
-from radioloc.io.table import write_table
-from radioloc.io.tdm import TdmAgreement, write_tdm
+from radioloc.io import TdmAgreement, write_table, write_tdm
 from radioloc.measurements.observations import Observations
 
 BIAS_M = 12.5

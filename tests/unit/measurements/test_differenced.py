@@ -8,11 +8,8 @@ from arc_cases import APOLLO15_PA_M, epochs_tai, observations, with_predictions_
 
 from radioloc.constants import C_M_S
 from radioloc.errors import PredictedEopWarning
-from radioloc.measurements.exact_predictor import ExactPredictor
+from radioloc.measurements import MEASUREMENTS, ExactPredictor, Observations, PhysicalModel
 from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.observations import Observations
-from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.registry import MEASUREMENTS
 from radioloc.time import epochs_from_strings, utc_to_tai
 
 # The noise of two ranges that are differenced.

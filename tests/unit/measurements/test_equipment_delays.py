@@ -8,9 +8,8 @@ from arc_cases import APOLLO15_PA_M, epochs_tai, observations
 
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError, StationError
+from radioloc.measurements import ExactPredictor, PhysicalModel
 from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
-from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.physical_model import PhysicalModel
 
 # The chain's noise is half a micrometre.
 SAME_M = 2e-6

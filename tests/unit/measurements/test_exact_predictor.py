@@ -8,11 +8,8 @@ from arc_cases import APOLLO15_PA_M, LASER, epochs_tai, observations
 
 from radioloc.constants import C_M_S
 from radioloc.errors import CoverageError, InputError, StationError
-from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.link import Link
+from radioloc.measurements import TERMS, ExactPredictor, Link, Observations
 from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.observations import Observations
-from radioloc.measurements.terms import TERMS
 from radioloc.media.status import Status, describe
 from radioloc.time import Epochs, epochs_from_strings, tai_to_tt, utc_to_tai
 from radioloc.time.scales import tdb_to_tt, tt_to_tai

@@ -13,9 +13,7 @@ from spk_files import ORBITER, START_S, lander, low_lunar_orbit, write_states
 from radioloc.constants import C_M_S
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import CoverageError
-from radioloc.measurements.evaluation import prepare_predictor
-from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements import ExactPredictor, PhysicalModel, prepare_predictor
 from radioloc.measurements.proper_time import clock_epoch, target_clock
 from radioloc.time import Epochs, tai_to_utc, utc_to_tai
 

@@ -12,8 +12,7 @@ from radioloc.constants import C_M_S
 from radioloc.earth import StationCatalogue
 from radioloc.earth.geodesy import itrf_from_geodetic
 from radioloc.errors import StationError
-from radioloc.measurements import PhysicalModel
-from radioloc.measurements.exact_predictor import ExactPredictor
+from radioloc.measurements import ExactPredictor, PhysicalModel
 from radioloc.measurements.proper_time import station_rate
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import ObservationRows

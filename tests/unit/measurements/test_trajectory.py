@@ -22,10 +22,7 @@ from radioloc.constants import C_M_S
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import CoverageError, InputError
 from radioloc.io import write_spice
-from radioloc.measurements.equipment_delays import EquipmentDelays
-from radioloc.measurements.evaluation import prepare_predictor
-from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements import EquipmentDelays, ExactPredictor, PhysicalModel, prepare_predictor
 from radioloc.measurements.predictor import reasons
 
 NOWHERE = np.zeros(3)

@@ -11,8 +11,7 @@ from legs import end, leg
 
 from radioloc import Observations
 from radioloc.constants import C_M_S
-from radioloc.earth.geodesy import geodetic_from_itrf
-from radioloc.earth.stations import StationCatalogue
+from radioloc.earth import StationCatalogue, geodetic_from_itrf
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.measurements import ExactPredictor, Link, PhysicalModel
 from radioloc.measurements.registry import KINDS

@@ -9,8 +9,7 @@ import pytest
 from legs import end
 from mappings import vmf3
 
-from radioloc.earth.geodesy import geodetic_from_itrf
-from radioloc.earth.stations import StationCatalogue
+from radioloc.earth import StationCatalogue, geodetic_from_itrf
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.media.air_files import Gpt3Grid, Vmf3Grids
 from radioloc.media.grids import LatLonGrid

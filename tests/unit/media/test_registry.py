@@ -6,14 +6,9 @@ from arc_cases import APOLLO15_PA_M, LASER, epochs_tai, observations
 from legs import leg
 
 from radioloc.errors import InputError
-from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
-from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.terms import TERMS
-from radioloc.media import MEDIA
+from radioloc.measurements import TERMS, ChebyshevPredictor, ExactPredictor, PhysicalModel
+from radioloc.media import MEDIA, LegDelay, Medium, Status
 from radioloc.media.ionosphere import Ionosphere, UniformTec
-from radioloc.media.medium import LegDelay, Medium
-from radioloc.media.status import Status
 
 ELEVATIONS_DEG = [-20.0, 1.0, 10.0, 45.0, 89.0]
 

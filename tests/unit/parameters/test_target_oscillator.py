@@ -5,8 +5,7 @@ import pytest
 from arc_cases import APOLLO15_PA_M, epochs_tai, observations
 
 from radioloc.constants import C_M_S
-from radioloc.measurements import PhysicalModel
-from radioloc.measurements.exact_predictor import ExactPredictor
+from radioloc.measurements import ExactPredictor, PhysicalModel
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import ObservationRows
 from radioloc.time import Epochs

@@ -1,8 +1,7 @@
 import pytest
 
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements import ExactPredictor, PhysicalModel
 
 
 @pytest.fixture(scope="session")

@@ -11,10 +11,8 @@ from radioloc.estimation import Parameter, ParameterSet
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.jobs.problem import observation_model
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements import EquipmentDelays, StationDelay
-from radioloc.measurements.exact_predictor import ExactPredictor
+from radioloc.measurements import EquipmentDelays, ExactPredictor, PhysicalModel, StationDelay
 from radioloc.measurements.observations import RANGE as RANGES
-from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.simulation import Masks, Scenario, Schedule, Session, all_ranges, baselines, two_way
 from radioloc.study.study import EstimateChoice
 from radioloc.time import utc_to_tai

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from radioloc.constants import C_M_S
-from radioloc.earth.orientation import EarthOrientation
-from radioloc.earth.stations import StationCatalogue
+from radioloc.earth import EarthOrientation, StationCatalogue
 from radioloc.ephemeris import Ephemeris
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, topocentric_tdb_minus_tt, tt_to_tdb
 

@@ -1,6 +1,6 @@
-"""Solutions compared: each method and arc beside a benchmark, whether they agree, and what they give together.
+"""Comparison of solutions with a benchmark, tests of their agreement, and their joint estimate.
 
-Beside solutions stand positions with their sigmas as somebody else states them, in a TOML file.
+Published positions with their sigmas, in a TOML file, are compared like solutions.
 """
 
 from __future__ import annotations
@@ -10,14 +10,20 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, compress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from radioloc.errors import InputError, named, require_type
-from radioloc.estimation.combination import PositionEstimate, agreement, joint_estimate, rotated_covariance
+from radioloc.estimation.combination import (
+    JointEstimate,
+    PositionEstimate,
+    agreement,
+    joint_estimate,
+    rotated_covariance,
+)
 from radioloc.estimation.orbit_state import EAST_NORTH_UP
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.local import rot_enu_between
@@ -30,6 +36,7 @@ from radioloc.results.tables import METHODS, Place, PositionRow, place_fields
 from radioloc.study.schema import Hints, TomlTable, check, entry, toml_content
 from radioloc.study.target_file import Place as PositionTable
 from radioloc.study.target_file import position_of
+from radioloc.vectors import Floats
 
 _JOINT = "joint estimate"
 
@@ -37,24 +44,24 @@ _JOINT = "joint estimate"
 def compare(
     solutions: Iterable[str | Path | Result], reference: str | None = None, target: str | None = None
 ) -> Comparison:
-    """Put solutions beside each other, as table 1 of Wang et al. (2021) does, test each pair, and combine them.
+    """Compare solutions as table 1 of Wang et al. (2021) does, test each pair, and combine them.
 
     Parameters
     ----------
     solutions : iterable of path-like, Solution, ArcStudy or other result with a position
-        Results, those of arcs being a solution for each arc; or files: ``solution.json`` of :command:`locate` and
-        :command:`images`, ``arcs.json`` of :command:`arcs`, or TOML files of positions that somebody else states.
+        Results, where an arc study has a solution for each arc, or files: ``solution.json`` of :command:`locate` and
+        :command:`images`, ``arcs.json`` of :command:`arcs`, or TOML files of published positions.
     reference : str, optional
-        The benchmark: the name of a solution, or of a reference in one of the files. By default the first reference,
+        Benchmark: the name of a solution, or of a reference in one of the files. By default the first reference,
         or else the first solution.
     target : str, optional
-        Which target to compare, of solutions that have several.
+        Target to compare, if solutions have several.
 
     Raises
     ------
     InputError
-        A file is none of these, is of another frame or of several targets of which none is named, or the reference is
-        in none of them.
+        A file has another format, another frame or several targets of which none is named, or no file has the
+        reference.
 
     Examples
     --------
@@ -66,95 +73,106 @@ def compare(
     if isinstance(solutions, str | Path | Result):
         solutions = (solutions,)
     require_type("solutions", solutions, Iterable)
+    recorded, references = _read_all(solutions, target)
+    frame = _common_frame(recorded)
+    names = _distinct_names(recorded)
+    estimates = [replace(item.estimate, name=name) for item, name in zip(recorded, names, strict=True)]
+    converged = [item.content["converged"] for item in recorded]
+    joint = joint_estimate(list(compress(estimates, converged)))
+
+    places = references | {name: item.place for name, item in zip(names, recorded, strict=True)}
+    if joint is not None:
+        places[_JOINT] = LunarPosition.from_cartesian(joint.position_me_m, frame).selenographic
+    benchmark = reference or next(iter(places))
+    if benchmark not in places:
+        raise InputError(f"reference: expected one of {', '.join(places)}, got {benchmark!r}")
+
+    def differences(name: str) -> dict[str, Any]:
+        return place_fields(places[name], None if name == benchmark else places[benchmark])
+
+    rows = [_row(item.content, name, differences(name)) for item, name in zip(recorded, names, strict=True)]
+    if joint is not None:
+        sigmas = [finite_or_none(math.sqrt(variance)) for variance in np.diag(joint.covariance_enu_m2)]
+        rows.append(PositionRow("joint", _JOINT, **differences(_JOINT), **_sigmas(sigmas)))
+    rows += [PositionRow("reference", name, **differences(name)) for name in references if name not in names]
+    origin_m = LunarPosition.from_selenographic(*places[benchmark], frame).xyz_m
+    agreements = tuple(agreement(first, second) for first, second in combinations(estimates, 2))
+    return Comparison(
+        frame, benchmark, tuple(rows), _covariances_en_m2(estimates, joint, origin_m), agreements, joint
+    )
+
+
+def _read_all(
+    solutions: Iterable[str | Path | Result], target: str | None
+) -> tuple[list[RecordedSolution], dict[str, Place]]:
+    """Return the solutions of a target from all files and results, and the references to it."""
     recorded: list[RecordedSolution] = []
     references: dict[str, Place] = {}
-    of_several = False
+    has_several_targets = False
     for given in solutions:
         is_stated = isinstance(given, str | Path) and Path(given).suffix == ".toml"
-        found, known = (_read_stated(Path(str(given))), {}) if is_stated else read_solutions(given)
-        recorded += [one.of_target(target) for one in found]
-        targets = [[*one.content.get("targets", ())] for one in found]
-        of_several |= any(targets)
-        if all(target in some[:1] for some in targets if some):  # references are of the first target
-            references = known | references
+        items, places = (_read_stated(Path(str(given))), {}) if is_stated else read_solutions(given)
+        recorded += [item.of_target(target) for item in items]
+        targets = [[*item.content["targets"]] for item in items if item.content.get("targets")]
+        has_several_targets |= bool(targets)
+        if all(target == first for first, *_ in targets):  # references are of the first target
+            references = places | references
     if not recorded:
-        raise InputError("there is no solution to compare; give files solution.json, arcs.json or TOML")
-    if target is not None and not of_several:
-        raise InputError(
-            f"target: expected a solution of several targets, got none, but {target!r}; leave it out"
-        )
-    frames = {solution.content["position"]["me"]["frame"]: solution.where for solution in recorded}
+        raise InputError("solutions: expected solution.json, arcs.json or TOML files, got none")
+    if target is not None and not has_several_targets:
+        raise InputError(f"target: expected a solution of several targets, got none; leave out {target!r}")
+    return recorded, references
+
+
+def _common_frame(recorded: Iterable[RecordedSolution]) -> str:
+    frames = {item.content["position"]["me"]["frame"]: item.where for item in recorded}
     if len(frames) > 1:
         listed = ", ".join(f"{where} in {frame}" for frame, where in frames.items())
         raise InputError(
-            f"positions of different axes cannot be compared: {listed}; use one ephemeris for all"
+            f"solutions: expected positions in the same axes, got {listed}; use one ephemeris for all"
         )
-    frame = next(iter(frames))
-    names = _names(recorded)
-    estimates = [replace(one.estimate, name=name) for one, name in zip(recorded, names, strict=True)]
-    joint = joint_estimate(
-        [item for item, one in zip(estimates, recorded, strict=True) if one.content["converged"]]
-    )
-    places = {name: one.place for name, one in zip(names, recorded, strict=True)}
-    if joint is not None:
-        places[_JOINT] = LunarPosition.from_cartesian(joint.position_me_m, frame).selenographic
-    places = references | places
-    benchmark = reference or next(iter(references or places))
-    if benchmark not in places:
-        raise InputError(f"there is no {benchmark!r} to compare with; there are {', '.join(places)}")
+    return next(iter(frames))
 
-    # Ellipses are drawn about the benchmark, so in its axes, which near a pole are not those of the estimates.
-    origin_m = LunarPosition.from_selenographic(*places[benchmark], frame).xyz_m
-    covariances = {one.name: one.carried_to(origin_m).total_enu_m2 for one in estimates}
+
+def _covariances_en_m2(
+    estimates: Sequence[PositionEstimate], joint: JointEstimate | None, origin_m: Floats
+) -> dict[str, Floats]:
+    """Return covariances east and north in the axes at the origin of the ellipses, where they are finite."""
+    # Near a pole, the axes at the benchmark are not those at the estimates.
+    covariances = {item.name: item.carried_to(origin_m).total_enu_m2 for item in estimates}
     if joint is not None:
         rotation = rot_enu_between(joint.position_me_m, origin_m)
         covariances[_JOINT] = rotated_covariance(rotation, joint.covariance_enu_m2)
-
-    def beside(name: str) -> dict[str, Any]:
-        return place_fields(places[name], None if name == benchmark else places[benchmark])
-
-    rows = [_row(one.content, name, beside(name)) for one, name in zip(recorded, names, strict=True)]
-    if joint is not None:
-        sigmas = [finite_or_none(math.sqrt(variance)) for variance in np.diag(joint.covariance_enu_m2)]
-        rows.append(PositionRow("joint", _JOINT, **beside(_JOINT), **_sigmas(sigmas)))
-    rows += [PositionRow("reference", name, **beside(name)) for name in references if name not in names]
-    return Comparison(
-        frame,
-        benchmark,
-        tuple(rows),
-        {name: one[:2, :2] for name, one in covariances.items() if np.isfinite(one[:2, :2]).all()},
-        tuple(agreement(one, two) for one, two in combinations(estimates, 2)),
-        joint,
-    )
+    return {name: matrix[:2, :2] for name, matrix in covariances.items() if np.isfinite(matrix[:2, :2]).all()}
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedSolution:
-    """A solution of a file or a result: what to call it in messages, all that it says, its estimate of the position."""
+    """Solution of a file or a result, and its estimate of the position."""
 
-    where: str
+    where: str  # its name in messages
     content: Mapping[str, Any]
     estimate: PositionEstimate
 
     @property
     def place(self) -> Place:
-        """East longitude, latitude, deg, and height, m, in mean-Earth axes."""
+        """East longitude and latitude, deg, and height, m, in mean-Earth axes."""
         me = self.content["position"]["me"]
         return me["longitude_deg"], me["latitude_deg"], me["height_m"]
 
     def of_target(self, target: str | None) -> RecordedSolution:
-        """Return the solution of one of several targets; one that has a single target as it is."""
+        """Return the solution of one of several targets; a solution of a single target is returned unchanged."""
         targets = self.content.get("targets")
         if not targets:
             return self
         if target not in targets:
-            given = "none is named" if target is None else f"not {target!r}"
+            given = "none" if target is None else repr(target)
             raise InputError(
-                f"{self.where}: expected the name of one target of {', '.join(targets)}, but {given}; "
-                "name it by --target, or target= in Python"
+                f"{self.where}: expected the name of a target ({', '.join(targets)}), got {given}; "
+                "give it as --target, or target= in Python"
             )
         content = {**self.content, **targets[target], "targets": {}}
-        # Alone it would be called position, as that of other solutions is.
+        # In a solution of one target the parameter is named position.
         names = [item["name"].replace(f"position.{target}.", "position.", 1) for item in content["priors"]]
         content["priors"] = [
             {**item, "name": name} for item, name in zip(content["priors"], names, strict=True)
@@ -163,7 +181,7 @@ class RecordedSolution:
 
 
 def read_solutions(given: str | Path | Result) -> tuple[list[RecordedSolution], dict[str, Place]]:
-    """The solutions of a ``solution.json``, an ``arcs.json`` or a result, and the references that it knows."""
+    """Return the solutions of a ``solution.json``, an ``arcs.json`` or a result, and its references."""
     require_type("solutions", given, str, Path, Result)
     content = read_recorded(given) if isinstance(given, str | Path) else given.to_dict()
     if not {"position", "positions"} & content.keys():
@@ -188,20 +206,20 @@ def read_solutions(given: str | Path | Result) -> tuple[list[RecordedSolution], 
     return solutions, references or places
 
 
-def _names(solutions: Sequence[RecordedSolution]) -> list[str]:
-    """Names of solutions; where several are called alike, with the folders that they are in."""
-    counts = Counter(one.content["name"] for one in solutions)
+def _distinct_names(solutions: Sequence[RecordedSolution]) -> list[str]:
+    """Return names of solutions, followed by the folder where several have one name."""
+    counts = Counter(item.content["name"] for item in solutions)
+    names = [item.content["name"] for item in solutions]
     names = [
-        one.content["name"]
-        if counts[one.content["name"]] == 1
-        else f"{one.content['name']} ({Path(one.where).parent.name})"
-        for one in solutions
+        name if counts[name] == 1 else f"{name} ({Path(item.where).parent.name})"
+        for name, item in zip(names, solutions, strict=True)
     ]
     if len(set(names)) < len(names):
         name, _ = Counter(names).most_common(1)[0]
-        places = [one.where for one, other in zip(solutions, names, strict=True) if other == name]
+        places = [item.where for item, other in zip(solutions, names, strict=True) if other == name]
         raise InputError(
-            f"{' and '.join(places[:2])}: two solutions are called {name!r}; rename their studies"
+            f"{' and '.join(places[:2])}: expected solutions of different names, got {name!r} twice; "
+            "rename their studies"
         )
     return names
 
@@ -226,7 +244,7 @@ def _sigmas(values: Iterable[float | None]) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class StatedPosition(PositionTable):
-    """Keys of ``[positions.NAME]``: sigmas east and north, of the height, and of the tie of a map to the Moon."""
+    """Keys of ``[positions.NAME]``: sigmas east and north, of the height, and of the tie of a map to the axes."""
 
     method: str = entry("tracking", choices=METHODS)
     sigma_m: tuple[float, float] | None = entry(None, positive=True, both=True)
@@ -239,7 +257,7 @@ class StatedPosition(PositionTable):
 
 
 def _read_stated(path: Path) -> list[RecordedSolution]:
-    """The positions that somebody else states in a file, with the keys of ``solution.json`` where they have them."""
+    """Return the published positions of a file, with the keys of ``solution.json``."""
     top = TomlTable(path, "", toml_content(path), Hints())
     positions = top.table("positions")
     top.finish()

@@ -149,5 +149,5 @@ def test_other_files_frames_and_references_are_refused(table, tmp_path, capsys):
         compare([table[0], written(tmp_path / "other", other)])
     with pytest.raises(InputError, match=r"expected .* got int"):
         compare([3])
-    with pytest.raises(InputError, match="expected one of Image matching.* got 'LOLA'"):
+    with pytest.raises(InputError, match=r"expected one of Image matching.* got 'LOLA'"):
         compare(table, "LOLA")

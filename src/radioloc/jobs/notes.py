@@ -1,4 +1,4 @@
-"""What a result says of its data and its model: sentences for the card, and the provenance of ``solution.json``."""
+"""Notes of a result on its data and its model, for the card, and the provenance of ``solution.json``."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.light_path import PLANETS_MM
 from radioloc.measurements.observations import Observations
-from radioloc.measurements.physical_model import kernel_record
+from radioloc.measurements.physical_model import PhysicalModel, kernel_record
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.prepared_paths import is_radio
 from radioloc.measurements.terms import TERMS
@@ -42,17 +42,16 @@ from radioloc.study.record import plain, study_origin, versions
 from radioloc.study.study import EstimateChoice, Study, TerrainPrior
 
 _EQUATOR_M_S = 465.1  # Speed of a station on the Earth's equator
-_ROUGHER = 1.5
-"""Ratio of the sigmas that a terrain's roughness gives here and there, from which on a note says so."""
+_MIN_ROUGHNESS_RATIO = 1.5  # Ratio of sigmas from the roughness at two positions that a note reports
 _MAX_RELATIVE_OFFSET = 1e-4  # Relative frequency offset of a simple quartz oscillator
-_OF_OBSERVATIONS = (
+_RECORDED_KEYS = (
     "doppler_average_s",
     "extra_sigma_m",
     "vlbi_station_sigma_m",
     "vlbi_station_rate_sigma_m",
     "doppler_phase_sigma_m",
 )
-"""Keys of ``[observations]`` that a result repeats."""
+"""Keys of ``[observations]`` in the provenance."""
 
 
 def notes_of(
@@ -64,54 +63,63 @@ def notes_of(
     lander_pa_m: NDArray[np.float64],
     considered: ConsideredErrors | None,
 ) -> list[str]:
-    """All notes of a result, warnings first."""
+    """Return all notes of a result, warnings first."""
     notes = spacecraft_doubts(study, arc.observations, arc.model)
-    notes += _turned(study, arc.model.ephemeris.constants)
+    notes += _turned_positions(study, arc.model.ephemeris.constants)
     if weights := study.observations.weights:
         notes.append(f"sigmas changed: {'; '.join(map(str, weights))}")
     parameters = fitted.fit.parameters
     if estimate is not None and isinstance(estimate.height_prior, TerrainPrior):
         notes += _terrain_doubt(arc, estimate.height_prior, parameters, lander_pa_m)
     notes += notes_of_plan(arc, left_out)
-    if estimate is not None:
-        in_sigma = any(estimate.ephemeris_sigma_m)
-        if considered is not None:
-            in_sigma |= any(map(considered.parameters.of_kind, ("moon_position", "libration")))
-        if arc.trajectory is None and not in_sigma:
-            notes.append(
-                f"the sigma does not include the error of {arc.model.ephemeris.name}: neither moon_position nor "
-                "libration is considered, and no [estimate] ephemeris_sigma_m is given"
-            )
-        if parameters.of_kind("frequency_offset") and "frequency_offset" not in study.estimate.parameters:
-            notes.append(
-                "a frequency offset of each link and pass of one- and three-way Doppler is estimated, as nothing ties "
-                "its oscillators together; [estimate] frequency_offset says otherwise"
-            )
-        kinds = ("frequency_offset", "target_frequency")
-        offsets = {parameters.names[k]: fitted.fit.x[k] for kind in kinds for k in parameters.of_kind(kind)}
-        if far := [f"{name} {x:.2g}" for name, x in offsets.items() if abs(x) > _MAX_RELATIVE_OFFSET]:
-            notes.append(
-                f"no oscillator is as far off as {', '.join(far)}, but a nominal frequency or a turnaround ratio is: "
-                "see transmit_hz and turnaround, or uplink_hz and wavelength_um"
-            )
-        notes += [
-            f'no {key} is estimated, though [estimate] asks for "all": no observation depends on one'
-            for key, choice in estimate.parameters.items()
-            if choice.names == "all" and not parameters.of_kind(key)
-        ]
+    if estimate is None:
+        return notes
+    kinds = () if considered is None else {item.kind for item in considered.parameters}
+    in_sigma = any(estimate.ephemeris_sigma_m) or "moon_position" in kinds or "libration" in kinds
+    if arc.trajectory is None and not in_sigma:
+        notes.append(
+            f"the sigma does not include the error of {arc.model.ephemeris.name}: neither moon_position nor "
+            "libration is considered, and no [estimate] ephemeris_sigma_m is given"
+        )
+    notes += _frequency_notes(study, fitted)
+    notes += [
+        f'no {key} is estimated, though [estimate] asks for "all": no observation depends on it'
+        for key, choice in estimate.parameters.items()
+        if choice.names == "all" and not parameters.of_kind(key)
+    ]
     return notes
 
 
+def _frequency_notes(study: Study, fitted: EditedFit) -> Iterator[str]:
+    """Yield notes on frequency offsets that are added, or that are too large for an oscillator."""
+    parameters = fitted.fit.parameters
+    if parameters.of_kind("frequency_offset") and "frequency_offset" not in study.estimate.parameters:
+        yield (
+            "a frequency offset of each link and pass of one- and three-way Doppler is estimated, as their oscillators "
+            "are independent; [estimate] frequency_offset changes this"
+        )
+    offsets = [k for kind in ("frequency_offset", "target_frequency") for k in parameters.of_kind(kind)]
+    if large := [
+        f"{parameters.names[k]} {fitted.fit.x[k]:.2g}"
+        for k in offsets
+        if abs(fitted.fit.x[k]) > _MAX_RELATIVE_OFFSET
+    ]:
+        yield (
+            f"{', '.join(large)}: larger than the offset of any oscillator; check the nominal frequency and the "
+            "turnaround ratio (transmit_hz and turnaround, or uplink_hz and wavelength_um)"
+        )
+
+
 def notes_of_plan(arc: Predictor, left_out: dict[str, int]) -> list[str]:
-    """Those of them that need no values: what was not selected, what is not known of stations and model."""
+    """Return the notes that need no values: observations not selected, gaps in the data of stations and model."""
     not_selected = [
         f"{plural(count, 'observation')} not selected: {reason}" for reason, count in left_out.items()
     ]
-    return [*not_selected, *_of_stations(arc), *_of_model(arc)]
+    return [*not_selected, *_station_notes(arc), *_model_notes(arc)]
 
 
-def _turned(study: Study, constants: EphemerisConstants) -> Iterator[str]:
-    """Positions in axes of another ephemeris."""
+def _turned_positions(study: Study, constants: EphemerisConstants) -> Iterator[str]:
+    """Yield a note for each position in the axes of another ephemeris."""
     places: dict[str, LunarPosition | Trajectory | Orbiter] = {"[target]": study.target}
     if study.targets:
         places = {f"[targets.{name}]": place for name, place in study.targets.items()}
@@ -124,55 +132,56 @@ def _turned(study: Study, constants: EphemerisConstants) -> Iterator[str]:
             constants.me_frame,
         ):
             yield (
-                f"{table} is given in {place.frame} and was turned to axes of {constants.name} by "
-                f"{constants.me_frame}, constant angles that leave some decimetres of what the librations differ by"
+                f"{table} is given in {place.frame} and was turned to axes of {constants.name} by the constant angles "
+                f"of {constants.me_frame}, which leave some decimetres of the difference of the librations"
             )
 
 
 def _terrain_doubt(
     arc: Predictor, prior: TerrainPrior, parameters: ParameterSet, lander_pa_m: NDArray[np.float64]
 ) -> Iterator[str]:
-    """Where the terrain at the estimate is not as rough as at the a-priori position, which the prior's sigma is of."""
+    """Warn if the terrain is rougher or smoother at the estimate than at the a-priori position of the sigma."""
     longitude_rad, latitude_rad, _ = cartesian_to_selenographic(
         rot_pa_to_me(arc.model.ephemeris.constants) @ lander_pa_m
     )
     used_m = parameters["position.height_above_terrain"].prior_sigma
     try:
-        here_m = float(prior.terrain.sigma_m(longitude_rad, latitude_rad, prior.sigma_m))
-    except InputError as error:  # roughness takes more cells than a height
-        yield f"WARNING: how rough the terrain is at the estimate is not known: {error}"
+        estimate_m = float(prior.terrain.sigma_m(longitude_rad, latitude_rad, prior.sigma_m))
+    except InputError as error:  # roughness needs more cells than a height
+        yield f"WARNING: no roughness of the terrain at the estimate: {error}"
         return
-    if not used_m / _ROUGHER < here_m < used_m * _ROUGHER:
+    if not used_m / _MIN_ROUGHNESS_RATIO < estimate_m < used_m * _MIN_ROUGHNESS_RATIO:
         yield (
-            f"WARNING: the a-priori sigma of the height above the terrain is {used_m:.3g} m, from the roughness at the "
-            f"a-priori position; at the estimate it would be {here_m:.3g} m: use the estimate as [target] and fit again"
+            f"WARNING: the a-priori sigma of the height above the terrain is {used_m:.3g} m, from the roughness at "
+            f"the a-priori position; at the estimate it would be {estimate_m:.3g} m: give the estimate as [target] and "
+            "fit again"
         )
 
 
 def _radio_stations(arc: Predictor) -> list[Station]:
-    """Stations of signals that are radio, whatever the kind that the catalogue gives them."""
-    found = []
+    """Return the stations with radio signals, whatever their kind in the catalogue."""
+    stations = []
     for i, name in enumerate(arc.stations):
         station, rows = arc.model.catalogue.get(name), (arc.transmitters == i) | (arc.receivers == i)
         if is_radio(arc.observations.wavelength_um[rows], [station], np.array(0)).any():
-            found.append(station)
-    return found
+            stations.append(station)
+    return stations
 
 
-def _of_stations(arc: Predictor) -> Iterator[str]:
-    """What the catalogue does not know of stations, and what of the model this leaves out."""
+def _station_notes(arc: Predictor) -> Iterator[str]:
+    """Yield a note for each quantity that the catalogue lacks for some stations."""
     stations, radio = [arc.model.catalogue.get(name) for name in arc.stations], _radio_stations(arc)
     for term, lacking, text in (
         (
             "",
             [s.quality == "rounded" and s.sigma_m is None for s in stations],
-            "catalogue positions of {} are rounded, good to 100 m to 1 km only; give better ones under "
-            "[stations.NAME], or what they are good to as [consider] station_position_sigma_m",
+            "catalogue positions of {} are rounded to 100 m to 1 km; give better ones under [stations.NAME], or their "
+            "uncertainty as [consider] station_position_sigma_m",
         ),
         (
             "",
             [s.quality == "approximate" and s.sigma_m is None for s in stations],
-            "catalogue positions of {} are good to about a metre only; give better ones under [stations.NAME]",
+            "catalogue positions of {} are accurate to about a metre only; give better ones under [stations.NAME]",
         ),
         (
             "station_velocity",
@@ -195,35 +204,16 @@ def _of_stations(arc: Predictor) -> Iterator[str]:
             yield text.format(", ".join(compress(arc.stations, lacking)))
 
 
-def _of_model(arc: Predictor) -> Iterator[str]:
-    """What the model is made of, and what is not in it."""
+def _model_notes(arc: Predictor) -> Iterator[str]:
+    """Yield notes on the sources of the model, and on what it leaves out."""
     model = arc.model
     if predicted := int(arc.predicted_eop.sum()):
         yield f"Earth orientation is predicted, not measured, for {plural(predicted, 'observation')}"
-    yield from _beyond(model.earth.table, arc.observations.epoch.mjd)
+    yield from _extrapolation_note(model.earth.table, arc.observations.epoch.mjd)
     if absent := model.missing_planets:
         sizes = " and ".join(f"{name.capitalize()} (up to {PLANETS_MM[name]:g} mm)" for name in absent)
         yield f"no gravitational delay by {sizes}, one way: not in the ephemeris file; use a complete one"
-    radio = _radio_stations(arc)
-    without = [station.name for station in radio]
-    if (cards := model.media_calibrations) is not None:
-        for term, kinds in (("troposphere", (DRY, WET)), ("ionosphere", (CHARGED,))):
-            names = [s.name for s in radio if model.has(term) and any(cards.serves(s, k) for k in kinds)]
-            if names:
-                yield f"{term} of radio signals from calibrations of the DSN for {', '.join(names)}"
-            for kind, air in ((DRY, "dry"), (WET, "wet")) if names and term == "troposphere" else ():
-                if other := [s.name for s in radio if s.name in names and not cards.serves(s, kind)]:
-                    yield f"the calibrations have no {air} air for {', '.join(other)}: it is the model's"
-        without = [s.name for s in radio if not cards.serves(s, CHARGED)]
-    if model.has("ionosphere") and model.ionosphere is None and without:
-        of = f" for {', '.join(without)}" if len(without) < len(radio) else ""
-        yield f"no ionospheric delay of radio signals{of}: give maps or a content, [model] ionex or tec_tecu"
-    files = model.radio_atmosphere
-    if model.has("troposphere") and files is not None:
-        for source in ("VMF3", "GPT3"):
-            served = ", ".join(station.name for station in radio if files.source_of(station) == source)
-            if served:
-                yield f"troposphere of radio signals from {source} for {served}, beside recorded pressure"
+    yield from _media_notes(model, _radio_stations(arc))
     if isinstance(arc.trajectory, AdjustableOrbit):
         yield from arc.trajectory.forces.gravity.notes
     if arc.trajectory is not None and not isinstance(arc.trajectory, AdjustableTrajectory):
@@ -232,8 +222,33 @@ def _of_model(arc: Predictor) -> Iterator[str]:
         yield f"terms switched off: {', '.join(off)}"
 
 
-def _beyond(table: EopTable, mjd_utc: NDArray[np.float64]) -> Iterator[str]:
-    """How Earth orientation goes on after its table, and how wrong that may be."""
+def _media_notes(model: PhysicalModel, radio: list[Station]) -> Iterator[str]:
+    """Yield the sources of troposphere and ionosphere of radio signals, and what is missing."""
+    uncalibrated = radio
+    if (cards := model.media_calibrations) is not None:
+        for term, kinds in (("troposphere", {DRY: "dry", WET: "wet"}), ("ionosphere", {CHARGED: "charged"})):
+            served = [s for s in radio if model.has(term) and any(cards.serves(s, k) for k in kinds)]
+            if served:
+                yield f"{term} of radio signals from calibrations of the DSN for {_names(served)}"
+            for kind, part in kinds.items():
+                if missing := [s for s in served if not cards.serves(s, kind)]:
+                    yield f"no calibration of the {part} {term} for {_names(missing)}; the model's is used"
+        uncalibrated = [s for s in radio if not cards.serves(s, CHARGED)]
+    if model.has("ionosphere") and model.ionosphere is None and uncalibrated:
+        stations = f" for {_names(uncalibrated)}" if len(uncalibrated) < len(radio) else ""
+        yield f"no ionospheric delay of radio signals{stations}: give maps or a content, [model] ionex or tec_tecu"
+    if model.has("troposphere") and (files := model.radio_atmosphere) is not None:
+        for source in ("VMF3", "GPT3"):
+            if served := [s for s in radio if files.source_of(s) == source]:
+                yield f"troposphere of radio signals from {source} for {_names(served)}, beside recorded pressure"
+
+
+def _names(stations: Iterable[Station]) -> str:
+    return ", ".join(station.name for station in stations)
+
+
+def _extrapolation_note(table: EopTable, mjd_utc: NDArray[np.float64]) -> Iterator[str]:
+    """Yield the error of Earth orientation that is extrapolated beyond its table."""
     end = float(mjd_utc.max(initial=0.0))
     if table.beyond is not None and end > table.beyond[1]:
         (ut1_s,), (pole_rad,) = orientation_errors(table, np.array([end]))
@@ -251,21 +266,23 @@ def provenance(
     estimate: EstimateChoice | None,
     positions_pa_m: NDArray[np.float64],
 ) -> dict[str, Any]:
-    """Versions, files, choices and kernels of a fit, and how its observations were computed at the positions found."""
+    """Return versions, files, choices and kernels of a fit, and how observations at its positions were computed."""
     evaluation: dict[str, Any] = {"kind": "exact"}
     if isinstance(simple := arc.simple, ChebyshevPredictor):
         evaluation = {"kind": "interpolated", **asdict(simple.check(positions_pa_m))}
     model, chosen = arc.model, study.model
     height = None if estimate is None else estimate.height_prior
-    one_each = {"vmf3_orography": chosen.vmf3_orography, "gpt3": chosen.gpt3}
-    of_air = {"vmf3": chosen.vmf3} | {key: () if path is None else (path,) for key, path in one_each.items()}
+    single_files = {"vmf3_orography": chosen.vmf3_orography, "gpt3": chosen.gpt3}
+    of_air = {"vmf3": chosen.vmf3} | {
+        key: () if path is None else (path,) for key, path in single_files.items()
+    }
     return {
         **versions(),
-        "study": study_origin(study) if _of_its_files(study, arc.observations) else None,
+        "study": study_origin(study) if _is_reproducible(study, arc.observations) else None,
         "files": [Path(name).name for name in arc.observations.files],
         "images": sorted({key for prior in study.estimate.position_priors for key in prior.data}),
         "not_selected": left_out,
-        **{key: getattr(study.observations, key) for key in _OF_OBSERVATIONS},
+        **{key: getattr(study.observations, key) for key in _RECORDED_KEYS},
         "weights": [weight.record() for weight in study.observations.weights],
         "estimate": None if estimate is None else _estimate_record(estimate),
         "terrain_resolution_m": height.terrain.metadata.resolution_m
@@ -273,10 +290,10 @@ def provenance(
         else None,
         **_target_record(study.target),
         "ionosphere": {"ionex": [path.name for path in chosen.ionex], "tec_tecu": chosen.tec_tecu},
-        "troposphere": {key: _named(paths) for key, paths in of_air.items()},
-        "sources": _named(chosen.sources),
+        "troposphere": {key: _file_records(paths) for key, paths in of_air.items()},
+        "sources": _file_records(chosen.sources),
         "free_clocks": list(model.free_clocks),
-        "media_calibrations": {"csp": _named(chosen.csp), "scid": chosen.csp_scid},
+        "media_calibrations": {"csp": _file_records(chosen.csp), "scid": chosen.csp_scid},
         "delays": {
             "transponder_s": model.delays.transponder_s,
             "stations": {name: asdict(delay) for name, delay in model.delays.stations.items()},
@@ -287,12 +304,12 @@ def provenance(
     }
 
 
-def _named(files: Iterable[Path]) -> list[dict[str, str]]:
+def _file_records(files: Iterable[Path]) -> list[dict[str, str]]:
     return [{"name": path.name, "sha256": sha256_of(path)} for path in files]
 
 
-def _of_its_files(study: Study, observations: Observations) -> bool:
-    """Whether the study is from a file, and the observations are from its files, not given in Python."""
+def _is_reproducible(study: Study, observations: Observations) -> bool:
+    """Return whether study and observations both come from the files that the study names."""
     return (
         study.path is not None
         and bool(observations.files)
@@ -312,27 +329,19 @@ def _target_record(target: LunarPosition | Trajectory | Orbiter) -> dict[str, An
 
 
 def _estimate_record(estimate: EstimateChoice) -> dict[str, Any]:
-    """What was estimated; of a terrain map its files, not its heights."""
+    """Return the settings of an estimate, with the files of a terrain map in place of its heights."""
     prior: Any = estimate.height_prior
     if isinstance(prior, TerrainPrior):
-        map_files = [{"name": file.path.name, "sha256": file.sha256} for file in prior.terrain.metadata.files]
-        prior = {"dem": map_files, "interpolation": prior.terrain.interpolation, "sigma_m": prior.sigma_m}
+        files = [{"name": file.path.name, "sha256": file.sha256} for file in prior.terrain.metadata.files]
+        prior = {"dem": files, "interpolation": prior.terrain.interpolation, "sigma_m": prior.sigma_m}
     elif prior is not None:
         prior = asdict(prior)
     noise = None if estimate.orbit is None else estimate.orbit.process_noise
-    keys = (
-        "position",
-        "height_prior",
-        "ephemeris_sigma_m",
-        "rejection_sigma",
-        "weights",
-        "variance_components",
-    )
+    keys = "position", "ephemeris_sigma_m", "rejection_sigma", "weights", "variance_components", "pass_gap_h"
     return {
         **{key: getattr(estimate, key) for key in keys},
         "height_prior": prior,
         "process_noise": None if noise is None else asdict(noise),
-        "pass_gap_h": estimate.pass_gap_h,
         **dict.fromkeys(PARAMETERS, "none"),
         **chosen_keys(estimate.parameters),
     }

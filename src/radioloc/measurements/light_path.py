@@ -110,29 +110,38 @@ class PathPartials:
         return PathPartials(*((getattr(self, field.name).T * factor).T for field in fields(self)))
 
 
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """Signals between two stations and a point, each with one tagged event."""
+
+    transmitter: MovingPoint
+    relay: MovingPoint
+    receiver: MovingPoint
+    tag: NDArray[np.int8]
+    tag_offset_s: Floats  # of the tagged event, TDB from the reference epoch
+    sign: ArrayLike = 1.0  # of the first leg
+    hold_s: ArrayLike = 0.0
+    source: Floats | None = None  # directions of sources at infinity, zeros of other points, shape (n, 3)
+
+
 def solve_light_path(
-    transmitter: MovingPoint,
-    relay: MovingPoint,
-    receiver: MovingPoint,
-    tag: NDArray[np.int8],
-    tag_offset_s: Floats,
+    signal: Signal,
     up_delay_m: ArrayLike,
     down_delay_m: ArrayLike,
-    sign: ArrayLike = 1.0,
-    hold_s: ArrayLike = 0.0,
     near: LightPath | None = None,
-    source: Floats | None = None,
     tolerance_s: float = TOLERANCE_S,
 ) -> LightPath:
     """Solve the light-time equations of both legs in the BCRS (Moyer 2003, section 8.3).
 
-    `tag` names the event at `tag_offset_s`, `sign` is that of the first leg, delays are beyond the straight length of
-    each leg, `source` has directions (n, 3) of sources at infinity and zeros, and `near` is a path to begin with.
+    Delays are beyond the straight length of each leg; the iteration begins with `near`.
     """
+    transmitter, relay, receiver = signal.transmitter, signal.relay, signal.receiver
+    tag, tag_offset_s, source = signal.tag, signal.tag_offset_s, signal.source
     # Repeated substitution contracts by v/c = 1e-4 a step, so durations are good to a ten-thousandth of the tolerance.
     sent, received = tag == TRANSMIT, tag == RECEIVE
-    up_delay_m, down_delay_m, sign = np.asarray(up_delay_m), np.asarray(down_delay_m), np.asarray(sign)
-    hold_s = np.asarray(hold_s)
+    up_delay_m, down_delay_m, sign, hold_s = map(
+        np.asarray, (up_delay_m, down_delay_m, signal.sign, signal.hold_s)
+    )
     if near is None:
         up_s = length(relay.position_m - transmitter.position_m) / C_M_S
         down_s = length(receiver.position_m - relay.position_m) / C_M_S

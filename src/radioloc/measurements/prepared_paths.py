@@ -8,9 +8,8 @@ changes with it. The ends of n light paths are one list of 2 n events: those at 
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, is_dataclass, replace
-from functools import partial
 from typing import Any, Self
 
 import numpy as np
@@ -26,6 +25,7 @@ from radioloc.measurements.light_path import (
     TRANSMIT,
     LightPath,
     MovingPoint,
+    Signal,
     delay_by_bodies_m,
     halves,
     solve_light_path,
@@ -200,9 +200,8 @@ class PreparedPaths(Predictor):
         ends = rough_station_motion(self.model, self._stations, self._which, self._tt, self._earth)
         self._place_target(np.zeros(len(self._tag)), lander_pa_m)
         places_s = topocentric_tdb_minus_tt(twice(self._earth.velocity_m_s), ends.position_m)
-        return self._solver(ends, self._relay(lander_pa_m), places_s)(
-            0.0, 0.0, tolerance_s=_ROUGH_TOLERANCE_S
-        )
+        signal = self._signal(ends, self._relay(lander_pa_m), places_s)
+        return solve_light_path(signal, 0.0, 0.0, tolerance_s=_ROUGH_TOLERANCE_S)
 
     def _place_target(self, offset_s: Floats, lander_pa_m: Floats) -> None:
         """The motion of the Moon, or of the spacecraft, and the target's clock."""
@@ -265,10 +264,8 @@ class PreparedPaths(Predictor):
         """Directions of sources at infinity, zeros of other targets; None where there are no sources."""
         return None if (self._target >= 0).all() else self._far
 
-    def _solver(
-        self, ends: MovingPoint, relay: MovingPoint, topocentric_s: Floats
-    ) -> Callable[..., LightPath]:
-        """:func:`solve_light_path` between motions, but for the delays."""
+    def _signal(self, ends: MovingPoint, relay: MovingPoint, topocentric_s: Floats) -> Signal:
+        """Return the signals between both ends and the point, with their tagged events."""
         # The reference epoch reads the tag as the geocentre's TT; the station's differs by up to 2 microseconds. A
         # one-way transmission, with which the path begins, is tagged by the target's clock.
         zero = np.zeros(len(self._tag))
@@ -276,28 +273,19 @@ class PreparedPaths(Predictor):
         first_s, second_s = halves(topocentric_s - self._gained_s)
         tagged_s = np.choose(self._tag, (first_s, second_s, -ahead_s)) + self._equipment.after_tag_s
         up, down = ends.halves()
-        return partial(
-            solve_light_path,
-            up,
-            relay,
-            down,
-            self._tag,
-            tagged_s,
-            sign=self._sign,
-            hold_s=self._equipment.hold_s,
-            source=self._at_infinity,
-        )
+        hold_s = self._equipment.hold_s
+        return Signal(up, relay, down, self._tag, tagged_s, self._sign, hold_s, self._at_infinity)
 
     def _solve(self, lander_pa_m: Floats) -> tuple[LightPath, MovingPoint, LineOfSight, Floats]:
         """Return the path, the motion of the point, the views from both ends and the drag of the media."""
         # Views are those along the path without delays, in which elevations are off by 1e-10 rad.
         relay = self._relay(lander_pa_m)
-        solve = self._solver(self._ends.point, relay, self._ends.topocentric_s)
-        path = solve(0.0, 0.0, tolerance_s=_ROUGH_TOLERANCE_S)
+        signal = self._signal(self._ends.point, relay, self._ends.topocentric_s)
+        path = solve_light_path(signal, 0.0, 0.0, tolerance_s=_ROUGH_TOLERANCE_S)
         views = self._lines_of_sight(path, relay)
         drag = self._drag(path)
         delay_m = self._gravity(path, relay) + drag * views.delay_m
-        return solve(*halves(delay_m), near=path), relay, views, drag
+        return solve_light_path(signal, *halves(delay_m), path), relay, views, drag
 
     def _drag(self, path: LightPath) -> Floats:
         """Return the ratio of the media's delay in the barycentric frame to that in their rest frame."""

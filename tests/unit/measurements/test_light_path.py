@@ -13,6 +13,7 @@ from radioloc.measurements.light_path import (
     RECEIVE,
     TRANSMIT,
     MovingPoint,
+    Signal,
     path_length_partials,
     solve_light_path,
 )
@@ -76,17 +77,9 @@ def path_to_40_digits(
 
 
 def solve(tag, sign=1, tag_offset_s=0.3, hold_s=0.0):
-    return solve_light_path(
-        TRANSMITTER,
-        RELAY,
-        RECEIVER,
-        np.array([tag], dtype=np.int8),
-        np.array([tag_offset_s]),
-        UP_DELAY_M,
-        DOWN_DELAY_M,
-        sign,
-        hold_s,
-    )
+    tags, offsets_s = np.array([tag], dtype=np.int8), np.array([tag_offset_s])
+    signal = Signal(TRANSMITTER, RELAY, RECEIVER, tags, offsets_s, sign, hold_s)
+    return solve_light_path(signal, UP_DELAY_M, DOWN_DELAY_M)
 
 
 # A differenced delay is of a signal that nobody holds.
@@ -117,7 +110,7 @@ def test_tags_may_be_mixed_and_do_not_mix():
         MovingPoint(*(np.repeat(a, 3, axis=0) for a in (p.offset_s, p.position_m, p.velocity_m_s)))
         for p in (TRANSMITTER, RELAY, RECEIVER)
     ]
-    together = solve_light_path(*three, tags, np.full(3, 0.3), UP_DELAY_M, DOWN_DELAY_M)
+    together = solve_light_path(Signal(*three, tags, np.full(3, 0.3)), UP_DELAY_M, DOWN_DELAY_M)
     alone = [solve(tag) for tag in tags]
     assert together.up_s == pytest.approx([a.up_s[0] for a in alone], rel=0, abs=1e-15)
     assert together.down_s == pytest.approx([a.down_s[0] for a in alone], rel=0, abs=1e-15)
@@ -169,10 +162,12 @@ def test_nan_does_not_pass_for_converged(broken):
     points = {"transmitter": TRANSMITTER, "relay": RELAY, "receiver": RECEIVER}
     points[broken] = moving(0.0, [np.nan, 0.0, 0.0], [0.0, 0.0, 0.0])
     with pytest.raises(ConvergenceError, match="of 1 of 1 paths did not settle"):
-        solve_light_path(*points.values(), np.zeros(1, dtype=np.int8), np.zeros(1), 0.0, 0.0)
+        solve_light_path(Signal(*points.values(), np.zeros(1, dtype=np.int8), np.zeros(1)), 0.0, 0.0)
 
 
 def test_light_cannot_be_outrun():
     fast = moving(0.0, [1e8, 0.0, 0.0], [0.9 * C_M_S, 0.0, 0.0])
     with pytest.raises(ConvergenceError, match="of 1 of 1 paths did not settle"):
-        solve_light_path(TRANSMITTER, fast, RECEIVER, np.zeros(1, dtype=np.int8), np.zeros(1), 0.0, 0.0)
+        solve_light_path(
+            Signal(TRANSMITTER, fast, RECEIVER, np.zeros(1, dtype=np.int8), np.zeros(1)), 0.0, 0.0
+        )

@@ -11,6 +11,7 @@ import json
 import logging
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any
 from zipfile import ZIP_STORED, ZipFile
@@ -24,7 +25,7 @@ from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.prepared_trials import Prepared
 from radioloc.jobs.selection import DEFAULT_HOURS, arc_lengths
 from radioloc.jobs.simulate import scenario_of
-from radioloc.jobs.workers import workers_of
+from radioloc.jobs.workers import Run, workers_of
 from radioloc.progress import progress_bar
 from radioloc.report.files import earlier_files, made_folder, remove_files, write_json
 from radioloc.results.monte_carlo import MonteCarlo, Proof, sides_of
@@ -56,8 +57,7 @@ def monte_carlo(
     hours: Iterable[float] | float = DEFAULT_HOURS,
     *,
     seed: int | None = None,
-    workers: int = 1,
-    client: Any = None,
+    workers: Any = 1,
     out: str | Path | None = None,
     resume: bool = False,
     full: bool = False,
@@ -77,10 +77,9 @@ def monte_carlo(
     seed : int, optional
         The simulation's where not given. The same seed gives the same trials, however and wherever they are run; a
         trial does not depend on how many others there are.
-    workers : int
-        Processes. A script that asks for several needs ``if __name__ == "__main__":``, as they are spawned.
-    client : distributed.Client, optional
-        A Dask cluster to run on, in place of processes.
+    workers : int or distributed.Client
+        Number of processes, or the client of a Dask cluster. A script with several processes needs
+        ``if __name__ == "__main__":``, as they are spawned.
     out : path-like, optional
         Folder that keeps the trials as they are made, so that a study can be resumed. Without `resume`, those that are
         there from before are removed.
@@ -128,29 +127,13 @@ def monte_carlo(
         raise InputError("to resume needs the folder of the trials; give it as out")
     record = study_record(study, lengths, seed)
     known = resume and out is not None and refuse_other_study(out, record)
-    with nullcontext() if out is None else _locked(out), workers_of(workers, client) as run:
+    with nullcontext() if out is None else _locked(out), workers_of(workers) as run:
         ready = Prepared.of(study, lengths)
         folder = None if out is None else TrialFolder(out, record, ready.columns, ready.hours)
         if folder is not None and not known:
             folder.start()
-        shares = 1 if workers == 1 and client is None else _CHUNKS_PER_WORKER * workers
-
-        def results(job: LinearTrials | Prepared) -> _Floats:
-            """Results of all trials, those that are kept already included."""
-            way = "linear" if isinstance(job, LinearTrials) else "full"
-            found = {} if folder is None else folder.found(way)
-            found = {trial: values for trial, values in found.items() if trial < trials}
-            missing = [trial for trial in range(trials) if trial not in found]
-            at_once = max(1, min(_MOST_IN_CHUNK, -(-len(missing) // shares))) if way == "linear" else 1
-            chunks = [missing[k : k + at_once] for k in range(0, len(missing), at_once)]
-            with progress_bar(wanted=progress, total=trials, initial=len(found), unit="trial") as bar:
-                for chunk, values in run(job, seed, chunks):
-                    if folder is not None:
-                        folder.add(way, chunk, values)
-                    found |= dict(zip(chunk, values, strict=True))
-                    bar.update(len(chunk))
-            return np.array([found[trial] for trial in range(trials)])
-
+        share_count = 1 if workers == 1 else _CHUNKS_PER_WORKER * (workers if isinstance(workers, int) else 1)
+        results = partial(_run_trials, run, seed, range(trials), folder, share_count, progress)
         linear = None if full else ready.linear()
         proof = None
         if linear is not None:
@@ -177,6 +160,31 @@ def monte_carlo(
         drawn=ready.world.scenario.truth_sigma.keys,
         at_h=ready.at_h,
     )
+
+
+def _run_trials(
+    run: Run,
+    seed: int,
+    trials: range,
+    folder: TrialFolder | None,
+    share_count: int,
+    progress: bool,
+    job: LinearTrials | Prepared,
+) -> _Floats:
+    """Return results of all trials; those that the folder keeps already are not run again."""
+    way = "linear" if isinstance(job, LinearTrials) else "full"
+    kept = {} if folder is None else folder.found(way)
+    results = {trial: values for trial, values in kept.items() if trial in trials}
+    missing = [trial for trial in trials if trial not in results]
+    size = max(1, min(_MOST_IN_CHUNK, -(-len(missing) // share_count))) if way == "linear" else 1
+    chunks = [missing[k : k + size] for k in range(0, len(missing), size)]
+    with progress_bar(wanted=progress, total=len(trials), initial=len(results), unit="trial") as bar:
+        for chunk, values in run(job, seed, chunks):
+            if folder is not None:
+                folder.add(way, chunk, values)
+            results |= dict(zip(chunk, values, strict=True))
+            bar.update(len(chunk))
+    return np.array([results[trial] for trial in trials])
 
 
 def _prove(linear: LinearTrials, full: Prepared, seed: int, values: _Floats) -> Proof:

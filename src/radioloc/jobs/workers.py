@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import pickle
 import signal
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -24,7 +25,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError, RadiolocError
-from radioloc.lazy import optional
 from radioloc.study.record import versions
 from radioloc.text_files import scratch_folder
 
@@ -57,23 +57,23 @@ def usual_workers(trials: int) -> int:
 
 
 @contextmanager
-def workers_of(count: int = 1, client: Any = None) -> Iterator[Run]:
-    """Provide a pool for trials until the block ends: this process, spawned processes, or a Dask client."""
-    if isinstance(count, bool) or not isinstance(count, int) or count < 1:
-        raise InputError(f"workers is {count!r}; give a whole number above zero")
-    if client is not None:
-        distributed = optional("distributed", "a Dask cluster needs distributed:", "dask")
-        if not isinstance(client, distributed.Client):
-            raise InputError(f"client is {client!r}; give a distributed.Client, or workers for processes")
-        yield partial(_on_cluster, client)
-    elif count == 1:
+def workers_of(workers: Any = 1) -> Iterator[Run]:
+    """Provide a pool for trials until the block ends: this process, several processes, or the client of a cluster."""
+    distributed = sys.modules.get("distributed")  # imported by whoever has a client
+    if distributed is not None and isinstance(workers, distributed.Client):
+        yield partial(_on_cluster, workers)
+    elif isinstance(workers, bool) or not isinstance(workers, int) or workers < 1:
+        raise InputError(
+            f"workers: expected a number of processes above zero, or a distributed.Client, got {workers!r}"
+        )
+    elif workers == 1:
         yield lambda job, seed, chunks: ((chunk, job.run(seed, chunk)) for chunk in chunks)
     else:
         # Processes are spawned, not forked: a fork of a process with threads may hang, and some systems cannot.
-        pool = ProcessPoolExecutor(count, get_context("spawn"), _begin)
+        pool = ProcessPoolExecutor(workers, get_context("spawn"), _begin)
         with scratch_folder() as folder:
             try:
-                _start(pool, count)
+                _start(pool, workers)
                 yield partial(_in_processes, pool, folder)
             finally:
                 # The pool cancels what is left itself: of futures that are cancelled here it would say, where an

@@ -227,17 +227,17 @@ def test_unusable_clusters_are_one_error(monkeypatch):
     distributed = pytest.importorskip("distributed")
     cluster = distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None)
     with cluster, distributed.Client(cluster) as client:
-        with workers_of(client=client) as run, pytest.raises(RadiolocError, match="lost its workers"):
+        with workers_of(client) as run, pytest.raises(RadiolocError, match="lost its workers"):
             list(run(_LosingCluster(), 1, [[0], [1]]))
         installed = versions()
         monkeypatch.setattr(client, "run", lambda function: {"tcp://w": installed | {"radioloc": "0.0.1"}})
         with (
-            workers_of(client=client) as run,
+            workers_of(client) as run,
             pytest.raises(InputError, match=r"worker tcp://w .* got 0\.0\.1"),
         ):
             list(run(_LosingCluster(), 1, [[0]]))
         monkeypatch.setattr(client, "run", lambda function: {})
-        with workers_of(client=client) as run, pytest.raises(InputError, match="no workers"):
+        with workers_of(client) as run, pytest.raises(InputError, match="no workers"):
             list(run(_LosingCluster(), 1, [[0]]))
 
 
@@ -251,7 +251,7 @@ def test_a_cluster_gives_the_same_bits(study, found):
         ) as cluster,
         distributed.Client(cluster) as client,
     ):
-        there = radioloc.monte_carlo(study, 60, HOURS, client=client)
+        there = radioloc.monte_carlo(study, 60, HOURS, workers=client)
     np.testing.assert_array_equal(there.values, found.values)
 
 

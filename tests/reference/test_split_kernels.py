@@ -11,7 +11,7 @@ from spk_files import with_other_byte_order
 from radioloc.ephemeris import Ephemeris, LunarOrientation, Trajectory
 from radioloc.errors import CoverageError, KernelError
 from radioloc.kernels import add_kernel
-from radioloc.kernels.files import open_pck, open_spk
+from radioloc.kernels.files import open_kernel
 from radioloc.time import Epochs
 
 DAY_S = 86400.0
@@ -59,7 +59,7 @@ def days_within_spans(rng):
 
 @pytest.mark.parametrize("big_endian", [False, True])
 def test_ephemeris_of_several_segments_is_that_of_spice(tmp_path, big_endian):
-    path = write_pieces(tmp_path / "pieces.bsp", open_spk("DE421"), 10.0, spiceypy.spkw02)
+    path = write_pieces(tmp_path / "pieces.bsp", open_kernel("DE421", "SPK"), 10.0, spiceypy.spkw02)
     if big_endian:
         path.write_bytes(with_other_byte_order(path.read_bytes()))
     ephemeris = Ephemeris.open(path)
@@ -83,7 +83,7 @@ def test_ephemeris_of_several_segments_is_that_of_spice(tmp_path, big_endian):
 
 
 def test_orientation_of_several_segments_is_that_of_spice(tmp_path):
-    path = write_pieces(tmp_path / "pieces.bpc", open_pck("DE421"), 1e-3, spiceypy.pckw02)
+    path = write_pieces(tmp_path / "pieces.bpc", open_kernel("DE421", "PCK"), 1e-3, spiceypy.pckw02)
     et_s = START_S + DAY_S * days_within_spans(np.random.default_rng(4))
     angles_rad, rates_rad_s = LunarOrientation.open(path).angles(Epochs.from_tdb_seconds(et_s))
     spiceypy.furnsh(str(path))
@@ -102,7 +102,7 @@ def test_orientation_of_several_segments_is_that_of_spice(tmp_path):
 
 
 def test_span_is_the_union_and_gaps_are_refused_by_name(tmp_path, monkeypatch):
-    path = write_pieces(tmp_path / "pieces.bsp", open_spk("DE421"), 0.0, spiceypy.spkw02)
+    path = write_pieces(tmp_path / "pieces.bsp", open_kernel("DE421", "SPK"), 0.0, spiceypy.spkw02)
     ephemeris = Ephemeris.open(path)
     assert (ephemeris.kernel.start_tdb, ephemeris.kernel.end_tdb) == (
         "1970-01-01",
@@ -117,11 +117,11 @@ def test_span_is_the_union_and_gaps_are_refused_by_name(tmp_path, monkeypatch):
 
 
 def test_segments_of_several_ephemerides_need_constants(tmp_path):
-    kernel, other = open_spk("DE421"), open_spk("DE440")
+    kernel, other = open_kernel("DE421", "SPK"), open_kernel("DE440", "SPK")
     path = tmp_path / "mixed.bsp"
     write_pieces(path, kernel, 0.0, spiceypy.spkw02, [(0, 2000, 0.0)])
     handle = spiceypy.spkopa(str(path))
-    segment = other.segment(399, 3)
+    segment = other.segments_of(399, 3)[-1]
     first_s = segment.first_record_s
     spiceypy.spkw02(
         handle, 399, 3, "J2000", first_s, first_s + segment.record_length_s, segment.name, segment.record_length_s, 1,
@@ -133,7 +133,7 @@ def test_segments_of_several_ephemerides_need_constants(tmp_path):
 
 
 def test_a_body_in_another_type_of_segment_too_is_refused(tmp_path):
-    path = write_pieces(tmp_path / "pieces.bsp", open_spk("DE421"), 0.0, spiceypy.spkw02, [(0, 2000, 0.0)])
+    path = write_pieces(tmp_path / "pieces.bsp", open_kernel("DE421", "SPK"), 0.0, spiceypy.spkw02, [(0, 2000, 0.0)])
     handle = spiceypy.spkopa(str(path))
     et_s = START_S + DAY_S * np.arange(10.0)
     spiceypy.spkw13(handle, 301, 3, "J2000", et_s[0], et_s[-1], "later", 3, 10, np.ones((10, 6)), et_s)

@@ -59,9 +59,9 @@ class FortyDigits:
     def body(self, code, t):
         """Barycentric state, m and m/s."""
         centre = 0 if code == 10 else 3
-        position, velocity = self.series(self.spk.segment(code, centre), t)
+        position, velocity = self.series(self.spk.segments_of(code, centre)[-1], t)
         if centre == 3:
-            barycentre = self.series(self.spk.segment(3, 0), t)
+            barycentre = self.series(self.spk.segments_of(3, 0)[-1], t)
             position, velocity = position + barycentre[0], velocity + barycentre[1]
         return 1000 * position, 1000 * velocity
 

@@ -260,12 +260,10 @@ def gradient_series(coefficients: Complex) -> list[Complex]:
 
 
 def _derivative(coefficients: Complex, axis: str) -> Complex:
-    """Coefficients C - i S of R times the derivative of a series along an axis.
-
-    With Z_nm the harmonic without normalization (Cunningham's V + i W), dZ/dz = -(n-m+1) Z_(n+1)m / R and
-    (d/dx + i d/dy) Z = -Z_(n+1)(m+1) / R, (d/dx - i d/dy) Z = (n-m+2)(n-m+1) Z_(n+1)(m-1) / R; the square roots below
-    are these with the ratio of normalizations.
-    """
+    """Coefficients C - i S of R times the derivative of a series along an axis."""
+    # With Z_nm the harmonic without normalization (Cunningham's V + i W), dZ/dz = -(n-m+1) Z_(n+1)m / R and
+    # (d/dx + i d/dy) Z = -Z_(n+1)(m+1) / R, (d/dx - i d/dy) Z = (n-m+2)(n-m+1) Z_(n+1)(m-1) / R; the square roots are
+    # these with the ratio of normalizations.
     size = len(coefficients)
     n, m = np.meshgrid(np.arange(float(size)), np.arange(float(size)), indexing="ij")
     k = np.where(n >= m, coefficients, 0.0)

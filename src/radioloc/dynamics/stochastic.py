@@ -94,11 +94,10 @@ def stochastic_forces(epoch: Epochs, values_m_s2: Chains, interval_s: float) -> 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StochasticAccelerations:
-    """Effects of accelerations u (s components, in their sigmas) on n observations.
+    """Effects of accelerations u (s components, in their sigmas) on n observations."""
 
-    Each observation depends on the deviation d with which its interval begins, on u of that interval (near) and of the
-    next one outward (far). Across the epoch d is zero, near is the interval behind it, far the one before it.
-    """
+    # Each observation depends on the deviation d with which its interval begins, on u of that interval (near) and of
+    # the next one outward (far). Across the epoch d is zero, near is the interval behind it, far the one before it.
 
     chain: NDArray[np.int8]  # AFTER, BEFORE or ACROSS, shape (n,)
     step: NDArray[np.intp]  # interval in its chain, shape (n,)

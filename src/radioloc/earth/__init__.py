@@ -3,18 +3,15 @@
 Positions are metres in the ITRF unless a name says otherwise; epochs are :class:`radioloc.time.Epochs`.
 """
 
-from radioloc.earth.blq import BlqCoefficients, read_blq
 from radioloc.earth.eop import EopTable
 from radioloc.earth.geodesy import geodetic_from_itrf
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.earth.stations import Station, StationCatalogue
 
 __all__ = [
-    "BlqCoefficients",
     "EarthOrientation",
     "EopTable",
     "Station",
     "StationCatalogue",
     "geodetic_from_itrf",
-    "read_blq",
 ]

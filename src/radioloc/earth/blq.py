@@ -35,10 +35,7 @@ _END = re.compile(r"\$\$\s*END TABLE")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlqCoefficients:
-    """Ocean tide loading of one site; shapes (3, 11), rows up, west, south, columns as :data:`CONSTITUENTS`.
-
-    :class:`InputError` where a shape is wrong, a number not finite, or an amplitude negative or above 0.3 m.
-    """
+    """Ocean tide loading of one site; shapes (3, 11), rows up, west, south, columns as :data:`CONSTITUENTS`."""
 
     site: str  # its name in the file
     amplitude_m: Floats
@@ -67,31 +64,9 @@ class BlqCoefficients:
 
 
 def read_blq(path: str | Path) -> dict[str, BlqCoefficients]:
-    r"""Read a file in BLQ layout, plain or gzip, as the ocean tide loading provider sends it: coefficients by site.
-
-    Lines that start with ``$$`` are comments, of which the column order, the unit of the amplitudes, the tide model and
-    the mark ``CMC`` are used: "CMC: YES" in the header, or in the record of a site, says that the coefficients contain
-    the tidal motion of the geocentre, which the model then does not add for that station. The head of an
-    e-mail and what follows ``$$ END TABLE`` are left aside. A file with the column order and without that mark is read
-    with a :class:`~radioloc.errors.DataQualityWarning`: what is left of one that was cut between two sites is whole.
-
-    Raises
-    ------
-    FileFormatError
-        The file cannot be read, the columns are in another order, amplitudes are not in metres, a record is cut short
-        or has other than eleven numbers in a row, the last line has no end, a number cannot be read or is impossible,
-        a site appears twice, or there is none.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from radioloc.earth import read_blq
-    >>> path = pathlib.Path(tempfile.mkdtemp(), "mysite.blq")
-    >>> rows = 3 * [" ".join(11 * [".001"])] + 3 * [" ".join(11 * ["30.0"])]
-    >>> _ = path.write_text("\n".join(["  MYSITE", *rows, "$$ END TABLE", ""]))
-    >>> read_blq(path)["MYSITE"].amplitude_m.shape
-    (3, 11)
-    """
+    """Read a file in BLQ layout, plain or gzip, as the ocean tide loading provider sends it: coefficients by site."""
+    # Comments ($$) state the column order, the unit of amplitudes, the tide model and CMC. The head of an e-mail and
+    # what follows "$$ END TABLE" are left aside; without that mark, a file that was cut between two sites is whole.
     # Names of sites and models may be in any encoding: what is no UTF-8 in them is replaced.
     content = b"".join(block for _, block in read_blocks(path, encoding="latin-1"))
     return parse_blq(content.decode("utf-8", errors="replace"), path)

@@ -182,7 +182,12 @@ class EopTable:
         )
         stencil = first[:, None] + np.arange(4)
         node_values = self._values[stencil]
-        self._require_given(tt, node_values)
+        _refuse(
+            tt[~np.isfinite(node_values).all(axis=(1, 2))],
+            "the table of celestial pole offsets dX, dY",
+            self.mjd_utc[np.isfinite(self._values).all(axis=1)],
+            f"two days are needed on each side: update astropy-iers-data, {_BEYOND}",
+        )
         if zonal:
             days, inverse = np.unique(stencil, return_inverse=True)
             tide_at_days, _ = zonal_tides(self._nodes_tt[days].centuries_since_j2000())
@@ -209,14 +214,6 @@ class EopTable:
             "tables begin in 1972, when the present UTC did"
             if early and self.mjd_utc[0] == _MJD_1972
             else f"update astropy-iers-data, or give a file that covers it, {_BEYOND}",
-        )
-
-    def _require_given(self, tt: Epochs, node_values: Floats) -> None:
-        _refuse(
-            tt[~np.isfinite(node_values).all(axis=(1, 2))],
-            "the table of celestial pole offsets dX, dY",
-            self.mjd_utc[np.isfinite(self._values).all(axis=1)],
-            f"two days are needed on each side: update astropy-iers-data, {_BEYOND}",
         )
 
 

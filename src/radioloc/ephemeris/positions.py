@@ -168,11 +168,9 @@ class Ephemeris:
 def clock_rate(
     ephemeris: Ephemeris, tdb: Epochs, place_m: Floats, velocity_m_s: Floats, leave_out: str = ""
 ) -> Floats:
-    """Return the rate of an ideal clock against TCG at the geocentre, d(tau - TCG)/d(TDB), shape (n,).
-
-    It is -[(v^2 - v_E^2) / 2 + w(x) - w_E(x_E)] / c^2 (IERS Conventions 2010, section 10.1; Soffel et al. 2003), for a
-    place from the geocentre; the potential of the body `leave_out` does not act, for coordinate time in its centre.
-    """
+    """Return the rate of an ideal clock against TCG at the geocentre, d(tau - TCG)/d(TDB), shape (n,)."""
+    # -[(v^2 - v_E^2) / 2 + w(x) - w_E(x_E)] / c^2 (IERS Conventions 2010, section 10.1; Soffel et al. 2003); places are
+    # from the geocentre; the potential of the body `leave_out` does not act, for coordinate time in its centre.
     gm = ephemeris.constants.gm_m3_s2
     slower = dot(ephemeris.earth(tdb).velocity_m_s + 0.5 * velocity_m_s, velocity_m_s)
     slower = slower + gm("earth") / length(place_m)

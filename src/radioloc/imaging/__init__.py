@@ -18,7 +18,7 @@ if TYPE_CHECKING:  # what is here is imported when it is first used
         image_to_ground,
         locate_image_point,
     )
-    from radioloc.imaging.image_chain import Frame, Measurement, TiePoint
+    from radioloc.imaging.image_chain import Frame, TiePoint
     from radioloc.imaging.isd import read_isd
     from radioloc.imaging.location import locate_images
     from radioloc.imaging.orientation import ConstantOrientation, PolynomialOrientation, TabulatedOrientation
@@ -39,7 +39,6 @@ __all__ = [
     "ImagePointSigmas",
     "ImageSolution",
     "LineScanModel",
-    "Measurement",
     "PointSolution",
     "PolynomialOrientation",
     "Sphere",
@@ -66,7 +65,7 @@ __getattr__, __dir__ = _lazy_exports(
         "distortion": "Distortion",
         "figures": "plot_images plot_point",
         "ground_points": "ImagePointSigmas ground_to_image image_to_ground locate_image_point",
-        "image_chain": "Frame Measurement TiePoint",
+        "image_chain": "Frame TiePoint",
         "isd": "read_isd",
         "location": "locate_images",
         "orientation": "ConstantOrientation PolynomialOrientation TabulatedOrientation",

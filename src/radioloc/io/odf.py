@@ -83,13 +83,7 @@ def read_odf(
     path: str | Path, *, catalogue: StationCatalogue | None = None, sigma_m: Mapping[str, float] | None = None
 ) -> Observations:
     """Read the Doppler, ranges and ramps of an orbit data file, plain or gzip; `sigma_m` by type, m of light path."""
-    return odf_observations(read_odf_file(path), catalogue=catalogue, sigma_m=sigma_m)
-
-
-def odf_observations(
-    odf: OdfFile, *, catalogue: StationCatalogue | None = None, sigma_m: Mapping[str, float] | None = None
-) -> Observations:
-    """Make observations of the records of an orbit data file, in their order; see :func:`read_odf`."""
+    odf = read_odf_file(path)
     codes, counts = np.unique(odf.orbit["type"], return_counts=True)
     for code in codes.tolist():
         if code not in TYPES:

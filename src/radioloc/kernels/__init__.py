@@ -8,7 +8,6 @@ units (km, rad, TDB seconds since J2000); :mod:`radioloc.ephemeris` turns it int
 from radioloc.kernels.files import (
     Kernel,
     KernelFile,
-    RegisteredKernel,
     Segment,
     add_kernel,
     added,
@@ -20,7 +19,6 @@ from radioloc.kernels.files import (
 __all__ = [
     "Kernel",
     "KernelFile",
-    "RegisteredKernel",
     "Segment",
     "add_kernel",
     "added",

@@ -20,7 +20,7 @@ from pathlib import Path
 
 from radioloc.errors import KernelError
 from radioloc.kernels.daf import kind_of, merge_spans, read_segments, tdb_date
-from radioloc.kernels.spk_types import read_chebyshev
+from radioloc.kernels.spk_types import ChebyshevRecords, read_states
 from radioloc.text_files import write_text
 from radioloc.vectors import Floats
 
@@ -322,7 +322,8 @@ def _read_segments(path: Path, kind: str) -> Iterator[Segment]:
             )
             continue
         read.add((target, center))
-        records = read_chebyshev(segment)
+        records = read_states(segment, _CHEBYSHEV_TYPE)
+        assert isinstance(records, ChebyshevRecords)
         series = records.first_s, records.length_s, records.coefficients
         yield Segment(target, center, segment.name, segment.start_s, segment.end_s, *series)
     for pair in read & set(passed_over):

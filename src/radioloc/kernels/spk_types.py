@@ -166,13 +166,6 @@ def read_states(segment: DafSegment, spk_type: int) -> StateSeries:
     return _READERS[spk_type](segment._replace(words=words))
 
 
-def read_chebyshev(segment: DafSegment) -> ChebyshevRecords:
-    """Return the Chebyshev records of three components of a segment of an SPK or binary PCK (type 2)."""
-    records = read_states(segment, 2)
-    assert isinstance(records, ChebyshevRecords)
-    return records
-
-
 def check_spk(path: Path) -> None:
     """Raise a :class:`KernelError` if SPICE would end the process at an SPK: damaged, or its last record not filled."""
     size = path.stat().st_size

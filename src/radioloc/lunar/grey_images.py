@@ -24,11 +24,8 @@ _STRETCHED_PERCENTILES = (0.1, 99.9)  # beyond them are glints, dead pixels and 
 
 
 def open_grey(path: Path, *, overview: int | None = None, first_column: int = 0) -> Any:
-    """Open an image by rasterio so that numbers rise with brightness over all bits of their type.
-
-    Bit depth, photometric interpretation (TIFF's MINISWHITE) and palette are applied, by a virtual dataset of GDAL over
-    the file; colours of a palette become their luma (ITU-R BT.601). A map around the Moon may begin at a column.
-    """
+    """Open an image by rasterio so that numbers rise with brightness; a map around the Moon may begin at a column."""
+    # A virtual dataset of GDAL applies bit depth, MINISWHITE and palette, whose colours become luma (ITU-R BT.601).
     options = {} if overview is None else {"overview_level": overview}
     with ExitStack() as closing:
         dataset = closing.enter_context(open_dataset(path, **options))

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, cross_matrices
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,6 @@ def rot_enu_between(origin_m: Floats, other_m: Floats) -> Floats:
     """Rotation from east, north, up at one point to those at another, carried along their great circle, (3, 3)."""
     # Parallel transport keeps the angle of a direction to the arc; near a pole the axes of neighbours differ much.
     up, other_up = origin_m / np.linalg.norm(origin_m), other_m / np.linalg.norm(other_m)
-    x, y, z = np.cross(up, other_up)
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    cross = cross_matrices(np.cross(up, other_up))
     carry = np.eye(3) + cross + cross @ cross / (1.0 + float(up @ other_up))
     return np.asarray(axes_at(other_m) @ carry @ axes_at(origin_m).T)

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 from radioloc.lazy import lazy_exports as _lazy_exports
 
 if TYPE_CHECKING:  # what is here is imported when it is first used
-    from radioloc.search.study_search import SearchResult, search
+    from radioloc.search.study_search import search
 
-__all__ = ["SearchResult", "search"]
+__all__ = ["search"]
 
-__getattr__, __dir__ = _lazy_exports(__name__, {"study_search": "SearchResult search"})
+__getattr__, __dir__ = _lazy_exports(__name__, {"study_search": "search"})

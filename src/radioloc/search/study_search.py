@@ -67,29 +67,14 @@ class FoundPosition:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchResult(Result):
-    """What :func:`search` has found, and the study that states it.
+    """Findings of :func:`search`, and the study that states them."""
 
-    Parameters
-    ----------
-    study : Study
-        The completed study.
-    orbits : tuple of Candidate
-        First orbits, the best first; the study has the best.
-    transmitters : tuple of TransmitterPass
-        Candidates of each pass.
-    apriori_positions : tuple of FoundPosition
-        Positions that fit better than the a-priori ones.
-    manoeuvres : tuple of Manoeuvre
-    changes : tuple of Change
-        Changes of the study file that state what was found.
-    """
-
-    study: Study
-    orbits: tuple[Candidate, ...] = ()
-    transmitters: tuple[TransmitterPass, ...] = ()
-    apriori_positions: tuple[FoundPosition, ...] = ()
+    study: Study  # completed
+    orbits: tuple[Candidate, ...] = ()  # first orbits, the best first; the study has the best
+    transmitters: tuple[TransmitterPass, ...] = ()  # candidates of each pass
+    apriori_positions: tuple[FoundPosition, ...] = ()  # that fit better than the a-priori ones
     manoeuvres: tuple[Manoeuvre, ...] = ()
-    changes: tuple[Change, ...] = ()
+    changes: tuple[Change, ...] = ()  # of the study file, which state the findings
 
     @property
     def name(self) -> str:
@@ -102,13 +87,7 @@ class SearchResult(Result):
         return not is_ambiguous(self.orbits) and all(one.decided for one in self.transmitters)
 
     def write(self, path: str | Path) -> Path:
-        """Write the completed study; it lies beside the study file, whose relative paths it keeps.
-
-        Raises
-        ------
-        InputError
-            The study is not from a file, the folder is another one, or the text cannot be edited.
-        """
+        """Write the completed study; it lies beside the study file, whose relative paths it keeps."""
         path = Path(path)
         path.write_text(completed_text(require_beside(path, self.study), self.changes), encoding="utf-8")
         return path

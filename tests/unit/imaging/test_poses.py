@@ -11,9 +11,10 @@ from procedural_descents import Descent
 from procedural_ground import Ground
 
 from radioloc.errors import InputError
-from radioloc.imaging import Camera, Frame, FrameModel, Measurement, Terrain, TiePoint, register_chain
+from radioloc.imaging import Camera, Frame, FrameModel, Terrain, TiePoint, register_chain
 from radioloc.imaging.adjustment import TiePoints, adjust, approximate_places
 from radioloc.imaging.homography import fit_homography, transformed
+from radioloc.imaging.image_chain import Measurement
 from radioloc.imaging.projections import Homographies, Poses, Relief
 from radioloc.lunar import Map, TangentPlane, TerrainModel, cartesian_to_selenographic
 

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from radioloc.earth.stations import StationCatalogue
-from radioloc.errors import FileFormatError, InputError
+from radioloc.errors import FileFormatError
 from radioloc.io.tdm.agreement import TdmAgreement
 from radioloc.io.tdm.kvn import looks_like_kvn, parse_kvn
 from radioloc.io.tdm.meaning import TdmReadout, tdm_observations
@@ -86,8 +86,6 @@ def read_tdm(
     >>> read_tdm(path, TdmAgreement(sigma_m={"range": 2.5}))
     <Observations 10 2020-12-01 to 2020-12-01>
     """
-    files = [paths] if isinstance(paths, (str, Path)) else list(paths)
-    if not files:
-        raise InputError("no TDM was given; give at least one file")
+    files = [paths] if isinstance(paths, (str, Path)) else paths
     messages = [read_tdm_file(file) for file in files]
     return tdm_observations(messages, agreement, catalogue=catalogue).observations

@@ -6,16 +6,25 @@ Source: CCSDS 503.0-B-2 (2020), chapter 4.
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import chain, islice, takewhile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import FileFormatError
-from radioloc.io.tdm.message import MessageBuilder, TdmFile
+from radioloc.io.tdm.message import (
+    TdmFile,
+    TdmSegment,
+    read_header,
+    read_metadata,
+    read_records,
+    require_sound,
+)
+from radioloc.time import Epochs
 
 _HEADER = ("CCSDS_TDM_VERS", "CREATION_DATE", "ORIGINATOR", "MESSAGE_ID")
 _OLD_KEYWORDS = {"SYSTEM TIME": "TIME_SYSTEM", "SYSTEM_TIME": "TIME_SYSTEM", "TIME SYSTEM": "TIME_SYSTEM"}
@@ -37,14 +46,13 @@ def parse_kvn(
     """Read a message from lines of KVN, with their numbers in the file and the form of their records."""
     reader = _KvnReader(str(path), lines, numbers, record)
     fields, _, comments = reader.assignments("META_START", _HEADER)
-    reader.made.header(fields.pop("CCSDS_TDM_VERS", ""), fields, comments)
+    header = read_header(reader.path, fields, comments)
+    segments: list[TdmSegment] = []
     while True:
-        reader.made.metadata(*reader.assignments("META_STOP"))
-        reader.require(reader.next_not_blank(), "DATA_START")
-        reader.data()
+        segments.append(reader.segment(segments))
         line = reader.next_not_blank()
         if line is None:
-            return reader.made.message()
+            return TdmFile(reader.path, header, tuple(segments))
         reader.require(line, "META_START")
 
 
@@ -54,7 +62,7 @@ class _KvnReader:
     def __init__(
         self, path: str, lines: Iterable[str], numbers: NDArray[np.int32] | None, record: str
     ) -> None:
-        self.made = MessageBuilder(path)
+        self.path = path
         # None is the end of the file.
         self.rest: Iterator[str | None] = chain(map(str.strip, lines), [None])
         self.count = 0  # of the lines that were read
@@ -67,7 +75,7 @@ class _KvnReader:
 
     def fail(self, problem: str, number: int | None = None) -> FileFormatError:
         """Error that names a line, the one that was read last by default."""
-        return self.made.fail(problem, max(1, number or self.number))
+        return FileFormatError(self.path, problem, max(1, number or self.number))
 
     def next_line(self) -> str | None:
         line = next(self.rest)
@@ -113,22 +121,43 @@ class _KvnReader:
             values[keyword], where[keyword] = value, self.number
         return values, where, comments
 
-    def data(self) -> None:
-        """Take a data section of which the line DATA_START has just been read."""
-        comments: list[str] = []
+    def segment(self, before: Sequence[TdmSegment]) -> TdmSegment:
+        """Read a segment of which the line META_START has just been read."""
+        fields, where, comments = self.assignments("META_STOP")
+        metadata = read_metadata(self.path, fields, where, before)
+        self.require(self.next_not_blank(), "DATA_START")
+        columns: list[tuple[Any, ...]] = []
+        data_comments: list[str] = []
         section = takewhile(partial(operator.ne, "DATA_STOP"), self.rest)
         while lines := list(islice(section, _CHUNK)):
             # The last line of a file that was cut is not read as a record.
             if lines[-1] is None:
                 self.count += len(lines) - 1
                 raise self.fail("the file ends before DATA_STOP: it was cut; fetch it again")
-            self.records([line for line in lines if line is not None], comments)
+            columns += self.records([line for line in lines if line is not None], metadata, data_comments)
             self.count += len(lines)
         self.count += 1
-        self.made.segment(self.number, comments)
+        if not columns:
+            raise self.fail("the data section has no record; leave the segment out")
+        keyword, epoch, value, line = zip(*columns, strict=True)
+        made = TdmSegment(
+            self.path,
+            metadata,
+            np.concatenate(keyword),
+            Epochs.concatenate(list(epoch)),
+            np.concatenate(value),
+            where,
+            np.concatenate(line),
+            tuple(comments),
+            tuple(data_comments),
+        )
+        require_sound(made)
+        return made
 
-    def records(self, lines: list[str], comments: list[str]) -> None:
-        """Take the next lines of a data section."""
+    def records(
+        self, lines: list[str], metadata: Mapping[str, str], comments: list[str]
+    ) -> list[tuple[Any, ...]]:
+        """Read columns of the next lines of a data section, none of comments alone, which are appended."""
         import pyarrow as pa
         import pyarrow.compute as pc
 
@@ -142,7 +171,7 @@ class _KvnReader:
             kept = pc.invert(passed)
             texts, number = texts.filter(kept), number[np.asarray(kept)]
         if not len(texts):
-            return
+            return []
         found = pc.extract_regex(texts, self.record)
         if found.null_count:
             wrong = int(np.argmax(np.asarray(found.is_null())))
@@ -150,7 +179,17 @@ class _KvnReader:
             self.require_printable(line, int(number[wrong]))
             raise self.fail(f"{line[:60]!r} is not a record keyword = epoch value", int(number[wrong]))
         keywords, epochs, values = (found.field(name) for name in ("keyword", "epoch", "value"))
-        self.made.records(keywords, epochs, values, number)
+        units = metadata.get("RANGE_UNITS", "km")
+        read = read_records(
+            self.path,
+            keywords,
+            epochs,
+            values,
+            number,
+            time_system=metadata["TIME_SYSTEM"],
+            range_units=units,
+        )
+        return [(*read, number)]
 
     def require_printable(self, line: str, number: int) -> None:
         """Refuse a line with what is not printable ASCII."""

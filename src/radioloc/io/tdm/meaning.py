@@ -94,7 +94,7 @@ def tdm_observations(
     """
     messages = [files] if isinstance(files, TdmFile) else list(files)
     if not messages:
-        raise InputError("no TDM was given; give at least one")
+        raise InputError("no TDM was given; give at least one file")
     segments = [segment for message in messages for segment in message.segments]
     reading = Reading(segments, agreement, catalogue)
     parts: list[Observations] = []

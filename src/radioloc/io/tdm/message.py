@@ -1,7 +1,7 @@
 """Content of a Tracking Data Message: keywords, header, and segments of metadata and columns of data.
 
-Nothing here says what the data mean for a model. KVN and XML readers hand texts to one :class:`MessageBuilder`, which
-checks what the standard demands and turns columns of text into numbers, a million in a second.
+Nothing here says what the data mean for a model. What the standard demands is checked, and columns of text become
+numbers, a million in a second.
 
 Source: CCSDS 503.0-B-2 (2020), sections 3.2 to 3.4 and 4.3.9, tables 3-3 and 3-5.
 """
@@ -244,110 +244,68 @@ class TdmFile:
         return f"<TdmFile {self.path}: {len(self.segments)} segment(s), {len(self)} records>"
 
 
-class MessageBuilder:
-    """Takes the texts of a file in its order; :class:`FileFormatError` names the line that is wrong."""
+def read_header(path: str, fields: dict[str, str], comments: Sequence[str]) -> TdmHeader:
+    """Make a header of its keywords, the version of the message among them."""
+    version = fields.pop("CCSDS_TDM_VERS", "")
+    if version not in _VERSIONS:
+        problem = f"CCSDS_TDM_VERS is {version!r}; versions {' and '.join(_VERSIONS)} are read"
+        raise FileFormatError(path, problem, 1)
+    for keyword in ("CREATION_DATE", "ORIGINATOR"):
+        if not fields.get(keyword):
+            raise FileFormatError(path, f"the header has no {keyword}; add it", 1)
+    try:
+        date(fields["CREATION_DATE"])
+    except ValueError as error:
+        raise FileFormatError(path, f"CREATION_DATE: {error}", 1) from None
+    message_id = fields.get("MESSAGE_ID", "")
+    return TdmHeader(fields["CREATION_DATE"], fields["ORIGINATOR"], message_id, tuple(comments))
 
-    def __init__(self, path: str) -> None:
-        self.path = path
-        self._header: TdmHeader | None = None
-        self._segments: list[TdmSegment] = []
-        self._metadata: dict[str, str] = {}
-        self._lines: Mapping[str, int] = {}
-        self._comments: tuple[str, ...] = ()
-        self._columns: list[tuple[Any, ...]] = []
 
-    def fail(self, problem: str, line: int) -> FileFormatError:
-        """Error that names a line."""
-        return FileFormatError(self.path, problem, line)
+def read_metadata(
+    path: str, fields: Mapping[str, str], lines: Mapping[str, int], segments: Sequence[TdmSegment]
+) -> dict[str, str]:
+    """Bring the metadata of the segment after others into the standard's spelling, and refuse impossible ones."""
 
-    def header(self, version: str, fields: Mapping[str, str], comments: Sequence[str]) -> None:
-        """Take the header."""
-        if version not in _VERSIONS:
-            raise self.fail(f"CCSDS_TDM_VERS is {version!r}; versions {' and '.join(_VERSIONS)} are read", 1)
-        for keyword in ("CREATION_DATE", "ORIGINATOR"):
-            if not fields.get(keyword):
-                raise self.fail(f"the header has no {keyword}; add it", 1)
+    def fail(problem: str, keyword: str = "") -> FileFormatError:
+        return FileFormatError(path, problem, lines[keyword])
+
+    made: dict[str, str] = {}
+    for keyword, value in fields.items():
+        if keyword not in METADATA:
+            raise fail(f"{keyword}: is not a metadata keyword of the standard; correct or remove it", keyword)
+        if not value:
+            raise fail(f"{keyword}: has no value; give one or leave the line out", keyword)
         try:
-            date(fields["CREATION_DATE"])
+            made[keyword] = METADATA[keyword](value)
         except ValueError as error:
-            raise self.fail(f"CREATION_DATE: {error}", 1) from None
-        message_id = fields.get("MESSAGE_ID", "")
-        self._header = TdmHeader(fields["CREATION_DATE"], fields["ORIGINATOR"], message_id, tuple(comments))
+            raise fail(f"{keyword}: {error}", keyword) from None
+    participants = [keyword for keyword in made if keyword.startswith("PARTICIPANT_")]
+    for needed, given in (("TIME_SYSTEM", "TIME_SYSTEM" in made), ("PARTICIPANT_1", bool(participants))):
+        if not given:
+            raise fail(f"the metadata have no {needed}; add it")
+    first = segments[0].metadata["TIME_SYSTEM"] if segments else made["TIME_SYSTEM"]
+    if made["TIME_SYSTEM"] != first:
+        problem = f"TIME_SYSTEM is {made['TIME_SYSTEM']}, but {first} in the segments before"
+        raise fail(f"{problem}; mixed time systems are not read: write all of them in one", "TIME_SYSTEM")
+    for keyword in ("PATH", "PATH_1", "PATH_2"):
+        for index in made[keyword].split(",") if keyword in made else ():
+            if f"PARTICIPANT_{index}" not in made:
+                problem = f"{keyword} = {made[keyword]} names participant {index}"
+                there = f"there are only {', '.join(participants)}"
+                raise fail(f"{problem}, but {there}; correct it or add the participant", keyword)
+    corrections = [keyword for keyword in made if keyword.startswith("CORRECTION_")]
+    if corrections and "CORRECTIONS_APPLIED" not in made:
+        raise fail(f"{corrections[0]} without CORRECTIONS_APPLIED: say YES or NO", corrections[0])
+    return made
 
-    def metadata(self, fields: Mapping[str, str], lines: Mapping[str, int], comments: Sequence[str]) -> None:
-        """Take the metadata of the segment that begins, and bring them into the standard's spelling."""
-        made: dict[str, str] = {}
-        for keyword, value in fields.items():
-            if keyword not in METADATA:
-                problem = f"{keyword}: is not a metadata keyword of the standard; correct or remove it"
-                raise self.fail(problem, lines[keyword])
-            if not value:
-                raise self.fail(f"{keyword}: has no value; give one or leave the line out", lines[keyword])
-            try:
-                made[keyword] = METADATA[keyword](value)
-            except ValueError as error:
-                raise self.fail(f"{keyword}: {error}", lines[keyword]) from None
-        participants = [keyword for keyword in made if keyword.startswith("PARTICIPANT_")]
-        for needed, given in (("TIME_SYSTEM", "TIME_SYSTEM" in made), ("PARTICIPANT_1", bool(participants))):
-            if not given:
-                raise self.fail(f"the metadata have no {needed}; add it", lines[""])
-        first = self._segments[0].metadata["TIME_SYSTEM"] if self._segments else made["TIME_SYSTEM"]
-        if made["TIME_SYSTEM"] != first:
-            problem = f"TIME_SYSTEM is {made['TIME_SYSTEM']}, but {first} in the segments before"
-            advice = "mixed time systems are not read: write all of them in one"
-            raise self.fail(f"{problem}; {advice}", lines["TIME_SYSTEM"])
-        for keyword in ("PATH", "PATH_1", "PATH_2"):
-            for index in made[keyword].split(",") if keyword in made else ():
-                if f"PARTICIPANT_{index}" not in made:
-                    problem = f"{keyword} = {made[keyword]} names participant {index}"
-                    there = f"there are only {', '.join(participants)}"
-                    advice = "correct it or add the participant"
-                    raise self.fail(f"{problem}, but {there}; {advice}", lines[keyword])
-        corrections = [keyword for keyword in made if keyword.startswith("CORRECTION_")]
-        if corrections and "CORRECTIONS_APPLIED" not in made:
-            problem = f"{corrections[0]} without CORRECTIONS_APPLIED: say YES or NO"
-            raise self.fail(problem, lines[corrections[0]])
-        self._metadata, self._lines, self._comments = made, lines, tuple(comments)
 
-    def records(self, keywords: Any, epochs: Any, values: Any, line: NDArray[np.int32]) -> None:
-        """Take records, columns of ASCII text (Arrow arrays or sequences of str) from some lines."""
-        system, units = self._metadata["TIME_SYSTEM"], self._metadata.get("RANGE_UNITS", "km")
-        columns = read_records(
-            self.path, keywords, epochs, values, line, time_system=system, range_units=units
-        )
-        self._columns.append((*columns, line))
-
-    def segment(self, line: int, data_comments: Sequence[str]) -> None:
-        """End the segment; data that are needed must be in order of time, each epoch once (3.4.10, 3.4.11)."""
-        if not self._columns:
-            raise self.fail("the data section has no record; leave the segment out", line)
-        keyword, epoch, value, lines = zip(*self._columns, strict=True)
-        made = TdmSegment(
-            self.path,
-            self._metadata,
-            np.concatenate(keyword),
-            Epochs.concatenate(list(epoch)),
-            np.concatenate(value),
-            self._lines,
-            np.concatenate(lines),
-            self._comments,
-            tuple(data_comments),
-        )
-        self._columns = []
-        for name in made.counts():
-            if name in ORDERED:
-                _require_order(made, name)
-            if name in MEASURED:
-                _require_span(made, name)
-        self._segments.append(made)
-
-    def message(self) -> TdmFile:
-        """All that was taken."""
-        if self._header is None or not self._segments:
-            raise FileFormatError(
-                self.path, "the message has no header or no segment; add what is missing", 1
-            )
-        return TdmFile(self.path, self._header, tuple(self._segments))
+def require_sound(segment: TdmSegment) -> None:
+    """Refuse data that are needed and not in order of time, each epoch once (3.4.10, 3.4.11), or outside their span."""
+    for name in segment.counts():
+        if name in ORDERED:
+            _require_order(segment, name)
+        if name in MEASURED:
+            _require_span(segment, name)
 
 
 def _require_order(segment: TdmSegment, keyword: str) -> None:

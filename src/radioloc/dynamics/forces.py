@@ -12,6 +12,7 @@ from radioloc.boundary import bare_fields
 from radioloc.dynamics.gravity import GravityField
 from radioloc.errors import InputError
 from radioloc.time import Epochs
+from radioloc.time.epochs import Tdb
 
 BODIES = ("earth", "sun", "venus", "jupiter", "saturn")
 """Point masses beside the Moon, in the order in which compiled code has them."""
@@ -50,8 +51,8 @@ class Acceleration:
     constant_m_s2: Vector = _ZERO
     cosine_m_s2: Vector = _ZERO
     sine_m_s2: Vector = _ZERO
-    start: Epochs | None = None
-    stop: Epochs | None = None
+    start: Tdb | None = None
+    stop: Tdb | None = None
     normal: Vector | None = None
     sigma_m_s2: float | None = None
 
@@ -80,7 +81,7 @@ class Impulse:
     """A manoeuvre that changes the velocity at once."""
 
     name: str
-    epoch: Epochs  # TDB
+    epoch: Tdb
     delta_v_m_s: Vector = _ZERO
     axes: Axes = "RTN"  # of the state before, or those of the ICRF
 

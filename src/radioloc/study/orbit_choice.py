@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,6 @@ from radioloc.errors import InputError
 from radioloc.parameters.orbit import RTN
 from radioloc.study.orbiter import GRAVITY_ERROR_DEGREE, GRAVITY_ERRORS
 from radioloc.study.schema import TomlTable, check, entry
-from radioloc.time import epochs_from_strings
 
 EMPIRICAL = ("none", "constant", "once_per_revolution")
 EMPIRICAL_NAME = "empirical"
@@ -34,59 +32,36 @@ def _gravity(table: TomlTable, key: str) -> str | Path | None:
     return name if name is None or name in SHIPPED else table.files(key, [name])[0]
 
 
-@dataclass(frozen=True, slots=True)
-class GivenAcceleration:
-    """Keys of ``[[forces.accelerations]]``, dates TDB; `every_s` divides it into segments NAME.1, NAME.2, ..."""
+@dataclass(frozen=True, slots=True, eq=False)
+class SegmentedAcceleration(Acceleration):
+    """Keys of ``[[forces.accelerations]]``; `every_s` divides it into segments NAME.1, NAME.2, ..."""
 
-    name: str
-    axes: str = entry("RTN", choices=("RTN", "ICRF"))
-    constant_m_s2: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    cosine_m_s2: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    sine_m_s2: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    start: str | None = None
-    stop: str | None = None
+    normal: tuple[float, float, float] | None = entry(None, keys=(), read=lambda *_: None)
     sigma_m_s2: float | None = entry(None, positive=True)
     every_s: float | None = entry(None, positive=True)
 
     def __post_init__(self) -> None:
+        Acceleration.__post_init__(self)
         check(self)
 
-    def read(self) -> list[Acceleration]:
-        """It, as a force, or as one for each of its segments."""
-        given: dict[str, Any] = asdict(self)
-        every_s = given.pop("every_s")
-        for key in ("start", "stop"):
-            given[key] = None if given[key] is None else epochs_from_strings(given[key], "TDB")
-        whole = Acceleration(**given)
-        if every_s is None:
-            return [whole]
-        if whole.start is None or whole.stop is None:
+    def segments(self) -> list[Acceleration]:
+        """Return it as a force, or as one for each of its segments."""
+        given = {f.name: getattr(self, f.name) for f in fields(Acceleration)}
+        if self.every_s is None:
+            return [Acceleration(**given)]
+        if self.start is None or self.stop is None:
             raise InputError(f"acceleration {self.name}: every_s divides it from start to stop; give both")
-        length_s = float(whole.stop.seconds_since(whole.start)[0])
-        count = max(1, round(length_s / every_s))
+        length_s = float(self.stop.seconds_since(self.start)[0])
+        count = max(1, round(length_s / self.every_s))
         if count > MOST_SEGMENTS:
             raise InputError(
                 f"acceleration {self.name}: every_s makes {count} segments; {MOST_SEGMENTS} are the most"
             )
-        ends = [whole.start.shifted(length_s * k / count) for k in range(count)] + [whole.stop]
+        ends = [self.start.shifted(length_s * k / count) for k in range(count)] + [self.stop]
         return [
-            replace(whole, name=f"{self.name}.{k + 1}", start=ends[k], stop=ends[k + 1]) for k in range(count)
+            Acceleration(**given | {"name": f"{self.name}.{k + 1}", "start": ends[k], "stop": ends[k + 1]})
+            for k in range(count)
         ]
-
-
-@dataclass(frozen=True, slots=True)
-class GivenImpulse:
-    """Keys of ``[[forces.impulses]]``: a manoeuvre that changes the velocity at once; the epoch is TDB."""
-
-    name: str
-    epoch: str
-    delta_v_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    axes: str = entry("RTN", choices=("RTN", "ICRF"))
-
-    def read(self) -> Impulse:
-        """It, as a force."""
-        given: dict[str, Any] = asdict(self)
-        return Impulse(**given | {"epoch": epochs_from_strings(self.epoch, "TDB")})
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,8 +81,8 @@ class ForcesChoice:
     radiation_m2_kg: float = entry(0.0, not_negative=True)
     moonlight: bool = True
     empirical: str = entry("none", choices=EMPIRICAL)
-    accelerations: tuple[GivenAcceleration, ...] = ()
-    impulses: tuple[GivenImpulse, ...] = ()
+    accelerations: tuple[SegmentedAcceleration, ...] = ()
+    impulses: tuple[Impulse, ...] = ()
     gradient_degree: int | None = None
     gravity_errors: int = entry(GRAVITY_ERRORS, not_negative=True)
     gravity_error_degree: int = entry(GRAVITY_ERROR_DEGREE, positive=True)
@@ -117,23 +92,17 @@ class ForcesChoice:
 
     def forces(self) -> Forces:
         """What acts, with its gravity field read."""
-        accelerations = [segment for one in self.accelerations for segment in one.read()]
+        field = GravityField.open(self.gravity, self.degree, self.gravity_axes, self.gravity_tide_system)
+        acting = {f.name: getattr(self, f.name) for f in fields(Forces) if f.name != "k2"}
+        if self.k2 is not None or not self.tides:
+            acting["k2"] = (self.k2 or 0.0) * self.tides
+        accelerations = [segment for item in self.accelerations for segment in item.segments()]
         if self.empirical != "none":
             accelerations.append(Acceleration(EMPIRICAL_NAME))
-        k2 = {} if self.k2 is None and self.tides else {"k2": (self.k2 or 0.0) * self.tides}
-        field = GravityField.open(self.gravity, self.degree, self.gravity_axes, self.gravity_tide_system)
+        gradient_degree = field.degree if self.gradient_degree is None else self.gradient_degree
         return Forces(
-            field,
-            gm_m3_s2=self.gm_m3_s2,
-            bodies=self.bodies,
-            **k2,
-            figures=self.figures,
-            relativity=self.relativity,
-            radiation_m2_kg=self.radiation_m2_kg,
-            moonlight=self.moonlight,
-            accelerations=tuple(accelerations),
-            impulses=tuple(one.read() for one in self.impulses),
-            gradient_degree=field.degree if self.gradient_degree is None else self.gradient_degree,
+            **acting
+            | {"gravity": field, "accelerations": tuple(accelerations), "gradient_degree": gradient_degree}
         )
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from numbers import Real
 from pathlib import Path
 from types import UnionType
-from typing import Any, NoReturn, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, NoReturn, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from radioloc.boundary import bare_fields
 from radioloc.errors import InputError
@@ -42,35 +42,43 @@ def check(record: Any) -> None:
     """Hold a record to the rules of its fields; a single name becomes a tuple of one, a date or Time an epoch."""
     bare_fields(record)
     for f in dataclasses.fields(record):
-        value, rules = getattr(record, f.name), f.metadata
-        if value is None:
+        given = getattr(record, f.name)
+        if given is None:
             continue
-        if rules.get("names"):
-            value = names_of(f.name, value)
+        value = _normalized(f.name, given, f.metadata)
+        if value is not given:
             object.__setattr__(record, f.name, value)
-            if not value:
-                raise InputError(f"{f.name} names none; leave it out to take all")
-        if rules.get("both") and isinstance(value, Real):
-            value = (float(value),) * 2
-            object.__setattr__(record, f.name, value)
-        if rules.get("moment"):
-            if isinstance(value, str) or hasattr(value, "jd1"):
-                value = epochs_from_strings(value)
-                object.__setattr__(record, f.name, value)
-            if not isinstance(value, Epochs) or len(value) != 1:
-                raise InputError(
-                    f'{f.name} must be one epoch, such as epochs_from_strings("2024-05-02"), not {value!r}'
-                )
-            value.require("UTC")
         for key, item in _items(f.name, value):
-            if item not in rules.get("choices", (item,)):
-                allowed = ", ".join(f'"{choice}"' for choice in rules["choices"])
-                raise InputError(f"{key} must be one of {allowed}, not {item!r}")
-            number = float(item) if isinstance(item, Real) and math.isfinite(item) else math.nan
-            if rules.get("positive") and not number > 0.0:
-                raise InputError(f"{key} must be above zero, not {item!r}")
-            if rules.get("not_negative") and not number >= 0.0:
-                raise InputError(f"{key} must not be negative, not {item!r}")
+            _require_rules(key, item, f.metadata)
+
+
+def _normalized(name: str, value: Any, rules: Mapping[str, Any]) -> Any:
+    if rules.get("names"):
+        value = names_of(name, value)
+        if not value:
+            raise InputError(f"{name} names none; leave it out to take all")
+    if rules.get("both") and isinstance(value, Real):
+        value = (float(value),) * 2
+    if rules.get("moment"):
+        if isinstance(value, str) or hasattr(value, "jd1"):
+            value = epochs_from_strings(value)
+        if not isinstance(value, Epochs) or len(value) != 1:
+            raise InputError(
+                f'{name} must be one epoch, such as epochs_from_strings("2024-05-02"), not {value!r}'
+            )
+        value.require("UTC")
+    return value
+
+
+def _require_rules(key: str, item: Any, rules: Mapping[str, Any]) -> None:
+    if item not in rules.get("choices", (item,)):
+        allowed = ", ".join(f'"{choice}"' for choice in rules["choices"])
+        raise InputError(f"{key} must be one of {allowed}, not {item!r}")
+    number = float(item) if isinstance(item, Real) and math.isfinite(item) else math.nan
+    if rules.get("positive") and not number > 0.0:
+        raise InputError(f"{key} must be above zero, not {item!r}")
+    if rules.get("not_negative") and not number >= 0.0:
+        raise InputError(f"{key} must not be negative, not {item!r}")
 
 
 def _items(key: str, value: Any) -> Iterator[tuple[str, Any]]:
@@ -153,7 +161,7 @@ class TomlTable:
         self, record: type[_Made], keys: Mapping[str, str] | None = None, whole: bool = True, **given: Any
     ) -> _Made:
         """Make a record of the keys, which are its fields or those of `keys`; some may be given."""
-        kinds = get_type_hints(record)
+        kinds = get_type_hints(record, include_extras=True)
         fields = {f.name: f for f in dataclasses.fields(record) if f.name not in given}  # type: ignore[arg-type]
         for key, name in keys.items() if keys else zip(fields, fields, strict=True):
             rules = fields[name].metadata
@@ -209,35 +217,26 @@ class TomlTable:
         origin, parts = get_origin(kind) or kind, get_args(kind)
         if origin in (Union, UnionType):
             return self._convert(key, value, _arm(value, [part for part in parts if part is not type(None)]))
-        if kind in _PLAIN:
-            wanted, is_one = _PLAIN[kind]
-            if not is_one(value):
-                self._refuse(key, wanted, value)
-            return self._finite(key, value) if kind is float else value
-        if kind is Epochs:
-            return self._epoch(key, value)
+        if origin in (Epochs, Annotated):
+            return self._epoch(key, value, parts[-1] if parts else "UTC")
+        if origin is Literal or kind in _PLAIN:
+            return self._scalar(key, value, str if origin is Literal else kind)
         if kind is Path:
-            found = self.files(key, [self._convert(key, value, str)])
+            found = self.files(key, [self._scalar(key, value, str)])
             if len(found) > 1:
                 self.fail(key, f"one file is wanted, but there are {len(found)}")
             return found[0]
-        if isinstance(origin, type) and issubclass(origin, Mapping):
+        if issubclass(origin, Mapping):
             content = self._child(key, value)._content
             return {name: self._convert(f"{key}.{name}", item, parts[1]) for name, item in content.items()}
-        if origin is not tuple:
-            return self._child(key, value).read(kind)
-        if parts[-1] is not Ellipsis:
-            return self._numbers(key, value, parts)
-        if parts[0] in (str, Path):
-            texts = [value] if isinstance(value, str) else value
-            if not isinstance(texts, list) or not all(map(_is_text, texts)):
-                self._refuse(key, "a list of strings that are not empty", value)
-            return self.files(key, texts) if parts[0] is Path else tuple(texts)
-        if not isinstance(value, list):
-            self._refuse(key, f"a list of tables, [[{self.name}.{key}]]", value)
-        return tuple(self._child(key, item).read(parts[0]) for item in value)
+        return self._tuple(key, value, parts) if origin is tuple else self._child(key, value).read(kind)
 
-    def _finite(self, key: str, value: float) -> float:
+    def _scalar(self, key: str, value: Any, kind: type) -> Any:
+        wanted, is_valid = _PLAIN[kind]
+        if not is_valid(value):
+            self._refuse(key, wanted, value)
+        if kind is not float:
+            return value
         try:
             number = float(value)
         except OverflowError:
@@ -246,23 +245,35 @@ class TomlTable:
             self.fail(key, f"must be a finite number, not {_shown(value)}")
         return number
 
-    def _numbers(self, key: str, value: Any, kinds: tuple[type, ...]) -> tuple[Any, ...]:
-        if not isinstance(value, list) or len(value) != len(kinds):
-            count = _COUNTS.get(len(kinds), len(kinds))
-            what = "whole numbers" if kinds[0] is int else "numbers"
-            self.fail(key, f"must be a list of {count} {what}, not {_shown(value)}")
-        return tuple(self._convert(key, item, kind) for item, kind in zip(value, kinds, strict=True))
+    def _tuple(self, key: str, value: Any, kinds: tuple[Any, ...]) -> tuple[Any, ...]:
+        """Read a list of so many numbers, of texts or files, or of tables."""
+        if kinds[-1] is not Ellipsis:
+            if not isinstance(value, list) or len(value) != len(kinds):
+                count = _COUNTS.get(len(kinds), len(kinds))
+                what = "whole numbers" if kinds[0] is int else "numbers"
+                self.fail(key, f"must be a list of {count} {what}, not {_shown(value)}")
+            return tuple(self._convert(key, item, kind) for item, kind in zip(value, kinds, strict=True))
+        if kinds[0] in (str, Path):
+            texts = [value] if isinstance(value, str) else value
+            if not isinstance(texts, list) or not all(map(_is_text, texts)):
+                self._refuse(key, "a list of strings that are not empty", value)
+            return self.files(key, texts) if kinds[0] is Path else tuple(texts)
+        if not isinstance(value, list):
+            self._refuse(key, f"a list of tables, [[{self.name}.{key}]]", value)
+        return tuple(self._child(key, item).read(kinds[0]) for item in value)
 
-    def _epoch(self, key: str, value: Any) -> Epochs:
-        """A UTC date, as text or as TOML has them: datetime objects, whose ISO form is what the text would be."""
+    def _epoch(self, key: str, value: Any, scale: str) -> Epochs:
+        """Read a date as text, or of TOML's kind, whose ISO form is that text."""
         try:
-            return epochs_from_strings(
-                value if isinstance(value, str) else value.isoformat().replace("+00:00", "")
-            )
+            text = value if isinstance(value, str) else value.isoformat().replace("+00:00", "Z")
+        except AttributeError:
+            self.fail(key, f"must be a {scale} date, not {_shown(value)}")
+        if scale == "TDB" and text.strip().upper().endswith("Z"):
+            self.fail(key, "is TDB, 64 to 69 s ahead of UTC since 1999: convert it, and leave the Z out")
+        try:
+            return epochs_from_strings(text, scale)
         except InputError as error:
             self.fail(key, str(error))
-        except AttributeError:
-            self.fail(key, f"must be a UTC date, not {_shown(value)}")
 
     def files(self, key: str, patterns: Collection[str], may_be_missing: bool = False) -> tuple[Path, ...]:
         """Files of names and globs, relative to the study file; a name may be of one that is still to be made."""

@@ -480,33 +480,22 @@ class Study:
         object.__setattr__(self, "estimate", replace(estimate, position_priors=priors))
 
     def _require_considered(self) -> None:
-        def resolved(choice: ParameterChoice) -> set[str]:
-            return {self.catalogue.get(n).name if n in self.catalogue else n for n in choice.names}
-
         for key, choice in self.consider.items():
-            kind = PARAMETERS[key]
-            given = choice.sigma.keys() if isinstance(choice.sigma, Mapping) else ()
-            without = [n for n in choice.names if n not in given] if not isinstance(choice.names, str) else []
-            if choice.names == "none" and choice.value is not None:
-                raise InputError(f'[consider] {key} says whose is considered; give names or "all"')
-            nothing = choice.sigma is None and choice.names != "none"
-            if kind.considered is None and (nothing or (given and without)):
-                of_whom = f" of {', '.join(without)}" if given else ""
-                raise InputError(
-                    f"[consider] {kind.sigma_key}{of_whom} is missing; what is considered needs its sigma"
-                )
+            _require_sigmas(key, choice)
             estimated = self.estimate.parameters.get(key)
-            if estimated is None or estimated.names == "none":
+            if estimated is None or estimated.names == "none" or isinstance(choice.names, str):
                 continue
-            if isinstance(choice.names, str):
-                continue
-            everyone = estimated.names == "all"
-            both = sorted(resolved(choice) if everyone else resolved(choice) & resolved(estimated))
+            both = self._canonical_names(choice)
+            if estimated.names != "all":
+                both &= self._canonical_names(estimated)
             if both:
                 raise InputError(
-                    f"[consider] {key}: {', '.join(both)} is in [estimate] {key}, too; a parameter is either estimated "
-                    "or considered"
+                    f"[consider] {key}: {', '.join(sorted(both))} is in [estimate] {key}, too; a parameter is either "
+                    "estimated or considered"
                 )
+
+    def _canonical_names(self, choice: ParameterChoice) -> set[str]:
+        return {self.catalogue.get(n).name if n in self.catalogue else n for n in choice.names}
 
     def _require_white_noise(self, lands: bool) -> None:
         if lands:
@@ -539,3 +528,18 @@ class Study:
                 f"{key} belongs to a position on the Moon, but the target is a trajectory ({trajectory.name}); "
                 "leave it out"
             )
+
+
+def _require_sigmas(key: str, choice: ParameterChoice) -> None:
+    """Require the sigmas of considered parameters whose kind has none by itself."""
+    kind = PARAMETERS[key]
+    if choice.names == "none" and choice.value is not None:
+        raise InputError(f'[consider] {key} says whose is considered; give names or "all"')
+    stated = choice.sigma if isinstance(choice.sigma, Mapping) else {}
+    listed = () if isinstance(choice.names, str) or not stated else choice.names
+    missing = [name for name in listed if name not in stated]
+    if kind.considered is None and (missing or (choice.sigma is None and choice.names != "none")):
+        of_whom = f" of {', '.join(missing)}" if missing else ""
+        raise InputError(
+            f"[consider] {kind.sigma_key}{of_whom} is missing; what is considered needs its sigma"
+        )

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from radioloc.dynamics import Impulse
 from radioloc.earth.reference_frames import frames
 from radioloc.earth.stations import Station, StationCatalogue
 from radioloc.ephemeris import Trajectory
@@ -25,10 +26,9 @@ from radioloc.study.map_positions import PlaceOnMap
 from radioloc.study.observation_choice import ObservationChoice
 from radioloc.study.orbit_choice import (
     ForcesChoice,
-    GivenAcceleration,
-    GivenImpulse,
     OrbitChoice,
     ProcessNoise,
+    SegmentedAcceleration,
 )
 from radioloc.study.orbiter import Orbiter
 from radioloc.study.schema import Hints, TomlTable, check, entry, keys_of, source_of, toml_content
@@ -107,8 +107,8 @@ TABLES: dict[str, type] = {
     "target.landing": LandingKeys,
     "targets.NAME": Place,
     "forces": ForcesChoice,
-    "forces.accelerations": GivenAcceleration,
-    "forces.impulses": GivenImpulse,
+    "forces.accelerations": SegmentedAcceleration,
+    "forces.impulses": Impulse,
     "reference": Place,
     "references.NAME": Place,
     "observations": ObservationChoice,

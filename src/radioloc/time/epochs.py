@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -163,3 +163,7 @@ def _days(value: Any, name: str, unit: str = "d") -> Floats:
             f"{name} is of single precision, which resolves minutes at best; give double precision"
         )
     return as_float_array(value, unit, name)
+
+
+Tdb = Annotated[Epochs, "TDB"]
+"""Epochs in TDB: the type of fields whose dates in a study file are TDB, not UTC."""

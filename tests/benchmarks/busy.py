@@ -1,7 +1,5 @@
 """Processes that are measured; times of a busy machine are no reason to fail."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -4,8 +4,6 @@ Each function gives the round-trip light time, in metres, for reception epochs. 
 partials (Orekit's own ``Range`` has partials): each does less than radioloc. Earth rotation is what the package brings.
 """
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 

@@ -5,8 +5,6 @@ on nine links, longer and longer: ten million observations are a month. Each num
 its own, which reads them, pickled, from a file made before; what it needs beyond them is its peak.
 """
 
-from __future__ import annotations
-
 import json
 import pickle
 import resource

@@ -5,8 +5,6 @@ frame from the ground would take the better part of an hour: every sixth is, at 
 reduced images), and those between are that one as the lower camera sees it, with noise and spacecraft of their own.
 """
 
-from __future__ import annotations
-
 import json
 import tempfile
 from dataclasses import replace

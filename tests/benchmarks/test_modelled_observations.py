@@ -8,8 +8,6 @@ The floor is the arithmetic alone: polynomials of the same degree for as many ob
 segment, at sorted times, in the nearest cache. All that a user gets is to stay within four times of it.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import time

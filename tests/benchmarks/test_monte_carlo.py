@@ -1,7 +1,5 @@
 """A thousand trials of the one-a-minute Chang'e-5 study, three arcs each, from a cold start, against whole fits."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

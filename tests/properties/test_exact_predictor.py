@@ -1,7 +1,5 @@
 """Ranges of any station pair, tag, epoch and point: partials, consistency of tags, independence of preparation."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from arc_cases import observations

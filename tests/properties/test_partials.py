@@ -4,8 +4,6 @@ Nothing of the columns' own formulas is used for the differences: the point is m
 above a station, the transponder holds longer, and a clock reads what a clock reads.
 """
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 

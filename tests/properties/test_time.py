@@ -1,7 +1,5 @@
 """Round trips of time scales and dates, hunting for the worst epoch."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np

@@ -20,16 +20,14 @@ Not part of it, because left out on both sides: CALC computes the diurnal and se
 does not add them to the delay; with them the difference is 14 ps.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 from mappings import niell
+from paths import DATA
 
 from radioloc.constants import ARCSEC_RAD, C_M_S
 from radioloc.earth import EarthOrientation, StationCatalogue
@@ -139,7 +137,7 @@ CALC_DRY = {
 DRY_S = 0.6e-12
 """Of delays of 10 to 18 ns."""
 
-VLBI_FOLDER = Path(__file__).resolve().parents[1] / "data" / "vlbi"
+VLBI_FOLDER = DATA / "vlbi"
 
 
 def orientation(table=None, *, subdaily=False, zonal_tides=True):

@@ -5,8 +5,6 @@ counted where the path says they were sent, and the target's clock has its prope
 (``forty_digits``), for a spacecraft whose orbit is a formula.
 """
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest

@@ -4,8 +4,6 @@ What is shared with the library (TDB - TT and the rotation of the Earth, which o
 smoothness of successive ranges.
 """
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest
@@ -13,7 +11,7 @@ from arc_cases import APOLLO15_PA_M, LASER, epochs_tai, observations
 from forty_digits import DIGITS, FortyDigits, mpf
 
 from radioloc.earth.stations import StationCatalogue
-from radioloc.measurements import TERMS, ExactPredictor, PhysicalModel
+from radioloc.measurements import TERMS, ExactPredictor
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.time import Epochs, utc_to_tt
 
@@ -35,11 +33,6 @@ CASES = [
     ("NEUQUEN", "KASHI", "transmit", 2459186.5, 0.10),
     ("JIAMUSI", "NEUQUEN", "bounce", 2459187.5, 0.999),
 ]
-
-
-@pytest.fixture(scope="module")
-def model():
-    return PhysicalModel.build()
 
 
 @pytest.mark.parametrize(("sender", "receiver", "tag", "jd", "fraction"), CASES)

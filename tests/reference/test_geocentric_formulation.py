@@ -5,8 +5,6 @@ the Earth and no delay by the Sun, all of which the library's has. They agree to
 the potentials of Uranus and Neptune that neither knows of but ERFA's TDB - TT does, and to 0.03 ps in VLBI delay.
 """
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

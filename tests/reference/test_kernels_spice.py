@@ -1,7 +1,5 @@
 """The kernels that ship and their evaluation against SPICE, which reads the same files."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import spiceypy

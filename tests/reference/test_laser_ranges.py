@@ -4,19 +4,15 @@ The reflectors stand where JPL's DE421 solution has them (see ``arc_cases``). Wh
 the ephemeris, of the stations' places and of the data; a term of the model that is wrong or missing shows beside it.
 """
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from arc_cases import REFLECTORS_PA_M
+from paths import EXAMPLES
 
 import radioloc
 from radioloc.io.formats import read_observations
-from radioloc.measurements import ExactPredictor, PhysicalModel
+from radioloc.measurements import ExactPredictor
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 EARLY = [
     EXAMPLES / "apollo15" / "apollo15_apollo_2006-2007.csv",
     *sorted((EXAMPLES / "reflectors/2006-2007").glob("*.csv")),
@@ -31,11 +27,6 @@ MEAN_M = 0.08
 SPREAD_2024_M = 0.08
 # Luna 21 was weak in 2006-07: five points.
 WEAK = {"luna21"}
-
-
-@pytest.fixture(scope="module")
-def model():
-    return PhysicalModel.build()
 
 
 def names(observations):

@@ -4,8 +4,6 @@ Places of Earth and Moon are SPICE's, those of stations ERFA's ``c2t06a`` with d
 found by a loop of its own. Apparent places are ERFA's ``apco13``, which has an ephemeris of the Earth of its own.
 """
 
-from __future__ import annotations
-
 from contextlib import closing
 from io import BytesIO
 

@@ -5,17 +5,16 @@ all of them have in common: a rotation, a scale, an error of the Moon's distance
 """
 
 import csv
-from pathlib import Path
 
 import numpy as np
 import pytest
+from paths import EXAMPLES
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.io.formats import read_observations
 from radioloc.lunar import selenographic_to_cartesian
 from radioloc.measurements import ExactPredictor, PhysicalModel
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 FILES = [EXAMPLES / "apollo15/apollo15_apollo_2006-2007.csv", *sorted(EXAMPLES.glob("reflectors/20*/*.csv"))]
 # One way, beyond the stated sigmas: the errors of a night.
 NIGHT_M = 0.025

@@ -4,8 +4,6 @@ The consensus model is written here as the IERS Conventions have it, in the geoc
 ephemeris of the Earth. Shared with the library is the rotation of the Earth, nothing of its light path.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 

@@ -1,12 +1,12 @@
 """The joint study of the reflectors, as its own check judges it: sigmas hold between nights, years and ephemerides."""
 
 import runpy
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from paths import EXAMPLES
 
-SCRIPT = Path(__file__).resolve().parents[2] / "examples" / "reflectors" / "check.py"
+SCRIPT = EXAMPLES / "reflectors" / "check.py"
 
 
 @pytest.mark.slow

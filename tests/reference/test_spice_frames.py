@@ -1,7 +1,5 @@
 """Lunar axes against SPICE, which reads the same binary PCK with frame definitions written here."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import spiceypy

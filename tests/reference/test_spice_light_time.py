@@ -4,8 +4,6 @@ SPICE reads the same kernels with its own code and knows nothing of the library'
 in the ICRF comes from ERFA's ``c2t06a`` with daily Earth orientation, so that no rotation of the library is used.
 """
 
-from __future__ import annotations
-
 import erfa
 import numpy as np
 import pytest

@@ -3,8 +3,6 @@
 The stations are written as trajectories too, so that SPICE's ``spkezr`` finds the whole Newtonian path ("CN").
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import spiceypy

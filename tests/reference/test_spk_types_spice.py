@@ -1,7 +1,5 @@
 """States from segments of an SPK by type, and the choice among segments, against SPICE, which reads the same files."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import spiceypy

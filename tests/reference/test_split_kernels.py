@@ -1,7 +1,5 @@
 """Kernels with several segments of a body against SPICE: of those for an epoch the last one of the file counts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import spiceypy

@@ -4,8 +4,6 @@
 meant to move a number renews its file and says why in ``numbers/README.md``.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import math

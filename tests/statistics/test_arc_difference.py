@@ -5,10 +5,10 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from paths import EXAMPLES, ROOT
 
 import radioloc
 from radioloc.constants import C_M_S
@@ -18,7 +18,6 @@ from radioloc.simulation import TruthSigma
 
 pytestmark = pytest.mark.slow
 
-ROOT = Path(__file__).resolve().parents[2]
 HOURS = (12.0, 48.0)
 RANGING = ("JIAMUSI", "KASHI", "NEUQUEN")
 VLBI = ("SESHAN25", "MIYUN50", "KUNMING", "URUMQI")
@@ -83,7 +82,7 @@ DRAWN = (
 
 def fits():
     """With biases free and all observations in full; with biases known to 10 m; and the study as it is."""
-    study = radioloc.read_study(ROOT / "examples" / "change5" / "simulation.toml")
+    study = radioloc.read_study(EXAMPLES / "change5" / "simulation.toml")
     scenario = study.simulation
     calm = {kind: replace(one, outlier_fraction=0.0) for kind, one in scenario.noise.link.items()}
     study = replace(study, simulation=replace(scenario, noise=replace(scenario.noise, link=calm)))

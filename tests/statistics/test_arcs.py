@@ -3,11 +3,10 @@
 Bounds of the matched model are those of chance at 95 %, exact; with fixed seeds a failure is a change of the code.
 """
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from change5_case import LANDER, NOISE, RANGING, START, VLBI
+from paths import EXAMPLES
 
 import radioloc
 from radioloc import Study
@@ -25,7 +24,7 @@ NEES_3 = (676.003 / TRIALS, 827.785 / TRIALS)
 """Chi-square of 250 * 3 degrees of freedom over 250: quantiles of 2.5 and 97.5 %."""
 HELD_95 = (230, 244)
 """Binomial of 250 at 0.95: quantiles of 2.5 and 97.5 %."""
-EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "change5" / "simulation.toml"
+EXAMPLE = EXAMPLES / "change5" / "simulation.toml"
 
 
 @pytest.fixture(scope="module")

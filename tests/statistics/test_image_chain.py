@@ -1,7 +1,5 @@
 """Whether the ellipses of a chain of images hold the truth as often as they say."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from image_chains import CENTRE, Chain, drawn_ties

@@ -1,7 +1,5 @@
 """Claims of fits of an orbit, with considered errors of its gravity field, in trials with others that are drawn."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

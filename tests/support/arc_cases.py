@@ -1,7 +1,5 @@
 """Observations to predict, and the points they go to: what tests of the measurement chain share."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A small simulated tracking of the Chang'e-5 landing site: what tests of arc lengths share."""
 
-from __future__ import annotations
-
 from radioloc import LunarPosition, Observations
 from radioloc.measurements import PhysicalModel
 from radioloc.simulation import (

@@ -6,8 +6,6 @@ which are the fits of `locate`. Run by itself, with a file and numbers of trials
 a figure and prints them.
 """
 
-from __future__ import annotations
-
 import sys
 import zlib
 from collections.abc import Callable

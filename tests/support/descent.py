@@ -1,7 +1,5 @@
 """A powered descent to the Moon as a study: from 15 km to the ground in twelve minutes, tracked by three stations."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from pathlib import Path

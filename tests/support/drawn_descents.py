@@ -1,7 +1,5 @@
 """Descents whose ground, site, Suns, heading, attitude, map and its shift are all drawn, from one seed each."""
 
-from __future__ import annotations
-
 import json
 import tempfile
 from collections.abc import Iterable

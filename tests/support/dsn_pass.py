@@ -6,8 +6,6 @@ Light times are the library's, at a constant frequency; what the stations send, 
 records are made here. So the residuals of the example prove how ramps and records are read.
 """
 
-from __future__ import annotations
-
 import sys
 from fractions import Fraction
 from pathlib import Path

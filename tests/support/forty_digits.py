@@ -5,8 +5,6 @@ The library works from the geocentre at the observation's epoch so that 1.5e11 m
 the vectors' origin. Not independent are TDB - TT (ERFA) and the rotation of the Earth, which only ERFA has.
 """
 
-from __future__ import annotations
-
 import erfa
 import mpmath as mp
 

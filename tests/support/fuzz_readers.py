@@ -11,8 +11,6 @@ and moved, parts of other files put in, encodings changed. What was printed last
 the damaged file is kept.
 """
 
-from __future__ import annotations
-
 import gzip
 import logging
 import os

@@ -3,8 +3,6 @@
 A target has a function that reads a file and uses it, a sound file, and the form of damage that suits it.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import random

@@ -34,8 +34,6 @@ the Earth's orbit (3.3e-10 at most), adds up to 0.26 m. Formulations that have t
 it is right.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import erfa

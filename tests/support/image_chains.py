@@ -1,7 +1,5 @@
 """A descent's homographies and tie points, drawn with known errors: no images, only their geometry."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A descent over a drawn ground: a map of it as a GeoTIFF, frames from high to low, the truth of each."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 

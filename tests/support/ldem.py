@@ -1,7 +1,5 @@
 """LOLA's map of 4 cells per degree from the cells that tests/data holds, as an image with its label."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Legs of light paths made by hand: the station at the origin, the target straight to the north of it."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Mapping functions of radio waves put together from their coefficients, and the continued fraction by elevation."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from radioloc.media import mapping_functions as radio

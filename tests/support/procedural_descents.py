@@ -1,7 +1,5 @@
 """Descents to the Moon as a camera sees them, frame by frame, with the truth known."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator

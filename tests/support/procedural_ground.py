@@ -1,7 +1,5 @@
 """Procedural ground with craters of all sizes: its heights, what a camera sees of it, and maps of it."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor

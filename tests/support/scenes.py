@@ -1,7 +1,5 @@
 """Grounds with craters, and frames of them: a textured plane seen by a camera that descends, truth known."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

@@ -1,7 +1,5 @@
 """SPK files with trajectories made for tests: a low lunar orbit, one about the Earth, a lander standing still."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 from pathlib import Path

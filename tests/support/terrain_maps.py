@@ -1,7 +1,5 @@
 """Maps of an analytic lunar surface, in the projections and formats that lunar maps come in."""
 
-from __future__ import annotations
-
 import numpy as np
 import rasterio
 import rasterio.warp

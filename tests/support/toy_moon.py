@@ -5,8 +5,6 @@ its face to the Earth but for a libration of some degrees. Sizes are right to a 
 realistic.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

@@ -3,8 +3,6 @@
 Every case is a folder of files and a study. Nothing of it may end in a traceback, in a wrong result or in silence.
 """
 
-from __future__ import annotations
-
 import gzip
 import os
 from dataclasses import dataclass, field
@@ -21,7 +19,6 @@ ROWS = [
     "2021-03-28T14:01:00,range,KASHI>lander>JIAMUSI,768801500.0,1.0,receive,\n",
     "2021-03-28T14:02:00,range,KASHI>lander>KASHI,768802500.0,1.0,receive,\n",
 ]
-VLBI_RECORDS = ["VLBI_DELAY = 2021-03-28T14:00:00 0.01"]
 SIGMA = "sigma_m = { range = 1.0, vlbi_delay = 0.3, doppler = 0.01 }\n"
 
 

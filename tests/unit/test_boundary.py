@@ -1,14 +1,11 @@
 """Whatever is public honours units and scales of time by the names of its arguments, or refuses them by name."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import astropy.units as u
 import numpy as np
 import pytest
 from astropy.coordinates import CartesianRepresentation, EarthLocation
 from astropy.time import Time
+from paths import EXAMPLES
 
 import radioloc
 from radioloc.earth import EarthOrientation, StationCatalogue
@@ -16,7 +13,7 @@ from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.io import TdmAgreement
 from radioloc.lunar import LunarPosition, rot_icrf_to_iau_moon
-from radioloc.measurements import EquipmentDelays, PhysicalModel, StationDelay
+from radioloc.measurements import EquipmentDelays, StationDelay
 from radioloc.media import UniformTec
 from radioloc.simulation import (
     Masks,
@@ -58,7 +55,6 @@ def test_quantity_of_another_kind_is_refused_by_name_of_argument(call, words):
 
 # What is given with a unit, and the same without.
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 SESSION = {
     "kind": "range", "pairs": two_way("KASHI"), "start_utc": "2020-12-01T15:11:00", "stop_utc": "2020-12-01T16:11:00",
     "step_s": 60.0, "sigma_m": 2.5,
@@ -140,11 +136,6 @@ def test_a_choice_of_observations_takes_dates_and_times():
         ObservationChoice(start="soon")
     with pytest.raises(InputError, match="stop must be one epoch"):
         ObservationChoice(stop=Time(["2020-12-01", "2020-12-02"]))
-
-
-@pytest.fixture(scope="module")
-def model():
-    return PhysicalModel.build()
 
 
 TIMES = Time(["2020-12-01T15:11:00", "2020-12-02T01:00:00"], scale="utc")

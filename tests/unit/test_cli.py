@@ -9,11 +9,11 @@ import shlex
 import subprocess
 import sys
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
 from odf_files import doppler, odf
+from paths import EXAMPLES, ROOT
 from quick import some
 from tdm_messages import TWO_WAY, kvn
 
@@ -28,7 +28,6 @@ from radioloc.measurements.registry import MEASUREMENTS
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.study.study_file import TABLES
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 TABLE = EXAMPLES / "apollo15" / "apollo15_apollo_2006-2007.csv"
 JPL_PA_M = np.array([1554678.949, 98094.118, 765004.906])  # JPL IOM 335-JW,DB,WF-20080314-001, DE421
 
@@ -200,7 +199,7 @@ def data(folder, text):
     ],
 )
 def test_bad_studies(content, parts, run, folder):
-    kernel = Path(__file__).resolve().parents[2] / "kernels" / "moon_pa_de421_1969_2050.bpc"
+    kernel = ROOT / "kernels" / "moon_pa_de421_1969_2050.bpc"
     (folder / "cut.bpc").write_bytes(kernel.read_bytes()[:50000])
     refused(run(content), *parts)
 

@@ -1,8 +1,5 @@
 """What the documentation says is so: links, files, keys, columns, terms and sizes, commands and code."""
 
-from __future__ import annotations
-
-import importlib
 import json
 import re
 import shlex
@@ -12,6 +9,7 @@ from typing import NamedTuple
 
 import pytest
 from ldem import write_ldem_4
+from paths import EXAMPLES, ROOT
 from recorded import recorded
 
 import radioloc
@@ -29,7 +27,6 @@ from radioloc.study.schema import keys_of
 from radioloc.study.study import PARAMETER_KEYS
 from radioloc.study.study_file import GEODETIC, TABLES
 
-ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.rglob("*.md"))
 OTHER_PAGES = [
@@ -127,23 +124,6 @@ def test_what_is_installed_is_the_checkout_and_its_extras(page):
 
 
 # What the code has against what the pages say.
-
-
-def found(name: str) -> bool:
-    """Whether radioloc, or a package in which the page is at that place, has a module, class or function."""
-    for home in ("measurements.", "parameters.design.", "measurements.predictor.", "media.medium.", ""):
-        words = f"radioloc.{home}{name}".split(".")
-        for k in range(len(words), 0, -1):
-            try:
-                value = importlib.import_module(".".join(words[:k]))
-            except ImportError:
-                continue
-            for word in words[k:]:
-                value = getattr(value, word, None)
-            if value is not None:
-                return True
-            break
-    return False
 
 
 def test_what_the_architecture_adds_is_the_package_that_is_tested():
@@ -269,7 +249,7 @@ def test_every_column_of_residuals():
 
 @pytest.fixture(scope="module")
 def solution():
-    return radioloc.locate(radioloc.read_study(ROOT / "examples" / "apollo15" / "apollo15.toml"))
+    return radioloc.locate(radioloc.read_study(EXAMPLES / "apollo15" / "apollo15.toml"))
 
 
 def test_every_key_of_the_solution(solution):
@@ -289,14 +269,6 @@ def test_every_key_of_the_solution(solution):
             yield where
 
     assert documented - {"reference"} == set(keys(solution.to_dict(), ""))
-
-
-# Sizes, measured again.
-
-
-@pytest.fixture(scope="module")
-def model():
-    return radioloc.measurements.PhysicalModel.build()
 
 
 # Commands and code.

@@ -1,18 +1,15 @@
 """Examples in docstrings run and show what they say; each public function has one."""
 
-from __future__ import annotations
-
 import doctest
 import importlib
 import pkgutil
 import types
-from pathlib import Path
 
 import pytest
+from paths import EXAMPLES
 
 import radioloc
 
-ROOT = Path(__file__).resolve().parents[2]
 NAMES = [m.name for m in pkgutil.walk_packages(radioloc.__path__, "radioloc.") if "__main__" not in m.name]
 LONG = {
     "arcs",
@@ -30,7 +27,7 @@ LONG |= {"plot", "plot_images", "plot_terms", "write_html", "write_report"}
 @pytest.fixture(autouse=True)
 def workspace(tmp_path, monkeypatch):
     """A folder that has the project's examples, to work in."""
-    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    (tmp_path / "examples").symlink_to(EXAMPLES)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("RADIOLOC_KERNELS", str(tmp_path / "kernels"))
 

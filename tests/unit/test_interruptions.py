@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 from change5_case import PLAN
+from paths import EXAMPLES
 from quick import some
 
 from radioloc import cli
 from radioloc.report.files import INCOMPLETE
 from radioloc.text_files import write_blocks, write_text
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 APOLLO = EXAMPLES / "apollo15" / "apollo15.toml"
 RADIOLOC = [sys.executable, "-m", "radioloc"]
 

@@ -3,13 +3,12 @@
 import ast
 import re
 from decimal import Decimal
-from pathlib import Path
 
 import nbformat
 import pytest
+from paths import EXAMPLES, ROOT
 from run_notebooks import run
 
-ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "examples/notebooks").glob("*.ipynb"))
 MOST_BYTES = 400_000
 LAST_DIGITS = 3
@@ -25,7 +24,7 @@ def folder(tmp_path, monkeypatch):
     place = tmp_path / "examples" / "notebooks"
     place.mkdir(parents=True)
     (tmp_path / "kernels").symlink_to(ROOT / "kernels")
-    for beside in (ROOT / "examples").iterdir():
+    for beside in (EXAMPLES).iterdir():
         if beside.name != place.name:
             (place.parent / beside.name).symlink_to(beside)
     return place

@@ -3,14 +3,14 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from paths import EXAMPLES
 
 import radioloc
 
-EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "apollo15" / "apollo15.toml"
+EXAMPLE = EXAMPLES / "apollo15" / "apollo15.toml"
 IMPORT_LIMIT_S = 0.7
 HEAVY = (
     "astropy",

@@ -1,7 +1,5 @@
 """The package: what its metadata say, and that it runs where there is no source tree."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys
@@ -11,11 +9,10 @@ from email import message_from_string
 from pathlib import Path
 
 import pytest
+from paths import EXAMPLES, ROOT
 
 from radioloc import __version__
 from radioloc.kernels import registered
-
-ROOT = Path(__file__).parents[2]
 
 
 def run(*command, cwd, **environment):
@@ -80,7 +77,7 @@ def test_the_wheel_runs_without_the_source_tree(built, tmp_path):
         str(built[1]),
         cwd=tmp_path,
     )
-    study = ROOT / "examples" / "apollo15" / "apollo15.toml"
+    study = EXAMPLES / "apollo15" / "apollo15.toml"
     here = {"PYTHONPATH": str(installed), "PATH": str(Path(sys.executable).parent), "HOME": str(tmp_path)}
     where = run(sys.executable, "-c", "import radioloc; print(radioloc.__file__)", cwd=tmp_path, **here)
     assert where.startswith(str(installed))

@@ -1,7 +1,5 @@
 """Other packages add to each registry by entry points, and a user meets what they add; a broken one breaks nothing."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os
@@ -15,6 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from paths import EXAMPLES, ROOT
 from quick import some
 
 import radioloc
@@ -27,8 +26,7 @@ from radioloc.media import MEDIA
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.study import STUDY_TABLES, StudyTable
 
-ROOT = Path(__file__).resolve().parents[2]
-SHORT_ARC = ROOT / "examples" / "change5" / "short_arc.toml"
+SHORT_ARC = EXAMPLES / "change5" / "short_arc.toml"
 PACKAGE = ROOT / "tests" / "data" / "plugin_package"
 LANDER = radioloc.LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
 BIAS_M_RAD = {"KASHI": 2.5, "JIAMUSI": -1.25}

@@ -1,11 +1,9 @@
 """What a notebook shows of objects: one line that says which one it is, and no arrays."""
 
-from pathlib import Path
+from paths import EXAMPLES
 
 import radioloc
 from radioloc.lunar import TerrainModel
-
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 
 def test_objects_are_shown_in_one_line():

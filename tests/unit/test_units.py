@@ -1,7 +1,5 @@
 """Numbers with units and Times of astropy are honoured or refused, never taken for what they are not."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import astropy.units as u

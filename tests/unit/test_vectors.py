@@ -1,7 +1,5 @@
 """Products of many vectors against NumPy's own, however the vectors lie in memory."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

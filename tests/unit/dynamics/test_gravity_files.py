@@ -1,17 +1,16 @@
 """Files of gravity fields, sound and not."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from paths import ROOT
 from reader_cases import GRAVITY, SHADR
 
 from radioloc.dynamics import GravityField
 from radioloc.errors import FileFormatError, InputError
 from radioloc.lunar import rot_between
 
-ROOT = Path(__file__).parents[3]
 PUBLISHED = next(
     (
         file

@@ -24,7 +24,7 @@ from radioloc.time import Epochs
 
 EPHEMERIS = Ephemeris.open()
 GM = EPHEMERIS.constants.gm_m3_s2
-MOON_M, MOON_M_S = (values[0] for values in EPHEMERIS.geocentric("moon", EPOCH))
+MOON_M, _ = (values[0] for values in EPHEMERIS.geocentric("moon", EPOCH))
 EARTH_M, SUN_M = -MOON_M, EPHEMERIS.geocentric("sun", EPOCH)[0][0] - MOON_M
 AWAY = {"earth": EARTH_M} | {
     body: EPHEMERIS.geocentric(body, EPOCH)[0][0] - MOON_M for body in ("sun", "venus", "jupiter", "saturn")

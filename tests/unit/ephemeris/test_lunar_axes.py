@@ -1,7 +1,5 @@
 """Landers in axes that turn with the Moon: SPICE, with frames and orientation loaded, says where they are."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import spiceypy

@@ -1,7 +1,5 @@
 """Trajectories from SPK files: segments, frames and centres, and what is refused."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np

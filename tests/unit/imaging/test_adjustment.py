@@ -1,7 +1,5 @@
 """The adjustment of all images: exact data, what is left out, what does not determine it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Images of a descent as files."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

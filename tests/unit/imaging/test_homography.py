@@ -1,7 +1,5 @@
 """Homographies: their derivatives, fits to tie points and what is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,11 +1,11 @@
 """A point measured in one image: its covariance against drawn errors, and by hand."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from ldem import write_ldem_4
+from paths import ISDS
 from plane_surface import Plane
 
 from radioloc.errors import InputError
@@ -23,7 +23,6 @@ from radioloc.imaging import (
 from radioloc.imaging.orientation import matrices_of, quaternions_of, rotation_of
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic, east_north_up
 
-ISDS = Path(__file__).resolve().parents[2] / "data" / "isd"
 DRAWS = 1500
 SAMPLING = 4.5 / np.sqrt(DRAWS)
 """Relative error of a covariance of so many draws, at 4.5 standard deviations over sqrt(2)."""

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rasterio
+from paths import EXAMPLES
 from rasterio.transform import Affine
 from rasterio.windows import Window
 
@@ -18,7 +19,7 @@ from radioloc.imaging.study import ImageChoice, ImageStudy
 from radioloc.lunar import TangentPlane
 from radioloc.time import epochs_from_strings
 
-EXAMPLE = Path(__file__).parents[3] / "examples" / "images"
+EXAMPLE = EXAMPLES / "images"
 SHIFT_M = (30.0, -20.0)  # planted in the map, see its simulate.py
 MAP_PIXEL_M = 8.0
 

@@ -2,11 +2,11 @@
 
 import gzip
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 import spiceypy
+from paths import ISDS
 
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.imaging import (
@@ -15,8 +15,6 @@ from radioloc.imaging import (
     image_to_ground,
     read_isd,
 )
-
-ISDS = Path(__file__).resolve().parents[2] / "data" / "isd"
 
 ROUND_TRIP_PX = 1e-6
 """The secant method ends at 1e-8 of a line; positions of 1.7e6 m are rounded by 2e-10 m, 1e-9 of the smallest pixel."""

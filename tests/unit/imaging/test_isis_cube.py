@@ -2,19 +2,18 @@
 
 import gzip
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 import spiceypy
 from descent_images import FOLDER
+from paths import ISDS
 
 from radioloc.errors import FileFormatError
 from radioloc.imaging import Sphere, image_to_ground, read_isd
 from radioloc.lunar.visibility import sun_me_m
 from radioloc.time import Epochs
 
-ISDS = Path(__file__).resolve().parents[2] / "data" / "isd"
 REAL = FOLDER / "M143947267L.cal.echo.crop.cub"
 LABEL_BYTES = 16384
 LINE_ERROR, PREROLL = 0.0045, 1024.0

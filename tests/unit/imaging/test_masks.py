@@ -1,7 +1,5 @@
 """The spacecraft in the images: found as what does not move."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from descent_images import BOX, change3, needs_images

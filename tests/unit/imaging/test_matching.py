@@ -1,7 +1,5 @@
 """Tie points of two images: real frames and maps, known transformations, and what must not match."""
 
-from __future__ import annotations
-
 from functools import cache, partial
 
 import cv2

@@ -1,15 +1,12 @@
 """Exterior orientation in time: interpolation rules, polynomials, and what is refused."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from paths import ISDS
 
 from radioloc.errors import InputError
 from radioloc.imaging import ConstantOrientation, PolynomialOrientation, TabulatedOrientation, read_isd
 from radioloc.imaging.orientation import matrices_of, quaternions_of, rotation_of
-
-ISDS = Path(__file__).resolve().parents[2] / "data" / "isd"
 
 ROUNDING = 1e-12
 """Of interpolation, relative to the largest value."""

@@ -1,13 +1,13 @@
 """Orthophotos, read back by GDAL: spots on known ground, relief taken out, masks, types, refusals."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 import rasterio
 import rasterio.warp
 import terrain_maps
+from paths import ISDS
 from quick import each_with_one
 from rasterio.transform import Affine
 
@@ -24,7 +24,6 @@ from radioloc.imaging import (
 from radioloc.imaging.orientation import rotation_of
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic, east_north_up, selenographic_to_cartesian
 
-ISDS = Path(__file__).resolve().parents[2] / "data" / "isd"
 R_M = 1737400.0
 PLACE_CELLS = 0.1
 """Centroid of a spot of 4 pixels, drawn in whole pixels and resampled, to which the map's cells add their own."""

@@ -4,11 +4,11 @@ import json
 import runpy
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from descent_images import FOLDER
+from paths import EXAMPLES, ISDS
 
 import radioloc
 from radioloc.cli import main
@@ -29,7 +29,6 @@ from radioloc.lunar import TangentPlane, TerrainModel
 from radioloc.report import write_report
 from radioloc.study import PlaceOnMap
 
-EXAMPLES = Path(__file__).parents[3] / "examples"
 STEREO = EXAMPLES / "stereo" / "stereo.toml"
 ORBITAL = EXAMPLES / "images" / "orbital_image.toml"
 CUBE = FOLDER / "M143947267L.cal.echo.crop.cub"
@@ -211,7 +210,7 @@ def test_what_is_written_has_the_keys_of_other_solutions(name, request, tmp_path
 
 
 def test_an_image_from_before_utc(orbital):
-    model = Path(__file__).parents[2] / "data" / "isd" / "apollo15_metric.json"
+    model = ISDS / "apollo15_metric.json"
     found = radioloc.imaging.locate_images(
         changed(orbital, model=model, dem=None, height_m=0.0, point=(0.0, 0.0))
     )

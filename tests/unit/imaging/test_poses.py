@@ -1,7 +1,5 @@
 """Images of relief by a known camera: exact tie points give the cameras back, noise gives their covariance."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Descents over a drawn ground, truth known: where the last image lies, and which images are left out by name."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from image_descents import PIXEL_M, Descent, scene

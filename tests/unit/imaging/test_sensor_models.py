@@ -1,10 +1,10 @@
 """Rays, ground and image of frame and line-scan cameras: geometry by hand, and all partials."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from paths import ISDS
 from plane_surface import Plane
 
 from radioloc.errors import InputError
@@ -22,8 +22,6 @@ from radioloc.imaging import (
 from radioloc.imaging.ground_points import image_to_ground_and_partials
 from radioloc.imaging.orientation import matrices_of, quaternions_of, rotation_of
 from radioloc.imaging.sensor_models import inside
-
-ISDS = Path(__file__).resolve().parents[2] / "data" / "isd"
 
 PARTIALS_RELATIVE = 1e-5
 """Of central differences of a pixel, 10 m or 10 microradians."""

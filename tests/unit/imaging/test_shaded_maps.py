@@ -1,10 +1,9 @@
 """Elevation models shaded as maps: the same ground, drawn as the renderer draws it."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import rasterio
+from paths import ISDS
 from procedural_ground import Ground
 
 from radioloc.errors import InputError
@@ -13,7 +12,6 @@ from radioloc.imaging.shading import sun_direction, sun_over_map, write_shaded_m
 from radioloc.lunar import Map, TangentPlane
 from radioloc.time import Epochs, epochs_from_strings, to_scale
 
-ISDS = Path(__file__).resolve().parents[2] / "data" / "isd"
 ABERRATION_DEG = 0.0058  # of 30.3 km/s: USGS has the Sun as it is seen
 GROUND = Ground(TangentPlane(-51.9162, 43.0584), seed=3)
 

@@ -2,11 +2,11 @@
 
 import gzip
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 import spiceypy
+from paths import ISDS
 
 from radioloc.errors import FileFormatError, InputError, KernelError
 from radioloc.imaging import (
@@ -18,7 +18,7 @@ from radioloc.imaging import (
     read_isd,
 )
 
-ISD = Path(__file__).resolve().parents[2] / "data" / "isd" / "lro_nac.json.gz"
+ISD = ISDS / "lro_nac.json.gz"
 
 KERNEL_M = 1e-3
 """Between nodes SPICE has Lagrange polynomials of degree 7, clocks of 65536 ticks a second: 0.03 m/s off, 8 us."""

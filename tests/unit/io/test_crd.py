@@ -114,15 +114,6 @@ def test_session_rms_stands_in_for_a_missing_one():
             parse_crd("a.np2", session(point(8215, rms=missing), "50 other 200.0 na na na 1"), None)
 
 
-def test_version_1_has_one_field_less():
-    short = point(8215).rsplit(" ", 1)[0]
-    assert len(parse_crd("a.npt", session(short, version=1), None)) == 1
-    shorter = short.rsplit(" ", 1)[0]
-    assert len(parse_crd("a.npt", session(shorter, version=1), None)) == 1
-    with pytest.raises(FileFormatError, match="was cut"):
-        parse_crd("a.npt", session(shorter, version=2), None)
-
-
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
@@ -192,11 +183,6 @@ def test_a_configuration_has_one_wavelength_in_a_pass():
 def test_a_configuration_of_a_session_that_was_cut_does_not_reach_into_the_next():
     cut = [line for line in session() if not line.startswith(("h4", "h8", "h9"))]
     assert len(parse_crd("a.np2", [*cut, *session("c0 0 1064.0 green lpd", point(8215))], None)) == 1
-
-
-def test_files_joined_one_after_the_other_are_read(crd_lines):
-    later = session(point(8300))
-    assert len(parse_crd("a.np2", [*crd_lines, *later], None)) == 4
 
 
 GRASSE_2015 = """\

@@ -1,10 +1,9 @@
 """Orbit data files: every field, what the records mean in metres, hertz and seconds, and files that are damaged."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from odf_files import ORBIT, RAMP, RAMPS, START_S, doppler, odf, ramp
+from paths import DATA
 
 from radioloc.constants import C_M_S
 from radioloc.errors import DataQualityWarning, FileFormatError
@@ -14,7 +13,7 @@ from radioloc.measurements import ExactPredictor, PhysicalModel
 from radioloc.measurements.ramps import turnaround_ratio
 from radioloc.time import epochs_from_strings, utc_to_tai
 
-EXCERPT = Path(__file__).parents[2] / "data" / "odf" / "grail_b_2012-04-10.odf"
+EXCERPT = DATA / "odf" / "grail_b_2012-04-10.odf"
 ROUNDED_M = 1e-12
 """Values of some hundred metres, in doubles."""
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from radioloc.constants import C_M_S
-from radioloc.errors import DataQualityWarning, FileFormatError, InputError
+from radioloc.errors import FileFormatError, InputError
 from radioloc.io import read_table, table, write_table
 from radioloc.measurements import Link, Observations
 from radioloc.text_files import read_blocks
@@ -136,11 +136,6 @@ def test_a_table_without_rows_is_refused(table_lines):
         parse_table("a.csv", table_lines[:2], None)
     with pytest.raises(FileFormatError, match="no header"):
         parse_table("a.csv", table_lines[:1], None)
-
-
-def test_the_same_row_twice_is_counted_once(table_lines):
-    with pytest.warns(DataQualityWarning, match=r"a.csv, line 7: .* a.csv, line 5 \(1 such"):
-        assert len(parse_table("a.csv", [*table_lines[:-1], table_lines[4], ""], None)) == 3
 
 
 def test_two_values_of_one_observation_are_refused(table_lines):

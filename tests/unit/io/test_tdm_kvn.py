@@ -97,11 +97,6 @@ def test_wrong_metadata(change, problem):
     assert named.split(" =")[0] in (*change, "TIME_SYSTEM", "META_START", "PARTICIPANT_1")
 
 
-def test_no_participant():
-    with pytest.raises(FileFormatError, match="no PARTICIPANT_1"):
-        read(({"TIME_SYSTEM": "UTC"}, RANGES))
-
-
 def test_mixed_time_systems():
     with pytest.raises(FileFormatError, match="TIME_SYSTEM is TAI, but UTC in the segments before; mixed"):
         read((TWO_WAY, RANGES), (TWO_WAY | {"TIME_SYSTEM": "TAI"}, RANGES))

@@ -1,14 +1,12 @@
 """From messages to observations: every keyword that changes a value or a time tag, and what is refused."""
 
-import logging
-
 import numpy as np
 import pytest
 from tdm_messages import DELAY, RANGES, THREE_WAY, TWO_WAY, kvn
 
 from radioloc.constants import C_M_S
 from radioloc.earth.stations import StationCatalogue
-from radioloc.errors import DataQualityWarning, FileFormatError, InputError
+from radioloc.errors import FileFormatError, InputError
 from radioloc.io.tdm import TdmAgreement, tdm_observations
 from radioloc.io.tdm.kvn import parse_kvn
 from radioloc.lunar.position import LunarPosition
@@ -445,25 +443,6 @@ def test_weather_of_the_station():
 
 
 # What is accounted for, and what is refused
-
-
-def test_what_is_passed_over_is_counted(caplog):
-    more = [
-        "ANGLE_1 = 2021-03-28T14:00:00 1.0",
-        "ANGLE_1 = 2021-03-28T14:00:01 1.0",
-        "PC_N0 = 2021-03-28T14:00:00 30.0",
-    ]
-    media = ({"TIME_SYSTEM": "UTC", "PARTICIPANT_1": "KASHI"}, ["TROPO_DRY = 2021-03-28T14:00:00 2.1"])
-    with caplog.at_level(logging.INFO):
-        got = readout((TWO_WAY, [*RANGES, *more]), media)
-    assert got.ignored == {"ANGLE_1": 2, "PC_N0": 1, "TROPO_DRY": 1}
-    assert "passed over: 2 ANGLE_1, 1 PC_N0, 1 TROPO_DRY" in caplog.text
-
-
-@pytest.mark.filterwarnings("error")
-def test_degraded_data_warn():
-    with pytest.warns(DataQualityWarning, match="a.kvn, line 10: DATA_QUALITY is DEGRADED"):
-        read((TWO_WAY | {"DATA_QUALITY": "DEGRADED"}, RANGES))
 
 
 RECEIVED = ["RECEIVE_FREQ_1 = 2021-03-28T14:00:00 8.4e9", "TRANSMIT_FREQ_1 = 2021-03-28T14:00:00 7.2e9"]

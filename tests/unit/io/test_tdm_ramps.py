@@ -8,7 +8,7 @@ from radioloc.constants import C_M_S
 from radioloc.errors import InputError
 from radioloc.io import TdmAgreement, read_tdm, write_tdm
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements import ExactPredictor, Link, PhysicalModel, Ramps
+from radioloc.measurements import ExactPredictor, Link, Ramps
 from radioloc.measurements.observations import DOPPLER, RANGE, Observations
 from radioloc.measurements.registry import KINDS
 from radioloc.time import epochs_from_strings
@@ -44,11 +44,6 @@ def counts(**changes):
         "ramps": ramps(),
     }
     return Observations.from_columns(**columns | changes)
-
-
-@pytest.fixture(scope="module")
-def model():
-    return PhysicalModel.build()
 
 
 def computed(model, observations):

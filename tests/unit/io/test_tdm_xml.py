@@ -53,16 +53,6 @@ def test_other_ways_of_writing_the_same(old, new):
     assert_same(parse_xml("a.xml", text.replace(old, new, 1)), parse_kvn("a.kvn", kvn(*SEGMENTS)))
 
 
-def test_comments_are_kept():
-    text = xml((TWO_WAY, RANGES)).replace("<data>", "<data><COMMENT>a &lt; b</COMMENT>")
-    text = text.replace("<header>", "<header><COMMENT>h</COMMENT>").replace(
-        "<metadata>", "<metadata><COMMENT>m</COMMENT>"
-    )
-    read = parse_xml("a.xml", text)
-    (segment,) = read.segments
-    assert (read.header.comments, segment.comments, segment.data_comments) == (("h",), ("m",), ("a < b",))
-
-
 @pytest.mark.parametrize(
     ("old", "new", "problem"),
     [

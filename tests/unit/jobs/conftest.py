@@ -1,12 +1,9 @@
 """The published laser ranges of the examples, and what a study of them is made of."""
 
-from pathlib import Path
-
 import pytest
+from paths import EXAMPLES
 
 import radioloc
-
-EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 
 
 @pytest.fixture(scope="session")

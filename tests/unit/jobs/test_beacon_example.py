@@ -1,21 +1,19 @@
 """The example of amateurs' Doppler: its files are what its script makes; it tells tens of kilometres, and no height."""
 
-from __future__ import annotations
-
 import runpy
 import shutil
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from paths import EXAMPLES
 
 import radioloc
 from radioloc.constants import C_M_S
 from radioloc.results.solution import FitStatus
 
-EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "beacon"
+EXAMPLE = EXAMPLES / "beacon"
 # Three decimals in the files.
 ROUNDED_HZ = 2e-3
 # Revised Earth orientation would turn the stations by some centimetres.

@@ -1,17 +1,17 @@
 """The example of the Chang'e-5 lander does what its page says: the paper's conclusions hold for its simulated data."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from paths import EXAMPLES
 
 import radioloc
 from radioloc.imaging import read_image_study
 from radioloc.jobs import compare
 from radioloc.report.files import write_json
 
-EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "change5" / "change5.toml"
+EXAMPLE = EXAMPLES / "change5" / "change5.toml"
 
 LROC = {"LROC NAC image map": (-13.3, 21.2), "LROC NAC image": (-2.2, -24.3)}
 """Wang et al. (2021), table 1: west and north of the Chang'e-2 map, m, to 0.1 m."""

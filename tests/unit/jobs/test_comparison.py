@@ -2,10 +2,10 @@
 
 import csv
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
+from paths import EXAMPLES
 from recorded import recorded
 
 from radioloc.cli import main
@@ -67,9 +67,6 @@ def test_differences_are_those_of_the_paper(table, tmp_path):
     assert len(content["agreements"]) == 15
     assert content["joint"]["dof"] == 15
     assert content["consistent"]
-
-
-EXAMPLES = Path(__file__).parents[3] / "examples"
 
 
 def test_stated_positions_are_the_tables_of_both_papers():

@@ -1,7 +1,5 @@
 """Delays of a lander and of quasars: together they tell the stations' clocks, differenced they need none."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

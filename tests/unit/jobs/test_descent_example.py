@@ -1,13 +1,12 @@
 """The example of a landing: its tracking is that of its study, which finds the place that was put in."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from paths import EXAMPLES
 
 import radioloc
 
-STUDY = Path(__file__).resolve().parents[3] / "examples" / "descent" / "descent.toml"
+STUDY = EXAMPLES / "descent" / "descent.toml"
 
 # Revised Earth orientation would move the stations by some centimetres.
 REVISED_M = 0.1

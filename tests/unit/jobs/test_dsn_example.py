@@ -1,19 +1,16 @@
 """Example of a lander tracked by the Deep Space Network: its file is what the script makes, its study finds it."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import dsn_pass
 import numpy as np
 import pytest
 from odf_files import taken_apart
+from paths import EXAMPLES
 
 import radioloc
 from radioloc.jobs.locate import fit_arc
 from radioloc.jobs.preparation import prepared_arc
 
-EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "dsn"
+EXAMPLE = EXAMPLES / "dsn"
 
 REVISED_HZ = 1e-3
 """Revised Earth orientation would move the stations by some centimetres a day."""

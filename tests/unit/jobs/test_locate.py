@@ -1,10 +1,10 @@
 """Whole fits of published laser ranges: where the reflectors are, whatever the fit starts from."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from paths import EXAMPLES
 from quick import some
 
 import radioloc
@@ -24,7 +24,6 @@ JPL_PA_M = {
 # What does not fit is looked for in test_consistency.py.
 pytestmark = pytest.mark.usefixtures("unsearched")
 
-EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 SAME_M = 1e-4
 """Ways of saying the same thing differ by rounding and by where the iteration stops: 1e-3 sigmas of 0.07 m."""
 START_M = 1e-3

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from change5_case import BIAS_M, LANDER, NEAR, PLAN, RANGING, START, VLBI, sessions
+from paths import EXAMPLES
 from quick import some
 
 import radioloc
@@ -467,7 +468,7 @@ def test_workers_have_enough_trials(trials, workers, monkeypatch):
 @pytest.mark.slow
 def test_trials_of_the_example_all_converge(tmp_path):
     """As a user runs it; the noise of dense series once ended some trials in an eigen-solver that gave up."""
-    simulation = Path(__file__).parents[3] / "examples" / "change5" / "simulation.toml"
+    simulation = EXAMPLES / "change5" / "simulation.toml"
     out = tmp_path / "out"
     assert main(["montecarlo", str(simulation), "--trials", "60", "--quiet", "--out", str(out)]) == 0
     assert len((out / "trials.csv").read_text().splitlines()) == 1 + 60 * 3

@@ -1,7 +1,5 @@
 """Simulated tracking of an orbiter: a truth that differs from the fit's a-priori orbit is found again."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Orbits from Doppler: a made one is found again, a real one fits as its data are."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

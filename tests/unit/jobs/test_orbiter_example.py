@@ -1,17 +1,15 @@
 """The example with a low lunar orbiter: its files are what its script makes, its study finds what was put in."""
 
-from __future__ import annotations
-
 import runpy
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from paths import EXAMPLES
 
 import radioloc
 
-EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "orbiter"
+EXAMPLE = EXAMPLES / "orbiter"
 
 # Sines of one machine and another.
 ROUNDED_KM = 1e-9

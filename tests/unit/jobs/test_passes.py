@@ -1,10 +1,10 @@
 """Passes of a study's target: against elevations, with the limits that the study says."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from paths import EXAMPLES
 
 import radioloc
 from radioloc.errors import InputError, StationError
@@ -13,7 +13,6 @@ from radioloc.jobs.preparation import model_of
 from radioloc.simulation import elevations
 from radioloc.time import epochs_from_strings, utc_to_tt
 
-EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 PLAN = EXAMPLES / "change5" / "simulation.toml"
 SECOND_DEG = 15.1 / 3600.0
 """No elevation changes by more in a second."""

@@ -1,7 +1,5 @@
 """Orbits with stochastic accelerations, located from Doppler before and behind the epoch."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,15 +1,14 @@
 """The examples of short arcs do what their page says, data made anew included."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from ldem import write_ldem_4
+from paths import EXAMPLES
 
 import radioloc
 from radioloc import cli
 
-FOLDER = Path(__file__).resolve().parents[3] / "examples" / "change5"
+FOLDER = EXAMPLES / "change5"
 LIKELY_SIGMAS = 5.1  # 1e-5 of chance in three coordinates
 
 

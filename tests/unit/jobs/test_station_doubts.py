@@ -1,14 +1,14 @@
 """Stations whose coordinates are exchanged or have another sign are named, whatever the fit makes of them."""
 
 import csv
-from pathlib import Path
 
 import pytest
+from paths import EXAMPLES
 
 import radioloc
 from radioloc.earth import StationCatalogue
 
-SHORT_ARC = Path(__file__).resolve().parents[3] / "examples" / "change5" / "short_arc.csv"
+SHORT_ARC = EXAMPLES / "change5" / "short_arc.csv"
 STUDY = """
 [target]
 longitude_deg = -51.88

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from paths import EXAMPLES
 
 import radioloc
 from radioloc.errors import InputError
 
-EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 JOBS = ("locate", "residuals", "arcs", "covariance", "simulate", "monte_carlo")
 
 

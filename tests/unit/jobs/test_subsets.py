@@ -1,10 +1,10 @@
 """Positions without a station or a link, against fits of what is left."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from paths import EXAMPLES
 
 import radioloc
 from radioloc.errors import InputError
@@ -14,7 +14,6 @@ from radioloc.jobs.arcs import _groups
 from radioloc.jobs.preparation import prepared_arc
 from radioloc.results.subsets import Without
 
-EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 SAME_M = 1e-3
 """Fits end where steps are below a millionth of a sigma; the model's Chebyshev nodes differ."""
 

@@ -1,7 +1,5 @@
 """Studies on Tracking Data Messages: what they leave to be agreed is said in the study file."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from arc_cases import epochs_tai

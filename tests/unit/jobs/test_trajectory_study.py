@@ -1,7 +1,5 @@
 """Studies of a spacecraft: residuals and nuisance parameters along a known trajectory."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,9 +1,9 @@
 """Kernels that a user adds: found by name, verified, refused where they are no longer what they were."""
 
 import json
-from pathlib import Path
 
 import pytest
+from paths import EXAMPLES
 
 from radioloc.cli import main
 from radioloc.ephemeris import Ephemeris
@@ -11,7 +11,7 @@ from radioloc.errors import KernelError
 from radioloc.kernels import add_kernel, added, find_kernel, registered
 from radioloc.kernels.files import open_kernel
 
-ORBITER = Path(__file__).parents[3] / "examples" / "orbiter" / "orbiter.bsp"
+ORBITER = EXAMPLES / "orbiter" / "orbiter.bsp"
 
 
 @pytest.fixture

@@ -1,17 +1,15 @@
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import importlib.util
-from pathlib import Path
 
 import pytest
+from paths import ROOT
 
 import radioloc.kernels.files as registry
 from radioloc.errors import KernelError
 from radioloc.kernels import find_kernel, registered, sha256_of
 
-PROJECT = Path(__file__).parents[3]
+PROJECT = ROOT
 
 
 def test_files_that_ship_are_what_the_registry_says():

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -9,8 +7,6 @@ from radioloc.errors import InputError
 from radioloc.lunar import cartesian_to_selenographic, rot_icrf_to_iau_moon, rot_icrf_to_pa, rot_pa_to_me
 from radioloc.lunar.frames import rot_icrf_to_pa_rate
 from radioloc.time import Epochs
-
-ORTHOGONAL = 1e-15 * 5  # a few roundings of the product of three matrices
 
 
 def rotation_angles_rad(rot):

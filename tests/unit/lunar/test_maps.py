@@ -1,7 +1,5 @@
 """Maps as images of the ground: pixels, degrees and metres in each projection, views in a plane, what is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import rasterio

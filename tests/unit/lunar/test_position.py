@@ -9,7 +9,7 @@ from astropy.utils import iers
 
 from radioloc.ephemeris import Ephemeris
 from radioloc.errors import InputError
-from radioloc.lunar.position import LunarPosition, rot_between
+from radioloc.lunar.position import LunarPosition
 from radioloc.measurements import PhysicalModel
 from radioloc.simulation import elevations
 from radioloc.time import Epochs, utc_to_tt
@@ -117,26 +117,6 @@ def test_frames_of_other_ephemerides_are_those_published():
 def test_frames_to_which_nothing_leads_are_refused(frame, message):
     with pytest.raises(InputError, match=message):
         LunarPosition.from_cartesian(PA_M, "PA_DE421").to_frame(frame)
-
-
-@pytest.mark.parametrize("frame", ["PA_DE421", "ME_DE421", "PA_DE440"])
-def test_many_points_are_turned_as_one_is(frame):
-    place = np.random.default_rng(1).standard_normal((100_000, 3))
-    points_m = 1737400.0 * place / np.linalg.norm(place, axis=1)[:, None]
-    for other in ("PA_DE421", "ME_DE421", "PA_DE440"):
-        turned_m = points_m @ rot_between(frame, other).T
-        for row in (0, 99_999):
-            one = LunarPosition(frame, points_m[row]).to_frame(other)
-            assert one.frame == other
-            assert turned_m[row] == pytest.approx(one.xyz_m, abs=ROUNDING_M)
-    assert rot_between(frame, frame) == pytest.approx(np.eye(3), abs=1e-15)
-
-
-def test_a_rotation_to_axes_that_are_not_known_is_refused():
-    with pytest.raises(InputError, match="use one of PA_DE421, ME_DE421"):
-        rot_between("PA_DE421", "IAU_MOON")
-    with pytest.raises(InputError, match="no angles lead from PA_DE421 to ME_DE430"):
-        rot_between("PA_DE421", "ME_DE430")
 
 
 def test_a_representation_of_astropy_there_and_back():

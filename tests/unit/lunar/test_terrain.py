@@ -1,7 +1,5 @@
 """Heights, slopes and roughness of an analytic surface, in the projections that lunar maps come in."""
 
-from __future__ import annotations
-
 import tracemalloc
 
 import numpy as np

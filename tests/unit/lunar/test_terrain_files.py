@@ -1,7 +1,5 @@
 """Elevation maps as files: formats, labels, units, reference spheres, and the maps that are refused."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

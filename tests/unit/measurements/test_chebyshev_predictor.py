@@ -1,7 +1,5 @@
 """Interpolated arcs agree with the exact ones, within what they promise, whatever the series look like."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from arc_cases import (

@@ -1,7 +1,5 @@
 """Combinations are sums of what they combine, whatever stands beside them in a table and in whatever order."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

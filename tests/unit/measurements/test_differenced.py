@@ -1,7 +1,5 @@
 """VLBI delay, its rate and Doppler: what they are made of."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from arc_cases import APOLLO15_PA_M, epochs_tai, observations, with_predictions_after_2_december

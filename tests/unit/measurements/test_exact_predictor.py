@@ -1,7 +1,5 @@
 """The whole chain: sizes of terms, time tags, links, partials, and why an observation is not computed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from arc_cases import APOLLO15_PA_M, LASER, epochs_tai, observations

@@ -1,7 +1,5 @@
 """Gravitational delay against the formula in 40 digits and against its well-known sizes."""
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The light-time solution and its partials against 40 digits."""
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest

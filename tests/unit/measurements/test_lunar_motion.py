@@ -1,7 +1,5 @@
 """A point on the Moon seen from the barycentre."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from arc_cases import APOLLO15_PA_M

@@ -3,8 +3,6 @@
 The lander's clock is compared with proper time in the geocentric frame in ``test_geocentric_formulation``.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from arc_cases import APOLLO15_PA_M, epochs_tai, observations

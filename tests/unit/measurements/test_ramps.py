@@ -1,7 +1,5 @@
 """Ramps: frequency and cycles of a station, and what they do to Doppler and ranges."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

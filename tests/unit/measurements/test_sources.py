@@ -1,7 +1,5 @@
 """Lists of radio sources, and their place in the model."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from arc_cases import observations

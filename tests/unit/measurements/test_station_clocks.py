@@ -1,7 +1,5 @@
 """Clocks of stations that nothing steers: their rate by height, and what it does to measurements of two clocks."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

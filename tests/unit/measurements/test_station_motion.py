@@ -1,7 +1,5 @@
 """Stations seen from the barycentre: motion, displacements, relativity of lengths and of clocks."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

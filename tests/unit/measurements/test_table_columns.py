@@ -1,7 +1,5 @@
 """Tables in memory give the observations that a file of the same columns gives, or are refused by column and row."""
 
-from pathlib import Path
-
 import astropy.units as u
 import numpy as np
 import pandas
@@ -10,6 +8,7 @@ import pyarrow
 import pytest
 from astropy.table import MaskedColumn, QTable, Table
 from astropy.time import Time
+from paths import EXAMPLES
 
 import radioloc
 from radioloc import Observations
@@ -20,7 +19,7 @@ from radioloc.measurements import Link
 from radioloc.measurements.table_columns import UNITS
 from radioloc.time import Epochs, epochs_from_strings
 
-RANGES = Path(__file__).resolve().parents[3] / "examples" / "apollo15" / "apollo15_apollo_2006-2007.csv"
+RANGES = EXAMPLES / "apollo15" / "apollo15_apollo_2006-2007.csv"
 DATES = ["2024-05-02T06:00:00.25", "2024-05-02T06:10:00.5"]
 PATH = "KASHI>lander>KASHI"
 COLUMNS = {

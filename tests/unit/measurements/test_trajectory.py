@@ -1,7 +1,5 @@
 """A spacecraft as the target: the same code as for a lander, and what is different about it."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -71,12 +71,6 @@ def test_gradients_of_sites_are_left_aside(tmp_path: Path) -> None:
     assert series.at(epochs_from_strings(["2019-01-13T03:00:00"])).zenith_hydrostatic_m == 2.2275
 
 
-@pytest.mark.parametrize("date", ["2023-12-31T23:59:00", "2024-01-01T12:00:01"])
-def test_epochs_outside_a_site_s_file(sites: Path, date: str) -> None:
-    with pytest.raises(CoverageError, match=r"GRAZ covers 2024-01-01 00.0 h UTC to 2024-01-01 12.0 h UTC"):
-        read_vmf3_sites([sites])["GRAZ"].at(epochs_from_strings([date]))
-
-
 @pytest.mark.parametrize(
     ("old", "new", "line", "what"),
     [

@@ -1,7 +1,5 @@
 """The offset of an antenna's axes: its geometry for each mount, and its derivatives."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

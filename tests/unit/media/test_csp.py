@@ -1,7 +1,5 @@
 """Media calibrations of the Deep Space Network: the cards, and what they do to radio paths."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

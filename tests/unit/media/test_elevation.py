@@ -1,7 +1,5 @@
 """Elevation by hand, and its derivatives."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from legs import end, state

@@ -108,7 +108,7 @@ def test_delay_by_one_tecu_is_that_of_a_uniform_content():
     assert expected.status.tolist() == [0, 0, 0, 0, Status.NO_FREQUENCY]
 
 
-def predicted(kind, tec, wavelength_um=C_M_S / X_DOWN_HZ * 1e6, uplink_hz=np.nan):
+def predicted(kind, tec):
     """Ranges (0) or delays (1)."""
     observations = Observations.from_columns(
         epoch=tai_to_utc(epochs_tai(3, 2.0, 2459185.5, 0.75)),
@@ -117,8 +117,7 @@ def predicted(kind, tec, wavelength_um=C_M_S / X_DOWN_HZ * 1e6, uplink_hz=np.nan
         tag=1,
         value_m=1.0,
         sigma_m=1.0,
-        wavelength_um=wavelength_um,
-        uplink_hz=uplink_hz,
+        wavelength_um=C_M_S / X_DOWN_HZ * 1e6,
     )
     model = PhysicalModel.build(ionosphere=None if tec is None else UniformTec(tec))
     return ExactPredictor(model, observations, APOLLO15_PA_M).compute(APOLLO15_PA_M)
@@ -132,7 +131,3 @@ def test_paths_have_the_delays_of_their_legs_at_the_downlink_if_no_uplink_is_rec
     expected_m = slant_m[:, 1] + sign * slant_m[:, 0]
     assert with_it.value_m - without.value_m == pytest.approx(expected_m, abs=1e-5)
     assert np.abs(expected_m).max() > 1e-4
-
-
-def test_a_missing_frequency_is_named():
-    assert predicted(0, 20.0, np.nan, 7.2e9).status.tolist() == [[Status.OK, Status.NO_FREQUENCY]] * 3

@@ -1,7 +1,5 @@
 """What the media on one leg do together, by differences, and what is told where something is in the way."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

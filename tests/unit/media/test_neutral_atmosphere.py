@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from radioloc.media.neutral_atmosphere import (
-    mapping_function,
     optical_delay,
     standard_weather,
     water_vapour_pressure_hpa,
@@ -20,14 +19,6 @@ APACHE_POINT = np.deg2rad(32.78), 2788.0
 
 def delay_at(elevation):
     return optical_delay(elevation, PRESSURE_HPA, TEMPERATURE_K, HUMIDITY, 0.532, *APACHE_POINT)
-
-
-def test_light_has_the_zenith_delay_times_the_mapping_function() -> None:
-    elevation = np.deg2rad([15.0, 45.0, 90.0])
-    vapour_hpa = water_vapour_pressure_hpa(TEMPERATURE_K, HUMIDITY, PRESSURE_HPA)
-    zenith_m = sum(zenith_delay_m(PRESSURE_HPA, vapour_hpa, 0.532, *APACHE_POINT))
-    mapping, _ = mapping_function(elevation, TEMPERATURE_K, *APACHE_POINT)
-    np.testing.assert_allclose(delay_at(elevation)[0], zenith_m * mapping, rtol=1e-15)
 
 
 @pytest.mark.parametrize("elevation_deg", [3.0001, 10.0, 45.0, 89.0])

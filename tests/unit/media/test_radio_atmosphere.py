@@ -1,7 +1,5 @@
 """Air above stations by files of VMF3 and GPT3: which source takes precedence, and missing ones."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -24,13 +24,6 @@ def test_the_first_end_that_is_wrong_is_told():
     ]
 
 
-def test_every_status_but_ok_has_a_sentence_of_its_own():
-    texts = [status.text(-1.0, "KASHI") for status in Status]
-    assert texts[0] == ""
-    assert all(texts[1:])
-    assert len(set(texts)) == len(Status)
-
-
 def test_the_first_status_that_is_not_ok_stays():
     one, other = codes(0, 0, Status.TOO_LOW, Status.TOO_LOW), codes(0, 5, 0, 5)
     assert first_of(one, other).tolist() == [0, 5, Status.TOO_LOW, Status.TOO_LOW]

@@ -1,7 +1,5 @@
 """The troposphere at one end of a path, and why there is none where there is none."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -12,7 +10,6 @@ from legs import end, leg
 from radioloc.earth.geodesy import geodetic_from_itrf
 from radioloc.errors import InputError
 from radioloc.media.neutral_atmosphere import (
-    optical_delay,
     standard_weather,
     water_vapour_pressure_hpa,
     zenith_hydrostatic_delay_m,
@@ -27,16 +24,6 @@ KASHI = geodetic_from_itrf(end(1).stations[0].itrf_m)
 def delay(elevation_deg, **changes):
     of_light = leg(elevation_deg, radio=False, **LASER | changes)
     return Troposphere().delay(of_light, Troposphere().prepare(of_light.end))
-
-
-def test_delay_is_that_of_the_optical_model():
-    found = delay([10.0, 45.0, 90.0])
-    delay_m, rate_m_rad = optical_delay(
-        leg([10.0, 45.0, 90.0]).elevation.angle_rad, 780.0, 280.0, 0.3, 0.532, 0.76, 1323.0
-    )
-    assert found.delay_m.tolist() == delay_m.tolist()
-    assert found.by_elevation_m_rad.tolist() == rate_m_rad.tolist()
-    assert found.status.tolist() == [Status.OK] * 3
 
 
 @pytest.mark.parametrize(

@@ -4,17 +4,16 @@ import csv
 import json
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 from html_page import Page
 from matplotlib.figure import Figure
+from paths import EXAMPLES
 from toy_moon import LANDER_M, ToyMoon, toy_solution
 
 import radioloc
 from radioloc.errors import InputError
-from radioloc.estimation import FitStatus
 from radioloc.estimation.consider import ErrorSource
 from radioloc.imaging import locate_images, read_image_study
 from radioloc.imaging.solution import ErrorSource as ImageErrorSource
@@ -25,8 +24,6 @@ from radioloc.results.covariance import CovarianceStudy, Gain, PlannedArc, Share
 from radioloc.results.monte_carlo import MonteCarlo, Proof
 from radioloc.results.registry import RESULTS, result_type
 from radioloc.results.subsets import Arc, ArcStudy, LeaveOneOut, Without
-
-EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 
 
 @cache
@@ -169,13 +166,3 @@ def test_a_figure_is_drawn_by_its_name_in_axes_given():
     held = replace(solution(), position_partials=np.zeros_like(solution().position_partials))
     with pytest.raises(InputError, match="held or not determined"):
         radioloc.report.plot(held, "budget")
-
-
-def test_what_failed_is_told_by_name():
-    failed = replace(solution(), status=FitStatus.MISFIT, message="too large")
-    study = ArcStudy("toy", (Arc(72.0, 72.0, solution()), Arc(24.0, 24.0, failed)))
-    assert [*study.failures()] == [*failed.failures()]
-    [(name, status)] = failed.failures()
-    assert name == "toy"
-    assert "too large" in status
-    assert replace(without(), solution=failed).is_usable is False

@@ -18,7 +18,7 @@ from radioloc.report import (
     plot_residuals,
     save_figure,
 )
-from radioloc.report.figures import length_unit, new_figure
+from radioloc.report.figures import new_figure
 from radioloc.results.build import compare_with
 
 
@@ -109,11 +109,6 @@ def test_matplotlib_is_imported_only_when_used_and_pyplot_never():
         "sys.exit('matplotlib.pyplot' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-def test_lengths_have_the_factor_of_their_unit():
-    for size_m, factor, unit in ((9e-4, 1e3, "mm"), (0.02, 1e2, "cm"), (999.0, 1.0, "m"), (5e4, 1e-3, "km")):
-        assert length_unit(size_m) == (factor, unit)
 
 
 def test_all_references_are_drawn_about_the_first(solution):

@@ -1,16 +1,16 @@
 """What the map shows stands where it is: ellipses, references, degrees, the ground."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
+from paths import EXAMPLES
 from recorded import recorded, reference
 
 from radioloc.errors import InputError
 from radioloc.report import plot_map
 
-EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "images"
+EXAMPLE = EXAMPLES / "images"
 PLACE = (-51.9162, 43.0584)
 PER_DEG_M = math.radians(1737400.0)
 

@@ -2,10 +2,10 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from paths import EXAMPLES
 
 import radioloc
 from radioloc.cli import main
@@ -15,7 +15,7 @@ from radioloc.io import write_sinex
 from radioloc.report.estimate_figures import plot_correlations
 from radioloc.results.solution import TargetPosition
 
-APOLLO = Path(__file__).resolve().parents[3] / "examples" / "apollo15" / "apollo15.toml"
+APOLLO = EXAMPLES / "apollo15" / "apollo15.toml"
 
 
 @pytest.fixture(scope="module")

@@ -160,16 +160,6 @@ def test_one_way_links_and_several_targets_are_told_apart(rows):
     assert short_names(links) == ["A", "A from B", "A one-way", f"A{DASH}B"]
 
 
-def test_residuals_far_from_zero_fill_their_panel(rows):
-    alone = rows.select((rows.path == PATHS["range"][0]) & (rows.type == "range"))
-    figure = plot_links(replace(alone, residual_m=alone.residual_m + 500.0))
-    [axes] = figure.axes
-    low, high = axes.get_ylim()
-    assert 499.5 < low < high < 501.0
-    [line] = dots(axes).values()
-    assert low < line.get_ydata().min() < line.get_ydata().max() < high
-
-
 def test_what_is_left_out_beyond_a_panel_is_at_its_edge_wherever_its_middle_is(rows):
     alone = rows.select((rows.path == PATHS["range"][0]) & (rows.type == "range"))
     residual_m, status = alone.residual_m + 500.0, np.full(len(alone), "used", dtype="U40")

@@ -1,6 +1,6 @@
 """Cards as text: tables that fit, numbers that are never cut."""
 
-from radioloc.results.cards import Card, Field, duration, text_table
+from radioloc.results.cards import Card, Field, text_table
 
 ROWS = (("KASHI", "1.0", "0 +- 10"), ("a name that is much too long for its column", "-22222.0", "free"))
 
@@ -27,8 +27,3 @@ def test_markup_is_text():
     assert "[red]a" in str(card)
     assert "[/red]" in str(card)
     assert "\x1b" not in str(card)
-
-
-def test_durations_are_in_units_of_their_size():
-    texts = {600.0: "10.0 min", 3500.0: "1.0 h", 71.0 * 3600.0: "71.0 h", 73.0 * 3600.0: "3.0 days"}
-    assert [duration(seconds) for seconds in texts] == [*texts.values()]

@@ -9,10 +9,9 @@ from toy_moon import LANDER_M, ToyMoon, toy_solution
 from radioloc.errors import InputError
 from radioloc.estimation import Parameter, ParameterSet, fit_with_editing
 from radioloc.estimation.gauss_markov import TimeCorrelation
-from radioloc.estimation.series import seconds_since_midnight
 from radioloc.estimation.time_correlation import scaled_covariance
 from radioloc.parameters.parameter import Role
-from radioloc.results.cards import metres, to_sigma
+from radioloc.results.cards import metres
 from radioloc.time import Epochs
 
 # A rotation of the size of the one from principal to mean-Earth axes, about an arbitrary axis.
@@ -259,33 +258,6 @@ def test_columns_of_another_length_are_refused(given, words):
         toy_solution(ToyMoon(9, 72.0, biases=False), **given)
 
 
-def test_metres_have_three_digits():
-    texts = {0.0: "0", 1.23456: "1.23", 0.00012: "0.0001", -1e-7: "0.0000", 12345.6: "12346"}
-    assert [metres(value_m) for value_m in texts] == [*texts.values()]
-    assert metres(None) == metres(float("inf")) == "undetermined"
-
-
-@pytest.mark.parametrize(
-    ("value", "sigma", "text"),
-    [
-        (2.73315, 7.14, "2.73"),
-        (1672.29, 566.0, "1672"),
-        (1672.29, 2380.0, "1672"),
-        (-0.0001, 0.5, "0.000"),
-        (2.001, 6.57, "2.00"),
-        (3e-9, 4e-7, "3e-09"),
-        (12345.6789, 0.00123, "12345.67890"),
-        (-1.23456789e-7, 1e-12, "-1.2345679e-07"),
-        (-3.1e-17, 1e-8, "0"),
-        (0.0, 1.0, "0"),
-        (12.5, np.inf, "12.5"),
-        (12.5, 0.0, "12.5"),
-    ],
-)
-def test_values_have_the_digits_that_their_sigmas_ask_for(value, sigma, text):
-    assert to_sigma(value, sigma) == text
-
-
 def test_the_factor_of_time_correlation_is_of_the_sigma_without():
     plain = toy_solution(ToyMoon(200, 24.0, biases=False))
     added = 3.0 * plain.covariance
@@ -294,8 +266,3 @@ def test_the_factor_of_time_correlation_is_of_the_sigma_without():
     assert plain.correlation_factor == 1.0
     assert correlated.correlation_factor == pytest.approx(2.0, rel=1e-9)
     np.testing.assert_allclose(correlated.sigma_enu_m("scaled"), 2.0 * plain.sigma_enu_m("scaled"), rtol=1e-9)
-
-
-def test_seconds_since_midnight_go_on_over_days():
-    epoch = Epochs.from_jd(2459185.5 + np.array([1.0, 0.0, 1.0]), np.array([0.25, 0.5, 0.0]), "UTC")
-    assert seconds_since_midnight(epoch).tolist() == [108000.0, 43200.0, 86400.0]

@@ -1,7 +1,5 @@
 """Completed study files: what was found is stated, comments survive, and the command writes them."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from dataclasses import replace

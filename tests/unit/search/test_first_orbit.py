@@ -1,7 +1,5 @@
 """First orbits from Doppler alone: made ones are found again, with and without their plane, and a real one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from operator import attrgetter
 

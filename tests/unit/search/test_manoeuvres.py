@@ -1,7 +1,5 @@
 """Manoeuvres that a study does not state: a doubt of the fit, found by the search, and then estimated."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

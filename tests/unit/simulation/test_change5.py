@@ -1,14 +1,14 @@
 """The simulated Chang'e-5 tracking that ships as an example is what its script makes."""
 
 import importlib.util
-from pathlib import Path
 
 import numpy as np
 import pytest
+from paths import EXAMPLES
 
 from radioloc.io.table import read_table
 
-EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "change5"
+EXAMPLE = EXAMPLES / "change5"
 
 
 def script():

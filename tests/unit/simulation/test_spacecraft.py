@@ -1,7 +1,5 @@
 """Simulated tracking of a spacecraft: when it is seen, and a world that its own model predicts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from arc_cases import APOLLO15_PA_M, epochs_tai

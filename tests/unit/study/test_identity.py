@@ -1,10 +1,10 @@
 """Names and numbers of a spacecraft in study, tracking and calibrations: the same, noted, or refused."""
 
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from paths import EXAMPLES
 
 import radioloc
 from radioloc.errors import InputError
@@ -14,7 +14,6 @@ from radioloc.study.identity import spacecraft_doubts
 from radioloc.study.study import ModelChoice, Study
 from radioloc.time import epochs_from_strings
 
-EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 PLACE = radioloc.LunarPosition.from_selenographic(3.5, 26.0, -1000.0)
 ION = (
     "ADJUST(DOPRNG) BY CONST(2.0) MODEL(CHPART) FROM(20/12/02,00:00) TO(20/12/02,24:00) DSN(C10) SCID({}).\n"

@@ -2,10 +2,10 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from paths import EXAMPLES
 from recorded import recorded
 
 import radioloc
@@ -24,7 +24,7 @@ from radioloc.simulation.truth import Truth, TruthSigma
 from radioloc.study import EstimateChoice, HeightPrior, PlaceOnMap
 from radioloc.study.map_positions import position_priors
 
-EXAMPLE = Path(__file__).parents[3] / "examples" / "change5"
+EXAMPLE = EXAMPLES / "change5"
 PLACE = (-51.9149, 43.0579, -2600.0)
 RELATIVE_M2 = np.array([[9.0, 4.0, 2.0], [4.0, 16.0, -6.0], [2.0, -6.0, 121.0]])
 TIE_M = (25.0, 30.0)

@@ -1,17 +1,17 @@
 """The [simulation] tables: what is read, what is refused, and that every key is on its page."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
+from paths import ROOT
 
 import radioloc
 import radioloc.cli
 from radioloc.errors import InputError
 from radioloc.simulation import Noise, baselines, one_way
 
-PAGE = Path(__file__).resolve().parents[3] / "docs" / "reference" / "simulation.md"
+PAGE = ROOT / "docs" / "reference" / "simulation.md"
 EXAMPLE = re.search(r"```toml\n# simulated.toml\n(.*?)```", PAGE.read_text(), re.DOTALL)[1]
 
 

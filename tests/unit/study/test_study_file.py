@@ -1,10 +1,10 @@
 """The study file: every key arrives where it belongs, every mistake is a sentence with file, table and key."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from paths import EXAMPLES
 
 import radioloc
 from radioloc import read_study
@@ -345,7 +345,7 @@ def test_stations(text, message, read):
 
 
 def test_examples_are_studies():
-    examples = sorted((Path(__file__).resolve().parents[3] / "examples").glob("*/*.toml"))
+    examples = sorted(EXAMPLES.glob("*/*.toml"))
     assert examples
     for example in examples:
         if "[positions." in example.read_text():

@@ -1,9 +1,8 @@
 """Sigmas changed by type, station and file."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from paths import EXAMPLES
 
 import radioloc
 from radioloc import Observations
@@ -13,7 +12,6 @@ from radioloc.measurements import Link
 from radioloc.study.weights import Weight, require_stations, weighted_observations
 from radioloc.time import Epochs
 
-ROOT = Path(__file__).resolve().parents[3]
 CATALOGUE = StationCatalogue.default()
 # Sums of squares, and products.
 ROUNDING = 1e-15
@@ -97,7 +95,7 @@ def test_a_noise_of_a_station_without_observations_is_an_error():
 
 
 def test_from_the_study_file_to_the_provenance(tmp_path):
-    source = radioloc.read_study(ROOT / "examples" / "apollo15" / "apollo15.toml")
+    source = radioloc.read_study(EXAMPLES / "apollo15" / "apollo15.toml")
     [data, *_] = source.observations.files
     text = f"""
 [target]

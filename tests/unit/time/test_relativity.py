@@ -15,8 +15,6 @@ from radioloc.time import Epochs, geocentric_tdb_minus_tt, topocentric_tdb_minus
 SERIES_TRUNCATION_S = 1.2e-9
 # What is left out has no daily term above this.
 SERIES_DAILY_TRUNCATION_S = 4e-10
-# The last place of the fraction of a day is 1e-11 s, and each of the two conversions rounds once.
-ROUND_TRIP_S = 2e-11
 
 
 def tdb_minus_tt(epochs, ut1_fraction, longitude_rad, u_m, v_m):

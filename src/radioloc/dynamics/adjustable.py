@@ -9,8 +9,8 @@ import numpy as np
 
 from radioloc.dynamics.elements import equatorial_axes
 from radioloc.dynamics.forces import Forces
-from radioloc.dynamics.orbit import LOWEST_M, STATE, Orbit, integrated_over, since_j2000_s
-from radioloc.dynamics.propagation import propagate, refuse_ground
+from radioloc.dynamics.orbit import LOWEST_M, STATE, Orbit, initial_state, integrated_over, since_j2000_s
+from radioloc.dynamics.propagation import Motion, integrate_motion, refuse_ground
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.time import Epochs
@@ -151,20 +151,10 @@ class AdjustableOrbit:
 
     def integrate(self, parameters: tuple[str, ...] | None = None) -> Orbit:
         """Integrate the orbit of these values anew, with partials by some parameters of the forces or with none."""
-        return propagate(
-            self.epoch,
-            self.state[:3],
-            self.state[3:],
-            self.forces,
-            self.span_s,
-            parameters=parameters,
-            ephemeris=self.ephemeris,
-            libration=self.libration,
-            name=self.name,
-            touchdown=self.touchdown,
-            whole=False,
-            lowest_m=self.lowest_m,
-        )
+        state = initial_state(self.state[:3], self.state[3:], at_rest=self.touchdown is not None)
+        bodies = self.ephemeris, self.libration
+        motion = Motion(self.epoch, state, self.forces, *bodies, self.touchdown, self.name, self.lowest_m)
+        return integrate_motion(motion, self.span_s, parameters)
 
     def states(self, tdb: Epochs) -> tuple[Floats, Floats]:
         """Return position and velocity as :meth:`~radioloc.dynamics.orbit.Orbit.states` does."""

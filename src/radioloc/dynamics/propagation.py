@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NoReturn
 
 import numpy as np
@@ -30,6 +31,7 @@ from radioloc.time import Epochs, utc_strings
 from radioloc.vectors import Floats, rtn_axes
 
 _FIRST_STEP_S = 10.0
+_TOLERANCE_M = 1e-7  # Error of the position in one step
 _MOST_STEPS = 2_000_000
 _VELOCITY_PER_POSITION = 1e-3  # 1/s: about the mean motion of a low orbit
 
@@ -44,12 +46,8 @@ def propagate(
     *,
     parameters: Sequence[str] | None = None,
     ephemeris: Ephemeris | None = None,
-    libration: LunarOrientation | None = None,
-    tolerance_m: float = 1e-7,
-    name: str = "orbit",
+    tolerance_m: float = _TOLERANCE_M,
     touchdown: Epochs | None = None,
-    whole: bool = True,
-    lowest_m: float = LOWEST_M,
 ) -> Orbit:
     """Integrate the motion of a spacecraft about the Moon, forward and backward from an epoch.
 
@@ -66,19 +64,11 @@ def propagate(
         Forces' parameters (:meth:`Forces.parameters`) whose partials are integrated beside those by the state; an empty
         one for the state alone, None (the default) for no partials.
     ephemeris : Ephemeris, optional
-        Positions and masses of the bodies; DE421 by default.
-    libration : LunarOrientation, optional
-        That of the ephemeris by default.
+        Positions and masses of the bodies, and the ephemeris of the lunar orientation; DE421 by default.
     tolerance_m : float
         Error of the position in one step of the integration.
-    name : str
-        How messages call the orbit.
     touchdown : Epochs, optional
         From when on it rests on the Moon, where it then is, TDB, one; the epoch itself, or later.
-    whole : bool
-        Whether the span has all impulses; that of a part of an arc need not.
-    lowest_m : float
-        Distance from the Moon's centre below which the orbit is refused, m; that of the lowest terrain by default.
 
     Raises
     ------
@@ -103,17 +93,43 @@ def propagate(
     True
     """
     ephemeris = ephemeris or Ephemeris.open()
-    libration = libration or LunarOrientation.open(ephemeris.name)
+    state = initial_state(position_m, velocity_m_s, at_rest=touchdown is not None)
+    motion = Motion(epoch, state, forces, ephemeris, LunarOrientation.open(ephemeris.name), touchdown)
+    return integrate_motion(motion, span_s, parameters, tolerance_m, has_all_impulses=True)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """Motion of a spacecraft: its initial state, forces, and the ground or the touchdown that ends it."""
+
+    epoch: Epochs
+    state: Floats
+    forces: Forces
+    ephemeris: Ephemeris
+    libration: LunarOrientation
+    touchdown: Epochs | None = None
+    name: str = "orbit"  # in messages
+    lowest_m: float = LOWEST_M  # distance from the Moon's centre below which the orbit is refused
+
+
+def integrate_motion(
+    motion: Motion,
+    span_s: tuple[float, float],
+    parameters: Sequence[str] | None,
+    tolerance_m: float = _TOLERANCE_M,
+    *,
+    has_all_impulses: bool = False,
+) -> Orbit:
+    """Integrate a motion as :func:`propagate` does; a part of an arc need not have all impulses in its span."""
+    name, epoch, forces, touchdown = motion.name, motion.epoch, motion.forces, motion.touchdown
     require_one_epoch(name, epoch)
     if not tolerance_m > 0.0:
         raise InputError(f"tolerance_m = {tolerance_m!r} is not above 0")
-    state = initial_state(position_m, velocity_m_s, at_rest=touchdown is not None)
     start_s, stop_s = min(0.0, float(span_s[0])), max(0.0, float(span_s[1]))
-    if touchdown is None:
-        rest = None
-    else:
+    rest = None
+    if touchdown is not None:
         require_one_epoch(name, touchdown)
-        rest = Rest(float(touchdown.seconds_since(epoch)[0]), stop_s, libration)
+        rest = Rest(float(touchdown.seconds_since(epoch)[0]), stop_s, motion.libration)
         if rest.start_s < 0.0:
             raise InputError(
                 f"the touchdown of {name} is before the epoch of its state; exchange or correct them"
@@ -123,33 +139,25 @@ def propagate(
     if not (np.isfinite(start_s) and np.isfinite(stop_s)) or start_s == stop_s:
         raise InputError(f"span_s = {span_s!r} has no length; give first and last seconds from the epoch")
     names = () if parameters is None else (*STATE, *parameters)
-    for one in forces.impulses:
-        impulse_s = float(one.epoch.seconds_since(epoch)[0])
-        if impulse_s == 0.0 or (whole and not start_s < impulse_s < stop_s):
+    for impulse in forces.impulses:
+        impulse_s = float(impulse.epoch.seconds_since(epoch)[0])
+        if impulse_s == 0.0 or (has_all_impulses and not start_s < impulse_s < stop_s):
             raise InputError(
-                f"impulse {one.name} is at {utc_strings(one.epoch, 3)[0]} TDB, outside the span or at the epoch of "
-                f"{name}; leave it out, or propagate over a longer span"
+                f"impulse {impulse.name} is at {utc_strings(impulse.epoch, 3)[0]} TDB, outside the span or at the "
+                f"epoch of {name}; leave it out, or propagate over a longer span"
             )
-    data = force_data(forces, ephemeris, libration, epoch, (start_s, stop_s), state, names)
-    before, after = (
-        _legs(name, epoch, forces, names, data, state, end_s, tolerance_m, lowest_m)
-        for end_s in (start_s, stop_s)
+    data = force_data(
+        forces, motion.ephemeris, motion.libration, epoch, (start_s, stop_s), motion.state, names
     )
+    before, after = (_legs(motion, names, data, end_s, tolerance_m) for end_s in (start_s, stop_s))
     return Orbit(name, epoch, forces, names, (*before[::-1], *after), rest)
 
 
 def _legs(
-    name: str,
-    epoch: Epochs,
-    forces: Forces,
-    names: tuple[str, ...],
-    data: ForceData,
-    state: Floats,
-    end_s: float,
-    tolerance_m: float,
-    lowest_m: float,
+    motion: Motion, names: tuple[str, ...], data: ForceData, end_s: float, tolerance_m: float
 ) -> list[Leg]:
-    """From the epoch to one end, in the order in which they are integrated."""
+    """Integrate from the epoch to one end; legs are in the order of integration."""
+    epoch, forces = motion.epoch, motion.forces
     # The compiler takes a third of a second to import.
     from radioloc.dynamics._collocation_kernels import integrate
 
@@ -159,12 +167,12 @@ def _legs(
     spans_s = [(seconds(one.start, -np.inf), seconds(one.stop, np.inf)) for one in forces.accelerations]
     impulses_s = [seconds(one.epoch, 0.0) for one in forces.impulses]
     columns, method = parameter_columns(forces, names), _collocation()
-    tolerance = Tolerance(tolerance_m, tolerance_m * _VELOCITY_PER_POSITION, lowest_m, _MOST_STEPS)
+    tolerance = Tolerance(tolerance_m, tolerance_m * _VELOCITY_PER_POSITION, motion.lowest_m, _MOST_STEPS)
     sign = 1.0 if end_s > 0.0 else -1.0
     corners = {time for span in spans_s for time in span} | {*impulses_s, end_s}
     ends_s = sorted((t for t in corners if 0.0 < sign * t <= sign * end_s), key=abs)
     y = np.zeros((1 + len(names), 6))
-    y[0] = state
+    y[0] = motion.state
     y[1:7] = np.eye(6)[: len(y) - 1]
     legs, time_s, step_s = [], 0.0, _FIRST_STEP_S
     for leg_end_s in ends_s:
@@ -175,7 +183,7 @@ def _legs(
             time_s, leg_end_s, step_s, y.ravel(), columns, data._replace(given=given), method, tolerance
         )
         if status != DONE:
-            _refuse(name, status, epoch.shifted(float(states[-1, 0])))
+            _refuse(motion.name, status, epoch.shifted(float(states[-1, 0])))
         legs.append(Leg(states, dense))
         time_s, y = leg_end_s, states[-1, 1:].reshape(-1, 6).copy()
         for impulse, impulse_s in zip(forces.impulses, impulses_s, strict=True):

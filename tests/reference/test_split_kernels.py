@@ -131,7 +131,9 @@ def test_segments_of_several_ephemerides_need_constants(tmp_path):
 
 
 def test_a_body_in_another_type_of_segment_too_is_refused(tmp_path):
-    path = write_pieces(tmp_path / "pieces.bsp", open_kernel("DE421", "SPK"), 0.0, spiceypy.spkw02, [(0, 2000, 0.0)])
+    path = write_pieces(
+        tmp_path / "pieces.bsp", open_kernel("DE421", "SPK"), 0.0, spiceypy.spkw02, [(0, 2000, 0.0)]
+    )
     handle = spiceypy.spkopa(str(path))
     et_s = START_S + DAY_S * np.arange(10.0)
     spiceypy.spkw13(handle, 301, 3, "J2000", et_s[0], et_s[-1], "later", 3, 10, np.ones((10, 6)), et_s)

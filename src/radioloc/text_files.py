@@ -19,7 +19,7 @@ from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -191,7 +191,8 @@ def read_rows(path: str | Path, columns: Sequence[str], what: str) -> Iterator[t
 
 def require_file(path: str | Path) -> None:
     """Raise the error of reading where there is no file, or none that can be read; for what others then read."""
-    next(_raw_pieces(path, 1), b"")
+    with _opened(path) as stream:
+        stream.read(1)
 
 
 def head_of(path: str | Path, size: int) -> bytes:
@@ -204,21 +205,9 @@ def read_bytes(path: str | Path) -> bytes:
     return b"".join(_pieces(path, BLOCK_BYTES))
 
 
-def _pieces(path: str | Path, size: int) -> Iterator[bytes]:
-    """Content of a file, unpacked, without a byte order mark."""
-    pieces = _raw_pieces(path, size)
-    start = next(pieces, b"")
-    if start.startswith(_GZIP_MAGIC):
-        pieces.close()
-        pieces = _unpacked_pieces(path, size)
-        start = next(pieces, b"")
-    if start.startswith(_COMPRESS_MAGIC):
-        raise FileFormatError(path, "is compressed with Unix compress (.Z); uncompress it first")
-    yield start.removeprefix(codecs.BOM_UTF8)
-    yield from pieces
-
-
-def _raw_pieces(path: str | Path, size: int) -> Generator[bytes]:
+@contextmanager
+def _opened(path: str | Path) -> Iterator[BinaryIO]:
+    """Open a regular file; one that cannot be read is a FileFormatError."""
     try:
         mode = Path(path).stat().st_mode
         if stat.S_ISDIR(mode):
@@ -226,8 +215,7 @@ def _raw_pieces(path: str | Path, size: int) -> Generator[bytes]:
         if not stat.S_ISREG(mode):  # a pipe without a writer would never be opened
             raise FileFormatError(path, "is a pipe or a device; give a file")
         with Path(path).open("rb") as stream:
-            while piece := stream.read(size):
-                yield piece
+            yield stream
     except FileNotFoundError:
         raise FileFormatError(path, "there is no such file; check the name and the directory") from None
     except FileFormatError:
@@ -238,21 +226,30 @@ def _raw_pieces(path: str | Path, size: int) -> Generator[bytes]:
         ) from error
 
 
-def _unpacked_pieces(path: str | Path, size: int) -> Generator[bytes]:
-    try:
-        most = max(LARGEST_GROWTH * Path(path).stat().st_size, ALWAYS_UNPACKED_BYTES)
-        with gzip.open(path, "rb") as stream:
-            while piece := stream.read(size):
-                most -= len(piece)
-                if most < 0:
+def _pieces(path: str | Path, size: int) -> Generator[bytes]:
+    """Content of a file, unpacked, without a byte order mark."""
+    with _opened(path) as stream:
+        packed = stream.read(len(_GZIP_MAGIC)) == _GZIP_MAGIC
+        stream.seek(0)
+        content: Any = gzip.GzipFile(fileobj=stream) if packed else stream
+        allowed = max(LARGEST_GROWTH * os.fstat(stream.fileno()).st_size, ALWAYS_UNPACKED_BYTES)
+        try:
+            piece = content.read(size)
+            if piece.startswith(_COMPRESS_MAGIC):
+                raise FileFormatError(path, "is compressed with Unix compress (.Z); uncompress it first")
+            yield piece.removeprefix(codecs.BOM_UTF8)
+            while piece := content.read(size):
+                if packed and content.tell() > allowed:
                     problem = (
                         f"unpacks to more than {LARGEST_GROWTH} times its size, as no data do; it is refused"
                     )
                     raise FileFormatError(path, problem)
                 yield piece
-    except (OSError, EOFError, zlib.error) as error:
-        problem = f"is a gzip file that was cut or damaged ({error}); fetch it again"
-        raise FileFormatError(path, problem) from error
+        except (OSError, EOFError, zlib.error) as error:
+            if not packed:
+                raise
+            problem = f"is a gzip file that was cut or damaged ({error}); fetch it again"
+            raise FileFormatError(path, problem) from error
 
 
 def _text_block(path: str | Path, block: bytes, first_line: int, encoding: str) -> bytes:

@@ -36,8 +36,7 @@ _SAFETY, _LEAST, _MOST = 0.9, 0.2, 4.0
 """Safety factor of the next step, and its bounds relative to this one (Hairer et al. 1993, II.4)."""
 _EVALUATIONS, _ITERATIONS = 12, 50
 """At most, of all accelerations in a step, and of the central term or the partials."""
-_ROUNDING = 1e-15
-"""Relative rounding error of positions."""
+_ROUNDING = 1e-15  # relative rounding error of positions
 _SETTLED = 1e-13
 """Relative tolerance of the accelerations of partials; the remaining error is some hundred times smaller."""
 

@@ -24,8 +24,7 @@ from radioloc.vectors import Floats, rtn_axes
 
 _SEGMENT_S = 21600.0
 _NODES = 12  # within 6 h the twelfth coefficient of the Moon's motion is below rounding
-_NEARLY_REST = 1e-30
-"""In parts of the position: by this what rests on a pole has a plane."""
+_NEARLY_REST = 1e-30  # in parts of the position: by this what rests on a pole has a plane
 _PLACES = 48
 _PERMANENT_TIDE_PA_S2 = np.array(
     [[6.978e-12, -2.2e-15, 2.8e-15], [-2.2e-15, 6.43e-14, 0.4e-15], [2.8e-15, 0.4e-15, 4.79e-14]]

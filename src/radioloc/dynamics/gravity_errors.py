@@ -16,10 +16,8 @@ from radioloc.lunar import rot_between, rot_icrf_to_pa
 from radioloc.time import Epochs
 from radioloc.vectors import Floats
 
-_LAST_DEGREES = 20
-"""From which Kaula's rule, coefficients as 1/n^2, has its factor."""
-_AT_ONCE = 256
-"""Points whose harmonics are held together."""
+_LAST_DEGREES = 20  # from which Kaula's rule, coefficients as 1/n^2, has its factor
+_AT_ONCE = 256  # points whose harmonics are held together
 
 
 def draw_gravity_errors(

@@ -18,8 +18,7 @@ from radioloc.time import Epochs, utc_strings
 from radioloc.units import as_float_array
 from radioloc.vectors import Floats
 
-_ROUNDING_S = 1e-9
-"""Two floats of an epoch resolve 1e-11 s."""
+_ROUNDING_S = 1e-9  # two floats of an epoch resolve 1e-11 s
 
 LOWEST_M = MEAN_LUNAR_RADIUS_M + LUNAR_HEIGHT_LIMITS_M[0]
 """Distance of the lowest terrain from the Moon's centre, m."""

@@ -26,12 +26,10 @@ from radioloc.time import Epochs, utc_to_tt
 from radioloc.vectors import Floats
 
 BEYOND = ("hold", "extrapolate")
-_LONGEST_D = 3000
-"""Lead times up to which errors are known."""
+_LONGEST_D = 3000  # lead times up to which errors are known
 _FITTED_D = 1461
 _YEAR_D, _HALF_YEAR_D, _CHANDLER_D = 365.2422, 182.6211, 433.0
-_MEASURED_S, _MEASURED_RAD = 10e-6, 60e-6 * ARCSEC_RAD
-"""Errors of measured values."""
+_MEASURED_S, _MEASURED_RAD = 10e-6, 60e-6 * ARCSEC_RAD  # errors of measured values
 
 
 def extended(table: EopTable, how: str) -> EopTable:

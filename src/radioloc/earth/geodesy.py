@@ -15,9 +15,7 @@ from radioloc.errors import InputError
 from radioloc.units import as_metres
 from radioloc.vectors import Floats, east_north_up
 
-_GRS80 = 2
-"""ERFA's number of the ellipsoid."""
-
+_GRS80 = 2  # ERFA's number of the ellipsoid
 _LEAST_RADIUS_M = 1e6
 
 

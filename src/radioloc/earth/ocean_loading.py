@@ -77,8 +77,7 @@ tide's argument, here with the minor tides. A position about the common centre i
 Ocean tide models differ by some 0.5 mm (K1 and O1 in z, FES2004 and GOT5.5)."""
 
 
-_BLOCK = 256
-"""Epochs of which the phases of all tides stay in the processor's cache."""
+_BLOCK = 256  # epochs of which the phases of all tides stay in the processor's cache
 
 
 def loading_itrf_m(coefficients: BlqCoefficients, station_itrf_m: Floats) -> NDArray[np.complex128]:

@@ -48,10 +48,8 @@ def lagrange(times_s: Floats, values: Floats, time_s: Floats) -> Floats:
 
 @compiled()
 def coupled(first: Indices, image: Indices, coupling: Floats, between: Floats, out: Floats) -> None:
-    """Add to `out`, (images, images, 8, 8), the sum over points of W B W^T where the first image is not less.
-
-    `coupling` has W^T of each observation, (n, 2, 8), `between` B of each point, symmetric, (points, 2, 2).
-    """
+    """Add to `out`, (images, images, 8, 8), the sum over points of W B W^T where the first image is not less."""
+    # `coupling`: W^T of each observation, (n, 2, 8); `between`: B of each point, symmetric, (points, 2, 2).
     s, t = np.empty(8), np.empty(8)
     for j in range(len(first) - 1):
         a, b, c = between[j, 0, 0], between[j, 0, 1], between[j, 1, 1]

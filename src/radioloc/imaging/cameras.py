@@ -104,10 +104,6 @@ class Camera:
         matrix[:2, 2] = self.principal_point_px
         return matrix
 
-    def without_distortion(self) -> Camera:
-        """The same camera with a lens that has none."""
-        return replace(self, distortion=Distortion("none", ()))
-
     def directions(self, pixels: ArrayLike) -> Floats:
         """Return directions in the camera's axes, not normalized, shape (n, 3), of pixels, shape (n, 2)."""
         return self.directions_and_partials(pixels)[0]
@@ -206,5 +202,5 @@ def altitude_m(camera: Camera, ground_pixel_m: ArrayLike) -> Floats:
 
 def undistorted(camera: Camera) -> Callable[[Floats], Floats]:
     """Return the function from pixels, shape (n, 2), to those of the same camera without distortion."""
-    straight = camera.without_distortion()
+    straight = replace(camera, distortion=Distortion("none", ()))
     return lambda pixels: straight.pixels(camera.directions(pixels))[0]

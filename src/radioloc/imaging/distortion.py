@@ -22,8 +22,7 @@ _ITERATIONS = 30
 _CONVERGED = 1e-12
 """Step of Newton's method in units of the focal length or millimetres: 1e-10 of a pixel of 7 micrometres."""
 
-_SAME_POINT = 1e-9
-"""The way there and back leaves less than this where it is the same point: 1e-7 of a pixel."""
+_SAME_POINT = 1e-9  # the way there and back leaves less than this where it is the same point: 1e-7 of a pixel
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,10 +45,7 @@ def fit_homography(
     end_sigma: ArrayLike,
     approximate: Floats | None = None,
 ) -> Floats:
-    """Return the matrix from tie points, (n, 2), whose places have errors on both sides; outliers are rejected.
-
-    The default start is the direct linear transformation.
-    """
+    """Return the matrix from tie points, (n, 2), whose places have errors on both sides; outliers are rejected."""
     start_variance = np.broadcast_to(np.square(start_sigma), len(start))
     end_variance = np.broadcast_to(np.square(end_sigma), len(end))
     if not (

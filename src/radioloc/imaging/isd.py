@@ -39,8 +39,7 @@ _FRAME, _LINE_SCAN = "USGS_ASTRO_FRAME_SENSOR_MODEL", "USGS_ASTRO_LINE_SCANNER_S
 _UNITS_M = {"m": 1.0, "km": 1e3}
 _SUMMING_LIMITS = 1e-3, 1e4  # pixels of the detector in one of the image
 _CSM_CENTRE = 0.5  # of the first pixel
-_AXES = {code: axes.frame for code, axes in LUNAR_AXES.items()} | {10020: "IAU_MOON"}
-"""Axes by NAIF's code."""
+_AXES = {code: axes.frame for code, axes in LUNAR_AXES.items()} | {10020: "IAU_MOON"}  # axes by NAIF's code
 
 MAX_FROM_EPOCH_S = 86400.0
 """Largest distance of an image's tables from its middle: line-scan images take seconds to minutes."""

@@ -22,9 +22,7 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 
-_EVEN = 1e-6
-"""Times of an even table are off by less than this part of a step, or by the rounding of epochs."""
-
+_EVEN = 1e-6  # times of an even table are off by less than this part of a step, or by the rounding of epochs
 _ROUNDING_S = 2e-7
 """Epochs as seconds since J2000, from which times are differences, are rounded to 0.1 microseconds."""
 

@@ -32,11 +32,9 @@ from radioloc.vectors import Floats
 FRAME = "ME_DE421"
 """The axes of lunar maps."""
 
-_UNLIKELY = 1e-3
-"""Chance of distances below which they do not agree with the map."""
+_UNLIKELY = 1e-3  # chance of distances below which they do not agree with the map
 _FARTHEST_M = 10e3
-_MISFIT = 3.29
-"""Sigmas by which rays pass each other once in 1000."""
+_MISFIT = 3.29  # sigmas by which rays pass each other once in 1000
 
 
 class Ground(NamedTuple):

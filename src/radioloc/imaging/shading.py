@@ -28,11 +28,9 @@ LUNAR_LAMBERT = (1.0, -0.019, 2.42e-4, -1.46e-6)
 
 
 def lunar_lambert(cos_incidence: ArrayLike, cos_emission: ArrayLike, phase_rad: ArrayLike) -> Floats:
-    """Return the brightness by the Lunar-Lambert law: 1 along the Sun's rays, 0 in shadow.
-
-    2 L mu0 / (mu0 + mu) + (1 - L) mu0 with the cosines mu0 of incidence and mu of emission and L of the phase angle
-    (McEwen 1996). Exposure makes good how brightness as a whole falls with the phase angle.
-    """
+    """Return the brightness by the Lunar-Lambert law: 1 along the Sun's rays, 0 in shadow."""
+    # 2 L mu0 / (mu0 + mu) + (1 - L) mu0 with the cosines mu0 of incidence and mu of emission and L of the phase angle
+    # (McEwen 1996). Exposure compensates for the decrease of brightness with the phase angle.
     sun, camera = np.maximum(cos_incidence, 0.0), np.maximum(cos_emission, 0.0)
     weight = np.polynomial.polynomial.polyval(np.degrees(phase_rad), LUNAR_LAMBERT)
     both = np.where(sun + camera > 0.0, sun + camera, 1.0)

@@ -17,8 +17,7 @@ from radioloc.imaging.cameras import Camera, as_points, as_rotation, as_vector
 from radioloc.vectors import Floats
 
 _STEPS = 20
-_SETTLED = 1e-10
-"""Last step of an intersection as a part of the distance: far below what pixels tell."""
+_SETTLED = 1e-10  # last step of an intersection as a part of the distance: far below what pixels tell
 _AS_GOOD = 9.0
 """Difference of the sums of squares, in sigmas squared, of two places below which distances do not tell them apart."""
 _DIRECTIONS = 8

@@ -1,6 +1,6 @@
 """Observations in and out (tables, normal points, messages, orbit data files, frequencies); solutions out."""
 
-from radioloc.io.ccsds import write_oem, write_orbit_oem, write_orbit_opm, write_residuals_tdm
+from radioloc.io.ccsds import write_orbit_oem, write_orbit_opm, write_residuals_tdm
 from radioloc.io.exporters import EXPORTERS, Exporter, ExportOptions, export_solutions
 from radioloc.io.formats import READERS, Reader, ReadSettings, read_observations, write_observations
 from radioloc.io.frequencies import FrequencyAgreement, read_sites
@@ -26,7 +26,6 @@ __all__ = [
     "read_tdm",
     "write_gis",
     "write_observations",
-    "write_oem",
     "write_orbit_oem",
     "write_orbit_opm",
     "write_orbit_spk",

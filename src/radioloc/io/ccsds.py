@@ -48,49 +48,10 @@ def write_oem(
     object_id: str = "UNKNOWN",
     creation_date: str | None = None,
 ) -> Path:
-    """Write where a lander is, as it turns with the Moon, with its covariance at the first epoch.
-
-    Parameters
-    ----------
-    solution : Solution, other result with a position, or mapping
-        Whose position is written; a mapping is what ``solution.json`` holds.
-    path : path-like
-        The message, in KVN.
-    start_utc, stop_utc : str
-        First and last epoch, UTC.
-    originator : str
-        Agency that makes the message.
-    step_s : float
-        From state to state, s, a day at most.
-    object_id : str
-        International designator, such as ``"2020-087B"``.
-    creation_date : str, optional
-        UTC date of the message; now by default.
-
-    Raises
-    ------
-    InputError
-        The solution has no position, the stop is not after the start, the step is not one, or a text is not printable
-        ASCII.
-    KernelError
-        The axes of the position are those of an ephemeris whose orientation does not ship.
-    CoverageError
-        An epoch lies outside the orientation's span.
-
-    Notes
-    -----
-    The position is that of the solution in principal axes, turned by their libration; tides are not added. With
-    radii r in principal axes and the rotation R from these to the ICRF, states are (R r, R' r), and their covariance
-    is J P J' with J = (R, R') and the position's total covariance P.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
-    >>> days = "2007-06-01", "2007-06-08"
-    >>> radioloc.io.write_oem(solution, "apollo15.oem", *days, originator="AGENCY").name
-    'apollo15.oem'
-    """
+    """Write the states of a lander, as it turns with the Moon, in KVN, with its covariance at the first epoch."""
+    # The position is that of the solution in principal axes; tides are not added. With radii r in these axes and the
+    # rotation R to the ICRF, states are (R r, R' r), and their covariance is J P J' with J = (R, R') and the position's
+    # total covariance P.
     content = content_of(solution)
     pa = position_of(content)["pa"]
     tai = _epochs(start_utc, stop_utc, step_s)
@@ -125,8 +86,12 @@ def write_orbit_oem(
     orbit : Orbit or sequence of Orbit
         One, or several from one after the other. Where an impulse or thrust begins or ends, so does a segment.
     path : path-like
-    originator, object_id, creation_date
-        As of :func:`write_oem`.
+    originator : str
+        Agency that makes the message.
+    object_id : str
+        International designator, such as ``"2020-087B"``.
+    creation_date : str, optional
+        UTC date of the message; now by default.
     step_s : float
         From state to state, s, 600 at most.
     covariance : array_like, shape (6, 6), optional
@@ -229,7 +194,7 @@ def write_residuals_tdm(
     path : path-like
         The file; an existing one is replaced.
     originator, creation_date
-        As of :func:`write_oem`.
+        As of :func:`write_orbit_oem`.
 
     Raises
     ------

@@ -47,9 +47,7 @@ from radioloc.time import Epochs, epochs_from_strings
 from radioloc.time.scales import to_scale
 from radioloc.vectors import Floats
 
-_LONGEST_GAP_D = 0.2501
-"""Epochs are six hours apart."""
-
+_LONGEST_GAP_D = 0.2501  # epochs are six hours apart
 _SITE_COLUMNS = (8, 12)
 _GRID_COLUMNS = {"VMF3": 6, "V3GR": 10}
 _POSSIBLE = np.array(
@@ -248,9 +246,7 @@ def _require_possible(path: Path, lines: Sequence[int], table: Floats) -> None:
 
 
 _COLUMNS = 64
-_SEASONAL_BEFORE = 4
-"""Quantities with seasons that stand before the two columns of undulation and height."""
-
+_SEASONAL_BEFORE = 4  # quantities with seasons that stand before the two columns of undulation and height
 _SCALES = np.array([1.0, 1.0, 1e-3, 1e-3, 1e-3, 1e-3, 1.0, 1.0, 1e-5, 1e-5, 1e-5, 1e-5])
 """To Pa, K, kg/kg, K/m, then a hydrostatic, a wet, decrease factor, K, and gradients in m."""
 

@@ -46,8 +46,7 @@ _SHAPES = ("CONST", "NRMPOW", "TRIG")
 _COMPLEXES = {"C10": "Goldstone", "C40": "Canberra", "C60": "Madrid"}
 _ITEM = re.compile(r"\s*([A-Z][A-Z\s]*?)\s*\(([^()]*)\)\s*(\.?)")
 _MOMENT = re.compile(r"(\d\d)/(\d\d)/(\d\d)\s*,\s*(\d\d:\d\d(?::\d\d(?:\.\d{1,9})?)?)", re.ASCII)
-_ROUNDING_D = 1.0 / SECONDS_PER_DAY
-"""Cards follow each other with gaps of milliseconds, or to the minute."""
+_ROUNDING_D = 1.0 / SECONDS_PER_DAY  # cards follow each other with gaps of milliseconds, or to the minute
 _LARGEST_M = {DRY: 3.0, WET: 1.0, CHARGED: 1000.0}
 
 

@@ -25,8 +25,7 @@ from radioloc.vectors import Floats
 
 _ROUNDING = 1e-9
 _MISSING = 9999
-_USUAL_INTERVAL_S = 7200.0
-"""Interval assumed where the header says 0, for one that varies."""
+_USUAL_INTERVAL_S = 7200.0  # interval assumed where the header says 0, for one that varies
 _EPOCH_TOLERANCE_D = 1.0 / SECONDS_PER_DAY
 _POSSIBLE_TECU = (-10.0, 1000.0)
 """Maps may fall a little below zero at night; 250 TECU is the most that was ever seen."""

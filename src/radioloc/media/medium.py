@@ -23,8 +23,7 @@ from radioloc.plugins import named_where_it_fails
 from radioloc.time import Epochs
 from radioloc.vectors import Floats, cross, dot, length
 
-_DEEPEST_M = 2e4
-"""Below any terrain of the Moon: heights about the sphere reach down to -9.2 km."""
+_DEEPEST_M = 2e4  # below any terrain of the Moon: heights about the sphere reach down to -9.2 km
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -55,8 +55,7 @@ from radioloc.text_files import ANY_BYTE, read_lines
 from radioloc.time import Epochs
 from radioloc.vectors import Floats
 
-_HEIGHT_M = (-500.0, 9000.0)
-"""Heights of stations for which the models of the air hold."""
+_HEIGHT_M = (-500.0, 9000.0)  # heights of stations for which the models of the air hold
 
 
 @dataclass(frozen=True, slots=True)

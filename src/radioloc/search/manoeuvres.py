@@ -33,20 +33,17 @@ _NAME = "undocumented"
 _MIN_GAIN = 100.0
 """Least ratio by which the reduced chi-square falls. In real Doppler of a low orbit without a manoeuvre, impulses take
 up errors of gravity so well that it falls 7 times with a field to degree 150, 16 to degree 100, 47 to degree 60."""
-_MIN_SCAN_GAIN = 20.0
-"""Least ratio by which it falls, linearized, for an impulse that is integrated."""
+_MIN_SCAN_GAIN = 20.0  # least ratio by which it falls, linearized, for an impulse that is integrated
 _MIN_SIZE_SIGMAS = 5.0
 _MIN_SIDE_OBSERVATIONS = 8
-_MAX_TIMES, _MIN_STEP_S = 5000, 10.0
-"""Times that are tried."""
+_MAX_TIMES, _MIN_STEP_S = 5000, 10.0  # times that are tried
 _MAX_SIZE_M_S = 100.0
 _STATE_SCALES = np.repeat([1e3, 1.0], 3)
 _NEIGHBOUR_COUNT, _MAX_ISOLATION_SIGMAS = 15, 10.0
 """A residual so many robust sigmas off the median of its neighbours is no part of a jump."""
 _MAX_RESIDUAL_SIGMAS = 5.0
 _ROUND_COUNT, _MAX_TIME_STEP_S = 8, 600.0
-_DIFFERENCE_S = 0.1
-"""Step of the partials by the time of the impulse."""
+_DIFFERENCE_S = 0.1  # step of the partials by the time of the impulse
 _NEAR_S, _NEAR_RATIO = 300.0, 0.3
 """Observations so near to a time that is uncertain yet take no part; the ratio is that from round to round."""
 _MIN_GAP_S = 600.0

@@ -39,8 +39,7 @@ _CELL_SIGMA_M, _HEIGHT_SIGMA_M = 1e5, 3e3
 """Standard deviations of the adjustment from a point of the grid, along the sphere and in height."""
 _MAX_LOSS_RATIO = 0.5
 """Largest ratio of the losses at another and at the a-priori position: what the data hardly determine stays there."""
-_MAX_MEAN_LOSS = 5.0
-"""Largest mean loss, residuals of a few sigmas, with which an a-priori position serves."""
+_MAX_MEAN_LOSS = 5.0  # largest mean loss, residuals of a few sigmas, with which an a-priori position serves
 _SETTLED_M = 1e4
 _REWEIGHTING_COUNT = 6
 _MAX_STEPS = 10

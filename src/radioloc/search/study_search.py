@@ -42,8 +42,7 @@ from radioloc.study.study_file import as_study
 from radioloc.study.uplinks import Uplink
 from radioloc.time import utc_strings
 
-_MAX_PASSES = 12
-"""Passes on a card; ``to_dict`` has all."""
+_MAX_PASSES = 12  # passes on a card; ``to_dict`` has all
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -29,20 +29,16 @@ from radioloc.vectors import Floats
 _Rows = NDArray[np.intp]
 _Candidate = tuple[str, Fraction | None]
 
-_MAX_COUNTS = 200
-"""Counts of a pass, evenly spread, whose residuals are computed."""
-_MIN_VISIBLE_FRACTION = 0.9
-"""Fraction of these at which a candidate must see the target."""
-_OUTLIER = 5.0
-"""Spreads beyond which a residual has no part in an rms: a pass may begin before the lock."""
+_MAX_COUNTS = 200  # counts of a pass, evenly spread, whose residuals are computed
+_MIN_VISIBLE_FRACTION = 0.9  # fraction of these at which a candidate must see the target
+_OUTLIER = 5.0  # spreads beyond which a residual has no part in an rms: a pass may begin before the lock
 _DECISIVE_RATIO = 1.5
 """Ratio of the rms of other candidates to that of the best, from which on a pass is decided."""
 _JUMP_M_S = 3.0
 """Step of the rate, beyond what the counts around it make likely, at which another station may have begun to send."""
 _JUMP_ROUNDING_STEPS = 2.5
 """Least jump of rates that are multiples of a step: rounding alone makes steps of one, of medians two."""
-_AROUND = 9
-"""How many steps these are."""
+_AROUND = 9  # counts in the window of a median
 _MIN_PASS_S = 600.0
 """What is shorter, as before a lock, is no pass of its own: a transmitter does not show in it."""
 

@@ -21,12 +21,10 @@ from radioloc.vectors import Floats, chebyshev_sums
 
 NODES_PER_DAY = 8
 _POINTS = 8
-_MOST_NODES = 0.5
-"""Interpolating is worth it where there are no more nodes than this part of the epochs."""
+_MOST_NODES = 0.5  # interpolating is worth it where there are no more nodes than this part of the epochs
 FIRST_JD = 2441317.5
 SPAN_D = 32.0
-_STEP_D = 0.01
-"""Half the step over which rates are differenced where there is no table."""
+_STEP_D = 0.01  # half the step over which rates are differenced where there is no table
 
 
 def evaluate_smooth(function: Callable[[Epochs], NDArray[Any]], epochs: Epochs) -> NDArray[Any]:

@@ -18,7 +18,7 @@ import numpy as np
 import radioloc
 from radioloc.constants import C_M_S
 from radioloc.io import read_sites
-from radioloc.measurements import ExactPredictor, Link, Observations, PhysicalModel
+from radioloc.measurements import ExactPredictor, FixedPoint, Link, Observations, PhysicalModel
 from radioloc.measurements.registry import KINDS
 from radioloc.time import epochs_from_strings, utc_strings
 
@@ -80,7 +80,7 @@ def received() -> tuple[Observations, np.ndarray]:
             count_s=COUNT_S,
             wavelength_um=1e6 * C_M_S / BEACON_HZ,
         )
-        computed = ExactPredictor(model, counts, place_m).compute(place_m)
+        computed = ExactPredictor(model, counts, FixedPoint(place_m)).compute()
         seen = computed.elevation_rad.min(axis=-1) > np.radians(LOWEST_DEG)
         passes = np.cumsum(np.diff(seen.astype(int), prepend=0) == 1)
         own_hz = BEACON_HZ * random.normal(0.0, RECEIVER, passes.max() + 1)[passes]

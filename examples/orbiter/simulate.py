@@ -72,8 +72,8 @@ def write_tracking(path: Path, orbit: Path) -> None:
         "uplink_hz": 7.2e9,
     }
     plan = radioloc.Observations.from_columns(value_m=1.0, **columns)
-    arc = radioloc.measurements.ExactPredictor(model, plan, np.zeros(3), trajectory)
-    computed = arc.compute(np.zeros(3))
+    arc = radioloc.measurements.ExactPredictor(model, plan, trajectory)
+    computed = arc.compute()
     value_m = computed.value_m + plan.sigma_m * np.random.default_rng(1).standard_normal(len(plan))
     value_m += np.where(~doppler & (link == 1), BIAS_M, 0.0)
     order = np.lexsort((doppler, link, plan.epoch.fraction, plan.epoch.jd))

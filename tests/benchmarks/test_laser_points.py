@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import radioloc
+from radioloc.measurements import FixedPoint
 from radioloc.measurements.registry import kind_of
 from radioloc.time import Epochs
 
@@ -49,7 +50,7 @@ def test_fifty_years(benchmark, model, kind, count, paths, capsys):
 
     def prepared_and_computed():
         start = time.process_time()
-        found = radioloc.measurements.ExactPredictor(model, observations, place_pa_m).compute(place_pa_m)
+        found = radioloc.measurements.ExactPredictor(model, observations, FixedPoint(place_pa_m)).compute()
         taken_s.append(time.process_time() - start)
         return found
 

@@ -21,7 +21,7 @@ from busy import skip_if_busy
 from change5_case import LANDER, RANGING, VLBI
 
 import radioloc
-from radioloc.measurements import TERMS, prepare_predictor
+from radioloc.measurements import TERMS, FixedPoint, prepare_predictor
 from radioloc.measurements._kernels import _polynomial
 from radioloc.measurements.observations import RANGE, VLBI_DELAY
 from radioloc.simulation import Schedule, Session, all_ranges, baselines
@@ -82,14 +82,14 @@ def seconds_each_in_turns(cases, at_least_s=4.0):
 
 def blocks(arc, lander_pa_m, block=65536):
     """Values and partials of all observations, some rows at a time, as a fit asks for them."""
-    prediction = arc.at(lander_pa_m)
+    prediction = arc.at(FixedPoint(lander_pa_m))
     for first in range(0, len(arc.observations), block):
         prediction.rows(slice(first, first + block))
 
 
 def floor_of(arc, lander_pa_m):
     """The same polynomials at sorted times in cache, written nowhere else: nothing but arithmetic."""
-    coefficients = arc.at(lander_pa_m)._coefficients[:1]
+    coefficients = arc.at(FixedPoint(lander_pa_m))._coefficients[:1]
     t = np.linspace(-1.0, 1.0, 1024)
     n = len(arc.observations) // 1024 * 1024
     return lambda: polynomials(coefficients, t, n), n
@@ -116,7 +116,7 @@ def arcs(model):
     observations = Schedule(sessions).plan(model, lander_pa_m, "lander").observations
     return {
         what: (
-            prepare_predictor(model, observations.select(observations.kind == kind), lander_pa_m),
+            prepare_predictor(model, observations.select(observations.kind == kind), FixedPoint(lander_pa_m)),
             lander_pa_m,
         )
         for what, kind in (("three-way range", RANGE), ("VLBI delay", VLBI_DELAY))
@@ -145,7 +145,7 @@ def test_ratios(benchmark, arcs, link, what, one_thread, tmp_path, capsys):
     loop.close()
     ratios = {"spiceypy loop": spice_s / ours_s}
     exact = radioloc.measurements.ExactPredictor(
-        arc.model, arc.observations.select(slice(0, 4096)), lander_pa_m
+        arc.model, arc.observations.select(slice(0, 4096)), FixedPoint(lander_pa_m)
     )
     ratios["own exact path, prepared"] = seconds_each(exact.compute, 4096, lander_pa_m) / ours_s
     with capsys.disabled():
@@ -206,5 +206,5 @@ def test_they_model_the_same_link(link, tmp_path):
     model = radioloc.measurements.PhysicalModel.build(off=TERMS)
     tai = tt_to_tai(tdb_to_tt(Epochs.from_tdb_seconds(tdb_s)))
     table = observations(f"{RANGING[1]}>x>{RANGING[0]}", tai, "receive")
-    own_m = radioloc.measurements.ExactPredictor(model, table, lander).compute(lander).value_m
+    own_m = radioloc.measurements.ExactPredictor(model, table, FixedPoint(lander)).compute().value_m
     assert np.abs(own_m - spice_m).max() < 2e4  # IAU_EARTH: no nutation, no UT1

@@ -20,10 +20,18 @@ from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.errors import InputError
 from radioloc.jobs.problem import observation_model
-from radioloc.measurements import EquipmentDelays, Link, PhysicalModel, StationDelay, prepare_predictor
+from radioloc.measurements import (
+    EquipmentDelays,
+    FixedPoint,
+    Link,
+    PhysicalModel,
+    StationDelay,
+    prepare_predictor,
+)
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.media.ionosphere import UniformTec
 from radioloc.parameters.design import ObservationModel
+from radioloc.parameters.motion import of_points
 from radioloc.parameters.position import cartesian
 from radioloc.parameters.position_prior import with_position_priors
 from radioloc.parameters.registry import PARAMETERS
@@ -100,7 +108,7 @@ def arc_of(model, case, tai=TAI):
     uplink_hz = 7.2e9 if path.count(">") == 2 else np.nan
     table = observations(path, tai, tag, kind, count_s=count_s, wavelength_um=35394.6, uplink_hz=uplink_hz)
     site_pa_m = SITE.to_axes("PA", model.ephemeris.constants).xyz_m
-    return prepare_predictor(model, table, site_pa_m, "exact", more_partials=True)
+    return prepare_predictor(model, table, FixedPoint(site_pa_m), "exact", more_partials=True)
 
 
 def problem_of(arc, **choice):
@@ -127,7 +135,7 @@ def column_of(arc, parameter, **choice):
 
 
 def value_m(arc):
-    return arc.compute(SITE.to_axes("PA", arc.model.ephemeris.constants).xyz_m).value_m
+    return arc.compute(FixedPoint(SITE.to_axes("PA", arc.model.ephemeris.constants).xyz_m)).value_m
 
 
 # One of each geometry in seconds, with one component each; all of them with the slow studies.
@@ -159,7 +167,7 @@ def test_position(model, case, form):
     steps_m = (2e3, 2e3, 1e4) if form == "terrain" else (1e4, 1e4, 1e4)
 
     def moved(k):
-        return lambda d: arc.compute(problem.position_pa_m(x + d * np.eye(3)[k])).value_m
+        return lambda d: arc.compute(FixedPoint(problem.position_pa_m(x + d * np.eye(3)[k]))).value_m
 
     # The three together, as a small partial across the path has its error from the large one along it.
     assert_same(partials[:, :3], np.stack([slope(moved(k), steps_m[k]) for k in range(3)], axis=-1))
@@ -350,7 +358,7 @@ def test_love_numbers(model, case, number):
 def test_lunar_lengths(model, case):
     arc = arc_of(model, case)
     site_pa_m = SITE.to_axes("PA", model.ephemeris.constants).xyz_m
-    numeric = slope(lambda d: arc.compute(site_pa_m * (1.0 + d)).value_m, 5e-3)
+    numeric = slope(lambda d: arc.compute(FixedPoint(site_pa_m * (1.0 + d))).value_m, 5e-3)
     assert_same(column_of(arc, "lunar_lengths", lunar_lengths=True), numeric)
 
 
@@ -446,14 +454,18 @@ def test_two_targets(model):
     other = LunarPosition.from_selenographic(-40.0, 38.0, -1500.0)
     positions_m = np.array([place.to_axes("PA", constants).xyz_m for place in (SITE, other)])
     table = observations("KASHI<x|y>JIAMUSI", TAI, "receive", "differenced_delay", wavelength_um=35394.6)
-    arc = prepare_predictor(model, table, positions_m, "exact", targets=("x", "y"))
+    arc = prepare_predictor(
+        model, table, [FixedPoint(one) for one in positions_m], "exact", targets=("x", "y")
+    )
     delay = observations("KASHI<x>JIAMUSI", TAI, "receive", "vlbi_delay", wavelength_um=35394.6)
-    delays = [prepare_predictor(model, delay, place_m, "exact") for place_m in positions_m]
+    delays = [prepare_predictor(model, delay, FixedPoint(place_m), "exact") for place_m in positions_m]
     places = [cartesian(p, name=name) for p, name in zip(positions_m, "xy", strict=True)]
-    found = ObservationModel.of(arc, with_position_priors(places, [None, None], constants), [])
+    found = ObservationModel.of(
+        arc, list(map(of_points, with_position_priors(places, [None, None], constants))), []
+    )
     partials = found.residuals(found.parameters.prior_values)[1]
     for target, sign in ((0, 1.0), (1, -1.0)):
-        alone = delays[target].compute(positions_m[target]).by_position_pa
+        alone = delays[target].compute(FixedPoint(positions_m[target])).by_position_pa
         assert np.abs(partials[:, 3 * target : 3 * target + 3] - sign * alone).max() < 1e-12
 
 

@@ -35,7 +35,7 @@ from radioloc.earth.eop import EopTable
 from radioloc.earth.geodesy import geodetic_from_itrf, rot_itrf_to_enu
 from radioloc.earth.solid_tide import pole_tide_displacement, secular_pole_rad
 from radioloc.lunar import rot_icrf_to_pa
-from radioloc.measurements import ExactPredictor, Link, Observations, PhysicalModel
+from radioloc.measurements import ExactPredictor, FixedPoint, Link, Observations, PhysicalModel
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.registry import KINDS
 from radioloc.media.neutral_atmosphere import zenith_hydrostatic_delay_m
@@ -183,7 +183,7 @@ def predict(model, baseline, tags_s, point_pa_m=POINT_PA_M):
         kind=KINDS.index("vlbi_delay"),
         tag=TIME_TAGS.index("receive"),
     )
-    computed = ExactPredictor(model, observations, point_pa_m).compute(point_pa_m)
+    computed = ExactPredictor(model, observations, FixedPoint(point_pa_m)).compute()
     return computed.value_m / C_M_S, computed.by_time_m_s / C_M_S
 
 
@@ -233,7 +233,7 @@ def test_growth_of_the_delay(model, baseline):
         tag=TIME_TAGS.index("receive"),
         count_s=count_s,
     )
-    computed_s = ExactPredictor(model, observations, POINT_PA_M).compute(POINT_PA_M).value_m / C_M_S
+    computed_s = ExactPredictor(model, observations, FixedPoint(POINT_PA_M)).compute().value_m / C_M_S
     assert np.abs(np.diff(delay_s) - computed_s).max() < GROWTH_S
 
 

@@ -15,7 +15,15 @@ from spk_files import ORBITER, START_S, low_lunar_orbit, write_states
 from radioloc.constants import C_M_S
 from radioloc.ephemeris import Trajectory
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements import ExactPredictor, Link, Observations, PhysicalModel, Ramps, prepare_predictor
+from radioloc.measurements import (
+    ExactPredictor,
+    FixedPoint,
+    Link,
+    Observations,
+    PhysicalModel,
+    Ramps,
+    prepare_predictor,
+)
 from radioloc.measurements.registry import kind_of
 from radioloc.measurements.terms import TERMS
 from radioloc.time import Epochs, tai_to_utc, utc_to_tt
@@ -110,7 +118,7 @@ def ours_m(model, point_pa_m, kind, path, **keys):
         count_s=COUNT_S if counted else np.nan,
         **keys,
     )
-    return prepare_predictor(model, observations, point_pa_m, "exact").compute(point_pa_m).value_m
+    return prepare_predictor(model, observations, FixedPoint(point_pa_m), "exact").compute().value_m
 
 
 RAMPED = {"ramped": True, "uplink_hz": F0_HZ}
@@ -239,7 +247,7 @@ def test_constructed_doppler_with_ramps(tmp_path, receiver):
         ramps=ramps,
     )
     trajectory = Trajectory.open(file, ORBITER)
-    value_m = ExactPredictor(model, observations, np.zeros(3), trajectory).compute(np.zeros(3)).value_m[0]
+    value_m = ExactPredictor(model, observations, trajectory).compute().value_m[0]
     with mp.workdps(DIGITS):
         craft = CraftInFortyDigits(model.terms)
         places_m = [model.catalogue[name].itrf_m for name in ("KASHI", receiver)]

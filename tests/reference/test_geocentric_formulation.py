@@ -13,7 +13,7 @@ from geocentric_formulation import GeocentricFormulation, gcrs_terms
 
 from radioloc.constants import C_M_S
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements import TERMS, ExactPredictor, Link, Observations, PhysicalModel
+from radioloc.measurements import TERMS, ExactPredictor, FixedPoint, Link, Observations, PhysicalModel
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.registry import KINDS
 from radioloc.time import Epochs, epochs_from_strings, tai_to_utc, utc_to_tai, utc_to_tt
@@ -75,7 +75,7 @@ def barycentric_m(model, point_pa_m, first, second, tag, kind="range"):
         kind=KINDS.index(kind),
         tag=TIME_TAGS.index(tag),
     )
-    return ExactPredictor(model, observations, point_pa_m).compute(point_pa_m).value_m
+    return ExactPredictor(model, observations, FixedPoint(point_pa_m)).compute().value_m
 
 
 def geocentric_m(geocentric, model, first, second, tag, kind="range"):
@@ -116,7 +116,7 @@ def test_one_way_doppler(model, point_pa_m, station):
         tag=TIME_TAGS.index("receive"),
         count_s=60.0,
     )
-    doppler_m = ExactPredictor(model, observations, point_pa_m).compute(point_pa_m).value_m
+    doppler_m = ExactPredictor(model, observations, FixedPoint(point_pa_m)).compute().value_m
     tt, itrf_m = utc_to_tt(TAGS), model.catalogue[station].itrf_m
     late_m, early_m = (
         GeocentricFormulation(

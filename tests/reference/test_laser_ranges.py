@@ -11,7 +11,7 @@ from paths import EXAMPLES
 
 import radioloc
 from radioloc.io.formats import read_observations
-from radioloc.measurements import ExactPredictor
+from radioloc.measurements import ExactPredictor, FixedPoint
 
 EARLY = [
     EXAMPLES / "apollo15" / "apollo15_apollo_2006-2007.csv",
@@ -41,8 +41,8 @@ def one_way_residuals(model, observations):
     residual_m = np.full(len(observations), np.nan)
     for target in np.unique(targets):
         rows = np.flatnonzero(targets == target)
-        arc = ExactPredictor(model, observations.select(rows), REFLECTORS_PA_M[target])
-        computed = arc.compute(REFLECTORS_PA_M[target])
+        arc = ExactPredictor(model, observations.select(rows), FixedPoint(REFLECTORS_PA_M[target]))
+        computed = arc.compute(FixedPoint(REFLECTORS_PA_M[target]))
         assert computed.usable.all()
         residual_m[rows] = (observations.value_m[rows] - computed.value_m) / 2.0
     return residual_m
@@ -80,7 +80,7 @@ def test_spring_2024(model):
 def fit_rms_m(model, observations):
     """RMS of the one-way residuals after the reflector's three coordinates were fitted, m."""
     start = REFLECTORS_PA_M["apollo15"]
-    computed = ExactPredictor(model, observations, start).compute(start)
+    computed = ExactPredictor(model, observations, FixedPoint(start)).compute()
     residual_m = (observations.value_m - computed.value_m) / 2.0
     columns = computed.by_position_pa / 2.0
     weight = 1.0 / np.hypot(observations.sigma_m / 2.0, 0.02)
@@ -140,7 +140,7 @@ def test_lunar_constants_show_in_the_range_itself(model, apollo15):
 
     def rms_m(some_model):
         start = REFLECTORS_PA_M["apollo15"]
-        computed = ExactPredictor(some_model, apollo15["2006-07"], start).compute(start).value_m
+        computed = ExactPredictor(some_model, apollo15["2006-07"], FixedPoint(start)).compute().value_m
         return float(np.sqrt(np.mean(((apollo15["2006-07"].value_m - computed) / 2.0) ** 2)))
 
     whole_m = rms_m(model)

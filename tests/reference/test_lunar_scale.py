@@ -13,7 +13,7 @@ from paths import EXAMPLES
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.io.formats import read_observations
 from radioloc.lunar import selenographic_to_cartesian
-from radioloc.measurements import ExactPredictor, PhysicalModel
+from radioloc.measurements import ExactPredictor, FixedPoint, PhysicalModel
 
 FILES = [EXAMPLES / "apollo15/apollo15_apollo_2006-2007.csv", *sorted(EXAMPLES.glob("reflectors/20*/*.csv"))]
 # One way, beyond the stated sigmas: the errors of a night.
@@ -50,9 +50,7 @@ def fits(request):
         residual_m, by_position, place_m = np.empty(234), np.empty((234, 3)), np.empty((234, 3))
         for name in set(targets):
             rows = np.flatnonzero(targets == name)
-            computed = ExactPredictor(model, observations.select(rows), places_m[name]).compute(
-                places_m[name]
-            )
+            computed = ExactPredictor(model, observations.select(rows), FixedPoint(places_m[name])).compute()
             residual_m[rows] = (observations.value_m[rows] - computed.value_m) / 2.0
             by_position[rows], place_m[rows] = computed.by_position_pa / 2.0, places_m[name]
         rotation = np.cross(place_m, by_position) / MEAN_LUNAR_RADIUS_M

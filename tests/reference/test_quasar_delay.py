@@ -13,7 +13,7 @@ from astropy import units as u
 from astropy.coordinates import get_body_barycentric_posvel
 
 from radioloc.constants import C_M_S
-from radioloc.measurements import TERMS, Link, Observations, PhysicalModel, prepare_predictor
+from radioloc.measurements import TERMS, FixedPoint, Link, Observations, PhysicalModel, prepare_predictor
 from radioloc.measurements.registry import kind_of
 from radioloc.time import Epochs, tai_to_tt
 
@@ -60,7 +60,7 @@ def delays(model, links, tai=TAI, kind="vlbi_delay", count_s=np.nan):
         wavelength_um=35394.6,
         count_s=count_s,
     )
-    return prepare_predictor(model, observations, SITE_M, "exact", more_partials=True)
+    return prepare_predictor(model, observations, FixedPoint(SITE_M), "exact", more_partials=True)
 
 
 def consensus_s(model, first_itrf_m, second_itrf_m, source, tai):
@@ -94,7 +94,7 @@ def consensus_s(model, first_itrf_m, second_itrf_m, source, tai):
 @pytest.mark.parametrize(("first", "second"), list(itertools.combinations(STATIONS, 2)))
 def test_delay_is_that_of_the_consensus_model(model, name, first, second):
     arc = delays(model, [Link(first, name, second, True)])
-    computed = arc.compute(SITE_M)
+    computed = arc.compute()
     places_m = (model.catalogue[station].itrf_m for station in (first, second))
     apart_s = computed.value_m / C_M_S - consensus_s(model, *places_m, SOURCES[name], TAI)
     assert np.abs(apart_s).max() < REACHED_S < CONSENSUS_S
@@ -109,17 +109,17 @@ def test_partials_are_differences_of_the_model(every):
     """By time, a station's place, the clock that reads the tag, and air; none of them knows what is at infinity."""
     link = Link("KUNMING", "1741-038", "SESHAN25", True)
     tai = TAI[2:5]
-    here = delays(every, [link], tai).compute(SITE_M)
+    here = delays(every, [link], tai).compute()
     assert here.usable.all()
     step_s = 10.0
-    late, early = (delays(every, [link], tai.shifted(s)).compute(SITE_M).value_m for s in (step_s, -step_s))
+    late, early = (delays(every, [link], tai.shifted(s)).compute().value_m for s in (step_s, -step_s))
     assert here.by_time_m_s == pytest.approx((late - early) / (2.0 * step_s), abs=1e-5)
     for end, name in enumerate(("KUNMING", "SESHAN25")):
         station = every.catalogue[name]
         for axis, step_m in enumerate(100.0 * np.eye(3)):
             there, back = (
                 delays(_with_station(every, station, station.itrf_m + sign * step_m), [link], tai)
-                .compute(SITE_M)
+                .compute()
                 .value_m
                 for sign in (1.0, -1.0)
             )
@@ -135,7 +135,7 @@ def _with_station(model, station, itrf_m):
 def test_a_rate_is_the_change_of_the_delay(every):
     link = Link("KUNMING", "1741-038", "SESHAN25", True)
     tai = TAI[2:5]
-    early, late = (delays(every, [link], tai.shifted(s)).compute(SITE_M).value_m for s in (-30.0, 30.0))
-    rate = delays(every, [link], tai, "vlbi_delay_rate", count_s=60.0).compute(SITE_M)
+    early, late = (delays(every, [link], tai.shifted(s)).compute().value_m for s in (-30.0, 30.0))
+    rate = delays(every, [link], tai, "vlbi_delay_rate", count_s=60.0).compute()
     assert np.abs(rate.value_m - (late - early)).max() < 1e-6
     assert np.abs(rate.value_m).max() > 1000.0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements import ExactPredictor, PhysicalModel
+from radioloc.measurements import ExactPredictor, FixedPoint, PhysicalModel
 from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, Session, all_ranges, baselines
 
 RUNS = 400
@@ -32,9 +32,7 @@ def prepared(model, *sessions):
 def nees(world, model, noise):
     """Squared error of the fitted position in its formal covariance, by run; the fit is linear at the truth."""
     partials = (
-        ExactPredictor(model, world.plan.observations, world.target_pa_m)
-        .compute(world.target_pa_m)
-        .by_position_pa
+        ExactPredictor(model, world.plan.observations, FixedPoint(world.target_pa_m)).compute().by_position_pa
         / world.plan.observations.sigma_m[:, None]
     )
     information = partials.T @ partials

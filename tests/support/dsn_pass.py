@@ -15,7 +15,7 @@ from odf_files import odf
 
 from radioloc.constants import C_M_S
 from radioloc.lunar import LunarPosition
-from radioloc.measurements import ExactPredictor, Link, Observations, PhysicalModel
+from radioloc.measurements import ExactPredictor, FixedPoint, Link, Observations, PhysicalModel
 from radioloc.measurements.registry import kind_of
 from radioloc.time import epochs_from_strings, tai_to_utc, utc_to_tai
 
@@ -52,7 +52,7 @@ def path_m(model, station, tag_s, one_way):
         uplink_hz=np.nan if one_way else X_UP_HZ,
     )
     lander_pa_m = LANDER.to_frame(model.libration.frame).xyz_m
-    return ExactPredictor(model, plan, lander_pa_m).compute(lander_pa_m).value_m
+    return ExactPredictor(model, plan, FixedPoint(lander_pa_m)).compute().value_m
 
 
 class Exciter:

@@ -58,7 +58,7 @@ def tracked(model, forces, sigma_m, seconds=PASSES_S, state=STATE, seed=20120409
         wavelength_um=3.6e4,
     )
     orbit = craft(state, forces).orbit(model, empty, ())
-    computed = ExactPredictor(model, empty, np.zeros(3), orbit).compute(np.zeros(3))
+    computed = ExactPredictor(model, empty, orbit).compute()
     noise_m = sigma_m * np.random.default_rng(seed).normal(size=len(seconds))
     return replace(empty, value_m=computed.value_m + noise_m), computed.usable, orbit
 

@@ -13,7 +13,7 @@ from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.io import TdmAgreement
 from radioloc.lunar import LunarPosition, rot_icrf_to_iau_moon
-from radioloc.measurements import EquipmentDelays, StationDelay
+from radioloc.measurements import EquipmentDelays, FixedPoint, StationDelay
 from radioloc.media import UniformTec
 from radioloc.simulation import (
     Masks,
@@ -188,9 +188,10 @@ def test_places_in_kilometres_and_of_astropy(model):
 
 
 def test_predictions_of_a_place_in_kilometres():
-    arc, place_m = radioloc.jobs.arc_of(EXAMPLES / "apollo15/apollo15.toml")
-    computed = arc.compute(place_m)
-    assert np.array_equal(arc.compute(place_m * u.m).value_m, computed.value_m)
-    assert arc.compute(place_m / 1e3 * u.km).value_m == pytest.approx(computed.value_m, abs=1e-6)
-    with pytest.raises(InputError, match="lander_pa_m is in rad; give m"):
-        arc.at(place_m * u.rad)
+    arc = radioloc.jobs.arc_of(EXAMPLES / "apollo15/apollo15.toml")
+    place_m = arc.motions[0].position_pa_m
+    computed = arc.compute()
+    assert np.array_equal(arc.compute(FixedPoint(place_m * u.m)).value_m, computed.value_m)
+    assert arc.compute(FixedPoint(place_m / 1e3 * u.km)).value_m == pytest.approx(computed.value_m, abs=1e-6)
+    with pytest.raises(InputError, match="position_pa_m is in rad; give m"):
+        FixedPoint(place_m * u.rad)

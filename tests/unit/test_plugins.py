@@ -20,7 +20,7 @@ import radioloc
 from radioloc.cli import main
 from radioloc.errors import InputError
 from radioloc.io.formats import READERS
-from radioloc.measurements import MEASUREMENTS, Geometry, Part
+from radioloc.measurements import MEASUREMENTS, FixedPoint, Geometry, Part
 from radioloc.measurements.combined_predictor import expanded
 from radioloc.media import MEDIA
 from radioloc.parameters.registry import PARAMETERS
@@ -97,7 +97,7 @@ def write_half_ranges(folder: Path) -> None:
     )
     model = radioloc.measurements.PhysicalModel.build()
     lander_pa_m = LANDER.to_axes("PA", model.ephemeris.constants).xyz_m
-    computed = radioloc.measurements.ExactPredictor(model, plan, lander_pa_m).compute(lander_pa_m)
+    computed = radioloc.measurements.ExactPredictor(model, plan, FixedPoint(lander_pa_m)).compute()
     lines = {
         "KASHI": ["epoch_utc,time_tag,type,path,observed_m,sigma_m"],
         "JIAMUSI": ["HALF RANGES OF JIAMUSI"],

@@ -8,10 +8,10 @@ from radioloc.lunar import TerrainModel
 
 def test_objects_are_shown_in_one_line():
     study = radioloc.read_study(EXAMPLES / "apollo15" / "apollo15.toml")
-    arc, position_pa_m = radioloc.jobs.arc_of(study)
+    arc = radioloc.jobs.arc_of(study)
     solution = radioloc.locate(study)
     objects = [
-        *(study, study.target, arc.model, arc.observations, arc, arc.compute(position_pa_m)),
+        *(study, study.target, arc.model, arc.observations, arc, arc.compute()),
         *(solution, solution.parameters, solution.residuals, solution.consider, solution.consistency),
         arc.model.without("shapiro", "pole_tide"),
         radioloc.simulate(EXAMPLES / "change5" / "simulation.toml", seed=3),

@@ -44,11 +44,11 @@ from radioloc.jobs.notes import notes_of_plan
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.preparation import model_of, planned_arc, prepared_arc
 from radioloc.jobs.problem import (
+    apriori_points,
     considered_errors,
     fitted_orbit,
     observation_model,
     require_position_or_orbit,
-    start_pa_m,
     status_of,
     targets_in_pa,
 )
@@ -60,6 +60,7 @@ from radioloc.measurements.link import Link
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.parameters.design import ObservationModel
+from radioloc.parameters.motion import orbit_of
 from radioloc.parameters.parameter import Role
 from radioloc.results.covariance import CovarianceStudy, Gain, PlannedArc, Share
 from radioloc.simulation import Scenario, Session
@@ -183,8 +184,9 @@ class _Planned:
             if isinstance(target, Orbiter) and orbit is None:
                 assert study.estimate.orbit is not None
                 orbit = scenario.orbit(model, target, study.estimate.orbit.parameters(target.forces))
-            place_m = start_pa_m(targets_in_pa(study, model.ephemeris.constants))
-            plan = scenario.schedule.plan(model, place_m if orbit is None else orbit.nearest(), scenario.name)
+            points = apriori_points(targets_in_pa(study, model.ephemeris.constants))
+            aimed = points[0].position_pa_m if orbit is None else orbit.nearest()
+            plan = scenario.schedule.plan(model, aimed, scenario.name)
             longest, left_out, rows = planned_arc(study, plan.observations, model, orbit)
             noise = scenario.noise.processes(plan).select(rows)
             silent = [kind for kind in longest.observations.types() if kind not in scenario.noise.link]
@@ -197,13 +199,12 @@ class _Planned:
                     "once this is tracked, Earth orientation will have been measured: "
                     "[consider] ut1_sigma_s = 1e-5 and pole_sigma_rad = 3e-10 say so"
                 )
-        usable = status_of(longest, start_pa_m(targets_in_pa(study, longest.model.ephemeris.constants)))[
-            0
-        ].are(USED)
+        usable = status_of(longest)[0].are(USED)
         if not usable.all():
             notes.append(f"{int((~usable).sum())} observations cannot be used: too low, or out of sight")
-        if isinstance(longest.trajectory, AdjustableOrbit) and isinstance(study.target, Orbiter):
-            orbit = orbit or longest.trajectory
+        planned = orbit_of(longest)
+        if planned is not None and isinstance(study.target, Orbiter):
+            orbit = orbit or planned
             errant = errant or study.target.disturbed(orbit)
         return cls(study, longest, noise, usable, (*notes, *notes_of_plan(longest, left_out)), orbit, errant)
 
@@ -338,7 +339,7 @@ class _Solved:
             by_orbit, by_gravity = (one[:, LOCAL_LEVEL[:3]] for one in state.partials_rtn(self._epochs))
             axes = np.zeros((*by_orbit.shape[:2], len(parameters)))
             mine = slice(0, self.problem.first)
-            axes[..., mine] = by_orbit @ self.problem.positions[0](self.x[mine])[1]
+            axes[..., mine] = by_orbit @ self.problem.functions[0](self.x[mine])[1]
             if moved is not None:
                 direct_m = np.zeros((*by_orbit.shape[:2], len(moved.parameters)))
                 direct_m[

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.dynamics import AdjustableOrbit
 from radioloc.errors import InputError
 from radioloc.estimation.consider import effects_beside_prior
 from radioloc.estimation.editing import (
@@ -27,12 +26,12 @@ from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.orbit_start import near_orbit
 from radioloc.jobs.preparation import known_positions, prepared_arc
 from radioloc.jobs.problem import (
+    apriori_points,
     considered_errors,
     disturbed,
     fitted_orbit,
     observation_model,
     planned_place,
-    start_pa_m,
     status_of,
     targets_in_pa,
     weighed,
@@ -47,7 +46,9 @@ from radioloc.lunar import rot_pa_to_me
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor, blocks
 from radioloc.measurements.registry import KINDS
+from radioloc.measurements.target_motion import Motions, OrbitMotion, positions_pa_m
 from radioloc.parameters.design import ObservationModel
+from radioloc.parameters.motion import orbit_of
 from radioloc.results.build import build_solution, compare_with
 from radioloc.results.solution import Solution, TargetPosition
 from radioloc.study.orbiter import Orbiter
@@ -128,9 +129,11 @@ def fit_arc(
     paths = Labels.coded([link.path for link in observations.links], observations.link)
     types = Labels.coded(KINDS, observations.kind)
     order = SeriesOrder.of(types, paths, seconds_since_midnight(observations.epoch))
-    orbit = arc.trajectory
-    there = arc.along(orbit.coarse()) if isinstance(orbit, AdjustableOrbit) else arc
-    status, reason = status_of(there, start_pa_m(targets))
+    orbit = orbit_of(arc)
+    start = apriori_points(targets) or arc.motions
+    if orbit is not None:
+        start = (OrbitMotion(orbit.coarse()),)
+    status, reason = status_of(arc, start)
     fitted, stochastic = _fit(problem, noise, order, estimate, status, reason)
     if stochastic is not None:
         problem = stochastic.here
@@ -151,14 +154,14 @@ def fit_arc(
         common = effects_beside_prior(fitted.fit, considered)
         fitted = weighed(problem.linearize, edited, order, estimate, common)
     x, used = fitted.fit.x, fitted.fit.used
-    elevation_deg = _elevation_deg(arc, problem.all_positions_pa_m(x))
+    elevation_deg = _elevation_deg(arc, problem.motions(x))
     doubts = [] if estimate is None else [*misfits(fitted, noise.sigma_m, types)]
     if estimate is not None and isinstance(study.target, Orbiter):
         doubts += cut_off_ends(fitted, observations)
     fits = not doubts
     # Where the residuals do not fit at all, place and sigmas say nothing of their own.
-    if fits and estimate is not None and arc.trajectory is None and estimate.position != "none":
-        doubts = [*places(arc, problem.all_positions_pa_m(x), used, elevation_deg)]
+    if fits and estimate is not None and not arc.trajectories and estimate.position != "none":
+        doubts = [*places(arc, problem.motions(x), used, elevation_deg)]
     lander_pa_m = problem.position_pa_m(x)
     several = tuple(
         TargetPosition(name, problem.position_pa_m(x, k), problem.position_partials(x, k))
@@ -184,13 +187,13 @@ def fit_arc(
         ephemeris_sigma_enu_m=np.zeros(3) if estimate is None else np.array(estimate.ephemeris_sigma_m),
         name=study.name,
         notes=(
-            *coordinate_doubts(arc, start_pa_m(targets), used, fits),
+            *coordinate_doubts(arc, start, used, fits),
             *notes_of(study, arc, left_out, estimate, fitted, lander_pa_m, considered),
             *not_considered,
         ),
-        provenance=provenance(study, arc, left_out, estimate, problem.all_positions_pa_m(x)),
+        provenance=provenance(study, arc, left_out, estimate, problem.motions(x)),
         considered=considered,
-        trajectory=None if arc.trajectory is None or problem.landing is not None else str(there.trajectory),
+        trajectory=str(arc.trajectories[0]) if arc.trajectories and problem.landing is None else None,
         targets=several,
     )
     if isinstance(study.target, Orbiter):
@@ -209,13 +212,14 @@ def fit_arc(
         solution = nowhere(solution)
     if estimate is None:
         return solution
-    advice = search_that_helps(study, solution, problem.all_positions_pa_m(x), start_pa_m(targets))
+    moved_m = positions_pa_m(problem.motions(x)) - positions_pa_m(start)
+    advice = search_that_helps(study, solution, float(np.linalg.norm(moved_m, axis=-1).max()))
     return replace(solution, notes=(*solution.notes, *advice))
 
 
-def _elevation_deg(arc: Predictor, lander_pa_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def _elevation_deg(arc: Predictor, motions: Motions) -> NDArray[np.float64]:
     """Lower of the stations' elevations, deg, shape (n,)."""
-    at = arc.at(lander_pa_m)
+    at = arc.at(motions)
     elevation_deg = np.empty(len(arc.observations))
     for rows in blocks(arc):
         elevation_deg[rows] = np.degrees(at.rows(rows).elevation_rad.min(axis=-1))
@@ -300,9 +304,9 @@ def _fit(
 
 def _is_near(problem: ObservationModel, before: NDArray[np.float64] | None, x: NDArray[np.float64]) -> bool:
     """Return whether fixed positions at parameters x have the visibility that was decided at those before."""
-    if before is None or problem.predictor.trajectory is not None:
+    if before is None or problem.predictor.trajectories:
         return False
-    moved_m = problem.all_positions_pa_m(x) - problem.all_positions_pa_m(before)
+    moved_m = positions_pa_m(problem.motions(x)) - positions_pa_m(problem.motions(before))
     return bool(np.abs(moved_m).max(initial=0.0) < _SAME_VISIBILITY_M)
 
 
@@ -314,7 +318,7 @@ def _visibility_at(
     An estimate from which most of the used observations are invisible is not believed: the verdict says so. Without it
     counts behind the Moon as seen from the a-priori orbit are lost (`tests/unit/jobs/test_orbit_study.py`).
     """
-    decided, _ = status_of(problem.predictor, problem.all_positions_pa_m(x))
+    decided, _ = status_of(problem.predictor, problem.motions(x))
     visible = decided.are(USED)
     if np.array_equal(visible, status.are(USED)) or 2 * (visible & used).sum() < used.sum():
         return status

@@ -12,12 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import ARCSEC_RAD
-from radioloc.dynamics import AdjustableOrbit
 from radioloc.earth.eop import EopTable
 from radioloc.earth.eop_prediction import orientation_errors
 from radioloc.earth.stations import Station
 from radioloc.ephemeris import EphemerisConstants, Trajectory
-from radioloc.ephemeris.trajectory import AdjustableTrajectory
 from radioloc.errors import InputError
 from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.editing import EditedFit
@@ -30,9 +28,11 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel, kernel_record
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.prepared_paths import is_radio
+from radioloc.measurements.target_motion import Motions
 from radioloc.measurements.terms import TERMS
 from radioloc.media.csp import CHARGED, DRY, WET
 from radioloc.parameters.choice import chosen_keys
+from radioloc.parameters.motion import orbit_of
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.results.cards import metres, plural
@@ -76,7 +76,7 @@ def notes_of(
         return notes
     kinds = () if considered is None else {item.kind for item in considered.parameters}
     in_sigma = any(estimate.ephemeris_sigma_m) or "moon_position" in kinds or "libration" in kinds
-    if arc.trajectory is None and not in_sigma:
+    if not arc.trajectories and not in_sigma:
         notes.append(
             f"the sigma does not include the error of {arc.model.ephemeris.name}: neither moon_position nor "
             "libration is considered, and no [estimate] ephemeris_sigma_m is given"
@@ -214,9 +214,10 @@ def _model_notes(arc: Predictor) -> Iterator[str]:
         sizes = " and ".join(f"{name.capitalize()} (up to {PLANETS_MM[name]:g} mm)" for name in absent)
         yield f"no gravitational delay by {sizes}, one way: not in the ephemeris file; use a complete one"
     yield from _media_notes(model, _radio_stations(arc))
-    if isinstance(arc.trajectory, AdjustableOrbit):
-        yield from arc.trajectory.forces.gravity.notes
-    if arc.trajectory is not None and not isinstance(arc.trajectory, AdjustableTrajectory):
+    orbit = orbit_of(arc)
+    if orbit is not None:
+        yield from orbit.forces.gravity.notes
+    elif arc.trajectories:
         yield "the trajectory is taken as exact: its error is in the residuals, and in no sigma"
     if off := [name for name in TERMS if not model.has(name)]:
         yield f"terms switched off: {', '.join(off)}"
@@ -264,12 +265,12 @@ def provenance(
     arc: Predictor,
     left_out: dict[str, int],
     estimate: EstimateChoice | None,
-    positions_pa_m: NDArray[np.float64],
+    motions: Motions,
 ) -> dict[str, Any]:
-    """Return versions, files, choices and kernels of a fit, and how observations at its positions were computed."""
+    """Return versions, files, choices and kernels of a fit, and how observations at its estimate were computed."""
     evaluation: dict[str, Any] = {"kind": "exact"}
     if isinstance(simple := arc.simple, ChebyshevPredictor):
-        evaluation = {"kind": "interpolated", **asdict(simple.check(positions_pa_m))}
+        evaluation = {"kind": "interpolated", **asdict(simple.check(motions))}
     model, chosen = arc.model, study.model
     height = None if estimate is None else estimate.height_prior
     single_files = {"vmf3_orography": chosen.vmf3_orography, "gpt3": chosen.gpt3}

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.dynamics import AdjustableOrbit
-from radioloc.jobs.orbit_steps import fitted_state
+from radioloc.jobs.orbit_steps import OrbitPart, fitted_state
 from radioloc.measurements.predictor import Predictor
+from radioloc.measurements.target_motion import OrbitMotion
 from radioloc.parameters.design import ObservationModel
+from radioloc.parameters.motion import orbit_of
 from radioloc.time import tt_to_tdb, utc_to_tt
 from radioloc.vectors import Floats
 
@@ -46,12 +47,12 @@ class StagedStart:
     @classmethod
     def of(cls, problem: ObservationModel, sigma_m: Floats) -> StagedStart | None:
         """Return the start of a problem, or ``None`` where no orbit is estimated."""
-        parameters, orbit = problem.parameters, problem.predictor.trajectory
+        parameters, orbit = problem.parameters, problem.orbit
         count = len(parameters.of_kind("state")) + len(parameters.of_kind("force"))
         free = np.flatnonzero(parameters.free[:count])
-        if not isinstance(orbit, AdjustableOrbit) or not len(free):
+        if orbit is None or not len(free):
             return None
-        arc = problem.predictor.along(orbit.coarse())
+        arc = problem.predictor.with_motions(orbit.coarse())
         tdb = tt_to_tdb(utc_to_tt(arc.observations.epoch))
         return cls(
             arc,
@@ -73,9 +74,11 @@ class StagedStart:
 
     def fitted(self, rows: NDArray[np.intp], x: Floats) -> Floats:
         """Return the parameters of the orbit that fit some observations, starting at x."""
-        x, spread = fitted_state(
-            self.arc.select(rows), self.sigma_m[rows], x, self.apriori, self.free, self.step_sigmas
-        )
+        arc = self.arc.select(rows)
+        orbit = orbit_of(arc)
+        assert orbit is not None
+        part = OrbitPart(arc, orbit, self.sigma_m[rows], self.apriori)
+        x, spread = fitted_state(part, x, self.free, self.step_sigmas)
         logger.info(
             "orbit within %.1f h of the epoch: %d observations, robust misfit %.3g sigmas",
             self.away_s[rows].max() / 3600.0,
@@ -105,8 +108,9 @@ def _with_orbit(problem: ObservationModel, changes: Floats) -> Floats:
     """A-priori values of all parameters, but for the orbit those that change it so."""
     start, mine = problem.parameters.prior_values.copy(), slice(len(changes))
     for _ in range(_INVERSIONS):
-        made, by = problem.positions[0](start[mine])
-        start[mine] += np.linalg.solve(by, changes - made)
+        made, by = problem.functions[0](start[mine])
+        assert isinstance(made, OrbitMotion)
+        start[mine] += np.linalg.solve(by, changes - made.changes)
     return start
 
 
@@ -114,7 +118,7 @@ def _cartesian_sigmas(problem: ObservationModel, count: int) -> Floats:
     """How far one step of the state and of the forces may go, by what is known a priori."""
     parameters = problem.parameters
     known = np.minimum(parameters.prior_sigmas, _FREE * parameters.scales)[:count]
-    by = problem.positions[0](parameters.prior_values[:count])[1]
+    by = problem.functions[0](parameters.prior_values[:count])[1]
     most = np.concatenate([[_WEAK_M] * 3, [_WEAK_M_S] * 3, np.full(count - 6, math.inf)])
     most[[one.unit == "m/s" for one in parameters.parameters[:count]]] = _WEAK_M_S
     return np.minimum(np.sqrt(by**2 @ known**2), most)

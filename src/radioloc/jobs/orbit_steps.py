@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import erfa
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.dynamics import AdjustableOrbit
 from radioloc.errors import RadiolocError
 from radioloc.estimation.statistics import robust_scale
-from radioloc.measurements.predictor import Predictor
+from radioloc.measurements.predictor import Computed, Predictor
+from radioloc.measurements.target_motion import OrbitMotion
 
 Floats = NDArray[np.float64]
 
@@ -20,28 +23,37 @@ _CORNER = 2.0  # Robust sigmas from which residuals count by their size only
 _SETTLED = 0.03  # of the robust sigma of the residuals
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class OrbitPart:
+    """Observations to which an orbit is fitted."""
+
+    arc: Predictor
+    orbit: AdjustableOrbit
+    sigma_m: Floats
+    apriori: Floats  # parameters of the orbit: state and forces
+
+    def compute(self, x: Floats) -> Computed:
+        """Predict the observations for parameters x."""
+        return self.arc.compute(OrbitMotion(self.orbit, x - self.apriori))
+
+
 def fitted_state(
-    part: Predictor,
-    sigma_m: Floats,
-    x: Floats,
-    apriori: Floats,
-    free: NDArray[np.intp],
-    sigmas: Floats,
-    steps: int = _STEPS,
+    part: OrbitPart, x: Floats, free: NDArray[np.intp], sigmas: Floats, steps: int = _STEPS
 ) -> tuple[Floats, float]:
     """Return parameters after robust steps, each within `sigmas`, and the scale of the residuals in sigmas."""
+    sigma_m = part.sigma_m
     best, least, spread = x, math.inf, math.inf
     shrink = 1.0
     step = np.zeros(len(x))
     for _ in range(steps):
         try:
-            computed = part.compute(x - apriori)
+            computed = part.compute(x)
         except RadiolocError:
             if x is best:
                 raise
             loss = math.inf  # into the ground, or out of the model's reach
         else:
-            ratio = (part.observations.value_m - computed.value_m) / sigma_m
+            ratio = (part.arc.observations.value_m - computed.value_m) / sigma_m
             spread_here = max(1.0, robust_scale(ratio, len(free)))
             # Without the largest, of which one that is far off would hide what a step gains in all others.
             loss = float(np.sort(np.abs(ratio))[: math.ceil(_COUNTED * len(ratio))].mean())
@@ -55,7 +67,7 @@ def fitted_state(
             break
         shrink = 1.0
         weight = np.sqrt(1.0 / np.maximum(np.abs(ratio) / (_CORNER * spread), 1.0)) / spread
-        design = (computed.by_orbit[:, free] / sigma_m[:, None] * sigmas) * weight[:, None]
+        design = (computed.by_motion[:, free] / sigma_m[:, None] * sigmas) * weight[:, None]
         stacked = np.vstack([design, np.eye(len(free))])
         right = np.concatenate([ratio * weight, np.zeros(len(free))])
         step = np.zeros(len(x))

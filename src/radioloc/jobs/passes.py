@@ -24,6 +24,7 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.pointing import Direction, direction
 from radioloc.measurements.predictor import reasons
 from radioloc.measurements.registry import is_one_way, kind_of
+from radioloc.measurements.target_motion import FixedPoint
 from radioloc.results.predictions import LightTimes, Pass, Passes
 from radioloc.simulation.schedule import LINKS, Schedule, Session
 from radioloc.simulation.simulate import StateAndForces
@@ -292,18 +293,16 @@ def _table(
     rows = replace(
         counts, kind=np.full_like(counts.kind, kind_of(kind)), count_s=np.full(len(counts), np.nan)
     )
-    trajectory = target if isinstance(target, AnyTrajectory) else None
-    place_m = np.zeros(3) if isinstance(target, AnyTrajectory) else target
-    predictor = ExactPredictor(model, rows, place_m, trajectory)
-    computed = predictor.compute(place_m)
-    path, sender, receiver = predictor.light_path(place_m)
+    motion = target if isinstance(target, AnyTrajectory) else FixedPoint(target)
+    predictor = ExactPredictor(model, rows, motion)
+    computed = predictor.compute()
+    path, sender, receiver = predictor.light_path()
     no_uplink = is_one_way(rows.kind)
     columns = {
         "uplink_light_time_s": np.where(no_uplink, np.nan, path.up_s),
         "downlink_light_time_s": path.down_s,
         "range_m": computed.value_m,
-        "range_rate_m_s": ExactPredictor(model, counts, place_m, trajectory).compute(place_m).value_m
-        / _COUNT_S,
+        "range_rate_m_s": ExactPredictor(model, counts, motion).compute().value_m / _COUNT_S,
     }
     if frequency_hz is not None:
         columns["doppler_hz"] = -frequency_hz / C_M_S * columns["range_rate_m_s"]

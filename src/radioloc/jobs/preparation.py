@@ -15,7 +15,7 @@ from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.errors import CoverageError, FileFormatError, InputError, require_type
 from radioloc.io.formats import read_observations
 from radioloc.jobs.one_thread import on_one_blas_thread
-from radioloc.jobs.problem import position_in_pa, start_pa_m, targets_in_pa
+from radioloc.jobs.problem import apriori_points, position_in_pa, targets_in_pa
 from radioloc.jobs.selection import select_observations, selected, with_target_names
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.ambiguity import without_ambiguity
@@ -27,6 +27,7 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.quantised import with_rounding_in_sigmas
 from radioloc.measurements.sources import read_sources
+from radioloc.measurements.target_motion import GivenMotions
 from radioloc.measurements.terms import TERMS
 from radioloc.media.csp import read_csp
 from radioloc.media.ionex import read_ionex
@@ -43,23 +44,19 @@ from radioloc.study.weights import require_stations, weighted_observations
 logger = logging.getLogger(__name__)
 
 
-def arc_of(
-    study: Study | str | Path, observations: Observations | None = None
-) -> tuple[Predictor, NDArray[np.float64]]:
-    """The prepared arc of a study and its a-priori position in principal axes, for predictions and tables of terms.
+def arc_of(study: Study | str | Path, observations: Observations | None = None) -> Predictor:
+    """Return the prepared arc of a study, at its a-priori positions or trajectory, for predictions and tables of terms.
 
     Parameters and errors as :func:`radioloc.locate`.
 
     Examples
     --------
     >>> import radioloc
-    >>> arc, position_pa_m = radioloc.jobs.arc_of("examples/apollo15/apollo15.toml")
-    >>> arc.compute(position_pa_m).by_position_pa.shape
+    >>> arc = radioloc.jobs.arc_of("examples/apollo15/apollo15.toml")
+    >>> arc.compute().by_position_pa.shape
     (153, 3)
     """
-    study = as_study(study)
-    arc, _ = prepared_arc(study, observations)
-    return arc, start_pa_m(targets_in_pa(study, arc.model.ephemeris.constants))
+    return prepared_arc(as_study(study), observations)[0]
 
 
 @on_one_blas_thread()
@@ -202,29 +199,31 @@ def _arc(
     targets: Mapping[str, LunarPosition],
     given: AdjustableOrbit | None,
 ) -> Predictor:
-    start_m, names = start_pa_m(targets), tuple(targets) if len(targets) > 1 else ()
+    names = tuple(targets) if len(targets) > 1 else ()
     aimed = _trajectory(study, model, observations) if given is None else given
-    trajectory = aimed.coarse() if isinstance(aimed, AdjustableOrbit) else aimed  # only positions are needed
+    start: GivenMotions = apriori_points(targets) if aimed is None else aimed
+    if isinstance(aimed, AdjustableOrbit):
+        start = aimed.coarse()  # only positions are needed
     kinds = (*study.estimate.parameters, *study.consider)
     more = study.consider_defaults or any(PARAMETERS[kind].more_partials for kind in kinds)
     try:
         if len(rows := np.flatnonzero(~np.isnan(observations.modulus_m))):
-            ambiguous = ExactPredictor(model, observations.select(rows), start_m, trajectory, names)
+            ambiguous = ExactPredictor(model, observations.select(rows), start, names)
             expected_m = np.full(len(observations), np.nan)
-            expected_m[rows] = ambiguous.compute(start_m).value_m
+            expected_m[rows] = ambiguous.compute().value_m
             observations = without_ambiguity(observations, expected_m)
-        arc = prepare_predictor(model, observations, start_m, study.model.evaluation, trajectory, names, more)
+        arc = prepare_predictor(model, observations, start, study.model.evaluation, names, more)
     except CoverageError:
         # The kernel or table does not know the files: say which observation lies outside, the first or the last.
         order = np.lexsort((observations.epoch.fraction, observations.epoch.jd))
         for row in (int(order[0]), int(order[-1])):
             try:
-                prepare_predictor(model, observations.select([row]), start_m, "exact", trajectory, names)
+                prepare_predictor(model, observations.select([row]), start, "exact", names)
             except CoverageError as error:
                 error.args = (f"{observations.origin(row)}: {error}",)
                 raise error from None
         raise
-    return arc.along(aimed) if isinstance(aimed, AdjustableOrbit) else arc
+    return arc if aimed is None else arc.with_motions(aimed)
 
 
 def _trajectory(

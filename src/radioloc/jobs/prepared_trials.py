@@ -43,7 +43,6 @@ from radioloc.jobs.problem import (
     observation_model,
     position_in_pa,
     require_position_or_orbit,
-    start_pa_m,
     status_of,
     targets_in_pa,
 )
@@ -54,9 +53,11 @@ from radioloc.labels import USED, Labels
 from radioloc.lunar.local import local_difference
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.registry import KINDS
+from radioloc.measurements.target_motion import FixedPoint, OrbitMotion
 from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.design import ObservationModel
 from radioloc.parameters.kind import Scope
+from radioloc.parameters.motion import orbit_of
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.results.solution import Solution
 from radioloc.simulation import World
@@ -213,9 +214,9 @@ class Prepared:
         longest = self.parts[0].arc
         problem, x = self.at_truth(self.parts[0])
         computed_m = longest.at(
-            problem.all_positions_pa_m(x) if problem.of_orbit else self.world.target_pa_m
+            problem.motions(x) if problem.of_orbit else FixedPoint(self.world.target_pa_m)
         ).value_m
-        usable = status_of(longest, start_pa_m(self._targets_pa))[0].are(USED)
+        usable = status_of(longest)[0].are(USED)
         errant = disturbed(self.study, problem, x)
         arcs = []
         for part in self.parts:
@@ -277,12 +278,13 @@ class Prepared:
             )
         assert isinstance(self.world.trajectory, Orbit)
         tdb = self.epochs(part)
-        whole = self.parts[0].arc.trajectory  # the a-priori orbit over the whole plan
-        assert isinstance(whole, AdjustableOrbit)
-        here = whole.corrected(problem.all_positions_pa_m(x))
+        whole = orbit_of(self.parts[0].arc)  # over the whole plan
+        assert whole is not None
+        here = problem.with_orbit(whole).orbit_at(x)
+        assert here is not None
         by_parameters = np.zeros((3, 6, len(x)))
         by_parameters[..., : problem.first] = _local(
-            here, tdb, here.partials(tdb) @ problem.positions[0](x[: problem.first])[1]
+            here, tdb, here.partials(tdb) @ problem.functions[0](x[: problem.first])[1]
         )
         by_considered = np.zeros((3, 6, count))
         if errant is not None:
@@ -341,7 +343,8 @@ def _parameters_at(problem: ObservationModel, wanted: _Floats) -> _Floats:
     """Parameters of a position, or of changes of an orbit's own, the others at their a-priori values."""
     x, mine = problem.parameters.prior_values.copy(), len(wanted)
     for _ in range(20):
-        found, partials = problem.positions[0](x[:mine])
+        motion, partials = problem.functions[0](x[:mine])
+        found = motion.changes if isinstance(motion, OrbitMotion) else motion.position_pa_m
         step = np.linalg.solve(partials, wanted - found)
         x[:mine] += step
         if np.abs(step).max() < 1e-7:

@@ -34,12 +34,14 @@ from radioloc.lunar.visibility import earth_elevation_rad
 from radioloc.measurements.link import canonical_target
 from radioloc.measurements.predictor import Predictor, blocks, reasons
 from radioloc.measurements.registry import kind_of
+from radioloc.measurements.target_motion import FixedPoint, Motions, OrbitMotion, TrajectoryMotion
 from radioloc.media.status import Status
 from radioloc.parameters.choice import ParameterChoice, chosen_parameters
 from radioloc.parameters.columns import Columns
 from radioloc.parameters.considered import resolved
 from radioloc.parameters.design import DesignMatrix, ObservationModel
 from radioloc.parameters.kind import Scope
+from radioloc.parameters.motion import MotionParameters, OrbitFunction, of_points, orbit_of
 from radioloc.parameters.orbit import (
     Ground,
     LandingParameters,
@@ -75,7 +77,7 @@ def observation_model(
         if found is not None:
             kinds.append(found)
     if isinstance(targets_pa, Mapping) and len(targets_pa) > 1:
-        positions = with_position_priors(
+        points = with_position_priors(
             [
                 _place(predictor, place.xyz_m, choice, f"position.{name}")
                 for name, place in targets_pa.items()
@@ -83,13 +85,15 @@ def observation_model(
             [_prior(choice, name) for name in targets_pa],
             predictor.model.ephemeris.constants,
         )
+        motions = [of_points(point) for point in points]
     else:
         place = next(iter(targets_pa.values())) if isinstance(targets_pa, Mapping) else targets_pa
         if (landing := _landing(predictor, place, choice)) is not None:
-            model = ObservationModel.of(predictor, [(landing.parameters, landing.changes)], kinds)
+            function = OrbitFunction(landing.orbit, landing.changes)
+            model = ObservationModel.of(predictor, [(landing.parameters, function)], kinds)
             return replace(model, landing=landing)
-        positions = [_position(predictor, place, choice)]
-    model = ObservationModel.of(predictor, positions, kinds)
+        motions = [_motion(predictor, place, choice)]
+    model = ObservationModel.of(predictor, motions, kinds)
     if estimate is not None and all(parameter.fixed for parameter in model.parameters):
         raise InputError(
             'nothing to estimate: [estimate] position is "none" and no bias is asked for; '
@@ -125,10 +129,10 @@ def considered_errors(
     gravity = gravity_errors(orbit, problem)
     if model is None:
         return gravity, notes
-    positions_pa_m = problem.all_positions_pa_m(x)
-    at = problem.predictor.at(positions_pa_m)
+    motions = problem.motions(x)
+    at = problem.predictor.at(motions)
     nowhere = np.zeros(0)  # residuals are not asked for
-    here = DesignMatrix(model, at, positions_pa_m, model.parameters.prior_values, nowhere)
+    here = DesignMatrix(model, at, motions, model.parameters.prior_values, nowhere)
     at_stations = [item for item in model.parameters if is_at_station(item.kind)]
     if not at_stations:
         return _together(ConsideredErrors(model.parameters, here.partials), gravity), notes
@@ -140,11 +144,10 @@ def considered_errors(
 
 def disturbed(study: Study, problem: ObservationModel, x: NDArray[np.float64]) -> AdjustableOrbit | None:
     """The orbit at parameters x, with the errors of its gravity field that are considered, if it is one."""
-    orbit, target = problem.predictor.trajectory, study.target
-    if problem.process is not None or not isinstance(target, Orbiter):
+    orbit = problem.orbit_at(x)
+    if problem.process is not None or orbit is None or not isinstance(study.target, Orbiter):
         return None  # process noise stands for what the field leaves out
-    assert isinstance(orbit, AdjustableOrbit)
-    return target.disturbed(orbit.corrected(problem.all_positions_pa_m(x)))
+    return study.target.disturbed(orbit)
 
 
 def require_position_or_orbit(study: Study, what: str) -> None:
@@ -172,12 +175,12 @@ def fitted_orbit(
     errant: AdjustableOrbit | None,
 ) -> OrbitState:
     """The state of the orbit whose parameters come first in x and `covariance`, which is of all that is uncertain."""
-    orbit = problem.predictor.trajectory
     assert isinstance(study.target, Orbiter)
-    assert isinstance(orbit, AdjustableOrbit)
     mine = slice(0, problem.first)
-    changes, by = problem.positions[0](x[mine])
-    estimated = orbit.corrected(changes)
+    motion, by = problem.functions[0](x[mine])
+    assert isinstance(motion, OrbitMotion)
+    estimated = motion.trajectory
+    assert isinstance(estimated, AdjustableOrbit)
     estimated.require_above_ground()
     sensitivity = np.zeros((problem.first, 0))
     if consider is not None:
@@ -195,7 +198,7 @@ def gravity_errors(orbit: AdjustableOrbit | None, problem: ObservationModel) -> 
     """Errors of an orbit's gravity field, with what they do to the observations."""
     if orbit is None:
         return None
-    effects = problem.predictor.along(orbit).compute(np.zeros(3)).by_orbit
+    effects = problem.predictor.compute(orbit).by_motion
     names = [f"gravity_error.{k + 1}" for k in range(effects.shape[1])]
     parameters = [Parameter(name, "1", "gravity_error", 0.0, 1.0, role=Role.CONSIDERED) for name in names]
     return ConsideredErrors(ParameterSet(parameters), lambda rows: effects[rows])
@@ -215,7 +218,7 @@ def _together(one: ConsideredErrors, other: ConsideredErrors | None) -> Consider
 def _considered_model(
     predictor: Predictor, study: Study, estimate: EstimateChoice
 ) -> tuple[ObservationModel | None, list[str]]:
-    moon_is_in = any(estimate.ephemeris_sigma_m) or predictor.trajectory is not None
+    moon_is_in = any(estimate.ephemeris_sigma_m) or bool(predictor.trajectories)
     with named("[consider]"):
         choices, notes = resolved(
             study.consider,
@@ -240,19 +243,22 @@ def _columns(
         return chosen_parameters(kind, chosen, predictor.simple, role, estimate.pass_gap_h)
 
 
-def _position(
+def _motion(
     predictor: Predictor, target_pa: LunarPosition | None, choice: EstimateChoice
-) -> PositionParameters:
-    if isinstance(predictor.trajectory, AdjustableOrbit):
+) -> MotionParameters:
+    orbit = orbit_of(predictor)
+    if orbit is not None:
         given, estimated = choice.orbit or OrbitChoice(), choice.orbit is not None
-        sigmas = given.sigmas(predictor.trajectory.forces) if estimated else {}
-        return orbit_parameters(predictor.trajectory, sigmas, estimated, given.state, given.form)
+        sigmas = given.sigmas(orbit.forces) if estimated else {}
+        parameters, changes = orbit_parameters(orbit, sigmas, estimated, given.state, given.form)
+        return parameters, OrbitFunction(orbit, changes)
     if target_pa is None:
-        return cartesian(np.zeros(3), role=Role.FIXED, name="offset")
+        [trajectory] = predictor.trajectories
+        parameters, _ = cartesian(np.zeros(3), role=Role.FIXED, name="offset")
+        return parameters, lambda x: (TrajectoryMotion(trajectory, x), np.eye(3))
     constants = predictor.model.ephemeris.constants
-    return with_position_priors(
-        [_place(predictor, target_pa.xyz_m, choice)], [_prior(choice, "")], constants
-    )[0]
+    place = _place(predictor, target_pa.xyz_m, choice)
+    return of_points(with_position_priors([place], [_prior(choice, "")], constants)[0])
 
 
 def _prior(choice: EstimateChoice, target: str) -> PositionPrior | None:
@@ -283,8 +289,8 @@ def _landing(
     predictor: Predictor, target_pa: LunarPosition | None, choice: EstimateChoice
 ) -> LandingParameters | None:
     """Parameters of an orbit that ends on the ground; where nothing is estimated, those of the a-priori orbit."""
-    orbit = predictor.trajectory
-    if not isinstance(orbit, AdjustableOrbit) or orbit.touchdown is None:
+    orbit = orbit_of(predictor)
+    if orbit is None or orbit.touchdown is None:
         return None
     ground, estimated = Ground(predictor.model, orbit.touchdown), choice.orbit is not None
     start_pa_m = target_pa.xyz_m if target_pa is not None and estimated else ground.place_pa_m(orbit.state)
@@ -323,10 +329,9 @@ def planned_place(study: Study, constants: EphemerisConstants) -> LunarPosition 
     return position_in_pa("[target.landing]", landing.place, constants)
 
 
-def start_pa_m(targets_pa: Mapping[str, LunarPosition]) -> NDArray[np.float64]:
-    """Where an arc is prepared: at the a-priori positions, or at no offset from the trajectory."""
-    places = [position.xyz_m for position in targets_pa.values()]
-    return np.zeros(3) if not places else places[0] if len(places) == 1 else np.array(places)
+def apriori_points(targets_pa: Mapping[str, LunarPosition]) -> Motions:
+    """Return the a-priori positions as motions."""
+    return tuple(FixedPoint(position.xyz_m) for position in targets_pa.values())
 
 
 def position_in_pa(table: str, position: LunarPosition, constants: EphemerisConstants) -> LunarPosition:
@@ -335,15 +340,18 @@ def position_in_pa(table: str, position: LunarPosition, constants: EphemerisCons
         return position.to_axes("PA", constants)
 
 
-def status_of(arc: Predictor, positions_pa_m: NDArray[np.float64]) -> tuple[Labels, NDArray[np.int8]]:
-    """Return why observations cannot be used for positions or corrections of an orbit, as text and by code."""
-    at, model = arc.at(positions_pa_m), arc.model
-    earth_rad = [
-        partial(earth_elevation_rad, model.ephemeris, model.libration, point_pa_m=point_pa_m)
-        for point_pa_m in (np.atleast_2d(positions_pa_m) if arc.trajectory is None else ())
-    ]
-    # Of a spacecraft the arc itself knows what the Moon hides.
-    may_set = [_lowest_deg(above, arc.observations.epoch) < LOWEST_EARTH_DEG + 1.0 for above in earth_rad]
+def status_of(arc: Predictor, motions: Motions | None = None) -> tuple[Labels, NDArray[np.int8]]:
+    """Return why observations cannot be used for motions, by default those of the arc, as text and by code."""
+    motions = arc.motions if motions is None else motions
+    at, model = arc.at(motions), arc.model
+    # The Moon hides spacecraft in the predictions themselves.
+    earth_rad = {
+        k: partial(earth_elevation_rad, model.ephemeris, model.libration, point_pa_m=motion.position_pa_m)
+        for k, motion in enumerate(motions)
+        if motion.trajectory is None
+    }
+    epoch = arc.observations.epoch
+    may_set = [k for k, above in earth_rad.items() if _lowest_deg(above, epoch) < LOWEST_EARTH_DEG + 1.0]
     reason = np.zeros(len(arc.observations), dtype=np.int8)
     labels = np.zeros(len(arc.observations), dtype=np.int32)
     places = {USED: 0}
@@ -354,7 +362,7 @@ def status_of(arc: Predictor, positions_pa_m: NDArray[np.float64]) -> tuple[Labe
         texts, which = np.unique(sentences, return_inverse=True)
         new = [places.setdefault(str(text), len(places)) for text in texts]
         labels[rows[bad]] = np.array(new, dtype=np.int32)[which]
-        for target in np.flatnonzero(may_set):
+        for target in may_set:
             mine = rows[(arc.target[rows] == target) & (reason[rows] == Status.OK)]
             # The Earth moves in the lander's sky with the librations, in days.
             tdb = tt_to_tdb(utc_to_tt(arc.observations.epoch[mine]))

@@ -8,26 +8,25 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.dynamics import AdjustableOrbit
 from radioloc.earth.stations import Station, StationCatalogue, reordered_coordinates
 from radioloc.errors import StationError
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.predictor import Predictor
+from radioloc.measurements.target_motion import Motions
+from radioloc.parameters.motion import orbit_of
 
 _SAMPLE_ROWS = 20
 _MIN_IMPROVEMENT = 10.0  # of the rms of residuals by other coordinates
 _MAX_RMS_M = 1.0e5  # from an a-priori position some tens of kilometres off
 
 
-def coordinate_doubts(
-    arc: Predictor, positions_pa_m: NDArray[np.float64], used: NDArray[np.bool_], fits: bool
-) -> Iterator[str]:
-    """Name stations that fit, or see the target, only with exchanged axes or signs at a-priori positions.
+def coordinate_doubts(arc: Predictor, motions: Motions, used: NDArray[np.bool_], fits: bool) -> Iterator[str]:
+    """Name stations that fit, or see the target, only with exchanged axes or signs at a-priori motions.
 
     Without it a station with x and y exchanged is only far off (`tests/unit/jobs/test_station_doubts.py`).
     """
     observations, shipped = arc.observations, StationCatalogue.default()
-    for name in () if isinstance(arc.trajectory, AdjustableOrbit) else arc.stations:
+    for name in () if orbit_of(arc) is not None else arc.stations:
         station = arc.model.catalogue.get(name)
         if station.name in shipped and np.array_equal(shipped[station.name].itrf_m, station.itrf_m):
             continue
@@ -36,9 +35,9 @@ def coordinate_doubts(
         if not len(rows) or (fits and used[rows].any()):
             continue
         rows = rows[np.unique(np.linspace(0, len(rows) - 1, _SAMPLE_ROWS).astype(int))]
-        given_m = _rms_m(arc, positions_pa_m, rows, station)
+        given_m = _rms_m(arc, motions, rows, station)
         others = {
-            mistake: _rms_m(arc, positions_pa_m, rows, station, itrf_m)
+            mistake: _rms_m(arc, motions, rows, station, itrf_m)
             for mistake, itrf_m in reordered_coordinates(station.itrf_m).items()
         }
         mistake, rms_m = min(others.items(), key=lambda one: one[1])
@@ -52,7 +51,7 @@ def coordinate_doubts(
 
 def _rms_m(
     arc: Predictor,
-    positions_pa_m: NDArray[np.float64],
+    motions: Motions,
     rows: NDArray[np.intp],
     station: Station,
     itrf_m: NDArray[np.float64] | None = None,
@@ -65,9 +64,7 @@ def _rms_m(
     kept = [one for one in arc.model.catalogue if one.name != station.name]
     model = replace(arc.model, catalogue=StationCatalogue([*kept, other]))
     some = arc.observations.select(rows)
-    computed = prepare_predictor(model, some, positions_pa_m, "exact", arc.trajectory, arc.targets).compute(
-        positions_pa_m
-    )
+    computed = prepare_predictor(model, some, motions, "exact", arc.targets).compute()
     if not computed.usable.any():
         return np.inf
     return float(np.sqrt(np.square((some.value_m - computed.value_m)[computed.usable]).mean()))

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.dynamics import AdjustableOrbit
 from radioloc.dynamics.stochastic import (
     ACROSS,
     AFTER,
@@ -57,8 +56,8 @@ class StochasticProblem:
                 "[estimate.orbit] process_noise: observations that are combined of others cannot be used; leave them "
                 "out with [observations] types"
             )
-        orbit, interval_s = predictor.trajectory, noise.interval_s
-        assert isinstance(orbit, AdjustableOrbit)  # process noise belongs to an orbit
+        orbit, interval_s = without.orbit, noise.interval_s
+        assert orbit is not None  # process noise belongs to an orbit
         around_s = np.nan_to_num(predictor.observations.count_s) + _AROUND_S
         if 2.0 * around_s.max(initial=0.0) > interval_s:
             raise InputError(
@@ -70,9 +69,11 @@ class StochasticProblem:
             given = stochastic_forces(orbit.epoch, (after, before), interval_s)
             forces = replace(orbit.forces, accelerations=orbit.forces.accelerations + given)
             orbit = replace(orbit, forces=forces, integrated=[])
-        moved = orbit.corrected(without.all_positions_pa_m(x))
+        here = without.with_orbit(orbit)
+        moved = here.orbit_at(x)
+        assert moved is not None
         effects = StochasticEffects(moved.nearest(), noise.sigma_m_s2, interval_s)
-        partials = predictor.along(replace(moved, errors=effects.at)).compute(np.zeros(3)).by_orbit
+        partials = predictor.compute(replace(moved, errors=effects.at)).by_motion
         by_colour = partials[:, 6:].reshape(len(partials), COLOURS, 3)
         tag_s = tt_to_tdb(utc_to_tt(predictor.observations.epoch)).seconds_since(orbit.epoch)
         first, last = (
@@ -93,8 +94,7 @@ class StochasticProblem:
             noise.persistence,
             values or tuple(np.zeros((len(one) + 1, 3)) for one in effects.moved),  # type: ignore[arg-type]
         )
-        here = replace(without, predictor=predictor.along(orbit), process=process)
-        return cls(without, noise, here, effects)
+        return cls(without, noise, replace(here, process=process), effects)
 
     def again(self, fit: FitResult) -> StochasticProblem:
         """About the orbit of a fit."""
@@ -124,9 +124,9 @@ class StochasticProblem:
         """The state of the smoothed orbit, with the errors of the orbit by interval where all is determined."""
         assert isinstance(fit.whitening, InformationFilter)
         found = self.again(fit)
-        orbit, p = found.here.predictor.trajectory, self.here.first
-        assert isinstance(orbit, AdjustableOrbit)
-        state = replace(state, orbit=orbit.corrected(found.here.all_positions_pa_m(fit.x)))
+        orbit, p = found.here.orbit_at(fit.x), self.here.first
+        assert orbit is not None
+        state = replace(state, orbit=orbit)
         free, here = fit.parameters.free, fit.linearization
         joint, sigmas = solution.covariance[np.ix_(free, free)], np.zeros(0)
         if not np.isfinite(joint).all():
@@ -144,7 +144,7 @@ class StochasticProblem:
         # From errors of free parameters, of what is considered, of the deviation and the acceleration.
         onto = np.zeros((len(state.parameter_covariance) + 9, len(joint) + 9))
         of_orbit = free[:p]
-        onto[:-9, : of_orbit.sum()] = self.without.positions[0](fit.x[:p])[1][:, of_orbit]
+        onto[:-9, : of_orbit.sum()] = self.without.functions[0](fit.x[:p])[1][:, of_orbit]
         onto[-9:, -9:] = np.eye(9)
         after_covariance, before_covariance = (onto @ one @ onto.T for one in smoothed.covariance)
         after, before = (one * self.noise.sigma_m_s2 for one in smoothed.values)

@@ -24,6 +24,7 @@ from radioloc.lunar.visibility import earth_elevation_rad
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS, is_integrated
+from radioloc.measurements.target_motion import Motions
 from radioloc.results.build import Doubt
 from radioloc.results.solution import Solution
 from radioloc.study.orbiter import Orbiter
@@ -119,13 +120,14 @@ def heights(height_m: float) -> Iterator[Doubt]:
 
 def places(
     arc: Predictor,
-    positions_pa_m: NDArray[np.float64],
+    motions: Motions,
     used: NDArray[np.bool_],
     elevation_deg: NDArray[np.float64],
 ) -> Iterator[Doubt]:
-    """Estimates, principal axes, m, (3,) or (n_targets, 3), that are off the Moon's surface or that no station sees."""
+    """Estimates of points that are off the Moon's surface or that no station sees."""
     model = arc.model
-    for target, place_m in enumerate(np.atleast_2d(positions_pa_m)):
+    for target, motion in enumerate(motions):
+        place_m = motion.position_pa_m
         yield from heights(float(np.linalg.norm(place_m)) - MEAN_LUNAR_RADIUS_M)
         rows = np.flatnonzero(used & (arc.target == target))
         if not len(rows):
@@ -177,18 +179,18 @@ def nowhere(solution: Solution) -> Solution:
     )
 
 
-def search_that_helps(
-    study: Study, solution: Solution, estimate_pa_m: NDArray[np.float64], apriori_pa_m: NDArray[np.float64]
-) -> Iterator[str]:
+def search_that_helps(study: Study, solution: Solution, away_m: float) -> Iterator[str]:
     """Name the search that helps where an estimate cannot be used, or is far from the a-priori positions."""
     command = f"`radioloc search {study.path or 'STUDY.toml'}`"
     if isinstance(study.target, Orbiter):
         if not solution.converged:
             yield f"{command} looks for manoeuvres that the study does not state"
-    elif solution.trajectory is None and solution.position_estimated:
-        away_m = float(np.linalg.norm(estimate_pa_m - apriori_pa_m, axis=-1).max())
-        if not solution.converged or away_m > NEAR_HOME_M:
-            yield (
-                f"the fit ended {away_m / 1e3:.3g} km from the a-priori position: {command} looks for a better one "
-                "over the near side"
-            )
+    elif (
+        solution.trajectory is None
+        and solution.position_estimated
+        and (not solution.converged or away_m > NEAR_HOME_M)
+    ):
+        yield (
+            f"the fit ended {away_m / 1e3:.3g} km from the a-priori position: {command} looks for a better one "
+            "over the near side"
+        )

@@ -1,8 +1,8 @@
 """What is measured between stations on Earth and a target at the Moon, and how it is predicted.
 
 A table of :class:`Observations` and a :class:`PhysicalModel` make a :class:`Predictor` (:func:`prepare_predictor`),
-which computes the observations for a position of the target, with their partial derivatives. :data:`MEASUREMENTS` are
-the types of measurement, :data:`TERMS` the terms of the model by name.
+which computes the observations for motions of the targets (:class:`TargetMotion`), with their partial derivatives.
+:data:`MEASUREMENTS` are the types of measurement, :data:`TERMS` the terms of the model by name.
 """
 
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
@@ -17,6 +17,7 @@ from radioloc.measurements.predictor import Computed, Predictor
 from radioloc.measurements.ramps import Ramps
 from radioloc.measurements.registry import MEASUREMENTS
 from radioloc.measurements.sources import read_sources
+from radioloc.measurements.target_motion import FixedPoint, OrbitMotion, TargetMotion, TrajectoryMotion
 from radioloc.measurements.terms import TERMS
 
 __all__ = [
@@ -26,15 +27,19 @@ __all__ = [
     "Computed",
     "EquipmentDelays",
     "ExactPredictor",
+    "FixedPoint",
     "Geometry",
     "Link",
     "MeasurementType",
     "Observations",
+    "OrbitMotion",
     "Part",
     "PhysicalModel",
     "Predictor",
     "Ramps",
     "StationDelay",
+    "TargetMotion",
+    "TrajectoryMotion",
     "prepare_predictor",
     "read_sources",
 ]

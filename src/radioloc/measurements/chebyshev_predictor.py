@@ -12,7 +12,7 @@ import copy
 import warnings
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S
-from radioloc.errors import PredictedEopWarning
+from radioloc.errors import InputError, PredictedEopWarning
 from radioloc.measurements.dense_series import (
     CHECK_POINT_COUNT,
     DenseSeries,
@@ -42,6 +42,7 @@ from radioloc.measurements.predictor import Computed, Predictor
 from radioloc.measurements.prepared_paths import joined, rows_of
 from radioloc.measurements.proper_time import clock_epoch as clock_epoch_of
 from radioloc.measurements.registry import is_differenced, is_integrated
+from radioloc.measurements.target_motion import GivenMotions, Motions, partials_of_points, positions_pa_m
 from radioloc.time import Epochs, utc_to_tt
 from radioloc.vectors import Floats
 
@@ -81,15 +82,19 @@ class ChebyshevPredictor(Predictor):
         self,
         model: PhysicalModel,
         observations: Observations,
-        approximate_pa_m: Floats,
+        motions: GivenMotions,
         series: DenseSeries | None = None,
         targets: Sequence[str] = (),
         more_partials: bool = False,
         clock_epoch: Epochs | None = None,
     ) -> None:
-        super().__init__(model, observations, None, targets, more_partials)
+        super().__init__(model, observations, motions, targets, more_partials)
+        if self.trajectories:
+            raise InputError(
+                'the tracking of a spacecraft is not interpolated; evaluation is "exact" or "auto"'
+            )
         self._clock_epoch = clock_epoch or clock_epoch_of(observations)
-        self._plan(np.asarray(approximate_pa_m, dtype=np.float64), series)
+        self._plan(self.motions, series)
         model.earth.warn_of_predictions(utc_to_tt(observations.epoch), self.predicted_eop)
 
     @property
@@ -118,22 +123,26 @@ class ChebyshevPredictor(Predictor):
             nodes=int(first_nodes(self._degree)[-1]),
         )
 
-    @bare_arguments
-    def check(self, lander_pa_m: Floats) -> InterpolationAccuracy:
-        """Compare with the model at the check points for another position, and divide anew if that asks for it."""
-        good, deviation = compare(self._degree, self._computed, self._checks, lander_pa_m)
+    def check(self, motions: GivenMotions | None = None) -> InterpolationAccuracy:
+        """Compare with the model at the check points for other positions, and divide anew if that asks for it."""
+        given = self._given(motions)
+        good, deviation = compare(self._degree, self._computed, self._checks, given)
         if good.all():
-            self._deviation, self._checked_pa_m = deviation, np.array(lander_pa_m, dtype=np.float64)
+            self._deviation, self._checked_pa_m = deviation, positions_pa_m(given)
         else:
-            self._plan(lander_pa_m)
+            self._plan(given)
         return self.accuracy
 
-    @bare_arguments
-    def at(self, lander_pa_m: Floats) -> ChebyshevPrediction:
-        """Predict for a position in principal axes, m: all values at once, partials of the rows that are asked for."""
-        if np.linalg.norm(lander_pa_m - self._checked_pa_m, axis=-1).max() > MAX_UNCHECKED_DISTANCE_M:
-            self.check(lander_pa_m)
-        return ChebyshevPrediction(self._segment, self._x, self._degree, self._computed.compute(lander_pa_m))
+    def at(self, motions: GivenMotions | None = None) -> ChebyshevPrediction:
+        """Predict for points on the Moon: all values at once, partials of the rows that are asked for."""
+        given = self._given(motions)
+        if (
+            np.linalg.norm(positions_pa_m(given) - self._checked_pa_m, axis=-1).max()
+            > MAX_UNCHECKED_DISTANCE_M
+        ):
+            self.check(given)
+        computed = self._computed.compute(given)
+        return ChebyshevPrediction(self._segment, self._x, self._degree, computed, self.target, len(given))
 
     def select(self, which: Any) -> ChebyshevPredictor:
         """The arc of some of the observations (a mask, a slice or indices), already prepared."""
@@ -153,14 +162,14 @@ class ChebyshevPredictor(Predictor):
         part._computed = self._computed.select(np.concatenate([rows, exact]))
         return part
 
-    @bare_arguments
-    def with_model(self, model: PhysicalModel, lander_pa_m: Floats) -> ChebyshevPredictor:
+    def with_model(self, model: PhysicalModel, motions: GivenMotions | None = None) -> ChebyshevPredictor:
         """The same observations prepared with another model, for values only."""
+        given = self._given(motions)
         return ChebyshevPredictor(
-            model, self.observations, lander_pa_m, targets=self.targets, clock_epoch=self._clock_epoch
+            model, self.observations, given, targets=self.targets, clock_epoch=self._clock_epoch
         )
 
-    def _plan(self, lander_pa_m: Floats, series: DenseSeries | None = None) -> None:
+    def _plan(self, motions: Motions, series: DenseSeries | None = None) -> None:
         """Divide the series into segments that agree with the model, and prepare their nodes."""
 
         def exact(observations: Observations) -> ExactPredictor:
@@ -170,7 +179,7 @@ class ChebyshevPredictor(Predictor):
                 return ExactPredictor(
                     self.model,
                     observations,
-                    lander_pa_m,
+                    motions,
                     targets=self.targets,
                     more_partials=self.more_partials,
                     clock_epoch=self._clock_epoch,
@@ -193,7 +202,7 @@ class ChebyshevPredictor(Predictor):
             is_check = np.zeros(len(of_point), dtype=bool)
             is_check[last[:, None] - np.arange(1, CHECK_POINT_COUNT + 1)] = True
             at_nodes, checks = prepared.select(~is_check), prepared.select(is_check)
-            good, deviation = compare(pending.degree, at_nodes, checks, lander_pa_m)
+            good, deviation = compare(pending.degree, at_nodes, checks, motions)
             of_good = good[of_point]
             segments.append(rows_of(pending, good))
             of_nodes.append(at_nodes.select(of_good[~is_check]))
@@ -209,11 +218,11 @@ class ChebyshevPredictor(Predictor):
         self._computed = ExactPredictor.concatenate([*of_nodes, exact(self.observations.select(rest))])
         self._checks = ExactPredictor.concatenate(of_checks)
         self._deviation = np.concatenate(deviations)
-        self._checked_pa_m = np.array(lander_pa_m)
+        self._checked_pa_m = positions_pa_m(motions)
 
 
 class ChebyshevPrediction:
-    """Predictions of an interpolated arc for one position."""
+    """Predictions of an interpolated arc for points on the Moon, so many, of which each row is of a `target`."""
 
     # `segment` is that of each observation, or -1 - k for the k-th that is computed exactly, and `x` the place within
     # it, -1 to 1; `computed` are the nodes of the segments, of this `degree`, and then what is computed exactly.
@@ -224,8 +233,10 @@ class ChebyshevPrediction:
         x: Floats,
         degree: NDArray[np.intp],
         computed: Computed,
+        target: NDArray[np.int32],
+        count: int,
     ) -> None:
-        self._segment, self._x = segment, x
+        self._segment, self._x, self._target, self._count = segment, x, target, count
         first = first_nodes(degree)
         at_nodes, self._exact = computed.rows(slice(first[-1])), computed.rows(slice(first[-1], None))
         self._layout, self._status = layout(at_nodes), at_nodes.status[first[:-1]]
@@ -257,7 +268,10 @@ class ChebyshevPrediction:
             exact = self._exact.rows(-1 - segment[few])
             for name in (*self._layout, "status"):
                 getattr(computed, name)[few] = getattr(exact, name)
-        return computed
+        if self._count == 1:
+            return computed
+        by_motion = partials_of_points(computed.by_position_pa, self._target[which], self._count)
+        return replace(computed, by_motion=by_motion)
 
 
 def _in_threads(

@@ -14,8 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.boundary import bare_arguments
-from radioloc.ephemeris.trajectory import AdjustableTrajectory
 from radioloc.errors import InputError
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import Part
@@ -23,6 +21,7 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed, Prediction, Predictor
 from radioloc.measurements.registry import KINDS, MEASUREMENTS, kind_of
+from radioloc.measurements.target_motion import GivenMotions, Motions
 from radioloc.media.status import first_of
 from radioloc.plugins import named_where_it_fails
 from radioloc.vectors import Floats
@@ -87,7 +86,7 @@ class CombinedPredictor(Predictor):
     """Predictor of observations that may combine simple ones, predicted by `inner`, as `parts` state."""
 
     def __init__(self, observations: Observations, parts: Combinations, inner: Predictor) -> None:
-        super().__init__(inner.model, observations, inner.trajectory, inner.targets, inner.more_partials)
+        super().__init__(inner.model, observations, inner.motions, inner.targets, inner.more_partials)
         self.parts, self.inner = parts, inner
 
     @property
@@ -100,10 +99,9 @@ class CombinedPredictor(Predictor):
         """Whether an observation rests on predicted Earth orientation, shape (n,)."""
         return np.logical_or.reduceat(self.inner.predicted_eop, self.parts.first[:-1])
 
-    @bare_arguments
-    def at(self, lander_pa_m: Floats) -> CombinedPrediction:
-        """The predictions for a position."""
-        return CombinedPrediction(self, lander_pa_m)
+    def at(self, motions: GivenMotions | None = None) -> CombinedPrediction:
+        """The predictions for motions."""
+        return CombinedPrediction(self, self._given(motions))
 
     def select(self, which: Any) -> CombinedPredictor:
         """The arc of some of the observations (a mask, a slice or indices), already prepared."""
@@ -112,21 +110,22 @@ class CombinedPredictor(Predictor):
         parts = Combinations(np.append(begin, len(simple)), self.parts.weight[simple])
         return CombinedPredictor(self.observations.select(rows), parts, self.inner.select(simple))
 
-    def along(self, trajectory: AdjustableTrajectory) -> CombinedPredictor:
-        """As :meth:`Predictor.along`."""
-        return CombinedPredictor(self.observations, self.parts, self.inner.along(trajectory))
+    def with_motions(self, motions: GivenMotions) -> CombinedPredictor:
+        """As :meth:`Predictor.with_motions`."""
+        return CombinedPredictor(self.observations, self.parts, self.inner.with_motions(motions))
 
-    def with_model(self, model: PhysicalModel, lander_pa_m: Floats) -> CombinedPredictor:
+    def with_model(self, model: PhysicalModel, motions: GivenMotions | None = None) -> CombinedPredictor:
         """The same observations prepared with another model, for values only."""
-        return CombinedPredictor(self.observations, self.parts, self.inner.with_model(model, lander_pa_m))
+        inner = self.inner.with_model(model, self._given(motions))
+        return CombinedPredictor(self.observations, self.parts, inner)
 
 
 class CombinedPrediction:
-    """Predictions of observations that combine simple ones, for one position."""
+    """Predictions of observations that combine simple ones."""
 
-    def __init__(self, predictor: CombinedPredictor, lander_pa_m: Floats) -> None:
+    def __init__(self, predictor: CombinedPredictor, motions: Motions) -> None:
         self._n, self._parts, self._simple = len(predictor.observations), predictor.parts, predictor.inner
-        self._at = predictor.inner.at(lander_pa_m)
+        self._at = predictor.inner.at(motions)
 
     @cached_property
     def value_m(self) -> Floats:
@@ -140,6 +139,7 @@ class CombinedPrediction:
         columns = {field.name: getattr(inner, field.name)[begin] for field in fields(Computed)}
         for name in ("value_m", "by_time_m_s", "by_transponder_delay_m_s"):
             columns[name] = np.add.reduceat(getattr(inner, name) * weight, begin)
+        columns["by_motion"] = np.add.reduceat(inner.by_motion * weight[:, None], begin, axis=0)
         columns["elevation_rad"] = np.minimum.reduceat(inner.elevation_rad, begin, axis=0)
         part = np.arange(len(simple)) - np.repeat(begin, np.diff(np.append(begin, len(simple))))
         for k in range(1, int(part.max(initial=0)) + 1):

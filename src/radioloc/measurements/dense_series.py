@@ -25,6 +25,7 @@ from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed
+from radioloc.measurements.target_motion import Motions
 from radioloc.time import Epochs, tai_to_utc, utc_to_tai
 from radioloc.vectors import Floats
 
@@ -232,10 +233,10 @@ Layout = dict[str, tuple[slice, tuple[int, ...]]]  # each column's place among t
 
 
 def layout(computed: Computed) -> Layout:
-    """How columns are laid out as quantities."""
+    """How columns are laid out as quantities; partials by motion follow from those by position."""
     places, end = {}, 0
     for field in fields(Computed):
-        if field.name != "status":
+        if field.name not in ("status", "by_motion"):
             shape = getattr(computed, field.name).shape[1:]
             begin, end = end, end + math.prod(shape)
             places[field.name] = slice(begin, end), shape
@@ -253,7 +254,7 @@ def unstacked(quantities: Floats, places: Layout, status: NDArray[np.int8]) -> C
     """Quantities (width, n) as columns, without copying."""
     n = quantities.shape[1]
     columns = {name: quantities[place].T.reshape(n, *shape) for name, (place, shape) in places.items()}
-    return Computed(**columns, status=status)
+    return Computed(**columns, status=status, by_motion=columns["by_position_pa"])
 
 
 def first_nodes(degree: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -280,14 +281,14 @@ def polynomials(degree: NDArray[np.intp], at_nodes: Floats, places: Layout) -> t
 
 
 def compare(
-    degree: NDArray[np.intp], nodes: ExactPredictor, checks: ExactPredictor, lander_pa_m: Floats
+    degree: NDArray[np.intp], nodes: ExactPredictor, checks: ExactPredictor, motions: Motions
 ) -> tuple[NDArray[np.bool_], Floats]:
     """Which segments agree with the model at their check points, (m,), and how far each quantity deviates, (m, width).
 
     Nodes and check points follow segment after segment; what comes after the nodes is not looked at.
     """
     m, n_nodes = len(degree), int((degree + 1).sum())
-    at_nodes, at_checks = nodes.compute(lander_pa_m).rows(slice(n_nodes)), checks.compute(lander_pa_m)
+    at_nodes, at_checks = nodes.compute(motions).rows(slice(n_nodes)), checks.compute(motions)
     values, places = stacked(at_nodes), layout(at_nodes)
     size = len(values)
     model = np.moveaxis(stacked(at_checks).reshape(size, m, CHECK_POINT_COUNT), 0, 1)

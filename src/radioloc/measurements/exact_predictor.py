@@ -1,6 +1,6 @@
-"""An arc of tracking: predictions of ranges, VLBI delays and Doppler for one target, with partials.
+"""An arc of tracking: predictions of ranges, VLBI delays and Doppler, with partials.
 
-The target is a point fixed to the Moon, or a spacecraft on a trajectory (:class:`~radioloc.ephemeris.Trajectory`).
+Targets are points fixed to the Moon, and spacecraft on trajectories (:class:`~radioloc.ephemeris.Trajectory`).
 Values are in metres and by the stations' atomic clocks (TT rate, as UTC has), at the stations' reference points or,
 with delays of equipment (:mod:`~radioloc.measurements.equipment_delays`), at the clocks behind them.
 """
@@ -9,15 +9,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S
-from radioloc.ephemeris.trajectory import AdjustableTrajectory
 from radioloc.measurements.light_path import LightPath, halves, path_length_partials, twice
 from radioloc.measurements.predictor import Computed
 from radioloc.measurements.prepared_paths import PreparedPaths, rows_of
 from radioloc.measurements.ramps import RampTerm, ramp_term
 from radioloc.measurements.registry import is_integrated
 from radioloc.measurements.station_motion import StationMotion
+from radioloc.measurements.target_motion import GivenMotions, partials_of_points
 from radioloc.media.ionosphere import delay_by_content_m
 from radioloc.media.status import first_of
 from radioloc.vectors import Floats, rotated
@@ -30,14 +29,13 @@ class ExactPredictor(PreparedPaths):
     that transmits by its own reads TT; as a rule at 0h UTC of the first day.
     """
 
-    @bare_arguments
-    def at(self, lander_pa_m: Floats) -> Computed:
-        """Predict all observations for a position; a ConvergenceError where the light times do not settle."""
-        lander_pa_m = self._beside(lander_pa_m)
-        path, relay, views, drag = self._solve(lander_pa_m)
+    def at(self, motions: GivenMotions | None = None) -> Computed:
+        """Predict all observations for motions; a ConvergenceError where the light times do not settle."""
+        self._aim(motions)
+        path, relay, views, drag = self._solve()
         if not (self._ends.point.holds_at(path.ends_s) and self._moon.centre.holds_at(path.bounce_s)):
-            self._place(lander_pa_m)
-            path, relay, views, drag = self._solve(lander_pa_m)
+            self._place()
+            path, relay, views, drag = self._solve()
         ramp, one_way, tdb_tt = self._ramp(path), self._sign == 0.0, self.model.has("tdb_tt")
         up, down = self._ends.point.halves()
         partials = path_length_partials(path, up, relay, down, self._tag, self._sign)
@@ -84,9 +82,10 @@ class ExactPredictor(PreparedPaths):
             by_content_m = np.where(by_delay == 0.0, 0.0, by_media * delay_by_content_m(views.leg))
             by_content = self._observed(by_content_m.reshape(2, -1).T)
             mean = self._observed(by_position_pa, mean=True)
+        observed_by_position_pa = self._observed(by_position_pa)
         return Computed(
             value_m=self._observed(length_m),
-            by_position_pa=self._observed(by_position_pa),
+            by_position_pa=observed_by_position_pa,
             by_time_m_s=self._observed(by_time),
             by_transponder_delay_m_s=self._observed(np.where(self._sign > 0.0, partials.by_hold, 0.0)),
             by_zenith_wet=self._observed((by_media * views.by_zenith_wet).reshape(2, -1).T),
@@ -95,19 +94,20 @@ class ExactPredictor(PreparedPaths):
             by_station_itrf=by_station,
             by_electron_content_m=by_content,
             mean_by_position_pa=mean,
-            by_orbit=self._by_orbit(path, by_position),
+            by_motion=self._by_motion(path, by_position, observed_by_position_pa),
         )
 
-    @bare_arguments
-    def light_path(self, lander_pa_m: Floats) -> tuple[LightPath, StationMotion, StationMotion]:
-        """The solved light paths for a position, and both stations near their events.
+    def light_path(
+        self, motions: GivenMotions | None = None
+    ) -> tuple[LightPath, StationMotion, StationMotion]:
+        """The solved light paths for motions, and both stations near their events.
 
         Where observations have a count interval the paths at its starts follow those at its ends.
         """
-        self.at(lander_pa_m)  # places the motions at the events
+        self.at(motions)  # places the motions at the events
         n = len(self._tag)
         ends = rows_of(self._ends, slice(n)), rows_of(self._ends, slice(n, None))
-        return self._solve(self._beside(lander_pa_m))[0], *ends
+        return self._solve()[0], *ends
 
     def _ramp(self, path: LightPath) -> RampTerm:
         """What ramps of the transmitted frequency do to the paths' values."""
@@ -132,12 +132,27 @@ class ExactPredictor(PreparedPaths):
         """TDB - TT at the geocentre near the first events."""
         return halves(self._ends.geocentric_tdb_minus_tt_at(twice(offset_s)))[0]
 
-    def _by_orbit(self, path: LightPath, by_position: Floats) -> Floats:
-        """Partials by the parameters of an adjustable trajectory, shape (n, p)."""
-        if self._orbit is None or not isinstance(self._orbit, AdjustableTrajectory):
-            return np.zeros((len(self.observations), 0))
-        moved = self._orbit.position_partials(self._reference.shifted(path.bounce_s))
-        return self._observed(np.einsum("ni,nip->np", by_position, moved))
+    def _by_motion(self, path: LightPath, by_position: Floats, by_position_pa: Floats) -> Floats:
+        """Partials by the parameters of the motions, (n, p); `by_position_pa` is that of observations, (n, 3)."""
+        count = len(self.motions)
+        if not self.trajectories:
+            return partials_of_points(by_position_pa, self.target, count)
+        met = self._reference.shifted(path.bounce_s)
+        columns = []
+        for k, motion in enumerate(self._aimed):
+            paths = slice(None) if count == 1 else np.flatnonzero(self._target == k)
+            moved = motion.position_partials(met[paths])
+            if moved is None:
+                own = by_position_pa if count == 1 else by_position_pa * (self.target == k)[:, None]
+                columns.append(own)
+                continue
+            partials = np.einsum("ni,nip->np", by_position[paths], moved)
+            if count > 1:
+                of_all = np.zeros((len(by_position), partials.shape[1]))
+                of_all[paths] = partials
+                partials = of_all
+            columns.append(self._observed(partials))
+        return columns[0] if count == 1 else np.hstack(columns)
 
     def _by_stations(self, path: LightPath, by_delay: Floats) -> Floats:
         """Partials by the ITRF coordinates of both stations, shape (n, 2, 3)."""

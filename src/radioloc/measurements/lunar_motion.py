@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from radioloc.constants import C_M_S, L_B, L_G
+from radioloc.constants import C_M_S, L_B, L_G, MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import EarthState
 from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError
@@ -24,6 +25,8 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.station_motion import geocentre_displacement_m
 from radioloc.time import Epochs
 from radioloc.vectors import Floats, dot, length, rotated
+
+Rows = NDArray[np.intp] | slice
 
 _MAX_DISTANCE_M = 2e10  # after the 67 s of light the Earth's motion is no longer a parabola to 0.06 mm
 
@@ -42,7 +45,8 @@ class LunarMotion:
     sun_pa_m: Floats
     shrinking: Floats  # U/c^2 + L_B - L_G, potential U of Sun and Earth at the Moon's centre
     bodies_m: dict[str, Floats]  # Sun and planets, from the geocentre at the reference epoch
-    craft: MovingPoint | None = None
+    craft: MovingPoint | None = None  # spacecraft; the Moon's centre where the target is a point
+    is_craft: NDArray[np.bool_] | None = None  # whether the target is a spacecraft, shape (n,)
 
     @property
     def origin(self) -> MovingPoint:
@@ -52,12 +56,27 @@ class LunarMotion:
     def point(self, model: PhysicalModel, lander_pa_m: Floats) -> MovingPoint:
         """Motion of a point with given principal-axes coordinates, or beside the craft, shape (3,) or (n, 3), m."""
         pa_m = np.broadcast_to(lander_pa_m, self.earth_pa_m.shape)
-        if self.craft is not None:
-            return MovingPoint(
-                self.craft.offset_s,
-                self.craft.position_m + rotated(self.rot_pa_to_icrf, pa_m),
-                self.craft.velocity_m_s + rotated(self.rot_pa_to_icrf_rate, pa_m),
-            )
+        if self.craft is None or self.is_craft is None:
+            return self._on_the_ground(model, lander_pa_m)
+        beside = MovingPoint(
+            self.craft.offset_s,
+            self.craft.position_m + rotated(self.rot_pa_to_icrf, pa_m),
+            self.craft.velocity_m_s + rotated(self.rot_pa_to_icrf_rate, pa_m),
+        )
+        if self.is_craft.all():
+            return beside
+        # The tide has no value at the Moon's centre: rows of spacecraft have any other place instead.
+        flies = self.is_craft[:, None]
+        ground = self._on_the_ground(model, np.where(flies, [MEAN_LUNAR_RADIUS_M, 0.0, 0.0], pa_m))
+        return MovingPoint(
+            self.centre.offset_s,
+            np.where(flies, beside.position_m, ground.position_m),
+            np.where(flies, beside.velocity_m_s, ground.velocity_m_s),
+        )
+
+    def _on_the_ground(self, model: PhysicalModel, lander_pa_m: Floats) -> MovingPoint:
+        """Motion of a point fixed to the Moon, with its tide and in the lengths of barycentric coordinates."""
+        pa_m = np.broadcast_to(lander_pa_m, self.earth_pa_m.shape)
         if model.has("lunar_tide"):
             permanent: Literal["included", "removed"] = (
                 "included" if model.has("lunar_tide_constant") else "removed"
@@ -75,19 +94,28 @@ class LunarMotion:
             seen_m = seen_m - v_m_s * (dot(v_m_s, r_m) / (2.0 * C_M_S**2))[:, None]
         return MovingPoint(self.centre.offset_s, self.centre.position_m + seen_m, velocity_m_s)
 
-    def with_craft(self, trajectory: AnyTrajectory, model: PhysicalModel, reference: Epochs) -> LunarMotion:
-        """The same motion of the Moon, and a spacecraft on a trajectory."""
-        offset_s = self.centre.offset_s
-        position_m, velocity_m_s = trajectory.geocentric(model.ephemeris, reference.shifted(offset_s))
+    def with_craft(
+        self, trajectory: AnyTrajectory, model: PhysicalModel, reference: Epochs, rows: Rows = slice(None)
+    ) -> LunarMotion:
+        """The same motion of the Moon, with a spacecraft on a trajectory as the target of some rows."""
+        offset_s = self.centre.offset_s[rows]
+        position_m, velocity_m_s = trajectory.geocentric(model.ephemeris, reference[rows].shifted(offset_s))
         distance_m = float(length(position_m).max(initial=0.0))
         if distance_m > _MAX_DISTANCE_M:
             raise InputError(
                 f"{trajectory.name} is {distance_m / 1e9:.1f} million km from the Earth; the light path is made for "
                 f"targets within {_MAX_DISTANCE_M / 1e9:.0f} million km"
             )
-        earth_m_s = self.centre.velocity_m_s - self.geocentric_velocity_m_s
-        craft = MovingPoint(offset_s, self.geocentre_m + position_m, earth_m_s + velocity_m_s)
-        return replace(self, craft=craft)
+        earth_m_s = (self.centre.velocity_m_s - self.geocentric_velocity_m_s)[rows]
+        position_m, velocity_m_s = self.geocentre_m[rows] + position_m, earth_m_s + velocity_m_s
+        if len(offset_s) == len(self.centre.offset_s):
+            every = np.ones(len(offset_s), dtype=bool)
+            return replace(self, craft=MovingPoint(offset_s, position_m, velocity_m_s), is_craft=every)
+        origin = self.origin
+        of_all_m, of_all_m_s = origin.position_m.copy(), origin.velocity_m_s.copy()
+        flies = np.zeros(len(of_all_m), dtype=bool) if self.is_craft is None else self.is_craft.copy()
+        of_all_m[rows], of_all_m_s[rows], flies[rows] = position_m, velocity_m_s, True
+        return replace(self, craft=MovingPoint(origin.offset_s, of_all_m, of_all_m_s), is_craft=flies)
 
     def geocentric(self, point: MovingPoint, offset_s: Floats) -> tuple[Floats, Floats]:
         """Geocentric position and velocity of a point on the Moon at an instant nearby, shapes (n, 3)."""

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.earth.stations import Station
-from radioloc.ephemeris.trajectory import AdjustableTrajectory, AnyTrajectory
+from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError, StationError
 from radioloc.measurements.link import canonical_target
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.target_motion import GivenMotions, Motions, as_motions
 from radioloc.measurements.terms import TERMS
 from radioloc.media.status import describe
 from radioloc.vectors import Floats
@@ -58,9 +59,9 @@ class Computed:
     mean_by_position_pa : ndarray, shape (n, 3)
         Of a difference over a count interval, the mean of the partials by position at its two ends, which what moves
         the target in the interval acts by; else as `by_position_pa`. Where it was not asked for the shape is (n, 0).
-    by_orbit : ndarray, shape (n, p)
-        Partial derivatives with respect to the parameters of an adjustable trajectory, m per unit of each; of another
-        target the shape is (n, 0).
+    by_motion : ndarray, shape (n, p)
+        Partial derivatives with respect to the parameters of the motions, target by target, m per unit of each; zeros
+        in rows of other targets. Of one point fixed to the Moon they are `by_position_pa`.
     """
 
     value_m: Floats
@@ -73,14 +74,17 @@ class Computed:
     by_station_itrf: Floats
     by_electron_content_m: Floats
     mean_by_position_pa: Floats
-    by_orbit: Floats
+    by_motion: Floats
 
     def __repr__(self) -> str:
         return f"<Computed {len(self.value_m)} observations, {int((~self.usable).sum())} unusable>"
 
     def rows(self, which: Any) -> Computed:
         """Some of the rows, chosen by a mask, a slice or indices."""
-        return Computed(*(getattr(self, field.name)[which] for field in fields(self)))
+        same = self.by_motion is self.by_position_pa
+        names = [field.name for field in fields(self) if not (same and field.name == "by_motion")]
+        columns = {name: getattr(self, name)[which] for name in names}
+        return Computed(**{"by_motion": columns["by_position_pa"], **columns})
 
     @property
     def usable(self) -> NDArray[np.bool_]:
@@ -89,7 +93,7 @@ class Computed:
 
 
 class Prediction(Protocol):
-    """The observations of an arc predicted for one position: the values at once, all else for the rows asked for."""
+    """The observations of an arc predicted for some motions: the values at once, all else for the rows asked for."""
 
     @property
     def value_m(self) -> Floats:
@@ -102,7 +106,7 @@ class Prediction(Protocol):
 
 
 class Predictor(ABC):
-    """The observations of one arc, prepared for predictions from any position near an approximate one.
+    """The observations of one arc, prepared for predictions by any motions of the targets near approximate ones.
 
     Attributes
     ----------
@@ -110,14 +114,12 @@ class Predictor(ABC):
         What the predictions rest on.
     observations : Observations
         What is predicted.
-    trajectory : AnyTrajectory or None
-        The target's, if it is a spacecraft and no point fixed to the Moon. Positions are then offsets from it in
-        principal axes, constant in time: usually zeros. In place of a position an adjustable trajectory has changes of
-        its parameters, shape (p,).
+    motions : tuple of TargetMotion
+        Motions of the targets that the arc was prepared at.
     targets : tuple of str
-        Names of the targets, in the order of the positions; empty where there is only one.
+        Names of the targets, in the order of the motions; empty where there is only one.
     target : ndarray of int32, shape (n,)
-        Index of each observation's target among the positions; -1 of a source at infinity.
+        Index of each observation's target among the motions; -1 of a source at infinity.
     stations : tuple of str
         Names of the stations that take part, each once.
     transmitters, receivers : ndarray of int32, shape (n,)
@@ -130,12 +132,12 @@ class Predictor(ABC):
         self,
         model: PhysicalModel,
         observations: Observations,
-        trajectory: AnyTrajectory | None = None,
+        motions: GivenMotions,
         targets: Sequence[str] = (),
         more_partials: bool = False,
     ) -> None:
-        self.model, self.trajectory = model, trajectory
-        self.targets, self.more_partials = tuple(targets), more_partials
+        self.model, self.targets, self.more_partials = model, tuple(targets), more_partials
+        self.motions = as_motions(motions, model, self.targets)
         self._take(observations)
 
     def __repr__(self) -> str:
@@ -185,11 +187,23 @@ class Predictor(ABC):
     def predicted_eop(self) -> NDArray[np.bool_]:
         """Whether an observation rests on predicted Earth orientation, shape (n,)."""
 
-    @abstractmethod
-    def at(self, lander_pa_m: Floats) -> Prediction:
-        """Predict for a position in principal axes, m, shape (3,), or (n_targets, 3) where there are several targets.
+    @property
+    def trajectories(self) -> tuple[AnyTrajectory, ...]:
+        """Trajectories of the targets that are spacecraft."""
+        return tuple(motion.trajectory for motion in self.motions if motion.trajectory is not None)
 
-        All values at once, partials of the rows that are asked for.
+    def _given(self, motions: GivenMotions | None) -> Motions:
+        """Return the given motions, by default those that the arc was prepared at."""
+        return self.motions if motions is None else as_motions(motions, self.model, self.targets)
+
+    @abstractmethod
+    def at(self, motions: GivenMotions | None = None) -> Prediction:
+        """Predict all values at once, partials of the rows that are asked for.
+
+        Parameters
+        ----------
+        motions : TargetMotion, LunarPosition or trajectory, or a sequence of them
+            Motions of the targets in their order, near those that the arc was prepared at, which are the default.
         """
 
     @abstractmethod
@@ -199,19 +213,19 @@ class Predictor(ABC):
         Preparing is nearly all the work of an arc: shorter arcs of the same observations are best parts of the longest.
         """
 
-    def along(self, trajectory: AdjustableTrajectory) -> Self:
-        """The same observations of a spacecraft that is nearly where it was, by other parameters."""
+    def with_motions(self, motions: GivenMotions) -> Self:
+        """Return the arc with other motions in place of those that it was prepared at, near them."""
         other = copy.copy(self)
-        other.trajectory = trajectory
+        other.motions = self._given(motions)
         return other
 
     @abstractmethod
-    def with_model(self, model: PhysicalModel, lander_pa_m: Floats) -> Predictor:
+    def with_model(self, model: PhysicalModel, motions: GivenMotions | None = None) -> Predictor:
         """The same observations prepared with another model, for values only."""
 
-    def compute(self, lander_pa_m: Floats) -> Computed:
-        """Predict all observations for a position, with partials."""
-        return self.at(lander_pa_m).rows(slice(None))
+    def compute(self, motions: GivenMotions | None = None) -> Computed:
+        """Predict all observations, with partials; the argument is that of :meth:`at`."""
+        return self.at(motions).rows(slice(None))
 
     @bare_arguments
     def with_values(self, value_m: Floats) -> Self:
@@ -220,19 +234,20 @@ class Predictor(ABC):
         other.observations = replace(self.observations, value_m=value_m)
         return other
 
-    def terms(self, lander_pa_m: Floats) -> dict[str, Floats]:
+    def terms(self, motions: GivenMotions | None = None) -> dict[str, Floats]:
         """Table of terms: by how much each active term changes each computed value, m, shape (n,).
 
         Computed with everything minus computed without that term, in the order of
         :data:`~radioloc.measurements.terms.TERMS`.
         """
-        full_m = self.at(lander_pa_m).value_m
-        skip = () if self.trajectory is None else _LANDER_TERMS
+        given = self._given(motions)
+        full_m = self.at(given).value_m
+        skip = () if any(motion.trajectory is None for motion in given) else _LANDER_TERMS
         table = {}
         for name in dict.fromkeys((*TERMS, *(medium.name for medium in self.model.added_media))):
             if self.model.has(name) and name not in skip:
-                without = self.with_model(self.model.without(name), lander_pa_m)
-                table[name] = full_m - without.at(lander_pa_m).value_m
+                without = self.with_model(self.model.without(name), given)
+                table[name] = full_m - without.at(given).value_m
         return table
 
 

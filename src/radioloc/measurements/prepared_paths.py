@@ -1,4 +1,4 @@
-"""Light paths prepared for a target near an approximate position: the motions at their events, and their solution.
+"""Light paths prepared for targets near approximate motions: the motions at their events, and their solution.
 
 An arc has one path for each observation, and a second one for each count interval. The motion of the stations and of
 the Moon near each event does not depend on where the point is, but for the few microseconds by which the light time
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S, SECONDS_PER_DAY
 from radioloc.earth.stations import Station
-from radioloc.ephemeris.trajectory import AdjustableTrajectory, AnyTrajectory
+from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError
 from radioloc.measurements.light_path import (
     BOUNCE,
@@ -31,15 +31,16 @@ from radioloc.measurements.light_path import (
     solve_light_path,
     twice,
 )
-from radioloc.measurements.lunar_motion import LunarMotion, lunar_motion
+from radioloc.measurements.lunar_motion import LunarMotion, Rows, lunar_motion
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor
-from radioloc.measurements.proper_time import MIN_GAP_S, station_rate, target_clock
+from radioloc.measurements.proper_time import MIN_GAP_S, TargetClock, station_rate, target_clock
 from radioloc.measurements.proper_time import clock_epoch as clock_epoch_of
 from radioloc.measurements.registry import is_combined, is_differenced, is_integrated, is_one_way
 from radioloc.measurements.sources import with_galactic_aberration
 from radioloc.measurements.station_motion import rough_station_motion, station_motion
+from radioloc.measurements.target_motion import GivenMotions, Motions, positions_pa_m
 from radioloc.media.medium import Leg, LegEnd, LineOfSight, Weather, line_of_sight, prepared_media
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, topocentric_tdb_minus_tt, utc_to_tt
 from radioloc.vectors import Floats, by_component, dot, length
@@ -55,21 +56,27 @@ class PreparedPaths(Predictor):
     """The light paths of an arc; parameters and errors are those of ``ExactPredictor``."""
 
     _moon: LunarMotion
+    _clock: TargetClock
 
     @bare_arguments
     def __init__(
         self,
         model: PhysicalModel,
         observations: Observations,
-        approximate_pa_m: Floats,
-        trajectory: AnyTrajectory | None = None,
+        motions: GivenMotions,
         targets: Sequence[str] = (),
         more_partials: bool = False,
         clock_epoch: Epochs | None = None,
     ) -> None:
-        super().__init__(model, observations, trajectory, targets, more_partials)
-        self._clock_epoch = clock_epoch or clock_epoch_of(observations, trajectory)
-        self._orbit, self._orbit_of, self._orbit_x = trajectory, trajectory, np.full(1, np.nan)
+        super().__init__(model, observations, motions, targets, more_partials)
+        self._limits: dict[int, Epochs] = {}  # first and last instant of interest of each spacecraft, TDB
+        self._aimed_from = self._aimed = self.motions  # as they were given, and restricted to the limits
+        self._clock_epochs = [
+            clock_epoch or clock_epoch_of(self._observations_of(rows), trajectory)
+            for trajectory, rows in self._groups()
+        ]
+        alone = len(self._clock_epochs) == 1
+        self._station_epoch = self._clock_epochs[0] if alone else clock_epoch or clock_epoch_of(observations)
         if is_combined(observations.kind).any():
             raise InputError(
                 "some observations combine others; radioloc.measurements.prepare_predictor takes them"
@@ -99,7 +106,7 @@ class PreparedPaths(Predictor):
             far = np.flatnonzero(self._target < 0)
             self._far[far] = with_galactic_aberration(self._far[far], self._reference[far])
         self._gained_s, self._gained_rate = self._free_clocks()
-        self._place(self._beside(np.asarray(approximate_pa_m, dtype=np.float64)))
+        self._place()
 
     @property
     def predicted_eop(self) -> NDArray[np.bool_]:
@@ -118,11 +125,16 @@ class PreparedPaths(Predictor):
         second[self._integrated] = n + np.arange(len(self._integrated))
         paths = np.concatenate([rows, second[rows][second[rows] >= 0]])
         part = self._of([self], self.observations.select(rows), paths)
-        if isinstance(self.trajectory, AdjustableTrajectory) and len(rows):
-            seconds = (self._reference.jd[paths] - self._reference.jd[0]) + self._reference.fraction[paths]
-            ends = part._reference[[int(seconds.argmin()), int(seconds.argmax())]]
-            first, last = ends[0].shifted(-_TRAJECTORY_MARGIN_S), ends[1].shifted(_TRAJECTORY_MARGIN_S)
-            part.trajectory = self.trajectory.over(first, last)
+        part._limits = dict(self._limits)
+        for k, motion in enumerate(self.motions):
+            mine = np.flatnonzero(part._motion_of == k)
+            if motion.trajectory is not None and len(mine):
+                reference = part._reference[mine]
+                seconds = (reference.jd - self._reference.jd[0]) + reference.fraction
+                part._limits[k] = reference[[int(seconds.argmin()), int(seconds.argmax())]].shifted(
+                    np.array([-_TRAJECTORY_MARGIN_S, _TRAJECTORY_MARGIN_S])
+                )
+        part.motions = part._restricted(self.motions)
         return part
 
     @classmethod
@@ -132,7 +144,7 @@ class PreparedPaths(Predictor):
         second = np.concatenate([np.arange(len(arc._tag)) >= len(arc.observations) for arc in arcs])
         observations = Observations.concatenate([arc.observations for arc in arcs])
         whole = cls._of(arcs, observations, np.argsort(second, kind="stable"))
-        whole._orbit_x = np.full(1, np.nan)  # each may have left its trajectory elsewhere
+        whole._aimed_from = ()  # each may have left its trajectory elsewhere
         return whole
 
     @classmethod
@@ -150,10 +162,10 @@ class PreparedPaths(Predictor):
         return out
 
     @bare_arguments
-    def with_model(self, model: PhysicalModel, lander_pa_m: Floats) -> Self:
+    def with_model(self, model: PhysicalModel, motions: GivenMotions | None = None) -> Self:
         """The same observations prepared with another model, for values only."""
-        observations, epoch = self.observations, self._clock_epoch
-        return type(self)(model, observations, lander_pa_m, self.trajectory, self.targets, clock_epoch=epoch)
+        epoch = self._clock_epochs[0] if len(self._clock_epochs) == 1 else None
+        return type(self)(model, self.observations, self._given(motions), self.targets, clock_epoch=epoch)
 
     def _take(self, observations: Observations) -> None:
         super()._take(observations)
@@ -161,6 +173,8 @@ class PreparedPaths(Predictor):
         self._rows = np.concatenate([np.arange(len(observations)), self._integrated])
         self._which = np.concatenate([self.transmitters[self._rows], self.receivers[self._rows]])
         self._target = self.target[self._rows]
+        # Sources at infinity stand still where the last target is.
+        self._motion_of = np.where(self._target < 0, len(self.motions) - 1, self._target)
         ramps = observations.ramps
         self._frequencies = {self._name(name): ramps.of_station(name) for name in ramps.stations}
 
@@ -169,20 +183,57 @@ class PreparedPaths(Predictor):
         catalogue = self.model.catalogue
         return catalogue.get(transmitter).name if transmitter in catalogue else transmitter
 
-    def _beside(self, x: Floats) -> Floats:
-        """Position beside the trajectory; one that is adjustable goes where changes of its parameters take it."""
-        if self.trajectory is None or not isinstance(self.trajectory, AdjustableTrajectory):
-            return x
-        if self._orbit_of is not self.trajectory or not np.array_equal(x, self._orbit_x):
-            self._orbit = self.trajectory.corrected(x) if np.any(x) else self.trajectory
-            self._orbit_of, self._orbit_x = self.trajectory, np.array(x)
-            if hasattr(self, "_moon"):
-                self._moon = self._moon.with_craft(self._orbit, self.model, self._reference)
-        return np.zeros(3)
+    def _groups(self) -> list[tuple[AnyTrajectory | None, Rows]]:
+        """Paths of all points fixed to the Moon, and of each spacecraft, with its trajectory."""
+        trajectories = [motion.trajectory for motion in self._aimed]
+        if not any(trajectory is not None for trajectory in trajectories):
+            return [(None, slice(None))]
+        if len(trajectories) == 1:
+            return [(trajectories[0], slice(None))]
+        flying = [k for k, trajectory in enumerate(trajectories) if trajectory is not None]
+        found: list[tuple[AnyTrajectory | None, Rows]] = [
+            (trajectories[k], np.flatnonzero(self._motion_of == k)) for k in flying
+        ]
+        if len(flying) < len(trajectories):
+            found.insert(0, (None, np.flatnonzero(~np.isin(self._motion_of, flying))))
+        return found
 
-    def _place(self, lander_pa_m: Floats) -> None:
-        """Place the straight motions at the events of the path to this position."""
-        path = self._rough_path(lander_pa_m)
+    def _observations_of(self, paths: Rows) -> Observations:
+        """Observations of some paths."""
+        if isinstance(paths, slice):
+            return self.observations
+        return self.observations.select(paths[paths < len(self.observations)])
+
+    def _restricted(self, motions: Motions) -> Motions:
+        """Motions restricted to the instants of interest, so that no more of an orbit is integrated."""
+        limits = self._limits
+        return tuple(
+            motion.restricted_to(limits[k][0], limits[k][1]) if k in limits else motion
+            for k, motion in enumerate(motions)
+        )
+
+    def _aim(self, given: GivenMotions | None) -> None:
+        """Put the targets on the motions; spacecraft on other trajectories than before are placed anew."""
+        motions, before = self._given(given), self._aimed_from
+        if [new.path_key for new in motions] == [old.path_key for old in before]:
+            # On the same trajectories, but points and offsets may have moved.
+            self._aimed = tuple(
+                old if np.array_equal(new.position_pa_m, old.position_pa_m) else new
+                for new, old in zip(self._restricted(motions), self._aimed, strict=True)
+            )
+            return
+        kinds = [[motion.trajectory is None for motion in some] for some in (motions, before)]
+        if before and kinds[0] != kinds[1]:
+            raise InputError(
+                "motions: expected the kinds that the arc was prepared at, points on the Moon and spacecraft in the "
+                "same order; prepare another predictor"
+            )
+        self._aimed_from, self._aimed = motions, self._restricted(motions)
+        self._moon = self._with_craft(self._moon)
+
+    def _place(self) -> None:
+        """Place the straight motions at the events of the paths to the targets."""
+        path = self._rough_path()
         row, ends_s, ends = twice(np.arange(len(self._tag))), path.ends_s, []
         for first in range(0, max(len(row), 1), _EVENTS_PER_BLOCK):
             block = slice(first, first + _EVENTS_PER_BLOCK)
@@ -190,31 +241,41 @@ class PreparedPaths(Predictor):
             which = self._which[block]
             ends.append(station_motion(self.model, self._stations, which, reference, earth, ends_s[block]))
         self._ends = joined(ends)
-        self._place_target(path.bounce_s, lander_pa_m)
+        self._place_targets(path.bounce_s)
         for name in ("_ends", "_moon", "_clock"):
             setattr(self, name, rows_of(getattr(self, name), slice(None)))  # by component
         self.model.earth.warn_of_predictions(self._tt[: len(self.observations)], self.predicted_eop)
 
-    def _rough_path(self, lander_pa_m: Floats) -> LightPath:
+    def _rough_path(self) -> LightPath:
         """The path to 0.1 microseconds, from motions that are straight from the reference epochs on."""
         ends = rough_station_motion(self.model, self._stations, self._which, self._tt, self._earth)
-        self._place_target(np.zeros(len(self._tag)), lander_pa_m)
+        self._place_targets(np.zeros(len(self._tag)))
         places_s = topocentric_tdb_minus_tt(twice(self._earth.velocity_m_s), ends.position_m)
-        signal = self._signal(ends, self._relay(lander_pa_m), places_s)
+        signal = self._signal(ends, self._relay(), places_s)
         return solve_light_path(signal, 0.0, 0.0, tolerance_s=_ROUGH_TOLERANCE_S)
 
-    def _place_target(self, offset_s: Floats, lander_pa_m: Floats) -> None:
-        """The motion of the Moon, or of the spacecraft, and the target's clock."""
-        self._moon = lunar_motion(self.model, self._reference, self._earth, offset_s)
-        if self._orbit is not None:
-            self._moon = self._moon.with_craft(self._orbit, self.model, self._reference)
+    def _place_targets(self, offset_s: Floats) -> None:
+        """The motion of the Moon, and of the spacecraft, and the targets' clocks."""
+        self._moon = self._with_craft(lunar_motion(self.model, self._reference, self._earth, offset_s))
         keeps = (self._sign == 0.0) & self.model.has("target_proper_time")
-        # Counts need no common zero, so that a trajectory may have gaps between the passes.
         counted = is_integrated(self._paths.kind) & (self._paths.count_s < MIN_GAP_S)
-        epoch = None if counted[keeps].all() else self._clock_epoch
-        radius_m = length(np.atleast_2d(lander_pa_m))[self._target]
+        radius_m = length(positions_pa_m(self._aimed))[self._motion_of]
         tdb = self._reference.shifted(offset_s)
-        self._clock = target_clock(self.model, tdb, keeps, radius_m, epoch, self._orbit)
+        clocks = []
+        for (trajectory, rows), zero in zip(self._groups(), self._clock_epochs, strict=True):
+            mine = np.zeros(len(keeps), dtype=bool)
+            mine[rows] = keeps[rows]
+            # Counts need no common zero, so that a trajectory may have gaps between the passes.
+            epoch = None if counted[mine].all() else zero
+            clocks.append(target_clock(self.model, tdb, mine, radius_m, epoch, trajectory))
+        self._clock = clocks[0].together(clocks[1:])
+
+    def _with_craft(self, moon: LunarMotion) -> LunarMotion:
+        """The motion of the Moon, and of the spacecraft."""
+        for trajectory, rows in self._groups():
+            if trajectory is not None and len(self._tag[rows]):
+                moon = moon.with_craft(trajectory, self.model, self._reference, rows)
+        return moon
 
     def _free_clocks(self) -> tuple[Floats, Floats]:
         """Return the offsets, s, and rates of free-running clocks at both ends; one-way paths have only the second."""
@@ -224,8 +285,8 @@ class PreparedPaths(Predictor):
         ]
         halves(rate)[0][self._sign == 0.0] = 0.0
         since_s = np.zeros(len(self._tag))
-        if rate.any() and self._clock_epoch is not None:
-            since_s = self._reference.seconds_since(self._clock_epoch)
+        if rate.any() and self._station_epoch is not None:
+            since_s = self._reference.seconds_since(self._station_epoch)
         return rate * twice(since_s), rate
 
     def _both_ends(self) -> LegEnd:
@@ -247,16 +308,11 @@ class PreparedPaths(Predictor):
             which == twice(halves(which)[1]),
         )
 
-    def _relay(self, lander_pa_m: Floats) -> MovingPoint:
-        """The motion of the target, as the Moon is placed; a source at infinity stands still."""
-        lander_pa_m = np.asarray(lander_pa_m, dtype=np.float64)
-        if not np.isfinite(lander_pa_m).all():
-            raise InputError(
-                f"a position is {lander_pa_m.tolist()}; give finite coordinates in principal axes, m"
-            )
-        if lander_pa_m.ndim == 2:
-            lander_pa_m = lander_pa_m[self._target]
-        relay = self._moon.point(self.model, lander_pa_m)
+    def _relay(self) -> MovingPoint:
+        """The motions of the targets, as the Moon is placed; a source at infinity stands still."""
+        places_pa_m = positions_pa_m(self._aimed)
+        place_pa_m = places_pa_m[0] if len(places_pa_m) == 1 else places_pa_m[self._motion_of]
+        relay = self._moon.point(self.model, place_pa_m)
         return replace(relay, velocity_m_s=relay.velocity_m_s * (self._target >= 0)[:, None])
 
     @property
@@ -276,10 +332,10 @@ class PreparedPaths(Predictor):
         hold_s = self._equipment.hold_s
         return Signal(up, relay, down, self._tag, tagged_s, self._sign, hold_s, self._at_infinity)
 
-    def _solve(self, lander_pa_m: Floats) -> tuple[LightPath, MovingPoint, LineOfSight, Floats]:
+    def _solve(self) -> tuple[LightPath, MovingPoint, LineOfSight, Floats]:
         """Return the path, the motion of the point, the views from both ends and the drag of the media."""
         # Views are those along the path without delays, in which elevations are off by 1e-10 rad.
-        relay = self._relay(lander_pa_m)
+        relay = self._relay()
         signal = self._signal(self._ends.point, relay, self._ends.topocentric_s)
         path = solve_light_path(signal, 0.0, 0.0, tolerance_s=_ROUGH_TOLERANCE_S)
         views = self._lines_of_sight(path, relay)
@@ -316,9 +372,14 @@ class PreparedPaths(Predictor):
             v, source = self._earth.velocity_m_s[far] / C_M_S, self._far[far]
             lander_gcrs_m[far] = _SOURCE_DISTANCE_M * (source + v - source * dot(source, v)[:, None])
             velocity_m_s[far] = 0.0
-        moon_gcrs_m = None if self.trajectory is None else twice(self._moon.moon_gcrs_m)
-        leg = Leg(self._end, self._ends, twice(lander_gcrs_m), twice(velocity_m_s))
-        return line_of_sight(leg, self.model.media, self._media, moon_gcrs_m)
+        leg, is_craft = (
+            Leg(self._end, self._ends, twice(lander_gcrs_m), twice(velocity_m_s)),
+            self._moon.is_craft,
+        )
+        if is_craft is None:
+            return line_of_sight(leg, self.model.media, self._media)
+        moon_gcrs_m = twice(self._moon.moon_gcrs_m)
+        return line_of_sight(leg, self.model.media, self._media, moon_gcrs_m, twice(is_craft))
 
 
 def is_radio(

@@ -20,6 +20,7 @@ if it had been set from the Earth; at the same TDB that is v_E.r / c^2 behind th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,6 +59,15 @@ class TargetClock:
     ahead_s: Floats  # at the origin, at the instant of its motion
     rate: Floats
     kept: NDArray[np.bool_]  # whether it reads anything
+
+    def together(self, others: Sequence[TargetClock]) -> TargetClock:
+        """Return the clock with those of other targets, each of its own events."""
+        clocks = (self, *others)
+        return TargetClock(
+            sum((clock.ahead_s for clock in others), self.ahead_s),
+            sum((clock.rate for clock in others), self.rate),
+            np.any([clock.kept for clock in clocks], axis=0),
+        )
 
     def at(self, origin: MovingPoint, point: MovingPoint, offset_s: Floats) -> tuple[Floats, Floats, Floats]:
         """How far it is ahead at a point and an instant nearby, s, with derivatives by time and by place (s/m)."""

@@ -188,9 +188,10 @@ def line_of_sight(
     media: Iterable[Medium],
     prepared: Mapping[str, Any],
     moon_gcrs_m: Floats | None = None,
+    is_craft: NDArray[np.bool_] | bool = True,
 ) -> LineOfSight:
     """Sum the delays of a leg by media, each with what it prepared, by name; the first status not OK counts."""
-    # `moon_gcrs_m`, shape (n, 3): geocentric Moon where it can hide the target, a spacecraft.
+    # `moon_gcrs_m`, shape (n, 3): geocentric Moon, which hides targets that are spacecraft; None without any.
     n = len(leg)
     delay_m, rate_m_s, by_elevation_m_rad, by_zenith_wet = sums = np.zeros((4, n))
     names = ("delay_m", "rate_m_s", "by_elevation_m_rad", "by_zenith_wet")
@@ -214,7 +215,7 @@ def line_of_sight(
     by_position = by_position + by_elevation_m_rad[:, None] * elevation.by_position_rad_m
     if moon_gcrs_m is not None:
         hidden = behind_moon(leg.target_gcrs_m, leg.station.gcrs_m, moon_gcrs_m)
-        status = np.where(hidden, Status.BEHIND_MOON, status).astype(np.int8)
+        status = np.where(hidden & is_craft, Status.BEHIND_MOON, status).astype(np.int8)
     status = np.where(elevation.angle_rad < 0.0, Status.BELOW_HORIZON, status).astype(np.int8)
     return LineOfSight(leg, delay_m, rate_m_s, by_position, by_zenith_wet, status)
 

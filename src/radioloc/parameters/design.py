@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.dynamics import AdjustableOrbit
 from radioloc.dynamics.stochastic import StochasticAccelerations
-from radioloc.ephemeris.trajectory import AdjustableTrajectory
 from radioloc.measurements.combined_predictor import CombinedPrediction
 from radioloc.measurements.predictor import ROWS_AT_ONCE, Prediction, Predictor
+from radioloc.measurements.target_motion import Motions
 from radioloc.parameters.columns import Columns
+from radioloc.parameters.motion import MotionFunction, MotionParameters, OrbitFunction
 from radioloc.parameters.orbit import LandingParameters
 from radioloc.parameters.parameter import Parameter, ParameterSet
-from radioloc.parameters.position import PositionFunction, PositionParameters
 from radioloc.parameters.rows import ObservationRows, middle_of
 from radioloc.time import Epochs
 from radioloc.vectors import Floats
@@ -32,7 +33,7 @@ class ObservationModel:
     parameters: (
         ParameterSet  # three for the position of each target, or those of its orbit, then kind by kind
     )
-    positions: tuple[PositionFunction, ...]  # one for each target, of its parameters and of those before
+    functions: tuple[MotionFunction, ...]  # one for each target, of its parameters and of those before
     columns: tuple[Columns, ...]  # of the kinds of parameter
     reference: Epochs | None = None  # epoch that rates refer to, TAI; the middle of the arc as a rule
     landing: LandingParameters | None = None  # of an orbit that ends on the ground
@@ -42,24 +43,43 @@ class ObservationModel:
     def of(
         cls,
         predictor: Predictor,
-        positions: Sequence[PositionParameters],
+        motions: Sequence[MotionParameters],
         kinds: Sequence[tuple[Columns, list[Parameter]]],
     ) -> ObservationModel:
-        """Put positions and kinds of parameter together."""
-        parameters = [parameter for found, _ in positions for parameter in found]
+        """Put motions and kinds of parameter together."""
+        parameters = [parameter for found, _ in motions for parameter in found]
         parameters += [parameter for _, found in kinds for parameter in found]
         return cls(
             predictor,
             ParameterSet(parameters),
-            tuple(function for _, function in positions),
+            tuple(function for _, function in motions),
             tuple(columns for columns, _ in kinds),
             middle_of(predictor.observations) if len(predictor.observations) else None,
         )
 
     @property
+    def orbit(self) -> AdjustableOrbit | None:
+        """A-priori orbit, whose parameters come first; None where positions do."""
+        function = self.functions[0] if self.functions else None
+        return function.orbit if isinstance(function, OrbitFunction) else None
+
+    def orbit_at(self, x: Floats) -> AdjustableOrbit | None:
+        """Return the orbit of parameters x; None where there is none."""
+        if self.orbit is None:
+            return None
+        found = self.motions(x)[0].trajectory
+        assert isinstance(found, AdjustableOrbit)
+        return found
+
+    @property
     def of_orbit(self) -> bool:
         """Whether what comes first are the parameters of an orbit, not positions."""
-        return isinstance(self.predictor.trajectory, AdjustableTrajectory)
+        return self.orbit is not None
+
+    def with_orbit(self, orbit: AdjustableOrbit) -> ObservationModel:
+        """Return the model with another a-priori orbit of the same parameters."""
+        [function] = self.functions
+        return replace(self, functions=(replace(function, orbit=orbit),))  # type: ignore[type-var]
 
     @property
     def first(self) -> int:
@@ -73,7 +93,7 @@ class ObservationModel:
         """Position of a target at parameters x, principal axes, m, shape (3,); zeros on a trajectory without end."""
         if self.landing is not None:
             return self.landing.position(x[self._mine(target)])[0]
-        return np.zeros(3) if self.of_orbit else self.positions[target](x[self._mine(target)])[0]
+        return self.functions[target](x[self._mine(target)])[0].position_pa_m
 
     def position_partials(self, x: Floats, target: int = 0) -> Floats:
         """d(position of a target)/d(parameters), shape (3, p); zeros on a trajectory without end."""
@@ -81,22 +101,21 @@ class ObservationModel:
         if self.landing is not None:
             partials[:, self._mine(target)] = self.landing.position(x[self._mine(target)])[1]
         elif not self.of_orbit:
-            partials[:, self._mine(target)] = self.positions[target](x[self._mine(target)])[1]
+            partials[:, self._mine(target)] = self.functions[target](x[self._mine(target)])[1]
         return partials
 
-    def all_positions_pa_m(self, x: Floats) -> Floats:
-        """What the predictor takes: positions, shape (3,), or (n_targets, 3) of several; or changes of the orbit's."""
-        found = [function(x[self._mine(k)])[0] for k, function in enumerate(self.positions)]
-        return found[0] if len(found) == 1 else np.array(found)
+    def motions(self, x: Floats) -> Motions:
+        """Motions of the targets at parameters x."""
+        return tuple(function(x[self._mine(k)])[0] for k, function in enumerate(self.functions))
 
     def linearize(self, x: Floats) -> DesignMatrix:
         """Residuals of all observations, and the design matrix of those asked for, at parameters x."""
-        positions_pa_m = self.all_positions_pa_m(x)
-        at = self.predictor.at(positions_pa_m)
+        motions = self.motions(x)
+        at = self.predictor.at(motions)
         residual_m = self.predictor.observations.value_m - at.value_m
         if self.process is not None:
             residual_m += self.process.effects_m(self.process.reference)
-        here = DesignMatrix(self, at, positions_pa_m, x, residual_m)
+        here = DesignMatrix(self, at, motions, x, residual_m)
         first = self.first
         if x[first:].any():
             for start in range(0, len(residual_m), ROWS_AT_ONCE):
@@ -117,7 +136,7 @@ class DesignMatrix:
 
     model: ObservationModel
     at: Prediction
-    positions_pa_m: Floats
+    motions: Motions
     x: Floats
     residual_m: Floats  # observed - computed, of an orbit without its stochastic accelerations
 
@@ -128,27 +147,25 @@ class DesignMatrix:
 
     def partials(self, rows: Rows, *, of_kinds_only: bool = False) -> Floats:
         """d(computed)/d(parameter) of some observations, shape (m, p); or those by all but the positions."""
-        columns = partial(self._simple, first=0 if of_kinds_only else len(self.model.positions))
+        columns = partial(self._simple, first=0 if of_kinds_only else len(self.model.functions))
         if isinstance(self.at, CombinedPrediction):
             return self.at.combine(rows, columns)
         return columns(rows, self.at, self.model.predictor)
 
     def _simple(self, rows: Rows, at: Prediction, predictor: Predictor, first: int) -> Floats:
-        """Partials of observations that are not combined, by the first positions and all kinds of parameter."""
+        """Partials of observations that are not combined, by the first motions and all kinds of parameter."""
         model = self.model
-        place = np.zeros(3) if model.of_orbit else self.positions_pa_m
-        part = ObservationRows(predictor, rows, model.reference, at, place)
+        part = ObservationRows(predictor, rows, model.reference, at, self.motions)
         start = model.first if first else 0
         # Column by column in memory, as the factorization reads them.
         out = np.zeros((start + sum(map(len, model.columns)), len(rows))).T
-        for target, function in enumerate(model.positions[:first]):
+        begin = 0
+        for target, function in enumerate(model.functions[:first]):
             mine = model._mine(target)
-            by_place = part.computed.by_orbit if model.of_orbit else part.computed.by_position_pa
-            by_parameters = by_place @ function(self.x[mine])[1]
-            if len(model.positions) == 1:
-                out[:, mine] = by_parameters
-            else:
-                out[:, mine] += by_parameters * (part.target == target)[:, None]
+            by_x = function(self.x[mine])[1]
+            end = begin + len(by_x)
+            out[:, mine] += part.computed.by_motion[:, begin:end] @ by_x
+            begin = end
         for columns in model.columns:
             columns.design(part, out[:, start : start + len(columns)])
             start += len(columns)

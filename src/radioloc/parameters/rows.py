@@ -16,6 +16,7 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed, Prediction, Predictor
 from radioloc.measurements.prepared_paths import is_radio
 from radioloc.measurements.registry import is_differenced, is_integrated, is_one_way
+from radioloc.measurements.target_motion import Motions, positions_pa_m
 from radioloc.time import Epochs, evaluate_smooth, utc_to_tai, utc_to_tt
 from radioloc.vectors import Floats, dot, length
 
@@ -37,8 +38,8 @@ class ObservationRows:
         Epoch that offsets of rates refer to, TAI, one; the middle of the arc as a rule.
     at : Prediction, optional
         What the predictor predicts; without it a parameter can only be asked which observations it acts on.
-    position_pa_m : ndarray, shape (3,) or (n_targets, 3), optional
-        Where it predicts that.
+    motions : tuple of TargetMotion, optional
+        Motions of the targets with which it predicts that.
     """
 
     def __init__(
@@ -47,10 +48,10 @@ class ObservationRows:
         rows: NDArray[np.intp] | None = None,
         reference: Epochs | None = None,
         at: Prediction | None = None,
-        position_pa_m: Floats | None = None,
+        motions: Motions | None = None,
     ) -> None:
         self.predictor, self._reference = predictor, reference
-        self._at, self._position_pa_m = at, position_pa_m
+        self._at, self._motions = at, motions
         self.rows = np.arange(len(predictor.observations)) if rows is None else rows
         self._known: dict[RowFunction, Any] = {}
 
@@ -187,15 +188,14 @@ class ObservationRows:
 
     @property
     def target(self) -> NDArray[np.int32]:
-        """Index of the target among the positions."""
+        """Index of the target among the motions."""
         return self.predictor.target[self.rows]
 
     @property
     def target_pa_m(self) -> Floats:
-        """Where each observation's target is, principal axes, m, shape (m, 3)."""
-        assert self._position_pa_m is not None  # asked for partials only
-        positions = np.atleast_2d(self._position_pa_m)
-        return positions[self.target]
+        """Position of each observation's target on the Moon, principal axes, m, (m, 3); zeros of a spacecraft."""
+        assert self._motions is not None  # asked for partials only
+        return positions_pa_m(self._motions)[self.target]
 
 
 def middle_of(observations: Observations) -> Epochs:

@@ -21,6 +21,7 @@ from radioloc.lunar import TerrainModel
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
+from radioloc.measurements.target_motion import FixedPoint
 from radioloc.report.figure_types import FIGURES, figures_of
 from radioloc.report.figures import save_figure
 from radioloc.report.map_figures import plot_map
@@ -90,7 +91,9 @@ def write_report(
     contents = dict(result.files())
     extra_figures: dict[str, Figure | None] = {}
     if isinstance(result, Solution) and terms_by is not None:
-        terms, observations = terms_by.terms(result.position_pa_m), terms_by.observations
+        points = [FixedPoint(one.position_pa_m) for one in result.targets or (result,)]
+        terms = terms_by.terms(None if terms_by.trajectories else points)
+        observations = terms_by.observations
         contents["terms.csv"] = _terms_table(terms, observations)
         extra_figures["terms"] = plot_terms(terms, observations)
     if isinstance(result, Solution) and dem is not None:

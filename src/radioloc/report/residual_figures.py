@@ -306,8 +306,8 @@ def plot_terms(terms: Mapping[str, Floats], observations: Observations, ax: Axes
     Examples
     --------
     >>> import radioloc
-    >>> arc, position_pa_m = radioloc.jobs.arc_of(radioloc.read_study("examples/apollo15/apollo15.toml"))
-    >>> figure = radioloc.report.plot_terms(arc.terms(position_pa_m), arc.observations)
+    >>> arc = radioloc.jobs.arc_of(radioloc.read_study("examples/apollo15/apollo15.toml"))
+    >>> figure = radioloc.report.plot_terms(arc.terms(), arc.observations)
     >>> figure.axes[0].get_title(loc="left")
     'shapiro'
     """

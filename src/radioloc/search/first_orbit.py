@@ -19,10 +19,11 @@ import numpy as np
 from radioloc.constants import C_M_S, MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics.elements import equatorial_axes, plane_deg
 from radioloc.errors import InputError
-from radioloc.jobs.orbit_steps import fitted_state, turned_state
+from radioloc.jobs.orbit_steps import OrbitPart, fitted_state, turned_state
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import DOPPLER, Observations
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.target_motion import FixedPoint
 from radioloc.study.orbiter import Orbiter, RoughOrbit
 from radioloc.time import tt_to_tdb, utc_to_tt
 from radioloc.vectors import Floats
@@ -42,7 +43,7 @@ _MIN_MISFIT_M_S = 1e-4  # noise of good counts
 _SAME_PLANE_RAD = np.radians(2.0)
 _KEPT_COUNT = 2
 _AMBIGUITY_RATIO = 1.5  # misfits of candidates within this ratio do not decide between them
-_NEAR_CENTRE_M = np.array([1e3, 0.0, 0.0])
+_NEAR_CENTRE = FixedPoint(np.array([1e3, 0.0, 0.0]))
 """In place of the Moon's centre, where tides have no direction: it moves by 3 mm/s about it."""
 
 
@@ -115,8 +116,8 @@ def _near_the_epoch(orbiter: Orbiter, model: PhysicalModel, observations: Observ
         first_s = since_s[np.argmin(np.abs(since_s))]
         rows = rows[np.abs(since_s - first_s) <= _WINDOW_S]
         rows = rows[np.unique(np.linspace(0, len(rows) - 1, _MAX_COUNTS).astype(int))]
-    arc = ExactPredictor(model, observations.select(rows), _NEAR_CENTRE_M)
-    arc = arc.select(arc.compute(_NEAR_CENTRE_M).usable)
+    arc = ExactPredictor(model, observations.select(rows), _NEAR_CENTRE)
+    arc = arc.select(arc.compute().usable)
     if len(arc.observations) < _MIN_COUNTS:
         raise InputError(
             f"[target] altitude_m: a first orbit of {orbiter.name} needs {_MIN_COUNTS} counts of two- or three-way "
@@ -135,7 +136,7 @@ def _best_circle(orbiter: Orbiter, rough: RoughOrbit, some: ExactPredictor) -> t
     centre to c along the line of sight and a - c across it, but for a constant.
     """
     observations, model = some.observations, some.model
-    path, _, _ = some.light_path(_NEAR_CENTRE_M)
+    path, _, _ = some.light_path()
     half_s = 0.5 * observations.count_s
     tdb = tt_to_tdb(utc_to_tt(observations.epoch))
     since_s = tdb.seconds_since(orbiter.epoch)
@@ -143,7 +144,7 @@ def _best_circle(orbiter: Orbiter, rough: RoughOrbit, some: ExactPredictor) -> t
     # Up from the transmitter, down to the receiver: both point to where the target is, or from there.
     units = np.stack([path.up_unit, -path.down_unit])
     flat = 0.5 / (C_M_S * np.stack([path.up_s, path.down_s]))
-    observed_m_s = (observations.value_m - some.compute(_NEAR_CENTRE_M).value_m) / observations.count_s
+    observed_m_s = (observations.value_m - some.compute().value_m) / observations.count_s
 
     axes = equatorial_axes(model.libration, orbiter.epoch)
     nodes, quarters = _planes(rough, axes)
@@ -199,8 +200,9 @@ def _fitted(orbiter: Orbiter, some: ExactPredictor, starts: Sequence[Floats], st
     for start in starts:
         orbit = orbiter.at(start).orbit(some.model, some.observations, ()).coarse()
         try:
-            arc = ExactPredictor(some.model, some.observations, np.zeros(3), orbit)
-            state, spread = fitted_state(arc, sigma_m, start, start, np.arange(6), sigmas, steps)
+            arc = ExactPredictor(some.model, some.observations, orbit)
+            part = OrbitPart(arc, orbit, sigma_m, start)
+            state, spread = fitted_state(part, start, np.arange(6), sigmas, steps)
         except InputError as error:  # an orbit that is under the ground
             logger.info("a start is left out: %s", error)
             continue

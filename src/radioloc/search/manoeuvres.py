@@ -20,10 +20,12 @@ from radioloc.errors import RadiolocError
 from radioloc.estimation.orbit_state import RTN
 from radioloc.estimation.statistics import robust_scale
 from radioloc.jobs.orbit_start import REACH_FACTOR, StagedStart
-from radioloc.jobs.orbit_steps import fitted_state
+from radioloc.jobs.orbit_steps import OrbitPart, fitted_state
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import is_integrated
+from radioloc.measurements.target_motion import OrbitMotion
+from radioloc.parameters.motion import orbit_of
 from radioloc.time import Epochs, tt_to_tdb, utc_strings, utc_to_tt
 from radioloc.vectors import Floats, rtn_axes
 
@@ -149,8 +151,9 @@ class _Search:
     @property
     def orbit(self) -> AdjustableOrbit:
         """Orbit in which the manoeuvre is put."""
-        assert isinstance(self.part.trajectory, AdjustableOrbit)
-        return self.part.trajectory
+        orbit = orbit_of(self.part)
+        assert orbit is not None
+        return orbit
 
     @cached_property
     def time_s(self) -> Floats:
@@ -170,12 +173,12 @@ class _Search:
         unit = np.where(self.count_s > 0.0, self.count_s, 1.0) / self.sigma_m
         return np.asarray((code.ravel()[:, None] == np.arange(code.max() + 1)) * unit[:, None])
 
-    def residuals(self, part: Predictor, change: Floats) -> tuple[Floats, Floats]:
+    def residuals(self, orbit: AdjustableOrbit, change: Floats) -> tuple[Floats, Floats]:
         """Residuals in sigmas, and the design matrix of state (km and m/s), forces and constants."""
-        computed = part.compute(change)
-        design = np.hstack([computed.by_orbit / self.sigma_m[:, None], self.constants()])
+        computed = self.part.compute(OrbitMotion(orbit, change))
+        design = np.hstack([computed.by_motion / self.sigma_m[:, None], self.constants()])
         design[:, :6] *= _STATE_SCALES
-        return (part.observations.value_m - computed.value_m) / self.sigma_m, design
+        return (self.part.observations.value_m - computed.value_m) / self.sigma_m, design
 
     def smooth(self, ratio: Floats) -> NDArray[np.bool_]:
         """Rows that are not far off their neighbours of the same link."""
@@ -190,7 +193,7 @@ class _Search:
 
     def scanned(self, x: Floats) -> _Guess | None:
         """The impulse with which the residuals of an orbit, fitted anew, are least."""
-        ratio, design = self.residuals(self.part, x - self.start.apriori)
+        ratio, design = self.residuals(self.orbit, x - self.start.apriori)
         rows = np.flatnonzero(self.smooth(ratio))
         rows = rows[np.argsort(self.time_s[rows])]
         time_s, ratio, design = self.time_s[rows], ratio[rows], design[rows]
@@ -254,11 +257,11 @@ class _Search:
         first_s, last_s = self.time_s.min() + 1.0, self.time_s.max() - 1.0
         for k in range(_ROUND_COUNT):
             orbit = acting(time_s)
-            part = self.part.along(orbit)
-            y, spread = fitted_state(part, self.sigma_m, np.concatenate([x, delta_v]), apriori, free, sigmas)
+            part = OrbitPart(self.part, orbit, self.sigma_m, apriori)
+            y, spread = fitted_state(part, np.concatenate([x, delta_v]), free, sigmas)
             x, delta_v = y[:count], y[count:]
-            ratio, design = self.residuals(part, y - apriori)
-            later = ratio - self.residuals(self.part.along(acting(time_s + _DIFFERENCE_S)), y - apriori)[0]
+            ratio, design = self.residuals(orbit, y - apriori)
+            later = ratio - self.residuals(acting(time_s + _DIFFERENCE_S), y - apriori)[0]
             aside = np.abs(self.time_s - time_s) > _NEAR_S * _NEAR_RATIO**k
             rows = np.flatnonzero(aside & (np.abs(ratio) <= _MAX_RESIDUAL_SIGMAS * spread))
             left, (shift_s, *_), sigma = _least_squares(
@@ -270,7 +273,7 @@ class _Search:
             )
             if abs(shift_s) < max(0.1, 0.1 * sigma_s):
                 break
-        without, plain_design = self.residuals(self.part, plain - self.start.apriori)
+        without, plain_design = self.residuals(self.orbit, plain - self.start.apriori)
         before, _, _ = _least_squares(plain_design[rows], without[rows])
         gain = float(before @ before / (left @ left)) * (len(rows) - design.shape[1] - 1) / len(rows)
         mine = slice(1 + count, 4 + count)

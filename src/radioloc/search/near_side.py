@@ -28,6 +28,7 @@ from radioloc.measurements.link import canonical_target
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
+from radioloc.measurements.target_motion import FixedPoint
 from radioloc.study.study import EstimateChoice, HeightPrior
 from radioloc.vectors import Floats
 
@@ -53,7 +54,7 @@ def near_positions(
     Of several targets each is sought by its own observations; one that is only observed beside another moves with it.
     Targets whose a-priori positions serve as well are not among them.
     """
-    if arc.trajectory is not None or estimate.position == "none" or not len(arc.observations):
+    if arc.trajectories or estimate.position == "none" or not len(arc.observations):
         return {}
     observed = [[canonical_target(name) for name in link.targets] for link in arc.observations.links]
     found: dict[str, tuple[LunarPosition, float]] = {}
@@ -117,9 +118,8 @@ class _Linearized:
     ) -> None:
         observations = arc.observations
         if not prepared:
-            arc = prepare_predictor(
-                arc.model, observations, place_m, "exact", more_partials=arc.more_partials
-            )
+            more = arc.more_partials
+            arc = prepare_predictor(arc.model, observations, FixedPoint(place_m), "exact", more_partials=more)
         estimate = replace(estimate, position="cartesian", height_prior=None).of_part(arc)
         problem = observation_model(arc, LunarPosition(frame, place_m), estimate)
         at = problem.linearize(problem.parameters.prior_values)

@@ -11,15 +11,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from radioloc.dynamics import Impulse
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.orbit_start import StagedStart
 from radioloc.jobs.preparation import chosen_observations, model_of, prepared_arc
 from radioloc.jobs.problem import (
     observation_model,
-    start_pa_m,
     status_of,
     targets_in_pa,
     with_independent_clocks,
@@ -173,8 +170,7 @@ def _with_first_orbit(result: SearchResult, given: Study, observations: Observat
 
 def _with_transmitters(result: SearchResult, given: Study, observations: Observations | None) -> SearchResult:
     arc, _ = prepared_arc(result.study, observations)
-    targets = targets_in_pa(result.study, arc.model.ephemeris.constants)
-    passes = compared_transmitters(given, arc, start_pa_m(targets))
+    passes = compared_transmitters(given, arc)
     uplinks = [one.uplink() for one in passes]
     tables = {"uplinks": list(map(_uplink_keys, uplinks))}
     change = Change(("observations",), {}, ("transmitters", "turnarounds"), tables)
@@ -222,7 +218,7 @@ def _with_manoeuvres(result: SearchResult, observations: Observations | None) ->
     start = StagedStart.of(problem, stated_noise(arc, study.observations).sigma_m)
     if start is None:
         return result
-    manoeuvres = find_manoeuvres(start, status_of(start.arc, np.zeros(3))[0].are(USED))
+    manoeuvres = find_manoeuvres(start, status_of(start.arc)[0].are(USED))
     known = study.target.forces.impulses
     impulses = [
         Impulse(f"found_{len(known) + k}", one.epoch, tuple(one.delta_v_m_s.round(6).tolist()))

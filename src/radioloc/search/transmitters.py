@@ -98,7 +98,7 @@ class TransmitterPass:
         return fields | spans | {"taken": self.ranking[0], "decided": self.decided}
 
 
-def compared_transmitters(study: Study, arc: Predictor, positions_pa_m: Floats) -> list[TransmitterPass]:
+def compared_transmitters(study: Study, arc: Predictor) -> list[TransmitterPass]:
     """Compare the candidates of a study in each pass of Doppler; InputError where one is unknown or none fits."""
     choice, observations, catalogue = study.observations, arc.observations, arc.model.catalogue
     with named("[observations] transmitters:"):
@@ -114,9 +114,7 @@ def compared_transmitters(study: Study, arc: Predictor, positions_pa_m: Floats) 
         )
     some = [rows[np.unique(np.linspace(0, len(rows) - 1, _MAX_COUNTS).astype(int))] for rows in passes]
     every = np.concatenate(some)
-    computed_m = {
-        station: _computed_m(study, arc, positions_pa_m, every, station) for station in stations or [""]
-    }
+    computed_m = {station: _computed_m(study, arc, every, station) for station in stations or [""]}
     rate_m_s = {
         name: (
             with_turnaround(observations, every, None if ratio is None else float(ratio))
@@ -149,17 +147,15 @@ def compared_transmitters(study: Study, arc: Predictor, positions_pa_m: Floats) 
     return found
 
 
-def _computed_m(study: Study, arc: Predictor, positions_pa_m: Floats, rows: _Rows, station: str) -> Floats:
+def _computed_m(study: Study, arc: Predictor, rows: _Rows, station: str) -> Floats:
     """Computed values of some rows sent by a station, or by those of the files; NaN where that cannot be."""
     some = arc.observations.select(rows)
     if station:
         sent = with_transmitter(some, np.arange(len(rows)), station)
         used, link = np.unique(sent.link, return_inverse=True)
         some = replace(sent, links=tuple(sent.links[k] for k in used), link=link.astype(np.int32))
-    predictor = prepare_predictor(
-        arc.model, some, positions_pa_m, study.model.evaluation, arc.trajectory, arc.targets
-    )
-    computed = predictor.compute(positions_pa_m)
+    predictor = prepare_predictor(arc.model, some, arc.motions, study.model.evaluation, arc.targets)
+    computed = predictor.compute()
     return np.where(computed.usable, computed.value_m, np.nan)
 
 

@@ -19,6 +19,7 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Prediction, Predictor, blocks, reasons
 from radioloc.measurements.registry import KINDS
+from radioloc.measurements.target_motion import FixedPoint
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.simulation.noise import NoiseModel, generator, require_seed
 from radioloc.simulation.schedule import Plan, Schedule
@@ -182,20 +183,19 @@ class Scenario:
         predictor = prepare_predictor(
             self.truth.model(model),
             plan.observations,
-            target_pa_m,
-            trajectory=trajectory,
+            FixedPoint(target_pa_m) if trajectory is None else trajectory,
             more_partials=any(
                 PARAMETERS[name].more_partials for name in (*self.truth.values, *self.truth_sigma.sigmas)
             ),
         )
-        at = predictor.at(target_pa_m)
+        at = predictor.at()
         _require_usable(predictor, at)
         starts = [session.start_utc for session in self.schedule.sessions]
         start = min(starts, key=lambda date: epochs_from_strings(date, "UTC").mjd[0])
         added_m, errors = fixed_errors(self.truth, predictor, at, target_pa_m, start)
         drawn = drawn_errors(self.truth_sigma, predictor, at, target_pa_m, enu_pa, start)
         if errant is not None:
-            drawn = drawn.with_gravity(predictor.along(errant).compute(target_pa_m).by_orbit)
+            drawn = drawn.with_gravity(predictor.compute(errant).by_motion)
         return World(self, plan, target_pa_m, at.value_m, added_m, errors, trajectory, drawn, enu_pa, errant)
 
     def _trajectory(self, model: PhysicalModel) -> tuple[AnyTrajectory | None, AdjustableOrbit | None]:

@@ -22,6 +22,7 @@ from radioloc.measurements.terms import active_terms
 from radioloc.parameters.choice import ParameterChoice, chosen_parameters
 from radioloc.parameters.design import DesignMatrix, ObservationModel
 from radioloc.parameters.kind import Scope
+from radioloc.parameters.motion import of_points
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.parameters.position import PositionParameters, cartesian
 from radioloc.parameters.registry import PARAMETERS
@@ -224,9 +225,9 @@ def _design(
             kinds.append(found)
     # Offsets hold where their rates begin to count.
     epoch = utc_to_tai(epochs_from_strings([epoch_utc], "UTC"))
-    model = replace(ObservationModel.of(predictor, [position], kinds), reference=epoch)
+    model = replace(ObservationModel.of(predictor, [of_points(position)], kinds), reference=epoch)
     x = model.parameters.prior_values
-    return DesignMatrix(model, at, model.position_pa_m(x), x, predictor.observations.value_m)
+    return DesignMatrix(model, at, model.motions(x), x, predictor.observations.value_m)
 
 
 def _choices(given: Mapping[str, Any], *, sigma: bool = False) -> dict[str, ParameterChoice]:

@@ -232,7 +232,7 @@ C_M_S = 299792458.0
 
 @pytest.fixture(scope="module")
 def fitted():
-    predictor, _ = radioloc.jobs.arc_of(radioloc.read_study(STUDY))
+    predictor = radioloc.jobs.arc_of(radioloc.read_study(STUDY))
     return radioloc.residuals(radioloc.read_study(STUDY)), predictor.observations
 
 

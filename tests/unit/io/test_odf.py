@@ -9,7 +9,7 @@ from radioloc.constants import C_M_S
 from radioloc.errors import DataQualityWarning, FileFormatError
 from radioloc.io import read_observations
 from radioloc.io.odf import read_odf, read_odf_file
-from radioloc.measurements import ExactPredictor, PhysicalModel
+from radioloc.measurements import ExactPredictor, FixedPoint, PhysicalModel
 from radioloc.measurements.ramps import turnaround_ratio
 from radioloc.time import epochs_from_strings, utc_to_tai
 
@@ -268,7 +268,7 @@ def test_real_doppler_under_ramps_and_that_of_the_beacon_agree():
     found = read_odf(EXCERPT)
     still_pa_m = np.array([1737.4e3, 0.0, 0.0])
     rest_m = (
-        found.value_m - ExactPredictor(PhysicalModel.build(), found, still_pa_m).compute(still_pa_m).value_m
+        found.value_m - ExactPredictor(PhysicalModel.build(), found, FixedPoint(still_pa_m)).compute().value_m
     )
     two_way, one_way = found.ramped, ~found.ramped
     assert (found.epoch.fraction[two_way] == found.epoch.fraction[one_way]).all()

@@ -10,7 +10,7 @@ from radioloc.errors import FileFormatError, InputError
 from radioloc.io.tdm import TdmAgreement, tdm_observations
 from radioloc.io.tdm.kvn import parse_kvn
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements import ExactPredictor, Link, PhysicalModel
+from radioloc.measurements import ExactPredictor, FixedPoint, Link, PhysicalModel
 from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
 from radioloc.media.status import Status
 from radioloc.time import epochs_from_strings, utc_to_tai
@@ -326,7 +326,7 @@ def test_a_transmitted_frequency_holds_from_its_time_tag_on():
     )
 
     def status(got):
-        return ExactPredictor(PhysicalModel.build(), got, lander_pa_m).compute(lander_pa_m).status[:, 0]
+        return ExactPredictor(PhysicalModel.build(), got, FixedPoint(lander_pa_m)).compute().status[:, 0]
 
     found = readout((metadata, records))
     got, notes = found.observations, found.notes

@@ -8,7 +8,7 @@ from radioloc.constants import C_M_S
 from radioloc.errors import InputError
 from radioloc.io import TdmAgreement, read_tdm, write_tdm
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements import ExactPredictor, Link, Ramps
+from radioloc.measurements import ExactPredictor, FixedPoint, Link, Ramps
 from radioloc.measurements.observations import DOPPLER, RANGE, Observations
 from radioloc.measurements.registry import KINDS
 from radioloc.time import epochs_from_strings
@@ -47,7 +47,7 @@ def counts(**changes):
 
 
 def computed(model, observations):
-    return ExactPredictor(model, observations, LANDER_PA_M).compute(LANDER_PA_M)
+    return ExactPredictor(model, observations, FixedPoint(LANDER_PA_M)).compute()
 
 
 @pytest.mark.parametrize("suffix", ["kvn", "xml"])

@@ -62,9 +62,9 @@ def test_clock_of_a_vlbi_station(study, tracking):
 @pytest.mark.slow
 def test_ranging_station_off_its_place(study, whole):
     """Kashi 50 m east; the editing leaves out nearly all of its two-way ranges, the others get noise of their own."""
-    arc, position_pa_m = radioloc.jobs.arc_of(study, whole)
-    at = arc.at(position_pa_m)
-    rows = ObservationRows(arc, np.arange(len(whole)), None, at, position_pa_m)
+    arc = radioloc.jobs.arc_of(study, whole)
+    at = arc.at()
+    rows = ObservationRows(arc, np.arange(len(whole)), None, at, arc.motions)
     kashi = rows.ends == arc.stations.index("KASHI")
     east_m = 50.0 * (STATION_POSITION.partials(rows)[..., 0] * kashi).sum(axis=1)
     solution, first = found(study, whole, east_m)

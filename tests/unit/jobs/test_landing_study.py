@@ -9,7 +9,7 @@ from descent import SITE, TOUCHDOWN, Descent
 import radioloc
 from radioloc.errors import InputError
 from radioloc.lunar import LunarPosition
-from radioloc.measurements import ExactPredictor, PhysicalModel
+from radioloc.measurements import ExactPredictor, FixedPoint, PhysicalModel
 from radioloc.parameters.orbit import Ground
 from radioloc.study.study import Reference
 from radioloc.time import epochs_from_strings, tt_to_tdb, utc_to_tt
@@ -38,7 +38,7 @@ def test_after_the_touchdown_it_is_tracked_as_a_lander(made):
     assert len(landed) > 40
     model = PhysicalModel.build()
     place_pa_m = PLACE.to_axes("PA", model.ephemeris.constants).xyz_m
-    fixed = ExactPredictor(model, simulated.select(landed), place_pa_m).compute(place_pa_m)
+    fixed = ExactPredictor(model, simulated.select(landed), FixedPoint(place_pa_m)).compute()
     # The tide of the Moon moves on by some tenths of a millimetre in five minutes.
     assert np.abs(made[1].error_free_m[landed] - fixed.value_m).max() < 1e-3
 
@@ -94,12 +94,13 @@ def test_partials_are_those_of_differences(made):
 def test_residuals_are_those_of_the_a_priori_trajectory(made):
     study, observations = made[0], made[1].observations
     found = radioloc.residuals(replace(study, reference=Reference(PLACE, "where it is")), observations)
-    arc, _ = radioloc.jobs.arc_of(study, observations)
-    expected_m = observations.value_m - arc.compute(np.zeros(3)).value_m
+    arc = radioloc.jobs.arc_of(study, observations)
+    expected_m = observations.value_m - arc.compute().value_m
     np.testing.assert_allclose(found.residuals.residual_m, expected_m, atol=1e-3)
     assert found.fit.total.rms_m > 10.0
     assert not found.position_estimated
-    ends_pa_m = Ground(arc.model, arc.trajectory.touchdown).place_pa_m(arc.trajectory.state)
+    [orbit] = arc.trajectories
+    ends_pa_m = Ground(arc.model, orbit.touchdown).place_pa_m(orbit.state)
     np.testing.assert_allclose(found.position_pa_m, ends_pa_m, atol=1e-3)
     assert found.reference.name == "where it is"
 

@@ -10,6 +10,7 @@ from quick import some
 import radioloc
 from radioloc import LunarPosition, Study
 from radioloc.estimation import time_correlation
+from radioloc.measurements import FixedPoint
 from radioloc.results.build import compare_with
 from radioloc.search import search
 from radioloc.study import EstimateChoice, ModelChoice, ObservationChoice
@@ -158,8 +159,8 @@ def test_a_biased_station_is_found_out(apollo15, near15, solution):
 def test_time_bias_is_found_out(apollo15, near15, model):
     # All tags late by 10 ms: what was observed belongs to 10 ms earlier than it says.
     late_s = 0.010
-    arc = radioloc.measurements.ExactPredictor(model, apollo15, np.array(JPL_PA_M["apollo15"]))
-    by_time_m_s = arc.compute(np.array(JPL_PA_M["apollo15"])).by_time_m_s
+    arc = radioloc.measurements.ExactPredictor(model, apollo15, FixedPoint(np.array(JPL_PA_M["apollo15"])))
+    by_time_m_s = arc.compute(FixedPoint(np.array(JPL_PA_M["apollo15"]))).by_time_m_s
     assert abs(by_time_m_s).max() > 100.0
     observed = changed(apollo15, slice(None), late_s * by_time_m_s)
     same = fit(apollo15, near15, time_bias="all")
@@ -195,7 +196,7 @@ def thinned(apollo15, near15, model):
     return (
         few,
         full,
-        radioloc.measurements.ExactPredictor(model, few, full.position_pa_m).terms(full.position_pa_m),
+        radioloc.measurements.ExactPredictor(model, few, FixedPoint(full.position_pa_m)).terms(),
     )
 
 
@@ -301,9 +302,11 @@ def test_epoch_that_is_not_covered_names_file_and_line(year, source, apollo15, n
 
 
 def test_arc_for_predictions(apollo15, near15, solution):
-    arc, start_pa_m = radioloc.jobs.arc_of(Study(target=near15), apollo15)
-    assert start_pa_m == pytest.approx(near15.to_axes("PA", arc.model.ephemeris.constants).xyz_m)
-    computed = arc.compute(solution.position_pa_m)
+    arc = radioloc.jobs.arc_of(Study(target=near15), apollo15)
+    assert arc.motions[0].position_pa_m == pytest.approx(
+        near15.to_axes("PA", arc.model.ephemeris.constants).xyz_m
+    )
+    computed = arc.compute(FixedPoint(solution.position_pa_m))
     assert computed.value_m == pytest.approx(solution.residuals.computed_m, abs=1e-6)
 
 
@@ -324,8 +327,8 @@ def test_weights_of_a_correlated_series(apollo15, near15, solution, monkeypatch)
     assert weight.name == item.name == "range APOLLO>apollo15>APOLLO"
     assert weight.weighed_as == pytest.approx(item.effective_count, rel=0.05)
     # Generalized least squares from the dense covariance: nothing is left to correct, and the sigmas are these.
-    arc, _ = radioloc.jobs.arc_of(Study(target=near15), apollo15)
-    used, computed = found.residuals.used, arc.compute(found.position_pa_m)
+    arc = radioloc.jobs.arc_of(Study(target=near15), apollo15)
+    used, computed = found.residuals.used, arc.compute(FixedPoint(found.position_pa_m))
     residual_m, design = (apollo15.value_m - computed.value_m)[used], computed.by_position_pa[used]
     time_s = 86400.0 * (apollo15.epoch.jd - apollo15.epoch.jd[0] + apollo15.epoch.fraction)[used]
     stated = np.diag(found.residuals.sigma_m[used])

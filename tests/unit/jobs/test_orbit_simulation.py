@@ -76,7 +76,7 @@ def test_the_world_is_the_tracking_of_the_true_orbit(made):
         study.target.forces.with_parameters({"radiation": 0.02}),
         (0.0, 16000.0),
     )
-    predicted = ExactPredictor(PhysicalModel.build(), observations, np.zeros(3), truth).compute(np.zeros(3))
+    predicted = ExactPredictor(PhysicalModel.build(), observations, truth).compute()
     assert predicted.usable.all()
     assert np.abs(observations.value_m - simulated.noise_m - predicted.value_m).max() < 1e-6
     assert {path.upper() for path in observations.paths()} <= {"DSS-24>CRAFT>DSS-24", "DSS-65>CRAFT>DSS-65"}

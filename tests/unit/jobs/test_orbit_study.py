@@ -14,7 +14,7 @@ from radioloc.dynamics import Forces, GravityField, draw_gravity_errors, propaga
 from radioloc.dynamics.elements import FORMS, elements_of_state, equatorial_axes
 from radioloc.errors import InputError
 from radioloc.estimation.least_squares import FitStatus
-from radioloc.measurements import ExactPredictor
+from radioloc.measurements import ExactPredictor, OrbitMotion
 from radioloc.study.orbit_choice import OrbitChoice
 from radioloc.study.orbiter import Orbiter
 from radioloc.time import Epochs
@@ -148,13 +148,15 @@ def test_sigmas_on_the_arc_are_those_of_the_partials(solution, forces):
 @pytest.mark.study
 def test_partials_by_the_orbit_are_those_of_differences(model, forces, doppler):
     target = craft(STATE, forces)
-    predictor = ExactPredictor(model, doppler, np.zeros(3), target.orbit(model, doppler, ("radiation",)))
-    by_orbit = predictor.compute(np.zeros(3)).by_orbit
+    orbit = target.orbit(model, doppler, ("radiation",))
+    predictor = ExactPredictor(model, doppler, orbit)
+    by_orbit = predictor.compute().by_motion
     # Farther than what is taken as linear, so that both ends are integrated.
     steps = np.array([30.0, 30.0, 30.0, 0.03, 0.03, 0.03, 5.0])
     for k, step in enumerate(steps):
         x = step * np.eye(7)[k]
-        change_m = predictor.at(x).value_m - predictor.at(-x).value_m
+        later_m, earlier_m = (predictor.at(OrbitMotion(orbit, sign * x)).value_m for sign in (1.0, -1.0))
+        change_m = later_m - earlier_m
         size = np.abs(by_orbit[:, k]).max()
         np.testing.assert_allclose(by_orbit[:, k] / size, change_m / (2.0 * step) / size, atol=2e-4)
 
@@ -180,7 +182,7 @@ def test_an_error_of_the_field_moves_the_orbit_as_its_sigmas_say(model, forces, 
     error = draw_gravity_errors(forces.gravity, 1, 40)[0]
     true = replace(forces, gravity=with_errors(forces.gravity, error, 1e-3), gradient_degree=20)
     orbit = craft(STATE, true).orbit(model, doppler, ())
-    value_m = ExactPredictor(model, doppler, np.zeros(3), orbit).compute(np.zeros(3)).value_m
+    value_m = ExactPredictor(model, doppler, orbit).compute().value_m
     state = radioloc.locate(study_of(forces, errors=1), replace(doppler, value_m=value_m)).state
     times = state.orbit.times(9)
     own = state.parameter_covariance - state.sensitivity @ state.sensitivity.T
@@ -198,7 +200,7 @@ def test_orbits_in_fields_that_are_not_the_models_are_within_their_sigmas(model,
         true_field = with_errors(forces.gravity, error, np.sqrt(24))
         true = replace(forces, gravity=true_field, gradient_degree=20)
         orbit = craft(STATE, true).orbit(model, doppler, ())
-        value_m = ExactPredictor(model, doppler, np.zeros(3), orbit).compute(np.zeros(3)).value_m
+        value_m = ExactPredictor(model, doppler, orbit).compute().value_m
         value_m = value_m + SIGMA_M * np.random.default_rng(k).normal(size=len(value_m))
         found = radioloc.locate(study_of(forces, errors=16), replace(doppler, value_m=value_m))
         ends = found.state.orbit.times(3)
@@ -400,7 +402,7 @@ def test_a_day_of_grail_fits_to_what_the_field_leaves(tmp_path):
 def counted(model, empty, acting):
     """Values of observations of the orbit that begins with STATE under some forces."""
     orbit = craft(STATE, acting).orbit(model, empty, ())
-    return ExactPredictor(model, empty, np.zeros(3), orbit).compute(np.zeros(3)).value_m
+    return ExactPredictor(model, empty, orbit).compute().value_m
 
 
 @pytest.mark.slow

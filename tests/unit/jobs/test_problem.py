@@ -7,6 +7,7 @@ from quick import each_with_one
 import radioloc
 from radioloc import LunarPosition
 from radioloc.jobs.problem import observation_model
+from radioloc.measurements import FixedPoint
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.registry import KINDS
 from radioloc.study import EstimateChoice
@@ -32,7 +33,7 @@ def target(place, model):
 def test_partials_are_the_slopes(place, form, late15, model):
     start = target(place, model)
     few = late15.select([0, 9, 27])
-    arc = radioloc.measurements.ExactPredictor(model, few, start.xyz_m)
+    arc = radioloc.measurements.ExactPredictor(model, few, FixedPoint(start.xyz_m))
     choice = EstimateChoice(position=form, range_bias="all", time_bias="all")
     problem = observation_model(arc, start, choice)
     steps = {"m": 100.0, "s": 1e-3}
@@ -59,7 +60,7 @@ def test_lander_near_a_pole_is_found_from_across_the_pole(place, form, apollo15,
     lon, lat = place
     truth = LunarPosition.from_selenographic(lon, lat, 1000.0).to_axes("PA", model.ephemeris.constants)
     few = apollo15.select(slice(None, None, 3))
-    predicted_m = radioloc.measurements.ExactPredictor(model, few, truth.xyz_m).compute(truth.xyz_m).value_m
+    predicted_m = radioloc.measurements.ExactPredictor(model, few, FixedPoint(truth.xyz_m)).compute().value_m
     observations = radioloc.Observations.from_columns(
         epoch=few.epoch,
         links=few.links,
@@ -97,11 +98,11 @@ def test_biases_by_kind_of_measurement(near15, model):
         wavelength_um=0.532,
     )
     start = near15.to_axes("PA", model.ephemeris.constants)
-    arc = radioloc.measurements.ExactPredictor(model, observations, start.xyz_m)
+    arc = radioloc.measurements.ExactPredictor(model, observations, FixedPoint(start.xyz_m))
     found = observation_model(arc, start, EstimateChoice(range_bias="all", time_bias="all"))
     names = [p.name for p in found.parameters][3:]
     assert names == ["range_bias.GRASSE", "time_bias.APOLLO", "time_bias.GRASSE"]
-    by_time = arc.compute(start.xyz_m).by_time_m_s
+    by_time = arc.compute(FixedPoint(start.xyz_m)).by_time_m_s
     columns = found.residuals(found.parameters.prior_values)[1][:, 3:]
     first = np.array([True, False, False, True, False])
     assert columns[:, 0].tolist() == [1.0, 1.0, 1.0, 0.0, 0.0]

@@ -29,7 +29,7 @@ def solution(study):
 
 @pytest.fixture(scope="module")
 def predictor(study):
-    return radioloc.jobs.arc_of(study)[0]
+    return radioloc.jobs.arc_of(study)
 
 
 @pytest.fixture(scope="module")

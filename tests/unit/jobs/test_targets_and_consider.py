@@ -12,7 +12,7 @@ from radioloc.errors import InputError
 from radioloc.io.formats import write_observations
 from radioloc.jobs import compare
 from radioloc.jobs.comparison import read_solutions
-from radioloc.measurements import Link, Observations, PhysicalModel, prepare_predictor
+from radioloc.measurements import FixedPoint, Link, Observations, PhysicalModel, prepare_predictor
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.registry import KINDS
 from radioloc.search import search
@@ -67,8 +67,10 @@ def folder(tmp_path_factory):
     }
     asked = Observations.from_columns(value_m=1.0, **columns)
     places_m = np.array([p.to_axes("PA", model.ephemeris.constants).xyz_m for p in (LANDER, ROVER)])
-    arc = prepare_predictor(model, asked, places_m, "exact", targets=("lander", "rover"))
-    made = Observations.from_columns(value_m=arc.at(places_m).value_m, **columns)
+    arc = prepare_predictor(
+        model, asked, [FixedPoint(one) for one in places_m], "exact", targets=("lander", "rover")
+    )
+    made = Observations.from_columns(value_m=arc.at().value_m, **columns)
     path = tmp_path_factory.mktemp("targets")
     write_observations(path / "table.csv", made)
     return path

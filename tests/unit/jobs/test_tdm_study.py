@@ -7,6 +7,7 @@ from arc_cases import epochs_tai
 import radioloc
 from radioloc.constants import C_M_S
 from radioloc.io.tdm import write_tdm
+from radioloc.measurements import FixedPoint
 from radioloc.measurements.registry import KINDS
 from radioloc.time import tai_to_utc
 
@@ -27,8 +28,8 @@ def made(kind, ends):
     empty = radioloc.Observations.from_columns(
         epoch=epoch, link=link, value_m=1.0, wavelength_um=35000.0, **given
     )
-    arc = radioloc.measurements.ExactPredictor(model, empty, point.xyz_m)
-    computed = arc.compute(point.xyz_m)
+    arc = radioloc.measurements.ExactPredictor(model, empty, FixedPoint(point.xyz_m))
+    computed = arc.compute()
     seen = computed.usable
     observations = radioloc.Observations.from_columns(
         epoch=epoch[seen], link=link[seen], value_m=computed.value_m[seen], **given

@@ -26,7 +26,7 @@ def folder(tmp_path_factory):
     trajectory = radioloc.ephemeris.Trajectory.open(file, ORBITER)
     parts = [tracking(f"KASHI>orbiter>{name}", epochs_tai(40, 20.0)) for name in ("KASHI", "JIAMUSI")]
     plan = Observations.concatenate(parts)
-    computed = radioloc.measurements.ExactPredictor(model, plan, np.zeros(3), trajectory).compute(np.zeros(3))
+    computed = radioloc.measurements.ExactPredictor(model, plan, trajectory).compute()
     seed = np.random.default_rng(5)
     observed_m = computed.value_m + SIGMA_M * seed.standard_normal(len(plan))
     observed_m[40:] += BIAS_M
@@ -138,10 +138,8 @@ def test_a_spacecraft_on_its_way_has_ranges_of_its_own(tmp_path, form):
     states = circular(2.0e8, model.ephemeris.constants.gm_earth_m3_s2, inclination_deg=20.0)
     file = write_states(tmp_path / "cruise.bsp", states, center=399, step_s=600.0)
     plan = tracking("KASHI>cruise>KASHI", epochs_tai(200, 30.0))
-    arc = radioloc.measurements.ExactPredictor(
-        model, plan, np.zeros(3), radioloc.ephemeris.Trajectory.open(file, ORBITER)
-    )
-    computed = arc.compute(np.zeros(3))
+    arc = radioloc.measurements.ExactPredictor(model, plan, radioloc.ephemeris.Trajectory.open(file, ORBITER))
+    computed = arc.compute()
     seen = np.flatnonzero(computed.usable)
     observed = Observations.from_columns(
         epoch=plan.epoch, links=plan.links, value_m=computed.value_m, sigma_m=SIGMA_M, tag=plan.tag

@@ -13,7 +13,7 @@ from radioloc.estimation import FitStatus
 from radioloc.jobs.preparation import prepared_arc
 from radioloc.jobs.verdict import heights, places
 from radioloc.lunar import LunarPosition
-from radioloc.measurements import MEASUREMENTS, Link, PhysicalModel
+from radioloc.measurements import MEASUREMENTS, FixedPoint, Link, PhysicalModel
 from radioloc.measurements.terms import active_terms
 from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule
 from radioloc.study import EstimateChoice, ModelChoice, ObservationChoice
@@ -84,12 +84,12 @@ def test_a_point_that_no_station_sees_does_not_converge(tracking):
     arc, _ = prepared_arc(study(), tracking)
     used, elevation_deg = np.ones(len(tracking), dtype=bool), np.full(len(tracking), 20.0)
     here_m = change5_case.LANDER.to_axes("PA", arc.model.ephemeris.constants).xyz_m
-    assert [*places(arc, here_m, used, elevation_deg)] == []
-    [doubt] = places(arc, -here_m, used, elevation_deg)
+    assert [*places(arc, [FixedPoint(here_m)], used, elevation_deg)] == []
+    [doubt] = places(arc, [FixedPoint(-here_m)], used, elevation_deg)
     assert doubt.status is FitStatus.HIDDEN
     assert "deg below its horizon" in doubt.reason
     elevation_deg[7] = -0.5
-    [doubt] = places(arc, here_m, used, elevation_deg)
+    [doubt] = places(arc, [FixedPoint(here_m)], used, elevation_deg)
     assert doubt.status is FitStatus.HIDDEN
     assert "1 used observation is below" in doubt.reason
 

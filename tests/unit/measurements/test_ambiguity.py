@@ -75,8 +75,8 @@ def test_in_a_study(tmp_path):
     path = tmp_path / "study.toml"
     path.write_text(STUDY.format(longitude_deg=-51.92))
     write_table(tmp_path / "ranges.csv", ranges(np.full(20, 7.6e8), modulus_m=np.nan))
-    arc, start_m = preparation.arc_of(path)
-    whole_m = arc.compute(start_m).value_m
+    arc = preparation.arc_of(path)
+    whole_m = arc.compute().value_m
     write_table(tmp_path / "ranges.csv", ranges(whole_m % MODULUS_M))
     path.write_text(STUDY.format(longitude_deg=-51.97))
     arc, _ = preparation.prepared_arc(read_study(path))

@@ -13,7 +13,7 @@ from arc_cases import (
 )
 
 from radioloc.errors import InputError, PredictedEopWarning
-from radioloc.measurements import Observations, prepare_predictor
+from radioloc.measurements import FixedPoint, Observations, prepare_predictor
 from radioloc.measurements.predictor import reasons
 from radioloc.time import epochs_from_strings
 
@@ -38,7 +38,7 @@ CASES = (
     ("doppler", "KASHI>b>KASHI", 60.0, None),
 )  # fmt: skip
 TARGETS = ("a", "b")
-POSITIONS_M = np.array([APOLLO15_PA_M, REFLECTORS_PA_M["luna17"]])
+POSITIONS = [FixedPoint(APOLLO15_PA_M), FixedPoint(REFLECTORS_PA_M["luna17"])]
 TAI = epochs_tai(9, 24.0)
 N = len(TAI)
 
@@ -52,7 +52,7 @@ def tracking(kind, path, count_s):
 
 
 def predictor(table, model):
-    return prepare_predictor(model, table, POSITIONS_M, "exact", targets=TARGETS)
+    return prepare_predictor(model, table, POSITIONS, "exact", targets=TARGETS)
 
 
 @pytest.fixture(scope="module")
@@ -76,15 +76,15 @@ def by_hand(model):
 
 
 def test_values_and_partials_are_those_of_the_parts(arc, by_hand):
-    found, value_m = arc.compute(POSITIONS_M), arc.at(POSITIONS_M).value_m
+    found, value_m = arc.compute(), arc.at().value_m
     for k, parts in enumerate(by_hand):
         mine = slice(k, None, len(CASES))
-        computed = [(weight, part.compute(POSITIONS_M)) for weight, part in parts]
+        computed = [(weight, part.compute()) for weight, part in parts]
         for name in ("value_m", "by_time_m_s", "by_transponder_delay_m_s"):
             expected = sum(weight * getattr(one, name) for weight, one in computed)
             np.testing.assert_allclose(getattr(found, name)[mine], expected, rtol=0, atol=SAME_M)
         np.testing.assert_array_equal(value_m[mine], found.value_m[mine])
-        by_target = arc.at(POSITIONS_M).combine(
+        by_target = arc.at().combine(
             np.arange(len(CASES) * N)[mine], lambda rows, inner, _: inner.rows(rows).by_position_pa
         )
         expected = sum(weight * one.by_position_pa for weight, one in computed)
@@ -93,43 +93,41 @@ def test_values_and_partials_are_those_of_the_parts(arc, by_hand):
 
 def test_each_target_is_at_its_own_position(model):
     table = tracking("range", "KASHI>b>JIAMUSI", None)
-    of_a, of_b = (
-        prepare_predictor(model, table, position_m, "exact").at(position_m).value_m
-        for position_m in POSITIONS_M
-    )
-    together = predictor(table, model).at(POSITIONS_M).value_m
+    of_a, of_b = (prepare_predictor(model, table, position, "exact").at().value_m for position in POSITIONS)
+    together = predictor(table, model).at().value_m
     np.testing.assert_allclose(together, of_b, rtol=0, atol=SAME_M)
     assert np.abs(of_a - of_b).min() > 1000.0
 
 
 def test_a_combination_is_as_low_and_as_unusable_as_its_parts(arc, by_hand):
-    found = arc.compute(POSITIONS_M)
+    found = arc.compute()
     for k, parts in enumerate(by_hand):
         mine = slice(k, None, len(CASES))
-        computed = [part.compute(POSITIONS_M) for _, part in parts]
+        computed = [part.compute() for _, part in parts]
         lowest = np.min([one.elevation_rad for one in computed], axis=0)
         np.testing.assert_allclose(found.elevation_rad[mine], lowest, rtol=0, atol=1e-9)
         assert (found.usable[mine] == np.all([one.usable for one in computed], axis=0)).all()
     of_ranges = found.usable[2 :: len(CASES)]
-    one_way = [part.compute(POSITIONS_M).usable for _, part in by_hand[2]]
+    one_way = [part.compute().usable for _, part in by_hand[2]]
     assert [int(each.sum()) for each in (*one_way, of_ranges)] == [3, 6, 1]  # far apart
 
 
 def test_a_target_without_a_position_is_named(model):
     table = tracking(*CASES[1][:3])
     with pytest.raises(InputError, match="target 'b' has no position; there are a"):
-        prepare_predictor(model, table, POSITIONS_M[:1], "exact", targets=("a",))
+        prepare_predictor(model, table, POSITIONS[:1], "exact", targets=("a",))
 
 
 @pytest.mark.parametrize("which", [slice(3, 33, 3), np.array([40, 2, 2, 21]), slice(0, 0)])
 def test_parts_of_an_arc(arc, which):
-    whole, part = arc.compute(POSITIONS_M), arc.select(which)
-    found = part.compute(POSITIONS_M)
+    whole, part = arc.compute(), arc.select(which)
+    found = part.compute()
     for name in ("value_m", "by_time_m_s", "elevation_rad", "status"):
         np.testing.assert_array_equal(getattr(found, name), getattr(whole, name)[which])
     assert (part.observations.kind == arc.observations.kind[which]).all()
     np.testing.assert_array_equal(
-        reasons(part, found)[1], reasons(arc, arc.at(POSITIONS_M).rows(which), which)[1]
+        reasons(part, found)[1],
+        reasons(arc, arc.at().rows(which), which)[1],
     )
 
 
@@ -147,9 +145,7 @@ def test_predicted_orientation_of_a_part_marks_a_combination(model):
 
 def test_another_model_changes_a_combination_as_it_does_its_parts(arc, by_hand, model):
     airless, differences = model.without("troposphere"), arc.select(slice(2, None, len(CASES)))
-    found_m = differences.with_model(airless, POSITIONS_M).at(POSITIONS_M).value_m
-    expected_m = sum(
-        weight * part.with_model(airless, POSITIONS_M).at(POSITIONS_M).value_m for weight, part in by_hand[2]
-    )
+    found_m = differences.with_model(airless).at().value_m
+    expected_m = sum(weight * part.with_model(airless).at().value_m for weight, part in by_hand[2])
     np.testing.assert_allclose(found_m, expected_m, rtol=0, atol=SAME_M)
-    assert np.abs(found_m - differences.at(POSITIONS_M).value_m).max() > 1.0
+    assert np.abs(found_m - differences.at().value_m).max() > 1.0

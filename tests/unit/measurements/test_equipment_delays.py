@@ -8,7 +8,7 @@ from arc_cases import APOLLO15_PA_M, epochs_tai, observations
 
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError, StationError
-from radioloc.measurements import ExactPredictor, PhysicalModel
+from radioloc.measurements import ExactPredictor, FixedPoint, PhysicalModel
 from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
 
 # The chain's noise is half a micrometre.
@@ -28,8 +28,8 @@ def with_delays(model, transponder_s=None, stations=None):
 
 
 def computed(model, path, tag="transmit", tai=TAI, **columns):
-    arc = ExactPredictor(model, observations(path, tai, tag, **columns), APOLLO15_PA_M)
-    return arc.compute(APOLLO15_PA_M)
+    arc = ExactPredictor(model, observations(path, tai, tag, **columns), FixedPoint(APOLLO15_PA_M))
+    return arc.compute()
 
 
 def vlbi(model, tai=TAI):
@@ -108,12 +108,14 @@ def test_air_delays_by_the_time_that_its_own_frame_has(plain, path):
     """
     differenced = "<" in path
     columns = {"kind": "vlbi_delay"} if differenced else {}
-    arc = ExactPredictor(plain, observations(path, epochs_tai(49, 24.0), "receive", **columns), APOLLO15_PA_M)
-    vacuum = ExactPredictor(plain.without("troposphere"), arc.observations, APOLLO15_PA_M)
-    solved, relay, *_ = arc._solve(APOLLO15_PA_M)
+    arc = ExactPredictor(
+        plain, observations(path, epochs_tai(49, 24.0), "receive", **columns), FixedPoint(APOLLO15_PA_M)
+    )
+    vacuum = ExactPredictor(plain.without("troposphere"), arc.observations, FixedPoint(APOLLO15_PA_M))
+    solved, relay, *_ = arc._solve()
     views = arc._lines_of_sight(solved, relay)
     up_m, down_m = np.split(views.delay_m, 2)
-    seen_m = arc.compute(APOLLO15_PA_M).value_m - vacuum.compute(APOLLO15_PA_M).value_m
+    seen_m = arc.compute().value_m - vacuum.compute().value_m
     high = (views.leg.elevation.angle_rad > 0.1).reshape(2, -1).all(axis=0)
     sign = -1.0 if differenced else 1.0
     assert high.sum() > 5

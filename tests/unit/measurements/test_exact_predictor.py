@@ -6,7 +6,7 @@ from arc_cases import APOLLO15_PA_M, LASER, epochs_tai, observations
 
 from radioloc.constants import C_M_S
 from radioloc.errors import CoverageError, InputError, StationError
-from radioloc.measurements import TERMS, ExactPredictor, Link, Observations
+from radioloc.measurements import TERMS, ExactPredictor, FixedPoint, Link, Observations
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.media.status import Status, describe
 from radioloc.time import Epochs, epochs_from_strings, tai_to_tt, utc_to_tai
@@ -26,7 +26,7 @@ def radio(model):
 
 
 def computed(model, path, tai, tag="transmit", pa_m=APOLLO15_PA_M, **columns):
-    return ExactPredictor(model, observations(path, tai, tag, **columns), pa_m).compute(pa_m)
+    return ExactPredictor(model, observations(path, tai, tag, **columns), FixedPoint(pa_m)).compute()
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -81,10 +81,10 @@ def apollo_terms(model):
     every = observations(
         "APOLLO>apollo15>APOLLO", Epochs.concatenate([tai, tai.shifted(-6 * 3600.0)]), **LASER
     )
-    elevation_rad = ExactPredictor(model, every, APOLLO15_PA_M).compute(APOLLO15_PA_M).elevation_rad
+    elevation_rad = ExactPredictor(model, every, FixedPoint(APOLLO15_PA_M)).compute().elevation_rad
     chosen = every.select(elevation_rad.min(axis=1) > np.radians(20.0))
     assert len(chosen) > 150
-    return ExactPredictor(model, chosen, APOLLO15_PA_M).terms(APOLLO15_PA_M)
+    return ExactPredictor(model, chosen, FixedPoint(APOLLO15_PA_M)).terms()
 
 
 @pytest.mark.parametrize("term", TERMS)
@@ -103,7 +103,7 @@ def test_combinations_are_refused(model):
     with pytest.raises(
         InputError, match=r"combine others; radioloc\.measurements\.prepare_predictor takes them"
     ):
-        ExactPredictor(model, rows, APOLLO15_PA_M)
+        ExactPredictor(model, rows, FixedPoint(APOLLO15_PA_M))
 
 
 def test_shapiro_is_the_sum_over_all_bodies(radio):
@@ -111,7 +111,7 @@ def test_shapiro_is_the_sum_over_all_bodies(radio):
     tai = epochs_tai(9, 48.0)
     found = computed(radio, "KASHI>x>KASHI", tai, "bounce")
     term_m = found.value_m - computed(radio.without("shapiro"), "KASHI>x>KASHI", tai, "bounce").value_m
-    arc = ExactPredictor(radio, observations("KASHI>x>KASHI", tai, "bounce"), APOLLO15_PA_M)
+    arc = ExactPredictor(radio, observations("KASHI>x>KASHI", tai, "bounce"), FixedPoint(APOLLO15_PA_M))
     now = arc._reference
     station_m = radio.earth.evaluate(tdb_to_tt(now)).rot_itrf_to_gcrs @ radio.catalogue["KASHI"].itrf_m
     moon_m, _ = radio.ephemeris.geocentric("moon", now)
@@ -137,12 +137,14 @@ def test_terms_add_up(model):
     """Everything minus nothing is the sum of the terms, but for the products of pairs: 15 m of light time in which
     the Earth moves 1.5 mm, 0.5 m of displacement in gradients of 1e-6."""
     table = observations("APOLLO>apollo15>APOLLO", epochs_tai(5, 3.0, 2454040.5, 0.35), **LASER)
-    arc = ExactPredictor(model, table, APOLLO15_PA_M)
-    terms = arc.terms(APOLLO15_PA_M)
+    arc = ExactPredictor(model, table, FixedPoint(APOLLO15_PA_M))
+    terms = arc.terms(FixedPoint(APOLLO15_PA_M))
     # The constant tide is a part of the tide and would count twice.
     total_m = sum(value for name, value in terms.items() if name != "lunar_tide_constant")
-    nothing_m = ExactPredictor(model.without(*TERMS), table, APOLLO15_PA_M).compute(APOLLO15_PA_M).value_m
-    np.testing.assert_allclose(arc.compute(APOLLO15_PA_M).value_m - nothing_m, total_m, rtol=0, atol=1e-5)
+    nothing_m = ExactPredictor(model.without(*TERMS), table, FixedPoint(APOLLO15_PA_M)).compute().value_m
+    np.testing.assert_allclose(
+        arc.compute(FixedPoint(APOLLO15_PA_M)).value_m - nothing_m, total_m, rtol=0, atol=1e-5
+    )
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -153,12 +155,12 @@ def test_terms_add_up(model):
 def test_the_same_path_by_each_of_its_tags(radio, path):
     """What leaves at t arrives at t + range / c by the stations' clocks, and there is one path between the two."""
     tai = epochs_tai(9, 24.0)
-    arc = ExactPredictor(radio, observations(path, tai, "transmit"), APOLLO15_PA_M)
-    sent = arc.compute(APOLLO15_PA_M)
+    arc = ExactPredictor(radio, observations(path, tai, "transmit"), FixedPoint(APOLLO15_PA_M))
+    sent = arc.compute(FixedPoint(APOLLO15_PA_M))
     received = computed(radio, path, tai.shifted(sent.value_m / C_M_S), "receive")
     assert np.abs(received.value_m - sent.value_m).max() < SAME_M
     # The bounce is told by the geocentre's clock: its TDB less the geocentre's TDB - TT.
-    solved, *_ = arc._solve(APOLLO15_PA_M)
+    solved, *_ = arc._solve()
     bounce = tt_to_tai(tdb_to_tt(arc._reference.shifted(solved.bounce_s)))
     bounced = computed(radio, path, bounce, "bounce")
     assert np.abs(bounced.value_m - sent.value_m).max() < SAME_M
@@ -176,7 +178,7 @@ def test_station_by_alias_is_one_station(radio):
         value_m=7e8,
         sigma_m=1,
     )
-    assert ExactPredictor(radio, table, APOLLO15_PA_M).stations == ("KASHI",)
+    assert ExactPredictor(radio, table, FixedPoint(APOLLO15_PA_M)).stations == ("KASHI",)
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -191,13 +193,14 @@ def test_station_by_alias_is_one_station(radio):
 def test_partials_of_laser_ranges(model, tag):
     """With the troposphere of light; radio's partials are in the properties."""
     tai = epochs_tai(5, 3.0, 2460311.5, 0.1)
-    arc = ExactPredictor(model, observations("GRASSE>x>GRASSE", tai, tag, **LASER), APOLLO15_PA_M)
-    here = arc.compute(APOLLO15_PA_M)
+    arc = ExactPredictor(model, observations("GRASSE>x>GRASSE", tai, tag, **LASER), FixedPoint(APOLLO15_PA_M))
+    here = arc.compute(FixedPoint(APOLLO15_PA_M))
     assert (np.degrees(here.elevation_rad) > 20.0).all()
     # Third differences over 100 m are 1e-13 relative, round-off of 7e8 m is 1e-9.
     step_m = 100.0
     changes_m = [
-        arc.compute(APOLLO15_PA_M + away).value_m - arc.compute(APOLLO15_PA_M - away).value_m
+        arc.compute(FixedPoint(APOLLO15_PA_M + away)).value_m
+        - arc.compute(FixedPoint(APOLLO15_PA_M - away)).value_m
         for away in step_m * np.eye(3)
     ]
     numeric = np.stack(changes_m, axis=-1) / (2 * step_m)
@@ -273,9 +276,9 @@ def test_unknown_station_names_file_and_line(radio):
         line=[7, 8, 19],
     )
     with pytest.raises(StationError, match=r"pass\.tdm, line 19: station 'KASHGAN' .* KASHI"):
-        ExactPredictor(radio, table, APOLLO15_PA_M)
+        ExactPredictor(radio, table, FixedPoint(APOLLO15_PA_M))
     # A link that no row uses is not looked up.
-    assert ExactPredictor(radio, table.select([0, 1]), APOLLO15_PA_M).stations == ("KASHI",)
+    assert ExactPredictor(radio, table.select([0, 1]), FixedPoint(APOLLO15_PA_M)).stations == ("KASHI",)
 
 
 @pytest.mark.parametrize("date", ["2050-06-01", "2051-01-01"])
@@ -284,12 +287,12 @@ def test_epochs_outside_kernels_or_earth_orientation(radio, date):
         epoch=epochs_from_strings(date), links=[Link("KASHI", "x", "KASHI")], value_m=7e8, sigma_m=1.0
     )
     with pytest.raises(CoverageError, match=r"kernel|Earth orientation|\.bsp"):
-        ExactPredictor(radio, table, APOLLO15_PA_M)
+        ExactPredictor(radio, table, FixedPoint(APOLLO15_PA_M))
 
 
 def test_no_observations_are_no_error(radio):
     none = observations("KASHI>x>KASHI", epochs_tai(2, 1.0)).select(np.zeros(2, dtype=bool))
-    found = ExactPredictor(radio, none, APOLLO15_PA_M).compute(APOLLO15_PA_M)
+    found = ExactPredictor(radio, none, FixedPoint(APOLLO15_PA_M)).compute()
     assert found.value_m.shape == (0,)
     assert found.by_position_pa.shape == (0, 3)
 

@@ -9,7 +9,7 @@ from reader_cases import ICRF, SOURCES
 
 from radioloc.constants import ARCSEC_RAD
 from radioloc.errors import FileFormatError, InputError
-from radioloc.measurements import Observations, PhysicalModel, prepare_predictor, read_sources
+from radioloc.measurements import FixedPoint, Observations, PhysicalModel, prepare_predictor, read_sources
 from radioloc.measurements.sources import with_galactic_aberration
 from radioloc.time import Epochs
 
@@ -72,7 +72,7 @@ def test_galactic_aberration_is_5_8_microarcseconds_a_year():
 
 def arc_of(path, kind="vlbi_delay"):
     model = PhysicalModel.build(sources={"1741-038": _direction("1741-038")}, off=["troposphere"])
-    return prepare_predictor(model, observations(path, TAI, "receive", kind), SITE_M, "exact")
+    return prepare_predictor(model, observations(path, TAI, "receive", kind), FixedPoint(SITE_M), "exact")
 
 
 def _direction(name):
@@ -88,9 +88,9 @@ def test_elevation_is_that_of_astropy():
         frame = AltAz(obstime=TAI.to_time(), location=where)
         expected_rad = SkyCoord(265.9952338, -3.8346158, unit="deg").transform_to(frame).alt.rad
         # Diurnal aberration, 0.3 arcseconds, is not in the model's elevations.
-        assert np.abs(arc.compute(SITE_M).elevation_rad[:, end] - expected_rad).max() < 2e-6
+        assert np.abs(arc.compute().elevation_rad[:, end] - expected_rad).max() < 2e-6
     # Where it is below a horizon the delay is not used.
-    computed = arc.compute(SITE_M)
+    computed = arc.compute()
     assert (computed.usable == (computed.elevation_rad > 0.0).all(axis=1)).all()
     assert 0 < computed.usable.sum() < len(TAI)
 
@@ -101,7 +101,7 @@ def test_only_delays_are_of_sources():
 
 
 def test_no_position_on_the_moon_is_in_it():
-    computed = arc_of("SESHAN25<1741-038>KASHI").compute(SITE_M)
+    computed = arc_of("SESHAN25<1741-038>KASHI").compute()
     assert not computed.by_position_pa.any()
 
 
@@ -110,9 +110,11 @@ def test_dense_delays_of_a_source_and_a_lander_are_interpolated():
     tai = Epochs.from_jd(2459185.5, (2.5 + np.arange(3000) / 1200.0) / 24.0, "TAI")
     paths = (f"SESHAN25<{target}>KUNMING" for target in ("1741-038", "lander"))
     table = Observations.concatenate([observations(path, tai, "receive", "vlbi_delay") for path in paths])
-    exact, smooth = (prepare_predictor(model, table, SITE_M, how) for how in ("exact", "interpolated"))
+    exact, smooth = (
+        prepare_predictor(model, table, FixedPoint(SITE_M), how) for how in ("exact", "interpolated")
+    )
     assert smooth.accuracy.interpolated > 5000
     # 0.3 ps, to which the interpolation is held.
-    assert np.abs(smooth.at(SITE_M).value_m - exact.at(SITE_M).value_m).max() < 9e-5
+    assert np.abs(smooth.at().value_m - exact.at().value_m).max() < 9e-5
     part = smooth.select(np.arange(2000, 4000))
-    assert np.array_equal(part.at(SITE_M).value_m, smooth.at(SITE_M).value_m[2000:4000])
+    assert np.array_equal(part.at().value_m, smooth.at().value_m[2000:4000])

@@ -20,10 +20,15 @@ from radioloc.constants import C_M_S
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import CoverageError, InputError
 from radioloc.io import write_spice
-from radioloc.measurements import EquipmentDelays, ExactPredictor, PhysicalModel, prepare_predictor
+from radioloc.measurements import (
+    EquipmentDelays,
+    ExactPredictor,
+    FixedPoint,
+    PhysicalModel,
+    TrajectoryMotion,
+    prepare_predictor,
+)
 from radioloc.measurements.predictor import reasons
-
-NOWHERE = np.zeros(3)
 
 # States in km are rounded to 4e-10 m, and what SPICE's epoch loses is made up for; a round trip of 8e8 m is rounded to
 # 1.2e-7 m, some times over.
@@ -65,10 +70,10 @@ def orbiter(model, folder):
 def test_a_lander_written_as_a_trajectory_is_where_it_was(model, tmp_path, path, tag, kind):
     table = tracking(path, epochs_tai(20, 30.0), tag, kind)
     surface = model.without("lunar_tide", "lunar_scale", "lunar_lorentz")
-    fixed = ExactPredictor(surface, table, APOLLO15_PA_M).compute(APOLLO15_PA_M)
+    fixed = ExactPredictor(surface, table, FixedPoint(APOLLO15_PA_M)).compute()
     file = write_states(tmp_path / "lander.bsp", lander(model.libration, APOLLO15_PA_M), step_s=600.0)
     # All terms are on here: those of a lander have no part in a trajectory.
-    moving = ExactPredictor(model, table, NOWHERE, Trajectory.open(file, ORBITER)).compute(NOWHERE)
+    moving = ExactPredictor(model, table, Trajectory.open(file, ORBITER)).compute()
     assert np.abs(moving.value_m - fixed.value_m).max() < SAME_M
     assert np.abs(moving.by_position_pa - fixed.by_position_pa).max() < 1e-12
     assert np.abs(moving.by_time_m_s - fixed.by_time_m_s).max() < 1e-7
@@ -84,22 +89,28 @@ def test_a_lander_in_axes_of_the_moon_is_where_it_was(model, tmp_path):
     pa_m = np.array([position["position"]["pa"][f"{axis}_m"] for axis in "xyz"])
     file, _ = write_spice(position, tmp_path / "lander.bsp")
     still = Trajectory.open(file, 301001)
-    moving = ExactPredictor(model, table, NOWHERE, still).compute(NOWHERE)
-    assert np.abs(moving.value_m - ExactPredictor(surface, table, pa_m).compute(pa_m).value_m).max() < SAME_M
+    moving = ExactPredictor(model, table, still).compute()
+    assert (
+        np.abs(moving.value_m - ExactPredictor(surface, table, FixedPoint(pa_m)).compute().value_m).max()
+        < SAME_M
+    )
 
 
 def test_partials_are_with_respect_to_an_offset_from_the_trajectory(model, orbiter):
-    arc = ExactPredictor(model, tracking("KASHI>x>JIAMUSI", epochs_tai(60, 30.0)), NOWHERE, orbiter)
-    partials = arc.compute(NOWHERE).by_position_pa
+    arc = ExactPredictor(model, tracking("KASHI>x>JIAMUSI", epochs_tai(60, 30.0)), orbiter)
+    partials = arc.compute().by_position_pa
     for axis, step_m in enumerate(100.0 * np.eye(3)):
-        difference = (arc.compute(step_m).value_m - arc.compute(-step_m).value_m) / 200.0
+        late_m, early_m = (
+            arc.compute(TrajectoryMotion(orbiter, sign * step_m)).value_m for sign in (1.0, -1.0)
+        )
+        difference = (late_m - early_m) / 200.0
         assert np.abs(difference - partials[:, axis]).max() < PARTIAL
 
 
 def test_the_partial_by_the_time_tag_is_the_range_rate(model, orbiter):
     tai, step_s = epochs_tai(60, 30.0), 0.05
     early, middle, late = (
-        ExactPredictor(model, tracking("KASHI>x>KASHI", tai.shifted(s)), NOWHERE, orbiter).compute(NOWHERE)
+        ExactPredictor(model, tracking("KASHI>x>KASHI", tai.shifted(s)), orbiter).compute()
         for s in (-step_s, 0.0, step_s)
     )
     assert np.abs(middle.by_time_m_s).max() > 2000.0
@@ -108,18 +119,18 @@ def test_the_partial_by_the_time_tag_is_the_range_rate(model, orbiter):
 
 
 def test_parts_of_an_arc_and_its_terms(model, orbiter):
-    arc = ExactPredictor(model, tracking("KASHI>x>KASHI", epochs_tai(12, 30.0)), NOWHERE, orbiter)
-    whole_m = arc.compute(NOWHERE).value_m
-    assert np.array_equal(arc.select([2, 5, 7]).compute(NOWHERE).value_m, whole_m[[2, 5, 7]])
-    terms = arc.select([2, 5, 7]).terms(NOWHERE)
+    arc = ExactPredictor(model, tracking("KASHI>x>KASHI", epochs_tai(12, 30.0)), orbiter)
+    whole_m = arc.compute().value_m
+    assert np.array_equal(arc.select([2, 5, 7]).compute().value_m, whole_m[[2, 5, 7]])
+    terms = arc.select([2, 5, 7]).terms()
     assert not [name for name in terms if name.startswith("lunar")]
     assert (np.abs(terms["shapiro"]) > 10.0).all()
 
 
 def test_behind_the_moon_and_below_the_horizon_are_told(model, orbiter):
     table = tracking("KASHI>x>JIAMUSI", epochs_tai(300, 20.0))
-    predictor = ExactPredictor(model, table, NOWHERE, orbiter)
-    problem = reasons(predictor, predictor.compute(NOWHERE))[1]
+    predictor = ExactPredictor(model, table, orbiter)
+    problem = reasons(predictor, predictor.compute())[1]
     hidden = np.char.startswith(problem, "behind the Moon as seen from KASHI")
     below = np.char.startswith(problem, "below the horizon")
     assert (hidden | below | (problem == "")).all()
@@ -133,20 +144,20 @@ def test_outside_the_trajectory_is_an_error_that_names_file_and_span(model, fold
     with pytest.raises(
         CoverageError, match=r"orbiter\.bsp \(NAIF code -85\) covers 2020-12-02 to 2020-12-03T12"
     ):
-        ExactPredictor(model, late, NOWHERE, orbiter)
+        ExactPredictor(model, late, orbiter)
     spans = ((START_S, START_S + 3600.0), (START_S + 7200.0, START_S + 36000.0))
     file = write_states(folder / "gap.bsp", low_lunar_orbit(model.ephemeris), spans_s=spans)
     in_gap = tracking("KASHI>x>KASHI", epochs_tai(2, 1.0).shifted(1800.0))
     with pytest.raises(
         CoverageError, match=r"with gaps \(2020-12-02 to 2020-12-02T01:00:00, 2020-12-02T02:00:00"
     ):
-        ExactPredictor(model, in_gap, NOWHERE, Trajectory.open(file, ORBITER))
+        ExactPredictor(model, in_gap, Trajectory.open(file, ORBITER))
 
 
 def test_a_trajectory_is_never_interpolated(model, orbiter):
     table = tracking("KASHI>x>KASHI", epochs_tai(3, 30.0))
     with pytest.raises(InputError, match="tracking of a spacecraft is not interpolated"):
-        prepare_predictor(model, table, NOWHERE, "interpolated", orbiter)
+        prepare_predictor(model, table, orbiter, "interpolated")
 
 
 def test_too_far_for_the_light_path(model, folder):
@@ -154,7 +165,7 @@ def test_too_far_for_the_light_path(model, folder):
     file = write_states(folder / "far.bsp", states, center=399, step_s=3600.0)
     table = tracking("KASHI>x>KASHI", epochs_tai(2, 1.0))
     with pytest.raises(InputError, match=r"30\.0 million km from the Earth"):
-        ExactPredictor(model, table, NOWHERE, Trajectory.open(file, ORBITER))
+        ExactPredictor(model, table, Trajectory.open(file, ORBITER))
 
 
 def test_a_transponder_in_orbit_moves_on_while_it_keeps_the_signal(model, orbiter):
@@ -163,9 +174,9 @@ def test_a_transponder_in_orbit_moves_on_while_it_keeps_the_signal(model, orbite
     hold_s = 1e-3
     # The partial leaves out how TDB - TT grows meanwhile, 4e-10 of the 300 km.
     model = model.without("tdb_tt")
-    plain = ExactPredictor(model, table, NOWHERE, orbiter).compute(NOWHERE)
+    plain = ExactPredictor(model, table, orbiter).compute()
     slow = dataclasses.replace(model, delays=EquipmentDelays(transponder_s=hold_s))
-    longer = ExactPredictor(slow, table, NOWHERE, orbiter).compute(NOWHERE)
+    longer = ExactPredictor(slow, table, orbiter).compute()
     added_m = longer.value_m - plain.value_m
     assert np.abs(added_m - C_M_S * hold_s).max() > 1.0
     # Of the second order: the acceleration of both ends over 1 ms, 1e-6 m each, and media and gravity a little later.

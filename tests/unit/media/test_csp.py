@@ -11,7 +11,7 @@ from radioloc import Observations
 from radioloc.constants import C_M_S
 from radioloc.earth import StationCatalogue, geodetic_from_itrf
 from radioloc.errors import CoverageError, FileFormatError, InputError
-from radioloc.measurements import ExactPredictor, Link, PhysicalModel
+from radioloc.measurements import ExactPredictor, FixedPoint, Link, PhysicalModel
 from radioloc.measurements.registry import KINDS
 from radioloc.media.csp import DRY, WET, read_csp
 from radioloc.media.ionosphere import Ionosphere, UniformTec
@@ -247,8 +247,8 @@ def test_round_trips_have_the_calibrations_at_both_events(kind, calibrations):
     )
     cards = calibrations(ION)
     values_m = [
-        ExactPredictor(PhysicalModel.build(media_calibrations=given), observations, APOLLO15_PA_M)
-        .compute(APOLLO15_PA_M)
+        ExactPredictor(PhysicalModel.build(media_calibrations=given), observations, FixedPoint(APOLLO15_PA_M))
+        .compute()
         .value_m
         for given in (None, cards)
     ]

@@ -53,9 +53,9 @@ def study(**estimate):
 def ranges():
     """Ranges without error, and the station of each."""
     observations = table()
-    arc, pa_m = radioloc.jobs.arc_of(study(), observations)
+    arc = radioloc.jobs.arc_of(study(), observations)
     stations = np.array([arc.stations[i] for i in arc.receivers])
-    return replace(observations, value_m=arc.compute(pa_m).value_m), stations
+    return replace(observations, value_m=arc.compute().value_m), stations
 
 
 @pytest.fixture(scope="module")
@@ -192,8 +192,9 @@ def test_what_a_station_does_else_is_of_the_pass_too(ranges):
     """Five hours without ranges, with Doppler in the middle."""
     hours = [hour for station in HOURS for hour in HOURS[station]]
     observations = table(np.where(np.array(hours) == 18.0, DOPPLER, RANGE), count_s=60.0)
-    arc, pa_m = radioloc.jobs.arc_of(study(), observations)
+    arc = radioloc.jobs.arc_of(study(), observations)
     choice = study(range_bias=["KASHI"], range_bias_per="pass").estimate
+    pa_m = arc.motions[0].position_pa_m
     problem = observation_model(arc, LunarPosition("PA_DE421", pa_m), choice)
     assert [p.name for p in problem.parameters][3:] == ["range_bias.KASHI 1", "range_bias.KASHI 2"]
     assert problem.residuals(problem.parameters.prior_values)[1][:5, 3:].tolist() == [
@@ -292,12 +293,12 @@ def test_a_frequency_offset_of_each_link_and_pass_is_found():
     """Two stations' Doppler of two days, the reference 1e-12 high, on one link on the second day 3e-12."""
     offsets = {("KASHI", 0): 1e-12, ("KASHI", 1): 3e-12, ("JIAMUSI", 0): 1e-12, ("JIAMUSI", 1): 1e-12}
     observations = table(DOPPLER, count_s=60.0)
-    arc, pa_m = radioloc.jobs.arc_of(study(), observations)
+    arc = radioloc.jobs.arc_of(study(), observations)
     hours = np.array([hour for station in HOURS for hour in HOURS[station]])
     offset = np.array(
         [offsets[arc.stations[s], int(h > 24.0)] for s, h in zip(arc.receivers, hours, strict=True)]
     )
-    value_m = arc.compute(pa_m).value_m + C_M_S * 60.0 * offset
+    value_m = arc.compute().value_m + C_M_S * 60.0 * offset
     data = replace(observations, value_m=value_m, sigma_m=np.full(len(observations), 1e-3))
     found = radioloc.locate(
         study(frequency_offset="all", frequency_offset_per="link and pass", frequency_offset_sigma=1e-10),
@@ -323,7 +324,7 @@ def test_clocks_have_one_reference_in_each_network():
         value_m=np.where(link == 0, 7.7e8, 0.0),
         sigma_m=1.0,
     )
-    arc, pa_m = radioloc.jobs.arc_of(study(), data)
-    start = LunarPosition("PA_DE421", pa_m)
+    arc = radioloc.jobs.arc_of(study(), data)
+    start = LunarPosition("PA_DE421", arc.motions[0].position_pa_m)
     model = observation_model(arc, start, study(clock="all").estimate)
     assert [p.name for p in model.parameters][3:] == ["clock.JIAMUSI", "clock.URUMQI", "clock.KUNMING"]

@@ -8,7 +8,7 @@ import pytest
 from radioloc.constants import ARCSEC_RAD
 from radioloc.earth.eop_prediction import last_measured_mjd
 from radioloc.errors import InputError, PredictedEopWarning, StationError
-from radioloc.measurements import Link, Observations, PhysicalModel, prepare_predictor
+from radioloc.measurements import FixedPoint, Link, Observations, PhysicalModel, prepare_predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.parameters.choice import parameter_choices
 from radioloc.parameters.considered import considered_choices, resolved
@@ -39,7 +39,7 @@ def arc(model, paths=PATHS, day="2020-12-01", wavelength_um=35394.6):
         count_s=np.where([kind in ("doppler", "vlbi_delay_rate") for kind, _ in paths], 60.0, np.nan),
         wavelength_um=np.where(laser, 0.532, wavelength_um),
     )
-    return prepare_predictor(model, observations, PLACE_PA_M, "exact")
+    return prepare_predictor(model, observations, FixedPoint(PLACE_PA_M), "exact")
 
 
 @pytest.fixture(scope="module")

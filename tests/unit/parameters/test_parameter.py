@@ -64,7 +64,7 @@ def arc_of(*dates):
         epoch=radioloc.time.epochs_from_strings(dates), links=links, value_m=7.6e8, sigma_m=1.0
     )
     lander = radioloc.LunarPosition.from_selenographic(-51.9, 43.0, -2500.0)
-    return radioloc.jobs.arc_of(radioloc.Study(target=lander), observations)[0]
+    return radioloc.jobs.arc_of(radioloc.Study(target=lander), observations)
 
 
 def test_partials_of_another_shape_are_refused():

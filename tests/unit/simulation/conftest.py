@@ -1,7 +1,7 @@
 import pytest
 
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements import ExactPredictor, PhysicalModel
+from radioloc.measurements import ExactPredictor, FixedPoint, PhysicalModel
 
 
 @pytest.fixture(scope="session")
@@ -24,7 +24,7 @@ def compute():
     """The measurement model's prediction of observations."""
 
     def predicted(model, observations, target_pa_m):
-        return ExactPredictor(model, observations, target_pa_m).compute(target_pa_m)
+        return ExactPredictor(model, observations, FixedPoint(target_pa_m)).compute()
 
     return predicted
 

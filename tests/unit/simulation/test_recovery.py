@@ -11,7 +11,7 @@ from radioloc.estimation import Parameter, ParameterSet
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.jobs.problem import observation_model
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements import EquipmentDelays, ExactPredictor, PhysicalModel, StationDelay
+from radioloc.measurements import EquipmentDelays, ExactPredictor, FixedPoint, PhysicalModel, StationDelay
 from radioloc.measurements.observations import RANGE as RANGES
 from radioloc.simulation import Masks, Scenario, Schedule, Session, all_ranges, baselines, two_way
 from radioloc.study.study import EstimateChoice
@@ -63,10 +63,10 @@ def recovered_error_m(sessions, longitude_deg, latitude_deg, model, seed):
     observations = world.draw().observations
     away = np.random.default_rng(seed).normal(size=3)
     start_m = world.target_pa_m + START_OFF_M * away / np.linalg.norm(away)
-    arc = ExactPredictor(model, observations, start_m)
+    arc = ExactPredictor(model, observations, FixedPoint(start_m))
 
     def residuals(x):
-        computed = arc.compute(x)
+        computed = arc.compute(FixedPoint(x))
         return observations.value_m - computed.value_m, computed.by_position_pa
 
     parameters = ParameterSet(
@@ -130,7 +130,7 @@ def recovered_with_equipment(sessions, longitude_deg, latitude_deg, model, seed)
     rng = np.random.default_rng(seed)
     away = rng.normal(size=3)
     start_m = world.target_pa_m + START_OFF_M * away / np.linalg.norm(away)
-    arc = ExactPredictor(model, observations, start_m)
+    arc = ExactPredictor(model, observations, FixedPoint(start_m))
     passes = passes_of(arc)
     names = sorted(set(passes) - {""})
     bias_m = dict(zip(names, 10.0 * rng.normal(size=len(names)), strict=True)) | {"": 0.0}

@@ -60,8 +60,8 @@ def test_windows_end_where_the_moon_hides_it(model, orbiter):
     for window in found[1:-1]:
         utc = radioloc.time.epochs_from_strings([window.start_utc, window.stop_utc])
         tai = radioloc.time.utc_to_tai(utc)[[0, 0, 1, 1]].shifted([-4.0, 4.0, -4.0, 4.0])
-        predictor = ExactPredictor(model, tracking("KASHI>x>KASHI", tai), np.zeros(3), orbiter)
-        problem = reasons(predictor, predictor.compute(np.zeros(3)))[1]
+        predictor = ExactPredictor(model, tracking("KASHI>x>KASHI", tai), orbiter)
+        problem = reasons(predictor, predictor.compute())[1]
         behind = "behind the Moon as seen from KASHI"
         assert problem.tolist() == [behind, "", "", behind]
 
@@ -83,7 +83,7 @@ def test_a_simulated_world_is_what_the_arc_predicts(model, orbiter):
     truth = Truth(range_bias_m={"KASHI": 3.0}, clock_s={"KASHI": 1e-6})
     noise = NoiseModel(link={"range": Noise(white_m=0.5), "doppler": Noise(white_m=0.01)})
     made = simulate(schedule, orbiter, truth, noise, model=model, seed=4, name="orbiter")
-    again = ExactPredictor(model, made.observations, np.zeros(3), orbiter).compute(np.zeros(3))
+    again = ExactPredictor(model, made.observations, orbiter).compute()
     assert again.usable.all()
     left_m = made.observations.value_m - made.noise_m - sum(made.added_m.values()) - again.value_m
     assert np.abs(left_m).max() < 1e-6

@@ -322,6 +322,6 @@ def test_sigmas_that_are_none_are_one_line(monkeypatch, capsys):
     assert main(["locate", str(SHORT_ARC), "--quiet"]) == 2
     [line] = capsys.readouterr().err.splitlines()
     assert line == (
-        "radioloc: [consider] considered of station_position gives a NoneType; it needs sigmas by member, or why there "
-        "are none"
+        "radioloc: [consider] considered of station_position: expected sigmas by member, or a reason in words, got "
+        "NoneType"
     )

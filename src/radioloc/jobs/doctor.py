@@ -1,4 +1,4 @@
-"""Whether an installation is sound: what the models rest on, how far it reaches, and what is missing."""
+"""Check of an installation: data of the models, their spans, and missing packages."""
 
 from __future__ import annotations
 
@@ -19,36 +19,36 @@ from radioloc.results.result import Result
 from radioloc.study.record import versions
 from radioloc.time.scales import last_leap_second
 
-_OLD_DAYS = 60
+_MAX_EOP_AGE_DAYS = 60
 _UPDATE = "pip install --upgrade astropy-iers-data"
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What one check found."""
+    """Result of one check."""
 
-    about: str  # what was looked at
-    text: str  # what it is, and what to do where something is wrong
-    sound: bool = True  # whether results can be trusted as far as this goes
+    about: str  # subject of the check
+    text: str  # state, and the remedy if something is wrong
+    sound: bool = True
 
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis(Result):
-    """What :func:`doctor` found, all of it; ``str()`` is a card."""
+    """Findings of :func:`doctor`; ``str()`` is a card."""
 
     findings: tuple[Finding, ...]
 
     @property
     def is_usable(self) -> bool:
-        """Whether nothing is wrong."""
+        """Whether all findings are sound."""
         return all(finding.sound for finding in self.findings)
 
     def to_dict(self) -> dict[str, Any]:
-        """Whether it is sound, and all findings, in types that JSON has."""
+        """Return the status and all findings in types of JSON."""
         return {"sound": self.is_usable, "findings": [asdict(finding) for finding in self.findings]}
 
     def card(self) -> Card:
-        """A label for each of what was looked at, what is wrong first."""
+        """Return a card with the problems first, then the findings by subject."""
         wrong = [f"{finding.about}: {finding.text}" for finding in self.findings if not finding.sound]
         labels = dict.fromkeys(finding.about for finding in self.findings)
         return Card(
@@ -80,11 +80,11 @@ def _earth(today: date) -> Iterator[Finding]:
     measured = table.last_measured_date
     age = (today - date.fromisoformat(measured)).days if measured else None
     text = f"Earth orientation measured to {measured}, predicted to {table.last_date}"
-    if age is None or age > _OLD_DAYS:
-        # Sound for older data: nothing is extrapolated without a word.
+    if age is None or age > _MAX_EOP_AGE_DAYS:
+        # Sound for older data: extrapolation is never silent.
         text += f"; for data after that, {_UPDATE}"
     yield Finding("Earth", text)
-    yield Finding("Earth", f"leap seconds: the last one known is that before {last_leap_second()}")
+    yield Finding("Earth", f"leap seconds: the last known one is before {last_leap_second()}")
 
 
 def _cache() -> Iterator[Finding]:
@@ -112,7 +112,7 @@ def _packages() -> Iterator[Finding]:
 
 
 def _extras() -> dict[str, list[str]]:
-    """Packages of each extra that users need."""
+    """Return the packages of each extra for users."""
     found: dict[str, list[str]] = {}
     for requirement in requires("radioloc") or ():
         package, _, condition = requirement.partition(";")

@@ -1,8 +1,7 @@
 """Linear algebra on one thread.
 
-A fit is made of very many small products and decompositions. A BLAS library that shares each of them between all
-processors spends more on that than it gains, several times as much where others use these processors too; and its sums,
-hence the last digits of results, depend on how many there are.
+A fit consists of very many small products and decompositions. Sharing each of them between processors costs more than
+it saves, several times as much on a busy machine, and the last digits of sums would depend on the number of threads.
 """
 
 from __future__ import annotations
@@ -13,8 +12,8 @@ from contextlib import contextmanager
 
 @contextmanager
 def on_one_blas_thread() -> Iterator[None]:
-    """Have BLAS use one thread in a block, or in a function that this decorates, and as many as before after it."""
-    import scipy.linalg  # noqa: F401  # the library that it brings is limited only if it is there
+    """Limit BLAS to one thread in a block or a decorated function."""
+    import scipy.linalg  # noqa: F401  # its BLAS library is limited only if it is loaded
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1, user_api="blas"):

@@ -1,4 +1,4 @@
-"""When the stations of a study see its target, and the light times, ranges, Doppler and pointing meanwhile."""
+"""Passes of a study's target over its stations, and tables of light times, ranges, Doppler and pointing."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ from radioloc.study.study_file import as_study
 from radioloc.study.weights import ends_of
 from radioloc.time import epochs_from_strings, tai_to_tt, tai_to_utc, utc_strings, utc_to_tai, utc_to_tt
 
-_STEP_S = 60.0  # Between epochs at which the elevation is looked at: the highest is then found to 0.0002 deg
-_KINDS = {
+_STEP_S = 60.0  # Between elevations, the highest of which is then found to 0.0002 deg
+_KINDS_BY_FORM = {
     Geometry.ROUND_TRIP.value: ("range", "doppler"),
     Geometry.ONE_WAY.value: ("one_way_range", "one_way_doppler"),
 }
-"""Types of measurement by the form of path."""
-WAYS = {name: form for name, (form, _) in LINKS.items() if form in _KINDS}
-"""How stations can be linked, with the form of path."""
+"""Types of range and Doppler by the form of path."""
+WAYS = {name: form for name, (form, _) in LINKS.items() if form in _KINDS_BY_FORM}
+"""Forms of path by the choices of `links`."""
 _COUNT_S = 2.0
 _X_BAND_HZ = 8.4e9
-_LIGHT_HZ = 3e11
+_MAX_RADIO_HZ = 3e11
 
 
 @bare_arguments
@@ -67,12 +67,12 @@ def visibility(
     start_utc, stop_utc : str, optional
         Limits of the search; by default those of the schedule, or of the observations.
     mask_deg : float, optional
-        Elevation at the stations below which they do not see the target; by default those of the schedule, or 10 deg.
+        Lowest elevation at the stations, deg; by default those of the schedule, or 10 deg.
 
     Raises
     ------
     RadiolocError
-        The study says neither stations nor a span and none is given, or as of
+        Neither the study nor an argument gives stations and a span, or as of
         :func:`radioloc.simulation.visibility.windows`.
 
     Examples
@@ -99,7 +99,7 @@ def visibility(
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What is seen, from where and when."""
+    """Targets, stations, span and masks of visibility."""
 
     name: str  # of the study
     model: PhysicalModel
@@ -117,7 +117,7 @@ def scene_of(
     stop_utc: str | None,
     mask_deg: float | None,
 ) -> Scene:
-    """What a study says of it where it is not given; parameters and errors as :func:`visibility`."""
+    """Return the scene of a study; arguments replace its stations, span and masks, as in :func:`visibility`."""
     study = as_study(study)
     model = model_of(study)
     if study.simulation is not None:
@@ -153,7 +153,7 @@ def scene_of(
 
 
 def _planned(study: Study) -> tuple[list[str], str, str, Masks]:
-    """Stations, span and masks of a schedule."""
+    """Return stations, span and masks of a schedule."""
     assert study.simulation is not None
     schedule = study.simulation.schedule
     names = [name for session in schedule.sessions for pair in session.pairs for name in pair if name]
@@ -164,7 +164,7 @@ def _planned(study: Study) -> tuple[list[str], str, str, Masks]:
 
 
 def _observed(study: Study) -> tuple[list[str], str, str, Masks]:
-    """Stations and span of the observations."""
+    """Return stations and span of the observations, and the default masks."""
     observations = prepared_arc(study)[0].observations
     names = sorted(set().union(*ends_of(observations.links, study.catalogue)))
     epochs = utc_strings(observations.epoch, decimals=0)
@@ -172,7 +172,7 @@ def _observed(study: Study) -> tuple[list[str], str, str, Masks]:
 
 
 def _pass(model: PhysicalModel, target: Target, station: str, window: Window, name: str) -> Pass:
-    """A window with its highest elevation."""
+    """Return a window with its highest elevation."""
     limits = utc_to_tai(epochs_from_strings([window.start_utc, window.stop_utc], "UTC"))
     length_s = float(limits[1].seconds_since(limits[0])[0])
     offset_s = np.linspace(0.0, length_s, max(2, int(np.ceil(length_s / _STEP_S)) + 1))
@@ -213,28 +213,29 @@ def light_times(
     stations : sequence of str
         Names or aliases; by default those of the study's schedule, or else of its observations.
     links : {"two_way", "three_way", "all", "one_way"}
-        Each station by itself; the first one sends to the others; each to each; the target sends.
+        Each station alone; the first station transmits to the others; each to each; the target transmits.
     start_utc, stop_utc : str, optional
-        First and last epoch, of reception; by default those of the schedule, or of the observations.
+        First and last epoch of reception; by default those of the schedule, or of the observations.
     step_s : float
-        From epoch to epoch, s.
+        Interval of the epochs, s.
     frequency_hz : float, optional
-        Of the radio signal that is received if nothing moves, Hz, for a column of Doppler. Media are those at this
-        frequency, or at 8.4 GHz.
+        Received radio frequency f without motion, Hz, for a column of Doppler. Media are at this frequency, or at
+        8.4 GHz.
     mask_deg : float
-        Elevation below which a station does not see the target; -90 is for all epochs at which the target's own
-        horizon, or the Moon, does not hide it.
+        Lowest elevation at the stations, deg; -90 includes all epochs at which neither the target's own horizon nor
+        the Moon blocks the signal.
 
     Raises
     ------
     RadiolocError
-        The study says neither stations nor a span and none is given, nothing is seen, or another argument cannot be.
+        Neither the study nor an argument gives stations and a span, no station sees the target, or another argument is
+        invalid.
 
     Notes
     -----
     Ranges and Doppler are those of a :class:`~radioloc.measurements.ExactPredictor`, with all terms of the study's
-    model. The rate is what Doppler tells in two seconds about the epoch, which is that of the epoch to 1e-6 m/s for a
-    lander, and -f/c of it is the received frequency less f.
+    model. The rate is the mean over two seconds about the epoch, within 1e-6 m/s of that at the epoch for a lander;
+    -f/c times the rate is the received frequency less f.
 
     Examples
     --------
@@ -244,17 +245,15 @@ def light_times(
     [18789.0, 17799.0, 16551.0]
     """
     if links not in WAYS:
-        raise InputError(f"links = {links!r} is not known here; use one of {', '.join(WAYS)}")
+        raise InputError(f"links: expected one of {', '.join(WAYS)}, got {links!r}")
     carrier_hz = _X_BAND_HZ if frequency_hz is None else float(frequency_hz)
-    if not (math.isfinite(carrier_hz) and 0.0 < carrier_hz < _LIGHT_HZ):
-        raise InputError(f"frequency_hz = {frequency_hz!r} is no radio frequency, which is up to 3e11 Hz")
-    kind, counted = _KINDS[WAYS[links]]
+    if not (math.isfinite(carrier_hz) and 0.0 < carrier_hz < _MAX_RADIO_HZ):
+        raise InputError(f"frequency_hz: expected a radio frequency below 3e11 Hz, got {frequency_hz!r}")
+    kind, counted = _KINDS_BY_FORM[WAYS[links]]
     scene = scene_of(study, stations, start_utc, stop_utc, mask_deg)
     pairs = LINKS[links][1](*dict.fromkeys(scene.stations))
     if not pairs:
-        raise InputError(
-            f"links = {links!r} needs two stations or more, not {', '.join(scene.stations)} alone"
-        )
+        raise InputError(f"stations: links = {links!r} needs two or more, got {', '.join(scene.stations)}")
     session = Session(
         kind=counted,
         pairs=pairs,
@@ -289,7 +288,7 @@ def light_times(
 def _table(
     model: PhysicalModel, counts: Observations, target: Target, kind: str, frequency_hz: float | None
 ) -> tuple[Observations, dict[str, NDArray[np.float64]], NDArray[np.str_]]:
-    """Ranges at the tags of counts, the columns, and what does not hold."""
+    """Return ranges at the time tags of Doppler, the columns, and reasons why rows are unusable."""
     rows = replace(
         counts, kind=np.full_like(counts.kind, kind_of(kind)), count_s=np.full(len(counts), np.nan)
     )

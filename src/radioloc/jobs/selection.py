@@ -1,7 +1,6 @@
-"""Which of the observations read take part in a study, how many do not and why, and which are in its first hours.
+"""Selection of observations for a study, with reasons for the rest, and their division into arcs.
 
-Counts of Doppler that follow each other are joined to longer ones if asked for: cycles add, nothing is lost but
-resolution.
+Consecutive counts of Doppler are joined on request: their cycles add up, and only resolution is lost.
 """
 
 from __future__ import annotations
@@ -29,11 +28,10 @@ DEFAULT_HOURS = (12.0, 24.0, 48.0)  # Arcs of Wang et al. (2021), table 1.
 
 _ROUNDING_S = 1e-9  # Both ends of a span belong to it; epochs are rounded to 1e-11 s
 
-_OF_QUASARS = "if one is a quasar, name a list that has it: [model] sources"
-_SAME_S = 1e-6
-"""Counts meet if one begins when the one before it ends, to this time: at 2 km/s a gap of it would be 2 mm."""
-_SAME = ("link", "kind", "tag", "count_s", "uplink_hz", "wavelength_um", "ramped")
-"""What counts that are joined have in common; of ramped ones ``uplink_hz`` is what their cycles are in metres by."""
+_QUASAR_HINT = "if one is a quasar, name a list that has it: [model] sources"
+_GAP_TOLERANCE_S = 1e-6  # Largest gap between consecutive counts; 2 mm at 2 km/s
+_COMMON_COLUMNS = ("link", "kind", "tag", "count_s", "uplink_hz", "wavelength_um", "ramped")
+"""Columns with equal values in joined counts; ``uplink_hz`` of ramped counts converts their cycles to metres."""
 
 
 def select_observations(
@@ -43,9 +41,9 @@ def select_observations(
     positions: Collection[str] = (),
     sources: Collection[str] = (),
 ) -> tuple[Observations, dict[str, int]]:
-    """Return the observations that a study asks for, in input order, and the number of others by reason."""
+    """Return the selected observations of a study, in input order, and the number of others by reason."""
     kept, left_out = selected(observations, choice, catalogue, positions, sources)
-    # A table of which all is kept is not copied; nobody writes to it.
+    # Tables are not written to, so a complete one need not be copied.
     chosen = observations.select(kept) if left_out else observations
     if choice.doppler_average_s is not None:
         chosen, over = with_averaged_counts(chosen, choice.doppler_average_s)
@@ -53,33 +51,33 @@ def select_observations(
             left_out[f"left over from averages of Doppler over {choice.doppler_average_s:g} s"] = over
         if not len(chosen):
             raise InputError(
-                f"no Doppler is left by [observations] doppler_average_s = {choice.doppler_average_s:g}: no counts "
-                "without gaps last so long; give a shorter one"
+                f"[observations] doppler_average_s: expected a length that counts without gaps reach, got "
+                f"{choice.doppler_average_s:g} s; give a shorter one"
             )
     return chosen, left_out
 
 
 def with_target_names(observations: Observations, names: Mapping[str, str]) -> Observations:
-    """Observations with targets under other names than files have; :class:`InputError` for a name of none."""
+    """Return observations with other names of targets than in the files; an unknown name is an error."""
     if not names:
         return observations
-    called = {canonical_target(given): canonical_target(wanted) for given, wanted in names.items()}
-    held = {canonical_target(name) for link in observations.links for name in link.targets}
-    if unknown := [name for name in called if name not in held]:
-        problem = f"the files have no target {unknown[0]}, but {', '.join(sorted(held))}"
-        raise InputError(f"[observations] target_names: {problem}")
+    new_names = {canonical_target(old): canonical_target(new) for old, new in names.items()}
+    present = {canonical_target(name) for link in observations.links for name in link.targets}
+    if unknown := [name for name in new_names if name not in present]:
+        raise InputError(
+            f"[observations] target_names: expected targets of the files ({', '.join(sorted(present))}), "
+            f"got {unknown[0]}"
+        )
 
-    def of(name: str) -> str:
-        return called.get(canonical_target(name), name)
+    def renamed(name: str) -> str:
+        return new_names.get(canonical_target(name), name) if name else ""
 
     links = (
-        replace(
-            link, target=of(link.target), second_target=of(link.second_target) if link.second_target else ""
-        )
+        replace(link, target=renamed(link.target), second_target=renamed(link.second_target))
         for link in observations.links
     )
-    ramps = replace(observations.ramps, stations=tuple(map(of, observations.ramps.stations)))
-    # Links that are now the same become one.
+    ramps = replace(observations.ramps, stations=tuple(map(renamed, observations.ramps.stations)))
+    # Concatenation merges links that are now equal.
     return Observations.concatenate([replace(observations, links=tuple(links), ramps=ramps)])
 
 
@@ -90,7 +88,7 @@ def selected(
     positions: Collection[str] = (),
     sources: Collection[str] = (),
 ) -> tuple[NDArray[np.bool_], dict[str, int]]:
-    """Which observations a study asks for, shape (n,), and how many others there are, by reason."""
+    """Return the mask of the selected observations, shape (n,), and the number of others by reason."""
     left_out: dict[str, int] = {}
     kept = np.ones(len(observations), dtype=bool)
 
@@ -128,9 +126,9 @@ def _of_targets(
     if targets is None and not named:
         if len(present) > 1:
             raise InputError(
-                f"the observations are of several targets ({', '.join(present)}), but the study gives one position; "
-                f'name one: [observations] targets = ["{present[0]}"], or give the position of each as [targets.NAME]; '
-                f"{_OF_QUASARS}"
+                f"expected observations of one target, as the study gives one position, got {', '.join(present)}; name "
+                f'one, [observations] targets = ["{present[0]}"], or give the position of each as [targets.NAME]; '
+                f"{_QUASAR_HINT}"
             )
         return np.ones(len(observations), dtype=bool)
     wanted = {canonical_target(name) for name in targets} if targets is not None else set(named)
@@ -143,7 +141,7 @@ def _of_targets(
     if named and not wanted <= set(named):
         raise InputError(
             f"{key}: there is no position of {', '.join(sorted(wanted - set(named)))}; give it as [targets.NAME], "
-            f"beside {', '.join(named)}; {_OF_QUASARS}"
+            f"beside {', '.join(named)}; {_QUASAR_HINT}"
         )
     if not named and len(wanted) > 1:
         raise InputError(
@@ -197,22 +195,22 @@ def _within_time(
 def _since_start_s(
     observations: Observations, choice: ObservationChoice, kept: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """Time from the study's start, or else from the first of the observations that are kept."""
+    """Return the time since the study's start, or else since the first kept observation."""
     epoch = utc_to_tai(observations.epoch)
     if choice.start is not None:
         return epoch.seconds_since(utc_to_tai(choice.start))
-    among = epoch[kept]
-    return epoch.seconds_since(among[int(np.lexsort((among.fraction, among.jd))[0])])
+    candidates = epoch[kept]
+    return epoch.seconds_since(candidates[int(np.lexsort((candidates.fraction, candidates.jd))[0])])
 
 
 @bare_arguments
 def arc_lengths(hours: Iterable[float] | float, choice: ObservationChoice) -> list[float]:
-    """Lengths of arcs, each once, the shortest first, h; refused where none is given, or one is not above zero."""
+    """Return the lengths of arcs, each once, the shortest first, h; no length or one below zero is an error."""
     lengths = sorted({float(length) for length in np.atleast_1d(np.asarray(hours, dtype=np.float64))})
     if not lengths:
         raise InputError("no arc to fit; give at least one length in hours")
     for length in lengths:
-        replace(choice, hours=length)  # refuses what is no length
+        replace(choice, hours=length)  # checks the length
     return lengths
 
 
@@ -222,13 +220,13 @@ class ArcPart:
 
     hours: float  # length asked for
     span_h: float  # from the start to the last observation
-    rows: NDArray[np.intp]  # those of the whole arc that it has
+    rows: NDArray[np.intp]  # in the whole arc
     arc: Predictor
     estimate: EstimateChoice  # what is estimated in it
 
 
 def arc_parts(longest: Predictor, study: Study, lengths: Iterable[float]) -> list[ArcPart]:
-    """Parts of several lengths, h, of a prepared arc, which begin together; refused where one holds no observation."""
+    """Return the first parts of a prepared arc with several lengths, h; a part without observations is an error."""
     everything = np.ones(len(longest.observations), dtype=bool)
     since_s = _since_start_s(longest.observations, study.observations, everything)
     whole = with_independent_clocks(study, study.estimate, longest)
@@ -237,8 +235,8 @@ def arc_parts(longest: Predictor, study: Study, lengths: Iterable[float]) -> lis
         rows = np.flatnonzero(since_s <= 3600.0 * length + _ROUNDING_S)
         if not len(rows):
             raise InputError(
-                f"the arc of {length:g} h holds no observation: the first comes {since_s.min() / 3600.0:.2f} h after "
-                "the start; give a longer arc or a later start"
+                f"the arc of {length:g} h has no observations: the first is {since_s.min() / 3600.0:.2f} h after the "
+                "start; give a longer arc or a later start"
             )
         arc, estimate = longest, whole
         if len(rows) < len(everything):
@@ -251,25 +249,25 @@ def arc_parts(longest: Predictor, study: Study, lengths: Iterable[float]) -> lis
 def with_averaged_counts(observations: Observations, average_s: float) -> tuple[Observations, int]:
     """Return sums of counts without gaps over `average_s`, a multiple of the interval, and the number rejected."""
     with np.errstate(invalid="ignore"):
-        shorter = is_integrated(observations.kind) & (observations.count_s < average_s - _SAME_S)
+        shorter = is_integrated(observations.kind) & (observations.count_s < average_s - _GAP_TOLERANCE_S)
     rows = np.flatnonzero(shorter)
     if not len(rows):
         return observations, 0
     number = np.rint(average_s / observations.count_s[rows]).astype(np.int64)
-    wrong = np.abs(number * observations.count_s[rows] - average_s) > _SAME_S
+    wrong = np.abs(number * observations.count_s[rows] - average_s) > _GAP_TOLERANCE_S
     if wrong.any():
         row = int(rows[np.argmax(wrong)])
         raise InputError(
-            f"[observations] doppler_average_s = {average_s:g} is no whole number of counts of "
-            f"{observations.count_s[row]:g} s ({observations.origin(row)}); give a multiple of it"
+            f"[observations] doppler_average_s: expected a multiple of the count interval "
+            f"{observations.count_s[row]:g} s ({observations.origin(row)}), got {average_s:g} s"
         )
     tai = utc_to_tai(observations.epoch[rows])
     since_s = tai.seconds_since(tai[:1])
-    columns = [np.nan_to_num(getattr(observations, name)[rows]) for name in _SAME]
+    columns = [np.nan_to_num(getattr(observations, name)[rows]) for name in _COMMON_COLUMNS]
     order = np.lexsort((since_s, *columns))
     rows, number, since_s = rows[order], number[order], since_s[order]
-    # A run of counts without gaps; in it, intervals of so many counts from its first on.
-    meets = np.abs(np.diff(since_s) - observations.count_s[rows[1:]]) < _SAME_S
+    # Runs of counts without gaps are divided into intervals of `number` counts from their first.
+    meets = np.abs(np.diff(since_s) - observations.count_s[rows[1:]]) < _GAP_TOLERANCE_S
     for column in columns:
         meets &= np.diff(column[order]) == 0
     begins = np.concatenate([[True], ~meets])

@@ -1,4 +1,4 @@
-"""The simulated tracking of a study: what it would have as observations, with one realization of the noise."""
+"""Simulated observations of a study, with one realization of the noise."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ def simulate(study: Study | str | Path, seed: int | None = None, *, draw_errors:
     study : Study or path-like
         With a simulation; its model is the nominal one.
     seed : int, optional
-        Of all that is drawn; the scenario's where not given.
+        Seed of all random numbers; that of the scenario by default.
     draw_errors : bool
-        Draw the errors of ``truth_sigma`` too, as each trial of a Monte Carlo study does; else there are only those of
-        ``truth``.
+        Whether to draw the errors of ``truth_sigma``, as each trial of a Monte Carlo study does, besides the fixed
+        errors of ``truth``.
 
     Returns
     -------
     Simulated
-        ``.observations`` to be fitted, and what was put into them.
+        ``.observations`` to be fitted, and the true values.
 
     Raises
     ------
     RadiolocError
-        The study has no simulation, or it cannot be.
+        The study has no simulation, or an invalid one.
 
     Examples
     --------
@@ -46,16 +46,16 @@ def simulate(study: Study | str | Path, seed: int | None = None, *, draw_errors:
     """
     study = as_study(study)
     scenario = scenario_of(study)
-    if not draw_errors:  # partials of what is not drawn are hundreds of megabytes at 1 Hz
+    if not draw_errors:  # partials by undrawn errors take hundreds of megabytes at 1 Hz
         scenario = replace(scenario, truth_sigma=TruthSigma())
     return scenario.world(model_of(study)).draw(seed=seed, draw_errors=draw_errors)
 
 
 def scenario_of(study: Study) -> Scenario:
-    """The study's scenario, which it must have."""
+    """Return the scenario of a study; a study without one is an error."""
     if study.simulation is None:
         raise InputError(
-            f"{study.name}: there is nothing to simulate; give the study file a [simulation] table "
+            f"{study.name}: expected a study with a simulation, got none; give the study file a [simulation] table "
             "(docs/reference/simulation.md), or in Python Study(simulation=Scenario(...))"
         )
     return study.simulation

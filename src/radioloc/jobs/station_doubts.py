@@ -1,4 +1,4 @@
-"""Stations of a study whose observations fit if their coordinates are in another order or have another sign."""
+"""Doubts about stations whose observations fit with other axes or signs of their coordinates."""
 
 from __future__ import annotations
 
@@ -16,15 +16,13 @@ from radioloc.measurements.target_motion import Motions
 from radioloc.parameters.motion import orbit_of
 
 _SAMPLE_ROWS = 20
-_MIN_IMPROVEMENT = 10.0  # of the rms of residuals by other coordinates
-_MAX_RMS_M = 1.0e5  # from an a-priori position some tens of kilometres off
+_MIN_IMPROVEMENT = 10.0  # Ratio of the rms of residuals
+_MAX_RMS_M = 1.0e5  # At an a-priori position some tens of kilometres off
 
 
 def coordinate_doubts(arc: Predictor, motions: Motions, used: NDArray[np.bool_], fits: bool) -> Iterator[str]:
-    """Name stations that fit, or see the target, only with exchanged axes or signs at a-priori motions.
-
-    Without it a station with x and y exchanged is only far off (`tests/unit/jobs/test_station_doubts.py`).
-    """
+    """Yield a warning for each station that fits, or sees the target, only with exchanged axes or signs."""
+    # Without it a station with x and y exchanged is only far off (tests/unit/jobs/test_station_doubts.py).
     observations, shipped = arc.observations, StationCatalogue.default()
     for name in () if orbit_of(arc) is not None else arc.stations:
         station = arc.model.catalogue.get(name)
@@ -40,7 +38,7 @@ def coordinate_doubts(arc: Predictor, motions: Motions, used: NDArray[np.bool_],
             mistake: _rms_m(arc, motions, rows, station, itrf_m)
             for mistake, itrf_m in reordered_coordinates(station.itrf_m).items()
         }
-        mistake, rms_m = min(others.items(), key=lambda one: one[1])
+        mistake, rms_m = min(others.items(), key=lambda item: item[1])
         if rms_m < min(given_m / _MIN_IMPROVEMENT, _MAX_RMS_M):
             now = "it does not see the target" if np.isinf(given_m) else f"{1e-3 * given_m:.0f} km"
             yield (
@@ -56,12 +54,12 @@ def _rms_m(
     station: Station,
     itrf_m: NDArray[np.float64] | None = None,
 ) -> float:
-    """Root mean square of residuals by other coordinates of a station; infinite where it does not see the target."""
+    """Return the rms of residuals with other coordinates of a station; infinite if it does not see the target."""
     try:
         other = station if itrf_m is None else replace(station, itrf_m=itrf_m)
     except StationError:
         return np.inf
-    kept = [one for one in arc.model.catalogue if one.name != station.name]
+    kept = [item for item in arc.model.catalogue if item.name != station.name]
     model = replace(arc.model, catalogue=StationCatalogue([*kept, other]))
     some = arc.observations.select(rows)
     computed = prepare_predictor(model, some, motions, "exact", arc.targets).compute()

@@ -1,4 +1,4 @@
-"""A solution verified: made again from what its provenance names, and compared."""
+"""Verification of a solution: computed again from the files of its provenance, and compared."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from radioloc.study.study import Study
 from radioloc.study.study_file import read_study
 from radioloc.study.tables import run_study_file
 
-_OF_SIGMA = 1e-3
-"""How far values may differ in parts of their sigmas, and sigmas in parts of themselves: more than iterations leave
-that end elsewhere as other processors and libraries round, less than anyone could see on a card."""
-_ALLOWED_M = 1e-4  # The same for positions with a tiny sigma, m: what interpolated observations may be off by
+_TOLERANCE_SIGMAS = 1e-3
+"""Tolerance of values in sigmas, and relative tolerance of sigmas: above the rounding of other processors and
+libraries in iterations, below the digits of a card."""
+_TOLERANCE_M = 1e-4  # Tolerance of positions with a tiny sigma: error of interpolated observations
 _NOT_COMPARED = ("provenance", "notes", "message")
-"""Versions and settings, which are compared by themselves, and prose."""
+"""Keys of versions and settings, which are compared separately, and of prose."""
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """A number of the file that came out otherwise; None where there is none."""
+    """Value that differs from the file; None if absent."""
 
     name: str
     recorded: Any
@@ -44,7 +44,7 @@ class Difference:
 
 @dataclass(frozen=True, slots=True)
 class Verification(Result):
-    """Comparison of a solution with itself, made again: differences beyond rounding, and other versions."""
+    """Comparison of a solution with its repetition: differences beyond rounding, and other versions."""
 
     name: str
     compared: int
@@ -53,7 +53,7 @@ class Verification(Result):
 
     @property
     def same(self) -> bool:
-        """Whether the solution came out as it was."""
+        """Whether all values agree."""
         return not self.differences
 
     is_usable = same
@@ -61,7 +61,7 @@ class Verification(Result):
     def card(self) -> Card:
         """Return the status, the values that differ and other versions."""
         state = f"DIFFERS in {len(self.differences)} of {self.compared} values"
-        heading, now = ("", "recorded", "now"), "with other versions than then"
+        heading, now = ("", "recorded", "now"), "with other versions than the recorded ones"
         return Card(
             [
                 Field("solution", [self.name]),
@@ -74,19 +74,19 @@ class Verification(Result):
 
 
 def verify(path: str | Path, study: str | Path | None = None) -> Verification:
-    """Make a solution again from what its provenance names, and compare every number.
+    """Compute a solution again from the files of its provenance, and compare every number.
 
     Parameters
     ----------
     path : path-like
-        A ``solution.json``, as ``locate``, ``residuals``, ``arcs`` or ``images`` wrote it.
+        A ``solution.json`` of ``locate``, ``residuals``, ``arcs`` or ``images``.
     study : path-like, optional
-        The study file, where it is no longer where it was.
+        The study file, if it was moved.
 
     Raises
     ------
     InputError
-        The file is none of a solution, or a file that it was made from is missing or has another content.
+        The file does not hold a solution, or one of its input files is missing or has changed.
 
     Examples
     --------
@@ -116,7 +116,7 @@ def verify(path: str | Path, study: str | Path | None = None) -> Verification:
 def _recorded(path: Path) -> Mapping[str, Any]:
     for folder in (path.parent, path.parent.parent):
         if (folder / INCOMPLETE).is_file():
-            raise InputError(f"{path}: {folder / INCOMPLETE} says that the folder was not written to the end")
+            raise InputError(f"{path}: {folder / INCOMPLETE} marks a folder that was not written completely")
     content = read_recorded(path, require_consistency=False)
     if path.name == "arcs.json" or "positions" in content:
         raise InputError(
@@ -124,23 +124,25 @@ def _recorded(path: Path) -> Mapping[str, Any]:
         )
     if content["provenance"].get("study") is None:
         raise InputError(
-            f"{path}: was made from no study file (but in Python or from standard input), or with other observations "
-            "than the file's; there is nothing to make it from again"
+            f"{path}: expected a solution of a study file and its observations, got one that was computed in Python or "
+            "from standard input; it cannot be repeated"
         )
     return content
 
 
 def _again(path: Path, then: Mapping[str, Any], file: str | Path | None) -> dict[str, Any]:
-    """The same solution made now, as a dictionary; an error where what it was made from is not there any more."""
+    """Return the repeated solution as a dictionary; missing or changed input files are errors."""
     found = Path(then["study"]["file"] if file is None else file)
     if not found.is_file():
-        raise InputError(f"{path}: its study file {found} is missing; give where it is now (--study FILE)")
+        raise InputError(f"{path}: its study file {found} is missing; give its new place (--study FILE)")
     if sha256_of(found) != then["study"]["sha256"]:
         raise InputError(
-            f"{path}: {found} is not the study file that it was made from; its content is another"
+            f"{path}: {found} has changed since the solution was computed; restore the study file"
         )
-    problem = f"{path}: cannot be made again from {found}"
-    if "settings" not in then["study"]:  # a study of another kind, such as of images, is all in its file
+    problem = f"{path}: cannot be repeated from {found}"
+    if (
+        "settings" not in then["study"]
+    ):  # a study of another kind, such as of images, has all settings in its file
         now = run_study_file(found).to_dict()
         _require_same_files(problem, then["study"], now["provenance"]["study"])
         return now
@@ -154,14 +156,14 @@ def _again(path: Path, then: Mapping[str, Any], file: str | Path | None) -> dict
 
 
 def _require_same(problem: str, then: Mapping[str, Any], study: Study) -> None:
-    """Raise an error where the files or the settings of a study are not those of then."""
+    """Raise an error if the files or the settings of a study have changed."""
     origin = study_origin(study)
     _require_same_files(problem, then, origin)
     changed = [key for key, digest in then["settings"].items() if origin["settings"].get(key) != digest]
     if changed:
         raise InputError(
-            f"{problem}: its settings are others ({', '.join(changed)}), changed in Python, or read otherwise by "
-            "another version of radioloc"
+            f"{problem}: its settings differ ({', '.join(changed)}); they were changed in Python, or another version "
+            "of radioloc reads them differently"
         )
 
 
@@ -172,12 +174,12 @@ def _require_same_files(problem: str, then: Mapping[str, Any], origin: Mapping[s
     gone, new = sorted({name for name, _ in before - now}), sorted({name for name, _ in now - before})
     if gone or new:
         found = [f"{name} {'has another content' if name in new else 'is missing'}" for name in gone]
-        found += [f"{name} was not there" for name in new if name not in gone]
+        found += [f"{name} is new" for name in new if name not in gone]
         raise InputError(f"{problem}: {', '.join(found)}")
 
 
 Pair = tuple[str, Any, Any, float]
-"""Name of a number, its values then and now, and by how much they may differ."""
+"""Name of a number, its values then and now, and their tolerance."""
 
 
 def _pairs(then: Any, now: Any, name: str = "", scale: float = 0.0) -> Iterator[Pair]:
@@ -188,15 +190,15 @@ def _pairs(then: Any, now: Any, name: str = "", scale: float = 0.0) -> Iterator[
                 place = f"{name}.{key}" if name else str(key)
                 yield from _pairs(then.get(key), now.get(key), place, _scale(key, then, scale))
     elif isinstance(then, list) and isinstance(now, list):
-        # Rows with names are paired by these, others by their place.
+        # Rows with names are paired by name, others by index.
         before, after = (_by_name(rows) for rows in (then, now))
         largest = max((abs(item) for item in then if _is_number(item)), default=scale)
         for key in dict.fromkeys([*before, *after]):
             yield from _pairs(before.get(key), after.get(key), f"{name}.{key}", max(scale, largest))
     else:
         size = abs(then) if _is_number(then) else 0.0
-        floor = _ALLOWED_M if name.endswith("_m") else 0.0
-        yield name, then, now, max(_OF_SIGMA * (scale or size), 1e-9 * size, floor)
+        floor = _TOLERANCE_M if name.endswith("_m") else 0.0
+        yield name, then, now, max(_TOLERANCE_SIGMAS * (scale or size), 1e-9 * size, floor)
 
 
 def _by_name(rows: list[Any]) -> dict[str, Any]:
@@ -207,12 +209,12 @@ def _by_name(rows: list[Any]) -> dict[str, Any]:
 
 
 def _scale(key: str, parent: Mapping[str, Any], scale: float) -> float:
-    """Return the standard deviation of a value, or what its size is to be compared with."""
-    if key in ("position", "targets"):  # positions of all targets are known about alike
+    """Return the standard deviation of a value, or the size that its tolerance refers to."""
+    if key in ("position", "targets"):  # the sigmas of all targets are similar
         sigmas = [value or 0.0 for value in (parent.get("sigma") or {}).values() if _is_number(value)]
         return min(sigmas, default=0.0)
     if key in ("longitude_deg", "latitude_deg"):
-        return math.degrees(max(scale, _ALLOWED_M / _OF_SIGMA) / MEAN_LUNAR_RADIUS_M)
+        return math.degrees(max(scale, _TOLERANCE_M / _TOLERANCE_SIGMAS) / MEAN_LUNAR_RADIUS_M)
     if key in ("value", "prior_value"):
         return float(parent.get("sigma") or 0.0)
     if key == "mean_m":

@@ -1,7 +1,7 @@
-"""Where the trials of a study run: in this process, in a pool of processes, or on a Dask cluster.
+"""Workers that run the trials of a study: this process, a pool of processes, or a Dask cluster.
 
-What is to be run is an object with a method ``run(seed, trials)``. It is sent to each worker once; after that only
-numbers of trials go there and rows of results come back.
+A job is an object with a method ``run(seed, trials)``. It is sent to each worker once; after that only numbers of
+trials and rows of results are exchanged.
 """
 
 from __future__ import annotations
@@ -34,26 +34,26 @@ _GUARD = 'a script that asks for several workers needs if __name__ == "__main__"
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
-_WORTH_A_PROCESS = 50  # Trials of a process that take some times as long as its start
+_MIN_TRIALS_PER_PROCESS = 50  # They take several times as long as the start of the process
 
 _CAN_MASK = hasattr(signal, "pthread_sigmask")
 
 
 class Job(Protocol):
-    """Something that runs trials."""
+    """Object that runs trials."""
 
     def run(self, seed: int, trials: Sequence[int]) -> NDArray[np.float64]:
-        """Results of some trials, shape (trials, arcs, columns); the same in any company and in any process."""
+        """Return results of trials, (trials, arcs, columns), which do not depend on the other trials or the process."""
 
 
 Run = Callable[[Job, int, Sequence[Chunk]], Iterator[tuple[Chunk, NDArray[np.float64]]]]
-"""Runs chunks of trials of a seed and gives the results of each as soon as they are there, in any order."""
+"""Function that runs chunks of trials of a seed and yields the results of each, in any order."""
 
 
 def usual_workers(trials: int) -> int:
-    """How many processes share so many trials best: one for each core, as long as each has enough to do."""
+    """Return the number of processes for some trials: one for each core, with at least 50 trials each."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(1, min(cores, trials // _WORTH_A_PROCESS))
+    return max(1, min(cores, trials // _MIN_TRIALS_PER_PROCESS))
 
 
 @contextmanager
@@ -76,8 +76,8 @@ def workers_of(workers: Any = 1) -> Iterator[Run]:
                 _start(pool, workers)
                 yield partial(_in_processes, pool, folder)
             finally:
-                # The pool cancels what is left itself: of futures that are cancelled here it would say, where an
-                # interrupt has ended its processes at the same moment, that their state is invalid.
+                # The pool cancels the rest itself: it reports an invalid state of futures that are cancelled here if
+                # an interrupt ends its processes at the same time.
                 pool.shutdown(cancel_futures=True)
 
 
@@ -86,7 +86,7 @@ def _start(pool: ProcessPoolExecutor, count: int) -> None:
         with _spawning():
             for _ in range(count):
                 pool.submit(_import_what_jobs_need)
-    except RuntimeError:  # of a script that is being imported by a process that it has spawned itself
+    except RuntimeError:  # in a script that its own spawned process imports
         raise InputError(_GUARD) from None
 
 
@@ -103,8 +103,7 @@ def _in_processes(
             yield futures[future], future.result()
     except BrokenProcessPool:
         raise RadiolocError(
-            f"a worker process ended before its trials did: {_GUARD}; or it was killed, as by a system that is "
-            "short of memory"
+            f"a worker process ended before its trials: {_GUARD}; or the system killed it, as for lack of memory"
         ) from None
 
 
@@ -152,7 +151,7 @@ def _check_versions(client: Any) -> None:
 
 @contextmanager
 def _spawning() -> Iterator[None]:
-    """Start processes with one thread of linear algebra each, where an interrupt waits until they have begun."""
+    """Start processes with one thread of linear algebra each; an interrupt waits until they have begun."""
     before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if _CAN_MASK else set()
@@ -169,7 +168,7 @@ def _spawning() -> Iterator[None]:
 
 
 def _begin() -> None:
-    """What a worker does first: it ends with its parent, however that ends, and on an interrupt, without a word."""
+    """Set up a worker that ends silently with its parent or on an interrupt."""
     Thread(target=_end_with_parent, daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     if _CAN_MASK:
@@ -178,7 +177,7 @@ def _begin() -> None:
 
 def _end_with_parent() -> None:
     parent = parent_process()
-    assert parent is not None  # of a worker
+    assert parent is not None  # in a worker
     wait([parent.sentinel])
     os._exit(1)
 

@@ -1,4 +1,4 @@
-"""Parameters of the observations: what each is, its scope, and its partial derivatives.
+"""Parameters of the observations: kinds, scopes and partial derivatives.
 
 :data:`PARAMETERS` are the kinds of parameter (:class:`ParameterKind`); a study chooses of which stations, passes, links
 or targets they are estimated, considered or held at a value (:class:`ParameterChoice`), which makes each a

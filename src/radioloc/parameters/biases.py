@@ -1,11 +1,11 @@
-"""What receivers, clocks' tags, equipment and frequency references add to observations.
+"""Biases of ranges, time tags, equipment and frequency references.
 
-Range bias (m): what a receiver adds to every range. Time bias (s): how much later the tagged events happened than a
-station's tags say; the values are not changed. Delays of equipment beyond the model's (s): of the target's transponder
-and of a station's receiving chain. Frequency offset of Doppler and its drift, fractional: receiver's reference less
-transmitter's. Integrated over the count interval T, an offset y adds y (c T - v) to the range difference v, as
-the shift is one of the frequency that was sent: 1e-4 of the shift is 100 km on the Moon. Between two stations' hydrogen
-masers 1e-13 is usual; 1e-12 moves a Doppler solution of a lander by hundreds of metres.
+The range bias (m) is added to every range of a receiver. The time bias (s) is the time of the tagged events less the
+station's tags; it leaves the values unchanged. Delays of the target's transponder and of the receiving chain (s) are
+corrections to the model's. The frequency offset of Doppler and its drift are fractional: receiver's reference less
+transmitter's. Integrated over the count interval T, an offset y adds y (c T - v) to the range difference v, as it
+shifts the transmitted frequency: 1e-4 of that shift is 100 km on the Moon. Between hydrogen masers of two stations
+1e-13 is usual; 1e-12 moves a Doppler solution of a lander by hundreds of metres.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _STATIONS_OR_LINKS = (Scope.STATION, Scope.PASS, Scope.LINK, Scope.LINK_AND_PASS
 
 
 def _at_second(acts: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Acts at the second station only, shape (m, 2)."""
+    """Return flags of both stations, shape (m, 2), for a parameter of the second one."""
     return np.stack([np.zeros_like(acts), acts], axis=-1)
 
 
@@ -33,7 +33,7 @@ def _range(rows: ObservationRows) -> NDArray[np.bool_]:
 
 
 def _tagging(rows: ObservationRows) -> NDArray[np.bool_]:
-    """A tag that names the bounce, or a spacecraft's transmission, is attributed to the receiving station."""
+    # A tag of the bounce, or of a spacecraft's transmission, is attributed to the receiving station.
     first = rows.tagged[:, 0]
     return np.stack([first, ~first], axis=-1)
 
@@ -44,7 +44,7 @@ def _receives(rows: ObservationRows) -> NDArray[np.bool_]:
 
 
 def _receiving(rows: ObservationRows) -> Floats:
-    """The reading comes later than the arrival; a tag that names the arrival is late by as much."""
+    # The reading comes later than the arrival; a tag of the arrival is late by as much.
     receives = np.stack([rows.baseline, np.ones(len(rows), dtype=bool)], axis=-1)
     moved = -((rows.tagged & receives) * rows.computed.by_time_m_s[:, None])
     return (_receives(rows) * C_M_S * np.array([-1.0, 1.0]) + moved)[..., None]
@@ -58,13 +58,14 @@ def _offset(rows: ObservationRows) -> Floats:
     return (_counted(rows) * (C_M_S * rows.count_s - rows.computed.value_m)[:, None])[..., None]
 
 
-def _offsets_left(rows: ObservationRows, members: Members) -> Sigmas:
-    """Of two masers, and what quasars leave in delay rates; two-way there is none, one-way it is to be estimated."""
+def _offset_sigmas(rows: ObservationRows, members: Members) -> Sigmas:
+    """Return the relative offset of two masers (three-way) and the error of quasar calibration (delay rates)."""
+    # Two-way Doppler has no offset; that of one-way Doppler is to be estimated.
     link, three_way = rows.observations.link, ~rows.baseline & ~rows.two_way & ~rows.one_way
     sigmas: Sigmas = {}
-    for of, sigma in ((rows.baseline, 1e-14), (three_way, 1e-13)):
-        found = np.unique(link[of & rows.integrated])
-        sigmas |= {name: sigma for name, k in members.items() if k in found}
+    for which, sigma in ((rows.baseline, 1e-14), (three_way, 1e-13)):
+        links = np.unique(link[which & rows.integrated])
+        sigmas |= {name: sigma for name, k in members.items() if k in links}
     return sigmas
 
 
@@ -113,7 +114,7 @@ FREQUENCY_OFFSET = ParameterKind(
     partials=_offset,
     acts_on=_counted,
     scale=1e-10,
-    considered=_offsets_left,
+    considered=_offset_sigmas,
 )
 FREQUENCY_RATE = replace(
     FREQUENCY_OFFSET,

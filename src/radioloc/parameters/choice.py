@@ -216,12 +216,7 @@ def _amounts(kind: ParameterKind, key: str, given: Any, *, positive: bool) -> An
         return None
     if isinstance(given, Mapping):
         return {name: _amount(kind, f"{key} of {name}", value, positive) for name, value in given.items()}
-    try:
-        return _amount(kind, key, given, positive)
-    except InputError as error:
-        if isinstance(given, str) or (isinstance(given, Sequence) and any(isinstance(v, str) for v in given)):
-            raise InputError(f"{error}; list the members in {kind.name}") from None
-        raise
+    return _amount(kind, key, given, positive)
 
 
 def _amount(kind: ParameterKind, key: str, given: Any, positive: bool) -> Amount:
@@ -291,13 +286,11 @@ def parameter_choices(
         kind, field = keys[key]
         fields.setdefault(kind.name, {})[field] = value
     choices = dict(before or {})
-    for name, kind in PARAMETERS.items():
-        if name in fields:
-            old = choices.get(name)
-            names = {} if old is None else {"names": old.names}
-            made = ParameterChoice.of(kind, **(names | fields[name]))
-            changed = {field: getattr(made, field) for field in fields[name]}
-            choices[name] = made if old is None else replace(old, **changed)
+    for name, given_fields in fields.items():
+        earlier = choices.get(name, ParameterChoice())
+        names = {"names": earlier.names} if name in choices else {}
+        made = ParameterChoice.of(PARAMETERS[name], **(names | given_fields))
+        choices[name] = replace(earlier, **{field: getattr(made, field) for field in given_fields})
     return choices
 
 

@@ -1,9 +1,8 @@
-"""Clocks of stations and of a target that transmits by its own: offset (s), rate (s/s), the target's drift (1/s).
+"""Clocks of stations and of a transmitting target: offset (s), rate (s/s), the target's drift (1/s).
 
-A clock that is ahead reads every event late. The second station's then adds to a flight time or a delay, the first
-station's (or the target's) takes away, and the clock that reads the time tag moves it: the event that it tags was
-earlier than it says. Over a count interval an offset cancels and a rate stays; the clock that reads the tag counts
-the interval.
+A clock that is ahead tags every event late. The offset of the second station adds to a flight time or a delay, that of
+the first station (or of the target) reduces it, and the clock of the time tag moves the tag: the event was earlier than
+its tag. Over a count interval an offset cancels and a rate remains; the clock of the tag defines the interval.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ _SIGN = np.array([-1.0, 1.0])
 
 
 def _moved_tag(rows: ObservationRows) -> Floats:
-    """How values change when the clock that reads the tag is ahead, m/s, shape (m, 2)."""
+    """Partials of the values by the offset of the clock of the tag, m/s, shape (m, 2)."""
     return -(rows.tagged * rows.computed.by_time_m_s[:, None])
 
 
@@ -47,7 +46,7 @@ def _target_offset(rows: ObservationRows) -> Floats:
 
 
 def _target_gains(rows: ObservationRows, gained_s: Floats, at_tag_s: Floats) -> Floats:
-    """By what the target's clock gains until its event, or over the count interval, and until the tag."""
+    """Partials by the time that the target's clock gains until its event, or in the count interval, and at the tag."""
     return np.where(rows.one_way, -C_M_S * gained_s - _target_tag(rows) * at_tag_s, 0.0)[:, None, None]
 
 
@@ -65,14 +64,14 @@ def _target_drift(rows: ObservationRows) -> Floats:
     return _target_gains(rows, gained_s, counted * since_s)
 
 
-def _offsets_left(rows: ObservationRows, members: Members) -> Sigmas:
-    """Quasars leave 0.2 ns of the clocks in VLBI delays; stations that range are synchronized to 10 ns."""
+def _offset_sigmas(rows: ObservationRows, members: Members) -> Sigmas:
+    """Return 0.2 ns, the error of calibration by quasars, for VLBI stations; ranging stations agree to 10 ns."""
     by_quasars = np.unique(rows.ends[rows.baseline & ~rows.integrated])
     return {name: 0.2e-9 if k in by_quasars else 10e-9 for name, k in members.items()}
 
 
-def _rates_left(rows: ObservationRows, members: Members) -> Sigmas:
-    """What quasars leave of hydrogen masers in VLBI delays; in counted observations they are offsets of frequency."""
+def _rate_sigmas(rows: ObservationRows, members: Members) -> Sigmas:
+    """Return the error of hydrogen masers after calibration by quasars; Doppler has frequency offsets instead."""
     by_quasars = np.unique(rows.ends[rows.baseline & ~rows.integrated])
     return {name: 5e-15 for name, k in members.items() if k in by_quasars}
 
@@ -80,14 +79,14 @@ def _rates_left(rows: ObservationRows, members: Members) -> Sigmas:
 CLOCK = ParameterKind(
     name="clock",
     unit="s",
-    description="offset of a station's clock: what it reads less what it should",
+    description="offset of a station's clock: its reading less the true time",
     scopes=(Scope.STATION, Scope.PASS, Scope.LINK, Scope.LINK_AND_PASS),
     of_links_second=True,
     partials=_offset,
     acts_on=lambda rows: (~rows.integrated & ~rows.two_way)[:, None] & (rows.ends >= 0),
     scale=1.0 / C_M_S,
     relative=True,
-    considered=_offsets_left,
+    considered=_offset_sigmas,
 )
 CLOCK_RATE = replace(
     CLOCK,
@@ -97,12 +96,12 @@ CLOCK_RATE = replace(
     partials=_rate,
     acts_on=lambda rows: (~rows.two_way)[:, None] & (rows.ends >= 0),
     scale=1e-5 / C_M_S,
-    considered=_rates_left,
+    considered=_rate_sigmas,
 )
 TARGET_CLOCK = ParameterKind(
     name="target_clock",
     unit="s",
-    description="offset of the clock by which the target transmits, for one-way ranges",
+    description="offset of the target's transmitter clock, for one-way ranges",
     scopes=(Scope.TARGET, Scope.LINK, Scope.LINK_AND_PASS),
     partials=_target_offset,
     acts_on=lambda rows: (rows.one_way & ~rows.integrated)[:, None],

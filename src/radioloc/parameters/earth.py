@@ -1,6 +1,6 @@
-"""Where the stations are and what is above them, each beyond the model's.
+"""Corrections to stations, Earth orientation and the media above stations.
 
-Their coordinates (m), UT1 (s) and the pole (rad); zenith delay of the troposphere (m) and vertical electron content
+Station coordinates (m), UT1 (s) and the pole (rad); zenith delay of the troposphere (m) and vertical electron content
 (TECU).
 """
 
@@ -20,7 +20,7 @@ from radioloc.vectors import Floats
 
 
 def _itrf_m(rows: ObservationRows) -> Floats:
-    """ITRF coordinates of the stations that take part, m, shape (n_stations, 3)."""
+    """ITRF coordinates of the observing stations, m, shape (n_stations, 3)."""
     return np.array([rows.model.catalogue.get(name).itrf_m for name in rows.predictor.stations])
 
 
@@ -30,17 +30,15 @@ def _station_position(rows: ObservationRows) -> Floats:
 
 
 def _displaced(rows: ObservationRows, shifts: Floats) -> Floats:
-    """Partials by what displaces stations, ITRF, m per unit, shape (n_stations, 3, components)."""
+    """Partials by displacements of stations, ITRF, m per unit, shape (n_stations, 3, components)."""
     by_station, components = rows.computed.by_station_itrf, range(shifts.shape[2])
     # One component after the other in memory
-    found = np.stack(
-        [sum(by_station[..., i] * shifts[:, i, c][rows.ends] for i in range(3)) for c in components]
-    )
-    return np.moveaxis(found, 0, -1)
+    columns = [sum(by_station[..., i] * shifts[:, i, c][rows.ends] for i in range(3)) for c in components]
+    return np.moveaxis(np.stack(columns), 0, -1)
 
 
-def _turned(rows: ObservationRows, axes: list[list[float]]) -> Floats:
-    """Partials by turns of the Earth about axes, ITRF, rad per unit, shape (components, 3)."""
+def _rotated(rows: ObservationRows, axes: list[list[float]]) -> Floats:
+    """Partials by rotations of the Earth about axes, ITRF, rad per unit, shape (components, 3)."""
     return _displaced(rows, np.swapaxes(np.cross(axes, _itrf_m(rows)[:, None]), 1, 2))
 
 
@@ -49,33 +47,33 @@ def _electron_content(rows: ObservationRows) -> Floats:
     if np.isnan(by_content).any():
         row = int(rows.rows[np.flatnonzero(np.isnan(by_content).any(axis=-1))[0]])
         raise InputError(
-            f"{rows.observations.origin(row)}: the electron content acts by the signal's frequency, which is not "
+            f"{rows.observations.origin(row)}: electron_content needs the frequency of the signal, which is not "
             "recorded; give uplink_hz and wavelength_um"
         )
     return (by_content * (rows.ends >= 0))[..., None]
 
 
-def _orientation_left(rows: ObservationRows) -> tuple[Floats, Floats]:
-    """Of UT1 and the pole, measured or predicted by lead time; the largest of the arc."""
+def _orientation_sigmas(rows: ObservationRows) -> tuple[Floats, Floats]:
+    """Return errors of UT1, s, and of the pole, rad, at the end of the arc, where they are largest."""
     last = rows.observations.epoch.mjd.max(keepdims=True)
     return orientation_errors(rows.model.earth.table, last)
 
 
-def _delays_left(rows: ObservationRows, members: Members) -> Sigmas:
-    """Of radio: standard atmosphere and GPT3 know no weather, of which VMF3 and calibrations of the DSN leave 1 cm."""
+def _delay_sigmas(rows: ObservationRows, members: Members) -> Sigmas:
+    """Return 3 cm for a standard atmosphere or GPT3, which have no weather, and 1 cm for VMF3 and DSN calibrations."""
     files, calibrations = rows.model.radio_atmosphere, rows.model.media_calibrations
     sigmas: Sigmas = {}
-    for name in _of_radio(rows, members):
+    for name in _radio_stations(rows, members):
         station = rows.model.catalogue.get(name)
         calibrated = calibrations is not None and calibrations.serves(station, WET)
-        known = calibrated or (files is not None and files.source_of(station) == "VMF3")
-        sigmas[name] = 0.01 if known else 0.03
+        has_weather = calibrated or (files is not None and files.source_of(station) == "VMF3")
+        sigmas[name] = 0.01 if has_weather else 0.03
     return sigmas
 
 
-def _contents_left(rows: ObservationRows, members: Members) -> Sigmas | str:
-    """Return the error left by maps and calibrations; one content for everywhere, or none, leaves more."""
-    # Where the ionosphere is switched off, the observations are taken to be free of it, as by maps.
+def _content_sigmas(rows: ObservationRows, members: Members) -> Sigmas | str:
+    """Return the error of maps and calibrations, which is larger for a uniform content or none."""
+    # Without the term of the ionosphere, the observations count as corrected by maps.
     if np.isnan(rows.observations.wavelength_um[rows.radio]).any():
         return "the frequency of some signals is not recorded"
     model = rows.model
@@ -85,13 +83,13 @@ def _contents_left(rows: ObservationRows, members: Members) -> Sigmas | str:
     calibrations, catalogue = model.media_calibrations, model.catalogue
     return {
         name: 3.0 if calibrations is not None and calibrations.serves(catalogue.get(name), CHARGED) else sigma
-        for name in _of_radio(rows, members)
+        for name in _radio_stations(rows, members)
     }
 
 
-def _of_radio(rows: ObservationRows, members: Members) -> list[str]:
-    found = np.unique(rows.ends[rows.radio])
-    return [name for name, k in members.items() if k in found]
+def _radio_stations(rows: ObservationRows, members: Members) -> list[str]:
+    radio = np.unique(rows.ends[rows.radio])
+    return [name for name, k in members.items() if k in radio]
 
 
 STATION_POSITION = ParameterKind(
@@ -110,11 +108,11 @@ UT1 = ParameterKind(
     unit="s",
     description="correction to the tabulated UT1",
     scopes=(Scope.EARTH, Scope.SESSION),
-    partials=lambda rows: _turned(rows, [[0.0, 0.0, EARTH_ROTATION_RAD_S]]),
+    partials=lambda rows: _rotated(rows, [[0.0, 0.0, EARTH_ROTATION_RAD_S]]),
     acts_on=everywhere,
     scale=2e-3,
     more_partials=True,
-    considered=lambda rows, _: {"": float(_orientation_left(rows)[0].max())},
+    considered=lambda rows, _: {"": float(_orientation_sigmas(rows)[0].max())},
 )
 POLE = ParameterKind(
     name="pole",
@@ -122,12 +120,12 @@ POLE = ParameterKind(
     description="correction to the tabulated pole coordinates xp and yp",
     scopes=(Scope.EARTH, Scope.SESSION),
     # W = R3(-s') R2(xp) R1(yp), IERS Conventions 2010, equation 5.3.
-    partials=lambda rows: _turned(rows, [[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0]]),
+    partials=lambda rows: _rotated(rows, [[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0]]),
     acts_on=everywhere,
     components=("x", "y"),
     scale=1.6e-7,
     more_partials=True,
-    considered=lambda rows, _: {"": float(_orientation_left(rows)[1].max())},
+    considered=lambda rows, _: {"": float(_orientation_sigmas(rows)[1].max())},
 )
 ZENITH_DELAY = ParameterKind(
     name="zenith_delay",
@@ -138,7 +136,7 @@ ZENITH_DELAY = ParameterKind(
     acts_on=both_stations,
     scale=0.3,
     term="troposphere",
-    considered=_delays_left,
+    considered=_delay_sigmas,
     considered_per=Scope.PASS,
 )
 ELECTRON_CONTENT = ParameterKind(
@@ -150,6 +148,6 @@ ELECTRON_CONTENT = ParameterKind(
     acts_on=both_stations,
     scale=10.0,
     more_partials=True,
-    considered=_contents_left,
+    considered=_content_sigmas,
     considered_per=Scope.PASS,
 )

@@ -1,4 +1,4 @@
-"""What a kind of parameter is: a physical quantity, its scope, and how an observation answers to it."""
+"""Kinds of parameter: a physical quantity, its scope, and the partial derivatives of observations."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from radioloc.vectors import Floats
 
 
 class Scope(Enum):
-    """Whom a parameter belongs to; the value is the word for it in a study file."""
+    """Owner of a parameter; the value is the word for it in a study file."""
 
     STATION = "station"
     PASS = "pass"
-    """Of a station: a new pass begins when it has not observed for some hours."""
+    """A station in a pass; a new pass begins after some hours without its observations."""
     LINK = "link"
     """A path such as ``JIAMUSI>lander>KASHI``, or a baseline."""
     LINK_AND_PASS = "link and pass"
@@ -27,11 +27,11 @@ class Scope(Enum):
     EARTH = "earth"
     MOON = "moon"
     SESSION = "session"
-    """Of Earth or Moon: a new session begins when no station has observed for some hours."""
+    """Earth or Moon in a session; a new session begins after some hours without any observation."""
 
     @property
     def named(self) -> bool:
-        """Whether there can be several, each with a name."""
+        """Whether there are several owners, each with a name."""
         return self not in (Scope.EARTH, Scope.MOON, Scope.SESSION)
 
     @property
@@ -42,17 +42,16 @@ class Scope(Enum):
 
 Amount = float | tuple[float, ...] | None  # a number, or one for each component
 
-Members = dict[str, int]  # by name, with the index in the predictor; the whole has no name and the index 0
+Members = dict[str, int]  # index in the predictor by name; Earth, Moon and session have no name and index 0
 
 Sigmas = dict[str, Amount]  # a-priori sigmas by member
 
 
 @dataclass(frozen=True, slots=True)
 class ParameterKind:
-    """A kind of parameter, as the registry holds it.
+    """Kind of parameter in the registry.
 
-    Whether a parameter is estimated, considered, fixed or drawn in a simulation is not its own affair: all need its
-    partials only.
+    Estimated, considered, fixed and simulated parameters all use the same partials.
 
     Parameters
     ----------
@@ -61,36 +60,33 @@ class ParameterKind:
     unit : str
         SI unit of the value, as in keys of study files: ``"m"``, ``"s/s"``, ``"1"``.
     description : str
-        What it is, for reference pages.
+        Text of reference pages.
     scopes : tuple of Scope
-        Whom it can belong to; the first is the default.
+        Possible owners; the first is the default.
     partials : callable
-        From observations to partial derivatives of their computed values, shape (m, ends, components). There are two
-        ends, those of the first and of the second station, where the scope is the station; else one or two, which are
-        added.
+        Partial derivatives of the computed values of observations, shape (m, ends, components). A scope of stations
+        needs two ends, for the first and the second station; others have one or two ends, which are added.
     acts_on : callable
-        From observations, before anything is computed, to whether the parameter can be estimated from them by each end,
-        shape (m, ends).
+        Whether each end of an observation depends on the parameter, shape (m, ends); called before values are computed.
     components : tuple of str
-        Names of the numbers that it consists of; one without a name as a rule.
+        Names of its numbers; by default one number without a name.
     scale : float
-        A change worth about one metre of an observation.
+        Change that moves an observation by about one metre.
     more_partials : bool
-        Whether it needs the partials that predictors compute on request only: by the stations' places, by the electron
-        content above them, and what moves the target in a count interval.
+        Whether it needs partials that predictors compute on request only: by station positions, by the electron content
+        above stations, and by displacements of the target in a count interval.
     term : str
-        Term of the model by whose partials it acts, and without which it cannot be.
+        Term of the model that has its partials; without the term the parameter is an error.
     relative : bool
-        Whether only differences between stations show; ``"all"`` then estimates all but one reference station of each
-        network.
+        Whether only differences between stations are observable; ``"all"`` then estimates all but one reference station
+        of each network.
     of_links_second : bool
-        Whether that of a link is that of its second station alone, as both stations' would cancel.
+        Whether a link has the parameter of its second station only, as those of both stations would cancel.
     considered : callable, optional
-        From observations, before anything is computed, and members (names of those on whose observations the parameter
-        acts, with their indices) to the a-priori sigmas of the members that are considered where a study says nothing
-        else; or why none is, in words. Without it none is.
+        Default a-priori sigmas by member, from observations and members with observations, or the reason in words why
+        there are none. Without it the kind is considered only if a study states a sigma.
     considered_per : Scope, optional
-        Whom those belong to, where it is not the first of the scopes.
+        Scope of considered parameters; by default the first of `scopes`.
 
     Raises
     ------
@@ -135,9 +131,9 @@ class ParameterKind:
             "per": f"{self.name}_per",
         }
 
-    def parameter_names(self, whose: str) -> list[str]:
-        """Names of the parameters of one that has this kind, such as ``station_position.KASHI.east``."""
-        return [".".join(filter(None, (self.name, whose, component))) for component in self.components]
+    def parameter_names(self, member: str) -> list[str]:
+        """Return names of the parameters of a member, such as ``station_position.KASHI.east``."""
+        return [".".join(filter(None, (self.name, member, component))) for component in self.components]
 
     @property
     def value_key(self) -> str:
@@ -151,10 +147,10 @@ class ParameterKind:
 
 
 def everywhere(rows: ObservationRows) -> NDArray[np.bool_]:
-    """Return that a parameter acts on every observation, as one end, shape (m, 1)."""
+    """Return that every observation depends on the parameter, shape (m, 1)."""
     return np.ones((len(rows), 1), dtype=bool)
 
 
 def both_stations(rows: ObservationRows) -> NDArray[np.bool_]:
-    """Return that a parameter acts at each station that takes part, shape (m, 2)."""
+    """Return that an observation depends on the parameter at each of its stations, shape (m, 2)."""
     return rows.ends >= 0

@@ -1,7 +1,7 @@
-"""Where the Moon is and how it is turned, its tide and its lengths, each beyond the model's.
+"""Corrections to the Moon's position, librations, Love numbers and scale of lengths.
 
-The Moon's place acts along the way from the Earth, along its orbit and along the orbit's normal. Errors of place and
-librations are constant amounts, and others in each session.
+The position is along the direction from the Earth, along the orbit and along its normal. Errors of position and
+librations have a constant part and a part for each session.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ def _love_numbers(rows: ObservationRows) -> Floats:
     return columns[np.arange(len(rows)), which.reshape(-1)][:, None, :]
 
 
-def _position_left(rows: ObservationRows, _: Members) -> Sigmas:
-    """Return sigmas by ephemeris; one that is not known counts as DE421."""
+def _position_sigmas(rows: ObservationRows, _: Members) -> Sigmas:
+    """Return sigmas by ephemeris; other ephemerides count as DE421."""
     # DE421, of data until 2007, less DE440 from 1992 to 2050: 0.3 m (rms) away from the Earth, 0.4 m normal to the
     # orbit, and along it 0.8 m and what grows with the square of time, 1.2 m in 2005 to 2010, 2.8 m in 2019 to 2025.
     # DE440 is tied to the ICRF to 0.2 mas (Park et al. 2021), 0.4 m at the Moon, and by ranges to the reflectors to
@@ -69,7 +69,7 @@ def _position_left(rows: ObservationRows, _: Members) -> Sigmas:
     return {"": (0.3, 0.8 + 0.0042 * _years(rows) ** 2, 0.4)}
 
 
-def _position_varies(rows: ObservationRows, _: Members) -> Sigmas:
+def _position_variation_sigmas(rows: ObservationRows, _: Members) -> Sigmas:
     """Return the monthly part of DE421 less DE440; half of it for DE440, which has 13 years of data more."""
     # About the mean of some years, rms: away from the Earth 0.03 m until 2008, 0.07 m in 2010 to 2020, 0.14 m in 2020
     # to 2030, 0.29 m in 2030 to 2049; along the orbit 0.1 m besides its trend; normal to it 0.4 m.
@@ -78,18 +78,18 @@ def _position_varies(rows: ObservationRows, _: Members) -> Sigmas:
 
 
 def _years(rows: ObservationRows) -> float:
-    """Of the last observation, since 2000."""
+    """Return the years from 2000 to the last observation."""
     return (float(rows.observations.epoch.mjd.max()) - _MJD_2000) / _DAYS_PER_YEAR
 
 
-def _libration_left(rows: ObservationRows, _: Members) -> Sigmas:
-    """DE421 less DE440 in mean-Earth axes, rms from 1992 to 2050; of DE440 what varies in that."""
+def _libration_sigmas(rows: ObservationRows, _: Members) -> Sigmas:
+    """Return the rms of DE421 less DE440 in mean-Earth axes, 1992 to 2050; for DE440 the variation of that."""
     newer = rows.model.ephemeris.name == "DE440"
     return {"": (5e-8, 5e-8, 5e-8) if newer else (0.9e-7, 1.5e-7, 0.7e-7)}
 
 
-def _libration_varies(rows: ObservationRows, _: Members) -> Sigmas:
-    """DE421 less DE440 about its mean from 2006 to 2024, 0.07, 0.07, 0.11 m rms on the ground; half of it for DE440."""
+def _libration_variation_sigmas(rows: ObservationRows, _: Members) -> Sigmas:
+    """Return DE421 less DE440 about its mean 2006 to 2024 (0.07, 0.07, 0.11 m rms on the ground), half for DE440."""
     half = 0.5 if rows.model.ephemeris.name == "DE440" else 1.0
     return {"": (half * 4e-8, half * 4e-8, half * 6e-8)}
 
@@ -103,7 +103,7 @@ MOON_POSITION = ParameterKind(
     acts_on=everywhere,
     components=("radial", "along", "normal"),
     more_partials=True,
-    considered=_position_left,
+    considered=_position_sigmas,
 )
 LIBRATION = ParameterKind(
     name="libration",
@@ -114,22 +114,22 @@ LIBRATION = ParameterKind(
     acts_on=everywhere,
     components=("x", "y", "z"),
     scale=6e-7,
-    considered=_libration_left,
+    considered=_libration_sigmas,
 )
-# What an ephemeris has wrong in the month and in the year: constant for a night, of no memory from one to the next.
+# Monthly and annual errors of an ephemeris: constant in a night, uncorrelated between nights.
 MOON_POSITION_VARIATION = replace(
     MOON_POSITION,
     name="moon_position_variation",
     description="the same of one session, beyond `moon_position`",
     scopes=(Scope.SESSION,),
-    considered=_position_varies,
+    considered=_position_variation_sigmas,
 )
 LIBRATION_VARIATION = replace(
     LIBRATION,
     name="libration_variation",
     description="the same of one session, beyond `libration`",
     scopes=(Scope.SESSION,),
-    considered=_libration_varies,
+    considered=_libration_variation_sigmas,
 )
 LOVE_NUMBERS = ParameterKind(
     name="love_numbers",

@@ -1,4 +1,4 @@
-"""What is solved for: named parameters with a-priori values, in a fixed order."""
+"""Parameters of an estimate: names, a-priori values and roles, in a fixed order."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError
 from radioloc.vectors import Floats
 
-_LEAST_SIGMA = 1e-30  # in any unit; the square of its inverse is a number yet
+_MIN_SIGMA = 1e-30  # In any unit; the square of its inverse is still finite
 
 
 class Role(Enum):
-    """What the estimator does with a parameter."""
+    """Treatment of a parameter by the estimator."""
 
     ESTIMATED = "estimated"
     CONSIDERED = "considered"
@@ -31,33 +31,31 @@ class Role(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One number that the estimator may change.
+    """Number that the estimator may change.
 
     Parameters
     ----------
     name : str
-        Unique name: the kind, a dot, and what it belongs to, such as ``"position.x_m"`` or
-        ``"range_bias.APOLLO"``.
+        Unique name: the kind, a dot, and the owner or component, such as ``"range_bias.APOLLO"``.
     unit : str
         Unit of the value as text, such as ``"m"``, ``"rad"``, ``"s"``.
     kind : str
-        What sort of parameter it is: ``"position"``, ``"range_bias"``, ``"time_bias"``, ...
+        Kind of parameter: ``"position"``, ``"range_bias"``, ``"time_bias"``, ...
     prior_value : float
-        A-priori value, in `unit`; also where the iteration starts.
+        A-priori value, in `unit`, at which the iteration starts.
     prior_sigma : float
         Standard deviation of the a-priori value, in `unit`; infinity leaves the parameter to the data alone.
     role : Role
         Whether it is estimated, considered or fixed.
     scale : float
-        A change of the parameter, in `unit`, that moves an observation by something like one metre: 1 for
-        metres, 1/1737400 for a selenographic angle in rad, 0.001 for a time bias in seconds. It makes
-        parameters of different units comparable when directions are named; the estimate does not depend on
-        it.
+        Change of the parameter, in `unit`, that moves an observation by about one metre: 1 for metres, 1/1737400 for
+        a selenographic angle in rad, 0.001 for a time bias in seconds. It makes parameters of different units
+        comparable in unobservable directions; the estimate does not depend on it.
     span_utc : tuple of str, or None
-        First and last epoch that it acts on, UTC, where it is not of the whole arc.
+        First and last epoch on which it acts, UTC, if not the whole arc.
     prior_errors : mapping of str to float
-        Errors that other results have in common with the a-priori value, by name: its change by one sigma of each, in
-        `unit`. They are part of `prior_sigma`.
+        Errors of the a-priori value that other results share, by name: change by one sigma of each, in `unit`. They
+        are part of `prior_sigma`.
 
     Raises
     ------
@@ -80,19 +78,21 @@ class Parameter:
             raise InputError("a parameter needs a name, such as 'range_bias.APOLLO'")
         if not math.isfinite(self.prior_value):
             raise InputError(f"the a-priori value of {self.name} is {self.prior_value}; give a finite number")
-        if not self.prior_sigma >= _LEAST_SIGMA:
+        if not self.prior_sigma >= _MIN_SIGMA:
             raise InputError(
-                f"the a-priori sigma of {self.name} is {self.prior_sigma}; give a number of {_LEAST_SIGMA:g} or more, "
+                f"the a-priori sigma of {self.name} is {self.prior_sigma}; give a number of {_MIN_SIGMA:g} or more, "
                 "or infinity to leave the parameter free"
             )
         if self.role is Role.CONSIDERED and not math.isfinite(self.prior_sigma):
-            raise InputError(f"{self.name} is considered, which needs the sigma of its a-priori value")
+            raise InputError(
+                f"{self.name}: a considered parameter needs a finite sigma of its a-priori value"
+            )
         if not (math.isfinite(self.scale) and self.scale > 0.0):
             raise InputError(f"the scale of {self.name} is {self.scale}; give a finite positive number")
 
     @property
     def fixed(self) -> bool:
-        """Whether the estimator leaves it where it is: fixed or considered."""
+        """Whether the estimator keeps the a-priori value: fixed or considered."""
         return self.role is not Role.ESTIMATED
 
 
@@ -145,12 +145,12 @@ class ParameterSet:
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:
-        """Which parameters are not fixed."""
+        """Mask of estimated parameters."""
         return np.array([not item.fixed for item in self.parameters])
 
     @cached_property
     def considered(self) -> NDArray[np.bool_]:
-        """Which parameters are considered."""
+        """Mask of considered parameters."""
         return np.array([item.role is Role.CONSIDERED for item in self.parameters])
 
     @cached_property
@@ -160,12 +160,12 @@ class ParameterSet:
 
     @cached_property
     def prior_sigmas(self) -> Floats:
-        """A-priori standard deviations, each in its unit, infinite where free."""
+        """A-priori standard deviations, each in its unit; infinite for free parameters."""
         return self._column("prior_sigma")
 
     @cached_property
     def scales(self) -> Floats:
-        """Changes worth about one metre of observation."""
+        """Changes that move an observation by about one metre."""
         return self._column("scale")
 
     def _column(self, name: str) -> Floats:
@@ -174,20 +174,16 @@ class ParameterSet:
         return column
 
     def index(self, name: str) -> int:
-        """Position of a parameter in the order.
-
-        Raises
-        ------
-        InputError
-            There is no parameter of that name.
-        """
+        """Return the index of a parameter; an unknown name is an :class:`InputError`."""
         try:
             return self.names.index(name)
         except ValueError:
-            raise InputError(f"there is no parameter {name!r}; there are {', '.join(self.names)}") from None
+            raise InputError(
+                f"unknown parameter {name!r}; the parameters are {', '.join(self.names)}"
+            ) from None
 
     def of_kind(self, kind: str) -> tuple[int, ...]:
-        """Positions of the parameters of one kind; empty if there are none."""
+        """Return the indices of the parameters of one kind."""
         return tuple(i for i, item in enumerate(self.parameters) if item.kind == kind)
 
     def changed(self, name: str, **changes: Any) -> ParameterSet:

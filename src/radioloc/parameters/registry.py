@@ -1,7 +1,7 @@
-"""The kinds of parameter that there are: those of the package, one line each, and those of other packages.
+"""Registry of kinds of parameter: those of the package, one line each, and those of other packages.
 
 A package adds its own by an entry point of the group ``radioloc.parameters`` that names a
-:class:`~radioloc.parameters.kind.ParameterKind`. The position is not among them: it is what the model is computed for.
+:class:`~radioloc.parameters.kind.ParameterKind`. Positions and states are parameters of targets.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Some observations as parameters see them: who took part, when, and what the model computes for them."""
+"""Rows of observations for partials of parameters: participants, times and computed values."""
 
 from __future__ import annotations
 
@@ -22,24 +22,23 @@ from radioloc.vectors import Floats, dot, length
 
 TRANSMIT, RECEIVE, BOUNCE = (TIME_TAGS.index(tag) for tag in ("transmit", "receive", "bounce"))
 
-
 RowFunction = Callable[["ObservationRows"], Any]
 
 
 class ObservationRows:
-    """Some observations of a predictor, none of them combined; arrays have the shape (m,).
+    """Observations of a predictor, none of them combined; arrays have the shape (m,).
 
     Parameters
     ----------
     predictor : Predictor
     rows : ndarray of int, shape (m,), optional
-        Which observations; all of them as a rule.
+        Indices of the observations; all by default.
     reference : Epochs, optional
-        Epoch that offsets of rates refer to, TAI, one; the middle of the arc as a rule.
+        Epoch at which rates contribute nothing, TAI, one; the middle of the arc by default.
     at : Prediction, optional
-        What the predictor predicts; without it a parameter can only be asked which observations it acts on.
+        Prediction of the predictor; without it only the dependence of observations on parameters is known.
     motions : tuple of TargetMotion, optional
-        Motions of the targets with which it predicts that.
+        Motions of the targets in the prediction.
     """
 
     def __init__(
@@ -53,40 +52,40 @@ class ObservationRows:
         self.predictor, self._reference = predictor, reference
         self._at, self._motions = at, motions
         self.rows = np.arange(len(predictor.observations)) if rows is None else rows
-        self._known: dict[RowFunction, Any] = {}
+        self._results: dict[RowFunction, Any] = {}
 
     def __len__(self) -> int:
         return len(self.rows)
 
     def asked(self, function: RowFunction) -> Any:
-        """What a function says of these rows; kinds of parameter that have it in common ask once."""
-        if function not in self._known:
-            self._known[function] = function(self)
-        return self._known[function]
+        """Return a function of these rows, evaluated once for all kinds of parameter that share it."""
+        if function not in self._results:
+            self._results[function] = function(self)
+        return self._results[function]
 
     @property
     def model(self) -> PhysicalModel:
-        """What the predictions rest on."""
+        """Physical model of the predictions."""
         return self.predictor.model
 
     @property
     def observations(self) -> Observations:
-        """The whole table that the rows belong to."""
+        """Complete table that has the rows."""
         return self.predictor.observations
 
     @cached_property
     def kind(self) -> NDArray[np.int8]:
-        """Place of the type in :data:`~radioloc.measurements.registry.KINDS`."""
+        """Index of the type in :data:`~radioloc.measurements.registry.KINDS`."""
         return self.observations.kind[self.rows]
 
     @cached_property
     def tag(self) -> NDArray[np.int8]:
-        """Place of the time tag in :data:`~radioloc.measurements.measurement_type.TIME_TAGS`."""
+        """Index of the time tag in :data:`~radioloc.measurements.measurement_type.TIME_TAGS`."""
         return self.observations.tag[self.rows]
 
     @cached_property
     def ends(self) -> NDArray[np.int32]:
-        """Index of the first and of the second station, shape (m, 2); -1 where there is no first one."""
+        """Index of the first and of the second station, shape (m, 2); -1 without a first station."""
         first, second = self.predictor.transmitters[self.rows], self.predictor.receivers[self.rows]
         return np.stack([np.where(self.one_way, -1, first), second], axis=-1)
 
@@ -112,12 +111,12 @@ class ObservationRows:
 
     @cached_property
     def count_s(self) -> Floats:
-        """Count interval, s; zero where there is none."""
+        """Count interval, s; zero for values without one."""
         return np.where(self.integrated, self.observations.count_s[self.rows], 0.0)
 
     @cached_property
     def tagged(self) -> NDArray[np.bool_]:
-        """Whether the clock of the first and of the second station reads the time tag, shape (m, 2)."""
+        """Whether the time tag is of the clock of the first and of the second station, shape (m, 2)."""
         first = self.baseline | ((self.tag == TRANSMIT) & ~self.one_way)
         return np.stack([first, ~first & (self.tag == RECEIVE)], axis=-1)
 
@@ -131,8 +130,8 @@ class ObservationRows:
     def elapsed_at_ends_s(self) -> Floats:
         """Time at the first and second event of the path, s, shape (m, 2).
 
-        The first event is the transmission, of a baseline the first reception. The time is since the reference epoch,
-        or, where there is a count interval, how long the interval is at that end.
+        The first event is the transmission, of a baseline the first reception. The time is since the reference epoch;
+        for an integrated observation it is the length of the count interval at that end.
         """
         flight_s = self.computed.value_m / C_M_S
         before = np.where(self.tag == RECEIVE, 1.0, np.where(self.tag == BOUNCE, 0.5, 0.0))
@@ -142,17 +141,17 @@ class ObservationRows:
 
     @cached_property
     def computed(self) -> Computed:
-        """What the model computes of these observations."""
-        assert self._at is not None  # asked for partials only
+        """Values and partials that the model computes."""
+        assert self._at is not None  # for partials only
         return self._at.rows(self.rows)
 
     def by_displacement(self, displacement_pa_m: Callable[[Epochs], Floats]) -> Floats:
-        """Partials by what moves the target in principal axes, shape (m, components).
+        """Partials by displacements of the target in principal axes, shape (m, components).
 
-        From epochs (TDB, k of them) `displacement_pa_m` gives the displacement by a unit of each component, m, shape
-        (k, components, 3). Nothing in it may vary faster than in two days.
+        At k epochs, TDB, `displacement_pa_m` returns the displacement by a unit of each component, m, shape
+        (k, components, 3). Its periods are two days or more.
         """
-        # When the signal meets the Moon, to 0.1 s, in which nothing that varies in days moves.
+        # The bounce at the Moon to 0.1 s, in which quantities with periods of days do not change.
         late = np.where(self.baseline | (self.tag == RECEIVE), -1.0, np.where(self.tag == TRANSMIT, 1.0, 0.0))
         late = np.where(self.one_way & (self.tag == TRANSMIT), 0.0, late)
         met_s = late * self.light_time_s
@@ -168,7 +167,7 @@ class ObservationRows:
 
     @cached_property
     def light_time_s(self) -> Floats:
-        """One way at the time tags, from the Moon's centre to that of the Earth: of a path to 0.03 s."""
+        """One-way light time between the centres of Moon and Earth at the time tags, good to 0.03 s for a path."""
         distance_m = evaluate_smooth(
             lambda at: length(self.model.ephemeris.geocentric("moon", at)[0]), self._rough_tdb
         )
@@ -176,7 +175,7 @@ class ObservationRows:
 
     @cached_property
     def _rough_tdb(self) -> Epochs:
-        """Time tags as TDB, to 2 ms: TT in its place."""
+        """Time tags in TT in place of TDB, good to 2 ms."""
         tt = utc_to_tt(self.observations.epoch[self.rows])
         return Epochs(tt.jd, tt.fraction, "TDB")
 
@@ -194,18 +193,18 @@ class ObservationRows:
     @property
     def target_pa_m(self) -> Floats:
         """Position of each observation's target on the Moon, principal axes, m, (m, 3); zeros of a spacecraft."""
-        assert self._motions is not None  # asked for partials only
+        assert self._motions is not None  # for partials only
         return positions_pa_m(self._motions)[self.target]
 
 
 def middle_of(observations: Observations) -> Epochs:
-    """Half way between the first and the last of some observations, TAI, one epoch."""
+    """Return the epoch halfway between the first and the last observation, TAI, one."""
     ends = utc_to_tai(observations.span())
     return ends[:1].shifted(0.5 * ends[1:].seconds_since(ends[:1]))
 
 
 def networks(pairs: NDArray[np.integer[Any]], count: int) -> NDArray[np.intp]:
-    """Number of the network that each of some things, such as stations, is in, (count,), from pairs of them (n, 2)."""
+    """Return the number of the connected network of each of `count` items, from pairs of connected items (n, 2)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 

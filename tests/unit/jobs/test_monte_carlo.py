@@ -453,7 +453,7 @@ def test_arguments_that_cannot_be(study, arguments, message):
 
 
 def test_studies_that_cannot_be(study):
-    with pytest.raises(InputError, match="nothing to simulate"):
+    with pytest.raises(InputError, match="expected a study with a simulation"):
         radioloc.monte_carlo(replace(study, simulation=None))
     with pytest.raises(InputError, match="needs the position estimated"):
         radioloc.monte_carlo(replace(study, estimate=EstimateChoice(position="none", range_bias="all")))

@@ -71,9 +71,7 @@ def test_targets_under_the_names_of_the_study():
     assert named.paths().tolist() == ["DSS-24>grail-b>DSS-24", *["grail-b>DSS-24"] * 2]
     assert len(named.links) == 2
     assert named.ramps.stations == ("DSS-24", "grail-b")
-    with pytest.raises(
-        radioloc.errors.InputError, match=r"target_names: .* no target sc999, but grail-b, sc181"
-    ):
+    with pytest.raises(radioloc.errors.InputError, match=r"target_names: .*grail-b, sc181.* got sc999"):
         with_target_names(given, {"sc999": "x"})
 
 
@@ -83,7 +81,7 @@ def test_a_table_of_which_all_is_kept_is_not_copied():
 
 
 def test_several_targets_need_a_choice():
-    with pytest.raises(radioloc.errors.InputError, match=r"several targets \(apollo11, apollo15\).*name one"):
+    with pytest.raises(radioloc.errors.InputError, match=r"one target.* got apollo11, apollo15; name one"):
         kept(ObservationChoice())
     with pytest.raises(radioloc.errors.InputError, match="several targets are named: apollo11, apollo15"):
         kept(ObservationChoice(targets=["apollo11", "apollo15"]))

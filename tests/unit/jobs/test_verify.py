@@ -79,7 +79,7 @@ def test_residuals_and_arcs_are_verified_as_such(copy, capsys):
         assert fit["used"] + fit["rejected"] < 153
         assert verify(file).same
     (copy / "arcs" / INCOMPLETE).touch()
-    with pytest.raises(InputError, match="not written to the end"):
+    with pytest.raises(InputError, match="not written completely"):
         verify(file)
 
 
@@ -126,13 +126,13 @@ def altered(file, content=None):
 @pytest.mark.parametrize(
     ("how", "words"),
     [
-        (altered(DATA), f"cannot be made again from .*s.toml: {DATA} has another content"),
-        (lambda folder: (folder / DATA).rename(folder / "apollo15.csv"), f"{DATA} is missing, apollo15.csv was not"),
-        (lambda folder: shutil.copy(folder / DATA, folder / "apollo15_2.csv"), "apollo15_2.csv was not there"),
-        (altered("s.toml"), "s.toml is not the study file that it was made from"),
-        (lambda folder: (folder / "s.toml").unlink(), "study file .*s.toml is missing; give where it is now"),
-        (lambda folder: change(folder, lambda c: c["provenance"].pop("study")), "was made from no study file"),
-        (altered("out/INCOMPLETE", "x"), "not written to the end"),
+        (altered(DATA), f"cannot be repeated from .*s.toml: {DATA} has another content"),
+        (lambda folder: (folder / DATA).rename(folder / "apollo15.csv"), f"{DATA} is missing, apollo15.csv is new"),
+        (lambda folder: shutil.copy(folder / DATA, folder / "apollo15_2.csv"), "apollo15_2.csv is new"),
+        (altered("s.toml"), "s.toml has changed"),
+        (lambda folder: (folder / "s.toml").unlink(), "study file .*s.toml is missing; give its new place"),
+        (lambda folder: change(folder, lambda c: c["provenance"].pop("study")), "expected a solution of a study file"),
+        (altered("out/INCOMPLETE", "x"), "not written completely"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_made_again_says_why(how, words, copy, capsys):
@@ -155,7 +155,7 @@ def test_what_was_changed_in_python_is_not_taken_for_the_file(copy):
     study = radioloc.read_study(copy / "s.toml")
     other = replace(study, estimate=replace(study.estimate, rejection_sigma=4.0))
     radioloc.write_report(radioloc.locate(other), copy / "out")
-    with pytest.raises(InputError, match=r"its settings are others \(estimate\)"):
+    with pytest.raises(InputError, match=r"its settings differ \(estimate\)"):
         verify(copy / "out" / "solution.json")
     given = radioloc.read_observations(copy / DATA).select(range(100))
     solution = radioloc.residuals(study, replace(given, files=("other.csv",)))

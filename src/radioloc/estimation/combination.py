@@ -132,12 +132,6 @@ class PositionEstimate:
         rows = {_prior_name(item, provenance): item for item in content.get("priors", ())}
         priors = {name: -np.array(item["position_enu_m"]) for name, item in rows.items()}
         timed = {item["name"]: item for item in content.get("considered", ())} | rows
-        terrain = None
-        for name, item in rows.items():
-            if item["name"].endswith(_ABOVE_TERRAIN):
-                model = provenance["estimate"]["height_prior"]
-                part = min(float(model["sigma_m"]) / float(item["sigma"]), 1.0) ** 2
-                terrain = TerrainHeight(name, part, float(provenance["terrain_resolution_m"]))
         sample = content.get("observations")
         images = frozenset(provenance.get("images", ()))
         sigmas = content["sigma"].get("ephemeris", {}).values()
@@ -157,7 +151,7 @@ class PositionEstimate:
                 for name, item in timed.items()
                 if "first_utc" in item
             },
-            terrain,
+            _terrain_height(rows, provenance),
             frozenset(given or files) | images,
             images,
             None if sample is None else tuple(map(SampledSeries.from_dict, sample)),
@@ -224,6 +218,16 @@ class PositionEstimate:
     def contains(self, other: PositionEstimate) -> bool:
         """Whether the data of another estimate are the first hours of this one's."""
         return self.study is not None and self.study == other.study and self.hours > other.hours
+
+
+def _terrain_height(rows: Mapping[str, Any], provenance: Mapping[str, Any]) -> TerrainHeight | None:
+    """Return the a-priori height above terrain among the a-priori values of a solution."""
+    for name, item in rows.items():
+        if item["name"].endswith(_ABOVE_TERRAIN):
+            model = provenance["estimate"]["height_prior"]
+            part = min(float(model["sigma_m"]) / float(item["sigma"]), 1.0) ** 2
+            return TerrainHeight(name, part, float(provenance["terrain_resolution_m"]))
+    return None
 
 
 @dataclass(frozen=True, slots=True)

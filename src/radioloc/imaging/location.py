@@ -6,7 +6,7 @@ import math
 import shutil
 import tempfile
 import weakref
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from functools import partial
 from pathlib import Path
 
@@ -22,7 +22,14 @@ from radioloc.imaging.point_location import FRAME, ground_at, locate_point, loca
 from radioloc.imaging.registration import RegisteredFrame, Registration, register_chain
 from radioloc.imaging.shading import sun_over_map, write_shaded_map
 from radioloc.imaging.solution import ImageSolution, PointSolution
-from radioloc.imaging.study import ImageChoice, ImageStudy, PointStudy, StereoChoice, read_image_study
+from radioloc.imaging.study import (
+    CameraChoice,
+    ImageChoice,
+    ImageStudy,
+    PointStudy,
+    StereoChoice,
+    read_image_study,
+)
 from radioloc.lunar import LunarPosition, Map, TerrainModel
 from radioloc.lunar.grey_images import Mask
 from radioloc.progress import progress_bar
@@ -201,12 +208,7 @@ def _solution(
             "the lander is in the last image; where an image before it looked is not where it stands"
         )
     camera = study.camera
-    altitudes = {}
-    for frame in frames:
-        if frame.is_registered and camera is not None:
-            shape = (round(2.0 * frame.centre[1] + 1.0), round(2.0 * frame.centre[0] + 1.0))
-            downward_m = float(altitude_m(camera.camera(shape), frame.pixel_m))
-            altitudes[frame.name] = frame.altitude_m if math.isfinite(frame.altitude_m) else downward_m
+    altitudes = {} if camera is None else dict(_altitudes(camera, frames))
     if descent_m:
         altitude = f" from {altitudes[last.name]:.3g} m" if last.name in altitudes else ""
         notes.append(
@@ -233,6 +235,15 @@ def _solution(
         provenance_of(study.path, chosen.files, (chosen.base_map, chosen.dem, chosen.mask, chosen.near)),
         dict(zip(_names(chosen.files), chosen.files, strict=True)),
     )
+
+
+def _altitudes(camera: CameraChoice, frames: Iterable[RegisteredFrame]) -> Iterator[tuple[str, float]]:
+    """Yield the registered images with their altitudes, m, for a camera that looks down if no other is known."""
+    for frame in frames:
+        if frame.is_registered:
+            shape = (round(2.0 * frame.centre[1] + 1.0), round(2.0 * frame.centre[0] + 1.0))
+            downward_m = float(altitude_m(camera.camera(shape), frame.pixel_m))
+            yield frame.name, frame.altitude_m if math.isfinite(frame.altitude_m) else downward_m
 
 
 def _unknown_descent_m(registration: Registration, last: RegisteredFrame) -> float:

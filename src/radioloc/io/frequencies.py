@@ -355,15 +355,7 @@ def read_fdets(
                 f"{said[:60]!r} is not a detection: time, signal to noise, maximum, frequency and residual"
             )
             raise FileFormatError(path, problem, number) from None
-    in_head = (head["day"][4] if "day" in head else "") or ""
-    in_name = (_IN_NAME.search(Path(path).name) or ["", ""])[1]
-    if in_head and in_name and in_head.upper() != in_name.upper():
-        problem = f"the head says the telescope {in_head}, the file's name {in_name}; correct one of them"
-        raise FileFormatError(path, problem)
-    telescope = in_head or in_name
-    if not telescope:
-        problem = "does not say the telescope, nor does its name; call it as Fdets.mex2013.12.28.Ww.r2i.txt"
-        raise FileFormatError(path, problem)
+    telescope = _telescope(path, head)
     try:
         base_hz = 1e6 * float(head["base"][1])
     except (KeyError, ValueError):
@@ -378,6 +370,19 @@ def read_fdets(
         offset_hz=base_hz,
         count_s=float(head["dT"][1]) if "dT" in head else None,
     )
+
+
+def _telescope(path: str | Path, head: Mapping[str, re.Match[str]]) -> str:
+    """Return the telescope in the head of a file, or else in its name."""
+    in_head = (head["day"][4] if "day" in head else "") or ""
+    in_name = (_IN_NAME.search(Path(path).name) or ["", ""])[1]
+    if in_head and in_name and in_head.upper() != in_name.upper():
+        problem = f"the head says the telescope {in_head}, the file's name {in_name}; correct one of them"
+        raise FileFormatError(path, problem)
+    if not (in_head or in_name):
+        problem = "does not say the telescope, nor does its name; call it as Fdets.mex2013.12.28.Ww.r2i.txt"
+        raise FileFormatError(path, problem)
+    return in_head or in_name
 
 
 def _date_and_second(

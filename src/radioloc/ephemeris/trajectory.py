@@ -89,9 +89,7 @@ class Trajectory:
     body: int  # NAIF code
     segments: tuple[TrajectorySegment, ...]  # in the file's order
     bases: Mapping[int, Trajectory]  # of the centres that the same file gives, by NAIF code
-    covered_s: tuple[
-        tuple[float, float], ...
-    ]  # disjoint spans, TDB seconds since J2000, in the order of time
+    covered_s: tuple[tuple[float, float], ...]  # disjoint spans, TDB seconds since J2000, in order
 
     @classmethod
     def open(cls, path: str | Path, body: int) -> Trajectory:

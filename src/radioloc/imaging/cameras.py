@@ -194,9 +194,8 @@ def as_rotation(values: ArrayLike, name: str) -> Floats:
 
 def altitude_m(camera: Camera, ground_pixel_m: ArrayLike) -> Floats:
     """Return the altitudes, m, from which a pixel of a camera that looks straight down covers so much ground, m."""
-    focal_length_px = (
-        abs(np.linalg.det(camera.pixel_per_mm)) ** 0.5 * camera.focal_length_mm
-    )  # mean of both directions
+    # The scale is the mean of both directions.
+    focal_length_px = abs(np.linalg.det(camera.pixel_per_mm)) ** 0.5 * camera.focal_length_mm
     return np.asarray(ground_pixel_m, dtype=np.float64) * focal_length_px
 
 

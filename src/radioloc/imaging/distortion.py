@@ -209,9 +209,8 @@ def _kaguya(points: Floats, c: tuple[float, ...]) -> tuple[Floats, Floats]:
     coefficients = np.array([c[1:5], c[6:10]])
     shift = (coefficients @ powers).T + np.array([c[0], c[5]])
     with np.errstate(invalid="ignore", divide="ignore"):
-        outward = np.where(
-            r[:, None] > 0.0, points / r[:, None], 0.0
-        )  # at the axis the slope has no direction
+        # At the axis the slope has no direction.
+        outward = np.where(r[:, None] > 0.0, points / r[:, None], 0.0)
     jacobian = np.eye(2) + (coefficients @ slopes).T[:, :, None] * outward[:, None, :]
     return points + shift, jacobian
 

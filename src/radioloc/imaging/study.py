@@ -148,13 +148,13 @@ class StereoChoice(GroundChoice):
     left: CameraChoice | None = None
     right: CameraChoice | None = None
     baseline_m: tuple[float, float, float] | None = (
-        None  # right camera in the axes of the left: right, down, ahead
+        None  # of the right camera: right, down, ahead of the left
     )
     rotation_deg: tuple[float, float, float] = (
         0.0,
         0.0,
         0.0,
-    )  # turns the axes of the left camera to the right one's
+    )  # turns the left camera's axes to the right one's
     point_sigma_px: float = entry(0.3, positive=True)
     camera_in_body_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # left camera: ahead, right, down
     body_attitude_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)  # heading, pitch, roll

@@ -66,9 +66,7 @@ class ZenithAir:
     wet_m: Floats
     hydrostatic_abc: Floats  # coefficients of the mapping function, shape (n, 3)
     wet_abc: Floats
-    height_above_a_m: (
-        Floats  # height of the station above that for which the hydrostatic ones hold, shape (n,)
-    )
+    height_above_a_m: Floats  # of the station above that for which the hydrostatic ones hold, shape (n,)
 
     def mapping(self, elevation_rad: Floats, rows: NDArray[np.intp] | slice) -> MappingFactors:
         """Evaluate the mapping functions of some rows at their elevations."""

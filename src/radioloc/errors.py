@@ -91,6 +91,17 @@ def named(where: str) -> Iterator[None]:
         raise type(error)(f"{where} {error}") from None
 
 
+@contextmanager
+def in_file(path: str | Path, line: int | None = None) -> Iterator[None]:
+    """Turn errors of input into errors of a file and line, but for those that name a file already."""
+    try:
+        yield
+    except FileFormatError:
+        raise
+    except InputError as error:
+        raise FileFormatError(path, str(error), line) from None
+
+
 def require_type(where: str, value: object, *expected: type) -> None:
     """Raise an InputError with the argument's name if a value has none of the expected types."""
     if isinstance(value, expected):

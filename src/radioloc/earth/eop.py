@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.constants import ARCSEC_RAD, MJD_ZERO_JD, SECONDS_PER_DAY, TT_MINUS_TAI_S
 from radioloc.earth.eop_tides import zonal_tides
-from radioloc.errors import CoverageError, FileFormatError, InputError
+from radioloc.errors import CoverageError, FileFormatError, InputError, in_file
 from radioloc.text_files import read_blocks
 from radioloc.time import Epochs, utc_to_tt
 from radioloc.units import in_unit
@@ -141,10 +141,9 @@ class EopTable:
     def from_file(cls, path: str | Path) -> EopTable:
         """Read a C04 or finals2000A file of one's own; the part before 1972 is left out."""
         columns, sources = read_eop_rows(path, _MJD_1972)
-        try:
-            return cls(**columns, sources=sources)
-        except InputError as error:
-            raise FileFormatError(path, str(error)) from error
+        with in_file(path):
+            table = cls(**columns, sources=sources)
+        return table
 
     @property
     def first_date(self) -> str:

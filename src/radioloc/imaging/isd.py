@@ -18,7 +18,7 @@ import numpy as np
 
 from radioloc import vectors
 from radioloc.ephemeris.orientation import LUNAR_AXES
-from radioloc.errors import DataQualityWarning, FileFormatError, InputError
+from radioloc.errors import DataQualityWarning, FileFormatError, InputError, in_file
 from radioloc.imaging.cameras import Camera
 from radioloc.imaging.distortion import KINDS, Distortion
 from radioloc.imaging.labels import Keys, is_isis_cube, isd_of_cube
@@ -94,12 +94,9 @@ def read_isd(path: str | Path, *, axes: str | None = None) -> SupportData:
     name = keys.text("name_model")
     if name not in (_FRAME, _LINE_SCAN):
         raise FileFormatError(path, f"name_model is {name!r}; {_FRAME} and {_LINE_SCAN} are read")
-    try:
-        return _support_data(keys, name == _LINE_SCAN, axes)
-    except FileFormatError:
-        raise
-    except InputError as error:
-        raise FileFormatError(path, str(error)) from error
+    with in_file(path):
+        data = _support_data(keys, name == _LINE_SCAN, axes)
+    return data
 
 
 def _support_data(keys: Keys, scan: bool, axes: str | None) -> SupportData:

@@ -26,7 +26,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.imaging.frames import load_opencv
 from radioloc.imaging.homography import derivative, fit_homography, transformed
@@ -131,12 +130,8 @@ def detect(
     )
 
 
-@bare_arguments
 def match(
-    first: Features,
-    second: Features,
-    predicted: Floats | None = None,
-    radius_px: float = math.inf,
+    first: Features, second: Features, predicted: Floats | None = None, radius_px: float = math.inf
 ) -> Matches:
     """Find the tie points of two images and the homography between them, within a radius of predicted partners."""
     if min(len(first.pixels), len(second.pixels)) < _FEWEST_FEATURES:

@@ -6,14 +6,13 @@ distances compared with where a map has them (equation 6).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.boundary import bare_arguments
 from radioloc.errors import ConvergenceError, InputError
-from radioloc.imaging.cameras import Camera, as_points, as_rotation, as_vector
+from radioloc.imaging.cameras import Camera, as_points
 from radioloc.vectors import Floats
 
 _STEPS = 20
@@ -39,25 +38,15 @@ class StereoPair:
     left: Camera
     right: Camera
     baseline_m: Floats  # the right camera in the left one's axes
-    rot_left_to_right: Floats | None = None  # the identity if not given
+    rot_left_to_right: Floats = field(default_factory=lambda: np.eye(3))
 
     def __post_init__(self) -> None:
-        baseline = as_vector(self.baseline_m, 3, "baseline_m")
-        if not baseline.any():
+        if not self.baseline_m.any():
             raise InputError("baseline_m is zero: the two cameras stand at one place")
-        rotation = np.eye(3) if self.rot_left_to_right is None else self.rot_left_to_right
-        object.__setattr__(self, "baseline_m", baseline)
-        object.__setattr__(self, "rot_left_to_right", as_rotation(rotation, "rot_left_to_right"))
 
-    @bare_arguments
     def intersect(self, left_px: ArrayLike, right_px: ArrayLike, sigma_px: float = 0.3) -> Intersection:
         """Intersect the rays of points, (n, 2), that both images show, by least squares of their four coordinates."""
         left, right = as_points(left_px, 2, "left_px"), as_points(right_px, 2, "right_px")
-        if len(left) != len(right):
-            raise InputError(f"left_px has {len(left)} points, right_px {len(right)}; each must be in both")
-        if not sigma_px > 0.0:
-            raise InputError(f"sigma_px = {sigma_px!r} is not a positive number of pixels")
-        assert self.rot_left_to_right is not None
         points = self._nearest_to_both_rays(left, right)
         observed = np.concatenate([left, right], axis=1)
         for _ in range(_STEPS):
@@ -79,7 +68,6 @@ class StereoPair:
 
     def _nearest_to_both_rays(self, left: Floats, right: Floats) -> Floats:
         """Points halfway between two rays, which is where the intersection starts."""
-        assert self.rot_left_to_right is not None
         rays = [self.left.directions(left), self.right.directions(right) @ self.rot_left_to_right]
         one, two = (ray / np.linalg.norm(ray, axis=1)[:, None] for ray in rays)
         cosine = (one * two).sum(axis=1)
@@ -109,39 +97,20 @@ class Resection:
     chi2: float  # of the residuals, with n - 2 degrees of freedom
 
 
-@bare_arguments
 def resect(
-    landmarks_m: ArrayLike,
-    distances_m: ArrayLike,
-    distance_sigma_m: ArrayLike,
-    landmark_sigma_m: float,
+    landmarks_m: Floats, distances_m: ArrayLike, distance_sigma_m: ArrayLike, landmark_sigma_m: float
 ) -> Resection:
-    """Locate a camera by its horizontal distances to landmarks, (n, 2), east and north on a map (equation 6).
-
-    The landmarks' sigma is that of each coordinate on the map; the tie of the map as a whole is not in it.
-    """
+    """Locate a camera by its horizontal distances to landmarks, (n, 2), east and north on a map (equation 6)."""
+    # The sigma of landmarks is that of each coordinate on the map, without the tie of the map as a whole.
     from scipy.optimize import least_squares
 
-    landmarks = as_points(landmarks_m, 2, "landmarks_m")
-    distances = np.asarray(distances_m, dtype=np.float64)
-    if (
-        distances.shape != (len(landmarks),)
-        or not (distances > 0.0).all()
-        or not np.isfinite(distances).all()
-    ):
-        raise InputError("distances_m: one positive number for each landmark is needed")
-    if len(landmarks) < 4:
-        raise InputError(f"{len(landmarks)} landmarks; four or more are needed, so that a wrong one shows")
-    variances = np.square(distance_sigma_m) + landmark_sigma_m**2
-    if not (np.isfinite(variances).all() and np.all(variances > 0.0)):
-        raise InputError("distance_sigma_m and landmark_sigma_m must be finite, and not both zero")
-    sigmas = np.sqrt(np.broadcast_to(variances, distances.shape))
+    sigmas = np.sqrt(np.square(distance_sigma_m) + landmark_sigma_m**2)
 
     def misfit(place: Floats) -> Floats:
-        return np.asarray((distances - np.linalg.norm(landmarks - place, axis=1)) / sigmas)
+        return np.asarray((distances_m - np.linalg.norm(landmarks_m - place, axis=1)) / sigmas)
 
     # From the middle of the landmarks and from all around it: distances alone may have several places.
-    middle, reach = landmarks.mean(axis=0), float(distances.max())
+    middle, reach = landmarks_m.mean(axis=0), float(np.max(distances_m))
     around = np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS, endpoint=False)
     starts = [middle + reach * np.array([np.cos(a), np.sin(a)]) for a in around]
     found = sorted((least_squares(misfit, start) for start in (middle, *starts)), key=lambda fit: fit.cost)

@@ -32,7 +32,7 @@ import numpy as np
 from radioloc.boundary import bare_fields
 from radioloc.constants import C_M_S, MJD_ZERO_JD, SECONDS_PER_DAY
 from radioloc.earth.stations import Station, StationCatalogue
-from radioloc.errors import FileFormatError, InputError
+from radioloc.errors import FileFormatError, InputError, in_file
 from radioloc.io.checks import read_utc
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations, without_duplicates
@@ -212,10 +212,8 @@ def frequency_observations(
         count_s,
         lambda problem, row: FileFormatError(path, problem, lines[row]),
     )
-    try:
+    with in_file(path):
         links = [Link(up or its.transmitter, its.target, down).named(catalogue) for up, down in ends]
-    except InputError as error:
-        raise FileFormatError(path, str(error)) from None
     one_way = np.array([not link.transmitter for link in links])[station]
     observations = Observations.from_columns(
         epoch=epoch,
@@ -289,7 +287,7 @@ def read_sites(path: str | Path) -> tuple[Station, ...]:
             )
             raise FileFormatError(path, problem, number)
         name, (latitude, longitude, height_m) = _site_name(match[1]), map(float, match.groups()[1:])
-        try:
+        with in_file(path, number):
             made = Station.from_geodetic(
                 longitude_deg=longitude,
                 latitude_deg=latitude,
@@ -301,8 +299,6 @@ def read_sites(path: str | Path) -> tuple[Station, ...]:
                 quality="rounded",
                 source=Path(path).name,
             )
-        except InputError as error:
-            raise FileFormatError(path, str(error), number) from None
         if name in stations:
             raise FileFormatError(path, f"site {match[1]} is there twice; leave one of them out", number)
         stations[name] = made

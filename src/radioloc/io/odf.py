@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S
 from radioloc.earth.stations import StationCatalogue, station_name
-from radioloc.errors import DataQualityWarning, FileFormatError, InputError
+from radioloc.errors import DataQualityWarning, FileFormatError, in_file
 from radioloc.io.odf_records import OdfFile, odf_error, read_odf_file
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
@@ -253,18 +253,15 @@ def _ramps(odf: OdfFile, catalogue: StationCatalogue | None) -> Ramps:
                 at_ns[mine] += records["transmitter_delay_ns"][nearest]
         return _utc(odf, at_ns)
 
-    try:
-        return Ramps.of(
+    with in_file(odf.path):
+        made = Ramps.of(
             [names[number] for number in ramps["station"].tolist()],
             at_antenna("start"),
             at_antenna("stop"),
             1e9 * ramps["frequency_ghz"] + ramps["frequency_hz"] + 1e-9 * ramps["frequency_nhz"],
             ramps["rate_hz_s"] + 1e-9 * ramps["rate_nhz_s"],
         )
-    except FileFormatError:
-        raise
-    except InputError as error:
-        raise FileFormatError(odf.path, str(error)) from None
+    return made
 
 
 def _station(number: int, catalogue: StationCatalogue | None, network: int = 0) -> str:

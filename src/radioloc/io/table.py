@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from radioloc._version import __version__
 from radioloc.constants import C_M_S
 from radioloc.earth.stations import StationCatalogue, station_name
-from radioloc.errors import FileFormatError, InputError
+from radioloc.errors import FileFormatError, InputError, in_file
 from radioloc.labels import Labels, changed
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations, observations_of
@@ -202,10 +202,9 @@ def read_ramps(path: str | Path, *, catalogue: StationCatalogue | None = None) -
         raise FileFormatError(path, "has columns, but no ramps")
     span = Epochs.concatenate(spans)
     frequency_hz, rate_hz_s = np.array(numbers).T
-    try:
-        return Ramps.of(names, span[0::2], span[1::2], frequency_hz, rate_hz_s)
-    except InputError as error:
-        raise FileFormatError(path, str(error)) from None
+    with in_file(path):
+        ramps = Ramps.of(names, span[0::2], span[1::2], frequency_hz, rate_hz_s)
+    return ramps
 
 
 def read_ramps_only(path: str | Path, *, catalogue: StationCatalogue | None = None) -> Observations:

@@ -33,7 +33,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.errors import FileFormatError, InputError
+from radioloc.errors import FileFormatError, in_file
 from radioloc.media.grids import LatLonGrid, epochs_around, sort_into_grid
 from radioloc.media.mapping_functions import day_of_year, seasons
 from radioloc.media.neutral_atmosphere import (
@@ -161,10 +161,8 @@ def read_vmf3_grids(paths: Sequence[Path], orography: str | Path) -> Vmf3Grids:
         if table.shape != first[1].shape or (table[:, :2] != first[1][:, :2]).any():
             raise FileFormatError(path, f"has other points than {first[0]}; give maps of one grid")
         maps[mjd] = path, table
-    try:
+    with in_file(path):
         grid, order = sort_into_grid(table[:, 0], table[:, 1], "the map of VMF3")
-    except InputError as error:
-        raise FileFormatError(path, str(error)) from error
     mjds = np.array(sorted(maps))
     values = np.stack([maps[mjd][1][order, 2:] for mjd in mjds])
     return Vmf3Grids(grid, mjds, values, _read_orography(orography, order))
@@ -198,10 +196,8 @@ def _read_map(path: Path) -> tuple[float, Floats]:
     if len(parts) != 6:
         raise FileFormatError(path, "the epoch must be year month day hour minute second", number)
     date = "{:04.0f}-{:02.0f}-{:02.0f}T{:02.0f}:{:02.0f}:{:02.0f}".format(*parts)
-    try:
+    with in_file(path, number):
         mjd = float(epochs_from_strings(date, "UTC").mjd[0])
-    except InputError as error:
-        raise FileFormatError(path, str(error), number) from error
     table = table_of(path, rows, _GRID_COLUMNS[kind], f"a map {content}")[:, :6]
     if not len(table):
         raise FileFormatError(path, "there is no point")
@@ -302,10 +298,8 @@ def read_gpt3(path: str | Path) -> Gpt3Grid:
         if line.strip() and not line.lstrip().startswith("%")
     ]
     table = table_of(path, lines, _COLUMNS, "a grid of GPT3")
-    try:
+    with in_file(path):
         grid, order = sort_into_grid(table[:, 0], table[:, 1], "the grid of GPT3")
-    except InputError as error:
-        raise FileFormatError(path, str(error)) from error
     split = 2 + 5 * _SEASONAL_BEFORE
     seasonal = np.concatenate([table[:, 2:split], table[:, split + 2 :]], axis=1)
     seasonal = _SCALES[:, None] * seasonal.reshape(len(table), -1, 5)

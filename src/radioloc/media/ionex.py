@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
-from radioloc.errors import FileFormatError, InputError
+from radioloc.errors import FileFormatError, InputError, in_file
 from radioloc.media.grids import LatLonGrid, epochs_around
 from radioloc.media.ionosphere import modified_shell_mapping, pierce_point, require_shell
 from radioloc.text_files import ANY_BYTE, read_lines
@@ -158,11 +158,9 @@ class _Reader:
             raise FileFormatError(self.path, "maps of two dimensions, on one shell, are wanted")
         (radius_km,) = self._header_numbers("BASE RADIUS", width=8)
         (interval_s,) = self._header_numbers("INTERVAL")
-        try:
+        with in_file(self.path):
             grid = LatLonGrid(latitudes, longitudes, self.path.name)
             require_shell(1e3 * lowest_km, 1e3 * radius_km)
-        except InputError as error:
-            raise FileFormatError(self.path, str(error)) from error
         mjds, maps = [], []
         while (label := self._next()[0]) != "END OF FILE":
             if label == "START OF TEC MAP":
@@ -247,11 +245,9 @@ class _Reader:
 
     def _epoch(self, content: str) -> float:
         year, month, day, hour, minute, second = self._numbers(self.line, content, 6)
-        try:
-            # Midnight at the end of a day may be called its 24th hour.
+        # Midnight at the end of a day may be called its 24th hour.
+        with in_file(self.path, self.line):
             midnight = epochs_from_strings(f"{year:04.0f}-{month:02.0f}-{day:02.0f}", "UTC").mjd[0]
-        except InputError as error:
-            raise self.fail(str(error)) from error
         seconds = 3600.0 * hour + 60.0 * minute + second
         if not 0.0 <= seconds <= SECONDS_PER_DAY:
             raise self.fail(f"{content.strip()} is not a time of day")

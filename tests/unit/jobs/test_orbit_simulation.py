@@ -262,5 +262,5 @@ def test_errors_of_gravity_are_drawn_beside_the_noise(made):
     )
     assert np.ptp(drawn.drawn_m) > 100.0 * SIGMA_M
     assert "gravity_errors" in scenario.truth_sigma.keys
-    with pytest.raises(InputError, match="gravity_errors is -1; give a whole number"):
+    with pytest.raises(InputError, match="gravity_errors: expected a whole number"):
         TruthSigma(gravity_errors=-1)

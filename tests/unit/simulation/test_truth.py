@@ -142,16 +142,14 @@ def test_terms_are_switched(change, plain, lander_pa_m, predict_m, model):
 
 
 def test_truths_that_cannot_be(schedule, lander, model):
-    with pytest.raises(
-        InputError, match=r"clock_s: 5.0 is too large .* at most 0.01 s: the curvature of a range"
-    ):
+    with pytest.raises(InputError, match=r"clock_s: .* at most 0.01 s, .*the curvature of a range.* got 5.0"):
         Truth(clock_s=5.0)
-    with pytest.raises(InputError, match=r"station_position_m: -300.0 is too large"):
+    with pytest.raises(InputError, match=r"station_position_m: .* got -300.0"):
         Truth(station_position_m={"KASHI": (0.0, -300.0, 0.0)})
-    with pytest.raises(InputError, match=r"the sigma is -1.0"):
+    with pytest.raises(InputError, match=r"ut1_s: expected a sigma .* got -1.0"):
         TruthSigma(ut1_s=-1.0)
     with pytest.raises(
-        InputError, match="'range_bias' is no error of a parameter; did you mean 'range_bias_m'"
+        InputError, match="'range_bias': unknown error of a parameter; did you mean 'range_bias_m'"
     ):
         Truth(range_bias="all")
     with pytest.raises(InputError, match="'shapira' is not a term"):

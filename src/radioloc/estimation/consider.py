@@ -1,20 +1,20 @@
 """Considered parameters, and what the error of a position is made of.
 
-Considered parameters are held at their a-priori values, whose errors are carried into the covariance of the estimate.
-With the design matrix A of the estimated and B of the considered parameters, the weights W and the formal covariance
-P, an error d of the considered parameters changes the estimate by S d, S = P A^T W B (Tapley, Schutz and Born 2004,
-section 6.2; Montenbruck and Gill 2000, section 8.1.4). To the covariance comes S C S^T with their a-priori covariance
-C.
+Considered parameters are adjusted with their a-priori sigmas as the estimated ones are, but not reported. The weights
+of the observations thus include their covariance C: what one of their errors moves in common is down-weighted, and no
+posterior sigma exceeds its prior. With the covariance P of all adjusted parameters, the gain of an a-priori value is
+K = P C^-1, and the covariance is the sum over the independent sources of K_i C_i K_i^T: the error budget.
 
-The error budget is of independent sources, whose squares add up to the square of the position's total sigma: from
-observations with the noise e and a-priori values with the errors d the estimate is off by P A^T W e + P Q d, with the
-information Q of the a-priori values; to that come the effects of considered parameters and the error assumed of the
-ephemeris.
+Two kinds of errors stay out of the weights. Those that a study names as `suboptimal` are held at their a-priori values
+on purpose. Errors of the gravity field are draws that stand for a covariance of thousands of coefficients; a dozen
+draws do not span it, so an estimate that adjusted them would fit the draws and not the field. With the design matrix B
+of these, an error d changes the estimate by S d, S = P A^T W B (Tapley, Schutz and Born 2004, section 6.2; Montenbruck
+and Gill 2000, section 8.1.4), and S C S^T is added to the covariance.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import gram, times
-from radioloc.estimation.observation_noise import RowsOf, Transposable, Whitening, slices
+from radioloc.estimation.observation_noise import RowsOf, Transposable, slices
 from radioloc.estimation.orbit_state import EAST_NORTH_UP
 from radioloc.parameters.parameter import Parameter, ParameterSet
 from radioloc.parameters.registry import PARAMETERS
@@ -32,91 +32,17 @@ from radioloc.vectors import Floats
 NOISE, A_PRIORI, EPHEMERIS = "measurement noise", "a priori", "ephemeris"
 """Sources of error that are no considered parameters."""
 
-Effects = RowsOf
-"""What independent errors of unit variance do to observations, m, from their indices (m,), shape (m, c)."""
-
-_OF_FRAMES = frozenset(
-    {
-        *("station_position", "ut1", "pole", "moon_position", "moon_position_variation"),
-        *("libration", "libration_variation", "love_numbers", "lunar_lengths", "gravity_error"),
-    }
-)
-"""Kinds of parameter that weights do not allow for. An estimate that did would rest on how they change over the arc,
-which is what their a-priori values, the same for a month or a year, say least about."""
-_MIN_EFFECT_SIGMAS = 0.1  # length of errors that move no combination of parameters by more of its sigmas
-_MIN_WEIGHT_EFFECT_SIGMAS = 0.01  # its square is the relative change of a variance: 0.1 would be 1 %
-_MIN_INFORMATION_RATIO = 1e-10  # least determined eigenvalue over the largest: rounding is below
+_MIN_EFFECT_SIGMAS = 0.1  # of the estimate: its square is the relative change of a variance, 1 %
+_MIN_EFFECT_VARIANCE = 1e-4  # in parts of the variance of the residuals
 _EFFECT_COLUMN_COUNT = 16  # of more effects fewer rows are held together
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConsideredErrors:
-    """Considered parameters with their sigmas, and their columns of the design matrix by rows, (m, c)."""
+    """Considered parameters that stay out of the weights, with their columns of the design matrix by rows, (m, c)."""
 
     parameters: ParameterSet
     partials: RowsOf
-    station_partials: RowsOf | None = None  # by what is at stations alone, where that is less effort
-
-    @property
-    def at_stations(self) -> Effects | None:
-        """Effects of what is at stations, in the air above them and in maps, which a fit tells from the position."""
-        mine = self._at_stations
-        sigmas = self.parameters.prior_sigmas[mine]
-        partials = self.station_partials or (lambda rows: self.partials(rows)[:, mine])
-        return (lambda rows: partials(rows) * sigmas) if len(mine) else None
-
-    @property
-    def _at_stations(self) -> NDArray[np.intp]:
-        return np.flatnonzero([is_at_station(item.kind) for item in self.parameters])
-
-
-def is_at_station(kind: str) -> bool:
-    """Whether a kind of parameter is of stations or the air above them, not of frames that all observations share."""
-    return kind not in _OF_FRAMES
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CommonErrors:
-    """Noise with further errors, independent and of unit variance, that many observations share.
-
-    Without it the sigma of `examples/change5/change5.toml`, clocks considered, is 12.7 m in place of 10.5 m.
-    """
-
-    # With effects E and columns Y whitened by the noise, Y^T (1 + E E^T)^-1 Y is the square of Y - E g and, below, of
-    # the estimates of the errors g = (1 + E^T E)^-1 E^T Y (Woodbury 1950).
-    noise: Whitening
-    # Part by part, which columns are not zero, and these
-    effects: tuple[tuple[NDArray[np.intp], Floats], ...]
-    axes: Floats  # (c, r), combinations of the columns that are E
-    variance: Floats  # (r,), diagonal of (1 + E^T E)^-1
-
-    @classmethod
-    def of(cls, noise: Whitening, effects_m: Effects) -> CommonErrors:
-        """Effects on rows (m,), m, shape (m, c), of which those are kept that the noise does not hide."""
-        effects, products = list[tuple[NDArray[np.intp], Floats]](), np.zeros((0, 0))
-        for part in noise.whitened(effects_m):
-            # Of errors of all stations and passes few have part in any observation
-            there = np.flatnonzero(part.any(axis=0))
-            some = part[:, there]
-            products = products if effects else np.zeros((part.shape[1],) * 2)
-            products[np.ix_(there, there)] += gram(some, some)
-            effects.append((there, some))
-        squares, axes = np.linalg.eigh(products)
-        felt = squares > _MIN_WEIGHT_EFFECT_SIGMAS**2
-        return cls(noise, tuple(effects), axes[:, felt], 1.0 / (1.0 + squares[felt]))
-
-    def whitened(self, rows_of: RowsOf) -> Iterator[Floats]:
-        """Independent combinations part by part, and the estimates of the errors as the last part."""
-        parts = list(self.noise.whitened(rows_of))
-        along = np.zeros((len(self.axes), parts[0].shape[1]))
-        for (there, some), part in zip(self.effects, parts, strict=True):
-            along[there] += gram(some, part)
-        estimates = self.variance[:, None] * (self.axes.T @ along)
-        taken = self.axes @ estimates
-        for (there, some), part in zip(self.effects, parts, strict=True):
-            part -= times(some, taken[there])
-            yield part
-        yield estimates
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,7 +51,7 @@ class Consider:
 
     parameters: ParameterSet  # the considered ones, c
     sensitivity: Floats  # (p, c)
-    in_weights: tuple[str, ...] = ()  # kinds of them that the weights of the estimate allow for
+    in_weights: tuple[str, ...] = ()  # kinds of them that are in the weights of the estimate
 
     def __repr__(self) -> str:
         kinds = ", ".join(dict.fromkeys(item.kind for item in self.parameters))
@@ -153,46 +79,50 @@ def span_record(item: Parameter) -> dict[str, str]:
     return {} if item.span_utc is None else dict(zip(("first_utc", "last_utc"), item.span_utc, strict=True))
 
 
-def consider(fit: FitResult, errors: ConsideredErrors) -> Consider:
-    """What considered parameters do to the estimate of a fit."""
-    moved = moved_by(fit, errors.partials, len(errors.parameters))
-    kinds = dict.fromkeys(item.kind for item in errors.parameters if is_at_station(item.kind))
-    allowed_for = tuple(kinds) if isinstance(fit.whitening, CommonErrors) else ()
-    return Consider(errors.parameters, moved * errors.parameters.prior_sigmas, allowed_for)
+@dataclass(frozen=True, slots=True, eq=False)
+class ReportedEstimate:
+    """Estimated and fixed parameters of a fit, p of them, without the considered ones."""
+
+    parameters: ParameterSet
+    values: Floats  # (p,)
+    formal_covariance: Floats  # (p, p), by noise and a-priori values
+    covariance: Floats  # (p, p), likewise with the noise that the residuals show
+    prior_effects: Floats  # (p, p), change by one sigma of each a-priori value (columns)
+    consider: Consider | None
 
 
-def effects_beside_prior(fit: FitResult, errors: ConsideredErrors) -> Effects:
-    """Effects for weights of tracking that is combined with an independent a-priori position.
-
-    Without it the fit with a position from a map is not the joint estimate of both
-    (`tests/unit/study/test_map_positions.py`).
-    """
-    # Beside the errors at stations these are those of frames, as far as they move the position: with the sensitivity
-    # S of a position from the tracking alone, A S. The a-priori position then counts against the total covariance of
-    # that, N^-1 + S S^T, as where two results are combined. Other parameters have no part in it: their a-priori
-    # values do not share the error.
-    parameters, root, free = fit.parameters, fit.factor.root_covariance(), fit.parameters.free
-    frames = np.flatnonzero([not is_at_station(item.kind) for item in errors.parameters])
-    # In parameters of unit covariance, which differ in units.
-    sigmas = np.linalg.norm(root, axis=1)
-    sigmas[sigmas == 0.0] = 1.0
-    unit = root / sigmas[:, None]
-    information = np.linalg.pinv(unit @ unit.T, rcond=_MIN_INFORMATION_RATIO, hermitian=True)
-    placed = np.array([item.kind == "position" for item in parameters])[free]
-    tracking = information - np.diag(placed * (sigmas / parameters.prior_sigmas[free]) ** 2)
-    alone = np.linalg.pinv(tracking, rcond=_MIN_INFORMATION_RATIO, hermitian=True)
-    moved = moved_by(fit, errors.partials, len(errors.parameters)) * errors.parameters.prior_sigmas
-    sensitivity = np.zeros((len(parameters), len(frames)))
-    sensitivity[free] = (placed * sigmas)[:, None] * (
-        alone @ information @ (moved[np.ix_(free, frames)] / sigmas[:, None])
+def reported(fit: FitResult, covariance: Floats, suboptimal: ConsideredErrors | None) -> ReportedEstimate:
+    """Separate the estimate from the considered parameters, whose errors are a part of `covariance` (all, all)."""
+    considered = fit.parameters.considered
+    mine, of_errors = np.flatnonzero(~considered).tolist(), np.flatnonzero(considered).tolist()
+    effects = prior_effects(fit)
+    block = np.ix_(mine, mine)
+    formal, scaled = fit.covariance[block], covariance[block]
+    items = [fit.parameters.parameters[k] for k in of_errors]
+    # An estimate follows an a-priori value, and goes against the error of one.
+    sensitivity = -effects[np.ix_(mine, of_errors)]
+    sensitivity[np.isinf(np.diag(formal))] = 0.0
+    formal, scaled = (_without(whole, sensitivity @ sensitivity.T) for whole in (formal, scaled))
+    in_weights = tuple(dict.fromkeys(item.kind for item in items))
+    if suboptimal is not None:
+        moved = moved_by(fit, suboptimal.partials, len(suboptimal.parameters))[mine]
+        sensitivity = np.hstack([sensitivity, moved * suboptimal.parameters.prior_sigmas])
+        items += suboptimal.parameters.parameters
+    return ReportedEstimate(
+        ParameterSet([fit.parameters.parameters[k] for k in mine]),
+        fit.x[mine],
+        formal,
+        scaled,
+        effects[block],
+        Consider(ParameterSet(items), sensitivity, in_weights) if items else None,
     )
-    of_stations = errors.at_stations
 
-    def effects(rows: NDArray[np.intp]) -> Floats:
-        of_frames = fit.linearization.partials(rows) @ sensitivity
-        return of_frames if of_stations is None else np.hstack([of_stations(rows), of_frames])
 
-    return effects
+def _without(covariance: Floats, part: Floats) -> Floats:
+    """Covariance less a part of it, whose variances rounding leaves at zero or above."""
+    left = covariance - part
+    np.fill_diagonal(left, np.maximum(np.diag(left), 0.0))
+    return left
 
 
 def moved_by(fit: FitResult, effects_m: RowsOf, count: int) -> Floats:
@@ -202,31 +132,31 @@ def moved_by(fit: FitResult, effects_m: RowsOf, count: int) -> Floats:
     if not count:
         return moved
     along = np.zeros((root.shape[1], count))
-    # Of common errors effects are weighed by the noise alone; estimates of the errors come last
-    alone = fit.whitening.noise if isinstance(fit.whitening, CommonErrors) else fit.whitening
     whitened = fit.whitened_unit_partials()
-    if isinstance(alone, Transposable):
+    if isinstance(fit.whitening, Transposable):
         # Weights of few parameters are brought to the observations, not many effects to independent combinations
-        for rows, weights in alone.transposed(whitened):
+        for rows, weights in fit.whitening.transposed(whitened):
             for some in slices(len(rows), 1 + count // _EFFECT_COLUMN_COUNT):
                 along += gram(weights[some], effects_m(rows[some]))
     else:
-        for partials, effects in zip(whitened, alone.whitened(effects_m), strict=False):
+        for partials, effects in zip(whitened, fit.whitening.whitened(effects_m), strict=True):
             along += gram(partials, effects)
     moved[fit.parameters.free] = root @ along
     return moved
 
 
-def few_errors(errors: ConsideredErrors, sigma_m: Floats) -> tuple[Floats, int]:
-    """Effects (n, r), m, of few independent errors in place of all, and the count of those, the first, at stations."""
-    # What is left out of a variance is below 1 % of that which observations of `sigma_m` (n,) would leave.
-    mine, found = errors._at_stations, []
-    effects = errors.partials(np.arange(len(sigma_m))) * errors.parameters.prior_sigmas
-    for some in (effects[:, mine], np.delete(effects, mine, axis=1)):
-        weighted = some / sigma_m[:, None]
-        squares, axes = np.linalg.eigh(gram(weighted, weighted))
-        found.append(times(some, axes[:, np.cumsum(squares) > _MIN_EFFECT_SIGMAS**2]))
-    return np.hstack(found), found[0].shape[1]
+def few_errors(effects: Floats, sigma_m: Floats, unit_partials: Floats, usable: NDArray[np.bool_]) -> Floats:
+    """Effects (n, r), m, of few independent errors of unit variance in place of all (n, c).
+
+    Those are kept that move the estimate, by its partials (n, q) in units of its sigmas, or the residuals visibly.
+    """
+    weights = (usable / sigma_m)[:, None]
+    weighted, partials = effects * weights, unit_partials * weights
+    along = gram(partials, weighted)
+    of_residuals = gram(weighted, weighted) / (_MIN_EFFECT_VARIANCE * len(effects))
+    squares = along.T @ along + _MIN_EFFECT_SIGMAS**2 * of_residuals
+    sizes, axes = np.linalg.eigh(squares)
+    return times(effects, axes[:, np.cumsum(sizes) > _MIN_EFFECT_SIGMAS**2])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,6 +23,7 @@ from radioloc.estimation.gauss_markov import TimeCorrelation
 from radioloc.estimation.group_tests import BinnedProblem, Verdict, noise_of_each
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.series import SeriesOrder
+from radioloc.estimation.time_correlation import mixed_units
 from radioloc.parameters.columns import PASS_GAP_H
 from radioloc.time import Epochs, utc_strings
 from radioloc.vectors import Floats
@@ -188,7 +189,7 @@ class _Search:
 
     def groups(self, problem: BinnedProblem) -> list[_Tried]:
         """The estimate without each group: links, types, stations and their passes."""
-        order, width = self.order, self.fit.factor.root_covariance().shape[1]
+        order, width = self.order, mixed_units(self.fit)[1]
         every: dict[tuple[str, str], _Links] = {
             ("link", order.series[code].name): {code: 1.0} for code in self.codes
         }
@@ -254,9 +255,10 @@ class _Search:
         shift = sigma = None
         verdict = tried.verdict
         if self.enu_by_parameters is not None:
-            root = self.fit.factor.root_covariance()
-            by_unit = self.enu_by_parameters[:, self.fit.parameters.free] @ root
-            width = root.shape[1]
+            units, width = mixed_units(self.fit)
+            estimated = self.fit.parameters.free & ~self.fit.parameters.considered
+            adjusted = estimated[self.fit.parameters.free]
+            by_unit = self.enu_by_parameters[:, np.flatnonzero(estimated)] @ units[adjusted, :width]
             shift = tuple((by_unit @ verdict.shift[:width]).tolist())
             sigma = tuple(np.linalg.norm(by_unit @ verdict.root_of_shift[:width], axis=1).tolist())
         amounts = verdict.estimate * tried.scale if tried.components else np.zeros(0)

@@ -34,7 +34,7 @@ from radioloc.estimation.series import (
     points_of,
     series_of,
 )
-from radioloc.estimation.time_correlation import ABSORBED_SIGMAS
+from radioloc.estimation.time_correlation import ABSORBED_SIGMAS, mixed_units
 from radioloc.vectors import Floats
 
 _MIN_SQUARE_FRACTION = 1e-6  # of a column that the parameters must leave of it for a test
@@ -97,15 +97,17 @@ class BinnedProblem:
         considered: ConsideredErrors | None = None,
     ) -> BinnedProblem:
         """Bin a fit; parameters are in coordinates of unit formal covariance, then the considered ones in sigmas."""
-        from scipy.linalg import block_diag
-
         free, sigmas = fit.parameters.free, fit.parameters.prior_sigmas[fit.parameters.free]
         off = (fit.parameters.prior_values - fit.x)[free]
-        unit = fit.factor.root_covariance()
-        width = unit.shape[1]
+        unit, width = mixed_units(fit)
         if considered is not None:
             more = considered.parameters.prior_sigmas
-            unit = block_diag(unit, np.diag(more))
+            unit = np.block(
+                [
+                    [unit, np.zeros((len(unit), len(more)))],
+                    [np.zeros((len(more), unit.shape[1])), np.diag(more)],
+                ]
+            )
             sigmas, off = np.concatenate([sigmas, more]), np.concatenate([off, np.zeros(len(more))])
 
         def constant_and_partials(rows: Rows) -> Floats:

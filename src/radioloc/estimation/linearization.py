@@ -108,6 +108,7 @@ _RANK_TOLERANCE = 1e-10
 length one. Partials carry rounding of about 1e-13 and light-time cut-offs of 1e-11; what they tell beneath 1e-10 is not
 information."""
 
+_MIN_SINGULAR_VALUE = 1e-12  # of a root with rows of length one: less is rounding
 _MAX_SIGMA = 1e6
 """Largest standard deviation of a determined combination, in parameter scales (metres): beyond about the Moon's radius
 the linear model that the figure rests on means nothing."""
@@ -346,6 +347,14 @@ def reduced(triangle: Floats, rows: Floats) -> Floats:
         tops = np.asarray(np.linalg.qr(rows[: count * leaf].reshape(count, leaf, columns), mode="r"))
         rows = np.concatenate([tops.reshape(-1, columns), rows[count * leaf :]])
     return np.asarray(np.linalg.qr(np.concatenate([triangle, rows]), mode="r"))
+
+
+def root_of_rows(root: Floats) -> Floats:
+    """Square root (q, r) of the covariance of some parameters from their rows of a root (q, s)."""
+    lengths = np.linalg.norm(root, axis=1, keepdims=True)
+    lengths[lengths == 0.0] = 1.0
+    vectors, sizes, _ = np.linalg.svd(root / lengths, full_matrices=False)
+    return np.asarray(lengths * vectors[:, sizes > _MIN_SINGULAR_VALUE] * sizes[sizes > _MIN_SINGULAR_VALUE])
 
 
 def covariance_of(factor: Factor, parameters: ParameterSet, unit: Floats | None = None) -> Floats:

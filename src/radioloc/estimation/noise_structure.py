@@ -44,6 +44,7 @@ _SETTLED = 1e-6
 _MIN_OWN_VARIANCE_FRACTION = 1e-2  # of delays: below, closures would weigh as if they were exact
 _MAX_STATION_SIGMA_RATIO = 1e3  # over the delays' own; beyond, it is an error of the model
 _ROUNDING = 1e-9
+_LEAST_SQUARES = 1e-99  # sum of squares of residuals that are nothing but rounding
 _MIN_VARIANCE_RATIO = 2.0  # of a station to all, from which on each has its own
 
 
@@ -85,9 +86,13 @@ def split(fit: FitResult, order: SeriesOrder, groups: Labels, added_m: Mapping[s
     sides = np.take_along_axis(sides, np.argsort(-mean, axis=1, kind="stable")[:, :, None], axis=1)
     sums, numbers = sides @ squares, sides @ counts
     chances = chances_of_noisier(sums, numbers, numbers.sum(axis=2))
-    for k in np.argsort(chances, kind="stable").tolist():
-        if chances[k] > limit:
-            return None
+    # Of the significant ones the division that raises the likelihood most: the noisy station, not the quiet ones.
+    total, count = sums.sum(axis=2), numbers.sum(axis=2)
+    scatter = np.log(np.maximum(total, _LEAST_SQUARES) / np.maximum(count, 1.0))
+    of_both = np.log(np.maximum(total.sum(axis=1), _LEAST_SQUARES) / count.sum(axis=1))
+    gain = of_both * count.sum(axis=1) - (count * scatter).sum(axis=1)
+    significant = np.flatnonzero(chances <= limit)
+    for k in significant[np.argsort(-gain[significant], kind="stable")].tolist():
         name, (mine, _) = candidates[k]
         taken = mine[order.code]
         # What parameters take out of residuals is looked at last, as it takes the partials of all

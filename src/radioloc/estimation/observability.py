@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import covariance_of
 from radioloc.estimation.statistics import finite_or_none
-from radioloc.parameters.parameter import ParameterSet
+from radioloc.parameters.parameter import ParameterSet, Role
 from radioloc.vectors import Floats
 
 WEAK_FACTOR = 100.0
@@ -193,13 +193,18 @@ def assess_observability(fit: FitResult, counted: NDArray[np.bool_] | None = Non
     parameters as it can.
     """
     # Metres of a count, as of Doppler, are no measure of a position's.
-    parameters = fit.parameters
+    # Considered parameters are not reported, so neither is how well the data determine them.
+    adjusted, considered = fit.parameters.free, fit.parameters.considered
+    mine = ~considered[adjusted]
+    parameters = ParameterSet([item for item in fit.parameters if item.role is not Role.CONSIDERED])
     scales = parameters.scales[parameters.free]
-    lost = _simple_basis(fit.factor.undetermined_directions() / scales)
+    lost = _simple_basis(fit.factor.undetermined_directions()[:, mine] / scales)
     lengths = fit.used if counted is None else fit.used & ~counted
     sigma_m = float(np.median(fit.sigma_m[lengths])) if lengths.any() else 0.0
-    vectors, sigmas, _ = np.linalg.svd(fit.factor.root_covariance() / scales[:, None], full_matrices=False)
-    covariance = fit.covariance if fit.independent_weights else covariance_of(fit.factor, parameters)
+    root = fit.factor.root_covariance()[mine]
+    vectors, sigmas, _ = np.linalg.svd(root / scales[:, None], full_matrices=False)
+    covariance = fit.covariance if fit.independent_weights else covariance_of(fit.factor, fit.parameters)
+    covariance = covariance[np.ix_(~considered, ~considered)]
     return Observability(
         singular_values=fit.factor.singular_values,
         undetermined=tuple(_direction(vector, math.inf, parameters) for vector in lost),

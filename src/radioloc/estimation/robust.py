@@ -20,6 +20,7 @@ from radioloc.estimation.linearization import (
     evaluate_step,
     factorize,
     gram,
+    root_of_rows,
     times,
 )
 from radioloc.estimation.observation_noise import ObservationNoise, Rows
@@ -39,7 +40,10 @@ _MAX_SPREAD_RATIO = 0.1
 """Largest ratio of the spread about their estimate to that about Huber's: a few observations can always be left out so
 that the rest agree somewhat better, of weakly determined positions several times better."""
 _CONSENSUS_PASSES = 3  # linearizations: where geometry is weak, gross errors carry far away
-_SETTLED_SIGMAS = 0.1  # the fitted values have settled when none moves by more than this many (robust) sigmas
+_SETTLED_SIGMAS = (
+    0.01  # the fitted values have settled when none moves by more than this many (robust) sigmas
+)
+_SETTLED_LINEAR_SIGMAS = 0.1  # of linear problems, which all start from the same linearization
 _SUBSET_COUNT = 500
 _AGREEMENT_SPREADS = 5.0  # an observation agrees with an estimate within so many spreads
 _RIDGE = 1e-9
@@ -68,6 +72,7 @@ def robust_start(
     rows = sample(whole, sigma_m, usable, parameters) if prepared is None else prepared.start_rows
     sigma_m = sigma_m[rows]
     root = np.zeros((q, 0)) if prepared is None else prepared.to_free
+    settled = _SETTLED_SIGMAS if prepared is None else _SETTLED_LINEAR_SIGMAS
 
     def after(x: Floats, step: Floats) -> tuple[Floats, Linearization, Floats]:
         moved = x.copy()
@@ -85,8 +90,8 @@ def robust_start(
                 break
             root = factor.root_covariance()
         basis = times(partials[:, free], root) / sigma_m[:, None]
-        y = _huber_estimate(basis, left, *_prior_terms(parameters, x, root))
-        if np.abs(basis @ y).max(initial=0.0) < _SETTLED_SIGMAS * max(1.0, robust_scale(left, q)):
+        y = _huber_estimate(basis, left, *_prior_terms(parameters, x, root), settled)
+        if np.abs(basis @ y).max(initial=0.0) < settled * max(1.0, robust_scale(left, q)):
             break
         loss = _huber_loss(left, parameters, x)
         for part in 0.5 ** np.arange(10.0):
@@ -98,6 +103,13 @@ def robust_start(
         x, whole, left = trial, there, trial_left
     spread = robust_scale(left, q)
     trial, there, trial_left = x, whole, left
+    # Subsets as small as the number of estimated parameters are free of gross errors often enough; considered errors
+    # stay as they are.
+    mine = ~parameters.considered[free]
+    if not mine.all():
+        of_estimated = root_of_rows(root[mine])
+        root = np.zeros((q, of_estimated.shape[1]))
+        root[mine] = of_estimated
     for _ in range(_CONSENSUS_PASSES if spread > _MAX_HUBER_SPREAD_SIGMAS else 0):
         basis = times(there.partials(rows)[:, free], root) / sigma_m[:, None]
         y = _consensus(basis, trial_left, *_prior_terms(parameters, trial, root))
@@ -167,7 +179,9 @@ def sample(
     return np.flatnonzero(drawn)
 
 
-def _huber_estimate(basis: Floats, normalized: Floats, prior_normal: Floats, prior_side: Floats) -> Floats:
+def _huber_estimate(
+    basis: Floats, normalized: Floats, prior_normal: Floats, prior_side: Floats, settled: float
+) -> Floats:
     """Where Huber's loss of residuals (n,) is least, in coordinates in which the problem is orthonormal, shape (q,)."""
     y: Floats = np.zeros(basis.shape[1])
     remaining = normalized
@@ -178,7 +192,7 @@ def _huber_estimate(basis: Floats, normalized: Floats, prior_normal: Floats, pri
         y = np.linalg.solve(prior_normal + gram(weighted, basis), prior_side + side).astype(np.float64)
         moved = np.abs(np.einsum("nq,q->n", basis, y - before)).max(initial=0.0)
         remaining = normalized - np.einsum("nq,q->n", basis, y)
-        if moved < _SETTLED_SIGMAS or moved < _SETTLED_SIGMAS * robust_scale(remaining, len(y)):
+        if moved < settled or moved < settled * robust_scale(remaining, len(y)):
             break
     return y
 

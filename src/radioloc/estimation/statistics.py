@@ -273,7 +273,7 @@ def robust_scale(normalized: Floats, n_parameters: int) -> float:
     return _MAD_TO_SIGMA * float(ordered[pair].mean())
 
 
-def chi2_quantile(probability: float, dof: int) -> float:
+def chi2_quantile(probability: float, dof: float) -> float:
     """Value that chi-square of some degrees of freedom stays below with a probability."""
     from scipy.special import gammaincinv
 

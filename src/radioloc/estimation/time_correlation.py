@@ -28,10 +28,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from radioloc.estimation.consider import CommonErrors, Effects
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.gauss_markov import (
     DENSE,
+    Points,
     SeriesCorrelation,
     SeriesNoise,
     SeriesWeight,
@@ -39,8 +39,8 @@ from radioloc.estimation.gauss_markov import (
     noise_of_series,
 )
 from radioloc.estimation.least_squares import FitResult, fit_least_squares
-from radioloc.estimation.linearization import ResidualFunction, covariance_of, gram
-from radioloc.estimation.observation_noise import Rows, RowsOf, Whitening
+from radioloc.estimation.linearization import ResidualFunction, covariance_of, gram, root_of_rows, times
+from radioloc.estimation.observation_noise import Rows, RowsOf
 from radioloc.estimation.series import (
     Bundle,
     SeriesOrder,
@@ -56,20 +56,14 @@ ABSORBED_SIGMAS = 30.0  # likewise of a series by itself: what the estimate, off
 
 
 def assess_time_correlation(
-    fit: FitResult,
-    order: SeriesOrder,
-    common: Effects | None = None,
-    bundles: Sequence[Bundle] | None = None,
+    fit: FitResult, order: SeriesOrder, bundles: Sequence[Bundle] | None = None
 ) -> TimeCorrelation:
     """Find series with significantly correlated residuals; their effect on the covariance.
 
     Without it, 95 % ellipses hold the truth in 2 to 43 % of the cases where errors last for hours
     (`tests/statistics/test_time_correlation.py`).
     """
-    from scipy.linalg import block_diag
-
-    # The noise should explain the size of the residuals. Effects of known errors of unit variance, `common`, leave
-    # traces in the residuals that are no noise.
+    # The noise should explain the size of the residuals.
     if fit.time_correlation is not None:  # assessed already
         return fit.time_correlation
     nothing = TimeCorrelation((), np.zeros_like(fit.covariance), {})
@@ -77,9 +71,9 @@ def assess_time_correlation(
         return nothing
     root = fit.factor.root_covariance()
     bundles = series_of(order, fit.noise, fit.used) if bundles is None else bundles
-    q, errors = root.shape[1], 0 if common is None else common(np.zeros(1, dtype=np.intp)).shape[1]
-    points = points_of(bundles, rows_of(fit, common), block_diag(root, np.eye(errors)))
-    noise = noise_of_series(points, np.repeat([_FREE_SIGMAS, 1.0], [q, errors]))
+    q = root.shape[1]
+    points = points_of(bundles, rows_of(fit), root)
+    noise = noise_of_series(*_before_considering(fit, points))
     if not noise:
         return nothing
     added = np.zeros((q, q))
@@ -88,7 +82,7 @@ def assess_time_correlation(
         if one.key not in noise:
             continue
         process, part, count = noise[one.key], points.of(k), int(points.count[k])
-        unit, gain = points.unit[part, :q], points.gain[part]
+        unit, gain = points.unit[part], points.gain[part]
         columns, width_s = np.column_stack([unit, gain]), float(points.width_s[k])
         products = process.products(points.step_s[part], gain, columns, width_s)
         added += products[:q, :q] - gram(unit, unit)
@@ -104,12 +98,44 @@ def assess_time_correlation(
     return TimeCorrelation(tuple(found.values()), in_parameters(added, fit), noise)
 
 
-def estimated_covariance(
-    edited: EditedFit, order: SeriesOrder, common: Effects | None = None
-) -> tuple[Floats, TimeCorrelation | None]:
+def _before_considering(fit: FitResult, points: Points) -> tuple[Points, Floats]:
+    """Points with considered parameters at their a-priori values and partials by :func:`mixed_units`, and sigmas."""
+    root = fit.factor.root_covariance()
+    units, width = mixed_units(fit)
+    sigmas = np.repeat([_FREE_SIGMAS, 1.0], [width, units.shape[1] - width])
+    if width == len(sigmas):
+        return points, sigmas
+    lengths = np.linalg.norm(root, axis=1, keepdims=True)
+    lengths[lengths == 0.0] = 1.0
+    unit = times(points.unit, np.linalg.lstsq(root / lengths, units / lengths, rcond=None)[0])
+    of = fit.parameters
+    moved = ((fit.x - of.prior_values) / of.prior_sigmas)[of.considered]
+    residual = points.residual + np.einsum("nc,c->n", unit[:, width:], moved)
+    changes = np.add.reduceat(residual**2 - points.residual**2, points.begin[:-1])
+    return replace(points, unit=unit, residual=residual, squares=points.squares + changes), sigmas
+
+
+def mixed_units(fit: FitResult) -> tuple[Floats, int]:
+    """Units of the adjusted parameters (q, w + c): w of the estimate's own covariance, c of considered a-priori sigmas.
+
+    The estimate is as good as free; considered errors leave traces of their own size in the residuals.
+    """
+    root, considered = fit.factor.root_covariance(), fit.parameters.considered[fit.parameters.free]
+    if not considered.any():
+        return root, root.shape[1]
+    prior_sigmas = fit.parameters.prior_sigmas[fit.parameters.free][considered]
+    of_estimated = root_of_rows(root[~considered])
+    width = of_estimated.shape[1]
+    units = np.zeros((len(root), width + len(prior_sigmas)))
+    units[~considered, :width] = of_estimated
+    units[considered, width:] = np.diag(prior_sigmas)
+    return units, width
+
+
+def estimated_covariance(edited: EditedFit, order: SeriesOrder) -> tuple[Floats, TimeCorrelation | None]:
     """Covariance of the estimate with noise as large as the residuals show, and as correlated in time, shape (p, p)."""
     covariance = scaled_covariance(edited.fit, edited.fit.noise_scale)
-    correlation = assess_time_correlation(edited.fit, order, common) if edited.ended else None
+    correlation = assess_time_correlation(edited.fit, order) if edited.ended else None
     if correlation is None or not correlation.series:
         return covariance, None
     return covariance + correlation.added_covariance, correlation
@@ -129,14 +155,13 @@ def scaled_covariance(fit: FitResult, noise_scale: float) -> Floats:
     return scaled
 
 
-def rows_of(fit: FitResult, common: Effects | None = None) -> RowsOf:
-    """Residuals, partials by the free parameters and effects side by side, of rows (m,), shape (m, 1 + q + c)."""
+def rows_of(fit: FitResult) -> RowsOf:
+    """Residuals and partials by the free parameters side by side, of rows (m,), shape (m, 1 + q)."""
     free = fit.parameters.free
 
     def values(rows: Rows) -> Floats:
         partials = fit.linearization.partials(rows)
-        columns = [fit.residual_m[rows, None], partials if free.all() else partials[:, free]]
-        return np.hstack(columns if common is None else [*columns, common(rows)])
+        return np.hstack([fit.residual_m[rows, None], partials if free.all() else partials[:, free]])
 
     return values
 
@@ -192,10 +217,7 @@ class _Whitening:
 
 
 def fit_with_correlated_weights(
-    residual_function: ResidualFunction,
-    edited: EditedFit,
-    order: SeriesOrder,
-    common: Effects | None = None,
+    residual_function: ResidualFunction, edited: EditedFit, order: SeriesOrder
 ) -> EditedFit:
     """Fit again, each dense series with time-correlated residuals weighed by its inverse covariance.
 
@@ -209,18 +231,12 @@ def fit_with_correlated_weights(
     if not edited.ended:
         return edited
     bundles = series_of(order, stated.noise, stated.used)
-    found = assess_time_correlation(stated, order, common, bundles)
+    found = assess_time_correlation(stated, order, bundles)
     edited = replace(edited, fit=replace(stated, time_correlation=found))
-    if not found.series and common is None:
-        return edited
     weights = _weights(bundles, found)
-    noise = _Whitening(bundles, _weight_noise(bundles, found, weights))
-    whitening: Whitening = noise
-    if common is not None:
-        allowing = CommonErrors.of(noise, common)
-        whitening = allowing if len(allowing.variance) else noise
-    if whitening is noise and not weights:
+    if not weights:
         return edited
+    whitening = _Whitening(bundles, _weight_noise(bundles, found, weights))
     fit = fit_least_squares(
         residual_function,
         stated.parameters,
@@ -230,7 +246,7 @@ def fit_with_correlated_weights(
         linearization=stated.linearization,
         whitening=whitening,
     )
-    return replace(edited, fit=_with_covariances(fit, noise, found), series_weights=weights)
+    return replace(edited, fit=_with_covariances(fit, whitening, found), series_weights=weights)
 
 
 def _with_covariances(fit: FitResult, noise: _Whitening, found: TimeCorrelation) -> FitResult:
@@ -242,7 +258,6 @@ def _with_covariances(fit: FitResult, noise: _Whitening, found: TimeCorrelation)
     parts = list(fit.whitened_unit_partials())
     for whitened in parts:
         unit -= gram(whitened, whitened)
-    # Estimates of common errors come last
     for bundle, weighted in noise.weighted(parts):
         flat = weighted.reshape(-1, weighted.shape[2])
         unit += gram(flat, flat)

@@ -168,7 +168,7 @@ def _wanted_m(
     wanted_m = np.zeros(count)
     for k in range(count):
         mine = fit.used & (group == k)
-        dof = round(mine.sum() * (1.0 - free_part))
+        dof = float(mine.sum() * (1.0 - free_part))
         if stated.phase is not None and stated.phase.sigma_m[mine].any():
             # The combinations of counts depend on what is added
             squares = partial(_squares_of, fit, stated, mine)
@@ -205,7 +205,7 @@ def _same(one_m: Floats, other_m: Floats) -> bool:
 def additive_sigma_m(
     residual_m: Floats,
     sigma_m: Floats,
-    dof: int,
+    dof: float,
     probability: float | None = SCALING_PROBABILITY,
 ) -> float:
     """Noise to add in quadrature so that the residuals have a reduced chi-square of one, m."""
@@ -220,7 +220,7 @@ def additive_sigma_m(
 def _enough_m(
     squares: Callable[[float], float],
     residual_m: Floats,
-    dof: int,
+    dof: float,
     probability: float | None,
     precision: float = 1e-12,
 ) -> float:

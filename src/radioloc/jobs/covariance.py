@@ -2,8 +2,7 @@
 
 The observations are those of a study's ``[simulation]`` schedule with the noise that it states, or the epochs of its
 data with their stated sigmas. They are weighed by the inverse of their covariance, so that the estimate has the least
-variance (Aitken 1935); to that come the errors of considered parameters, which weights know nothing of (Tapley, Schutz
-and Born 2004, chapter 6). No value of an observation is needed.
+variance (Aitken 1935), and so are considered parameters by their a-priori sigmas. No value of an observation is needed.
 """
 
 from __future__ import annotations
@@ -21,17 +20,11 @@ from radioloc.dynamics import AdjustableOrbit
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
 from radioloc.estimation.consider import (
-    A_PRIORI,
-    NOISE,
-    CommonErrors,
     ConsideredErrors,
-    Effects,
     ErrorSource,
-    consider,
-    effects_beside_prior,
     error_budget,
-    moved_by,
-    prior_effects,
+    owner,
+    reported,
 )
 from radioloc.estimation.least_squares import FitResult, FitStatus
 from radioloc.estimation.linearization import covariance_of, factorize
@@ -44,8 +37,8 @@ from radioloc.jobs.notes import notes_of_plan
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.preparation import model_of, planned_arc, prepared_arc
 from radioloc.jobs.problem import (
+    ConsideredParameters,
     apriori_points,
-    considered_errors,
     fitted_orbit,
     observation_model,
     require_position_or_orbit,
@@ -61,7 +54,7 @@ from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.parameters.design import ObservationModel
 from radioloc.parameters.motion import orbit_of
-from radioloc.parameters.parameter import Role
+from radioloc.parameters.parameter import ParameterSet, Role
 from radioloc.results.covariance import CovarianceStudy, Gain, PlannedArc, Share
 from radioloc.simulation import Scenario, Session
 from radioloc.simulation.schedule import Pair
@@ -237,7 +230,7 @@ class _Solved:
     problem: ObservationModel
     x: _Floats
     used: _Mask
-    considered: ConsideredErrors | None
+    suboptimal: ConsideredErrors | None  # left out of the weights
     not_considered: tuple[str, ...]  # notes
 
     @classmethod
@@ -245,45 +238,35 @@ class _Solved:
         """Solve a part of a plan."""
         study, arc = plan.study, part.arc
         targets = targets_in_pa(study, arc.model.ephemeris.constants)
-        problem = observation_model(arc, targets or None, part.estimate)
+        considered = ConsideredParameters.of(study, arc, part.estimate)
+        problem = observation_model(arc, targets or None, part.estimate, considered=considered.in_weights)
         x = problem.parameters.prior_values
         noise, used = plan.noise.select(part.rows), plan.usable[part.rows]
-        considered, not_considered = considered_errors(study, problem, part.estimate, x, plan.errant)
-        return cls(plan, part, noise, problem, x, used, considered, tuple(not_considered))
+        suboptimal = considered.suboptimal_errors(problem, x, plan.errant)
+        return cls(plan, part, noise, problem, x, used, suboptimal, considered.notes)
 
     def among(self, used: _Mask) -> PlannedArc:
         """The same with some of its observations only."""
         return replace(self, used=used & self.used).planned
 
-    def known(self, kind: str) -> PlannedArc:
-        """The same with the parameters of a kind that is estimated known."""
-        parameters = self.problem.parameters
-        for k in parameters.of_kind(kind):
-            if kind != "position" or parameters.names[k].startswith("position.height"):
-                parameters = parameters.changed(parameters.names[k], role=Role.FIXED)
-        return replace(self, problem=replace(self.problem, parameters=parameters)).planned
+    def known(self, *names: str) -> PlannedArc:
+        """Return the plan with some of its adjusted parameters known without error."""
+        items = [
+            replace(item, role=Role.FIXED) if item.name in names else item for item in self.problem.parameters
+        ]
+        return replace(self, problem=replace(self.problem, parameters=ParameterSet(items))).planned
 
     @cached_property
     def fit(self) -> FitResult:
         """The fit without values: what determines what, and how well."""
-        considered, estimate = self.considered, self.part.estimate
-        if considered is None or not self.used.any() or estimate.weights != "correlated":
-            return self._fit(None)
-        fit = self._fit(considered.at_stations)
-        return self._fit(effects_beside_prior(fit, considered)) if estimate.position_priors else fit
-
-    def _fit(self, common: Effects | None) -> FitResult:
-        """Fit with weights that allow for effects of unit variance."""
         parameters, used = self.problem.parameters, self.used
         linearization = self.problem.linearize(self.x)
         whitening: Whitening = self.noise.among(used)
-        if common is not None:
-            whitening = CommonErrors.of(whitening, common)
         factor = factorize(linearization, whitening, parameters, self.x)
         if factor is None:
             raise InputError("the partials of the observations are not finite numbers")
         determined = bool(factor.determined.all())
-        fit = FitResult(
+        return FitResult(
             parameters=parameters,
             x=self.x,
             covariance=covariance_of(factor, parameters),
@@ -297,11 +280,6 @@ class _Solved:
             factor=factor,
             whitening=whitening,
         )
-        if common is None:
-            return fit
-        # The inverse of the information holds these errors already, which are sources of their own.
-        moved = moved_by(fit, common, common(np.zeros(1, dtype=np.intp)).shape[1])
-        return replace(fit, covariance=fit.covariance - moved @ moved.T)
 
     @cached_property
     def planned(self) -> PlannedArc:
@@ -326,13 +304,15 @@ class _Solved:
 
     def _sources(self) -> tuple[tuple[ErrorSource, ...], OrbitState | None]:
         """Return the parts of the covariance, of an orbit as means over the arc: C A C, C P C, considered."""
-        fit, parameters = self.fit, self.fit.parameters
-        formal = np.where(np.isfinite(fit.covariance), fit.covariance, 0.0)
-        moved = None if self.considered is None else consider(fit, self.considered)
+        fit = self.fit
+        estimate = reported(fit, fit.covariance, self.suboptimal)
+        parameters, moved = estimate.parameters, estimate.consider
+        formal = np.where(np.isfinite(estimate.covariance), estimate.covariance, 0.0)
         state, direct_m = None, np.zeros(1)
         if self.plan.orbit is None:
             position_pa_m = self.problem.position_pa_m(self.x)
-            axes = rot_pa_to_enu(position_pa_m, self.part.arc.model) @ self.problem.position_partials(self.x)
+            partials = self.problem.position_partials(self.x)[:, ~fit.parameters.considered]
+            axes = rot_pa_to_enu(position_pa_m, self.part.arc.model) @ partials
         else:
             total = formal if moved is None else formal + moved.covariance
             state = fitted_orbit(self.plan.study, self.problem, self.x, total, moved, self.plan.errant)
@@ -349,7 +329,7 @@ class _Solved:
             parameters,
             axes,
             axes @ formal @ np.swapaxes(axes, -1, -2),
-            prior_effects(fit),
+            estimate.prior_effects,
             moved,
             np.array(self.part.estimate.ephemeris_sigma_m),
             direct_m,
@@ -400,18 +380,30 @@ def _shares(solved: _Solved) -> Iterator[Share]:
 
 def _better_known(solved: _Solved) -> Iterator[Gain]:
     """What it would buy to know each considered source, and each kind that is estimated, without error."""
-    arc = solved.planned
-    considered = [source for source in arc.sources if source.source not in (NOISE, A_PRIORI)]
-    for kind in dict.fromkeys(source.source for source in considered):
-        mine = [source for source in considered if source.source == kind]
-        yield Gain(f"{kind} known{' for all' if len(mine) > 1 else ''}", arc.without(*mine))
-        if len(mine) > 1:
-            yield from (Gain(f"{source.label} known", arc.without(source)) for source in mine)
-    kinds = dict.fromkeys(item.kind for item in solved.problem.parameters if not item.fixed)
-    for kind in kinds:
-        of_height = any(name.startswith("position.height") for name in solved.problem.parameters.names)
-        if kind not in ("position", "state") or of_height:
-            yield Gain(f"{'height' if kind == 'position' else kind} known", solved.known(kind).radius_95_m)
+    arc, parameters = solved.planned, solved.problem.parameters
+    in_weights = [item for item in parameters if item.role is Role.CONSIDERED]
+    outside = () if solved.suboptimal is None else solved.suboptimal.parameters
+    for kind in dict.fromkeys(item.kind for item in (*in_weights, *outside)):
+        owners = dict[str, list[str]]()
+        for item in in_weights:
+            if item.kind == kind:
+                owners.setdefault(owner(item), []).append(item.name)
+        if owners:
+            every = [name for names in owners.values() for name in names]
+            yield Gain(
+                f"{kind} known{' for all' if len(owners) > 1 else ''}", solved.known(*every).radius_95_m
+            )
+            for whose, names in owners.items() if len(owners) > 1 else ():
+                yield Gain(f"{kind} {whose} known", solved.known(*names).radius_95_m)
+        else:
+            sources = [source for source in arc.sources if source.source == kind]
+            yield Gain(f"{kind} known", arc.without(*sources))
+    for kind in dict.fromkeys(item.kind for item in parameters if item.role is Role.ESTIMATED):
+        names = [item.name for item in parameters if item.kind == kind]
+        if kind == "position":
+            names = [name for name in names if name.startswith("position.height")]
+        if names and kind != "state":
+            yield Gain(f"{'height' if kind == 'position' else kind} known", solved.known(*names).radius_95_m)
 
 
 def _more_stations(plan: _Planned, solved: _Solved) -> Iterator[Gain]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation.consider import Effects, moved_by
+from radioloc.estimation.consider import moved_by
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.linearization import LinearProblem
 from radioloc.estimation.observation_noise import ObservationNoise
@@ -70,18 +70,10 @@ class LinearArc:
     order: SeriesOrder
     estimate: EstimateChoice
     height_m: float | None  # of the true position; of none on an orbit
-    considered_m: _Floats  # (m, r), effects of independent errors of unit variance that are considered
-    count_at_stations: int  # how many of them, the first, are at stations or in the air
+    suboptimal_m: (
+        _Floats  # (m, c), effects of considered errors that are not in the weights, each of one sigma
+    )
     drawn_prior_sigmas: _Floats | None = None  # (p,), of a-priori values that are drawn about the truth
-
-    @property
-    def at_stations(self) -> Effects | None:
-        """Those of them that weights allow for."""
-        return (
-            (lambda rows: self.considered_m[rows, : self.count_at_stations])
-            if self.count_at_stations
-            else None
-        )
 
     def fit(self, residual_m: _Floats, seed: int) -> EditedFit:
         """Fit to residuals, as a study does, with the a-priori values of a trial's seed."""
@@ -101,7 +93,7 @@ class LinearArc:
             status=self.status,
             threshold=self.estimate.rejection_sigma,
         )
-        return weighed(linear, found, self.order, self.estimate, self.at_stations)
+        return weighed(linear, found, self.order, self.estimate)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,10 +127,11 @@ class LinearTrials:
 
     def _rows(self, arc: LinearArc, found: EditedFit, errors: _Floats) -> list[_Floats]:
         fit, compared = found.fit, arc.compared
-        covariance, _ = estimated_covariance(found, arc.order, arc.at_stations)
-        moved = moved_by(fit, lambda rows: arc.considered_m[rows], arc.considered_m.shape[1])
-        x, sigmas = fit.x, np.sqrt(np.diag(covariance + moved @ moved.T))
-        moved_m = compared.by_parameters @ (x - arc.problem.x)
+        count = compared.by_parameters.shape[-1]
+        covariance = estimated_covariance(found, arc.order)[0][:count, :count]
+        moved = moved_by(fit, lambda rows: arc.suboptimal_m[rows], arc.suboptimal_m.shape[1])[:count]
+        x, sigmas = fit.x[:count], np.sqrt(np.diag(covariance + moved @ moved.T))
+        moved_m = compared.by_parameters @ (x - arc.problem.x[:count])
         doubts = list(misfits(found, arc.noise.sigma_m, arc.order.types))
         if arc.height_m is not None:
             doubts += heights(arc.height_m + moved_m[0, 2])
@@ -155,7 +148,7 @@ class LinearTrials:
             (found.converged and not doubts and known, fit.used.sum(), (~fit.used).sum()),
             fit.noise_scale,
             found.additive_sigma_m,
-            {p.name: (x[j], sigmas[j]) for j, p in enumerate(arc.parameters)},
+            {p.name: (x[j], sigmas[j]) for j, p in enumerate(arc.parameters.parameters[:count])},
             true_values(self.errors, self.drawn.by_name(errors)),
         )
 

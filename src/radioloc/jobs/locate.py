@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
-from radioloc.estimation.consider import effects_beside_prior
 from radioloc.estimation.editing import (
     EditedFit,
     PhaseCounts,
@@ -26,8 +25,8 @@ from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.orbit_start import near_orbit
 from radioloc.jobs.preparation import known_positions, prepared_arc
 from radioloc.jobs.problem import (
+    ConsideredParameters,
     apriori_points,
-    considered_errors,
     disturbed,
     fitted_orbit,
     observation_model,
@@ -124,7 +123,9 @@ def fit_arc(
         estimate = with_independent_clocks(study, estimate, arc)
     targets = targets_in_pa(study, constants)
     aimed = targets or planned_place(study, constants)
-    problem = observation_model(arc, aimed, estimate, held=study.estimate)
+    considered = ConsideredParameters.of(study, arc, estimate)
+    problem = observation_model(arc, aimed, estimate, study.estimate, considered.in_weights)
+    reported = ~problem.parameters.considered
     noise = stated_noise(arc, study.observations)
     paths = Labels.coded([link.path for link in observations.links], observations.link)
     types = Labels.coded(KINDS, observations.kind)
@@ -146,13 +147,8 @@ def fit_arc(
     )
     # What errors of gravity do to an orbit takes seconds, and serves the parameters' sigmas and those over the arc.
     errant = disturbed(study, problem, fitted.fit.x)
-    considered, not_considered = considered_errors(study, problem, estimate, fitted.fit.x, errant)
-    common = None if considered is None else considered.at_stations
-    edited = fitted
-    fitted = weighed(problem.linearize, edited, order, estimate, common)
-    if considered is not None and estimate is not None and estimate.position_priors:
-        common = effects_beside_prior(fitted.fit, considered)
-        fitted = weighed(problem.linearize, edited, order, estimate, common)
+    fitted = weighed(problem.linearize, fitted, order, estimate)
+    suboptimal = considered.suboptimal_errors(problem, fitted.fit.x, errant)
     x, used = fitted.fit.x, fitted.fit.used
     elevation_deg = _elevation_deg(arc, problem.motions(x))
     doubts = [] if estimate is None else [*misfits(fitted, noise.sigma_m, types)]
@@ -164,13 +160,13 @@ def fit_arc(
         doubts = [*places(arc, problem.motions(x), used, elevation_deg)]
     lander_pa_m = problem.position_pa_m(x)
     several = tuple(
-        TargetPosition(name, problem.position_pa_m(x, k), problem.position_partials(x, k))
+        TargetPosition(name, problem.position_pa_m(x, k), problem.position_partials(x, k)[:, reported])
         for k, name in enumerate(targets if len(targets) > 1 else ())
     )
     solution = build_solution(
         fitted,
         position_pa_m=lander_pa_m,
-        position_partials=problem.position_partials(x),
+        position_partials=problem.position_partials(x)[:, reported],
         rot_pa_to_me=rot_pa_to_me(constants),
         pa_frame=model.libration.frame,
         me_frame=constants.me_frame,
@@ -186,21 +182,25 @@ def fit_arc(
         consistency=consistency,
         ephemeris_sigma_enu_m=np.zeros(3) if estimate is None else np.array(estimate.ephemeris_sigma_m),
         name=study.name,
-        notes=(
-            *coordinate_doubts(arc, start, used, fits),
-            *notes_of(study, arc, left_out, estimate, fitted, lander_pa_m, considered),
-            *not_considered,
-        ),
         provenance=provenance(study, arc, left_out, estimate, problem.motions(x)),
-        considered=considered,
+        considered=suboptimal,
         trajectory=str(arc.trajectories[0]) if arc.trajectories and problem.landing is None else None,
         targets=several,
+    )
+    of_errors = None if solution.consider is None else solution.consider.parameters
+    solution = replace(
+        solution,
+        notes=(
+            *coordinate_doubts(arc, start, used, fits),
+            *notes_of(study, arc, left_out, estimate, fitted, lander_pa_m, of_errors),
+            *considered.notes,
+        ),
     )
     if isinstance(study.target, Orbiter):
         covariance = solution.parameter_covariance()
         state = fitted_orbit(study, problem, x, covariance, solution.consider, errant)
         if stochastic is not None:
-            state = stochastic.smoothed(state, fitted.fit, solution, considered)
+            state = stochastic.smoothed(state, fitted, order, suboptimal)
         if problem.landing is not None:
             solution = replace(solution, state=study.target.before_landing(state))
         else:

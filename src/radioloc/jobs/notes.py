@@ -17,7 +17,6 @@ from radioloc.earth.eop_prediction import orientation_errors
 from radioloc.earth.stations import Station
 from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.errors import InputError
-from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.editing import EditedFit
 from radioloc.kernels import sha256_of
 from radioloc.lunar import cartesian_to_selenographic, rot_pa_to_me
@@ -33,7 +32,7 @@ from radioloc.measurements.terms import TERMS
 from radioloc.media.csp import CHARGED, DRY, WET
 from radioloc.parameters.choice import chosen_keys
 from radioloc.parameters.motion import orbit_of
-from radioloc.parameters.parameter import ParameterSet
+from radioloc.parameters.parameter import ParameterSet, Role
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.results.cards import metres, plural
 from radioloc.study.identity import spacecraft_doubts
@@ -61,7 +60,7 @@ def notes_of(
     estimate: EstimateChoice | None,
     fitted: EditedFit,
     lander_pa_m: NDArray[np.float64],
-    considered: ConsideredErrors | None,
+    considered: ParameterSet | None,
 ) -> list[str]:
     """Return all notes of a result, warnings first."""
     notes = spacecraft_doubts(study, arc.observations, arc.model)
@@ -69,12 +68,13 @@ def notes_of(
     if weights := study.observations.weights:
         notes.append(f"sigmas changed: {'; '.join(map(str, weights))}")
     parameters = fitted.fit.parameters
+    estimated = {item.kind for item in parameters if item.role is not Role.CONSIDERED}
     if estimate is not None and isinstance(estimate.height_prior, TerrainPrior):
         notes += _terrain_doubt(arc, estimate.height_prior, parameters, lander_pa_m)
     notes += notes_of_plan(arc, left_out)
     if estimate is None:
         return notes
-    kinds = () if considered is None else {item.kind for item in considered.parameters}
+    kinds = {item.kind for item in considered or ()}
     in_sigma = any(estimate.ephemeris_sigma_m) or "moon_position" in kinds or "libration" in kinds
     if not arc.trajectories and not in_sigma:
         notes.append(
@@ -85,7 +85,7 @@ def notes_of(
     notes += [
         f'no {key} is estimated, though [estimate] asks for "all": no observation depends on it'
         for key, choice in estimate.parameters.items()
-        if choice.names == "all" and not parameters.of_kind(key)
+        if choice.names == "all" and key not in estimated
     ]
     return notes
 
@@ -93,7 +93,8 @@ def notes_of(
 def _frequency_notes(study: Study, fitted: EditedFit) -> Iterator[str]:
     """Yield notes on frequency offsets that are added, or that are too large for an oscillator."""
     parameters = fitted.fit.parameters
-    if parameters.of_kind("frequency_offset") and "frequency_offset" not in study.estimate.parameters:
+    estimated = {item.kind for item in parameters if item.role is not Role.CONSIDERED}
+    if "frequency_offset" in estimated and "frequency_offset" not in study.estimate.parameters:
         yield (
             "a frequency offset of each link and pass of one- and three-way Doppler is estimated, as their oscillators "
             "are independent; [estimate] frequency_offset changes this"

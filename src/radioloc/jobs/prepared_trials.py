@@ -37,9 +37,8 @@ from radioloc.jobs.linear_trials import (
 from radioloc.jobs.locate import fit_arc
 from radioloc.jobs.preparation import model_of, planned_arc
 from radioloc.jobs.problem import (
-    considered_errors,
+    ConsideredParameters,
     disturbed,
-    gravity_errors,
     observation_model,
     position_in_pa,
     require_position_or_orbit,
@@ -55,9 +54,11 @@ from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.registry import KINDS
 from radioloc.measurements.target_motion import FixedPoint, OrbitMotion
 from radioloc.parameters.choice import ParameterChoice
-from radioloc.parameters.design import ObservationModel
+from radioloc.parameters.columns import Columns
+from radioloc.parameters.design import DesignMatrix, ObservationModel, Rows
 from radioloc.parameters.kind import Scope
 from radioloc.parameters.motion import orbit_of
+from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.results.solution import Solution
 from radioloc.simulation import World
@@ -299,28 +300,42 @@ class Prepared:
     ) -> LinearArc | None:
         study, arc = self.study, part.arc
         problem, x = self.at_truth(part)
-        partials = problem.linearize(x).partials(np.arange(len(part.rows)))
+        rows = np.arange(len(part.rows))
+        partials = problem.linearize(x).partials(rows)
         noise = stated_noise(arc, study.observations)
-        made = linear_problem(partials, problem.parameters, x, noise, usable)
+        considered = ConsideredParameters.of(study, arc, part.estimate)
+        in_weights_m = _effects(considered.in_weights, problem, x, rows)
+        alone = linear_problem(partials, problem.parameters, x, noise, usable)
+        if alone is None:
+            return None
+        of_errors = few_errors(in_weights_m, noise.sigma_m, alone.basis, usable)
+        parameters = ParameterSet(
+            [
+                *problem.parameters,
+                *(
+                    Parameter(f"considered.{k}", "1", "considered", 0.0, 1.0, role=Role.CONSIDERED)
+                    for k in range(of_errors.shape[1])
+                ),
+            ]
+        )
+        values = np.append(x, np.zeros(of_errors.shape[1]))
+        made = linear_problem(np.hstack([partials, of_errors]), parameters, values, noise, usable)
         if made is None:
             return None
+        suboptimal = considered.suboptimal_errors(problem, x, errant)
+        suboptimal_m = np.zeros((len(rows), 0))
+        if suboptimal is not None:
+            suboptimal_m = suboptimal.partials(rows) * suboptimal.parameters.prior_sigmas
         observations = arc.observations
-        considered, _ = considered_errors(study, problem, part.estimate, x)
-        considered_m, count_at_stations = np.zeros((len(part.rows), 0)), 0
-        if considered is not None:
-            considered_m, count_at_stations = few_errors(considered, noise.sigma_m)
-        of_gravity = gravity_errors(errant, problem)
-        if of_gravity is not None:
-            considered_m = np.hstack([considered_m, of_gravity.partials(np.arange(len(part.rows)))])
         types = Labels(observations.kind.astype(np.int32), tuple(KINDS))
         paths = Labels.coded([link.path for link in observations.links], observations.link)
         order = SeriesOrder.of(types, paths, seconds_since_midnight(observations.epoch))
         return LinearArc(
             part=part.rows,
             problem=made,
-            parameters=problem.parameters,
+            parameters=parameters,
             held_m=partials[:, problem.first :] @ x[problem.first :],
-            compared=self._compared(part, problem, x, errant, considered_m.shape[1]),
+            compared=self._compared(part, problem, x, errant, suboptimal_m.shape[1]),
             noise=noise,
             status=Labels((~usable).astype(np.int32), (USED, "not usable")),
             order=order,
@@ -328,15 +343,27 @@ class Prepared:
             height_m=None
             if problem.of_orbit
             else float(np.linalg.norm(self.world.target_pa_m)) - MEAN_LUNAR_RADIUS_M,
-            considered_m=considered_m,
-            count_at_stations=count_at_stations,
-            drawn_prior_sigmas=self._drawn_prior_sigmas(part.estimate, len(x)),
+            suboptimal_m=suboptimal_m,
+            drawn_prior_sigmas=self._drawn_prior_sigmas(part.estimate, len(values)),
         )
 
 
 def _local(orbit: Orbit | AdjustableOrbit, tdb: Epochs, of_states: _Floats) -> _Floats:
     """Changes of states at epochs, shape (n, 6, k), along, across and radial, velocities after positions."""
     return turned(rtn_axes(*orbit.states(tdb)), of_states)[:, LOCAL_LEVEL]
+
+
+def _effects(
+    considered: Sequence[tuple[Columns, list[Parameter]]], problem: ObservationModel, x: _Floats, rows: Rows
+) -> _Floats:
+    """Effects of considered parameters of one sigma on observations, m, shape (m, c)."""
+    if not considered:
+        return np.zeros((len(rows), 0))
+    model = ObservationModel.of(problem.predictor, (), considered)
+    motions = problem.motions(x)
+    at, residual_m = problem.predictor.at(motions), np.zeros(0)  # residuals are not asked for
+    design = DesignMatrix(model, at, motions, model.parameters.prior_values, residual_m)
+    return design.partials(rows) * model.parameters.prior_sigmas
 
 
 def _parameters_at(problem: ObservationModel, wanted: _Floats) -> _Floats:

@@ -10,8 +10,8 @@ quasars, the stations' clocks, by which they are off by some microseconds, are i
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -21,7 +21,7 @@ from radioloc.constants import SECONDS_PER_DAY
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.errors import InputError, named
-from radioloc.estimation.consider import Consider, ConsideredErrors, Effects, is_at_station
+from radioloc.estimation.consider import Consider, ConsideredErrors
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.linearization import ResidualFunction
 from radioloc.estimation.orbit_state import OrbitState
@@ -68,14 +68,16 @@ def observation_model(
     targets_pa: LunarPosition | Mapping[str, LunarPosition] | None,
     estimate: EstimateChoice | None,
     held: EstimateChoice | None = None,
+    considered: Sequence[tuple[Columns, list[Parameter]]] = (),
 ) -> ObservationModel:
-    """Return the parameters of an arc; without `estimate` nothing is estimated, and `held` has the a-priori values."""
+    """Return the parameters of an arc, the considered ones last; without `estimate` those of `held` are fixed."""
     choice = (EstimateChoice() if held is None else held).held() if estimate is None else estimate
     kinds = []
     for name, chosen in choice.parameters.items():
         found = _columns("[estimate]", name, chosen, predictor, Role.ESTIMATED, choice)
         if found is not None:
             kinds.append(found)
+    kinds += considered
     if isinstance(targets_pa, Mapping) and len(targets_pa) > 1:
         points = with_position_priors(
             [
@@ -94,7 +96,7 @@ def observation_model(
             return replace(model, landing=landing)
         motions = [_motion(predictor, place, choice)]
     model = ObservationModel.of(predictor, motions, kinds)
-    if estimate is not None and all(parameter.fixed for parameter in model.parameters):
+    if estimate is not None and not any(item.role is Role.ESTIMATED for item in model.parameters):
         raise InputError(
             'nothing to estimate: [estimate] position is "none" and no bias is asked for; '
             "use `radioloc residuals` to see residuals at the given position"
@@ -107,39 +109,59 @@ def weighed(
     fitted: EditedFit,
     order: SeriesOrder,
     estimate: EstimateChoice | None,
-    common: Effects | None,
 ) -> EditedFit:
-    """Repeat the fit with the weights that a study asks for; `common` are the effects of known errors."""
+    """Repeat the fit with the weights that a study asks for."""
     if estimate is not None and estimate.weights == "correlated":
-        return fit_with_correlated_weights(residual_function, fitted, order, common)
+        return fit_with_correlated_weights(residual_function, fitted, order)
     return fitted
 
 
-def considered_errors(
-    study: Study,
-    problem: ObservationModel,
-    estimate: EstimateChoice | None,
-    x: NDArray[np.float64],
-    orbit: AdjustableOrbit | None = None,
-) -> tuple[ConsideredErrors | None, list[str]]:
-    """Return the considered errors of an arc with their partials at the parameters x, and notes on those left out."""
-    if estimate is None:
-        return None, []
-    model, notes = _considered_model(problem.predictor, study, estimate)
-    gravity = gravity_errors(orbit, problem)
-    if model is None:
-        return gravity, notes
-    motions = problem.motions(x)
-    at = problem.predictor.at(motions)
-    nowhere = np.zeros(0)  # residuals are not asked for
-    here = DesignMatrix(model, at, motions, model.parameters.prior_values, nowhere)
-    at_stations = [item for item in model.parameters if is_at_station(item.kind)]
-    if not at_stations:
-        return _together(ConsideredErrors(model.parameters, here.partials), gravity), notes
-    columns = tuple(one for one in model.columns if is_at_station(one.kind.name))
-    alone = replace(model, parameters=ParameterSet(at_stations), columns=columns)
-    there = replace(here, model=alone, x=alone.parameters.prior_values)
-    return _together(ConsideredErrors(model.parameters, here.partials, there.partials), gravity), notes
+@dataclass(frozen=True, slots=True, eq=False)
+class ConsideredParameters:
+    """Considered parameters of an arc, with their columns of the design matrix."""
+
+    in_weights: list[tuple[Columns, list[Parameter]]] = field(default_factory=list)
+    suboptimal: list[tuple[Columns, list[Parameter]]] = field(default_factory=list)  # left out of the weights
+    notes: tuple[str, ...] = ()  # on those that are not considered
+
+    @classmethod
+    def of(cls, study: Study, predictor: Predictor, estimate: EstimateChoice | None) -> ConsideredParameters:
+        """Return those of a study and the defaults of their kinds; none where nothing is estimated."""
+        if estimate is None:
+            return cls()
+        moon_is_in = any(estimate.ephemeris_sigma_m) or bool(predictor.trajectories)
+        with named("[consider]"):
+            choices, notes = resolved(
+                study.consider,
+                predictor,
+                estimate.parameters,
+                defaults=study.consider_defaults,
+                without=_OF_THE_EPHEMERIS if moon_is_in else (),
+            )
+        found = cls(notes=tuple(notes))
+        for name, choice in choices.items():
+            columns = _columns("[consider]", name, choice, predictor, Role.CONSIDERED, estimate)
+            if columns is not None:
+                (found.suboptimal if name in study.suboptimal else found.in_weights).append(columns)
+        return found
+
+    def suboptimal_errors(
+        self, problem: ObservationModel, x: NDArray[np.float64], errant: AdjustableOrbit | None
+    ) -> ConsideredErrors | None:
+        """Return the errors that stay out of the weights, those of the gravity field last, at parameters x."""
+        gravity = gravity_errors(errant, problem)
+        if not self.suboptimal:
+            return gravity
+        model = ObservationModel.of(problem.predictor, (), self.suboptimal)
+        motions = problem.motions(x)
+        at, residual_m = problem.predictor.at(motions), np.zeros(0)  # residuals are not asked for
+        design = DesignMatrix(model, at, motions, model.parameters.prior_values, residual_m)
+        if gravity is None:
+            return ConsideredErrors(model.parameters, design.partials)
+        return ConsideredErrors(
+            ParameterSet([*model.parameters, *gravity.parameters]),
+            lambda rows: np.hstack([design.partials(rows), gravity.partials(rows)]),
+        )
 
 
 def disturbed(study: Study, problem: ObservationModel, x: NDArray[np.float64]) -> AdjustableOrbit | None:
@@ -202,37 +224,6 @@ def gravity_errors(orbit: AdjustableOrbit | None, problem: ObservationModel) -> 
     names = [f"gravity_error.{k + 1}" for k in range(effects.shape[1])]
     parameters = [Parameter(name, "1", "gravity_error", 0.0, 1.0, role=Role.CONSIDERED) for name in names]
     return ConsideredErrors(ParameterSet(parameters), lambda rows: effects[rows])
-
-
-def _together(one: ConsideredErrors, other: ConsideredErrors | None) -> ConsideredErrors:
-    """What is at stations, or in frames, and the errors of gravity after it."""
-    if other is None:
-        return one
-    return ConsideredErrors(
-        ParameterSet([*one.parameters, *other.parameters]),
-        lambda rows: np.hstack([one.partials(rows), other.partials(rows)]),
-        one.station_partials,
-    )
-
-
-def _considered_model(
-    predictor: Predictor, study: Study, estimate: EstimateChoice
-) -> tuple[ObservationModel | None, list[str]]:
-    moon_is_in = any(estimate.ephemeris_sigma_m) or bool(predictor.trajectories)
-    with named("[consider]"):
-        choices, notes = resolved(
-            study.consider,
-            predictor,
-            estimate.parameters,
-            defaults=study.consider_defaults,
-            without=_OF_THE_EPHEMERIS if moon_is_in else (),
-        )
-    found = [
-        _columns("[consider]", name, choice, predictor, Role.CONSIDERED, estimate)
-        for name, choice in choices.items()
-    ]
-    kinds = [item for item in found if item is not None]
-    return ObservationModel.of(predictor, (), kinds) if kinds else None, notes
 
 
 def _columns(

@@ -19,13 +19,15 @@ from radioloc.dynamics.stochastic import (
     stochastic_forces,
 )
 from radioloc.errors import InputError
-from radioloc.estimation.consider import ConsideredErrors
+from radioloc.estimation.consider import ConsideredErrors, moved_by
+from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.information_filter import InformationFilter
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.orbit_state import OrbitState, ProcessEstimate
+from radioloc.estimation.series import SeriesOrder
+from radioloc.estimation.time_correlation import estimated_covariance
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.parameters.design import ObservationModel
-from radioloc.results.solution import Solution
 from radioloc.study.orbit_choice import ProcessNoise
 from radioloc.time import tt_to_tdb, utc_to_tt
 
@@ -119,26 +121,28 @@ class StochasticProblem:
         return True
 
     def smoothed(
-        self, state: OrbitState, fit: FitResult, solution: Solution, considered: ConsideredErrors | None
+        self, state: OrbitState, fitted: EditedFit, order: SeriesOrder, suboptimal: ConsideredErrors | None
     ) -> OrbitState:
         """The state of the smoothed orbit, with the errors of the orbit by interval where all is determined."""
+        fit = fitted.fit
         assert isinstance(fit.whitening, InformationFilter)
         found = self.again(fit)
         orbit, p = found.here.orbit_at(fit.x), self.here.first
         assert orbit is not None
         state = replace(state, orbit=orbit)
         free, here = fit.parameters.free, fit.linearization
-        joint, sigmas = solution.covariance[np.ix_(free, free)], np.zeros(0)
+        joint, sigmas = estimated_covariance(fitted, order)[0][np.ix_(free, free)], np.zeros(0)
         if not np.isfinite(joint).all():
             return state
-        if considered is not None and solution.consider is not None:
-            # Errors of what is considered are those of the assumed values, which residuals have with the other sign.
-            moved, sigmas = solution.consider.sensitivity[free], considered.parameters.prior_sigmas
+        if suboptimal is not None:
+            # Their errors are those of the assumed values, which residuals have with the other sign.
+            sigmas = suboptimal.parameters.prior_sigmas
+            moved = moved_by(fit, suboptimal.partials, len(sigmas))[free] * sigmas
             joint = np.block([[joint + moved @ moved.T, -moved], [-moved.T, np.eye(len(sigmas))]])
 
         def others(rows: NDArray[np.intp]) -> Floats:
             mine = here.partials(rows)[:, free]
-            return mine if considered is None else np.hstack([mine, considered.partials(rows) * sigmas])
+            return mine if suboptimal is None else np.hstack([mine, suboptimal.partials(rows) * sigmas])
 
         smoothed = fit.whitening.smoothed(others, here.residual_m, joint)
         # From errors of free parameters, of what is considered, of the deviation and the acceleration.

@@ -24,7 +24,7 @@ class Role(Enum):
 
     ESTIMATED = "estimated"
     CONSIDERED = "considered"
-    """Held at its a-priori value, whose error is carried into the covariance."""
+    """Adjusted with its a-priori sigma, but not reported: its error is in the weights and in the covariance."""
     FIXED = "fixed"
     """Held at its a-priori value, as if known exactly."""
 
@@ -92,8 +92,8 @@ class Parameter:
 
     @property
     def fixed(self) -> bool:
-        """Whether the estimator keeps the a-priori value: fixed or considered."""
-        return self.role is not Role.ESTIMATED
+        """Whether the estimator keeps the a-priori value."""
+        return self.role is Role.FIXED
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class ParameterSet:
     Parameters
     ----------
     parameters : iterable of Parameter
-        At least one, no name twice.
+        At least one. No name occurs twice, but a considered parameter may be the error of a fixed one.
 
     Raises
     ------
@@ -117,7 +117,8 @@ class ParameterSet:
         object.__setattr__(self, "parameters", tuple(self.parameters))
         if not self.parameters:
             raise InputError("a parameter set needs at least one parameter")
-        doubled = sorted(name for name, count in Counter(self.names).items() if count > 1)
+        names = Counter((item.name, item.role is Role.CONSIDERED) for item in self.parameters)
+        doubled = sorted(name for (name, _), count in names.items() if count > 1)
         if doubled:
             raise InputError(
                 f"parameter names occur more than once: {', '.join(doubled)}; each must be unique"
@@ -145,7 +146,7 @@ class ParameterSet:
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:
-        """Mask of estimated parameters."""
+        """Mask of adjusted parameters: estimated or considered."""
         return np.array([not item.fixed for item in self.parameters])
 
     @cached_property

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.estimation.combination import ReferenceComparison
-from radioloc.estimation.consider import ConsideredErrors, consider, prior_effects
+from radioloc.estimation.consider import ConsideredErrors, reported
 from radioloc.estimation.consistency import assess_consistency
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.least_squares import FitStatus
@@ -51,7 +51,10 @@ def build_solution(
     consistency: bool = True,
     **described: Any,
 ) -> Solution:
-    """Assemble a solution of an edited fit of n observations, its noise scaled to larger residuals."""
+    """Assemble a solution of an edited fit of n observations, its noise scaled to larger residuals.
+
+    `considered` are the errors that are not in the weights of the fit.
+    """
     # `elevation_deg` is the lower of the stations' elevations, `count_s` NaN of what is not counted. `described` are
     # fields of Solution as they are: position_pa_m, position_partials, rot_pa_to_me, pa_frame and me_frame always.
     fit = edited.fit
@@ -71,17 +74,20 @@ def build_solution(
     )
     if order is None:
         order = SeriesOrder.of(types, paths, seconds_since_midnight(epoch_utc))
-    common = None if considered is None else considered.at_stations
-    covariance, correlation = estimated_covariance(edited, order, common)
+    covariance, correlation = estimated_covariance(edited, order)
+    estimate = reported(fit, covariance, considered)
+    if correlation is not None:
+        added = correlation.added_covariance[np.ix_(*[~fit.parameters.considered] * 2)]
+        correlation = replace(correlation, added_covariance=added)
     solution = Solution(
         status=next(
             (status for status in statuses if status is not FitStatus.CONVERGED), FitStatus.CONVERGED
         ),
         message="; ".join(text for text in (*(doubt.reason for doubt in doubts), edited.message) if text),
-        parameters=fit.parameters,
-        values=fit.x,
-        formal_covariance=fit.covariance,
-        covariance=covariance,
+        parameters=estimate.parameters,
+        values=estimate.values,
+        formal_covariance=estimate.formal_covariance,
+        covariance=estimate.covariance,
         noise_scale=fit.noise_scale,
         time_correlation=correlation,
         fit=FitStatistics(
@@ -97,11 +103,11 @@ def build_solution(
         ),
         residuals=residuals,
         observability=assess_observability(fit, None if count_s is None else ~np.isnan(count_s)),
-        prior_effects=prior_effects(fit),
+        prior_effects=estimate.prior_effects,
         iterations=fit.iterations,
         passes=edited.passes,
         series_weights=edited.series_weights,
-        consider=None if considered is None else consider(fit, considered),
+        consider=estimate.consider,
         **described,
     )
     if consistency:

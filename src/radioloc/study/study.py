@@ -6,6 +6,7 @@ The records check themselves, so a study built in Python is held to the same rul
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -351,6 +352,9 @@ class Study:
         of :func:`~radioloc.parameters.considered.considered_choices`. None is estimated, too.
     consider_defaults : bool
         Whether kinds of parameter of which `consider` says nothing are considered as their records say.
+    suboptimal : tuple of str
+        Kinds of considered parameters that stay out of the weights: the estimate is made as if they had no errors,
+        whose effect is then added to its covariance (classical consider analysis).
     path : Path or None
         The file that it was read from.
     candidates : iterable of str or None
@@ -376,6 +380,7 @@ class Study:
     targets: Mapping[str, LunarPosition] = field(default_factory=dict)
     consider: Mapping[str, ParameterChoice] = field(default_factory=dict)
     consider_defaults: bool = True
+    suboptimal: tuple[str, ...] = ()
     path: Path | None = None
     candidates: tuple[str, ...] | None = None
     longitude_to_360: bool = False
@@ -480,6 +485,13 @@ class Study:
         object.__setattr__(self, "estimate", replace(estimate, position_priors=priors))
 
     def _require_considered(self) -> None:
+        for key in self.suboptimal:
+            if key not in PARAMETERS:
+                near = difflib.get_close_matches(key, PARAMETERS, n=1)
+                hint = f"; did you mean {near[0]!r}?" if near else ""
+                raise InputError(
+                    f"[consider] suboptimal: expected kinds of parameter ({', '.join(PARAMETERS)}), got {key!r}{hint}"
+                )
         for key, choice in self.consider.items():
             _require_sigmas(key, choice)
             estimated = self.estimate.parameters.get(key)

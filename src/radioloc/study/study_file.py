@@ -205,7 +205,7 @@ def read_study(path: str | Path) -> Study:
         made("target", partial(read_target, forces=forces, model=model or ModelChoice()))
         or next(iter(targets.values())).position
     )
-    considered, defaults = made("consider", _considered) or ({}, True)
+    considered, defaults, suboptimal = made("consider", _considered) or ({}, True, ())
     places = [content.get("target", {}), *content.get("targets", {}).values()]
     planned = made("covariance", lambda table: table.read(CovarianceChoice))
     return top.build(
@@ -217,6 +217,7 @@ def read_study(path: str | Path) -> Study:
         estimate=made("estimate", lambda table: table.read(EstimateChoice)),
         consider=considered,
         consider_defaults=defaults,
+        suboptimal=suboptimal,
         model=model,
         catalogue=catalogue,
         reference=made("reference", reference_of),
@@ -254,13 +255,13 @@ def as_study(study: Study | str | Path) -> Study:
     return study
 
 
-def _considered(table: TomlTable) -> tuple[dict[str, ParameterChoice], bool]:
-    """What is considered, and whether by default, too."""
-    defaults = table.get("defaults", bool)
+def _considered(table: TomlTable) -> tuple[dict[str, ParameterChoice], bool, tuple[str, ...]]:
+    """Read choices by kind, whether kinds have defaults, and the kinds that stay out of the weights."""
+    defaults, suboptimal = table.get("defaults", bool), table.get("suboptimal", tuple[str, ...])
     given = {key: value for key in PARAMETER_KEYS if (value := table.take(key)) is not None}
     found = table.build(considered_choices, given=given)
     table.finish()
-    return found, defaults is not False
+    return found, defaults is not False, suboptimal or ()
 
 
 def _simulation(

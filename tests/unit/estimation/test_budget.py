@@ -87,5 +87,5 @@ def test_errors_in_common_cancel_between_arcs(solution):
     same = sigmas_apart(part, solution)
     without = sigmas_apart(replace(part, consider=None), replace(solution, consider=None))
     assert same == pytest.approx(without)
-    considered = replace(solution.consider, sensitivity=5.0 * solution.consider.sensitivity)
+    considered = replace(solution.consider, sensitivity=10.0 * solution.consider.sensitivity)
     assert sigmas_apart(replace(part, consider=considered), solution) < 0.8 * same

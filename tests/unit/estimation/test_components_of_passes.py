@@ -76,7 +76,7 @@ def test_claimed_sigmas_are_those_of_the_errors_and_smaller_than_with_a_componen
 
 @pytest.fixture(scope="module")
 def tracking():
-    return change5_case.observations(PhysicalModel.build(), 1200.0, stop="2020-12-02T03:11:00", vlbi=False)
+    return change5_case.observations(PhysicalModel.build(), 300.0, stop="2020-12-02T03:11:00", vlbi=False)
 
 
 def test_a_study_asks_for_them(tracking):

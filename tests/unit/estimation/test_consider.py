@@ -1,12 +1,13 @@
 """What considered parameters add to the covariance, against fits of data that their errors have changed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from radioloc.errors import InputError
-from radioloc.estimation.consider import CommonErrors, ConsideredErrors, consider, few_errors, moved_by
+from radioloc.estimation.consider import ConsideredErrors, few_errors, moved_by, prior_effects, reported
 from radioloc.estimation.least_squares import fit_least_squares
-from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 
 RNG = np.random.default_rng(4)
@@ -37,7 +38,7 @@ def fitted(observed):
 def test_sensitivity_is_what_the_estimate_does():
     observed = DESIGN @ np.array([3.0, 1.2, 0.0])
     fit = fitted(observed)
-    found = consider(fit, ERRORS)
+    found = reported(fit, fit.covariance, ERRORS).consider
     for k, sigma in ((0, 0.7), (1, 3.0)):
         moved = fitted(observed + sigma * EFFECTS[:, k]).x - fit.x
         assert found.sensitivity[:2, k] == pytest.approx(moved[:2], abs=1e-12)
@@ -54,7 +55,7 @@ def test_sensitivity_is_what_the_estimate_does():
 def test_covariance_of_drawn_errors():
     """1000 sets of data whose considered parameters are wrong by their sigmas: the whole covariance."""
     fit = fitted(np.zeros(60))
-    total = (fit.covariance + consider(fit, ERRORS).covariance)[:2, :2]
+    total = (fit.covariance + reported(fit, fit.covariance, ERRORS).consider.covariance)[:2, :2]
     errors = []
     for draw in RNG.normal(size=(1000, 63)):
         truth = np.array([0.0, 1.0 + 0.5 * draw[60], 0.0])
@@ -64,46 +65,55 @@ def test_covariance_of_drawn_errors():
     assert np.var(errors, axis=0) == pytest.approx(np.diag(total), rel=0.18)
 
 
-def test_few_errors_stand_for_many():
-    """Errors that are alike, and one too small to matter, are one; to 1 % of the sigma of the observations."""
-    effects = np.column_stack([EFFECTS[:, 0], EFFECTS[:, 0], 1e-4 * EFFECTS[:, 1]])
-    alike = [Parameter(name, "m", "bias", 0.0, 0.5, Role.CONSIDERED) for name in "xyz"]
-    errors = ConsideredErrors(ParameterSet(alike), lambda rows: effects[rows])
-    few, at_stations = few_errors(errors, SIGMA)
-    assert few.shape == (60, 1)
-    assert at_stations == 1
-    fit = fitted(np.zeros(60))
-    moved = moved_by(fit, lambda rows: few[rows], 1)
-    left_out = np.diag(consider(fit, errors).covariance - moved @ moved.T)
-    assert (np.abs(left_out) < (0.01 * fit.sigmas) ** 2 + 1e-15).all()
+def adjusted(observed, errors=ERRORS.parameters, effects=EFFECTS):
+    """A fit with considered parameters in its weights."""
+    both = np.hstack([DESIGN, effects])
+    parameters = ParameterSet([*PARAMETERS, *errors])
+    return fit_least_squares(lambda x: (observed - both @ x, both), parameters, SIGMA)
 
 
-def test_what_matters_is_told_by_the_sigma_of_each_observation():
-    """One error is 0.2 % of the sigma of the observation that it is of, the other 20 %."""
-    both = ParameterSet([Parameter(name, "m", "bias", 0.0, 1.0, Role.CONSIDERED) for name in "xy"])
-    errors = ConsideredErrors(both, lambda rows: np.diag([0.02, 0.02])[rows])
-    few, _ = few_errors(errors, np.array([10.0, 0.1]))
-    np.testing.assert_allclose(np.abs(few), [[0.0], [0.02]], rtol=0, atol=1e-15)
-
-
-def test_weights_allow_for_errors_at_stations():
-    """Generalized least squares with the dense covariance; errors of frames are not in it."""
-    third = Parameter("m", "m", "moon_position", 0.0, 5.0, Role.CONSIDERED)
-    effects = np.column_stack([EFFECTS, DESIGN[:, 0] ** 2])
-    errors = ConsideredErrors(ParameterSet([*ERRORS.parameters, third]), lambda rows: effects[rows])
+def test_weights_with_considered_errors_are_those_of_the_dense_covariance():
+    """Generalized least squares with the covariance of noise and considered errors."""
+    errors = ParameterSet([replace(item, prior_value=0.0) for item in ERRORS.parameters])
     observed = DESIGN @ np.array([3.0, 1.2, 0.0]) + SIGMA * RNG.normal(size=60)
-    whitening = CommonErrors.of(ObservationNoise.of(SIGMA, 60).among(np.ones(60, bool)), errors.at_stations)
-    fit = fit_least_squares(lambda x: (observed - DESIGN @ x, DESIGN), PARAMETERS, SIGMA, whitening=whitening)
+    fit = adjusted(observed, errors)
     known = EFFECTS * [0.7, 3.0]
     inverse = np.linalg.inv(np.diag(SIGMA**2) + known @ known.T)
     free = DESIGN[:, :2]
     covariance = np.linalg.inv(free.T @ inverse @ free + np.diag([0.0, 0.5**-2.0]))
     expected = covariance @ (free.T @ inverse @ observed + [0.0, 1.0 * 0.5**-2.0])
-    np.testing.assert_allclose(fit.x[:2], expected, rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(fit.covariance[:2, :2], covariance, rtol=1e-9)
-    moved = consider(fit, errors).sensitivity[:2]
-    np.testing.assert_allclose(moved, covariance @ free.T @ inverse @ (effects * [0.7, 3.0, 5.0]), atol=1e-9)
-    assert ConsideredErrors(ParameterSet([third]), lambda rows: effects[rows, 2:]).at_stations is None
+    estimate = reported(fit, fit.covariance, None)
+    np.testing.assert_allclose(estimate.values[:2], expected, rtol=0.0, atol=1e-9)
+    total = estimate.covariance + estimate.consider.covariance
+    np.testing.assert_allclose(total[:2, :2], covariance, rtol=1e-9)
+    moved = estimate.consider.sensitivity[:2]
+    np.testing.assert_allclose(moved, covariance @ free.T @ inverse @ known, atol=1e-9)
+    assert estimate.consider.in_weights == ("bias", "clock")
+    assert estimate.parameters.names == PARAMETERS.names
+
+
+def test_no_sigma_exceeds_its_prior_and_sources_add_up_to_the_covariance():
+    fit = adjusted(np.zeros(60))
+    assert (fit.sigmas <= fit.parameters.prior_sigmas).all()
+    effects = prior_effects(fit)
+    gain = fit.covariance @ np.hstack([DESIGN, EFFECTS]).T / SIGMA**2
+    np.testing.assert_allclose(
+        fit.covariance, gain @ np.diag(SIGMA**2) @ gain.T + effects @ effects.T, rtol=1e-9, atol=1e-15
+    )
+
+
+def test_few_errors_stand_for_many():
+    """Errors that are alike, and one too small to matter, are one; a variance changes by less than 1 %."""
+    effects = np.column_stack([EFFECTS[:, 0], EFFECTS[:, 0], 1e-4 * EFFECTS[:, 1]]) * 0.5
+    unit_partials = DESIGN[:, :2] @ np.linalg.cholesky(fitted(np.zeros(60)).covariance[:2, :2])
+    few = few_errors(effects, SIGMA, unit_partials, np.ones(60, dtype=bool))
+    assert few.shape == (60, 1)
+    unit = [Parameter(name, "1", "bias", 0.0, 1.0, Role.CONSIDERED) for name in "xyz"]
+    whole = adjusted(np.zeros(60), unit, effects).covariance[:2, :2]
+    short = adjusted(np.zeros(60), unit[:1], few).covariance[:2, :2]
+    np.testing.assert_allclose(short, whole, rtol=1e-3)
+    moved = moved_by(fitted(np.zeros(60)), lambda rows: few[rows], 1)
+    assert np.linalg.norm(moved) > 0.0
 
 
 def test_what_is_considered_needs_a_sigma():

@@ -142,13 +142,15 @@ def test_considered_errors_are_in_it():
     choice = radioloc.parameters.choice.parameter_choices(
         {"station_position": ["KASHI"], "station_position_sigma_m": {"KASHI": [0.6, 0.6, 0.6]}}
     )
-    planned = covariance(dataclasses.replace(study, consider=choice), 24.0)
+    study = dataclasses.replace(study, consider_defaults=False)  # of which trials draw no errors
+    considered = dataclasses.replace(study, consider=choice)
+    planned = covariance(considered, 24.0)
     alone = covariance(study, 24.0)
     by_source = planned.longest.by_source()
-    assert by_source["station_position"].sum() > 0.7 * by_source["measurement noise"].sum()
+    assert by_source["station_position"].sum() > 0.2
     [gain] = [gain for gain in planned.gains if gain.what == "station_position known"]
     assert gain.radius_95_m == pytest.approx(alone.longest.radius_95_m, rel=1e-9)
-    trials = radioloc.monte_carlo(study, trials=200, hours=24.0, seed=5)
+    trials = radioloc.monte_carlo(considered, trials=200, hours=24.0, seed=5)
     added = np.mean(trials.errors_m[:, 0] ** 2, axis=0)
     # The height prior is not drawn, and draws little from the other two.
     np.testing.assert_allclose(np.sqrt(added[:2]) / planned.longest.sigma_m[:2], 1.0, atol=0.16)

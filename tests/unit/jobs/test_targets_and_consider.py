@@ -157,16 +157,20 @@ def test_several_targets_come_home_from_afar_by_a_search(folder):
 CONSTANTS = PhysicalModel.build().ephemeris.constants
 
 
-INDEPENDENT = STUDY.replace("[estimate]", '[estimate]\nweights = "independent"')
-"""Weights that know nothing of considered errors: the estimate is that without them."""
+SUBOPTIMAL = '[consider]\ndefaults = false\nsuboptimal = ["station_position", "clock", "ut1"]\n'
+"""Errors that stay out of the weights: the estimate is that without them."""
 
 
 @pytest.mark.study
 def test_considered_parameters_are_in_the_total_sigma(folder):
-    plain = radioloc.locate(study(folder, INDEPENDENT))
-    text = INDEPENDENT + (
-        '[consider]\nstation_position = "all"\nstation_position_sigma_m = 0.1\n'
-        'clock = ["URUMQI"]\nclock_sigma_s = 1e-9\nut1 = true\nut1_sigma_s = 2e-5\n'
+    plain = radioloc.locate(study(folder, STUDY + "[consider]\ndefaults = false\n"))
+    text = (
+        STUDY
+        + SUBOPTIMAL
+        + (
+            'station_position = "all"\nstation_position_sigma_m = 0.1\n'
+            'clock = ["URUMQI"]\nclock_sigma_s = 1e-9\nut1 = true\nut1_sigma_s = 2e-5\n'
+        )
     )
     solution = radioloc.locate(study(folder, text))
     np.testing.assert_allclose(solution.values[:6], plain.values[:6], atol=1e-3)
@@ -185,10 +189,10 @@ def test_considered_parameters_are_in_the_total_sigma(folder):
 
 
 def test_a_clock_that_is_wrong_by_its_sigma_moves_the_estimate_as_considered(folder):
-    text = INDEPENDENT + '[consider]\ndefaults = false\nclock = ["URUMQI"]\nclock_sigma_s = 1e-9\n'
+    text = STUDY + SUBOPTIMAL + 'clock = ["URUMQI"]\nclock_sigma_s = 1e-9\n'
     before = radioloc.locate(study(folder, text))
-    wrong = INDEPENDENT.replace("[estimate]", "[estimate]\nclock_s = { URUMQI = -1e-9 }")
-    after = radioloc.locate(study(folder, wrong))
+    wrong = STUDY.replace("[estimate]", "[estimate]\nclock_s = { URUMQI = -1e-9 }")
+    after = radioloc.locate(study(folder, wrong + "[consider]\ndefaults = false\n"))
     [moved] = (np.array(one["position_enu_m"]) for one in before.consider.to_list(before.enu_by_parameters))
     shift_m = before.rot_pa_to_enu @ (after.position_pa_m - before.position_pa_m)
     np.testing.assert_allclose(shift_m, moved, atol=1e-4 + 1e-3 * np.abs(moved).max())

@@ -117,5 +117,5 @@ def test_few_errors_stand_for_many():
 
 
 def test_what_is_considered_needs_a_sigma():
-    with pytest.raises(InputError, match="which needs the sigma"):
+    with pytest.raises(InputError, match="needs a finite sigma"):
         Parameter("c", "m", "bias", role=Role.CONSIDERED)

@@ -1,8 +1,7 @@
-"""What is to be measured and when: sessions of links at regular epochs, thinned to what can be seen.
+"""Schedules of tracking: sessions of links at regular epochs, restricted to visible targets.
 
-A pair of stations means, by the form of path of the kind of measurement, who sends and who receives (two-way where they
-are the same), nobody (an empty name) and who receives, or the first and the second station of a baseline (second minus
-first).
+A pair of stations is, by the form of path of the kind of measurement, transmitter and receiver (two-way if they are the
+same), an empty name and the receiver, or the first and the second station of a baseline (second minus first).
 """
 
 from __future__ import annotations
@@ -28,11 +27,11 @@ from radioloc.time import Epochs, epochs_from_strings, utc_to_tai, utc_to_tt
 
 Pair = tuple[str, str]
 
-_ROUND_TRIP_S = 2.6  # before its reception a signal was sent, or after its sending received
+_ROUND_TRIP_S = 2.6  # From transmission to reception
 
 
 def one_way(*stations: str) -> tuple[Pair, ...]:
-    """Pairs of stations that receive what the target sends by itself.
+    """Return pairs of stations that receive the target's own signal.
 
     Examples
     --------
@@ -44,7 +43,7 @@ def one_way(*stations: str) -> tuple[Pair, ...]:
 
 
 def two_way(*stations: str) -> tuple[Pair, ...]:
-    """Pairs of stations that receive what they sent.
+    """Return pairs of stations that receive their own signal.
 
     Examples
     --------
@@ -56,7 +55,7 @@ def two_way(*stations: str) -> tuple[Pair, ...]:
 
 
 def three_way(transmitter: str, *receivers: str) -> tuple[Pair, ...]:
-    """Pairs of one transmitter with other receivers.
+    """Return pairs of one transmitter with other receivers.
 
     Examples
     --------
@@ -68,7 +67,7 @@ def three_way(transmitter: str, *receivers: str) -> tuple[Pair, ...]:
 
 
 def all_ranges(*stations: str) -> tuple[Pair, ...]:
-    """Pairs of each station with itself and with every other, transmitters in the order given.
+    """Return pairs of each station with itself and with every other, in the order of transmitters.
 
     Examples
     --------
@@ -80,7 +79,7 @@ def all_ranges(*stations: str) -> tuple[Pair, ...]:
 
 
 def baselines(*stations: str) -> tuple[Pair, ...]:
-    """All baselines of some stations, six of four; of each, the first is the one named earlier.
+    """Return all baselines of stations, six for four stations, in the order of the arguments.
 
     Examples
     --------
@@ -98,28 +97,27 @@ LINKS: dict[str, tuple[str, Callable[..., tuple[Pair, ...]]]] = {
     "one_way": ("target>receiver", one_way),
     "baselines": ("station1<target>station2", baselines),
 }
-"""How stations of a session can be paired, with the form of path that this gives; of each form the default is first."""
+"""Pairings of stations in a session with their form of path; the first of each form is its default."""
 
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """Links measured in the same way at regular epochs."""
+    """Links with equal settings at regular epochs."""
 
-    kind: str  # of KINDS, but for those of two targets
+    kind: str  # of KINDS, with one target
     # Stations of each link: `one_way`, `two_way`, `three_way`, `all_ranges`, `baselines`.
     pairs: Sequence[Pair]
     start_utc: str
-    stop_utc: str  # the latest possible epoch. No leap second may lie on the days from the first to it
+    stop_utc: str  # the latest possible epoch; the days from the start to it must not have a leap second
     step_s: float
-    sigma_m: float  # standard deviation that the observations are to state
-    # Only one station sends at a time: of those that see the target the one that comes first in `pairs`; the links of
-    # the others wait.
+    sigma_m: float  # stated standard deviation of the observations
+    # Only one station transmits at a time, the first in `pairs` of those that see the target.
     one_uplink: bool = False
-    time_tag: str = "receive"  # event that the epochs belong to, of TIME_TAGS
+    time_tag: str = "receive"  # event at the epochs, of TIME_TAGS
     count_s: float = math.nan  # count interval of Doppler and delay rates
-    uplink_hz: float = math.nan  # of the signal on its way up; NaN where it does not matter, as the next
-    wavelength_um: float = math.nan  # of the signal on its way down, micrometres
-    source: str = ""  # a quasar of the model that is observed in place of the target
+    uplink_hz: float = math.nan  # frequency of the uplink; NaN if it has no effect
+    wavelength_um: float = math.nan  # wavelength of the downlink, micrometres; NaN if it has no effect
+    source: str = ""  # a quasar of the model in place of the target
 
     def __post_init__(self) -> None:
         bare_fields(self)
@@ -148,13 +146,15 @@ class Session:
         return MEASUREMENTS[self.kind].on_baseline
 
     def epochs(self) -> Epochs:
-        """All epochs from start to stop, seen or not, UTC, to the nearest float."""
+        """Return all epochs from start to stop, UTC, to the nearest float; the target may be invisible."""
         limits = epochs_from_strings([self.start_utc, self.stop_utc], "UTC")
-        # A start is meant to the nanosecond at most; a float of the fraction of a day is 0.01 ns wide.
+        # Dates have a resolution of a nanosecond, the fraction of a day one of 0.01 ns.
         start_s, stop_s = np.round(limits.fraction * SECONDS_PER_DAY, 9)
         length_s = float((limits.jd[1] - limits.jd[0]) * SECONDS_PER_DAY + (stop_s - start_s))
         if length_s < 0.0:
-            raise InputError(f"the session starts at {self.start_utc} but stops earlier, at {self.stop_utc}")
+            raise InputError(
+                f"stop_utc: expected an epoch after the start {self.start_utc}, got {self.stop_utc}"
+            )
         days = utc_to_tai(Epochs.from_jd([limits.jd[0], limits.jd[1] + 1.0], 0.0, "UTC"))
         if days[1].seconds_since(days[0])[0] != (limits.jd[1] + 1.0 - limits.jd[0]) * SECONDS_PER_DAY:
             raise InputError(
@@ -167,34 +167,35 @@ class Session:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """What is to be measured: n observations without their values."""
+    """Planned observations, n of them, without values."""
 
-    observations: Observations  # in the order of time; each value is one metre and means nothing
+    observations: Observations  # in the order of time; each value is a placeholder of one metre
     sessions: tuple[Session, ...]
     session: NDArray[np.int64]  # index into sessions, shape (n,)
-    slot: NDArray[np.int64]  # index into the epochs of the session, seen or not, shape (n,)
+    slot: NDArray[np.int64]  # index into all epochs of the session, shape (n,)
 
 
 @dataclass(frozen=True, slots=True)
 class Schedule:
-    """Sessions, and elevations below which nothing is measured."""
+    """Sessions and elevation masks."""
 
     sessions: Sequence[Session]
     masks: Masks = field(default_factory=Masks)
 
     def span(self) -> Epochs:
-        """Start of the first session and stop of the last, UTC."""
-        dates = [date for one in self.sessions for date in (one.start_utc, one.stop_utc)]
+        """Return the start of the first session and the stop of the last, UTC."""
+        dates = [date for session in self.sessions for date in (session.start_utc, session.stop_utc)]
         limits = epochs_from_strings(dates, "UTC")
         return limits[[int(limits.mjd.argmin()), int(limits.mjd.argmax())]]
 
     @bare_arguments
     def plan(self, model: PhysicalModel, target_pa_m: Target, target: str = "lander") -> Plan:
-        """Epochs and links of what can be seen.
+        """Return the observations at which the target is visible.
 
-        A link is measured when its stations see the target, from the sending of the measurement's first signal to the
-        reception of its last. A spacecraft is no farther than the Moon. `target` is its name in the observations.
-        Errors as of :func:`radioloc.simulation.visibility.elevations`, and where nothing can be seen.
+        A link is measured while its stations see the target, from the transmission of the measurement's first signal to
+        the reception of its last; a spacecraft counts as no farther than the Moon. `target` is its name in the
+        observations. Errors are those of :func:`radioloc.simulation.visibility.elevations`; a schedule without any
+        visible target is another.
         """
         if not self.sessions:
             raise InputError("a schedule needs at least one session")
@@ -215,7 +216,7 @@ class Schedule:
     def _rows(
         self, session: Session, model: PhysicalModel, target_pa_m: Target | AtInfinity, target: str
     ) -> tuple[Observations, NDArray[np.int64], NDArray[np.int64]]:
-        """What can be seen of a session, with the epoch and the pair of each observation."""
+        """Return the visible part of a session, with the index of the epoch and of the pair of each observation."""
         utc, catalogue = session.epochs(), model.catalogue
         if session.source:
             target = canonical_target(session.source)
@@ -230,7 +231,7 @@ class Schedule:
         ]
         stations = list(dict.fromkeys(name for link in links for name in link.stations))
         ends = np.array([[stations.index(link.stations[k]) for k in (0, -1)] for link in links])
-        # From the sending of the measurement's first signal to the reception of its last.
+        # From the transmission of the first signal of a measurement to the reception of its last.
         before_s = after_s = 0.0 if math.isnan(session.count_s) else 0.5 * session.count_s
         if not session.baseline:
             before_s += 0.0 if session.time_tag == "transmit" else _ROUND_TRIP_S
@@ -240,11 +241,11 @@ class Schedule:
             seen(model, target_pa_m, stations, tt.shifted(shift_s), self.masks)
             for shift_s in (-before_s, after_s)
         )
-        can_see = first & last
-        measured = can_see[:, ends[:, 0]] & can_see[:, ends[:, 1]]
+        visible = first & last
+        measured = visible[:, ends[:, 0]] & visible[:, ends[:, 1]]
         if session.one_uplink:
             senders = list(dict.fromkeys(ends[:, 0].tolist()))
-            first_seen = np.array(senders)[np.argmax(can_see[:, senders], axis=1)]
+            first_seen = np.array(senders)[np.argmax(visible[:, senders], axis=1)]
             measured &= first_seen[:, None] == ends[:, 0]
         slot, pair = np.nonzero(measured)
         part = Observations.from_columns(

@@ -1,9 +1,8 @@
-"""Who sees whom: the target above the stations' horizons, the stations above the target's, and from when to when.
+"""Mutual visibility of target and stations: elevations at both ends, and windows from rise to set.
 
-An elevation belongs to the instant at which the signal is at the station. The point on the Moon is taken one light time
-earlier, for a signal that comes down; for one that goes up the direction differs by 2 arcseconds, 0.1 s of rise or set.
-Refraction is left out, as in the measurement model. For a point on the surface the Moon's own horizon is what hides the
-Earth; for a spacecraft, the Moon's limb.
+An elevation is at the instant of the signal at the station. The point on the Moon is one light time earlier, as for a
+downlink; for an uplink the direction differs by 2 arcseconds, 0.1 s of rise or set. Refraction is neglected, as in the
+measurement model. The horizon of a point on the surface is the Moon's own, that of a spacecraft the Moon's limb.
 """
 
 from __future__ import annotations
@@ -35,42 +34,41 @@ from radioloc.vectors import Floats
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AtInfinity:
-    """A quasar, which sees every station."""
+    """Quasar, for which only the stations' horizons count."""
 
-    direction: Floats  # ICRS, unit vector, shape (3,); 20 arcseconds of aberration are left out
+    direction: Floats  # ICRS, unit vector, shape (3,); 20 arcseconds of aberration are neglected
 
 
 Target = Floats | AnyTrajectory
 """Principal-axes position of a point on the Moon, shape (3,), m; or the trajectory of a spacecraft."""
 
-_COARSE_STEP_S = 60.0  # at which dense series are computed first
+_COARSE_STEP_S = 60.0  # First step of dense series
 _MAX_ELEVATION_RATE_RAD_S = 9e-5
-"""No elevation of a point on the Moon above a station's horizon changes faster, nor that of a station above the
-point's: the Earth turns by 7.3e-5 rad/s, the Moon goes round it by up to 3.3e-6, a station passes by it at 1.3e-6."""
+"""Bound of the rate of elevations at both ends: the Earth rotates at 7.3e-5 rad/s, the Moon orbits it at up to 3.3e-6,
+and the parallax of a station changes at 1.3e-6."""
 _EPOCHS_AT_ONCE = 32768
 _SEARCH_STEP_S = 300.0
-_ORBIT_SEARCH_STEP_S = 60.0  # of a spacecraft, which the Moon may hide for minutes
-_CROSSING_TOLERANCE_S = 0.1  # of rise and set before they are rounded to whole seconds
+_ORBIT_SEARCH_STEP_S = 60.0  # For a spacecraft, which the Moon may hide for minutes
+_CROSSING_TOLERANCE_S = 0.1  # For rise and set before rounding to whole seconds
 
 
 @dataclass(frozen=True, slots=True)
 class Masks:
-    """Elevations from -90 to 90 deg below which nothing is tracked."""
+    """Lowest elevations of tracking, from -90 to 90 deg."""
 
     station_deg: float = 10.0  # of the target above a station's horizon
-    # Of a station above the target's horizon: what terrain or antenna at the target leaves free.
-    target_deg: float = 0.0
-    # Stations (by their catalogue names) with a mask of their own.
+    target_deg: float = 0.0  # of a station above the target's horizon, for terrain or antenna at the target
+    # Masks of single stations by catalogue name.
     by_station_deg: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         bare_fields(self)
         for mask_deg in (self.station_deg, self.target_deg, *self.by_station_deg.values()):
             if not -90.0 <= mask_deg <= 90.0:
-                raise InputError(f"an elevation mask of {mask_deg!r} deg is not between -90 and 90")
+                raise InputError(f"elevation mask: expected -90 to 90 deg, got {mask_deg!r}")
 
     def of(self, station: str) -> float:
-        """Mask of a station, deg."""
+        """Return the mask of a station, deg."""
         return self.by_station_deg.get(station, self.station_deg)
 
 
@@ -85,7 +83,7 @@ class Elevations:
     at_target_rad: Floats
 
     def margin_rad(self, masks: Masks) -> Floats:
-        """How far the lower of both elevations is above its mask, shape (n, k); below zero is not seen."""
+        """Return the smaller margin of both elevations above their masks, shape (n, k); negative if not visible."""
         station_rad = np.radians([masks.of(name) for name in self.stations])
         return np.minimum(
             self.at_station_rad - station_rad, self.at_target_rad - np.radians(masks.target_deg)
@@ -96,15 +94,15 @@ class Elevations:
 def elevations(
     model: PhysicalModel, target_pa_m: Target | AtInfinity, stations: Sequence[str], tt: Epochs
 ) -> Elevations:
-    """Elevations of the target and of the stations above each other's horizons.
+    """Compute elevations of the target and of the stations above each other's horizons.
 
     Parameters
     ----------
     model : PhysicalModel
-        Where Earth, Moon and stations are; its terms (tides, media) do not matter here.
+        Positions of Earth, Moon and stations; its terms (tides, media) have no effect.
     target_pa_m : ndarray, shape (3,), AnyTrajectory or AtInfinity
-        The point in principal axes, m, or a spacecraft: its horizon is the Moon's limb, the sphere of 1737.4 km; or a
-        quasar, whose horizon hides nothing.
+        Point in principal axes, m; or a spacecraft, whose horizon is the Moon's limb, the sphere of 1737.4 km; or a
+        quasar, which has no horizon.
     stations : sequence of str
         Names or aliases.
     tt : Epochs
@@ -130,23 +128,23 @@ def elevations(
     [[1.087]]
     """
     rot_itrf_to_gcrs = model.earth.evaluate(tt).rot_itrf_to_gcrs
-    found = [model.catalogue.get(name) for name in stations]
-    names = tuple(station.name for station in found)
-    at_station, at_target = np.empty((len(tt), len(found))), np.full((len(tt), len(found)), 0.5 * np.pi)
+    entries = [model.catalogue.get(name) for name in stations]
+    names = tuple(station.name for station in entries)
+    at_station, at_target = np.empty((len(tt), len(names))), np.full((len(tt), len(names)), 0.5 * np.pi)
     if isinstance(target_pa_m, AtInfinity):
         towards = np.broadcast_to(target_pa_m.direction, (len(tt), 3))
-        for k, station in enumerate(found):
+        for k, station in enumerate(entries):
             at_station[:, k] = _elevation_rad(towards, rot_itrf_to_gcrs @ rot_itrf_to_enu(station.itrf_m)[2])
         return Elevations(names, at_station, at_target)
     target_gcrs_m, from_moon_m, dip_rad = _target(model, target_pa_m, tt_to_tdb(tt))
     moon_distance_m = np.linalg.norm(from_moon_m, axis=-1)
     target_up = from_moon_m / moon_distance_m[:, None]
-    for k, station in enumerate(found):
+    for k, station in enumerate(entries):
         station_gcrs_m = np.einsum("nij,nj->ni", rot_itrf_to_gcrs, station.position_at(tt))
         station_up = rot_itrf_to_gcrs @ rot_itrf_to_enu(station.itrf_m)[2]
         to_target_m = target_gcrs_m - station_gcrs_m
         at_station[:, k] = _elevation_rad(to_target_m, station_up)
-        # A Moon farther away than the station hides nothing.
+        # The Moon hides nothing if it is farther away than the station.
         before_moon = np.linalg.norm(to_target_m, axis=-1) > moon_distance_m
         at_target[:, k] = np.where(
             before_moon, _elevation_rad(-to_target_m, target_up) + dip_rad, 0.5 * np.pi
@@ -155,7 +153,7 @@ def elevations(
 
 
 def _target(model: PhysicalModel, target_pa_m: Target, tdb: Epochs) -> tuple[Floats, Floats, Floats | float]:
-    """Target one light time earlier from geocentre and Moon's centre, GCRS, m, (n, 3), and dip of its horizon, rad."""
+    """Return the target one light time earlier from geocentre and Moon, GCRS, m, (n, 3), and its horizon's dip, rad."""
     ephemeris = model.ephemeris
     if isinstance(target_pa_m, AnyTrajectory):
         distance_m = np.linalg.norm(target_pa_m.geocentric(ephemeris, tdb)[0], axis=-1)
@@ -180,10 +178,10 @@ def _elevation_rad(away_m: Floats, up: Floats) -> Floats:
 def seen(
     model: PhysicalModel, target_pa_m: Target | AtInfinity, stations: Sequence[str], tt: Epochs, masks: Masks
 ) -> NDArray[np.bool_]:
-    """Whether target and stations see each other, above the masks, at epochs in order, shape (n, k)."""
-    # Of dense epochs one a minute is computed. Between two of them a margin that is a and b there, of one sign, cannot
-    # have changed it if |a| + |b| is more than it can change in that time; else all epochs between are computed. A
-    # spacecraft's elevations have no such bound.
+    """Return whether target and stations see each other above the masks, at ordered epochs, shape (n, k)."""
+    # Dense series are computed once a minute first. Between two margins a and b of one sign the sign cannot change if
+    # |a| + |b| exceeds the largest change in that time; otherwise all epochs between are computed. The elevations of a
+    # spacecraft have no such bound.
     n = len(tt)
     length_s = float(tt[-1].seconds_since(tt[0])[0]) if n else 0.0
     every = 1
@@ -213,12 +211,12 @@ def seen(
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """A time in which all of some stations see the target, from the first to the last whole second."""
+    """Interval in which all of some stations see the target, from the first to the last whole second."""
 
     start_utc: str
     stop_utc: str
-    rises: bool  # whether it begins by a rise rather than by the limit of the search
-    sets: bool  # likewise whether it ends by a set
+    rises: bool  # at its begin; false at the limit of the search
+    sets: bool  # at its end; false at the limit of the search
 
 
 @bare_arguments
@@ -230,21 +228,21 @@ def windows(
     stop_utc: str,
     masks: Masks | None = None,
 ) -> list[Window]:
-    """When all the stations see the target at once, rise and set to the second.
+    """Find the windows in which all stations see the target at once, with rise and set to the second.
 
-    A window or a gap shorter than five minutes, of a spacecraft than one, as of a target that grazes a mask, can be
+    Windows and gaps shorter than five minutes (spacecraft: one minute), as of a target that grazes a mask, can be
     missed.
 
     Parameters
     ----------
     model, target_pa_m
-        As of :func:`elevations`, with its errors.
+        As in :func:`elevations`, with its errors.
     stations : sequence of str
         Names or aliases, at least one.
     start_utc, stop_utc : str
         Limits of the search, in order.
     masks : Masks, optional
-        10 deg at the stations and the horizon at the target where not given.
+        By default 10 deg at the stations and the horizon at the target.
 
     Examples
     --------
@@ -258,11 +256,11 @@ def windows(
     """
     masks = masks or Masks()
     if not stations:
-        raise InputError("no station; name at least one")
+        raise InputError("stations: expected at least one, got none")
     limits = utc_to_tai(epochs_from_strings([start_utc, stop_utc], "UTC"))
     length_s = float(limits[1].seconds_since(limits[0])[0])
     if not length_s > 0.0:
-        raise InputError(f"the search starts at {start_utc} but stops at {stop_utc}; it must stop later")
+        raise InputError(f"stop_utc: expected an epoch after the start {start_utc}, got {stop_utc}")
 
     def margin_rad(offset_s: Floats) -> Floats:
         tt = tai_to_tt(limits[np.zeros(len(offset_s), dtype=np.int64)].shifted(offset_s))
@@ -275,8 +273,8 @@ def windows(
     low_s, high_s = grid_s[changes], grid_s[changes + 1]
     while len(changes) and float((high_s - low_s).max()) > _CROSSING_TOLERANCE_S:
         middle_s = 0.5 * (low_s + high_s)
-        before = (margin_rad(middle_s) >= 0.0) == seen[changes]
-        low_s, high_s = np.where(before, middle_s, low_s), np.where(before, high_s, middle_s)
+        unchanged = (margin_rad(middle_s) >= 0.0) == seen[changes]
+        low_s, high_s = np.where(unchanged, middle_s, low_s), np.where(unchanged, high_s, middle_s)
     crossings_s = 0.5 * (low_s + high_s)
     starts_s = np.concatenate([[0.0] * bool(seen[0]), crossings_s[~seen[changes]]])
     stops_s = np.concatenate([crossings_s[seen[changes]], [length_s] * bool(seen[-1])])
@@ -289,7 +287,7 @@ def windows(
 
 
 def _text(origin_tai: Epochs, offset_s: float, *, up: bool) -> str:
-    """UTC at the whole second nearest within the window; UTC's seconds tick with those of TAI."""
+    """Return UTC at the nearest whole second within the window; seconds of UTC are those of TAI."""
     day_s = float(origin_tai.fraction[0]) * SECONDS_PER_DAY + offset_s
     rounded = np.ceil(day_s - _CROSSING_TOLERANCE_S) if up else np.floor(day_s + _CROSSING_TOLERANCE_S)
     return str(utc_strings(tai_to_utc(origin_tai.shifted(offset_s + rounded - day_s)), decimals=0)[0])

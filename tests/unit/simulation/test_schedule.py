@@ -156,7 +156,7 @@ def test_what_cannot_be_planned_is_refused(model, lander_pa_m):
         planned(Session("range", two_way("KASHY"), START, STOP, 600.0, 1.0))
     with pytest.raises(InputError, match="count interval"):
         planned(Session("doppler", two_way("KASHI"), START, STOP, 600.0, 1.0))
-    with pytest.raises(InputError, match="stops earlier"):
+    with pytest.raises(InputError, match="stop_utc: expected an epoch after the start"):
         planned(Session("range", two_way("KASHI"), STOP, START, 600.0, 1.0))
     with pytest.raises(InputError, match="leap second"):
         Session("range", two_way("KASHI"), "2016-12-31T12:00", "2017-01-01T12:00", 600.0, 1.0).epochs()

@@ -37,8 +37,10 @@ def read_recorded(path: str | Path, *, require_consistency: bool = True) -> Mapp
     with json_file(path, what) as content:
         if not isinstance(content, Mapping):
             raise InputError(what)
-        (_ARCS if "positions" in content else _SOLUTION)(content, "")
+        _check(_ARCS if "positions" in content else _SOLUTION, content, "")
         solutions = [arc["solution"] for arc in content["arcs"]] if "positions" in content else [content]
+        if not solutions:
+            _fail("arcs", "at least one item", [])
         for solution in solutions if require_consistency else ():
             _require_consistency(solution)
     return dict(content)
@@ -46,7 +48,7 @@ def read_recorded(path: str | Path, *, require_consistency: bool = True) -> Mapp
 
 def check_solution(content: Mapping[str, Any]) -> None:
     """Check what a ``solution.json`` holds; an InputError names the key of a wrong value."""
-    _SOLUTION(content, "")
+    _check(_SOLUTION, content, "")
     _require_consistency(content)
 
 
@@ -58,12 +60,45 @@ def _fail(where: str, expected: str, value: Any) -> NoReturn:
     raise InputError(f"{where or 'top level'}: expected {expected}, got {got}; make the file again")
 
 
-def _required(is_valid: Callable[[Any], bool], expected: str) -> Check:
-    def check(value: Any, where: str) -> None:
-        if not is_valid(value):
-            _fail(where, expected, value)
+def _check(schema: Any, value: Any, where: str) -> None:
+    """Compare a value with its schema; an InputError names the place of what differs.
 
-    return check
+    A schema is a mapping of keys, optional where they end in ``?`` and ``*`` for all others; a list of one schema for
+    all items, or of one for each; a tuple of None and a schema for what may be None; or a function that checks.
+    """
+    match schema:
+        case Mapping():
+            _check_mapping(schema, value, where)
+        case [None, other] if isinstance(schema, tuple):
+            if value is not None:
+                _check(other, value, where)
+        case list():
+            if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str):
+                _fail(where, "a list", value)
+            if len(schema) not in (1, len(value)):
+                _fail(where, f"a list of {len(schema)}", f"{len(value)} items")
+            for place, item in enumerate(value):
+                _check(schema[place % len(schema)], item, f"{where}[{place}]")
+        case _:
+            schema(value, where)
+
+
+def _check_mapping(schema: Mapping[str, Any], value: Any, where: str) -> None:
+    if not isinstance(value, Mapping):
+        _fail(where, "an object", value)
+    for key, item in value.items() if "*" in schema else ():
+        _check(schema["*"], item, f"{where}.{legible(str(key))}")
+    for stated, of_key in schema.items():
+        key = stated.rstrip("?")
+        place = f"{where}.{key}" if where else key
+        if key in value:
+            _check(of_key, value[key], place)
+        elif stated not in (f"{key}?", "*"):
+            raise InputError(f"{place}: the key is missing; make the file again")
+
+
+def _required(is_valid: Callable[[Any], bool], expected: str) -> Check:
+    return lambda value, where: None if is_valid(value) else _fail(where, expected, value)
 
 
 def _number(low: float = -math.inf, high: float = math.inf) -> Check:
@@ -88,61 +123,6 @@ def _utc(value: Any, where: str) -> None:
         epochs_from_strings([value])
     except (TypeError, ValueError):
         _fail(where, "a date such as 2020-12-01T15:11:00", value)
-
-
-def _same_lengths(value: Any, where: str) -> None:
-    if len(value["utc_s"]) != len(value["observed_m"]):
-        _fail(f"{where}.observed_m", f"{len(value['utc_s'])} values, as of utc_s", len(value["observed_m"]))
-
-
-def _or_none(check: Check) -> Check:
-    return lambda value, where: None if value is None else check(value, where)
-
-
-def _list(check: Check, length: int | None = None) -> Check:
-    def check_list(value: Any, where: str) -> None:
-        if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str):
-            _fail(where, "a list", value)
-        if length is not None and len(value) != length:
-            _fail(where, f"a list of {length}", f"{len(value)} items")
-        for place, item in enumerate(value):
-            check(item, f"{where}[{place}]")
-
-    return check_list
-
-
-def _mapping(check: Check) -> Check:
-    def check_mapping(value: Any, where: str) -> None:
-        if not isinstance(value, Mapping):
-            _fail(where, "an object", value)
-        for key, item in value.items():
-            check(item, f"{where}.{legible(str(key))}")
-
-    return check_mapping
-
-
-def _record(required: Mapping[str, Check], optional: Mapping[str, Check] | None = None) -> Check:
-    """Check the keys of an object; others are allowed."""
-
-    def check(value: Any, where: str) -> None:
-        if not isinstance(value, Mapping):
-            _fail(where, "an object", value)
-        for key, item in {**(optional or {}), **required}.items():
-            place = f"{where}.{key}" if where else key
-            if key in value:
-                item(value[key], place)
-            elif key in required:
-                raise InputError(f"{place}: the key is missing; make the file again")
-
-    return check
-
-
-def _all(*checks: Check) -> Check:
-    def check(value: Any, where: str) -> None:
-        for item in checks:
-            item(value, where)
-
-    return check
 
 
 def _require_consistency(value: Mapping[str, Any]) -> None:
@@ -197,115 +177,105 @@ _ANY_NUMBER = _number()
 _TRUTH = _required(lambda value: isinstance(value, bool), "true or false")
 _COUNT = _number(0)
 _METRES = _number(-MAX_COORDINATE_M, MAX_COORDINATE_M)
-_SIGMA = _or_none(_number(0.0))
+_SIGMA = (None, _number(0.0))
 _XYZ = {f"{axis}_m": _METRES for axis in "xyz"}
-_GEOGRAPHIC: dict[str, Check] = {
-    "longitude_deg": _number(-360.0, 360.0),
-    "latitude_deg": _number(-90.0, 90.0),
-    "height_m": _METRES,
+_LATITUDE = _number(-90.0, 90.0)
+_GEOGRAPHIC = {"longitude_deg": _number(-360.0, 360.0), "latitude_deg": _LATITUDE, "height_m": _METRES}
+_POSITION = {
+    "pa": {"frame": _text(r"PA_[A-Za-z0-9_.-]+", "principal axes, such as PA_DE421"), **_XYZ},
+    "me": {
+        "frame": _text(r"ME_[A-Za-z0-9_.-]+", "mean-Earth axes, such as ME_DE421"),
+        **_GEOGRAPHIC,
+        **_XYZ,
+    },
 }
-_PLACE = _GEOGRAPHIC | _XYZ
-_POSITION = _record(
-    {
-        "pa": _record({"frame": _text(r"PA_[A-Za-z0-9_.-]+", "principal axes, such as PA_DE421")} | _XYZ),
-        "me": _record({"frame": _text(r"ME_[A-Za-z0-9_.-]+", "mean-Earth axes, such as ME_DE421")} | _PLACE),
-    }
-)
-_SIGMA_ENU = _record(dict.fromkeys(_SIGMAS, _SIGMA))
-_SIGMA_LEVELS = _record(
-    dict.fromkeys(_SIGMAS, _SIGMA), dict.fromkeys(("scaled", "formal", "ephemeris"), _SIGMA_ENU)
-)
-_COVARIANCE = _record({"enu_m2": _list(_list(_or_none(_ANY_NUMBER), 3), 3)})
-_LOCATED: dict[str, Check] = {
-    "position": _or_none(_POSITION),
-    "sigma": _or_none(_SIGMA_LEVELS),
-    "covariance": _or_none(_COVARIANCE),
+_SIGMA_ENU = dict.fromkeys(_SIGMAS, _SIGMA)
+_SIGMA_LEVELS = _SIGMA_ENU | dict.fromkeys(("scaled?", "formal?", "ephemeris?"), _SIGMA_ENU)
+_LOCATED = {
+    "position": (None, _POSITION),
+    "sigma": (None, _SIGMA_LEVELS),
+    "covariance": (None, {"enu_m2": [[(None, _ANY_NUMBER)] * 3] * 3}),
 }
 _LUNAR_HEIGHT = _number(*LUNAR_HEIGHT_LIMITS_M)
-_REFERENCE = _record(
-    {"name": _text(), **_GEOGRAPHIC, "height_m": _LUNAR_HEIGHT},
-    dict.fromkeys(("east_m", "north_m", "up_m", "horizontal_m", "distance_m"), _METRES)
-    | dict.fromkeys(("east_sigmas", "north_sigmas", "up_sigmas", "combined_sigmas"), _or_none(_ANY_NUMBER)),
-)
-_PARAMETER = _record(
-    dict.fromkeys(("name", "unit"), _text())
-    | dict.fromkeys(("sigma", "total_sigma"), _SIGMA)
-    | {"value": _ANY_NUMBER, "fixed": _TRUTH}
+_REFERENCE = (
+    {"name": _text(), **_GEOGRAPHIC, "height_m": _LUNAR_HEIGHT}
+    | dict.fromkeys(("east_m?", "north_m?", "up_m?", "horizontal_m?", "distance_m?"), _METRES)
+    | dict.fromkeys(("east_sigmas?", "north_sigmas?", "up_sigmas?", "combined_sigmas?"), (None, _ANY_NUMBER))
 )
 _SHA256 = _text(r"[0-9a-f]{64}", "64 hexadecimal digits")
-_FILE: dict[str, Check] = {"file": _text(), "sha256": _or_none(_SHA256)}
-_STUDY = _record(
-    _FILE | {"inputs": _list(_record(_FILE))},
-    {"hours": _or_none(_number(0.0)), "settings": _mapping(_text())},
-)
-_HEIGHT_PRIOR = _record({"sigma_m": _number(0.0)}, {"dem": _list(_record({"sha256": _SHA256}))})
-_PROVENANCE = _record(
-    {},
-    {
-        "terrain_resolution_m": _or_none(_number(1e-3)),
-        "files": _list(_text()),
-        "images": _list(_text()),
-        "study": _or_none(_STUDY),
-        "estimate": _or_none(_record({}, {"height_prior": _or_none(_HEIGHT_PRIOR)})),
-    },
-)
-_SPAN = {"first_utc": _utc, "last_utc": _utc}
-_PRIOR = _record(
-    {"name": _text(), "value": _ANY_NUMBER, "sigma": _number(1e-30), "position_enu_m": _list(_METRES, 3)},
-    _SPAN,
-)
-_CONSIDERED = _list(_record({"name": _text()}, {"position_enu_m": _list(_METRES, 3), **_SPAN}))
-_SERIES = _record(
-    dict.fromkeys(("path", "type"), _text())
-    | dict.fromkeys(("utc_s", "observed_m"), _list(_ANY_NUMBER))
-    | {"count_s": _SIGMA, "sigma_m": _number(0.0)}
-)
-_SOLUTION = _record(
-    {
-        "name": _text(r".*"),
-        "converged": _TRUTH,
-        **_LOCATED,
-        "fit": _record(
-            {"used": _COUNT, "rejected": _COUNT},
-            {"wrms_m": _or_none(_ANY_NUMBER), "chi2_per_dof": _or_none(_ANY_NUMBER)},
-        ),
-        "reference": _or_none(_REFERENCE),
-        "provenance": _PROVENANCE,
-    },
-    {
-        "method": _text(),
-        "status": _text(),
-        "message": _text(r".*"),
-        "references": _list(_REFERENCE),
-        "parameters": _list(_PARAMETER),
-        "considered": _CONSIDERED,
-        "priors": _list(_PRIOR),
-        "observations": _list(_all(_SERIES, _same_lengths)),
-        "targets": _mapping(_record(_LOCATED | {"priors": _list(_PRIOR)}, {"considered": _CONSIDERED})),
-    },
-)
-_ROW_PLACE: dict[str, Check] = {
-    "longitude_west_deg": _number(-360.0, 360.0),
-    "latitude_deg": _GEOGRAPHIC["latitude_deg"],
-    "height_m": _METRES,
+_FILE = {"file": _text(), "sha256": (None, _SHA256)}
+_PROVENANCE = {
+    "terrain_resolution_m?": (None, _number(1e-3)),
+    "files?": [_text()],
+    "images?": [_text()],
+    "study?": (
+        None,
+        _FILE | {"inputs": [_FILE], "hours?": (None, _number(0.0)), "settings?": {"*": _text()}},
+    ),
+    "estimate?": (
+        None,
+        {"height_prior?": (None, {"sigma_m": _number(0.0), "dem?": [{"sha256": _SHA256}]})},
+    ),
 }
+_SPAN = {"first_utc?": _utc, "last_utc?": _utc}
+_SHIFT = [_METRES] * 3
+_ERRORS = {
+    "considered?": [{"name": _text(), "position_enu_m?": _SHIFT, **_SPAN}],
+    "priors?": [
+        {"name": _text(), "value": _ANY_NUMBER, "sigma": _number(1e-30), "position_enu_m": _SHIFT, **_SPAN}
+    ],
+}
+_SERIES = {"path": _text(), "type": _text(), "utc_s": [_ANY_NUMBER], "observed_m": [_ANY_NUMBER]}
 
 
-def _reference_has_place(value: Any, where: str) -> None:
+def _series(value: Any, where: str) -> None:
+    _check(_SERIES | {"count_s": _SIGMA, "sigma_m": _number(0.0)}, value, where)
+    if len(value["utc_s"]) != len(value["observed_m"]):
+        _fail(f"{where}.observed_m", f"{len(value['utc_s'])} values, as of utc_s", len(value["observed_m"]))
+
+
+_SOLUTION = {
+    "name": _text(r".*"),
+    "converged": _TRUTH,
+    **_LOCATED,
+    "fit": {
+        "used": _COUNT,
+        "rejected": _COUNT,
+        "wrms_m?": (None, _ANY_NUMBER),
+        "chi2_per_dof?": (None, _ANY_NUMBER),
+    },
+    "reference": (None, _REFERENCE),
+    "provenance": _PROVENANCE,
+    "method?": _text(),
+    "status?": _text(),
+    "message?": _text(r".*"),
+    "references?": [_REFERENCE],
+    "parameters?": [
+        {
+            "name": _text(),
+            "unit": _text(),
+            "value": _ANY_NUMBER,
+            "sigma": _SIGMA,
+            "total_sigma": _SIGMA,
+            "fixed": _TRUTH,
+        }
+    ],
+    "observations?": [_series],
+    "targets?": {"*": _LOCATED | _ERRORS},
+    **_ERRORS,
+}
+_ROW_PLACE = {"longitude_west_deg": _number(-360.0, 360.0), "latitude_deg": _LATITUDE, "height_m": _METRES}
+
+
+def _row(value: Any, where: str) -> None:
+    """Check a row of a table of positions; a reference needs a place."""
+    _check(
+        {"name": _text(), "method": _text()} | {f"{key}?": _ROW_PLACE[key] for key in _ROW_PLACE},
+        value,
+        where,
+    )
     if value["method"] == "reference":
-        _record(_ROW_PLACE | {"height_m": _LUNAR_HEIGHT})(value, where)
+        _check(_ROW_PLACE | {"height_m": _LUNAR_HEIGHT}, value, where)
 
 
-_ROW = _all(_record({"name": _text(), "method": _text()}, _ROW_PLACE), _reference_has_place)
-
-
-_ARCS = _record(
-    {
-        "name": _text(),
-        "positions": _list(_ROW),
-        "arcs": _all(
-            _list(_record({"hours": _number(0.0), "solution": _SOLUTION})),
-            _required(bool, "at least one item"),
-        ),
-    }
-)
+_ARCS = {"name": _text(), "positions": [_row], "arcs": [{"hours": _number(0.0), "solution": _SOLUTION}]}

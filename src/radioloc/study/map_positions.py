@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.errors import InputError, named
@@ -23,6 +22,7 @@ from radioloc.measurements.link import Link, canonical_target
 from radioloc.parameters.position_prior import PositionPrior, map_tie_names
 from radioloc.results.recorded import read_recorded
 from radioloc.study.schema import check, entry
+from radioloc.vectors import Floats
 
 _EITHER = ("longitude_deg", "latitude_deg", "height_m", "sigma_m", "sigma_up_m", "map_sigma_m")
 _OPTIONAL = ("height_m", "sigma_up_m")
@@ -142,8 +142,8 @@ class MapPosition:
 
     map: str
     place: LunarPosition
-    noise_enu_m2: NDArray[np.float64]
-    errors_enu_m: Mapping[str, NDArray[np.float64]]
+    noise_enu_m2: Floats
+    errors_enu_m: Mapping[str, Floats]
     data: tuple[str, ...] = ()
 
 
@@ -193,53 +193,55 @@ def _require_distinct(positions: Sequence[MapPosition]) -> None:
 
 def _combined(items: Sequence[tuple[str, LunarPosition | None, MapPosition]]) -> tuple[PositionPrior, ...]:
     """Estimate the positions of all targets by least squares from positions on maps that share errors."""
-    from scipy.linalg import block_diag
-
-    origins: dict[str, LunarPosition] = {}
-    for target, known, position in items:
+    origins = {target: position.place for target, known, position in reversed(items) if known is None}
+    targets = [target for target in dict.fromkeys(target for target, *_ in items) if target in origins]
+    blocks = {target: slice(3 * k, 3 * k + 3) for k, target in enumerate(targets)}
+    design = np.zeros((3 * len(items), 3 * len(targets)))
+    offsets_m = np.zeros(3 * len(items))
+    for k, (target, known, position) in enumerate(items):
+        rows = slice(3 * k, 3 * k + 3)
         if known is None:
-            origins.setdefault(target, position.place)
-    blocks = {target: slice(3 * k, 3 * k + 3) for k, target in enumerate(origins)}
-    names = list(dict.fromkeys(name for *_, position in items for name in position.errors_enu_m))
-    nothing = np.zeros(3)
-    design = np.zeros((3 * len(items), 3 * len(origins)))
-    for k, (target, known, _) in enumerate(items):
-        if known is None:
-            design[3 * k : 3 * k + 3, blocks[target]] = np.eye(3)
-    offsets_m = np.concatenate(
-        [
-            local_difference(position.place.xyz_m, (known or origins[target]).xyz_m).enu_m
-            for target, known, position in items
-        ]
-    )
-    errors_m = np.concatenate(
-        [
-            np.column_stack([position.errors_enu_m.get(name, nothing) for name in names])
-            for *_, position in items
-        ]
-    )
-    noise_m2 = block_diag(*(position.noise_enu_m2 for *_, position in items))
-    held = np.isfinite(np.diag(noise_m2))
-    free = np.asarray(design[held].any(axis=0))
-    design, offsets_m, errors_m = design[np.ix_(held, free)], offsets_m[held], errors_m[held]
-    covariance_m2 = noise_m2[np.ix_(held, held)] + errors_m @ errors_m.T
-    weighted = np.linalg.solve(covariance_m2, design)
-    gain = np.zeros((len(free), len(offsets_m)))
-    gain[free] = np.linalg.solve(design.T @ weighted, weighted.T)
-    total_m2 = gain @ covariance_m2 @ gain.T
-    total_m2[~free], total_m2[:, ~free] = np.nan, np.nan
-    moved_m, moved_by_m = gain @ offsets_m, dict(zip(names, (gain @ errors_m).T, strict=True))
+            design[rows, blocks[target]] = np.eye(3)
+        offsets_m[rows] = local_difference(position.place.xyz_m, (known or origins[target]).xyz_m).enu_m
+    gain, total_m2, moved_by_m = _solved(design, [position for *_, position in items])
+    moved_m = gain @ offsets_m
     return tuple(
         PositionPrior(
             target,
-            LunarPosition.from_cartesian(displaced(origin.xyz_m, moved_m[blocks[target]]), origin.frame),
-            total_m2[blocks[target], blocks[target]],
-            {name: by[blocks[target]] for name, by in moved_by_m.items() if by[blocks[target]].any()},
-            tuple(key for one, known, position in items if one == target or known for key in position.data),
-            {other: total_m2[blocks[target], block] for other, block in blocks.items() if other != target},
+            LunarPosition.from_cartesian(
+                displaced(origins[target].xyz_m, moved_m[mine]), origins[target].frame
+            ),
+            total_m2[mine, mine],
+            {name: by[mine] for name, by in moved_by_m.items() if by[mine].any()},
+            tuple(
+                key for other, known, position in items if other == target or known for key in position.data
+            ),
+            {other: total_m2[mine, block] for other, block in blocks.items() if other != target},
         )
-        for target, origin in origins.items()
+        for target, mine in blocks.items()
     )
+
+
+def _solved(design: Floats, positions: Sequence[MapPosition]) -> tuple[Floats, Floats, dict[str, Floats]]:
+    """Return the gains of weighted least squares, the covariance, and the effects of shared errors by name."""
+    from scipy.linalg import block_diag
+
+    names = list(dict.fromkeys(name for position in positions for name in position.errors_enu_m))
+    errors_m = np.concatenate(
+        [[position.errors_enu_m.get(name, np.zeros(3)) for name in names] for position in positions], axis=1
+    ).T
+    noise_m2 = block_diag(*(position.noise_enu_m2 for position in positions))
+    determined = np.isfinite(np.diag(noise_m2))
+    free = np.asarray(design[determined].any(axis=0))
+    errors_m[~determined] = 0.0
+    covariance_m2 = np.where(np.isfinite(noise_m2), noise_m2, 0.0) + errors_m @ errors_m.T
+    design = design[np.ix_(determined, free)]
+    weighted = np.linalg.solve(covariance_m2[np.ix_(determined, determined)], design)
+    gain = np.zeros((len(free), len(determined)))
+    gain[np.ix_(free, determined)] = np.linalg.solve(design.T @ weighted, weighted.T)
+    total_m2 = gain @ covariance_m2 @ gain.T
+    total_m2[~free], total_m2[:, ~free] = np.nan, np.nan
+    return gain, total_m2, dict(zip(names, (gain @ errors_m).T, strict=True))
 
 
 def _in_mean_earth_axes(place: LunarPosition) -> LunarPosition:
@@ -249,7 +251,7 @@ def _in_mean_earth_axes(place: LunarPosition) -> LunarPosition:
     return place.to_frame("ME_DE421" if constants is None else constants.me_frame)
 
 
-def _block(covariance_m2: NDArray[np.float64]) -> NDArray[np.float64]:
+def _block(covariance_m2: Floats) -> Floats:
     """Return a covariance with NaN in all of the row and the column of a height that is not determined."""
     known = np.isfinite(np.diag(covariance_m2))
     return np.where(np.outer(known, known), covariance_m2, np.nan)

@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import platform
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cache
@@ -71,34 +71,44 @@ def _files(value: Any) -> Iterator[dict[str, str]]:
 
 def plain(value: Any) -> Any:
     """Plain numbers, texts, lists and tables; of files and long lists their SHA-256."""
-    if isinstance(value, TerrainPrior):
-        maps = [{"file": file.path.name, "sha256": file.sha256} for file in value.terrain.metadata.files]
-        return {"maps": maps, "interpolation": value.terrain.interpolation, "sigma_m": value.sigma_m}
-    if isinstance(value, ModelChoice):
-        kernels = {"ephemeris": "SPK", "libration": "PCK"}
-        found = {name: find_kernel(getattr(value, name), kind) for name, kind in kernels.items()}
-        return {f.name: plain(found.get(f.name, getattr(value, f.name))) for f in fields(value)}
-    if isinstance(value, Path):
-        return {"file": value.name, "sha256": sha256_of(value) if value.is_file() else None}
+    for kind, convert in _CONVERTERS.items():
+        if isinstance(value, kind):
+            return convert(value)
     if is_dataclass(value):
         return {f.name: plain(getattr(value, f.name)) for f in fields(value) if f.name not in _OF_A_STATION}
-    if isinstance(value, Enum):
-        return plain(value.value)
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, set | frozenset):
-        return sorted(plain(item) for item in value)
-    if isinstance(value, list | tuple):
-        items = [plain(item) for item in value]
-        numbers = len(items) >= _LONGEST_LIST and all(isinstance(item, int | float) for item in items)
-        return _sha256(json.dumps(items).encode()) if numbers else items
     if callable(value):
         return f"{value.__module__}.{value.__qualname__}"
-    if isinstance(value, float) and not math.isfinite(value):
-        return str(value)
-    return value
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _terrain(prior: TerrainPrior) -> dict[str, Any]:
+    maps = [{"file": file.path.name, "sha256": file.sha256} for file in prior.terrain.metadata.files]
+    return {"maps": maps, "interpolation": prior.terrain.interpolation, "sigma_m": prior.sigma_m}
+
+
+def _model(choice: ModelChoice) -> dict[str, Any]:
+    kernels = {"ephemeris": "SPK", "libration": "PCK"}
+    files = {name: find_kernel(getattr(choice, name), kind) for name, kind in kernels.items()}
+    return {f.name: plain(files.get(f.name, getattr(choice, f.name))) for f in fields(choice)}
+
+
+def _sequence(values: Sequence[Any]) -> Any:
+    items = [plain(item) for item in values]
+    numbers = len(items) >= _LONGEST_LIST and all(isinstance(item, int | float) for item in items)
+    return _sha256(json.dumps(items).encode()) if numbers else items
+
+
+_CONVERTERS: dict[Any, Callable[[Any], Any]] = {
+    TerrainPrior: _terrain,
+    ModelChoice: _model,
+    Path: lambda path: {"file": path.name, "sha256": sha256_of(path) if path.is_file() else None},
+    Enum: lambda member: plain(member.value),
+    np.ndarray: lambda array: plain(array.tolist()),
+    Mapping: lambda mapping: {str(key): plain(item) for key, item in mapping.items()},
+    set | frozenset: lambda items: sorted(map(plain, items)),
+    list | tuple: _sequence,
+}
+"""Conversions of values by their types."""
 
 
 def _sha256(content: bytes) -> str:

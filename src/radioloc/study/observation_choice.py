@@ -116,10 +116,8 @@ class ObservationChoice:
     def __post_init__(self) -> None:
         files = (self.files,) if isinstance(self.files, (str, Path)) else self.files
         object.__setattr__(self, "files", tuple(Path(file) for file in files))
-        object.__setattr__(self, "weights", tuple(self.weights))
-        object.__setattr__(self, "frequencies", tuple(self.frequencies))
-        object.__setattr__(self, "map_positions", tuple(self.map_positions))
-        object.__setattr__(self, "uplinks", tuple(self.uplinks))
+        for name in ("weights", "frequencies", "map_positions", "uplinks"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
         check(self)
         if self.start is not None and self.stop is not None:
             length_s = utc_to_tai(self.stop).seconds_since(utc_to_tai(self.start))

@@ -157,6 +157,11 @@ class TomlTable:
         value = self.take(key)
         return None if value is None else self._convert(key, value, kind)
 
+    def need(self, key: str, kind: Any) -> Any:
+        """Take a value that may not be absent."""
+        value = self.get(key, kind)
+        return self.fail(key, "is missing") if value is None else value
+
     def read(
         self, record: type[_Made], keys: Mapping[str, str] | None = None, whole: bool = True, **given: Any
     ) -> _Made:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from typing import Any, TypeVar
 
 from radioloc.earth.stations import StationCatalogue
@@ -30,25 +29,6 @@ _VLBI_STATION = ("vlbi_station", "vlbi_station_rate")
 _OF_TRUTH = {"terms_on": tuple[str, ...], "terms_off": tuple[str, ...]}
 _OF_TRUTH_SIGMA = {"position_enu_m": tuple[float, float, float], "gravity_errors": int}
 """Keys of both that are no parameter's."""
-
-
-@dataclass(frozen=True, slots=True)
-class SessionKeys:
-    """Keys of ``[simulation.sessions.NAME]``."""
-
-    kind: str
-    stations: tuple[str, ...]
-    start: Epochs
-    stop: Epochs
-    step_s: float
-    sigma_m: float
-    links: str | None = None
-    one_uplink: bool = False
-    time_tag: str = "receive"
-    count_s: float = math.nan
-    uplink_hz: float = math.nan
-    wavelength_um: float = math.nan
-    source: str = ""
 
 
 def scenario(
@@ -83,23 +63,20 @@ def scenario(
 
 
 def _session(table: TomlTable, catalogue: StationCatalogue) -> Session:
-    given = table.read(SessionKeys)
-    form = MEASUREMENTS[given.kind].form if given.kind in KINDS else ""
+    kind = table.need("kind", str)
+    form = MEASUREMENTS[kind].form if kind in KINDS else ""
     possible = [name for name, (of_form, _) in LINKS.items() if of_form == form]
-    links = given.links or (possible or ["two_way"])[0]
+    links = table.get("links", str) or (possible or ["two_way"])[0]
     if links not in LINKS:
         table.fail("links", f"must be one of {', '.join(LINKS)}, not {links!r}")
     if possible and links not in possible:
-        table.fail("links", f"{links!r} does not go with kind {given.kind!r}; use {' or '.join(possible)}")
-    stations = [_station(table, "stations", name, catalogue) for name in given.stations]
-    same = {f.name for f in fields(SessionKeys)} & {f.name for f in fields(Session)}
-    return table.build(
-        Session,
-        pairs=LINKS[links][1](*stations),
-        start_utc=_utc(given.start),
-        stop_utc=_utc(given.stop),
-        **{key: getattr(given, key) for key in same},
-    )
+        table.fail("links", f"{links!r} does not go with kind {kind!r}; use {' or '.join(possible)}")
+    stations = [
+        _station(table, "stations", name, catalogue) for name in table.need("stations", tuple[str, ...])
+    ]
+    start_utc, stop_utc = (_utc(table.need(key, Epochs)) for key in ("start", "stop"))
+    pairs = LINKS[links][1](*stations)
+    return table.read(Session, kind=kind, pairs=pairs, start_utc=start_utc, stop_utc=stop_utc)
 
 
 def _utc(epoch: Epochs | None) -> str | None:

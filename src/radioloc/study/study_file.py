@@ -315,35 +315,11 @@ def _model(table: TomlTable, catalogue: StationCatalogue) -> ModelChoice:
 
 
 def _catalogue(table: TomlTable) -> StationCatalogue:
-    """The catalogue that ships, with the stations of the study added or in the place of those of the same name."""
+    """Return the shipped catalogue with the stations of the study added, or in place of those of the same name."""
     catalogue = StationCatalogue.default()
     for name, given in table.named().items():
-        site = given.read(Site)
         known = catalogue.get(name) if name in catalogue else None
-        position = site.position()
-        kept = known is not None and not position
-        if not kept and not {"itrf_m", *GEODETIC} & set(position):
-            given.fail(
-                "itrf_m", f"is missing; give the station's ITRF x, y, z in metres, or {', '.join(GEODETIC)}"
-            )
-        changes: dict[str, Any] = {
-            "mount": site.mount,
-            "axis_offset_m": site.axis_offset_m,
-            "sigma_m": site.sigma_m,
-        }
-        if not kept:
-            changes |= {"epoch_year": 2000.0, "quality": "survey", "source": "study file"} | position
-        fields: dict[str, Any] = {"name": name, "kind": "ttc"}
-        if known is not None:
-            # Data name stations by codes and pads; those, the antenna's axes and the loading of the site stay with a
-            # station that only gets another position.
-            of_position = () if kept else ("itrf_m", "velocity_m_yr", "frame", "sigma_m")
-            names = (field.name for field in dataclasses.fields(Station) if field.name not in of_position)
-            fields = {name: getattr(known, name) for name in names}
-        make = Station.from_geodetic if "latitude_deg" in position else Station
-        aliases = dict.fromkeys([*(() if known is None else known.aliases), *site.aliases])
-        changed = {key: value for key, value in changes.items() if value is not None}
-        station = given.build(make, **fields | changed | {"aliases": tuple(aliases)})
+        station = _station(name, given, known)
         if known is not None and name not in StationCatalogue([replace(known, aliases=())]):
             moved_km = 1e-3 * float(np.linalg.norm(station.itrf_m - known.itrf_m))
             if moved_km > _FARTHEST_ALIAS_KM:
@@ -351,3 +327,26 @@ def _catalogue(table: TomlTable) -> StationCatalogue:
                 given.fail(name, f"{known.name} of the catalogue {problem}")
         catalogue = given.build(catalogue.with_station, station=station)
     return catalogue
+
+
+def _station(name: str, table: TomlTable, known: Station | None) -> Station:
+    """Read a station: a new one, or a change of one of the catalogue."""
+    site = table.read(Site)
+    position = site.position()
+    if (position or known is None) and not {"itrf_m", *GEODETIC} & {*position}:
+        table.fail(
+            "itrf_m", f"is missing; give the station's ITRF x, y, z in metres, or {', '.join(GEODETIC)}"
+        )
+    fields: dict[str, Any] = {"name": name, "kind": "ttc", "aliases": ()}
+    if known is not None:
+        # Data name stations by codes and pads; those, the antenna's axes and the loading of the site stay with a
+        # station that only gets another position.
+        of_position = ("itrf_m", "velocity_m_yr", "frame", "sigma_m") if position else ()
+        names = (f.name for f in dataclasses.fields(Station) if f.name not in of_position)
+        fields = {name: getattr(known, name) for name in names}
+    if position:
+        fields |= {"epoch_year": 2000.0, "quality": "survey", "source": "study file"} | position
+    stated = {key: getattr(site, key) for key in ("mount", "axis_offset_m", "sigma_m")}
+    fields |= {key: value for key, value in stated.items() if value is not None}
+    fields["aliases"] = tuple(dict.fromkeys([*fields["aliases"], *site.aliases]))
+    return table.build(Station.from_geodetic if "latitude_deg" in position else Station, **fields)

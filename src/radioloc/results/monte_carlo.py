@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -315,54 +315,57 @@ class MonteCarlo(Result):
 
 
 def _tables(arcs: list[ArcSummary]) -> Iterator[Field]:
-    """What the trials of each arc say together, as tables with a row for each arc."""
-
-    def of_arcs(label: str, heading: tuple[str, ...], cells: Callable[[ArcSummary], Iterable[str]]) -> Field:
-        return Field(label, (), ("", *heading), ((arc.name, *cells(arc)) for arc in arcs))
-
+    """Yield what the trials of each arc say together, as tables with a row for each arc."""
     places = list(arcs[0].inside)
     first, *others = (_SHORT[place] for place in places[:3])
-    yield of_arcs(
-        "error, m",
-        (f"mean {first}", *others, f"rms {first}", *others, "68 %", "95 %"),
-        lambda arc: map(metres, (*arc.mean_m, *arc.rms_m, arc.radius_68_m, arc.radius_95_m)),
-    )
-    yield of_arcs(
-        "1 sigma, m",
-        (f"claimed {first}", *others, f"rms/sigma {first}", *others, f"95 % from {arcs[0].hours:g} h"),
-        lambda arc: (
-            *map(metres, arc.sigma_m),
-            *(f"{r / s:.2f}" for r, s in zip(arc.rms_m, arc.sigma_m, strict=True)),
-            "-" if arc.from_longest_95_m is None else metres(arc.from_longest_95_m),
+    moved = f"95 % from {arcs[0].hours:g} h"
+    headings = {
+        "error, m": (f"mean {first}", *others, f"rms {first}", *others, "68 %", "95 %"),
+        "1 sigma, m": (f"claimed {first}", *others, f"rms/sigma {first}", *others, moved),
+        "inside 95 %": (*places, "expected"),
+        "nees": (
+            "in space",
+            "expected",
+            "horizontal",
+            "expected",
+            *("state", "expected") * ("state" in places),
         ),
-    )
-    yield of_arcs(
-        "inside 95 %",
-        (*places, "expected"),
-        lambda arc: (
-            *(f"{100.0 * inside.fraction:.1f} %" for inside in arc.inside.values()),
-            f"{100.0 * arc.inside['horizontal'].low:.1f} to {100.0 * arc.inside['horizontal'].high:.1f} %",
-        ),
-    )
-    of_state = ["state", "expected"] if "state" in places else []
-    yield of_arcs(
-        "nees",
-        ("in space", "expected", "horizontal", "expected", *of_state),
-        lambda arc: (
-            cell
-            for nees in (arc.nees, arc.nees_horizontal, arc.nees_state)
-            if nees is not None
-            for cell in (f"{nees.mean:.3g}", f"{nees.low:.3f} to {nees.high:.3f}")
-        ),
-    )
+    }
+    for (label, heading), rows in zip(headings.items(), zip(*map(_cells, arcs), strict=True), strict=True):
+        named = ((arc.name, *row) for arc, row in zip(arcs, rows, strict=True))
+        yield Field(label, (), ("", *heading), named)
     once = [replace(arc, at_h=None) for arc in {arc.hours: arc for arc in arcs}.values()]
-    rows = (
+    counts = (
         (arc.name, f"{arc.span_h:.2f}", f"{arc.used:.1f}", f"{arc.rejected:.1f}", str(arc.rejected_most))
         for arc in once
     )
-    yield Field("data", (), ("", "span, h", "used", "left out", "at most"), rows)
+    yield Field("data", (), ("", "span, h", "used", "left out", "at most"), counts)
+    yield from _parameter_tables(once)
+
+
+def _cells(arc: ArcSummary) -> tuple[tuple[str, ...], ...]:
+    """Cells of one arc in the tables of errors, of sigmas, of intervals and of NEES."""
+    horizontal = arc.inside["horizontal"]
+    nees = (item for item in (arc.nees, arc.nees_horizontal, arc.nees_state) if item is not None)
+    return (
+        tuple(map(metres, (*arc.mean_m, *arc.rms_m, arc.radius_68_m, arc.radius_95_m))),
+        (
+            *map(metres, arc.sigma_m),
+            *(f"{rms_m / sigma_m:.2f}" for rms_m, sigma_m in zip(arc.rms_m, arc.sigma_m, strict=True)),
+            "-" if arc.from_longest_95_m is None else metres(arc.from_longest_95_m),
+        ),
+        (
+            *(f"{100.0 * inside.fraction:.1f} %" for inside in arc.inside.values()),
+            f"{100.0 * horizontal.low:.1f} to {100.0 * horizontal.high:.1f} %",
+        ),
+        tuple(cell for x in nees for cell in (f"{x.mean:.3g}", f"{x.low:.3f} to {x.high:.3f}")),
+    )
+
+
+def _parameter_tables(arcs: Iterable[ArcSummary]) -> Iterator[Field]:
+    """Yield a table of each parameter with a row for each arc; of many the first."""
     found: dict[str, list[tuple[str, ...]]] = {}
-    for arc in once:
+    for arc in arcs:
         for item in arc.parameters:
             error = "-" if item.rms_error is None else f"{item.rms_error:.3g}"
             row = (arc.name, f"{item.mean:.4g}", f"{item.std:.3g}", error, f"{item.sigma:.3g}")

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,16 +82,12 @@ class Arc:
         return float(self.solution.values[k]), float(self.solution.sigmas()[k])
 
 
-class KnownPosition(Protocol):
-    """A position to compare with."""
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """A known position to compare with."""
 
-    @property
-    def name(self) -> str:
-        """What it is."""
-
-    @property
-    def position(self) -> LunarPosition:
-        """Where, in mean-Earth axes."""
+    position: LunarPosition
+    name: str = "reference"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,7 +109,7 @@ class ArcStudy(Result):
 
     name: str
     arcs: tuple[Arc, ...]
-    references: Sequence[KnownPosition] = ()
+    references: Sequence[Reference] = ()
     longitude_to_360: bool = False
 
     @property

@@ -35,6 +35,7 @@ from radioloc.parameters.columns import PASS_GAP_H
 from radioloc.parameters.position_prior import PositionPrior
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.plugins import LazyNames
+from radioloc.results.subsets import Reference
 from radioloc.simulation.simulate import Scenario
 from radioloc.study.map_positions import position_priors
 from radioloc.study.observation_choice import ObservationChoice
@@ -296,14 +297,6 @@ class CovarianceChoice:
     """Keys of ``[covariance]``, for covariance studies."""
 
     candidates: tuple[str, ...] | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Reference:
-    """A known position to compare with."""
-
-    position: LunarPosition
-    name: str = "reference"
 
 
 _FIELD_TYPES: Mapping[str, tuple[type, ...]] = {

@@ -8,17 +8,18 @@ from typing import TYPE_CHECKING, Any
 
 from radioloc.errors import InputError
 from radioloc.plugins import registry
-from radioloc.report.estimate_figures import plot_budget, plot_correlations
-from radioloc.report.figures import NothingToDrawError
-from radioloc.report.map_figures import plot_map
-from radioloc.report.position_figures import plot_arcs, plot_comparison, plot_position
-from radioloc.report.residual_figures import plot_distribution, plot_links, plot_residuals
-from radioloc.report.study_figures import (
+from radioloc.report.error_figures import (
+    plot_budget,
+    plot_correlations,
     plot_covariance,
     plot_covariance_on_arc,
     plot_error_by_length,
     plot_trials,
 )
+from radioloc.report.figures import NothingToDrawError
+from radioloc.report.map_figures import plot_map
+from radioloc.report.position_figures import plot_arcs, plot_comparison, plot_position
+from radioloc.report.residual_figures import plot_distribution, plot_links, plot_residuals
 from radioloc.results.cards import BUDGET, OBSERVABILITY, POSITION, RESIDUALS, RESULT
 from radioloc.results.registry import result_type
 from radioloc.results.result import Result

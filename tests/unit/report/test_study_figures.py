@@ -12,7 +12,7 @@ from radioloc.errors import InputError
 from radioloc.estimation.consider import ErrorSource
 from radioloc.measurements import Link, PhysicalModel
 from radioloc.report import plot_terms, plot_visibility
-from radioloc.report.estimate_figures import plot_budget
+from radioloc.report.error_figures import plot_budget
 from radioloc.report.position_figures import plot_arcs
 from radioloc.report.residual_figures import plot_distribution
 from radioloc.results.subsets import Arc, ArcStudy

@@ -1,14 +1,16 @@
-"""What tracking plans promise, by length of arc: errors of Monte Carlo trials, sigmas of covariance studies."""
+"""Errors of estimates by source and their correlations; errors and sigmas of tracking plans by length of arc."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from radioloc.errors import InputError
-from radioloc.estimation.orbit_state import RTN
+from radioloc.estimation.consider import by_source
+from radioloc.estimation.orbit_state import EAST_NORTH_UP, RTN
 from radioloc.report.figures import (
     COLORS,
     SCALE_95,
@@ -25,8 +27,9 @@ from radioloc.report.figures import (
     style_axes,
 )
 from radioloc.results.cards import metres
-from radioloc.results.covariance import CovarianceStudy
+from radioloc.results.covariance import CovarianceStudy, PlannedArc
 from radioloc.results.monte_carlo import MonteCarlo
+from radioloc.results.solution import Level, Solution
 from radioloc.time import utc_strings
 from radioloc.vectors import Floats
 
@@ -37,6 +40,96 @@ if TYPE_CHECKING:
 _MOST_PANELS = 12
 _DRAWN, _MOST_LINES = 600, 4
 """Epochs of an orbit in a figure, and lengths of its tracking, the longest."""
+_MAX_CORRELATED = 40
+_MAX_NUMBERED = 12  # parameters, with numbers in the cells of the matrix
+_MAX_SOURCES = 9
+"""Sources of an error budget; the smallest of more are one bar."""
+
+
+@draws_names_literally
+def plot_budget(solution: Solution, ax: Axes | None = None) -> Figure:
+    """Draw the sigmas of the position east, north and up by source of error, the largest first."""
+    items = by_source(solution.budget)
+    if not items:
+        raise NothingToDrawError("the position is held or not determined, so its error has no budget to draw")
+    names = [item.source for item in items]
+    variances_m2 = np.square([item.sigma_m for item in items])
+    if len(names) > _MAX_SOURCES:
+        rest = slice(_MAX_SOURCES - 1, None)
+        names[rest] = [f"{len(names[rest])} others"]
+        variances_m2 = np.vstack([variances_m2[: _MAX_SOURCES - 1], variances_m2[rest].sum(axis=0)])
+    names.insert(0, "total")
+    sigmas_m = np.sqrt(np.vstack([variances_m2.sum(axis=0), variances_m2]))
+    axes = one_panel(ax, 6.4, 1.2 + 0.42 * len(names), f"{solution.name}: error budget")
+    style_axes(axes)
+    axes.grid(visible=False, axis="y")
+    factor, unit = length_unit(float(sigmas_m[0].max()))
+    sigmas, rows = factor * sigmas_m, np.arange(len(names))
+    for k, side in enumerate(EAST_NORTH_UP):
+        axes.barh(rows + 0.26 * (k - 1), sigmas[:, k], 0.24, color=COLORS[k], label=side)
+    for row, of_sides_m in enumerate(sigmas_m):
+        note, at = f"{metres(float(np.linalg.norm(of_sides_m)))} m", (float(sigmas[row].max()), row)
+        axes.annotate(note, at, (4, 0), textcoords="offset points", va="center", fontsize=7)
+    axes.set_yticks(rows, names)
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    axes.set_xlim(0.0, 1.15 * float(sigmas.max()))
+    axes.axhline(0.5, color="0.4", linewidth=0.8)
+    axes.set_xlabel(f"1 sigma ({unit}); beside the bars: all three together")
+    legend_below(axes, ax, 3)
+    return axes.figure.figure
+
+
+@draws_names_literally
+def plot_correlations(solution: Solution, ax: Axes | None = None) -> Figure:
+    """Draw the correlation matrix of the estimated parameters."""
+    # Below the diagonal are the correlations of the total covariance; above it, where parameters are considered, those
+    # that the data alone leave.
+    everything = _determined(solution)
+    if len(everything) < 2:
+        raise NothingToDrawError(
+            "fewer than two parameters are estimated and determined, so there is no correlation"
+        )
+    chosen = sorted(everything[:_MAX_CORRELATED])
+    names = [solution.parameters.names[k] for k in chosen]
+    total, without = (_covariance(solution, chosen, level) for level in ("total", "scaled"))
+    coefficients = np.tril(_correlation(total)) + np.triu(_correlation(without), 1)
+    side_in = 2.2 + 0.34 * len(names)
+    axes = one_panel(ax, side_in + 1.4, side_in + 0.3, f"{solution.name}: correlations")
+    image = axes.imshow(coefficients, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
+    axes.set_xticks(range(len(names)), names, rotation=90, fontsize=8)
+    axes.set_yticks(range(len(names)), names, fontsize=8)
+    axes.figure.colorbar(image, ax=axes, shrink=0.8)
+    notes = []
+    if solution.consider is not None:
+        notes = ["lower left: total covariance", "upper right: without considered errors"]
+    if len(names) < len(everything):
+        notes.append(f"{len(names)} of {len(everything)} parameters")
+    axes.set_title("\n".join(notes), fontsize=8, color="0.3")
+    if len(names) <= _MAX_NUMBERED:
+        for (row, column), value in np.ndenumerate(coefficients):
+            color = "white" if abs(value) > 0.6 else "black"
+            axes.text(column, row, f"{value:+.2f}", ha="center", va="center", fontsize=6.5, color=color)
+    return axes.figure.figure
+
+
+def _determined(solution: Solution) -> list[int]:
+    """Places of the parameters that are estimated and determined."""
+    # Those first that it is correlated with most; its own, before them, have 2.
+    variances = np.diag(solution.covariance)
+    usable = np.flatnonzero(solution.parameters.free & np.isfinite(variances) & (variances > 0.0))
+    own = solution.position_partials[:, usable].any(axis=0)
+    correlation = np.abs(_correlation(_covariance(solution, usable.tolist())))
+    shared = np.where(own, 2.0, correlation[:, own].max(axis=1, initial=0.0))
+    return list(usable[np.argsort(-shared, kind="stable")].tolist())
+
+
+def _correlation(covariance: Floats) -> Floats:
+    sigmas = np.sqrt(np.diag(covariance))
+    return np.asarray(covariance / sigmas / sigmas[:, None])
+
+
+def _covariance(solution: Solution, chosen: list[int], level: Level = "total") -> Floats:
+    return solution.parameter_covariance(level)[np.ix_(chosen, chosen)]
 
 
 @draws_names_literally
@@ -134,21 +227,7 @@ def plot_covariance(study: CovarianceStudy, ax: Axes | None = None) -> Figure:
         label = f"{metres(study.reach_m)} m"
         above.axhline(study.reach_m, color="0.5", linestyle="--", linewidth=1.0, label=label)
     above.set_ylabel("metres")
-    by_source = [arc.by_source() for arc in arcs]
-    kinds = list(dict.fromkeys(kind for found in reversed(by_source) for kind in found))
-    groups = {kind: [kind] for kind in kinds}
-    if len(kinds) > len(COLORS):  # the smallest in one line, so that no two have one colour
-        groups = {kind: [kind] for kind in kinds[: len(COLORS) - 1]} | {"others": kinds[len(COLORS) - 1 :]}
-    first_m, last_m = (max(math.sqrt(v[:2].sum()) for v in by_source[k].values()) for k in (0, -1))
-    bottom_m = max(0.03 * last_m, 1e-4)
-    for color, (label, group) in zip(COLORS, groups.items(), strict=False):
-        variance = [sum(found.get(kind, np.zeros(3))[:2].sum() for kind in group) for found in by_source]
-        # Of no line below the edge the legend speaks.
-        seen = label if max(variance) > bottom_m**2 else f"_{label}"
-        below.plot(hours, np.sqrt(variance), ".-", color=color, label=seen)
-    below.set_ylabel("horizontal 1 sigma from each, m")
-    below.set_xlabel("hours from the start")
-    below.set_ylim(bottom=bottom_m, top=2.0 * max(first_m, last_m))
+    _draw_sources(below, arcs)
     for axes in (above, below):
         axes.set_xscale("log")
         log_scale(axes)
@@ -157,6 +236,27 @@ def plot_covariance(study: CovarianceStudy, ax: Axes | None = None) -> Figure:
     below.set_xticks(hours, [f"{h:.3g}" for h in hours])
     below.minorticks_off()
     return figure.figure
+
+
+def _draw_sources(axes: Axes, arcs: Sequence[PlannedArc]) -> None:
+    """Draw the horizontal sigma of each source by length, the smallest of many in one line."""
+    variances_m2 = [
+        {kind: float(by_axis[:2].sum()) for kind, by_axis in arc.by_source().items()} for arc in arcs
+    ]
+    kinds = list(dict.fromkeys(kind for of_arc in reversed(variances_m2) for kind in of_arc))
+    groups = {kind: [kind] for kind in kinds}
+    if len(kinds) > len(COLORS):  # no two lines have one colour
+        groups = {kind: [kind] for kind in kinds[: len(COLORS) - 1]} | {"others": kinds[len(COLORS) - 1 :]}
+    first_m, last_m = (math.sqrt(max(variances_m2[k].values())) for k in (0, -1))
+    bottom_m = max(0.03 * last_m, 1e-4)
+    for color, (label, group) in zip(COLORS, groups.items(), strict=False):
+        variance_m2 = [sum(of_arc.get(kind, 0.0) for kind in group) for of_arc in variances_m2]
+        # The legend has no line that is below the edge.
+        seen = label if max(variance_m2) > bottom_m**2 else f"_{label}"
+        axes.plot([arc.hours for arc in arcs], np.sqrt(variance_m2), ".-", color=color, label=seen)
+    axes.set_ylabel("horizontal 1 sigma from each, m")
+    axes.set_xlabel("hours from the start")
+    axes.set_ylim(bottom=bottom_m, top=2.0 * max(first_m, last_m))
 
 
 @draws_names_literally

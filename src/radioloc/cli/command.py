@@ -143,11 +143,14 @@ class Command:
 
 
 def command(
-    name: str, *arguments: Argument, examples: tuple[str, ...] = (), help_tables: Callable[[], Rows] = dict
+    name: str,
+    *arguments: Argument,
+    examples: tuple[str, ...] = (),
+    help_tables: Callable[[], Rows] | None = None,
 ) -> Callable[[Callable[[argparse.Namespace], int]], Command]:
     """Return a decorator that makes a :class:`Command` of the function that runs it, whose docstring is the summary.
 
-    Parameters are those of :class:`Command`.
+    Parameters are those of :class:`Command`; the help of a command that takes a study has the tables of a study file.
 
     Examples
     --------
@@ -159,7 +162,9 @@ def command(
     >>> largest.name, largest.summary
     ('largest', 'Print the largest residual of a study.')
     """
-    return lambda run: Command(name, run.__doc__ or "", arguments, run, examples, help_tables)
+    takes_study = any(item.keywords.get("metavar") == STUDY.keywords["metavar"] for item in arguments)
+    tables = help_tables or (study_tables if takes_study else dict)
+    return lambda run: Command(name, run.__doc__ or "", arguments, run, examples, tables)
 
 
 def study_tables() -> Rows:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 import radioloc
-from radioloc.cli.command import JSON, STUDY, argument, command, flag, output_folder, study_tables
+from radioloc.cli.command import JSON, STUDY, argument, command, flag, output_folder
 from radioloc.cli.output import DONE, exit_status, finish, tell
 
 ARC_HOURS = argument(
@@ -35,7 +35,6 @@ _FIT = (
     *_FIT,
     argument("--sinex FILE", "write the position with its covariance to FILE, in SINEX 2.02", Path),
     examples=("study.toml", "study.toml --out results --terms", "study.toml --json"),
-    help_tables=study_tables,
 )
 def locate(options: argparse.Namespace) -> int:
     """Fit a position, or an orbit, to tracking data and print a result card."""
@@ -49,7 +48,6 @@ def locate(options: argparse.Namespace) -> int:
     "residuals",
     *_FIT,
     examples=("study.toml --out results",),
-    help_tables=study_tables,
 )
 def residuals(options: argparse.Namespace) -> int:
     """Print observed minus computed at the study's position; nothing is fitted."""
@@ -89,7 +87,6 @@ def _solution(options: argparse.Namespace, *, fitted: bool) -> radioloc.Solution
     ARC_HOURS,
     *output_folder("write tables, a figure and all solutions to DIR"),
     examples=("study.toml --hours 6 12 24 --out results",),
-    help_tables=study_tables,
 )
 def arcs(options: argparse.Namespace) -> int:
     """Fit only the first hours of the data, for several arc lengths, and compare the positions."""
@@ -102,7 +99,6 @@ def arcs(options: argparse.Namespace) -> int:
     JSON,
     *output_folder("write leave_one_out.json and leave_one_out.csv to DIR"),
     examples=("study.toml --out results",),
-    help_tables=study_tables,
 )
 def leave_one_out(options: argparse.Namespace) -> int:
     """Fit a study without each of its stations and links, and print how the position moves."""

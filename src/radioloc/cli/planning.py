@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 import radioloc
-from radioloc.cli.command import JSON, SIMULATED_STUDY, argument, command, flag, output_folder, study_tables
+from radioloc.cli.command import JSON, SIMULATED_STUDY, argument, command, flag, output_folder
 from radioloc.cli.files import MESSAGE, observation_file
 from radioloc.cli.fitting import ARC_HOURS
 from radioloc.cli.output import DONE, INTERRUPTED, complain, exit_status, finish, tell
@@ -22,7 +22,6 @@ _SEED = argument("--seed N", "seed of the random numbers (default: the one in th
     _SEED,
     flag("--draw", "also draw the errors of [simulation.truth_sigma], as each Monte Carlo trial does"),
     examples=("plan.toml --out simulated.csv --seed 7",),
-    help_tables=study_tables,
 )
 def simulate(options: argparse.Namespace) -> int:
     """Write simulated observations of the schedule in a study file."""
@@ -57,7 +56,6 @@ def simulate(options: argparse.Namespace) -> int:
         "plan.toml --trials 200 --hours 6 12 --out results",
         "plan.toml --trials 1000 --out results --resume",
     ),
-    help_tables=study_tables,
 )
 def monte_carlo(options: argparse.Namespace) -> int:
     """Simulate a schedule many times, fit every trial for several arc lengths, and print the errors."""
@@ -97,7 +95,6 @@ def monte_carlo(options: argparse.Namespace) -> int:
     argument("--reach METRES", "say after how many hours the 95 %% error radius is this small", float),
     *output_folder("write tables and a figure to DIR; of several plans, to a folder each"),
     examples=("plan.toml --reach 150", "one.toml two.toml --hours 6 12 24 --out plans"),
-    help_tables=study_tables,
 )
 def covariance(options: argparse.Namespace) -> int:
     """Predict how well a tracking plan, or the epochs of existing data, determine the position; no trials."""

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 import radioloc
-from radioloc.cli.command import JSON, STUDY, argument, command, study_tables
+from radioloc.cli.command import JSON, STUDY, argument, command
 from radioloc.cli.output import DONE, tell
 
 _SPAN = (
@@ -23,7 +23,6 @@ _SPAN = (
     *_SPAN,
     argument("--mask DEG", "lowest elevation at the stations (default: that of the schedule, or 10)", float),
     examples=("plan.toml", "study.toml --stations KASHI APOLLO --start 2026-12-01 --stop 2026-12-08 --json"),
-    help_tables=study_tables,
 )
 def visibility(options: argparse.Namespace) -> int:
     """List when each station sees the target of a study: rise, set and highest elevation."""

@@ -25,7 +25,7 @@ from radioloc.measurements.target_motion import FixedPoint
 from radioloc.report.figure_types import FIGURES, figures_of
 from radioloc.report.figures import save_figure
 from radioloc.report.map_figures import plot_map
-from radioloc.report.page import PAGE, write_page
+from radioloc.report.page import PAGE, write_html
 from radioloc.report.residual_figures import plot_terms
 from radioloc.results.registry import RESULTS, result_type
 from radioloc.results.result import Content, OrbitFile, Result, ResultType, Table
@@ -112,7 +112,7 @@ def write_report(
         if html:
             drawn = {path.stem: path for path in written if path.suffix == ".png"}
             written.append(folder / PAGE)
-            write_page(result, drawn, written[-1])
+            write_html(result, written[-1], figures=drawn)
         remove_files(folder, (*contents, *earlier_files(result_type(result))), written)
     return written
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from types import ModuleType
+from types import MappingProxyType, ModuleType
 from typing import Any
 
 from radioloc._version import __version__
@@ -37,7 +37,9 @@ class _Section:
         return self.title.lower().replace(" ", "-")
 
 
-def write_html(result: Result, path: str | Path) -> None:
+def write_html(
+    result: Result, path: str | Path, *, figures: Mapping[str, Path | BytesIO] = MappingProxyType({})
+) -> None:
     """Write a result as one HTML page, which needs no network and no other file.
 
     Parameters
@@ -47,6 +49,8 @@ def write_html(result: Result, path: str | Path) -> None:
         and why, and the provenance.
     path : path-like
         The file, ``.html``.
+    figures : mapping of str to path-like or BytesIO, optional
+        PNG files of figures that are drawn already, by their names without ending.
 
     Raises
     ------
@@ -59,16 +63,6 @@ def write_html(result: Result, path: str | Path) -> None:
     >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
     >>> radioloc.report.write_html(solution, "apollo15.html")
     """
-    write_page(result, {}, path)
-
-
-def require_page() -> ModuleType:
-    """Return jinja2, which makes the page of a template."""
-    return optional("jinja2", "an HTML report needs jinja2:", "report")
-
-
-def write_page(result: Result, figures: Mapping[str, Path | BytesIO], path: str | Path) -> None:
-    """As :func:`write_html`, with PNG files of those of the result's figures that are drawn already."""
     jinja2 = require_page()
     title = visible(str(getattr(result, "name", "Comparison")))
     sections = _sections(result, title, figures)
@@ -87,6 +81,11 @@ def write_page(result: Result, figures: Mapping[str, Path | BytesIO], path: str 
         version=__version__,
     )
     write_text(path, text)
+
+
+def require_page() -> ModuleType:
+    """Return jinja2, which makes the page of a template."""
+    return optional("jinja2", "an HTML report needs jinja2:", "report")
 
 
 def _sections(result: Result, name: str, figures: Mapping[str, Path | BytesIO]) -> list[_Section]:

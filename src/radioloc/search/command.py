@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from radioloc.cli.command import JSON, STUDY, argument, command, study_tables
+from radioloc.cli.command import JSON, STUDY, argument, command
 from radioloc.cli.output import exit_status, tell
 
 
@@ -15,7 +15,6 @@ from radioloc.cli.output import exit_status, tell
     JSON,
     argument("--out COMPLETED.toml", "write the study with what was found, beside the study file", Path),
     examples=("study.toml --out completed.toml",),
-    help_tables=study_tables,
 )
 def search(options: argparse.Namespace) -> int:
     """Find the first orbit, transmitters, a-priori position or manoeuvres that a study does not state."""

@@ -19,7 +19,7 @@ from radioloc.imaging import locate_images, read_image_study
 from radioloc.imaging.solution import ErrorSource as ImageErrorSource
 from radioloc.imaging.solution import PointSolution
 from radioloc.report.figure_types import FIGURES
-from radioloc.report.page import write_page
+from radioloc.report.page import write_html
 from radioloc.results.covariance import CovarianceStudy, Gain, PlannedArc, Share
 from radioloc.results.monte_carlo import MonteCarlo, Proof
 from radioloc.results.registry import RESULTS, result_type
@@ -138,7 +138,7 @@ def test_card_and_page_and_notebook_have_the_same_fields(name, tmp_path, monkeyp
     assert "-0.0 " not in text
     json.dumps(result.to_dict(), allow_nan=False)
     monkeypatch.setattr("radioloc.report.page.figures_of", lambda _: [])
-    write_page(result, {}, tmp_path / "page.html")
+    write_html(result, tmp_path / "page.html")
     page, notebook = Page((tmp_path / "page.html").read_text(encoding="utf-8")), Page(result._repr_html_())
     for shown, fields in (
         (page, [f for f in result.card().fields if f.section]),

@@ -1,4 +1,4 @@
-"""Everything that shows results: cards, tables, figures, and the files of an output folder."""
+"""Rendering of results: figures, the page, and the files of an output folder."""
 
 from radioloc.report.figure_types import FIGURES, FigureType, plot
 from radioloc.report.figures import save_figure

@@ -1,4 +1,4 @@
-"""What all figures share: how they are made, laid out, styled and saved, axes of dates, and units of lengths.
+"""Common parts of all figures: making, layout, style and saving, axes of dates, and units of lengths.
 
 Figures are made without pyplot: nothing global changes, no window opens, they work without a display, and in a notebook
 each shows itself as the last line of a cell. matplotlib is imported when the first figure is made.
@@ -36,12 +36,12 @@ COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#00
 """Colours that people with colour-blindness tell apart (Okabe and Ito 2008)."""
 
 SCALE_95 = math.sqrt(-2.0 * math.log(0.05))
-"""Of the axes of one sigma to those of the ellipse that holds 95 % in the plane."""
+"""Ratio of the axes of the ellipse that holds 95 % in the plane to those of one sigma."""
 
 DPI = 200
 """Dots per inch of files made of dots."""
 _LEAST_LOG_RATIO = 4.0
-"""Of the largest value to the smallest: a smaller span may hold none or one of 1, 2, 5, 10 ..."""
+"""Least ratio of the largest value to the smallest: a smaller span may hold none or one of 1, 2, 5, 10 ..."""
 _UNITS = ((1e-3, 1e3, "mm"), (0.5, 1e2, "cm"), (1e3, 1.0, "m"), (float("inf"), 1e-3, "km"))
 _MISSING_GLYPH = re.compile(r"Glyph (\d+) .*missing from")
 _UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
@@ -148,7 +148,7 @@ def panel_grid(
 
 
 def columns_for(count: int, most: int) -> int:
-    """How many columns, at most so many and more than half of them, leave the fewest places empty."""
+    """Return the number of columns, from half of the most to all, that leaves the fewest places empty."""
     return min(range(min(count, most), min(count, most) // 2, -1), key=lambda columns: -count % columns)
 
 

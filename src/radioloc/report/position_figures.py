@@ -47,7 +47,7 @@ _LINES = ("-", "--", ":", "-.")
 
 
 def _marker_style(method: str, number: int) -> dict[str, Any]:
-    """How the first, second ... estimate is marked; black and open if it is a reference, not to hide another."""
+    """Return the style of the marker of an estimate; black and open for a reference, not to hide another."""
     style: dict[str, Any] = {"markersize": 8, "linestyle": ""}
     if method != "reference":
         color = COLORS[number % (len(COLORS) - 1)]
@@ -150,7 +150,7 @@ def plot_position(
 
 
 def _caption(solution: Solution, known: Sequence[ReferenceComparison]) -> list[str]:
-    """Where the estimate is, how well that is known, and how far from the first known position."""
+    """Return the position, its sigmas, and the distance from the first known position as lines."""
     longitude_deg, latitude_deg, height_m = solution.selenographic
     of_degrees = np.degrees(np.sqrt(np.diag(solution.position_covariance("geographic"))[:2]))
     sigmas_m = solution.sigma_enu_m()
@@ -200,7 +200,7 @@ def _covariance_about(origin_m: Floats, solution: Solution) -> Floats:
 
 
 def _offset_m(row: PositionRow) -> tuple[float, float, float]:
-    """How far east, north and up of the benchmark; nought of itself."""
+    """Return the offset east, north and up of the benchmark; zero for the benchmark itself."""
     return -(row.west_m or 0.0), row.north_m or 0.0, row.up_m or 0.0
 
 

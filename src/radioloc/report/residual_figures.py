@@ -51,7 +51,7 @@ MOST_LINKS = 30
 ENVELOPE_NOTE = (
     f"bars: minimum to maximum in 1/{BINS} of the time; dark: mean \N{PLUS-MINUS SIGN} standard deviation"
 )
-"""What a figure with an envelope says of it."""
+"""Note in a figure with an envelope."""
 _REJECTED_COLOR = "#B00020"
 _MOST_MARKS = 800
 """More marks in one panel are drawn as an image within a vector file."""

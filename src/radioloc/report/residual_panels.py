@@ -60,7 +60,7 @@ class Panel:
         self.statistics = residuals.statistics(title, self.rows)
 
     def statement(self, factor: float, unit: str) -> str:
-        """How many are used and their rms, in a unit that is a factor from metres; of links, how many are left out."""
+        """Return counts and rms in a unit that is a factor from metres; for links the rejected, too."""
         found = self.statistics
         text = f"{found.used} used"
         size_m = found.rms_m if self.like else found.wrms_m

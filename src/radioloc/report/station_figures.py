@@ -1,4 +1,4 @@
-"""Where stations are on the Earth, the links between them, and when they see a point on the Moon."""
+"""Elevation of a point on the Moon above stations, and when they see it."""
 
 from __future__ import annotations
 

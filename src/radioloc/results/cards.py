@@ -65,7 +65,7 @@ class Field:
 
     @property
     def is_empty(self) -> bool:
-        """Whether there is nothing below the label."""
+        """True if there is nothing below the label."""
         return not (self.lines or self.rows or self.below or self.rest)
 
     def html(self, title: str, verdict: str = "") -> str:
@@ -251,7 +251,7 @@ def metres(value_m: float | None) -> str:
 
 
 def signed_metres(value_m: float) -> str:
-    """As :func:`metres`, with a sign."""
+    """Text of a length with its sign, digits as in :func:`metres`."""
     return metres(value_m) if value_m < 0.0 else f"+{metres(value_m)}"
 
 
@@ -281,7 +281,7 @@ def duration(seconds: float) -> str:
 
 
 def have_paths(rows: Residuals) -> bool:
-    """Whether paths are those of observations, not names of stations in their place."""
+    """Return whether paths are those of observations, not names of stations in their place."""
     return all(">" in path for path in rows.paths.present())
 
 

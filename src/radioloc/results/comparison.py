@@ -61,7 +61,7 @@ class Comparison(Result):
 
     @property
     def consistent(self) -> bool:
-        """Whether no difference is less likely than one in a thousand, and all solutions converged."""
+        """True if no difference is less likely than one in a thousand, and all solutions converged."""
         return self._likely and all(row.converged is not False for row in self.rows)
 
     @property
@@ -70,7 +70,7 @@ class Comparison(Result):
         return all(chance is None or chance >= UNLIKELY for chance in chances)
 
     def to_dict(self) -> dict[str, Any]:
-        """All numbers, in types that JSON has."""
+        """Return all numbers, in types that JSON has."""
         joint = None
         if self.joint is not None:
             place = LunarPosition.from_cartesian(self.joint.position_me_m, self.frame)
@@ -173,7 +173,7 @@ class Comparison(Result):
 
 
 def _agreeing(chance: float, pair: Agreement) -> str:
-    """That estimates agree, by the pair that is the least likely."""
+    """Statement that the estimates agree, by the least likely pair."""
     apart_m = math.hypot(*pair.difference_enu_m[:2])
     return (
         f"consistent: {pair.one} and {pair.two}, {apart_m:.0f} m apart, differ by {math.sqrt(pair.chi2 or 0.0):.2g} "

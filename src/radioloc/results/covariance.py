@@ -1,6 +1,6 @@
-"""What tracking would tell of a position: sigmas by length, their budget, what each part tells and what more would buy.
+"""Predicted accuracy of a tracking plan: sigmas by length, their budget, contributions of parts, improvements by more.
 
-Of an orbit they are along, across and radial, of the mean of its covariance over the arc.
+Sigmas of an orbit are along, across and radial, from the mean of its covariance over the arc.
 
 The 95 % radius is that of the horizontal circle around the estimate that holds the true point in 95 % of cases. With
 the covariance C of east and north, a direction u and k = u^T C^-1 u, the probability within a radius R is the mean over
@@ -53,7 +53,7 @@ def radius_95_m(covariance_m2: Floats) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedArc:
-    """What the first hours of tracking would tell."""
+    """Predicted accuracy of the first hours of tracking."""
 
     hours: float
     span_h: float  # from the start to the last observation
@@ -67,7 +67,7 @@ class PlannedArc:
 
     @property
     def determined(self) -> bool:
-        """Whether the observations determine the position."""
+        """True if the observations determine the position."""
         return bool(self.sources)
 
     @property
@@ -88,7 +88,7 @@ class PlannedArc:
         return radius_95_m(self.covariance_m2[:2, :2])
 
     def without(self, *sources: ErrorSource) -> float:
-        """The 95 % radius were some sources without error."""
+        """95 % radius if some sources had no error."""
         return radius_95_m(
             sum((s.covariance_m2 for s in self.sources if s not in sources), np.zeros((3, 3)))[:2, :2]
         )
@@ -99,7 +99,7 @@ class PlannedArc:
         return dict(sorted(wholes.items(), key=lambda item: -float(item[1][:2].sum())))
 
     def to_dict(self) -> dict[str, Any]:
-        """Its numbers, in types that JSON has."""
+        """Return its numbers, in types that JSON has."""
         axes = zip(self.axes, self.sigma_m.tolist(), strict=True)
         of_orbit = self.axes == ALONG_ACROSS_RADIAL
         return {
@@ -120,7 +120,7 @@ class PlannedArc:
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """What the observations of a type or of a station tell."""
+    """Contribution of the observations of a type or of a station."""
 
     group: str  # "type" or "station"
     name: str
@@ -131,7 +131,7 @@ class Share:
 
 @dataclass(frozen=True, slots=True)
 class Gain:
-    """What one thing more would make of the longest arc."""
+    """Improvement of the longest arc by one station, link or better known error."""
 
     what: str  # such as "station TIANMA65" or "station_position KASHI known"
     radius_95_m: float
@@ -139,7 +139,7 @@ class Gain:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CovarianceStudy(Result):
-    """What a tracking plan would tell of a position, or of an orbit."""
+    """Predicted accuracy of a position or an orbit from a tracking plan."""
 
     name: str
     arcs: tuple[PlannedArc, ...]  # the shortest first
@@ -151,16 +151,16 @@ class CovarianceStudy(Result):
 
     @property
     def longest(self) -> PlannedArc:
-        """The whole."""
+        """Arc of all the tracking."""
         return self.arcs[-1]
 
     @property
     def determined(self) -> bool:
-        """Whether the longest arc determines the position."""
+        """True if the longest arc determines the position."""
         return self.longest.determined
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything, in types that JSON has."""
+        """Return all numbers, in types that JSON has."""
         return {
             "name": self.name,
             "determined": self.determined,
@@ -264,7 +264,7 @@ def _what_first(arc: PlannedArc) -> str:
     kind = next(iter(arc.by_source()))
     if kind == NOISE:
         return "more observations would help most"
-    return f"{kind.removeprefix('a priori: ')} is what to know better first"
+    return f"{kind.removeprefix('a priori: ')} dominates; improve it first"
 
 
 def _length_cells(arc: PlannedArc) -> tuple[str, ...]:
@@ -297,5 +297,5 @@ def _gains(study: CovarianceStudy) -> Field:
         if gain.radius_95_m < (1.0 - _WORTH) * now_m
     ]
     little = len(study.gains) - len(rows)
-    below = [f"{little} others would buy less than {100.0 * _WORTH:g} %"] if little else []
-    return table("would buy", ("95 % radius, m, with", "", ""), rows, _MOST_GAINS, below, _FILE)
+    below = [f"{little} others improve it by less than {100.0 * _WORTH:g} %"] if little else []
+    return table("improvement", ("95 % radius, m, with", "", ""), rows, _MOST_GAINS, below, _FILE)

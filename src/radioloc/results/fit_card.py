@@ -1,4 +1,4 @@
-"""What the card of a solution says of its observations: how many there are, how well they fit, and who does not."""
+"""Fields of a solution's card on its observations: their number, how well they fit, and which do not."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def _fit(solution: Solution) -> Iterator[str]:
 
 
 def _time_correlation(solution: Solution) -> Iterator[str]:
-    """Which residuals are correlated in time, those with the least information first, and what that does to sigma."""
+    """Series whose residuals are correlated in time, the least informative first, and the effect on sigma."""
     if solution.time_correlation is None:
         return
     series = sorted(solution.time_correlation.series, key=lambda item: item.effective_count / item.count)
@@ -156,7 +156,7 @@ def _ends(rows: Residuals) -> set[str]:
 
 
 def _links(rows: Residuals) -> Labels:
-    """What the station or link of each observation is called, with the type where those differ."""
+    """Name of the station or link of each observation, with the type where those differ."""
     if not have_paths(rows):
         return rows.stations
     # Of several types a station has no one rms: metres of range and of range difference are not alike.

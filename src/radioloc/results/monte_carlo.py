@@ -1,4 +1,4 @@
-"""Monte Carlo studies: many simulated realizations of a tracking plan, what their errors say, and the card of that."""
+"""Monte Carlo studies: simulated realizations of a tracking plan, statistics of their errors, and their card."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ class Proof:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MonteCarlo(Result):
-    """The trials of a study and what they say together.
+    """Trials of a study and their statistics.
 
     Parameters
     ----------
@@ -128,15 +128,15 @@ class MonteCarlo(Result):
     hours, span_h : tuple of float
         Lengths of the arcs asked for and found, the longest first, h; of an orbit each three times.
     columns : tuple of str
-        What is known of each trial and arc.
+        Names of the numbers of each trial and arc.
     values : ndarray, shape (trials, arcs, columns)
         NaN where an arc has no such number.
     linear : bool
         Whether the trials are those of the linear model, or full fits.
     proof : Proof or None
-        How the linear model was proved; None where there could be none.
+        Test of the linear model against full fits; None where it was not possible.
     drawn : tuple of str
-        Quantities that departed by lot.
+        Parameters drawn at random.
     at_h : tuple of float
         Of an orbit when its position is compared with the truth, from the state's epoch, for each of `hours`: at the
         epoch, in the middle and at the end of the tracking. Else empty.
@@ -172,7 +172,7 @@ class MonteCarlo(Result):
 
     @property
     def converged(self) -> bool:
-        """Whether all arcs of all trials did."""
+        """True if all arcs of all trials converged."""
         return bool((self["converged"] == 1.0).all())
 
     @property
@@ -192,7 +192,7 @@ class MonteCarlo(Result):
 
     @property
     def arcs(self) -> tuple[ArcSummary | None, ...]:
-        """What the trials of each arc say together, the longest first; None where none converged."""
+        """Statistics of each arc's trials, the longest first; None where none converged."""
         return tuple(map(self._arc, range(len(self.hours))))
 
     def _arc(self, k: int) -> ArcSummary | None:
@@ -252,7 +252,7 @@ class MonteCarlo(Result):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """All numbers but the single trials, in types that JSON has."""
+        """Return all numbers but the single trials, in types that JSON has."""
         proof = self.proof
         return {
             "name": self.name,
@@ -269,7 +269,7 @@ class MonteCarlo(Result):
         }
 
     def columns_of_trials(self) -> dict[str, NDArray[Any]]:
-        """All that is known of the trials by name, one row for each trial and arc."""
+        """Return all columns of the trials by name, one row for each trial and arc."""
         n, arcs, _ = self.values.shape
         columns = {"trial": np.repeat(np.arange(n), arcs), "hours": np.tile(self.hours, n)}
         if self.at_h:
@@ -277,7 +277,7 @@ class MonteCarlo(Result):
         return columns | dict(zip(self.columns, self.values.reshape(n * arcs, -1).T, strict=True))
 
     def to_table(self, form: TableForm = "astropy") -> Any:
-        """All trials as a ``QTable`` of astropy, with units, or a ``DataFrame``, one row for each trial and arc.
+        """Return all trials as a ``QTable`` with units or a ``DataFrame``, one row for each trial and arc.
 
         Parameters have the units of their kinds, :data:`~radioloc.parameters.registry.PARAMETERS`.
         """
@@ -315,7 +315,7 @@ class MonteCarlo(Result):
 
 
 def _tables(arcs: list[ArcSummary]) -> Iterator[Field]:
-    """Yield what the trials of each arc say together, as tables with a row for each arc."""
+    """Yield the statistics of each arc's trials as tables with a row for each arc."""
     places = list(arcs[0].inside)
     first, *others = (_SHORT[place] for place in places[:3])
     moved = f"95 % from {arcs[0].hours:g} h"

@@ -1,4 +1,4 @@
-"""What is to be expected of a target: light times, ranges and pointing over a grid of epochs, passes over stations."""
+"""Predictions for a target: light times, ranges and pointing over a grid of epochs, passes over stations."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class LightTimes(Result):
         return len(self.epoch)
 
     def __getitem__(self, column: str) -> NDArray[np.float64]:
-        """One of the columns."""
+        """Return one of the columns."""
         return self.columns[column]
 
     def named_columns(self) -> dict[str, Any]:
@@ -89,7 +89,7 @@ class LightTimes(Result):
         return {"epoch_utc": self.epoch, "path": self.path, **self.columns, "status": self.status}
 
     def to_table(self, form: TableForm = "astropy") -> Any:
-        """All columns as a ``QTable`` of astropy, with units and ``Time``, or a ``DataFrame`` of pandas.
+        """Return all columns as a ``QTable`` of astropy, with units and ``Time``, or a ``DataFrame`` of pandas.
 
         Examples
         --------
@@ -109,7 +109,7 @@ class LightTimes(Result):
         return {name: n for unit, n in units for name in self.columns if name.endswith(f"_{unit}")}
 
     def to_dict(self) -> dict[str, Any]:
-        """All of it, in types that JSON has: columns as lists, ``None`` where there is no number."""
+        """Return all of it in types that JSON has: columns as lists, ``None`` where there is no number."""
         columns = {name: [*map(finite_or_none, column)] for name, column in self.columns.items()}
         named = ("name", "start_utc", "stop_utc", "unseen", "frequency_hz")
         texts = {"path": self.path[:].tolist(), "status": self.status[:].tolist()}
@@ -167,7 +167,7 @@ class Pass:
 
 @dataclass(frozen=True, slots=True)
 class Passes(Result):
-    """All passes of targets over some stations; ``str()`` is a card."""
+    """Passes of targets over some stations; ``str()`` is a card."""
 
     name: str  # of the study
     start_utc: str  # limits of the search
@@ -178,7 +178,7 @@ class Passes(Result):
     targets: tuple[str, ...] = ()  # names of several
 
     def to_dict(self) -> dict[str, Any]:
-        """All of it, in types that JSON has."""
+        """Return all of it in types that JSON has."""
         return asdict(self)
 
     def card(self) -> Card:

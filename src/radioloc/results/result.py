@@ -66,7 +66,7 @@ class Result:
 
     @property
     def is_usable(self) -> bool:
-        """Whether the result converged, is determined and consistent, as far as it states so."""
+        """True if the result converged, is determined and consistent, as far as it states so."""
         return all(getattr(self, name, True) for name in ("converged", "consistent", "determined"))
 
     def failures(self) -> Iterator[tuple[str, str]]:

@@ -56,7 +56,7 @@ def card_of(result: object) -> Card:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TargetPosition:
-    """One of several targets: its name, its position (3,), m, and d(position)/d(parameter) (3, p), principal axes."""
+    """Name of one of several targets, its position (3,), m, and d(position)/d(parameter) (3, p), principal axes."""
 
     name: str
     position_pa_m: Floats
@@ -65,7 +65,7 @@ class TargetPosition:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution(Result):
-    """Everything a fit has to say; arrays are read-only.
+    """Result of a fit; arrays are read-only.
 
     Made by :func:`~radioloc.results.build.build_solution`. Three levels of uncertainty are kept:
     ``"formal"`` from the stated sigmas; ``"scaled"`` with the observation noise scaled up to what the
@@ -211,7 +211,7 @@ class Solution(Result):
 
     @property
     def converged(self) -> bool:
-        """Whether the estimate can be used: the fit and its editing settled, and nothing speaks against the place."""
+        """True if the estimate can be used: fit and editing converged, and no test contradicts the position."""
         return self.status is FitStatus.CONVERGED
 
     @property
@@ -251,17 +251,17 @@ class Solution(Result):
 
     @property
     def _involved(self) -> NDArray[np.bool_]:
-        """Which parameters have part in the position, shape (p,)."""
+        """Mask of the parameters on which the position depends, shape (p,)."""
         return np.asarray((self.position_partials != 0.0).any(axis=0))
 
     @property
     def position_estimated(self) -> bool:
-        """Whether the position was solved for, not held."""
+        """True if the position was estimated, not held."""
         return bool((self._involved & self.parameters.free).any())
 
     @property
     def position_determined(self) -> bool:
-        """Whether no parameter that the position depends on is left undetermined."""
+        """True if all parameters on which the position depends are determined."""
         return bool(np.isfinite(np.diag(self.covariance)[self._involved]).all())
 
     def position_covariance(self, axes: Axes = "enu", level: Level = "total") -> Floats:
@@ -343,7 +343,7 @@ class Solution(Result):
 
     @property
     def budget(self) -> tuple[ErrorSource, ...]:
-        """What the position's total sigma comes from, the largest first; empty where it is held or not determined.
+        """Sources of the position's total sigma, the largest first; empty where it is held or not determined.
 
         The squares add up to those of :meth:`sigma_enu_m`.
         """
@@ -370,7 +370,7 @@ class Solution(Result):
         return math.sqrt(scaled / (scaled - max(correlated, 0.0)))
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything but the single residuals, in types that JSON has; None where a number is not finite."""
+        """Return everything but the single residuals, in types that JSON has; None where a number is not finite."""
         series = self.time_correlation.series if self.time_correlation else ()
         content: dict[str, Any] = {
             "name": self.name,
@@ -572,7 +572,7 @@ class Solution(Result):
         return found
 
     def _place_rad(self) -> tuple[float, float, float]:
-        """As :attr:`selenographic`, angles in rad."""
+        """East longitude, latitude, rad, and height, m, as :attr:`selenographic`."""
         if self.trajectory is not None:
             raise InputError(
                 f"{self.name}: the target moves ({self.trajectory}); it has no position on the Moon"

@@ -56,7 +56,7 @@ _MEASURES = {
     "electron content": ("electron_content",),
     "Earth orientation": ("ut1", "pole"),
 }
-"""What one measure would improve, and the sources of error that this is; others are called by their names."""
+"""Measures by their names, and the sources of error that each reduces; others have the names of their sources."""
 _COARSE_M = 10.0
 """Coordinates worse than that are not surveyed."""
 
@@ -146,7 +146,7 @@ def _process(process: ProcessEstimate) -> str:
 
 
 def _doppler_alone(solution: Solution) -> Iterator[str]:
-    """What is known of a position best and worst where all that was used are counts: they measure no distance."""
+    """Best and worst determined directions of a position from counts alone, which measure no distance."""
     kinds = {group.label for group in solution.fit.by_type if group.used}
     known = solution.position_estimated and solution.position_determined
     if not (known and kinds and all(kind in KINDS and MEASUREMENTS[kind].integrated for kind in kinds)):
@@ -157,7 +157,8 @@ def _doppler_alone(solution: Solution) -> Iterator[str]:
         for variance, axis in zip(variances.tolist(), axes.T, strict=True)
     )
     yield (
-        f"Doppler alone, without a range or a delay: the position is known best to {best}, worst to {worst} (1 sigma)"
+        f"Doppler alone, without a range or a delay: the position is determined best to {best}, worst to {worst} "
+        "(1 sigma)"
     )
 
 
@@ -246,7 +247,7 @@ def _targets(solution: Solution) -> Iterator[str]:
 
 
 def _budget(solution: Solution) -> Field:
-    """What the sigma comes from, by source, and what to improve first."""
+    """Sources of the sigma, and what to improve first."""
     if not solution.position_estimated:
         return Field("budget")
     if not solution.position_determined:
@@ -300,7 +301,7 @@ def _advice(items: Sequence[ErrorSource]) -> Iterator[str]:
 
 
 def _coordinates(solution: Solution, items: Sequence[ErrorSource]) -> Iterator[str]:
-    """What to do where coordinates that the catalogue has only roundly dominate the sigma."""
+    """Advice where rounded coordinates of the catalogue dominate the sigma."""
     if solution.consider is None or not items or items[0].source != "station_position":
         return
     known = solution.consider.parameters
@@ -376,6 +377,6 @@ def _estimated(solution: Solution) -> Field:
 
 
 def _passes(solution: Solution) -> Field:
-    """When the passes were that have parameters of their own."""
+    """Spans of the passes that have parameters of their own."""
     rows = [(item.name, *item.span_utc) for item in solution.parameters if item.span_utc is not None]
     return table("passes", ("of a pass", "from (UTC)", "to"), rows, _MAX_ROWS)

@@ -55,7 +55,7 @@ _ARCS_IN_ROW = 3
 _WIDE = 18  # characters of a value with its sigma of which one fewer goes into a row
 _MAX_PARAMETERS = 12  # a card is to fit a screen; to_dict() has them all
 _FILLED = 0.95
-"""Of an arc, where its data last to its end, but for the time from one observation to the next."""
+"""Least part of an arc that its data cover, but for the time from one observation to the next."""
 _UNLIKELY_SIGMAS = {2: 3.72, 3: 4.03}
 """Two and three coordinates of a right model stay below this in 99.9 %."""
 
@@ -119,7 +119,7 @@ class ArcStudy(Result):
 
     @property
     def converged(self) -> bool:
-        """Whether all arcs did."""
+        """True if all arcs converged."""
         return all(arc.solution.converged for arc in self.arcs)
 
     @property
@@ -182,7 +182,7 @@ class ArcStudy(Result):
         return {item.name: item.unit for item in items if item.kind != "position" and not item.fixed}
 
     def to_dict(self) -> dict[str, Any]:
-        """All numbers but the single residuals, in types that JSON has."""
+        """Return all numbers but the single residuals, in types that JSON has."""
         return {
             "name": self.name,
             "converged": self.converged,
@@ -357,7 +357,7 @@ def _with_sigma(found: tuple[float, float] | None) -> str:
 
 
 def _observable(study: ArcStudy) -> Iterator[str]:
-    """What the data of each arc determine poorly."""
+    """Quantities that the data of each arc determine poorly."""
     for arc in study.arcs:
         for sentence in arc.solution.observability.describe()[:1]:
             yield f"{arc.name}: {sentence}"
@@ -419,11 +419,11 @@ class LeaveOneOut(Result):
 
     @property
     def converged(self) -> bool:
-        """Whether the fit to all observations did."""
+        """True if the fit to all observations converged."""
         return self.solution.converged
 
     def columns(self) -> dict[str, NDArray[Any]]:
-        """What is found without each, by name; NaN where it is not known."""
+        """Return the columns of the table by name; NaN where there is no number."""
         rows = [asdict(one) for one in self.without]
         found = {key: np.array([row[key] for row in rows]) for key in ("kind", "name", "left_out", "used")}
         found["converged"] = np.array([int(one.converged) for one in self.without])
@@ -439,7 +439,7 @@ class LeaveOneOut(Result):
         return as_table(self.columns(), form)
 
     def to_dict(self) -> dict[str, Any]:
-        """All but single residuals, in types that JSON has."""
+        """Return all but single residuals, in types that JSON has."""
         return {"solution": self.solution.to_dict(), "without": [asdict(one) for one in self.without]}
 
     def files(self) -> Mapping[str, Content]:
@@ -451,7 +451,7 @@ class LeaveOneOut(Result):
         yield from self.solution.failures()
 
     def card(self) -> Card:
-        """By how much the position moves without each."""
+        """Shifts of the position without each station and link."""
         heading = ("without", "used", "east, m", "north, m", "up, m", "sigmas", "95 %, m")
         radius_m = radius_95_m(self.solution.position_covariance()[:2, :2])
         return Card(

@@ -58,7 +58,7 @@ _MINUS, _POWER = re.compile(r"(?<![\w.])-(?=[\d.])"), re.compile(r"(?<=\d)e([+-]
 _HEADING = ("", "L, deg E", "B, deg N", "dL, deg", "dB, deg", "dL, m", "dB, m")
 
 METHODS = ("tracking", "images", "image_point", "stereo")
-"""How positions are found."""
+"""Methods by which positions are determined."""
 
 Place = tuple[float, float, float]
 """East longitude and latitude, deg, and height, m."""
@@ -200,7 +200,7 @@ def position_cells(row: PositionRow, *, east: bool = True, to_360: bool = False)
 def position_fields(
     rows: Iterable[PositionRow], axes: str, benchmark: str, to_360: bool = False
 ) -> tuple[Field, Field]:
-    """What positions beside a benchmark are on a card, and in which axes."""
+    """Fields of a card: positions beside a benchmark, and their axes."""
     explained = (
         f"{axes}; L east longitude, B latitude; dL, dB relative to {benchmark}, on the sphere of "
         f"{MEAN_LUNAR_RADIUS_M / 1e3:.1f} km"
@@ -266,7 +266,7 @@ def contents_by_target(results: Iterable[Located]) -> list[Mapping[str, Any]]:
 
 
 def references_of(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """All references of what ``solution.json`` holds, the first of them first."""
+    """Return all references in the content of a ``solution.json``, in order."""
     first = content.get("reference")
     return [*([] if first is None else [first]), *content.get("references", ())]
 
@@ -282,7 +282,7 @@ def position_of(content: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def horizontal_covariance_of(content: Mapping[str, Any]) -> NDArray[np.float64] | None:
-    """Of east and north, m^2, shape (2, 2); None where the position is not determined."""
+    """Covariance of east and north, m^2, shape (2, 2); None where the position is not determined."""
     covariance = np.array(content["covariance"]["enu_m2"], dtype=np.float64)[:2, :2]
     return covariance if np.isfinite(covariance).all() else None
 

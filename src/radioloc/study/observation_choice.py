@@ -1,4 +1,4 @@
-"""What a study says of its observations: files, which of them take part, and what is agreed or assumed of them."""
+"""Choice of a study's observations: files, those that take part, and what is agreed or assumed of them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def _tdm(table: TomlTable, _: str) -> TdmAgreement:
 
 @dataclass(frozen=True, slots=True)
 class ObservationChoice:
-    """Which observations take part.
+    """Choice of the observations that take part.
 
     Parameters
     ----------

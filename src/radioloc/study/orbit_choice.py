@@ -1,4 +1,4 @@
-"""What a study file says of an orbit: what acts on it, and what of it is estimated."""
+"""Tables of a study file on an orbit: forces, and what is estimated."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from radioloc.study.schema import TomlTable, check, entry
 EMPIRICAL = ("none", "constant", "once_per_revolution")
 EMPIRICAL_NAME = "empirical"
 EMPIRICAL_SIGMA_M_S2 = 3e-9
-"""What a field to degree 150 leaves out at 50 km is some 1e-8 m/s2, little of it with the period of the orbit."""
+"""A field to degree 150 leaves out some 1e-8 m/s2 at 50 km, little of it with the period of the orbit."""
 MOST_SEGMENTS = 1000
 _STATE_FORMS = {"rtn": RTN, **FORMS}
 
@@ -91,7 +91,7 @@ class ForcesChoice:
         check(self)
 
     def forces(self) -> Forces:
-        """What acts, with its gravity field read."""
+        """Return the forces, with the gravity field read."""
         field = GravityField.open(self.gravity, self.degree, self.gravity_axes, self.gravity_tide_system)
         acting = {f.name: getattr(self, f.name) for f in fields(Forces) if f.name != "k2"}
         if self.k2 is not None or not self.tides:
@@ -162,7 +162,7 @@ class OrbitChoice:
 
     @property
     def form(self) -> str:
-        """Of the state's parameters: that of the sigmas' names."""
+        """Form of the state's parameters, by the names of the sigmas."""
         fits = (form for form, names in _STATE_FORMS.items() if {*self.state_sigma} <= {*names})
         return next(fits, "cartesian") if self.state_sigma else "cartesian"
 

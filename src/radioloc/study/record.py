@@ -1,4 +1,4 @@
-"""What a result depends on, in types that JSON has: settings, files by their SHA-256, versions."""
+"""Provenance of a result in types that JSON has: settings, files by their SHA-256, versions."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def versions() -> Mapping[str, str]:
 
 
 def settings_of(study: Study) -> dict[str, Any]:
-    """All on which the results of a study depend, by field; of files names and SHA-256."""
+    """Return all on which the results of a study depend, by field; of files names and SHA-256."""
     names = [f.name for f in fields(study) if f.name not in _WITHOUT_EFFECT]
     return {name: plain(getattr(study, name)) for name in names} | {"stations": plain(list(study.catalogue))}
 

@@ -106,7 +106,7 @@ def keys_of(record: type) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Hints:
-    """What to say of keys in a wrong place: the keys by table, and advice by table and key."""
+    """Hints on keys in a wrong place: the keys by table, and advice by table and key."""
 
     keys: Mapping[str, Collection[str]] = field(default_factory=dict)
     advice: Mapping[tuple[str, str], str] = field(default_factory=dict)
@@ -197,7 +197,7 @@ class TomlTable:
         return None if value is None else self._child(key, value)
 
     def completed(self, others: Mapping[str, Any]) -> TomlTable:
-        """It, with the keys that another one has and it has not."""
+        """Return the table with those of other keys that it lacks."""
         return TomlTable(self.path, self.name, {**others, **self._content}, self._hints)
 
     def named(self) -> dict[str, TomlTable]:
@@ -308,7 +308,7 @@ _PLAIN: dict[Any, tuple[str, Callable[[Any], bool]]] = {
     bool: ("true or false", lambda value: type(value) is bool),
     str: ("a string that is not empty", _is_text),
 }
-"""What messages call values of a type, and whether one of TOML is such a value."""
+"""Names of the types in messages, and tests of values of TOML."""
 
 
 def _arm(value: Any, arms: list[Any]) -> Any:
@@ -336,18 +336,18 @@ def _matches(folder: Path, pattern: str) -> list[Path]:
 
 
 def _shown(value: Any) -> str:
-    """What was given, short enough for a message of one line."""
+    """Text of a value, short enough for a message of one line."""
     text = repr(value)
     return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."
 
 
 def source_of(path: str | Path) -> tuple[Path, Path | None]:
-    """What messages call a study file, with the folder that paths in it are relative to; and the file, if it is one."""
+    """Return the path of a study file for messages and relative paths, and the file unless it is standard input."""
     return (Path("stdin"), None) if Path(path) == STDIN else (Path(path), Path(path))
 
 
 def toml_content(path: Path) -> dict[str, object]:
-    """What a study file says; a mistake is one sentence."""
+    """Return the content of a study file; a mistake is one sentence."""
     try:
         content = sys.stdin.buffer.read() if path == STDIN else path.read_bytes()
         # Some editors put a byte order mark in front, which TOML does not know.

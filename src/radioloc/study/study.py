@@ -1,4 +1,4 @@
-"""What a study is: what to locate, from which observations, with which model.
+"""Study: what to locate, from which observations, with which model.
 
 The records check themselves, so a study built in Python is held to the same rules as one read from a file
 (:mod:`radioloc.study.study_file`): what cannot be is an :class:`~radioloc.errors.InputError` that names the key.
@@ -47,7 +47,7 @@ WEIGHTS = ("independent", "correlated")
 COMPONENTS = ("type", "link", "link and pass")
 POSITION_FORMS = ("geographic", "cartesian", "none")
 LOWEST_REJECTION_SIGMA = 2.0
-"""Below this good data would be cut: of normal residuals one in 22 exceeds two sigmas."""
+"""Lower values would cut good data: one in 22 normal residuals exceeds two sigmas."""
 PARAMETER_KEYS = LazyNames(lambda: [key for kind in PARAMETERS.values() for key in kind.keys.values()])
 """Keys of the kinds of parameter in ``[estimate]`` and ``[consider]``."""
 
@@ -123,7 +123,7 @@ class TerrainPrior:
 
 @dataclass(frozen=True, slots=True, init=False)
 class EstimateChoice:
-    """What is estimated, with which priors.
+    """Choice of the estimated parameters, with their priors.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ class EstimateChoice:
         return by_link(order, 3600.0 * self.pass_gap_h if "pass" in self.variance_components else math.inf)
 
     def held(self) -> EstimateChoice:
-        """Nothing estimated; the a-priori values of all parameters stay."""
+        """Return the choice with nothing estimated; the a-priori values of all parameters stay."""
         values = {
             name: ParameterChoice(value=choice.value, per=choice.per)
             for name, choice in self.parameters.items()
@@ -208,7 +208,7 @@ class EstimateChoice:
         return EstimateChoice(position="none", parameters=values)
 
     def of_part(self, part: Predictor) -> EstimateChoice:
-        """What is estimated in a part of an arc: without whom there are no observations of in it."""
+        """Return the choice for a part of an arc, without members that have no observations in it."""
         try:
             kept = {
                 name: of_part(PARAMETERS[name], choice, part.simple)
@@ -351,7 +351,7 @@ class Study:
     path : Path or None
         The file that it was read from.
     candidates : iterable of str or None
-        Stations, and links by their paths, of which a covariance study says what each would buy; all stations of the
+        Stations, and links by their paths, whose improvement a covariance study predicts; all stations of the
         catalogue where ``None``.
     longitude_to_360 : bool
         Whether cards count longitudes from 0 to 360 deg, as the file of the study does, not from -180 to 180.

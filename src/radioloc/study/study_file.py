@@ -95,7 +95,7 @@ class Site:
             raise InputError(f"epoch: must be a Julian year such as 2010.0, not {self.epoch!r}")
 
     def position(self) -> dict[str, Any]:
-        """What is given of the position, its motion and their frame, as fields of a station."""
+        """Return position, motion and frame as far as they are given, as fields of a station."""
         geodetic = {name: getattr(self, name) for name in GEODETIC} if self.latitude_deg is not None else {}
         motion = {"velocity_m_yr": self.velocity_m_yr, "epoch_year": self.epoch, "frame": self.frame}
         fields = {"itrf_m": self.itrf_m} | geodetic | motion
@@ -248,7 +248,7 @@ def _extensions(top: TomlTable) -> list[tuple[TomlTable, type]]:
 
 
 def as_study(study: Study | str | Path) -> Study:
-    """A study as it is, or that of a file."""
+    """Return a study as it is, or read that of a file."""
     if isinstance(study, (str, Path)):
         return read_study(study)
     require_type("study", study, Study, str, Path)

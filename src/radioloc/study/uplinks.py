@@ -1,4 +1,4 @@
-"""Which station transmitted what another one received, and the turnaround ratio of the target's answer.
+"""Transmitters of passes that another station received, and turnaround ratios of the target's answer.
 
 Files of listeners do not record it. `radioloc search` finds it among candidates, pass by pass.
 """

@@ -75,7 +75,7 @@ class Weight:
         return f"{', '.join(chosen) or 'all'}: {', '.join(changes)}"
 
     def record(self) -> dict[str, Any]:
-        """What is given, for the provenance."""
+        """Return the keys that are given, for the provenance."""
         return {key: value for key, value in asdict(self).items() if value is not None}
 
 

@@ -35,7 +35,6 @@ MESSAGE = (
 
 
 def _observation_formats() -> Rows:
-    """Return the formats of observations that are read, and the types of measurement."""
     formats = {reader.name: reader.description for reader in radioloc.io.READERS.values()}
     return {"formats that are read, told by how a file begins": formats} | measurement_types()
 

@@ -193,12 +193,6 @@ def _draw_rows(
     axes.set_title("ellipses of 95 %", fontsize=8, color="0.3")
 
 
-def _covariance_about(origin_m: Floats, solution: Solution) -> Floats:
-    """Covariance in the east and north of another point, mean-Earth axes, which near a pole are other directions."""
-    rotation = rot_enu_between(solution.position_me_m, origin_m)
-    return rotated_covariance(rotation, solution.position_covariance("enu"))[:2, :2]
-
-
 def _offset_m(row: PositionRow) -> tuple[float, float, float]:
     """Return the offset east, north and up of the benchmark; zero for the benchmark itself."""
     return -(row.west_m or 0.0), row.north_m or 0.0, row.up_m or 0.0
@@ -213,13 +207,14 @@ def plot_arcs(study: ArcStudy, ax: Axes | None = None) -> Figure:
     grid = figure.add_gridspec(3, 2, width_ratios=(1.1, 1.0))
     plane = figure.add_subplot(grid[:, 0])
     origin_m = study.references[0].position.xyz_m if study.references else study.longest.position_me_m
-    covariances_m2 = [
-        None if row.sigma_west_m is None else _covariance_about(origin_m, arc.solution)
-        for row, arc in zip(rows, study.arcs, strict=False)
-    ]
-    _draw_rows(plane, rows, covariances_m2 + [None] * len(study.references), study.benchmark)
+    covariances_m2: list[Floats | None] = [None] * len(rows)
+    for k, arc in enumerate(study.arcs):
+        if rows[k].sigma_west_m is not None:  # near a pole, east and north at the origin are other directions
+            rotation = rot_enu_between(arc.solution.position_me_m, origin_m)
+            covariances_m2[k] = rotated_covariance(rotation, arc.solution.position_covariance())[:2, :2]
+    _draw_rows(plane, rows, covariances_m2, study.benchmark)
     offsets_m = np.array([_offset_m(row) for row in rows])
-    sigmas_m = np.array([[row.sigma_west_m, row.sigma_north_m, row.sigma_up_m] for row in rows], dtype=float)
+    sigmas_m = np.array([row.sigmas_m for row in rows], dtype=float)
     reach_m = float(np.nanmax(np.abs(offsets_m) + NORMAL_95 * np.nan_to_num(sigmas_m)))
     factor, unit = length_unit(reach_m or 1.0)
     beside = [figure.add_subplot(grid[k, 1]) for k in range(len(EAST_NORTH_UP))]

@@ -118,14 +118,15 @@ class Comparison(Result):
 
     def card(self) -> Card:
         """Card of the comparison."""
-        sizes = ("1 sigma", "L, m", "B, m", "h, m", "height, m")
+        heading = ("1 sigma", "L, m", "B, m", "h, m", "height, m")
+        sizes = ((row.name, *map(metres, row.sigmas_m), f"{row.height_m:.1f}") for row in self.estimates)
         pairs = ("difference", "east, m", "north, m", "up, m", "sigmas", "chance, %")
         return Card(
             (
                 Field("comparison", (plural(len(self.estimates), "estimate"),)),
                 Field("status", self._status()),
                 *position_fields(self.rows, self.frame, self.benchmark),
-                Field("", (), sizes, map(_sizes, self.estimates)),
+                Field("", (), heading, sizes),
                 Field("agreement", (), pairs, map(_pair, self.agreements), self._untested()),
                 Field("joint", self._joint()),
             )
@@ -162,10 +163,10 @@ class Comparison(Result):
         if self.joint is None:
             return
         row = next(row for row in self.rows if row.method == "joint")
+        east, north, up = map(metres, row.sigmas_m)
         yield (
             f"{east_longitude_deg(row):.5f} deg E, {row.latitude_deg:.5f} deg N, {row.height_m:.1f} m, from "
-            f"{' and '.join(self.joint.names)}; sigmas east {metres(row.sigma_west_m)}, north "
-            f"{metres(row.sigma_north_m)}, up {metres(row.sigma_up_m)} m"
+            f"{' and '.join(self.joint.names)}; sigmas east {east}, north {north}, up {up} m"
         )
         yield f"chi2 {self.joint.chi2:.2f} with {plural(self.joint.dof, 'degree')} of freedom"
         for name, why in self.joint.left_out.items():
@@ -179,11 +180,6 @@ def _agreeing(chance: float, pair: Agreement) -> str:
         f"consistent: {pair.one} and {pair.two}, {apart_m:.0f} m apart, differ by {math.sqrt(pair.chi2 or 0.0):.2g} "
         f"sigmas, as {100.0 * chance:.2g} % of right pairs do or by more"
     )
-
-
-def _sizes(row: PositionRow) -> tuple[str, ...]:
-    sigmas = (row.sigma_west_m, row.sigma_north_m, row.sigma_up_m)
-    return (row.name, *(metres(sigma) for sigma in sigmas), f"{row.height_m:.1f}")
 
 
 def _pair(pair: Agreement) -> tuple[str, ...]:

@@ -312,10 +312,9 @@ def apart(part: Solution, whole: Solution, *, horizontal: bool = False) -> Agree
 
 
 def _sigma_cells(arc: Arc, row: PositionRow) -> tuple[str, ...]:
-    sigmas = (row.sigma_west_m, row.sigma_north_m, row.sigma_up_m)
     return (
         arc.name,
-        *(metres(sigma) if arc.solution.position_estimated else "held" for sigma in sigmas),
+        *(metres(sigma) if arc.solution.position_estimated else "held" for sigma in row.sigmas_m),
         *(
             "-" if x is None else f"{x:z.1f}"
             for x in (row.height_m, row.from_longest_m, row.from_longest_sigmas)

@@ -138,6 +138,11 @@ class PositionRow:
     wrms_m: float | None = None
     converged: bool | None = None
 
+    @property
+    def sigmas_m(self) -> tuple[float | None, float | None, float | None]:
+        """Total standard deviations west (or east), north and up."""
+        return self.sigma_west_m, self.sigma_north_m, self.sigma_up_m
+
 
 def difference(one: Place, benchmark: Place) -> tuple[float, float, float, float, float]:
     """Return how far west, north (deg), west, north and up (m, on the sphere of 1737.4 km) one is of a benchmark."""

@@ -10,7 +10,7 @@ from radioloc.errors import InputError
 from radioloc.io.frequencies import FrequencyAgreement
 from radioloc.io.tdm import TdmAgreement
 from radioloc.study.map_positions import PlaceOnMap
-from radioloc.study.schema import TomlTable, check, entry
+from radioloc.study.schema import check, entry
 from radioloc.study.uplinks import Uplink
 from radioloc.study.weights import Weight
 from radioloc.time import Epochs, utc_to_tai
@@ -25,10 +25,6 @@ TDM_KEYS = {
     "tdm_apply_clocks": "apply_clocks",
 }
 """Keys of ``[observations]`` that are fields of :class:`~radioloc.io.tdm.TdmAgreement`."""
-
-
-def _tdm(table: TomlTable, _: str) -> TdmAgreement:
-    return table.read(TdmAgreement, TDM_KEYS, whole=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +94,11 @@ class ObservationChoice:
         not_negative=True,
         advice="it is of all observations; one by type, station or file belongs to [[observations.weights]]",
     )
-    tdm: TdmAgreement = entry(factory=TdmAgreement, keys=tuple(TDM_KEYS), read=_tdm)
+    tdm: TdmAgreement = entry(
+        factory=TdmAgreement,
+        keys=tuple(TDM_KEYS),
+        read=lambda table, _: table.read(TdmAgreement, TDM_KEYS, whole=False),
+    )
     frequencies: tuple[FrequencyAgreement, ...] = ()
     sites: tuple[Path, ...] = ()
     vlbi_station_sigma_m: float | Mapping[str, float] = entry(0.0, not_negative=True)

@@ -93,7 +93,7 @@ def test_correlations(solution):
 
 @pytest.mark.slow
 def test_correlations_of_many_parameters_are_those_of_the_position(with_biases, monkeypatch):
-    monkeypatch.setattr("radioloc.report.error_figures._MOST_CORRELATED", 4)
+    monkeypatch.setattr("radioloc.report.error_figures._MAX_CORRELATED", 4)
     ax = plot_correlations(with_biases[0]).axes[0]
     names = [text.get_text() for text in ax.get_yticklabels()]
     assert names[:3] == ["position.east", "position.north", "position.height"]

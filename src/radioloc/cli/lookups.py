@@ -50,16 +50,16 @@ def frames(options: argparse.Namespace) -> int:
     from radioloc.ephemeris import CONSTANTS
     from radioloc.lunar import LunarPosition
 
-    given = (options.longitude, options.latitude, options.height)
     if options.frame == _IAU and options.epoch is None:
         options.parser.error(f"{_IAU} moves against the other axes by some 100 m; give --epoch UTC")
     rot_pa_to_iau = None if options.epoch is None else _rot_pa_to_iau(options.epoch)
+    stated_in = "PA_DE421" if options.frame == _IAU else options.frame
+    position = LunarPosition.from_selenographic(
+        options.longitude, options.latitude, options.height, stated_in
+    )
+    position = position.to_frame(stated_in)  # raises an error if these axes are unknown
     if options.frame == _IAU and rot_pa_to_iau is not None:
-        iau = LunarPosition.from_selenographic(*given, "PA_DE421")  # checks the numbers as in any axes
-        position = LunarPosition.from_cartesian(rot_pa_to_iau.T @ iau.xyz_m, "PA_DE421")
-    else:
-        position = LunarPosition.from_selenographic(*given, options.frame)
-        position = position.to_frame(options.frame)  # raises an error if these axes are unknown
+        position = LunarPosition.from_cartesian(rot_pa_to_iau.T @ position.xyz_m, stated_in)
     converted = {}
     for name in dict.fromkeys(name for c in CONSTANTS.values() for name in (f"PA_{c.name}", c.me_frame)):
         with suppress(InputError):  # no angles lead there
@@ -67,17 +67,13 @@ def frames(options: argparse.Namespace) -> int:
     if rot_pa_to_iau is not None and "PA_DE421" in converted:
         iau_m = rot_pa_to_iau @ converted["PA_DE421"].xyz_m
         converted[_IAU] = LunarPosition.from_cartesian(iau_m, "PA_DE421")
-    lines = []
-    rows = []
-    for name, place in converted.items():
-        longitude_deg, latitude_deg, height_m = place.selenographic
-        x, y, z = place.xyz_m
-        lines.append(
-            f"{name:<9} {longitude_deg:14.9f} {latitude_deg:13.9f} deg {height_m:11.4f} m   "
-            f"{x:14.4f} {y:14.4f} {z:14.4f} m"
-        )
-        numbers = {"longitude_deg": longitude_deg, "latitude_deg": latitude_deg, "height_m": height_m}
-        rows.append({"frame": name, **numbers, "xyz_m": place.xyz_m})
+    line = "{:<9} {:14.9f} {:13.9f} deg {:11.4f} m   {:14.4f} {:14.4f} {:14.4f} m"
+    lines = (line.format(name, *place.selenographic, *place.xyz_m) for name, place in converted.items())
+    angles = ("longitude_deg", "latitude_deg", "height_m")
+    rows = [
+        {"frame": name, **dict(zip(angles, place.selenographic, strict=True)), "xyz_m": place.xyz_m}
+        for name, place in converted.items()
+    ]
     tell(options, "\n".join(lines), lambda: rows)
     return DONE
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -92,16 +92,13 @@ def plot_visibility(
             above.plot(dates, elevation_deg[:, k], color=color, linewidth=0.7, alpha=0.6)
             there = np.where(mine, elevation_deg[:, k], np.nan)
             above.plot(dates, there, color=color, linewidth=2.2, label=name)
-        starts = np.flatnonzero(np.diff(mine.astype(np.int8), prepend=0) == 1)
-        stops = np.flatnonzero(np.diff(mine.astype(np.int8), append=0) == -1)
-        # As numbers of days, which bars are drawn in.
-        spans = [(dates[a], max(dates[b] - dates[a], step)) for a, b in zip(starts, stops, strict=True)]
-        for start, span in spans:
+        first, last = np.flatnonzero(np.diff(mine, prepend=False, append=False)).reshape(-1, 2).T
+        spans = np.maximum(dates[last - 1] - dates[first], step)
+        for start, span in zip(dates[first], spans, strict=True):
             below.barh(k, span, left=start, height=0.6, color=color)
-        if not spans:
-            below.annotate(
-                "never", (dates[0], k), (3, 0), textcoords="offset points", va="center", fontsize=7
-            )
+        if not len(spans):
+            note: dict[str, Any] = {"textcoords": "offset points", "va": "center", "fontsize": 7}
+            below.annotate("never", (dates[0], k), (3, 0), **note)
     for mask_deg in sorted({masks.of(name) for name in names}):
         above.axhline(mask_deg, color="0.4", linewidth=0.9, linestyle="--")
         above.annotate(

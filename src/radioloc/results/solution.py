@@ -526,21 +526,19 @@ class Solution(Result):
         return found
 
     def _parameter_rows(self) -> list[dict[str, Any]]:
-        levels = (self.sigmas(level) for level in ("total", "scaled", "formal"))
-        columns = zip(self.parameters, self.values, *levels, strict=True)
+        levels: dict[str, Level] = {"total_sigma": "total", "sigma": "scaled", "formal_sigma": "formal"}
+        sigmas = {key: self.sigmas(level) for key, level in levels.items()}
         return [
             {
                 "name": item.name,
                 "unit": item.unit,
-                "value": float(value),
-                "total_sigma": finite_or_none(total),
-                "sigma": finite_or_none(sigma),
-                "formal_sigma": finite_or_none(formal),
+                "value": float(self.values[k]),
+                **{key: finite_or_none(of_level[k]) for key, of_level in sigmas.items()},
                 "prior_value": item.prior_value,
                 "prior_sigma": finite_or_none(item.prior_sigma),
                 "fixed": item.fixed,
             }
-            for item, value, total, sigma, formal in columns
+            for k, item in enumerate(self.parameters)
         ]
 
     def _error_rows(self) -> dict[str, list[dict[str, Any]]]:

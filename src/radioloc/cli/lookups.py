@@ -145,16 +145,18 @@ def kernels(options: argparse.Namespace) -> int:
     if (options.action == "add") != bool(options.files):
         options.parser.error("kernels add needs files, and only add takes them")
     known = [add_kernel(path) for path in options.files] or [*registered(), *added()]
-    problems = [one.problem() if options.action == "verify" else "" for one in known]
+    problems = [kernel.problem() if options.action == "verify" else "" for kernel in known]
     verdict = {"verify": "verified", "add": "added"}.get(options.action, "")
     lines = (
         problem
-        or f"{one.name:<28} {one.kind} {one.ephemeris:<6} {one.start_tdb} to {one.end_tdb} {verdict}".rstrip()
-        for one, problem in zip(known, problems, strict=True)
+        or (
+            f"{kernel.name:<28} {kernel.kind} {kernel.ephemeris:<6} {kernel.start_tdb} to {kernel.end_tdb} {verdict}"
+        ).rstrip()
+        for kernel, problem in zip(known, problems, strict=True)
     )
     content = [
-        asdict(one) | {"path": one.path, "ships": one in registered(), "problem": problem or None}
-        for one, problem in zip(known, problems, strict=True)
+        asdict(kernel) | {"path": kernel.path, "ships": kernel in registered(), "problem": problem or None}
+        for kernel, problem in zip(known, problems, strict=True)
     ]
     tell(options, "\n".join(lines), lambda: content)
     return NOT_CONVERGED if any(problems) else DONE

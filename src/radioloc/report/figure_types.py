@@ -132,7 +132,7 @@ def _draw_residuals(solution: Solution, ax: Axes | None = None) -> Figure:
 
 
 def _draw_map(result: Result, ax: Axes | None = None) -> Figure | None:
-    positions = [one.to_dict() | {"name": name} for name, one in result.positions().items()]
+    positions = [place.to_dict() | {"name": name} for name, place in result.positions().items()]
     return plot_map(positions, ax=ax) if positions else None
 
 
@@ -157,7 +157,7 @@ FIGURES = registry(
         FigureType("terms", lambda _, ax=None: None, "what each term of the model adds over time", RESIDUALS),
         FigureType(
             "arcs",
-            lambda study, ax=None: (plot_arcs(one, ax) for one in study.by_target),
+            lambda study, ax=None: (plot_arcs(of_target, ax) for of_target in study.by_target),
             "positions of the arcs with ellipses of 95 %, and each coordinate by the length of the arc",
         ),
         FigureType("budget", plot_budget, "sigmas east, north and up by source of error", BUDGET),

@@ -132,7 +132,7 @@ def plot_position(
     if reference_pa_m is not None:
         known.insert(0, compare_with(solution, reference_pa_m, reference_name or "reference"))
     origin_m = np.array([known[0].east_m, known[0].north_m] if known else [0.0, 0.0])
-    others_m = [origin_m - (one.east_m, one.north_m) for one in known]
+    others_m = [origin_m - (place.east_m, place.north_m) for place in known]
     sigmas_m = solution.sigma_enu_m()
     reach_m = SCALE_95 * sigmas_m[:2]
     of = f" of {solution.targets[0].name}" if solution.targets else ""
@@ -142,8 +142,8 @@ def plot_position(
     covariance_m2 = solution.position_covariance("enu")[:2, :2]
     shades = (SCALE_95, 0.15, "95 %"), (1.0, 0.3, "1 sigma")
     draw_place(axes, factor, origin_m, "estimate", "tracking", 0, covariance_m2, shades)
-    for k, (one, at_m) in enumerate(zip(known, others_m, strict=True)):
-        draw_place(axes, factor, at_m, one.name, "reference", k)
+    for k, (place, at_m) in enumerate(zip(known, others_m, strict=True)):
+        draw_place(axes, factor, at_m, place.name, "reference", k)
     axes.legend(loc="best", fontsize=8, frameon=True, framealpha=0.9, edgecolor="0.8")
     axes.set_title("\n".join(_caption(solution, known)), fontsize=8, color="0.3")
     return axes.figure.figure

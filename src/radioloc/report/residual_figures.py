@@ -331,8 +331,8 @@ def plot_terms(terms: Mapping[str, Floats], observations: Observations, ax: Axes
     style: dict[str, Any] = {"marker": ".", "linestyle": "", "markersize": 2.5, "rasterized": True}
     for axes, name in zip(panels, shown, strict=True):
         factor, unit = length_unit(largest_m[name])
-        for mine, color, label in groups:
-            axes.plot(dates[mine], factor * terms[name][mine], color=color, label=label, **style)
+        for rows, color, label in groups:
+            axes.plot(dates[rows], factor * terms[name][rows], color=color, label=label, **style)
         axes.set_ylabel(unit)
         panel_title(axes, name, "left", fontsize=8, fontweight="bold")
         panel_title(axes, f"up to {factor * largest_m[name]:.3g} {unit}", "right", fontsize=6.5)

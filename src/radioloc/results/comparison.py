@@ -66,7 +66,7 @@ class Comparison(Result):
 
     @property
     def _likely(self) -> bool:
-        chances = [one.chance for one in (*self.agreements, self.joint) if one is not None]
+        chances = [test.chance for test in (*self.agreements, self.joint) if test is not None]
         return all(chance is None or chance >= UNLIKELY for chance in chances)
 
     def to_dict(self) -> dict[str, Any]:
@@ -155,8 +155,8 @@ class Comparison(Result):
 
     def _untested(self) -> Iterator[str]:
         for why in dict.fromkeys(pair.why for pair in self.agreements if pair.why):
-            mine = [f"{pair.one} and {pair.two}" for pair in self.agreements if pair.why == why]
-            named = "; ".join(mine) if len(mine) <= _MOST_NAMED else plural(len(mine), "pair")
+            pairs = [f"{pair.one} and {pair.two}" for pair in self.agreements if pair.why == why]
+            named = "; ".join(pairs) if len(pairs) <= _MOST_NAMED else plural(len(pairs), "pair")
             yield f"{named} are not tested: {why}"
 
     def _joint(self) -> Iterator[str]:

@@ -204,11 +204,19 @@ class CovarianceStudy(Result):
         heading = ("length", "span, h", "obs.", *longest.axes, "95 % radius")
         over = "; all are means over the arc" if longest.state else ""
         holds = f"95 % radius: of the horizontal circle that holds the true point in 95 % of cases{over}"
-        sources = [(one.label, *map(metres, (*one.sigma_m.tolist(), one.total_m))) for one in longest.sources]
+        sources = [
+            (source.label, *map(metres, (*source.sigma_m.tolist(), source.total_m)))
+            for source in longest.sources
+        ]
         of_sources = (f"of {longest.hours:g} h, m", *longest.axes, "3D")
         shares = (
-            (f"{one.group} {one.name}", str(one.count), _radius(one.alone_m), _radius(one.without_m))
-            for one in self.shares
+            (
+                f"{share.group} {share.name}",
+                str(share.count),
+                _radius(share.alone_m),
+                _radius(share.without_m),
+            )
+            for share in self.shares
         )
         return Card(
             (

@@ -200,22 +200,22 @@ class Passes(Result):
         )
 
     def _never(self) -> Iterator[str]:
-        seen = {(one.target, one.station) for one in self.passes}
+        seen = {(item.target, item.station) for item in self.passes}
         for target in self.targets or ("",):
             if unseen := [name for name in self.masks_deg if (target, name) not in seen]:
                 yield f"{target} by {', '.join(unseen)}".lstrip()
 
 
-def _pass_cells(one: Pass) -> tuple[str, ...]:
+def _pass_cells(seen: Pass) -> tuple[str, ...]:
     """Month, day and time; the span has the year."""
     return (
-        *[one.target] * bool(one.target),
-        one.station,
-        _short(one.start_utc) if one.rises else "already up",
-        _short(one.stop_utc) if one.sets else "still up",
-        f"{one.hours:.2f}",
-        f"{one.highest_deg:.1f}",
-        one.highest_utc[11:16],
+        *[seen.target] * bool(seen.target),
+        seen.station,
+        _short(seen.start_utc) if seen.rises else "already up",
+        _short(seen.stop_utc) if seen.sets else "still up",
+        f"{seen.hours:.2f}",
+        f"{seen.highest_deg:.1f}",
+        seen.highest_utc[11:16],
     )
 
 

@@ -191,7 +191,7 @@ class Solution(Result):
     @property
     def known(self) -> list[ReferenceComparison]:
         """Differences to all known positions, that to the reference first."""
-        return [one for one in (self.reference, *self.references) if one is not None]
+        return [reference for reference in (self.reference, *self.references) if reference is not None]
 
     def of_target(self, name: str) -> Solution:
         """The solution as seen from one of several targets: its position and covariance in place of the first's.
@@ -400,7 +400,7 @@ class Solution(Result):
         if self.targets:
             each = {target.name: self.of_target(target.name) for target in self.targets}
             content["targets"] = {
-                name: one._position_dict() | one._error_rows() for name, one in each.items()
+                name: target._position_dict() | target._error_rows() for name, target in each.items()
             }
         content |= self._error_rows()
         content["observations"] = sample_of(self.residuals)
@@ -410,7 +410,7 @@ class Solution(Result):
             "observability": self.observability.to_dict(),
             "consistency": self.consistency.to_list(),
             "reference": None if self.reference is None else self.reference.to_dict(),
-            "references": [one.to_dict() for one in self.references],
+            "references": [reference.to_dict() for reference in self.references],
             "notes": list(self.notes),
             "provenance": dict(self.provenance),
         }

@@ -306,8 +306,8 @@ def sigmas_apart(part: Solution, whole: Solution) -> float | None:
 
 def apart(part: Solution, whole: Solution, *, horizontal: bool = False) -> Agreement:
     """Compare a solution from a part of the data with that from all, as :func:`~.combination.agreement` does."""
-    estimates = [PositionEstimate.from_solution(one.to_dict()) for one in (part, whole)]
-    of_part, of_whole = (replace(one, study="", hours=float(k)) for k, one in enumerate(estimates))
+    estimates = [PositionEstimate.from_solution(solution.to_dict()) for solution in (part, whole)]
+    of_part, of_whole = (replace(estimate, study="", hours=float(k)) for k, estimate in enumerate(estimates))
     return agreement(of_part, of_whole, horizontal=horizontal)
 
 
@@ -423,14 +423,14 @@ class LeaveOneOut(Result):
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """Return the columns of the table by name; NaN where there is no number."""
-        rows = [asdict(one) for one in self.without]
+        rows = [asdict(row) for row in self.without]
         found = {key: np.array([row[key] for row in rows]) for key in ("kind", "name", "left_out", "used")}
-        found["converged"] = np.array([int(one.converged) for one in self.without])
-        numbers: dict[str, Any] = {"radius_95_m": [one.radius_95_m for one in self.without]}
+        found["converged"] = np.array([int(row.converged) for row in self.without])
+        numbers: dict[str, Any] = {"radius_95_m": [row.radius_95_m for row in self.without]}
         for key in ("shift", "sigma"):
             enu = np.array([row[f"{key}_enu_m"] or (None,) * 3 for row in rows]).reshape(-1, 3)
             numbers |= {f"{key}_{axis}_m": enu[:, k] for k, axis in enumerate(("east", "north", "up"))}
-        numbers["sigmas"] = [one.sigmas for one in self.without]
+        numbers["sigmas"] = [row.sigmas for row in self.without]
         return found | {key: np.array(column, dtype=np.float64) for key, column in numbers.items()}
 
     def to_table(self, form: TableForm = "astropy") -> Any:
@@ -439,7 +439,7 @@ class LeaveOneOut(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return all but single residuals, in types that JSON has."""
-        return {"solution": self.solution.to_dict(), "without": [asdict(one) for one in self.without]}
+        return {"solution": self.solution.to_dict(), "without": [asdict(row) for row in self.without]}
 
     def files(self) -> Mapping[str, Content]:
         """Return all numbers, and a table with a row for each station and link."""
@@ -467,22 +467,22 @@ class LeaveOneOut(Result):
         )
 
     def _notes(self) -> Iterator[str]:
-        for one in self.without:
-            if one.shift_enu_m is None:
-                yield f"without {one.shown} the position is not determined"
-            elif not one.converged:
-                yield f"without {one.shown} the fit does not converge"
-            elif one.sigmas is not None and one.sigmas > _UNLIKELY_SIGMAS[3]:
+        for row in self.without:
+            if row.shift_enu_m is None:
+                yield f"without {row.shown} the position is not determined"
+            elif not row.converged:
+                yield f"without {row.shown} the fit does not converge"
+            elif row.sigmas is not None and row.sigmas > _UNLIKELY_SIGMAS[3]:
                 yield (
-                    f"without {one.shown} the position moves by {math.hypot(*one.shift_enu_m):.3g} m, {one.sigmas:.1f} "
+                    f"without {row.shown} the position moves by {math.hypot(*row.shift_enu_m):.3g} m, {row.sigmas:.1f} "
                     f"sigmas of that shift (99.9 % are below {_UNLIKELY_SIGMAS[3]}): it does not fit the others, or "
                     "the sigmas are too small"
                 )
         yield from which_sigmas([self.solution])
 
 
-def _shift_cells(one: Without) -> tuple[str, ...]:
-    if one.shift_enu_m is None:
-        return (one.shown, str(one.used), *("-" * 5))
-    sigmas = "-" if one.sigmas is None else f"{one.sigmas:.1f}"
-    return (one.shown, str(one.used), *map(signed_metres, one.shift_enu_m), sigmas, metres(one.radius_95_m))
+def _shift_cells(row: Without) -> tuple[str, ...]:
+    if row.shift_enu_m is None:
+        return (row.shown, str(row.used), *("-" * 5))
+    sigmas = "-" if row.sigmas is None else f"{row.sigmas:.1f}"
+    return (row.shown, str(row.used), *map(signed_metres, row.shift_enu_m), sigmas, metres(row.radius_95_m))

@@ -144,15 +144,15 @@ class PositionRow:
         return self.sigma_west_m, self.sigma_north_m, self.sigma_up_m
 
 
-def difference(one: Place, benchmark: Place) -> tuple[float, float, float, float, float]:
-    """Return how far west, north (deg), west, north and up (m, on the sphere of 1737.4 km) one is of a benchmark."""
+def difference(place: Place, benchmark: Place) -> tuple[float, float, float, float, float]:
+    """Return the difference to a benchmark: west, north (deg), west, north and up (m, on the sphere of 1737.4 km)."""
     point_m, origin_m = (
-        selenographic_to_cartesian(math.radians(place[0]), math.radians(place[1]), place[2])
-        for place in (one, benchmark)
+        selenographic_to_cartesian(math.radians(longitude_deg), math.radians(latitude_deg), height_m)
+        for longitude_deg, latitude_deg, height_m in (place, benchmark)
     )
     apart = local_difference(point_m, origin_m, radius_m=MEAN_LUNAR_RADIUS_M)
-    west_deg = -math.remainder(one[0] - benchmark[0], 360.0)
-    return west_deg, one[1] - benchmark[1], -apart.east_m, apart.north_m, one[2] - benchmark[2]
+    west_deg = -math.remainder(place[0] - benchmark[0], 360.0)
+    return west_deg, place[1] - benchmark[1], -apart.east_m, apart.north_m, place[2] - benchmark[2]
 
 
 def place_fields(place: Place, benchmark: Place | None) -> dict[str, Any]:

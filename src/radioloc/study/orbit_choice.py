@@ -169,22 +169,24 @@ class OrbitChoice:
     def parameters(self, forces: Forces) -> tuple[str, ...]:
         """Parameters of the forces that are estimated; an InputError where a name is of none."""
         known = forces.parameters()
-        groups = tuple(dict.fromkeys(one.rpartition(".")[0] or one for one in known))
+        groups = tuple(dict.fromkeys(item.rpartition(".")[0] or item for item in known))
         asked = self.forces
         if asked is None:
-            impulses = tuple(one.name for one in forces.impulses)
+            impulses = tuple(item.name for item in forces.impulses)
             asked = (*(("radiation",) if forces.radiation_m2_kg else ()), *impulses)
             asked += (EMPIRICAL_NAME,) if EMPIRICAL_NAME in groups else ()
         found: dict[str, None] = {}
-        for one in forces.accelerations:
-            found |= dict.fromkeys(one.names()[0] if one.sigma_m_s2 is not None else ())
+        for acceleration in forces.accelerations:
+            found |= dict.fromkeys(acceleration.names()[0] if acceleration.sigma_m_s2 is not None else ())
         for name in (*asked, *self.sigma):
-            mine = [one for one in known if one == name or one.rpartition(".")[0] == name]
-            if not mine:
+            chosen = [
+                parameter for parameter in known if parameter == name or parameter.rpartition(".")[0] == name
+            ]
+            if not chosen:
                 raise InputError(
                     f"[estimate.orbit] forces: there is no {name!r}; there are {', '.join(groups)}"
                 )
-            found |= dict.fromkeys(mine) if name in asked else {}
+            found |= dict.fromkeys(chosen) if name in asked else {}
         return tuple(found)
 
     def sigmas(self, forces: Forces) -> dict[str, float]:
@@ -193,9 +195,16 @@ class OrbitChoice:
         if forces.radiation_m2_kg:
             given.setdefault("radiation", 0.5 * forces.radiation_m2_kg)
         given.setdefault(EMPIRICAL_NAME, EMPIRICAL_SIGMA_M_S2)
-        for one in forces.accelerations:
-            given |= {} if one.sigma_m_s2 is None else dict.fromkeys(one.names()[0], one.sigma_m_s2)
+        for acceleration in forces.accelerations:
+            given |= (
+                {}
+                if acceleration.sigma_m_s2 is None
+                else dict.fromkeys(acceleration.names()[0], acceleration.sigma_m_s2)
+            )
         state = dict.fromkeys(STATE[:3], self.state_sigma_m) | dict.fromkeys(STATE[3:], self.state_sigma_m_s)
-        by_name = {one: given.get(one, given.get(one.rpartition(".")[0])) for one in self.parameters(forces)}
+        by_name = {
+            parameter: given.get(parameter, given.get(parameter.rpartition(".")[0]))
+            for parameter in self.parameters(forces)
+        }
         by_name |= self.state_sigma or state
         return {name: sigma for name, sigma in by_name.items() if sigma is not None}

@@ -46,7 +46,7 @@ def scenario(
     }
     if len(by_station_deg) < len(masks.by_station_deg):
         table.fail("station_masks_deg", "names a station twice")
-    planned = [] if sessions is None else [_session(one, catalogue) for one in sessions.named().values()]
+    planned = [] if sessions is None else [_session(item, catalogue) for item in sessions.named().values()]
     if not planned:
         table.fail("sessions", "is missing; give at least one [simulation.sessions.NAME]")
     stations = tuple(dict.fromkeys(end for session in planned for pair in session.pairs for end in pair))

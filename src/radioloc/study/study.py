@@ -473,7 +473,8 @@ class Study:
                 )
         if isinstance(height, HeightPrior):
             priors = tuple(
-                one.with_height(height.height_m, height.sigma_m) if one.has_height else one for one in priors
+                prior.with_height(height.height_m, height.sigma_m) if prior.has_height else prior
+                for prior in priors
             )
         object.__setattr__(self, "estimate", replace(estimate, position_priors=priors))
 

@@ -170,10 +170,9 @@ def command(
 def study_tables() -> Rows:
     """Return the tables of a study file with their keys, the parameters, and the types of measurement."""
     from radioloc.parameters.registry import PARAMETERS
-    from radioloc.study.schema import keys_of
+    from radioloc.study.schema import STUDY_TABLES, keys_of
     from radioloc.study.study import PARAMETER_KEYS
     from radioloc.study.study_file import TABLES
-    from radioloc.study.tables import STUDY_TABLES
 
     records = TABLES | {entry.name: entry.record for entry in STUDY_TABLES.values() if entry.run is None}
     tables = {

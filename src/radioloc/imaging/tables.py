@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from radioloc.imaging.study import ImageChoice, ImagePointChoice, StereoChoice
-from radioloc.study.tables import StudyTable
+from radioloc.study.schema import StudyTable
 
 
 def _located(path: Path) -> Any:

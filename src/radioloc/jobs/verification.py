@@ -21,9 +21,9 @@ from radioloc.results.cards import Card, Field
 from radioloc.results.recorded import read_recorded
 from radioloc.results.result import Result
 from radioloc.study.record import study_origin, versions
+from radioloc.study.schema import run_study_file
 from radioloc.study.study import Study
 from radioloc.study.study_file import read_study
-from radioloc.study.tables import run_study_file
 
 _TOLERANCE_SIGMAS = 1e-3
 """Tolerance of values in sigmas, and relative tolerance of sigmas: above the rounding of other processors and

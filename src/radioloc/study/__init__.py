@@ -2,9 +2,9 @@
 
 from radioloc.study.map_positions import PlaceOnMap
 from radioloc.study.observation_choice import ObservationChoice
+from radioloc.study.schema import STUDY_TABLES, StudyTable
 from radioloc.study.study import EstimateChoice, HeightPrior, ModelChoice, Reference, Study, TerrainPrior
 from radioloc.study.study_file import read_study
-from radioloc.study.tables import STUDY_TABLES, StudyTable
 from radioloc.study.uplinks import Uplink
 from radioloc.study.weights import Weight
 

@@ -31,7 +31,16 @@ from radioloc.study.orbit_choice import (
     SegmentedAcceleration,
 )
 from radioloc.study.orbiter import Orbiter
-from radioloc.study.schema import Hints, TomlTable, check, entry, keys_of, source_of, toml_content
+from radioloc.study.schema import (
+    STUDY_TABLES,
+    Hints,
+    TomlTable,
+    check,
+    entry,
+    keys_of,
+    source_of,
+    toml_content,
+)
 from radioloc.study.simulation_file import scenario
 from radioloc.study.study import (
     PARAMETER_KEYS,
@@ -40,7 +49,6 @@ from radioloc.study.study import (
     ModelChoice,
     Study,
 )
-from radioloc.study.tables import STUDY_TABLES
 from radioloc.study.target_file import (
     LandingKeys,
     Place,

@@ -1,8 +1,8 @@
 """Starts for the fit of an orbit.
 
-Hundreds of metres of the a-priori state are hundreds of kilometres after some days, far outside of what is linear. So
-growing parts of an arc are fitted, each from where the one before ended: within two hours of the epoch they are not;
-what these settle is good for six, and so on to the whole arc.
+An error of hundreds of metres in the a-priori state grows to hundreds of kilometres in some days, far beyond the linear
+range. So growing parts of an arc are fitted, from two hours about the epoch to the whole arc, each from the result of
+the part before it.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ logger = logging.getLogger(__name__)
 
 _MIN_OBSERVATIONS = 30  # Fewest observations of the first part
 REACH_FACTOR = 3.0  # Ratio of the time spans about the epoch of one part and the next
-_FIRST_S = 7200.0
-_WEAK_M, _WEAK_M_S = 2e3, 2.0
-"""How far a state without a-priori sigmas goes in one step: what a short part does not tell stays where it is."""
-_FREE = 1e6  # Scales of a parameter that stand for no a-priori sigma
-_INVERSIONS = 8  # Newton's steps from a state to its elements
+_MIN_REACH_S = 7200.0
+_MAX_STEP_M, _MAX_STEP_M_S = 2e3, 2.0
+"""Scale of one step of a state without a-priori sigmas: directions that a short part does not determine stay fixed."""
+_FREE_SIGMA_SCALES = 1e6  # Sigma of a free parameter, in scales
+_NEWTON_STEP_COUNT = 8  # From a state to its elements
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +42,11 @@ class StagedStart:
     apriori: Floats  # parameters of the orbit: state and forces
     free: NDArray[np.intp]
     step_sigmas: Floats  # of the free parameters
-    away_s: Floats  # of each observation from the epoch
+    away_s: Floats  # time of each observation from the epoch
 
     @classmethod
     def of(cls, problem: ObservationModel, sigma_m: Floats) -> StagedStart | None:
-        """Return the start of a problem, or ``None`` where no orbit is estimated."""
+        """Return the start of a problem, or ``None`` if no orbit is estimated."""
         parameters, orbit = problem.parameters, problem.orbit
         count = len(parameters.of_kind("state")) + len(parameters.of_kind("force"))
         free = np.flatnonzero(parameters.free[:count])
@@ -66,7 +66,7 @@ class StagedStart:
     def first_reach_s(self, usable: NDArray[np.bool_]) -> float:
         """Return the time from the epoch within which observations are fitted first."""
         ordered_s = np.sort(self.away_s[usable])
-        return max(_FIRST_S, float(ordered_s[min(_MIN_OBSERVATIONS, len(ordered_s)) - 1]))
+        return max(_MIN_REACH_S, float(ordered_s[min(_MIN_OBSERVATIONS, len(ordered_s)) - 1]))
 
     def rows_within(self, reach_s: float, usable: NDArray[np.bool_]) -> NDArray[np.intp]:
         """Return the usable observations of a part."""
@@ -89,10 +89,8 @@ class StagedStart:
 
 
 def near_orbit(problem: ObservationModel, sigma_m: Floats, usable: NDArray[np.bool_]) -> Floats | None:
-    """Return parameters of an arc's problem near the estimate, or ``None`` where no orbit is estimated.
-
-    Without it a fit of 36 hours from 1.9 km and 1.9 m/s off does not converge (`tests/unit/jobs/test_orbit_study.py`).
-    """
+    """Return parameters of an arc's problem near the estimate, or ``None`` if no orbit is estimated."""
+    # Without it a fit of 36 hours from 1.9 km and 1.9 m/s off does not converge (tests/unit/jobs/test_orbit_study.py).
     start = StagedStart.of(problem, sigma_m)
     if start is None or not usable.any():
         return None
@@ -105,20 +103,20 @@ def near_orbit(problem: ObservationModel, sigma_m: Floats, usable: NDArray[np.bo
 
 
 def _with_orbit(problem: ObservationModel, changes: Floats) -> Floats:
-    """A-priori values of all parameters, but for the orbit those that change it so."""
-    start, mine = problem.parameters.prior_values.copy(), slice(len(changes))
-    for _ in range(_INVERSIONS):
-        made, by = problem.functions[0](start[mine])
+    """Return a-priori values of all parameters, with those of the orbit that give these changes of state and forces."""
+    start, columns = problem.parameters.prior_values.copy(), slice(len(changes))
+    for _ in range(_NEWTON_STEP_COUNT):
+        made, by = problem.functions[0](start[columns])
         assert isinstance(made, OrbitMotion)
-        start[mine] += np.linalg.solve(by, changes - made.changes)
+        start[columns] += np.linalg.solve(by, changes - made.changes)
     return start
 
 
 def _cartesian_sigmas(problem: ObservationModel, count: int) -> Floats:
-    """How far one step of the state and of the forces may go, by what is known a priori."""
+    """Return the scale of one step of the state and of the forces, from the a-priori sigmas."""
     parameters = problem.parameters
-    known = np.minimum(parameters.prior_sigmas, _FREE * parameters.scales)[:count]
+    sigmas = np.minimum(parameters.prior_sigmas, _FREE_SIGMA_SCALES * parameters.scales)[:count]
     by = problem.functions[0](parameters.prior_values[:count])[1]
-    most = np.concatenate([[_WEAK_M] * 3, [_WEAK_M_S] * 3, np.full(count - 6, math.inf)])
-    most[[one.unit == "m/s" for one in parameters.parameters[:count]]] = _WEAK_M_S
-    return np.minimum(np.sqrt(by**2 @ known**2), most)
+    largest = np.concatenate([[_MAX_STEP_M] * 3, [_MAX_STEP_M_S] * 3, np.full(count - 6, math.inf)])
+    largest[[item.unit == "m/s" for item in parameters.parameters[:count]]] = _MAX_STEP_M_S
+    return np.minimum(np.sqrt(by**2 @ sigmas**2), largest)

@@ -1,4 +1,4 @@
-"""Robust steps towards the orbit that observations tell, from a state that may be far off."""
+"""Robust steps towards the orbit of the observations, from a state that may be far off."""
 
 from __future__ import annotations
 
@@ -14,13 +14,12 @@ from radioloc.errors import RadiolocError
 from radioloc.estimation.statistics import robust_scale
 from radioloc.measurements.predictor import Computed, Predictor
 from radioloc.measurements.target_motion import OrbitMotion
+from radioloc.vectors import Floats
 
-Floats = NDArray[np.float64]
-
-_STEPS = 8
-_COUNTED = 0.9  # Part of the residuals by which steps are judged
-_CORNER = 2.0  # Robust sigmas from which residuals count by their size only
-_SETTLED = 0.03  # of the robust sigma of the residuals
+_MAX_STEP_COUNT = 8
+_COUNTED_FRACTION = 0.9  # Fraction of the residuals, from the smallest, in the loss
+_CORNER_SIGMAS = 2.0  # Robust sigmas above which residuals are weighted by their size only
+_MIN_GAIN = 0.03  # Relative gain below which the steps end
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +37,7 @@ class OrbitPart:
 
 
 def fitted_state(
-    part: OrbitPart, x: Floats, free: NDArray[np.intp], sigmas: Floats, steps: int = _STEPS
+    part: OrbitPart, x: Floats, free: NDArray[np.intp], sigmas: Floats, steps: int = _MAX_STEP_COUNT
 ) -> tuple[Floats, float]:
     """Return parameters after robust steps, each within `sigmas`, and the scale of the residuals in sigmas."""
     sigma_m = part.sigma_m
@@ -51,22 +50,22 @@ def fitted_state(
         except RadiolocError:
             if x is best:
                 raise
-            loss = math.inf  # into the ground, or out of the model's reach
+            loss = math.inf  # the orbit meets the ground, or the model does not cover it
         else:
             ratio = (part.arc.observations.value_m - computed.value_m) / sigma_m
             spread_here = max(1.0, robust_scale(ratio, len(free)))
-            # Without the largest, of which one that is far off would hide what a step gains in all others.
-            loss = float(np.sort(np.abs(ratio))[: math.ceil(_COUNTED * len(ratio))].mean())
+            # Without the largest, of which a single one could hide the gain in all others.
+            loss = float(np.sort(np.abs(ratio))[: math.ceil(_COUNTED_FRACTION * len(ratio))].mean())
         if loss > least:
-            # Too far: back, and half as far.
+            # Too far: return and take a shorter step.
             shrink *= 0.3
             x = _moved(best, shrink * step)
             continue
         gain, best, least, spread = least - loss, x, loss, spread_here
-        if gain < _SETTLED * loss and shrink == 1.0:
+        if gain < _MIN_GAIN * loss and shrink == 1.0:
             break
         shrink = 1.0
-        weight = np.sqrt(1.0 / np.maximum(np.abs(ratio) / (_CORNER * spread), 1.0)) / spread
+        weight = np.sqrt(1.0 / np.maximum(np.abs(ratio) / (_CORNER_SIGMAS * spread), 1.0)) / spread
         design = (computed.by_motion[:, free] / sigma_m[:, None] * sigmas) * weight[:, None]
         stacked = np.vstack([design, np.eye(len(free))])
         right = np.concatenate([ratio * weight, np.zeros(len(free))])
@@ -77,8 +76,8 @@ def fitted_state(
 
 
 def _moved(x: Floats, step: Floats) -> Floats:
-    """Parameters after a step, in which the orbit turns as a whole: Doppler holds it but for turns by many degrees."""
-    out = x + step
+    """Return parameters after a step with rotations of the whole orbit, which Doppler determines worst."""
+    moved = x + step
     (r, v), (dr, dv) = x[:6].reshape(2, 3), step[:6].reshape(2, 3)
     distance = np.linalg.norm(r)
     up = r / distance
@@ -86,11 +85,11 @@ def _moved(x: Floats, step: Floats) -> Floats:
     speed = np.linalg.norm(across) / distance  # along the ground
     turn = np.cross(up, dr) / distance
     turn = turn + up * ((dv - np.cross(turn, v)) @ across) / np.linalg.norm(across) / speed
-    out[:6] = turned_state(np.concatenate([r + up * (dr @ up), v + dv - np.cross(turn, v)]), turn)
-    return out
+    moved[:6] = turned_state(np.concatenate([r + up * (dr @ up), v + dv - np.cross(turn, v)]), turn)
+    return moved
 
 
 def turned_state(state: Floats, turn_rad: Floats) -> Floats:
-    """Position and velocity, shape (6,), turned by a rotation vector."""
-    # ERFA's matrix turns the axes, its transpose what is in them.
+    """Return position and velocity, shape (6,), rotated by a vector."""
+    # ERFA's matrix rotates the axes, its transpose vectors.
     return np.asarray((state.reshape(2, 3) @ erfa.rv2m(turn_rad)).ravel())

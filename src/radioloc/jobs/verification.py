@@ -22,7 +22,6 @@ from radioloc.results.recorded import read_recorded
 from radioloc.results.result import Result
 from radioloc.study.record import study_origin, versions
 from radioloc.study.schema import run_study_file
-from radioloc.study.study import Study
 from radioloc.study.study_file import read_study
 
 _TOLERANCE_SIGMAS = 1e-3
@@ -130,52 +129,47 @@ def _recorded(path: Path) -> Mapping[str, Any]:
     return content
 
 
-def _again(path: Path, then: Mapping[str, Any], file: str | Path | None) -> dict[str, Any]:
+def _again(path: Path, recorded: Mapping[str, Any], file: str | Path | None) -> dict[str, Any]:
     """Return the repeated solution as a dictionary; missing or changed input files are errors."""
-    found = Path(then["study"]["file"] if file is None else file)
+    origin = recorded["study"]
+    found = Path(origin["file"] if file is None else file)
     if not found.is_file():
         raise InputError(f"{path}: its study file {found} is missing; give its new place (--study FILE)")
-    if sha256_of(found) != then["study"]["sha256"]:
+    if sha256_of(found) != origin["sha256"]:
         raise InputError(
             f"{path}: {found} has changed since the solution was computed; restore the study file"
         )
     problem = f"{path}: cannot be repeated from {found}"
-    if (
-        "settings" not in then["study"]
-    ):  # a study of another kind, such as of images, has all settings in its file
-        now = run_study_file(found).to_dict()
-        _require_same_files(problem, then["study"], now["provenance"]["study"])
-        return now
-    whole, hours = read_study(found), then["study"].get("hours")
+    if "settings" not in origin:  # a study of another kind, such as of images, has all settings in its file
+        repeated = run_study_file(found).to_dict()
+        _require_unchanged(problem, origin, repeated["provenance"]["study"])
+        return repeated
+    whole, hours = read_study(found), origin.get("hours")
     study = replace(whole, observations=replace(whole.observations, hours=hours))
-    _require_same(problem, then["study"], study)
+    _require_unchanged(problem, origin, study_origin(study))
     if hours != whole.observations.hours:
         return arcs(whole, [hours]).arcs[0].solution.to_dict()
     arc, left_out = prepared_arc(study)
-    return fit_arc(study, arc, left_out, None if then.get("estimate") is None else study.estimate).to_dict()
+    estimate = None if recorded.get("estimate") is None else study.estimate
+    return fit_arc(study, arc, left_out, estimate).to_dict()
 
 
-def _require_same(problem: str, then: Mapping[str, Any], study: Study) -> None:
-    """Raise an error if the files or the settings of a study have changed."""
-    origin = study_origin(study)
-    _require_same_files(problem, then, origin)
-    changed = [key for key, digest in then["settings"].items() if origin["settings"].get(key) != digest]
-    if changed:
+def _require_unchanged(problem: str, recorded: Mapping[str, Any], origin: Mapping[str, Any]) -> None:
+    """Raise an error if the input files or the settings of a study have changed."""
+    before, now = (
+        Counter((item["file"], item["sha256"]) for item in study["inputs"]) for study in (recorded, origin)
+    )
+    gone, new = sorted({name for name, _ in before - now}), sorted({name for name, _ in now - before})
+    if gone or new:
+        changes = [f"{name} {'has another content' if name in new else 'is missing'}" for name in gone]
+        changes += [f"{name} is new" for name in new if name not in gone]
+        raise InputError(f"{problem}: {', '.join(changes)}")
+    settings = recorded.get("settings", {}).items()
+    if changed := [key for key, digest in settings if origin["settings"].get(key) != digest]:
         raise InputError(
             f"{problem}: its settings differ ({', '.join(changed)}); they were changed in Python, or another version "
             "of radioloc reads them differently"
         )
-
-
-def _require_same_files(problem: str, then: Mapping[str, Any], origin: Mapping[str, Any]) -> None:
-    before, now = (
-        Counter((item["file"], item["sha256"]) for item in one["inputs"]) for one in (then, origin)
-    )
-    gone, new = sorted({name for name, _ in before - now}), sorted({name for name, _ in now - before})
-    if gone or new:
-        found = [f"{name} {'has another content' if name in new else 'is missing'}" for name in gone]
-        found += [f"{name} is new" for name in new if name not in gone]
-        raise InputError(f"{problem}: {', '.join(found)}")
 
 
 Pair = tuple[str, Any, Any, float]

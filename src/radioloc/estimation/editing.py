@@ -193,7 +193,7 @@ def fit_with_editing(
     latest = None if previous is None else previous.fit
     while True:
         limit_m = threshold * max(1.0, scale) * noise.sigma_m
-        if latest is not None:
+        if latest is not None and process is None:  # whose share in the leverage is not in the partials
             limit_m = _studentized(latest, residual_m, limit_m, usable)
         used = usable & (np.abs(residual_m) <= limit_m)
         if seen and np.array_equal(used, seen[-1]):

@@ -203,7 +203,7 @@ class EopTable:
         return EopValues(*(*value.T, *rate.T, self.predicted[stencil].any(axis=1)))
 
     def _require_covered(self, tt: Epochs) -> None:
-        after_first = tt.seconds_since(self._nodes_tt[np.zeros(len(tt), dtype=np.int64)])
+        after_first = tt.seconds_since(self._nodes_tt[:1])
         before_last = self._nodes_tt[np.full(len(tt), -1)].seconds_since(tt)
         early = bool((after_first < 0.0).any())
         _refuse(

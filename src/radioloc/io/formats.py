@@ -279,7 +279,7 @@ def _without_rereadings(observations: Observations) -> Observations:
     if len(observations.files) == 1 or len(rows) < 2:
         return observations
     tai, count_s = utc_to_tai(observations.epoch[rows]), observations.count_s[rows]
-    time_s = tai.seconds_since(tai[np.zeros(len(rows), dtype=np.intp)])
+    time_s = tai.seconds_since(tai[:1])
     band = np.nan_to_num(np.rint(10.0 * np.log(observations.wavelength_um[rows])))
     series = [band, count_s, *(getattr(observations, name)[rows] for name in ("tag", "kind", "link"))]
     order = np.lexsort([time_s, *series])

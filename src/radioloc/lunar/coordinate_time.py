@@ -67,7 +67,7 @@ def tcl_minus_tdb(
     """
     source = Ephemeris.open(ephemeris)
     tdb_minus_tt_s = geocentric_tdb_minus_tt(tdb)
-    tt_since_1977_s = tdb.seconds_since(_START[np.zeros(len(tdb), dtype=np.intp)]) - tdb_minus_tt_s
+    tt_since_1977_s = tdb.seconds_since(_START) - tdb_minus_tt_s
     found = _tcl_minus_tcg(source, tdb) + L_G / (1.0 - L_G) * tt_since_1977_s - tdb_minus_tt_s
     if position is not None:
         pa_m = position.to_axes("PA", source.constants).xyz_m

@@ -140,7 +140,7 @@ def _gained(
         length_s = max(last_s - first_s, 1e-3)
         steps = int(np.ceil(length_s / (_STEP_S if trajectory is None else _STEP_IN_ORBIT_S)))
         knots_s = first_s + length_s * np.linspace(0.0, 1.0, max(steps, 3) + 1)
-        tdb = zero[np.zeros(len(knots_s), dtype=np.intp)].shifted(knots_s)
+        tdb = zero[:1].shifted(knots_s)
         left_out = "moon" if trajectory is None else ""
         at_knots = CubicSpline(
             knots_s, L_G + clock_rate(model.ephemeris, tdb, *_state(model, tdb, trajectory), left_out)

@@ -169,7 +169,7 @@ def _passes(observations: Observations, gap_s: float) -> Iterator[_Rows]:
         [f"{one.target}>{one.receiver}" for one in observations.links], return_inverse=True
     )
     tai = utc_to_tai(observations.epoch[rows])
-    time_s = tai.seconds_since(tai[np.zeros(len(rows), dtype=np.intp)])
+    time_s = tai.seconds_since(tai[:1])
     place = of_link[observations.link[rows]]
     order = np.lexsort((time_s, place))
     rows, time_s = rows[order], time_s[order]

@@ -142,7 +142,7 @@ class NoiseModel:
         """The same as covariances; where nothing is given, white noise as the schedule states it."""
         observations = plan.observations
         tai = utc_to_tai(observations.epoch)
-        time_s = tai.seconds_since(tai[np.zeros(len(tai), dtype=np.intp)])
+        time_s = tai.seconds_since(tai[:1])
         white_m2 = np.zeros(len(tai))
         processes: list[Process] = []
         entries: list[tuple[NDArray[np.intp], int, float]] = []

@@ -263,7 +263,7 @@ def windows(
         raise InputError(f"stop_utc: expected an epoch after the start {start_utc}, got {stop_utc}")
 
     def margin_rad(offset_s: Floats) -> Floats:
-        tt = tai_to_tt(limits[np.zeros(len(offset_s), dtype=np.int64)].shifted(offset_s))
+        tt = tai_to_tt(limits[:1].shifted(offset_s))
         return elevations(model, target_pa_m, stations, tt).margin_rad(masks).min(axis=-1)
 
     step_s = _ORBIT_SEARCH_STEP_S if isinstance(target_pa_m, AnyTrajectory) else _SEARCH_STEP_S

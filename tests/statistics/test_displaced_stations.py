@@ -22,7 +22,7 @@ STATIONS = ("JIAMUSI", "KASHI", "NEUQUEN", "MIYUN50")
 def study():
     """Two days of ranges and VLBI delays; the height and the places of the rounded stations are drawn."""
     planned = radioloc.read_study("examples/change5/simulation.toml")
-    places = {name: (STATION_SIGMA_M,) * 3 for name in STATIONS}
+    places = dict.fromkeys(STATIONS, (STATION_SIGMA_M,) * 3)
     drawn = TruthSigma(position_enu_m=(0.0, 0.0, HEIGHT_SIGMA_M), station_position_m=places)
     considered = {"station_position": list(STATIONS), "station_position_sigma_m": dict(places)}
     estimate = replace(planned.estimate, height_prior=HeightPrior(-2550.4, HEIGHT_SIGMA_M), parameters={})

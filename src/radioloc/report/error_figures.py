@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_MOST_PANELS = 12
-_DRAWN, _MOST_LINES = 600, 4
+_MAX_PANELS = 12
+_EPOCH_COUNT, _MAX_LINES = 600, 4
 """Epochs of an orbit in a figure, and lengths of its tracking, the longest."""
 _MAX_CORRELATED = 40
 _MAX_NUMBERED = 12  # parameters, with numbers in the cells of the matrix
@@ -139,8 +139,8 @@ def plot_trials(study: MonteCarlo, ax: Axes | None = None) -> Figure:
     arcs = np.flatnonzero(good.any(axis=0)).tolist()
     if not arcs:
         raise NothingToDrawError(f"{study.name}: no trial has converged; there is nothing to draw")
-    if len(arcs) > _MOST_PANELS:
-        raise InputError(f"{len(arcs)} arcs; a figure has room for 1 to {_MOST_PANELS}")
+    if len(arcs) > _MAX_PANELS:
+        raise InputError(f"{len(arcs)} arcs; a figure has room for 1 to {_MAX_PANELS}")
     first, second, _ = study.sides
     errors_m = [study.errors_m[good[:, k], k, :2] for k in arcs]
     claimed_m2 = []
@@ -269,9 +269,9 @@ def plot_covariance_on_arc(study: CovarianceStudy, ax: Axes | None = None) -> Fi
     figure = several_panels(ax, 8.0, 7.5, study.name)
     panels = figure.subplots(3, 1, sharex=True)
     last = states[-1][1].orbit
-    tdb = last.times(_DRAWN)
-    hours = np.linspace(*last.span_s, _DRAWN) / 3600.0
-    for k, (arc, state) in enumerate(states[-_MOST_LINES:]):
+    tdb = last.times(_EPOCH_COUNT)
+    hours = np.linspace(*last.span_s, _EPOCH_COUNT) / 3600.0
+    for k, (arc, state) in enumerate(states[-_MAX_LINES:]):
         sigma_m = state.sigma_rtn_m(tdb)
         for axes, of_axis_m in zip(panels, sigma_m.T, strict=True):
             axes.plot(hours, of_axis_m, color=COLORS[k], linewidth=0.7, alpha=0.7)

@@ -40,7 +40,7 @@ SCALE_95 = math.sqrt(-2.0 * math.log(0.05))
 
 DPI = 200
 """Dots per inch of files made of dots."""
-_LEAST_LOG_RATIO = 4.0
+_MIN_LOG_RATIO = 4.0
 """Least ratio of the largest value to the smallest: a smaller span may hold none or one of 1, 2, 5, 10 ..."""
 _UNITS = ((1e-3, 1e3, "mm"), (0.5, 1e2, "cm"), (1e3, 1.0, "m"), (float("inf"), 1e-3, "km"))
 _MISSING_GLYPH = re.compile(r"Glyph (\d+) .*missing from")
@@ -222,7 +222,7 @@ def log_scale(axes: Axes) -> None:
     """A logarithmic vertical axis whose ticks all have numbers; linear where the data span too little."""
     from matplotlib.ticker import LogLocator, NullLocator
 
-    if not axes.dataLim.y1 > _LEAST_LOG_RATIO * axes.dataLim.minposy:
+    if not axes.dataLim.y1 > _MIN_LOG_RATIO * axes.dataLim.minposy:
         return
     axes.set_yscale("log")
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))

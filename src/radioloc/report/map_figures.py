@@ -41,11 +41,13 @@ if TYPE_CHECKING:
 _PIXELS = 600
 _SHADES = (3.0, 0.10, ""), (1.0, 0.25, "")  # ellipses of so many sigmas: how opaque they are, no labels
 _SUN_AZIMUTH_DEG, _SUN_ELEVATION_DEG = 315.0, 40.0  # from the upper left, as eyes expect
-_LEAST_CELLS = 60.0  # of the terrain or the image, across
-_MOST_NAMED = 3  # studies in the title
-_FARTHEST_DEG = 150.0  # in longitude from the middle, where lines of it end at a pole that is on the map
-_FARTHEST_M = 5e5  # of the edges; the plane that touches the sphere shows no more without distortion
-_WIDEST_M = 1e6  # where that is accepted; the corners are on the Moon still
+_MIN_CELLS = 60.0  # of the terrain or the image, across
+_MAX_NAMED_STUDIES = 3  # studies in the title
+_MAX_LONGITUDE_OFFSET_DEG = (
+    150.0  # in longitude from the middle, where lines of it end at a pole that is on the map
+)
+_MAX_DEFAULT_REACH_M = 5e5  # of the edges; the plane that touches the sphere shows no more without distortion
+_MAX_REACH_M = 1e6  # where that is accepted; the corners are on the Moon still
 
 
 @draws_names_literally
@@ -97,8 +99,8 @@ def plot_map(
     contents = contents_by_target(several)
     if dem is not None and base_map is not None:
         raise InputError("give either dem or base_map to draw a map on, not both")
-    if reach_m is not None and not 0.0 < reach_m <= _WIDEST_M:
-        raise InputError(f"reach_m = {reach_m!r} is not above 0 and at most {_WIDEST_M:g} m")
+    if reach_m is not None and not 0.0 < reach_m <= _MAX_REACH_M:
+        raise InputError(f"reach_m = {reach_m!r} is not above 0 and at most {_MAX_REACH_M:g} m")
     frame = _frame(contents)
     plane = TangentPlane(*_place(contents[0]["position"]["me"]))
     # In the order of the solutions, each once.
@@ -107,7 +109,7 @@ def plot_map(
     reach_m = _reach_m(contents, references, plane, ground) if reach_m is None else reach_m
     factor, unit = length_unit(2.0 * reach_m)
     studies = list(dict.fromkeys(re.sub(r", [0-9.]+ h$", "", content["name"]) for content in contents))
-    title = " and ".join(studies) if len(studies) <= _MOST_NAMED else f"{len(studies)} studies"
+    title = " and ".join(studies) if len(studies) <= _MAX_NAMED_STUDIES else f"{len(studies)} studies"
     legend_rows = -(-(len(contents) + len(references)) // 2)
     axes = one_panel(ax, 6.4, 6.5 + 0.17 * legend_rows, title)
     edges = [factor * edge for edge in (-reach_m, reach_m, -reach_m, reach_m)]
@@ -161,12 +163,12 @@ def _reach_m(
     places = [_place(content["position"]["me"]) for content in contents] + [place for _, place in references]
     offsets_m = np.abs(plane.from_longitude_latitude(places)).max(axis=1)
     offsets_m[: len(sizes_m)] += sizes_m
-    if not offsets_m.max() < _FARTHEST_M:  # nor NaN, where the plane does not show the point
+    if not offsets_m.max() < _MAX_DEFAULT_REACH_M:  # nor NaN, where the plane does not show the point
         raise InputError("positions and references are too far apart for one map, 500 km and more")
     cell_m = 0.0
     if ground is not None:
         cell_m = ground.resolution_m if isinstance(ground, Map) else ground.metadata.resolution_m
-    return max(1.0, 0.5 * _LEAST_CELLS * cell_m, 1.25 * float(offsets_m.max()))
+    return max(1.0, 0.5 * _MIN_CELLS * cell_m, 1.25 * float(offsets_m.max()))
 
 
 def _ground(dem: str | Path | TerrainModel | None, base_map: str | Path | None) -> Map | TerrainModel | None:
@@ -199,7 +201,7 @@ def _draw_grid(axes: Axes, plane: TangentPlane, reach_m: float, factor: float, f
     places = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
     longitude, latitude = plane.to_longitude_latitude(places).T.reshape(2, len(side), len(side))
     away = (longitude - plane.longitude_deg + 180.0) % 360.0 - 180.0
-    longitude = np.where(np.abs(away) < _FARTHEST_DEG, plane.longitude_deg + away, np.nan)
+    longitude = np.where(np.abs(away) < _MAX_LONGITUDE_OFFSET_DEG, plane.longitude_deg + away, np.nan)
     borders = (longitude, longitude[0], axes.set_xticks), (latitude, latitude[:, 0], axes.set_yticks)
     for angle_deg, along, set_ticks in borders:
         if not (np.diff(along) > 0.0).all():

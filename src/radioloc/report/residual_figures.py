@@ -28,7 +28,7 @@ from radioloc.report.figures import (
 )
 from radioloc.report.residual_panels import (
     BINS,
-    MOST_POINTS,
+    MAX_POINTS,
     Dates,
     Limits,
     Panel,
@@ -47,23 +47,23 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MOST_LINKS = 30
+MAX_LINKS = 30
 ENVELOPE_NOTE = (
     f"bars: minimum to maximum in 1/{BINS} of the time; dark: mean \N{PLUS-MINUS SIGN} standard deviation"
 )
 """Note in a figure with an envelope."""
 _REJECTED_COLOR = "#B00020"
-_MOST_MARKS = 800
+_MAX_VECTOR_MARKS = 800
 """More marks in one panel are drawn as an image within a vector file."""
 _EDGE = 0.93  # where, in half heights, observations beyond it are shown
 _LEGEND_STRIP = 1.3  # where a panel with a legend ends below, in half heights
-_LONGEST_TITLES = 58  # characters that find room above a panel
-_BIN_DEG, _LEAST_IN_BIN = 5.0, 5
-_LEAST_REACH = 4.0  # sigmas, above and below
-_BEYOND = 3.0
-_NORMAL_BEYOND = math.erfc(_BEYOND / math.sqrt(2.0))
-_MOST_NAMED = len(COLORS) - 1  # links of which terms are drawn
-_SMALL_M = 5e-6  # rounding of light paths
+_MAX_TITLE_CHARACTERS = 58  # characters that find room above a panel
+_BIN_DEG, _MIN_BIN_COUNT = 5.0, 5
+_MIN_REACH_SIGMAS = 4.0  # sigmas, above and below
+_TAIL_SIGMAS = 3.0
+_NORMAL_TAIL_FRACTION = math.erfc(_TAIL_SIGMAS / math.sqrt(2.0))
+_MAX_NAMED_LINKS = len(COLORS) - 1  # links of which terms are drawn
+_MIN_TERM_M = 5e-6  # rounding of light paths
 
 
 @draws_names_literally
@@ -124,7 +124,7 @@ def plot_links(solution: Solution | Residuals, title: str | None = None, ax: Axe
     'range APOLLO'
     """
     sizes_in = (3.7, 1.9), (0.6, 0.9)
-    return _grid(solution, title, ax, link_panels(residuals_of(solution)), MOST_LINKS, "links", 3, sizes_in)
+    return _grid(solution, title, ax, link_panels(residuals_of(solution)), MAX_LINKS, "links", 3, sizes_in)
 
 
 def _grid(
@@ -216,7 +216,7 @@ def _draw(
     axes.set_ylabel(f"residual ({unit})", fontsize=8)
     if panel.like:
         panel_title(axes, panel.title, "left", fontsize=7.5, fontweight="bold")
-        fontsize = 6.5 if len(panel.title) + len(statement) < _LONGEST_TITLES else 5.2
+        fontsize = 6.5 if len(panel.title) + len(statement) < _MAX_TITLE_CHARACTERS else 5.2
         panel_title(axes, statement, "right", fontsize=fontsize)
         style = {"framealpha": 0.85, "edgecolor": "none", "borderpad": 0.2, "handletextpad": 0.1}
         style |= {"fontsize": 7, "markerscale": 2.5}
@@ -269,7 +269,7 @@ def _draw_left_out(
     ):
         if count := int(which.sum()):
             shown = middle + np.clip(away[which], -edge, edge)
-            style |= {"rasterized": count > _MOST_MARKS, "label": f"{count} {name}"}
+            style |= {"rasterized": count > _MAX_VECTOR_MARKS, "label": f"{count} {name}"}
             handles += axes.plot(dates[which], shown, marker, **style)
     return handles
 
@@ -318,12 +318,12 @@ def plot_terms(terms: Mapping[str, Floats], observations: Observations, ax: Axes
     if not count or not terms:
         raise InputError("there are no terms of observations to draw")
     largest_m = {name: float(np.nanmax(np.abs(added_m))) for name, added_m in terms.items()}
-    shown = [name for name in terms if largest_m[name] >= _SMALL_M] or list(terms)
+    shown = [name for name in terms if largest_m[name] >= _MIN_TERM_M] or list(terms)
     sizes_in = (3.7, 1.7), (0.6, 1.1)
     figure, panels, columns = panel_grid(ax, len(shown), 4, sizes_in, "what each term adds", sharex=True)
     dates = utc_dates(observations.epoch)
     numbers, counts = np.unique(observations.link, return_counts=True)
-    named = numbers[np.argsort(-counts, kind="stable")][:_MOST_NAMED]
+    named = numbers[np.argsort(-counts, kind="stable")][:_MAX_NAMED_LINKS]
     labels = short_names([observations.links[k] for k in named.tolist()])
     groups = [(observations.link == k, *look) for k, *look in zip(named, COLORS, labels, strict=False)]
     if len(numbers) > len(named):
@@ -338,7 +338,7 @@ def plot_terms(terms: Mapping[str, Floats], observations: Observations, ax: Axes
         panel_title(axes, f"up to {factor * largest_m[name]:.3g} {unit}", "right", fontsize=6.5)
     date_axes(panels, dates, (3, 6), columns)
     nothing = [name for name in terms if name not in shown]
-    note = f"below {1e6 * _SMALL_M:g} micrometres: {', '.join(nothing)}" if nothing else None
+    note = f"below {1e6 * _MIN_TERM_M:g} micrometres: {', '.join(nothing)}" if nothing else None
     legend_outside(figure, panels[:1], 7, title=note, title_fontsize=7, markerscale=3.0)
     return figure.figure
 
@@ -356,8 +356,8 @@ def plot_distribution(solution: Solution | Residuals, ax: Axes | None = None) ->
         raise NothingToDrawError("no observation is used, so there is no distribution to draw")
     size = residuals.residual_m / residuals.sigma_m
     middle = float(np.median(size[used]))
-    middle *= abs(middle) > _LEAST_REACH  # about zero, but where all residuals are far from it
-    reach = 1.08 * max(_LEAST_REACH, float(np.abs(size[used] - middle).max()))
+    middle *= abs(middle) > _MIN_REACH_SIGMAS  # about zero, but where all residuals are far from it
+    reach = 1.08 * max(_MIN_REACH_SIGMAS, float(np.abs(size[used] - middle).max()))
     name = f"{solution.name}: " if isinstance(solution, Solution) else ""
     figure = several_panels(ax, 8.4, 3.9, f"{name}residuals over their sigmas")
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(2.2, 1.0))
@@ -368,12 +368,12 @@ def plot_distribution(solution: Solution | Residuals, ax: Axes | None = None) ->
     out = np.clip(size[~used], middle - 0.97 * reach, middle + 0.97 * reach)
     if len(out):
         style: dict[str, Any] = {"color": _REJECTED_COLOR, "markersize": 4, "linestyle": "none"}
-        style |= {"rasterized": len(out) > MOST_POINTS, "label": f"{len(out)} left out"}
+        style |= {"rasterized": len(out) > MAX_POINTS, "label": f"{len(out)} left out"}
         left.plot(elevation_deg[~used], out, "x", **style)
     bins = np.floor(elevation_deg[used] / _BIN_DEG)
     numbers, place, count = np.unique(bins, return_inverse=True, return_counts=True)
     rms = np.sqrt(np.bincount(place, size[used] ** 2) / count)
-    many = count >= _LEAST_IN_BIN
+    many = count >= _MIN_BIN_COUNT
     at_deg = (numbers[many] + 0.5) * _BIN_DEG
     left.plot(at_deg, rms[many], "-s", color="black", markersize=3, label=f"rms in {_BIN_DEG:g} deg")
     left.set_xlabel("elevation (deg)")
@@ -385,10 +385,10 @@ def plot_distribution(solution: Solution | Residuals, ax: Axes | None = None) ->
     density = np.exp(-0.5 * curve**2) / math.sqrt(2.0 * math.pi)
     right.plot(density, curve, color="black", lw=1.2, label="normal")
     right.set_xlabel("density")
-    beyond = 100.0 * float((np.abs(size[used]) > _BEYOND).mean())
+    beyond = 100.0 * float((np.abs(size[used]) > _TAIL_SIGMAS).mean())
     right.set_title(
-        f"rms {np.sqrt(np.mean(size[used] ** 2)):.3g}; beyond {_BEYOND:g} sigma:\n{beyond:.3g} %, "
-        f"normal {100.0 * _NORMAL_BEYOND:.2g} %",
+        f"rms {np.sqrt(np.mean(size[used] ** 2)):.3g}; beyond {_TAIL_SIGMAS:g} sigma:\n{beyond:.3g} %, "
+        f"normal {100.0 * _NORMAL_TAIL_FRACTION:.2g} %",
         fontsize=7.5,
         color="0.3",
     )
@@ -403,7 +403,7 @@ def _draw_dots(axes: Axes, residuals: Residuals, size: np.ndarray) -> None:
     """Draw the used residuals by type; of very many how dense they are."""
     used, elevation_deg = residuals.used, residuals.elevation_deg
     assert elevation_deg is not None
-    if used.sum() > 4 * MOST_POINTS:
+    if used.sum() > 4 * MAX_POINTS:
         shown = axes.hexbin(
             elevation_deg[used], size[used], gridsize=(90, 45), bins="log", cmap="Blues", mincnt=1
         )

@@ -25,13 +25,13 @@ Dates = NDArray[np.datetime64]
 Limits = tuple[np.datetime64, np.datetime64]
 _Rows = NDArray[np.intp]
 
-MOST_POINTS = 5000
+MAX_POINTS = 5000
 """More in one panel are drawn as an envelope."""
 BINS = 400
 """Bins of time in the width of a panel."""
 _MAX_HEIGHT_RATIO = 4.0  # panels share a scale unless one would be squeezed by more than this
-_LONGEST_NAMES = 44  # characters of links that find room above a station's panel, beside numbers
-_LEAST_PART = 0.3  # of a panel about zero that residuals fill, or else it is about their middle
+_MAX_NAME_CHARACTERS = 44  # characters of links that find room above a station's panel, beside numbers
+_MIN_FILLED_FRACTION = 0.3  # of a panel about zero that residuals fill, or else it is about their middle
 
 
 class Panel:
@@ -45,14 +45,14 @@ class Panel:
         self.rows = np.concatenate(list(links.values()))
         used = residuals.used[self.rows]
         self.used, self.out = self.rows[used], self.rows[~used]
-        self.crowded = len(self.used) > MOST_POINTS
+        self.crowded = len(self.used) > MAX_POINTS
         shown = self.used if len(self.used) else self.rows
         residual_m, sigma_m = residuals.residual_m[shown], residuals.sigma_m[shown]
         bar_m = 0.0 if like else sigma_m
         lowest_m, highest_m = float((residual_m - bar_m).min()), float((residual_m + bar_m).max())
         # About zero, but where residuals would be a thin band far from it.
         about_zero_m = max(-lowest_m, highest_m, float(np.median(sigma_m)))
-        thin = len(shown) > 1 and highest_m - lowest_m < 2.0 * _LEAST_PART * about_zero_m
+        thin = len(shown) > 1 and highest_m - lowest_m < 2.0 * _MIN_FILLED_FRACTION * about_zero_m
         self.middle_m = 0.5 * (lowest_m + highest_m) if thin and lowest_m * highest_m > 0.0 else 0.0
         self.half_height_m = 1.15 * (
             max(0.5 * (highest_m - lowest_m), float(np.median(sigma_m))) if self.middle_m else about_zero_m
@@ -94,7 +94,7 @@ def _by_way(residuals: Residuals, rows: _Rows) -> dict[str, _Rows]:
     if len(present) == 1:
         return {"": rows}
     names = dict(zip(present, ways([Link.from_path(residuals.paths.texts[k]) for k in present]), strict=True))
-    if sum(map(len, set(names.values()))) > _LONGEST_NAMES:
+    if sum(map(len, set(names.values()))) > _MAX_NAME_CHARACTERS:
         return {"": rows}
     named = np.array([names[code] for code in codes.tolist()])
     return {name: rows[named == name] for name in sorted(set(names.values()), reverse=True)}

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_EPOCHS = 721
+_EPOCH_COUNT = 721
 
 
 @draws_names_literally
@@ -74,7 +74,7 @@ def plot_visibility(
     length_s = float(limits[1].seconds_since(limits[0])[0])
     if length_s <= 0.0:
         raise InputError(f"{stop_utc} is not after {start_utc}")
-    tai = limits[0].shifted(np.linspace(0.0, length_s, _EPOCHS))
+    tai = limits[0].shifted(np.linspace(0.0, length_s, _EPOCH_COUNT))
     found = elevations(model, target_pa_m, stations, tai_to_tt(tai))
     dates = utc_dates(tai_to_utc(tai))
     seen = found.margin_rad(masks) >= 0.0

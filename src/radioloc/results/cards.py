@@ -27,7 +27,7 @@ SECTIONS = (RESULT, POSITION, RESIDUALS, BUDGET, OBSERVABILITY, REJECTED, PROVEN
 
 WIDTH = 80
 _LABEL_WIDTH = 12
-_SHORTEST_NAME = 12
+_MIN_NAME_CHARACTERS = 12
 _NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?|-")
 _MAX_SHORT_CHARACTERS, _MAX_WORD_CHARACTERS = 16, 30
 _STYLE = (
@@ -35,7 +35,7 @@ _STYLE = (
     " dl.radioloc p {margin: 0} dl.radioloc :is(dt, dd, th, td) {text-align: left}"
     " dl.radioloc .number {text-align: right}"
 )
-_FINE = 1e-3  # sigmas below, such as those of clocks, are written with a power of ten
+_MIN_SIGMA_AS_DECIMAL = 1e-3  # sigmas below, such as those of clocks, are written with a power of ten
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,7 +202,7 @@ def text_table(heading: Sequence[str], rows: Iterable[Sequence[str]], width: int
     for k, name in enumerate(heading):
         table.add_column(Text(name), justify="right" if k else "left", no_wrap=k > 0, overflow="fold")
     numbers = sum(2 + max(map(len, column)) for column in list(zip(heading, *rows, strict=True))[1:])
-    width = max(width, numbers + _SHORTEST_NAME)
+    width = max(width, numbers + _MIN_NAME_CHARACTERS)
     for name, *cells in rows:
         shown = name if len(name) <= width - numbers else name.replace(".", ".\n", 1)
         table.add_row(*map(Text, (shown, *cells)))
@@ -260,7 +260,7 @@ def to_sigma(value: float, sigma: float) -> str:
     if not (math.isfinite(sigma) and sigma > 0.0 and math.isfinite(value) and value):
         return f"{value + 0.0:.6g}"
     decimals = 2 - math.floor(math.log10(sigma))
-    if sigma >= _FINE:
+    if sigma >= _MIN_SIGMA_AS_DECIMAL:
         return f"{round(value, max(decimals, 0)) + 0.0:.{max(decimals, 0)}f}"
     digits = math.floor(math.log10(abs(value))) + decimals + 1
     return f"{value:#.{min(digits, 15)}g}".replace(".e", "e").rstrip(".") if digits > 0 else "0"
@@ -270,7 +270,7 @@ def sigma_text(sigma: float) -> str:
     """Text of a sigma to three digits."""
     if not math.isfinite(sigma):
         return "undetermined"
-    return metres(sigma) if sigma >= _FINE else f"{sigma:.3g}"
+    return metres(sigma) if sigma >= _MIN_SIGMA_AS_DECIMAL else f"{sigma:.3g}"
 
 
 def duration(seconds: float) -> str:

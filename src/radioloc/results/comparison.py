@@ -21,9 +21,9 @@ from radioloc.results.tables import (
     position_table,
 )
 
-UNLIKELY = 1e-3
+MIN_CHANCE = 1e-3
 """Chance of a difference below which two solutions do not agree."""
-_MOST_NAMED = 3
+_MAX_NAMED_PAIRS = 3
 """Pairs that are named one by one."""
 
 
@@ -67,7 +67,7 @@ class Comparison(Result):
     @property
     def _likely(self) -> bool:
         chances = [test.chance for test in (*self.agreements, self.joint) if test is not None]
-        return all(chance is None or chance >= UNLIKELY for chance in chances)
+        return all(chance is None or chance >= MIN_CHANCE for chance in chances)
 
     def to_dict(self) -> dict[str, Any]:
         """Return all numbers, in types that JSON has."""
@@ -141,7 +141,7 @@ class Comparison(Result):
         apart = [
             f"{pair.one} and {pair.two}"
             for pair in self.agreements
-            if pair.chance is not None and pair.chance < UNLIKELY
+            if pair.chance is not None and pair.chance < MIN_CHANCE
         ]
         if failed:
             yield f"NOT CONVERGED: {', '.join(failed)}"
@@ -156,7 +156,7 @@ class Comparison(Result):
     def _untested(self) -> Iterator[str]:
         for why in dict.fromkeys(pair.why for pair in self.agreements if pair.why):
             pairs = [f"{pair.one} and {pair.two}" for pair in self.agreements if pair.why == why]
-            named = "; ".join(pairs) if len(pairs) <= _MOST_NAMED else plural(len(pairs), "pair")
+            named = "; ".join(pairs) if len(pairs) <= _MAX_NAMED_PAIRS else plural(len(pairs), "pair")
             yield f"{named} are not tested: {why}"
 
     def _joint(self) -> Iterator[str]:

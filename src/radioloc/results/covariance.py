@@ -25,9 +25,9 @@ from radioloc.time import utc_strings
 from radioloc.vectors import Floats
 
 _DIRECTIONS = np.linspace(0.0, np.pi, 721)[:-1]
-_MOST_SOURCES, _MOST_GAINS = 8, 12
+_MAX_SOURCES, _MAX_GAINS = 8, 12
 _FILE = "covariance.json"
-_WORTH = 0.005
+_MIN_GAIN_FRACTION = 0.005
 """Part of the 95 % radius below which a gain is not shown on the card."""
 
 
@@ -225,7 +225,7 @@ class CovarianceStudy(Result):
                 Field("1 sigma, m", (), heading, map(_length_cells, self.arcs)),
                 Field("", (holds,)),
                 *_state(longest),
-                table("budget", of_sources, sources, _MOST_SOURCES, where=_FILE),
+                table("budget", of_sources, sources, _MAX_SOURCES, where=_FILE),
                 Field("information", (), ("95 % radius, m", "obs.", "alone", "without"), shares),
                 _gains(self),
                 Field("notes", self.notes),
@@ -302,8 +302,8 @@ def _gains(study: CovarianceStudy) -> Field:
     rows = [
         (gain.what, metres(gain.radius_95_m), f"-{100.0 * (1.0 - gain.radius_95_m / now_m):.0f} %")
         for gain in study.gains
-        if gain.radius_95_m < (1.0 - _WORTH) * now_m
+        if gain.radius_95_m < (1.0 - _MIN_GAIN_FRACTION) * now_m
     ]
     little = len(study.gains) - len(rows)
-    below = [f"{little} others improve it by less than {100.0 * _WORTH:g} %"] if little else []
-    return table("improvement", ("95 % radius, m, with", "", ""), rows, _MOST_GAINS, below, _FILE)
+    below = [f"{little} others improve it by less than {100.0 * _MIN_GAIN_FRACTION:g} %"] if little else []
+    return table("improvement", ("95 % radius, m, with", "", ""), rows, _MAX_GAINS, below, _FILE)

@@ -38,10 +38,10 @@ _MAX_LINKS = 12  # six baselines of four stations, and some that range
 _MAX_OUTLIERS = 3
 _MAX_UNFOLDED, _MAX_REJECTED = 20, 300  # on a page
 _MAX_SERIES = 3
-_SPLIT_SIGMAS = 3.3
+_MIN_SPLIT_SIGMAS = 3.3
 """Means of two links that differ by more do so by chance in 1 of 1000 cases."""
-_ENLARGED = 1.05
-_MUCH_LARGER = 3.0
+_MIN_CORRELATION_FACTOR = 1.05
+_MIN_ADVISED_FACTOR = 3.0
 """A sigma that grows by more belongs to an estimate that other weights make much better."""
 
 
@@ -138,12 +138,14 @@ def _time_correlation(solution: Solution) -> Iterator[str]:
         for item in weights
     ]
     yield from first_of(lines, _MAX_SERIES)
-    if solution.correlation_factor < _ENLARGED:  # also where there is no position, or none that is determined
+    if (
+        solution.correlation_factor < _MIN_CORRELATION_FACTOR
+    ):  # also where there is no position, or none that is determined
         return
     enlarged = (
         f"the time correlation enlarges the position sigma by a factor of {solution.correlation_factor:.2g}"
     )
-    if solution.correlation_factor > _MUCH_LARGER and not weights:
+    if solution.correlation_factor > _MIN_ADVISED_FACTOR and not weights:
         enlarged += '; [estimate] weights = "correlated" allows for it in the weights too'
     yield enlarged
 
@@ -210,7 +212,7 @@ def _split(solution: Solution) -> Iterator[str]:
             (abs(one[1] - two[1]) / max(math.hypot(one[2], two[2]), 1e-9), one, two) for one, two in pairs
         ]
         sigmas, one, two = max(apart, default=(0.0, None, None), key=lambda found: found[0])
-        if sigmas > _SPLIT_SIGMAS and one is not None and two is not None:
+        if sigmas > _MIN_SPLIT_SIGMAS and one is not None and two is not None:
             yield (
                 f"ranges of {station}, {one[0]} {signed_metres(one[1])} m and {two[0]} {signed_metres(two[1])} m, "
                 f'disagree by {sigmas:.1f} sigmas: [estimate] clock = "all" or range_bias_per = "link" would absorb it'

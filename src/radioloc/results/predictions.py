@@ -16,7 +16,7 @@ from radioloc.results.result import Result
 from radioloc.tables import TableForm, as_table
 from radioloc.time import Epochs, utc_strings
 
-_MOST_ROWS = 12
+_MAX_ROWS = 12
 _WHERE = "the file of --out, and with --json"
 _SIGNAL = {
     "uplink_light_time_s": ("up, s", 7),
@@ -139,7 +139,7 @@ class LightTimes(Result):
         heading = ["UTC", *(names[name][0] for name in shown)]
         for code, text in enumerate(self.path.texts):
             rows = np.flatnonzero(self.path.codes == code)
-            first = rows[:_MOST_ROWS]
+            first = rows[:_MAX_ROWS]
             dates = [date[5:].replace("T", " ") for date in utc_strings(self.epoch[first], 0).tolist()]
             columns = [
                 ["-" if np.isnan(x) else f"{x:.{names[name][1]}f}" for x in self[name][first]]

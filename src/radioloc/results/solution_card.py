@@ -37,7 +37,7 @@ _MAX_ROWS = 6
 _MAX_PARAMETERS = 12
 _MAX_OUTLIERS = 3
 _MAX_SENTENCES = 4
-_LEAST_SHARE = 0.005
+_MIN_VARIANCE_FRACTION = 0.005
 """Sources with a smaller part of the variance are shown together."""
 _MEASURES = {
     "measurement noise, by more or better observations": (NOISE,),
@@ -57,7 +57,7 @@ _MEASURES = {
     "Earth orientation": ("ut1", "pole"),
 }
 """Measures by their names, and the sources of error that each reduces; others have the names of their sources."""
-_COARSE_M = 10.0
+_MIN_COARSE_SIGMA_M = 10.0
 """Coordinates worse than that are not surveyed."""
 
 
@@ -257,7 +257,7 @@ def _budget(solution: Solution) -> Field:
     rows: list[tuple[str, ...]] = []
     rest: list[ErrorSource] = []
     for whole in by_source(items):
-        if len(rows) < _MAX_ROWS and whole.total_m**2 > _LEAST_SHARE * total_m2:
+        if len(rows) < _MAX_ROWS and whole.total_m**2 > _MIN_VARIANCE_FRACTION * total_m2:
             rows.append((whole.source, *_sides(whole)))
         else:
             rest.append(replace(whole, source="others"))
@@ -308,7 +308,7 @@ def _coordinates(solution: Solution, items: Sequence[ErrorSource]) -> Iterator[s
     coarse = {
         item.name.split(".")[1]
         for k in known.of_kind("station_position")
-        if (item := known.parameters[k]).prior_sigma > _COARSE_M
+        if (item := known.parameters[k]).prior_sigma > _MIN_COARSE_SIGMA_M
     }
     if coarse:
         yield (

@@ -52,11 +52,11 @@ from radioloc.results.tables import (
 from radioloc.tables import TableForm, as_table
 
 _ARCS_IN_ROW = 3
-_WIDE = 18  # characters of a value with its sigma of which one fewer goes into a row
+_MIN_WIDE_CHARACTERS = 18  # characters of a value with its sigma of which one fewer goes into a row
 _MAX_PARAMETERS = 12  # a card is to fit a screen; to_dict() has them all
-_FILLED = 0.95
+_MIN_FILLED_FRACTION = 0.95
 """Least part of an arc that its data cover, but for the time from one observation to the next."""
-_UNLIKELY_SIGMAS = {2: 3.72, 3: 4.03}
+_MAX_CHANCE_SIGMAS = {2: 3.72, 3: 4.03}
 """Two and three coordinates of a right model stay below this in 99.9 %."""
 
 
@@ -335,7 +335,7 @@ def _parameter_fields(study: ArcStudy) -> Iterator[Field]:
     widths = [
         len(_with_sigma(arc.parameter(name))) for arc in study.arcs for name in [*units][:_MAX_PARAMETERS]
     ]
-    in_row = _ARCS_IN_ROW if max(widths, default=0) < _WIDE else _ARCS_IN_ROW - 1
+    in_row = _ARCS_IN_ROW if max(widths, default=0) < _MIN_WIDE_CHARACTERS else _ARCS_IN_ROW - 1
     for start in range(0, len(study.arcs), in_row):
         arcs = study.arcs[start : start + in_row]
         rows = [
@@ -368,13 +368,13 @@ def _notes(study: ArcStudy, rows: tuple[PositionRow, ...]) -> Iterator[str]:
         if arc.solution.message:
             yield f"{arc.name}: {arc.solution.message}"
     for arc in study.arcs:
-        if arc.span_h < _FILLED * arc.hours:
+        if arc.span_h < _MIN_FILLED_FRACTION * arc.hours:
             yield f"the arc of {arc.name} is longer than its data, which end after {arc.span_h:.2f} h"
     for row in rows:
-        if row.from_longest_sigmas is not None and row.from_longest_sigmas > _UNLIKELY_SIGMAS[2]:
+        if row.from_longest_sigmas is not None and row.from_longest_sigmas > _MAX_CHANCE_SIGMAS[2]:
             yield (
                 f"{row.name} and {study.arcs[0].name} are {row.from_longest_m:.1f} m apart, "
-                f"{row.from_longest_sigmas:.1f} sigmas of that difference (99.9 % are below {_UNLIKELY_SIGMAS[2]}): "
+                f"{row.from_longest_sigmas:.1f} sigmas of that difference (99.9 % are below {_MAX_CHANCE_SIGMAS[2]}): "
                 "the sigmas are too small, as errors of the data are correlated or the model is incomplete"
             )
     # What several arcs say alike is said once, of the longest; counts of observations differ from arc to arc.
@@ -472,10 +472,10 @@ class LeaveOneOut(Result):
                 yield f"without {row.shown} the position is not determined"
             elif not row.converged:
                 yield f"without {row.shown} the fit does not converge"
-            elif row.sigmas is not None and row.sigmas > _UNLIKELY_SIGMAS[3]:
+            elif row.sigmas is not None and row.sigmas > _MAX_CHANCE_SIGMAS[3]:
                 yield (
                     f"without {row.shown} the position moves by {math.hypot(*row.shift_enu_m):.3g} m, {row.sigmas:.1f} "
-                    f"sigmas of that shift (99.9 % are below {_UNLIKELY_SIGMAS[3]}): it does not fit the others, or "
+                    f"sigmas of that shift (99.9 % are below {_MAX_CHANCE_SIGMAS[3]}): it does not fit the others, or "
                     "the sigmas are too small"
                 )
         yield from which_sigmas([self.solution])

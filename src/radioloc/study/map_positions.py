@@ -27,7 +27,7 @@ from radioloc.vectors import Floats
 _EITHER = ("longitude_deg", "latitude_deg", "height_m", "sigma_m", "sigma_up_m", "map_sigma_m")
 _OPTIONAL = ("height_m", "sigma_up_m")
 _METHODS = ("images", "stereo")
-_SAME = 1e-9  # Relative difference of two sigmas that are the same but for rounding
+_SIGMA_TOLERANCE = 1e-9  # Relative difference of two sigmas that are the same but for rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +181,7 @@ def _require_distinct(positions: Sequence[MapPosition]) -> None:
     for position in positions:
         for name in map_tie_names(position.map):
             tie_m = float(np.linalg.norm(position.errors_enu_m[name]))
-            if abs(ties.setdefault(name, tie_m) - tie_m) > _SAME * tie_m:
+            if abs(ties.setdefault(name, tie_m) - tie_m) > _SIGMA_TOLERANCE * tie_m:
                 raise InputError(
                     f"the tie {name} has two sigmas, {ties[name]:g} and {tie_m:g} m; give both the same, "
                     "or name two maps"

@@ -22,7 +22,7 @@ EMPIRICAL = ("none", "constant", "once_per_revolution")
 EMPIRICAL_NAME = "empirical"
 EMPIRICAL_SIGMA_M_S2 = 3e-9
 """A field to degree 150 leaves out some 1e-8 m/s2 at 50 km, little of it with the period of the orbit."""
-MOST_SEGMENTS = 1000
+MAX_SEGMENTS = 1000
 _STATE_FORMS = {"rtn": RTN, **FORMS}
 
 
@@ -53,9 +53,9 @@ class SegmentedAcceleration(Acceleration):
             raise InputError(f"acceleration {self.name}: every_s divides it from start to stop; give both")
         length_s = float(self.stop.seconds_since(self.start)[0])
         count = max(1, round(length_s / self.every_s))
-        if count > MOST_SEGMENTS:
+        if count > MAX_SEGMENTS:
             raise InputError(
-                f"acceleration {self.name}: every_s makes {count} segments; {MOST_SEGMENTS} are the most"
+                f"acceleration {self.name}: every_s makes {count} segments; {MAX_SEGMENTS} are the most"
             )
         ends = [self.start.shifted(length_s * k / count) for k in range(count)] + [self.stop]
         return [

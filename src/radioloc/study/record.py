@@ -20,7 +20,7 @@ from radioloc._version import __version__
 from radioloc.kernels import find_kernel, sha256_of
 from radioloc.study.study import ModelChoice, Study, TerrainPrior
 
-_LONGEST_LIST = 100
+_MAX_LIST_NUMBERS = 100
 _WITHOUT_EFFECT = ("catalogue", "longitude_to_360", "name", "path", "reference", "references")
 """Fields of a study that change no number that is computed; the catalogue is recorded as the list of its stations."""
 _PACKAGES = ("numpy", "scipy", "numba", "pyerfa", "astropy-iers-data")
@@ -94,7 +94,7 @@ def _model(choice: ModelChoice) -> dict[str, Any]:
 
 def _sequence(values: Sequence[Any]) -> Any:
     items = [plain(item) for item in values]
-    numbers = len(items) >= _LONGEST_LIST and all(isinstance(item, int | float) for item in items)
+    numbers = len(items) >= _MAX_LIST_NUMBERS and all(isinstance(item, int | float) for item in items)
     return _sha256(json.dumps(items).encode()) if numbers else items
 
 

@@ -26,7 +26,7 @@ from radioloc.time import Epochs, epochs_from_strings
 STDIN = Path("-")  # In place of a study file: standard input
 
 _Made = TypeVar("_Made")
-_LONGEST_SHOWN = 80
+_MAX_SHOWN_CHARACTERS = 80
 _COUNTS = {2: "two", 3: "three"}
 
 
@@ -339,7 +339,7 @@ def _matches(folder: Path, pattern: str) -> list[Path]:
 def _shown(value: Any) -> str:
     """Text of a value, short enough for a message of one line."""
     text = repr(value)
-    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."
+    return text if len(text) <= _MAX_SHOWN_CHARACTERS else f"{text[:_MAX_SHOWN_CHARACTERS]}..."
 
 
 def source_of(path: str | Path) -> tuple[Path, Path | None]:

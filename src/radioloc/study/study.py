@@ -46,7 +46,7 @@ from radioloc.study.schema import TomlTable, check, entry, names_of
 WEIGHTS = ("independent", "correlated")
 COMPONENTS = ("type", "link", "link and pass")
 POSITION_FORMS = ("geographic", "cartesian", "none")
-LOWEST_REJECTION_SIGMA = 2.0
+MIN_REJECTION_SIGMA = 2.0
 """Lower values would cut good data: one in 22 normal residuals exceeds two sigmas."""
 PARAMETER_KEYS = LazyNames(lambda: [key for kind in PARAMETERS.values() for key in kind.keys.values()])
 """Keys of the kinds of parameter in ``[estimate]`` and ``[consider]``."""
@@ -187,9 +187,9 @@ class EstimateChoice:
             raise InputError('height_prior needs position = "geographic", where the height is a parameter')
         if len(of_axes) != 3:
             raise InputError(f"ephemeris_sigma_m must be three numbers (east, north, up), not {of_axes!r}")
-        if not (math.isfinite(self.rejection_sigma) and self.rejection_sigma >= LOWEST_REJECTION_SIGMA):
+        if not (math.isfinite(self.rejection_sigma) and self.rejection_sigma >= MIN_REJECTION_SIGMA):
             raise InputError(
-                f"rejection_sigma must be {LOWEST_REJECTION_SIGMA:g} or more, not {self.rejection_sigma!r}: "
+                f"rejection_sigma must be {MIN_REJECTION_SIGMA:g} or more, not {self.rejection_sigma!r}: "
                 "less cuts good data"
             )
 

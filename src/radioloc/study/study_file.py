@@ -63,8 +63,8 @@ from radioloc.study.target_file import (
 from radioloc.study.uplinks import Uplink
 from radioloc.study.weights import Weight
 
-_FASTEST_PLATE_M_YR = 1.0  # Plates move by up to 0.1 m a year; more is another unit
-_FARTHEST_ALIAS_KM = 10.0
+_MAX_PLATE_SPEED_M_YR = 1.0  # Plates move by up to 0.1 m a year; more is another unit
+_MAX_ALIAS_DISTANCE_KM = 10.0
 """A station of the catalogue that a study calls by an alias and puts farther off is another one."""
 GEODETIC = ("longitude_deg", "latitude_deg", "height_m")  # Keys of a position above an ellipsoid
 _STATION_YEARS = (1900.0, 2100.0)  # An epoch outside is no Julian year but another count of days
@@ -95,7 +95,7 @@ class Site:
             raise InputError(
                 f"{given[0]}: a position above the ellipsoid is {', '.join(GEODETIC)}; give all three"
             )
-        if self.velocity_m_yr is not None and np.linalg.norm(self.velocity_m_yr) > _FASTEST_PLATE_M_YR:
+        if self.velocity_m_yr is not None and np.linalg.norm(self.velocity_m_yr) > _MAX_PLATE_SPEED_M_YR:
             raise InputError(
                 f"velocity_m_yr: no station moves like {self.velocity_m_yr}; give metres per year"
             )
@@ -330,7 +330,7 @@ def _catalogue(table: TomlTable) -> StationCatalogue:
         station = _station(name, given, known)
         if known is not None and name not in StationCatalogue([replace(known, aliases=())]):
             moved_km = 1e-3 * float(np.linalg.norm(station.itrf_m - known.itrf_m))
-            if moved_km > _FARTHEST_ALIAS_KM:
+            if moved_km > _MAX_ALIAS_DISTANCE_KM:
                 problem = f"is also called {name}, and stands {moved_km:.0f} km from here; take another name"
                 given.fail(name, f"{known.name} of the catalogue {problem}")
         catalogue = given.build(catalogue.with_station, station=station)

@@ -10,7 +10,7 @@ from radioloc.errors import InputError
 from radioloc.estimation import Labels
 from radioloc.measurements.link import Link
 from radioloc.report import plot_links, plot_residuals
-from radioloc.report.residual_figures import MOST_LINKS
+from radioloc.report.residual_figures import MAX_LINKS
 from radioloc.results.cards import short_names
 
 DASH = "\N{EN DASH}"
@@ -72,7 +72,7 @@ def test_of_too_many_links_those_with_the_most_observations(rows):
         stations=Labels.of(receivers),
     )
     for figure, most, what in (
-        (plot_links(many), MOST_LINKS, "links"),
+        (plot_links(many), MAX_LINKS, "links"),
         (plot_residuals(many), 12, "stations"),
     ):
         shown = [axes for axes in figure.axes if axes.get_visible() and axes.get_title(loc="left")]

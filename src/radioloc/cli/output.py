@@ -22,7 +22,7 @@ DONE, DISK, BAD_INPUT, NOT_CONVERGED, INTERRUPTED = 0, 1, 2, 3, 130
 EXIT_STATUS = {
     DONE: "done; where something is fitted, it converged",
     DISK: "the disk is full or fails; make room and run again",
-    BAD_INPUT: "bad input, told in one line",
+    BAD_INPUT: "bad input; standard error has the reason in one line",
     NOT_CONVERGED: "not converged or not observable; solutions do not agree (compare) or differ (verify); the "
     "installation is not sound (doctor). What is printed says why",
     INTERRUPTED: "interrupted (Ctrl-C); montecarlo says how to go on",

@@ -162,7 +162,7 @@ class MonteCarlo(Result):
             There is no such column.
         """
         if column not in self.columns:
-            raise InputError(f"there is no column {column!r}; there are {', '.join(self.columns)}")
+            raise InputError(f"column: expected one of {', '.join(self.columns)}, got {column!r}")
         return np.asarray(self.values[..., self.columns.index(column)])
 
     @property

@@ -207,7 +207,7 @@ class Solution(Result):
                 alone = replace(self, name=name, position_pa_m=at_m, position_partials=partials)
                 return replace(alone, targets=(), reference=None, references=())
         names = ", ".join(target.name for target in self.targets)
-        raise InputError(f"there is no target {name!r}; there are {names}")
+        raise InputError(f"target: expected one of {names}, got {name!r}")
 
     @property
     def converged(self) -> bool:
@@ -287,9 +287,9 @@ class Solution(Result):
         """
         _, latitude_rad, height_m = self._place_rad()
         if level not in get_args(Level):
-            raise InputError(f"level {level!r} is not known; use total, scaled or formal")
+            raise InputError(f"level: expected total, scaled or formal, got {level!r}")
         if axes not in get_args(Axes):
-            raise InputError(f"axes {axes!r} are not known; use enu, pa, me or geographic")
+            raise InputError(f"axes: expected enu, pa, me or geographic, got {axes!r}")
         if not self.position_determined:
             return np.diag([np.inf, np.inf, np.inf])
         # Parameters without part in the position may have infinite variances; they must not meet the zeros here.
@@ -444,7 +444,7 @@ class Solution(Result):
             columns = {key: [math.inf if row[key] is None else row[key] for row in rows] for key in rows[0]}
             return as_table(columns, form)
         if what != "residuals":
-            raise InputError(f"there is no table of {what!r}; use residuals or parameters")
+            raise InputError(f"table: expected residuals or parameters, got {what!r}")
         return self.residuals.to_table(form)
 
     def card(self) -> Card:

@@ -184,7 +184,7 @@ class OrbitChoice:
             ]
             if not chosen:
                 raise InputError(
-                    f"[estimate.orbit] forces: there is no {name!r}; there are {', '.join(groups)}"
+                    f"[estimate.orbit] forces: expected some of {', '.join(groups)}, got {name!r}"
                 )
             found |= dict.fromkeys(chosen) if name in asked else {}
         return tuple(found)

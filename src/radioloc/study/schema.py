@@ -230,7 +230,7 @@ class TomlTable:
         if kind is Path:
             found = self.files(key, [self._scalar(key, value, str)])
             if len(found) > 1:
-                self.fail(key, f"one file is wanted, but there are {len(found)}")
+                self.fail(key, f"expected one file, got {len(found)}")
             return found[0]
         if issubclass(origin, Mapping):
             content = self._child(key, value)._content

@@ -334,7 +334,7 @@ def test_a_study_file_gives_the_state_by_elements(tmp_path, model, form, axes):
         ({"target": "longitude_deg = 3.0"}, r"\[target\] longitude_deg: belongs to another kind of target"),
         ({"target": "body = 181"}, r"\[target\] body 181 is no NAIF code of a spacecraft"),
         ({"target": 'name = "Чанъэ"'}, r"\[target\] name 'Чанъэ' cannot stand in orbit files"),
-        ({"more": '[estimate.orbit]\nforces = ["drag"]'}, r"there is no 'drag'; there are"),
+        ({"more": '[estimate.orbit]\nforces = ["drag"]'}, r"forces: expected some of .*, got 'drag'"),
     ],
 )
 def test_mistakes_of_a_study_are_named(tmp_path, given, message):

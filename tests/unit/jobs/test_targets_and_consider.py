@@ -99,7 +99,7 @@ def test_a_lander_and_its_rover(folder):
     on_the_moon = np.linalg.eigvalsh(solution.of_target("rover").position_covariance("pa", "scaled"))
     assert (beside[:2] < 0.3**2 * on_the_moon[:2]).all()
     assert set(solution.biases()) == {"KASHI>lander>KASHI", "JIAMUSI>lander>KASHI"}
-    with pytest.raises(InputError, match="there are lander, rover"):
+    with pytest.raises(InputError, match="target: expected one of lander, rover"):
         solution.of_target("orbiter")
 
 

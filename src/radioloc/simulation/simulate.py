@@ -1,4 +1,4 @@
-"""Simulated observations, with the record of what was put into them."""
+"""Simulated observations, with the record of their true values and errors."""
 
 from __future__ import annotations
 
@@ -40,19 +40,19 @@ from radioloc.vectors import Floats
 class Simulated:
     """Observations of a simulated world; arrays are of shape (n,), m."""
 
-    observations: Observations  # as measured: with all errors; sigmas are those that the schedule states
-    # Where the point truly is, principal axes, shape (3,); of a spacecraft the offset from its trajectory, zeros.
+    observations: Observations  # with all errors, and the sigmas of the schedule
+    # True position, principal axes, shape (3,); of a spacecraft the offset from its trajectory, zeros.
     target_pa_m: Floats
     truth: Truth
     noise: NoiseModel
     seed: int
-    error_free_m: Floats  # what the nominal model, with the world's terms, makes of it
-    added_m: dict[str, Floats]  # what the truth's errors add, by kind of parameter
-    drawn: dict[str, float]  # errors that were drawn, by parameter
-    drawn_m: Floats  # what those add
+    error_free_m: Floats  # values by the nominal model with the world's terms
+    added_m: dict[str, Floats]  # effects of the truth's errors, by kind of parameter
+    drawn: dict[str, float]  # drawn errors by parameter
+    drawn_m: Floats  # their effects
     noise_m: Floats
-    is_outlier: NDArray[np.bool_]  # whether the random error has a wild part
-    trajectory: AnyTrajectory | None = None  # where the spacecraft truly is, if the target is one
+    is_outlier: NDArray[np.bool_]
+    trajectory: AnyTrajectory | None = None  # true trajectory of a spacecraft
 
     def __repr__(self) -> str:
         first, last = self.observations.span().day_strings()
@@ -62,13 +62,13 @@ class Simulated:
         )
 
     def summary(self) -> str:
-        """Text for people and for the head of a file: what was measured, and what was put in."""
+        """Return a text about the observations and their errors, for people and for the head of a file."""
         x, y, z = self.target_pa_m.tolist()
-        where = f"true position, principal axes, m: {x:.4f} {y:.4f} {z:.4f}"
+        position = f"true position, principal axes, m: {x:.4f} {y:.4f} {z:.4f}"
         lines = [
             "simulated observations",
             self.observations.summary(),
-            where if self.trajectory is None else f"true trajectory: {self.trajectory}",
+            position if self.trajectory is None else f"true trajectory: {self.trajectory}",
             *(_of_orbit(self.trajectory) if isinstance(self.trajectory, Orbit) else ()),
             f"seed {self.seed}, {int(self.is_outlier.sum())} outlier(s)",
             *(f"{name}: {_shown(value)}" for name, value in _differences(self.truth)),
@@ -86,18 +86,18 @@ class Simulated:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class World:
-    """A simulated world made ready: what remains is to add noise, as often as wanted."""
+    """Simulated world without noise, of which any number of realizations can be drawn."""
 
     scenario: Scenario
     plan: Plan
-    target_pa_m: Floats  # as in Simulated, as the next two
+    target_pa_m: Floats  # this and the next two as in Simulated
     error_free_m: Floats
     added_m: dict[str, Floats]
     errors: dict[str, float]  # errors of the truth by parameter, such as "range_bias.KASHI"
     trajectory: AnyTrajectory | None
-    drawn: DrawnErrors  # errors that a trial of a Monte Carlo study draws, and draw if asked to
+    drawn: DrawnErrors  # errors of the trials of a Monte Carlo study
     enu_pa: Floats  # east, north and up at the target, in principal axes, as rows, shape (3, 3)
-    errant: AdjustableOrbit | None = None  # an orbit with the errors of gravity that are drawn
+    errant: AdjustableOrbit | None = None  # orbit with the drawn errors of gravity
 
     def __repr__(self) -> str:
         return f"<World {len(self.plan.observations)} observations of {self.scenario.name}>"
@@ -110,9 +110,9 @@ class World:
     def draw(
         self, noise: NoiseModel | None = None, *, seed: int | None = None, draw_errors: bool = False
     ) -> Simulated:
-        """Observations with one realization of the noise, and of the errors of `truth_sigma` if asked for.
+        """Return observations with one realization of the noise and, with `draw_errors`, of errors of `truth_sigma`.
 
-        Noise and seed are the scenario's where not given.
+        Noise and seed are those of the scenario by default.
         """
         scenario = self.scenario
         noise = scenario.noise if noise is None else noise
@@ -140,40 +140,40 @@ class World:
 
 
 class StateAndForces(Protocol):
-    """An orbit that is still to be integrated, over the sessions; an :class:`~radioloc.study.orbiter.Orbiter`."""
+    """Orbit to be integrated over the sessions, such as :class:`~radioloc.study.orbiter.Orbiter`."""
 
     def orbit_over(
         self, model: PhysicalModel, utc: Epochs, count_s: float, parameters: tuple[str, ...] = ()
     ) -> AdjustableOrbit:
-        """The orbit from one epoch to another, with what counts of some length need beyond."""
+        """Return the orbit from one epoch to another, and beyond as far as count intervals need."""
         ...
 
     def disturbed(
         self, orbit: AdjustableOrbit, count: int, seed: np.random.Generator
     ) -> AdjustableOrbit | None:
-        """Such an orbit with drawn errors of its gravity field; ``None`` without any."""
+        """Return the orbit with drawn errors of its gravity field; ``None`` without any."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """All that a simulation needs besides the nominal model, with which the observations would be fitted."""
+    """Simulation apart from the nominal model, with which the observations would be fitted."""
 
-    schedule: Schedule  # what is measured and when
-    # Where the point or the spacecraft truly is.
+    schedule: Schedule
+    # True position or trajectory.
     position: LunarPosition | AnyTrajectory | StateAndForces
-    truth: Truth = field(default_factory=Truth)  # in what the world differs from the nominal model
+    truth: Truth = field(default_factory=Truth)  # differences of the world from the nominal model
     noise: NoiseModel = field(default_factory=NoiseModel)  # random errors
-    # Errors that are drawn anew in every trial, about those of the truth.
+    # Errors about those of the truth, drawn anew in every trial.
     truth_sigma: TruthSigma = field(default_factory=TruthSigma)
-    seed: int = 0  # of the noise, a whole number from zero up; the same seed gives the same errors
+    seed: int = 0  # whole number from zero up; the same seed gives the same errors
     name: str = "lander"  # name of the target in the observations
 
     def __post_init__(self) -> None:
         require_seed(self.seed)
 
     def world(self, model: PhysicalModel) -> World:
-        """Compute all but the noise, about a nominal model; errors as :func:`simulate`."""
+        """Compute the world without noise, for a nominal model; errors are those of :func:`simulate`."""
         trajectory, errant = self._trajectory(model)
         target_pa_m, enu_pa = np.zeros(3), np.eye(3)
         if isinstance(self.position, LunarPosition):
@@ -199,7 +199,7 @@ class Scenario:
         return World(self, plan, target_pa_m, at.value_m, added_m, errors, trajectory, drawn, enu_pa, errant)
 
     def _trajectory(self, model: PhysicalModel) -> tuple[AnyTrajectory | None, AdjustableOrbit | None]:
-        """Where a spacecraft truly is, and the same with the errors of gravity that are drawn."""
+        """Return the true trajectory of a spacecraft, and its orbit with the drawn errors of gravity."""
         if isinstance(self.position, LunarPosition | AnyTrajectory):
             return None if isinstance(self.position, LunarPosition) else self.position, None
         orbit = self.orbit(model, self.position)
@@ -209,13 +209,13 @@ class Scenario:
     def orbit(
         self, model: PhysicalModel, target: StateAndForces, parameters: tuple[str, ...] = ()
     ) -> AdjustableOrbit:
-        """An orbit over the sessions, with partials by some parameters of its forces."""
+        """Return an orbit over the sessions, with partials by some parameters of its forces."""
         counts_s = np.nan_to_num([session.count_s for session in self.schedule.sessions])
         return target.orbit_over(model, self.schedule.span(), float(counts_s.max()), parameters)
 
 
 def rot_pa_to_enu(target_pa_m: Floats, model: PhysicalModel) -> Floats:
-    """East, north and up (selenocentric) at a point, in principal axes, as rows, shape (3, 3)."""
+    """Return east, north and up (selenocentric) at a point, in principal axes, as rows, shape (3, 3)."""
     rot = rot_pa_to_me(model.ephemeris.constants)
     longitude_rad, latitude_rad, _ = cartesian_to_selenographic(rot @ target_pa_m)
     return np.asarray(east_north_up(longitude_rad, latitude_rad) @ rot)
@@ -236,7 +236,7 @@ def simulate(
     Raises
     ------
     InputError
-        Something asked for cannot be, or the model does not hold for an observation (too low for the troposphere).
+        An argument is invalid, or the model is not valid for an observation (too low for the troposphere).
     StationError
         A station is not in the catalogue.
     CoverageError
@@ -258,16 +258,16 @@ def simulate(
 
 
 def _require_usable(predictor: Predictor, at: Prediction) -> None:
-    """Refuse observations for which the model does not hold."""
+    """Raise an error if the model is not valid for an observation."""
     observations = predictor.observations
     wrong, problem = 0, ""
     for rows in blocks(predictor):
         computed = at.rows(rows)
-        found = np.flatnonzero(~computed.usable)
-        if len(found) and not wrong:
-            row = int(rows[found[0]])
-            problem = reasons(predictor, computed.rows(found[:1]), [row])[1][0]
-        wrong += len(found)
+        unusable = np.flatnonzero(~computed.usable)
+        if len(unusable) and not wrong:
+            row = int(rows[unusable[0]])
+            problem = reasons(predictor, computed.rows(unusable[:1]), [row])[1][0]
+        wrong += len(unusable)
     if wrong:
         link = observations.links[observations.link[row]].path
         kind = KINDS[observations.kind[row]]
@@ -278,9 +278,9 @@ def _require_usable(predictor: Predictor, at: Prediction) -> None:
 
 
 def _of_orbit(orbit: Orbit) -> tuple[str, ...]:
-    """State and forces of a true orbit."""
-    thrusts = [one for one in orbit.forces.accelerations if one.normal is not None]
-    of_thrust = {name for one in thrusts for names in one.names() for name in names}
+    """Return texts of the state and forces of a true orbit."""
+    thrusts = [item for item in orbit.forces.accelerations if item.normal is not None]
+    of_thrust = {name for item in thrusts for names in item.names() for name in names}
     shown = {name: value for name, value in orbit.forces.parameters().items() if name not in of_thrust}
     (x, y, z), (vx, vy, vz) = (of[0].tolist() for of in orbit.states(orbit.epoch))
     field = orbit.forces.gravity
@@ -288,28 +288,31 @@ def _of_orbit(orbit: Orbit) -> tuple[str, ...]:
         f"true state at {utc_strings(orbit.epoch, 6)[0]} TDB, Moon-centred ICRF, m and m/s: "
         f"{x:.4f} {y:.4f} {z:.4f} {vx:.7f} {vy:.7f} {vz:.7f}",
         f"true forces: {field.name} to degree {field.degree}; {_shown(shown)}",
-        *(f"true thrust {one.name}: {_shown(one.constant_m_s2)} m/s2 along {one.axes}" for one in thrusts),
+        *(
+            f"true thrust {item.name}: {_shown(item.constant_m_s2)} m/s2 along {item.axes}"
+            for item in thrusts
+        ),
     )
 
 
 def _differences(truth: Truth) -> list[tuple[str, Any]]:
-    """Names and values of what a truth sets."""
-    found = [(PARAMETERS[name].value_key, choice.value) for name, choice in truth.values.items()]
+    """Return names and values of the settings of a truth."""
+    errors = [(PARAMETERS[name].value_key, choice.value) for name, choice in truth.values.items()]
     others = [(name, getattr(truth, name)) for name in ("terms_on", "terms_off", "clock_epoch_utc")]
-    return found + [(name, value) for name, value in others if value]
+    return errors + [(name, value) for name, value in others if value]
 
 
 def _by_kind(drawn: Mapping[str, float]) -> dict[str, dict[str, float]]:
-    """Errors by kind of parameter and by whose they are, to four digits."""
+    """Return errors by kind of parameter and by member, to four digits."""
     kinds: dict[str, dict[str, float]] = {}
     for name, error in drawn.items():
-        kind, _, whose = name.partition(".")
-        kinds.setdefault(kind, {})[whose or kind] = float(f"{error:.4g}")
+        kind, _, member = name.partition(".")
+        kinds.setdefault(kind, {})[member or kind] = float(f"{error:.4g}")
     return kinds
 
 
 def _shown(value: Any) -> str:
-    """A record by what it sets, a mapping by its items, numbers short."""
+    """Return a short text of a record, a mapping or a number."""
     if hasattr(value, "__dataclass_fields__"):
         given = [(f.name, getattr(value, f.name)) for f in fields(value)]
         return ", ".join(f"{name} {_shown(v)}" for name, v in given if v not in (0.0, None)) or "none"

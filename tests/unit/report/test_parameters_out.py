@@ -12,6 +12,7 @@ from radioloc.cli import main
 from radioloc.errors import ConvergenceError, InputError
 from radioloc.estimation.least_squares import FitStatus
 from radioloc.io import write_sinex
+from radioloc.parameters.registry import PARAMETERS
 from radioloc.report.error_figures import plot_correlations
 from radioloc.results.solution import TargetPosition
 
@@ -78,7 +79,8 @@ def fields(line, columns):
 
 
 @pytest.mark.study
-def test_correlations(solution):
+def test_correlations():
+    solution = radioloc.locate(replace(radioloc.read_study(APOLLO), suboptimal=tuple(PARAMETERS)))
     ax = plot_correlations(solution).axes[0]
     shown = np.asarray(ax.get_images()[0].get_array())
     for level, part in (("total", np.tril), ("scaled", np.triu)):

@@ -77,10 +77,7 @@ def _read_icgem(path: Path, lines: Iterator[tuple[int, str]]) -> dict[str, Any]:
     gm_line, gm = header["gravity_constant"]
     degree_line, degree = header["max_degree"]
     table = _Table(
-        path,
-        _whole(path, degree_line, degree),
-        _number(path, gm_line, gm),
-        _number(path, *header["radius"]),
+        path, _whole(path, degree_line, degree), _number(path, gm_line, gm), _number(path, *header["radius"])
     )
     for number, line in lines:
         words = line.split()

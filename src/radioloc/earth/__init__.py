@@ -8,10 +8,4 @@ from radioloc.earth.geodesy import geodetic_from_itrf
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.earth.stations import Station, StationCatalogue
 
-__all__ = [
-    "EarthOrientation",
-    "EopTable",
-    "Station",
-    "StationCatalogue",
-    "geodetic_from_itrf",
-]
+__all__ = ["EarthOrientation", "EopTable", "Station", "StationCatalogue", "geodetic_from_itrf"]

@@ -87,12 +87,7 @@ def _continued(table: EopTable, lead_d: Floats, how: str) -> Floats:
     )
 
 
-def _periodic(
-    days: Floats,
-    column: Floats,
-    periods_d: tuple[float, ...],
-    at_d: Floats,
-) -> Floats:
+def _periodic(days: Floats, column: Floats, periods_d: tuple[float, ...], at_d: Floats) -> Floats:
     """Change of the periodic terms of a column, fitted with its trend, from day zero to other days."""
 
     def waves(day: Floats) -> Floats:

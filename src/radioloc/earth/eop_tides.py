@@ -105,12 +105,7 @@ def _delaunay(centuries: Floats) -> Floats:
     )
 
 
-def _harmonic_sum(
-    angles: Floats,
-    rates: Floats,
-    sine: Floats,
-    cosine: Floats,
-) -> tuple[Floats, Floats]:
+def _harmonic_sum(angles: Floats, rates: Floats, sine: Floats, cosine: Floats) -> tuple[Floats, Floats]:
     """Sum of sines and cosines of angles (n, m), and its derivative by the rates (m,); coefficients (m, k)."""
     s, c = np.sin(angles), np.cos(angles)
     return s @ sine + c @ cosine, c @ (rates[:, None] * sine) - s @ (rates[:, None] * cosine)

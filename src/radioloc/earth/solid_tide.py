@@ -72,11 +72,7 @@ _TRANSVERSE_M_RAD = 9e-3 / ARCSEC_RAD
 
 
 def solid_earth_tide(
-    station_itrf_m: Floats,
-    moon_itrf_m: Floats,
-    sun_itrf_m: Floats,
-    tt: Epochs,
-    ut1_fraction: Floats,
+    station_itrf_m: Floats, moon_itrf_m: Floats, sun_itrf_m: Floats, tt: Epochs, ut1_fraction: Floats
 ) -> Floats:
     """Displacement of stations by the solid Earth tide, ITRF, m, shape (n, 3)."""
     # Stations, Moon and Sun are geocentric, ITRF, m, (n, 3); 300 m for the Moon and 300 km for the Sun are enough for a
@@ -119,13 +115,7 @@ def pole_tide_displacement(station_itrf_m: Floats, xp_rad: Floats, yp_rad: Float
     return np.einsum("nij,ni->nj", axes, np.stack([east, north, up], axis=-1))
 
 
-def _step_1(
-    axes: Floats,
-    sin_lat: Floats,
-    longitude: Floats,
-    body_m: Floats,
-    mass_ratio: float,
-) -> Floats:
+def _step_1(axes: Floats, sin_lat: Floats, longitude: Floats, body_m: Floats, mass_ratio: float) -> Floats:
     """Sum the terms of one body in the time domain: east, north, radial, m, shape (n, 3)."""
     distance = np.linalg.norm(body_m, axis=-1)
     unit = body_m / distance[:, np.newaxis]
@@ -169,12 +159,7 @@ def _step_1(
     return np.stack([east, north, up], axis=-1)
 
 
-def _step_2(
-    sin_lat: Floats,
-    longitude: Floats,
-    centuries_tt: Floats,
-    ut1_fraction: Floats,
-) -> Floats:
+def _step_2(sin_lat: Floats, longitude: Floats, centuries_tt: Floats, ut1_fraction: Floats) -> Floats:
     """Sum the corrections in the frequency domain: east, north, radial, m, shape (n, 3)."""
     moon_of_date = polyval(centuries_tt, _MEAN_MOON_OF_DATE)
     tau = 360.0 * ut1_fraction + polyval(centuries_tt, _MEAN_SUN_AT_MIDNIGHT) - moon_of_date

@@ -236,10 +236,7 @@ def locate_image_point(
     position = LunarPosition.from_cartesian(point, model.axes)
     across, along = np.linalg.norm(found.by_pixel[0], axis=0)
     return ImagePoint(
-        (float(measured[0, 0]), float(measured[0, 1])),
-        position,
-        errors,
-        (float(across), float(along)),
+        (float(measured[0, 0]), float(measured[0, 1])), position, errors, (float(across), float(along))
     )
 
 

@@ -165,11 +165,7 @@ def _near(chosen: ImageChoice) -> tuple[float, float, float] | None:
 
 
 def _solution(
-    study: ImageStudy,
-    registration: Registration,
-    base: Map,
-    mask: Mask | None,
-    told: tuple[str, ...],
+    study: ImageStudy, registration: Registration, base: Map, mask: Mask | None, told: tuple[str, ...]
 ) -> ImageSolution:
     chosen, frames = study.images, registration.frames
     last = frames[-1]

@@ -145,12 +145,7 @@ def match(
 
 
 def _agreement(
-    first: Features,
-    second: Features,
-    i: Indices,
-    j: Indices,
-    coarse_first: bool,
-    radius_px: float,
+    first: Features, second: Features, i: Indices, j: Indices, coarse_first: bool, radius_px: float
 ) -> Matches:
     cv2 = load_opencv()
     fine, coarse = (second, first) if coarse_first else (first, second)

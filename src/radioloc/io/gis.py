@@ -17,11 +17,7 @@ import numpy as np
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.lazy import optional
 from radioloc.lunar.local import displaced
-from radioloc.lunar.selenographic import (
-    cartesian_to_selenographic,
-    east_north_up,
-    selenographic_to_cartesian,
-)
+from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up, selenographic_to_cartesian
 from radioloc.results.tables import (
     Located,
     contents_by_target,

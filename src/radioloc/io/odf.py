@@ -46,12 +46,7 @@ from radioloc.time.dates import utc_from_picoseconds
 logger = logging.getLogger(__name__)
 
 _ONE_WAY, _TWO_WAY, _THREE_WAY, _RANGE = 11, 12, 13, 37
-KINDS = {
-    _ONE_WAY: "one_way_doppler",
-    _TWO_WAY: "doppler",
-    _THREE_WAY: "doppler",
-    _RANGE: "range",
-}
+KINDS = {_ONE_WAY: "one_way_doppler", _TWO_WAY: "doppler", _THREE_WAY: "doppler", _RANGE: "range"}
 """Types of measurement by the data types that are modelled."""
 TYPES = {
     **dict.fromkeys((1, 2, 3, 4), "narrowband VLBI"),

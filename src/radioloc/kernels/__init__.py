@@ -16,13 +16,4 @@ from radioloc.kernels.files import (
     sha256_of,
 )
 
-__all__ = [
-    "Kernel",
-    "KernelFile",
-    "Segment",
-    "add_kernel",
-    "added",
-    "find_kernel",
-    "registered",
-    "sha256_of",
-]
+__all__ = ["Kernel", "KernelFile", "Segment", "add_kernel", "added", "find_kernel", "registered", "sha256_of"]

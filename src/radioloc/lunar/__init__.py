@@ -5,18 +5,10 @@ metres, angles radians unless a name says otherwise.
 """
 
 from radioloc.lunar.coordinate_time import tcl_minus_tdb
-from radioloc.lunar.frames import (
-    rot_icrf_to_iau_moon,
-    rot_icrf_to_pa,
-    rot_pa_to_me,
-)
+from radioloc.lunar.frames import rot_icrf_to_iau_moon, rot_icrf_to_pa, rot_pa_to_me
 from radioloc.lunar.maps import Map, TangentPlane
 from radioloc.lunar.position import LunarPosition, rot_between
-from radioloc.lunar.selenographic import (
-    cartesian_to_selenographic,
-    east_north_up,
-    selenographic_to_cartesian,
-)
+from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up, selenographic_to_cartesian
 from radioloc.lunar.terrain import TerrainModel
 
 __all__ = [

@@ -64,10 +64,5 @@ def _weights(interpolation: str, t: Floats) -> tuple[Floats, Floats]:
         return np.stack([1.0 - t, t], axis=-1), np.stack([-one, one], axis=-1)
     t2, t3 = t * t, t * t * t
     values = [-t3 + 2.0 * t2 - t, 3.0 * t3 - 5.0 * t2 + 2.0, -3.0 * t3 + 4.0 * t2 + t, t3 - t2]
-    slopes = [
-        -3.0 * t2 + 4.0 * t - 1.0,
-        9.0 * t2 - 10.0 * t,
-        -9.0 * t2 + 8.0 * t + 1.0,
-        3.0 * t2 - 2.0 * t,
-    ]
+    slopes = [-3.0 * t2 + 4.0 * t - 1.0, 9.0 * t2 - 10.0 * t, -9.0 * t2 + 8.0 * t + 1.0, 3.0 * t2 - 2.0 * t]
     return 0.5 * np.stack(values, axis=-1), 0.5 * np.stack(slopes, axis=-1)

@@ -37,9 +37,7 @@ def selenographic_to_cartesian(
     return radius_m[..., np.newaxis] * vectors.east_north_up(longitude, latitude)[..., 2, :]
 
 
-def cartesian_to_selenographic(
-    point_m: ArrayLike,
-) -> tuple[Floats, Floats, Floats]:
+def cartesian_to_selenographic(point_m: ArrayLike) -> tuple[Floats, Floats, Floats]:
     """East longitude, from -pi to pi, and latitude, rad, and height, m, of points, shapes (...,).
 
     Parameters

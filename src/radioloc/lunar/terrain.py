@@ -28,13 +28,7 @@ from radioloc.lunar.selenographic import (
     east_north_up,
     selenographic_to_cartesian,
 )
-from radioloc.lunar.terrain_source import (
-    TerrainMetadata,
-    block_heights_m,
-    heights_m,
-    implausible,
-    open_map,
-)
+from radioloc.lunar.terrain_source import TerrainMetadata, block_heights_m, heights_m, implausible, open_map
 from radioloc.units import as_metres
 from radioloc.vectors import Floats
 

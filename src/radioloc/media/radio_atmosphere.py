@@ -191,9 +191,7 @@ def air_above(
 
 
 def read_radio_atmosphere(
-    vmf3: Sequence[str | Path] = (),
-    vmf3_orography: str | Path | None = None,
-    gpt3: str | Path | None = None,
+    vmf3: Sequence[str | Path] = (), vmf3_orography: str | Path | None = None, gpt3: str | Path | None = None
 ) -> RadioAtmosphere:
     r"""Read files of VMF3, of sites or maps, and of GPT3.
 

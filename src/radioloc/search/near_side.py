@@ -109,12 +109,7 @@ class _Linearized:
     """Misfit of other places by the model of an arc linearized at one, in principal axes; residuals in sigmas."""
 
     def __init__(
-        self,
-        arc: Predictor,
-        frame: str,
-        estimate: EstimateChoice,
-        place_m: Floats,
-        prepared: bool,
+        self, arc: Predictor, frame: str, estimate: EstimateChoice, place_m: Floats, prepared: bool
     ) -> None:
         observations = arc.observations
         if not prepared:

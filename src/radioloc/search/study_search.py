@@ -15,12 +15,7 @@ from radioloc.dynamics import Impulse
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.orbit_start import StagedStart
 from radioloc.jobs.preparation import chosen_observations, model_of, prepared_arc
-from radioloc.jobs.problem import (
-    observation_model,
-    status_of,
-    targets_in_pa,
-    with_independent_clocks,
-)
+from radioloc.jobs.problem import observation_model, status_of, targets_in_pa, with_independent_clocks
 from radioloc.jobs.station_noise import stated_noise
 from radioloc.labels import USED
 from radioloc.lunar.position import LunarPosition
@@ -202,10 +197,7 @@ def _with_positions(result: SearchResult, observations: Observations | None) -> 
         for name, one in positions.items()
     ]
     return replace(
-        result,
-        study=study,
-        apriori_positions=tuple(positions.values()),
-        changes=(*result.changes, *changes),
+        result, study=study, apriori_positions=tuple(positions.values()), changes=(*result.changes, *changes)
     )
 
 

@@ -171,11 +171,7 @@ def utc_from_text(texts: Any) -> Epochs:
     return utc
 
 
-def day_fraction(
-    whole_s: NDArray[np.integer] | Floats,
-    part_s: Floats,
-    length_s: Floats,
-) -> Floats:
+def day_fraction(whole_s: NDArray[np.integer] | Floats, part_s: Floats, length_s: Floats) -> Floats:
     """Return the nearest float to (whole + part) / length."""
     quotient = whole_s / length_s
     high = np.floor(quotient * _SPLIT) / _SPLIT

@@ -316,11 +316,7 @@ def _turnaround(part: Observations) -> Fraction:
     return near[0]
 
 
-def _inverse(
-    wanted: Floats,
-    forward: Callable[[Floats], Floats],
-    guess: Floats,
-) -> Floats:
+def _inverse(wanted: Floats, forward: Callable[[Floats], Floats], guess: Floats) -> Floats:
     """Return the first number next to a guess that a conversion maps to the wanted one exactly, else the guess."""
     if np.isnan(guess).all():
         return guess

@@ -41,6 +41,7 @@ from radioloc.jobs.problem import (
     apriori_points,
     fitted_orbit,
     observation_model,
+    planned_place,
     require_position_or_orbit,
     status_of,
     targets_in_pa,
@@ -237,9 +238,10 @@ class _Solved:
     def of(cls, plan: _Planned, part: ArcPart) -> _Solved:
         """Solve a part of a plan."""
         study, arc = plan.study, part.arc
-        targets = targets_in_pa(study, arc.model.ephemeris.constants)
+        constants = arc.model.ephemeris.constants
+        aimed = targets_in_pa(study, constants) or planned_place(study, constants)
         considered = ConsideredParameters.of(study, arc, part.estimate)
-        problem = observation_model(arc, targets or None, part.estimate, considered=considered.in_weights)
+        problem = observation_model(arc, aimed, part.estimate, considered=considered.in_weights)
         x = problem.parameters.prior_values
         noise, used = plan.noise.select(part.rows), plan.usable[part.rows]
         suboptimal = considered.suboptimal_errors(problem, x, plan.errant)
@@ -285,7 +287,7 @@ class _Solved:
     def planned(self) -> PlannedArc:
         """What it tells."""
         fit, involved = self.fit, (self.problem.position_partials(self.x) != 0.0).any(axis=0)
-        if self.problem.of_orbit:
+        if self._maps_states:
             involved[: self.problem.first] = True
         missing: tuple[str, ...] = ()
         sources: tuple[ErrorSource, ...] = ()
@@ -294,7 +296,7 @@ class _Solved:
             sources, state = self._sources()
         else:
             missing = assess_observability(fit).describe()[:1]
-        axes = ALONG_ACROSS_RADIAL if self.problem.of_orbit else EAST_NORTH_UP
+        axes = ALONG_ACROSS_RADIAL if self._maps_states else EAST_NORTH_UP
         count = int(fit.used.sum())
         planned = PlannedArc(self.part.hours, self.part.span_h, count, sources, missing, axes, state)
         if state is None:
@@ -309,7 +311,7 @@ class _Solved:
         parameters, moved = estimate.parameters, estimate.consider
         formal = np.where(np.isfinite(estimate.covariance), estimate.covariance, 0.0)
         state, direct_m = None, np.zeros(1)
-        if self.plan.orbit is None:
+        if not self._maps_states:
             position_pa_m = self.problem.position_pa_m(self.x)
             partials = self.problem.position_partials(self.x)[:, ~fit.parameters.considered]
             axes = rot_pa_to_enu(position_pa_m, self.part.arc.model) @ partials
@@ -335,6 +337,11 @@ class _Solved:
             direct_m,
         )
         return found, state
+
+    @property
+    def _maps_states(self) -> bool:
+        """Whether states of an orbit are mapped over the arc, and not a position on the ground."""
+        return self.problem.of_orbit and self.problem.landing is None
 
     @property
     def _epochs(self) -> Epochs:

@@ -40,6 +40,7 @@ from radioloc.jobs.problem import (
     ConsideredParameters,
     disturbed,
     observation_model,
+    planned_place,
     position_in_pa,
     require_position_or_orbit,
     status_of,
@@ -63,6 +64,7 @@ from radioloc.parameters.registry import PARAMETERS
 from radioloc.results.solution import Solution
 from radioloc.simulation import World
 from radioloc.simulation.noise import NoiseDraws
+from radioloc.simulation.simulate import rot_pa_to_enu
 from radioloc.simulation.truth import GRAVITY_ERROR
 from radioloc.study.orbiter import Orbiter
 from radioloc.study.study import EstimateChoice, Study
@@ -81,6 +83,12 @@ class Prepared:
     rows: NDArray[np.intp]  # those of the plan that the study asks for
     parts: tuple[ArcPart, ...]  # the longest arc first
     columns: tuple[str, ...]
+    true_orbit: AdjustableOrbit | None = None  # of a spacecraft
+
+    @property
+    def _of_states(self) -> bool:
+        """Whether states of an orbit are compared with the truth, and not positions."""
+        return isinstance(self.study.target, Orbiter) and self.study.target.landing is None
 
     @property
     def hours(self) -> tuple[float, ...]:
@@ -95,14 +103,15 @@ class Prepared:
     @property
     def at_h(self) -> tuple[float, ...]:
         """Of an orbit those epochs, from that of the state, h."""
-        if not isinstance(self.study.target, Orbiter):
+        if not self._of_states:
             return ()
+        assert isinstance(self.study.target, Orbiter)
         epochs_s = (self.epochs(part).seconds_since(self.study.target.epoch) for part in self.parts)
         return tuple((np.concatenate(list(epochs_s)) / 3600.0).tolist())
 
     @property
     def _epochs(self) -> int:
-        return 3 if isinstance(self.study.target, Orbiter) else 1
+        return 3 if self._of_states else 1
 
     def epochs(self, part: ArcPart) -> Epochs:
         """When an orbit is compared with the truth: at its epoch, in the middle and at the end of the tracking, TDB."""
@@ -120,34 +129,39 @@ class Prepared:
                 f"{study.name}: a Monte Carlo study compares positions and orbits, but the target is a trajectory"
             )
         require_position_or_orbit(study, "a Monte Carlo study")
-        model, orbit = model_of(study), None
+        model, orbit, truth = model_of(study), None, None
         constants = model.ephemeris.constants
         targets = targets_in_pa(study, constants)
         if isinstance(scenario.position, LunarPosition):
             position_in_pa("[simulation.position]", scenario.position, constants)
         if isinstance(study.target, Orbiter):
             assert study.estimate.orbit is not None
-            orbit = scenario.orbit(model, study.target, study.estimate.orbit.parameters(study.target.forces))
+            forces = study.estimate.orbit.parameters(study.target.forces)
+            orbit = scenario.orbit(model, study.target, forces)
+            assert isinstance(scenario.position, Orbiter)
+            truth = scenario.orbit(model, scenario.position)
         world = scenario.world(model)
         observations = replace(study.observations, hours=hours[-1])
         whole = replace(study, reference=None, references=(), observations=observations)
         longest, _, rows = planned_arc(whole, world.plan.observations, model, orbit)
         parts = arc_parts(longest, study, reversed(hours))
+        aimed = targets or planned_place(study, constants)
         names = dict.fromkeys(
             p.name
             for part in parts
-            for p in observation_model(part.arc, targets or None, part.estimate).parameters
+            for p in observation_model(part.arc, aimed, part.estimate).parameters
             if p.kind not in ("position", "state") and not p.fixed
         )
         biases = study.estimate.parameters.get("range_bias", ParameterChoice())
         by_station = biases.scope(PARAMETERS["range_bias"]) in (Scope.STATION, Scope.PASS)
-        columns = list(base_columns(ALONG_ACROSS_RADIAL if orbit else EAST_NORTH_UP))
+        lands = isinstance(study.target, Orbiter) and study.target.landing is not None
+        columns = list(base_columns(ALONG_ACROSS_RADIAL if orbit and not lands else EAST_NORTH_UP))
         columns += [f"excess_noise_m.{KINDS[k]}" for k in np.unique(longest.observations.kind)]
         for name in names:
             columns += [name, f"{name}.sigma"]
             if by_station and name.startswith("range_bias."):
                 columns.append(f"{name}.error")
-        return cls(study, world, rows, tuple(parts), tuple(columns))
+        return cls(study, world, rows, tuple(parts), tuple(columns), truth)
 
     def run(self, seed: int, trials: Iterable[int]) -> _Floats:
         """Trials with the whole model, as :meth:`LinearTrials.run`: each arc fitted from the a-priori position on."""
@@ -201,8 +215,9 @@ class Prepared:
         """How far a solution is from the truth, (q, d), and what it says of that, (q, d, d)."""
         world = self.world
         moved_m = self.drawn_moves(part, world.drawn.names) @ drawn
-        if solution.state is None:
-            error = local_difference(solution.position_pa_m, world.target_pa_m, world.enu_pa)
+        if solution.state is None or not self._of_states:
+            place_m, enu_pa = self._true_place(part)
+            error = local_difference(solution.position_pa_m, place_m, enu_pa)
             return error.enu_m - moved_m, solution.position_covariance("enu")[None]
         assert isinstance(world.trajectory, Orbit)
         tdb = self.epochs(part)
@@ -242,7 +257,14 @@ class Prepared:
 
     def at_truth(self, part: ArcPart) -> tuple[ObservationModel, _Floats]:
         """The problem of a part, and its parameters of the true position or state, the others a priori."""
-        problem = observation_model(part.arc, self._targets_pa or None, part.estimate)
+        constants = part.arc.model.ephemeris.constants
+        aimed = self._targets_pa or planned_place(self.study, constants)
+        problem = observation_model(part.arc, aimed, part.estimate)
+        if problem.landing is not None:
+            assert self.true_orbit is not None
+            x = problem.parameters.prior_values.copy()
+            x[:6] = problem.landing.touchdown_of(self.true_orbit.state)
+            return problem, x
         wanted = self.world.target_pa_m
         if isinstance(self.study.target, Orbiter):
             assert isinstance(self.world.scenario.position, Orbiter)
@@ -250,9 +272,17 @@ class Prepared:
             wanted[:6] = self.world.scenario.position.state - self.study.target.state
         return problem, _parameters_at(problem, wanted)
 
+    def _true_place(self, part: ArcPart) -> tuple[_Floats, _Floats]:
+        """True position, principal axes, m, and the axes east, north and up there, as rows."""
+        if self.true_orbit is None:
+            return self.world.target_pa_m, self.world.enu_pa
+        problem, x = self.at_truth(part)
+        place_m = problem.position_pa_m(x)
+        return place_m, rot_pa_to_enu(place_m, part.arc.model)
+
     def drawn_moves(self, part: ArcPart, names: Sequence[str]) -> _Floats:
         """How drawn errors move what is compared, shape (q, d, k)."""
-        if not isinstance(self.study.target, Orbiter):
+        if not self._of_states:
             return np.array(
                 [[[name == f"position.{side}" for name in names] for side in EAST_NORTH_UP]], dtype=float
             )
@@ -269,9 +299,9 @@ class Prepared:
     ) -> Compared:
         """What estimates are compared with, of so many considered errors, of which those of gravity are the last."""
         by_drawn = self.drawn_moves(part, self.world.drawn.names)
-        if not problem.of_orbit:
+        if not self._of_states:
             return Compared(
-                (self.world.enu_pa @ problem.position_partials(x))[None],
+                (self._true_place(part)[1] @ problem.position_partials(x))[None],
                 by_drawn,
                 np.zeros((1, 3, count)),
                 np.zeros((1, 3)),
@@ -341,8 +371,8 @@ class Prepared:
             order=order,
             estimate=replace(part.estimate, height_prior=None),  # which is in the parameters; a map is large
             height_m=None
-            if problem.of_orbit
-            else float(np.linalg.norm(self.world.target_pa_m)) - MEAN_LUNAR_RADIUS_M,
+            if self._of_states
+            else float(np.linalg.norm(self._true_place(part)[0])) - MEAN_LUNAR_RADIUS_M,
             suboptimal_m=suboptimal_m,
             drawn_prior_sigmas=self._drawn_prior_sigmas(part.estimate, len(values)),
         )

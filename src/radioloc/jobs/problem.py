@@ -179,11 +179,6 @@ def require_position_or_orbit(study: Study, what: str) -> None:
         if study.estimate.position == "none":
             raise InputError(f'{what} needs the position estimated: [estimate] position is "none"')
         return
-    if study.target.landing is not None:
-        raise InputError(
-            f"{what} is of a position or an orbit, not of a descent; use `radioloc simulate` and `radioloc locate`, or "
-            "leave [target.landing] out"
-        )
     if orbit is not None and orbit.process_noise is not None:
         raise InputError(f"{what} of an orbit has no process noise; leave [estimate.orbit] process_noise out")
 

@@ -151,15 +151,16 @@ class LandingParameters:
 
     def values_of(self, orbit: AdjustableOrbit) -> Floats:
         """The parameters of an orbit that lands near the a-priori place."""
-        values = np.array(list(orbit.values.values()))
-        place_pa_m = self.ground.place_pa_m(values[:6])
+        return np.concatenate([self.touchdown_of(orbit.state), list(orbit.values.values())[6:]])
+
+    def touchdown_of(self, state: Floats) -> Floats:
+        """Return the parameters of place and velocity, shape (6,), of a state at the touchdown."""
+        place_pa_m = self.ground.place_pa_m(state)
         x = np.zeros(3)
         for _ in range(10):
             at_pa_m, by_x = self.place(x)
             x = x + np.linalg.solve(by_x, place_pa_m - at_pa_m)
-        return np.concatenate(
-            [x, (values[3:6] - self.ground.at_rest(place_pa_m)[3:]) @ self.axes, values[6:]]
-        )
+        return np.concatenate([x, (state[3:] - self.ground.at_rest(place_pa_m)[3:]) @ self.axes])
 
 
 def landing_parameters(

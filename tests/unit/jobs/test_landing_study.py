@@ -176,3 +176,22 @@ def test_tracking_of_the_lander_alone_is_refused(made):
     )
     with pytest.raises(InputError, match="is before all observations"):
         radioloc.locate(study, late)
+
+
+def test_covariance_of_a_descent_is_that_of_its_fit(made, solution):
+    """The plan has no values: its sigmas are the formal ones of a fit of simulated values."""
+    planned = radioloc.covariance(made[0])
+    assert planned.longest.axes == ("east", "north", "up")
+    np.testing.assert_allclose(planned.longest.sigma_m, solution.sigma_enu_m("formal"), rtol=1e-3)
+    total_m2 = sum(item.total_m**2 for item in planned.longest.sources)
+    assert np.sqrt(total_m2) == pytest.approx(np.linalg.norm(planned.longest.sigma_m), rel=1e-9)
+
+
+@pytest.mark.study
+def test_trials_of_a_descent_are_within_their_sigmas(made):
+    """The thrust of the fit is not that of the truth, so trials are fitted in full."""
+    found = radioloc.monte_carlo(made[0], 30, [1.0], seed=2)
+    assert found["converged"].all()
+    assert found.columns[3:6] == ("east_m", "north_m", "up_m")
+    # Three degrees of freedom a trial: the mean of 30 is known to 0.15.
+    assert found["nees"].mean() / 3.0 == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / 90.0))

@@ -71,7 +71,8 @@ class IonexMaps:
         place = pierce_point(
             station_itrf_m, azimuth_rad, elevation_rad, self.shell_height_m, self.base_radius_m
         )
-        return modified_shell_mapping(elevation_rad)[0] * self.vertical_tec(*place, epochs)
+        # What maps have below zero at night is of their errors: no charge.
+        return modified_shell_mapping(elevation_rad)[0] * np.maximum(self.vertical_tec(*place, epochs), 0.0)
 
     def _on_map(
         self,

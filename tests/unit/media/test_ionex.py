@@ -9,7 +9,7 @@ from atmosphere_files import IONEX_LATITUDES, IONEX_LONGITUDES, Field, ionex_tex
 from radioloc.earth.geodesy import itrf_from_geodetic
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.media.ionex import IonexMaps, read_ionex
-from radioloc.media.ionosphere import modified_shell_mapping, pierce_point
+from radioloc.media.ionosphere import ionosphere_delay_m, modified_shell_mapping, pierce_point
 from radioloc.time import epochs_from_strings, utc_to_tt
 
 ROUNDING_TECU = 0.06
@@ -106,6 +106,15 @@ def test_slant(maps) -> None:
     np.testing.assert_allclose(slant, modified_shell_mapping(elevation)[0] * vertical, rtol=1e-13)
     # South of the station there are fewer electrons in this field than overhead.
     assert (vertical < flat(35.4, 0.0, 2.0)).all()
+
+
+def test_contents_below_zero_delay_nothing(maps) -> None:
+    epochs = epochs_from_strings(["2019-01-15T02:00:00"])
+    read = maps(lambda latitude, longitude, hour: -0.5 + 0.0 * latitude * longitude * hour)
+    station = itrf_from_geodetic(np.deg2rad(117.0), np.deg2rad(40.0), 50.0)[None]
+    tec = read.slant_tec(station, np.deg2rad([200.0]), np.deg2rad([30.0]), epochs)
+    assert tec.tolist() == [0.0]
+    assert ionosphere_delay_m(tec, np.array([8.4e9])).tolist() == [0.0]
 
 
 def test_exponent_within_the_maps_and_gzip(tmp_path: Path) -> None:

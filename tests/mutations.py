@@ -40,11 +40,11 @@ TESTS = {
         "consider": "consider budget", "editing": "editing phase_editing",
         "gauss_markov": "", "least_squares": "",
         "linearization": "least_squares linear_problem", "observability": "",
-        "observation_noise": "observation_noise linear_problem", "process_noise": "",
         "robust": "editing linear_problem", "series": "gauss_markov correlated_weights",
         "statistics": "", "time_correlation": "time_correlation correlated_weights",
         "variance_components": "",
     },
+    "noise": {"covariance": "whiteners", "processes": "whiteners", "whitening": "whiteners"},
 }  # fmt: skip
 """Unit tests by module, of the same name where none is given."""
 OTHERS = {

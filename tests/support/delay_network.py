@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation import Parameter, ParameterSet
-from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
+from radioloc.noise import ALONE, ObservationCovariance, SharedAtEpoch, White
 
 OWN_M, STATION_M = 0.1, 0.4
 
@@ -66,11 +66,10 @@ class DelayNetwork:
         return np.diag(self.own_m**2) + a @ a.T
 
     @property
-    def noise(self) -> ObservationNoise:
+    def noise(self) -> ObservationCovariance:
         effect_m = np.broadcast_to(np.array([-1.0, 1.0]) * self.station_m, (len(self.epoch), 2))
-        return ObservationNoise(
-            self.own_m, SharedErrors(self.epoch, np.stack([self.first, self.second], axis=-1), effect_m)
-        )
+        ends = np.stack([self.first, self.second], axis=-1)
+        return ObservationCovariance((White(self.own_m), SharedAtEpoch(self.epoch, ends, effect_m)))
 
     def errors_m(self, rng) -> NDArray[np.float64]:
         incidence = self.incidence

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import gram, times
-from radioloc.estimation.observation_noise import RowsOf, Transposable, slices
 from radioloc.estimation.orbit_state import EAST_NORTH_UP
+from radioloc.noise.whitening import RowsOf, TransposableWhitener, slices
 from radioloc.parameters.parameter import Parameter, ParameterSet
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.vectors import Floats
@@ -133,7 +133,7 @@ def moved_by(fit: FitResult, effects_m: RowsOf, count: int) -> Floats:
         return moved
     along = np.zeros((root.shape[1], count))
     whitened = fit.whitened_unit_partials()
-    if isinstance(fit.whitening, Transposable):
+    if isinstance(fit.whitening, TransposableWhitener):
         # Weights of few parameters are brought to the observations, not many effects to independent combinations
         for rows, weights in fit.whitening.transposed(whitened):
             for some in slices(len(rows), 1 + count // _EFFECT_COLUMN_COUNT):

@@ -19,11 +19,12 @@ from radioloc.errors import InputError
 from radioloc.estimation.gauss_markov import SeriesWeight
 from radioloc.estimation.least_squares import FitResult, FitStatus, fit_least_squares
 from radioloc.estimation.linearization import Linearization, ResidualFunction, evaluate
-from radioloc.estimation.observation_noise import ObservationNoise, Rows
 from radioloc.estimation.robust import robust_start
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import robust_scale
 from radioloc.labels import USED, Labels
+from radioloc.noise.covariance import ObservationCovariance
+from radioloc.noise.whitening import Rows
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.vectors import Floats
 
@@ -94,7 +95,7 @@ class EditedFit:
 def fit_with_editing(
     residual_function: ResidualFunction,
     parameters: ParameterSet,
-    sigma_m: ArrayLike | ObservationNoise,
+    sigma_m: ArrayLike | ObservationCovariance,
     *,
     status: ArrayLike | Labels | None = None,
     threshold: float | None = THRESHOLD,
@@ -116,7 +117,7 @@ def fit_with_editing(
         As for :func:`~radioloc.estimation.least_squares.fit_least_squares`.
     parameters : ParameterSet
         What is solved for.
-    sigma_m : array_like, shape (n,) or (), or ObservationNoise
+    sigma_m : array_like, shape (n,) or (), or ObservationCovariance
         Stated standard deviations of the observations, m; or their noise where they share errors.
     status : array_like of str, shape (n,), or Labels, optional
         Observations to leave out from the beginning have the reason here, such as ``"below the horizon"``;
@@ -160,7 +161,7 @@ def fit_with_editing(
         x, at_x = previous.fit.x, previous.fit.linearization
     process = getattr(at_x, "process", None)
     n = len(at_x.residual_m)
-    noise = ObservationNoise.of(sigma_m, n)
+    noise = ObservationCovariance.of(sigma_m, n)
     given = _given(status, n)
     usable = given.are(USED)
     n_usable = int(usable.sum())

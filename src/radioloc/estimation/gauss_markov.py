@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation.linearization import gram
+from radioloc.noise.processes import KalmanFilter, recursions, transitions
 from radioloc.vectors import Floats
 
 RATIOS = np.logspace(-5.0, 3.0, 33)  # c / w that are tried
@@ -42,6 +43,8 @@ _MIN_PARAMETER_CHI2 = 1.0  # by one sigma of a combination of parameters: below,
 _MIN_SERIES_CHI2 = 1e-3  # likewise in one series: less changes no likelihood by more than half of that
 _MAX_LOG_LIKELIHOOD_LOSS = 6.0  # below the largest at which nothing need be looked at
 _MIN_VARIANCE_FRACTION = 1e-4  # below which a process is left out of a filter
+_LOGARITHM_STEP = 16  # innovation variances that are multiplied before a logarithm is taken
+_MIN_PRODUCT_VARIANCE_FRACTION = 1e-6  # below which a process is left out of products with the covariance
 _LOG_BAYES_FACTOR_WHITE = 3.0  # for white noise over another series' noise, to rule that out
 DENSE = 3.0
 """Observations in a correlation time, in the mean over a series, from which on its weights allow for the correlation.
@@ -109,28 +112,22 @@ class SeriesNoise:
 
     def products(self, step_s: Floats, gain: Floats, columns: Floats, width_s: float = 0.0) -> Floats:
         """Columns (n, m) times the covariance of points, of some gain (n,), times columns, shape (m, m)."""
-        from radioloc.estimation._kernels import products
-
-        return products(step_s, gain, columns, width_s, self.white, self.tau_s, self.coloured)
+        scaled, variance = gain[:, None] * columns, self.coloured * mean_correlation(width_s, self.tau_s)
+        lasting = variance > _MIN_PRODUCT_VARIANCE_FRACTION * variance.sum()
+        decay = np.exp(-step_s[:, None] / self.tau_s[lasting])
+        # The correlation is that with earlier points and its transpose, and with the point itself.
+        earlier = recursions(decay, variance[lasting], scaled) - 0.5 * variance[lasting].sum() * scaled
+        half = gram(columns, gain[:, None] * earlier + 0.5 * self.white * columns)
+        return half + half.T
 
     def whitened(self, step_s: Floats, gain: Floats, columns: Floats, width_s: float = 0.0) -> Floats:
         """Columns (n, m) of points by the root of the inverse covariance: innovations over their sigmas, (n, m)."""
-        from radioloc.estimation._kernels import filter_processes, mean_correlation
-
         variance = self.coloured * mean_correlation(width_s, self.tau_s)
-        matters = variance > _MIN_VARIANCE_FRACTION * variance.sum()
-        n, p = len(step_s), int(matters.sum())
-        if not p:
-            return columns / math.sqrt(self.white)
+        lasting = variance > _MIN_VARIANCE_FRACTION * variance.sum()
+        n, p = len(step_s), int(lasting.sum())
         process, sign = np.tile(np.arange(p), (n, 1)), np.repeat(gain[:, None], p, axis=1)
-        none = np.zeros(p)
-        of_processes = (variance[matters], self.tau_s[matters], none, none, np.diag(variance[matters]))
-        ongoing = np.zeros((p, columns.shape[1])), np.zeros(1), none
-        white = np.full(n, self.white)
-        columns = np.ascontiguousarray(columns)
-        return filter_processes(
-            np.cumsum(step_s), process, sign, white, np.zeros(n), *of_processes, *ongoing, columns
-        )
+        transition = transitions(step_s, variance[lasting], self.tau_s[lasting])
+        return KalmanFilter.of(process, sign, np.full(n, self.white), transition).innovations(columns)
 
     def times(self, factor: float) -> SeriesNoise:
         """Noise of a variance that is larger by a factor."""
@@ -235,7 +232,7 @@ def noise_of_series(
         if length[mine].max() >= MIN_POINTS_LEFT
     ]
     long = [one.among(one.points_left >= MIN_POINTS_LEFT) for one in likelihoods]
-    long = [one for one in long if len(one.mine)]
+    long = [one for one in long if one.data]
     for likelihood in long:
         threshold = -math.log(_SIGNIFICANCE_LEVEL / len(long))
         found |= _fitted(likelihood, threshold)
@@ -244,79 +241,135 @@ def noise_of_series(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RestrictedLikelihood:
-    """Restricted likelihood of the noise of s series, of each and of all together, over that of white noise."""
+class _SeriesColumns:
+    """Points of a series, n, and what the parameters take of them."""
 
-    points: Points
-    mine: NDArray[np.intp]  # (s,), which of the series
-    begin: NDArray[np.intp]  # (s + 1,), first of their n points each, and n
+    number: int  # which of the series
     step_s: Floats  # (n,)
     gain: Floats  # (n,)
-    columns: Floats  # (n, r + 1), of each series' own coefficients of unit variance, the residuals last
-    turned: Floats  # (s, r, m), from those m that all series have in common
-    numbers: Floats  # (s, 4), as _kernels.likelihoods takes them
+    columns: Floats  # (n, r + 1), of coefficients of unit variance, the residuals last
+    turned: Floats  # (r, m), from the m coefficients that all series have in common to these
+    absorbed: float  # points that the parameters take
+    inside: float  # squares of the deviations of observations from the means of their bins
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RestrictedLikelihood:
+    """Restricted likelihood of the noise of series, of each and of all together, over that of white noise."""
+
+    points: Points
+    data: tuple[_SeriesColumns, ...]
     jointly: bool
 
     @classmethod
     def of(
         cls, points: Points, mine: NDArray[np.intp], sigmas: float | Floats, *, jointly: bool = True
     ) -> RestrictedLikelihood:
-        """Parameters have sigmas (q,); combinations that no series feels are left out."""
-        rows = np.concatenate([np.arange(points.begin[k], points.begin[k + 1]) for k in mine])
-        scaled, residual = points.unit[rows] * sigmas, points.residual[rows]
-        begin = np.append(0, np.cumsum(np.diff(points.begin)[mine]))
-        of_series = [slice(*ends) for ends in itertools.pairwise(begin.tolist())]
-        grams = np.array([gram(scaled[part], scaled[part]) for part in of_series])
+        """Likelihood of some series; parameters have sigmas (q,), combinations without effect are left out."""
+        of_series = [points.of(k) for k in mine.tolist()]
+        scaled = [points.unit[part] * sigmas for part in of_series]
+        grams = np.array([gram(one, one) for one in scaled])
         squares, axes = np.linalg.eigh(grams.sum(axis=0))
         axes = axes[:, squares > _MIN_PARAMETER_CHI2]
-        felt = axes.T @ grams @ axes
-        own, own_axes = np.linalg.eigh(felt)
+        effects = axes.T @ grams @ axes
+        own, own_axes = np.linalg.eigh(effects)
         most = int((own > _MIN_SERIES_CHI2).sum(axis=1).max(initial=0))
         turned = np.swapaxes(own_axes[:, :, len(axes.T) - most :], 1, 2)
-        parts = [scaled[part] @ (axes @ one.T) for part, one in zip(of_series, turned, strict=True)]
-        columns = np.column_stack([np.concatenate(parts), residual])
-        absorbed = np.trace(np.linalg.solve(np.eye(felt.shape[1]) + felt, felt), axis1=1, axis2=2)
-        inside = points.squares[mine] - np.add.reduceat(np.square(residual), begin[:-1])
-        numbers = (points.count[mine], absorbed, points.width_s[mine], np.maximum(inside, 0.0))
-        of_points = begin, points.step_s[rows], points.gain[rows], columns
-        return cls(points, mine, *of_points, np.ascontiguousarray(turned), np.column_stack(numbers), jointly)
+        absorbed = np.trace(np.linalg.solve(np.eye(effects.shape[1]) + effects, effects), axis1=1, axis2=2)
+        data = []
+        for k, part, one, to_own, taken in zip(
+            mine.tolist(), of_series, scaled, turned, absorbed.tolist(), strict=True
+        ):
+            residual = points.residual[part]
+            columns = np.column_stack([one @ (axes @ to_own.T), residual])
+            inside = max(float(points.squares[k] - residual @ residual), 0.0)
+            data.append(
+                _SeriesColumns(k, points.step_s[part], points.gain[part], columns, to_own, taken, inside)
+            )
+        return cls(points, tuple(data), jointly)
+
+    @property
+    def mine(self) -> NDArray[np.intp]:
+        """Which of the series it is of."""
+        return np.array([one.number for one in self.data], dtype=np.intp)
 
     def among(self, some: NDArray[np.bool_]) -> RestrictedLikelihood:
-        """Of some of these series."""
-        if some.all():
-            return self
-        length = np.diff(self.begin)
-        rows = np.repeat(some, length)
-        return replace(
-            self,
-            mine=self.mine[some],
-            begin=np.append(0, np.cumsum(length[some])),
-            step_s=self.step_s[rows],
-            gain=self.gain[rows],
-            columns=self.columns[rows],
-            turned=self.turned[some],
-            numbers=self.numbers[some],
-        )
+        """Likelihood of some of these series."""
+        return replace(self, data=tuple(itertools.compress(self.data, some)))
 
     @property
     def points_left(self) -> Floats:
         """Points of each series beyond what the parameters absorb, (s,); none where there are no residuals."""
-        left = np.diff(self.begin) - self.numbers[:, 1]
+        left = np.array([len(one.step_s) - one.absorbed for one in self.data])
         return np.where(self.points.squares[self.mine] > 0.0, left, 0.0)
 
     def at(self, tau_s: Floats, ratio: Floats, part: Floats | None = None) -> tuple[Floats, Floats, Floats]:
         """Log likelihoods of each and variances w, (s, cells), and log likelihoods of all together, (cells,)."""
-        from radioloc.estimation._kernels import likelihoods
-
         # Cells are shapes by ratios: processes of one correlation time, or of several (k, p) with parts of the
-        # variance.
+        # variance. White noise is a last cell.
         if part is None:
             tau_s = tau_s[:, None]
             part = np.ones(tau_s.shape)
-        data = (self.begin, self.numbers, self.step_s, self.gain, self.columns)
-        cells = (np.ascontiguousarray(one) for one in (tau_s, part, ratio))
-        log, white, together = likelihoods(*data, *cells, self.turned)
-        return log, white, together if self.jointly else log.sum(axis=0)
+        logs, variances = [], []
+        together = in_common = np.zeros(1)
+        for one in self.data:
+            count = int(self.points.count[one.number])
+            log_determinant, products = self._products(one, tau_s, part, ratio)
+            own, squares = _eliminated(products)
+            white = squares / (count - one.absorbed)
+            logs.append(-0.5 * ((count - one.absorbed) * np.log(white) + log_determinant + own))
+            variances.append(white)
+            together = together + count * np.log(white) + log_determinant
+            m = len(one.turned) + 1
+            from_common = np.zeros((one.turned.shape[1] + 1, m))
+            from_common[:-1, :-1], from_common[-1, -1] = one.turned.T, 1.0
+            half = (from_common @ products.reshape(m, -1)).reshape(-1, *products.shape[1:])
+            in_common = in_common + from_common @ half / white
+        shared, squares = _eliminated(in_common)
+        together = -0.5 * (together + shared + squares)
+        log = np.array(logs)
+        log = log[:, :-1] - log[:, -1:]
+        together = together[:-1] - together[-1] if self.jointly else log.sum(axis=0)
+        return log, np.array(variances)[:, :-1], together
+
+    def _products(
+        self, one: _SeriesColumns, tau_s: Floats, part: Floats, ratio: Floats
+    ) -> tuple[Floats, Floats]:
+        """Log-determinants of V over w (cells + 1,), and products of columns by its inverse, (m, m, cells + 1)."""
+        from radioloc.estimation._kernels import filter_grid
+
+        mean = part * mean_correlation(float(self.points.width_s[one.number]), tau_s)
+        # What a process does inside a bin is white noise among its observations.
+        inside = np.append(1.0 + np.outer(1.0 - mean.sum(axis=1), ratio), 1.0)
+        decay = np.exp(-one.step_s[:, None, None] / tau_s.T)
+        decay[0] = 0.0
+        variance = np.zeros((len(mean.T), len(inside)))
+        variance[:, :-1] = (mean.T[:, :, None] * ratio).reshape(len(mean.T), -1)
+        innovation, products = filter_grid(decay, len(ratio), variance, one.gain, one.columns)
+        # Each variance is below 1e15: products of some are finite, and need one logarithm.
+        some = np.multiply.reduceat(innovation, np.arange(0, len(innovation), _LOGARITHM_STEP))
+        log_determinant = np.log(some).sum(axis=0)
+        log_determinant += (self.points.count[one.number] - len(one.step_s)) * np.log(inside)
+        products[-1, -1] += one.inside / inside
+        return log_determinant, products
+
+
+def _eliminated(products: Floats) -> tuple[Floats, Floats]:
+    """Log det(1 + A^T A) and the squares left of r, from products (m, m, cells) of columns A and, last, r."""
+    left, log_determinant = products, np.zeros(products.shape[2])
+    while len(left) > 1:
+        pivot = 1.0 + left[0, 0]
+        log_determinant += np.log(pivot)
+        left = left[1:, 1:] - left[1:, :1] * (left[:1, 1:] / pivot)
+    return log_determinant, left[0, 0]
+
+
+def mean_correlation(width_s: float, tau_s: Floats) -> Floats:
+    """Mean of exp(-|dt| / tau) over pairs of instants of a bin, shape as of `tau_s`."""
+    if width_s == 0.0:
+        return np.ones(np.shape(tau_s))
+    x = np.maximum(width_s / tau_s, 1e-4)  # below, rounding is larger than what is left out
+    return np.asarray(2.0 * (x - 1.0 + np.exp(-x)) / x**2)
 
 
 def _taken_over(

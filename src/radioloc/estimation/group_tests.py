@@ -14,7 +14,6 @@ observations alone, its own set of all estimated parameters, take the group out 
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -25,16 +24,9 @@ from numpy.typing import NDArray
 from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.gauss_markov import Points, SeriesNoise, noise_of_series
 from radioloc.estimation.least_squares import FitResult
-from radioloc.estimation.observation_noise import Rows, RowsOf, column
-from radioloc.estimation.series import (
-    MAX_POINTS,
-    Bundle,
-    SeriesOrder,
-    bins,
-    points_of,
-    series_of,
-)
+from radioloc.estimation.series import IndependentSeries, SeriesOrder, add_rows, independent_series, points_of
 from radioloc.estimation.time_correlation import ABSORBED_SIGMAS, mixed_units
+from radioloc.noise.whitening import Rows, RowsOf, column
 from radioloc.vectors import Floats
 
 _MIN_SQUARE_FRACTION = 1e-6  # of a column that the parameters must leave of it for a test
@@ -114,24 +106,17 @@ class BinnedProblem:
             columns = [np.ones((len(rows), 1)), fit.linearization.partials(rows)[:, free]]
             return np.hstack(columns if considered is None else [*columns, considered.partials(rows)])
 
-        bundles = series_of(order, fit.noise, fit.used)
-        points = points_of(bundles, column(fit.residual_m), np.zeros((0, 0)))
-        partials, place, code, values = [], [], [], []
-        begin = 0
-        for bundle in bundles:
-            sums = _of_each_observation(bundle, constant_and_partials)
-            partials.append(sums[:, :, 1:].sum(axis=0) @ unit)
-            for link, of_link in zip(order.code[bundle.rows[0]].tolist(), sums, strict=True):
-                place.append(np.arange(begin, begin + len(of_link)))
-                code.append(np.full(len(of_link), link))
-                values.append(np.hstack([of_link[:, :1], of_link[:, 1:] @ unit[:, :width]]))
-            begin += sums.shape[1]
+        series = independent_series(order, fit.noise, fit.used)
+        points = points_of(series, column(fit.residual_m), np.zeros((0, 0)))
+        place, code, sums = _of_each_link(series, order, constant_and_partials)
+        partials = np.zeros((len(points.gain), sums.shape[1] - 1))
+        np.add.at(partials, place, sums[:, 1:])
+        values = np.hstack([sums[:, :1], sums[:, 1:] @ unit[:, :width]])
         known = np.isfinite(sigmas)
         prior = np.column_stack([off, unit])[known] / sigmas[known, None]
-        points = replace(points, unit=np.concatenate(partials))
+        points = replace(points, unit=partials @ unit)
         noise = noise_of(replace(points, unit=points.unit[:, :width]))
-        of_links = (np.concatenate(place), np.concatenate(code), np.concatenate(values))
-        problem = cls(points, prior, *of_links, roots=())
+        problem = cls(points, prior, place, code, values, roots=())
         return problem._with_noise(noise, np.zeros(unit.shape[1]))
 
     def _with_noise(self, noise: Mapping[str, SeriesNoise], estimate: Floats) -> BinnedProblem:
@@ -242,21 +227,30 @@ def noise_of_each(points: Points) -> dict[str, SeriesNoise]:
     return noise_of_series(points, ABSORBED_SIGMAS, jointly=False)
 
 
-def _of_each_observation(bundle: Bundle, rows_of: RowsOf) -> Floats:
-    """Share of each of the j observations of a bundle in its points, (j, points, c), as of :func:`points_of`."""
-    place, _ = bins(bundle.time_s, MAX_POINTS)
-    count = np.bincount(place)
-    ends, found = np.cumsum(count), np.zeros((0, 0, 0, 0))
-    for part, values in bundle.parts(rows_of):
-        values = np.swapaxes(values, 0, 1)
-        weights = np.ascontiguousarray(bundle.whitening[bundle.which[part]].T)
-        if not part.start:
-            found = np.zeros((*weights.shape[:2], len(count), values.shape[2]))
-        first, last = place[part][[0, -1]].tolist()
-        cuts = [0, *(ends[first:last] - part.start).tolist(), values.shape[1]]
-        for k, (begin, end) in enumerate(itertools.pairwise(cuts), first):
-            found[:, :, k] += weights[:, :, begin:end] @ values[:, begin:end]
-    return (found / np.sqrt(count)[:, None]).reshape(len(found), -1, found.shape[3])
+def _of_each_link(
+    series: IndependentSeries, order: SeriesOrder, rows_of: RowsOf
+) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
+    """Shares of links in points: the point and the link of each, (m,), and the sums of columns, (m, c)."""
+    place, begin, _ = series.bins
+    widths, start = np.ones(begin[-1], dtype=np.intp), 0
+    for one in series.whitener.structures:
+        widths[place[start : start + one.rows.size]] = one.rows.size // len(one.rows)
+        start += one.rows.size
+    first = np.cumsum(widths) - widths
+    code, sums, start = np.empty(widths.sum(), dtype=np.intp), np.zeros((0, 0)), 0
+    for one in series.whitener.structures:
+        width = one.rows.size // len(one.rows)
+        for part in one.parts():
+            rows = one.rows[part].ravel()
+            values, at = rows_of(rows), first[place[start : start + len(rows)]]
+            sums = sums if start else np.zeros((len(code), values.shape[1]))
+            start += len(rows)
+            for j in range(width):
+                mine = np.arange(len(rows)) % width == j
+                code[at + j] = np.repeat(order.code[rows[mine]], width)
+                add_rows(sums, at + j, one.whiten(part, values * mine[:, None]))
+    of_each = np.repeat(np.arange(begin[-1]), widths)
+    return of_each, code, sums / np.sqrt(np.bincount(place))[of_each, None]
 
 
 def _sums_from(values: Floats) -> Floats:

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.dynamics.stochastic import ACROSS, AFTER, BEFORE, Chains, StochasticAccelerations
-from radioloc.estimation.observation_noise import Combinations, ObservationNoise, RowsOf
+from radioloc.noise.covariance import ObservationCovariance
+from radioloc.noise.whitening import RowsOf, Whitener
 from radioloc.vectors import Floats
 
 
@@ -37,16 +38,16 @@ class InformationFilter:
 
     process: StochasticAccelerations
     used: NDArray[np.intp]
-    noise: dict[tuple[int, int], Combinations]  # of the observations of an interval, by chain and step
+    noise: dict[tuple[int, int], Whitener]  # of the observations of an interval, by chain and step
 
     @classmethod
     def of(
-        cls, process: StochasticAccelerations, noise: ObservationNoise, used: NDArray[np.bool_]
+        cls, process: StochasticAccelerations, noise: ObservationCovariance, used: NDArray[np.bool_]
     ) -> InformationFilter:
         """The filter of some observations; those that share errors are of one interval."""
         found = np.unique(np.stack([process.chain[used], process.step[used]]), axis=1).T
-        of_interval = {
-            (int(chain), int(step)): noise.among(used & (process.chain == chain) & (process.step == step))
+        of_interval: dict[tuple[int, int], Whitener] = {
+            (int(chain), int(step)): noise.whitener(used & (process.chain == chain) & (process.step == step))
             for chain, step in found
         }
         return cls(process, np.flatnonzero(used), of_interval)

@@ -34,14 +34,9 @@ from radioloc.estimation.linearization import (
     refreshed,
     times,
 )
-from radioloc.estimation.observation_noise import (
-    Combinations,
-    ObservationNoise,
-    RowsOf,
-    Whitening,
-    column,
-)
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
+from radioloc.noise.covariance import ObservationCovariance
+from radioloc.noise.whitening import RowsOf, StructuredWhitener, Whitener, column
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.vectors import Floats
 
@@ -87,14 +82,14 @@ class FitResult:
     # direction has infinite variance and, as no number is right there, zero covariances.
     covariance: Floats
     linearization: Linearization  # at x, of all observations, used or not
-    noise: ObservationNoise  # as stated, of all observations
+    noise: ObservationCovariance  # as stated, of all observations
     used: NDArray[np.bool_]  # (n,)
     chi2: float  # weighted sum of squares over the used observations and the a-priori values
     dof: int  # used observations and a-priori values less estimated parameters (or determined directions, if fewer)
     status: FitStatus
     iterations: int  # Gauss-Newton steps that were taken
     factor: Factor  # of the problem as weighed, at x or less than a last, converged step from it
-    whitening: Whitening  # by which the used observations were brought to independent ones
+    whitening: Whitener  # by which the used observations were brought to independent ones
     time_correlation: TimeCorrelation | None = None  # where it is known already, as with correlated weights
     smoothed: Smoothed | None = None  # stochastic accelerations
 
@@ -149,19 +144,19 @@ class FitResult:
     @property
     def independent_weights(self) -> bool:
         """Whether observations were weighed by their stated noise, not by what they are found to share in time."""
-        return isinstance(self.whitening, Combinations)
+        return isinstance(self.whitening, StructuredWhitener)
 
 
 @bare_arguments
 def fit_least_squares(
     residual_function: ResidualFunction,
     parameters: ParameterSet,
-    sigma_m: ArrayLike | ObservationNoise,
+    sigma_m: ArrayLike | ObservationCovariance,
     *,
     used: ArrayLike | None = None,
     start: ArrayLike | None = None,
     linearization: Linearization | None = None,
-    whitening: Whitening | None = None,
+    whitening: Whitener | None = None,
 ) -> FitResult:
     """Fit parameters to the `used` observations, from `start` (the a-priori values by default) on.
 
@@ -176,13 +171,13 @@ def fit_least_squares(
 
     at_start = evaluate(residual_function, x) if linearization is None else linearization
     n = len(at_start.residual_m)
-    noise = ObservationNoise.of(sigma_m, n)
+    noise = ObservationCovariance.of(sigma_m, n)
     mask = np.ones(n, dtype=bool) if used is None else np.array(used, dtype=bool)
     if mask.shape != (n,):
         raise InputError(f"used has shape {mask.shape}; {n} observations need ({n},)")
     check_residuals(at_start, mask)
     n_used = int(mask.sum())
-    stated = noise.among(mask)
+    stated = noise.whitener(mask)
     process = getattr(at_start, "process", None)
     if process is not None and whitening is None:
         whitening = InformationFilter.of(process, noise, mask)
@@ -241,7 +236,7 @@ class _Problem:
 
     residual_function: ResidualFunction
     parameters: ParameterSet
-    whitening: Whitening
+    whitening: Whitener
     n_used: int
 
     def point(self, x: Floats, linearization: Linearization) -> _Point:
@@ -322,7 +317,7 @@ class _Problem:
         return here, factor, FitStatus.MAX_ITERATIONS, _MAX_ITERATIONS
 
 
-def sum_of_squares(residual_m: Floats, whitening: Whitening, parameters: ParameterSet, x: Floats) -> float:
+def sum_of_squares(residual_m: Floats, whitening: Whitener, parameters: ParameterSet, x: Floats) -> float:
     """Weighted sum of squares with the a-priori rows; infinite where the model gives no finite number."""
     prior = ((x - parameters.prior_values) / parameters.prior_sigmas)[parameters.free]
     total = float((prior * prior).sum())

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError, RadiolocError
-from radioloc.estimation.observation_noise import Combinations, Rows, Whitening
 from radioloc.measurements.predictor import ROWS_AT_ONCE
+from radioloc.noise.whitening import Rows, StructuredWhitener, Whitener
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.vectors import Floats
 
@@ -170,7 +170,7 @@ class Factor:
 
 
 def factorize(
-    linearization: Linearization, whitening: Whitening, parameters: ParameterSet, x: Floats
+    linearization: Linearization, whitening: Whitener, parameters: ParameterSet, x: Floats
 ) -> Factor | None:
     """Reduce one linearized problem, a-priori rows included, to its singular values; none where it is not finite."""
     free = np.flatnonzero(parameters.free)
@@ -216,7 +216,7 @@ def factorize(
 
 
 def _whitened_rows(
-    linearization: Linearization, whitening: Whitening, free: NDArray[np.intp]
+    linearization: Linearization, whitening: Whitener, free: NDArray[np.intp]
 ) -> Iterator[Floats]:
     """Whitened partials by the free parameters with the residuals as last column, part by part."""
     q = len(free)
@@ -266,10 +266,10 @@ class OrthonormalLinearization:
         """d(computed)/d(parameter) of some observations, shape (m, p)."""
         return self.problem.partials[rows]
 
-    def condensed(self, whitening: Whitening) -> tuple[Floats, WhitenedPartials | None]:
+    def condensed(self, whitening: Whitener) -> tuple[Floats, WhitenedPartials | None]:
         """Rows (q, q + 1) with the normal equations, and the whitened partials where they are made on the way."""
         basis, from_free = self.problem.basis, self.problem.from_free
-        weight = whitening.weights() if isinstance(whitening, Combinations) else None
+        weight = whitening.weights if isinstance(whitening, StructuredWhitener) else None
         kept = None
         if weight is not None:
             weighted = basis * weight[:, None]
@@ -318,7 +318,7 @@ def _slab(a: Floats, b: Floats) -> int:
 def refreshed(
     factor: Factor,
     linearization: Linearization,
-    whitening: Whitening,
+    whitening: Whitener,
     parameters: ParameterSet,
     x: Floats,
 ) -> Factor:

@@ -26,10 +26,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation.least_squares import FitResult
-from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.labels import Labels, distinct
+from radioloc.noise.covariance import ALONE, ObservationCovariance, SharedAtEpoch, White
 from radioloc.vectors import Floats
 
 MIN_OBSERVATIONS = 10  # that determine a variance, to a quarter of the standard deviation
@@ -167,7 +167,9 @@ def chances_of_noisier(sums: Floats, numbers: Floats, dof: Floats) -> Floats:
 def _dof(fit: FitResult, mine: NDArray[np.bool_]) -> float:
     """Used observations of a group less what the parameters take of them, the trace of the hat matrix over them."""
     used = fit.used & mine
-    taken = sum(float(np.square(part).sum()) for part in fit.noise.among(used).whitened(fit.unit_partials()))
+    taken = sum(
+        float(np.square(part).sum()) for part in fit.noise.whitener(used).whitened(fit.unit_partials())
+    )
     return float(used.sum()) - taken
 
 
@@ -198,7 +200,7 @@ class _Pattern:
 
 def noise_with_shared(
     fit: FitResult, order: SeriesOrder, own_m: Floats
-) -> tuple[ObservationNoise, dict[str, float]] | None:
+) -> tuple[ObservationCovariance, dict[str, float]] | None:
     """Noise in which delays share errors of their stations, and those by type and station, m; or none.
 
     Without it, the covariance is half of what it should be where stations have errors of their own
@@ -211,14 +213,10 @@ def noise_with_shared(
     for code, link in enumerate(order.series):
         if -1.0 in link.signs.values():
             codes_of.setdefault(link.kind, []).append(code)
-    noise_m, shared = fit.noise.own_m.copy(), fit.noise.shared
-    if shared is None:
-        group = np.full(len(own_m), ALONE)
-        source, effect_m = np.zeros((len(own_m), 2), dtype=np.intp), np.zeros((len(own_m), 2))
-    elif any((shared.group[order.types.are(kind)] != ALONE).any() for kind in codes_of):
+    n, noise_m, shared = len(own_m), fit.noise.white_m.copy(), list[SharedAtEpoch]()
+    stated = [term.group != ALONE for term in fit.noise.of_type(SharedAtEpoch)]
+    if any((mine & order.types.are(kind)).any() for kind in codes_of for mine in stated):
         return None
-    else:  # of other types
-        group, source, effect_m = shared.group.copy(), shared.source.copy(), shared.effect_m.copy()
     for kind, codes in codes_of.items():
         rows = np.flatnonzero(order.types.are(kind))
         epoch = epoch_numbers(order.time_s[rows])
@@ -237,13 +235,15 @@ def noise_with_shared(
         if of_stations_m.max() > _MAX_STATION_SIGMA_RATIO * np.sqrt(variance_m2[0]) * own_m[rows].min():
             continue
         noise_m[rows] = np.sqrt(variance_m2[0]) * own_m[rows]
-        group[rows] = group.max() + 1 + epoch
-        source[rows] = stations
+        group, source, effect_m = np.full(n, ALONE), np.zeros((n, 2), dtype=np.intp), np.zeros((n, 2))
+        group[rows], source[rows] = epoch, stations
         effect_m[rows] = of_stations_m[stations] * [-1.0, 1.0]
+        shared.append(SharedAtEpoch(group, source, effect_m))
         found |= {f"{kind} of {name}": of_stations_m[k].item() for k, name in enumerate(names)}
     if not found:
         return None
-    return ObservationNoise(noise_m, SharedErrors(group, source, effect_m), phase=fit.noise.phase), found
+    others = (term for term in fit.noise.terms if not isinstance(term, White))
+    return ObservationCovariance((White(noise_m), *others, *shared)), found
 
 
 def epoch_numbers(time_s: Floats) -> NDArray[np.intp]:

@@ -23,9 +23,10 @@ from radioloc.estimation.linearization import (
     root_of_rows,
     times,
 )
-from radioloc.estimation.observation_noise import ObservationNoise, Rows
 from radioloc.estimation.statistics import robust_scale
 from radioloc.measurements.predictor import ROWS_AT_ONCE
+from radioloc.noise.covariance import ObservationCovariance
+from radioloc.noise.whitening import Rows
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.vectors import Floats
 
@@ -85,7 +86,9 @@ def robust_start(
         partials = whole.partials(rows)
         if prepared is None:
             dense = DenseLinearization(whole.residual_m[rows], partials)
-            factor = factorize(dense, ObservationNoise(sigma_m).among(), parameters, x)
+            factor = factorize(
+                dense, ObservationCovariance.of(sigma_m, len(sigma_m)).whitener(), parameters, x
+            )
             if factor is None:
                 break
             root = factor.root_covariance()
@@ -123,12 +126,14 @@ def linear_problem(
     partials: Floats,
     parameters: ParameterSet,
     x: Floats,
-    noise: ObservationNoise,
+    noise: ObservationCovariance,
     usable: NDArray[np.bool_],
 ) -> LinearProblem | None:
     """Linear problem with partials (n, p) at x; none where the usable observations do not determine every parameter."""
     dense = DenseLinearization(np.zeros(len(partials)), partials)
-    factor = factorize(dense, ObservationNoise(noise.sigma_m).among(usable), parameters, x)
+    factor = factorize(
+        dense, ObservationCovariance.of(noise.sigma_m, len(noise)).whitener(usable), parameters, x
+    )
     if factor is None or not parameters.free.any() or not factor.determined.all():
         return None
     to_free = factor.root_covariance()

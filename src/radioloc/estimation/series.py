@@ -7,7 +7,7 @@ serve for all epochs at which the same baselines were observed, so that a combin
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,24 +17,15 @@ from numpy.typing import NDArray
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.gauss_markov import Points, Series, SeriesNoise
 from radioloc.estimation.linearization import times
-from radioloc.estimation.observation_noise import (
-    ALONE,
-    Block,
-    ObservationNoise,
-    Rows,
-    RowsOf,
-    slices,
-    slices_of_chain,
-    unchained,
-)
-from radioloc.labels import Labels, distinct
+from radioloc.labels import Labels, changed, distinct
 from radioloc.measurements.link import Link
-from radioloc.measurements.predictor import ROWS_AT_ONCE
+from radioloc.noise.covariance import ObservationCovariance
+from radioloc.noise.processes import KalmanFilter, transitions
+from radioloc.noise.whitening import Blocks, Rows, RowsOf, StructuredWhitener
 from radioloc.time import Epochs
 from radioloc.vectors import Floats
 
 MAX_POINTS = 250  # of a series; longer ones are averaged over bins before a noise model is sought
-_ROW_WIDTH_RATIO = 4  # numbers of a row over those of a usual one: effects of errors are beside its partials
 _SIGMA_RTOL = 1e-6  # of combinations that are equal but for rounding
 _MIN_REMAINING_FRACTION = 0.37  # symmetric networks have no such part, so rounding does not decide
 
@@ -90,132 +81,110 @@ class SeriesOrder:
 
 
 @dataclass(frozen=True, eq=False)
-class Bundle:
-    """The k series of combinations of the same j baselines, b values each; of single observations one series."""
+class IndependentSeries:
+    """Used observations as independent combinations of unit variance, N, which belong to s series in order of time."""
 
     series: tuple[Series, ...]
-    rows: NDArray[np.intp]  # (b, j), observations, in order of time
-    time_s: Floats  # (b,)
-    whitening: Floats  # (u, k, j), from observations to independent combinations of unit variance
-    which: NDArray[np.intp]  # (b,), which of these is a value's
-    # (2, b), of counts of a phase, by which they are brought to independent ones before
-    factor: Floats | None = None
+    whitener: StructuredWhitener  # of the stated noise
+    number: NDArray[np.intp]  # (N,), series of each combination, in the order of the whitener
+    time_s: Floats  # (N,)
 
     @cached_property
-    def step_s(self) -> Floats:
-        """Time since the value before, s, shape (b,)."""
-        return np.diff(self.time_s, prepend=self.time_s[0])
+    def of_each(self) -> list[NDArray[np.intp]]:
+        """Combinations of each series, in order of time."""
+        count = np.bincount(self.number, minlength=len(self.series))
+        return np.split(np.argsort(self.number, kind="stable"), np.cumsum(count)[:-1])
 
-    def _slices(self) -> Iterator[slice]:
-        if self.factor is not None:
-            return slices_of_chain(self.factor)
-        return slices(len(self.rows), _ROW_WIDTH_RATIO * self.rows.shape[1])
+    @cached_property
+    def bins(self) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
+        """Bin of each combination, (N,); first bin of each series, and their count, (s + 1,); durations, s, (s,)."""
+        place, begin, width_s = np.empty(len(self.number), dtype=np.intp), [0], []
+        for mine in self.of_each:
+            of_series, duration_s = bins(self.time_s[mine], MAX_POINTS)
+            place[mine] = begin[-1] + of_series
+            begin.append(begin[-1] + int(of_series[-1]) + 1)
+            width_s.append(duration_s)
+        return place, np.array(begin), np.array(width_s)
 
-    def parts(self, rows_of: RowsOf) -> Iterator[tuple[slice, Floats]]:
-        """Some thousand of the values after others, (m, j, c), from rows (m,) to numbers (m, c) that belong to them."""
-        for part in self._slices():
-            values = rows_of(self.rows[part].ravel())
-            if self.factor is not None:
-                values = unchained(self.factor[:, part], values)
-            yield part, np.ascontiguousarray(values).reshape(*self.rows[part].shape, -1)
-
-    def whitened_parts(self, rows_of: RowsOf, noise: Mapping[str, SeriesNoise]) -> Iterator[Floats]:
-        """Values (k, m, c), part by part, by the root of the inverse covariance, one process for each series."""
-        from radioloc.estimation._kernels import whiten
-
-        numbers, state = self._numbers(noise), np.zeros((0, 0))
-        variance = numbers[2].copy()
-        for part, values in self.parts(rows_of):
-            state = state if part.start else np.zeros((len(variance), values.shape[2]))
-            combined = (self.whitening, self.which[part], values)
-            yield whiten(self.step_s[part], *numbers, *combined, variance, state)
-
-    def whitened(self, rows_of: RowsOf, noise: Mapping[str, SeriesNoise]) -> Floats:
-        """All of them at once, (k, b, c)."""
-        return np.concatenate(list(self.whitened_parts(rows_of, noise)), axis=1)
-
-    def weighted(self, values: Floats, noise: Mapping[str, SeriesNoise]) -> Floats:
-        """Whitened values (k, b, c) by that root transposed, by which both are the inverse covariance's."""
-        from radioloc.estimation._kernels import weigh
-
-        return weigh(self.step_s, *self._numbers(noise), values)
-
-    def on_observations(self, weighted: Floats) -> Iterator[tuple[Rows, Floats]]:
-        """Some thousand rows after others (m,), and what their combinations' :meth:`weighted` values are of them."""
-        for part in self._slices():
-            whitening = self.whitening[self.which[part]]
-            values = np.swapaxes(whitening, 1, 2) @ np.swapaxes(weighted[:, part], 0, 1)
-            values = values.reshape(-1, weighted.shape[2])
-            if self.factor is not None:
-                values = unchained(self.factor[:, part], values, adjoint=True)
-            yield self.rows[part].ravel(), values
-
-    def _numbers(self, noise: Mapping[str, SeriesNoise]) -> Floats:
-        """White variance, correlation time and ratio of each series, (3, k); white of unit variance by default."""
-        found = [noise.get(one.key) for one in self.series]
-        return np.array(
-            [
-                (1.0, 1.0, 0.0) if one is None else (one.white, one.correlation_time_s, one.ratio)
-                for one in found
-            ]
-        ).T.copy()
+    def binned(self, parts: Iterable[Floats]) -> tuple[Floats, Floats]:
+        """Sums (n, c) of whitened parts in bins over the roots of their counts, and squares of column 0, (s,)."""
+        # Sums over the root of the count are of unit variance where observations are independent.
+        place, begin, _ = self.bins
+        sums, squares, start = np.zeros((begin[-1], 0)), np.zeros(len(self.series)), 0
+        for values in parts:
+            part = slice(start, start + len(values))
+            sums = sums if start else np.zeros((len(sums), values.shape[1]))
+            start = part.stop
+            add_rows(sums, place[part], values)
+            squares += np.bincount(self.number[part], values[:, 0] ** 2, len(squares))
+        return sums / np.sqrt(np.bincount(place))[:, None], squares
 
 
-def together(bundles: Sequence[Bundle]) -> list[list[Bundle]]:
-    """Bundles of some thousand rows together; a longer one alone."""
-    groups: list[list[Bundle]] = []
-    size = 0
-    for one in bundles:
-        size += one.rows.size
-        if size >= ROWS_AT_ONCE // _ROW_WIDTH_RATIO or not groups:
-            groups.append([])
-            size = one.rows.size
-        groups[-1].append(one)
-    return groups
+@dataclass(frozen=True, slots=True, eq=False)
+class CorrelatedWhitener:
+    """Whitener of series that have noise of their own, in units of the stated noise."""
+
+    series: IndependentSeries
+    filter: KalmanFilter
+
+    @classmethod
+    def of(cls, series: IndependentSeries, noise: Mapping[str, SeriesNoise]) -> CorrelatedWhitener:
+        """Whitener by the noise of each series, one process each; by key, white of unit variance by default."""
+        found = (noise.get(one.key) for one in series.series)
+        numbers = [
+            (1.0, 0.0, 1.0) if one is None else (one.white, one.coloured.sum(), one.correlation_time_s)
+            for one in found
+        ]
+        white, *process = np.array(numbers)[series.number].T
+        variance, tau_s = (one[:, None] for one in process)
+        step_s = np.diff(series.time_s, prepend=series.time_s[0])
+        transition = transitions(step_s, variance, tau_s, changed(series.number))
+        every = np.zeros((len(white), 1), dtype=np.intp)
+        return cls(series, KalmanFilter.of(every, np.ones(every.shape), white, transition))
+
+    def whitened(self, rows_of: RowsOf) -> Iterator[Floats]:
+        """Independent combinations of unit variance, part by part."""
+        start, state = 0, np.zeros((1, 0))
+        for values in self.series.whitener.whitened(rows_of):
+            state = state if start else np.zeros((1, values.shape[1]))
+            yield self.filter.innovations(values, slice(start, start + len(values)), state)
+            start += len(values)
+
+    def weighted(self, parts: Iterable[Floats]) -> Floats:
+        """Combinations (N, c) of the stated noise, from whitened parts by the transpose of the filter."""
+        return self.filter.adjoint(np.concatenate(list(parts)))
+
+    def transposed(self, parts: Iterable[Floats]) -> Iterator[tuple[Rows, Floats]]:
+        """Rows and what the transpose of :meth:`whitened` makes of such parts."""
+        whitened = list(parts)
+        ends = np.cumsum([len(part) for part in whitened])
+        return self.series.whitener.transposed(np.split(self.weighted(whitened), ends[:-1]))
 
 
-def with_numbers(group: Sequence[Bundle], rows_of: RowsOf) -> Iterator[tuple[Bundle, RowsOf]]:
-    """Bundles that are together with what gives the numbers of their rows, which are asked for once."""
-    if len(group) == 1:
-        return iter([(group[0], rows_of)])
-    rows = [one.rows.ravel() for one in group]
-    parts = np.split(rows_of(np.concatenate(rows)), np.cumsum([len(some) for some in rows])[:-1])
+def add_rows(sums: Floats, place: NDArray[np.intp], values: Floats) -> None:
+    """Add values (m, c) to those rows of sums that are their places (m,)."""
+    from scipy.sparse import csr_array
 
-    def known(part: Floats) -> RowsOf:
-        return lambda _: part
-
-    return ((one, known(part)) for one, part in zip(group, parts, strict=True))
+    matrix = csr_array((np.ones(len(place)), place, np.arange(len(place) + 1)), (len(place), len(sums)))
+    sums += matrix.T @ values
 
 
-def points_of(bundles: Sequence[Bundle], rows_of: RowsOf, root: Floats) -> Points:
+def points_of(series: IndependentSeries, rows_of: RowsOf, root: Floats) -> Points:
     """Points of each series, averaged beyond :data:`MAX_POINTS`, with partials by the parameters times `root`."""
-    from radioloc.estimation._kernels import add_to_bins
-
-    # Sums of bins are over the root of their count, so they are of unit variance where observations are independent.
-    columns, of_series, of_points = [], [], []
-    for one, numbers in (pair for group in together(bundles) for pair in with_numbers(group, rows_of)):
-        place, duration_s = bins(one.time_s, MAX_POINTS)
-        in_bin, k = np.bincount(place), len(one.series)
-        sums, squares = np.zeros((0, 0, 0)), np.zeros(k)
-        for part, values in one.parts(numbers):
-            sums = sums if part.start else np.zeros((k, len(in_bin), values.shape[2]))
-            add_to_bins(place[part], one.whitening, one.which[part], values, sums, squares)
-        time_s = np.bincount(place, one.time_s) / in_bin
-        gain, step_s = np.sqrt(in_bin), np.diff(time_s, prepend=time_s[0])
-        columns.append((sums / gain[:, None]).reshape(-1, sums.shape[2]))
-        of_series += [(len(in_bin), len(place), square, duration_s) for square in squares.tolist()]
-        of_points += [(step_s, gain, time_s)] * k
-    length, count, squares, width_s = (np.array(column) for column in zip(*of_series, strict=True))
-    step_s, gain, time_s = (np.concatenate(column) for column in zip(*of_points, strict=True))
-    both = np.concatenate(columns)
+    place, begin, width_s = series.bins
+    both, squares = series.binned(series.whitener.whitened(rows_of))
+    in_bin = np.bincount(place)
+    time_s = np.bincount(place, series.time_s) / in_bin
+    step_s = np.diff(time_s, prepend=time_s[0])
+    step_s[begin[:-1]] = 0.0
     return Points(
-        series=tuple(series for one in bundles for series in one.series),
-        begin=np.append(0, np.cumsum(length)),
-        count=count,
+        series=series.series,
+        begin=begin,
+        count=np.bincount(series.number, minlength=len(squares)),
         squares=squares,
         width_s=width_s,
         step_s=step_s,
-        gain=gain,
+        gain=np.sqrt(in_bin),
         residual=both[:, 0].copy(),
         unit=times(both[:, 1:], root),
         time_s=time_s,
@@ -235,64 +204,55 @@ def bins(time_s: Floats, most: int) -> tuple[NDArray[np.intp], float]:
     return np.append(0, np.cumsum(np.diff(np.floor(clock_s / width_s)) > 0.0)), width_s
 
 
-def series_of(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.bool_]) -> list[Bundle]:
-    """All series of the observations in use."""
-    taken = used if noise.shared is None else used & (noise.shared.group == ALONE)
-    rows = order.order[taken[order.order]]
-    bundles = []
-    for mine in np.split(rows, np.flatnonzero(np.diff(order.code[rows])) + 1) if len(rows) else ():
-        link = order.series[order.code[mine[0]]]
-        whitening, factor = (1.0 / noise.own_m[mine])[:, None, None], None
-        if noise.phase is not None and noise.phase.sigma_m[mine].any():
-            whitening, factor = np.ones_like(whitening), noise.phase.factor(mine, noise.own_m)
-        series = (Series(link.name, link.name, link.kind, link.kind),)
-        each = np.arange(len(mine))
-        bundles.append(Bundle(series, mine[:, None], order.time_s[mine], whitening, each, factor))
-    return bundles + _combinations(order, noise, used)
+def independent_series(
+    order: SeriesOrder, noise: ObservationCovariance, used: NDArray[np.bool_]
+) -> IndependentSeries:
+    """All series of the used observations."""
+    structures = noise.whitener(used, order.order).structures
+    singles = [one for one in structures if not isinstance(one, Blocks)]
+    rows = np.concatenate([np.zeros(0, dtype=np.intp), *(one.rows for one in singles)])
+    codes, number = np.unique(order.code[rows], return_inverse=True)
+    links = [order.series[code] for code in codes.tolist()]
+    series = [Series(link.name, link.name, link.kind, link.kind) for link in links]
+    numbers, times_s = [number], [order.time_s[rows]]
+    blocks = [part for one in structures if isinstance(one, Blocks) for part in _combinations(order, one)]
+    for of_block, block in blocks:
+        count, k = block.rows.shape
+        numbers.append(np.tile(len(series) + np.arange(k), count))
+        times_s.append(np.repeat(order.time_s[block.rows[:, 0]], k))
+        series += of_block
+    whitener = StructuredWhitener(len(used), (*singles, *(block for _, block in blocks)))
+    return IndependentSeries(tuple(series), whitener, np.concatenate(numbers), np.concatenate(times_s))
 
 
-def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.bool_]) -> list[Bundle]:
-    """Combinations of observations that share errors, by the kinds of observations that are in a block."""
-    found: dict[tuple[int, ...], list[Block]] = {}
-    for block in noise.among(used).blocks:
-        keys, of_block = distinct(order.code[block.rows])
-        for k, key in enumerate(keys):
-            sort, mine = np.argsort(key, kind="stable"), of_block == k
-            there, which = np.unique(block.which[mine], return_inverse=True)
-            axes, combined_m = block.axes[there][:, sort], block.combined_m[there]
-            piece = Block(block.rows[mine][:, sort], which, axes, combined_m)
-            found.setdefault(tuple(key[sort].tolist()), []).append(piece)
-    bundles = []
-    for key, pieces in found.items():
-        rows, axes, combined_m = (
-            np.concatenate([getattr(piece, name) for piece in pieces])
-            for name in ("rows", "axes", "combined_m")
-        )
-        first = np.cumsum([0, *(len(piece.axes) for piece in pieces)])
-        which = np.concatenate([piece.which + k for piece, k in zip(pieces, first, strict=False)])
-        sort = np.argsort(order.time_s[rows[:, 0]], kind="stable")
-        rows, which = rows[sort], which[sort]
-        kind = order.series[key[0]].kind
+def _combinations(order: SeriesOrder, blocks: Blocks) -> Iterator[tuple[list[Series], Blocks]]:
+    """Blocks by the links in them, with series of combinations that are the same from epoch to epoch."""
+    keys, of_block = distinct(order.code[blocks.rows])
+    for k, key in enumerate(keys):
+        mine, sort = np.flatnonzero(of_block == k), np.argsort(key, kind="stable")
+        mine = mine[np.argsort(order.time_s[blocks.rows[mine][:, sort[0]]], kind="stable")]
+        present, which = np.unique(blocks.which[mine], return_inverse=True)
+        axes_m = blocks.axes_m[present]
+        axes = np.swapaxes(blocks.roots[present] * axes_m[:, :, None], 1, 2)[:, sort]
+        kind, links = order.series[key[0]].kind, tuple(key[sort].tolist())
         # Errors of stations and those of baselines alone are in different combinations, of which one may be correlated
-        # in time and the other not, however near their sigmas are
-        first_m = combined_m[which[0]]
+        # in time and the other not, however near their sigmas are.
+        first_m = axes_m[which[0]]
         part = np.cumsum(np.diff(first_m, prepend=-np.inf) > _SIGMA_RTOL * first_m)
-        # Epochs of other covariances are brought to the same combinations in the same way
-        root = (axes / combined_m[:, None, :]) @ np.swapaxes(axes, 1, 2)
-        whitening = _chosen_axes(axes[which[0]], part).T @ root
-        shared = f"{kind} that share errors"
-        series = tuple(
+        # Epochs of other covariances are brought to the same combinations in the same way.
+        root = (axes / axes_m[:, None, :]) @ np.swapaxes(axes, 1, 2)
+        roots = _chosen_axes(axes[which[0]], part).T @ root
+        series = [
             Series(
-                f"{kind} {key} {j}",
-                f"{kind}, combination {j + 1} of {len(key)} that share errors",
-                f"{kind} {key} {number}",
+                f"{kind} {links} {j}",
+                f"{kind}, combination {j + 1} of {len(links)} that share errors",
+                f"{kind} {links} {number}",
                 kind,
-                shared,
+                f"{kind} that share errors",
             )
             for j, number in enumerate(part.tolist())
-        )
-        bundles.append(Bundle(series, rows, order.time_s[rows[:, 0]], whitening, which))
-    return bundles
+        ]
+        yield series, Blocks(blocks.rows[mine][:, sort], which, roots, axes_m)
 
 
 def _chosen_axes(axes: Floats, part: NDArray[np.intp]) -> Floats:

@@ -23,8 +23,8 @@ correlated.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -40,15 +40,14 @@ from radioloc.estimation.gauss_markov import (
 )
 from radioloc.estimation.least_squares import FitResult, fit_least_squares
 from radioloc.estimation.linearization import ResidualFunction, covariance_of, gram, root_of_rows, times
-from radioloc.estimation.observation_noise import Rows, RowsOf
 from radioloc.estimation.series import (
-    Bundle,
+    CorrelatedWhitener,
+    IndependentSeries,
     SeriesOrder,
+    independent_series,
     points_of,
-    series_of,
-    together,
-    with_numbers,
 )
+from radioloc.noise.whitening import Rows, RowsOf
 from radioloc.vectors import Floats
 
 _FREE_SIGMAS = 300.0  # a priori where noise is found jointly: as good as free, and no column is singular
@@ -56,7 +55,7 @@ ABSORBED_SIGMAS = 30.0  # likewise of a series by itself: what the estimate, off
 
 
 def assess_time_correlation(
-    fit: FitResult, order: SeriesOrder, bundles: Sequence[Bundle] | None = None
+    fit: FitResult, order: SeriesOrder, series: IndependentSeries | None = None
 ) -> TimeCorrelation:
     """Find series with significantly correlated residuals; their effect on the covariance.
 
@@ -70,9 +69,9 @@ def assess_time_correlation(
     if not fit.factor.determined.any() or not fit.used.any():
         return nothing
     root = fit.factor.root_covariance()
-    bundles = series_of(order, fit.noise, fit.used) if bundles is None else bundles
+    series = independent_series(order, fit.noise, fit.used) if series is None else series
     q = root.shape[1]
-    points = points_of(bundles, rows_of(fit), root)
+    points = points_of(series, rows_of(fit), root)
     noise = noise_of_series(*_before_considering(fit, points))
     if not noise:
         return nothing
@@ -177,45 +176,6 @@ def in_parameters(added: Floats, fit: FitResult) -> Floats:
     return np.asarray(half @ half.T)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Whitening:
-    """How used observations are brought to independent ones where series have noise of their own."""
-
-    bundles: Sequence[Bundle]
-    noise: Mapping[str, SeriesNoise]  # by key of a series; white of unit variance by default
-
-    def whitened(self, rows_of: RowsOf) -> Iterator[Floats]:
-        """Independent combinations of unit variance, part by part."""
-        for group in together(self.bundles):
-            if len(group) == 1:
-                for values in group[0].whitened_parts(rows_of, self.noise):
-                    yield values.reshape(-1, values.shape[2])
-            else:
-                parts = [one.whitened(numbers, self.noise) for one, numbers in with_numbers(group, rows_of)]
-                yield np.concatenate([values.reshape(-1, values.shape[2]) for values in parts])
-
-    def weighted(self, parts: Iterable[Floats]) -> Iterator[tuple[Bundle, Floats]]:
-        """Bundles, and their share of such parts by the root of the inverse covariance transposed, (k, b, c)."""
-        part_of = iter(parts)
-        for group in together(self.bundles):
-            sizes, found = [bundle.rows.size for bundle in group], [next(part_of)]
-            if len(group) == 1:
-                while sum(map(len, found)) < sizes[0]:
-                    found.append(next(part_of))
-                series = len(group[0].series)
-                split = [np.concatenate([part.reshape(series, -1, part.shape[1]) for part in found], axis=1)]
-            else:
-                split = np.split(found[0], np.cumsum(sizes)[:-1])
-            for bundle, of_bundle in zip(group, split, strict=True):
-                values = of_bundle.reshape(len(bundle.series), len(bundle.rows), -1)
-                yield bundle, bundle.weighted(values, self.noise)
-
-    def transposed(self, parts: Iterable[Floats]) -> Iterator[tuple[Rows, Floats]]:
-        """Rows and what the transpose of :meth:`whitened` makes of such parts."""
-        for bundle, weighted in self.weighted(parts):
-            yield from bundle.on_observations(weighted)
-
-
 def fit_with_correlated_weights(
     residual_function: ResidualFunction, edited: EditedFit, order: SeriesOrder
 ) -> EditedFit:
@@ -230,13 +190,13 @@ def fit_with_correlated_weights(
     # A fit that did not come to its end says itself what is wrong with it.
     if not edited.ended:
         return edited
-    bundles = series_of(order, stated.noise, stated.used)
-    found = assess_time_correlation(stated, order, bundles)
+    series = independent_series(order, stated.noise, stated.used)
+    found = assess_time_correlation(stated, order, series)
     edited = replace(edited, fit=replace(stated, time_correlation=found))
-    weights = _weights(bundles, found)
+    weights = _weights(series, found)
     if not weights:
         return edited
-    whitening = _Whitening(bundles, _weight_noise(bundles, found, weights))
+    whitening = CorrelatedWhitener.of(series, _weight_noise(series, found, weights))
     fit = fit_least_squares(
         residual_function,
         stated.parameters,
@@ -249,7 +209,7 @@ def fit_with_correlated_weights(
     return replace(edited, fit=_with_covariances(fit, whitening, found), series_weights=weights)
 
 
-def _with_covariances(fit: FitResult, noise: _Whitening, found: TimeCorrelation) -> FitResult:
+def _with_covariances(fit: FitResult, noise: CorrelatedWhitener, found: TimeCorrelation) -> FitResult:
     """Fit with the covariance of its estimate for independent errors as stated, and what the others add to it."""
     # With the weights W, parameters of unit A^T W A + P have the covariance I + A^T W W A - A^T W A for errors of unit
     # variance, and A^T W V W A - A^T W W A more for those of the covariance V.
@@ -258,26 +218,26 @@ def _with_covariances(fit: FitResult, noise: _Whitening, found: TimeCorrelation)
     parts = list(fit.whitened_unit_partials())
     for whitened in parts:
         unit -= gram(whitened, whitened)
-    for bundle, weighted in noise.weighted(parts):
-        flat = weighted.reshape(-1, weighted.shape[2])
-        unit += gram(flat, flat)
-        for one, columns in zip(bundle.series, weighted, strict=True):
-            if one.key in found.noise:
-                points = (bundle.step_s, np.ones(len(columns)), columns)
-                added += found.noise[one.key].products(*points) - gram(columns, columns)
+    weighted, series = noise.weighted(parts), noise.series
+    unit += gram(weighted, weighted)
+    for one, mine in zip(series.series, series.of_each, strict=True):
+        if one.key in found.noise:
+            columns, step_s = weighted[mine], np.diff(series.time_s[mine], prepend=series.time_s[mine[0]])
+            products = found.noise[one.key].products(step_s, np.ones(len(mine)), columns)
+            added += products - gram(columns, columns)
     fit = replace(fit, covariance=covariance_of(fit.factor, fit.parameters, unit))
     return replace(fit, time_correlation=replace(found, added_covariance=in_parameters(added, fit)))
 
 
 def _weight_noise(
-    bundles: Sequence[Bundle], found: TimeCorrelation, weights: Sequence[SeriesWeight]
+    series: IndependentSeries, found: TimeCorrelation, weights: Sequence[SeriesWeight]
 ) -> dict[str, SeriesNoise]:
     """Noise by whose inverse covariance series are weighed, by key."""
     # Errors of stations go on where a baseline drops out and the combinations become others, which a filter for each
     # combination does not know. Observations that share errors have one factor on their sigmas instead.
     factors = {weight.name: weight.sigma_factor for weight in weights}
     noise: dict[str, SeriesNoise] = {}
-    for one in (one for bundle in bundles for one in bundle.series):
+    for one in series.series:
         if one.shared in factors:
             noise[one.key] = SeriesNoise(factors[one.shared] ** 2, np.ones(1), np.zeros(1))
         elif one.name in factors:
@@ -285,18 +245,17 @@ def _weight_noise(
     return noise
 
 
-def _weights(bundles: Sequence[Bundle], found: TimeCorrelation) -> tuple[SeriesWeight, ...]:
+def _weights(series: IndependentSeries, found: TimeCorrelation) -> tuple[SeriesWeight, ...]:
     """What the series weigh; combinations of observations that share errors together."""
     items = dict(zip(found.noise, found.series, strict=True))
     counts: dict[str, int] = {}
     mine: dict[str, list[SeriesCorrelation]] = {}
-    for bundle in bundles:
-        span_s, count = float(bundle.time_s[-1] - bundle.time_s[0]), len(bundle.rows)
-        for one in bundle.series:
-            name, item = one.shared or one.name, items.get(one.key)
-            counts[name] = counts.get(name, 0) + count
-            if item is not None and item.count * item.correlation_time_s >= DENSE * span_s:
-                mine.setdefault(name, []).append(item)
+    for one, combinations in zip(series.series, series.of_each, strict=True):
+        time_s = series.time_s[combinations]
+        name, item = one.shared or one.name, items.get(one.key)
+        counts[name] = counts.get(name, 0) + len(time_s)
+        if item is not None and item.count * item.correlation_time_s >= DENSE * (time_s[-1] - time_s[0]):
+            mine.setdefault(name, []).append(item)
     weights = []
     for name, found_in in mine.items():
         # Combinations in which the errors of stations cancel, around triangles, need not be correlated.

@@ -22,10 +22,11 @@ from radioloc.estimation.editing import THRESHOLD, EditedFit, fit_with_editing
 from radioloc.estimation.least_squares import FitResult, FitStatus
 from radioloc.estimation.linearization import ResidualFunction
 from radioloc.estimation.noise_structure import noise_with_shared, split
-from radioloc.estimation.observation_noise import ObservationNoise, column
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.labels import Labels
+from radioloc.noise.covariance import ObservationCovariance, White
+from radioloc.noise.whitening import column
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.vectors import Floats
 
@@ -38,7 +39,7 @@ _SETTLED_FRACTION = 1e-3  # change of a sigma below which a component has settle
 def fit_with_variance_components(
     residual_function: ResidualFunction,
     parameters: ParameterSet,
-    sigma_m: ArrayLike | ObservationNoise,
+    sigma_m: ArrayLike | ObservationCovariance,
     *,
     order: SeriesOrder | None = None,
     groups: Labels | None = None,
@@ -97,7 +98,7 @@ class _Problem:
 
     residual_function: ResidualFunction
     parameters: ParameterSet
-    stated: ObservationNoise
+    stated: ObservationCovariance
     given: Labels
     threshold: float | None
 
@@ -106,7 +107,7 @@ class _Problem:
         return fit_with_editing(
             self.residual_function,
             self.parameters,
-            self.stated.with_added(added_m),
+            self.stated.plus(White(added_m)),
             status=self.given,
             threshold=self.threshold,
             previous=previous if previous.converged else None,
@@ -122,7 +123,7 @@ class _Problem:
             least_m[kind] = min(least_m[kind], added_m)
         # A noisier station's own component is among what its delays share.
         type_m = np.array([least_m[text] for text in order.types.texts])
-        own_m = np.hypot(self.stated.own_m, type_m[order.types.codes])
+        own_m = np.hypot(self.stated.white_m, type_m[order.types.codes])
         found = noise_with_shared(edited.fit, order, own_m)
         if found is None:
             return edited
@@ -157,7 +158,7 @@ class _Problem:
 
 def _wanted_m(
     edited: EditedFit,
-    stated: ObservationNoise,
+    stated: ObservationCovariance,
     group: NDArray[np.int32],
     count: int,
     probability: float | None,
@@ -169,20 +170,25 @@ def _wanted_m(
     for k in range(count):
         mine = fit.used & (group == k)
         dof = float(mine.sum() * (1.0 - free_part))
-        if stated.phase is not None and stated.phase.sigma_m[mine].any():
+        whitener = stated.whitener(mine)
+        sigma_m = whitener.sigma_m
+        if sigma_m is None:
             # The combinations of counts depend on what is added
             squares = partial(_squares_of, fit, stated, mine)
             residual_m = fit.residual_m[mine]
             wanted_m[k] = _enough_m(squares, residual_m, dof, probability, precision=0.1 * _SETTLED_FRACTION)
         else:
-            residual_m, sigma_m = stated.among(mine).combined(fit.residual_m)
+            parts = whitener.whitened(column(fit.residual_m))
+            residual_m = sigma_m * np.concatenate([np.zeros(0), *(part[:, 0] for part in parts)])
             wanted_m[k] = additive_sigma_m(residual_m, sigma_m, dof, probability)
     return wanted_m
 
 
-def _squares_of(fit: FitResult, stated: ObservationNoise, mine: NDArray[np.bool_], added_m: float) -> float:
+def _squares_of(
+    fit: FitResult, stated: ObservationCovariance, mine: NDArray[np.bool_], added_m: float
+) -> float:
     """Sum of squares of some observations with an added error."""
-    whitened = stated.with_added(np.where(mine, added_m, 0.0)).among(mine).whitened
+    whitened = stated.plus(White(np.where(mine, added_m, 0.0))).whitener(mine).whitened
     return sum(float(np.square(part).sum()) for part in whitened(column(fit.residual_m)))
 
 

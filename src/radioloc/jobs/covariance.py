@@ -29,10 +29,7 @@ from radioloc.estimation.consider import (
 from radioloc.estimation.least_squares import FitResult, FitStatus
 from radioloc.estimation.linearization import covariance_of, factorize
 from radioloc.estimation.observability import assess_observability
-from radioloc.estimation.observation_noise import ObservationNoise, Whitening
 from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL, EAST_NORTH_UP, LOCAL_LEVEL, OrbitState
-from radioloc.estimation.process_noise import ProcessNoise
-from radioloc.estimation.series import seconds_since_midnight
 from radioloc.jobs.notes import notes_of_plan
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.preparation import model_of, planned_arc, prepared_arc
@@ -53,6 +50,7 @@ from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import Link
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
+from radioloc.noise import ObservationCovariance
 from radioloc.parameters.design import ObservationModel
 from radioloc.parameters.motion import orbit_of
 from radioloc.parameters.parameter import ParameterSet, Role
@@ -150,7 +148,7 @@ class _Planned:
 
     study: Study  # its target is where the point truly stands
     longest: Predictor
-    noise: ProcessNoise
+    noise: ObservationCovariance
     usable: _Mask
     notes: tuple[str, ...]
     orbit: AdjustableOrbit | None = None  # over the whole plan
@@ -163,8 +161,7 @@ class _Planned:
         orbit, errant = (None, None) if like is None else (like.orbit, like.errant)
         if scenario is None:
             longest, left_out = prepared_arc(study)
-            time_s = seconds_since_midnight(longest.observations.epoch)
-            noise = ProcessNoise.stated(stated_noise(longest, study.observations), time_s)
+            noise = stated_noise(longest, study.observations)
             notes.append(
                 "the noise is white and as stated: how long errors last is known from residuals only"
             )
@@ -182,7 +179,7 @@ class _Planned:
             aimed = points[0].position_pa_m if orbit is None else orbit.nearest()
             plan = scenario.schedule.plan(model, aimed, scenario.name)
             longest, left_out, rows = planned_arc(study, plan.observations, model, orbit)
-            noise = scenario.noise.processes(plan).select(rows)
+            noise = scenario.noise.covariance(plan).select(rows)
             silent = [kind for kind in longest.observations.types() if kind not in scenario.noise.link]
             notes += [
                 f"[simulation.noise.{kind}] is not given: white noise of the sessions' sigma_m"
@@ -227,7 +224,7 @@ class _Solved:
 
     plan: _Planned
     part: ArcPart
-    noise: ProcessNoise  # of the part
+    noise: ObservationCovariance  # of the part
     problem: ObservationModel
     x: _Floats
     used: _Mask
@@ -263,7 +260,7 @@ class _Solved:
         """The fit without values: what determines what, and how well."""
         parameters, used = self.problem.parameters, self.used
         linearization = self.problem.linearize(self.x)
-        whitening: Whitening = self.noise.among(used)
+        whitening = self.noise.whitener(used)
         factor = factorize(linearization, whitening, parameters, self.x)
         if factor is None:
             raise InputError("the partials of the observations are not finite numbers")
@@ -273,7 +270,7 @@ class _Solved:
             x=self.x,
             covariance=covariance_of(factor, parameters),
             linearization=linearization,
-            noise=ObservationNoise(self.noise.sigma_m),
+            noise=self.noise,
             used=used,
             chi2=0.0,
             dof=0,

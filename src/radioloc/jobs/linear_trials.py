@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from radioloc.estimation.consider import moved_by
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.linearization import LinearProblem
-from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.time_correlation import estimated_covariance
@@ -22,6 +21,7 @@ from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.jobs.problem import weighed
 from radioloc.jobs.verdict import WIDEST_M, heights, misfits
 from radioloc.labels import Labels
+from radioloc.noise import ObservationCovariance
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.results.monte_carlo import sides_of
 from radioloc.simulation.noise import NoiseDraws
@@ -65,7 +65,7 @@ class LinearArc:
     parameters: ParameterSet
     held_m: _Floats  # (m,), what those others add to the computed values
     compared: Compared
-    noise: ObservationNoise  # as stated
+    noise: ObservationCovariance  # as stated
     status: Labels  # before the fit
     order: SeriesOrder
     estimate: EstimateChoice

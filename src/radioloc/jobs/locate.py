@@ -17,7 +17,6 @@ from radioloc.estimation.editing import (
     phase_faults,
     with_reasons,
 )
-from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
 from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.jobs.notes import notes_of, provenance
@@ -46,6 +45,7 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor, blocks
 from radioloc.measurements.registry import KINDS
 from radioloc.measurements.target_motion import Motions, OrbitMotion, positions_pa_m
+from radioloc.noise import ObservationCovariance
 from radioloc.parameters.design import ObservationModel
 from radioloc.parameters.motion import orbit_of
 from radioloc.results.build import build_solution, compare_with
@@ -239,7 +239,7 @@ def _reasons(status: Labels, reason: NDArray[np.int8], observations: Observation
 
 def _fit(
     problem: ObservationModel,
-    noise: ObservationNoise,
+    noise: ObservationCovariance,
     order: SeriesOrder,
     estimate: EstimateChoice | None,
     status: Labels,

@@ -8,17 +8,18 @@ between two contiguous counts of Doppler is in both.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError, named
 from radioloc.estimation.noise_structure import SAME_EPOCH_S, epoch_numbers
-from radioloc.estimation.observation_noise import ALONE, ObservationNoise, PhaseNoise, SharedErrors
+from radioloc.labels import changed
 from radioloc.measurements.observations import DOPPLER, VLBI_DELAY, VLBI_DELAY_RATE
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import kind_of
+from radioloc.noise import ALONE, DopplerPhase, NoiseTerm, ObservationCovariance, SharedAtEpoch, White
 from radioloc.study.observation_choice import ObservationChoice
 from radioloc.time import Epochs, utc_to_tai
 
@@ -26,11 +27,10 @@ _CONTIGUOUS = 0.01
 """Part of a count interval up to which the next count may begin earlier or later than it ends."""
 
 
-def stated_noise(arc: Predictor, choice: ObservationChoice) -> ObservationNoise:
-    """Noise of an arc's observations: what the files state, what the study adds, what some of them share."""
-    own_m = np.hypot(arc.observations.sigma_m, choice.extra_sigma_m)
-    group = np.full(len(own_m), ALONE)
-    effect_m = np.zeros((len(own_m), 2))
+def stated_noise(arc: Predictor, choice: ObservationChoice) -> ObservationCovariance:
+    """Covariance of an arc's observations: stated sigmas, what the study adds, what some of them share."""
+    terms: list[NoiseTerm] = []
+    n, source = len(arc.transmitters), np.stack([arc.transmitters, arc.receivers], axis=-1).astype(np.intp)
     for kind, key in ((VLBI_DELAY, "vlbi_station_sigma_m"), (VLBI_DELAY_RATE, "vlbi_station_rate_sigma_m")):
         rows = np.flatnonzero(arc.observations.kind == kind)
         ends_m = _ends_m(arc, key, getattr(choice, key), rows)
@@ -40,32 +40,37 @@ def stated_noise(arc: Predictor, choice: ObservationChoice) -> ObservationNoise:
         if kind == VLBI_DELAY_RATE:
             keys = np.stack([number, arc.observations.count_s[rows]], axis=1)
             _, number = np.unique(keys, axis=0, return_inverse=True)
-        group[rows] = group.max() + 1 + number.reshape(-1)
+        group, effect_m = np.full(n, ALONE), np.zeros((n, 2))
+        group[rows] = number.reshape(-1)
         effect_m[rows] = ends_m * [-1.0, 1.0]
-    source = np.stack([arc.transmitters, arc.receivers], axis=-1).astype(np.intp)
-    shared = None if (group == ALONE).all() else SharedErrors(group, source, effect_m)
-    return ObservationNoise(own_m, shared, phase=_phase_noise(arc, choice))
+        terms.append(SharedAtEpoch(group, source, effect_m))
+    white = White(np.hypot(arc.observations.sigma_m, choice.extra_sigma_m))
+    return ObservationCovariance((white, *terms, *_phase_noise(arc, choice)))
 
 
-def _phase_noise(arc: Predictor, choice: ObservationChoice) -> PhaseNoise | None:
-    """Noise of the phase that Doppler is counted of, which contiguous counts of a link share."""
+def _phase_noise(arc: Predictor, choice: ObservationChoice) -> Iterator[DopplerPhase]:
+    """Noise of the phase that Doppler is counted of, which contiguous counts of a link share; none where not stated."""
     observations = arc.observations
     rows = np.flatnonzero(np.isin(observations.kind, [DOPPLER, kind_of("one_way_doppler")]))
-    sigma_m, before = np.zeros(len(observations.kind)), np.full(len(observations.kind), ALONE)
-    sigma_m[rows] = _ends_m(arc, "doppler_phase_sigma_m", choice.doppler_phase_sigma_m, rows)[:, 1]
-    if not sigma_m.any():
-        return None
-    rows = np.flatnonzero(sigma_m)
+    n, phase_m = (
+        len(observations.kind),
+        _ends_m(arc, "doppler_phase_sigma_m", choice.doppler_phase_sigma_m, rows)[:, 1],
+    )
+    rows, phase_m = rows[phase_m > 0.0], phase_m[phase_m > 0.0]
+    if not len(rows):
+        return
     tai, count_s = utc_to_tai(observations.epoch), observations.count_s
-    time_s = tai.seconds_since(tai[np.zeros(len(tai), dtype=int)])
-    rows = rows[np.lexsort((time_s[rows], observations.link[rows], observations.kind[rows]))]
-    one, two = rows[:-1], rows[1:]
-    silent_s = np.abs(time_s[two] - time_s[one] - 0.5 * (count_s[one] + count_s[two]))
-    joined = silent_s <= _CONTIGUOUS * np.minimum(count_s[one], count_s[two])
-    for of in (observations.kind, observations.link, sigma_m):
-        joined &= of[one] == of[two]
-    before[two[joined]] = one[joined]
-    return PhaseNoise(sigma_m, before, rows)
+    time_s = tai.seconds_since(tai[:1])
+    order = np.lexsort((time_s[rows], observations.link[rows], observations.kind[rows]))
+    rows, phase_m = rows[order], phase_m[order]
+    new = changed(observations.kind[rows], observations.link[rows])
+    silent_s = np.diff(time_s[rows]) - 0.5 * (count_s[rows[:-1]] + count_s[rows[1:]])
+    joined = np.abs(silent_s) <= _CONTIGUOUS * np.minimum(count_s[rows[:-1]], count_s[rows[1:]])
+    sigma_m, link, start = np.zeros(n), np.full(n, ALONE), np.zeros(n, dtype=np.intp)
+    sigma_m[rows], link[rows] = phase_m, np.cumsum(new) - 1
+    # A count begins with the phase at which the one before it ends, or with one of its own.
+    start[rows[1:]] = np.cumsum(np.where(joined, 1, 2))
+    yield DopplerPhase(sigma_m, link, start, start + 1)
 
 
 def _ends_m(

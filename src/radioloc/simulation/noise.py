@@ -10,15 +10,25 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.boundary import bare_fields
 from radioloc.errors import InputError
-from radioloc.estimation.process_noise import NONE, Process, ProcessNoise
 from radioloc.measurements.registry import KINDS, is_integrated
+from radioloc.noise import (
+    ALONE,
+    NONE,
+    DopplerPhase,
+    GaussMarkov,
+    NoiseTerm,
+    ObservationCovariance,
+    Process,
+    White,
+)
+from radioloc.noise.processes import recursions
 from radioloc.simulation.schedule import Plan
 from radioloc.time import utc_to_tai
 from radioloc.vectors import Floats
@@ -138,29 +148,24 @@ class NoiseModel:
                     f"noise of {name}: phase_m is of what is counted, as Doppler is; use white_m"
                 )
 
-    def processes(self, plan: Plan) -> ProcessNoise:
-        """The same as covariances; where nothing is given, white noise as the schedule states it."""
+    def covariance(self, plan: Plan) -> ObservationCovariance:
+        """Covariance of the errors without outliers; where nothing is given, white noise as the schedule states it."""
         observations = plan.observations
-        tai = utc_to_tai(observations.epoch)
+        n, tai = len(observations), utc_to_tai(observations.epoch)
         time_s = tai.seconds_since(tai[:1])
-        white_m2 = np.zeros(len(tai))
+        white_m2, phase_m = np.zeros(n), np.zeros(n)
+        link, start, end = np.full(n, ALONE), np.zeros(n, dtype=np.intp), np.ones(n, dtype=np.intp)
         processes: list[Process] = []
         entries: list[tuple[NDArray[np.intp], int, float]] = []
-        for one in NoiseDraws.of(self, plan).series:
+        for number, one in enumerate(NoiseDraws.of(self, plan).series):
             _, rows, slot = one.uses[0]
-            lasting = one.noise.processes(
-                one.epochs, one.step_s, float(time_s[rows[0]] - one.step_s * slot[0])
-            )
-            if one.noise.phase_m:
-                apart = steps_in_count(one.count_s, one.step_s)
-                if apart:
-                    phase = Process(one.noise.phase_m**2, hold_s=one.step_s * (apart + _ROUNDING))
-                    for k in range(apart + 1):  # whose phases are taken in turn
-                        for sign, late in ((1.0, 0), (-1.0, apart)):
-                            entries.append((rows[(slot - late) % (apart + 1) == k], len(processes), sign))
-                        processes.append(phase)
-                else:
-                    white_m2[rows] += 2.0 * one.noise.phase_m**2
+            begin_s = float(time_s[rows[0]] - one.step_s * slot[0])
+            lasting = one.noise.processes(one.epochs, one.step_s, begin_s)
+            if one.noise.phase_m and (apart := steps_in_count(one.count_s, one.step_s)):
+                link[rows], phase_m[rows] = number, one.noise.phase_m
+                start[rows], end[rows] = slot, slot + apart
+            else:
+                white_m2[rows] += 2.0 * one.noise.phase_m**2
             if len(one.uses) == 1:
                 white_m2[rows] += one.noise.white_m**2
             elif one.noise.white_m:
@@ -168,16 +173,21 @@ class NoiseModel:
             for process in lasting:
                 entries += [(rows, len(processes), sign) for sign, rows, _ in one.uses]
                 processes.append(process)
-        count = np.zeros(len(tai), dtype=np.intp)
-        np.add.at(count, np.concatenate([rows for rows, _, _ in entries] or [count[:0]]), 1)
-        which = np.full((len(tai), int(count.max(initial=0))), NONE)
+        count = np.bincount(
+            np.concatenate([rows for rows, _, _ in entries] or [np.zeros(0, int)]), minlength=n
+        )
+        which = np.full((n, count.max(initial=0)), NONE)
         signs = np.zeros(which.shape)
-        count[:] = 0
         for rows, number, sign in entries:
+            count[rows] -= 1
             which[rows, count[rows]], signs[rows, count[rows]] = number, sign
-            count[rows] += 1
-        noise = ProcessNoise(time_s, white_m2, which, signs, tuple(processes))
-        return replace(noise, white_m2=np.where(noise.sigma_m > 0.0, white_m2, observations.sigma_m**2))
+        lasting_terms: list[NoiseTerm] = (
+            [GaussMarkov(time_s, which, signs, tuple(processes))] if processes else []
+        )
+        phases: list[NoiseTerm] = [DopplerPhase(phase_m, link, start, end)] if phase_m.any() else []
+        given_m2 = sum((term.variance_m2 for term in (*lasting_terms, *phases)), white_m2)
+        white_m = np.sqrt(np.where(given_m2 > 0.0, white_m2, observations.sigma_m**2))
+        return ObservationCovariance((White(white_m), *lasting_terms, *phases))
 
     def draw(self, plan: Plan, seed: int) -> tuple[Floats, NDArray[np.bool_]]:
         """One realization for everything planned, m, and in what an outlier of a link or station is, both (n,)."""
@@ -273,19 +283,10 @@ def gauss_markov(drive: Floats, step_correlation: float) -> Floats:
 
     x_0 = w_0, x_k = f x_(k-1) + sqrt(1 - f^2) w_k, f = exp(-step / correlation time) (Gelb 1974, chapter 3).
     """
-    n = drive.shape[-1]
-    length = math.isqrt(max(n - 1, 0)) + 1
-    parts = -(-n // length)
-    # Part by part side by side, shape (length, ..., parts): each as if it began from nothing.
-    states = np.zeros((*drive.shape[:-1], parts * length))
-    states[..., :n] = drive * math.sqrt(1.0 - step_correlation**2)
+    states = math.sqrt(1.0 - step_correlation**2) * drive
     states[..., :1] = drive[..., :1]
-    states = np.ascontiguousarray(np.moveaxis(states.reshape(*drive.shape[:-1], parts, length), -1, 0))
-    for k in range(1, length):
-        states[k] += step_correlation * states[k - 1]
-    # Then what each has from the part before, which fades from epoch to epoch.
-    fading = step_correlation ** np.arange(1, length + 1)
-    for part in range(1, parts):
-        before = states[-1, ..., part - 1]
-        states[..., part] += fading.reshape(-1, *[1] * before.ndim) * before
-    return np.moveaxis(states, 0, -1).reshape(*drive.shape[:-1], -1)[..., :n].copy()
+    n = drive.shape[-1]
+    drawn = recursions(
+        np.full((n, 1), step_correlation), np.ones(1), states.reshape(math.prod(drive.shape[:-1]), n).T
+    )
+    return drawn.T.reshape(drive.shape)

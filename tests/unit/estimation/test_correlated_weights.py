@@ -7,7 +7,7 @@ import pytest
 from delay_network import DelayNetwork
 
 from radioloc.estimation import Labels, Parameter, ParameterSet, fit_with_editing, observability
-from radioloc.estimation.series import SeriesOrder, series_of
+from radioloc.estimation.series import SeriesOrder, independent_series
 from radioloc.estimation.time_correlation import assess_time_correlation, fit_with_correlated_weights
 from radioloc.simulation.noise import gauss_markov
 
@@ -208,13 +208,14 @@ def test_observations_that_share_errors_are_weighed_together():
     assert (np.diag(true) < 1.1**2 * np.diag(best)).all()
     # What it says of itself is the sandwich with the noise that was found, dense.
     order = SeriesOrder.of(labels(n, "delay"), paths, time_s)
-    [bundle] = series_of(order, fit.noise, fit.used)
-    rows, whitening = bundle.rows, bundle.whitening
+    series = independent_series(order, fit.noise, fit.used)
+    [blocks] = series.whitener.structures
+    rows, whitening = blocks.rows, blocks.roots[blocks.which]
     one = whitening[0]
     np.testing.assert_allclose(one @ case.covariance[:6, :6] @ one.T, np.eye(6), atol=ROUNDING)
     independent = np.einsum("bij,bjp->bip", whitening, case.design[rows])
     middle = np.zeros((3, 3))
-    for k, key in enumerate(one.key for one in bundle.series):
+    for k, key in enumerate(one.key for one in series.series):
         columns = independent[:, k]
         middle += columns.T @ columns
         if key in fit.time_correlation.noise:

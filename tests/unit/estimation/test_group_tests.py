@@ -7,8 +7,8 @@ from radioloc.estimation import Labels, Parameter, ParameterSet
 from radioloc.estimation.gauss_markov import SeriesNoise
 from radioloc.estimation.group_tests import BinnedProblem, log_probability
 from radioloc.estimation.least_squares import fit_least_squares
-from radioloc.estimation.observation_noise import ObservationNoise, SharedErrors
 from radioloc.estimation.series import SeriesOrder
+from radioloc.noise import ObservationCovariance, SharedAtEpoch, White
 
 PATHS = ("A<x>B", "A<x>C", "B<x>C")
 N = 36  # epochs: too few for sums over time to say anything
@@ -45,14 +45,13 @@ def problem(seed, noise):
 def shared():
     n = 3 * N
     stations = np.array([(0, 1), (0, 2), (1, 2)])
-    return ObservationNoise(
-        np.full(n, 1.0),
-        SharedErrors(np.repeat(np.arange(N), 3), np.tile(stations, (N, 1)), np.tile([[-0.7, 0.7]], (n, 1))),
-    )
+    effects_m = np.tile([[-0.7, 0.7]], (n, 1))
+    term = SharedAtEpoch(np.repeat(np.arange(N), 3), np.tile(stations, (N, 1)), effects_m)
+    return ObservationCovariance((White(np.ones(n)), term))
 
 
 def test_without_a_group():
-    linear, order, fit, binned = problem(1, ObservationNoise(np.full(3 * N, 0.9)))
+    linear, order, fit, binned = problem(1, ObservationCovariance.of(0.9, 3 * N))
     for code in range(3):
         verdict = binned.test(binned.columns({code: 1.0}, parameters=4))
         without = fit_least_squares(linear, fit.parameters, fit.noise, used=order.code != code)
@@ -64,7 +63,7 @@ def test_without_a_group():
         assert verdict.dof == 4
 
 
-@pytest.mark.parametrize("noise", [ObservationNoise(np.full(3 * N, 0.9)), shared()], ids=["alone", "shared"])
+@pytest.mark.parametrize("noise", [ObservationCovariance.of(0.9, 3 * N), shared()], ids=["alone", "shared"])
 def test_added_columns(noise):
     """A step of a station, with its sign in two baselines, is what a fit with the step estimates."""
     linear, order, fit, binned = problem(2, noise)
@@ -92,14 +91,14 @@ def test_added_columns(noise):
 
 
 def test_a_column_that_the_parameters_hold_already():
-    *_, fit, binned = problem(3, ObservationNoise(np.ones(3 * N)))
+    *_, fit, binned = problem(3, ObservationCovariance.of(1.0, 3 * N))
     clock = np.linalg.inv(fit.factor.root_covariance())[:, 3:]  # it has no a-priori sigma
     held = np.concatenate([binned.points.unit @ clock, np.zeros((2, 1))])
     assert binned.test(held) is None
 
 
 def test_a_step_that_the_parameters_hold_already():
-    *_, binned = problem(3, ObservationNoise(np.ones(3 * N)))
+    *_, binned = problem(3, ObservationCovariance.of(1.0, 3 * N))
     step = binned.columns({1: 1.0}, (600.0, np.inf))
     with_step = binned.with_columns(step)
     chi2 = with_step.chi2_of_steps({1: 1.0}, np.array([600.0, 660.0]))
@@ -112,7 +111,7 @@ def test_chance_is_uniform():
     """Of chi-square of 200 problems without misfit: the mean of -log of the chance is one, to 3 / sqrt(200)."""
     logs = []
     for seed in range(200):
-        *_, binned = problem(seed, ObservationNoise(np.ones(3 * N)))
+        *_, binned = problem(seed, ObservationCovariance.of(1.0, 3 * N))
         verdict = binned.test(binned.columns({1: 1.0}, parameters=4))
         logs.append(verdict.log_chance)
     assert -np.mean(logs) == pytest.approx(1.0, abs=0.22)

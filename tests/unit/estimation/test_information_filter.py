@@ -9,8 +9,8 @@ from radioloc.dynamics.stochastic import ACROSS, AFTER, BEFORE, StochasticAccele
 from radioloc.estimation import Parameter, ParameterSet, fit_with_editing
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.estimation.linearization import DenseLinearization
-from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
 from radioloc.estimation.variance_components import part_of_parameters
+from radioloc.noise import ALONE, ObservationCovariance, SharedAtEpoch, White
 
 N, INTERVALS, OTHERS = 120, (7, 4), 8
 SIGMA_M = 0.3
@@ -147,9 +147,8 @@ def test_observations_that_share_errors_are_weighed_together():
     group[first] = 0
     effect_m = np.zeros((N, 1))
     effect_m[first, 0] = [1.0, -1.0, 2.0]
-    noise = ObservationNoise(
-        np.full(N, SIGMA_M), SharedErrors(group, np.zeros((N, 1), dtype=np.intp), effect_m)
-    )
+    shared = SharedAtEpoch(group, np.zeros((N, 1), dtype=np.intp), effect_m)
+    noise = ObservationCovariance((White(np.full(N, SIGMA_M)), shared))
     fit = fit_least_squares(model_of(process, observed(process, 0.3)), PARAMETERS, noise)
     count = sum(INTERVALS) + 2
     a_priori = np.kron(0.3 ** abs(np.subtract.outer(np.arange(count), np.arange(count))), np.eye(3))

@@ -9,9 +9,15 @@ import itertools
 import numpy as np
 import pytest
 
-from radioloc.estimation._kernels import mean_correlation, weigh, whiten
-from radioloc.estimation.gauss_markov import Points, RestrictedLikelihood, Series, SeriesNoise
-from radioloc.estimation.series import Bundle, bins, points_of
+from radioloc.estimation.gauss_markov import (
+    Points,
+    RestrictedLikelihood,
+    Series,
+    SeriesNoise,
+    mean_correlation,
+)
+from radioloc.estimation.series import CorrelatedWhitener, IndependentSeries, bins, points_of
+from radioloc.noise.whitening import Blocks, Diagonal, StructuredWhitener
 
 ROUNDING = 1e-10
 
@@ -72,7 +78,7 @@ def two_series(step_s, gain, columns):
     steps_s = step_s.copy()
     steps_s[90] = 0.0
     return Points(
-        tuple(Series(name, name, "g", "range") for name in "ab"),
+        names("ab"),
         begin=np.array([0, 90, 150]),
         count=np.array([90, 60]),
         squares=np.array([columns[:90, 2] @ columns[:90, 2], columns[90:, 2] @ columns[90:, 2]]),
@@ -121,24 +127,30 @@ def test_restricted_likelihood_of_bins_is_that_of_their_observations(width_s):
     assert found[1].item() == pytest.approx(variance, rel=1e-9)
 
 
-def test_whitening_is_a_root_of_the_inverse_covariance(case):
+@pytest.mark.parametrize("at_once", [40, 1000])
+def test_whitening_is_a_root_of_the_inverse_covariance(case, at_once, monkeypatch):
+    """Two series one behind the other, the second white."""
+    monkeypatch.setattr("radioloc.noise.whitening.ROWS_AT_ONCE", at_once)
     step_s, _, columns = case
-    # Two series, the second without noise of its own but white.
-    numbers = np.array([[0.8, 600.0, 3.0], [4.0, 1.0, 0.0]]).T.copy()
-    variance, state = numbers[2].copy(), np.zeros((2, 150))
-    # Observations that are those of the first series and half of the second, in two parts
-    combined, which = np.array([np.eye(2)[:, :1], [[1.0], [2.0]]]), np.ones(150, dtype=np.intp)
-    parts = [
-        whiten(step_s[part], *numbers, combined, which[part], np.eye(150)[part, None], variance, state)
-        for part in (slice(0, 70), slice(70, 150))
-    ]
-    whitened, white = np.concatenate(parts, axis=1)
-    np.testing.assert_array_equal(white, np.eye(150))
-    expected = np.linalg.inv(0.8 * dense(step_s, np.ones(150), 600.0, 3.0))
+    noise = {
+        "a": SeriesNoise(0.8, np.array([600.0]), np.array([2.4])),
+        "b": SeriesNoise(4.0, np.ones(1), np.zeros(1)),
+    }
+    whitener = StructuredWhitener(150, (Diagonal(np.arange(150), np.full(150, 2.0)),))
+    number = np.repeat([0, 1], [90, 60])
+    found = CorrelatedWhitener.of(IndependentSeries(names("ab"), whitener, number, np.cumsum(step_s)), noise)
+    whitened = np.concatenate(list(found.whitened(lambda rows: np.eye(150)[rows])))
+    expected = np.eye(150) / 16.0
+    expected[:90, :90] = np.linalg.inv(4.0 * 0.8 * dense(step_s[:90], np.ones(90), 600.0, 3.0))
     np.testing.assert_allclose(whitened.T @ whitened, expected, rtol=0.0, atol=ROUNDING)
     np.testing.assert_allclose(np.triu(whitened, 1), 0.0, rtol=0.0, atol=ROUNDING)
-    adjoint, _ = weigh(step_s, *numbers, np.stack([columns] * 2))
-    np.testing.assert_allclose(adjoint, whitened.T @ columns, rtol=0.0, atol=ROUNDING)
+    parts = list(found.whitened(lambda rows: columns[rows]))
+    weighted = np.concatenate([values for _, values in found.transposed(parts)])
+    np.testing.assert_allclose(weighted, expected @ columns, rtol=0.0, atol=ROUNDING)
+
+
+def names(keys):
+    return tuple(Series(key, key, "g", "range") for key in keys)
 
 
 def test_noise_of_a_series_multiplies_as_its_covariance(case):
@@ -171,30 +183,29 @@ def test_few_observations_and_those_of_one_instant_have_bins_of_no_duration():
 @pytest.mark.parametrize("at_once", [4, 1000])
 def test_sums_of_bins_are_those_of_whitened_values(monkeypatch, at_once):
     """Twelve times two observations that are combined, in bins of some, so many at a time."""
-    monkeypatch.setattr("radioloc.estimation.observation_noise.ROWS_AT_ONCE", at_once)
+    monkeypatch.setattr("radioloc.noise.whitening.ROWS_AT_ONCE", at_once)
     monkeypatch.setattr("radioloc.estimation.series.MAX_POINTS", 4)
     rng = np.random.default_rng(3)
     values, rows = rng.normal(size=(24, 3)), rng.permutation(24).reshape(12, 2)
-    series = tuple(Series(name, name, "g", "range") for name in "ab")
-    bundle = Bundle(series, rows, 60.0 * np.arange(12), rng.normal(size=(12, 2, 2)), np.arange(12))
-    whitened = np.moveaxis(bundle.whitening @ values[rows], 1, 0)
-    np.testing.assert_allclose(bundle.whitened(lambda rows: values[rows], {}), whitened, rtol=1e-12)
-    on_rows, found = (np.concatenate(parts) for parts in zip(*bundle.on_observations(whitened), strict=True))
-    expected = np.swapaxes(bundle.whitening, 1, 2) @ np.moveaxis(whitened, 0, 1)
-    np.testing.assert_allclose(found, expected.reshape(-1, 3), rtol=1e-12)
-    np.testing.assert_array_equal(on_rows, rows.ravel())
-    found = points_of([bundle], lambda rows: values[rows], np.eye(2))
-    place, _ = bins(bundle.time_s, 4)
+    blocks = Blocks(rows, np.arange(12), rng.normal(size=(12, 2, 2)), np.ones((12, 2)))
+    time_s = 60.0 * np.arange(12)
+    series = IndependentSeries(
+        names("ab"), StructuredWhitener(24, (blocks,)), np.tile([0, 1], 12), np.repeat(time_s, 2)
+    )
+    found = points_of(series, lambda rows: values[rows], np.eye(2))
+    whitened = np.moveaxis(blocks.roots @ values[rows], 1, 0)
+    place, _ = bins(time_s, 4)
     in_bin = place == np.arange(place[-1] + 1)[:, None]
     expected = (in_bin @ whitened / np.sqrt(in_bin.sum(axis=1))[:, None]).reshape(-1, 3)
     np.testing.assert_allclose(np.column_stack([found.residual, found.unit]), expected, rtol=1e-12)
     np.testing.assert_allclose(found.squares, (whitened[:, :, 0] ** 2).sum(axis=1), rtol=1e-12)
+    np.testing.assert_array_equal(found.step_s[found.begin[:-1]], 0.0)
 
 
 def points(residual, step_s, gain, unit, count, squares, width_s):
     n = len(residual)
     return Points(
-        (Series("a", "a", "g", "range"),),
+        names("a"),
         begin=np.array([0, n]),
         count=np.array([count]),
         squares=np.array([squares]),

@@ -16,10 +16,10 @@ from radioloc.estimation import (
     ParameterSet,
     fit_with_editing,
     fit_with_variance_components,
-    observation_noise,
     robust,
 )
 from radioloc.estimation.least_squares import fit_least_squares
+from radioloc.noise import ObservationCovariance, White, whitening
 
 PARTS = 1e-12
 """Rounding of sums in another order, relative."""
@@ -40,7 +40,7 @@ def test_rows_on_demand_are_the_same_as_all_at_once():
 def test_size_of_parts_does_not_matter(rows_at_once, monkeypatch):
     series = Series(3000)
     expected = fit_least_squares(series.linearize, series.parameters, series.sigma_m)
-    monkeypatch.setattr(observation_noise, "ROWS_AT_ONCE", rows_at_once)
+    monkeypatch.setattr(whitening, "ROWS_AT_ONCE", rows_at_once)
     found = fit_least_squares(series.linearize, series.parameters, series.sigma_m)
     # The condition number of the columns is 100.
     np.testing.assert_allclose(
@@ -86,19 +86,17 @@ def test_a_strong_minority_is_in_the_sample():
 
 def test_blocks_are_factorized_where_their_covariance_changes(monkeypatch):
     given = DelayNetwork.make(epochs=50).noise
-    own_m = given.own_m.copy()
-    own_m[8] *= 2.0
+    white_m, shared = given.white_m.copy(), given.terms[1]
+    white_m[8] *= 2.0
     made = []
     genuine = np.linalg.eigh
     monkeypatch.setattr(np.linalg, "eigh", lambda a: made.append(len(a)) or genuine(a))
-    noise = observation_noise.ObservationNoise(own_m, given.shared)
+    [blocks] = ObservationCovariance((White(white_m), shared)).whitener().structures
     # Before, at and after the epoch of that delay
     assert made == [3]
-    for block in noise.blocks:
-        of_each = block.axes[block.which], block.combined_m[block.which]
-        for rows, axes, combined_m in zip(block.rows, *of_each, strict=True):
-            expected = given.shared.covariance_m2(rows[None])[0] + np.diag(own_m[rows] ** 2)
-            np.testing.assert_allclose((axes * combined_m**2) @ axes.T, expected, rtol=0.0, atol=1e-12)
+    for rows, root in zip(blocks.rows, blocks.roots[blocks.which], strict=True):
+        covariance = shared.covariance_m2(rows[None])[0] + np.diag(white_m[rows] ** 2)
+        np.testing.assert_allclose(root @ covariance @ root.T, np.eye(6), rtol=0.0, atol=1e-12)
 
 
 def test_a_hundred_thousand_observations():

@@ -5,9 +5,9 @@ import pytest
 
 from radioloc.estimation import Labels, Parameter, ParameterSet, fit_with_variance_components
 from radioloc.estimation.least_squares import fit_least_squares
-from radioloc.estimation.observation_noise import ObservationNoise, SharedErrors
 from radioloc.estimation.robust import linear_problem
 from radioloc.estimation.series import SeriesOrder
+from radioloc.noise import ObservationCovariance, SharedAtEpoch, White
 from radioloc.parameters.parameter import Role
 
 SAME_SIGMAS = 1e-8
@@ -39,7 +39,7 @@ def both(seed, *, n=600, excess=1.0, outliers=0, fixed=False, unusable=0):
     residual_m[rng.choice(n, outliers, replace=False)] += 40.0
     usable = np.ones(n, dtype=bool)
     usable[:unusable] = False
-    made = linear_problem(partials, parameters, x, ObservationNoise(sigma_m), usable)
+    made = linear_problem(partials, parameters, x, ObservationCovariance((White(sigma_m),)), usable)
 
     def fit(linear):
         return fit_with_variance_components(
@@ -107,15 +107,18 @@ def test_nothing_is_made_where_not_everything_is_determined():
     partials, parameters, sigma_m, _ = problem(np.random.default_rng(1), 100)
     partials[:, 1] = partials[:, 0]
     usable = np.ones(100, bool)
-    assert linear_problem(partials, parameters, np.zeros(5), ObservationNoise(sigma_m), usable) is None
+    assert (
+        linear_problem(partials, parameters, np.zeros(5), ObservationCovariance((White(sigma_m),)), usable)
+        is None
+    )
 
 
 def test_the_same_where_observations_share_errors():
     rng = np.random.default_rng(2)
     partials, parameters, sigma_m, _ = problem(rng, 300)
     source = np.stack([np.arange(300) % 3, (np.arange(300) + 1) % 3], axis=-1)
-    shared = SharedErrors(np.arange(300) // 3, source, np.tile([-0.3, 0.3], (300, 1)))
-    noise = ObservationNoise(sigma_m, shared)
+    shared = SharedAtEpoch(np.arange(300) // 3, source, np.tile([-0.3, 0.3], (300, 1)))
+    noise = ObservationCovariance((White(sigma_m), shared))
     residual_m, x, used = sigma_m * rng.standard_normal(300), np.zeros(5), rng.random(300) > 0.05
     made = linear_problem(partials, parameters, x, noise, np.ones(300, bool))
     one = fit_least_squares(made.of(residual_m), parameters, noise, used=used)

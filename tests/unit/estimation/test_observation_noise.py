@@ -7,16 +7,10 @@ import pytest
 from delay_network import OWN_M, STATION_M, DelayNetwork
 
 from radioloc.errors import InputError
-from radioloc.estimation import (
-    USED,
-    Labels,
-    fit_with_editing,
-    fit_with_variance_components,
-    observation_noise,
-)
+from radioloc.estimation import USED, Labels, fit_with_editing, fit_with_variance_components
 from radioloc.estimation.least_squares import fit_least_squares
-from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
 from radioloc.estimation.series import SeriesOrder
+from radioloc.noise import ALONE, ObservationCovariance, SharedAtEpoch, White, column, whitening
 
 ROUNDING = 1e-9
 """Two ways of the same algebra, relative; the covariance has a condition of 100."""
@@ -55,16 +49,6 @@ def test_fit_is_generalized_least_squares(network):
     assert found.sigma_m == pytest.approx(np.sqrt(np.diag(network.covariance)), rel=1e-14)
 
 
-def test_whitened_rows_carry_the_inverse_covariance(network):
-    [*parts] = network.noise.among().whitened(lambda rows: np.eye(len(network.epoch))[rows])
-    root = np.vstack(parts)
-    weight = np.linalg.inv(network.covariance)
-    np.testing.assert_allclose(root.T @ root, weight, rtol=0.0, atol=ROUNDING * weight.max())
-    rows, transposed = zip(*network.noise.among().transposed(parts), strict=True)
-    weighted = np.vstack(transposed)[np.argsort(np.concatenate(rows))]
-    np.testing.assert_allclose(weighted, weight, rtol=0.0, atol=ROUNDING * weight.max())
-
-
 def test_rows_left_out_drop_out_of_their_blocks(network):
     observed_m = errors_m(network)
     used = np.random.default_rng(2).random(len(observed_m)) > 0.4  # leaves blocks of all sizes, of none too
@@ -85,8 +69,8 @@ def test_a_row_left_out_may_be_anything(network):
 def test_parts_of_any_length_give_the_same(network, monkeypatch):
     observed_m = errors_m(network)
     whole = fit(network, observed_m)
-    monkeypatch.setattr(observation_noise, "ROWS_AT_ONCE", 4)  # less than a block
-    parts = list(network.noise.among().whitened(lambda rows: observed_m[rows, None]))
+    monkeypatch.setattr(whitening, "ROWS_AT_ONCE", 4)  # less than a block
+    parts = list(network.noise.whitener().whitened(column(observed_m)))
     assert {len(part) for part in parts} == {4, 1, 6}
     assert fit(network, observed_m).chi2 == pytest.approx(whole.chi2, rel=ROUNDING)
 
@@ -152,33 +136,37 @@ def test_excess_noise_is_on_the_diagonal():
     fit = found.fit
     expected_m = np.sqrt(OWN_M**2 + delays * (excess_m**2 + 2.0 * STATION_M**2))
     assert fit.sigma_m == pytest.approx(expected_m, rel=1e-12)
-    assert fit.noise.own_m == pytest.approx(np.hypot(OWN_M, excess_m * delays), rel=1e-12)
-    of_delays = fit.noise.among(delays).combined(fit.residual_m)
+    assert fit.noise.white_m == pytest.approx(np.hypot(OWN_M, excess_m * delays), rel=1e-12)
+    of_delays = fit.noise.whitener(delays).whitened(column(fit.residual_m))
     dof = round(delays.sum() * (1.0 - 3.0 / len(delays)))
-    assert float(((of_delays[0] / of_delays[1]) ** 2).sum()) == pytest.approx(dof, rel=5e-3)
+    assert sum(float(np.square(part).sum()) for part in of_delays) == pytest.approx(dof, rel=5e-3)
 
 
 def test_a_station_shares_nothing_with_itself():
-    shared = SharedErrors(np.zeros(1, dtype=int), np.array([[3, 3]]), np.array([[-2.0, 2.0]]))
-    assert ObservationNoise(np.array([0.5]), shared).sigma_m == pytest.approx([0.5])
+    shared = SharedAtEpoch(np.zeros(1, dtype=int), np.array([[3, 3]]), np.array([[-2.0, 2.0]]))
+    assert ObservationCovariance((White(np.array([0.5])), shared)).sigma_m == pytest.approx([0.5])
 
 
 def shared_of(count=2, effect_m=1.0):
     """Differences of the errors of two sources."""
     effects_m = np.tile([-effect_m, effect_m], (count, 1))
-    return SharedErrors(np.zeros(count, dtype=int), np.tile([0, 1], (count, 1)), effects_m)
+    return SharedAtEpoch(np.zeros(count, dtype=int), np.tile([0, 1], (count, 1)), effects_m)
 
 
 @pytest.mark.parametrize(
-    ("own_m", "shared", "words"),
+    ("white_m", "shared", "words"),
     [
-        ([1.0, 0.0], None, "sigma of observation 1 is 0.0 m"),
-        ([1.0, math.nan], shared_of(), "sigma of observation 1 is nan m"),
-        ([1.0, 1.0], shared_of(3), r"groups of shared errors have shape \(3,\); 2 observations need \(2,\)"),
-        ([1.0, 1.0], shared_of(effect_m=math.inf), "an effect of a shared error is not finite"),
-        ([1e-6, 1e-7], shared_of(), "sigma of observation 1 is 1e-07 m, too small beside the error"),
+        ([1.0, 0.0], {}, "sigma of observation 1 is 0.0 m"),
+        ([1.0, math.nan], {"count": 2}, "sigma of observation 1 is nan m"),
+        ([1.0, 1.0], {"count": 3}, r"expected equal numbers of observations, got \[2, 3\]"),
+        ([1.0, 1.0], {"effect_m": math.inf}, "an effect of a shared error is not finite"),
+        ([1e-6, 1e-7], {"count": 2}, "sigma of observation 1 is 1e-07 m, too small beside the error"),
     ],
 )
-def test_unusable_noise_is_refused(own_m, shared, words):
+def test_unusable_noise_is_refused(white_m, shared, words):
+    def whitener():
+        terms = [shared_of(**shared)] if shared else []
+        return ObservationCovariance((White(np.array(white_m)), *terms)).whitener()
+
     with pytest.raises(InputError, match=words):
-        ObservationNoise(np.array(own_m), shared)
+        whitener()

@@ -1,112 +1,25 @@
-"""Noise of the phase that counts are of: whitening against dense algebra, and claimed sigmas against drawn errors."""
+"""Noise of the phase that counts are of: claimed sigmas against drawn errors."""
 
 import numpy as np
 import pytest
 from change5_case import LANDER, NEAR
+from dense_noise import information
 
 import radioloc
 from radioloc import Study
 from radioloc.errors import InputError
 from radioloc.estimation import Labels, Parameter, ParameterSet, fit_with_variance_components
 from radioloc.estimation.least_squares import fit_least_squares
-from radioloc.estimation.observation_noise import ALONE, ObservationNoise, PhaseNoise, SharedErrors
-from radioloc.estimation.process_noise import ProcessNoise
-from radioloc.estimation.series import SeriesOrder, series_of
+from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.time_correlation import fit_with_correlated_weights
 from radioloc.jobs.preparation import prepared_arc
 from radioloc.jobs.station_noise import stated_noise
 from radioloc.measurements import PhysicalModel
+from radioloc.noise import ALONE, DopplerPhase, ObservationCovariance, White
 from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, Session, Truth, two_way
 from radioloc.study import EstimateChoice, ObservationChoice
 
-ROUNDING = 1e-9
-OWN_M, PHASE_M = 0.3, 1.0
-N = 60
-RANDOM = np.random.default_rng(7)
-COLUMNS = RANDOM.standard_normal((N, 4))
-PERMUTED = RANDOM.permutation(N)
-"""Place in time of each row: rows come in any order."""
-
-
-def counts(own_m=OWN_M, gaps=(20, 41), shared=None):
-    """Counts of one link, contiguous but for gaps, the last ten no counts at all."""
-    at = np.argsort(PERMUTED)  # rows in order of time
-    sigma_m, before = np.full(N, PHASE_M), np.full(N, ALONE)
-    sigma_m[at[-10:]] = 0.0
-    joined = [k for k in range(1, N - 10) if k not in gaps]
-    before[at[joined]] = at[np.array(joined) - 1]
-    return ObservationNoise(np.full(N, own_m), shared, phase=PhaseNoise(sigma_m, before, at[:-10]))
-
-
-def written_out(noise):
-    phase = noise.phase
-    covariance = np.diag(noise.own_m**2 + 2.0 * phase.sigma_m**2)
-    later = np.flatnonzero(phase.before != ALONE)
-    covariance[later, phase.before[later]] = covariance[phase.before[later], later] = -(PHASE_M**2)
-    return covariance
-
-
-def information(whitening, columns=COLUMNS):
-    whitened = np.concatenate([part.copy() for part in whitening.whitened(lambda rows: columns[rows])])
-    return whitened.T @ whitened
-
-
-def weighted(parts):
-    """Rows of parts in their order, from rows and what belongs to them."""
-    rows, values = (np.concatenate(both) for both in zip(*parts, strict=True))
-    return values[np.argsort(rows)]
-
-
-@pytest.mark.parametrize("at_once", [7, 10000])
-def test_both_operations_multiply_by_the_inverse_covariance(monkeypatch, at_once):
-    noise = counts()
-    monkeypatch.setattr("radioloc.estimation.observation_noise.ROWS_AT_ONCE", at_once)
-    expected = np.linalg.solve(written_out(noise), COLUMNS)
-    whitening = noise.among()
-    found = weighted(whitening.transposed(whitening.whitened(lambda rows: COLUMNS[rows].copy())))
-    np.testing.assert_allclose(found, expected, rtol=ROUNDING, atol=ROUNDING)
-    [bundle] = series_of(order(), noise, np.ones(N, dtype=bool))
-    values = bundle.weighted(bundle.whitened(lambda rows: COLUMNS[rows], {}), {})
-    found = weighted(bundle.on_observations(values))
-    np.testing.assert_allclose(found, expected, rtol=ROUNDING, atol=ROUNDING)
-
-
-def test_a_count_that_is_left_out_ends_the_run():
-    noise, used = counts(), RANDOM.random(N) < 0.7
-    covariance = written_out(noise)[np.ix_(used, used)]
-    expected = COLUMNS[used].T @ np.linalg.solve(covariance, COLUMNS[used])
-    np.testing.assert_allclose(information(noise.among(used)), expected, rtol=ROUNDING, atol=ROUNDING)
-    process = ProcessNoise.stated(noise, PERMUTED.astype(float))
-    np.testing.assert_allclose(information(process.among(used)), expected, rtol=ROUNDING, atol=ROUNDING)
-
-
-def order():
-    return SeriesOrder.of(Labels.of(["doppler"] * N), Labels.of(["A>x>A"] * N), PERMUTED.astype(float))
-
-
-@pytest.mark.parametrize("at_once", [7, 10000])
-def test_series_are_of_independent_counts(monkeypatch, at_once):
-    noise, used = counts(), RANDOM.random(N) < 0.9
-    monkeypatch.setattr("radioloc.estimation.observation_noise.ROWS_AT_ONCE", at_once)
-    [bundle] = series_of(order(), noise, used)
-    [values] = bundle.whitened(lambda rows: COLUMNS[rows], {})
-    np.testing.assert_allclose(values.T @ values, information(noise.among(used)), rtol=ROUNDING)
-
-
-def test_beside_shared_errors():
-    group = np.full(N, ALONE)
-    last = np.argsort(PERMUTED)[-10:]  # no counts
-    group[last] = np.repeat(np.arange(5), 2)
-    effect_m = np.where(group[:, None] == ALONE, 0.0, [-0.5, 0.5])
-    shared = SharedErrors(group, np.tile([0, 1], (N, 1)), effect_m)
-    noise = counts(shared=shared)
-    covariance = written_out(noise)
-    for one, other in last.reshape(-1, 2):
-        covariance[np.ix_([one, other], [one, other])] += 0.5
-    expected = COLUMNS.T @ np.linalg.solve(covariance, COLUMNS)
-    np.testing.assert_allclose(information(noise.among()), expected, rtol=ROUNDING, atol=ROUNDING)
-    process = ProcessNoise.stated(noise, np.where(group == ALONE, PERMUTED, 100.0 + group))
-    np.testing.assert_allclose(information(process.among(np.ones(N, bool))), expected, rtol=ROUNDING)
+PHASE_M = 1.0
 
 
 def drawn(rng, n, white_m):
@@ -116,8 +29,9 @@ def drawn(rng, n, white_m):
 
 def chain(n):
     """Contiguous counts with hardly any noise of their own, and their series."""
-    before = np.arange(-1, n - 1)
-    noise = ObservationNoise(np.full(n, 1e-4), phase=PhaseNoise(np.full(n, PHASE_M), before, np.arange(n)))
+    start = np.arange(n)
+    phases = DopplerPhase(np.full(n, PHASE_M), np.zeros(n, dtype=int), start, start + 1)
+    noise = ObservationCovariance((White(np.full(n, 1e-4)), phases))
     one = SeriesOrder.of(Labels.of(["doppler"] * n), Labels.of(["A>x>A"] * n), np.arange(float(n)))
     return noise, one
 
@@ -182,11 +96,10 @@ def test_drawn_counts_share_the_phase_between_them(count_s, lag):
     by_lag = [np.mean(errors_m[:, k:] * errors_m[:, : n - k]) for k in range(4)]
     np.testing.assert_allclose(by_lag, [dense[k, 0] for k in range(4)], atol=0.08)
     columns = np.random.default_rng(1).standard_normal((n, 3))
-    noise = model.processes(plan)
+    covariance = model.covariance(plan).plus(White(np.full(n, 1e-2)))
     dense[np.diag_indices(n)] += 1e-4
-    white = ProcessNoise(noise.time_s, noise.white_m2 + 1e-4, noise.process, noise.sign, noise.processes)
     expected = columns.T @ np.linalg.solve(dense, columns)
-    assert information(white.among(np.ones(n, bool)), columns) == pytest.approx(expected, rel=1e-6)
+    assert information(covariance.whitener(), columns) == pytest.approx(expected, rel=1e-6)
 
 
 LANDER_PA_M = LANDER.to_axes("PA", PhysicalModel.build().ephemeris.constants).xyz_m
@@ -217,10 +130,10 @@ def test_contiguous_counts_of_a_link_are_joined():
     world = planned(0.003).simulation.world(PhysicalModel.build())
     study = planned({"KUNMING": 0.003})
     arc, _ = prepared_arc(study, world.plan.observations)
-    phase = stated_noise(arc, study.observations).phase
+    [phase] = stated_noise(arc, study.observations).of_type(DopplerPhase)
     doppler = np.flatnonzero(arc.observations.types() == "doppler")
-    assert phase.before[doppler].tolist() == [ALONE, *doppler[:-1]]
-    assert (phase.before[arc.observations.types() == "range"] == ALONE).all()
+    np.testing.assert_array_equal(phase.start[doppler[1:]], phase.end[doppler[:-1]])
+    assert (phase.link[arc.observations.types() == "range"] == ALONE).all()
     with pytest.raises(InputError, match="doppler_phase_sigma_m: no observation by URUMQI"):
         prepared_arc(planned({"URUMQI": 0.003}), world.plan.observations)
 

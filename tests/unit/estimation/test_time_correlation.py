@@ -11,13 +11,11 @@ from radioloc.estimation import (
     Parameter,
     ParameterSet,
     fit_with_editing,
-    observation_noise,
-    series,
 )
 from radioloc.estimation.least_squares import fit_least_squares
-from radioloc.estimation.observation_noise import ALONE
-from radioloc.estimation.series import MAX_POINTS, SeriesOrder, points_of, series_of
+from radioloc.estimation.series import MAX_POINTS, SeriesOrder, independent_series, points_of
 from radioloc.estimation.time_correlation import assess_time_correlation, estimated_covariance
+from radioloc.noise import ALONE, column, whitening
 from radioloc.simulation.noise import gauss_markov
 
 STEP_S = 60.0
@@ -119,8 +117,7 @@ def test_order_of_rows_and_size_of_parts_do_not_matter(monkeypatch):
     order = np.random.default_rng(1).permutation(len(time_s))
     design, residual = fit.linearization.partials(order), fit.residual_m[order]
     mixed = fit_least_squares(lambda x: (residual - design @ x, design), fit.parameters, 1.0)
-    for module in (observation_noise, series):
-        monkeypatch.setattr(module, "ROWS_AT_ONCE", 333)
+    monkeypatch.setattr(whitening, "ROWS_AT_ONCE", 333)
     other = assessed(mixed, types, path.select(order), time_s[order]).added_covariance
     np.testing.assert_allclose(other, found, rtol=0.0, atol=1e-6 * np.abs(found).max())
 
@@ -128,8 +125,8 @@ def test_order_of_rows_and_size_of_parts_do_not_matter(monkeypatch):
 def test_long_series_are_averaged_and_gaps_take_no_bins():
     fit, types, path, time_s = line(n=3000, series=1)
     time_s = time_s + np.where(time_s > time_s.mean(), 1e7, 0.0)
-    bundles = series_of(SeriesOrder.of(types, path, time_s), fit.noise, fit.used)
-    binned = points_of(bundles, lambda rows: fit.residual_m[rows, None], np.zeros((0, 0)))
+    series = independent_series(SeriesOrder.of(types, path, time_s), fit.noise, fit.used)
+    binned = points_of(series, column(fit.residual_m), np.zeros((0, 0)))
     assert len(binned.step_s) == pytest.approx(MAX_POINTS, abs=5)
     assert (binned.gain**2).sum() == 3000
     assert (binned.step_s[1:] > 0.0).all()

@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 from change5_case import LANDER, NOISE, PLAN, RANGING, VLBI, sessions
+from dense_noise import dense
 
 import radioloc
 from radioloc import cli
@@ -74,14 +75,7 @@ def test_noise_of_a_schedule_has_the_covariance_that_is_drawn():
     model = PhysicalModel.build(off=["ionosphere"])
     study = study_of(noise, stations=("JIAMUSI", "KASHI"), vlbi=VLBI[:3], step_s=10800.0)
     plan = study.simulation.schedule.plan(model, LANDER.to_axes("PA", model.ephemeris.constants).xyz_m)
-    made = noise.processes(plan)
-    between = np.abs(made.time_s[:, None] - made.time_s)
-    expected = np.diag(made.white_m2)
-    for k, process in enumerate(made.processes):
-        effect = (made.sign * (made.process == k)).sum(axis=1)
-        same = np.exp(-between / process.tau_s) if process.tau_s else between == 0.0
-        walk = process.walk_m2_s * (np.minimum(made.time_s[:, None], made.time_s) - process.start_s)
-        expected = expected + np.outer(effect, effect) * (process.variance_m2 * same + walk)
+    expected = dense(noise.covariance(plan))
     drawn_m, _ = NoiseDraws.of(noise, plan).draw(range(4000))
     sigma_m = np.sqrt(np.diag(expected))
     off = (drawn_m.T @ drawn_m / 4000 - expected) / np.outer(sigma_m, sigma_m)

@@ -13,6 +13,7 @@ from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
 from radioloc.jobs.station_noise import SAME_EPOCH_S, same_epoch, stated_noise
 from radioloc.measurements.registry import KINDS
+from radioloc.noise import ALONE, SharedAtEpoch
 from radioloc.simulation import (
     Masks,
     Noise,
@@ -70,7 +71,7 @@ def arc_of(ends, kinds, seconds, count_s=None):
 
 
 def covariance_m2(arc, **choice):
-    whitened = stated_noise(arc, ObservationChoice(**choice)).among().whitened
+    whitened = stated_noise(arc, ObservationChoice(**choice)).whitener().whitened
     weight = np.vstack(list(whitened(lambda rows: np.eye(len(arc.receivers))[rows])))
     return np.linalg.inv(weight.T @ weight)
 
@@ -84,7 +85,7 @@ def test_ranges_share_nothing():
     expected[np.ix_([0, 2, 4], [0, 2, 4])] += 4.0 * np.array([[2, 1, -1], [1, 2, 1], [-1, 1, 2]])
     found = covariance_m2(arc, extra_sigma_m=4.0, vlbi_station_sigma_m=2.0)
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-10)
-    assert stated_noise(arc, ObservationChoice(extra_sigma_m=4.0)).shared is None
+    assert len(stated_noise(arc, ObservationChoice(extra_sigma_m=4.0)).terms) == 1
 
 
 def test_sigmas_of_vlbi_stations_by_name():
@@ -111,7 +112,7 @@ def test_delay_rates_share_the_growth_of_their_stations_times():
     found = covariance_m2(arc, vlbi_station_sigma_m=5.0, vlbi_station_rate_sigma_m=2.0)
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-10)
     alone = stated_noise(arc, ObservationChoice(vlbi_station_rate_sigma_m=2.0))
-    assert alone.shared.group.tolist()[0] == -1
+    assert alone.of_type(SharedAtEpoch)[0].group.tolist()[0] == ALONE
 
 
 def test_delay_rates_know_the_rates_of_the_clocks_but_not_their_offsets(site):

@@ -1,0 +1,115 @@
+"""Compiled Kalman filter of white noise and first-order Gauss-Markov processes.
+
+Observation i has the error e_i + sum_c sign_ic p_a(t_i) with a = process_ic. From one row to the next each process is
+multiplied by `decay` (n, s) and gains the variance `added` (n, s). The functions release the interpreter's lock; every
+number is computed by the same operations in the same order on any machine load.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.compiled import compiled
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.intp]
+
+
+@compiled(error_model="numpy")
+def filter_gains(
+    process: Integers, sign: Floats, white: Floats, least: Floats, decay: Floats, added: Floats
+) -> tuple[Floats, Floats]:
+    """Kalman gains (n, s), and one over the standard deviation of each innovation, (n,)."""
+    # An innovation whose variance is not above `least` (n,) follows from earlier ones: zeros.
+    n, width = process.shape
+    s = decay.shape[1]
+    covariance, gain, scale = np.zeros((s, s)), np.zeros((n, s)), np.zeros(n)
+    for i in range(n):
+        k, variance = gain[i], white[i]
+        for a in range(s):
+            for b in range(s):
+                covariance[a, b] *= decay[i, a] * decay[i, b]
+            covariance[a, a] += added[i, a]
+        for c in range(width):
+            if process[i, c] >= 0:
+                for a in range(s):
+                    k[a] += sign[i, c] * covariance[a, process[i, c]]
+        for c in range(width):
+            if process[i, c] >= 0:
+                variance += sign[i, c] * k[process[i, c]]
+        if not variance > least[i]:
+            k[:] = 0.0
+            continue
+        scale[i] = 1.0 / math.sqrt(variance)
+        for a in range(s):
+            for b in range(s):
+                covariance[a, b] -= k[a] * k[b] / variance
+        for a in range(s):
+            k[a] /= variance
+    return gain, scale
+
+
+@compiled(error_model="numpy")
+def filter_innovations(
+    process: Integers,
+    sign: Floats,
+    decay: Floats,
+    gain: Floats,
+    scale: Floats,
+    state: Floats,
+    columns: Floats,
+) -> Floats:
+    """Innovations of columns (n, m) over their standard deviations; the state (s, m) goes on between calls."""
+    n, m = columns.shape
+    s, width = len(state), process.shape[1]
+    out = np.empty((n, m))
+    for i in range(n):
+        for a in range(s):
+            for j in range(m):
+                state[a, j] *= decay[i, a]
+        for j in range(m):
+            left = columns[i, j]
+            for c in range(width):
+                if process[i, c] >= 0:
+                    left -= sign[i, c] * state[process[i, c], j]
+            out[i, j] = left * scale[i]
+            for a in range(s):
+                state[a, j] += gain[i, a] * left
+    return out
+
+
+@compiled(error_model="numpy")
+def filter_adjoint(
+    process: Integers, sign: Floats, decay: Floats, gain: Floats, scale: Floats, columns: Floats
+) -> Floats:
+    """Transpose of :func:`filter_innovations`: both one after the other multiply by the inverse covariance."""
+    n, m = columns.shape
+    s, width = gain.shape[1], process.shape[1]
+    out, state = np.empty((n, m)), np.zeros((s, m))
+    for i in range(n - 1, -1, -1):
+        for j in range(m):
+            left = columns[i, j] * scale[i]
+            for a in range(s):
+                left += gain[i, a] * state[a, j]
+            out[i, j] = left
+            for c in range(width):
+                if process[i, c] >= 0:
+                    state[process[i, c], j] -= sign[i, c] * left
+        for a in range(s):
+            for j in range(m):
+                state[a, j] *= decay[i, a]
+    return out
+
+
+@compiled(error_model="numpy")
+def recursions(decay: Floats, weight: Floats, drive: Floats) -> Floats:
+    """Sum of the columns x_i = decay_i x_(i-1) + drive_i of p processes, (n, m), times their weights (p,)."""
+    n, m = drive.shape
+    out, states = np.zeros((n, m)), np.zeros((len(weight), m))
+    for i in range(n):
+        for a in range(len(weight)):
+            for j in range(m):
+                states[a, j] = decay[i, a] * states[a, j] + drive[i, j]
+                out[i, j] += weight[a] * states[a, j]
+    return out

@@ -1,0 +1,348 @@
+"""Covariance R of the observations: a sum of independent terms.
+
+White noise is on the diagonal. The delays of one epoch between four VLBI stations are six numbers, but each station's
+error is in three of them: they are not six independent delays, and observations that share errors at an epoch form a
+block
+
+    C = diag(white^2) + A A^T,
+
+with a column of A for each shared error, of unit variance, and in its rows the effect on each observation. Counts of
+one continuous phase have the error of the phase at their end less that at their start: contiguous counts share one with
+opposite signs, white phase noise makes neighbours correlated by -1/2, and the covariance is tri-diagonal. Processes in
+time (:mod:`~radioloc.noise.processes`) make R dense; with one of them a Kalman filter whitens all that belongs
+together, shared errors and phases as further states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.errors import InputError
+from radioloc.labels import changed
+from radioloc.noise.processes import NONE, KalmanFilter, Process, transitions
+from radioloc.noise.whitening import Banded, Blocks, Diagonal, Filtered, Rows, Structure, StructuredWhitener
+from radioloc.parameters.rows import networks
+from radioloc.vectors import Floats
+
+ALONE = -1  # group or link of an observation that shares no error
+
+_MIN_VARIANCE_RATIO = 1e-10  # of combinations in a block: below, rounding shows in the weights
+_MIN_INNOVATION_FRACTION = 1e-10  # of the variance: below, the observation follows from others
+
+Term = TypeVar("Term")
+
+
+class NoiseTerm(Protocol):
+    """Errors of n observations that are independent of those of the other terms."""
+
+    @property
+    def variance_m2(self) -> Floats:
+        """Variance of each observation, m^2, shape (n,)."""
+
+    def select(self, rows: Rows) -> NoiseTerm:
+        """Term of some of the observations."""
+
+    @property
+    def states(self) -> tuple[NDArray[np.intp], Floats]:
+        """States of a Kalman filter that each observation has, or NONE, and their signs, both (n, k)."""
+
+    def transitions(self, rows: Rows, step_s: Floats, states: NDArray[np.intp]) -> tuple[Floats, Floats]:
+        """Decay of some states, and the variances that they gain, from row to row of some rows, both (m, s)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class White:
+    """Errors of each observation that no other shares."""
+
+    sigma_m: Floats  # (n,)
+
+    @property
+    def variance_m2(self) -> Floats:
+        """Variance of each observation, m^2, shape (n,)."""
+        return np.square(self.sigma_m)
+
+    def select(self, rows: Rows) -> White:
+        """Term of some of the observations."""
+        return White(self.sigma_m[rows])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SharedAtEpoch:
+    """Errors that each observation shares with others of its epoch, such as those of stations in delays."""
+
+    group: NDArray[
+        np.intp
+    ]  # (n,), observations of a group share errors of the same source; ALONE shares none
+    source: NDArray[np.intp]  # (n, k), such as indices of stations
+    effect_m: Floats  # (n, k), of an error of one standard deviation of each source, with its sign
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.effect_m).all():
+            raise InputError("an effect of a shared error is not finite; give its standard deviation, m")
+
+    @property
+    def variance_m2(self) -> Floats:
+        """Variance of each observation, m^2, shape (n,)."""
+        each = np.arange(len(self.group))[:, None]
+        return np.where(self.group == ALONE, 0.0, self.covariance_m2(each)[:, 0, 0])
+
+    def select(self, rows: Rows) -> SharedAtEpoch:
+        """Term of some of the observations."""
+        return SharedAtEpoch(self.group[rows], self.source[rows], self.effect_m[rows])
+
+    def covariance_m2(self, rows: NDArray[np.intp]) -> Floats:
+        """Covariance of observations (b, k), each of the b in one group, shape (b, k, k)."""
+        source, effect_m = self.source[rows], self.effect_m[rows]
+        same = source[:, :, None, :, None] == source[:, None, :, None, :]
+        return np.asarray(np.einsum("bijkl,bik,bjl->bij", same, effect_m, effect_m))
+
+    @property
+    def states(self) -> tuple[NDArray[np.intp], Floats]:
+        """Sources as states."""
+        shared = (self.group[:, None] != ALONE) & (self.effect_m != 0.0)
+        return np.where(shared, self.source, NONE), self.effect_m
+
+    def transitions(self, rows: Rows, step_s: Floats, states: NDArray[np.intp]) -> tuple[Floats, Floats]:
+        """States are new in each group, whose rows follow each other."""
+        decay, mine = np.ones((len(rows), len(states))), np.flatnonzero(self.group[rows] != ALONE)
+        decay[mine[changed(self.group[rows[mine]])]] = 0.0
+        return decay, 1.0 - decay
+
+    def blocks(self, white_m: Floats, rows: Rows) -> Iterator[Blocks]:
+        """Some rows (m,) that share errors in blocks, those of one size together."""
+        order = rows[np.argsort(self.group[rows], kind="stable")]
+        starts = np.flatnonzero(changed(self.group[order]))
+        counts = np.diff(starts, append=len(order))
+        for size in np.unique(counts):
+            block = order[starts[counts == size][:, None] + np.arange(size)]
+            new = changed(white_m[block], self.source[block], self.effect_m[block])
+            some = block[new]
+            covariance = self.covariance_m2(some)
+            covariance[:, np.arange(size), np.arange(size)] += white_m[some] ** 2
+            variances, axes = np.linalg.eigh(covariance)
+            flat = np.flatnonzero(variances[:, 0] <= _MIN_VARIANCE_RATIO * variances[:, -1])
+            if len(flat):
+                row = int(some[flat[0], np.argmin(white_m[some[flat[0]]])])
+                raise InputError(
+                    f"sigma of observation {row} is {white_m[row]:g} m, too small beside the error that it shares "
+                    f"with others, {np.abs(self.effect_m[row]).max():g} m; give at least a 10000th of that"
+                )
+            axes_m = np.sqrt(variances)
+            roots = np.swapaxes(axes / axes_m[:, None, :], 1, 2)
+            yield Blocks(block, np.cumsum(new) - 1, roots, axes_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DopplerPhase:
+    """White noise of the phases at the ends of count intervals, whose difference a count is."""
+
+    sigma_m: Floats  # (n,), of the phase at either end
+    link: NDArray[np.intp]  # (n,), whose phases are counted; ALONE has none
+    start: NDArray[np.intp]  # (n,), number of the phase at the start, in order of time along the link
+    end: NDArray[np.intp]  # (n,), likewise at the end: where the next count begins with it, they share it
+
+    @property
+    def variance_m2(self) -> Floats:
+        """Variance of each observation, m^2, shape (n,)."""
+        return np.where(self.link == ALONE, 0.0, 2.0 * self.sigma_m**2)
+
+    def select(self, rows: Rows) -> DopplerPhase:
+        """Term of some of the observations."""
+        return DopplerPhase(self.sigma_m[rows], self.link[rows], self.start[rows], self.end[rows])
+
+    def banded(self, white_m: Floats, rows: Rows) -> Banded:
+        """Some rows (m,), each behind the count that ends where it starts."""
+        from scipy.linalg import cholesky_banded
+
+        start, end = self.start[rows], self.end[rows]
+        order = np.lexsort((start, start % (end - start), self.link[rows]))
+        rows, start, end = rows[order], start[order], end[order]
+        joined = (end[:-1] == start[1:]) & (self.link[rows[:-1]] == self.link[rows[1:]])
+        phase_m = self.sigma_m[rows]
+        banded = np.zeros((2, len(rows)))
+        banded[0] = white_m[rows] ** 2 + 2.0 * phase_m**2
+        banded[1, :-1] = np.where(joined, -phase_m[:-1] * phase_m[1:], 0.0)
+        return Banded(rows, np.asarray(cholesky_banded(banded, lower=True)))
+
+    @property
+    def states(self) -> tuple[NDArray[np.intp], Floats]:
+        """Phases of a link take as many states by turns as are needed at a time."""
+        phases = np.stack([self.start, self.end], axis=1)
+        turns = int((self.end - self.start)[self.link != ALONE].max(initial=0)) + 1
+        states = np.where(self.link[:, None] == ALONE, NONE, self.link[:, None] * turns + phases % turns)
+        return states, self.sigma_m[:, None] * [-1.0, 1.0]
+
+    def transitions(self, rows: Rows, step_s: Floats, states: NDArray[np.intp]) -> tuple[Floats, Floats]:
+        """States are new at the end of each count, and at the start where no earlier row has that phase."""
+        decay, mine = np.ones((len(rows), len(states))), np.flatnonzero(self.link[rows] != ALONE)
+        own = np.searchsorted(states, self.states[0][rows[mine]])
+        start, end = (np.stack([self.link, one], axis=1)[rows[mine]] for one in (self.start, self.end))
+        _, number = np.unique(np.concatenate([start, end]), axis=0, return_inverse=True)
+        start_number, end_number = np.split(number.ravel(), 2)
+        first = ~np.isin(start_number, end_number)
+        decay[mine[first], own[first, 0]] = 0.0
+        decay[mine, own[:, 1]] = 0.0
+        return decay, 1.0 - decay
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GaussMarkov:
+    """First-order Gauss-Markov processes, each in one observation or in several, with signs."""
+
+    time_s: Floats  # (n,)
+    process: NDArray[np.intp]  # (n, k), index of a process or NONE
+    sign: Floats  # (n, k)
+    processes: tuple[Process, ...]
+
+    def _numbers(self, which: NDArray[np.intp]) -> Floats:
+        numbers = [(p.variance_m2, p.tau_s, p.walk_m2_s, p.start_s) for p in self.processes]
+        return np.moveaxis(np.array(numbers or [(0.0,) * 4])[which], -1, 0)
+
+    @property
+    def variance_m2(self) -> Floats:
+        """Variance of each observation, m^2, shape (n,)."""
+        variance_m2, _, walk_m2_s, start_s = self._numbers(self.process)
+        variance_m2 = variance_m2 + walk_m2_s * (self.time_s[:, None] - start_s)
+        return np.asarray((self.sign**2 * variance_m2 * (self.process != NONE)).sum(axis=1))
+
+    def select(self, rows: Rows) -> GaussMarkov:
+        """Term of some of the observations."""
+        return GaussMarkov(self.time_s[rows], self.process[rows], self.sign[rows], self.processes)
+
+    @property
+    def states(self) -> tuple[NDArray[np.intp], Floats]:
+        """Processes as states."""
+        return self.process, self.sign
+
+    def transitions(self, rows: Rows, step_s: Floats, states: NDArray[np.intp]) -> tuple[Floats, Floats]:
+        """Decay and growth of the processes."""
+        variance_m2, tau_s, walk_m2_s, start_s = self._numbers(states)
+        decay, added = transitions(step_s, variance_m2, tau_s)
+        walks = walk_m2_s > 0.0
+        decay[1:, walks] = 1.0
+        added[:, walks] = walk_m2_s[walks] * step_s[:, None]
+        added[:1] = variance_m2 + walk_m2_s * np.maximum(self.time_s[rows[:1], None] - start_s, 0.0)
+        return decay, added
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ObservationCovariance:
+    """Covariance R of n observations; :class:`InputError` where it cannot be positive definite."""
+
+    terms: tuple[White | NoiseTerm, ...]
+    white_m: Floats = field(init=False)  # (n,), sigma of the white terms together
+    sigma_m: Floats = field(init=False)  # (n,), of all terms together
+
+    def __post_init__(self) -> None:
+        if len({len(term.variance_m2) for term in self.terms}) != 1:
+            counts = [len(term.variance_m2) for term in self.terms]
+            raise InputError(f"terms of the noise: expected equal numbers of observations, got {counts}")
+        white_m2 = sum((term.variance_m2 for term in self.of_type(White)), np.zeros(len(self)))
+        variance_m2 = sum((term.variance_m2 for term in self._structured), white_m2)
+        bad = np.flatnonzero(~(np.isfinite(variance_m2) & (variance_m2 > 0.0)))
+        if len(bad):
+            sigma_m = np.sqrt(variance_m2[bad[0]])
+            raise InputError(f"sigma of observation {bad[0]} is {sigma_m} m; give a finite positive number")
+        object.__setattr__(self, "white_m", np.sqrt(white_m2))
+        object.__setattr__(self, "sigma_m", np.sqrt(variance_m2))
+
+    @classmethod
+    def of(cls, given: ArrayLike | ObservationCovariance, n: int) -> ObservationCovariance:
+        """Covariance of n observations from standard deviations (n,) or (), m, or as it is; errors as of the class."""
+        if isinstance(given, ObservationCovariance):
+            if len(given) != n:
+                raise InputError(f"noise of {len(given)} observations does not belong to {n} observations")
+            return given
+        try:
+            sigma_m = np.array(np.broadcast_to(np.asarray(given, dtype=np.float64), (n,)))
+        except ValueError:
+            raise InputError(f"sigmas of shape {np.shape(given)} do not belong to {n} observations") from None
+        bad = np.flatnonzero(sigma_m < 0.0)
+        if len(bad):
+            raise InputError(
+                f"sigma of observation {bad[0]} is {sigma_m[bad[0]]} m; give a finite positive number"
+            )
+        return cls((White(sigma_m),))
+
+    def __len__(self) -> int:
+        return len(self.terms[0].variance_m2)
+
+    def of_type(self, kind: type[Term]) -> tuple[Term, ...]:
+        """Terms of one type."""
+        return tuple(term for term in self.terms if isinstance(term, kind))
+
+    @property
+    def _structured(self) -> tuple[NoiseTerm, ...]:
+        return tuple(term for term in self.terms if not isinstance(term, White))
+
+    def plus(self, *terms: White | NoiseTerm) -> ObservationCovariance:
+        """Covariance with further independent terms."""
+        return ObservationCovariance((*self.terms, *terms))
+
+    def select(self, rows: Rows) -> ObservationCovariance:
+        """Covariance of some of the observations."""
+        return ObservationCovariance(tuple(term.select(rows) for term in self.terms))
+
+    def whitener(
+        self, used: NDArray[np.bool_] | None = None, order: Rows | None = None
+    ) -> StructuredWhitener:
+        """Whitener of the used observations, all of them by default, those alone in some order of the rows (n,)."""
+        used = np.ones(len(self), dtype=bool) if used is None else used
+        shared, phases = self.of_type(SharedAtEpoch), self.of_type(DopplerPhase)
+        if len(shared) + len(phases) < len(self._structured):
+            return StructuredWhitener(len(self), tuple(self._filtered(used)))
+        of_shared = [used & (term.group != ALONE) for term in shared]
+        of_phases = [used & (term.link != ALONE) for term in phases]
+        alone = used & ~np.any([~used, *of_shared, *of_phases], axis=0)
+        rows = np.flatnonzero(alone) if order is None else order[alone[order]]
+        structures: list[Structure] = [Diagonal(rows, self.white_m[rows])] if len(rows) else []
+        for term, mine in zip(shared, of_shared, strict=True):
+            structures += term.blocks(self.white_m, np.flatnonzero(mine))
+        for phase, mine in zip(phases, of_phases, strict=True):
+            if mine.any():
+                structures.append(phase.banded(self.white_m, np.flatnonzero(mine)))
+        return StructuredWhitener(len(self), tuple(structures))
+
+    def _filtered(self, used: NDArray[np.bool_]) -> Iterator[Structure]:
+        """A Kalman filter for each network of observations that share processes, and the others."""
+        processes, signs, first = [], [], [0]
+        time_s, groups = np.zeros(len(self)), []
+        for term in self._structured:
+            process, sign = term.states
+            processes.append(np.where(process == NONE, NONE, process + first[-1]))
+            signs.append(sign)
+            first.append(first[-1] + int(process.max(initial=NONE)) + 1)
+            time_s = term.time_s if isinstance(term, GaussMarkov) else time_s
+        for shared in self.of_type(SharedAtEpoch):
+            _, of_group, which = np.unique(shared.group, return_index=True, return_inverse=True)
+            # Time tags of a group differ by milliseconds.
+            time_s = np.where(shared.group == ALONE, time_s, time_s[of_group][which])
+            groups.append(shared.group)
+        process, sign = np.hstack(processes), np.hstack(signs)
+        order = np.lexsort((*groups, time_s))
+        order = order[used[order]]
+        largest = process.max(axis=1, initial=NONE)
+        pairs = np.stack([np.broadcast_to(largest[:, None], process.shape), process], axis=-1)
+        network = np.where(largest == NONE, NONE, networks(pairs[process != NONE], first[-1])[largest])
+        for number in np.unique(network[order]).tolist():
+            rows = order[network[order] == number]
+            if number == NONE:
+                yield Diagonal(rows, self.white_m[rows])
+                continue
+            states = np.unique(process[rows])
+            states = states[states != NONE]
+            step_s = np.diff(time_s[rows], prepend=time_s[rows[0]])
+            found = [
+                term.transitions(rows, step_s, states[(states >= begin) & (states < end)] - begin)
+                for term, begin, end in zip(self._structured, first, first[1:], strict=False)
+            ]
+            decay, added = (np.hstack(both) for both in zip(*found, strict=True))
+            local = np.where(process[rows] == NONE, NONE, np.searchsorted(states, process[rows]))
+            least = _MIN_INNOVATION_FRACTION * self.sigma_m[rows] ** 2
+            white_m2 = self.white_m[rows] ** 2
+            yield Filtered(rows, KalmanFilter.of(local, sign[rows], white_m2, (decay, added), least))

@@ -1,0 +1,90 @@
+"""First-order Gauss-Markov processes, and the Kalman filter that whitens them.
+
+A stationary process has the autocovariance v exp(-|dt| / tau); with a correlation time of zero it is new at each epoch.
+A random walk grows from the instant when it began. A Kalman filter whose states are the processes (Kalman 1960; Tapley,
+Schutz and Born 2004, section 4.9) turns columns of the design matrix into innovations, which over their standard
+deviations are those of independent observations: A^T V^-1 A is then exact, at a cost linear in the observations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.vectors import Floats
+
+NONE = -1  # index of no process
+
+
+@dataclass(frozen=True, slots=True)
+class Process:
+    """Variance and correlation time of a stationary process, or growth of the variance of a random walk."""
+
+    variance_m2: float = 0.0
+    tau_s: float = 0.0
+    walk_m2_s: float = 0.0
+    start_s: float = 0.0  # when the walk began
+
+
+def transitions(
+    step_s: Floats, variance: ArrayLike, tau_s: ArrayLike, new: NDArray[np.bool_] | None = None
+) -> tuple[Floats, Floats]:
+    """Factors by which processes decay over steps (n,), and the variances that they gain, both (n, s).
+
+    Processes begin anew at the rows `new`, at the first one by default.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        decay = np.exp(-np.maximum(step_s, 0.0)[:, None] / np.asarray(tau_s))
+    decay[step_s <= 0.0] = 1.0
+    decay[slice(1) if new is None else new] = 0.0
+    return decay, np.asarray(variance) * (1.0 - decay**2)
+
+
+def recursions(decay: Floats, weight: Floats, drive: Floats) -> Floats:
+    """Sum of the columns x_i = decay_i x_(i-1) + drive_i (n, m) of processes (n, p) times their weights (p,)."""
+    from radioloc.noise._kernels import recursions as compiled
+
+    return np.asarray(compiled(decay, weight, np.ascontiguousarray(drive)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KalmanFilter:
+    """Gains of a Kalman filter of n rows and s processes; they are the same for all columns."""
+
+    process: NDArray[np.intp]  # (n, k), index of each process that a row has, or NONE
+    sign: Floats  # (n, k), with which it has it
+    decay: Floats  # (n, s), of the processes since the row before
+    gain: Floats  # (n, s)
+    scale: Floats  # (n,), one over the standard deviation of the innovation; zero of what follows from earlier rows
+
+    @classmethod
+    def of(
+        cls,
+        process: NDArray[np.intp],
+        sign: Floats,
+        white: Floats,
+        transition: tuple[Floats, Floats],
+        least: Floats | None = None,
+    ) -> KalmanFilter:
+        """Filter of white noise and processes; innovations of variances up to `least` (n,) count as none."""
+        from radioloc.noise._kernels import filter_gains
+
+        least = np.zeros(len(white)) if least is None else least
+        return cls(process, sign, transition[0], *filter_gains(process, sign, white, least, *transition))
+
+    def innovations(self, columns: Floats, rows: slice = slice(None), state: Floats | None = None) -> Floats:
+        """Innovations of the columns (m, c) of some rows over their sigmas; the state (s, c) goes on between calls."""
+        from radioloc.noise._kernels import filter_innovations
+
+        state = np.zeros((self.gain.shape[1], columns.shape[1])) if state is None else state
+        own = (part[rows] for part in (self.process, self.sign, self.decay, self.gain, self.scale))
+        return np.asarray(filter_innovations(*own, state, np.ascontiguousarray(columns)))
+
+    def adjoint(self, columns: Floats) -> Floats:
+        """Transpose of :meth:`innovations` of all rows: both one after the other multiply by the inverse covariance."""
+        from radioloc.noise._kernels import filter_adjoint
+
+        own = (self.process, self.sign, self.decay, self.gain, self.scale)
+        return np.asarray(filter_adjoint(*own, np.ascontiguousarray(columns)))

@@ -109,9 +109,9 @@ def _read_all(
     recorded: list[RecordedSolution] = []
     references: dict[str, Place] = {}
     has_several_targets = False
-    for given in solutions:
-        is_stated = isinstance(given, str | Path) and Path(given).suffix == ".toml"
-        items, places = (_read_stated(Path(str(given))), {}) if is_stated else read_solutions(given)
+    for source in solutions:
+        is_stated = isinstance(source, str | Path) and Path(source).suffix == ".toml"
+        items, places = (_read_stated(Path(str(source))), {}) if is_stated else read_solutions(source)
         recorded += [item.of_target(target) for item in items]
         targets = [[*item.content["targets"]] for item in items if item.content.get("targets")]
         has_several_targets |= bool(targets)
@@ -166,9 +166,9 @@ class RecordedSolution:
         if not targets:
             return self
         if target not in targets:
-            given = "none" if target is None else repr(target)
+            got = "none" if target is None else repr(target)
             raise InputError(
-                f"{self.where}: expected the name of a target ({', '.join(targets)}), got {given}; "
+                f"{self.where}: expected the name of a target ({', '.join(targets)}), got {got}; "
                 "give it as --target, or target= in Python"
             )
         content = {**self.content, **targets[target], "targets": {}}
@@ -180,24 +180,27 @@ class RecordedSolution:
         return RecordedSolution(self.where, content, PositionEstimate.from_solution(content))
 
 
-def read_solutions(given: str | Path | Result) -> tuple[list[RecordedSolution], dict[str, Place]]:
+def read_solutions(source: str | Path | Result) -> tuple[list[RecordedSolution], dict[str, Place]]:
     """Return the solutions of a ``solution.json``, an ``arcs.json`` or a result, and its references."""
-    require_type("solutions", given, str, Path, Result)
-    content = read_recorded(given) if isinstance(given, str | Path) else given.to_dict()
+    require_type("solutions", source, str, Path, Result)
+    content = read_recorded(source) if isinstance(source, str | Path) else source.to_dict()
     if not {"position", "positions"} & content.keys():
-        raise InputError(f"solutions: expected results with a position, got {type(given).__name__}")
+        raise InputError(f"solutions: expected results with a position, got {type(source).__name__}")
     arcs = content["arcs"] if "positions" in content else [{"solution": content}]
     references = {
         row["name"]: (-row["longitude_west_deg"], row["latitude_deg"], row["height_m"])
         for row in content.get("positions", ())
         if row["method"] == "reference"
     }
-    known = [arc["solution"]["reference"] for arc in arcs if arc["solution"]["reference"] is not None]
-    places = {item["name"]: (item["longitude_deg"], item["latitude_deg"], item["height_m"]) for item in known}
-    with named(f"{given}:") if isinstance(given, str | Path) else nullcontext():
+    recorded = [arc["solution"]["reference"] for arc in arcs]
+    places = {
+        item["name"]: (item["longitude_deg"], item["latitude_deg"], item["height_m"])
+        for item in filter(None, recorded)
+    }
+    with named(f"{source}:") if isinstance(source, str | Path) else nullcontext():
         solutions = [
             RecordedSolution(
-                f"{given}, {arc['hours']:g} h" if "hours" in arc else str(given),
+                f"{source}, {arc['hours']:g} h" if "hours" in arc else str(source),
                 arc["solution"],
                 PositionEstimate.from_solution(arc["solution"]),
             )
@@ -264,27 +267,27 @@ def _read_stated(path: Path) -> list[RecordedSolution]:
     if positions is None:
         top.fail("positions", "is missing; each position is a table [positions.NAME]")
     contents = [_content(table, name) for name, table in positions.named().items()]
-    return [RecordedSolution(str(path), one, PositionEstimate.from_solution(one)) for one in contents]
+    return [RecordedSolution(str(path), item, PositionEstimate.from_solution(item)) for item in contents]
 
 
 def _content(table: TomlTable, name: str) -> dict[str, Any]:
-    given = table.read(StatedPosition)
-    place = position_of(table, given)
+    stated = table.read(StatedPosition)
+    place = position_of(table, stated)
     if not place.frame.startswith("ME_"):
         table.fail("frame", f"must be mean-Earth axes, such as ME_DE421, not {place.frame!r}")
-    if (given.map is None) != (given.map_sigma_m is None):
+    if (stated.map is None) != (stated.map_sigma_m is None):
         table.fail("map", "belongs to map_sigma_m; give both or neither")
-    sigma_m = np.array([*(given.sigma_m or (math.nan,) * 2), given.sigma_up_m or math.nan])
-    ties_m = given.map_sigma_m or ()
+    sigma_m = np.array([*(stated.sigma_m or (math.nan,) * 2), stated.sigma_up_m or math.nan])
+    ties_m = stated.map_sigma_m or ()
     total_m2 = sigma_m**2
     total_m2[: len(ties_m)] += np.square(ties_m)
     longitude_deg, latitude_deg, height_m = place.selenographic
     me = {"longitude_deg": longitude_deg, "latitude_deg": latitude_deg, "height_m": height_m}
-    known = np.isfinite(total_m2)
-    covariance = np.where(np.outer(known, known), np.diag(total_m2), math.nan)
+    determined = np.isfinite(total_m2)
+    covariance = np.where(np.outer(determined, determined), np.diag(total_m2), math.nan)
     return {
-        "name": given.name or name,
-        "method": given.method,
+        "name": stated.name or name,
+        "method": stated.method,
         "converged": True,
         "position": {
             "me": {"frame": place.frame, **me} | dict(zip(("x_m", "y_m", "z_m"), place.xyz_m, strict=True))
@@ -296,7 +299,7 @@ def _content(table: TomlTable, name: str) -> dict[str, Any]:
         "covariance": {"enu_m2": covariance},
         "considered": [
             {"name": name, "position_enu_m": tie_m * side}
-            for name, tie_m, side in zip(map_tie_names(given.map or ""), ties_m, np.eye(3), strict=False)
+            for name, tie_m, side in zip(map_tie_names(stated.map or ""), ties_m, np.eye(3), strict=False)
         ],
         "fit": {"used": None, "rejected": None},
         "reference": None,

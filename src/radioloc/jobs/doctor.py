@@ -106,20 +106,20 @@ def _packages() -> Iterator[Finding]:
     yield Finding("versions", ", ".join(f"{name} {number}" for name, number in versions().items()))
     for extra, names in _extras().items():
         missing = [name for name in names if _version(name) is None]
-        there = ", ".join(f"{name} {_version(name)}" for name in names if name not in missing)
+        present = ", ".join(f"{name} {_version(name)}" for name in names if name not in missing)
         install = f"not installed: {', '.join(missing)}; pip install '.[{extra}]'" if missing else ""
-        yield Finding("extras", f"{extra}: {'; '.join(filter(None, (there, install)))}")
+        yield Finding("extras", f"{extra}: {'; '.join(filter(None, (present, install)))}")
 
 
 def _extras() -> dict[str, list[str]]:
     """Return the packages of each extra for users."""
-    found: dict[str, list[str]] = {}
+    packages: dict[str, list[str]] = {}
     for requirement in requires("radioloc") or ():
         package, _, condition = requirement.partition(";")
         extra = condition.partition("extra ==")[2].strip().strip("'\"")
         if extra and extra not in ("dev", "bench"):
-            found.setdefault(extra, []).append(package.split(">")[0].split("<")[0].strip())
-    return found
+            packages.setdefault(extra, []).append(package.split(">")[0].split("<")[0].strip())
+    return packages
 
 
 def _version(package: str) -> str | None:

@@ -229,7 +229,7 @@ def arc_parts(longest: Predictor, study: Study, lengths: Iterable[float]) -> lis
     """Return the first parts of a prepared arc with several lengths, h; a part without observations is an error."""
     everything = np.ones(len(longest.observations), dtype=bool)
     since_s = _since_start_s(longest.observations, study.observations, everything)
-    whole = with_independent_clocks(study, study.estimate, longest)
+    full_estimate = with_independent_clocks(study, study.estimate, longest)
     parts = []
     for length in lengths:
         rows = np.flatnonzero(since_s <= 3600.0 * length + _ROUNDING_S)
@@ -238,7 +238,7 @@ def arc_parts(longest: Predictor, study: Study, lengths: Iterable[float]) -> lis
                 f"the arc of {length:g} h has no observations: the first is {since_s.min() / 3600.0:.2f} h after the "
                 "start; give a longer arc or a later start"
             )
-        arc, estimate = longest, whole
+        arc, estimate = longest, full_estimate
         if len(rows) < len(everything):
             arc = longest.select(rows)
             estimate = estimate.of_part(arc)
@@ -274,13 +274,13 @@ def with_averaged_counts(observations: Observations, average_s: float) -> tuple[
     run = np.cumsum(begins) - 1
     first = np.flatnonzero(begins)
     place = np.arange(len(rows)) - first[run]
-    whole = place - place % number + number <= np.bincount(run)[run]
-    starts = np.flatnonzero((place % number == 0) & whole)
+    complete = place - place % number + number <= np.bincount(run)[run]
+    starts = np.flatnonzero((place % number == 0) & complete)
     if not len(starts):
         return observations.select(~shorter), len(rows)
-    interval = np.cumsum((place % number == 0) & whole)[whole] - 1
+    interval = np.cumsum((place % number == 0) & complete)[complete] - 1
     value_m, variance_m2 = (
-        np.bincount(interval, weights=column[rows[whole]]).astype(np.float64)
+        np.bincount(interval, weights=column[rows[complete]]).astype(np.float64)
         for column in (observations.value_m, observations.sigma_m**2)
     )
     half_s = 0.5 * (number[starts] - 1) * observations.count_s[rows[starts]]
@@ -294,7 +294,7 @@ def with_averaged_counts(observations: Observations, average_s: float) -> tuple[
         file=observations.file[rows[starts]],
         line=observations.line[rows[starts]],
     )
-    others = np.flatnonzero(~shorter)
-    made = Observations.concatenate([joined, observations.select(others)])
-    in_order = np.argsort(np.concatenate([rows[starts], others]), kind="stable")
-    return made.select(in_order), int((~whole).sum())
+    other_rows = np.flatnonzero(~shorter)
+    averaged = Observations.concatenate([joined, observations.select(other_rows)])
+    in_order = np.argsort(np.concatenate([rows[starts], other_rows]), kind="stable")
+    return averaged.select(in_order), int((~complete).sum())

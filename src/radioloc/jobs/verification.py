@@ -97,17 +97,17 @@ def verify(path: str | Path, study: str | Path | None = None) -> Verification:
     """
     require_type("path", path, str, Path)
     require_type("study", study, str, Path, type(None))
-    before = _recorded(Path(path))
-    now = _again(Path(path), before["provenance"], study)
-    then = before["provenance"]
+    recorded = _recorded(Path(path))
+    repeated = _again(Path(path), recorded["provenance"], study)
+    provenance = recorded["provenance"]
     environment = [
-        Difference(name, then.get(name), value)
+        Difference(name, provenance.get(name), value)
         for name, value in versions().items()
-        if then.get(name) != value
+        if provenance.get(name) != value
     ]
-    pairs = list(_pairs(before, json.loads(json_text(now))))
+    pairs = list(_pairs(recorded, json.loads(json_text(repeated))))
     differences = (
-        Difference(name, one, two) for name, one, two, allowed in pairs if _differ(one, two, allowed)
+        Difference(name, old, new) for name, old, new, allowed in pairs if _differ(old, new, allowed)
     )
     return Verification(str(path), len(pairs), tuple(differences), tuple(environment))
 
@@ -132,23 +132,23 @@ def _recorded(path: Path) -> Mapping[str, Any]:
 def _again(path: Path, recorded: Mapping[str, Any], file: str | Path | None) -> dict[str, Any]:
     """Return the repeated solution as a dictionary; missing or changed input files are errors."""
     origin = recorded["study"]
-    found = Path(origin["file"] if file is None else file)
-    if not found.is_file():
-        raise InputError(f"{path}: its study file {found} is missing; give its new place (--study FILE)")
-    if sha256_of(found) != origin["sha256"]:
+    study_file = Path(origin["file"] if file is None else file)
+    if not study_file.is_file():
+        raise InputError(f"{path}: its study file {study_file} is missing; give its new place (--study FILE)")
+    if sha256_of(study_file) != origin["sha256"]:
         raise InputError(
-            f"{path}: {found} has changed since the solution was computed; restore the study file"
+            f"{path}: {study_file} has changed since the solution was computed; restore the study file"
         )
-    problem = f"{path}: cannot be repeated from {found}"
+    problem = f"{path}: cannot be repeated from {study_file}"
     if "settings" not in origin:  # a study of another kind, such as of images, has all settings in its file
-        repeated = run_study_file(found).to_dict()
+        repeated = run_study_file(study_file).to_dict()
         _require_unchanged(problem, origin, repeated["provenance"]["study"])
         return repeated
-    whole, hours = read_study(found), origin.get("hours")
-    study = replace(whole, observations=replace(whole.observations, hours=hours))
+    full_study, hours = read_study(study_file), origin.get("hours")
+    study = replace(full_study, observations=replace(full_study.observations, hours=hours))
     _require_unchanged(problem, origin, study_origin(study))
-    if hours != whole.observations.hours:
-        return arcs(whole, [hours]).arcs[0].solution.to_dict()
+    if hours != full_study.observations.hours:
+        return arcs(full_study, [hours]).arcs[0].solution.to_dict()
     arc, left_out = prepared_arc(study)
     estimate = None if recorded.get("estimate") is None else study.estimate
     return fit_arc(study, arc, left_out, estimate).to_dict()
@@ -156,10 +156,12 @@ def _again(path: Path, recorded: Mapping[str, Any], file: str | Path | None) -> 
 
 def _require_unchanged(problem: str, recorded: Mapping[str, Any], origin: Mapping[str, Any]) -> None:
     """Raise an error if the input files or the settings of a study have changed."""
-    before, now = (
+    old_files, new_files = (
         Counter((item["file"], item["sha256"]) for item in study["inputs"]) for study in (recorded, origin)
     )
-    gone, new = sorted({name for name, _ in before - now}), sorted({name for name, _ in now - before})
+    gone, new = (
+        sorted({name for name, _ in files}) for files in (old_files - new_files, new_files - old_files)
+    )
     if gone or new:
         changes = [f"{name} {'has another content' if name in new else 'is missing'}" for name in gone]
         changes += [f"{name} is new" for name in new if name not in gone]
@@ -176,23 +178,23 @@ Pair = tuple[str, Any, Any, float]
 """Name of a number, its values then and now, and their tolerance."""
 
 
-def _pairs(then: Any, now: Any, name: str = "", scale: float = 0.0) -> Iterator[Pair]:
+def _pairs(old: Any, new: Any, name: str = "", scale: float = 0.0) -> Iterator[Pair]:
     """Pair every value of two results, named by its keys joined by dots; `scale` is the sigma of a number."""
-    if isinstance(then, Mapping) and isinstance(now, Mapping):
-        for key in dict.fromkeys([*then, *now]):
+    if isinstance(old, Mapping) and isinstance(new, Mapping):
+        for key in dict.fromkeys([*old, *new]):
             if key not in _NOT_COMPARED:
                 place = f"{name}.{key}" if name else str(key)
-                yield from _pairs(then.get(key), now.get(key), place, _scale(key, then, scale))
-    elif isinstance(then, list) and isinstance(now, list):
+                yield from _pairs(old.get(key), new.get(key), place, _scale(key, old, scale))
+    elif isinstance(old, list) and isinstance(new, list):
         # Rows with names are paired by name, others by index.
-        before, after = (_by_name(rows) for rows in (then, now))
-        largest = max((abs(item) for item in then if _is_number(item)), default=scale)
-        for key in dict.fromkeys([*before, *after]):
-            yield from _pairs(before.get(key), after.get(key), f"{name}.{key}", max(scale, largest))
+        old_rows, new_rows = (_by_name(rows) for rows in (old, new))
+        largest = max((abs(item) for item in old if _is_number(item)), default=scale)
+        for key in dict.fromkeys([*old_rows, *new_rows]):
+            yield from _pairs(old_rows.get(key), new_rows.get(key), f"{name}.{key}", max(scale, largest))
     else:
-        size = abs(then) if _is_number(then) else 0.0
+        size = abs(old) if _is_number(old) else 0.0
         floor = _TOLERANCE_M if name.endswith("_m") else 0.0
-        yield name, then, now, max(_TOLERANCE_SIGMAS * (scale or size), 1e-9 * size, floor)
+        yield name, old, new, max(_TOLERANCE_SIGMAS * (scale or size), 1e-9 * size, floor)
 
 
 def _by_name(rows: list[Any]) -> dict[str, Any]:
@@ -220,10 +222,10 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _differ(one: Any, two: Any, allowed: float) -> bool:
-    if isinstance(one, float) and _is_number(two):
-        return not abs(one - two) <= allowed
-    return bool(one != two)
+def _differ(old: Any, new: Any, allowed: float) -> bool:
+    if isinstance(old, float) and _is_number(new):
+        return not abs(old - new) <= allowed
+    return bool(old != new)
 
 
 def _row(item: Difference) -> tuple[str, str, str]:

@@ -132,15 +132,15 @@ def _check_versions(client: Any) -> None:
     """Refuse a cluster whose workers have other versions of the packages that compute."""
     expected = versions()
     try:
-        found = client.run(versions)
+        versions_by_worker = client.run(versions)
     except (ImportError, AttributeError) as error:
         raise InputError(
             f"a worker of the Dask cluster has another radioloc or none ({error}); install radioloc "
             f"{expected['radioloc']} on all workers"
         ) from error
-    if not found:
+    if not versions_by_worker:
         raise InputError("the Dask cluster has no workers; start at least one")
-    for worker, installed in found.items():
+    for worker, installed in versions_by_worker.items():
         for name, version in expected.items():
             if installed.get(name) != version:
                 raise InputError(
@@ -152,7 +152,7 @@ def _check_versions(client: Any) -> None:
 @contextmanager
 def _spawning() -> Iterator[None]:
     """Start processes with one thread of linear algebra each; an interrupt waits until they have begun."""
-    before = {name: os.environ.get(name) for name in _THREADS}
+    earlier = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if _CAN_MASK else set()
     try:
@@ -160,7 +160,7 @@ def _spawning() -> Iterator[None]:
     finally:
         if _CAN_MASK:
             signal.pthread_sigmask(signal.SIG_SETMASK, masked)
-        for name, value in before.items():
+        for name, value in earlier.items():
             if value is None:
                 del os.environ[name]
             else:

@@ -125,11 +125,11 @@ def with_canonical_names(
     """Return the choice with the names that the predictor has for stations, links and targets."""
     scope = choice.scope(kind)
 
-    def renamed(key: str, given: Any) -> Any:
-        if not isinstance(given, Mapping):
-            return given
+    def renamed(key: str, amounts_by_name: Any) -> Any:
+        if not isinstance(amounts_by_name, Mapping):
+            return amounts_by_name
         amounts: dict[str, Amount] = {}
-        for name, amount in given.items():
+        for name, amount in amounts_by_name.items():
             member = canonical_name(key, name, scope, predictor)
             if member in amounts:
                 raise InputError(f"{key}: expected each member once, got {member} twice, once as {name}")
@@ -181,10 +181,10 @@ def of_part(kind: ParameterKind, choice: ParameterChoice, part: Predictor) -> Pa
         return ParameterChoice(per=choice.per)
     choice = with_canonical_names(kind, choice, part)
 
-    def within_part(given: Any) -> Any:
-        if not isinstance(given, Mapping):
-            return given
-        return {name: amount for name, amount in given.items() if name in present} or None
+    def within_part(amounts: Any) -> Any:
+        if not isinstance(amounts, Mapping):
+            return amounts
+        return {name: amount for name, amount in amounts.items() if name in present} or None
 
     names = choice.names
     if not isinstance(names, str):
@@ -211,24 +211,24 @@ def _names(kind: ParameterKind, names: Any) -> tuple[str, ...] | str:
     return tuple(names)
 
 
-def _amounts(kind: ParameterKind, key: str, given: Any, *, positive: bool) -> Any:
-    if given is None:
+def _amounts(kind: ParameterKind, key: str, amounts: Any, *, positive: bool) -> Any:
+    if amounts is None:
         return None
-    if isinstance(given, Mapping):
-        return {name: _amount(kind, f"{key} of {name}", value, positive) for name, value in given.items()}
-    return _amount(kind, key, given, positive)
+    if isinstance(amounts, Mapping):
+        return {name: _amount(kind, f"{key} of {name}", value, positive) for name, value in amounts.items()}
+    return _amount(kind, key, amounts, positive)
 
 
-def _amount(kind: ParameterKind, key: str, given: Any, positive: bool) -> Amount:
-    given = in_unit(given, ASTROPY_UNITS.get(kind.unit, kind.unit), key)
-    if isinstance(given, np.ndarray):
-        given = given.tolist()
+def _amount(kind: ParameterKind, key: str, amount: Any, positive: bool) -> Amount:
+    amount = in_unit(amount, ASTROPY_UNITS.get(kind.unit, kind.unit), key)
+    if isinstance(amount, np.ndarray):
+        amount = amount.tolist()
     count = len(kind.components)
-    if count > 1 and isinstance(given, Sequence) and not isinstance(given, str):
-        if len(given) != count:
-            raise InputError(f"{key} must be {count} numbers ({', '.join(kind.components)}), not {given!r}")
-        return tuple(_number(key, value, positive) for value in given)
-    return _number(key, given, positive)
+    if count > 1 and isinstance(amount, Sequence) and not isinstance(amount, str):
+        if len(amount) != count:
+            raise InputError(f"{key} must be {count} numbers ({', '.join(kind.components)}), not {amount!r}")
+        return tuple(_number(key, value, positive) for value in amount)
+    return _number(key, amount, positive)
 
 
 def _number(key: str, value: Any, positive: bool) -> float:
@@ -271,26 +271,26 @@ def canonical_name(key: str, name: str, scope: Scope, predictor: Predictor) -> s
 
 
 def parameter_choices(
-    given: Mapping[str, Any], before: Mapping[str, ParameterChoice] | None = None
+    given: Mapping[str, Any], earlier_choices: Mapping[str, ParameterChoice] | None = None
 ) -> dict[str, ParameterChoice]:
     """Sort keys such as ``range_bias_sigma_m`` by kind of parameter; the given keys replace earlier choices."""
     keys = {key: (kind, field) for kind in PARAMETERS.values() for field, key in kind.keys.items()}
     fields: dict[str, dict[str, Any]] = {}
     for key, value in given.items():
         if key not in keys:
-            near = difflib.get_close_matches(key, keys, n=1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
+            matches = difflib.get_close_matches(key, keys, n=1)
+            hint = f"; did you mean {matches[0]!r}?" if matches else ""
             raise InputError(
                 f"{key}: unknown key of a parameter{hint}; the parameters are {', '.join(PARAMETERS)}"
             )
         kind, field = keys[key]
         fields.setdefault(kind.name, {})[field] = value
-    choices = dict(before or {})
+    choices = dict(earlier_choices or {})
     for name, given_fields in fields.items():
         earlier = choices.get(name, ParameterChoice())
         names = {"names": earlier.names} if name in choices else {}
-        made = ParameterChoice.of(PARAMETERS[name], **(names | given_fields))
-        choices[name] = replace(earlier, **{field: getattr(made, field) for field in given_fields})
+        choice = ParameterChoice.of(PARAMETERS[name], **(names | given_fields))
+        choices[name] = replace(earlier, **{field: getattr(choice, field) for field in given_fields})
     return choices
 
 
@@ -299,7 +299,7 @@ def chosen_keys(choices: Mapping[str, ParameterChoice]) -> dict[str, Any]:
     keys: dict[str, Any] = {}
     for name, choice in choices.items():
         for field, key in PARAMETERS[name].keys.items():
-            given = getattr(choice, field)
-            if given is not None:
-                keys[key] = given.value if isinstance(given, Scope) else given
+            setting = getattr(choice, field)
+            if setting is not None:
+                keys[key] = setting.value if isinstance(setting, Scope) else setting
     return keys

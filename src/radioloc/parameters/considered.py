@@ -53,10 +53,10 @@ def resolved(
             continue
         choice = replace(choice, per=choice.per or kind.considered_per)
         rows = rows_of(predictor.simple)
-        found, of_kind = _resolved(kind, choice, rows, estimated.get(name))
+        considered, of_kind = _resolved(kind, choice, rows, estimated.get(name))
         notes += of_kind
-        if found is not None:
-            choices[name] = found
+        if considered is not None:
+            choices[name] = considered
     return choices, notes
 
 

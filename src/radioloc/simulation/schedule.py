@@ -266,8 +266,8 @@ class Schedule:
 def _refuse_overlaps(observations: Observations) -> None:
     keys = observations.epoch.jd, observations.epoch.fraction, observations.link, observations.kind
     order = np.lexsort(keys[::-1])
-    same = np.ones(len(order) - 1, dtype=bool)
+    repeated = np.ones(len(order) - 1, dtype=bool)
     for key in keys:
-        same &= np.diff(key[order]) == 0
-    if same.any():
+        repeated &= np.diff(key[order]) == 0
+    if repeated.any():
         raise InputError("two sessions measure the same link at the same time; let one of them end before")

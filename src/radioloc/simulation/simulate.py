@@ -298,8 +298,8 @@ def _of_orbit(orbit: Orbit) -> tuple[str, ...]:
 def _differences(truth: Truth) -> list[tuple[str, Any]]:
     """Return names and values of the settings of a truth."""
     errors = [(PARAMETERS[name].value_key, choice.value) for name, choice in truth.values.items()]
-    others = [(name, getattr(truth, name)) for name in ("terms_on", "terms_off", "clock_epoch_utc")]
-    return errors + [(name, value) for name, value in others if value]
+    settings = [(name, getattr(truth, name)) for name in ("terms_on", "terms_off", "clock_epoch_utc")]
+    return errors + [(name, value) for name, value in settings if value]
 
 
 def _by_kind(drawn: Mapping[str, float]) -> dict[str, dict[str, float]]:
@@ -314,8 +314,8 @@ def _by_kind(drawn: Mapping[str, float]) -> dict[str, dict[str, float]]:
 def _shown(value: Any) -> str:
     """Return a short text of a record, a mapping or a number."""
     if hasattr(value, "__dataclass_fields__"):
-        given = [(f.name, getattr(value, f.name)) for f in fields(value)]
-        return ", ".join(f"{name} {_shown(v)}" for name, v in given if v not in (0.0, None)) or "none"
+        items = [(f.name, getattr(value, f.name)) for f in fields(value)]
+        return ", ".join(f"{name} {_shown(v)}" for name, v in items if v not in (0.0, None)) or "none"
     if isinstance(value, Mapping):
         return "; ".join(f"{key} {_shown(v)}" for key, v in value.items())
     if isinstance(value, tuple):

@@ -229,10 +229,10 @@ def _design(
 
 def _choices(given: Mapping[str, Any], *, sigma: bool = False) -> dict[str, ParameterChoice]:
     """Sort errors, or their sigmas, by kind of parameter, and check their size."""
-    known = [key for kind in PARAMETERS.values() for key in (kind.value_key, kind.keys["per"])]
-    for key in filter(lambda key: key not in known, given):
-        near = difflib.get_close_matches(key, known, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else f"expected one of {', '.join(known)}"
+    keys = [key for kind in PARAMETERS.values() for key in (kind.value_key, kind.keys["per"])]
+    for key in filter(lambda key: key not in keys, given):
+        matches = difflib.get_close_matches(key, keys, n=1)
+        hint = f"did you mean {matches[0]!r}?" if matches else f"expected one of {', '.join(keys)}"
         raise InputError(f"{key!r}: unknown error of a parameter; {hint}")
     choices = {}
     for kind in PARAMETERS.values():

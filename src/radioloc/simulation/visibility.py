@@ -157,9 +157,9 @@ def _target(model: PhysicalModel, target_pa_m: Target, tdb: Epochs) -> tuple[Flo
     ephemeris = model.ephemeris
     if isinstance(target_pa_m, AnyTrajectory):
         distance_m = np.linalg.norm(target_pa_m.geocentric(ephemeris, tdb)[0], axis=-1)
-        left = tdb.shifted(-distance_m / C_M_S)
-        target_gcrs_m, _ = target_pa_m.geocentric(ephemeris, left)
-        from_moon_m = target_gcrs_m - ephemeris.geocentric("moon", left)[0]
+        departure = tdb.shifted(-distance_m / C_M_S)
+        target_gcrs_m, _ = target_pa_m.geocentric(ephemeris, departure)
+        from_moon_m = target_gcrs_m - ephemeris.geocentric("moon", departure)[0]
         ratio = MEAN_LUNAR_RADIUS_M / np.linalg.norm(from_moon_m, axis=-1)
         return target_gcrs_m, from_moon_m, np.arccos(np.minimum(ratio, 1.0))
     moon_m, velocity_m_s = ephemeris.geocentric("moon", tdb)
@@ -184,9 +184,9 @@ def seen(
     # spacecraft have no such bound.
     n = len(tt)
     length_s = float(tt[-1].seconds_since(tt[0])[0]) if n else 0.0
-    every = 1
+    stride = 1
     if length_s > 0.0 and not isinstance(target_pa_m, AnyTrajectory):
-        every = max(1, int(_COARSE_STEP_S * (n - 1) / length_s))
+        stride = max(1, int(_COARSE_STEP_S * (n - 1) / length_s))
 
     def margin_rad(rows: NDArray[np.intp]) -> Floats:
         parts = np.split(rows, range(_EPOCHS_AT_ONCE, len(rows), _EPOCHS_AT_ONCE))
@@ -194,16 +194,16 @@ def seen(
             [elevations(model, target_pa_m, stations, tt[part]).margin_rad(masks) for part in parts]
         )
 
-    coarse = np.unique(np.append(np.arange(0, n, every), n - 1)) if n else np.arange(0)
+    coarse = np.unique(np.append(np.arange(0, n, stride), n - 1)) if n else np.arange(0)
     margin = margin_rad(coarse)
-    if every == 1:
+    if stride == 1:
         return margin >= 0.0
     between = np.diff(coarse)
     out = np.append(np.repeat(margin[:-1] >= 0.0, between, axis=0), margin[-1:] >= 0.0, axis=0)
     apart_s = tt[coarse[1:]].seconds_since(tt[coarse[:-1]])
-    same = (margin[1:] >= 0.0) == (margin[:-1] >= 0.0)
+    unchanged = (margin[1:] >= 0.0) == (margin[:-1] >= 0.0)
     far = np.abs(margin[1:]) + np.abs(margin[:-1]) > _MAX_ELEVATION_RATE_RAD_S * apart_s[:, None]
-    doubtful = np.flatnonzero(np.repeat(~(same & far).all(axis=1), between))
+    doubtful = np.flatnonzero(np.repeat(~(unchanged & far).all(axis=1), between))
     if len(doubtful):
         out[doubtful] = margin_rad(doubtful) >= 0.0
     return out

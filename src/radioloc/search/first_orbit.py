@@ -72,30 +72,30 @@ def first_orbits(orbiter: Orbiter, model: PhysicalModel, observations: Observati
     """Return orbits near a rough orbit that fit Doppler near the epoch, the best first; InputError if none fits."""
     rough = orbiter.rough
     assert rough is not None
-    some = _near_the_epoch(orbiter, model, observations)
-    state, line, mirror = _best_circle(orbiter, rough, some)
+    arc = _near_the_epoch(orbiter, model, observations)
+    state, line, mirror = _best_circle(orbiter, rough, arc)
     forces = orbiter.forces
     starts = [state]
     if not rough.in_plane:
         field = forces.gravity.to_degree(min(_ROUGH_DEGREE, forces.gravity.degree))
         smooth = replace(orbiter, forces=replace(forces, gravity=field))
         turns = np.arange(_TURN_COUNT) * 2.0 * np.pi / _TURN_COUNT
-        near = _fitted(smooth, some, [turned_state(state, turn * line) for turn in turns], _ROUGH_STEPS)
-        starts = [one.state for one in near[:_KEPT_COUNT]]
-        starts += [_mirrored(one, mirror) for one in starts]
-    fitted = _fitted(orbiter, some, starts, _FINE_STEPS)
+        candidates = _fitted(smooth, arc, [turned_state(state, turn * line) for turn in turns], _ROUGH_STEPS)
+        starts = [item.state for item in candidates[:_KEPT_COUNT]]
+        starts += [_mirrored(item, mirror) for item in starts]
+    fitted = _fitted(orbiter, arc, starts, _FINE_STEPS)
     logger.info("first orbits: %s", "; ".join(map(str, fitted)))
     if not fitted:
         raise InputError(
             f"[target] altitude_m: no orbit near {rough} fits the Doppler of {orbiter.name}; check it"
         )
-    best, *others = fitted
+    best, *rest = fitted
     image = _mirrored(best.state, mirror)
     return (
         best,
         *(
-            replace(one, mirrored=_angle_rad(one.state, image) < _angle_rad(one.state, best.state))
-            for one in others
+            replace(item, mirrored=_angle_rad(item.state, image) < _angle_rad(item.state, best.state))
+            for item in rest
         ),
     )
 
@@ -108,7 +108,7 @@ def is_ambiguous(orbits: Sequence[Candidate]) -> bool:
 def _near_the_epoch(orbiter: Orbiter, model: PhysicalModel, observations: Observations) -> ExactPredictor:
     """Return some coherent counts of Doppler near the epoch, predicted for a target near the Moon's centre."""
     coherent = np.array(
-        [bool(one.transmitter) and not one.differenced for one in observations.links], dtype=bool
+        [bool(link.transmitter) and not link.differenced for link in observations.links], dtype=bool
     )
     rows = np.flatnonzero((observations.kind == DOPPLER) & coherent[observations.link])
     if len(rows):
@@ -127,7 +127,7 @@ def _near_the_epoch(orbiter: Orbiter, model: PhysicalModel, observations: Observ
     return arc
 
 
-def _best_circle(orbiter: Orbiter, rough: RoughOrbit, some: ExactPredictor) -> tuple[Floats, Floats, Floats]:
+def _best_circle(orbiter: Orbiter, rough: RoughOrbit, arc: ExactPredictor) -> tuple[Floats, Floats, Floats]:
     """State on the circular orbit that fits best, m and m/s, the line of sight, and a reflection, shape (3, 3).
 
     The reflection is in the plane in which the line of sight turns.
@@ -135,8 +135,8 @@ def _best_circle(orbiter: Orbiter, rough: RoughOrbit, some: ExactPredictor) -> t
     A leg from a station at the distance D is longer by c - c^2 / 2D where the orbit takes the target from the Moon's
     centre to c along the line of sight and a - c across it, but for a constant.
     """
-    observations, model = some.observations, some.model
-    path, _, _ = some.light_path()
+    observations, model = arc.observations, arc.model
+    path, _, _ = arc.light_path()
     half_s = 0.5 * observations.count_s
     tdb = tt_to_tdb(utc_to_tt(observations.epoch))
     since_s = tdb.seconds_since(orbiter.epoch)
@@ -144,7 +144,7 @@ def _best_circle(orbiter: Orbiter, rough: RoughOrbit, some: ExactPredictor) -> t
     # Up from the transmitter, down to the receiver: both point to where the target is, or from there.
     units = np.stack([path.up_unit, -path.down_unit])
     flat = 0.5 / (C_M_S * np.stack([path.up_s, path.down_s]))
-    observed_m_s = (observations.value_m - some.compute().value_m) / observations.count_s
+    observed_m_s = (observations.value_m - arc.compute().value_m) / observations.count_s
 
     axes = equatorial_axes(model.libration, orbiter.epoch)
     nodes, quarters = _planes(rough, axes)
@@ -185,32 +185,32 @@ def _planes(rough: RoughOrbit, axes: Floats) -> tuple[Floats, Floats]:
         np.arange(0.5 * step, 180.0, step) if rough.inclination_deg is None else [rough.inclination_deg]
     )
     nodes = np.arange(0.0, 360.0, step) if rough.node_deg is None else [rough.node_deg]
-    i, node = (one.ravel() for one in np.radians(np.meshgrid(inclinations, nodes)))
+    i, node = (grid.ravel() for grid in np.radians(np.meshgrid(inclinations, nodes)))
     to_node = np.stack([np.cos(node), np.sin(node), np.zeros_like(node)], axis=-1)
     on = np.stack([-np.sin(node) * np.cos(i), np.cos(node) * np.cos(i), np.sin(i)], axis=-1)
     return to_node @ axes, on @ axes
 
 
-def _fitted(orbiter: Orbiter, some: ExactPredictor, starts: Sequence[Floats], steps: int) -> list[Candidate]:
+def _fitted(orbiter: Orbiter, arc: ExactPredictor, starts: Sequence[Floats], steps: int) -> list[Candidate]:
     """Return orbits fitted from several states, the best first, each plane once."""
-    axes = equatorial_axes(some.model.libration, orbiter.epoch)
+    axes = equatorial_axes(arc.model.libration, orbiter.epoch)
     sigmas = np.repeat([_STEP_M, _STEP_M_S], 3)
-    sigma_m = _MIN_MISFIT_M_S * some.observations.count_s
-    found = []
+    sigma_m = _MIN_MISFIT_M_S * arc.observations.count_s
+    candidates = []
     for start in starts:
-        orbit = orbiter.at(start).orbit(some.model, some.observations, ()).coarse()
+        orbit = orbiter.at(start).orbit(arc.model, arc.observations, ()).coarse()
         try:
-            arc = ExactPredictor(some.model, some.observations, orbit)
-            part = OrbitPart(arc, orbit, sigma_m, start)
+            predictor = ExactPredictor(arc.model, arc.observations, orbit)
+            part = OrbitPart(predictor, orbit, sigma_m, start)
             state, spread = fitted_state(part, start, np.arange(6), sigmas, steps)
         except InputError as error:  # an orbit that is under the ground
             logger.info("a start is left out: %s", error)
             continue
-        found.append(Candidate(state, _MIN_MISFIT_M_S * spread, *plane_deg(state, axes)))
+        candidates.append(Candidate(state, _MIN_MISFIT_M_S * spread, *plane_deg(state, axes)))
     kept: list[Candidate] = []
-    for one in sorted(found, key=lambda one: one.misfit_m_s):
-        if all(_angle_rad(one.state, other.state) > _SAME_PLANE_RAD for other in kept):
-            kept.append(one)
+    for item in sorted(candidates, key=lambda item: item.misfit_m_s):
+        if all(_angle_rad(item.state, other.state) > _SAME_PLANE_RAD for other in kept):
+            kept.append(item)
     return kept
 
 

@@ -62,14 +62,14 @@ class TransmitterPass:
     @property
     def ranking(self) -> list[str]:
         """Candidates that see the target, the smallest rms first."""
-        known = {name: rms_m_s for name, rms_m_s in self.rms_m_s.items() if rms_m_s is not None}
-        return sorted(known, key=lambda name: known[name])
+        visible = {name: rms_m_s for name, rms_m_s in self.rms_m_s.items() if rms_m_s is not None}
+        return sorted(visible, key=lambda name: visible[name])
 
     @property
     def decided(self) -> bool:
         """Whether the best candidate fits much better than all others."""
-        smallest, *rest = ((self.rms_m_s[name] or 0.0) for name in self.ranking)
-        return all(rms_m_s >= _DECISIVE_RATIO * smallest for rms_m_s in rest)
+        smallest, *others = ((self.rms_m_s[name] or 0.0) for name in self.ranking)
+        return all(rms_m_s >= _DECISIVE_RATIO * smallest for rms_m_s in others)
 
     def uplink(self) -> Uplink:
         """Return the best candidate as the uplink of the pass."""
@@ -112,49 +112,49 @@ def compared_transmitters(study: Study, arc: Predictor) -> list[TransmitterPass]
         raise InputError(
             "[observations] transmitters: there is no Doppler of a transmitting station; leave it out"
         )
-    some = [rows[np.unique(np.linspace(0, len(rows) - 1, _MAX_COUNTS).astype(int))] for rows in passes]
-    every = np.concatenate(some)
-    computed_m = {station: _computed_m(study, arc, every, station) for station in stations or [""]}
+    samples = [rows[np.unique(np.linspace(0, len(rows) - 1, _MAX_COUNTS).astype(int))] for rows in passes]
+    sampled = np.concatenate(samples)
+    computed_m = {station: _computed_m(study, arc, sampled, station) for station in stations or [""]}
     rate_m_s = {
         name: (
-            with_turnaround(observations, every, None if ratio is None else float(ratio))
+            with_turnaround(observations, sampled, None if ratio is None else float(ratio))
             - computed_m[station]
         )
-        / observations.count_s[every]
+        / observations.count_s[sampled]
         for name, (station, ratio) in candidates.items()
     }
-    found, begin = [], 0
-    for rows, part in zip(passes, some, strict=True):
-        mine = slice(begin, begin := begin + len(part))
+    passes_compared, begin = [], 0
+    for rows, part in zip(passes, samples, strict=True):
+        columns = slice(begin, begin := begin + len(part))
         link = observations.links[observations.link[rows[0]]]
         cycle_m = 1e-6 * float(np.median(observations.wavelength_um[rows]))
-        one = TransmitterPass(
+        item = TransmitterPass(
             receiver=link.receiver,
             target=link.target,
             span=observations.epoch[rows[[0, -1]]],
             count=len(rows),
             candidates=candidates,
-            rms_m_s={name: _rms(column[mine]) for name, column in rate_m_s.items()},
+            rms_m_s={name: _rms(column[columns]) for name, column in rate_m_s.items()},
             cycle_m=None if np.isnan(cycle_m) else cycle_m,
         )
-        if not one.ranking:
-            first, last = utc_strings(one.span, decimals=0)
+        if not item.ranking:
+            first, last = utc_strings(item.span, decimals=0)
             raise InputError(
-                f"[observations] transmitters: none of {', '.join(candidates)} sees the target while {one.receiver} "
+                f"[observations] transmitters: none of {', '.join(candidates)} sees the target while {item.receiver} "
                 f"received it, {first} to {last} UTC; name one that does"
             )
-        found.append(one)
-    return found
+        passes_compared.append(item)
+    return passes_compared
 
 
 def _computed_m(study: Study, arc: Predictor, rows: _Rows, station: str) -> Floats:
     """Computed values of some rows sent by a station, or by those of the files; NaN where that cannot be."""
-    some = arc.observations.select(rows)
+    observations = arc.observations.select(rows)
     if station:
-        sent = with_transmitter(some, np.arange(len(rows)), station)
+        sent = with_transmitter(observations, np.arange(len(rows)), station)
         used, link = np.unique(sent.link, return_inverse=True)
-        some = replace(sent, links=tuple(sent.links[k] for k in used), link=link.astype(np.int32))
-    predictor = prepare_predictor(arc.model, some, arc.motions, study.model.evaluation, arc.targets)
+        observations = replace(sent, links=tuple(sent.links[k] for k in used), link=link.astype(np.int32))
+    predictor = prepare_predictor(arc.model, observations, arc.motions, study.model.evaluation, arc.targets)
     computed = predictor.compute()
     return np.where(computed.usable, computed.value_m, np.nan)
 
@@ -166,7 +166,7 @@ def _passes(observations: Observations, gap_s: float) -> Iterator[_Rows]:
     """
     rows = np.flatnonzero(observations.kind == DOPPLER)
     _, of_link = np.unique(
-        [f"{one.target}>{one.receiver}" for one in observations.links], return_inverse=True
+        [f"{link.target}>{link.receiver}" for link in observations.links], return_inverse=True
     )
     tai = utc_to_tai(observations.epoch[rows])
     time_s = tai.seconds_since(tai[:1])
@@ -195,8 +195,8 @@ def _jumps(time_s: Floats, rate_m_s: Floats) -> list[int]:
         )
         gaps = step_s > np.maximum(_MIN_PASS_S, 5.0 * np.median(step_s))  # over which steps say nothing
         for k in (np.flatnonzero((np.abs(beyond_m_s) > limit_m_s) | gaps) + 1).tolist():
-            before = time_s[cuts[-1] if cuts else 0]
-            if min(time_s[k] - before, time_s[-1] - time_s[k]) >= _MIN_PASS_S:
+            start_s = time_s[cuts[-1] if cuts else 0]
+            if min(time_s[k] - start_s, time_s[-1] - time_s[k]) >= _MIN_PASS_S:
                 cuts.append(k)
     return cuts
 
@@ -219,9 +219,9 @@ def _name(station: str, ratio: Fraction | None) -> str:
 
 def _rms(rate_m_s: Floats) -> float | None:
     """Rms about an offset, without outliers; none where too few can be computed."""
-    known = rate_m_s[~np.isnan(rate_m_s)]
-    if len(known) < max(_MIN_VISIBLE_FRACTION * len(rate_m_s), 1):
+    computed = rate_m_s[~np.isnan(rate_m_s)]
+    if len(computed) < max(_MIN_VISIBLE_FRACTION * len(rate_m_s), 1):
         return None
-    off = known - np.median(known)
-    near = off[np.abs(off) <= _OUTLIER * max(robust_scale(off, 1), 1e-12)]
-    return float(np.sqrt(np.square(near - near.mean()).mean()))
+    offsets = computed - np.median(computed)
+    inliers = offsets[np.abs(offsets) <= _OUTLIER * max(robust_scale(offsets, 1), 1e-12)]
+    return float(np.sqrt(np.square(inliers - inliers.mean()).mean()))

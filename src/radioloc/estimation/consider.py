@@ -25,7 +25,7 @@ from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import gram, times
 from radioloc.estimation.orbit_state import EAST_NORTH_UP
 from radioloc.noise.whitening import RowsOf, TransposableWhitener, slices
-from radioloc.parameters.parameter import Parameter, ParameterSet
+from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.vectors import Floats
 
@@ -100,13 +100,12 @@ def reported(fit: FitResult, covariance: Floats, suboptimal: ConsideredErrors | 
     formal, scaled = fit.covariance[block], covariance[block]
     items = [fit.parameters.parameters[k] for k in of_errors]
     # An estimate follows an a-priori value, and goes against the error of one.
-    sensitivity = -effects[np.ix_(mine, of_errors)]
-    sensitivity[np.isinf(np.diag(formal))] = 0.0
-    formal, scaled = (_without(whole, sensitivity @ sensitivity.T) for whole in (formal, scaled))
+    moved = -effects[np.ix_(mine, of_errors)]
+    moved[np.isinf(np.diag(formal))] = 0.0
+    formal, scaled = (_without(whole, moved @ moved.T) for whole in (formal, scaled))
     in_weights = tuple(dict.fromkeys(item.kind for item in items))
     if suboptimal is not None:
-        moved = moved_by(fit, suboptimal.partials, len(suboptimal.parameters))[mine]
-        sensitivity = np.hstack([sensitivity, moved * suboptimal.parameters.prior_sigmas])
+        moved = np.hstack([moved, sensitivity(fit, suboptimal).sensitivity[mine]])
         items += suboptimal.parameters.parameters
     return ReportedEstimate(
         ParameterSet([fit.parameters.parameters[k] for k in mine]),
@@ -114,8 +113,14 @@ def reported(fit: FitResult, covariance: Floats, suboptimal: ConsideredErrors | 
         formal,
         scaled,
         effects[block],
-        Consider(ParameterSet(items), sensitivity, in_weights) if items else None,
+        Consider(ParameterSet(items), moved, in_weights) if items else None,
     )
+
+
+def sensitivity(fit: FitResult, suboptimal: ConsideredErrors) -> Consider:
+    """Return the effect on all parameters of a fit of errors that are not in its weights, S = P A^T W B."""
+    moved = moved_by(fit, suboptimal.partials, len(suboptimal.parameters))
+    return Consider(suboptimal.parameters, moved * suboptimal.parameters.prior_sigmas)
 
 
 def _without(covariance: Floats, part: Floats) -> Floats:
@@ -231,6 +236,8 @@ def error_budget(
     for k, item in enumerate(parameters):
         # A-priori values that share errors are one source, less these errors.
         key = A_PRIORI, item.name.partition(".")[0] if item.prior_errors else item.name
+        if item.role is Role.CONSIDERED:
+            key = item.kind, owner(item)
         found[key] = found.get(key, 0.0) + squared(of_priors_m, k)
         rest |= dict.fromkeys(item.prior_errors, key)
     for name, moved in shared.items():

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from radioloc.boundary import bare_arguments
 from radioloc.dynamics import AdjustableOrbit
@@ -24,12 +25,19 @@ from radioloc.estimation.consider import (
     ErrorSource,
     error_budget,
     owner,
-    reported,
+    prior_effects,
+    sensitivity,
 )
 from radioloc.estimation.least_squares import FitResult, FitStatus
-from radioloc.estimation.linearization import covariance_of, factorize
+from radioloc.estimation.linearization import Linearization, covariance_of, factorize
 from radioloc.estimation.observability import assess_observability
-from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL, EAST_NORTH_UP, LOCAL_LEVEL, OrbitState
+from radioloc.estimation.orbit_state import (
+    ALONG_ACROSS_RADIAL,
+    EAST_NORTH_UP,
+    LOCAL_LEVEL,
+    OrbitState,
+    turned,
+)
 from radioloc.jobs.notes import notes_of_plan
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.preparation import model_of, planned_arc, prepared_arc
@@ -45,6 +53,7 @@ from radioloc.jobs.problem import (
 )
 from radioloc.jobs.selection import ArcPart, arc_lengths, arc_parts
 from radioloc.jobs.station_noise import stated_noise
+from radioloc.jobs.stochastic import IndependentAccelerations, StochasticProblem
 from radioloc.labels import USED
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import Link
@@ -63,6 +72,7 @@ from radioloc.study.study import Study
 from radioloc.study.study_file import as_study
 from radioloc.study.weights import rows_by_station
 from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
+from radioloc.vectors import rtn_axes
 
 _Floats = NDArray[np.float64]
 _Mask = NDArray[np.bool_]
@@ -218,6 +228,23 @@ class _Planned:
         return found
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _WithProcess:
+    """A linearization with the independent accelerations of the process noise as further parameters."""
+
+    design: Linearization
+    process: IndependentAccelerations
+
+    @property
+    def residual_m(self) -> _Floats:
+        """Residuals, m, shape (n,)."""
+        return self.design.residual_m
+
+    def partials(self, rows: NDArray[np.intp]) -> _Floats:
+        """d(computed)/d(parameter) of some observations, shape (m, p)."""
+        return np.hstack([self.design.partials(rows), self.process.effects_m(rows)])
+
+
 @dataclass(frozen=True, eq=False)
 class _Solved:
     """The first hours of a plan, solved with all observations or with some."""
@@ -228,8 +255,10 @@ class _Solved:
     problem: ObservationModel
     x: _Floats
     used: _Mask
+    parameters: ParameterSet  # of the problem, and those of the process noise
     suboptimal: ConsideredErrors | None  # left out of the weights
     not_considered: tuple[str, ...]  # notes
+    process: IndependentAccelerations | None = None
 
     @classmethod
     def of(cls, plan: _Planned, part: ArcPart) -> _Solved:
@@ -241,8 +270,15 @@ class _Solved:
         problem = observation_model(arc, aimed, part.estimate, considered=considered.in_weights)
         x = problem.parameters.prior_values
         noise, used = plan.noise.select(part.rows), plan.usable[part.rows]
-        suboptimal = considered.suboptimal_errors(problem, x, plan.errant)
-        return cls(plan, part, noise, problem, x, used, suboptimal, considered.notes)
+        chosen = None if part.estimate.orbit is None else part.estimate.orbit.process_noise
+        if chosen is None:
+            suboptimal = considered.suboptimal_errors(problem, x, plan.errant)
+            return cls(plan, part, noise, problem, x, used, problem.parameters, suboptimal, considered.notes)
+        # Process noise stands for the errors of the gravity field.
+        suboptimal = considered.suboptimal_errors(problem, x, None)
+        process = IndependentAccelerations.of(StochasticProblem.about(problem, chosen, x))
+        parameters = ParameterSet([*problem.parameters, *process.parameters])
+        return cls(plan, part, noise, problem, x, used, parameters, suboptimal, considered.notes, process)
 
     def among(self, used: _Mask) -> PlannedArc:
         """The same with some of its observations only."""
@@ -250,24 +286,25 @@ class _Solved:
 
     def known(self, *names: str) -> PlannedArc:
         """Return the plan with some of its adjusted parameters known without error."""
-        items = [
-            replace(item, role=Role.FIXED) if item.name in names else item for item in self.problem.parameters
-        ]
-        return replace(self, problem=replace(self.problem, parameters=ParameterSet(items))).planned
+        items = [replace(item, role=Role.FIXED) if item.name in names else item for item in self.parameters]
+        return replace(self, parameters=ParameterSet(items)).planned
 
     @cached_property
     def fit(self) -> FitResult:
         """The fit without values: what determines what, and how well."""
-        parameters, used = self.problem.parameters, self.used
-        linearization = self.problem.linearize(self.x)
+        parameters, used, process = self.parameters, self.used, self.process
+        linearization: Linearization = self.problem.linearize(self.x)
+        if process is not None:
+            linearization = _WithProcess(linearization, process)
+        x = parameters.prior_values
         whitening = self.noise.whitener(used)
-        factor = factorize(linearization, whitening, parameters, self.x)
+        factor = factorize(linearization, whitening, parameters, x)
         if factor is None:
             raise InputError("the partials of the observations are not finite numbers")
         determined = bool(factor.determined.all())
         return FitResult(
             parameters=parameters,
-            x=self.x,
+            x=x,
             covariance=covariance_of(factor, parameters),
             linearization=linearization,
             noise=self.noise,
@@ -289,7 +326,7 @@ class _Solved:
         missing: tuple[str, ...] = ()
         sources: tuple[ErrorSource, ...] = ()
         state = None
-        if np.isfinite(np.diag(fit.covariance)[involved]).all():
+        if np.isfinite(np.diag(fit.covariance)[: len(involved)][involved]).all():
             sources, state = self._sources()
         else:
             missing = assess_observability(fit).describe()[:1]
@@ -303,33 +340,45 @@ class _Solved:
 
     def _sources(self) -> tuple[tuple[ErrorSource, ...], OrbitState | None]:
         """Return the parts of the covariance, of an orbit as means over the arc: C A C, C P C, considered."""
-        fit = self.fit
-        estimate = reported(fit, fit.covariance, self.suboptimal)
-        parameters, moved = estimate.parameters, estimate.consider
-        formal = np.where(np.isfinite(estimate.covariance), estimate.covariance, 0.0)
+        fit, parameters = self.fit, self.parameters
+        total = np.where(np.isfinite(fit.covariance), fit.covariance, 0.0)
+        outside = None if self.suboptimal is None else sensitivity(fit, self.suboptimal)
         state, direct_m = None, np.zeros(1)
         if not self._maps_states:
             position_pa_m = self.problem.position_pa_m(self.x)
-            partials = self.problem.position_partials(self.x)[:, ~fit.parameters.considered]
-            axes = rot_pa_to_enu(position_pa_m, self.part.arc.model) @ partials
+            partials = self.problem.position_partials(self.x)
+            axes = np.zeros((3, len(parameters)))
+            axes[:, : partials.shape[1]] = rot_pa_to_enu(position_pa_m, self.part.arc.model) @ partials
         else:
-            total = formal if moved is None else formal + moved.covariance
-            state = fitted_orbit(self.plan.study, self.problem, self.x, total, moved, self.plan.errant)
+            whole = total if outside is None else total + outside.covariance
+            state = fitted_orbit(self.plan.study, self.problem, self.x, whole, outside, self.plan.errant)
             by_orbit, by_gravity = (one[:, LOCAL_LEVEL[:3]] for one in state.partials_rtn(self._epochs))
             axes = np.zeros((*by_orbit.shape[:2], len(parameters)))
-            mine = slice(0, self.problem.first)
-            axes[..., mine] = by_orbit @ self.problem.functions[0](self.x[mine])[1]
-            if moved is not None:
-                direct_m = np.zeros((*by_orbit.shape[:2], len(moved.parameters)))
+            mine, by = (
+                slice(0, self.problem.first),
+                self.problem.functions[0](self.x[: self.problem.first])[1],
+            )
+            axes[..., mine] = by_orbit @ by
+            if self.process is not None:
+                count = len(self.problem.parameters)
+                turn = rtn_axes(*state.orbit.states(self._epochs))
+                axes[..., count:] = turned(turn, self.process.states(self._epochs))[:, LOCAL_LEVEL[:3]]
+                chosen = [*range(self.problem.first), *range(count, len(parameters))]
+                onto = block_diag(by, np.eye(len(parameters) - count))
+                state = replace(
+                    state, process=self.process.estimate(onto @ total[np.ix_(chosen, chosen)] @ onto.T)
+                )
+            if outside is not None:
+                direct_m = np.zeros((*by_orbit.shape[:2], len(outside.parameters)))
                 direct_m[
-                    ..., list(moved.parameters.of_kind("gravity_error"))
+                    ..., list(outside.parameters.of_kind("gravity_error"))
                 ] = -by_gravity  # it is the truth that they move
         found = error_budget(
             parameters,
             axes,
-            axes @ formal @ np.swapaxes(axes, -1, -2),
-            estimate.prior_effects,
-            moved,
+            axes @ total @ np.swapaxes(axes, -1, -2),
+            prior_effects(fit),
+            outside,
             np.array(self.part.estimate.ephemeris_sigma_m),
             direct_m,
         )
@@ -384,7 +433,7 @@ def _shares(solved: _Solved) -> Iterator[Share]:
 
 def _better_known(solved: _Solved) -> Iterator[Gain]:
     """What it would buy to know each considered source, and each kind that is estimated, without error."""
-    arc, parameters = solved.planned, solved.problem.parameters
+    arc, parameters = solved.planned, solved.parameters
     in_weights = [item for item in parameters if item.role is Role.CONSIDERED]
     outside = () if solved.suboptimal is None else solved.suboptimal.parameters
     for kind in dict.fromkeys(item.kind for item in (*in_weights, *outside)):

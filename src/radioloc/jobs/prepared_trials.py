@@ -226,7 +226,9 @@ class Prepared:
         return _local(world.trajectory, tdb, apart[..., None])[..., 0] - moved_m, covariances
 
     def linear(self) -> LinearTrials | None:
-        """The trials by the linear model; none where it cannot stand for the fit of every arc."""
+        """Return the trials by the linear model; none where it does not replace a fit, as with process noise."""
+        if self.study.estimate.orbit is not None and self.study.estimate.orbit.process_noise is not None:
+            return None
         longest = self.parts[0].arc
         problem, x = self.at_truth(self.parts[0])
         computed_m = longest.at(

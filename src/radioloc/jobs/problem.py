@@ -173,14 +173,9 @@ def disturbed(study: Study, problem: ObservationModel, x: NDArray[np.float64]) -
 
 
 def require_position_or_orbit(study: Study, what: str) -> None:
-    """Refuse a study without an estimated position, or of an orbit that lands, or has process noise."""
-    orbit = study.estimate.orbit
-    if not isinstance(study.target, Orbiter):
-        if study.estimate.position == "none":
-            raise InputError(f'{what} needs the position estimated: [estimate] position is "none"')
-        return
-    if orbit is not None and orbit.process_noise is not None:
-        raise InputError(f"{what} of an orbit has no process noise; leave [estimate.orbit] process_noise out")
+    """Refuse a study in which neither a position nor an orbit is estimated."""
+    if not isinstance(study.target, Orbiter) and study.estimate.position == "none":
+        raise InputError(f'{what} needs the position estimated: [estimate] position is "none"')
 
 
 def fitted_orbit(

@@ -28,8 +28,9 @@ from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.time_correlation import estimated_covariance
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.parameters.design import ObservationModel
+from radioloc.parameters.parameter import Parameter, Role
 from radioloc.study.orbit_choice import ProcessNoise
-from radioloc.time import tt_to_tdb, utc_to_tt
+from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
 
 Floats = NDArray[np.float64]
 
@@ -160,3 +161,92 @@ class StochasticProblem:
             (after_covariance, before_covariance),
         )
         return replace(state, process=process)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class IndependentAccelerations:
+    """Stochastic accelerations as w independent parameters of unit variance, one for what each interval adds.
+
+    The batch form of process noise, for plans of a few hundred intervals, whatever the noise of the observations.
+    """
+
+    effects: StochasticEffects
+    process: StochasticAccelerations
+    noise: ProcessNoise
+    values: Chains  # u of the intervals in their sigmas, (K + 1, 3, w)
+    deviations: Chains  # d with which the intervals begin, (K + 1, 6, w)
+
+    @classmethod
+    def of(cls, problem: StochasticProblem) -> IndependentAccelerations:
+        """Return those of the intervals of a problem, outward from the epoch."""
+        process = problem.here.process
+        assert process is not None
+        counts = [len(moved) + 1 for moved in process.moved]
+        m, width = process.persistence, 3 * sum(counts)
+        fresh, begin = np.sqrt(1.0 - m**2), 0
+        values = list[Floats]()
+        for count in counts:
+            u = np.zeros((count, 3, width))
+            # The first interval before the epoch follows from the first behind it.
+            inner = values[0][0] if values else None
+            for k in range(count):
+                carried = inner if k == 0 else u[k - 1]
+                own = np.zeros((3, width))
+                own[:, begin : begin + 3] = np.eye(3)
+                u[k] = own if carried is None else m * carried + fresh * own
+                begin += 3
+            values.append(u)
+        deviations = [
+            np.concatenate([np.zeros((1, 6, width)), np.cumsum(moved @ u[:-1], axis=0)])
+            for moved, u in zip(process.moved, values, strict=True)
+        ]
+        chains = (values[0], values[1]), (deviations[0], deviations[1])
+        return cls(problem.effects, process, problem.noise, *chains)
+
+    @property
+    def parameters(self) -> list[Parameter]:
+        """Parameters of unit variance, which are considered."""
+        names = (f"process_noise.{k + 1}" for k in range(self.values[0].shape[2]))
+        return [Parameter(name, "1", "process_noise", 0.0, 1.0, role=Role.CONSIDERED) for name in names]
+
+    def effects_m(self, rows: NDArray[np.intp]) -> Floats:
+        """Effects on observations, m, shape (m, w)."""
+        process, out = self.process, np.zeros((len(rows), self.values[0].shape[2]))
+        near, far, by_state = process.near[rows], process.far[rows], process.by_state[rows]
+        chain, step = process.chain[rows], process.step[rows]
+        for which in (AFTER, BEFORE):
+            mine = np.flatnonzero(chain == which)
+            k = step[mine]
+            for partials, by in (
+                (by_state, self.deviations[which][k]),
+                (near, self.values[which][k]),
+                (far, self.values[which][k + 1]),
+            ):
+                out[mine] += np.einsum("ns,nsw->nw", partials[mine], by)
+        mine = np.flatnonzero(chain == ACROSS)
+        out[mine] = near[mine] @ self.values[AFTER][0] + far[mine] @ self.values[BEFORE][0]
+        return out
+
+    def states(self, tdb: Epochs) -> Floats:
+        """Effects on the states at epochs of TDB, m and m/s, ICRF axes, shape (n, 6, w)."""
+        chain, step, near = self.effects.place(tdb)
+        transition = self.effects.orbit.partials(tdb)[:, :, :6]
+        out = np.empty((len(step), 6, self.values[0].shape[2]))
+        for which in (AFTER, BEFORE):
+            mine, k = chain == which, step[chain == which]
+            out[mine] = transition[mine] @ self.deviations[which][k] + near[mine] @ self.values[which][k]
+        return out
+
+    def estimate(self, covariance: Floats) -> ProcessEstimate:
+        """Return accelerations of zero, as nothing is measured, by the covariance of orbit and parameters, (p + w)."""
+        count = len(covariance) - self.values[0].shape[2]
+        chains = []
+        for d, u in zip(self.deviations, self.values, strict=True):
+            onto = np.zeros((len(u), count + 9, len(covariance)))
+            onto[:, :count, :count] = np.eye(count)
+            onto[:, count:, count:] = np.concatenate([d, u], axis=1)
+            chains.append(onto @ covariance @ np.swapaxes(onto, 1, 2))
+        nothing = (np.zeros((len(self.values[0]), 3)), np.zeros((len(self.values[1]), 3)))
+        return ProcessEstimate(
+            self.effects, self.noise.sigma_m_s2, self.noise.correlation_s, nothing, (chains[0], chains[1])
+        )

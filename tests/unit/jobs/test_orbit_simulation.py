@@ -201,15 +201,33 @@ def test_what_errors_of_gravity_do_to_a_plan_is_in_its_budget(made, tmp_path):
     assert {"covariance.png", "covariance_on_arc.png"} <= names
 
 
-@pytest.mark.parametrize("planned", [radioloc.covariance, radioloc.monte_carlo])
-def test_plans_of_orbits_have_no_process_noise(made, planned):
-    noise = ProcessNoise(interval_s=600.0, radial_m_s2=1e-9)
+@pytest.fixture(scope="module")
+def with_process_noise(made):
+    noise = ProcessNoise(interval_s=600.0, radial_m_s2=1e-8, along_m_s2=1e-8, across_m_s2=1e-8)
     orbit = replace(made[0].estimate.orbit, process_noise=noise)
-    study = replace(made[0], estimate=replace(made[0].estimate, orbit=orbit))
-    with pytest.raises(
-        InputError, match=r"study of an orbit has no process noise; leave .* process_noise out"
-    ):
-        planned(study, hours=2.0)
+    estimate = replace(made[0].estimate, orbit=orbit)
+    return replace(made[0], estimate=estimate, observations=replace(made[0].observations, hours=2.0))
+
+
+def test_planned_process_noise_is_that_of_a_fit(made, with_process_noise):
+    """The batch of independent accelerations against the information filter and smoother of a fit."""
+    planned = radioloc.covariance(with_process_noise, hours=2.0).longest
+    fitted = radioloc.locate(with_process_noise, made[1].observations).state
+    times = fitted.orbit.times(7)
+    np.testing.assert_allclose(planned.state.sigma_rtn_m(times), fitted.sigma_rtn_m(times), rtol=2e-3)
+    assert "process_noise" in planned.by_source()
+    total_m2 = sum(item.total_m**2 for item in planned.sources)
+    assert np.sqrt(total_m2) == pytest.approx(np.linalg.norm(planned.sigma_m), rel=1e-9)
+
+
+@pytest.mark.study
+def test_trials_with_process_noise_are_fitted_in_full(with_process_noise):
+    found = radioloc.monte_carlo(with_process_noise, 2, [2.0])
+    assert not found.linear
+    assert found["converged"].all()
+    planned = radioloc.covariance(with_process_noise, hours=2.0).longest.state
+    sigma_m = planned.sigma_rtn_m(planned.epoch)[0]
+    np.testing.assert_allclose(found["sigma_radial_m"][:, 0], sigma_m[0], rtol=0.05)
 
 
 @pytest.mark.parametrize(

@@ -147,14 +147,8 @@ class StereoChoice(GroundChoice):
     map_sigma_m: tuple[float, float] = entry(not_negative=True)
     left: CameraChoice | None = None
     right: CameraChoice | None = None
-    baseline_m: tuple[float, float, float] | None = (
-        None  # of the right camera: right, down, ahead of the left
-    )
-    rotation_deg: tuple[float, float, float] = (
-        0.0,
-        0.0,
-        0.0,
-    )  # turns the left camera's axes to the right one's
+    baseline_m: tuple[float, float, float] | None = None  # right camera: right, down, ahead of the left
+    rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)  # from the left camera's axes to the right
     point_sigma_px: float = entry(0.3, positive=True)
     camera_in_body_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # left camera: ahead, right, down
     body_attitude_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)  # heading, pitch, roll

@@ -87,6 +87,11 @@ def json_file(path: str | Path, otherwise: str) -> Iterator[Any]:
         raise FileFormatError(path, otherwise, getattr(error, "lineno", None)) from None
 
 
+def finite_or_none(value: float) -> float | None:
+    """Return a number as JSON has it, which has neither infinity nor NaN."""
+    return float(value) if math.isfinite(value) else None
+
+
 def _refuse_constant(name: str) -> float:
     raise InputError(f"{name} is not a number of JSON; make the file again")
 

@@ -20,6 +20,7 @@ from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.errors import InputError
 from radioloc.jobs.problem import observation_model
+from radioloc.jobs.study_targets import surface_points
 from radioloc.measurements import (
     EquipmentDelays,
     FixedPoint,
@@ -30,13 +31,12 @@ from radioloc.measurements import (
 )
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.media.ionosphere import UniformTec
-from radioloc.parameters.design import ObservationModel
-from radioloc.parameters.motion import of_points
-from radioloc.parameters.position import cartesian
-from radioloc.parameters.position_prior import with_position_priors
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import middle_of
 from radioloc.study.study import EstimateChoice, TerrainPrior
+from radioloc.targets.design import ObservationModel
+from radioloc.targets.position_prior import with_position_priors
+from radioloc.targets.surface_point import SurfacePoint, cartesian
 from radioloc.time import Epochs, tai_to_utc, utc_to_tai
 
 # Of the largest partial of a column. Left out is how tide and gravity change with point and time, up to 4e-7.
@@ -113,7 +113,8 @@ def arc_of(model, case, tai=TAI):
 
 def problem_of(arc, **choice):
     start = SITE.to_axes("PA", arc.model.ephemeris.constants)
-    return observation_model(arc, start, EstimateChoice(**choice))
+    chosen = EstimateChoice(**choice)
+    return observation_model(arc, surface_points({"": start}, arc.model, chosen), chosen)
 
 
 def slope(value, step):
@@ -460,9 +461,9 @@ def test_two_targets(model):
     delay = observations("KASHI<x>JIAMUSI", TAI, "receive", "vlbi_delay", wavelength_um=35394.6)
     delays = [prepare_predictor(model, delay, FixedPoint(place_m), "exact") for place_m in positions_m]
     places = [cartesian(p, name=name) for p, name in zip(positions_m, "xy", strict=True)]
-    found = ObservationModel.of(
-        arc, list(map(of_points, with_position_priors(places, [None, None], constants))), []
-    )
+    positions = with_position_priors(places, [None, None], constants)
+    targets = [SurfacePoint("xy"[k], *one, preceding=3 * k) for k, one in enumerate(positions)]
+    found = ObservationModel.of(arc, targets, [])
     partials = found.residuals(found.parameters.prior_values)[1]
     for target, sign in ((0, 1.0), (1, -1.0)):
         alone = delays[target].compute(FixedPoint(positions_m[target])).by_position_pa

@@ -15,8 +15,8 @@ from radioloc.errors import InputError
 from radioloc.jobs.selection import select_observations
 from radioloc.measurements import Link
 from radioloc.parameters.parameter import ParameterSet
-from radioloc.parameters.position import on_sphere
 from radioloc.study import ObservationChoice
+from radioloc.targets.surface_point import on_sphere
 
 # What a careless hand or a broken script may put in the place of a value, as TOML.
 VALUES = st.one_of(

@@ -22,7 +22,7 @@ import radioloc
 from radioloc import Study
 from radioloc.jobs.linear_trials import LinearArc, LinearTrials
 from radioloc.jobs.prepared_trials import Prepared
-from radioloc.jobs.problem import considered_errors, observation_model
+from radioloc.jobs.problem import considered_errors, problem_of
 from radioloc.parameters.considered import considered_choices
 from radioloc.simulation import (
     Masks,
@@ -106,7 +106,7 @@ def prepared(data: str, hours: float) -> tuple[Plan, LinearTrials]:
     linear = ready.linear()
     assert linear is not None
     part = ready.parts[0]
-    problem = observation_model(part.arc, ready._targets_pa, part.estimate)
+    problem = problem_of(ready.study, part.arc, part.estimate)
     errors, _ = considered_errors(study, problem, part.estimate, linear.arcs[0].problem.x)
     lot = linear.drawn
     drawn = DrawnErrors(

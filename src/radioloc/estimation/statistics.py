@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -13,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.errors import InputError
 from radioloc.labels import USED, Labels
 from radioloc.tables import TableForm, as_table
+from radioloc.text_files import finite_or_none
 from radioloc.time import Epochs, utc_strings
 from radioloc.vectors import Floats
 
@@ -254,11 +254,6 @@ def read_only(values: ArrayLike) -> Floats:
         array = array.copy()
         array.flags.writeable = False
     return array
-
-
-def finite_or_none(value: float) -> float | None:
-    """A number for JSON, which has neither infinity nor NaN."""
-    return float(value) if math.isfinite(value) else None
 
 
 def robust_scale(normalized: Floats, n_parameters: int) -> float:

@@ -23,9 +23,9 @@ from radioloc.imaging.study import GroundChoice, ImagePointChoice, PointStudy, S
 from radioloc.kernels import sha256_of
 from radioloc.lunar import LunarPosition, TangentPlane, TerrainModel, east_north_up
 from radioloc.lunar.terrain import height_and_gradient
-from radioloc.parameters.position_prior import map_tie_names
 from radioloc.results.cards import Field, metres
 from radioloc.study.record import versions
+from radioloc.targets.position_prior import map_tie_names
 from radioloc.time import Epochs, to_scale, utc_strings
 from radioloc.vectors import Floats
 

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.errors import InputError
 from radioloc.estimation.combination import horizontal_ellipse
-from radioloc.estimation.orbit_state import EAST_NORTH_UP
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.position import LunarPosition
-from radioloc.parameters.position_prior import map_tie_names
 from radioloc.results.cards import Card, Field, metres, plural, provenance_detail
 from radioloc.results.result import Content, Result
 from radioloc.results.tables import difference
+from radioloc.targets.orbit_state import EAST_NORTH_UP
+from radioloc.targets.position_prior import map_tie_names
 from radioloc.vectors import Floats
 
 if TYPE_CHECKING:

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.jobs.locate import fit_arc, logger
@@ -22,7 +21,6 @@ from radioloc.progress import progress_bar
 from radioloc.results.covariance import radius_95_m
 from radioloc.results.solution import Solution
 from radioloc.results.subsets import Arc, ArcStudy, LeaveOneOut, Without, apart
-from radioloc.study.orbiter import Orbiter
 from radioloc.study.study import Reference, Study
 from radioloc.study.study_file import as_study
 from radioloc.study.weights import rows_by_station
@@ -61,7 +59,7 @@ def arcs(
     [True, True]
     """
     study = as_study(study)
-    if isinstance(study.target, Trajectory | Orbiter):
+    if not study.points:
         raise InputError(
             f"{study.name}: an arc-length study compares positions, but the target is a trajectory; use locate or "
             "residuals, and of an orbiter `radioloc covariance` for what each length tells"
@@ -112,7 +110,7 @@ def leave_one_out(study: Study | str | Path, *, progress: bool = False) -> Leave
     ['JIAMUSI', 'KASHI']
     """
     study = as_study(study)
-    if isinstance(study.target, Orbiter) or len(study.targets) > 1 or study.estimate.position == "none":
+    if study.orbiter is not None or len(study.targets) > 1 or study.estimate.position == "none":
         raise InputError(
             f"{study.name}: leaving stations out needs one position on the Moon that is estimated; of an orbiter "
             "`radioloc covariance` says what each station tells"

@@ -24,11 +24,9 @@ from radioloc.estimation.combination import (
     joint_estimate,
     rotated_covariance,
 )
-from radioloc.estimation.orbit_state import EAST_NORTH_UP
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.local import rot_enu_between
 from radioloc.lunar.position import LunarPosition
-from radioloc.parameters.position_prior import map_tie_names
 from radioloc.results.comparison import Comparison
 from radioloc.results.recorded import read_recorded
 from radioloc.results.result import Result
@@ -36,6 +34,8 @@ from radioloc.results.tables import METHODS, Place, PositionRow, place_fields
 from radioloc.study.schema import Hints, TomlTable, check, entry, toml_content
 from radioloc.study.target_file import Place as PositionTable
 from radioloc.study.target_file import position_of
+from radioloc.targets.orbit_state import EAST_NORTH_UP
+from radioloc.targets.position_prior import map_tie_names
 from radioloc.vectors import Floats
 
 _JOINT = "joint estimate"

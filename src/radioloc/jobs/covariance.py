@@ -31,37 +31,26 @@ from radioloc.estimation.consider import (
 from radioloc.estimation.least_squares import FitResult, FitStatus
 from radioloc.estimation.linearization import Linearization, covariance_of, factorize
 from radioloc.estimation.observability import assess_observability
-from radioloc.estimation.orbit_state import (
-    ALONG_ACROSS_RADIAL,
-    EAST_NORTH_UP,
-    LOCAL_LEVEL,
-    OrbitState,
-    turned,
-)
 from radioloc.jobs.notes import notes_of_plan
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.preparation import model_of, planned_arc, prepared_arc
 from radioloc.jobs.problem import (
     ConsideredParameters,
-    apriori_points,
     fitted_orbit,
-    observation_model,
-    planned_place,
+    problem_of,
     require_position_or_orbit,
     status_of,
-    targets_in_pa,
 )
 from radioloc.jobs.selection import ArcPart, arc_lengths, arc_parts
 from radioloc.jobs.station_noise import stated_noise
 from radioloc.jobs.stochastic import IndependentAccelerations, StochasticProblem
+from radioloc.jobs.study_targets import apriori_points
 from radioloc.labels import USED
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import Link
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.noise import ObservationCovariance
-from radioloc.parameters.design import ObservationModel
-from radioloc.parameters.motion import orbit_of
 from radioloc.parameters.parameter import ParameterSet, Role
 from radioloc.results.covariance import CovarianceStudy, Gain, PlannedArc, Share
 from radioloc.simulation import Scenario, Session
@@ -71,6 +60,14 @@ from radioloc.study.orbiter import Orbiter
 from radioloc.study.study import Study
 from radioloc.study.study_file import as_study
 from radioloc.study.weights import rows_by_station
+from radioloc.targets.design import ObservationModel, orbit_of
+from radioloc.targets.orbit_state import (
+    ALONG_ACROSS_RADIAL,
+    EAST_NORTH_UP,
+    LOCAL_LEVEL,
+    OrbitState,
+    turned,
+)
 from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
 from radioloc.vectors import rtn_axes
 
@@ -177,15 +174,15 @@ class _Planned:
             )
         else:
             target = scenario.position
-            if isinstance(study.target, Orbiter) and isinstance(target, Orbiter):
-                target = study.target.at(target.state)  # the forces are those of the fit
+            if study.orbiter is not None and isinstance(target, Orbiter):
+                target = study.orbiter.at(target.state)  # the forces are those of the fit
             assert isinstance(target, LunarPosition | Orbiter)  # the study has seen to that
             study = replace(study, target=target, reference=None, references=())
             model = model_of(study)
             if isinstance(target, Orbiter) and orbit is None:
                 assert study.estimate.orbit is not None
                 orbit = scenario.orbit(model, target, study.estimate.orbit.parameters(target.forces))
-            points = apriori_points(targets_in_pa(study, model.ephemeris.constants))
+            points = apriori_points(study, model)
             aimed = points[0].position_pa_m if orbit is None else orbit.nearest()
             plan = scenario.schedule.plan(model, aimed, scenario.name)
             longest, left_out, rows = planned_arc(study, plan.observations, model, orbit)
@@ -204,9 +201,9 @@ class _Planned:
         if not usable.all():
             notes.append(f"{int((~usable).sum())} observations cannot be used: too low, or out of sight")
         planned = orbit_of(longest)
-        if planned is not None and isinstance(study.target, Orbiter):
+        if planned is not None and study.orbiter is not None:
             orbit = orbit or planned
-            errant = errant or study.target.disturbed(orbit)
+            errant = errant or study.orbiter.disturbed(orbit)
         return cls(study, longest, noise, usable, (*notes, *notes_of_plan(longest, left_out)), orbit, errant)
 
     def parts(self, hours: Iterable[float] | float | None) -> list[ArcPart]:
@@ -264,10 +261,8 @@ class _Solved:
     def of(cls, plan: _Planned, part: ArcPart) -> _Solved:
         """Solve a part of a plan."""
         study, arc = plan.study, part.arc
-        constants = arc.model.ephemeris.constants
-        aimed = targets_in_pa(study, constants) or planned_place(study, constants)
         considered = ConsideredParameters.of(study, arc, part.estimate)
-        problem = observation_model(arc, aimed, part.estimate, considered=considered.in_weights)
+        problem = problem_of(study, arc, part.estimate, considered.in_weights)
         x = problem.parameters.prior_values
         noise, used = plan.noise.select(part.rows), plan.usable[part.rows]
         chosen = None if part.estimate.orbit is None else part.estimate.orbit.process_noise
@@ -351,12 +346,13 @@ class _Solved:
             axes[:, : partials.shape[1]] = rot_pa_to_enu(position_pa_m, self.part.arc.model) @ partials
         else:
             whole = total if outside is None else total + outside.covariance
-            state = fitted_orbit(self.plan.study, self.problem, self.x, whole, outside, self.plan.errant)
+            state = fitted_orbit(self.problem, self.x, whole, outside, self.plan.errant)
+            assert state is not None
             by_orbit, by_gravity = (one[:, LOCAL_LEVEL[:3]] for one in state.partials_rtn(self._epochs))
             axes = np.zeros((*by_orbit.shape[:2], len(parameters)))
             mine, by = (
                 slice(0, self.problem.first),
-                self.problem.functions[0](self.x[: self.problem.first])[1],
+                self.problem.targets[0].motion(self.x[: self.problem.first])[1],
             )
             axes[..., mine] = by_orbit @ by
             if self.process is not None:
@@ -387,7 +383,7 @@ class _Solved:
     @property
     def _maps_states(self) -> bool:
         """Whether states of an orbit are mapped over the arc, and not a position on the ground."""
-        return self.problem.of_orbit and self.problem.landing is None
+        return self.problem.of_orbit and not self.plan.study.lands
 
     @property
     def _epochs(self) -> Epochs:

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from radioloc.estimation.consider import moved_by
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.linearization import LinearProblem
-from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.time_correlation import estimated_covariance
 from radioloc.estimation.variance_components import fit_with_variance_components
@@ -27,6 +26,7 @@ from radioloc.results.monte_carlo import sides_of
 from radioloc.simulation.noise import NoiseDraws
 from radioloc.simulation.truth import DrawnErrors
 from radioloc.study.study import EstimateChoice
+from radioloc.targets.orbit_state import ALONG_ACROSS_RADIAL
 
 _Floats = NDArray[np.float64]
 _OF_PRIORS = 1

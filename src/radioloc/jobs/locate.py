@@ -25,13 +25,10 @@ from radioloc.jobs.orbit_start import near_orbit
 from radioloc.jobs.preparation import known_positions, prepared_arc
 from radioloc.jobs.problem import (
     ConsideredParameters,
-    apriori_points,
     disturbed,
     fitted_orbit,
-    observation_model,
-    planned_place,
+    problem_of,
     status_of,
-    targets_in_pa,
     weighed,
     with_independent_clocks,
 )
@@ -44,15 +41,13 @@ from radioloc.lunar import rot_pa_to_me
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor, blocks
 from radioloc.measurements.registry import KINDS
-from radioloc.measurements.target_motion import Motions, OrbitMotion, positions_pa_m
+from radioloc.measurements.target_motion import Motions, positions_pa_m
 from radioloc.noise import ObservationCovariance
-from radioloc.parameters.design import ObservationModel
-from radioloc.parameters.motion import orbit_of
 from radioloc.results.build import build_solution, compare_with
 from radioloc.results.solution import Solution, TargetPosition
-from radioloc.study.orbiter import Orbiter
 from radioloc.study.study import EstimateChoice, Study
 from radioloc.study.study_file import as_study
+from radioloc.targets.design import ObservationModel
 
 logger = logging.getLogger(__name__)
 
@@ -121,19 +116,14 @@ def fit_arc(
     constants = model.ephemeris.constants
     if estimate is not None:
         estimate = with_independent_clocks(study, estimate, arc)
-    targets = targets_in_pa(study, constants)
-    aimed = targets or planned_place(study, constants)
     considered = ConsideredParameters.of(study, arc, estimate)
-    problem = observation_model(arc, aimed, estimate, study.estimate, considered.in_weights)
+    problem = problem_of(study, arc, estimate, considered.in_weights)
     reported = ~problem.parameters.considered
     noise = stated_noise(arc, study.observations)
     paths = Labels.coded([link.path for link in observations.links], observations.link)
     types = Labels.coded(KINDS, observations.kind)
     order = SeriesOrder.of(types, paths, seconds_since_midnight(observations.epoch))
-    orbit = orbit_of(arc)
-    start = apriori_points(targets) or arc.motions
-    if orbit is not None:
-        start = (OrbitMotion(orbit.coarse()),)
+    start = tuple(target.start for target in problem.targets)
     status, reason = status_of(arc, start)
     fitted, stochastic = _fit(problem, noise, order, estimate, status, reason)
     if stochastic is not None:
@@ -146,22 +136,23 @@ def fit_arc(
         len(observations),
     )
     # What errors of gravity do to an orbit takes seconds, and serves the parameters' sigmas and those over the arc.
-    errant = disturbed(study, problem, fitted.fit.x)
+    errant = disturbed(problem, fitted.fit.x)
     fitted = weighed(problem.linearize, fitted, order, estimate)
     suboptimal = considered.suboptimal_errors(problem, fitted.fit.x, errant)
     x, used = fitted.fit.x, fitted.fit.used
     elevation_deg = _elevation_deg(arc, problem.motions(x))
     doubts = [] if estimate is None else [*misfits(fitted, noise.sigma_m, types)]
-    if estimate is not None and isinstance(study.target, Orbiter):
+    if estimate is not None and problem.of_orbit:
         doubts += cut_off_ends(fitted, observations)
     fits = not doubts
     # Where the residuals do not fit at all, place and sigmas say nothing of their own.
-    if fits and estimate is not None and not arc.trajectories and estimate.position != "none":
+    if fits and estimate is not None and study.points and estimate.position != "none":
         doubts = [*places(arc, problem.motions(x), used, elevation_deg)]
+    has_place = bool(study.points) or study.lands
     lander_pa_m = problem.position_pa_m(x)
     several = tuple(
         TargetPosition(name, problem.position_pa_m(x, k), problem.position_partials(x, k)[:, reported])
-        for k, name in enumerate(targets if len(targets) > 1 else ())
+        for k, name in enumerate(study.points if len(study.points) > 1 else ())
     )
     solution = build_solution(
         fitted,
@@ -184,7 +175,7 @@ def fit_arc(
         name=study.name,
         provenance=provenance(study, arc, left_out, estimate, problem.motions(x)),
         considered=suboptimal,
-        trajectory=str(arc.trajectories[0]) if arc.trajectories and problem.landing is None else None,
+        trajectory=None if has_place else str(arc.trajectories[0]),
         targets=several,
     )
     of_errors = None if solution.consider is None else solution.consider.parameters
@@ -196,15 +187,11 @@ def fit_arc(
             *considered.notes,
         ),
     )
-    if isinstance(study.target, Orbiter):
-        covariance = solution.parameter_covariance()
-        state = fitted_orbit(study, problem, x, covariance, solution.consider, errant)
+    state = fitted_orbit(problem, x, solution.parameter_covariance(), solution.consider, errant)
+    if state is not None:
         if stochastic is not None:
             state = stochastic.smoothed(state, fitted, order, suboptimal)
-        if problem.landing is not None:
-            solution = replace(solution, state=study.target.before_landing(state))
-        else:
-            solution = replace(solution, trajectory=str(state.orbit), state=state)
+        solution = replace(solution, trajectory=None if has_place else str(state.orbit), state=state)
     known = [compare_with(solution, xyz_m, name) for name, xyz_m in known_positions(study, constants)]
     first = None if study.reference is None else known.pop(0)
     solution = replace(solution, reference=first, references=tuple(known))
@@ -260,7 +247,7 @@ def _fit(
     counts = PhaseCounts(observations.count_s, 1e-6 * observations.wavelength_um)
     usable, excluded = status.are(USED), dict[int, str]()
     process_noise = None if estimate.orbit is None else estimate.orbit.process_noise
-    start = near_orbit(problem, noise.sigma_m, usable) if problem.landing is None else None
+    start = near_orbit(problem, noise.sigma_m, usable)
     if start is not None:
         status = _visibility_at(problem, start, status, usable)
     stochastic = None

@@ -15,12 +15,11 @@ from radioloc.constants import ARCSEC_RAD
 from radioloc.earth.eop import EopTable
 from radioloc.earth.eop_prediction import orientation_errors
 from radioloc.earth.stations import Station
-from radioloc.ephemeris import EphemerisConstants, Trajectory
+from radioloc.ephemeris import EphemerisConstants
 from radioloc.errors import InputError
 from radioloc.estimation.editing import EditedFit
 from radioloc.kernels import sha256_of
 from radioloc.lunar import cartesian_to_selenographic, rot_pa_to_me
-from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.light_path import PLANETS_MM
 from radioloc.measurements.observations import Observations
@@ -31,14 +30,13 @@ from radioloc.measurements.target_motion import Motions
 from radioloc.measurements.terms import TERMS
 from radioloc.media.csp import CHARGED, DRY, WET
 from radioloc.parameters.choice import chosen_keys
-from radioloc.parameters.motion import orbit_of
 from radioloc.parameters.parameter import ParameterSet, Role
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.results.cards import metres, plural
 from radioloc.study.identity import spacecraft_doubts
-from radioloc.study.orbiter import Orbiter
 from radioloc.study.record import plain, study_origin, versions
 from radioloc.study.study import EstimateChoice, Study, TerrainPrior
+from radioloc.targets.design import orbit_of
 
 _EQUATOR_M_S = 465.1  # Speed of a station on the Earth's equator
 _MIN_ROUGHNESS_RATIO = 1.5  # Ratio of sigmas from the roughness at two positions that a note reports
@@ -121,14 +119,12 @@ def notes_of_plan(arc: Predictor, left_out: dict[str, int]) -> list[str]:
 
 def _turned_positions(study: Study, constants: EphemerisConstants) -> Iterator[str]:
     """Yield a note for each position in the axes of another ephemeris."""
-    places: dict[str, LunarPosition | Trajectory | Orbiter] = {"[target]": study.target}
-    if study.targets:
-        places = {f"[targets.{name}]": place for name, place in study.targets.items()}
+    places = {f"[targets.{name}]" if name else "[target]": place for name, place in study.points.items()}
     if study.reference is not None:
         places["[reference]"] = study.reference.position
     places |= {f"[references] {known.name}": known.position for known in study.references}
     for table, place in places.items():
-        if isinstance(place, LunarPosition) and place.frame not in (
+        if place.frame not in (
             f"PA_{constants.name}",
             constants.me_frame,
         ):
@@ -290,7 +286,7 @@ def provenance(
         "terrain_resolution_m": height.terrain.metadata.resolution_m
         if isinstance(height, TerrainPrior)
         else None,
-        **_target_record(study.target),
+        **_target_record(study),
         "ionosphere": {"ionex": [path.name for path in chosen.ionex], "tec_tecu": chosen.tec_tecu},
         "troposphere": {key: _file_records(paths) for key, paths in of_air.items()},
         "sources": _file_records(chosen.sources),
@@ -319,15 +315,14 @@ def _is_reproducible(study: Study, observations: Observations) -> bool:
     )
 
 
-def _target_record(target: LunarPosition | Trajectory | Orbiter) -> dict[str, Any]:
-    if isinstance(target, Orbiter):
-        return {"a_priori": target.record(), "trajectory": None}
-    if isinstance(target, Trajectory):
-        return {
-            "a_priori": None,
-            "trajectory": {"body": target.body, **kernel_record(target.kernel, target.name)},
-        }
-    return {"a_priori": {"frame": target.frame, "xyz_m": target.xyz_m.tolist()}, "trajectory": None}
+def _target_record(study: Study) -> dict[str, Any]:
+    """A-priori state of the orbiter, or position of the first point, and the known trajectory."""
+    known, point = study.trajectory, next(iter(study.points.values()), None)
+    apriori = None if point is None else {"frame": point.frame, "xyz_m": point.xyz_m.tolist()}
+    if study.orbiter is not None:
+        apriori = study.orbiter.record()
+    record = None if known is None else {"body": known.body, **kernel_record(known.kernel, known.name)}
+    return {"a_priori": apriori, "trajectory": record}
 
 
 def _estimate_record(estimate: EstimateChoice) -> dict[str, Any]:

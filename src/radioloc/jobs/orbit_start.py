@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from radioloc.jobs.orbit_steps import OrbitPart, fitted_state
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.target_motion import OrbitMotion
-from radioloc.parameters.design import ObservationModel
-from radioloc.parameters.motion import orbit_of
+from radioloc.targets.design import ObservationModel, orbit_of
 from radioloc.time import tt_to_tdb, utc_to_tt
 from radioloc.vectors import Floats
 
@@ -47,20 +46,23 @@ class StagedStart:
     @classmethod
     def of(cls, problem: ObservationModel, sigma_m: Floats) -> StagedStart | None:
         """Return the start of a problem, or ``None`` if no orbit is estimated."""
-        parameters, orbit = problem.parameters, problem.orbit
-        count = len(parameters.of_kind("state")) + len(parameters.of_kind("force"))
-        free = np.flatnonzero(parameters.free[:count])
-        if orbit is None or not len(free):
+        parameters, orbit, target = problem.parameters, problem.orbit, problem.orbit_index
+        if orbit is None or target is None or not parameters.of_kind("state"):
+            return None  # a descent starts where it is known to land
+        columns = problem.columns_of(target)
+        free = np.flatnonzero(parameters.free[columns])
+        if not len(free):
             return None
-        arc = problem.predictor.with_motions(orbit.coarse())
+        others = problem.predictor.motions[:-1]
+        arc = problem.predictor.with_motions((*others, orbit.coarse()))
         tdb = tt_to_tdb(utc_to_tt(arc.observations.epoch))
         return cls(
             arc,
             sigma_m,
             np.array(list(orbit.values.values())),
             free,
-            _cartesian_sigmas(problem, count)[free],
-            np.abs(tdb.seconds_since(orbit.epoch)),
+            _cartesian_sigmas(problem, target)[free],
+            np.where(arc.target == target, np.abs(tdb.seconds_since(orbit.epoch)), np.inf),
         )
 
     def first_reach_s(self, usable: NDArray[np.bool_]) -> float:
@@ -104,19 +106,21 @@ def near_orbit(problem: ObservationModel, sigma_m: Floats, usable: NDArray[np.bo
 
 def _with_orbit(problem: ObservationModel, changes: Floats) -> Floats:
     """Return a-priori values of all parameters, with those of the orbit that give these changes of state and forces."""
-    start, columns = problem.parameters.prior_values.copy(), slice(len(changes))
+    target = problem.orbit_index
+    assert target is not None
+    start, columns = problem.parameters.prior_values.copy(), problem.columns_of(target)
     for _ in range(_NEWTON_STEP_COUNT):
-        made, by = problem.functions[0](start[columns])
+        made, by = problem.targets[target].motion(start[columns])
         assert isinstance(made, OrbitMotion)
         start[columns] += np.linalg.solve(by, changes - made.changes)
     return start
 
 
-def _cartesian_sigmas(problem: ObservationModel, count: int) -> Floats:
+def _cartesian_sigmas(problem: ObservationModel, target: int) -> Floats:
     """Return the scale of one step of the state and of the forces, from the a-priori sigmas."""
-    parameters = problem.parameters
-    sigmas = np.minimum(parameters.prior_sigmas, _FREE_SIGMA_SCALES * parameters.scales)[:count]
-    by = problem.functions[0](parameters.prior_values[:count])[1]
-    largest = np.concatenate([[_MAX_STEP_M] * 3, [_MAX_STEP_M_S] * 3, np.full(count - 6, math.inf)])
-    largest[[item.unit == "m/s" for item in parameters.parameters[:count]]] = _MAX_STEP_M_S
+    parameters, columns = problem.parameters, problem.columns_of(target)
+    sigmas = np.minimum(parameters.prior_sigmas, _FREE_SIGMA_SCALES * parameters.scales)[columns]
+    by = problem.targets[target].motion(parameters.prior_values[columns])[1]
+    largest = np.concatenate([[_MAX_STEP_M] * 3, [_MAX_STEP_M_S] * 3, np.full(len(sigmas) - 6, math.inf)])
+    largest[[item.unit == "m/s" for item in parameters.parameters[columns]]] = _MAX_STEP_M_S
     return np.minimum(np.sqrt(by**2 @ sigmas**2), largest)

@@ -32,8 +32,8 @@ class OrbitPart:
     apriori: Floats  # parameters of the orbit: state and forces
 
     def compute(self, x: Floats) -> Computed:
-        """Predict the observations for parameters x."""
-        return self.arc.compute(OrbitMotion(self.orbit, x - self.apriori))
+        """Predict the observations for parameters x of the orbit, the motion of the last target."""
+        return self.arc.compute((*self.arc.motions[:-1], OrbitMotion(self.orbit, x - self.apriori)))
 
 
 def fitted_state(
@@ -66,7 +66,8 @@ def fitted_state(
             break
         shrink = 1.0
         weight = np.sqrt(1.0 / np.maximum(np.abs(ratio) / (_CORNER_SIGMAS * spread), 1.0)) / spread
-        design = (computed.by_motion[:, free] / sigma_m[:, None] * sigmas) * weight[:, None]
+        by_orbit = computed.by_motion[:, 3 * (len(part.arc.motions) - 1) :][:, free]
+        design = (by_orbit / sigma_m[:, None] * sigmas) * weight[:, None]
         stacked = np.vstack([design, np.eye(len(free))])
         right = np.concatenate([ratio * weight, np.zeros(len(free))])
         step = np.zeros(len(x))

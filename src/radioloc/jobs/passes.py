@@ -126,8 +126,8 @@ def scene_of(
         names, first, last, masks = [], "", "", Masks()
     else:
         names, first, last, masks = _observed(study)
-    places: dict[str, LunarPosition | AnyTrajectory | StateAndForces] = {**study.targets} or {
-        "lander": study.target
+    places: dict[str, LunarPosition | AnyTrajectory | StateAndForces] = {
+        name or "lander": place for name, place in study.all_targets.items()
     }
     if study.simulation is not None:
         places = {study.simulation.name: study.simulation.position}

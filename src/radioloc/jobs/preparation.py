@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit
-from radioloc.ephemeris import EphemerisConstants, Trajectory
+from radioloc.ephemeris import EphemerisConstants
 from radioloc.errors import CoverageError, FileFormatError, InputError, require_type
 from radioloc.io.formats import read_observations
 from radioloc.jobs.one_thread import on_one_blas_thread
-from radioloc.jobs.problem import apriori_points, position_in_pa, targets_in_pa
 from radioloc.jobs.selection import select_observations, selected, with_target_names
-from radioloc.lunar.position import LunarPosition
+from radioloc.jobs.study_targets import apriori_points, position_in_pa
 from radioloc.measurements.ambiguity import without_ambiguity
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.exact_predictor import ExactPredictor
@@ -27,7 +26,7 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.quantised import with_rounding_in_sigmas
 from radioloc.measurements.sources import read_sources
-from radioloc.measurements.target_motion import GivenMotions
+from radioloc.measurements.target_motion import Motions
 from radioloc.measurements.terms import TERMS
 from radioloc.media.csp import read_csp
 from radioloc.media.ionex import read_ionex
@@ -35,7 +34,6 @@ from radioloc.media.ionosphere import UniformTec
 from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.study.identity import spacecraft_doubts
-from radioloc.study.orbiter import Orbiter
 from radioloc.study.study import ModelChoice, Study
 from radioloc.study.study_file import as_study
 from radioloc.study.uplinks import with_uplinks
@@ -69,10 +67,10 @@ def prepared_arc(
     """
     model = model_of(study)
     constants = model.ephemeris.constants
-    targets = targets_in_pa(study, constants)
+    start = apriori_points(study, model)
     known_positions(study, constants)  # one in a wrong frame is to be told before the work, not after it
     chosen, left_out = chosen_observations(study, observations, model)
-    arc = _arc(study, model, chosen, targets, orbit)
+    arc = _arc(study, model, chosen, start, orbit)
     logger.info("prepared the model for %d observations by %s", len(chosen), ", ".join(arc.stations))
     _require_tracked(study, arc)
     return arc, left_out
@@ -185,7 +183,7 @@ def read_as(study: Study, files: Sequence[str | Path], model: PhysicalModel | No
         files,
         catalogue=study.catalogue,
         tdm=tdm,
-        lunar=not isinstance(study.target, Trajectory | Orbiter),
+        lunar=bool(study.points),
         frequencies=study.observations.frequencies,
     )
     renamed = with_target_names(observations, study.observations.target_names)
@@ -196,14 +194,14 @@ def _arc(
     study: Study,
     model: PhysicalModel,
     observations: Observations,
-    targets: Mapping[str, LunarPosition],
+    points: Motions,
     given: AdjustableOrbit | None,
 ) -> Predictor:
-    names = tuple(targets) if len(targets) > 1 else ()
-    aimed = _trajectory(study, model, observations) if given is None else given
-    start: GivenMotions = apriori_points(targets) if aimed is None else aimed
-    if isinstance(aimed, AdjustableOrbit):
-        start = aimed.coarse()  # only positions are needed
+    orbit = _orbit(study, model, observations) if given is None else given
+    names = study.names_in_order
+    flying = () if study.trajectory is None else (study.trajectory,)
+    # Only positions are needed of an orbit.
+    start = (*points, *flying, *(() if orbit is None else (orbit.coarse(),)))
     kinds = (*study.estimate.parameters, *study.consider)
     more = study.consider_defaults or any(PARAMETERS[kind].more_partials for kind in kinds)
     try:
@@ -223,16 +221,15 @@ def _arc(
                 error.args = (f"{observations.origin(row)}: {error}",)
                 raise error from None
         raise
-    return arc if aimed is None else arc.with_motions(aimed)
+    return arc if orbit is None else arc.with_motions((*start[:-1], orbit))
 
 
-def _trajectory(
-    study: Study, model: PhysicalModel, observations: Observations
-) -> Trajectory | AdjustableOrbit | None:
-    """The trajectory that is predicted, a priori; none where positions are."""
-    if not isinstance(study.target, Orbiter):
-        return study.target if isinstance(study.target, Trajectory) else None
+def _orbit(study: Study, model: PhysicalModel, observations: Observations) -> AdjustableOrbit | None:
+    """The a-priori orbit over all observations of the orbiter, if there is one."""
+    orbiter = study.orbiter
+    if orbiter is None:
+        return None
     assert study.estimate.orbit is not None  # the study has seen to that
-    parameters = study.estimate.orbit.parameters(study.target.forces)
-    orbit = study.target.orbit(model, observations, parameters)
-    return orbit.reaching_below_ground() if study.target.landing is None else orbit
+    parameters = study.estimate.orbit.parameters(orbiter.forces)
+    orbit = orbiter.orbit(model, observations, parameters)
+    return orbit.reaching_below_ground() if orbiter.landing is None else orbit

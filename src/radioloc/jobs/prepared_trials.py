@@ -16,12 +16,6 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit, Orbit
 from radioloc.errors import InputError
 from radioloc.estimation.consider import few_errors
-from radioloc.estimation.orbit_state import (
-    ALONG_ACROSS_RADIAL,
-    EAST_NORTH_UP,
-    LOCAL_LEVEL,
-    turned,
-)
 from radioloc.estimation.robust import linear_problem
 from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
 from radioloc.jobs.linear_trials import (
@@ -39,16 +33,14 @@ from radioloc.jobs.preparation import model_of, planned_arc
 from radioloc.jobs.problem import (
     ConsideredParameters,
     disturbed,
-    observation_model,
-    planned_place,
-    position_in_pa,
+    problem_of,
     require_position_or_orbit,
     status_of,
-    targets_in_pa,
 )
 from radioloc.jobs.selection import ArcPart, arc_parts
 from radioloc.jobs.simulate import scenario_of
 from radioloc.jobs.station_noise import stated_noise
+from radioloc.jobs.study_targets import position_in_pa
 from radioloc.labels import USED, Labels
 from radioloc.lunar.local import local_difference
 from radioloc.lunar.position import LunarPosition
@@ -56,9 +48,7 @@ from radioloc.measurements.registry import KINDS
 from radioloc.measurements.target_motion import FixedPoint, OrbitMotion
 from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.columns import Columns
-from radioloc.parameters.design import DesignMatrix, ObservationModel, Rows
 from radioloc.parameters.kind import Scope
-from radioloc.parameters.motion import orbit_of
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.results.solution import Solution
@@ -68,6 +58,14 @@ from radioloc.simulation.simulate import rot_pa_to_enu
 from radioloc.simulation.truth import GRAVITY_ERROR
 from radioloc.study.orbiter import Orbiter
 from radioloc.study.study import EstimateChoice, Study
+from radioloc.targets.descent import Descent
+from radioloc.targets.design import DesignMatrix, ObservationModel, Rows, orbit_of
+from radioloc.targets.orbit_state import (
+    ALONG_ACROSS_RADIAL,
+    EAST_NORTH_UP,
+    LOCAL_LEVEL,
+    turned,
+)
 from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
 from radioloc.vectors import rtn_axes
 
@@ -88,7 +86,7 @@ class Prepared:
     @property
     def _of_states(self) -> bool:
         """Whether states of an orbit are compared with the truth, and not positions."""
-        return isinstance(self.study.target, Orbiter) and self.study.target.landing is None
+        return self.study.orbiter is not None and not self.study.lands
 
     @property
     def hours(self) -> tuple[float, ...]:
@@ -103,10 +101,10 @@ class Prepared:
     @property
     def at_h(self) -> tuple[float, ...]:
         """Of an orbit those epochs, from that of the state, h."""
-        if not self._of_states:
+        orbiter = self.study.orbiter
+        if orbiter is None or not self._of_states:
             return ()
-        assert isinstance(self.study.target, Orbiter)
-        epochs_s = (self.epochs(part).seconds_since(self.study.target.epoch) for part in self.parts)
+        epochs_s = (self.epochs(part).seconds_since(orbiter.epoch) for part in self.parts)
         return tuple((np.concatenate(list(epochs_s)) / 3600.0).tolist())
 
     @property
@@ -115,8 +113,8 @@ class Prepared:
 
     def epochs(self, part: ArcPart) -> Epochs:
         """When an orbit is compared with the truth: at its epoch, in the middle and at the end of the tracking, TDB."""
-        assert isinstance(self.study.target, Orbiter)
-        epoch = self.study.target.epoch
+        assert self.study.orbiter is not None
+        epoch = self.study.orbiter.epoch
         first_s, last_s = tt_to_tdb(utc_to_tt(part.arc.observations.span())).seconds_since(epoch).tolist()
         return epoch.shifted(np.array([0.0, 0.5 * (first_s + last_s), last_s]))
 
@@ -131,13 +129,12 @@ class Prepared:
         require_position_or_orbit(study, "a Monte Carlo study")
         model, orbit, truth = model_of(study), None, None
         constants = model.ephemeris.constants
-        targets = targets_in_pa(study, constants)
         if isinstance(scenario.position, LunarPosition):
             position_in_pa("[simulation.position]", scenario.position, constants)
-        if isinstance(study.target, Orbiter):
+        if study.orbiter is not None:
             assert study.estimate.orbit is not None
-            forces = study.estimate.orbit.parameters(study.target.forces)
-            orbit = scenario.orbit(model, study.target, forces)
+            forces = study.estimate.orbit.parameters(study.orbiter.forces)
+            orbit = scenario.orbit(model, study.orbiter, forces)
             assert isinstance(scenario.position, Orbiter)
             truth = scenario.orbit(model, scenario.position)
         world = scenario.world(model)
@@ -145,16 +142,15 @@ class Prepared:
         whole = replace(study, reference=None, references=(), observations=observations)
         longest, _, rows = planned_arc(whole, world.plan.observations, model, orbit)
         parts = arc_parts(longest, study, reversed(hours))
-        aimed = targets or planned_place(study, constants)
         names = dict.fromkeys(
             p.name
             for part in parts
-            for p in observation_model(part.arc, aimed, part.estimate).parameters
+            for p in problem_of(study, part.arc, part.estimate).parameters
             if p.kind not in ("position", "state") and not p.fixed
         )
         biases = study.estimate.parameters.get("range_bias", ParameterChoice())
         by_station = biases.scope(PARAMETERS["range_bias"]) in (Scope.STATION, Scope.PASS)
-        lands = isinstance(study.target, Orbiter) and study.target.landing is not None
+        lands = study.lands
         columns = list(base_columns(ALONG_ACROSS_RADIAL if orbit and not lands else EAST_NORTH_UP))
         columns += [f"excess_noise_m.{KINDS[k]}" for k in np.unique(longest.observations.kind)]
         for name in names:
@@ -235,7 +231,7 @@ class Prepared:
             problem.motions(x) if problem.of_orbit else FixedPoint(self.world.target_pa_m)
         ).value_m
         usable = status_of(longest)[0].are(USED)
-        errant = disturbed(self.study, problem, x)
+        errant = disturbed(problem, x)
         arcs = []
         for part in self.parts:
             one = self._linear_arc(part, usable[part.rows], errant)
@@ -252,26 +248,21 @@ class Prepared:
             errors=self.world.errors,
         )
 
-    @property
-    def _targets_pa(self) -> dict[str, LunarPosition]:
-        """A-priori position."""
-        return targets_in_pa(self.study, self.parts[0].arc.model.ephemeris.constants)
-
     def at_truth(self, part: ArcPart) -> tuple[ObservationModel, _Floats]:
         """The problem of a part, and its parameters of the true position or state, the others a priori."""
-        constants = part.arc.model.ephemeris.constants
-        aimed = self._targets_pa or planned_place(self.study, constants)
-        problem = observation_model(part.arc, aimed, part.estimate)
-        if problem.landing is not None:
+        problem = problem_of(self.study, part.arc, part.estimate)
+        if self.study.lands:
             assert self.true_orbit is not None
+            [descent] = problem.targets
+            assert isinstance(descent, Descent)
             x = problem.parameters.prior_values.copy()
-            x[:6] = problem.landing.touchdown_of(self.true_orbit.state)
+            x[:6] = descent.touchdown_of(self.true_orbit.state)
             return problem, x
         wanted = self.world.target_pa_m
-        if isinstance(self.study.target, Orbiter):
+        if self.study.orbiter is not None:
             assert isinstance(self.world.scenario.position, Orbiter)
             wanted = np.zeros(problem.first)
-            wanted[:6] = self.world.scenario.position.state - self.study.target.state
+            wanted[:6] = self.world.scenario.position.state - self.study.orbiter.state
         return problem, _parameters_at(problem, wanted)
 
     def _true_place(self, part: ArcPart) -> tuple[_Floats, _Floats]:
@@ -317,7 +308,7 @@ class Prepared:
         assert here is not None
         by_parameters = np.zeros((3, 6, len(x)))
         by_parameters[..., : problem.first] = _local(
-            here, tdb, here.partials(tdb) @ problem.functions[0](x[: problem.first])[1]
+            here, tdb, here.partials(tdb) @ problem.targets[0].motion(x[: problem.first])[1]
         )
         by_considered = np.zeros((3, 6, count))
         if errant is not None:
@@ -402,7 +393,7 @@ def _parameters_at(problem: ObservationModel, wanted: _Floats) -> _Floats:
     """Parameters of a position, or of changes of an orbit's own, the others at their a-priori values."""
     x, mine = problem.parameters.prior_values.copy(), len(wanted)
     for _ in range(20):
-        motion, partials = problem.functions[0](x[:mine])
+        motion, partials = problem.targets[0].motion(x[:mine])
         found = motion.changes if isinstance(motion, OrbitMotion) else motion.position_pa_m
         step = np.linalg.solve(partials, wanted - found)
         x[:mine] += step

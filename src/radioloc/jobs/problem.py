@@ -10,7 +10,7 @@ quasars, the stations' clocks, by which they are off by some microseconds, are i
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -19,43 +19,31 @@ from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.dynamics import AdjustableOrbit
-from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.errors import InputError, named
 from radioloc.estimation.consider import Consider, ConsideredErrors
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.linearization import ResidualFunction
-from radioloc.estimation.orbit_state import OrbitState
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.time_correlation import fit_with_correlated_weights
+from radioloc.jobs.study_targets import targets_of
 from radioloc.jobs.verdict import LOWEST_EARTH_DEG
 from radioloc.labels import USED, Labels
-from radioloc.lunar.position import LunarPosition
 from radioloc.lunar.visibility import earth_elevation_rad
-from radioloc.measurements.link import canonical_target
 from radioloc.measurements.predictor import Predictor, blocks, reasons
 from radioloc.measurements.registry import kind_of
-from radioloc.measurements.target_motion import FixedPoint, Motions, OrbitMotion, TrajectoryMotion
+from radioloc.measurements.target_motion import Motions
 from radioloc.media.status import Status
 from radioloc.parameters.choice import ParameterChoice, chosen_parameters
 from radioloc.parameters.columns import Columns
 from radioloc.parameters.considered import resolved
-from radioloc.parameters.design import DesignMatrix, ObservationModel
 from radioloc.parameters.kind import Scope
-from radioloc.parameters.motion import MotionParameters, OrbitFunction, of_points, orbit_of
-from radioloc.parameters.orbit import (
-    Ground,
-    LandingParameters,
-    landing_parameters,
-    orbit_parameters,
-)
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
-from radioloc.parameters.position import PositionParameters, cartesian, on_sphere, on_terrain
-from radioloc.parameters.position_prior import PositionPrior, with_position_priors
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import networks
-from radioloc.study.orbit_choice import OrbitChoice
-from radioloc.study.orbiter import Orbiter
-from radioloc.study.study import EstimateChoice, Study, TerrainPrior
+from radioloc.study.study import EstimateChoice, Study
+from radioloc.targets.design import DesignMatrix, ObservationModel
+from radioloc.targets.orbit_state import OrbitState
+from radioloc.targets.target import Target
 from radioloc.time import Epochs, evaluate_smooth, tt_to_tdb, utc_to_tt
 
 _OF_THE_EPHEMERIS = ("moon_position", "moon_position_variation", "libration", "libration_variation")
@@ -63,45 +51,35 @@ _RATE_SIGMA = 1e-11
 """Ten times that of a hydrogen maser which nobody has set; from one scan of each target a rate is not told."""
 
 
-def observation_model(
-    predictor: Predictor,
-    targets_pa: LunarPosition | Mapping[str, LunarPosition] | None,
+def problem_of(
+    study: Study,
+    arc: Predictor,
     estimate: EstimateChoice | None,
-    held: EstimateChoice | None = None,
     considered: Sequence[tuple[Columns, list[Parameter]]] = (),
 ) -> ObservationModel:
-    """Return the parameters of an arc, the considered ones last; without `estimate` those of `held` are fixed."""
-    choice = (EstimateChoice() if held is None else held).held() if estimate is None else estimate
-    kinds = []
-    for name, chosen in choice.parameters.items():
-        found = _columns("[estimate]", name, chosen, predictor, Role.ESTIMATED, choice)
-        if found is not None:
-            kinds.append(found)
-    kinds += considered
-    if isinstance(targets_pa, Mapping) and len(targets_pa) > 1:
-        points = with_position_priors(
-            [
-                _place(predictor, place.xyz_m, choice, f"position.{name}")
-                for name, place in targets_pa.items()
-            ],
-            [_prior(choice, name) for name in targets_pa],
-            predictor.model.ephemeris.constants,
-        )
-        motions = [of_points(point) for point in points]
-    else:
-        place = next(iter(targets_pa.values())) if isinstance(targets_pa, Mapping) else targets_pa
-        if (landing := _landing(predictor, place, choice)) is not None:
-            function = OrbitFunction(landing.orbit, landing.changes)
-            model = ObservationModel.of(predictor, [(landing.parameters, function)], kinds)
-            return replace(model, landing=landing)
-        motions = [_motion(predictor, place, choice)]
-    model = ObservationModel.of(predictor, motions, kinds)
+    """Return the parameters of a study's arc, considered ones last; without `estimate` all others are held."""
+    choice = study.estimate.held() if estimate is None else estimate
+    model = observation_model(arc, targets_of(study, arc, choice), choice, considered)
     if estimate is not None and not any(item.role is Role.ESTIMATED for item in model.parameters):
         raise InputError(
             'nothing to estimate: [estimate] position is "none" and no bias is asked for; '
             "use `radioloc residuals` to see residuals at the given position"
         )
     return model
+
+
+def observation_model(
+    arc: Predictor,
+    targets: Sequence[Target],
+    choice: EstimateChoice,
+    considered: Sequence[tuple[Columns, list[Parameter]]] = (),
+) -> ObservationModel:
+    """Return the parameters of targets, those of the kinds that are chosen, and considered ones."""
+    found = [
+        _columns("[estimate]", name, chosen, arc, Role.ESTIMATED, choice)
+        for name, chosen in choice.parameters.items()
+    ]
+    return ObservationModel.of(arc, targets, [*(item for item in found if item is not None), *considered])
 
 
 def weighed(
@@ -164,53 +142,43 @@ class ConsideredParameters:
         )
 
 
-def disturbed(study: Study, problem: ObservationModel, x: NDArray[np.float64]) -> AdjustableOrbit | None:
+def disturbed(problem: ObservationModel, x: NDArray[np.float64]) -> AdjustableOrbit | None:
     """The orbit at parameters x, with the errors of its gravity field that are considered, if it is one."""
-    orbit = problem.orbit_at(x)
-    if problem.process is not None or orbit is None or not isinstance(study.target, Orbiter):
+    k = problem.orbit_index
+    if problem.process is not None or k is None:
         return None  # process noise stands for what the field leaves out
-    return study.target.disturbed(orbit)
+    return problem.targets[k].gravity_errors(x[problem.columns_of(k)])
 
 
 def require_position_or_orbit(study: Study, what: str) -> None:
     """Refuse a study in which neither a position nor an orbit is estimated."""
-    if not isinstance(study.target, Orbiter) and study.estimate.position == "none":
+    if study.orbiter is None and study.estimate.position == "none":
         raise InputError(f'{what} needs the position estimated: [estimate] position is "none"')
 
 
 def fitted_orbit(
-    study: Study,
     problem: ObservationModel,
     x: NDArray[np.float64],
     covariance: NDArray[np.float64],
     consider: Consider | None,
     errant: AdjustableOrbit | None,
-) -> OrbitState:
-    """The state of the orbit whose parameters come first in x and `covariance`, which is of all that is uncertain."""
-    assert isinstance(study.target, Orbiter)
-    mine = slice(0, problem.first)
-    motion, by = problem.functions[0](x[mine])
-    assert isinstance(motion, OrbitMotion)
-    estimated = motion.trajectory
-    assert isinstance(estimated, AdjustableOrbit)
-    estimated.require_above_ground()
-    sensitivity = np.zeros((problem.first, 0))
+) -> OrbitState | None:
+    """The state of the orbit that is estimated, from the `covariance` of x, which is of all that is uncertain."""
+    k = problem.orbit_index
+    if k is None:
+        return None
+    mine = problem.columns_of(k)
+    sensitivity = np.zeros((mine.stop - mine.start, 0))
     if consider is not None:
         sensitivity = consider.sensitivity[mine][:, list(consider.parameters.of_kind("gravity_error"))]
-    return OrbitState(
-        estimated,
-        by @ covariance[mine, mine] @ by.T,
-        by @ sensitivity,
-        errant if sensitivity.size else None,
-        study.target.body,
-    )
+    return problem.targets[k].estimate(x[mine], covariance[mine, mine], sensitivity, errant)
 
 
 def gravity_errors(orbit: AdjustableOrbit | None, problem: ObservationModel) -> ConsideredErrors | None:
     """Errors of an orbit's gravity field, with what they do to the observations."""
     if orbit is None:
         return None
-    effects = problem.predictor.compute(orbit).by_motion
+    effects = problem.effects_on_orbit(orbit)
     names = [f"gravity_error.{k + 1}" for k in range(effects.shape[1])]
     parameters = [Parameter(name, "1", "gravity_error", 0.0, 1.0, role=Role.CONSIDERED) for name in names]
     return ConsideredErrors(ParameterSet(parameters), lambda rows: effects[rows])
@@ -222,103 +190,6 @@ def _columns(
     kind = PARAMETERS[name]
     with named(table):
         return chosen_parameters(kind, chosen, predictor.simple, role, estimate.pass_gap_h)
-
-
-def _motion(
-    predictor: Predictor, target_pa: LunarPosition | None, choice: EstimateChoice
-) -> MotionParameters:
-    orbit = orbit_of(predictor)
-    if orbit is not None:
-        given, estimated = choice.orbit or OrbitChoice(), choice.orbit is not None
-        sigmas = given.sigmas(orbit.forces) if estimated else {}
-        parameters, changes = orbit_parameters(orbit, sigmas, estimated, given.state, given.form)
-        return parameters, OrbitFunction(orbit, changes)
-    if target_pa is None:
-        [trajectory] = predictor.trajectories
-        parameters, _ = cartesian(np.zeros(3), role=Role.FIXED, name="offset")
-        return parameters, lambda x: (TrajectoryMotion(trajectory, x), np.eye(3))
-    constants = predictor.model.ephemeris.constants
-    place = _place(predictor, target_pa.xyz_m, choice)
-    return of_points(with_position_priors([place], [_prior(choice, "")], constants)[0])
-
-
-def _prior(choice: EstimateChoice, target: str) -> PositionPrior | None:
-    """A-priori position of a target that is estimated in geographic coordinates."""
-    if choice.position != "geographic":
-        return None
-    return next((one for one in choice.position_priors if one.target == target), None)
-
-
-def _place(
-    predictor: Predictor, start_pa_m: NDArray[np.float64], choice: EstimateChoice, name: str = "position"
-) -> PositionParameters:
-    if choice.position != "geographic":
-        role = Role.FIXED if choice.position == "none" else Role.ESTIMATED
-        return cartesian(start_pa_m, role=role, name=name)
-    height, constants = choice.height_prior, predictor.model.ephemeris.constants
-    prior = _prior(choice, name.partition(".")[2])
-    if prior is not None:
-        start_pa_m = prior.mean.to_axes("PA", constants).xyz_m
-    if isinstance(height, TerrainPrior):
-        return on_terrain(start_pa_m, height.terrain, height.sigma_m, constants, name)
-    if height is None or (prior is not None and prior.has_height):
-        return on_sphere(start_pa_m, None, name)
-    return on_sphere(start_pa_m, (height.height_m, height.sigma_m), name)
-
-
-def _landing(
-    predictor: Predictor, target_pa: LunarPosition | None, choice: EstimateChoice
-) -> LandingParameters | None:
-    """Parameters of an orbit that ends on the ground; where nothing is estimated, those of the a-priori orbit."""
-    orbit = orbit_of(predictor)
-    if orbit is None or orbit.touchdown is None:
-        return None
-    ground, estimated = Ground(predictor.model, orbit.touchdown), choice.orbit is not None
-    start_pa_m = target_pa.xyz_m if target_pa is not None and estimated else ground.place_pa_m(orbit.state)
-    given = choice.orbit or OrbitChoice()
-    place, sigmas = _place(predictor, start_pa_m, choice), given.sigmas(orbit.forces)
-    landing = landing_parameters(orbit, ground, place, given.touchdown_sigma_m_s, sigmas)
-    if estimated:
-        return landing
-    fixed = [
-        replace(item, prior_value=value, role=Role.FIXED)
-        for item, value in zip(landing.parameters, landing.values_of(orbit).tolist(), strict=True)
-    ]
-    return replace(landing, parameters=fixed)
-
-
-def targets_in_pa(study: Study, constants: EphemerisConstants) -> dict[str, LunarPosition]:
-    """Return the a-priori positions in principal axes by name; none where the target is a trajectory."""
-    if isinstance(study.target, Trajectory | Orbiter):
-        return {}
-    given = {name: (f"[targets.{name}]", position) for name, position in study.targets.items()}
-    given = given or {"": ("[target]", study.target)}
-    places = {
-        canonical_target(name): position_in_pa(table, position, constants)
-        for name, (table, position) in given.items()
-    }
-    for prior in study.estimate.position_priors:
-        places[prior.target] = position_in_pa("[[observations.map_positions]]", prior.mean, constants)
-    return places
-
-
-def planned_place(study: Study, constants: EphemerisConstants) -> LunarPosition | None:
-    """The a-priori place in principal axes where the target lands, if it does and there is one."""
-    landing = study.target.landing if isinstance(study.target, Orbiter) else None
-    if landing is None or landing.place is None:
-        return None
-    return position_in_pa("[target.landing]", landing.place, constants)
-
-
-def apriori_points(targets_pa: Mapping[str, LunarPosition]) -> Motions:
-    """Return the a-priori positions as motions."""
-    return tuple(FixedPoint(position.xyz_m) for position in targets_pa.values())
-
-
-def position_in_pa(table: str, position: LunarPosition, constants: EphemerisConstants) -> LunarPosition:
-    """A position of the study in principal axes; an error names its table."""
-    with named(f"{table} frame:"):
-        return position.to_axes("PA", constants)
 
 
 def status_of(arc: Predictor, motions: Motions | None = None) -> tuple[Labels, NDArray[np.int8]]:

@@ -13,7 +13,7 @@ from radioloc.errors import StationError
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.target_motion import Motions
-from radioloc.parameters.motion import orbit_of
+from radioloc.targets.design import orbit_of
 
 _SAMPLE_ROWS = 20
 _MIN_IMPROVEMENT = 10.0  # Ratio of the rms of residuals

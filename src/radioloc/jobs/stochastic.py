@@ -23,13 +23,13 @@ from radioloc.estimation.consider import ConsideredErrors, moved_by
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.information_filter import InformationFilter
 from radioloc.estimation.least_squares import FitResult
-from radioloc.estimation.orbit_state import OrbitState, ProcessEstimate
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.time_correlation import estimated_covariance
 from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.parameters.design import ObservationModel
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.study.orbit_choice import ProcessNoise
+from radioloc.targets.design import ObservationModel
+from radioloc.targets.orbit_state import OrbitState, ProcessEstimate
 from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
 
 Floats = NDArray[np.float64]
@@ -76,7 +76,7 @@ class StochasticProblem:
         moved = here.orbit_at(x)
         assert moved is not None
         effects = StochasticEffects(moved.nearest(), noise.sigma_m_s2, interval_s)
-        partials = predictor.compute(replace(moved, errors=effects.at)).by_motion
+        partials = without.effects_on_orbit(replace(moved, errors=effects.at))
         by_colour = partials[:, 6:].reshape(len(partials), COLOURS, 3)
         tag_s = tt_to_tdb(utc_to_tt(predictor.observations.epoch)).seconds_since(orbit.epoch)
         first, last = (
@@ -128,8 +128,9 @@ class StochasticProblem:
         fit = fitted.fit
         assert isinstance(fit.whitening, InformationFilter)
         found = self.again(fit)
-        orbit, p = found.here.orbit_at(fit.x), self.here.first
+        orbit, target = found.here.orbit_at(fit.x), self.here.orbit_index
         assert orbit is not None
+        assert target is not None
         state = replace(state, orbit=orbit)
         free, here = fit.parameters.free, fit.linearization
         joint, sigmas = estimated_covariance(fitted, order)[0][np.ix_(free, free)], np.zeros(0)
@@ -148,8 +149,10 @@ class StochasticProblem:
         smoothed = fit.whitening.smoothed(others, here.residual_m, joint)
         # From errors of free parameters, of what is considered, of the deviation and the acceleration.
         onto = np.zeros((len(state.parameter_covariance) + 9, len(joint) + 9))
-        of_orbit = free[:p]
-        onto[:-9, : of_orbit.sum()] = self.without.functions[0](fit.x[:p])[1][:, of_orbit]
+        mine = self.here.columns_of(target)
+        of_orbit, begin = free[mine], int(free[: mine.start].sum())
+        by_x = self.without.targets[target].motion(fit.x[mine])[1]
+        onto[:-9, begin : begin + of_orbit.sum()] = by_x[:, of_orbit]
         onto[-9:, -9:] = np.eye(9)
         after_covariance, before_covariance = (onto @ one @ onto.T for one in smoothed.covariance)
         after, before = (one * self.noise.sigma_m_s2 for one in smoothed.values)

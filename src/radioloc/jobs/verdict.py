@@ -27,7 +27,6 @@ from radioloc.measurements.registry import KINDS, is_integrated
 from radioloc.measurements.target_motion import Motions
 from radioloc.results.build import Doubt
 from radioloc.results.solution import Solution
-from radioloc.study.orbiter import Orbiter
 from radioloc.study.study import Study
 from radioloc.time import tt_to_tdb, utc_to_tt
 
@@ -182,7 +181,7 @@ def nowhere(solution: Solution) -> Solution:
 def search_that_helps(study: Study, solution: Solution, away_m: float) -> Iterator[str]:
     """Name the search that helps where an estimate cannot be used, or is far from the a-priori positions."""
     command = f"`radioloc search {study.path or 'STUDY.toml'}`"
-    if isinstance(study.target, Orbiter):
+    if study.orbiter is not None:
         if not solution.converged:
             yield f"{command} looks for manoeuvres that the study does not state"
     elif (

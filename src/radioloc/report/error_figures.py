@@ -10,7 +10,6 @@ import numpy as np
 
 from radioloc.errors import InputError
 from radioloc.estimation.consider import by_source
-from radioloc.estimation.orbit_state import EAST_NORTH_UP, RTN
 from radioloc.report.figures import (
     COLORS,
     SCALE_95,
@@ -30,6 +29,7 @@ from radioloc.results.cards import metres
 from radioloc.results.covariance import CovarianceStudy, PlannedArc
 from radioloc.results.monte_carlo import MonteCarlo
 from radioloc.results.solution import Level, Solution
+from radioloc.targets.orbit_state import EAST_NORTH_UP, RTN
 from radioloc.time import utc_strings
 from radioloc.vectors import Floats
 

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from radioloc.boundary import bare_arguments
 from radioloc.estimation.combination import ReferenceComparison, rotated_covariance
-from radioloc.estimation.orbit_state import EAST_NORTH_UP
 from radioloc.lunar.local import rot_enu_between
 from radioloc.report.figures import (
     COLORS,
@@ -34,6 +33,7 @@ from radioloc.results.monte_carlo import NORMAL_95
 from radioloc.results.solution import Solution
 from radioloc.results.subsets import ArcStudy
 from radioloc.results.tables import PositionRow
+from radioloc.targets.orbit_state import EAST_NORTH_UP
 from radioloc.vectors import Floats
 
 if TYPE_CHECKING:

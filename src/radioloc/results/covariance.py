@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 
 from radioloc.estimation.consider import NOISE, ErrorSource, by_source
-from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL, EAST_NORTH_UP, RTN, OrbitState
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.results.cards import Card, Field, metres, table
 from radioloc.results.result import Content, Result
+from radioloc.targets.orbit_state import ALONG_ACROSS_RADIAL, EAST_NORTH_UP, RTN, OrbitState
 from radioloc.time import utc_strings
 from radioloc.vectors import Floats
 

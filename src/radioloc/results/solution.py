@@ -25,7 +25,6 @@ from radioloc.estimation.consistency import Consistency
 from radioloc.estimation.gauss_markov import SeriesWeight, TimeCorrelation
 from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.observability import Observability
-from radioloc.estimation.orbit_state import EAST_NORTH_UP, OrbitState
 from radioloc.estimation.shared_observations import sample_of
 from radioloc.estimation.statistics import (
     FitStatistics,
@@ -40,6 +39,7 @@ from radioloc.results.cards import Card
 from radioloc.results.result import Content, OrbitFile, Result
 from radioloc.results.tables import residual_table
 from radioloc.tables import TableForm, as_table
+from radioloc.targets.orbit_state import EAST_NORTH_UP, OrbitState
 from radioloc.vectors import Floats
 
 Axes = Literal["enu", "pa", "me", "geographic"]

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation.consider import A_PRIORI, EPHEMERIS, NOISE, ErrorSource, by_source
-from radioloc.estimation.orbit_state import OrbitState, ProcessEstimate
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.parameters.parameter import Role
 from radioloc.results.cards import (
@@ -30,6 +29,7 @@ from radioloc.results.cards import (
 )
 from radioloc.results.fit_card import fit_fields, inconsistent, rejected_detail
 from radioloc.results.solution import Level, Solution, card_of
+from radioloc.targets.orbit_state import OrbitState, ProcessEstimate
 from radioloc.time import utc_strings
 
 # A card is to fit a screen; to_dict() has all rows.

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError, visible
 from radioloc.estimation.combination import horizontal_ellipse
-from radioloc.estimation.orbit_state import EAST_NORTH_UP
 from radioloc.estimation.statistics import Residuals
 from radioloc.lunar.local import local_difference
 from radioloc.lunar.selenographic import selenographic_to_cartesian
 from radioloc.results.cards import Field, metres, sigma_text, to_sigma
 from radioloc.results.recorded import check_solution
 from radioloc.results.result import Result, Table
+from radioloc.targets.orbit_state import EAST_NORTH_UP
 from radioloc.text_files import require_ending, spreadsheet_cell, write_text
 
 Located = Result | Mapping[str, Any]

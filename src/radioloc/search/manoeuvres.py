@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit, Impulse
 from radioloc.errors import RadiolocError
-from radioloc.estimation.orbit_state import RTN
 from radioloc.estimation.statistics import robust_scale
 from radioloc.jobs.orbit_start import REACH_FACTOR, StagedStart
 from radioloc.jobs.orbit_steps import OrbitPart, fitted_state
@@ -25,7 +24,8 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import is_integrated
 from radioloc.measurements.target_motion import OrbitMotion
-from radioloc.parameters.motion import orbit_of
+from radioloc.targets.design import orbit_of
+from radioloc.targets.orbit_state import RTN
 from radioloc.time import Epochs, tt_to_tdb, utc_strings, utc_to_tt
 from radioloc.vectors import Floats, rtn_axes
 

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.robust import huber
 from radioloc.jobs.problem import observation_model
+from radioloc.jobs.study_targets import surface_points
 from radioloc.jobs.verdict import NEAR_HOME_M
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.evaluation import prepare_predictor
@@ -116,7 +117,8 @@ class _Linearized:
             more = arc.more_partials
             arc = prepare_predictor(arc.model, observations, FixedPoint(place_m), "exact", more_partials=more)
         estimate = replace(estimate, position="cartesian", height_prior=None).of_part(arc)
-        problem = observation_model(arc, LunarPosition(frame, place_m), estimate)
+        points = surface_points({"": LunarPosition(frame, place_m)}, arc.model, estimate)
+        problem = observation_model(arc, points, estimate)
         at = problem.linearize(problem.parameters.prior_values)
         partials = at.partials(np.arange(len(observations)))
         free = problem.parameters.free

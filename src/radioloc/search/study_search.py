@@ -15,8 +15,13 @@ from radioloc.dynamics import Impulse
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.orbit_start import StagedStart
 from radioloc.jobs.preparation import chosen_observations, model_of, prepared_arc
-from radioloc.jobs.problem import observation_model, status_of, targets_in_pa, with_independent_clocks
+from radioloc.jobs.problem import (
+    problem_of,
+    status_of,
+    with_independent_clocks,
+)
 from radioloc.jobs.station_noise import stated_noise
+from radioloc.jobs.study_targets import targets_in_pa
 from radioloc.labels import USED
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import canonical_target
@@ -179,7 +184,7 @@ def _with_positions(result: SearchResult, observations: Observations | None) -> 
     arc, _ = prepared_arc(study, observations)
     constants = arc.model.ephemeris.constants
     estimate = with_independent_clocks(study, study.estimate, arc)
-    near = near_positions(arc, targets_in_pa(study, constants), estimate)
+    near = near_positions(arc, targets_in_pa(study, arc.model), estimate)
     names = {canonical_target(name): name for name in study.targets} or {"": ""}
     positions = {
         names[name]: FoundPosition(names[name], place.to_axes("ME", constants), away_m)
@@ -203,21 +208,22 @@ def _with_positions(result: SearchResult, observations: Observations | None) -> 
 
 def _with_manoeuvres(result: SearchResult, observations: Observations | None) -> SearchResult:
     study = result.study
-    assert isinstance(study.target, Orbiter)
+    orbiter = study.orbiter
+    assert orbiter is not None
     arc, _ = prepared_arc(study, observations)
     estimate = with_independent_clocks(study, study.estimate, arc)
-    problem = observation_model(arc, None, estimate, held=study.estimate)
+    problem = problem_of(study, arc, estimate)
     start = StagedStart.of(problem, stated_noise(arc, study.observations).sigma_m)
     if start is None:
         return result
     manoeuvres = find_manoeuvres(start, status_of(start.arc)[0].are(USED))
-    known = study.target.forces.impulses
+    known = orbiter.forces.impulses
     impulses = [
         Impulse(f"found_{len(known) + k}", one.epoch, tuple(one.delta_v_m_s.round(6).tolist()))
         for k, one in enumerate(manoeuvres, 1)
     ]
-    forces = replace(study.target.forces, impulses=(*known, *impulses))
-    study = replace(study, target=replace(study.target, forces=forces))
+    forces = replace(orbiter.forces, impulses=(*known, *impulses))
+    study = replace(study, target=replace(orbiter, forces=forces))
     change = Change(("forces",), {}, added={"impulses": list(map(_impulse_keys, impulses))})
     changes = (*result.changes, change) if impulses else result.changes
     return replace(result, study=study, manoeuvres=tuple(manoeuvres), changes=changes)

@@ -20,13 +20,12 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Prediction, Predictor, blocks
 from radioloc.measurements.terms import active_terms
 from radioloc.parameters.choice import ParameterChoice, chosen_parameters
-from radioloc.parameters.design import DesignMatrix, ObservationModel
 from radioloc.parameters.kind import Scope
-from radioloc.parameters.motion import of_points
 from radioloc.parameters.parameter import Parameter, Role
-from radioloc.parameters.position import PositionParameters, cartesian
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.simulation.noise import generator
+from radioloc.targets.design import DesignMatrix, ObservationModel
+from radioloc.targets.surface_point import SurfacePoint, cartesian
 from radioloc.time import epochs_from_strings, utc_to_tai
 from radioloc.vectors import Floats
 
@@ -164,7 +163,8 @@ def fixed_errors(
     truth: Truth, predictor: Predictor, at: Prediction, target_pa_m: Floats, start_utc: str
 ) -> tuple[dict[str, Floats], dict[str, float]]:
     """Return what the truth adds to each observation, m, by kind of parameter, and its errors by parameter."""
-    position = cartesian(target_pa_m, role=Role.FIXED)  # rates refer to `start_utc` if the truth has no epoch
+    # Rates refer to `start_utc` if the truth has no epoch.
+    position = SurfacePoint("", *cartesian(target_pa_m, role=Role.FIXED))
     design = _design(truth.values, predictor, at, position, truth.clock_epoch_utc or start_utc)
     parameters = design.model.parameters
     added = {item.kind.name: np.zeros(len(predictor.observations)) for item in design.model.columns}
@@ -190,7 +190,7 @@ def drawn_errors(
         Parameter(f"position.{axis}", "m", "position", size, role=Role.FIXED)
         for axis, size in zip(("east", "north", "up"), sigma.position_enu_m, strict=True)
     ]
-    position = parameters, lambda _: (target_pa_m, enu_pa.T)
+    position = SurfacePoint("", parameters, lambda _: (target_pa_m, enu_pa.T))
     design = _design(sigma.sigmas, predictor, at, position, sigma.clock_epoch_utc or start_utc)
     drawn = np.flatnonzero(design.x)
     partials = np.zeros((len(drawn), len(predictor.observations)))
@@ -205,7 +205,7 @@ def _design(
     choices: Mapping[str, ParameterChoice],
     predictor: Predictor,
     at: Prediction,
-    position: PositionParameters,
+    position: SurfacePoint,
     epoch_utc: str,
 ) -> DesignMatrix:
     """Return the design matrix of the position and of all parameters with a value, which is their error or sigma."""
@@ -222,7 +222,7 @@ def _design(
             kinds.append(chosen)
     # Rates contribute nothing at the epoch of the offsets.
     epoch = utc_to_tai(epochs_from_strings([epoch_utc], "UTC"))
-    model = replace(ObservationModel.of(predictor, [of_points(position)], kinds), reference=epoch)
+    model = replace(ObservationModel.of(predictor, [position], kinds), reference=epoch)
     x = model.parameters.prior_values
     return DesignMatrix(model, at, model.motions(x), x, predictor.observations.value_m)
 

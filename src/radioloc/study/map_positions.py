@@ -19,9 +19,9 @@ from radioloc.estimation.combination import PositionEstimate
 from radioloc.lunar.local import displaced, local_difference
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import Link, canonical_target
-from radioloc.parameters.position_prior import PositionPrior, map_tie_names
 from radioloc.results.recorded import read_recorded
 from radioloc.study.schema import check, entry
+from radioloc.targets.position_prior import PositionPrior, map_tie_names
 from radioloc.vectors import Floats
 
 _EITHER = ("longitude_deg", "latitude_deg", "height_m", "sigma_m", "sigma_up_m", "map_sigma_m")

@@ -14,9 +14,9 @@ from radioloc.dynamics import BODIES, STATE, Acceleration, Forces, GravityField,
 from radioloc.dynamics.elements import FORMS
 from radioloc.dynamics.gravity import SHIPPED
 from radioloc.errors import InputError
-from radioloc.parameters.orbit import RTN
 from radioloc.study.orbiter import GRAVITY_ERROR_DEGREE, GRAVITY_ERRORS
 from radioloc.study.schema import TomlTable, check, entry
+from radioloc.targets.orbit import RTN
 
 EMPIRICAL = ("none", "constant", "once_per_revolution")
 EMPIRICAL_NAME = "empirical"

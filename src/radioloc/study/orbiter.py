@@ -15,15 +15,14 @@ from radioloc.boundary import bare_fields
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit, Forces
 from radioloc.dynamics.elements import equatorial_axes, state_of_elements
-from radioloc.dynamics.gravity_errors import draw_gravity_errors, errors_along
 from radioloc.dynamics.orbit import initial_state
 from radioloc.ephemeris import CONSTANTS, Ephemeris, LunarOrientation
 from radioloc.errors import InputError
-from radioloc.estimation.orbit_state import OrbitState
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.parameters.orbit import Ground
+from radioloc.targets.descent import Ground
+from radioloc.targets.orbit import GravityErrors
 from radioloc.time import Epochs, tt_to_tdb, utc_strings, utc_to_tt
 
 Floats = NDArray[np.float64]
@@ -40,7 +39,6 @@ _LONGEST_ARC_S = 40.0 * 86400.0
 _LOWEST_END_M, _HIGHEST_END_M = -20e3, 25e3
 """Heights at which a-priori trajectories may end: those of the ground, give or take what the thrust may be wrong."""
 _FARTHEST_M = 200e3
-_BEFORE_S = 1.0  # End of the states before the touchdown, where the orbit still has a plane
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,28 +237,7 @@ class Orbiter:
         self, orbit: AdjustableOrbit, count: int | None = None, seed: Generator | int = 0
     ) -> AdjustableOrbit | None:
         """Its orbit with the errors of gravity that are considered, or with others, if there are any."""
-        field, count = self.forces.gravity, self.gravity_errors if count is None else count
-        if not count or field.degree < 2:
-            return None
-        errors = draw_gravity_errors(field, count, max(field.degree, self.gravity_error_degree), seed)
-        return replace(orbit, errors=errors_along(orbit.nearest(), errors, orbit.libration).at)
-
-    def before_landing(self, landed: OrbitState) -> OrbitState:
-        """The state at the epoch of an orbit whose own epoch is the touchdown; its covariance until there."""
-        touchdown = landed.orbit.epoch
-        to_epoch = np.vstack(
-            [landed.orbit.partials(self.epoch)[0], np.eye(len(landed.parameter_covariance))[6:]]
-        )
-        flight = landed.orbit.moved_to(self.epoch)
-        until_s = float(touchdown.seconds_since(self.epoch)[0]) - _BEFORE_S
-        flight = replace(flight, span_s=(flight.span_s[0], until_s))
-        moved, disturbed = to_epoch @ landed.sensitivity, None
-        if landed.disturbed is not None:
-            moved[:6] -= landed.disturbed.effects(self.epoch)[0]
-            disturbed = self.disturbed(flight)
-        own = landed.parameter_covariance - landed.sensitivity @ landed.sensitivity.T
-        covariance = to_epoch @ own @ to_epoch.T + moved @ moved.T
-        return OrbitState(flight, covariance, moved, disturbed, self.body)
+        return GravityErrors(self.gravity_errors, self.gravity_error_degree).of(orbit, count, seed)
 
     def record(self) -> dict[str, Any]:
         """State and forces, in types that JSON has."""

@@ -32,7 +32,6 @@ from radioloc.measurements.terms import active_terms
 from radioloc.media.ionosphere import UniformTec
 from radioloc.parameters.choice import ParameterChoice, of_part, parameter_choices
 from radioloc.parameters.columns import PASS_GAP_H
-from radioloc.parameters.position_prior import PositionPrior
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.plugins import LazyNames
 from radioloc.results.subsets import Reference
@@ -42,6 +41,7 @@ from radioloc.study.observation_choice import ObservationChoice
 from radioloc.study.orbit_choice import OrbitChoice
 from radioloc.study.orbiter import Orbiter
 from radioloc.study.schema import TomlTable, check, entry, names_of
+from radioloc.targets.position_prior import PositionPrior
 
 WEIGHTS = ("independent", "correlated")
 COMPONENTS = ("type", "link", "link and pass")
@@ -412,6 +412,38 @@ class Study:
             raise InputError('[estimate.orbit] belongs to a target with dynamics = "moon"; leave it out')
         if isinstance(self.target, Trajectory | Orbiter):
             self._require_no_position(self.target)
+
+    @property
+    def all_targets(self) -> Mapping[str, LunarPosition | Trajectory | Orbiter]:
+        """A-priori records of all targets by name; the name of the only one is empty."""
+        return self.targets or {"": self.target}
+
+    @property
+    def points(self) -> dict[str, LunarPosition]:
+        """A-priori positions of the targets that are points on the Moon, by name."""
+        return {name: one for name, one in self.all_targets.items() if isinstance(one, LunarPosition)}
+
+    @property
+    def names_in_order(self) -> tuple[str, ...]:
+        """Names of several targets in the order of an arc: points on the Moon, a trajectory, an orbiter."""
+        if len(self.targets) < 2:
+            return ()
+        return (*self.points, *(name for name in self.targets if name not in self.points))
+
+    @property
+    def orbiter(self) -> Orbiter | None:
+        """Target whose orbit is determined."""
+        return next((one for one in self.all_targets.values() if isinstance(one, Orbiter)), None)
+
+    @property
+    def lands(self) -> bool:
+        """Whether the orbiter comes to rest on the Moon."""
+        return self.orbiter is not None and self.orbiter.landing is not None
+
+    @property
+    def trajectory(self) -> Trajectory | None:
+        """Known trajectory of a target."""
+        return next((one for one in self.all_targets.values() if isinstance(one, Trajectory)), None)
 
     def __repr__(self) -> str:
         target = ", ".join(self.targets) if len(self.targets) > 1 else repr(self.target).strip("<>")

@@ -10,8 +10,8 @@ import radioloc
 from radioloc.errors import InputError
 from radioloc.lunar import LunarPosition
 from radioloc.measurements import ExactPredictor, FixedPoint, PhysicalModel
-from radioloc.parameters.orbit import Ground
 from radioloc.study.study import Reference
+from radioloc.targets.descent import Ground
 from radioloc.time import epochs_from_strings, tt_to_tdb, utc_to_tt
 
 QUICK = Descent(before_s=1500.0, step_s=30.0, segment_s=30.0, planned_s=60.0, true_s=60.0, degree=4)
@@ -79,8 +79,9 @@ def test_results_have_both(solution):
 def test_partials_are_those_of_differences(made):
     study, simulated = made
     arc, _ = radioloc.jobs.preparation.prepared_arc(study, simulated.observations)
-    problem = radioloc.jobs.problem.observation_model(arc, None, study.estimate)
-    x = problem.landing.values_of(problem.landing.orbit)
+    problem = radioloc.jobs.problem.problem_of(study, arc, study.estimate)
+    [descent] = problem.targets
+    x = descent.values_of(descent.orbit)
     partials = problem.linearize(x).partials(np.arange(len(simulated.observations)))
     for name, step in (("position.north", 5.0), ("touchdown_velocity.up", 0.01), ("force.plan_3.1.t", 1e-4)):
         k = problem.parameters.index(name)

@@ -7,6 +7,7 @@ from quick import each_with_one
 import radioloc
 from radioloc import LunarPosition
 from radioloc.jobs.problem import observation_model
+from radioloc.jobs.study_targets import surface_points
 from radioloc.measurements import FixedPoint
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.registry import KINDS
@@ -35,7 +36,7 @@ def test_partials_are_the_slopes(place, form, late15, model):
     few = late15.select([0, 9, 27])
     arc = radioloc.measurements.ExactPredictor(model, few, FixedPoint(start.xyz_m))
     choice = EstimateChoice(position=form, range_bias="all", time_bias="all")
-    problem = observation_model(arc, start, choice)
+    problem = observation_model(arc, surface_points({"": start}, model, choice), choice)
     steps = {"m": 100.0, "s": 1e-3}
     x = problem.parameters.prior_values + np.array([steps[p.unit] / 3.0 for p in problem.parameters])
     x[:2] += 30e3  # away from where the coordinates have their origin
@@ -99,7 +100,8 @@ def test_biases_by_kind_of_measurement(near15, model):
     )
     start = near15.to_axes("PA", model.ephemeris.constants)
     arc = radioloc.measurements.ExactPredictor(model, observations, FixedPoint(start.xyz_m))
-    found = observation_model(arc, start, EstimateChoice(range_bias="all", time_bias="all"))
+    choice = EstimateChoice(range_bias="all", time_bias="all")
+    found = observation_model(arc, surface_points({"": start}, model, choice), choice)
     names = [p.name for p in found.parameters][3:]
     assert names == ["range_bias.GRASSE", "time_bias.APOLLO", "time_bias.GRASSE"]
     by_time = arc.compute(FixedPoint(start.xyz_m)).by_time_m_s

@@ -11,6 +11,7 @@ from radioloc import LunarPosition, Study
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError, StationError
 from radioloc.jobs.problem import observation_model
+from radioloc.jobs.study_targets import surface_points
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY, Observations
 from radioloc.study import EstimateChoice, ModelChoice, ObservationChoice
@@ -195,7 +196,9 @@ def test_what_a_station_does_else_is_of_the_pass_too(ranges):
     arc = radioloc.jobs.arc_of(study(), observations)
     choice = study(range_bias=["KASHI"], range_bias_per="pass").estimate
     pa_m = arc.motions[0].position_pa_m
-    problem = observation_model(arc, LunarPosition("PA_DE421", pa_m), choice)
+    problem = observation_model(
+        arc, surface_points({"": LunarPosition("PA_DE421", pa_m)}, arc.model, choice), choice
+    )
     assert [p.name for p in problem.parameters][3:] == ["range_bias.KASHI 1", "range_bias.KASHI 2"]
     assert problem.residuals(problem.parameters.prior_values)[1][:5, 3:].tolist() == [
         [1.0, 0.0],
@@ -326,5 +329,6 @@ def test_clocks_have_one_reference_in_each_network():
     )
     arc = radioloc.jobs.arc_of(study(), data)
     start = LunarPosition("PA_DE421", arc.motions[0].position_pa_m)
-    model = observation_model(arc, start, study(clock="all").estimate)
+    choice = study(clock="all").estimate
+    model = observation_model(arc, surface_points({"": start}, arc.model, choice), choice)
     assert [p.name for p in model.parameters][3:] == ["clock.JIAMUSI", "clock.URUMQI", "clock.KUNMING"]

@@ -10,6 +10,7 @@ from radioloc.constants import C_M_S
 from radioloc.estimation import Parameter, ParameterSet
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.jobs.problem import observation_model
+from radioloc.jobs.study_targets import surface_points
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements import EquipmentDelays, ExactPredictor, FixedPoint, PhysicalModel, StationDelay
 from radioloc.measurements.observations import RANGE as RANGES
@@ -140,7 +141,7 @@ def recovered_with_equipment(sessions, longitude_deg, latitude_deg, model, seed)
         range_bias="all", range_bias_per="pass", transponder_delay=True, transponder_delay_sigma_s=1e-5
     )
     start = LunarPosition(model.libration.frame, start_m)
-    problem = observation_model(arc, start, choice)
+    problem = observation_model(arc, surface_points({"": start}, model, choice), choice)
     parameters = problem.parameters
     assert [p.name for p in parameters if p.kind == "range_bias"] == sorted(names)
     parameters = parameters.changed(names[0], prior_value=bias_m[names[0]], prior_sigma=1e-4)

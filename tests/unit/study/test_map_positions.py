@@ -17,12 +17,12 @@ from radioloc.estimation.combination import PositionEstimate, agreement
 from radioloc.io.table import write_table
 from radioloc.jobs import compare
 from radioloc.lunar.local import axes_at, displaced, local_difference
-from radioloc.parameters.position import on_sphere
-from radioloc.parameters.position_prior import PositionPrior, with_position_priors
 from radioloc.report.files import write_json
 from radioloc.simulation.truth import Truth, TruthSigma
 from radioloc.study import EstimateChoice, HeightPrior, PlaceOnMap
 from radioloc.study.map_positions import position_priors
+from radioloc.targets.position_prior import PositionPrior, with_position_priors
+from radioloc.targets.surface_point import on_sphere
 
 EXAMPLE = EXAMPLES / "change5"
 PLACE = (-51.9149, 43.0579, -2600.0)

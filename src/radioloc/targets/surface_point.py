@@ -1,17 +1,20 @@
-"""The three parameters of a position: along the sphere and in height, above the terrain, or Cartesian."""
+"""A point fixed to the Moon, and its parameters: along the sphere and in height, above the terrain, or Cartesian."""
 
 from __future__ import annotations
 
 import logging
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.dynamics import AdjustableOrbit
 from radioloc.ephemeris import EphemerisConstants
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic, east_north_up, rot_pa_to_me
 from radioloc.lunar.terrain import height_and_gradient
+from radioloc.measurements.target_motion import FixedPoint
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.vectors import Floats
 
@@ -21,6 +24,52 @@ PositionFunction = Callable[[Floats], tuple[Floats, Floats]]
 """From the three position parameters to the principal-axes position, m, and its partials (3, 3)."""
 
 PositionParameters = tuple[list[Parameter], PositionFunction]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfacePoint:
+    """A point fixed to the Moon, whose position follows from three parameters and those of the points before."""
+
+    name: str
+    parameters: list[Parameter]
+    position: PositionFunction
+    preceding: int = 0  # parameters of the points before
+    apriori_pa_m: Floats | None = (
+        None  # where visibility is decided first; by default at the a-priori parameters
+    )
+
+    @property
+    def orbit(self) -> None:
+        """None: the point moves with the Moon."""
+        return None
+
+    @property
+    def start(self) -> FixedPoint:
+        """A-priori position."""
+        if self.apriori_pa_m is not None:
+            return FixedPoint(self.apriori_pa_m)
+        return self.motion(np.array([item.prior_value for item in self.parameters]))[0]
+
+    def motion(self, x: Floats) -> tuple[FixedPoint, Floats]:
+        """Return the point at parameters x, and the partials of its position in principal axes."""
+        position_pa_m, by_x = self.position(x)
+        return FixedPoint(position_pa_m), by_x
+
+    def orbit_at(self, x: Floats) -> None:
+        """Return None."""
+        return None
+
+    def with_orbit(self, orbit: AdjustableOrbit) -> SurfacePoint:
+        """Return the target itself."""
+        return self
+
+    def gravity_errors(self, x: Floats) -> None:
+        """Return None: no forces act on the point."""
+        return None
+
+    def estimate(self, *_: object) -> None:
+        """Return None: its position says all."""
+        return None
 
 
 def on_sphere(

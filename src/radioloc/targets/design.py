@@ -13,12 +13,11 @@ from radioloc.dynamics import AdjustableOrbit
 from radioloc.dynamics.stochastic import StochasticAccelerations
 from radioloc.measurements.combined_predictor import CombinedPrediction
 from radioloc.measurements.predictor import ROWS_AT_ONCE, Prediction, Predictor
-from radioloc.measurements.target_motion import Motions
+from radioloc.measurements.target_motion import Motions, OrbitMotion
 from radioloc.parameters.columns import Columns
-from radioloc.parameters.motion import MotionFunction, MotionParameters, OrbitFunction
-from radioloc.parameters.orbit import LandingParameters
 from radioloc.parameters.parameter import Parameter, ParameterSet
 from radioloc.parameters.rows import ObservationRows, middle_of
+from radioloc.targets.target import Target
 from radioloc.time import Epochs
 from radioloc.vectors import Floats
 
@@ -33,80 +32,83 @@ class ObservationModel:
     parameters: (
         ParameterSet  # three for the position of each target, or those of its orbit, then kind by kind
     )
-    functions: tuple[MotionFunction, ...]  # one for each target, of its parameters and of those before
+    targets: tuple[Target, ...]  # a target that moves by forces comes last
     columns: tuple[Columns, ...]  # of the kinds of parameter
     reference: Epochs | None = None  # epoch that rates refer to, TAI; the middle of the arc as a rule
-    landing: LandingParameters | None = None  # of an orbit that ends on the ground
     process: StochasticAccelerations | None = None  # of the orbit
 
     @classmethod
     def of(
         cls,
         predictor: Predictor,
-        motions: Sequence[MotionParameters],
+        targets: Sequence[Target],
         kinds: Sequence[tuple[Columns, list[Parameter]]],
     ) -> ObservationModel:
-        """Put motions and kinds of parameter together."""
-        parameters = [parameter for found, _ in motions for parameter in found]
+        """Put targets and kinds of parameter together."""
+        parameters = [parameter for target in targets for parameter in target.parameters]
         parameters += [parameter for _, found in kinds for parameter in found]
         return cls(
             predictor,
             ParameterSet(parameters),
-            tuple(function for _, function in motions),
+            tuple(targets),
             tuple(columns for columns, _ in kinds),
             middle_of(predictor.observations) if len(predictor.observations) else None,
         )
 
     @property
+    def orbit_index(self) -> int | None:
+        """Index of the target that moves by forces; None without any."""
+        return next((k for k, target in enumerate(self.targets) if target.orbit is not None), None)
+
+    @property
     def orbit(self) -> AdjustableOrbit | None:
-        """A-priori orbit, whose parameters come first; None where positions do."""
-        function = self.functions[0] if self.functions else None
-        return function.orbit if isinstance(function, OrbitFunction) else None
+        """A-priori orbit of the target that moves by forces; None without any."""
+        k = self.orbit_index
+        return None if k is None else self.targets[k].orbit
 
     def orbit_at(self, x: Floats) -> AdjustableOrbit | None:
         """Return the orbit of parameters x; None where there is none."""
-        if self.orbit is None:
-            return None
-        found = self.motions(x)[0].trajectory
-        assert isinstance(found, AdjustableOrbit)
-        return found
+        k = self.orbit_index
+        return None if k is None else self.targets[k].orbit_at(x[self.columns_of(k)])
 
     @property
     def of_orbit(self) -> bool:
-        """Whether what comes first are the parameters of an orbit, not positions."""
-        return self.orbit is not None
+        """Whether a target moves by forces."""
+        return self.orbit_index is not None
 
     def with_orbit(self, orbit: AdjustableOrbit) -> ObservationModel:
         """Return the model with another a-priori orbit of the same parameters."""
-        [function] = self.functions
-        return replace(self, functions=(replace(function, orbit=orbit),))  # type: ignore[type-var]
+        return replace(self, targets=tuple(target.with_orbit(orbit) for target in self.targets))
+
+    def effects_on_orbit(self, orbit: AdjustableOrbit) -> Floats:
+        """Return the partials of all observations by the parameters of an orbit, or by its errors, (n, k)."""
+        others = self.predictor.motions[:-1]
+        return self.predictor.compute((*others, OrbitMotion(orbit))).by_motion[:, 3 * len(others) :]
 
     @property
     def first(self) -> int:
-        """Index of the first parameter that is not of the positions, or of the orbit."""
-        return len(self.parameters) - sum(map(len, self.columns))
+        """Index of the first parameter that is of no target."""
+        return sum(len(target.parameters) for target in self.targets)
 
-    def _mine(self, target: int) -> slice:
-        return slice(0, self.first) if self.of_orbit else slice(0, 3 * target + 3)
+    def columns_of(self, target: int) -> slice:
+        """Parameters on which the motion of a target depends."""
+        begin = sum(len(other.parameters) for other in self.targets[:target])
+        mine = self.targets[target]
+        return slice(begin - mine.preceding, begin + len(mine.parameters))
 
     def position_pa_m(self, x: Floats, target: int = 0) -> Floats:
         """Position of a target at parameters x, principal axes, m, shape (3,); zeros on a trajectory without end."""
-        if self.landing is not None:
-            return self.landing.position(x[self._mine(target)])[0]
-        return self.functions[target](x[self._mine(target)])[0].position_pa_m
+        return self.targets[target].position(x[self.columns_of(target)])[0]
 
     def position_partials(self, x: Floats, target: int = 0) -> Floats:
         """d(position of a target)/d(parameters), shape (3, p); zeros on a trajectory without end."""
-        partials = np.zeros((3, len(self.parameters)))
-        if self.landing is not None:
-            partials[:, self._mine(target)] = self.landing.position(x[self._mine(target)])[1]
-        elif not self.of_orbit:
-            partials[:, self._mine(target)] = self.functions[target](x[self._mine(target)])[1]
+        partials, mine = np.zeros((3, len(self.parameters))), self.columns_of(target)
+        partials[:, mine] = self.targets[target].position(x[mine])[1]
         return partials
 
     def motions(self, x: Floats) -> Motions:
         """Motions of the targets at parameters x."""
-        return tuple(function(x[self._mine(k)])[0] for k, function in enumerate(self.functions))
+        return tuple(target.motion(x[self.columns_of(k)])[0] for k, target in enumerate(self.targets))
 
     def linearize(self, x: Floats) -> DesignMatrix:
         """Residuals of all observations, and the design matrix of those asked for, at parameters x."""
@@ -147,7 +149,7 @@ class DesignMatrix:
 
     def partials(self, rows: Rows, *, of_kinds_only: bool = False) -> Floats:
         """d(computed)/d(parameter) of some observations, shape (m, p); or those by all but the positions."""
-        columns = partial(self._simple, first=0 if of_kinds_only else len(self.model.functions))
+        columns = partial(self._simple, first=0 if of_kinds_only else len(self.model.targets))
         if isinstance(self.at, CombinedPrediction):
             return self.at.combine(rows, columns)
         return columns(rows, self.at, self.model.predictor)
@@ -160,9 +162,9 @@ class DesignMatrix:
         # Column by column in memory, as the factorization reads them.
         out = np.zeros((start + sum(map(len, model.columns)), len(rows))).T
         begin = 0
-        for target, function in enumerate(model.functions[:first]):
-            mine = model._mine(target)
-            by_x = function(self.x[mine])[1]
+        for k, target in enumerate(model.targets[:first]):
+            mine = model.columns_of(k)
+            by_x = target.motion(self.x[mine])[1]
             end = begin + len(by_x)
             out[:, mine] += part.computed.by_motion[:, begin:end] @ by_x
             begin = end
@@ -170,3 +172,9 @@ class DesignMatrix:
             columns.design(part, out[:, start : start + len(columns)])
             start += len(columns)
         return out
+
+
+def orbit_of(predictor: Predictor) -> AdjustableOrbit | None:
+    """Return the a-priori orbit that a predictor was prepared with; None without any."""
+    orbits = [trajectory for trajectory in predictor.trajectories if isinstance(trajectory, AdjustableOrbit)]
+    return orbits[0] if orbits else None

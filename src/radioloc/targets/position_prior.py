@@ -21,7 +21,7 @@ from radioloc.errors import InputError
 from radioloc.lunar import rot_pa_to_me
 from radioloc.lunar.local import axes_at, displaced
 from radioloc.lunar.position import LunarPosition
-from radioloc.parameters.position import PositionFunction, PositionParameters
+from radioloc.targets.surface_point import PositionFunction, PositionParameters
 from radioloc.vectors import Floats
 
 

@@ -15,7 +15,7 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.dynamics.elements import FORMS, elements_of_state, state_by_elements
 from radioloc.dynamics.stochastic import Chains, StochasticEffects
-from radioloc.estimation.statistics import finite_or_none
+from radioloc.text_files import finite_or_none
 from radioloc.time import Epochs, utc_strings
 from radioloc.vectors import Floats, rtn_axes
 

@@ -1,0 +1,132 @@
+"""The targets of a study: its positions, trajectories and orbiters with what it estimates of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.dynamics import AdjustableOrbit
+from radioloc.ephemeris import EphemerisConstants
+from radioloc.errors import named
+from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.predictor import Predictor
+from radioloc.measurements.target_motion import FixedPoint, Motions
+from radioloc.parameters.parameter import Role
+from radioloc.study.orbit_choice import OrbitChoice
+from radioloc.study.orbiter import Orbiter
+from radioloc.study.study import EstimateChoice, Study, TerrainPrior
+from radioloc.targets.descent import Descent, Ground, touchdown_parameters
+from radioloc.targets.design import orbit_of
+from radioloc.targets.known_trajectory import KnownTrajectory
+from radioloc.targets.orbit import GravityErrors, TargetOrbit, orbit_parameters
+from radioloc.targets.position_prior import PositionPrior, with_position_priors
+from radioloc.targets.surface_point import (
+    PositionParameters,
+    SurfacePoint,
+    cartesian,
+    on_sphere,
+    on_terrain,
+)
+from radioloc.targets.target import Target
+
+
+def targets_of(study: Study, arc: Predictor, choice: EstimateChoice) -> list[Target]:
+    """Return the targets of a study for an arc in the order of its motions, with what is estimated of them."""
+    targets: list[Target] = [*surface_points(targets_in_pa(study, arc.model), arc.model, choice)]
+    orbit = orbit_of(arc)
+    if study.orbiter is not None and orbit is not None:
+        targets.append(_flying(study.orbiter, orbit, arc.model, choice))
+    else:
+        targets += [KnownTrajectory("", trajectory) for trajectory in arc.trajectories]
+    return targets
+
+
+def surface_points(
+    places_pa: Mapping[str, LunarPosition], model: PhysicalModel, choice: EstimateChoice
+) -> list[SurfacePoint]:
+    """Return the points of a-priori positions by name, with their parameters."""
+    several = len(places_pa) > 1
+    parameters = [
+        _place(model, place.xyz_m, choice, f"position.{name}" if several else "position")
+        for name, place in places_pa.items()
+    ]
+    priors = [_prior(choice, name if several else "") for name in places_pa]
+    made = with_position_priors(parameters, priors, model.ephemeris.constants)
+    return [
+        SurfacePoint(name, *made[k], preceding=3 * k, apriori_pa_m=place.xyz_m)
+        for k, (name, place) in enumerate(places_pa.items())
+    ]
+
+
+def _flying(
+    orbiter: Orbiter, orbit: AdjustableOrbit, model: PhysicalModel, choice: EstimateChoice
+) -> TargetOrbit | Descent:
+    """The target on an orbit, or one that ends on the ground."""
+    given, estimated = choice.orbit or OrbitChoice(), choice.orbit is not None
+    errors = GravityErrors(orbiter.gravity_errors, orbiter.gravity_error_degree)
+    if orbiter.landing is None or orbit.touchdown is None:
+        sigmas = given.sigmas(orbit.forces) if estimated else {}
+        made = orbit_parameters(orbit, sigmas, estimated, given.state, given.form)
+        return TargetOrbit(orbiter.name, *made, orbit, errors, orbiter.body)
+    ground, place = Ground(model, orbit.touchdown), orbiter.landing.place
+    start_pa_m = ground.place_pa_m(orbit.state)
+    if place is not None and estimated:
+        start_pa_m = position_in_pa("[target.landing]", place, model.ephemeris.constants).xyz_m
+    position = _place(model, start_pa_m, choice)
+    parameters = orbit_parameters(orbit, given.sigmas(orbit.forces), estimated=True)[0]
+    forces = [item for item in parameters if item.kind == "force"]
+    of_touchdown, axes = touchdown_parameters(ground, position, forces, given.touchdown_sigma_m_s)
+    descent = Descent(
+        orbiter.name, of_touchdown, position[1], orbit, ground, axes, errors, orbiter.body, orbiter.epoch
+    )
+    return descent if estimated else descent.held()
+
+
+def _prior(choice: EstimateChoice, target: str) -> PositionPrior | None:
+    """A-priori position of a target that is estimated in geographic coordinates."""
+    if choice.position != "geographic":
+        return None
+    return next((one for one in choice.position_priors if one.target == target), None)
+
+
+def _place(
+    model: PhysicalModel, start_pa_m: NDArray[np.float64], choice: EstimateChoice, name: str = "position"
+) -> PositionParameters:
+    if choice.position != "geographic":
+        role = Role.FIXED if choice.position == "none" else Role.ESTIMATED
+        return cartesian(start_pa_m, role=role, name=name)
+    height, constants = choice.height_prior, model.ephemeris.constants
+    prior = _prior(choice, name.partition(".")[2])
+    if prior is not None:
+        start_pa_m = prior.mean.to_axes("PA", constants).xyz_m
+    if isinstance(height, TerrainPrior):
+        return on_terrain(start_pa_m, height.terrain, height.sigma_m, constants, name)
+    if height is None or (prior is not None and prior.has_height):
+        return on_sphere(start_pa_m, None, name)
+    return on_sphere(start_pa_m, (height.height_m, height.sigma_m), name)
+
+
+def targets_in_pa(study: Study, model: PhysicalModel) -> dict[str, LunarPosition]:
+    """Return the a-priori positions of points on the Moon in principal axes by name."""
+    constants = model.ephemeris.constants
+    places = {
+        name: position_in_pa(f"[targets.{name}]" if name else "[target]", position, constants)
+        for name, position in study.points.items()
+    }
+    for prior in study.estimate.position_priors:
+        places[prior.target] = position_in_pa("[[observations.map_positions]]", prior.mean, constants)
+    return places
+
+
+def apriori_points(study: Study, model: PhysicalModel) -> Motions:
+    """Return the a-priori positions of points on the Moon as motions."""
+    return tuple(FixedPoint(position.xyz_m) for position in targets_in_pa(study, model).values())
+
+
+def position_in_pa(table: str, position: LunarPosition, constants: EphemerisConstants) -> LunarPosition:
+    """A position of the study in principal axes; an error names its table."""
+    with named(f"{table} frame:"):
+        return position.to_axes("PA", constants)

@@ -1,0 +1,157 @@
+"""A target that lands: an orbit whose parameters are the place and the velocity at the touchdown, not a state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from radioloc.dynamics import AdjustableOrbit
+from radioloc.lunar import cartesian_to_selenographic, east_north_up
+from radioloc.measurements.lunar_motion import lunar_motion
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.target_motion import OrbitMotion
+from radioloc.parameters.parameter import Parameter, Role
+from radioloc.targets.orbit import GravityErrors
+from radioloc.targets.orbit_state import OrbitState
+from radioloc.targets.surface_point import PositionFunction, PositionParameters
+from radioloc.time import Epochs
+from radioloc.vectors import Floats
+
+_BEFORE_S = 1.0  # end of the states before the touchdown, where the orbit still has a plane
+
+
+class Ground:
+    """States of points of the ground at a touchdown (TDB), relative to the Moon's centre, ICRF axes."""
+
+    def __init__(self, model: PhysicalModel, epoch: Epochs) -> None:
+        self._model = model
+        self._moon = lunar_motion(model, epoch, model.ephemeris.earth(epoch), np.zeros(1))
+        self.rot_pa_to_icrf = self._moon.rot_pa_to_icrf[0]
+        self.by_place = np.vstack([self.rot_pa_to_icrf, self._moon.rot_pa_to_icrf_rate[0]])
+
+    def at_rest(self, place_pa_m: Floats) -> Floats:
+        """State of a place, m and m/s, shape (6,), with its tide and in the lengths of barycentric coordinates."""
+        point, centre = self._moon.point(self._model, place_pa_m), self._moon.centre
+        return np.concatenate(
+            [(point.position_m - centre.position_m)[0], (point.velocity_m_s - centre.velocity_m_s)[0]]
+        )
+
+    def place_pa_m(self, state: Floats) -> Floats:
+        """The place, principal axes, m, at which a state is."""
+        place_pa_m = state[:3] @ self.rot_pa_to_icrf
+        for _ in range(2):  # the tide and the lengths depend on the place by parts of 1e-7
+            place_pa_m = place_pa_m + (state[:3] - self.at_rest(place_pa_m)[:3]) @ self.rot_pa_to_icrf
+        return np.asarray(place_pa_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Descent:
+    """A spacecraft that comes to rest on the Moon; the epoch of its orbit is the touchdown."""
+
+    name: str
+    parameters: list[Parameter]  # three of the place, three of the velocity, those of the forces
+    place: PositionFunction  # of the first three
+    orbit: AdjustableOrbit  # a priori
+    ground: Ground
+    axes: Floats  # east, north and up at the a-priori place in the ICRF, as columns
+    errors: GravityErrors
+    body: int  # NAIF code of the spacecraft in kernels
+    epoch: Epochs  # TDB, of the state that is reported, before the touchdown
+    preceding: int = 0
+
+    @property
+    def start(self) -> OrbitMotion:
+        """A-priori orbit, with partials that suffice until an estimate has converged."""
+        return OrbitMotion(self.orbit.coarse())
+
+    def motion(self, x: Floats) -> tuple[OrbitMotion, Floats]:
+        """Return the motion at parameters x, and the partials of the orbit's parameters."""
+        changes, by_x = self.changes(x)
+        return OrbitMotion(self.orbit, changes), by_x
+
+    def orbit_at(self, x: Floats) -> AdjustableOrbit:
+        """Return the orbit of parameters x."""
+        return self.orbit.corrected(self.changes(x)[0])
+
+    def with_orbit(self, orbit: AdjustableOrbit) -> Descent:
+        """Return the target about another a-priori orbit of the same parameters."""
+        return replace(self, orbit=orbit)
+
+    def gravity_errors(self, x: Floats) -> AdjustableOrbit | None:
+        """Return the orbit at x with the errors of its gravity field that are considered; None without any."""
+        return self.errors.of(self.orbit_at(x))
+
+    def estimate(
+        self, x: Floats, covariance: Floats, sensitivity: Floats, errors: AdjustableOrbit | None
+    ) -> OrbitState:
+        """Return the state at the epoch before the touchdown, with its covariance until there."""
+        _, by_x = self.changes(x)
+        landed = self.orbit_at(x)
+        landed.require_above_ground()
+        moved_at_touchdown = by_x @ sensitivity
+        own = by_x @ covariance @ by_x.T - moved_at_touchdown @ moved_at_touchdown.T
+        to_epoch = np.vstack([landed.partials(self.epoch)[0], np.eye(len(own))[6:]])
+        flight = landed.moved_to(self.epoch)
+        until_s = float(landed.epoch.seconds_since(self.epoch)[0]) - _BEFORE_S
+        flight = replace(flight, span_s=(flight.span_s[0], until_s))
+        moved, disturbed = to_epoch @ moved_at_touchdown, None
+        if errors is not None and moved.size:
+            moved[:6] -= errors.effects(self.epoch)[0]
+            disturbed = self.errors.of(flight)
+        return OrbitState(flight, to_epoch @ own @ to_epoch.T + moved @ moved.T, moved, disturbed, self.body)
+
+    def changes(self, x: Floats) -> tuple[Floats, Floats]:
+        """Changes of the orbit's parameters, shape (q,), and their partials, shape (q, p)."""
+        place_pa_m, by_x = self.place(x[:3])
+        state = self.ground.at_rest(place_pa_m)
+        state[3:] += self.axes @ x[3:6]
+        apriori = np.array(list(self.orbit.values.values()))
+        partials = np.eye(len(x))
+        partials[:6, :3] = self.ground.by_place @ by_x
+        partials[3:6, 3:6] = self.axes
+        return np.concatenate([state, x[6:]]) - apriori, partials
+
+    def position(self, x: Floats) -> tuple[Floats, Floats]:
+        """The place in principal axes, m, and its partials by all parameters, shape (3, p)."""
+        place_pa_m, by_x = self.place(x[:3])
+        return place_pa_m, np.pad(by_x, ((0, 0), (0, len(x) - 3)))
+
+    def values_of(self, orbit: AdjustableOrbit) -> Floats:
+        """The parameters of an orbit that lands near the a-priori place."""
+        return np.concatenate([self.touchdown_of(orbit.state), list(orbit.values.values())[6:]])
+
+    def touchdown_of(self, state: Floats) -> Floats:
+        """Return the parameters of place and velocity, shape (6,), of a state at the touchdown."""
+        place_pa_m = self.ground.place_pa_m(state)
+        x = np.zeros(3)
+        for _ in range(10):
+            at_pa_m, by_x = self.place(x)
+            x = x + np.linalg.solve(by_x, place_pa_m - at_pa_m)
+        return np.concatenate([x, (state[3:] - self.ground.at_rest(place_pa_m)[3:]) @ self.axes])
+
+    def held(self) -> Descent:
+        """Return the target with all parameters held at those of its orbit."""
+        values = self.values_of(self.orbit).tolist()
+        fixed = [
+            replace(item, prior_value=value, role=Role.FIXED)
+            for item, value in zip(self.parameters, values, strict=True)
+        ]
+        return replace(self, parameters=fixed)
+
+
+def touchdown_parameters(
+    ground: Ground, place: PositionParameters, forces: list[Parameter], velocity_sigma_m_s: float
+) -> tuple[list[Parameter], Floats]:
+    """Return the parameters of a touchdown and of forces, and the axes of its velocity, which is 0 a priori."""
+    of_place, position = place
+    x = np.array([item.prior_value for item in of_place])
+    longitude_rad, latitude_rad, _ = cartesian_to_selenographic(position(x)[0])
+    velocity = [
+        Parameter(
+            f"touchdown_velocity.{axis}", "m/s", "touchdown_velocity", 0.0, velocity_sigma_m_s, scale=0.1
+        )
+        for axis in ("east", "north", "up")
+    ]
+    axes = ground.rot_pa_to_icrf @ east_north_up(float(longitude_rad), float(latitude_rad)).T
+    return [*of_place, *velocity, *forces], axes

@@ -1,0 +1,66 @@
+"""A spacecraft on a known trajectory, of which nothing is estimated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from radioloc.dynamics import AdjustableOrbit
+from radioloc.ephemeris.trajectory import AnyTrajectory
+from radioloc.measurements.target_motion import TrajectoryMotion
+from radioloc.parameters.parameter import Parameter, Role
+from radioloc.targets.surface_point import cartesian
+from radioloc.vectors import Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownTrajectory:
+    """A spacecraft on a trajectory, whose offset from it is held at zero."""
+
+    name: str
+    trajectory: AnyTrajectory
+
+    @property
+    def parameters(self) -> list[Parameter]:
+        """Offset in principal axes, held at zero."""
+        return cartesian(np.zeros(3), role=Role.FIXED, name="offset")[0]
+
+    @property
+    def preceding(self) -> int:
+        """Zero: the motion depends on no other target."""
+        return 0
+
+    @property
+    def orbit(self) -> None:
+        """None: the trajectory does not follow from forces."""
+        return None
+
+    @property
+    def start(self) -> TrajectoryMotion:
+        """The trajectory."""
+        return TrajectoryMotion(self.trajectory)
+
+    def motion(self, x: Floats) -> tuple[TrajectoryMotion, Floats]:
+        """Return the motion at an offset from the trajectory, and its partials."""
+        return TrajectoryMotion(self.trajectory, x), np.eye(3)
+
+    def position(self, x: Floats) -> tuple[Floats, Floats]:
+        """Return the offset, which stands for the place on the Moon, and its partials."""
+        return x, np.eye(3)
+
+    def orbit_at(self, x: Floats) -> None:
+        """Return None."""
+        return None
+
+    def with_orbit(self, orbit: AdjustableOrbit) -> KnownTrajectory:
+        """Return the target itself."""
+        return self
+
+    def gravity_errors(self, x: Floats) -> None:
+        """Return None: a file has no errors of forces."""
+        return None
+
+    def estimate(self, *_: object) -> None:
+        """Return None: nothing is estimated."""
+        return None

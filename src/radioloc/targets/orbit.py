@@ -1,0 +1,162 @@
+"""A target on an orbit, and its parameters: the state at the epoch in one of several forms, and those of the forces."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from radioloc.dynamics import STATE, AdjustableOrbit
+from radioloc.dynamics.elements import FORMS, elements_of_state, state_by_elements
+from radioloc.dynamics.gravity_errors import draw_gravity_errors, errors_along
+from radioloc.measurements.target_motion import OrbitMotion
+from radioloc.parameters.parameter import Parameter, Role
+from radioloc.targets.orbit_state import OrbitState
+from radioloc.targets.surface_point import PositionFunction, PositionParameters
+from radioloc.vectors import Floats, rtn_axes
+
+RTN = ("radial_m", "along_m", "across_m", "radial_m_s", "along_m_s", "across_m_s")
+"""The state as what it differs by from that a priori, along fixed axes: those of the orbit at the epoch."""
+Seed = int | np.random.Generator
+
+_FORCE_UNITS = {"gm": ("m3/s2", 1e3), "k2": ("1", 1e-3), "radiation": ("m2/kg", 1e-3)}
+"""Units of the forces' own numbers, and a change that moves observations by about a metre in a day."""
+_ORBIT_SIZE_M = 2e6  # that of an orbit, for what moves a spacecraft by a metre
+
+
+@dataclass(frozen=True, slots=True)
+class GravityErrors:
+    """Drawn errors of a gravity field, so many up to a degree, which stand for all."""
+
+    count: int
+    degree: int
+
+    def of(self, orbit: AdjustableOrbit, count: int | None = None, seed: Seed = 0) -> AdjustableOrbit | None:
+        """Return the orbit with such errors, or so many others; None without any."""
+        field, count = orbit.forces.gravity, self.count if count is None else count
+        if not count or field.degree < 2:
+            return None
+        errors = draw_gravity_errors(field, count, max(field.degree, self.degree), seed)
+        return replace(orbit, errors=errors_along(orbit.nearest(), errors, orbit.libration).at)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TargetOrbit:
+    """A spacecraft on an orbit, which follows from its parameters by their changes of the a-priori orbit."""
+
+    name: str
+    parameters: list[Parameter]
+    changes: PositionFunction  # from the parameters to changes of those of the orbit, with partials
+    orbit: AdjustableOrbit  # a priori
+    errors: GravityErrors
+    body: int  # NAIF code of the spacecraft in kernels
+    preceding: int = 0
+
+    @property
+    def start(self) -> OrbitMotion:
+        """A-priori orbit, with partials that suffice until an estimate has converged."""
+        return OrbitMotion(self.orbit.coarse())
+
+    def motion(self, x: Floats) -> tuple[OrbitMotion, Floats]:
+        """Return the motion at parameters x, and the partials of the orbit's parameters."""
+        changes, by_x = self.changes(x)
+        return OrbitMotion(self.orbit, changes), by_x
+
+    def position(self, x: Floats) -> tuple[Floats, Floats]:
+        """Return zeros: the target is at no place on the Moon."""
+        return np.zeros(3), np.zeros((3, len(x)))
+
+    def orbit_at(self, x: Floats) -> AdjustableOrbit:
+        """Return the orbit of parameters x."""
+        return self.orbit.corrected(self.changes(x)[0])
+
+    def with_orbit(self, orbit: AdjustableOrbit) -> TargetOrbit:
+        """Return the target about another a-priori orbit of the same parameters."""
+        return replace(self, orbit=orbit)
+
+    def gravity_errors(self, x: Floats) -> AdjustableOrbit | None:
+        """Return the orbit at x with the errors of its gravity field that are considered; None without any."""
+        return self.errors.of(self.orbit_at(x))
+
+    def estimate(
+        self, x: Floats, covariance: Floats, sensitivity: Floats, errors: AdjustableOrbit | None
+    ) -> OrbitState:
+        """Return the state at the epoch of the orbit; an InputError of an orbit that meets the ground."""
+        _, by_x = self.changes(x)
+        orbit = self.orbit_at(x)
+        orbit.require_above_ground()
+        moved = by_x @ sensitivity
+        return OrbitState(orbit, by_x @ covariance @ by_x.T, moved, errors if moved.size else None, self.body)
+
+
+def orbit_parameters(
+    orbit: AdjustableOrbit,
+    sigmas: Mapping[str, float],
+    estimated: bool,
+    state: bool = True,
+    form: str = "cartesian",
+) -> PositionParameters:
+    """Return the parameters of an orbit in one of the forms of a state, with a-priori sigmas by name, else free."""
+    # Nothing is `estimated`, or all but the `state`. Angles are from the Moon's equator.
+    impulses = {one.name for one in orbit.forces.impulses}
+    # Thrust moves the spacecraft by a metre while it lasts, about.
+    of_thrust = {
+        one.name: float(one.stop.seconds_since(one.start)[0]) ** -2
+        for one in orbit.forces.accelerations
+        if one.start is not None and one.stop is not None
+    }
+
+    def unit_and_scale(name: str) -> tuple[str, float]:
+        if name in _FORCE_UNITS:
+            return _FORCE_UNITS[name]
+        owner = name.rpartition(".")[0]
+        return ("m/s", 1e-3) if owner in impulses else ("m/s2", of_thrust.get(owner, 1e-9))
+
+    names, values, function = _state(orbit, form)
+    role = Role.ESTIMATED if estimated and state else Role.FIXED
+    parameters = [
+        Parameter(f"state.{name}", unit, "state", value, sigmas.get(name, math.inf), role=role, scale=scale)
+        for (name, (unit, scale)), value in zip(names.items(), values.tolist(), strict=True)
+    ]
+    apriori = np.array(list(orbit.values.values()))
+    for name, value in list(orbit.values.items())[6:]:
+        unit, scale = unit_and_scale(name)
+        role = Role.ESTIMATED if estimated else Role.FIXED
+        sigma = sigmas.get(name, math.inf)
+        parameters.append(Parameter(f"force.{name}", unit, "force", value, sigma, role=role, scale=scale))
+
+    def changes(x: Floats) -> tuple[Floats, Floats]:
+        by = np.eye(len(apriori))
+        of_state, by[:6, :6] = function(x[:6])
+        return np.concatenate([of_state, x[6:]]) - apriori, by
+
+    return parameters, changes
+
+
+def _state(
+    orbit: AdjustableOrbit, form: str
+) -> tuple[dict[str, tuple[str, float]], Floats, Callable[[Floats], tuple[Floats, Floats]]]:
+    """Names of the state's parameters with units and scales, values, and what they make: the state and its partials."""
+    of_lengths = [("m", 1.0)] * 3 + [("m/s", 1e-3)] * 3
+    if form == "cartesian":
+        return dict(zip(STATE, of_lengths, strict=True)), orbit.state, lambda x: (x, np.eye(6))
+    if form == "rtn":
+        axes = np.zeros((6, 6))
+        axes[:3, :3] = axes[3:, 3:] = rtn_axes(orbit.state[:3], orbit.state[3:]).T
+        return dict(zip(RTN, of_lengths, strict=True)), np.zeros(6), lambda x: (orbit.state + axes @ x, axes)
+    gm, equator = orbit.gm_m3_s2, orbit.equator
+
+    def unit_and_scale(name: str) -> tuple[str, float]:
+        if name.endswith("_m"):
+            return "m", 1.0
+        return (
+            ("deg", math.degrees(1.0 / _ORBIT_SIZE_M))
+            if name.endswith("_deg")
+            else ("1", 1.0 / _ORBIT_SIZE_M)
+        )
+
+    names = {name: unit_and_scale(name) for name in FORMS[form]}
+    values = elements_of_state(orbit.state, gm, equator, form)
+    return names, values, lambda x: state_by_elements(x, gm, equator, form)

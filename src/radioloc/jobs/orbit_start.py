@@ -41,7 +41,7 @@ class StagedStart:
     apriori: Floats  # parameters of the orbit: state and forces
     free: NDArray[np.intp]
     step_sigmas: Floats  # of the free parameters
-    away_s: Floats  # time of each observation from the epoch
+    away_s: Floats  # time of each observation from the epoch; infinite for other targets
 
     @classmethod
     def of(cls, problem: ObservationModel, sigma_m: Floats) -> StagedStart | None:
@@ -94,7 +94,10 @@ def near_orbit(problem: ObservationModel, sigma_m: Floats, usable: NDArray[np.bo
     """Return parameters of an arc's problem near the estimate, or ``None`` if no orbit is estimated."""
     # Without it a fit of 36 hours from 1.9 km and 1.9 m/s off does not converge (tests/unit/jobs/test_orbit_study.py).
     start = StagedStart.of(problem, sigma_m)
-    if start is None or not usable.any():
+    if start is None:
+        return None
+    usable = usable & np.isfinite(start.away_s)  # of this target
+    if not usable.any():
         return None
     x, reach_s = start.apriori, start.first_reach_s(usable)
     while True:

@@ -126,6 +126,8 @@ def places(
     """Estimates of points that are off the Moon's surface or that no station sees."""
     model = arc.model
     for target, motion in enumerate(motions):
+        if motion.trajectory is not None:
+            continue
         place_m = motion.position_pa_m
         yield from heights(float(np.linalg.norm(place_m)) - MEAN_LUNAR_RADIUS_M)
         rows = np.flatnonzero(used & (arc.target == target))

@@ -145,10 +145,10 @@ def search(study: Study | str | Path, observations: Observations | None = None) 
     if plain != given.observations:
         result = _with_transmitters(result, given, observations)
         result = _with_first_orbit(result, given, observations)  # by those that transmitted
-    if not isinstance(given.target, Orbiter):
+    if given.orbiter is None or given.targets:
         return _with_positions(result, observations)
     orbit = given.estimate.orbit
-    if given.target.landing is None and (orbit is None or orbit.process_noise is None):
+    if not given.lands and (orbit is None or orbit.process_noise is None):
         # Stochastic accelerations stand for all that is not modelled, manoeuvres among it.
         return _with_manoeuvres(result, observations)
     return result

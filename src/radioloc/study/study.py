@@ -337,9 +337,9 @@ class Study:
         Shown on the result card.
     simulation : Scenario or None
         Tracking to be simulated, for Monte Carlo studies.
-    targets : mapping of str to LunarPosition
-        A-priori positions of several targets by the names that the observations have for them; empty where there is
-        only `target`.
+    targets : mapping of str to LunarPosition, Trajectory or Orbiter
+        Several targets, at most one of them a trajectory or an orbiter, by the names that the observations have for
+        them; empty where there is only `target`.
     consider : mapping of str to ParameterChoice
         Parameters that are not estimated, but whose a-priori errors count in the covariance, each with its sigma:
         of :func:`~radioloc.parameters.considered.considered_choices`. None is estimated, too.
@@ -370,7 +370,7 @@ class Study:
     references: tuple[Reference, ...] = ()
     name: str = "study"
     simulation: Scenario | None = None
-    targets: Mapping[str, LunarPosition] = field(default_factory=dict)
+    targets: Mapping[str, LunarPosition | Trajectory | Orbiter] = field(default_factory=dict)
     consider: Mapping[str, ParameterChoice] = field(default_factory=dict)
     consider_defaults: bool = True
     suboptimal: tuple[str, ...] = ()
@@ -391,27 +391,27 @@ class Study:
         self._name_targets()
         self._require_considered()
         self._set_position_priors()
-        if isinstance(self.target, Orbiter):
+        if self.orbiter is not None:
             chosen = self.estimate.orbit or OrbitChoice()
-            chosen.parameters(self.target.forces)
+            chosen.parameters(self.orbiter.forces)
             if chosen.process_noise is not None:
                 # The information filter of process noise takes the place of weights correlated in time.
                 object.__setattr__(self, "estimate", replace(self.estimate, weights="independent"))
-            lands = self.target.landing is not None
+            lands = self.lands
             of_state = chosen.state_sigma_m, chosen.state_sigma_m_s, chosen.state_sigma or None
             if lands and not (chosen.state and of_state == (None, None, None)):
                 raise InputError(
                     "[estimate.orbit] state and its sigmas belong to a target that does not land; what is estimated of "
                     "one that does is the place; leave them out"
                 )
-            position = self.estimate.position if lands else "none"
+            position = self.estimate.position if lands or self.points else "none"
             object.__setattr__(self, "estimate", replace(self.estimate, position=position, orbit=chosen))
             if chosen.process_noise is not None:
                 self._require_white_noise(lands)
         elif self.estimate.orbit is not None:
             raise InputError('[estimate.orbit] belongs to a target with dynamics = "moon"; leave it out')
-        if isinstance(self.target, Trajectory | Orbiter):
-            self._require_no_position(self.target)
+        if not self.points:
+            self._require_no_position()
 
     @property
     def all_targets(self) -> Mapping[str, LunarPosition | Trajectory | Orbiter]:
@@ -457,16 +457,16 @@ class Study:
         )
 
     def _name_targets(self) -> None:
-        named: dict[str, LunarPosition] = {}
-        for name, position in self.targets.items():
-            if not isinstance(position, LunarPosition):
-                raise InputError(f"[targets.{name}] must be a position on the Moon, not {position!r}")
+        named: dict[str, LunarPosition | Trajectory | Orbiter] = {}
+        for name, target in self.targets.items():
+            require_type(f"[targets.{name}]", target, LunarPosition, Trajectory, Orbiter)
             if canonical_target(name) in named:
                 raise InputError(
                     f"[targets.{name}] is another name of {canonical_target(name)}, which is there"
                 )
-            named[canonical_target(name)] = position
+            named[canonical_target(name)] = target
         object.__setattr__(self, "targets", named)
+        self._require_one_spacecraft()
         first = next(iter(named.values()), None)
         if self.target is None and first is None:
             raise InputError(
@@ -485,10 +485,26 @@ class Study:
             for what in filter(given.get, given):
                 raise InputError(f"{what} one position, but [targets] gives several; leave it out")
 
+    def _require_one_spacecraft(self) -> None:
+        """Refuse several spacecraft, and a descent beside other targets."""
+        if len(self.targets) < 2:
+            return
+        flying = [name for name in self.targets if name not in self.points]
+        if len(flying) > 1:
+            raise InputError(
+                f"[targets]: expected at most one trajectory or orbiter, got {', '.join(flying)}; fit each in a study "
+                "of its own"
+            )
+        if self.lands:
+            raise InputError(
+                f"[targets.{flying[0]}.landing]: expected a [target] of its own, got other targets beside it, whose "
+                "positions have the same parameters as the place of the landing"
+            )
+
     def _set_position_priors(self) -> None:
         """Make positions on maps the a-priori positions of their targets."""
         places, estimate = self.observations.map_positions, self.estimate
-        if isinstance(self.target, Trajectory | Orbiter) or not (places or estimate.position_priors):
+        if not self.points or not (places or estimate.position_priors):
             return
         height = estimate.height_prior
         with named("[[observations.map_positions]]"):
@@ -497,7 +513,7 @@ class Study:
                     f'expected [estimate] position = "geographic", got "{estimate.position}"; a position on a map is '
                     "the a-priori position of the geographic parameters"
                 )
-            priors = position_priors(places, tuple(self.targets))
+            priors = position_priors(places, tuple(filter(None, self.points)))
             if isinstance(height, TerrainPrior) and any(prior.has_height for prior in priors):
                 raise InputError(
                     "the position on the map has a height with a sigma, and [estimate] height_prior is a terrain "
@@ -547,8 +563,9 @@ class Study:
                 "doppler_phase_sigma_m out"
             )
 
-    def _require_no_position(self, trajectory: Trajectory | Orbiter) -> None:
-        lands = isinstance(trajectory, Orbiter) and trajectory.landing is not None
+    def _require_no_position(self) -> None:
+        lands, trajectory = self.lands, self.orbiter or self.trajectory
+        assert trajectory is not None
         if self.estimate.position != "none" and not lands:
             raise InputError(
                 f"[estimate] position: the target is a trajectory ({trajectory.name}), of which no position is "
@@ -558,7 +575,7 @@ class Study:
             "[estimate] ephemeris_sigma_m": any(self.estimate.ephemeris_sigma_m) and not lands,
             "[reference]": self.reference is not None and not lands,
             "[references]": bool(self.references) and not lands,
-            "[simulation]": self.simulation is not None and not isinstance(trajectory, Orbiter),
+            "[simulation]": self.simulation is not None and self.orbiter is None,
             "[[observations.map_positions]]": bool(self.observations.map_positions),
         }
         for key in filter(given.get, given):

@@ -113,7 +113,7 @@ class Site:
 TABLES: dict[str, type] = {
     "target": Target,
     "target.landing": LandingKeys,
-    "targets.NAME": Place,
+    "targets.NAME": Target,
     "forces": ForcesChoice,
     "forces.accelerations": SegmentedAcceleration,
     "forces.impulses": Impulse,
@@ -202,25 +202,23 @@ def read_study(path: str | Path) -> Study:
     for site in () if observations is None else chain.from_iterable(map(read_sites, observations.sites)):
         if site.name not in catalogue:  # the study itself says better where it is
             catalogue = catalogue.with_station(site)
-    targets = made("targets", named_positions)
-    if targets == {}:
-        raise InputError(f"{path}: [targets] names none; give at least one [targets.NAME]")
     forces = made("forces", read_forces)
-    if forces is not None and "dynamics" not in content.get("target", {}):
+    places = [content.get("target", {}), *content.get("targets", {}).values()]
+    if forces is not None and not any("dynamics" in place for place in places):
         raise InputError(f'{path}: [forces] act on a target with dynamics = "moon"; leave them out')
     model = made("model", partial(_model, catalogue=catalogue))
-    target = (
-        made("target", partial(read_target, forces=forces, model=model or ModelChoice()))
-        or next(iter(targets.values())).position
-    )
+    read = partial(read_target, forces=forces, model=model or ModelChoice())
+    targets = made("targets", lambda table: {name: read(item) for name, item in table.named().items()})
+    if targets == {}:
+        raise InputError(f"{path}: [targets] names none; give at least one [targets.NAME]")
+    target = made("target", read) or next(iter(targets.values()))
     considered, defaults, suboptimal = made("consider", _considered) or ({}, True, ())
-    places = [content.get("target", {}), *content.get("targets", {}).values()]
     planned = made("covariance", lambda table: table.read(CovarianceChoice))
     return top.build(
         Study,
         target=target,
         target_name=content.get("target", {}).get("name"),
-        targets=targets and {name: found.position for name, found in targets.items()},
+        targets=targets,
         observations=observations,
         estimate=made("estimate", lambda table: table.read(EstimateChoice)),
         consider=considered,

@@ -1,0 +1,181 @@
+"""A lander and an orbiter in one study: both are fitted together, with what they have in common."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from low_orbit import EPOCH
+from tracked_orbit import STATE, craft
+
+import radioloc
+from radioloc import LunarPosition, Study
+from radioloc.dynamics import Forces, GravityField
+from radioloc.errors import InputError
+from radioloc.measurements import ExactPredictor, Link, Observations, PhysicalModel
+from radioloc.measurements.observations import DOPPLER, RANGE
+from radioloc.parameters.choice import ParameterChoice
+from radioloc.study import EstimateChoice, ObservationChoice
+from radioloc.time import tai_to_utc
+from radioloc.time.scales import tdb_to_tt, tt_to_tai
+
+LANDER = LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
+NEAR = LunarPosition.from_selenographic(-51.90, 43.05, -2500.0)
+OFF = np.array([100.0, -80.0, 60.0, 0.1, -0.08, 0.05])
+SECONDS = np.arange(1200.0, 9000.0, 60.0)
+SIGMA_M = {RANGE: 2.0, DOPPLER: 0.005}
+BIAS_M = 12.0
+CASES = (
+    (RANGE, "DSS-24", "lander"),
+    (RANGE, "DSS-65", "lander"),
+    (RANGE, "DSS-65", "craft"),
+    (DOPPLER, "DSS-24", "craft"),
+    (DOPPLER, "DSS-65", "craft"),
+    (DOPPLER, "DSS-65", "lander"),
+)
+
+
+@pytest.fixture(scope="module")
+def forces():
+    return Forces(GravityField.open("GRGM660PRIM", degree=20), gradient_degree=20)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return PhysicalModel.build()
+
+
+@pytest.fixture(scope="module")
+def tracking(model, forces):
+    """Error-free tracking of both where it can be used, with a bias of the ranges of one station."""
+    links = [Link(station, target, station) for _, station, target in CASES]
+    n = len(SECONDS)
+    tai = tt_to_tai(tdb_to_tt(EPOCH.shifted(np.tile(SECONDS, len(CASES)))))
+    kind = np.repeat([case[0] for case in CASES], n)
+    table = Observations.from_columns(
+        epoch=tai_to_utc(tai),
+        links=links,
+        link=np.repeat(np.arange(len(CASES)), n),
+        kind=kind,
+        tag=1,
+        value_m=1.0,
+        sigma_m=np.array([SIGMA_M[k] for k in kind]),
+        count_s=np.where(kind == DOPPLER, 60.0, np.nan),
+        wavelength_um=3.6e4,
+    )
+    orbit = craft(STATE, forces).orbit(model, table, ())
+    computed = ExactPredictor(model, table, (LANDER, orbit), targets=("lander", "craft")).compute()
+    biased = (kind == RANGE) & (np.repeat([case[1] for case in CASES], n) == "DSS-65")
+    return replace(table, value_m=computed.value_m + BIAS_M * biased).select(computed.usable)
+
+
+def study_of(forces, **more):
+    choice = EstimateChoice(position="geographic", parameters={"range_bias": ParameterChoice(("DSS-65",))})
+    return Study(
+        targets={"lander": NEAR, "craft": craft(STATE + OFF, forces)},
+        estimate=choice,
+        consider_defaults=False,
+        **more,
+    )
+
+
+def noisy(tracking, seed):
+    noise_m = np.random.default_rng(seed).normal(size=len(tracking))
+    return replace(tracking, value_m=tracking.value_m + tracking.sigma_m * noise_m)
+
+
+@pytest.mark.study
+def test_both_and_the_bias_that_they_share_are_found(tracking, forces):
+    solution = radioloc.locate(study_of(forces), noisy(tracking, 30))
+    assert solution.converged, solution.message
+    assert solution.trajectory is None
+    truth_pa_m = LANDER.to_axes("PA", PhysicalModel.build().ephemeris.constants).xyz_m
+    error_m = solution.rot_pa_to_enu @ (solution.position_pa_m - truth_pa_m)
+    covariance = solution.position_covariance("enu")
+    assert error_m @ np.linalg.solve(covariance, error_m) < 16.3  # 0.1 % of three numbers
+    apart = np.concatenate([solution.state.position_m, solution.state.velocity_m_s]) - STATE
+    assert apart @ np.linalg.solve(solution.state.covariance, apart) < 22.5  # 0.1 % of six
+    [k] = solution.parameters.of_kind("range_bias")
+    assert abs(solution.values[k] - BIAS_M) < 3.3 * solution.sigmas()[k]
+
+
+@pytest.mark.study
+def test_lander_is_better_known_with_the_orbiter_that_shares_its_station(tracking, forces):
+    both = radioloc.locate(study_of(forces), tracking)
+    lander = np.array([link.target == "lander" for link in tracking.links])[tracking.link]
+    study = study_of(forces)
+    alone = radioloc.locate(
+        replace(study, targets={"lander": NEAR}, target=NEAR, estimate=replace(study.estimate, orbit=None)),
+        tracking.select(lander),
+    )
+    np.testing.assert_allclose(both.position_pa_m, alone.position_pa_m, rtol=0.0, atol=0.2)
+    [k], [other] = (one.parameters.of_kind("range_bias") for one in (both, alone))
+    assert both.sigmas()[k] < alone.sigmas()[other]
+
+
+@pytest.mark.study
+@pytest.mark.slow
+def test_errors_of_both_are_as_large_as_their_sigmas(tracking, forces):
+    truth_pa_m = LANDER.to_axes("PA", PhysicalModel.build().ephemeris.constants).xyz_m
+    squares = []
+    for seed in range(12):
+        solution = radioloc.locate(study_of(forces), noisy(tracking, seed))
+        apart_m = solution.rot_pa_to_enu @ (solution.position_pa_m - truth_pa_m)
+        apart = np.concatenate([solution.state.position_m, solution.state.velocity_m_s]) - STATE
+        squares.append(
+            (
+                apart_m @ np.linalg.solve(solution.position_covariance("enu"), apart_m),
+                apart @ np.linalg.solve(solution.state.covariance, apart),
+            )
+        )
+    place, state = np.mean(squares, axis=0) / [3.0, 6.0]
+    # Three sigmas of the mean of chi-squared variables, 36 and 72 degrees of freedom.
+    assert abs(place - 1.0) < 3.0 * np.sqrt(2.0 / 36.0)
+    assert abs(state - 1.0) < 3.0 * np.sqrt(2.0 / 72.0)
+
+
+def test_residuals_of_both_are_at_their_a_priori_motions(tracking, forces, model):
+    study = study_of(forces)
+    found = radioloc.residuals(study, tracking)
+    orbit = study.orbiter.orbit(model, tracking, ())
+    computed = ExactPredictor(model, tracking, (NEAR, orbit), targets=("lander", "craft")).compute()
+    np.testing.assert_allclose(
+        found.residuals.residual_m, tracking.value_m - computed.value_m, rtol=0.0, atol=1e-3
+    )
+
+
+def test_a_study_file_names_a_lander_and_an_orbiter(tmp_path):
+    (tmp_path / "table.csv").touch()
+    (tmp_path / "both.toml").write_text(
+        """
+[targets.lander]
+longitude_deg = -51.9
+latitude_deg = 43.05
+height_m = -2500.0
+[targets.craft]
+dynamics = "moon"
+epoch = "2012-04-09T04:30:00"
+position_m = [575739.0, -463249.0, -1631639.0]
+velocity_m_s = [-567.864, 1434.223, -600.209]
+[forces]
+degree = 20
+[estimate]
+position = "geographic"
+[estimate.orbit]
+state_sigma_m = 1000.0
+[observations]
+files = ["table.csv"]
+""",
+        encoding="utf-8",
+    )
+    study = radioloc.read_study(tmp_path / "both.toml")
+    assert len(study.points) == 1
+    assert study.names_in_order == tuple(study.targets)
+    assert study.orbiter.position_m[0] == 575739.0
+    assert study.estimate.position == "geographic"
+    assert study.estimate.orbit.state_sigma_m == 1000.0
+
+
+def test_two_spacecraft_are_refused(forces):
+    one = craft(STATE, forces)
+    with pytest.raises(InputError, match="at most one trajectory or orbiter"):
+        Study(targets={"a": one, "b": craft(STATE + OFF, forces)}, observations=ObservationChoice())

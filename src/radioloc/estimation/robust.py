@@ -154,7 +154,7 @@ def sample(
     # Each free parameter has the same number of draws. Half the chance of an observation is the same for all that the
     # parameter acts on, so a bias of one rare station has its observations in the sample; half is in proportion to
     # (partial / sigma)^2 (Drineas, Mahoney and Muthukrishnan 2006). Draws are spread evenly over the order of the rows.
-    free = np.flatnonzero(parameters.free)
+    free = np.flatnonzero(parameters.free & ~parameters.considered)
     candidates = np.flatnonzero(usable)
     if len(candidates) <= most:
         return candidates

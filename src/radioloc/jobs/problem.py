@@ -79,7 +79,8 @@ def observation_model(
         _columns("[estimate]", name, chosen, arc, Role.ESTIMATED, choice)
         for name, chosen in choice.parameters.items()
     ]
-    return ObservationModel.of(arc, targets, [*(item for item in found if item is not None), *considered])
+    kinds = [*(item for item in found if item is not None), *considered]
+    return replace(ObservationModel.of(arc, targets, kinds), considered_kinds=len(considered))
 
 
 def weighed(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -36,6 +36,9 @@ class ObservationModel:
     columns: tuple[Columns, ...]  # of the kinds of parameter
     reference: Epochs | None = None  # epoch that rates refer to, TAI; the middle of the arc as a rule
     process: StochasticAccelerations | None = None  # of the orbit
+    considered_kinds: int = 0  # number of kinds, the last, whose parameters are considered
+    # Partials by these for a long arc, (c, n): they change by parts of 1e-4 while the estimate moves by kilometres.
+    kept: list[NDArray[np.float32]] = field(default_factory=list, compare=False, repr=False)
 
     @classmethod
     def of(
@@ -152,6 +155,8 @@ class DesignMatrix:
         columns = partial(self._simple, first=0 if of_kinds_only else len(self.model.targets))
         if isinstance(self.at, CombinedPrediction):
             return self.at.combine(rows, columns)
+        if self.model.considered_kinds and not self.model.kept and len(self.residual_m) > ROWS_AT_ONCE:
+            self.model.kept.append(self._of_considered())
         return columns(rows, self.at, self.model.predictor)
 
     def _simple(self, rows: Rows, at: Prediction, predictor: Predictor, first: int) -> Floats:
@@ -168,9 +173,25 @@ class DesignMatrix:
             end = begin + len(by_x)
             out[:, mine] += part.computed.by_motion[:, begin:end] @ by_x
             begin = end
-        for columns in model.columns:
+        kinds = model.columns[: len(model.columns) - model.considered_kinds] if model.kept else model.columns
+        for columns in kinds:
             columns.design(part, out[:, start : start + len(columns)])
             start += len(columns)
+        if model.kept:
+            # A slice is copied several times as fast as rows that are picked.
+            contiguous = len(rows) > 0 and bool((np.diff(rows) == 1).all())
+            out[:, start:] = model.kept[0][:, slice(rows[0], rows[-1] + 1) if contiguous else rows].T
+        return out
+
+    def _of_considered(self) -> NDArray[np.float32]:
+        """Partials of all observations by the considered parameters, shape (c, n)."""
+        model, n = self.model, len(self.residual_m)
+        kinds = model.columns[len(model.columns) - model.considered_kinds :]
+        out = np.empty((sum(map(len, kinds)), n), dtype=np.float32)
+        for first in range(0, n, ROWS_AT_ONCE):
+            rows = np.arange(first, min(first + ROWS_AT_ONCE, n))
+            part = ObservationRows(model.predictor, rows, model.reference, self.at, self.motions)
+            out[:, rows] = np.hstack([columns.design(part) for columns in kinds]).T
         return out
 
 

@@ -205,7 +205,7 @@ def write_residuals_tdm(
     --------
     >>> import radioloc
     >>> study = radioloc.read_study("examples/change5/short_arc.toml")
-    >>> predictor, _ = radioloc.jobs.arc_of(study)
+    >>> predictor = radioloc.jobs.arc_of(study)
     >>> solution = radioloc.residuals(study)
     >>> file = radioloc.io.write_residuals_tdm(solution, predictor.observations, "oc.tdm", originator="AGENCY")
     >>> file.name

@@ -428,7 +428,7 @@ def _shares(solved: _Solved) -> Iterator[Share]:
 
 
 def _better_known(solved: _Solved) -> Iterator[Gain]:
-    """What it would buy to know each considered source, and each kind that is estimated, without error."""
+    """Yield the improvement by knowing each considered source, and each estimated kind, without error."""
     arc, parameters = solved.planned, solved.parameters
     in_weights = [item for item in parameters if item.role is Role.CONSIDERED]
     outside = () if solved.suboptimal is None else solved.suboptimal.parameters
@@ -447,6 +447,12 @@ def _better_known(solved: _Solved) -> Iterator[Gain]:
         else:
             sources = [source for source in arc.sources if source.source == kind]
             yield Gain(f"{kind} known", arc.without(*sources))
+    yield from _estimated_kinds_known(solved)
+
+
+def _estimated_kinds_known(solved: _Solved) -> Iterator[Gain]:
+    """Yield the improvement by knowing each kind of estimated parameters without error."""
+    parameters = solved.parameters
     for kind in dict.fromkeys(item.kind for item in parameters if item.role is Role.ESTIMATED):
         names = [item.name for item in parameters if item.kind == kind]
         if kind == "position":

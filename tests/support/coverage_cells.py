@@ -22,7 +22,7 @@ import radioloc
 from radioloc import Study
 from radioloc.jobs.linear_trials import LinearArc, LinearTrials
 from radioloc.jobs.prepared_trials import Prepared
-from radioloc.jobs.problem import considered_errors, problem_of
+from radioloc.jobs.problem import ConsideredParameters, errors_of, problem_of
 from radioloc.parameters.considered import considered_choices
 from radioloc.simulation import (
     Masks,
@@ -107,7 +107,8 @@ def prepared(data: str, hours: float) -> tuple[Plan, LinearTrials]:
     assert linear is not None
     part = ready.parts[0]
     problem = problem_of(ready.study, part.arc, part.estimate)
-    errors, _ = considered_errors(study, problem, part.estimate, linear.arcs[0].problem.x)
+    kinds = ConsideredParameters.of(study, part.arc, part.estimate).in_weights
+    errors = errors_of(kinds, problem, linear.arcs[0].problem.x[: len(problem.parameters)])
     lot = linear.drawn
     drawn = DrawnErrors(
         (*lot.names, *errors.parameters.names),

@@ -33,6 +33,7 @@ from radioloc.jobs.preparation import model_of, planned_arc
 from radioloc.jobs.problem import (
     ConsideredParameters,
     disturbed,
+    errors_of,
     problem_of,
     require_position_or_orbit,
     status_of,
@@ -47,7 +48,6 @@ from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.registry import KINDS
 from radioloc.measurements.target_motion import FixedPoint, OrbitMotion
 from radioloc.parameters.choice import ParameterChoice
-from radioloc.parameters.columns import Columns
 from radioloc.parameters.kind import Scope
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.registry import PARAMETERS
@@ -59,7 +59,7 @@ from radioloc.simulation.truth import GRAVITY_ERROR
 from radioloc.study.orbiter import Orbiter
 from radioloc.study.study import EstimateChoice, Study
 from radioloc.targets.descent import Descent
-from radioloc.targets.design import DesignMatrix, ObservationModel, Rows, orbit_of
+from radioloc.targets.design import ObservationModel, orbit_of
 from radioloc.targets.orbit_state import (
     ALONG_ACROSS_RADIAL,
     EAST_NORTH_UP,
@@ -327,7 +327,10 @@ class Prepared:
         partials = problem.linearize(x).partials(rows)
         noise = stated_noise(arc, study.observations)
         considered = ConsideredParameters.of(study, arc, part.estimate)
-        in_weights_m = _effects(considered.in_weights, problem, x, rows)
+        in_weights = errors_of(considered.in_weights, problem, x)
+        in_weights_m = np.zeros((len(rows), 0))
+        if in_weights is not None:
+            in_weights_m = in_weights.partials(rows) * in_weights.parameters.prior_sigmas
         alone = linear_problem(partials, problem.parameters, x, noise, usable)
         if alone is None:
             return None
@@ -374,19 +377,6 @@ class Prepared:
 def _local(orbit: Orbit | AdjustableOrbit, tdb: Epochs, of_states: _Floats) -> _Floats:
     """Changes of states at epochs, shape (n, 6, k), along, across and radial, velocities after positions."""
     return turned(rtn_axes(*orbit.states(tdb)), of_states)[:, LOCAL_LEVEL]
-
-
-def _effects(
-    considered: Sequence[tuple[Columns, list[Parameter]]], problem: ObservationModel, x: _Floats, rows: Rows
-) -> _Floats:
-    """Effects of considered parameters of one sigma on observations, m, shape (m, c)."""
-    if not considered:
-        return np.zeros((len(rows), 0))
-    model = ObservationModel.of(problem.predictor, (), considered)
-    motions = problem.motions(x)
-    at, residual_m = problem.predictor.at(motions), np.zeros(0)  # residuals are not asked for
-    design = DesignMatrix(model, at, motions, model.parameters.prior_values, residual_m)
-    return design.partials(rows) * model.parameters.prior_sigmas
 
 
 def _parameters_at(problem: ObservationModel, wanted: _Floats) -> _Floats:

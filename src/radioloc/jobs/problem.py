@@ -128,19 +128,25 @@ class ConsideredParameters:
         self, problem: ObservationModel, x: NDArray[np.float64], errant: AdjustableOrbit | None
     ) -> ConsideredErrors | None:
         """Return the errors that stay out of the weights, those of the gravity field last, at parameters x."""
-        gravity = gravity_errors(errant, problem)
-        if not self.suboptimal:
-            return gravity
-        model = ObservationModel.of(problem.predictor, (), self.suboptimal)
-        motions = problem.motions(x)
-        at, residual_m = problem.predictor.at(motions), np.zeros(0)  # residuals are not asked for
-        design = DesignMatrix(model, at, motions, model.parameters.prior_values, residual_m)
-        if gravity is None:
-            return ConsideredErrors(model.parameters, design.partials)
+        gravity, errors = gravity_errors(errant, problem), errors_of(self.suboptimal, problem, x)
+        if gravity is None or errors is None:
+            return errors if gravity is None else gravity
         return ConsideredErrors(
-            ParameterSet([*model.parameters, *gravity.parameters]),
-            lambda rows: np.hstack([design.partials(rows), gravity.partials(rows)]),
+            ParameterSet([*errors.parameters, *gravity.parameters]),
+            lambda rows: np.hstack([errors.partials(rows), gravity.partials(rows)]),
         )
+
+
+def errors_of(
+    kinds: Sequence[tuple[Columns, list[Parameter]]], problem: ObservationModel, x: NDArray[np.float64]
+) -> ConsideredErrors | None:
+    """Return considered parameters with their partials at the parameters x of a problem; None of no kinds."""
+    if not kinds:
+        return None
+    model, motions = ObservationModel.of(problem.predictor, (), kinds), problem.motions(x)
+    at, residual_m = problem.predictor.at(motions), np.zeros(0)  # residuals are not asked for
+    design = DesignMatrix(model, at, motions, model.parameters.prior_values, residual_m)
+    return ConsideredErrors(model.parameters, design.partials)
 
 
 def disturbed(problem: ObservationModel, x: NDArray[np.float64]) -> AdjustableOrbit | None:

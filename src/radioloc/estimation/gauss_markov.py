@@ -129,10 +129,6 @@ class SeriesNoise:
         transition = transitions(step_s, variance[lasting], self.tau_s[lasting])
         return KalmanFilter.of(process, sign, np.full(n, self.white), transition).innovations(columns)
 
-    def times(self, factor: float) -> SeriesNoise:
-        """Noise of a variance that is larger by a factor."""
-        return replace(self, white=factor * self.white, coloured=factor * self.coloured)
-
 
 @dataclass(frozen=True, slots=True)
 class SeriesCorrelation:

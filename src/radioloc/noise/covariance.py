@@ -16,8 +16,8 @@ together, shared errors and phases as further states.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import Protocol, TypeVar
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,14 +38,14 @@ Term = TypeVar("Term")
 
 
 class NoiseTerm(Protocol):
-    """Errors of n observations that are independent of those of the other terms."""
+    """Errors of n observations that are independent of those of the other terms.
+
+    A term is a dataclass, whose arrays have a row for each observation.
+    """
 
     @property
     def variance_m2(self) -> Floats:
         """Variance of each observation, m^2, shape (n,)."""
-
-    def select(self, rows: Rows) -> NoiseTerm:
-        """Term of some of the observations."""
 
     @property
     def states(self) -> tuple[NDArray[np.intp], Floats]:
@@ -66,18 +66,12 @@ class White:
         """Variance of each observation, m^2, shape (n,)."""
         return np.square(self.sigma_m)
 
-    def select(self, rows: Rows) -> White:
-        """Term of some of the observations."""
-        return White(self.sigma_m[rows])
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SharedAtEpoch:
     """Errors that each observation shares with others of its epoch, such as those of stations in delays."""
 
-    group: NDArray[
-        np.intp
-    ]  # (n,), observations of a group share errors of the same source; ALONE shares none
+    group: NDArray[np.intp]  # (n,), whose observations share errors of the same source; ALONE shares none
     source: NDArray[np.intp]  # (n, k), such as indices of stations
     effect_m: Floats  # (n, k), of an error of one standard deviation of each source, with its sign
 
@@ -91,15 +85,15 @@ class SharedAtEpoch:
         each = np.arange(len(self.group))[:, None]
         return np.where(self.group == ALONE, 0.0, self.covariance_m2(each)[:, 0, 0])
 
-    def select(self, rows: Rows) -> SharedAtEpoch:
-        """Term of some of the observations."""
-        return SharedAtEpoch(self.group[rows], self.source[rows], self.effect_m[rows])
-
     def covariance_m2(self, rows: NDArray[np.intp]) -> Floats:
         """Covariance of observations (b, k), each of the b in one group, shape (b, k, k)."""
         source, effect_m = self.source[rows], self.effect_m[rows]
-        same = source[:, :, None, :, None] == source[:, None, :, None, :]
-        return np.asarray(np.einsum("bijkl,bik,bjl->bij", same, effect_m, effect_m))
+        covariance = np.zeros((*rows.shape, rows.shape[1]))
+        for i in range(source.shape[2]):
+            for j in range(source.shape[2]):
+                same = source[:, :, None, i] == source[:, None, :, j]
+                covariance += same * effect_m[:, :, None, i] * effect_m[:, None, :, j]
+        return covariance
 
     @property
     def states(self) -> tuple[NDArray[np.intp], Floats]:
@@ -150,10 +144,6 @@ class DopplerPhase:
     def variance_m2(self) -> Floats:
         """Variance of each observation, m^2, shape (n,)."""
         return np.where(self.link == ALONE, 0.0, 2.0 * self.sigma_m**2)
-
-    def select(self, rows: Rows) -> DopplerPhase:
-        """Term of some of the observations."""
-        return DopplerPhase(self.sigma_m[rows], self.link[rows], self.start[rows], self.end[rows])
 
     def banded(self, white_m: Floats, rows: Rows) -> Banded:
         """Some rows (m,), each behind the count that ends where it starts."""
@@ -209,10 +199,6 @@ class GaussMarkov:
         variance_m2, _, walk_m2_s, start_s = self._numbers(self.process)
         variance_m2 = variance_m2 + walk_m2_s * (self.time_s[:, None] - start_s)
         return np.asarray((self.sign**2 * variance_m2 * (self.process != NONE)).sum(axis=1))
-
-    def select(self, rows: Rows) -> GaussMarkov:
-        """Term of some of the observations."""
-        return GaussMarkov(self.time_s[rows], self.process[rows], self.sign[rows], self.processes)
 
     @property
     def states(self) -> tuple[NDArray[np.intp], Floats]:
@@ -286,7 +272,7 @@ class ObservationCovariance:
 
     def select(self, rows: Rows) -> ObservationCovariance:
         """Covariance of some of the observations."""
-        return ObservationCovariance(tuple(term.select(rows) for term in self.terms))
+        return ObservationCovariance(tuple(_selected(term, rows) for term in self.terms))
 
     def whitener(
         self, used: NDArray[np.bool_] | None = None, order: Rows | None = None
@@ -317,7 +303,7 @@ class ObservationCovariance:
             processes.append(np.where(process == NONE, NONE, process + first[-1]))
             signs.append(sign)
             first.append(first[-1] + int(process.max(initial=NONE)) + 1)
-            time_s = term.time_s if isinstance(term, GaussMarkov) else time_s
+            time_s = getattr(term, "time_s", time_s)
         for shared in self.of_type(SharedAtEpoch):
             _, of_group, which = np.unique(shared.group, return_index=True, return_inverse=True)
             # Time tags of a group differ by milliseconds.
@@ -346,3 +332,8 @@ class ObservationCovariance:
             least = _MIN_INNOVATION_FRACTION * self.sigma_m[rows] ** 2
             white_m2 = self.white_m[rows] ** 2
             yield Filtered(rows, KalmanFilter.of(local, sign[rows], white_m2, (decay, added), least))
+
+
+def _selected(term: Any, rows: Rows) -> Any:
+    columns = {item.name: getattr(term, item.name) for item in fields(term)}
+    return replace(term, **{name: one[rows] for name, one in columns.items() if isinstance(one, np.ndarray)})

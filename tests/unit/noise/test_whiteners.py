@@ -1,5 +1,7 @@
 """Whiteners of each structure against a dense Cholesky factor of R, for all rows and for selections of them."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 from dense_noise import dense, information
@@ -138,6 +140,34 @@ def test_observations_that_follow_from_others_have_no_weight():
     closed = at_stations[stations[:, 1]] - at_stations[stations[:, 0]]
     expected = closed[:2].T @ np.linalg.solve(dense(noise)[:2, :2], closed[:2])
     np.testing.assert_allclose(information(noise.whitener(), closed), expected, rtol=1e-9)
+
+
+@dataclass(frozen=True)
+class Drift:
+    """An error that grows in proportion to time: a term as another package would write it."""
+
+    time_s: np.ndarray
+    rate_m_s: float
+
+    @property
+    def variance_m2(self):
+        return (self.rate_m_s * self.time_s) ** 2
+
+    @property
+    def states(self):
+        return np.zeros((len(self.time_s), 1), dtype=np.intp), self.rate_m_s * self.time_s[:, None]
+
+    def transitions(self, rows, step_s, states):
+        first = (np.arange(len(rows)) == 0)[:, None]
+        return 1.0 - first, 1.0 * first
+
+
+def test_a_term_of_another_package_is_filtered():
+    without = ObservationCovariance(tuple(CASES["blocks and banded"]))
+    noise = without.plus(Drift(0.01 * TIME, 3.0)).select(np.arange(0, N, 2))
+    matrix = dense(without) + np.outer(0.03 * TIME, 0.03 * TIME)
+    used = np.arange(N) % 2 == 0
+    assert_generalized(noise.whitener(), matrix[np.ix_(used, used)], np.ones(N // 2, bool), COLUMNS[used])
 
 
 def test_terms_of_different_lengths_are_refused():

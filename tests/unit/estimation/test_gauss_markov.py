@@ -1,10 +1,9 @@
 """Which noise is found in series of residuals."""
 
 import numpy as np
-import pytest
 
 from radioloc.estimation.gauss_markov import Points, Series, SeriesNoise, noise_of_series
-from radioloc.simulation.noise import Noise, gauss_markov
+from radioloc.simulation.noise import Noise
 
 
 def points(residual, step_s=None, gain=None, unit=None):
@@ -47,16 +46,3 @@ def test_what_is_considered_is_no_noise():
     data = points(rng.normal(size=n) + 1.5 * slope[:, 0], unit=slope)
     assert noise_of_series(data, 0.0)["a"].share > 0.2
     assert noise_of_series(data, 1.5) == {}
-
-
-def test_process_is_found():
-    rng = np.random.default_rng(4)
-    n = 3000
-    residual = rng.normal(size=n) + 0.7 * gauss_markov(rng.normal(size=n), np.exp(-60.0 / 1800.0))
-    found = noise_of_series(points(residual), 30.0)["a"]
-    # A hundred correlation times tell variances to some 15 %, and correlation times to 30.
-    assert found.white == pytest.approx(1.0, rel=0.1)
-    assert found.coloured.sum() == pytest.approx(0.49, rel=0.35)
-    assert found.correlation_time_s == pytest.approx(1800.0, rel=0.4)
-    assert noise_of_series(points(rng.normal(size=n)), 30.0) == {}
-    assert noise_of_series(points(residual[:15]), 30.0) == {}

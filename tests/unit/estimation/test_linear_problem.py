@@ -70,6 +70,7 @@ def both(seed, *, n=600, excess=1.0, outliers=0, fixed=False, unusable=0):
         {"n": 12},
         {"n": 3000, "outliers": 30},
         {"n": 40, "outliers": 3},
+        {"outliers": 220},
     ],
     ids=str,
 )
@@ -92,15 +93,6 @@ def test_the_same_as_the_general_fit(case):
         np.testing.assert_allclose(root @ root.T, fit.covariance[np.ix_(free, free)], rtol=1e-6)
         assert one.chi2 == pytest.approx(fit.chi2)
         assert found.converged == known.converged
-
-
-def test_too_many_outliers_are_not_left_out():
-    found, known = both(1, outliers=220)
-    assert (found.fit.used == known.fit.used).all()
-    assert found.converged == known.converged
-    sigma_m = list(found.additive_sigma_m.values())
-    np.testing.assert_allclose(sigma_m, list(known.additive_sigma_m.values()), rtol=1e-6)
-    assert min(sigma_m) > 5.0
 
 
 def test_nothing_is_made_where_not_everything_is_determined():

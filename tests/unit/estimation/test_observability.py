@@ -51,20 +51,11 @@ def test_three_free_biases_over_half_a_day_are_weak():
     found = assess_observability(fit)
     assert fit.converged
     assert found.undetermined == ()
-    common, text = found.describe()[:2]
-    assert common.startswith("common range bias of 3: sigma ")
-    assert text.startswith("poorly determined: range_bias.")
-    for name, change in zip(found.weak[0].names, found.weak[0].changes, strict=True):
-        assert f"{name} {change}" in text
-    sigma_m = found.weak[0].sigma
-    assert 300.0 < sigma_m < 600.0
-    assert text.endswith(
-        f" together (1 sigma), {sigma_m / 0.3:.0f} times the sigma of one observation (0.3 m)"
-    )
+    assert all(name.startswith("range_bias.") for name in found.weak[0].names)
+    assert 300.0 < found.weak[0].sigma < 600.0
     # Counts are no measure of it.
     assert assess_observability(fit, np.ones(len(observed_m), dtype=bool)).weak == ()
     assert found.advice().startswith("would help: an a-priori sigma for range_bias.A, range_bias.B")
-    assert any(" correlations beyond 0.95, the largest: " in line for line in found.describe())
 
 
 def three_biases(hours, prior_sigma_m):

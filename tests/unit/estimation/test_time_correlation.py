@@ -190,11 +190,6 @@ def test_what_is_known_already_is_not_sought_again():
     assert assessed(again, *rest) is known
 
 
-def test_nothing_to_assess():
-    fit, types, path, time_s = line(n=40)
-    assert assessed(fit, types, path, time_s).series == ()
-
-
 def test_a_short_series_has_the_noise_of_its_kind():
     """Fifteen observations within a correlation time count as two, beside 1200 that count as eight."""
     fit, types, path, time_s = line()

@@ -21,7 +21,7 @@ from radioloc.cli import main
 from radioloc.errors import InputError, RadiolocError
 from radioloc.jobs.linear_trials import trial_seed
 from radioloc.jobs.prepared_trials import Prepared
-from radioloc.jobs.workers import usual_workers, workers_of
+from radioloc.jobs.workers import workers_of
 from radioloc.parameters.considered import considered_choices
 from radioloc.results.monte_carlo import MonteCarlo, binomial_bounds
 from radioloc.simulation import (
@@ -457,12 +457,6 @@ def test_studies_that_cannot_be(study):
         radioloc.monte_carlo(replace(study, simulation=None))
     with pytest.raises(InputError, match="needs the position estimated"):
         radioloc.monte_carlo(replace(study, estimate=EstimateChoice(position="none", range_bias="all")))
-
-
-@pytest.mark.parametrize(("trials", "workers"), [(1, 1), (99, 1), (100, 2), (249, 4), (1000, 4)])
-def test_workers_have_enough_trials(trials, workers, monkeypatch):
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: range(4), raising=False)
-    assert usual_workers(trials) == workers
 
 
 @pytest.mark.slow

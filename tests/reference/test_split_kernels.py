@@ -138,7 +138,5 @@ def test_a_body_in_another_type_of_segment_too_is_refused(tmp_path):
     et_s = START_S + DAY_S * np.arange(10.0)
     spiceypy.spkw13(handle, 301, 3, "J2000", et_s[0], et_s[-1], "later", 3, 10, np.ones((10, 6)), et_s)
     spiceypy.spkcls(handle)
-    with pytest.raises(
-        KernelError, match=r"gives NAIF code 301 relative to 3 in segments of type 2 and in one of type 13"
-    ):
+    with pytest.raises(KernelError, match=r"NAIF code 301 relative to 3 in .* type 2 and in one of type 13"):
         Ephemeris.open(path)

@@ -363,9 +363,7 @@ def test_clocks_alone_are_no_observations():
         "CLOCK_DRIFT = 2005-142T12:00:00 6.944e-14",
         "CLOCK_BIAS = 2005-143T12:00:00 9.62e-7",
     ]
-    with pytest.raises(
-        FileFormatError, match="holds no range, Doppler or VLBI delay, only CLOCK_BIAS, CLOCK_DRIFT"
-    ):
+    with pytest.raises(FileFormatError, match="range, Doppler or VLBI delay, only CLOCK_BIAS, CLOCK_DRIFT"):
         observations(names, records)
 
 

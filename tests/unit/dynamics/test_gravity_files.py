@@ -146,9 +146,7 @@ def test_axes_are_those_stated_by_the_caller_or_named_by_the_header(tmp_path, fr
 @pytest.mark.parametrize(("frame", "given"), [("ME_DE421", None), ("PA_DE421", "ME_DE421")])
 def test_a_field_whose_figure_contradicts_its_axes_is_refused(tmp_path, frame, given):
     (tmp_path / "field.gfc").write_text(lunar_figure(frame))
-    with pytest.raises(
-        FileFormatError, match=r"field.gfc: expected .* got degree 2 of a figure 7[789] arcsec"
-    ):
+    with pytest.raises(FileFormatError, match=r"field.gfc: .* got degree 2 of a figure 7[789] arcsec"):
         GravityField.open(tmp_path / "field.gfc", frame=given)
 
 

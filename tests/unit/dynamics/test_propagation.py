@@ -61,9 +61,7 @@ def test_a_step_whose_iteration_does_not_settle_is_made_shorter():
 
 def test_an_acceleration_beyond_all_numbers_ends_the_integration():
     thrust = Acceleration("burn", constant_m_s2=(1e200, 0.0, 0.0), start=EPOCH.shifted(60.0))
-    with pytest.raises(
-        ConvergenceError, match=r"orbit cannot be integrated beyond 2012-04-09T04:31:00.000 TDB"
-    ):
+    with pytest.raises(ConvergenceError, match=r"cannot be integrated beyond 2012-04-09T04:31:00.000 TDB"):
         propagated(forces(0, accelerations=(thrust,)), (0.0, 600.0))
 
 
@@ -229,9 +227,7 @@ def test_no_epochs_have_no_states():
 def test_what_an_orbit_does_not_cover():
     orbit = propagated(forces(0, **TWO_BODY), (0.0, 600.0))
     assert str(orbit) == "orbit, integrated from 2012-04-09T04:30:00.000 to 2012-04-09T04:40:00.000 TDB"
-    with pytest.raises(
-        CoverageError, match=r"orbit covers 2012-04-09T04:30:00.000 .*but 2012-04-09T04:46:40"
-    ):
+    with pytest.raises(CoverageError, match=r"orbit covers 2012-04-09T04:30:00.000 .*but .*T04:46:40"):
         orbit.states(EPOCH.shifted(1000.0))
     with pytest.raises(InputError, match="has no partials"):
         orbit.partials(EPOCH)

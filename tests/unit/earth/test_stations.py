@@ -214,9 +214,7 @@ def test_coordinates_in_another_order_than_the_catalogue_has_them_are_refused(
     default = StationCatalogue.default()
     kashi = default["KASHI"]
     near = kashi.itrf_m + 1000.0
-    with pytest.raises(
-        StationError, match=r"KASHI is \d+ km from the catalogue's; with .* it would be 1.73 km"
-    ):
+    with pytest.raises(StationError, match=r"KASHI is \d+ km from the catalogue's.* would be 1.73 km"):
         default.with_station(dataclasses.replace(kashi, itrf_m=signs * near[list(order)]))
     elsewhere = default.with_station(dataclasses.replace(kashi, itrf_m=default["PARKES"].itrf_m))
     assert elsewhere["KASHI"].itrf_m.tolist() == default["PARKES"].itrf_m.tolist()
@@ -251,9 +249,7 @@ def test_geodetic_coordinates_are_those_of_the_ellipsoid() -> None:
     np.testing.assert_allclose(made.itrf_m, StationCatalogue.default()["KOUROU"].itrf_m, rtol=0.0, atol=1e-3)
     assert made.frame == "ITRF97"
     for name, value in (("latitude_deg", 140.0), ("longitude_deg", 520.0), ("height_m", np.nan)):
-        with pytest.raises(
-            StationError, match=rf"station K: .*{name} = {value:g}.* up to 90 and 360 degrees"
-        ):
+        with pytest.raises(StationError, match=rf"station K: .*{name} = {value:g}.* 90 and 360 degrees"):
             Station.from_geodetic(**place | {name: value}, **fields)
 
 

@@ -84,9 +84,7 @@ def test_another_inertial_frame_is_turned(orbit, tmp_path):
 
 def test_a_frame_that_turns_is_refused(tmp_path):
     fixed = write_states(tmp_path / "fixed.bsp", STATES, frame="IAU_MOON")
-    with pytest.raises(
-        KernelError, match=r"fixed\.bsp gives body -85 in the frame IAU_MOON \(10020\), which turns"
-    ):
+    with pytest.raises(KernelError, match=r"fixed\.bsp .* body -85 in the frame IAU_MOON \(10020\)"):
         Trajectory.open(fixed, ORBITER)
 
 

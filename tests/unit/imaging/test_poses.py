@@ -184,9 +184,7 @@ def test_what_lies_far_beyond_the_tie_points_is_refused(terrain, base):
     )
     result = registered(terrain, base, low, places)
     assert error_m(result, "0", [160.0, 200.0], terrain) < 1e-2
-    with pytest.raises(
-        InputError, match=r"0: what is seen at sample 160.0, line 60.0 is .* far beyond the ground"
-    ):
+    with pytest.raises(InputError, match=r"0: .* at sample 160.0, line 60.0 is .* far beyond the ground"):
         result.ground_point("0", [160.0, 60.0])
     with pytest.raises(InputError, match=r"0: the pixel .* shows no ground of"):
         result.ground_point("0", [160.0, -2000.0])

@@ -136,18 +136,14 @@ def test_no_image_on_the_map_is_an_error(base, frames):
 @pytest.mark.slow
 def test_images_out_of_order_are_named(base):
     order = [0, 3, 1, 4]
-    with pytest.raises(
-        InputError, match=r"not in order from high to low: 0001\.png .* comes after 0003\.png"
-    ):
+    with pytest.raises(InputError, match=r"from high to low: 0001\.png .* comes after 0003\.png"):
         register_chain([SHORT.list[k] for k in order], base, map_sigma_m=MAP_M)
     with pytest.raises(InputError, match=r"images have the same name: \['0000\.png'\]"):
         register_chain([SHORT.list[0], SHORT.list[0]], base, map_sigma_m=MAP_M)
 
 
 def test_images_in_reversed_order_are_said_to_be(base):
-    with pytest.raises(
-        InputError, match=r"reversed order: from 0006\.png to 0004\.png .*, the highest first"
-    ):
+    with pytest.raises(InputError, match=r"reversed order: from 0006\.png to 0004\.png .*highest first"):
         register_chain(SHORT.list[:3:-1], base, map_sigma_m=MAP_M)
 
 

@@ -216,8 +216,6 @@ def test_a_window_that_does_not_fit_into_memory_is_refused(monkeypatch, hills):
 
 def test_ground_in_mean_earth_axes_needs_rays_in_them(hills):
     model = replace(camera_above(3e3, 0.0), axes="IAU_MOON")
-    with pytest.raises(
-        InputError, match=r"the model's points are in IAU_MOON, not in mean-Earth axes .* axes='ME_DE421'"
-    ):
+    with pytest.raises(InputError, match=r"points are in IAU_MOON, .*mean-Earth axes .* axes='ME_DE421'"):
         image_to_ground(model, [[199.5, 199.5]], Terrain(TerrainModel.open(hills)))
     assert len(image_to_ground(model, [[199.5, 199.5]], Sphere())) == 1

@@ -270,9 +270,7 @@ def test_stations_get_catalogue_names(crd_lines):
     assert paths[0] == "GRASSE>apollo15>GRASSE"  # by its code, the pad being unknown
     assert paths[2] == "APOLLO>apollo11>APOLLO"
     lines, _ = replaced(crd_lines, "GRSM       7845", "GRSM       7045")
-    with pytest.raises(
-        FileFormatError, match=r"line 2: .* 'GRSM' is that of GRASSE, but .* 7045 is that of APOLLO"
-    ):
+    with pytest.raises(FileFormatError, match=r"line 2: .* 'GRSM' .* of GRASSE, .* 7045 is that of APOLLO"):
         parse_crd("a.np2", lines, StationCatalogue.default())
     lines, _ = replaced(crd_lines, "GRSM       7845", "NONE       9999")
     assert parse_crd("a.np2", lines, StationCatalogue.default()).paths()[0] == "9999>apollo15>9999"

@@ -124,9 +124,7 @@ def test_detections_of_older_and_newer_files(tmp_path):
     path = tmp_path / "Fdets.vex2013.12.28-0900-1000.Ww.complete.r2i.txt.gz"
     path.write_bytes(gzip.compress(f"{older}// \n34205.5 1 1 {DETECTED_HZ} 0\n".encode()))
     sent = FrequencyAgreement(8420.2e6, 0.01)
-    with pytest.raises(
-        FileFormatError, match="does not say how long a frequency was integrated; say count_s"
-    ):
+    with pytest.raises(FileFormatError, match="not say how long a frequency was integrated; say count_s"):
         read_fdets(path, [sent])
     newer = HEAD.replace("MHz", "MHz dF: 8 Hz dT: 20.0 s")
     path.write_text(f"{newer}#\n34205.5 1 1 {DETECTED_HZ} 0\n")
@@ -153,14 +151,10 @@ def test_several_files_of_one_night(tmp_path):
         FrequencyAgreement(8412e6, 0.1, 1.0, files="Fdets*"),
         FrequencyAgreement(BEACON_HZ, SIGMA_HZ, COUNT_S),
     ]
-    with pytest.raises(
-        FileFormatError, match=r"two.dat, line 2: 8459278000.5 Hz cannot be received of 2216500000.0 Hz"
-    ):
+    with pytest.raises(FileFormatError, match=r"two.dat, line 2: 8459278000.5 Hz .* of 2216500000.0 Hz"):
         read_observations([first, second, third], frequencies=told)
     second.write_text(READINGS.splitlines(keepends=True)[0])
-    with pytest.warns(
-        DataQualityWarning, match=r"two.dat, line 1: this observation is already there, in .*one.dat, line 1"
-    ):
+    with pytest.warns(DataQualityWarning, match=r"two.dat, line 1: .* already there, in .*one.dat, line 1"):
         got = read_observations([first, second, third], frequencies=told)
     assert len(got) == 4
     assert got.value_m[-1] == 0.0
@@ -185,9 +179,7 @@ def test_the_same_readings_in_two_formats(tmp_path):
     }
     later = [*records[1:], "RECEIVE_FREQ_1 = 2022-11-19T14:34:00.5 2216497875.0"]
     message = write(tmp_path / "b.tdm", "\n".join(kvn((received, later))) + "\n")
-    with pytest.warns(
-        DataQualityWarning, match=r"b.tdm, line 14: .* the rounding .*a.dat, line 2 \(2 such pair"
-    ):
+    with pytest.warns(DataQualityWarning, match=r"b.tdm, line 14: .* rounding .*a.dat, line 2 \(2 such"):
         got = read_observations([strf, message], frequencies=[BEACON])
     assert [got.origin(row).rpartition("/")[2] for row in range(4)] == [
         *(f"a.dat, line {n}" for n in (1, 2, 3)),
@@ -236,9 +228,7 @@ def test_files_that_are_refused(text, problem, tmp_path):
 
 def test_what_was_sent_must_be_said(tmp_path):
     path = write(tmp_path / "a.dat", READINGS)
-    with pytest.raises(
-        FileFormatError, match=r"not what was sent; say transmit_hz .* \[\[observations.frequencies\]\]"
-    ):
+    with pytest.raises(FileFormatError, match=r"say transmit_hz .* \[\[observations.frequencies\]\]"):
         read_observations(path, frequencies=[FrequencyAgreement(2e9, 1.0, files="*.txt")])
 
 

@@ -159,9 +159,7 @@ def test_the_spacecraft_of_the_label_is_that_of_the_records(written):
 
 def test_clock_offsets_that_are_not_applied_are_said(written):
     clock = {"start_s": 10, "offset_ns": 500, "station": 14, "second_station": 24, "stop_s": 20}
-    with pytest.warns(
-        DataQualityWarning, match="1 records of clock offsets between stations are not applied"
-    ):
+    with pytest.warns(DataQualityWarning, match="1 records of clock offsets .* are not applied"):
         assert len(read_odf(written([doppler(0)], clocks=[clock]))) == 1
 
 

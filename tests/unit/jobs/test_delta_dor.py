@@ -9,6 +9,7 @@ from tdm_messages import DELAY, kvn
 import radioloc
 from radioloc import LunarPosition, Observations
 from radioloc.ephemeris import CONSTANTS
+from radioloc.errors import InputError
 from radioloc.jobs.preparation import model_of
 from radioloc.measurements import Link
 from radioloc.measurements.registry import kind_of
@@ -155,9 +156,7 @@ def test_a_quasar_in_a_message(sources, tmp_path):
     held = replace(study(sources, clocks=False), observations=asked, estimate=EstimateChoice(position="none"))
     found = radioloc.residuals(held)
     assert set(found.residuals.paths.present()) == {"SESHAN25<lander>KUNMING", "SESHAN25<0716+332>KUNMING"}
-    with pytest.raises(
-        radioloc.errors.InputError, match=r"of several targets .*if one is a quasar, .*: \[model\] sources"
-    ):
+    with pytest.raises(InputError, match=r"of several targets .*if one is a quasar, .*: \[model\] sources"):
         radioloc.residuals(replace(held, model=ModelChoice()))
 
 
@@ -219,5 +218,5 @@ def test_a_session_of_what_is_no_quasar(tmp_path, change, message):
         plan = planned(tmp_path, PLAN + OF_A_QUASAR.replace(*change))
         plan.simulation.world(model_of(plan))
 
-    with pytest.raises(radioloc.errors.InputError, match=message):
+    with pytest.raises(InputError, match=message):
         plan_it()

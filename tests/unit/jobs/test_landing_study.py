@@ -164,9 +164,7 @@ def test_a_trajectory_that_does_not_end_at_the_ground_is_refused(tmp_path, made)
     path = tmp_path / "study.toml"
     lines = QUICK.text().splitlines()
     path.write_text("\n".join(line for line in lines if 'name = "plan_' not in line))
-    with pytest.raises(
-        InputError, match=r"km (above the sphere of 1737.4 km|from the a-priori place) at the touchdown"
-    ):
+    with pytest.raises(InputError, match=r"km (above the sphere|from the a-priori place) .*at the touchdown"):
         radioloc.locate(radioloc.read_study(path), made[1].observations)
 
 

@@ -76,9 +76,7 @@ def test_notes_and_provenance_say_where_the_air_comes_from(read):
 
 
 def test_what_files_lack_is_one_error(read):
-    with pytest.raises(
-        CoverageError, match=r"line 1: .*2020337\.vmf3_r, for station URUMQI: VMF3 of URUMQI covers"
-    ):
+    with pytest.raises(CoverageError, match=r"line 1: .*2020337\.vmf3_r, .* VMF3 of URUMQI covers"):
         radioloc.residuals(read(), delays("2020-12-03T15:00:00"))
     with pytest.raises(InputError, match=r"2020337\.vmf3_r: there is no station KUNMING"):
         radioloc.residuals(read(), delays(first="KUNMING"))

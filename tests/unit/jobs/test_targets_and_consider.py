@@ -203,8 +203,5 @@ def test_a_zenith_delay_without_a_troposphere_is_an_error(folder, table):
     text = STUDY.replace('off = ["ionosphere"]', 'off = ["ionosphere", "troposphere"]')
     keys = 'zenith_delay = ["KASHI"]\nzenith_delay_sigma_m = 0.1\n'
     text += keys if table == "estimate" else f"[consider]\n{keys}"
-    with pytest.raises(
-        InputError,
-        match=rf"^\[{table}\] zenith_delay: it acts by the term troposphere, which is switched off",
-    ):
+    with pytest.raises(InputError, match=rf"^\[{table}\] zenith_delay: .* troposphere, .* switched off"):
         radioloc.locate(study(folder, text))

@@ -6,6 +6,7 @@ from arc_cases import epochs_tai
 
 import radioloc
 from radioloc.constants import C_M_S
+from radioloc.errors import InputError
 from radioloc.io.tdm import write_tdm
 from radioloc.measurements import FixedPoint
 from radioloc.measurements.registry import KINDS
@@ -73,7 +74,7 @@ def test_half_ranges_are_recognized_and_read_when_said(truth, tmp_path):
             line = f"RANGE = {date} {float(value) / 2!r}"
         halved.append(line)
     (tmp_path / "data.kvn").write_text("\n".join(halved) + "\n")
-    with pytest.raises(radioloc.errors.InputError, match='tdm_range = "half"'):
+    with pytest.raises(InputError, match='tdm_range = "half"'):
         radioloc.locate(study_of(tmp_path, sigma_m="{ range = 1.0 }"))
     found = radioloc.locate(study_of(tmp_path, sigma_m="{ range = 1.0 }", tdm_range='"half"'))
     assert np.linalg.norm(found.position_pa_m - point.xyz_m) < SAME_POINT_M
@@ -107,9 +108,7 @@ def test_an_ambiguous_range_is_resolved_by_the_a_priori_position(kind, of, tmp_p
 
 def test_without_a_sigma_nothing_is_guessed(truth, tmp_path):
     write_tdm(tmp_path / "data.kvn", truth[1], originator="TEST")
-    with pytest.raises(
-        radioloc.errors.InputError, match=r"in a study file \[observations\] sigma_m = { range = "
-    ):
+    with pytest.raises(InputError, match=r"in a study file \[observations\] sigma_m = { range = "):
         radioloc.locate(study_of(tmp_path))
 
 

@@ -10,6 +10,7 @@ from spk_files import ORBITER, circular, low_lunar_orbit, tracking, write_states
 
 import radioloc
 from radioloc.cli import main
+from radioloc.errors import CoverageError, FileFormatError, InputError, KernelError
 from radioloc.io import TdmAgreement, write_table, write_tdm
 from radioloc.measurements.observations import Observations
 
@@ -80,9 +81,9 @@ def test_residuals_are_the_noise_and_the_bias(folder):
     assert np.abs(used - np.where(jiamusi, BIAS_M, 0.0)).max() < 5.0 * SIGMA_M
     reasons = {str(status)[:15] for status in rows.status[~rows.used]}
     assert reasons == {"behind the Moon", "below the horiz", "too low for the"}
-    with pytest.raises(radioloc.errors.InputError, match="no position on the Moon"):
+    with pytest.raises(InputError, match="no position on the Moon"):
         _ = solution.selenographic
-    with pytest.raises(radioloc.errors.InputError, match="no position on the Moon"):
+    with pytest.raises(InputError, match="no position on the Moon"):
         solution.sigma_enu_m()
 
 
@@ -118,16 +119,16 @@ def test_a_bias_is_found_along_a_trajectory(folder):
     ],
 )
 def test_what_does_not_go_with_a_trajectory(folder, target, estimate, more, message):
-    with pytest.raises(radioloc.errors.InputError, match=message) as caught:
+    with pytest.raises(InputError, match=message) as caught:
         radioloc.read_study(study_file(folder, target, estimate, more))
     assert "\n" not in str(caught.value)
 
 
 def test_another_body_and_arcs_are_refused(folder):
-    with pytest.raises(radioloc.errors.KernelError, match=r"no body with the NAIF code -86; it holds -85"):
+    with pytest.raises(KernelError, match=r"no body with the NAIF code -86; it holds -85"):
         radioloc.read_study(study_file(folder, 'trajectory = "orbiter.bsp"\nbody = -86'))
     study = radioloc.read_study(study_file(folder))
-    with pytest.raises(radioloc.errors.InputError, match="an arc-length study compares positions"):
+    with pytest.raises(InputError, match="an arc-length study compares positions"):
         radioloc.arcs(study, [6.0])
 
 
@@ -148,7 +149,7 @@ def test_a_spacecraft_on_its_way_has_ranges_of_its_own(tmp_path, form):
         write_table(tmp_path / "ranges.dat", observed)
     else:
         write_tdm(tmp_path / "ranges.dat", observed, originator="TEST")
-    with pytest.raises(radioloc.errors.FileFormatError, match="between Earth and Moon"):
+    with pytest.raises(FileFormatError, match="between Earth and Moon"):
         radioloc.read_observations(tmp_path / "ranges.dat", tdm=TdmAgreement({"range": SIGMA_M}))
     path = tmp_path / "cruise.toml"
     path.write_text(
@@ -166,7 +167,5 @@ def test_observations_outside_the_trajectory_name_file_and_line(folder, tmp_path
     (folder / "late.csv").write_text(text)
     path = study_file(folder)
     path.write_text(path.read_text().replace("ranges.csv", "late.csv"))
-    with pytest.raises(
-        radioloc.errors.CoverageError, match=r"late\.csv, line \d+: .*orbiter\.bsp \(NAIF code -85\) covers"
-    ):
+    with pytest.raises(CoverageError, match=r"late\.csv, line \d+: .*orbiter\.bsp .*covers"):
         radioloc.residuals(radioloc.read_study(path))

@@ -55,9 +55,7 @@ def test_a_flipped_byte_in_a_kernel_that_ships(tmp_path, offset):
     data = bytearray(PCK_BYTES)
     data[offset] ^= 0x10
     path = written(tmp_path, data, PCK_PATH.name)
-    with pytest.raises(
-        KernelError, match=r"moon_pa_de421_1969_2050\.bpc \(spanning 1969-01-01 to 2050-01-01\)"
-    ) as caught:
+    with pytest.raises(KernelError, match=r"de421_1969_2050\.bpc \(spanning 1969-01-01 to 2050-01") as caught:
         open_pck(path)
     assert sha256_of(path) in str(caught.value)
 
@@ -79,10 +77,7 @@ def test_wrong_kinds(tmp_path):
     "length", [8, 500, 1024, 2048, SUMMARY + 100, SUMMARY + 1024, FIRST_BYTE + 8, LAST_BYTE - 8]
 )
 def test_cut_short(tmp_path, length):
-    with pytest.raises(
-        KernelError,
-        match=r"own\.bpc (is damaged|\(spanning 1969-01-01 to 2050-01-01\) is cut short|is cut short)",
-    ):
+    with pytest.raises(KernelError, match=r"own\.bpc (\(spanning .*\) )?is (damaged|cut short)"):
         open_pck(written(tmp_path, PCK_BYTES[:length]))
 
 
@@ -127,9 +122,7 @@ def test_damage_to_a_file_of_ones_own(tmp_path, offset, layout, values, message)
 
 def test_missing_body_names_file_span_and_what_there_is():
     kernel = open_spk("DE421")
-    with pytest.raises(
-        KernelError, match=r"de421_1969_2050\.bsp \(spanning 1969-01-01 to 2050-01-01\).* 4 relative to 0"
-    ):
+    with pytest.raises(KernelError, match=r"de421_1969_2050\.bsp \(spanning .* 4 relative to 0"):
         kernel.segments_of(4, 0)[-1]
     held = {(segment.target, segment.center) for segment in kernel.segments}
     assert (301, 3) in held

@@ -160,9 +160,7 @@ def test_tables_that_overlap_are_joined_and_contradictions_are_named():
     halves = [ramps((0.0, 100.0, F0_HZ, 1.0)), ramps((60.0, 300.0, F0_HZ + 60.0, 1.0))]
     joined = Ramps.concatenate(halves)
     assert (len(joined), joined.duration_s.tolist()) == (1, [pytest.approx(300.0)])
-    with pytest.raises(
-        InputError, match=r"contradict each other at 2024-05-02T02:01:00\S* UTC: [\d.]+ and [\d.]+ Hz"
-    ):
+    with pytest.raises(InputError, match=r"contradict .* 2024-05-02T02:01:00\S* UTC: [\d.]+ and [\d.]+ Hz"):
         Ramps.concatenate([halves[0], ramps((60.0, 300.0, F0_HZ, 1.0))])
     with pytest.raises(InputError, match=r"ramp of KASHI at 2024-05-02T02:00:00.* lasts -1 s"):
         ramps((0.0, -1.0, F0_HZ, 0.0))

@@ -141,16 +141,12 @@ def test_corrections_are_added_to_the_seasonal_model_of_the_files_or_to_ours(cal
 @pytest.mark.parametrize("time", ["11:59:50", "20:00:02"])
 def test_an_epoch_without_a_card_is_an_error(time, calibrations):
     cards = calibrations(TRO)
-    with pytest.raises(
-        CoverageError, match=r"0\.csp: MODEL\(DRY NUPART\) for DSS-24 covers 2020-12-02T12:00:00 to"
-    ):
+    with pytest.raises(CoverageError, match=r"MODEL\(DRY NUPART\) for DSS-24 covers 2020-12-02T12:00:00"):
         cards.zenith_m(DSS_24, utc("15:00:00", time), DRY, phase=True)
     # Between cards that follow each other some milliseconds are no gap, minutes are.
     assert np.isfinite(cards.zenith_m(DSS_24, utc("18:00:00.0005"), DRY, phase=True)).all()
     gap = calibrations(TRO.replace("18:00:00.001", "18:05:00"))
-    with pytest.raises(
-        CoverageError, match=r"for DSS-24, which has gaps, covers .* but 2020-12-02T18:02:00 was asked"
-    ):
+    with pytest.raises(CoverageError, match=r"for DSS-24, which has gaps, .* but 2020-12-02T18:02:00"):
         gap.zenith_m(DSS_24, utc("18:02:00"), DRY, phase=True)
 
 

@@ -49,9 +49,7 @@ def test_a_regional_map_has_edges() -> None:
     assert interpolate(grid, values, 40.0, 20.0) == pytest.approx(11.0, abs=1e-9)
     assert interpolate(grid, values, 45.0, 375.0) == pytest.approx(8.5, abs=1e-9)
     for place in ((50.0, 21.0), (50.0, -11.0), (39.9, 0.0), (60.1, 0.0), (np.nan, 0.0), (50.0, np.nan)):
-        with pytest.raises(
-            InputError, match=r"the map reaches from latitude 40 to 60 and longitude -10 to 20"
-        ):
+        with pytest.raises(InputError, match=r"map reaches from latitude 40 to 60 and longitude -10 to 20"):
             grid.corners(*np.deg2rad(place))
 
 

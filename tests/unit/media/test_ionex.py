@@ -161,9 +161,7 @@ def test_outside(maps, tmp_path: Path) -> None:
     assert gap.vertical_tec(0.0, 0.0, epochs_from_strings(["2019-01-17T01:00:00"]))[0] == pytest.approx(
         89.0, abs=0.1
     )
-    with pytest.raises(
-        CoverageError, match=r"lacks epochs, covers .* 06\.0 h UTC and from 2019-01-17 00\.0 h UTC"
-    ):
+    with pytest.raises(CoverageError, match=r"lacks epochs, .* 06\.0 h UTC and from 2019-01-17 00\.0 h"):
         gap.vertical_tec(0.0, 0.0, epochs_from_strings(["2019-01-16"]))
 
 

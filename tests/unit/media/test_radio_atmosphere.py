@@ -99,17 +99,13 @@ def test_maps_serve_every_station():
 
 
 def test_other_stations_need_gpt3(sites):
-    with pytest.raises(
-        InputError, match=r"2020337\.vmf3_r: there is no station KASHI \(nor KS.*SESHAN25, URUMQI"
-    ):
+    with pytest.raises(InputError, match=r"2020337\.vmf3_r: .* KASHI \(nor KS.*SESHAN25, URUMQI"):
         air(sites, "KASHI")
     both, catalogue = dataclasses.replace(sites, gpt3=CLIMATE), StationCatalogue.default()
     assert [both.source_of(catalogue[name]) for name in ("KASHI", "SESHAN25")] == ["GPT3", "VMF3"]
     assert (air(both, "KASHI").hydrostatic_m > 1.9).all()
     # GPT3 is for stations that are not in the files, not for epochs.
-    with pytest.raises(
-        CoverageError, match=r"2020337\.vmf3_r, for station SESHAN25: VMF3 of SESHAN25 covers"
-    ) as caught:
+    with pytest.raises(CoverageError, match=r"2020337\.vmf3_r, .* VMF3 of SESHAN25 covers") as caught:
         air(both, epoch=LATE)
     assert caught.value.asked[0].startswith("2020-12-02 18.5")
 

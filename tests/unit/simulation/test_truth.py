@@ -159,9 +159,7 @@ def test_truths_that_cannot_be(schedule, lander, model):
     no_frequency = Schedule([Session("range", two_way("KASHI"), START, STOP, 3600, 1.0)])
     with pytest.raises(InputError, match="give uplink_hz and wavelength_um"):
         simulate(no_frequency, lander, Truth(electron_content_tecu={"KASHI": 1.0}), model=model)
-    with pytest.raises(
-        InputError, match="zenith_delay: it acts by the term troposphere, which is switched off"
-    ):
+    with pytest.raises(InputError, match=r"zenith_delay: .* the term troposphere, which is switched off"):
         simulate(schedule, lander, Truth(zenith_delay_m=0.1), model=model)
 
 

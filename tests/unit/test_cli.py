@@ -189,10 +189,7 @@ def data(folder, text):
         (None, ["s.toml", "no such study file"]),
         (study_of(more='targets = ["apollo11"]\n'), ["[observations] targets", "the files have apollo15"]),
         (study_of(more='stations = ["GRASSE"]\n'), ["[observations] stations", "the files have APOLLO"]),
-        (
-            study_of(more='stations = ["NOPE"]\n'),
-            ["[observations] stations", "'NOPE' is not in the catalogue"],
-        ),
+        (study_of(more='stations = ["NOPE"]\n'), ["[observations] stations", "'NOPE' is not in the"]),
         (study_of(more='[model]\nephemeris = "DE999"\n'), ["DE999"]),
         (study_of(more='[model]\nlibration = "cut.bpc"\n'), ["cut.bpc", "cut short"]),
         (study_of(more='[model]\nearth_orientation = "no.txt"\n'), ["[model] earth_orientation", "no.txt"]),

@@ -202,10 +202,7 @@ def test_given_accelerations_at_the_epoch():
         ({"bodies": ("mars",)}, "body 'mars' is not known"),
         ({"gradient_degree": -1}, "gradient_degree -1 is not 0 or a higher integer"),
         ({"gradient_degree": 2.5}, "gradient_degree 2.5 is not 0 or a higher integer"),
-        (
-            {"accelerations": (Acceleration("a"), Acceleration("a", "ICRF"))},
-            "the names a, a; give each its own",
-        ),
+        ({"accelerations": (Acceleration("a"), Acceleration("a", "ICRF"))}, "the names a, a; give each"),
         ({"k2": np.nan}, "k2 of the forces is nan; give a finite number"),
         ({"gm_m3_s2": np.inf}, "gm_m3_s2 of the forces is inf"),
         ({"radiation_m2_kg": np.nan}, "radiation_m2_kg of the forces is nan"),

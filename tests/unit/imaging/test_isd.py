@@ -186,14 +186,8 @@ def changed(key, value):
         (changed("instrument_position.unit", "miles"), "instrument_position.unit is 'miles'"),
         (changed("instrument_position.positions", [[1.0, 2.0, 3.0]]), "positions is not 16 by 3 finite"),
         (changed("instrument_pointing.quaternions", [[2.0, 0.0, 0.0, 0.0]] * 16), "of another length than 1"),
-        (
-            changed("body_rotation.ephemeris_times", []),
-            "expected rising times in body_rotation.ephemeris_times",
-        ),
-        (
-            changed("instrument_position.ephemeris_times", [1e6 * k for k in range(16)]),
-            "within 86400 s of center",
-        ),
+        (changed("body_rotation.ephemeris_times", []), "rising times in body_rotation.ephemeris_times"),
+        (changed("instrument_position.ephemeris_times", [1e6 * k for k in range(16)]), "within 86400 s"),
         (changed("sun_position.ephemeris_times", [0.0] * 4), "expected rising times in sun_position"),
         (changed("radii.semiminor", 900), "radii are those of an ellipsoid"),
     ],

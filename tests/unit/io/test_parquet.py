@@ -150,18 +150,10 @@ DATES = pyarrow.array(np.array(["2020-12-01"] * 3, "M8[D]"))
             "light_time_s is of type string; give numbers",
         ),
         ({"type": pyarrow.array([0, 0, 0])}, None, "column type is of type int64; give text"),
-        (
-            {"epoch_utc": pyarrow.array([1.0, 2.0, 3.0])},
-            None,
-            "epoch_utc is of type double; give text, a time",
-        ),
+        ({"epoch_utc": pyarrow.array([1.0, 2.0, 3.0])}, None, "epoch_utc is of type double; give text"),
         ({"sigma_s": pyarrow.array([1e-9, None, 1e-9])}, 2, r"sigma_s: is missing \(null\)"),
         ({"light_time_s": pyarrow.array([2.5, np.nan, 2.7])}, 2, "value_m is nan"),
-        (
-            {"epoch_utc": pyarrow.array(["2020-12-01", "2020-13-01", "now"])},
-            2,
-            "epoch_utc: .* not a date that exists",
-        ),
+        ({"epoch_utc": pyarrow.array(["2020-12-01", "2020-13-01", "now"])}, 2, "epoch_utc: .* not a date"),
         (
             {"epoch_utc": None, "utc_date": DATES, "utc_ps": pyarrow.array([0, 86400 * 10**12, 5])},
             2,

@@ -183,10 +183,7 @@ def test_metadata_in_the_order_of_the_standard(tmp_path):
         ({"tag": 2}, "tagged at the bounce"),
         ({"wavelength_um": 0.532}, "laser light, which the standard leaves out"),
         ({"kind": ONE_WAY_RANGE, "link": 3, "uplink_hz": 7e9}, "one_way_range with an uplink"),
-        (
-            {"kind": DOPPLER, "count_s": 1.0, "tag": 0},
-            "doppler with transmit time tag, which is not modelled",
-        ),
+        ({"kind": DOPPLER, "count_s": 1.0, "tag": 0}, "doppler with transmit time tag, which is not"),
         (
             {"kind": VLBI_DELAY_RATE, "link": 2, "value_m": 1.0, "count_s": 10.0},
             "vlbi_delay_rate, for which the standard has no keyword",

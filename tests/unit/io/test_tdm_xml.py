@@ -61,11 +61,7 @@ def test_other_ways_of_writing_the_same(old, new):
         ("<metadata>", "<metadata><RANGE>1</RANGE>", "RANGE: is not a metadata keyword"),
         ("<MODE>", '<MODE unit="m">', "<MODE unit: is not a metadata keyword"),
         ("<segment>", "<segment><data></data>", "'DATA_START' is not a line keyword = value"),
-        (
-            "</segment>",
-            "<data><observation/></data></segment>",
-            "'DATA_START' stands where META_START must come",
-        ),
+        ("</segment>", "<data><observation/></data></segment>", "'DATA_START' stands where META_START"),
         ("<EPOCH>2021-03-28T14:01:00</EPOCH>", "", "is not a record keyword"),
         ("<RANGE>768801.5</RANGE>", "<RANGE>1</RANGE><DOR>1</DOR>", "<DOR>1</DOR>' is not a record"),
         ("<tdm ", '<!DOCTYPE tdm [<!ENTITY a "b">]><tdm ', "document type is not part of a TDM"),

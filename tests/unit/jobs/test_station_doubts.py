@@ -41,10 +41,7 @@ def notes(folder, place, name="OURS"):
         (f"itrf_m = [{X}, {Z}, {Y}]", "with y and z exchanged"),  # sees it, 400 km off
         (f"itrf_m = [{X}, {Y}, {-Z}]", "with the other sign of z"),
         ("longitude_deg = -76.71\nlatitude_deg = 38.42\nheight_m = 1200.0", "with the other sign of y"),
-        (
-            "longitude_deg = 38.42\nlatitude_deg = 76.71\nheight_m = 1200.0",
-            "longitude and latitude exchanged",
-        ),
+        ("longitude_deg = 38.42\nlatitude_deg = 76.71\nheight_m = 1200.0", "longitude and latitude exch"),
     ],
 )
 def test_exchanged_coordinates_are_recognised(tmp_path, place, mistake):

@@ -20,21 +20,15 @@ def test_a_file_that_is_not_there_is_named(job, path_like):
 
 
 def test_a_study_of_tracking_is_none_of_images():
-    with pytest.raises(InputError, match="study: expected ImageStudy or PointStudy or .*, got Study"):
+    with pytest.raises(InputError, match=r"study: expected ImageStudy or PointStudy or .*, got Study"):
         radioloc.imaging.locate_images(radioloc.read_study(EXAMPLES / "apollo15" / "apollo15.toml"))
 
 
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (
-            lambda path: radioloc.Study(target=(1, 2, 3)),
-            r"target: expected LunarPosition .* got tuple \(1, 2, 3\)",
-        ),
-        (
-            lambda path: radioloc.locate(path, np.zeros((3, 2))),
-            "observations: expected Observations, got ndarray",
-        ),
+        (lambda path: radioloc.Study(target=(1, 2, 3)), r"target: expected LunarPosition .* got tuple"),
+        (lambda path: radioloc.locate(path, np.zeros((3, 2))), "expected Observations, got ndarray"),
         (lambda path: radioloc.imaging.read_image_study(1), "path: expected str or Path, got int 1"),
         (lambda path: radioloc.jobs.verify(None), "path: expected str or Path, got NoneType"),
         (lambda path: radioloc.jobs.compare([None]), "solutions: expected str or Path or .* got NoneType"),

@@ -186,12 +186,7 @@ FIRST_MAP = next(k for k, line in enumerate(LINES, start=1) if "START OF TEC MAP
         (" 450.0 450.0   0.0", "450000450000   0.0", None, "not of the ionosphere"),
         ("  2019     1    15     0", "  2019    13    15     0", FIRST_MAP + 1, "not a date that exists"),
         ("EPOCH OF CURRENT MAP", "COMMENT", None, "lacks its epoch"),
-        (
-            "  2019     1    15     0",
-            "  2019     1    14     0",
-            None,
-            "the header's EPOCH OF FIRST MAP is 2019",
-        ),
+        ("  2019     1    15     0", "  2019     1    14     0", None, "EPOCH OF FIRST MAP is 2019"),
         ("END OF FILE", "END OF STORY", None, "'END OF STORY' is not expected here"),
     ],
 )

@@ -117,11 +117,7 @@ def test_residuals_are_those_at_the_a_priori_values(biased):
     ("estimate", "error", "message"),
     [
         ({"range_bias_m": {"ATLANTIS": 1.0}}, StationError, r"\[estimate\] range_bias_m: .*ATLANTIS"),
-        (
-            {"range_bias_m": {"NEUQUEN": 1.0}},
-            InputError,
-            "range_bias_m: expected a member with observations .* got NEUQUEN",
-        ),
+        ({"range_bias_m": {"NEUQUEN": 1.0}}, InputError, r"range_bias_m: expected a member .* got NEUQUEN"),
         ({"range_bias_sigma_m": {"JIAMUSI": 1.0}}, InputError, "JIAMUSI gets no range_bias; list it"),
         ({"range_bias_m": {"KASHI": 1.0, "kashi": 2.0}}, InputError, "KASHI twice, once as kashi"),
         ({"clock_s": 1e-6}, InputError, "clock_s: expected observations .* none; leave it out"),
@@ -139,10 +135,7 @@ def test_stations_that_cannot_be(ranges, estimate, error, message):
     [
         ({"range_bias_m": {"KASHI": np.nan}}, "range_bias_m of KASHI must be a finite number"),
         ({"range_bias_sigma_m": {"KASHI": 0.0}}, "range_bias_sigma_m of KASHI must be above zero"),
-        (
-            {"range_bias_per": "day"},
-            'range_bias_per must be "station" or "pass" or "link" or "link and pass"',
-        ),
+        ({"range_bias_per": "day"}, 'per must be "station" or "pass" or "link" or "link and pass"'),
         ({"pass_gap_h": 0.0}, "pass_gap_h must be above zero"),
         ({"range_bias": "KASHI"}, 'range_bias must be a list of names, "all" or "none", not \'KASHI\''),
         ({"range_bias": ["KASHI", 7]}, "range_bias must be names, not 7"),

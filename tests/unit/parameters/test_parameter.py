@@ -85,7 +85,7 @@ def test_what_fails_in_a_kind_of_another_package_names_the_parameter():
     arc = arc_of("2020-12-01T15:00:00")
     groups = ("KASHI",), ("KASHI",), (None,), np.array([0, -1], np.int32)
     columns = Columns(replace(RANGE_BIAS, partials=fails), Scope.STATION, *groups)
-    with pytest.raises(InputError, match="range_bias cannot be used: partials .* IndexError: index 7"):
+    with pytest.raises(InputError, match=r"range_bias cannot be used: partials .* IndexError: index 7"):
         columns.design(ObservationRows(arc))
     with pytest.raises(InputError, match="range_bias cannot be used: acts_on fails with IndexError: index 7"):
         members(replace(RANGE_BIAS, acts_on=fails), Scope.STATION, arc)

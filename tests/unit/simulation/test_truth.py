@@ -148,9 +148,7 @@ def test_truths_that_cannot_be(schedule, lander, model):
         Truth(station_position_m={"KASHI": (0.0, -300.0, 0.0)})
     with pytest.raises(InputError, match=r"ut1_s: expected a sigma .* got -1.0"):
         TruthSigma(ut1_s=-1.0)
-    with pytest.raises(
-        InputError, match="'range_bias': unknown error of a parameter; did you mean 'range_bias_m'"
-    ):
+    with pytest.raises(InputError, match=r"'range_bias': .*; did you mean 'range_bias_m'"):
         Truth(range_bias="all")
     with pytest.raises(InputError, match="'shapira' is not a term"):
         Truth(terms_off=["shapira"])

@@ -335,10 +335,7 @@ def test_every_command_takes_map_positions(file, tmp_path):
             "the tie map_tie.some.map.east has two sigmas",
         ),
         (NUMBERS + "\nknown_deg_m = [-51.9, 43.0, 0.0]", "expected a target on the map some.map, got none"),
-        (
-            NUMBERS + '\n[estimate]\nposition = "cartesian"\n[x]',
-            'expected [estimate] position = "geographic"',
-        ),
+        (NUMBERS + '\n[estimate]\nposition = "cartesian"\n[x]', '[estimate] position = "geographic"'),
     ],
 )
 def test_an_impossible_map_position_is_one_clear_error(file, place, problem, capsys):

@@ -51,18 +51,10 @@ def test_what_is_read(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (
-            "{ KASHI = 7.0 }",
-            "{ KASHI = 7.0, kashi = 8.0 }",
-            r"\[simulation\] station_masks_deg: names a station twice",
-        ),
+        ("{ KASHI = 7.0 }", "{ KASHI = 7.0, kashi = 8.0 }", r"station_masks_deg: names a station twice"),
         ("{ KASHI = -5e-9 }", "{ KASHI = -5e-9, kashi = 1e-9 }", r"KASHI is named twice"),
         ("seed = 1", "seed = -1", r"\[simulation\] seed is -1; give a whole number from zero up"),
-        (
-            'links = "all"',
-            'links = "baselines"',
-            r"ranging\] links: 'baselines' does not go with kind 'range'",
-        ),
+        ('links = "all"', 'links = "baselines"', r"ranging\] links: 'baselines' .* kind 'range'"),
         ('["JIAMUSI", "KASHI"]', '["JIAMUSI", "KASCHI"]', r"ranging\] stations: .*KASCHI"),
         ("white_m = 0.8", "white_m = -0.8", r"\[simulation.noise.range\] noise: white_m is -0.8"),
         ("{ KASHI = 4.2 }", "{ NEUQUEN = 4.2 }", r"range_bias_m: NEUQUEN is in no session"),

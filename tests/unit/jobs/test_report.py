@@ -5,7 +5,6 @@ import json
 
 import pytest
 from quick import some
-from toy_moon import ToyMoon, toy_solution
 
 import radioloc
 import radioloc.report
@@ -66,21 +65,6 @@ def test_solution_file(folder, solution):
     assert made_from["estimate"]["height_prior"] is None
 
 
-def test_residuals_file(folder, solution):
-    rows = rows_of(folder / "residuals.csv")
-    names = "epoch_utc,type,path,observed_m,computed_m,residual_m,sigma_m,elevation_deg,status"
-    assert ",".join(rows[0]) == names
-    assert len(rows) == len(solution.residuals)
-    assert [row["status"] for row in rows] == solution.residuals.status.tolist()
-    for row in rows:
-        difference_m = float(row["observed_m"]) - float(row["computed_m"])
-        assert difference_m == pytest.approx(float(row["residual_m"]), abs=1e-6)
-        assert 10.0 < float(row["elevation_deg"]) < 90.0
-    assert [float(row["observed_m"]) for row in rows] == pytest.approx(
-        solution.residuals.observed_m, abs=1e-6
-    )
-
-
 @pytest.mark.usefixtures("undrawn")
 def test_terms_file(predictor, solution, folder, tmp_path):
     path = tmp_path / "new" / "terms.csv"
@@ -128,18 +112,3 @@ def test_what_cannot_be_written_is_named(name, solution, tmp_path):
     with pytest.raises(InputError, match=str(tmp_path)):
         write_report(solution, tmp_path)
     assert (tmp_path / INCOMPLETE).exists()
-
-
-@pytest.mark.study
-@pytest.mark.parametrize(
-    ("paths", "types", "titles"),
-    [
-        (("A>x>A", "A>x>B"), ("range", "range"), {"A", "B", "C"}),
-        (("A>x>A", "A>x>A"), ("range", "doppler"), {"range A", "Doppler A"}),
-        (("A<x>B", "A<x>C"), ("vlbi_delay", "vlbi_delay"), {"delay A–B", "delay A–C"}),
-    ],
-)
-def test_kinds_and_baselines_have_panels_of_their_own(paths, types, titles):
-    solution = toy_solution(ToyMoon(60, 72.0), path=[*paths] * 30, type=[*types] * 30)
-    panels = {axes.get_title(loc="left") for axes in radioloc.report.plot(solution, "residuals").axes}
-    assert panels - {""} == titles

@@ -69,6 +69,7 @@ def test_many_residuals_are_what_python_writes_one_by_one(tmp_path):
         strict=True,
     )
     written = file.read_text(encoding="utf-8").split("\n")
+    assert written[0] == "epoch_utc,type,path,observed_m,computed_m,residual_m,sigma_m,elevation_deg,status"
     assert written[1:-1] == [",".join(row) for row in expected]
     assert any("is 1" in line and "outlier" in line for line in written)
 

@@ -7,11 +7,11 @@ smoothness of successive ranges.
 import mpmath as mp
 import numpy as np
 import pytest
-from arc_cases import APOLLO15_PA_M, LASER, epochs_tai, observations
+from arc_cases import APOLLO15, APOLLO15_PA_M, LASER, epochs_tai, observations
 from forty_digits import DIGITS, FortyDigits, mpf
 
 from radioloc.earth.stations import StationCatalogue
-from radioloc.measurements import TERMS, ExactPredictor, FixedPoint
+from radioloc.measurements import TERMS, ExactPredictor
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.time import Epochs, utc_to_tt
 
@@ -39,7 +39,7 @@ CASES = [
 def test_path_against_40_digits(model, sender, receiver, tag, jd, fraction):
     fewer = model.without(*(set(TERMS) - {*GEOMETRIC_TERMS, "subdaily_eop"}))
     table = observations(f"{sender}>apollo15>{receiver}", Epochs.from_jd(jd, fraction, "TAI"), tag)
-    ours_m = ExactPredictor(fewer, table, FixedPoint(APOLLO15_PA_M)).compute().value_m[0]
+    ours_m = ExactPredictor(fewer, table, APOLLO15).compute().value_m[0]
     catalogue = StationCatalogue.default()
     with mp.workdps(DIGITS):
         exact_m = FortyDigits(fewer.terms).value_m(
@@ -56,7 +56,7 @@ def test_successive_ranges_are_smooth(model, tag, path, spacing_s):
     count = 101
     tai = epochs_tai(count, spacing_s * (count - 1) / 3600.0, 2460310.5, 0.28)
     table = observations(path, tai, tag, **LASER)
-    computed = ExactPredictor(model, table, FixedPoint(APOLLO15_PA_M)).compute()
+    computed = ExactPredictor(model, table, APOLLO15).compute()
     assert computed.usable.all()
     elapsed_s = tai.seconds_since(tai[np.zeros(count, dtype=int)])
     # Counted from the first, which is exact: a fit to 7.7e8 m itself is rounded by 1 to 20 micrometres, by how the

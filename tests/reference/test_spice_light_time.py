@@ -8,13 +8,13 @@ import erfa
 import numpy as np
 import pytest
 import spiceypy
-from arc_cases import APOLLO15_PA_M, observations
+from arc_cases import APOLLO15, APOLLO15_PA_M, observations
 from moon_frame import spice_moon
 
 from radioloc.constants import C_M_S
 from radioloc.earth.eop import EopTable
 from radioloc.earth.stations import StationCatalogue
-from radioloc.measurements import TERMS, ExactPredictor, FixedPoint, PhysicalModel
+from radioloc.measurements import TERMS, ExactPredictor, PhysicalModel
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.time import Epochs, utc_to_tt
 
@@ -119,7 +119,7 @@ def range_by_spice(sender, receiver, tag, tt, keep_rest):
 )
 def test_bare_geometry(model, sender, receiver, jd, fraction, tag):
     table = observations(f"{sender}>apollo15>{receiver}", Epochs.from_jd(jd, fraction, "TAI"), tag)
-    ours_m = ExactPredictor(model, table, FixedPoint(APOLLO15_PA_M)).compute().value_m[0]
+    ours_m = ExactPredictor(model, table, APOLLO15).compute().value_m[0]
     eop = EopTable.packaged()
     ends = Station(sender, eop), Station(receiver, eop)
     tt = utc_to_tt(table.epoch)

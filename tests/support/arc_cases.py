@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from radioloc.earth.orientation import EarthOrientation
-from radioloc.measurements import Computed, Link, Observations, PhysicalModel
+from radioloc.measurements import Computed, FixedPoint, Link, Observations, PhysicalModel
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.registry import kind_of
 from radioloc.time import Epochs, tai_to_utc
@@ -34,6 +34,7 @@ def _cartesian(radius_m: float, latitude_deg: float, longitude_deg: float) -> np
 
 REFLECTORS_PA_M = {name: _cartesian(*where) for name, where in _DE421_SPHERICAL.items()}
 APOLLO15_PA_M = REFLECTORS_PA_M["apollo15"]
+APOLLO15 = FixedPoint(APOLLO15_PA_M)
 
 
 def observations(

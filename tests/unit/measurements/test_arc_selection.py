@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from arc_cases import APOLLO15_PA_M, LASER, assert_same, epochs_tai, observations
+from arc_cases import APOLLO15, APOLLO15_PA_M, LASER, assert_same, epochs_tai, observations
 
 import radioloc
 from radioloc.measurements import FixedPoint
@@ -23,9 +23,7 @@ def arc():
     doppler = observations("KASHI>x>KASHI", tai, "receive", "doppler", count_s=60.0)
     mixed = radioloc.Observations.concatenate([doppler, ranges, light, delay])
     order = np.random.default_rng(4).permutation(len(mixed))
-    return ExactPredictor(
-        radioloc.measurements.PhysicalModel.build(), mixed.select(order), FixedPoint(APOLLO15_PA_M)
-    )
+    return ExactPredictor(radioloc.measurements.PhysicalModel.build(), mixed.select(order), APOLLO15)
 
 
 @pytest.mark.parametrize("which", ["mask", "indices", "slice"])
@@ -35,28 +33,26 @@ def test_part_is_computed_as_the_whole(arc, which):
         "indices": np.array([20, 3, 11, 4, 27]),
         "slice": slice(5, 19),
     }[which]
-    part, whole = arc.select(rows).compute(FixedPoint(APOLLO15_PA_M)), arc.compute(FixedPoint(APOLLO15_PA_M))
+    part, whole = arc.select(rows).compute(APOLLO15), arc.compute(APOLLO15)
     assert_same(part, whole.rows(rows))
 
 
 def test_part_is_what_a_new_arc_would_be(arc):
     rows = np.flatnonzero(arc.observations.kind != KINDS.index("range"))
     part = arc.select(rows)
-    fresh = ExactPredictor(arc.model, arc.observations.select(rows), FixedPoint(APOLLO15_PA_M))
+    fresh = ExactPredictor(arc.model, arc.observations.select(rows), APOLLO15)
     assert part.stations == fresh.stations == ("KASHI", "SESHAN25", "URUMQI")
     assert (part.transmitters == fresh.transmitters).all()
     assert (part.receivers == fresh.receivers).all()
     assert (part.predicted_eop == fresh.predicted_eop).all()
-    assert_same(
-        part.compute(FixedPoint(APOLLO15_PA_M)), fresh.compute(FixedPoint(APOLLO15_PA_M)), atol=SAME_M
-    )
+    assert_same(part.compute(APOLLO15), fresh.compute(APOLLO15), atol=SAME_M)
 
 
 def test_a_part_taken_elsewhere_leaves_the_whole_alone(arc):
-    before = arc.compute(FixedPoint(APOLLO15_PA_M))
+    before = arc.compute(APOLLO15)
     # So far that the light time changes by more than a motion is taken to be straight.
     away_m = -APOLLO15_PA_M
     part = arc.select(slice(0, 10))
     fresh = ExactPredictor(arc.model, arc.observations.select(slice(0, 10)), FixedPoint(away_m))
     assert_same(part.compute(FixedPoint(away_m)), fresh.compute(FixedPoint(away_m)), atol=SAME_M)
-    assert_same(arc.compute(FixedPoint(APOLLO15_PA_M)), before)
+    assert_same(arc.compute(APOLLO15), before)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from arc_cases import (
+    APOLLO15,
     APOLLO15_PA_M,
     LASER,
     assert_same,
@@ -102,9 +103,9 @@ def test_rise_and_set_and_what_lies_between(model):
             series("JIAMUSI>x>NEUQUEN", "doppler", epochs_tai(2880, 48.0), count_s=600.0),
         ]
     )
-    arc = ChebyshevPredictor(model, table, FixedPoint(APOLLO15_PA_M))
-    exact = ExactPredictor(model, table, FixedPoint(APOLLO15_PA_M)).compute()
-    found = arc.compute(FixedPoint(APOLLO15_PA_M))
+    arc = ChebyshevPredictor(model, table, APOLLO15)
+    exact = ExactPredictor(model, table, APOLLO15).compute()
+    found = arc.compute(APOLLO15)
     assert (found.status == exact.status).all()
     one, other = reasons(arc, found)[1], reasons(arc, exact)[1]
     assert (one == other).all()
@@ -129,11 +130,11 @@ def test_recorded_weather_makes_series_of_its_own(model):
             series("KASHI>x>KASHI", "range", tai, temperature_k=280.0 + 0.001 * rows, pressure_hpa=850.0),
         ]
     )
-    arc = ChebyshevPredictor(model, table, FixedPoint(APOLLO15_PA_M))
+    arc = ChebyshevPredictor(model, table, APOLLO15)
     assert_agree(arc, APOLLO15_PA_M)
     assert arc.accuracy.exact >= len(tai)
     # Where the model leaves refraction out, it does not matter.
-    dry = ChebyshevPredictor(model.without("troposphere"), table, FixedPoint(APOLLO15_PA_M))
+    dry = ChebyshevPredictor(model.without("troposphere"), table, APOLLO15)
     assert dry.accuracy.exact < 100
     assert_agree(dry, APOLLO15_PA_M)
 
@@ -152,7 +153,7 @@ def test_ionosphere(content):
     tai = epochs_tai(7200, 4.0, start_fraction=0.7)
     columns = {"wavelength_um": 130000.0, "uplink_hz": 2.1e9}
     table = series("KASHI>x>KASHI", "range", tai, **columns)
-    arc = ChebyshevPredictor(model, table, FixedPoint(APOLLO15_PA_M))
+    arc = ChebyshevPredictor(model, table, APOLLO15)
     assert_agree(arc, APOLLO15_PA_M, count=800)
     if isinstance(content, Kinked):
         # Near a corner exactly, between them interpolated.
@@ -167,7 +168,7 @@ def test_leap_second_and_midnights(model):
     offset_s = np.arange(-7200.0, 7200.0, 4.0)
     tai = Epochs.from_jd(np.full(len(offset_s), middle.jd[0]), middle.fraction[0] + offset_s / 86400.0, "TAI")
     table = series("NEUQUEN>x>NEUQUEN", "range", tai)
-    arc = ChebyshevPredictor(model.without("troposphere"), table, FixedPoint(APOLLO15_PA_M))
+    arc = ChebyshevPredictor(model.without("troposphere"), table, APOLLO15)
     # The Moon goes down at the end.
     assert arc.accuracy.exact < 100
     assert_agree(arc, APOLLO15_PA_M, count=400)
@@ -193,24 +194,22 @@ def untidy():
 
 def test_untidy_series(model):
     table = untidy()
-    arc = ChebyshevPredictor(model, table, FixedPoint(APOLLO15_PA_M))
+    arc = ChebyshevPredictor(model, table, APOLLO15)
     assert_agree(arc, APOLLO15_PA_M, count=500)
     assert 1 <= arc.accuracy.exact < 20
-    exact = ExactPredictor(model, table, FixedPoint(APOLLO15_PA_M))
+    exact = ExactPredictor(model, table, APOLLO15)
     assert arc.stations == exact.stations
     assert (arc.transmitters == exact.transmitters).all()
     assert (arc.receivers == exact.receivers).all()
     # The order in which they are given does not matter, to the last bit.
     order = np.argsort(utc_to_tai(table.epoch).mjd, kind="stable")
-    sorted_arc = ChebyshevPredictor(model, table.select(order), FixedPoint(APOLLO15_PA_M))
-    assert_same(
-        sorted_arc.compute(FixedPoint(APOLLO15_PA_M)), arc.compute(FixedPoint(APOLLO15_PA_M)).rows(order)
-    )
+    sorted_arc = ChebyshevPredictor(model, table.select(order), APOLLO15)
+    assert_same(sorted_arc.compute(APOLLO15), arc.compute(APOLLO15).rows(order))
 
 
 @pytest.fixture(scope="module")
 def untidy_arc(model):
-    return ChebyshevPredictor(model, untidy(), FixedPoint(APOLLO15_PA_M))
+    return ChebyshevPredictor(model, untidy(), APOLLO15)
 
 
 @pytest.mark.parametrize("which", ["mask", "indices", "slice", "step"])
@@ -222,16 +221,14 @@ def test_rows_and_select(untidy_arc, which):
         "slice": slice(100, 900),
         "step": slice(None, None, -2),
     }[which]
-    whole = untidy_arc.compute(FixedPoint(APOLLO15_PA_M))
-    assert_same(untidy_arc.at(FixedPoint(APOLLO15_PA_M)).rows(rows), whole.rows(rows))
+    whole = untidy_arc.compute(APOLLO15)
+    assert_same(untidy_arc.at(APOLLO15).rows(rows), whole.rows(rows))
     part = untidy_arc.select(rows)
-    assert_same(part.compute(FixedPoint(APOLLO15_PA_M)), whole.rows(rows))
-    assert (part.at(FixedPoint(APOLLO15_PA_M)).value_m == whole.value_m[rows]).all()
+    assert_same(part.compute(APOLLO15), whole.rows(rows))
+    assert (part.at(APOLLO15).value_m == whole.value_m[rows]).all()
     assert part.accuracy.interpolated + part.accuracy.exact == len(whole.value_m[rows])
     assert (part.observations.link == untidy_arc.observations.link[rows]).all()
-    assert_same(
-        part.select([5]).compute(FixedPoint(APOLLO15_PA_M)), part.compute(FixedPoint(APOLLO15_PA_M)).rows([5])
-    )
+    assert_same(part.select([5]).compute(APOLLO15), part.compute(APOLLO15).rows([5]))
 
 
 def test_threads_do_not_change_a_bit(untidy_arc, monkeypatch):
@@ -240,7 +237,7 @@ def test_threads_do_not_change_a_bit(untidy_arc, monkeypatch):
     for threads in (1, 2, 3):
         monkeypatch.setattr(numba.config, "NUMBA_NUM_THREADS", threads)
         monkeypatch.setattr(chebyshev_predictor, "_MIN_ROWS_PER_THREAD", 100)
-        found.append(untidy_arc.compute(FixedPoint(APOLLO15_PA_M)))
+        found.append(untidy_arc.compute(APOLLO15))
     assert_same(found[0], found[1])
     assert_same(found[0], found[2])
 
@@ -248,13 +245,13 @@ def test_threads_do_not_change_a_bit(untidy_arc, monkeypatch):
 def test_far_from_where_it_was_prepared(model):
     """The segments are checked again; what the point's own move changes is in the polynomials."""
     table = mixed(60.0, 4.0)
-    arc = ChebyshevPredictor(model, table, FixedPoint(APOLLO15_PA_M))
-    before = arc.compute(FixedPoint(APOLLO15_PA_M))
+    arc = ChebyshevPredictor(model, table, APOLLO15)
+    before = arc.compute(APOLLO15)
     for away_m in ([3e3, -2e3, 1e3], [-2e5, 1e5, 3e5]):
         assert_agree(arc, APOLLO15_PA_M + np.array(away_m))
     other_side_m = np.array([-1.0, 1.0, 1.0]) * APOLLO15_PA_M
     assert_agree(arc, other_side_m)
-    assert_same(arc.compute(FixedPoint(APOLLO15_PA_M)), before, atol=SAME_M)
+    assert_same(arc.compute(APOLLO15), before, atol=SAME_M)
     with pytest.raises(InputError):
         arc.compute(np.array([np.nan, 0.0, 0.0]))
 
@@ -265,10 +262,10 @@ def test_predicted_earth_orientation(model):
     tai = epochs_tai(1440, 12.0, start_jd=2459184.5, start_fraction=0.75)
     rows = series("KASHI>x>KASHI", "range", tai)
     with pytest.warns(PredictedEopWarning) as told:
-        arc = ChebyshevPredictor(some, rows, FixedPoint(APOLLO15_PA_M))
+        arc = ChebyshevPredictor(some, rows, APOLLO15)
     assert len(told) == 1
     with pytest.warns(PredictedEopWarning):
-        exact = ExactPredictor(some, rows, FixedPoint(APOLLO15_PA_M))
+        exact = ExactPredictor(some, rows, APOLLO15)
     assert (arc.predicted_eop == exact.predicted_eop).all()
     assert 0 < arc.predicted_eop.sum() < len(rows)
 
@@ -276,8 +273,8 @@ def test_predicted_earth_orientation(model):
 def test_terms(model):
     few = mixed(120.0, 3.0)
     fewer = model.without(*(set(model.terms) - {"solid_earth_tide", "troposphere"}))
-    found = ChebyshevPredictor(fewer, few, FixedPoint(APOLLO15_PA_M)).terms()
-    exact = ExactPredictor(fewer, few, FixedPoint(APOLLO15_PA_M)).terms()
+    found = ChebyshevPredictor(fewer, few, APOLLO15).terms()
+    exact = ExactPredictor(fewer, few, APOLLO15).terms()
     assert list(found) == list(exact)
     for name, value_m in exact.items():
         assert np.abs(found[name] - value_m).max() < 2 * ALLOWED_M
@@ -285,14 +282,14 @@ def test_terms(model):
 
 def test_choice_of_evaluation(model):
     dense, sparse = mixed(10.0, 4.0), mixed(600.0, 4.0)
-    assert isinstance(prepare_predictor(model, dense, FixedPoint(APOLLO15_PA_M)), ChebyshevPredictor)
-    assert isinstance(prepare_predictor(model, sparse, FixedPoint(APOLLO15_PA_M)), ExactPredictor)
-    assert isinstance(prepare_predictor(model, sparse, FixedPoint(APOLLO15_PA_M), "exact"), ExactPredictor)
-    forced = prepare_predictor(model, sparse, FixedPoint(APOLLO15_PA_M), "interpolated")
+    assert isinstance(prepare_predictor(model, dense, APOLLO15), ChebyshevPredictor)
+    assert isinstance(prepare_predictor(model, sparse, APOLLO15), ExactPredictor)
+    assert isinstance(prepare_predictor(model, sparse, APOLLO15, "exact"), ExactPredictor)
+    forced = prepare_predictor(model, sparse, APOLLO15, "interpolated")
     assert isinstance(forced, ChebyshevPredictor)
     assert forced.accuracy.interpolated == 0
     with pytest.raises(InputError, match="evaluation 'fast' is not one of auto, exact, interpolated"):
-        prepare_predictor(model, sparse, FixedPoint(APOLLO15_PA_M), "fast")
+        prepare_predictor(model, sparse, APOLLO15, "fast")
 
 
 def test_kernel_with_more_paths_than_bins():

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from arc_cases import (
-    APOLLO15_PA_M,
+    APOLLO15,
     REFLECTORS_PA_M,
     epochs_tai,
     observations,
@@ -38,7 +38,7 @@ CASES = (
     ("doppler", "KASHI>b>KASHI", 60.0, None),
 )  # fmt: skip
 TARGETS = ("a", "b")
-POSITIONS = [FixedPoint(APOLLO15_PA_M), FixedPoint(REFLECTORS_PA_M["luna17"])]
+POSITIONS = [APOLLO15, FixedPoint(REFLECTORS_PA_M["luna17"])]
 TAI = epochs_tai(9, 24.0)
 N = len(TAI)
 

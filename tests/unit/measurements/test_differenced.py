@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from arc_cases import APOLLO15_PA_M, epochs_tai, observations, with_predictions_after_2_december
+from arc_cases import APOLLO15, epochs_tai, observations, with_predictions_after_2_december
 
 from radioloc.constants import C_M_S
 from radioloc.errors import PredictedEopWarning
-from radioloc.measurements import MEASUREMENTS, ExactPredictor, FixedPoint, Observations, PhysicalModel
+from radioloc.measurements import MEASUREMENTS, ExactPredictor, Observations, PhysicalModel
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.time import epochs_from_strings, utc_to_tai
 
@@ -27,9 +27,7 @@ def model():
 
 def arc_of(model, kind, ends, tai=TAI, tag="receive", count_s=np.nan):
     path = f"{ends[0]}{'<' if MEASUREMENTS[kind].on_baseline else '>'}apollo15>{ends[1]}"
-    return ExactPredictor(
-        model, observations(path, tai, tag, kind, count_s=count_s), FixedPoint(APOLLO15_PA_M)
-    )
+    return ExactPredictor(model, observations(path, tai, tag, kind, count_s=count_s), APOLLO15)
 
 
 def compute(model, kind, ends, tai=TAI, **more):
@@ -91,7 +89,7 @@ def test_kinds_are_each_computed_as_if_alone(model):
     alone = [arc_of(model, kind, ends, count_s=count_s) for kind, ends, count_s in cases]
     order = np.arange(len(cases) * len(TAI)).reshape(len(cases), -1).T.ravel()
     table = Observations.concatenate([arc.observations for arc in alone]).select(order)
-    together = ExactPredictor(model, table, FixedPoint(APOLLO15_PA_M)).compute()
+    together = ExactPredictor(model, table, APOLLO15).compute()
     apart = [arc.compute() for arc in alone]
     for name, tolerance in (("value_m", SAME_M), ("by_position_pa", 1e-9), ("by_time_m_s", 1e-6)):
         expected = np.concatenate([getattr(one, name) for one in apart])[order]

@@ -4,11 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
-from arc_cases import APOLLO15_PA_M, epochs_tai, observations
+from arc_cases import APOLLO15, epochs_tai, observations
 
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError, StationError
-from radioloc.measurements import ExactPredictor, FixedPoint, PhysicalModel
+from radioloc.measurements import ExactPredictor, PhysicalModel
 from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
 
 # The chain's noise is half a micrometre.
@@ -28,7 +28,7 @@ def with_delays(model, transponder_s=None, stations=None):
 
 
 def computed(model, path, tag="transmit", tai=TAI, **columns):
-    arc = ExactPredictor(model, observations(path, tai, tag, **columns), FixedPoint(APOLLO15_PA_M))
+    arc = ExactPredictor(model, observations(path, tai, tag, **columns), APOLLO15)
     return arc.compute()
 
 
@@ -108,10 +108,8 @@ def test_air_delays_by_the_time_that_its_own_frame_has(plain, path):
     """
     differenced = "<" in path
     columns = {"kind": "vlbi_delay"} if differenced else {}
-    arc = ExactPredictor(
-        plain, observations(path, epochs_tai(49, 24.0), "receive", **columns), FixedPoint(APOLLO15_PA_M)
-    )
-    vacuum = ExactPredictor(plain.without("troposphere"), arc.observations, FixedPoint(APOLLO15_PA_M))
+    arc = ExactPredictor(plain, observations(path, epochs_tai(49, 24.0), "receive", **columns), APOLLO15)
+    vacuum = ExactPredictor(plain.without("troposphere"), arc.observations, APOLLO15)
     solved, relay, *_ = arc._solve()
     views = arc._lines_of_sight(solved, relay)
     up_m, down_m = np.split(views.delay_m, 2)

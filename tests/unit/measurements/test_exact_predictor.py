@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from arc_cases import APOLLO15_PA_M, LASER, epochs_tai, observations
+from arc_cases import APOLLO15, APOLLO15_PA_M, LASER, epochs_tai, observations
 
 from radioloc.constants import C_M_S
 from radioloc.errors import CoverageError, InputError, StationError
@@ -81,10 +81,10 @@ def apollo_terms(model):
     every = observations(
         "APOLLO>apollo15>APOLLO", Epochs.concatenate([tai, tai.shifted(-6 * 3600.0)]), **LASER
     )
-    elevation_rad = ExactPredictor(model, every, FixedPoint(APOLLO15_PA_M)).compute().elevation_rad
+    elevation_rad = ExactPredictor(model, every, APOLLO15).compute().elevation_rad
     chosen = every.select(elevation_rad.min(axis=1) > np.radians(20.0))
     assert len(chosen) > 150
-    return ExactPredictor(model, chosen, FixedPoint(APOLLO15_PA_M)).terms()
+    return ExactPredictor(model, chosen, APOLLO15).terms()
 
 
 @pytest.mark.parametrize("term", TERMS)
@@ -101,7 +101,7 @@ def test_size_of_each_term(apollo_terms, term):
 def test_combinations_are_refused(model):
     rows = observations("KASHI<x>JIAMUSI", epochs_tai(2, 1.0), "receive", kind="differenced_range")
     with pytest.raises(InputError, match=r"combine others; radioloc\.measurements\.prepare_predictor"):
-        ExactPredictor(model, rows, FixedPoint(APOLLO15_PA_M))
+        ExactPredictor(model, rows, APOLLO15)
 
 
 def test_shapiro_is_the_sum_over_all_bodies(radio):
@@ -109,7 +109,7 @@ def test_shapiro_is_the_sum_over_all_bodies(radio):
     tai = epochs_tai(9, 48.0)
     found = computed(radio, "KASHI>x>KASHI", tai, "bounce")
     term_m = found.value_m - computed(radio.without("shapiro"), "KASHI>x>KASHI", tai, "bounce").value_m
-    arc = ExactPredictor(radio, observations("KASHI>x>KASHI", tai, "bounce"), FixedPoint(APOLLO15_PA_M))
+    arc = ExactPredictor(radio, observations("KASHI>x>KASHI", tai, "bounce"), APOLLO15)
     now = arc._reference
     station_m = radio.earth.evaluate(tdb_to_tt(now)).rot_itrf_to_gcrs @ radio.catalogue["KASHI"].itrf_m
     moon_m, _ = radio.ephemeris.geocentric("moon", now)
@@ -135,14 +135,12 @@ def test_terms_add_up(model):
     """Everything minus nothing is the sum of the terms, but for the products of pairs: 15 m of light time in which
     the Earth moves 1.5 mm, 0.5 m of displacement in gradients of 1e-6."""
     table = observations("APOLLO>apollo15>APOLLO", epochs_tai(5, 3.0, 2454040.5, 0.35), **LASER)
-    arc = ExactPredictor(model, table, FixedPoint(APOLLO15_PA_M))
-    terms = arc.terms(FixedPoint(APOLLO15_PA_M))
+    arc = ExactPredictor(model, table, APOLLO15)
+    terms = arc.terms(APOLLO15)
     # The constant tide is a part of the tide and would count twice.
     total_m = sum(value for name, value in terms.items() if name != "lunar_tide_constant")
-    nothing_m = ExactPredictor(model.without(*TERMS), table, FixedPoint(APOLLO15_PA_M)).compute().value_m
-    np.testing.assert_allclose(
-        arc.compute(FixedPoint(APOLLO15_PA_M)).value_m - nothing_m, total_m, rtol=0, atol=1e-5
-    )
+    nothing_m = ExactPredictor(model.without(*TERMS), table, APOLLO15).compute().value_m
+    np.testing.assert_allclose(arc.compute(APOLLO15).value_m - nothing_m, total_m, rtol=0, atol=1e-5)
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -153,8 +151,8 @@ def test_terms_add_up(model):
 def test_the_same_path_by_each_of_its_tags(radio, path):
     """What leaves at t arrives at t + range / c by the stations' clocks, and there is one path between the two."""
     tai = epochs_tai(9, 24.0)
-    arc = ExactPredictor(radio, observations(path, tai, "transmit"), FixedPoint(APOLLO15_PA_M))
-    sent = arc.compute(FixedPoint(APOLLO15_PA_M))
+    arc = ExactPredictor(radio, observations(path, tai, "transmit"), APOLLO15)
+    sent = arc.compute(APOLLO15)
     received = computed(radio, path, tai.shifted(sent.value_m / C_M_S), "receive")
     assert np.abs(received.value_m - sent.value_m).max() < SAME_M
     # The bounce is told by the geocentre's clock: its TDB less the geocentre's TDB - TT.
@@ -176,7 +174,7 @@ def test_station_by_alias_is_one_station(radio):
         value_m=7e8,
         sigma_m=1,
     )
-    assert ExactPredictor(radio, table, FixedPoint(APOLLO15_PA_M)).stations == ("KASHI",)
+    assert ExactPredictor(radio, table, APOLLO15).stations == ("KASHI",)
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -191,8 +189,8 @@ def test_station_by_alias_is_one_station(radio):
 def test_partials_of_laser_ranges(model, tag):
     """With the troposphere of light; radio's partials are in the properties."""
     tai = epochs_tai(5, 3.0, 2460311.5, 0.1)
-    arc = ExactPredictor(model, observations("GRASSE>x>GRASSE", tai, tag, **LASER), FixedPoint(APOLLO15_PA_M))
-    here = arc.compute(FixedPoint(APOLLO15_PA_M))
+    arc = ExactPredictor(model, observations("GRASSE>x>GRASSE", tai, tag, **LASER), APOLLO15)
+    here = arc.compute(APOLLO15)
     assert (np.degrees(here.elevation_rad) > 20.0).all()
     # Third differences over 100 m are 1e-13 relative, round-off of 7e8 m is 1e-9.
     step_m = 100.0
@@ -274,9 +272,9 @@ def test_unknown_station_names_file_and_line(radio):
         line=[7, 8, 19],
     )
     with pytest.raises(StationError, match=r"pass\.tdm, line 19: station 'KASHGAN' .* KASHI"):
-        ExactPredictor(radio, table, FixedPoint(APOLLO15_PA_M))
+        ExactPredictor(radio, table, APOLLO15)
     # A link that no row uses is not looked up.
-    assert ExactPredictor(radio, table.select([0, 1]), FixedPoint(APOLLO15_PA_M)).stations == ("KASHI",)
+    assert ExactPredictor(radio, table.select([0, 1]), APOLLO15).stations == ("KASHI",)
 
 
 @pytest.mark.parametrize("date", ["2050-06-01", "2051-01-01"])
@@ -285,12 +283,12 @@ def test_epochs_outside_kernels_or_earth_orientation(radio, date):
         epoch=epochs_from_strings(date), links=[Link("KASHI", "x", "KASHI")], value_m=7e8, sigma_m=1.0
     )
     with pytest.raises(CoverageError, match=r"kernel|Earth orientation|\.bsp"):
-        ExactPredictor(radio, table, FixedPoint(APOLLO15_PA_M))
+        ExactPredictor(radio, table, APOLLO15)
 
 
 def test_no_observations_are_no_error(radio):
     none = observations("KASHI>x>KASHI", epochs_tai(2, 1.0)).select(np.zeros(2, dtype=bool))
-    found = ExactPredictor(radio, none, FixedPoint(APOLLO15_PA_M)).compute()
+    found = ExactPredictor(radio, none, APOLLO15).compute()
     assert found.value_m.shape == (0,)
     assert found.by_position_pa.shape == (0, 3)
 

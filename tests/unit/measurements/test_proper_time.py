@@ -5,7 +5,7 @@ The lander's clock is compared with proper time in the geocentric frame in ``tes
 
 import numpy as np
 import pytest
-from arc_cases import APOLLO15_PA_M, epochs_tai, observations
+from arc_cases import APOLLO15, APOLLO15_PA_M, epochs_tai, observations
 from spk_files import ORBITER, START_S, lander, low_lunar_orbit, write_states
 
 from radioloc.constants import C_M_S
@@ -135,23 +135,11 @@ def test_the_clock_is_set_at_the_beginning_of_the_first_day(orbiter):
 
 def test_interpolated_arcs_have_the_same_clock(model):
     table = one_way(epochs_tai(6001, 10.0, start_fraction=0.55))
-    exact, smooth = (
-        prepare_predictor(model, table, FixedPoint(APOLLO15_PA_M), how) for how in ("exact", "interpolated")
-    )
-    apart_m = smooth.at(FixedPoint(APOLLO15_PA_M)).value_m - exact.at(FixedPoint(APOLLO15_PA_M)).value_m
+    exact, smooth = (prepare_predictor(model, table, APOLLO15, how) for how in ("exact", "interpolated"))
+    apart_m = smooth.at(APOLLO15).value_m - exact.at(APOLLO15).value_m
     assert np.abs(apart_m).max() < 9e-5
     # A part of an arc keeps the day that the clock was set on.
     later = exact.select(slice(5000, None))
-    assert (
-        np.abs(
-            later.at(FixedPoint(APOLLO15_PA_M)).value_m - exact.at(FixedPoint(APOLLO15_PA_M)).value_m[5000:]
-        ).max()
-        == 0.0
-    )
-    again = later.with_model(model, FixedPoint(APOLLO15_PA_M))
-    assert (
-        np.abs(
-            again.at(FixedPoint(APOLLO15_PA_M)).value_m - later.at(FixedPoint(APOLLO15_PA_M)).value_m
-        ).max()
-        < SAME_M
-    )
+    assert np.abs(later.at(APOLLO15).value_m - exact.at(APOLLO15).value_m[5000:]).max() == 0.0
+    again = later.with_model(model, APOLLO15)
+    assert np.abs(again.at(APOLLO15).value_m - later.at(APOLLO15).value_m).max() < SAME_M

@@ -16,6 +16,7 @@ from radioloc.time import Epochs, epochs_from_strings, tai_to_utc, utc_to_tai
 from radioloc.time.dates import utc_to_text
 
 LANDER_PA_M = np.array([1554678.949, 98094.118, 765004.906])
+LANDER = FixedPoint(LANDER_PA_M)
 START = epochs_from_strings(["2024-05-02T02:00:00"])
 F0_HZ = 7.2e9
 COUNT_S = 60.0
@@ -76,12 +77,12 @@ def cycles(first_s, last_s):
 def test_doppler_counts_the_cycles_sent_between_the_modelled_transmissions(model, link):
     seconds = np.array([0.0, 60.0, 120.0, 200.0, 300.0])
     plain = observations([link], ramped=False)
-    growth_m = prepare_predictor(model, plain, FixedPoint(LANDER_PA_M)).compute().value_m
-    computed = prepare_predictor(model, observations([link]), FixedPoint(LANDER_PA_M)).compute()
+    growth_m = prepare_predictor(model, plain, LANDER).compute().value_m
+    computed = prepare_predictor(model, observations([link]), LANDER).compute()
     ends = Observations.concatenate(
         [observations([link], RANGE, seconds + half_s, ramped=False) for half_s in (-30.0, 30.0)]
     )
-    light_s = prepare_predictor(model, ends, FixedPoint(LANDER_PA_M)).compute().value_m.reshape(2, -1) / C_M_S
+    light_s = prepare_predictor(model, ends, LANDER).compute().value_m.reshape(2, -1) / C_M_S
     for k, (first_s, last_s) in enumerate(
         zip(*(seconds + np.array([[-30.0], [30.0]]) - light_s), strict=True)
     ):
@@ -93,9 +94,9 @@ def test_doppler_counts_the_cycles_sent_between_the_modelled_transmissions(model
 
 
 def test_a_range_counts_the_cycles_between_transmission_and_reception(model):
-    plain = prepare_predictor(model, observations([TWO_WAY], RANGE, ramped=False), FixedPoint(LANDER_PA_M))
+    plain = prepare_predictor(model, observations([TWO_WAY], RANGE, ramped=False), LANDER)
     length_m = plain.compute().value_m
-    computed = prepare_predictor(model, observations([TWO_WAY], RANGE), FixedPoint(LANDER_PA_M)).compute()
+    computed = prepare_predictor(model, observations([TWO_WAY], RANGE), LANDER).compute()
     for k, received_s in enumerate((0.0, 60.0, 120.0, 200.0, 300.0)):
         sent_s = received_s - length_m[k] / C_M_S
         expected_m = length_m[k] + C_M_S / F0_HZ * cycles(sent_s, received_s)
@@ -105,7 +106,7 @@ def test_a_range_counts_the_cycles_between_transmission_and_reception(model):
 def test_a_frequency_that_is_the_reference_changes_nothing(model):
     constant = ramps((-600.0, 100.0, F0_HZ, 0.0), (100.0, 900.0, F0_HZ, 0.0))
     values = [
-        prepare_predictor(model, obs, FixedPoint(LANDER_PA_M)).compute()
+        prepare_predictor(model, obs, LANDER).compute()
         for obs in (observations([TWO_WAY], ramped=False), observations([TWO_WAY], of=constant))
     ]
     np.testing.assert_allclose(values[1].value_m, values[0].value_m, rtol=0.0, atol=1e-9)
@@ -114,7 +115,7 @@ def test_a_frequency_that_is_the_reference_changes_nothing(model):
 
 @pytest.mark.parametrize("kind", [DOPPLER, RANGE])
 def test_partials_are_those_of_differences(model, kind):
-    predictor = ExactPredictor(model, observations([TWO_WAY], kind), FixedPoint(LANDER_PA_M))
+    predictor = ExactPredictor(model, observations([TWO_WAY], kind), LANDER)
     here = predictor.compute()
     # Partials leave out tides and how lengths on the Moon shrink, up to 5e-7; ramps scale them by up to 7e-6.
     for axis in np.eye(3):
@@ -125,9 +126,7 @@ def test_partials_are_those_of_differences(model, kind):
         )
         np.testing.assert_allclose(here.by_position_pa @ axis, change_m / 100.0, rtol=0.0, atol=6e-7)
     if kind == RANGE:
-        plain = ExactPredictor(
-            model, observations([TWO_WAY], kind, ramped=False), FixedPoint(LANDER_PA_M)
-        ).at()
+        plain = ExactPredictor(model, observations([TWO_WAY], kind, ramped=False), LANDER).at()
         scale = [frequency_hz(t - 2.6) / F0_HZ for t in (0.0, 60.0, 120.0, 200.0, 300.0)]
         expected = plain.by_position_pa * np.array(scale)[:, np.newaxis]
         np.testing.assert_allclose(here.by_position_pa, expected, rtol=1e-9)
@@ -137,7 +136,7 @@ def test_partials_are_those_of_differences(model, kind):
             dataclasses.replace(
                 predictor.observations, epoch=at(np.array([0.0, 60.0, 120.0, 200.0, 300.0]) + dt)
             ),
-            FixedPoint(LANDER_PA_M),
+            LANDER,
         ).at()
         for dt in (-0.05, 0.05)
     ]
@@ -149,10 +148,10 @@ def test_partials_are_those_of_differences(model, kind):
 
 def test_what_was_sent_in_a_gap_or_beyond_the_ramps_is_rejected(model):
     holed = ramps((-600.0, 40.0, F0_HZ, 0.0), (70.0, 280.0, F0_HZ, 0.0))
-    predictor = prepare_predictor(model, observations([TWO_WAY], of=holed), FixedPoint(LANDER_PA_M))
+    predictor = prepare_predictor(model, observations([TWO_WAY], of=holed), LANDER)
     assert predictor.compute().usable.tolist() == [True, False, True, True, False]
     other = dataclasses.replace(holed, stations=("JIAMUSI",))
-    predictor = prepare_predictor(model, observations([TWO_WAY], of=other), FixedPoint(LANDER_PA_M))
+    predictor = prepare_predictor(model, observations([TWO_WAY], of=other), LANDER)
     assert not predictor.compute().usable.any()
 
 
@@ -209,9 +208,7 @@ def test_ramps_and_observations_come_back_from_their_tables(tmp_path, model):
     for name in ("frequency_hz", "rate_hz_s", "station"):
         assert getattr(back.ramps, name).tolist() == getattr(original.ramps, name).tolist()
     np.testing.assert_allclose(back.ramps.duration_s, original.ramps.duration_s, rtol=0.0, atol=1e-9)
-    values = [
-        prepare_predictor(model, obs, FixedPoint(LANDER_PA_M)).compute().value_m for obs in (original, back)
-    ]
+    values = [prepare_predictor(model, obs, LANDER).compute().value_m for obs in (original, back)]
     np.testing.assert_allclose(values[0], values[1], rtol=0.0, atol=1e-6)
 
 

@@ -4,13 +4,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-from arc_cases import APOLLO15_PA_M, epochs_tai, observations
+from arc_cases import APOLLO15, epochs_tai, observations
 
 from radioloc.constants import C_M_S
 from radioloc.earth import StationCatalogue
 from radioloc.earth.geodesy import itrf_from_geodetic
 from radioloc.errors import StationError
-from radioloc.measurements import ExactPredictor, FixedPoint, PhysicalModel
+from radioloc.measurements import ExactPredictor, PhysicalModel
 from radioloc.measurements.proper_time import station_rate
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import ObservationRows
@@ -64,9 +64,9 @@ def test_it_is_a_clock_rate_that_is_known(model, case):
     count_s = COUNT_S if kind.endswith(("doppler", "rate")) else np.nan
     table = observations(path, TAI, tag, kind=kind, count_s=count_s)
     steered = model.without("station_proper_time")
-    arc = ExactPredictor(steered, table, FixedPoint(APOLLO15_PA_M))
+    arc = ExactPredictor(steered, table, APOLLO15)
     at = arc.at()
-    added_m = ExactPredictor(model, table, FixedPoint(APOLLO15_PA_M)).at().value_m - at.value_m
+    added_m = ExactPredictor(model, table, APOLLO15).at().value_m - at.value_m
     rows = ObservationRows(arc, reference=utc_to_tai(Epochs.from_jd(2459185.5, 0.0, "UTC")), at=at)
     by_rate = PARAMETERS["clock_rate"].partials(rows)[..., 0]
     expected_m = (by_rate * (rows.ends == arc.stations.index("KASHI"))).sum(axis=1) * station_rate(

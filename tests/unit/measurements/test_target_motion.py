@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from arc_cases import APOLLO15_PA_M, LASER, REFLECTORS_PA_M, epochs_tai, observations
+from arc_cases import APOLLO15, APOLLO15_PA_M, LASER, REFLECTORS_PA_M, epochs_tai, observations
 from low_orbit import EPOCH
 from tracked_orbit import STATE, craft
 
@@ -23,7 +23,7 @@ from radioloc.time.scales import tdb_to_tt, tt_to_tai
 
 SAME_M = 1e-9  # rows of an arc are computed by themselves
 TAI = tt_to_tai(tdb_to_tt(EPOCH.shifted(np.arange(1200.0, 4800.0, 300.0))))
-LANDER = FixedPoint(APOLLO15_PA_M)
+LANDER = APOLLO15
 STEPS = np.array([30.0, 30.0, 30.0, 0.03, 0.03, 0.03])
 CASES = (
     ("DSS-24>{}>DSS-24", "receive", "range", {}),
@@ -134,7 +134,7 @@ def test_partials_of_one_point_are_those_by_its_position_without_a_copy(model, t
 def test_interpolated_partials_of_two_points_are_in_their_own_columns():
     tai = epochs_tai(600, 10.0)
     parts = [observations(f"GRASSE>{name}>GRASSE", tai, "transmit", **LASER) for name in ("a", "b")]
-    points = [FixedPoint(APOLLO15_PA_M), FixedPoint(REFLECTORS_PA_M["luna17"])]
+    points = [APOLLO15, FixedPoint(REFLECTORS_PA_M["luna17"])]
     arcs = [
         prepare_predictor(PhysicalModel.build(), Observations.concatenate(parts), points, how, ("a", "b"))
         for how in ("interpolated", "exact")

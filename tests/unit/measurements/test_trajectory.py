@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from arc_cases import APOLLO15_PA_M, epochs_tai
+from arc_cases import APOLLO15, APOLLO15_PA_M, epochs_tai
 from recorded import recorded
 from spk_files import (
     ORBITER,
@@ -70,7 +70,7 @@ def orbiter(model, folder):
 def test_a_lander_written_as_a_trajectory_is_where_it_was(model, tmp_path, path, tag, kind):
     table = tracking(path, epochs_tai(20, 30.0), tag, kind)
     surface = model.without("lunar_tide", "lunar_scale", "lunar_lorentz")
-    fixed = ExactPredictor(surface, table, FixedPoint(APOLLO15_PA_M)).compute()
+    fixed = ExactPredictor(surface, table, APOLLO15).compute()
     file = write_states(tmp_path / "lander.bsp", lander(model.libration, APOLLO15_PA_M), step_s=600.0)
     # All terms are on here: those of a lander have no part in a trajectory.
     moving = ExactPredictor(model, table, Trajectory.open(file, ORBITER)).compute()

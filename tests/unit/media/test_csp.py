@@ -4,14 +4,14 @@ import math
 
 import numpy as np
 import pytest
-from arc_cases import APOLLO15_PA_M
+from arc_cases import APOLLO15
 from legs import end, leg
 
 from radioloc import Observations
 from radioloc.constants import C_M_S
 from radioloc.earth import StationCatalogue, geodetic_from_itrf
 from radioloc.errors import CoverageError, FileFormatError, InputError
-from radioloc.measurements import ExactPredictor, FixedPoint, Link, PhysicalModel
+from radioloc.measurements import ExactPredictor, Link, PhysicalModel
 from radioloc.measurements.registry import KINDS
 from radioloc.media.csp import DRY, WET, read_csp
 from radioloc.media.ionosphere import Ionosphere, UniformTec
@@ -243,7 +243,7 @@ def test_round_trips_have_the_calibrations_at_both_events(kind, calibrations):
     )
     cards = calibrations(ION)
     values_m = [
-        ExactPredictor(PhysicalModel.build(media_calibrations=given), observations, FixedPoint(APOLLO15_PA_M))
+        ExactPredictor(PhysicalModel.build(media_calibrations=given), observations, APOLLO15)
         .compute()
         .value_m
         for given in (None, cards)

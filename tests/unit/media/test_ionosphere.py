@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from arc_cases import APOLLO15_PA_M, epochs_tai
+from arc_cases import APOLLO15, epochs_tai
 from legs import leg
 
 from radioloc import Observations
 from radioloc.constants import C_M_S
 from radioloc.earth.geodesy import itrf_from_geodetic
 from radioloc.errors import InputError
-from radioloc.measurements import ExactPredictor, FixedPoint, Link, PhysicalModel
+from radioloc.measurements import ExactPredictor, Link, PhysicalModel
 from radioloc.media.ionosphere import (
     GROUP_DELAY_M3_S2,
     Ionosphere,
@@ -120,7 +120,7 @@ def predicted(kind, tec):
         wavelength_um=C_M_S / X_DOWN_HZ * 1e6,
     )
     model = PhysicalModel.build(ionosphere=None if tec is None else UniformTec(tec))
-    return ExactPredictor(model, observations, FixedPoint(APOLLO15_PA_M)).compute()
+    return ExactPredictor(model, observations, APOLLO15).compute()
 
 
 @pytest.mark.parametrize(("kind", "sign"), [(0, 1.0), (1, -1.0)], ids=["range", "delay"])

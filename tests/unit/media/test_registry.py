@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from arc_cases import APOLLO15_PA_M, LASER, epochs_tai, observations
+from arc_cases import APOLLO15, LASER, epochs_tai, observations
 from legs import leg
 
 from radioloc.errors import InputError
-from radioloc.measurements import TERMS, ChebyshevPredictor, ExactPredictor, FixedPoint, PhysicalModel
+from radioloc.measurements import TERMS, ChebyshevPredictor, ExactPredictor, PhysicalModel
 from radioloc.media import MEDIA, LegDelay, Medium, Status
 from radioloc.media.ionosphere import Ionosphere, UniformTec
 
@@ -53,7 +53,7 @@ class Shield:
 def test_a_medium_of_ones_own_is_a_term_like_others():
     model = PhysicalModel.build(media=[Shield()])
     table = observations("GRASSE>x>GRASSE", epochs_tai(3, 1.0, 2460311.5, 0.1), **LASER)
-    arc = ExactPredictor(model, table, FixedPoint(APOLLO15_PA_M))
+    arc = ExactPredictor(model, table, APOLLO15)
     found = arc.compute()
     terms = arc.terms()
     assert list(terms)[-1] == "shield"
@@ -70,9 +70,7 @@ def test_conditions_that_only_a_foreign_medium_uses_still_tell_series_apart():
     weather = LASER | {"pressure_hpa": np.where(np.arange(600) % 2, 780.0, np.nan)}
     table = observations("GRASSE>x>GRASSE", tai, **weather)
     model = PhysicalModel.build(media=[Shield()], off=["troposphere"])
-    dense, exact = (
-        kind(model, table, FixedPoint(APOLLO15_PA_M)) for kind in (ChebyshevPredictor, ExactPredictor)
-    )
+    dense, exact = (kind(model, table, APOLLO15) for kind in (ChebyshevPredictor, ExactPredictor))
     assert dense.accuracy.interpolated > 0
     difference_m = dense.compute().value_m - exact.compute().value_m
     assert np.abs(difference_m).max() < 0.9e-4

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from arc_cases import APOLLO15_PA_M, epochs_tai, observations
+from arc_cases import APOLLO15, epochs_tai, observations
 
 from radioloc.constants import C_M_S
-from radioloc.measurements import ExactPredictor, FixedPoint, PhysicalModel
+from radioloc.measurements import ExactPredictor, PhysicalModel
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import ObservationRows
 from radioloc.time import Epochs
@@ -23,7 +23,7 @@ def model():
 def column(model, name, kind, tai=TAI, tag="receive"):
     counted = kind == "one_way_doppler"
     table = observations("x>KASHI", tai, tag, kind=kind, count_s=COUNT_S if counted else np.nan)
-    arc = ExactPredictor(model, table, FixedPoint(APOLLO15_PA_M))
+    arc = ExactPredictor(model, table, APOLLO15)
     rows = ObservationRows(arc, reference=REFERENCE, at=arc.at())
     return PARAMETERS[name].partials(rows)[:, 0, 0], rows.computed
 

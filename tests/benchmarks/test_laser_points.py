@@ -19,11 +19,7 @@ MOST_S = {"range": 4.0, "doppler": 3.0}
 
 
 @pytest.mark.parametrize(
-    ("kind", "count", "paths"),
-    [
-        ("range", 30_000, "{0}>x>{0}"),
-        ("doppler", 10_000, "{0}>x>{1}"),
-    ],
+    ("kind", "count", "paths"), [("range", 30_000, "{0}>x>{0}"), ("doppler", 10_000, "{0}>x>{1}")]
 )
 def test_fifty_years(benchmark, model, kind, count, paths, capsys):
     """Random epochs from 1973 to 2024: prepared, and values with all partials."""

@@ -48,9 +48,7 @@ def home(tracking):
 
 @settings(max_examples=settings().max_examples // 3)
 @given(
-    st.sampled_from(sorted(KINDS_OF_FIT)),
-    st.floats(0.0, math.radians(85.0)),
-    st.floats(0.0, 2.0 * math.pi),
+    st.sampled_from(sorted(KINDS_OF_FIT)), st.floats(0.0, math.radians(85.0)), st.floats(0.0, 2.0 * math.pi)
 )
 @pytest.mark.slow
 def test_fits_come_home_from_the_whole_near_side(tracking, home, fit, from_middle_rad, azimuth_rad):

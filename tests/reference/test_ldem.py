@@ -64,10 +64,7 @@ def test_known_heights(model, site):
 
 def test_highest_and_lowest_points(model, heights_m):
     """5.41 N, 201.37 E (LROC, 2010) and 70.43 S, 187.42 E (Kaguya, 2009), seen through cells of 0.25 degrees."""
-    for flat, lon_deg, lat_deg in (
-        (heights_m.argmax(), 201.37, 5.41),
-        (heights_m.argmin(), 187.42, -70.43),
-    ):
+    for flat, lon_deg, lat_deg in ((heights_m.argmax(), 201.37, 5.41), (heights_m.argmin(), 187.42, -70.43)):
         row, column = divmod(int(flat), 1440)
         at_deg = (column + 0.5) / 4.0, 90.0 - (row + 0.5) / 4.0
         assert at_deg == pytest.approx((lon_deg, lat_deg), abs=0.3)

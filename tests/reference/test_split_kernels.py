@@ -102,10 +102,7 @@ def test_orientation_of_several_segments_is_that_of_spice(tmp_path):
 def test_span_is_the_union_and_gaps_are_refused_by_name(tmp_path, monkeypatch):
     path = write_pieces(tmp_path / "pieces.bsp", open_kernel("DE421", "SPK"), 0.0, spiceypy.spkw02)
     ephemeris = Ephemeris.open(path)
-    assert (ephemeris.kernel.start_tdb, ephemeris.kernel.end_tdb) == (
-        "1970-01-01",
-        "1986-06-06",
-    )
+    assert (ephemeris.kernel.start_tdb, ephemeris.kernel.end_tdb) == ("1970-01-01", "1986-06-06")
     within_gap = Epochs.from_tdb_seconds(START_S + DAY_S * np.array([100.0, 4300.0]))
     with pytest.raises(CoverageError, match=r"pieces\.bsp.* with gaps \(1970-01-01 to 1981-03-24") as caught:
         ephemeris.geocentric("moon", within_gap)

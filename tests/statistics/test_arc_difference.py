@@ -44,9 +44,7 @@ BY_PASS = TruthSigma(
     libration_rad=(0.9e-7, 1.5e-7, 0.7e-7),
 )
 LASTING = TruthSigma(
-    clock_s=CLOCKS_S,
-    clock_rate_s_s=dict.fromkeys(VLBI, 5e-15),
-    range_bias_m=dict.fromkeys(RANGING, 10.0),
+    clock_s=CLOCKS_S, clock_rate_s_s=dict.fromkeys(VLBI, 5e-15), range_bias_m=dict.fromkeys(RANGING, 10.0)
 )
 ERRORS = {
     "VLBI clocks, other in each pass": (BY_PASS, "clock", VLBI, 1.0),

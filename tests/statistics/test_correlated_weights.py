@@ -57,10 +57,7 @@ def trials(step_s, noise, weights, station_sigma_m=0.18, count=TRIALS):
     study = Study(
         target=NEAR,
         estimate=EstimateChoice(
-            range_bias="all",
-            range_bias_sigma_m=10.0,
-            height_prior=HeightPrior(-2550.4, 5.0),
-            weights=weights,
+            range_bias="all", range_bias_sigma_m=10.0, height_prior=HeightPrior(-2550.4, 5.0), weights=weights
         ),
         observations=ObservationChoice(vlbi_station_sigma_m=station_sigma_m),
         model=ModelChoice(terms=active_terms(["ionosphere"])),

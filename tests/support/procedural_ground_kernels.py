@@ -96,12 +96,7 @@ def _craters(x: float, y: float, octave: int, seed: np.uint64) -> tuple[float, f
 
 @numba.njit(cache=True, nogil=True)
 def height(
-    x: float,
-    y: float,
-    pixel_m: float,
-    largest_m: float,
-    seed: np.uint64,
-    level_m: float,
+    x: float, y: float, pixel_m: float, largest_m: float, seed: np.uint64, level_m: float
 ) -> tuple[float, float, float]:
     """Height at a place, and its derivatives by east and north.
 
@@ -231,12 +226,7 @@ def look(
 
 @numba.njit(cache=True, nogil=True)
 def heights(
-    east_north_m: Floats,
-    pixel_m: float,
-    largest_m: float,
-    seed: np.uint64,
-    level_m: float,
-    out: Floats,
+    east_north_m: Floats, pixel_m: float, largest_m: float, seed: np.uint64, level_m: float, out: Floats
 ) -> None:
     """Heights of places, their derivatives and how bright the ground itself is, shape (n, 4)."""
     for k in range(len(east_north_m)):

@@ -62,10 +62,7 @@ CASES = {
         message(TWO_WAY | {"PARTICIPANT_1": "DSS-99"}), "line 12", "station 'DSS-99'"
     ),
     "xml: unknown station": tdm(
-        xml((TWO_WAY | {"PARTICIPANT_1": "DSS-99"}, RANGES)),
-        "line 14",
-        "station 'DSS-99'",
-        name="data.xml",
+        xml((TWO_WAY | {"PARTICIPANT_1": "DSS-99"}, RANGES)), "line 14", "station 'DSS-99'", name="data.xml"
     ),
     "tdm: range units of no length": tdm(message(TWO_WAY | {"RANGE_UNITS": "RU"}), "RU", "tdm_range_unit_s"),
     "tdm: half of the path": tdm(

@@ -203,15 +203,7 @@ def test_every_key_of_the_study_file(workspace):
     place = written["target"] | written["reference"]
     shown |= dict.fromkeys(("target", "reference", "references.NAME", "targets.NAME"), place)
     excluded = {"trajectory", "body", "ionex", "vmf3_orography", "solution", "known_deg_m", "orbit"}
-    excluded |= {
-        "dynamics",
-        "epoch",
-        "velocity_m_s",
-        "altitude_m",
-        "axes",
-        *KEPLERIAN,
-        *EQUINOCTIAL,
-    }
+    excluded |= {"dynamics", "epoch", "velocity_m_s", "altitude_m", "axes", *KEPLERIAN, *EQUINOCTIAL}
     for table in [one for one in keys if one.startswith(("forces", "estimate.orbit", "target.landing"))]:
         del keys[table]  # of an orbiter
     keys["stations.NAME"] -= set(GEODETIC)

@@ -12,17 +12,7 @@ import radioloc
 
 EXAMPLE = EXAMPLES / "apollo15" / "apollo15.toml"
 IMPORT_LIMIT_S = 0.7
-HEAVY = (
-    "astropy",
-    "matplotlib",
-    "numba",
-    "pandas",
-    "pyarrow",
-    "rasterio",
-    "rich",
-    "scipy",
-    "spiceypy",
-)
+HEAVY = ("astropy", "matplotlib", "numba", "pandas", "pyarrow", "rasterio", "rich", "scipy", "spiceypy")
 """What is imported by the function that needs it."""
 
 

@@ -40,11 +40,7 @@ class TwoSeries:
         error = self.sigma * rng.normal(size=2 * N)
         error[:N] = rng.normal(size=N) + coloured * gauss_markov(rng.normal(size=N), np.exp(-STEP_S / TAU_S))
         self.parameters = ParameterSet(
-            [
-                Parameter("a", "m", "p"),
-                Parameter("b", "m", "p"),
-                Parameter("bias", "m", "p", 0.0, bias_sigma),
-            ]
+            [Parameter("a", "m", "p"), Parameter("b", "m", "p"), Parameter("bias", "m", "p", 0.0, bias_sigma)]
         )
         lag_s = np.abs(self.time_s[:N, None] - self.time_s[None, :N])
         self.covariance = np.diag(self.sigma**2)

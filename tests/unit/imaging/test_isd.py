@@ -9,12 +9,7 @@ import spiceypy
 from paths import ISDS
 
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
-from radioloc.imaging import (
-    Sphere,
-    ground_to_image,
-    image_to_ground,
-    read_isd,
-)
+from radioloc.imaging import Sphere, ground_to_image, image_to_ground, read_isd
 
 ROUND_TRIP_PX = 1e-6
 """The secant method ends at 1e-8 of a line; positions of 1.7e6 m are rounded by 2e-10 m, 1e-9 of the smallest pixel."""

@@ -10,22 +10,10 @@ from quick import each_with_one
 from rasterio.transform import Affine
 
 from radioloc.errors import InputError
-from radioloc.imaging import (
-    Camera,
-    ConstantOrientation,
-    FrameModel,
-    Sphere,
-    Terrain,
-    image_to_ground,
-)
+from radioloc.imaging import Camera, ConstantOrientation, FrameModel, Sphere, Terrain, image_to_ground
 from radioloc.imaging.ground_points import image_to_ground_and_partials
 from radioloc.imaging.orientation import rotation_of
-from radioloc.lunar import (
-    TerrainModel,
-    cartesian_to_selenographic,
-    east_north_up,
-    selenographic_to_cartesian,
-)
+from radioloc.lunar import TerrainModel, cartesian_to_selenographic, east_north_up, selenographic_to_cartesian
 
 R_M = 1737400.0
 ON_GROUND_M = 1e-4

@@ -17,14 +17,7 @@ from radioloc.measurements import PhysicalModel
 from radioloc.measurements.terms import active_terms
 from radioloc.report import plot
 from radioloc.results.covariance import radius_95_m
-from radioloc.simulation import (
-    Noise,
-    NoiseModel,
-    Scenario,
-    Schedule,
-    TruthSigma,
-    two_way,
-)
+from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, TruthSigma, two_way
 from radioloc.simulation.noise import NoiseDraws
 from radioloc.study import EstimateChoice, HeightPrior, ModelChoice, Study
 

@@ -75,11 +75,7 @@ def study(sources, clocks=True, **keys):
 
 
 def measured(sources, observations, **clocks):
-    truth = replace(
-        study(sources),
-        target=SITE,
-        estimate=EstimateChoice(position="none", **clocks),
-    )
+    truth = replace(study(sources), target=SITE, estimate=EstimateChoice(position="none", **clocks))
     found = radioloc.residuals(truth, observations)
     usable = np.flatnonzero(found.residuals.used)
     value_m = np.array(observations.value_m - found.residuals.residual_m)

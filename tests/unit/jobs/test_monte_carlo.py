@@ -24,15 +24,7 @@ from radioloc.jobs.prepared_trials import Prepared
 from radioloc.jobs.workers import workers_of
 from radioloc.parameters.considered import considered_choices
 from radioloc.results.monte_carlo import MonteCarlo, binomial_bounds
-from radioloc.simulation import (
-    Noise,
-    NoiseModel,
-    Scenario,
-    Schedule,
-    Session,
-    Truth,
-    TruthSigma,
-)
+from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, Session, Truth, TruthSigma
 from radioloc.study import EstimateChoice, HeightPrior, ModelChoice, ObservationChoice
 from radioloc.study.record import versions
 
@@ -232,10 +224,7 @@ def test_unusable_clusters_are_one_error(monkeypatch):
             list(run(_LosingCluster(), 1, [[0], [1]]))
         installed = versions()
         monkeypatch.setattr(client, "run", lambda function: {"tcp://w": installed | {"radioloc": "0.0.1"}})
-        with (
-            workers_of(client) as run,
-            pytest.raises(InputError, match=r"worker tcp://w .* got 0\.0\.1"),
-        ):
+        with workers_of(client) as run, pytest.raises(InputError, match=r"worker tcp://w .* got 0\.0\.1"):
             list(run(_LosingCluster(), 1, [[0]]))
         monkeypatch.setattr(client, "run", lambda function: {})
         with workers_of(client) as run, pytest.raises(InputError, match="no workers"):

@@ -5,11 +5,7 @@ from hypothesis import strategies as st
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
-from radioloc.lunar import (
-    cartesian_to_selenographic,
-    east_north_up,
-    selenographic_to_cartesian,
-)
+from radioloc.lunar import cartesian_to_selenographic, east_north_up, selenographic_to_cartesian
 
 ROUNDOFF_M = 2e-9  # some units in the last place of 1.7e6 m
 LONGITUDE = st.floats(-np.pi, np.pi)

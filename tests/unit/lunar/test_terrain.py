@@ -133,10 +133,7 @@ def test_edge_is_the_last_centre_with_a_full_stencil(tmp_path, interpolation):
         model.height_m(*degrees((0.0, edge_deg + 0.001)))
 
 
-@pytest.mark.parametrize(
-    ("void", "kwargs"),
-    [(np.nan, {}), (-32768.0, {"nodata": -32768.0})],
-)
+@pytest.mark.parametrize(("void", "kwargs"), [(np.nan, {}), (-32768.0, {"nodata": -32768.0})])
 def test_void_names_the_point(tmp_path, void, kwargs):
     values = SLOPING.copy()
     values[5, 12] = void

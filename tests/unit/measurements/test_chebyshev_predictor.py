@@ -120,10 +120,7 @@ def test_recorded_weather_makes_series_of_its_own(model):
     tai = epochs_tai(5 * 720, 5.0, start_fraction=0.75)
     rows = np.arange(len(tai))
     # New weather every half hour, except that one station gives it with every observation.
-    weather = LASER | {
-        "temperature_k": 280.0 + (rows // 360) % 3,
-        "pressure_hpa": 780.0 + (rows // 360) % 2,
-    }
+    weather = LASER | {"temperature_k": 280.0 + (rows // 360) % 3, "pressure_hpa": 780.0 + (rows // 360) % 2}
     table = Observations.concatenate(
         [
             series("GRASSE>x>GRASSE", "range", tai, **weather),

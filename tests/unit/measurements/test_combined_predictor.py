@@ -4,13 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from arc_cases import (
-    APOLLO15,
-    REFLECTORS_PA_M,
-    epochs_tai,
-    observations,
-    with_predictions_after_2_december,
-)
+from arc_cases import APOLLO15, REFLECTORS_PA_M, epochs_tai, observations, with_predictions_after_2_december
 
 from radioloc.errors import InputError, PredictedEopWarning
 from radioloc.measurements import FixedPoint, Observations, prepare_predictor
@@ -125,10 +119,7 @@ def test_parts_of_an_arc(arc, which):
     for name in ("value_m", "by_time_m_s", "elevation_rad", "status"):
         np.testing.assert_array_equal(getattr(found, name), getattr(whole, name)[which])
     assert (part.observations.kind == arc.observations.kind[which]).all()
-    np.testing.assert_array_equal(
-        reasons(part, found)[1],
-        reasons(arc, arc.at().rows(which), which)[1],
-    )
+    np.testing.assert_array_equal(reasons(part, found)[1], reasons(arc, arc.at().rows(which), which)[1])
 
 
 def test_predicted_orientation_of_a_part_marks_a_combination(model):

@@ -6,15 +6,7 @@ import numpy as np
 import pytest
 from arc_cases import APOLLO15, APOLLO15_PA_M, epochs_tai
 from recorded import recorded
-from spk_files import (
-    ORBITER,
-    START_S,
-    circular,
-    lander,
-    low_lunar_orbit,
-    tracking,
-    write_states,
-)
+from spk_files import ORBITER, START_S, circular, lander, low_lunar_orbit, tracking, write_states
 
 from radioloc.constants import C_M_S
 from radioloc.ephemeris import Trajectory

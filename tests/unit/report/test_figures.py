@@ -12,12 +12,7 @@ from toy_moon import LANDER_M, ToyMoon, toy_solution
 from radioloc.errors import FontWarning, InputError
 from radioloc.estimation import Labels
 from radioloc.lunar.local import local_difference
-from radioloc.report import (
-    plot_links,
-    plot_position,
-    plot_residuals,
-    save_figure,
-)
+from radioloc.report import plot_links, plot_position, plot_residuals, save_figure
 from radioloc.report.figures import new_figure
 from radioloc.results.build import compare_with
 

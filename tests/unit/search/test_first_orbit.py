@@ -88,11 +88,7 @@ def test_without_the_plane_a_mirrored_candidate_is_found_as_well(model, forces, 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("altitude_m", "inclination_deg", "node_deg", "phase_deg"),
-    [
-        (65e3, 118.4, 270.1, 100.0),
-        (193e3, 63.3, 194.8, 200.0),
-        (40e3, 86.7, 165.4, 300.0),
-    ],
+    [(65e3, 118.4, 270.1, 100.0), (193e3, 63.3, 194.8, 200.0), (40e3, 86.7, 165.4, 300.0)],
 )
 def test_orbits_of_any_plane_are_found_from_their_altitude(
     model, forces, altitude_m, inclination_deg, node_deg, phase_deg
@@ -184,8 +180,7 @@ def test_what_is_rough_is_given_in_place_of_the_state(tmp_path, keys, message):
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::radioloc.errors.DataQualityWarning")
 @pytest.mark.parametrize(
-    ("plane", "hours"),
-    [(f"inclination_deg = {INCLINATION_DEG}\nnode_deg = {NODE_DEG}", 6.5), ("", 1.5)],
+    ("plane", "hours"), [(f"inclination_deg = {INCLINATION_DEG}\nnode_deg = {NODE_DEG}", 6.5), ("", 1.5)]
 )
 def test_grail_is_found_from_its_altitude(tmp_path, plane, hours):
     result = search(grail_study(tmp_path, f"altitude_m = {ALTITUDE_M}\n{plane}", hours))

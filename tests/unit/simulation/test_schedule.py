@@ -5,16 +5,7 @@ import pytest
 
 from radioloc.errors import InputError, StationError
 from radioloc.measurements.link import Link
-from radioloc.simulation import (
-    Masks,
-    Schedule,
-    Session,
-    all_ranges,
-    baselines,
-    elevations,
-    two_way,
-    windows,
-)
+from radioloc.simulation import Masks, Schedule, Session, all_ranges, baselines, elevations, two_way, windows
 from radioloc.time import epochs_from_strings, utc_strings, utc_to_tt
 
 RANGERS = ("JIAMUSI", "KASHI", "NEUQUEN")

@@ -173,15 +173,16 @@ class _Planned:
                 "the noise is white and as stated: how long errors last is known from residuals only"
             )
         else:
-            target = scenario.position
-            if study.orbiter is not None and isinstance(target, Orbiter):
-                target = study.orbiter.at(target.state)  # the forces are those of the fit
-            assert isinstance(target, LunarPosition | Orbiter)  # the study has seen to that
+            target: LunarPosition | Orbiter | None = scenario.place
+            if study.orbiter is not None and scenario.flight is not None:
+                target = study.orbiter.at(scenario.flight.state)  # the forces are those of the fit
+            assert target is not None  # the study has seen to that
             study = replace(study, target=target, reference=None, references=())
             model = model_of(study)
-            if isinstance(target, Orbiter) and orbit is None:
+            if study.orbiter is not None and orbit is None:
                 assert study.estimate.orbit is not None
-                orbit = scenario.orbit(model, target, study.estimate.orbit.parameters(target.forces))
+                forces = study.estimate.orbit.parameters(study.orbiter.forces)
+                orbit = scenario.orbit(model, study.orbiter, forces)
             points = apriori_points(study, model)
             aimed = points[0].position_pa_m if orbit is None else orbit.nearest()
             plan = scenario.schedule.plan(model, aimed, scenario.name)

@@ -56,7 +56,6 @@ from radioloc.simulation import World
 from radioloc.simulation.noise import NoiseDraws
 from radioloc.simulation.simulate import rot_pa_to_enu
 from radioloc.simulation.truth import GRAVITY_ERROR
-from radioloc.study.orbiter import Orbiter
 from radioloc.study.study import EstimateChoice, Study
 from radioloc.targets.descent import Descent
 from radioloc.targets.design import ObservationModel, orbit_of
@@ -122,21 +121,21 @@ class Prepared:
     def of(cls, study: Study, hours: Sequence[float]) -> Prepared:
         """Prepare a study for arcs of some lengths, the shortest first, h."""
         scenario = scenario_of(study)
-        if not isinstance(scenario.position, LunarPosition | Orbiter):
+        if scenario.trajectory is not None:
             raise InputError(
                 f"{study.name}: a Monte Carlo study compares positions and orbits, but the target is a trajectory"
             )
         require_position_or_orbit(study, "a Monte Carlo study")
         model, orbit, truth = model_of(study), None, None
         constants = model.ephemeris.constants
-        if isinstance(scenario.position, LunarPosition):
-            position_in_pa("[simulation.position]", scenario.position, constants)
+        if scenario.place is not None:
+            position_in_pa("[simulation.position]", scenario.place, constants)
         if study.orbiter is not None:
             assert study.estimate.orbit is not None
             forces = study.estimate.orbit.parameters(study.orbiter.forces)
             orbit = scenario.orbit(model, study.orbiter, forces)
-            assert isinstance(scenario.position, Orbiter)
-            truth = scenario.orbit(model, scenario.position)
+            assert scenario.flight is not None
+            truth = scenario.orbit(model, scenario.flight)
         world = scenario.world(model)
         observations = replace(study.observations, hours=hours[-1])
         whole = replace(study, reference=None, references=(), observations=observations)
@@ -260,9 +259,9 @@ class Prepared:
             return problem, x
         wanted = self.world.target_pa_m
         if self.study.orbiter is not None:
-            assert isinstance(self.world.scenario.position, Orbiter)
+            assert self.world.scenario.flight is not None
             wanted = np.zeros(problem.first)
-            wanted[:6] = self.world.scenario.position.state - self.study.orbiter.state
+            wanted[:6] = self.world.scenario.flight.state - self.study.orbiter.state
         return problem, _parameters_at(problem, wanted)
 
     def _true_place(self, part: ArcPart) -> tuple[_Floats, _Floats]:

@@ -171,7 +171,7 @@ def as_motions(given: GivenMotions, model: PhysicalModel, targets: Sequence[str]
 
 def as_motion(given: GivenMotion, model: PhysicalModel) -> TargetMotion:
     """Return a motion; an InputError of an array, which does not state what its numbers are."""
-    if isinstance(given, FixedPoint | OrbitMotion | TrajectoryMotion):
+    if isinstance(given, TargetMotion):
         return given
     if isinstance(given, LunarPosition):
         return FixedPoint(given.to_axes("PA", model.ephemeris.constants).xyz_m)
@@ -179,8 +179,6 @@ def as_motion(given: GivenMotion, model: PhysicalModel) -> TargetMotion:
         return OrbitMotion(given)
     if isinstance(given, AnyTrajectory):
         return TrajectoryMotion(given)
-    if isinstance(given, TargetMotion):
-        return given
     raise InputError(
         f"motions: expected a LunarPosition, a FixedPoint (position in principal axes, m) or a trajectory, or one for "
         f"each target, got {type(given).__name__}; write FixedPoint(position_pa_m)"

@@ -142,6 +142,10 @@ class World:
 class StateAndForces(Protocol):
     """Orbit to be integrated over the sessions, such as :class:`~radioloc.study.orbiter.Orbiter`."""
 
+    @property
+    def state(self) -> Floats:
+        """Position, m, and velocity, m/s, relative to the Moon's centre, ICRF axes, shape (6,)."""
+
     def orbit_over(
         self, model: PhysicalModel, utc: Epochs, count_s: float, parameters: tuple[str, ...] = ()
     ) -> AdjustableOrbit:
@@ -172,12 +176,28 @@ class Scenario:
     def __post_init__(self) -> None:
         require_seed(self.seed)
 
+    @property
+    def place(self) -> LunarPosition | None:
+        """True position of a point on the Moon."""
+        return self.position if isinstance(self.position, LunarPosition) else None
+
+    @property
+    def trajectory(self) -> AnyTrajectory | None:
+        """True trajectory of a spacecraft that is known."""
+        return self.position if isinstance(self.position, AnyTrajectory) else None
+
+    @property
+    def flight(self) -> StateAndForces | None:
+        """True state and forces of an orbiter."""
+        known = self.place is not None or self.trajectory is not None
+        return None if known else self.position  # type: ignore[return-value]
+
     def world(self, model: PhysicalModel) -> World:
         """Compute the world without noise, for a nominal model; errors are those of :func:`simulate`."""
         trajectory, errant = self._trajectory(model)
         target_pa_m, enu_pa = np.zeros(3), np.eye(3)
-        if isinstance(self.position, LunarPosition):
-            target_pa_m = self.position.to_axes("PA", model.ephemeris.constants).xyz_m
+        if self.place is not None:
+            target_pa_m = self.place.to_axes("PA", model.ephemeris.constants).xyz_m
             enu_pa = rot_pa_to_enu(target_pa_m, model)
         plan = self.schedule.plan(model, target_pa_m if trajectory is None else trajectory, self.name)
         predictor = prepare_predictor(
@@ -200,11 +220,11 @@ class Scenario:
 
     def _trajectory(self, model: PhysicalModel) -> tuple[AnyTrajectory | None, AdjustableOrbit | None]:
         """Return the true trajectory of a spacecraft, and its orbit with the drawn errors of gravity."""
-        if isinstance(self.position, LunarPosition | AnyTrajectory):
-            return None if isinstance(self.position, LunarPosition) else self.position, None
-        orbit = self.orbit(model, self.position)
+        if self.flight is None:
+            return self.trajectory, None
+        orbit = self.orbit(model, self.flight)
         random = generator(self.seed, GRAVITY_ERROR)
-        return orbit.nearest(), self.position.disturbed(orbit, self.truth_sigma.gravity_errors, random)
+        return orbit.nearest(), self.flight.disturbed(orbit, self.truth_sigma.gravity_errors, random)
 
     def orbit(
         self, model: PhysicalModel, target: StateAndForces, parameters: tuple[str, ...] = ()

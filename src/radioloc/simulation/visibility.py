@@ -152,6 +152,11 @@ def elevations(
     return Elevations(names, at_station, at_target)
 
 
+def _flies(target: Target | AtInfinity) -> bool:
+    """Return whether a target is a spacecraft on a trajectory."""
+    return isinstance(target, AnyTrajectory)
+
+
 def _target(model: PhysicalModel, target_pa_m: Target, tdb: Epochs) -> tuple[Floats, Floats, Floats | float]:
     """Return the target one light time earlier from geocentre and Moon, GCRS, m, (n, 3), and its horizon's dip, rad."""
     ephemeris = model.ephemeris
@@ -185,7 +190,7 @@ def seen(
     n = len(tt)
     length_s = float(tt[-1].seconds_since(tt[0])[0]) if n else 0.0
     stride = 1
-    if length_s > 0.0 and not isinstance(target_pa_m, AnyTrajectory):
+    if length_s > 0.0 and not _flies(target_pa_m):
         stride = max(1, int(_COARSE_STEP_S * (n - 1) / length_s))
 
     def margin_rad(rows: NDArray[np.intp]) -> Floats:
@@ -266,7 +271,7 @@ def windows(
         tt = tai_to_tt(limits[:1].shifted(offset_s))
         return elevations(model, target_pa_m, stations, tt).margin_rad(masks).min(axis=-1)
 
-    step_s = _ORBIT_SEARCH_STEP_S if isinstance(target_pa_m, AnyTrajectory) else _SEARCH_STEP_S
+    step_s = _ORBIT_SEARCH_STEP_S if _flies(target_pa_m) else _SEARCH_STEP_S
     grid_s = np.linspace(0.0, length_s, max(2, int(np.ceil(length_s / step_s)) + 1))
     seen = margin_rad(grid_s) >= 0.0
     changes = np.flatnonzero(seen[1:] != seen[:-1])

@@ -276,7 +276,8 @@ def _simulation(
     forces: Mapping[str, Any],
     catalogue: StationCatalogue,
 ) -> Scenario:
-    orbits, lands = isinstance(target, Orbiter), isinstance(target, Orbiter) and target.landing is not None
+    orbiter = target if isinstance(target, Orbiter) else None
+    orbits, lands = orbiter is not None, orbiter is not None and orbiter.landing is not None
     for key in ("state",) if lands else ("position",) if orbits else ("state", "forces"):
         if key in table:
             kind, instead = (
@@ -286,8 +287,8 @@ def _simulation(
                 kind, instead = "a target that does not land", "position"
             table.fail(key, f"belongs to {kind} on the Moon; use [simulation.{instead}]")
     true, state, acting = (table.table(key) for key in ("position", "state", "forces"))
-    if isinstance(target, Orbiter):
-        truth = true_orbiter(target, state, acting, forces)
+    if orbiter is not None:
+        truth = true_orbiter(orbiter, state, acting, forces)
         if true is not None and truth.landing is not None:
             place = position_of(true, true.read(Place))
             truth = replace(truth, landing=replace(truth.landing, place=place))

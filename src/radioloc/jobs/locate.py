@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.dynamics import AdjustableOrbit
 from radioloc.errors import InputError
+from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.editing import (
     EditedFit,
     PhaseCounts,
@@ -17,33 +20,28 @@ from radioloc.estimation.editing import (
     phase_faults,
     with_reasons,
 )
-from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
+from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.jobs.notes import notes_of, provenance
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.orbit_start import near_orbit
 from radioloc.jobs.preparation import known_positions, prepared_arc
 from radioloc.jobs.problem import (
-    ConsideredParameters,
+    EstimationProblem,
     disturbed,
     fitted_orbit,
-    problem_of,
     status_of,
     weighed,
-    with_independent_clocks,
 )
 from radioloc.jobs.station_doubts import coordinate_doubts
-from radioloc.jobs.station_noise import stated_noise
 from radioloc.jobs.stochastic import StochasticProblem
 from radioloc.jobs.verdict import cut_off_ends, misfits, nowhere, places, search_that_helps
 from radioloc.labels import USED, Labels
 from radioloc.lunar import rot_pa_to_me
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor, blocks
-from radioloc.measurements.registry import KINDS
 from radioloc.measurements.target_motion import Motions, positions_pa_m
-from radioloc.noise import ObservationCovariance
-from radioloc.results.build import build_solution, compare_with
+from radioloc.results.build import Doubt, build_solution, compare_with
 from radioloc.results.solution import Solution, TargetPosition
 from radioloc.study.study import EstimateChoice, Study
 from radioloc.study.study_file import as_study
@@ -112,69 +110,104 @@ def fit_arc(
 
     Groups of observations are tested for `consistency` on request only.
     """
-    model, observations = arc.model, arc.observations
-    constants = model.ephemeris.constants
-    if estimate is not None:
-        estimate = with_independent_clocks(study, estimate, arc)
-    considered = ConsideredParameters.of(study, arc, estimate)
-    problem = problem_of(study, arc, estimate, considered.in_weights)
-    reported = ~problem.parameters.considered
-    noise = stated_noise(arc, study.observations)
-    paths = Labels.coded([link.path for link in observations.links], observations.link)
-    types = Labels.coded(KINDS, observations.kind)
-    order = SeriesOrder.of(types, paths, seconds_since_midnight(observations.epoch))
-    start = tuple(target.start for target in problem.targets)
-    status, reason = status_of(arc, start)
-    fitted, stochastic = _fit(problem, noise, order, estimate, status, reason)
-    if stochastic is not None:
-        problem = stochastic.here
-        arc = problem.predictor
+    problem = EstimationProblem.of(study, arc, estimate)
+    fitted = _fitted(problem)
+    doubts = _doubts(fitted)
+    solution = _solution(fitted, left_out, doubts, consistency)
+    return _judged(fitted, solution, doubts)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fitted:
+    """A problem with its fit by final weights."""
+
+    problem: EstimationProblem
+    model: ObservationModel  # with the stochastic accelerations of its orbit, if there are any
+    edited: EditedFit
+    stochastic: StochasticProblem | None
+    errors: AdjustableOrbit | None  # the orbit with the considered errors of its gravity field
+    suboptimal: ConsideredErrors | None  # considered errors that are not in the weights
+    elevation_deg: NDArray[np.float64]
+
+    @property
+    def x(self) -> NDArray[np.float64]:
+        """Estimate of all parameters."""
+        return self.edited.fit.x
+
+    @property
+    def motions(self) -> Motions:
+        """Motions of the targets at the estimate."""
+        return self.model.motions(self.x)
+
+
+def _fitted(problem: EstimationProblem) -> _Fitted:
+    """Fit, weigh dense series by their time correlation, and find what considered errors outside the weights do."""
+    status, reason = status_of(problem.arc, problem.start)
+    edited, stochastic = _fit(problem, status, reason)
+    model = problem.model if stochastic is None else stochastic.here
     logger.info(
         "fitted %d parameters to %d of %d observations",
-        problem.parameters.free.sum(),
-        fitted.fit.used.sum(),
-        len(observations),
+        model.parameters.free.sum(),
+        edited.fit.used.sum(),
+        len(problem.arc.observations),
     )
     # What errors of gravity do to an orbit takes seconds, and serves the parameters' sigmas and those over the arc.
-    errant = disturbed(problem, fitted.fit.x)
-    fitted = weighed(problem.linearize, fitted, order, estimate)
-    suboptimal = considered.suboptimal_errors(problem, fitted.fit.x, errant)
-    x, used = fitted.fit.x, fitted.fit.used
-    elevation_deg = _elevation_deg(arc, problem.motions(x))
-    doubts = [] if estimate is None else [*misfits(fitted, noise.sigma_m, types)]
-    if estimate is not None and problem.of_orbit:
-        doubts += cut_off_ends(fitted, observations)
-    fits = not doubts
-    # Where the residuals do not fit at all, place and sigmas say nothing of their own.
-    if fits and estimate is not None and study.points and estimate.position != "none":
-        doubts = [*places(arc, problem.motions(x), used, elevation_deg)]
+    errors = disturbed(model, edited.fit.x)
+    edited = weighed(model.linearize, edited, problem.order, problem.estimate)
+    x = edited.fit.x
+    suboptimal = problem.considered.suboptimal_errors(model, x, errors)
+    elevation_deg = _elevation_deg(model.predictor, model.motions(x))
+    return _Fitted(problem, model, edited, stochastic, errors, suboptimal, elevation_deg)
+
+
+def _doubts(fitted: _Fitted) -> list[Doubt]:
+    """Reasons why the estimate cannot be used although the fit converged."""
+    problem, edited = fitted.problem, fitted.edited
+    if problem.estimate is None:
+        return []
+    doubts = [*misfits(edited, problem.noise.sigma_m, problem.order.types)]
+    if problem.model.of_orbit:
+        doubts += cut_off_ends(edited, problem.arc.observations)
+    # Where the residuals do not fit at all, place and sigmas are no reasons of their own.
+    if not doubts and problem.study.points and problem.estimate.position != "none":
+        doubts += places(fitted.model.predictor, fitted.motions, edited.fit.used, fitted.elevation_deg)
+    return doubts
+
+
+def _solution(
+    fitted: _Fitted, left_out: dict[str, int], doubts: Sequence[Doubt], consistency: bool
+) -> Solution:
+    """Build the solution, with the state of an orbit and the differences to known positions."""
+    problem, model, x = fitted.problem, fitted.model, fitted.x
+    study, estimate, arc = problem.study, problem.estimate, model.predictor
+    observations, constants = arc.observations, arc.model.ephemeris.constants
+    reported = ~model.parameters.considered
     has_place = bool(study.points) or study.lands
-    lander_pa_m = problem.position_pa_m(x)
     several = tuple(
-        TargetPosition(name, problem.position_pa_m(x, k), problem.position_partials(x, k)[:, reported])
+        TargetPosition(name, model.position_pa_m(x, k), model.position_partials(x, k)[:, reported])
         for k, name in enumerate(study.points if len(study.points) > 1 else ())
     )
     solution = build_solution(
-        fitted,
-        position_pa_m=lander_pa_m,
-        position_partials=problem.position_partials(x)[:, reported],
+        fitted.edited,
+        position_pa_m=model.position_pa_m(x),
+        position_partials=model.position_partials(x)[:, reported],
         rot_pa_to_me=rot_pa_to_me(constants),
-        pa_frame=model.libration.frame,
+        pa_frame=arc.model.libration.frame,
         me_frame=constants.me_frame,
         epoch_utc=observations.epoch,
         station=Labels.coded(arc.stations, arc.receivers),
         observed_m=observations.value_m,
-        path=paths,
-        type=types,
-        elevation_deg=elevation_deg,
+        path=Labels.coded([link.path for link in observations.links], observations.link),
+        type=problem.order.types,
+        elevation_deg=fitted.elevation_deg,
         count_s=observations.count_s,
         doubts=doubts,
-        order=order,
+        order=problem.order,
         consistency=consistency,
         ephemeris_sigma_enu_m=np.zeros(3) if estimate is None else np.array(estimate.ephemeris_sigma_m),
         name=study.name,
-        provenance=provenance(study, arc, left_out, estimate, problem.motions(x)),
-        considered=suboptimal,
+        provenance=provenance(study, arc, left_out, estimate, fitted.motions),
+        considered=fitted.suboptimal,
         trajectory=None if has_place else str(arc.trajectories[0]),
         targets=several,
     )
@@ -182,25 +215,35 @@ def fit_arc(
     solution = replace(
         solution,
         notes=(
-            *coordinate_doubts(arc, start, used, fits),
-            *notes_of(study, arc, left_out, estimate, fitted, lander_pa_m, of_errors),
-            *considered.notes,
+            *coordinate_doubts(arc, problem.start, fitted.edited.fit.used, _fits(doubts)),
+            *notes_of(study, arc, left_out, estimate, fitted.edited, solution.position_pa_m, of_errors),
+            *problem.considered.notes,
         ),
     )
-    state = fitted_orbit(problem, x, solution.parameter_covariance(), solution.consider, errant)
+    state = fitted_orbit(model, x, solution.parameter_covariance(), solution.consider, fitted.errors)
     if state is not None:
-        if stochastic is not None:
-            state = stochastic.smoothed(state, fitted, order, suboptimal)
+        if fitted.stochastic is not None:
+            state = fitted.stochastic.smoothed(state, fitted.edited, problem.order, fitted.suboptimal)
         solution = replace(solution, trajectory=None if has_place else str(state.orbit), state=state)
     known = [compare_with(solution, xyz_m, name) for name, xyz_m in known_positions(study, constants)]
     first = None if study.reference is None else known.pop(0)
-    solution = replace(solution, reference=first, references=tuple(known))
-    if fits:
+    return replace(solution, reference=first, references=tuple(known))
+
+
+def _fits(doubts: Sequence[Doubt]) -> bool:
+    """Return whether the residuals fit: the doubts, if there are any, are of the place only."""
+    return all(doubt.status is not FitStatus.MISFIT for doubt in doubts)
+
+
+def _judged(fitted: _Fitted, solution: Solution, doubts: Sequence[Doubt]) -> Solution:
+    """Mark a position that the observations do not determine, and name the search that helps."""
+    if _fits(doubts):
         solution = nowhere(solution)
-    if estimate is None:
+    problem = fitted.problem
+    if problem.estimate is None:
         return solution
-    moved_m = positions_pa_m(problem.motions(x)) - positions_pa_m(start)
-    advice = search_that_helps(study, solution, float(np.linalg.norm(moved_m, axis=-1).max()))
+    moved_m = positions_pa_m(fitted.motions) - positions_pa_m(problem.start)
+    advice = search_that_helps(problem.study, solution, float(np.linalg.norm(moved_m, axis=-1).max()))
     return replace(solution, notes=(*solution.notes, *advice))
 
 
@@ -225,14 +268,10 @@ def _reasons(status: Labels, reason: NDArray[np.int8], observations: Observation
 
 
 def _fit(
-    problem: ObservationModel,
-    noise: ObservationCovariance,
-    order: SeriesOrder,
-    estimate: EstimateChoice | None,
-    status: Labels,
-    reason: NDArray[np.int8],
+    given: EstimationProblem, status: Labels, reason: NDArray[np.int8]
 ) -> tuple[EditedFit, StochasticProblem | None]:
     """The fit, and its problem if the orbit has stochastic accelerations."""
+    problem, noise, order, estimate = given.model, given.noise, given.order, given.estimate
     if estimate is None:
         plain = fit_with_editing(problem.linearize, problem.parameters, noise, status=status, threshold=None)
         return plain, None

@@ -23,16 +23,18 @@ from radioloc.errors import InputError, named
 from radioloc.estimation.consider import Consider, ConsideredErrors
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.linearization import ResidualFunction
-from radioloc.estimation.series import SeriesOrder
+from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
 from radioloc.estimation.time_correlation import fit_with_correlated_weights
+from radioloc.jobs.station_noise import stated_noise
 from radioloc.jobs.study_targets import targets_of
 from radioloc.jobs.verdict import LOWEST_EARTH_DEG
 from radioloc.labels import USED, Labels
 from radioloc.lunar.visibility import earth_elevation_rad
 from radioloc.measurements.predictor import Predictor, blocks, reasons
-from radioloc.measurements.registry import kind_of
+from radioloc.measurements.registry import KINDS, kind_of
 from radioloc.measurements.target_motion import Motions
 from radioloc.media.status import Status
+from radioloc.noise import ObservationCovariance
 from radioloc.parameters.choice import ParameterChoice, chosen_parameters
 from radioloc.parameters.columns import Columns
 from radioloc.parameters.considered import resolved
@@ -135,6 +137,43 @@ class ConsideredParameters:
             ParameterSet([*errors.parameters, *gravity.parameters]),
             lambda rows: np.hstack([errors.partials(rows), gravity.partials(rows)]),
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EstimationProblem:
+    """What is estimated from an arc: observations with predictor, targets, parameters and covariance of the noise."""
+
+    study: Study
+    arc: Predictor
+    estimate: EstimateChoice | None  # nothing is estimated where None
+    considered: ConsideredParameters
+    model: ObservationModel
+    noise: ObservationCovariance  # as stated
+    order: SeriesOrder
+
+    @classmethod
+    def of(cls, study: Study, arc: Predictor, estimate: EstimateChoice | None) -> EstimationProblem:
+        """Assemble the problem of a study's arc; nothing is estimated here."""
+        if estimate is not None:
+            estimate = with_independent_clocks(study, estimate, arc)
+        observations = arc.observations
+        considered = ConsideredParameters.of(study, arc, estimate)
+        paths = Labels.coded([link.path for link in observations.links], observations.link)
+        types = Labels.coded(KINDS, observations.kind)
+        return cls(
+            study,
+            arc,
+            estimate,
+            considered,
+            problem_of(study, arc, estimate, considered.in_weights),
+            stated_noise(arc, study.observations),
+            SeriesOrder.of(types, paths, seconds_since_midnight(observations.epoch)),
+        )
+
+    @property
+    def start(self) -> Motions:
+        """A-priori motions of the targets."""
+        return tuple(target.start for target in self.model.targets)
 
 
 def errors_of(

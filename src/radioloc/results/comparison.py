@@ -15,10 +15,9 @@ from radioloc.results.cards import Card, Field, metres, plural
 from radioloc.results.result import Content, Result
 from radioloc.results.tables import (
     PositionRow,
-    csv_table,
     east_longitude_deg,
     position_fields,
-    position_table,
+    position_files,
 )
 
 MIN_CHANCE = 1e-3
@@ -95,26 +94,9 @@ class Comparison(Result):
             "joint": joint,
         }
 
-    def to_csv(self) -> str:
-        """The table of positions as comma-separated text."""
-        return csv_table(self.rows)
-
-    def to_markdown(self) -> str:
-        """The table of positions in Markdown."""
-        return position_table(self.rows).to_markdown()
-
-    def to_latex(self) -> str:
-        """The table of positions as a ``tabular`` of LaTeX."""
-        return position_table(self.rows).to_latex()
-
     def files(self) -> Mapping[str, Content]:
         """Return the table of positions in three formats, and all numbers."""
-        return {
-            "table1.csv": self.to_csv(),
-            "table1.md": self.to_markdown(),
-            "table1.tex": self.to_latex(),
-            "comparison.json": self.to_dict(),
-        }
+        return {**position_files(self.rows), "comparison.json": self.to_dict()}
 
     def card(self) -> Card:
         """Card of the comparison."""

@@ -10,8 +10,7 @@ from radioloc.results.monte_carlo import MonteCarlo
 from radioloc.results.result import Result, ResultType
 from radioloc.results.solution import ORBIT_FILES, Solution
 from radioloc.results.subsets import ArcStudy, LeaveOneOut
-
-_TABLE1 = ("table1.csv", "table1.md", "table1.tex")
+from radioloc.results.tables import POSITION_FILES
 
 RESULTS = registry(
     "radioloc.results",
@@ -27,9 +26,9 @@ RESULTS = registry(
             "arcs",
             ArcStudy,
             ("figure2", "arcs", "map"),
-            ("arcs.json", *_TABLE1, "[0-9]*h/solution.json", "[0-9]*h/residuals.csv"),
+            ("arcs.json", *POSITION_FILES, "[0-9]*h/solution.json", "[0-9]*h/residuals.csv"),
         ),
-        ResultType("comparison", Comparison, ("comparison",), ("comparison.json", *_TABLE1)),
+        ResultType("comparison", Comparison, ("comparison",), ("comparison.json", *POSITION_FILES)),
         ResultType(
             "monte_carlo", MonteCarlo, ("trials", "error_by_length"), ("montecarlo.json", "trials.csv")
         ),

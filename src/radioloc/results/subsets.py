@@ -41,12 +41,10 @@ from radioloc.results.solution import Solution
 from radioloc.results.solution_card import which_sigmas
 from radioloc.results.tables import (
     PositionRow,
-    TextTable,
-    csv_table,
     difference,
     place_fields,
     position_fields,
-    position_table,
+    position_files,
     residual_table,
 )
 from radioloc.tables import TableForm, as_table
@@ -203,9 +201,10 @@ class ArcStudy(Result):
             {key: [np.nan if row[key] is None else row[key] for row in rows] for key in rows[0]}, form
         )
 
-    def to_csv(self) -> str:
-        """The rows as comma-separated text, with the arcs' other parameters and their sigmas as further columns."""
-        more = [
+    def files(self) -> Mapping[str, Content]:
+        """Return the table of positions, all numbers, and a folder for each arc, such as ``12h``."""
+        names = {arc.name: f"{arc.name} data" for arc in self.arcs}
+        parameters = [
             {
                 key: number
                 for name in self.other_parameters
@@ -214,28 +213,14 @@ class ArcStudy(Result):
             }
             for arc in self.arcs
         ]
-        return csv_table(self.rows, more)
-
-    def to_markdown(self) -> str:
-        """The table of positions in Markdown."""
-        return self._position_table().to_markdown()
-
-    def to_latex(self) -> str:
-        """The table of positions as a ``tabular`` of LaTeX."""
-        return self._position_table().to_latex()
-
-    def files(self) -> Mapping[str, Content]:
-        """Return the table of positions, all numbers, and a folder for each arc, such as ``12h``."""
-        found: dict[str, Content] = {
-            "table1.csv": self.to_csv(),
-            "table1.md": self.to_markdown(),
-            "table1.tex": self.to_latex(),
+        files: dict[str, Content] = {
+            **position_files(self.rows, names, parameters),
             "arcs.json": self.to_dict(),
         }
         for arc in self.arcs:
-            found[f"{arc.hours:g}h/solution.json"] = arc.solution.to_dict()
-            found[f"{arc.hours:g}h/residuals.csv"] = residual_table(arc.solution.residuals)
-        return found
+            files[f"{arc.hours:g}h/solution.json"] = arc.solution.to_dict()
+            files[f"{arc.hours:g}h/residuals.csv"] = residual_table(arc.solution.residuals)
+        return files
 
     def positions(self) -> Mapping[str, Result]:
         """Return the position of each arc, of several targets those of each."""
@@ -251,9 +236,6 @@ class ArcStudy(Result):
         """Yield name and status of each arc that cannot be used."""
         for arc in self.arcs:
             yield from arc.solution.failures()
-
-    def _position_table(self) -> TextTable:
-        return position_table(self.rows, {arc.name: f"{arc.name} data" for arc in self.arcs})
 
     def card(self) -> Card:
         """Card of the study."""

@@ -60,6 +60,9 @@ _HEADING = ("", "L, deg E", "B, deg N", "dL, deg", "dB, deg", "dL, m", "dB, m")
 METHODS = ("tracking", "images", "image_point", "stereo")
 """Methods by which positions are determined."""
 
+POSITION_FILES = ("table1.csv", "table1.md", "table1.tex")
+"""Files of a table of positions."""
+
 Place = tuple[float, float, float]
 """East longitude and latitude, deg, and height, m."""
 
@@ -221,6 +224,17 @@ def position_table(rows: Iterable[PositionRow], names: Mapping[str, str] | None 
         (row.method, (names or {}).get(row.name, row.name), *position_cells(row, east=False)) for row in rows
     ]
     return TextTable(heading, cells, words=2)
+
+
+def position_files(
+    rows: Sequence[PositionRow],
+    names: Mapping[str, str] | None = None,
+    more: Sequence[Mapping[str, Any]] = (),
+) -> dict[str, str]:
+    """Return the table of positions in three formats by the names of files; further columns are in the CSV only."""
+    table = position_table(rows, names)
+    texts = (csv_table(rows, more), table.to_markdown(), table.to_latex())
+    return dict(zip(POSITION_FILES, texts, strict=True))
 
 
 def csv_table(rows: Sequence[PositionRow], more: Sequence[Mapping[str, Any]] = ()) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.errors import InputError
 from radioloc.estimation.combination import horizontal_ellipse
-from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.position import LunarPosition
 from radioloc.results.cards import Card, Field, metres, plural, provenance_detail
 from radioloc.results.result import Content, Result
-from radioloc.results.tables import difference
+from radioloc.results.tables import GEOGRAPHIC, by_axis, difference, ellipse_text, finite, place_record
 from radioloc.targets.orbit_state import EAST_NORTH_UP
 from radioloc.targets.position_prior import map_tie_names
 from radioloc.vectors import Floats
@@ -65,7 +64,6 @@ class _FromImages(Result):
     def _content(self, method: str, **measured: Any) -> dict[str, Any]:
         """Keys of ``solution.json``, with those of what was measured."""
         pa = self.position.to_axes("PA", CONSTANTS["DE421"])
-        degrees = dict(zip(_GEOGRAPHIC, self.position.selenographic, strict=True))
         return {
             "name": self.name,
             "method": method,
@@ -73,11 +71,11 @@ class _FromImages(Result):
             "status": "converged" if self.converged else "not converged",
             "message": self.message,
             "position": {
-                "pa": {"frame": pa.frame, **_named("xyz", pa.xyz_m)},
-                "me": {"frame": self.position.frame, **degrees, **_named("xyz", self.position.xyz_m)},
+                "pa": {"frame": pa.frame, **by_axis("xyz", pa.xyz_m)},
+                "me": place_record(self.position),
             },
-            "sigma": _named(EAST_NORTH_UP, self.sigma_enu_m),
-            "covariance": {"enu_m2": [_finite(row) for row in self.covariance_enu_m2]},
+            "sigma": by_axis(EAST_NORTH_UP, self.sigma_enu_m),
+            "covariance": {"enu_m2": list(map(finite, self.covariance_enu_m2))},
             "reference": next(self._beside(), None),
             **measured,
             "notes": list(self.notes),
@@ -117,8 +115,8 @@ class _FromImages(Result):
             *_, west_m, north_m, up_m = difference(self.position.selenographic, place.selenographic)
             yield {
                 "name": name,
-                **dict(zip(_GEOGRAPHIC, place.selenographic, strict=True)),
-                **_named(EAST_NORTH_UP, (-west_m, north_m, up_m)),
+                **dict(zip(GEOGRAPHIC, place.selenographic, strict=True)),
+                **by_axis(EAST_NORTH_UP, (-west_m, north_m, up_m)),
                 "horizontal_m": math.hypot(west_m, north_m),
             }
 
@@ -126,17 +124,6 @@ class _FromImages(Result):
         longitude, latitude, _ = self.position.selenographic
         state = "converged" if self.converged else "NOT CONVERGED"
         return f"<{type(self).__name__} {self.name}: {longitude:.6f} deg E, {latitude:.6f} deg N, {state}>"
-
-
-_GEOGRAPHIC = ("longitude_deg", "latitude_deg", "height_m")
-
-
-def _finite(values: Iterable[float]) -> list[float | None]:
-    return [finite_or_none(float(value)) for value in values]
-
-
-def _named(names: Iterable[str], values: Iterable[float]) -> dict[str, float | None]:
-    return {f"{name}_m": value for name, value in zip(names, _finite(values), strict=True)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -206,13 +193,13 @@ class PointSolution(_FromImages):
     def to_dict(self) -> dict[str, Any]:
         """All numbers, with the keys of :meth:`radioloc.Solution.to_dict`, and one of the method's name."""
         considered = [
-            {"name": name, "unit": unit, "sigma": sigma, "position_enu_m": _finite(source.errors_enu_m[:, k])}
+            {"name": name, "unit": unit, "sigma": sigma, "position_enu_m": finite(source.errors_enu_m[:, k])}
             for source in self.sources
             for k, (name, unit, sigma) in enumerate(source.shared)
         ]
         return self._content(
             self.method,
-            budget={source.name: _finite(source.sigma_enu_m) for source in self.sources},
+            budget={source.name: finite(source.sigma_enu_m) for source in self.sources},
             biases={},
             considered=considered,
             fit={"used": self.used, "rejected": 0, "wrms_m": self.wrms_m, "by_station": {}},
@@ -221,11 +208,7 @@ class PointSolution(_FromImages):
 
     def card(self) -> Card:
         """Card of the solution."""
-        ellipse = horizontal_ellipse(self.covariance_enu_m2[:2, :2])
-        line = (
-            f"95 % error ellipse, horizontal: {metres(ellipse.semi_major_m)} m x "
-            f"{metres(ellipse.semi_minor_m)} m, azimuth {ellipse.azimuth_deg:.0f} deg"
-        )
+        line = ellipse_text(horizontal_ellipse(self.covariance_enu_m2[:2, :2]))
         sigmas = {source.name: source.sigma_enu_m for source in self.sources} | {"all": self.sigma_enu_m}
         rows = [
             (name, *(metres(round(side, 4)) if math.isfinite(side) else "-" for side in sides))

@@ -30,7 +30,7 @@ from radioloc.lunar.position import LunarPosition
 from radioloc.results.comparison import Comparison
 from radioloc.results.recorded import read_recorded
 from radioloc.results.result import Result
-from radioloc.results.tables import METHODS, Place, PositionRow, place_fields
+from radioloc.results.tables import METHODS, Place, PositionRow, by_axis, place_fields, place_record
 from radioloc.study.schema import Hints, TomlTable, check, entry, toml_content
 from radioloc.study.target_file import Place as PositionTable
 from radioloc.study.target_file import position_of
@@ -281,21 +281,14 @@ def _content(table: TomlTable, name: str) -> dict[str, Any]:
     ties_m = stated.map_sigma_m or ()
     total_m2 = sigma_m**2
     total_m2[: len(ties_m)] += np.square(ties_m)
-    longitude_deg, latitude_deg, height_m = place.selenographic
-    me = {"longitude_deg": longitude_deg, "latitude_deg": latitude_deg, "height_m": height_m}
     determined = np.isfinite(total_m2)
     covariance = np.where(np.outer(determined, determined), np.diag(total_m2), math.nan)
     return {
         "name": stated.name or name,
         "method": stated.method,
         "converged": True,
-        "position": {
-            "me": {"frame": place.frame, **me} | dict(zip(("x_m", "y_m", "z_m"), place.xyz_m, strict=True))
-        },
-        "sigma": {
-            f"{axis}_m": finite_or_none(math.sqrt(value))
-            for axis, value in zip(EAST_NORTH_UP, total_m2.tolist(), strict=True)
-        },
+        "position": {"me": place_record(place)},
+        "sigma": by_axis(EAST_NORTH_UP, np.sqrt(total_m2)),
         "covariance": {"enu_m2": covariance},
         "considered": [
             {"name": name, "position_enu_m": tie_m * side}

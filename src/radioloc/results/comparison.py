@@ -9,13 +9,14 @@ from typing import Any
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.combination import Agreement, JointEstimate
-from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.position import LunarPosition
 from radioloc.results.cards import Card, Field, metres, plural
 from radioloc.results.result import Content, Result
 from radioloc.results.tables import (
     PositionRow,
     east_longitude_deg,
+    finite,
+    place_record,
     position_fields,
     position_files,
 )
@@ -73,11 +74,9 @@ class Comparison(Result):
         joint = None
         if self.joint is not None:
             place = LunarPosition.from_cartesian(self.joint.position_me_m, self.frame)
-            named = zip(("longitude_deg", "latitude_deg", "height_m"), place.selenographic, strict=True)
-            covariance = [[finite_or_none(v) for v in row] for row in self.joint.covariance_enu_m2]
             joint = {
-                "position": {"me": {"frame": self.frame, **dict(named)}},
-                "covariance": {"enu_m2": covariance},
+                "position": {"me": place_record(place)},
+                "covariance": {"enu_m2": list(map(finite, self.joint.covariance_enu_m2))},
                 "of": list(self.joint.names),
                 "left_out": dict(self.joint.left_out),
                 "chi2": self.joint.chi2,

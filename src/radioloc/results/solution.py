@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import singledispatch
 from typing import Any, Literal, get_args
@@ -37,7 +37,7 @@ from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.results.cards import Card
 from radioloc.results.result import Content, OrbitFile, Result
-from radioloc.results.tables import residual_table
+from radioloc.results.tables import by_axis, finite, place_record, residual_table
 from radioloc.tables import TableForm, as_table
 from radioloc.targets.orbit_state import EAST_NORTH_UP, OrbitState
 from radioloc.vectors import Floats
@@ -384,7 +384,7 @@ class Solution(Result):
             "biases": self._bias_dict("range_bias", "m"),
             "time_biases": self._bias_dict("time_bias", "s"),
             "parameters": self._parameter_rows(),
-            "parameter_covariance": _matrix(self.covariance),
+            "parameter_covariance": list(map(finite, self.covariance)),
             "fit": {
                 **self.fit.to_dict(),
                 "noise_scale": self.noise_scale,
@@ -488,29 +488,21 @@ class Solution(Result):
         """The position and how well it is known; None where the target moves along a trajectory."""
         if self.trajectory is not None:
             return {"position": None, "sigma": None, "covariance": None}
-        longitude_deg, latitude_deg, height_m = self.selenographic
+        levels: tuple[Level, ...] = ("scaled", "formal")
+        axes: dict[str, Axes] = {"enu_m2": "enu", "pa_m2": "pa", "me_m2": "me"}
+        axes["longitude_latitude_height_rad_rad_m"] = "geographic"
         return {
             "position": {
-                "pa": {"frame": self.pa_frame, **_components("xyz", self.position_pa_m)},
-                "me": {
-                    "frame": self.me_frame,
-                    "longitude_deg": longitude_deg,
-                    "latitude_deg": latitude_deg,
-                    "height_m": height_m,
-                    **_components("xyz", self.position_me_m),
-                },
+                "pa": {"frame": self.pa_frame, **by_axis("xyz", self.position_pa_m)},
+                "me": place_record(self.position),
             },
             "sigma": {
-                **_components(EAST_NORTH_UP, self.sigma_enu_m()),
-                "scaled": _components(EAST_NORTH_UP, self.sigma_enu_m("scaled")),
-                "formal": _components(EAST_NORTH_UP, self.sigma_enu_m("formal")),
-                "ephemeris": _components(EAST_NORTH_UP, self.ephemeris_sigma_enu_m),
+                **by_axis(EAST_NORTH_UP, self.sigma_enu_m()),
+                **{level: by_axis(EAST_NORTH_UP, self.sigma_enu_m(level)) for level in levels},
+                "ephemeris": by_axis(EAST_NORTH_UP, self.ephemeris_sigma_enu_m),
             },
             "covariance": {
-                "enu_m2": _matrix(self.position_covariance("enu")),
-                "pa_m2": _matrix(self.position_covariance("pa")),
-                "me_m2": _matrix(self.position_covariance("me")),
-                "longitude_latitude_height_rad_rad_m": _matrix(self.position_covariance("geographic")),
+                key: list(map(finite, self.position_covariance(name))) for key, name in axes.items()
             },
         }
 
@@ -577,11 +569,3 @@ class Solution(Result):
             )
         longitude_rad, latitude_rad, height_m = cartesian_to_selenographic(self.position_me_m)
         return float(longitude_rad), float(latitude_rad), float(height_m)
-
-
-def _components(names: Iterable[str], vector_m: Floats) -> dict[str, float | None]:
-    return {f"{name}_m": finite_or_none(value) for name, value in zip(names, vector_m, strict=True)}
-
-
-def _matrix(matrix: Floats) -> list[list[float | None]]:
-    return [[finite_or_none(value) for value in row] for row in matrix]

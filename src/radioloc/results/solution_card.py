@@ -29,6 +29,7 @@ from radioloc.results.cards import (
 )
 from radioloc.results.fit_card import fit_fields, inconsistent, rejected_detail
 from radioloc.results.solution import Level, Solution, card_of
+from radioloc.results.tables import ellipse_text
 from radioloc.targets.orbit_state import OrbitState, ProcessEstimate
 from radioloc.time import utc_strings
 
@@ -228,10 +229,7 @@ def _sigmas(solution: Solution) -> Field:
         rows.append((name, *map(metres, sigma_m), metres(float(np.linalg.norm(sigma_m)))))
     lines = []
     if (ellipse := solution.ellipse()) is not None:
-        lines.append(
-            f"95 % error ellipse, horizontal: {metres(ellipse.semi_major_m)} m x "
-            f"{metres(ellipse.semi_minor_m)} m, azimuth {ellipse.azimuth_deg:.0f} deg"
-        )
+        lines.append(ellipse_text(ellipse))
     return Field("sigma", lines, ("1 sigma, m", "east", "north", "up", "3D"), rows)
 
 

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError, visible
-from radioloc.estimation.combination import horizontal_ellipse
-from radioloc.estimation.statistics import Residuals
+from radioloc.estimation.combination import Ellipse, horizontal_ellipse
+from radioloc.estimation.statistics import Residuals, finite_or_none
 from radioloc.lunar.local import local_difference
+from radioloc.lunar.position import LunarPosition
 from radioloc.lunar.selenographic import selenographic_to_cartesian
 from radioloc.results.cards import Field, metres, sigma_text, to_sigma
 from radioloc.results.recorded import check_solution
@@ -63,8 +64,35 @@ METHODS = ("tracking", "images", "image_point", "stereo")
 POSITION_FILES = ("table1.csv", "table1.md", "table1.tex")
 """Files of a table of positions."""
 
+GEOGRAPHIC = ("longitude_deg", "latitude_deg", "height_m")
+"""Keys of a place in ``solution.json``."""
+
 Place = tuple[float, float, float]
 """East longitude and latitude, deg, and height, m."""
+
+
+def finite(values: Iterable[float]) -> list[float | None]:
+    """Return numbers for JSON, which has neither infinity nor NaN."""
+    return [finite_or_none(value) for value in values]
+
+
+def by_axis(names: Iterable[str], values_m: Iterable[float]) -> dict[str, float | None]:
+    """Return the components of a vector, m, by keys such as ``east_m``."""
+    return {f"{name}_m": value for name, value in zip(names, finite(values_m), strict=True)}
+
+
+def place_record(place: LunarPosition) -> dict[str, Any]:
+    """Return the frame of a place, its angles and height, and its components."""
+    angles = dict(zip(GEOGRAPHIC, place.selenographic, strict=True))
+    return {"frame": place.frame, **angles, **by_axis("xyz", place.xyz_m)}
+
+
+def ellipse_text(ellipse: Ellipse) -> str:
+    """Return the line of a card on the error ellipse that holds 95 %."""
+    return (
+        f"95 % error ellipse, horizontal: {metres(ellipse.semi_major_m)} m x {metres(ellipse.semi_minor_m)} m, "
+        f"azimuth {ellipse.azimuth_deg:.0f} deg"
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 PARALLEL := -n logical --dist worksteal
 export PYTHONDONTWRITEBYTECODE :=
 COMPILED := tests/unit/measurements/test_chebyshev_predictor.py tests/unit/jobs/test_evaluation.py \
-	tests/unit/estimation/test_kernels.py tests/unit/estimation/test_process_noise.py \
+	tests/unit/estimation/test_kernels.py tests/unit/noise/test_whiteners.py \
 	tests/unit/dynamics/test_gravity.py tests/unit/dynamics/test_terms.py
 SMOKE := tests/unit/test_package.py tests/unit/test_cli.py tests/unit/test_readers.py tests/unit/test_bad_input.py \
 	tests/unit/io/test_parquet.py \

@@ -164,6 +164,7 @@ def test_quiet_studies_of_several_fits_name_those_that_failed(command, options, 
     target = "[target]\nlongitude_deg = -51.88\nlatitude_deg = 43.06\nheight_m = -2500.0\n"
     wrong = "[estimate]\nheight_prior = { height_m = 9000.0, sigma_m = 0.1 }\nrejection_sigma = 30.0\n"
     wrong += "[stations.KASHI]\nitrf_m = [1151367.568, 4870627.568, 3952516.899]\n"
+    wrong += "[consider]\ndefaults = false\n"
     outcome = run(study_of(more=wrong, target=target), *options, "--quiet", command=command)
     assert (outcome.status, outcome.out) == (3, "")
     assert all(line.startswith("radioloc: s") for line in outcome.err.splitlines())

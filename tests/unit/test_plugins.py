@@ -42,6 +42,9 @@ files = ["kashi.csv", "jiamusi.log"]
 [estimate]
 zenith_angle_bias = "all"
 zenith_angle_bias_sigma_m_rad = 100.0
+
+[consider]
+defaults = false
 """
 POSITION_M = 1e-3
 """What rounding of the table (0.1 mm) leaves of a position from 48 hours."""

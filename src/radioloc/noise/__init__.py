@@ -10,7 +10,7 @@ from radioloc.noise.covariance import (
     White,
 )
 from radioloc.noise.processes import NONE, Process
-from radioloc.noise.whitening import Rows, RowsOf, StructuredWhitener, TransposableWhitener, Whitener, column
+from radioloc.noise.whitening import Rows, RowsOf, StructuredWhitener, TransposableWhitener, Whitener
 
 __all__ = [
     "ALONE",
@@ -27,5 +27,4 @@ __all__ = [
     "TransposableWhitener",
     "White",
     "Whitener",
-    "column",
 ]

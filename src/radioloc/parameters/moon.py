@@ -39,6 +39,8 @@ def _libration(rows: ObservationRows) -> Floats:
 def _love_numbers(rows: ObservationRows) -> Floats:
     model, positions = rows.model, np.atleast_2d(rows.target_pa_m)
     places, which = np.unique(positions, axis=0, return_inverse=True)
+    if not len(places):
+        return np.zeros((0, 1, 2))
     permanent: Literal["included", "removed"] = "included" if model.has("lunar_tide_constant") else "removed"
     constants = model.ephemeris.constants
     units = [replace(constants, h2=h2, l2=l2) for h2, l2 in ((1.0, 0.0), (0.0, 1.0))]

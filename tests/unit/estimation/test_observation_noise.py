@@ -10,7 +10,8 @@ from radioloc.errors import InputError
 from radioloc.estimation import USED, Labels, fit_with_editing, fit_with_variance_components
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.estimation.series import SeriesOrder
-from radioloc.noise import ALONE, ObservationCovariance, SharedAtEpoch, White, column, whitening
+from radioloc.noise import ALONE, ObservationCovariance, SharedAtEpoch, White, whitening
+from radioloc.noise.whitening import column
 
 ROUNDING = 1e-9
 """Two ways of the same algebra, relative; the covariance has a condition of 100."""

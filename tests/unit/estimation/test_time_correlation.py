@@ -10,7 +10,8 @@ from radioloc.estimation import Labels, Parameter, ParameterSet, fit_with_editin
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.estimation.series import MAX_POINTS, SeriesOrder, independent_series, points_of
 from radioloc.estimation.time_correlation import assess_time_correlation, estimated_covariance
-from radioloc.noise import ALONE, column, whitening
+from radioloc.noise import ALONE, whitening
+from radioloc.noise.whitening import column
 from radioloc.simulation.noise import gauss_markov
 
 STEP_S = 60.0

@@ -111,6 +111,7 @@ class PositionEstimate:
     errors_enu_m: Mapping[str, Floats]
     priors_enu_m: Mapping[str, Floats] = field(default_factory=dict)
     spans_utc: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    in_weights: frozenset[str] = frozenset()  # those of the errors that the estimate is weighed by
     terrain: TerrainHeight | None = None
     data: frozenset[str] = frozenset()  # hashes or names of its files
     images: frozenset[str] = frozenset()  # those of them that are images
@@ -151,6 +152,7 @@ class PositionEstimate:
                 for name, item in timed.items()
                 if "first_utc" in item
             },
+            frozenset(item["name"] for item in content.get("considered", ()) if item.get("in_weights")),
             _terrain_height(rows, provenance),
             frozenset(given or files) | images,
             images,
@@ -270,7 +272,8 @@ def agreement(one: PositionEstimate, two: PositionEstimate, *, horizontal: bool 
 
     Estimates from different data are independent but for errors and a-priori values of the same name. An estimate from
     all data is uncorrelated with what a part of them differs from it: the difference has the covariance of the part
-    less that of the whole (Hausman 1978), and what errors move the one otherwise than the other.
+    less that of the whole (Hausman 1978), in which errors are that both are weighed by, and what the other errors move
+    the one otherwise than the other.
     """
     apart_m = local_difference(one.position_me_m, two.position_me_m).enu_m
     compared = Agreement(one.name, two.name, tuple(apart_m.tolist()))
@@ -279,8 +282,11 @@ def agreement(one: PositionEstimate, two: PositionEstimate, *, horizontal: bool 
         part, whole = (two, one) if one.contains(two) else (one, two)
         covariance = part.noise_enu_m2 - whole.noise_enu_m2
         for name in dict.fromkeys([*one.errors_enu_m, *two.errors_enu_m]):
-            moved_m = one.errors_enu_m.get(name, np.zeros(3)) - two.errors_enu_m.get(name, np.zeros(3))
-            covariance = covariance + np.outer(moved_m, moved_m)
+            of_part, of_whole = (which.errors_enu_m.get(name, np.zeros(3)) for which in (part, whole))
+            if name in part.in_weights | whole.in_weights:
+                covariance = covariance + np.outer(of_part, of_part) - np.outer(of_whole, of_whole)
+            else:
+                covariance = covariance + np.outer(of_part - of_whole, of_part - of_whole)
     elif one.shares_data(two):
         return replace(compared, why="they share observations")
     else:

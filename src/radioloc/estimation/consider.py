@@ -69,6 +69,7 @@ class Consider:
             records.append(
                 {"name": item.name, "unit": item.unit, "sigma": item.prior_sigma} | span_record(item)
             )
+            records[-1]["in_weights"] = item.kind in self.in_weights
             if enu_by_parameters is not None:
                 records[-1]["position_enu_m"] = (enu_by_parameters @ self.sensitivity[:, k]).tolist()
         return sorted(records, key=lambda record: -float(np.linalg.norm(record.get("position_enu_m", 0.0))))

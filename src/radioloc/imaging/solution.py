@@ -72,7 +72,7 @@ class _FromImages(Result):
             "message": self.message,
             "position": {
                 "pa": {"frame": pa.frame, **by_axis("xyz", pa.xyz_m)},
-                "me": place_record(self.position),
+                "me": place_record(self.position.frame, self.position.selenographic, self.position.xyz_m),
             },
             "sigma": by_axis(EAST_NORTH_UP, self.sigma_enu_m),
             "covariance": {"enu_m2": list(map(finite, self.covariance_enu_m2))},

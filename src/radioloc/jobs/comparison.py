@@ -287,7 +287,7 @@ def _content(table: TomlTable, name: str) -> dict[str, Any]:
         "name": stated.name or name,
         "method": stated.method,
         "converged": True,
-        "position": {"me": place_record(place)},
+        "position": {"me": place_record(place.frame, place.selenographic, place.xyz_m)},
         "sigma": by_axis(EAST_NORTH_UP, np.sqrt(total_m2)),
         "covariance": {"enu_m2": covariance},
         "considered": [

@@ -75,7 +75,7 @@ class Comparison(Result):
         if self.joint is not None:
             place = LunarPosition.from_cartesian(self.joint.position_me_m, self.frame)
             joint = {
-                "position": {"me": place_record(place)},
+                "position": {"me": place_record(place.frame, place.selenographic, place.xyz_m)},
                 "covariance": {"enu_m2": list(map(finite, self.joint.covariance_enu_m2))},
                 "of": list(self.joint.names),
                 "left_out": dict(self.joint.left_out),

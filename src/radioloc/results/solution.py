@@ -494,7 +494,7 @@ class Solution(Result):
         return {
             "position": {
                 "pa": {"frame": self.pa_frame, **by_axis("xyz", self.position_pa_m)},
-                "me": place_record(self.position),
+                "me": place_record(self.me_frame, self.selenographic, self.position_me_m),
             },
             "sigma": {
                 **by_axis(EAST_NORTH_UP, self.sigma_enu_m()),

@@ -19,13 +19,13 @@ from radioloc.errors import InputError, visible
 from radioloc.estimation.combination import Ellipse, horizontal_ellipse
 from radioloc.estimation.statistics import Residuals, finite_or_none
 from radioloc.lunar.local import local_difference
-from radioloc.lunar.position import LunarPosition
 from radioloc.lunar.selenographic import selenographic_to_cartesian
 from radioloc.results.cards import Field, metres, sigma_text, to_sigma
 from radioloc.results.recorded import check_solution
 from radioloc.results.result import Result, Table
 from radioloc.targets.orbit_state import EAST_NORTH_UP
 from radioloc.text_files import require_ending, spreadsheet_cell, write_text
+from radioloc.vectors import Floats
 
 Located = Result | Mapping[str, Any]
 """A solution of tracking or of images, or what its ``solution.json`` holds."""
@@ -81,10 +81,10 @@ def by_axis(names: Iterable[str], values_m: Iterable[float]) -> dict[str, float 
     return {f"{name}_m": value for name, value in zip(names, finite(values_m), strict=True)}
 
 
-def place_record(place: LunarPosition) -> dict[str, Any]:
-    """Return the frame of a place, its angles and height, and its components."""
-    angles = dict(zip(GEOGRAPHIC, place.selenographic, strict=True))
-    return {"frame": place.frame, **angles, **by_axis("xyz", place.xyz_m)}
+def place_record(frame: str, selenographic: tuple[float, float, float], xyz_m: Floats) -> dict[str, Any]:
+    """Return the frame of a place, its angles (deg) and height (m), and its components, wherever it is."""
+    angles = dict(zip(GEOGRAPHIC, selenographic, strict=True))
+    return {"frame": frame, **angles, **by_axis("xyz", xyz_m)}
 
 
 def ellipse_text(ellipse: Ellipse) -> str:

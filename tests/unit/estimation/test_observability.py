@@ -51,7 +51,7 @@ def test_three_free_biases_over_half_a_day_are_weak():
     found = assess_observability(fit)
     assert fit.converged
     assert found.undetermined == ()
-    assert all(name.startswith("range_bias.") for name in found.weak[0].names)
+    assert {"range_bias.A", "range_bias.B", "range_bias.C"} == set(found.weak[0].names[:3])
     assert 300.0 < found.weak[0].sigma < 600.0
     # Counts are no measure of it.
     assert assess_observability(fit, np.ones(len(observed_m), dtype=bool)).weak == ()

@@ -58,10 +58,10 @@ def _compared(path: Path) -> None:
 def _exported(path: Path) -> None:
     contents = [one.content for one in read_solutions(path)[0]]
     solution_table(contents)
-    write_gis(contents, path.with_suffix(".geojson"))
-    write_spice(contents[0], path.with_suffix(".bsp"), code=301000)
+    write_gis(path.with_suffix(".geojson"), contents)
+    write_spice(path.with_suffix(".bsp"), contents[0], body=301000)
     span = ("2021-03-28T14:00:00", "2021-03-28T15:00:00")
-    write_oem(contents[0], path.with_suffix(".oem"), *span, originator="TEST", step_s=600.0)
+    write_oem(path.with_suffix(".oem"), contents[0], *span, originator="TEST", step_s=600.0)
 
 
 def _drawn(path: Path) -> None:

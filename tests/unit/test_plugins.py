@@ -171,7 +171,7 @@ def test_a_solution_records_the_tables_of_other_packages_and_is_exported_to_thei
         "import radioloc, radioloc.io, radioloc.cli, json\n"
         "solution = radioloc.residuals(radioloc.read_study('s.toml'))\n"
         "print(json.dumps(solution.provenance['extensions']))\n"
-        "radioloc.io.export_solutions([solution], 'lander.kml')\n"
+        "radioloc.io.export_solutions('lander.kml', [solution])\n"
         "radioloc.cli.main(['export', '--help'])\n"
     )
     done = python(toys, "-c", code, cwd=tmp_path)

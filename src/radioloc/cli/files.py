@@ -173,14 +173,14 @@ def _export_formats() -> Rows:
 )
 def export(options: argparse.Namespace) -> int:
     """Write solutions for other tools: map layers, SPICE kernels, an ephemeris message, tables."""
-    names = {"start": "start_utc", "stop": "stop_utc", "step": "step_s"}
+    names = {"code": "body", "start": "start_utc", "stop": "stop_utc", "step": "step_s"}
     stated = {
         names.get(name, name): value
         for name in ("code", "start", "stop", "step", "originator")
         if (value := getattr(options, name)) is not None
     }
     its = radioloc.io.ExportOptions(**stated)
-    return _tell_written(options, radioloc.io.export_solutions(_contents(options), options.out, its))
+    return _tell_written(options, radioloc.io.export_solutions(options.out, _contents(options), its))
 
 
 @command(

@@ -40,7 +40,7 @@ def locate(options: argparse.Namespace) -> int:
     """Fit a position, or an orbit, to tracking data and print a result card."""
     solution = _solution(options, fitted=True)
     if options.sinex is not None:  # after the card, which says why a solution has none
-        radioloc.io.write_sinex(solution, options.sinex)
+        radioloc.io.write_sinex(options.sinex, solution)
     return exit_status(options, solution)
 
 
@@ -75,7 +75,7 @@ def _solution(options: argparse.Namespace, *, fitted: bool) -> radioloc.Solution
         radioloc.write_report(solution, options.out, terms, html=options.report, dem=dem)
     if options.residuals_tdm is not None:
         agency = options.originator
-        radioloc.io.write_residuals_tdm(solution, arc.observations, options.residuals_tdm, originator=agency)
+        radioloc.io.write_residuals_tdm(options.residuals_tdm, solution, arc.observations, originator=agency)
     tell(options, solution, solution.to_dict)
     return solution
 

@@ -1,6 +1,6 @@
-"""Messages of the CCSDS: landers and orbits as those of ephemerides and parameters, residuals as those of tracking.
+"""Messages of the CCSDS: ephemerides of landers and orbits, orbit parameters, residuals as tracking data.
 
-Sources: CCSDS 502.0-B-2 (2009), chapters 3, 5 and 7, which issue 3 (2023) goes on to read, and 503.0-B-2.
+Sources: CCSDS 502.0-B-2 (2009), chapters 3, 5 and 7, which issue 3 (2023) still allows, and 503.0-B-2.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from radioloc.text_files import to_ascii, write_text
 from radioloc.time import Epochs, epochs_from_strings, to_scale, utc_strings
 from radioloc.vectors import Floats
 
-_LONGEST_STEP_S = 86400.0  # Polynomials of degree 7 through states a day apart are off by 0.1 mm
-_DEGREE_AT_REST, _DEGREE_OF_ORBIT = 7, 11
+_MAX_STEP_S = 86400.0  # Polynomials of degree 7 through states a day apart are off by 0.1 mm
+_POINT_DEGREE, _ORBIT_DEGREE = 7, 11  # of the Hermite polynomials between states
 _MAX_COMMENT_NAME = 80  # characters of a solution's name
 _RESIDUALS = "the values are residuals, observed minus computed, not observations"
 
 
 @bare_arguments
 def write_oem(
-    solution: Located,
     path: str | Path,
+    solution: Located,
     start_utc: str,
     stop_utc: str,
     *,
@@ -48,10 +48,9 @@ def write_oem(
     object_id: str = "UNKNOWN",
     creation_date: str | None = None,
 ) -> Path:
-    """Write the states of a lander, as it turns with the Moon, in KVN, with its covariance at the first epoch."""
-    # The position is that of the solution in principal axes; tides are not added. With radii r in these axes and the
-    # rotation R to the ICRF, states are (R r, R' r), and their covariance is J P J' with J = (R, R') and the position's
-    # total covariance P.
+    """Write the inertial states of a lander as an OEM in KVN, with the covariance at the first epoch."""
+    # With the position r in principal axes, without tides, and the rotation R to the ICRF, states are (R r, R' r).
+    # Their covariance is J P J^T with J = (R, R') and the total covariance P of the position.
     content = content_of(solution)
     pa = position_of(content)["pa"]
     tai = _epochs(start_utc, stop_utc, step_s)
@@ -63,15 +62,15 @@ def write_oem(
     if covariance_pa_m2 is not None:
         at_first = dates[0], to_icrf[0] @ covariance_pa_m2 @ to_icrf[0].T
     metadata = _metadata(content["name"], object_id, "UTC")
-    comment = f"a point at rest in {pa['frame']}, tides left out"
-    segment = _segment(metadata, dates, states, _DEGREE_AT_REST, at_first, comment)
+    comment = f"a point fixed in {pa['frame']}, without tides"
+    segment = _segment(metadata, dates, states, _POINT_DEGREE, at_first, comment)
     return _write(path, "OEM", originator, creation_date, segment)
 
 
 @bare_arguments
 def write_orbit_oem(
-    orbit: Orbit | Sequence[Orbit],
     path: str | Path,
+    orbit: Orbit | Sequence[Orbit],
     *,
     originator: str,
     step_s: float = 15.0,
@@ -83,9 +82,10 @@ def write_orbit_oem(
 
     Parameters
     ----------
-    orbit : Orbit or sequence of Orbit
-        One, or several from one after the other. Where an impulse or thrust begins or ends, so does a segment.
     path : path-like
+        File to write; an existing one is replaced.
+    orbit : Orbit or sequence of Orbit
+        One orbit, or several that follow each other. A segment ends where an impulse or thrust begins or ends.
     originator : str
         Agency that makes the message.
     object_id : str
@@ -93,14 +93,14 @@ def write_orbit_oem(
     creation_date : str, optional
         UTC date of the message; now by default.
     step_s : float
-        From state to state, s, 600 at most.
+        Interval between states, s, 600 at most.
     covariance : array_like, shape (6, 6), optional
-        Of the state at the epoch of the first orbit, ICRF axes, m and m/s.
+        Covariance of the state at the epoch of the first orbit, ICRF axes, m and m/s.
 
     Raises
     ------
     InputError
-        The step is not one, the covariance is none, or a text is not printable ASCII.
+        The step is out of range, the covariance has another shape, or a text is not printable ASCII.
 
     Examples
     --------
@@ -110,7 +110,7 @@ def write_orbit_oem(
     >>> epoch = epochs_from_strings("2012-04-09T04:30:00", "TDB")
     >>> forces = Forces(GravityField.open("GRGM660PRIM", degree=20))
     >>> orbit = propagate(epoch, [575750.0, -463261.0, -1631634.0], [-567.855, 1434.222, -600.22], forces, (0, 600))
-    >>> write_orbit_oem(orbit, "orbit.oem", originator="AGENCY").name
+    >>> write_orbit_oem("orbit.oem", orbit, originator="AGENCY").name
     'orbit.oem'
     """
     lines = []
@@ -120,14 +120,14 @@ def write_orbit_oem(
         if covariance is not None and times_s[0] <= 0.0 <= times_s[-1]:
             at_epoch, covariance = (str(utc_strings(part.epoch, 9)[0]), covariance), None
         metadata = _metadata(part.name, object_id, "TDB")
-        lines += _segment(metadata, dates, states_km(part, times_s), _DEGREE_OF_ORBIT, at_epoch)
+        lines += _segment(metadata, dates, states_km(part, times_s), _ORBIT_DEGREE, at_epoch)
     return _write(path, "OEM", originator, creation_date, lines)
 
 
 @bare_arguments
 def write_orbit_opm(
-    orbit: Orbit,
     path: str | Path,
+    orbit: Orbit,
     *,
     originator: str,
     object_id: str = "UNKNOWN",
@@ -136,7 +136,7 @@ def write_orbit_opm(
 ) -> Path:
     """Write an orbit's state at its epoch and its impulses as an Orbit Parameter Message, in KVN.
 
-    Parameters as those of :func:`write_orbit_oem`, errors too.
+    Parameters and errors are those of :func:`write_orbit_oem`.
 
     Examples
     --------
@@ -146,7 +146,7 @@ def write_orbit_opm(
     >>> epoch = epochs_from_strings("2012-04-09T04:30:00", "TDB")
     >>> forces = Forces(GravityField.open("GRGM660PRIM", degree=20))
     >>> orbit = propagate(epoch, [575750.0, -463261.0, -1631634.0], [-567.855, 1434.222, -600.22], forces, (0, 600))
-    >>> write_orbit_opm(orbit, "orbit.opm", originator="AGENCY").name
+    >>> write_orbit_opm("orbit.opm", orbit, originator="AGENCY").name
     'orbit.opm'
     """
     (state,) = states_km(orbit, np.zeros(1))
@@ -156,7 +156,7 @@ def write_orbit_opm(
     if covariance is not None:
         fields["COV_REF_FRAME"] = "ICRF"
         for name, row in zip(names, _triangle_km2(covariance), strict=True):
-            fields |= {f"C{name}_{other}": f"{x:.12e}" for other, x in zip(names, row, strict=False)}
+            fields |= {f"C{name}_{column}": f"{x:.12e}" for column, x in zip(names, row, strict=False)}
     lines = [*_lines(fields)]
     for impulse in orbit.forces.impulses:
         lines += _lines(
@@ -172,34 +172,34 @@ def write_orbit_opm(
 
 
 def write_residuals_tdm(
+    path: str | Path,
     solution: Solution,
     observations: Observations,
-    path: str | Path,
     *,
     originator: str,
     creation_date: str | None = None,
 ) -> Path:
     """Write residuals as a message: XML where the file's name ends in ``.xml``, else KVN.
 
-    The standard (CCSDS 503.0-B-2) has no keywords for residuals: they stand under those of what was observed, in its
-    units, and comments say so in the header and in each segment. Segments of observations that took part in the fit
-    have DATA_QUALITY = VALIDATED, those of others DEGRADED. Whole wavelengths are kept, weather is not.
+    The standard (CCSDS 503.0-B-2) lacks keywords for residuals. They have the keywords and units of the observations,
+    and comments in the header and in each segment state that they are residuals. Segments of used observations have
+    DATA_QUALITY = VALIDATED, those of rejected ones DEGRADED. Weather is left out.
 
     Parameters
     ----------
-    solution : Solution
-        Whose residuals are written.
-    observations : Observations
-        That it was made from, row by row: ``observations`` of :func:`~radioloc.jobs.preparation.arc_of`'s predictor.
     path : path-like
-        The file; an existing one is replaced.
+        File to write; an existing one is replaced.
+    solution : Solution
+        Solution with the residuals.
+    observations : Observations
+        Observations of the solution, row by row: those of the predictor of :func:`~radioloc.jobs.preparation.arc_of`.
     originator, creation_date
         As of :func:`write_orbit_oem`.
 
     Raises
     ------
     InputError
-        The observations are others, or some that a message cannot hold (:func:`radioloc.io.tdm.write_tdm`).
+        The solution is of other observations, or a message cannot hold them (:func:`radioloc.io.tdm.write_tdm`).
 
     Examples
     --------
@@ -207,7 +207,7 @@ def write_residuals_tdm(
     >>> study = radioloc.read_study("examples/change5/short_arc.toml")
     >>> predictor = radioloc.jobs.arc_of(study)
     >>> solution = radioloc.residuals(study)
-    >>> file = radioloc.io.write_residuals_tdm(solution, predictor.observations, "oc.tdm", originator="AGENCY")
+    >>> file = radioloc.io.write_residuals_tdm("oc.tdm", solution, predictor.observations, originator="AGENCY")
     >>> file.name
     'oc.tdm'
     """
@@ -217,7 +217,9 @@ def write_residuals_tdm(
         and np.array_equal(rows.epoch_utc.jd, observations.epoch.jd)
         and np.array_equal(rows.epoch_utc.fraction, observations.epoch.fraction)
     ):
-        raise InputError(f"{solution.name}: the solution is not of these {len(observations)} observations")
+        raise InputError(
+            f"{solution.name}: expected the {len(rows)} observations of the solution, got {len(observations)} others"
+        )
     unrecorded: dict[str, Any] = dict.fromkeys([*WEATHER.values(), "modulus_m"], np.full(len(rows), np.nan))
     lengths = np.zeros(len(rows), dtype=bool)  # also where cycles of ramps were observed
     residuals = replace(observations, value_m=rows.residual_m, ramped=lengths, **unrecorded)
@@ -228,9 +230,9 @@ def write_residuals_tdm(
     )
     segments = [
         replace(segment, metadata={**segment.metadata, "DATA_QUALITY": quality}, data_comments=(_RESIDUALS,))
-        for quality, which in (("VALIDATED", rows.used), ("DEGRADED", ~rows.used))
-        if which.any()
-        for segment in tdm_of(residuals.select(which), header).segments
+        for quality, chosen in (("VALIDATED", rows.used), ("DEGRADED", ~rows.used))
+        if chosen.any()
+        for segment in tdm_of(residuals.select(chosen), header).segments
     ]
     write_tdm_file(path, TdmFile(str(path), header, tuple(segments)))
     return Path(path)
@@ -239,14 +241,14 @@ def write_residuals_tdm(
 def _write(
     path: str | Path, kind: str, originator: str, creation_date: str | None, lines: Sequence[str]
 ) -> Path:
-    """Write a message such as an OEM, in KVN; its date is now if none is given."""
+    """Write a message such as an OEM, in KVN, by default with the present date."""
     header = _lines({"CREATION_DATE": creation_date or now(), "ORIGINATOR": originator})
     write_text(path, "\n".join([f"CCSDS_{kind}_VERS = 2.0", *header, *lines]) + "\n")
     return Path(path)
 
 
 def _metadata(name: str, object_id: str, scale: str) -> dict[str, str]:
-    """Whose states they are: about the Moon's centre, axes of the ICRF."""
+    """Return the object and the frame of its states: about the Moon's centre, axes of the ICRF."""
     centre = {"CENTER_NAME": "MOON", "REF_FRAME": "ICRF", "TIME_SYSTEM": scale}
     return {"OBJECT_NAME": name, "OBJECT_ID": object_id} | centre
 
@@ -259,7 +261,7 @@ def _segment(
     covariance: tuple[str, ArrayLike] | None,
     comment: str | None = None,
 ) -> list[str]:
-    """A segment of an OEM: states, km and km/s, shape (n, 6), and a covariance at a date, m and m/s, shape (6, 6)."""
+    """Return a segment of an OEM: states, km and km/s, shape (n, 6), and a covariance at a date, m and m/s, shape (6, 6)."""
     fields = dict(metadata) | {
         "START_TIME": dates[0],
         "STOP_TIME": dates[-1],
@@ -272,57 +274,55 @@ def _segment(
         place = " ".join(f"{x:.9f}" for x in state[:3])
         lines.append(f"{date} {place} {' '.join(f'{x:.12f}' for x in state[3:])}")
     if covariance is not None:
-        date, of_state = covariance
-        rows = (" ".join(f"{x:.9e}" for x in row) for row in _triangle_km2(of_state))
+        date, covariance_m2 = covariance
+        rows = (" ".join(f"{x:.9e}" for x in row) for row in _triangle_km2(covariance_m2))
         lines += ["COVARIANCE_START", f"EPOCH = {date}", *rows, "COVARIANCE_STOP"]
     return lines
 
 
 def _triangle_km2(covariance: ArrayLike) -> list[list[float]]:
-    """Lower triangle by rows, km and km/s, of a state's covariance in m and m/s, shape (6, 6)."""
-    whole = np.asarray(covariance, dtype=np.float64)
-    if whole.shape != (6, 6) or not np.isfinite(whole).all() or (np.diag(whole) < 0.0).any():
-        raise InputError("covariance must be that of a state, finite numbers of shape (6, 6)")
-    return [(row[: k + 1] / M_PER_KM**2).tolist() for k, row in enumerate(whole)]
+    """Return the lower triangle by rows, km and km/s, of a state's covariance in m and m/s, shape (6, 6)."""
+    matrix = np.asarray(covariance, dtype=np.float64)
+    if matrix.shape != (6, 6) or not np.isfinite(matrix).all() or (np.diag(matrix) < 0.0).any():
+        raise InputError("covariance: expected finite numbers of shape (6, 6), the covariance of a state")
+    return [(row[: k + 1] / M_PER_KM**2).tolist() for k, row in enumerate(matrix)]
 
 
 def _lines(fields: Mapping[str, str]) -> Iterator[str]:
-    """Lines of keywords and texts, which have to be printable ASCII."""
+    """Yield lines of keywords and texts, which must be printable ASCII."""
     for keyword, text in fields.items():
         if not (text.strip() and text.isascii() and text.isprintable()):
-            raise InputError(
-                f"{keyword} {text!r} cannot stand in a message of the CCSDS; give printable ASCII text of one line"
-            )
+            raise InputError(f"{keyword}: expected one line of printable ASCII text, got {text!r}")
         yield f"{keyword} = {text}"
 
 
 def _epochs(start_utc: str, stop_utc: str, step_s: float) -> Epochs:
-    """Epochs of TAI at equal steps, and the last where it comes between two."""
+    """Return epochs of TAI at equal steps, and the last where it lies between two."""
     start, stop = (to_scale(epochs_from_strings(date), "TAI") for date in (start_utc, stop_utc))
     span_s = float(stop.seconds_since(start)[0])
     if not span_s > 0.0:
-        raise InputError(f"stop {stop_utc} is not after start {start_utc}; exchange or correct them")
-    if not 0.0 < step_s <= _LONGEST_STEP_S:
-        raise InputError(f"step {step_s!r} s is not more than 0 and at most {_LONGEST_STEP_S:.0f} s")
+        raise InputError(f"expected a stop after the start {start_utc}, got {stop_utc}")
+    if not 0.0 < step_s <= _MAX_STEP_S:
+        raise InputError(f"step_s: expected above 0 and at most {_MAX_STEP_S:.0f} s, got {step_s!r}")
     offsets_s = np.append(np.arange(math.ceil(span_s / step_s)) * step_s, span_s)
     return start[np.zeros(len(offsets_s), dtype=int)].shifted(offsets_s)
 
 
 def _rotation(frame: str, epochs: Epochs) -> Floats:
-    """From a point at rest in principal axes to its state in the ICRF, shape (n, 6, 3)."""
+    """Return the matrices from a point fixed in principal axes to its state in the ICRF, shape (n, 6, 3)."""
     orientation = LunarOrientation.open(frame.removeprefix("PA_"))
     angles_rad, rates_rad_s = orientation.angles(to_scale(epochs, "TDB"))
-    halves = rot_icrf_to_pa(angles_rad), rot_icrf_to_pa_rate(angles_rad, rates_rad_s)
-    return np.concatenate([np.swapaxes(half, -1, -2) for half in halves], axis=-2)
+    rotation, rate = rot_icrf_to_pa(angles_rad), rot_icrf_to_pa_rate(angles_rad, rates_rad_s)
+    return np.concatenate([np.swapaxes(rotation, -1, -2), np.swapaxes(rate, -1, -2)], axis=-2)
 
 
 def _covariance_pa_m2(content: Mapping[str, Any]) -> Floats | None:
-    """Total covariance of the position in principal axes; None where it is not determined, or held."""
+    """Return the total covariance of the position in principal axes; None where it is not determined, or held."""
     me, ephemeris = content["position"]["me"], content["position"]["pa"]["frame"].removeprefix("PA_")
-    of_enu = np.array(content["covariance"]["enu_m2"], dtype=np.float64)
-    if not (np.isfinite(of_enu).all() and of_enu.any()):
+    enu_m2 = np.array(content["covariance"]["enu_m2"], dtype=np.float64)
+    if not (np.isfinite(enu_m2).all() and enu_m2.any()):
         return None
     to_enu = east_north_up(
         math.radians(me["longitude_deg"]), math.radians(me["latitude_deg"])
     ) @ rot_pa_to_me(CONSTANTS[ephemeris])
-    return np.asarray(to_enu.T @ of_enu @ to_enu)
+    return np.asarray(to_enu.T @ enu_m2 @ to_enu)

@@ -1,4 +1,4 @@
-"""Solutions written for other tools, in a format by the ending of the file's name."""
+"""Export of solutions for other tools; the ending of the file's name selects the format."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class ExportOptions:
 
     Parameters
     ----------
-    code : int
+    body : int
         NAIF code of the lander in an SPK.
     start_utc, stop_utc : str, optional
         First and last epoch of an ephemeris message, UTC.
@@ -33,7 +33,7 @@ class ExportOptions:
         Agency that makes an ephemeris message.
     """
 
-    code: int = FIRST_SITE
+    body: int = FIRST_SITE
     start_utc: str | None = None
     stop_utc: str | None = None
     step_s: float = 3600.0
@@ -53,49 +53,49 @@ class Exporter:
     description : str
         Content of a file, for the help of ``radioloc export``.
     write : callable
-        Function of solutions (:class:`~radioloc.results.Solution` or what ``solution.json`` holds), path and
-        :class:`ExportOptions` that returns the paths written.
+        Function of the path, the solutions (:class:`~radioloc.results.Solution` or the content of ``solution.json``)
+        and :class:`ExportOptions` that returns the paths written.
     """
 
     name: str
     endings: tuple[str, ...]
     description: str
-    write: Callable[[Sequence[Located], Path, ExportOptions], Sequence[Path]]
+    write: Callable[[Path, Sequence[Located], ExportOptions], Sequence[Path]]
 
 
-def _single(solutions: Sequence[Located], path: Path) -> Located:
+def _single(path: Path, solutions: Sequence[Located]) -> Located:
     if len(solutions) != 1:
-        raise InputError(f"{path}: such a file holds one lander, got {len(solutions)}; give one solution")
+        raise InputError(f"{path}: expected one solution for this format, got {len(solutions)}")
     return solutions[0]
 
 
-def _write_oem(solutions: Sequence[Located], path: Path, options: ExportOptions) -> list[Path]:
+def _write_oem(path: Path, solutions: Sequence[Located], options: ExportOptions) -> list[Path]:
     start_utc, stop_utc, originator = options.start_utc, options.stop_utc, options.originator
     if start_utc is None or stop_utc is None or originator is None:
         names = {"--start": start_utc, "--stop": stop_utc, "--originator": originator}
         missing = " and ".join(name for name, value in names.items() if value is None)
-        raise InputError(f"{path}: an ephemeris message needs a span and an originator; give {missing}")
+        raise InputError(f"{path}: an ephemeris message needs {missing}")
     span = start_utc, stop_utc
-    solution = _single(solutions, path)
-    return [write_oem(solution, path, *span, originator=originator, step_s=options.step_s)]
+    solution = _single(path, solutions)
+    return [write_oem(path, solution, *span, originator=originator, step_s=options.step_s)]
 
 
-def _write_sinex(solutions: Sequence[Located], path: Path, options: ExportOptions) -> list[Path]:
-    solution = _single(solutions, path)
+def _write_sinex(path: Path, solutions: Sequence[Located], options: ExportOptions) -> list[Path]:
+    solution = _single(path, solutions)
     if not isinstance(solution, Solution):
         raise InputError(
-            f"{path}: SINEX needs the covariance of all parameters, which solution.json does not have; "
-            "use radioloc locate --sinex"
+            f"{path}: expected a solution with the covariance of all parameters, which solution.json lacks; use "
+            "radioloc locate --sinex"
         )
-    return [write_sinex(solution, path)]
+    return [write_sinex(path, solution)]
 
 
-def _write_table(solutions: Sequence[Located], path: Path, options: ExportOptions) -> list[Path]:
-    return [write_table_file(solution_table(solutions), path)]
+def _write_table(path: Path, solutions: Sequence[Located], options: ExportOptions) -> list[Path]:
+    return [write_table_file(path, solution_table(solutions))]
 
 
-def _write_gis(solutions: Sequence[Located], path: Path, options: ExportOptions) -> list[Path]:
-    return [write_gis(solutions, path)]
+def _write_gis(path: Path, solutions: Sequence[Located], options: ExportOptions) -> list[Path]:
+    return [write_gis(path, solutions)]
 
 
 EXPORTERS = registry(
@@ -108,7 +108,7 @@ EXPORTERS = registry(
             "SPICE kernels",
             (".bsp",),
             "SPK with the lander, and beside it a frames kernel .tf",
-            lambda solutions, path, its: write_spice(_single(solutions, path), path, code=its.code),
+            lambda path, solutions, options: write_spice(path, _single(path, solutions), body=options.body),
         ),
         Exporter(
             "Orbit Ephemeris Message",
@@ -125,16 +125,16 @@ EXPORTERS = registry(
 
 
 def export_solutions(
-    solutions: Sequence[Located], path: str | Path, options: ExportOptions | None = None
+    path: str | Path, solutions: Sequence[Located], options: ExportOptions | None = None
 ) -> list[Path]:
-    """Write solutions in the format that the ending of the file's name says.
+    """Write solutions in the format of the ending of the file's name.
 
     Parameters
     ----------
-    solutions : sequence of Solution, ImageSolution or mapping
-        Solutions to write; a mapping is the content of ``solution.json``.
     path : path-like
         File to write; an existing one is replaced.
+    solutions : sequence of Solution, ImageSolution or mapping
+        Solutions to write; a mapping is the content of ``solution.json``.
     options : ExportOptions, optional
         Options of single formats.
 
@@ -152,10 +152,10 @@ def export_solutions(
     --------
     >>> import radioloc
     >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
-    >>> [file.name for file in radioloc.io.export_solutions([solution], "apollo15.bsp")]
+    >>> [file.name for file in radioloc.io.export_solutions("apollo15.bsp", [solution])]
     ['apollo15.bsp', 'apollo15.tf']
     """
     by_ending = {ending: exporter for exporter in EXPORTERS.values() for ending in exporter.endings}
     exporter = by_ending[require_ending(path, by_ending)]
     with named_where_it_fails(f"exporter {exporter.name}", "write"):
-        return [*exporter.write(solutions, Path(path), options or ExportOptions())]
+        return [*exporter.write(Path(path), solutions, options or ExportOptions())]

@@ -34,16 +34,16 @@ _CORNERS = 90
 _MAX_SEMI_MAJOR_M = 0.5 * math.pi * MEAN_LUNAR_RADIUS_M  # a quarter of a great circle
 
 
-def write_gis(solutions: Iterable[Located], path: str | Path) -> Path:
+def write_gis(path: str | Path, solutions: Iterable[Located]) -> Path:
     """Write positions, error ellipses and references for QGIS and its like.
 
     Parameters
     ----------
-    solutions : iterable of Solution, other result with a position, or mapping
-        What to write; a mapping is what ``solution.json`` holds.
     path : path-like
         ``.geojson``, or ``.gpkg``, which needs the extra ``gis`` (pyogrio). A GeoPackage has the layers ``positions``
-        and ``ellipses``; GeoJSON has both in one, told apart by ``kind``.
+        and ``ellipses``; GeoJSON has one layer whose property ``kind`` distinguishes them.
+    solutions : iterable of Solution, other result with a position, or mapping
+        Results to write; a mapping is the content of ``solution.json``.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def write_gis(solutions: Iterable[Located], path: str | Path) -> Path:
     --------
     >>> import radioloc
     >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
-    >>> radioloc.io.write_gis([solution], "apollo15.geojson").name
+    >>> radioloc.io.write_gis("apollo15.geojson", [solution]).name
     'apollo15.geojson'
     """
     file, ending = Path(path), require_ending(path, (".geojson", ".gpkg"))
@@ -70,25 +70,30 @@ def write_gis(solutions: Iterable[Located], path: str | Path) -> Path:
 
 
 def _positions(contents: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """A point for each solution and each reference, each reference once."""
+    """Return points of the solutions and of the references, each reference once."""
     points = []
     references = {}
     for content in contents:
         me = position_of(content)["me"]
-        what = {"frame": me["frame"], "height_m": me["height_m"]}
+        frame = {"frame": me["frame"], "height_m": me["height_m"]}
         sigmas = {f"sigma_{axis}_m": content["sigma"][f"{axis}_m"] for axis in ("east", "north", "up")}
-        named = {"kind": content.get("method", "tracking"), "name": content["name"], **what, **sigmas}
+        named = {"kind": content.get("method", "tracking"), "name": content["name"], **frame, **sigmas}
         place = (me["longitude_deg"], me["latitude_deg"])
         points.append(_feature("Point", place, named | {"converged": content["converged"]}))
-        for known in references_of(content):
-            place = (known["longitude_deg"], known["latitude_deg"])
-            named = {"kind": "reference", "name": known["name"], **what, "height_m": known["height_m"]}
-            references[known["name"], *place] = _feature("Point", place, named)
+        for reference in references_of(content):
+            place = (reference["longitude_deg"], reference["latitude_deg"])
+            named = {
+                "kind": "reference",
+                "name": reference["name"],
+                "frame": me["frame"],
+                "height_m": reference["height_m"],
+            }
+            references[reference["name"], *place] = _feature("Point", place, named)
     return [*points, *references.values()]
 
 
 def _ellipses(content: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Horizontal error ellipses of a solution; none where it is not determined, held, or wider than a hemisphere."""
+    """Return the horizontal error ellipses of a solution that is determined, not held and smaller than a hemisphere."""
     me = position_of(content)["me"]
     covariance = horizontal_covariance_of(content)
     if covariance is None or not covariance.any():
@@ -117,17 +122,17 @@ def _ellipses(content: Mapping[str, Any]) -> list[dict[str, Any]]:
 def _ring(corners_m: Floats, centre_deg: tuple[float, float]) -> list[list[float]]:
     """Return longitudes and latitudes of a closed ring, each next to the one before, also across 180 degrees."""
     # A ring around a pole is not closed in longitude and latitude. It is cut at the meridian opposite to the centre and
-    # continued along the pole, so that the polygon holds its centre.
+    # continued along the pole, so that the polygon contains its centre.
     longitude_rad, latitude_rad, _ = cartesian_to_selenographic(corners_m)
     longitudes = np.unwrap(np.degrees(longitude_rad), period=360.0)
     longitudes += centre_deg[0] + math.remainder(longitudes[0] - centre_deg[0], 360.0) - longitudes[0]
     latitudes = np.degrees(latitude_rad)
     if abs(longitudes[-1] - longitudes[0]) > 180.0:
         west, east, pole = centre_deg[0] - 180.0, centre_deg[0] + 180.0, math.copysign(90.0, centre_deg[1])
-        inside = west + (longitudes[:-1] - west) % 360.0
-        order = np.argsort(inside)
-        cut = np.interp(west, inside, latitudes[:-1], period=360.0)
-        longitudes = np.concatenate([[west], inside[order], [east, east, west, west]])
+        wrapped = west + (longitudes[:-1] - west) % 360.0
+        order = np.argsort(wrapped)
+        cut = np.interp(west, wrapped, latitudes[:-1], period=360.0)
+        longitudes = np.concatenate([[west], wrapped[order], [east, east, west, west]])
         latitudes = np.concatenate([[cut], latitudes[:-1][order], [cut, pole, pole, cut]])
     return np.stack([longitudes, latitudes], axis=-1).tolist()
 
@@ -138,7 +143,7 @@ def _feature(geometry: str, coordinates: object, properties: Mapping[str, Any]) 
 
 
 def _collection(features: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Features with the Moon's reference system, as GDAL writes and reads it: RFC 7946 alone would mean the Earth."""
+    """Return features with the Moon's reference system as GDAL writes it; RFC 7946 alone would mean the Earth."""
     crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:IAU_2015::30100"}}
     return {"type": "FeatureCollection", "crs": crs, "features": list(features)}
 
@@ -146,12 +151,12 @@ def _collection(features: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 def _write_geopackage(file: Path, layers: Mapping[str, Sequence[Mapping[str, Any]]]) -> None:
     raw = optional("pyogrio.raw", f"{file}: a GeoPackage needs pyogrio; write .geojson, or", "gis")
     with scratch_folder() as folder:
-        made = folder / "layers.gpkg"  # GDAL wants the ending
+        layered = folder / "layers.gpkg"  # GDAL needs the ending
         for name, features in layers.items():
             if not features:
                 continue
             content = json.dumps(_collection(features)).encode()
             meta, _, geometry, columns = raw.read(content)
             kind = {"driver": "GPKG", "geometry_type": meta["geometry_type"], "crs": CRS}
-            raw.write(made, geometry, columns, meta["fields"], layer=name, append=made.exists(), **kind)
-        write_blocks(file, [made.read_bytes()])
+            raw.write(layered, geometry, columns, meta["fields"], layer=name, append=layered.exists(), **kind)
+        write_blocks(file, [layered.read_bytes()])

@@ -1,7 +1,7 @@
 """A solution in SINEX 2.02, the format in which geodesy exchanges estimates with their covariance.
 
 Fixed columns and blocks are those of the IERS format description. Positions are in principal axes, as STAX, STAY and
-STAZ; the format knows no frame of the Moon and has no names for most of what is estimated, so FILE/COMMENT has both.
+STAZ. The format lacks lunar frames and names of most parameters; FILE/COMMENT states both.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ _TYPES = {
     "time_bias": ("TBIAS", "ms", 1e3),
     "zenith_delay": ("ZBIAS", "m", 1.0),
 }
-"""The format's own types, their units, and the factors from ours; other types are the first letters of the kind."""
+"""Types of the format, their units, and the factors from SI; other types are the first letters of the kind."""
 
-_OF_A_STATION = re.compile(r"([A-Za-z][\w-]*)(?: \d+)?(?:\.\w+)?")
-"""What follows the kind in the name of a parameter of a station, or of one of its passes."""
+_STATION_NAME = re.compile(r"([A-Za-z][\w-]*)(?: \d+)?(?:\.\w+)?")
+"""Name of a station or of one of its passes, behind the kind in the name of a parameter."""
 
 _NO_TIME = "00:000:00000"  # the time of writing: the same solution makes the same file
 _PRIOR_KNOWN, _UNCONSTRAINED = 1, 2
@@ -54,7 +54,7 @@ class _Parameter:
     prior_sigma: float = math.inf
 
 
-def write_sinex(solution: Solution, path: str | Path) -> Path:
+def write_sinex(path: str | Path, solution: Solution) -> Path:
     """Write a solution as SINEX: positions in principal axes, other parameters, total covariance.
 
     Raises
@@ -68,22 +68,24 @@ def write_sinex(solution: Solution, path: str | Path) -> Path:
     --------
     >>> import radioloc
     >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
-    >>> radioloc.io.write_sinex(solution, "apollo15.snx").name
+    >>> radioloc.io.write_sinex("apollo15.snx", solution).name
     'apollo15.snx'
     """
     if solution.trajectory is not None or not solution.position_estimated:
-        raise InputError(f"{solution.name}: SINEX holds an estimated position, and this solution has none")
+        raise InputError(
+            f"{solution.name}: expected a solution with an estimated position, which SINEX needs"
+        )
     if not solution.converged:
-        raise ConvergenceError(f"{solution.name}: the solution has not converged; no SINEX file is written")
+        raise ConvergenceError(f"{solution.name}: expected a converged solution; no SINEX file was written")
     targets = solution.targets or (solution,)
     places_me_m = {target.name: solution.rot_pa_to_me @ target.position_pa_m for target in targets}
-    others = [
+    columns = [
         k
         for k, item in enumerate(solution.parameters)
         if not item.fixed and item.kind != "position" and np.isfinite(solution.covariance[k, k])
     ]
-    codes = _codes([*places_me_m, *filter(None, (_station(solution.parameters.names[k]) for k in others))])
-    parameters = list(_parameters(solution, others, codes))
+    codes = _codes([*places_me_m, *filter(None, (_station(solution.parameters.names[k]) for k in columns))])
+    parameters = list(_parameters(solution, columns, codes))
     covariance = _covariance(solution, parameters)
 
     used = solution.residuals.epoch_utc[np.flatnonzero(solution.residuals.used)]
@@ -132,19 +134,19 @@ def write_sinex(solution: Solution, path: str | Path) -> Path:
 
 
 def _station(name: str) -> str:
-    """Return the station that a parameter belongs to, or no text."""
-    match = _OF_A_STATION.fullmatch(name.partition(".")[2])
+    """Return the station of a parameter by its name, or an empty text."""
+    match = _STATION_NAME.fullmatch(name.partition(".")[2])
     return match[1] if match else ""
 
 
-def _parameters(solution: Solution, others: Sequence[int], codes: Mapping[str, str]) -> Iterator[_Parameter]:
+def _parameters(solution: Solution, columns: Sequence[int], codes: Mapping[str, str]) -> Iterator[_Parameter]:
     """Yield the coordinates of all targets, then the other parameters."""
     items = solution.parameters.parameters
     constraint = _constraint(*(item.prior_sigma for item in items if item.kind == "position"))
     for target in solution.targets or (solution,):
         for axis, value, partials in zip("XYZ", target.position_pa_m, target.position_partials, strict=True):
             yield _Parameter(f"STA{axis}", codes[target.name], "m", float(value), partials, constraint)
-    for k in others:
+    for k in columns:
         first_letters = items[k].kind.replace("_", "").upper()[:6]
         kind, unit, factor = _TYPES.get(items[k].kind, (first_letters, items[k].unit[:4], 1.0))
         code, partials = codes.get(_station(items[k].name), "----"), factor * np.eye(len(items))[k]
@@ -183,19 +185,20 @@ def _parameter_rows(
 def _covariance(solution: Solution, parameters: Sequence[_Parameter]) -> Floats:
     """Return the total covariance of the parameters, in the units of the file."""
     transform = np.array([item.partials for item in parameters])
-    known = np.isfinite(np.diag(solution.covariance))
-    of_parameters = solution.parameter_covariance()[np.ix_(known, known)]
-    covariance = transform[:, known] @ of_parameters @ transform[:, known].T
-    # The error of the ephemeris moves all targets alike.
-    by_error = np.tile(
+    determined = np.isfinite(np.diag(solution.covariance))
+    parameter_covariance = solution.parameter_covariance()[np.ix_(determined, determined)]
+    covariance = transform[:, determined] @ parameter_covariance @ transform[:, determined].T
+    # The error of the ephemeris shifts all targets alike.
+    ephemeris_error_m = np.tile(
         solution.rot_pa_to_enu.T * solution.ephemeris_sigma_enu_m, (len(solution.targets) or 1, 1)
     )
-    covariance[: len(by_error), : len(by_error)] += by_error @ by_error.T
+    size = len(ephemeris_error_m)
+    covariance[:size, :size] += ephemeris_error_m @ ephemeris_error_m.T
     return np.asarray(covariance)
 
 
 def _codes(names: Sequence[str]) -> dict[str, str]:
-    """Codes of four characters, no two alike, by name: the first four letters, or else the first and last two."""
+    """Return distinct codes of four characters by name: the first four letters, or else the first and last two."""
     letters = {name: re.sub(r"[^A-Z0-9]", "", name.upper()) or "MOON" for name in names}
     starts = Counter(text[:4] for text in letters.values())
     codes: dict[str, str] = {}
@@ -207,7 +210,7 @@ def _codes(names: Sequence[str]) -> dict[str, str]:
 
 
 def _site(code: str, name: str, position_me_m: Floats | None) -> str:
-    """A line of SITE/ID; the place of a station on Earth is left at zero, which means that it is not given."""
+    """Return a line of SITE/ID; zeros mean that the place of a station on Earth is not given."""
     longitude, latitude, height_m = (0.0, 0.0, 0.0)
     if position_me_m is not None:
         longitude, latitude, height_m = map(float, cartesian_to_selenographic(position_me_m))
@@ -216,7 +219,7 @@ def _site(code: str, name: str, position_me_m: Floats | None) -> str:
 
 
 def _sexagesimal(angle_deg: float) -> str:
-    """Degrees, minutes and seconds to a tenth, the sign with the first that is not zero."""
+    """Return degrees, minutes and seconds to a tenth, the sign with the first that is not zero."""
     tenths = round(abs(angle_deg) * 36000.0)
     parts = [tenths // 36000, tenths // 600 % 60, tenths % 600 / 10.0]
     if angle_deg < 0.0:
@@ -226,7 +229,7 @@ def _sexagesimal(angle_deg: float) -> str:
 
 
 def _epoch(epoch: Epochs) -> str:
-    """Year, day of the year and second of the day, UTC, as YY:DDD:SSSSS."""
+    """Return year, day of the year and second of the day, UTC, as YY:DDD:SSSSS."""
     text = str(utc_strings(epoch, decimals=0)[0])
     seconds = 3600 * int(text[11:13]) + 60 * int(text[14:16]) + int(text[17:19])
     return f"{date.fromisoformat(text[:10]):%y:%j}:{seconds:05d}"

@@ -26,31 +26,31 @@ from radioloc.text_files import replaced_file, require_ending, to_ascii
 from radioloc.vectors import Floats
 
 FIRST_SITE = 301001
-"""NAIF code of a first site on the Moon, as its ground sites of the Earth begin with 399001."""
+"""NAIF code of the first site on the Moon; those of the Earth begin with 399001."""
 _MOON = 301
 _PRINCIPAL_AXES = {"PA_DE421": 31006, "PA_DE440": 31008}
-"""Frame codes of NAIF's, which its binary PCKs of the Moon carry."""
+"""NAIF's frame codes in its binary PCKs of the Moon."""
 _MEAN_EARTH = {"PA_DE421": ("MOON_ME_DE421", 31007), "PA_DE440": ("MOON_ME_DE440_ME421", 31009)}
-_OF_A_PCK, _FIXED = 2, 4  # SPICE's classes of frames
-_REACH_S = 3.2e9  # before and after J2000: 1898 to 2101
+_PCK_CLASS, _FIXED_CLASS = 2, 4  # SPICE's classes of frames
+_HALF_SPAN_S = 3.2e9  # before and after J2000: 1898 to 2101
 _MAX_SEGMENT_NAME = 40  # characters of the identifier of a segment
 _MAX_FRAME_NAME = 21  # SPICE's variable FRAME_name_TOPO has at most 32 characters
 M_PER_KM = 1000.0
 _DEGREE = 11
-_LONGEST_STEP_S = 600.0
+_MAX_STEP_S = 600.0
 
 
-def write_spice(solution: Located, path: str | Path, *, code: int = FIRST_SITE) -> tuple[Path, Path]:
+def write_spice(path: str | Path, solution: Located, *, body: int = FIRST_SITE) -> tuple[Path, Path]:
     """Write an SPK with a lander's place, and beside it a frames kernel that SPICE needs to read it.
 
     Parameters
     ----------
-    solution : Solution, other result with a position, or mapping
-        Whose position is written; a mapping is what ``solution.json`` holds.
     path : path-like
         The SPK, ``.bsp``. The frames kernel has the same name and ends in ``.tf``: the body's name and code, the
         principal and mean-Earth axes of the ephemeris, and ``NAME_TOPO``, x to the north, y to the west and z up.
-    code : int
+    solution : Solution, other result with a position, or mapping
+        Result with the position; a mapping is the content of ``solution.json``.
+    body : int
         NAIF code of the lander.
 
     Returns
@@ -61,8 +61,8 @@ def write_spice(solution: Located, path: str | Path, *, code: int = FIRST_SITE) 
     Raises
     ------
     InputError
-        The solution has no position or none that NAIF has axes for, the path does not end in .bsp, or the code is
-        one of NAIF's own bodies'.
+        The solution has no position in axes that NAIF defines, the path does not end in .bsp, or `body` is the code of
+        a body of NAIF.
 
     Notes
     -----
@@ -72,7 +72,7 @@ def write_spice(solution: Located, path: str | Path, *, code: int = FIRST_SITE) 
     --------
     >>> import radioloc
     >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
-    >>> [file.name for file in radioloc.io.write_spice(solution, "apollo15.bsp")]
+    >>> [file.name for file in radioloc.io.write_spice("apollo15.bsp", solution)]
     ['apollo15.bsp', 'apollo15.tf']
     """
     import spiceypy
@@ -80,31 +80,32 @@ def write_spice(solution: Located, path: str | Path, *, code: int = FIRST_SITE) 
     content = content_of(solution)
     spk, frames = Path(path), Path(path).with_suffix(".tf")
     require_ending(spk, (".bsp",))
-    if isinstance(code, bool) or not isinstance(code, int) or 0 <= code < 1000:
+    if isinstance(body, bool) or not isinstance(body, int) or 0 <= body < 1000:
         raise InputError(
-            f"code {code!r} is not one for a lander; use one such as {FIRST_SITE}, or a negative one"
+            f"body: expected a NAIF code of a lander, such as {FIRST_SITE} or a negative one, got {body!r}"
         )
     pa = position_of(content)["pa"]
     if pa["frame"] not in _PRINCIPAL_AXES:
-        known = ", ".join(_PRINCIPAL_AXES)
-        raise InputError(f"{content['name']}: SPICE has no frame for {pa['frame']}; it has some for {known}")
+        raise InputError(
+            f"{content['name']}: expected axes {' or '.join(_PRINCIPAL_AXES)}, which SPICE has, got {pa['frame']}"
+        )
     content = {**content, "name": to_ascii(content["name"], _MAX_SEGMENT_NAME).strip() or "lander"}
     state = [pa[f"{axis}_m"] / M_PER_KM for axis in "xyz"] + [0.0] * 3
-    # The frames kernel takes its place last, once the SPK is whole.
-    with replaced_file(frames) as made, _new_spk(spk) as handle:
-        made.write_text(_frames(content, code), encoding="ascii")
-        with spice_path(made) as name:
+    # The frames kernel is replaced last, after the SPK is complete.
+    with replaced_file(frames) as temporary, _new_spk(spk) as handle:
+        temporary.write_text(_frames(content, body), encoding="ascii")
+        with spice_path(temporary) as name:
             spiceypy.furnsh(name)
             try:
-                axes, span = f"MOON_{pa['frame']}", [-_REACH_S, _REACH_S]
-                spiceypy.spkw09(handle, code, _MOON, axes, *span, content["name"], 1, 2, [state] * 2, span)
+                axes, span = f"MOON_{pa['frame']}", [-_HALF_SPAN_S, _HALF_SPAN_S]
+                spiceypy.spkw09(handle, body, _MOON, axes, *span, content["name"], 1, 2, [state] * 2, span)
             finally:
                 spiceypy.unload(name)
     return spk, frames
 
 
-def _frames(content: Mapping[str, Any], code: int) -> str:
-    """The text of the frames kernel."""
+def _frames(content: Mapping[str, Any], body: int) -> str:
+    """Return the text of the frames kernel."""
     pa, me = content["position"]["pa"], content["position"]["me"]
     name = (
         re.sub(r"[^A-Z0-9]+", "_", content["name"].upper()).strip("_")[:_MAX_FRAME_NAME].strip("_")
@@ -113,15 +114,15 @@ def _frames(content: Mapping[str, Any], code: int) -> str:
     axes, number = f"MOON_{pa['frame']}", _PRINCIPAL_AXES[pa["frame"]]
     mean, mean_number = _MEAN_EARTH[pa["frame"]]
     about_x, about_y, about_z = CONSTANTS[pa["frame"].partition("_")[2]].pa_to_me_arcsec
-    # From the horizon to the mean-Earth axes: SPICE's angles of a fixed frame turn from it to what it is relative to.
+    # SPICE's angles of a fixed frame turn from it to the frame that it is relative to.
     horizon = (-me["longitude_deg"], me["latitude_deg"] - 90.0, 180.0)
-    topo_number = 1_400_000 + abs(code) % 600_000  # of the range that NAIF leaves to everyone
+    topo_number = 1_400_000 + abs(body) % 600_000  # in the range that NAIF reserves for users
     blocks = [
-        [f"NAIF_BODY_NAME += '{name}'", f"NAIF_BODY_CODE += {code}"],
-        _frame(axes, number, _OF_A_PCK),
-        _frame(mean, mean_number, _FIXED)
+        [f"NAIF_BODY_NAME += '{name}'", f"NAIF_BODY_CODE += {body}"],
+        _frame(axes, number, _PCK_CLASS),
+        _frame(mean, mean_number, _FIXED_CLASS)
         + _fixed(mean_number, axes, (-about_z, -about_y, -about_x), (3, 2, 1), "ARCSECONDS"),
-        _frame(f"{name}_TOPO", topo_number, _FIXED, code)
+        _frame(f"{name}_TOPO", topo_number, _FIXED_CLASS, body)
         + _fixed(topo_number, mean, horizon, (3, 2, 3), "DEGREES"),
     ]
     data = "\n\n".join("\n".join(block) for block in blocks)
@@ -159,25 +160,26 @@ def _fixed(
 
 @bare_arguments
 def write_orbit_spk(
-    orbit: Orbit | Sequence[Orbit], path: str | Path, body: int, *, step_s: float = 15.0
+    path: str | Path, orbit: Orbit | Sequence[Orbit], body: int, *, step_s: float = 15.0
 ) -> Path:
     """Write an orbit as an SPK of type 13, Hermite polynomials of degree 11 through states at equal steps.
 
     Parameters
     ----------
-    orbit : Orbit or sequence of Orbit
-        One, or several from one after the other, each with segments of its own.
     path : path-like
-        The file, ``.bsp``; one that is there is replaced.
+        File to write, ``.bsp``; an existing one is replaced.
+    orbit : Orbit or sequence of Orbit
+        One orbit, or several that follow each other, each with its own segments.
     body : int
         NAIF code of the spacecraft, negative, such as -177.
     step_s : float
-        From state to state, s, 600 at most; of 15 s the error is a micrometre in a low orbit and a field to degree 150.
+        Interval between states, s, 600 at most. At 15 s the error is a micrometre in a low orbit with a field to
+        degree 150.
 
     Raises
     ------
     InputError
-        The code is not one of a spacecraft, or the step is not one.
+        The code is not that of a spacecraft, or the step is out of range.
 
     Examples
     --------
@@ -188,15 +190,13 @@ def write_orbit_spk(
     >>> epoch = epochs_from_strings("2012-04-09T04:30:00", "TDB")
     >>> forces = Forces(GravityField.open("GRGM660PRIM", degree=20))
     >>> orbit = propagate(epoch, [575750.0, -463261.0, -1631634.0], [-567.855, 1434.222, -600.22], forces, (0, 600))
-    >>> print(Trajectory.open(write_orbit_spk(orbit, "orbit.bsp", -177), -177))
+    >>> print(Trajectory.open(write_orbit_spk("orbit.bsp", orbit, -177), -177))
     body -177 of orbit.bsp, 2012-04-09T04:30:00 to 2012-04-09T04:40:00 TDB
     """
     import spiceypy
 
     if isinstance(body, bool) or not isinstance(body, int) or not -(2**31) < body < 0:
-        raise InputError(
-            f"body {body!r} is no NAIF code of a spacecraft; give a negative integer such as -177"
-        )
+        raise InputError(f"body: expected a negative NAIF code of a spacecraft, such as -177, got {body!r}")
     with _new_spk(path) as handle:
         for part, times_s in orbit_parts(orbit, step_s):
             midnight_s = float((part.epoch.jd[0] - J2000_JD) * SECONDS_PER_DAY)
@@ -215,37 +215,37 @@ def write_orbit_spk(
 
 @contextmanager
 def _new_spk(path: str | Path) -> Iterator[int]:
-    """The handle of a new SPK, which takes the place of one that is there once it is whole."""
+    """Yield the handle of a new SPK, which replaces an existing file once it is complete."""
     import spiceypy
     from spiceypy.utils.exceptions import SpiceyError
 
-    # SPICE makes no file of a long name, so it writes in a folder for temporary files.
+    # SPICE cannot create files with long names, so it writes in a folder for temporary files.
     with replaced_file(path) as temporary, short_folder() as folder:
-        made = folder / "new.bsp"
+        new = folder / "new.bsp"
         try:
-            handle = spiceypy.spkopn(str(made), "radioloc", 0)
+            handle = spiceypy.spkopn(str(new), "radioloc", 0)
             try:
                 yield handle
             finally:
                 spiceypy.dafcls(handle)
         except SpiceyError as error:
             raise InputError(f"{path} cannot be written by SPICE: {spice_message(error)}") from error
-        shutil.copyfile(made, temporary)
+        shutil.copyfile(new, temporary)
 
 
 def orbit_parts(orbit: Orbit | Sequence[Orbit], step_s: float) -> Iterator[tuple[Orbit, Floats]]:
-    """Each part without a jump, and equally spaced times in it from its epoch, both ends included."""
-    if not 0.0 < step_s <= _LONGEST_STEP_S:
-        raise InputError(f"step {step_s!r} s is not more than 0 and at most {_LONGEST_STEP_S:.0f} s")
-    for one in (orbit,) if isinstance(orbit, Orbit) else orbit:
-        for leg in one.legs:
+    """Yield each part without a jump, and equally spaced times in it from its epoch, both ends included."""
+    if not 0.0 < step_s <= _MAX_STEP_S:
+        raise InputError(f"step_s: expected above 0 and at most {_MAX_STEP_S:.0f} s, got {step_s!r}")
+    for part in (orbit,) if isinstance(orbit, Orbit) else orbit:
+        for leg in part.legs:
             first_s, last_s = leg.span_s
             yield (
-                replace(one, legs=(leg,)),
+                replace(part, legs=(leg,)),
                 np.linspace(first_s, last_s, 2 + int((last_s - first_s) / step_s)),
             )
 
 
 def states_km(orbit: Orbit, times_s: Floats) -> Floats:
-    """States at times from the orbit's epoch, km and km/s, shape (n, 6)."""
+    """Return states at times from the orbit's epoch, km and km/s, shape (n, 6)."""
     return np.hstack(orbit.states(orbit.epoch.shifted(times_s))) / M_PER_KM

@@ -176,11 +176,11 @@ def write_content(path: Path, content: Content) -> None:
 def _write_orbit(content: OrbitFile, path: Path) -> None:
     message: dict[str, Any] = {"originator": "radioloc", "covariance": content.covariance}
     if path.suffix == ".bsp":
-        write_orbit_spk(content.orbit, path, body=content.body)
+        write_orbit_spk(path, content.orbit, body=content.body)
     elif path.suffix == ".oem":
-        write_orbit_oem(content.orbit, path, **message)
+        write_orbit_oem(path, content.orbit, **message)
     else:
-        write_orbit_opm(content.orbit, path, **message)
+        write_orbit_opm(path, content.orbit, **message)
 
 
 def remove_files(folder: Path, names: tuple[str, ...], but: Collection[Path] = ()) -> None:

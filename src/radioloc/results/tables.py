@@ -134,7 +134,7 @@ def _latex(text: str) -> str:
     return _POWER.sub(lambda found: rf"$\times 10^{{{int(found[1])}}}$", escaped)
 
 
-def write_table_file(table: TextTable, path: str | Path) -> Path:
+def write_table_file(path: str | Path, table: TextTable) -> Path:
     """Write a table by the ending of the name, ``.md`` or ``.tex``; another is an :class:`InputError`."""
     ending = require_ending(path, (".md", ".tex"))
     write_text(path, table.to_markdown() if ending == ".md" else table.to_latex())

@@ -36,7 +36,7 @@ TKFRAME_{code}_MATRIX = ( 1 0 0 0 1 0 0 0 1 )
 
 @pytest.mark.parametrize("ephemeris", ["DE421", "DE440"])
 def test_a_lander_that_was_exported_is_read_where_spice_has_it(tmp_path, ephemeris):
-    spk, frames = write_spice(recorded(frame=f"ME_{ephemeris}"), tmp_path / "lander.bsp", code=-900)
+    spk, frames = write_spice(tmp_path / "lander.bsp", recorded(frame=f"ME_{ephemeris}"), body=-900)
     with spiceypy.KernelPool([str(file) for file in (find_kernel(ephemeris, "PCK"), spk, frames)]):
         expected = np.array([spiceypy.spkgeo(-900, et, "J2000", 301)[0] for et in AT_S])
     read = Trajectory.open(spk, -900)
@@ -49,7 +49,7 @@ def test_a_lander_that_was_exported_is_read_where_spice_has_it(tmp_path, ephemer
 @pytest.mark.parametrize("code", LUNAR_AXES)
 def test_an_orbit_in_each_of_the_axes(tmp_path, code):
     axes = LUNAR_AXES[code]
-    _, frames = write_spice(recorded(frame=f"ME_{axes.ephemeris}"), tmp_path / "lander.bsp")
+    _, frames = write_spice(tmp_path / "lander.bsp", recorded(frame=f"ME_{axes.ephemeris}"))
     kernels = [find_kernel(axes.ephemeris, "PCK"), frames]
     if axes.name in ("MOON_PA", "MOON_ME"):
         by_name = {LUNAR_AXES[k].axes: LUNAR_AXES[k].name for k in (31006, 31007)}
@@ -71,7 +71,7 @@ def test_an_orbit_in_each_of_the_axes(tmp_path, code):
 
 def test_epochs_without_an_orientation_of_the_moon_are_refused(tmp_path):
     """The kernel of a lander says nothing of when; the orientation does."""
-    spk, _ = write_spice(recorded(frame="ME_DE440"), tmp_path / "lander.bsp")
+    spk, _ = write_spice(tmp_path / "lander.bsp", recorded(frame="ME_DE440"))
     ends = LunarOrientation.open("DE440").kernel.end_tdb
     with pytest.raises(CoverageError, match=ends):
         Trajectory.open(spk, 301001).geocentric(Ephemeris.open(), Epochs.from_tdb_seconds(np.array([1.6e9])))

@@ -50,7 +50,7 @@ def read(path):
 
 
 def spice_states(tmp_path, et_s):
-    files = write_spice(CONTENT, tmp_path / "lander.bsp")
+    files = write_spice(tmp_path / "lander.bsp", CONTENT)
     kernels = [find_kernel("DE421", kind) for kind in ("SPK", "PCK")]
     with spiceypy.KernelPool([str(file) for file in (*kernels, *files)]):
         return np.array([spiceypy.spkgeo(301001, et, "J2000", 301)[0] for et in et_s]) * 1e3
@@ -63,7 +63,7 @@ def et_of(dates):
 
 
 def test_states_are_those_of_spice(tmp_path):
-    file = write_oem(CONTENT, tmp_path / "lander.oem", *DAYS, originator="TEST", step_s=7200.0)
+    file = write_oem(tmp_path / "lander.oem", CONTENT, *DAYS, originator="TEST", step_s=7200.0)
     dates, states, segment = read(file)
     assert (dates[0], dates[1], dates[-1]) == (
         "2020-12-01T12:00:00.000000",
@@ -80,7 +80,7 @@ def test_states_are_those_of_spice(tmp_path):
 
 
 def test_between_states_a_day_apart_the_stated_interpolation_holds(tmp_path):
-    file = write_oem(CONTENT, tmp_path / "a.oem", "2020-12-01", "2020-12-05", originator="TEST", step_s=86400)
+    file = write_oem(tmp_path / "a.oem", CONTENT, "2020-12-01", "2020-12-05", originator="TEST", step_s=86400)
     dates, states, segment = read(file)
     assert (segment.metadata.interpolation, int(segment.metadata.interpolation_degree)) == ("HERMITE", 7)
     et_s = et_of(dates[:4])
@@ -94,7 +94,7 @@ def test_between_states_a_day_apart_the_stated_interpolation_holds(tmp_path):
 
 
 def test_the_covariance_is_that_of_the_position(tmp_path):
-    file = write_oem(CONTENT, tmp_path / "lander.oem", *DAYS, originator="TEST")
+    file = write_oem(tmp_path / "lander.oem", CONTENT, *DAYS, originator="TEST")
     dates, states, segment = read(file)
     (covariance,) = segment.data.covariance_matrix
     assert str(covariance.epoch) == dates[0]
@@ -118,7 +118,7 @@ def test_the_covariance_is_that_of_the_position(tmp_path):
 def test_a_position_that_was_held_has_no_covariance(tmp_path):
     undetermined = recorded(sigma_m=[math.inf] * 3, covariance={"enu_m2": [[None] * 3] * 3})
     for name, content in (("held", recorded(sigma_m=[0.0] * 3)), ("none", undetermined)):
-        text = write_oem(content, tmp_path / name, *DAYS, originator="TEST").read_text()
+        text = write_oem(tmp_path / name, content, *DAYS, originator="TEST").read_text()
         assert "COVARIANCE" not in text
 
 
@@ -126,17 +126,17 @@ def test_a_position_that_was_held_has_no_covariance(tmp_path):
     ("change", "given", "message"),
     [
         ({"position": None}, {}, "no fixed position"),
-        ({"name": "嫦娥"}, {}, "OBJECT_NAME .* printable ASCII"),
-        ({}, {"step_s": 0.0}, "step 0.0 s is not"),
-        ({}, {"step_s": 86401.0}, "at most 86400 s"),
-        ({}, {"stop_utc": DAYS[0]}, "is not after start"),
+        ({"name": "嫦娥"}, {}, "OBJECT_NAME"),
+        ({}, {"step_s": 0.0}, "step_s"),
+        ({}, {"step_s": 86401.0}, "step_s"),
+        ({}, {"stop_utc": DAYS[0]}, "after the start"),
         ({}, {"start_utc": "yesterday"}, "'yesterday' is not a date"),
     ],
 )
 def test_what_cannot_be_written_is_refused(tmp_path, change, given, message):
     asked = {"start_utc": DAYS[0], "stop_utc": DAYS[1], "originator": "TEST"} | given
     with pytest.raises(InputError, match=message):
-        write_oem(CONTENT | change, tmp_path / "a.oem", **asked)
+        write_oem(tmp_path / "a.oem", CONTENT | change, **asked)
     assert not list(tmp_path.iterdir())
 
 
@@ -165,7 +165,7 @@ def _orbit():
 
 
 def test_spk(orbit, tmp_path):
-    trajectory = Trajectory.open(write_orbit_spk(orbit, tmp_path / "orbit.bsp", ORBITER), ORBITER)
+    trajectory = Trajectory.open(write_orbit_spk(tmp_path / "orbit.bsp", orbit, ORBITER), ORBITER)
     times_s = np.array([-3600.0, -650.0, -333.3, 0.0, 17.0, 999.999, 1000.001, 2345.678, 3600.0])
     tdb = EPOCH.shifted(times_s)
     for own, other, limit in zip(
@@ -180,7 +180,7 @@ def test_spk(orbit, tmp_path):
 
 def test_oem(orbit, tmp_path):
     path = write_orbit_oem(
-        orbit, tmp_path / "orbit.oem", originator="TEST", covariance=COVARIANCE, step_s=60.0
+        tmp_path / "orbit.oem", orbit, originator="TEST", covariance=COVARIANCE, step_s=60.0
     )
     segments = message_of(path).body.segment
     assert len(segments) == 5
@@ -198,7 +198,7 @@ def test_oem(orbit, tmp_path):
 
 
 def test_opm(orbit, tmp_path):
-    path = write_orbit_opm(orbit, tmp_path / "orbit.opm", originator="TEST", covariance=COVARIANCE)
+    path = write_orbit_opm(tmp_path / "orbit.opm", orbit, originator="TEST", covariance=COVARIANCE)
     data = message_of(path).body.segment.data
     np.testing.assert_allclose(numbers(data.state_vector, NAMES) * 1e3, STATE, rtol=0, atol=1e-8)
     (manoeuvre,) = data.maneuver_parameters
@@ -212,13 +212,13 @@ def test_opm(orbit, tmp_path):
 
 @pytest.mark.parametrize("body", [177, 0, True, -1.0])
 def test_codes_that_are_no_spacecrafts(orbit, body, tmp_path):
-    with pytest.raises(InputError, match="no NAIF code of a spacecraft"):
-        write_orbit_spk(orbit, tmp_path / "orbit.bsp", body)
+    with pytest.raises(InputError, match="NAIF code"):
+        write_orbit_spk(tmp_path / "orbit.bsp", orbit, body)
 
 
 def test_messages_that_cannot_be(orbit, tmp_path):
-    with pytest.raises(InputError, match="covariance must be that of a state"):
-        write_orbit_oem(orbit, tmp_path / "orbit.oem", originator="TEST", covariance=np.eye(3))
+    with pytest.raises(InputError, match="^covariance"):
+        write_orbit_oem(tmp_path / "orbit.oem", orbit, originator="TEST", covariance=np.eye(3))
 
 
 STUDY = "examples/change5/short_arc.toml"
@@ -240,7 +240,7 @@ def by_path(segment):
 def test_residuals_come_back(fitted, tmp_path, ending):
     solution, observations = fitted
     rows = solution.residuals
-    file = write_residuals_tdm(solution, observations, tmp_path / f"oc.{ending}", originator="TEST")
+    file = write_residuals_tdm(tmp_path / f"oc.{ending}", solution, observations, originator="TEST")
     message = read_tdm_file(file)
     assert message.header.comments == (
         f"{solution.name}: the values are residuals, observed minus computed, not observations",
@@ -267,7 +267,7 @@ def test_delays_are_in_seconds(tmp_path):
     observations = radioloc.read_observations("examples/change5/change5.csv")
     few = observations.select(np.flatnonzero(observations.kind == 1)[:20])
     solution = radioloc.residuals(study, few)
-    file = write_residuals_tdm(solution, few, tmp_path / "oc.tdm", originator="TEST")
+    file = write_residuals_tdm(tmp_path / "oc.tdm", solution, few, originator="TEST")
     values = np.concatenate([segment.values("VLBI_DELAY") for segment in read_tdm_file(file).segments])
     np.testing.assert_allclose(
         np.sort(values * C_M_S), np.sort(solution.residuals.residual_m), rtol=1e-14, atol=0
@@ -277,8 +277,8 @@ def test_delays_are_in_seconds(tmp_path):
 def test_other_observations_are_refused(fitted, tmp_path):
     solution, observations = fitted
     for others in (observations.select(slice(1, None)), observations.select(slice(None, None, -1))):
-        with pytest.raises(InputError, match="not of these"):
-            write_residuals_tdm(solution, others, tmp_path / "oc.tdm", originator="TEST")
+        with pytest.raises(InputError, match="others"):
+            write_residuals_tdm(tmp_path / "oc.tdm", solution, others, originator="TEST")
 
 
 def test_the_command_writes_residuals(tmp_path, capsys):

@@ -79,7 +79,7 @@ def test_a_lander_in_axes_of_the_moon_is_where_it_was(model, tmp_path):
     surface = model.without("lunar_tide", "lunar_scale", "lunar_lorentz")
     position = recorded()
     pa_m = np.array([position["position"]["pa"][f"{axis}_m"] for axis in "xyz"])
-    file, _ = write_spice(position, tmp_path / "lander.bsp")
+    file, _ = write_spice(tmp_path / "lander.bsp", position)
     still = Trajectory.open(file, 301001)
     moving = ExactPredictor(model, table, still).compute()
     assert (

@@ -104,7 +104,7 @@ def test_a_wrong_value_is_named_in_every_job(content, key, value, place, tmp_pat
     jobs = [
         lambda: radioloc.jobs.compare([path]),
         lambda: radioloc.jobs.verify(path),
-        lambda: radioloc.io.write_gis([wrong], tmp_path / "a.geojson"),
+        lambda: radioloc.io.write_gis(tmp_path / "a.geojson", [wrong]),
         lambda: solution_table([wrong]),
     ]
     for job in jobs:

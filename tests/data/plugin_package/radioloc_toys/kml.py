@@ -4,7 +4,7 @@ from radioloc.io import Exporter
 from radioloc.results import contents_by_target
 
 
-def write(solutions, path, options):
+def write(path, solutions, options):
     places = []
     for content in contents_by_target(solutions):
         me = content["position"]["me"]

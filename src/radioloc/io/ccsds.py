@@ -261,7 +261,7 @@ def _segment(
     covariance: tuple[str, ArrayLike] | None,
     comment: str | None = None,
 ) -> list[str]:
-    """Return a segment of an OEM: states, km and km/s, shape (n, 6), and a covariance at a date, m and m/s, shape (6, 6)."""
+    """Return a segment of an OEM: states (n, 6), km and km/s, and a covariance (6, 6) at a date, m and m/s."""
     fields = dict(metadata) | {
         "START_TIME": dates[0],
         "STOP_TIME": dates[-1],

@@ -62,7 +62,7 @@ def received() -> tuple[Observations, np.ndarray]:
     model = PhysicalModel.build(catalogue=catalogue)
     place_m = TRUE.to_frame("PA_DE421").xyz_m
     after_s = STEP_S * np.arange(DAYS * 86400.0 / STEP_S)
-    epoch = epochs_from_strings([(START + timedelta(seconds=s)).isoformat() for s in after_s.tolist()])
+    epoch = epochs_from_strings([(START + timedelta(seconds=s)).isoformat() for s in after_s.tolist()], "UTC")
     random = np.random.default_rng(20201201)
     keep = np.exp(-STEP_S / WANDER_S)
     wander_hz = np.zeros(len(after_s))

@@ -63,7 +63,7 @@ def main():
     [pixel], seen = models[0].project(lander.xyz_m[None])
     assert seen.all()
     print("point = [{:.2f}, {:.2f}]".format(*(pixel + PIXEL_ERROR)))
-    tdb = to_scale(epochs_from_strings(EPOCH), "TDB")
+    tdb = to_scale(epochs_from_strings(EPOCH, "UTC"), "TDB")
     epoch_s = float(86400.0 * ((tdb.jd[0] - 2451545.0) + tdb.fraction[0]))
     content = support_data(models[1], epoch_s)
     (FOLDER / "orbital_image.json").write_text(json.dumps(content, indent=1) + "\n")

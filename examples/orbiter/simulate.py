@@ -56,7 +56,9 @@ def write_tracking(path: Path, orbit: Path) -> None:
     model = radioloc.measurements.PhysicalModel.build()
     trajectory = radioloc.ephemeris.Trajectory.open(orbit, BODY)
     minutes = 15 * 60 + 5 * np.arange(1, 71)
-    utc = radioloc.time.epochs_from_strings([f"2020-12-02T{m // 60:02d}:{m % 60:02d}:00" for m in minutes])
+    utc = radioloc.time.epochs_from_strings(
+        [f"2020-12-02T{m // 60:02d}:{m % 60:02d}:00" for m in minutes], "UTC"
+    )
     links = [radioloc.measurements.Link.from_path(f"KASHI>orbiter>{name}") for name in ("KASHI", "JIAMUSI")]
     count = len(utc)
     doppler = np.repeat([False, False, True], count)

@@ -17,7 +17,7 @@ import radioloc
 from radioloc.time import epochs_from_strings
 
 HERE = Path(__file__).resolve().parent
-MIDDLE, BETWEEN = (epochs_from_strings([day]) for day in ("2006-11-15", "2015-01-01"))
+MIDDLE, BETWEEN = (epochs_from_strings([day], "UTC") for day in ("2006-11-15", "2015-01-01"))
 # Chance leaves a difference in three dimensions below 3.76 sigmas in 99.7 %, as below 3 in one.
 LIMIT = 3.76
 

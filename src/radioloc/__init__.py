@@ -1,16 +1,12 @@
-"""Where a lander stands on the Moon, from Earth-based tracking, with how well it is known.
+"""Locate landers on the Moon from Earth-based tracking, with the uncertainty of the position.
 
 >>> import radioloc
 >>> study = radioloc.read_study("examples/apollo15/apollo15.toml")  # doctest: +SKIP
 >>> solution = radioloc.locate(study)  # doctest: +SKIP
 >>> print(solution)  # doctest: +SKIP
 
-Here are the names that most users need. What they rest on is in the packages, each with an ``__all__`` of its own:
-:mod:`radioloc.measurements`, :mod:`radioloc.parameters`, :mod:`radioloc.media`, :mod:`radioloc.estimation`,
-:mod:`radioloc.simulation`, :mod:`radioloc.study`, :mod:`radioloc.jobs`, :mod:`radioloc.results`, :mod:`radioloc.io`,
-:mod:`radioloc.report`, :mod:`radioloc.search`, :mod:`radioloc.earth`, :mod:`radioloc.lunar`, :mod:`radioloc.dynamics`,
-:mod:`radioloc.imaging`, :mod:`radioloc.ephemeris`, :mod:`radioloc.kernels`, :mod:`radioloc.time` and
-:mod:`radioloc.errors`.
+This package has the jobs and what most users need. The packages that ``dir(radioloc)`` lists have the rest; each
+declares its public names in ``__all__``.
 """
 
 from typing import TYPE_CHECKING
@@ -18,15 +14,18 @@ from typing import TYPE_CHECKING
 from radioloc._version import __version__
 from radioloc.lazy import lazy_exports as _lazy_exports
 
-if TYPE_CHECKING:  # what is here is imported when it is first used
+if TYPE_CHECKING:  # imported on first use
     from radioloc.earth import StationCatalogue
     from radioloc.errors import RadiolocError
     from radioloc.io import read_observations, write_observations
-    from radioloc.jobs.arcs import arcs
+    from radioloc.jobs.arcs import arcs, leave_one_out
+    from radioloc.jobs.comparison import compare
     from radioloc.jobs.covariance import covariance
-    from radioloc.jobs.locate import locate, residuals
+    from radioloc.jobs.locate import compute_residuals, locate
     from radioloc.jobs.monte_carlo import monte_carlo
+    from radioloc.jobs.passes import light_times, visibility
     from radioloc.jobs.simulate import simulate
+    from radioloc.jobs.verification import verify
     from radioloc.lunar import LunarPosition
     from radioloc.measurements import Observations
     from radioloc.report import plot_links, plot_position, plot_residuals, write_report
@@ -44,7 +43,11 @@ __all__ = [
     "Study",
     "__version__",
     "arcs",
+    "compare",
+    "compute_residuals",
     "covariance",
+    "leave_one_out",
+    "light_times",
     "locate",
     "monte_carlo",
     "plot_links",
@@ -52,8 +55,9 @@ __all__ = [
     "plot_residuals",
     "read_observations",
     "read_study",
-    "residuals",
     "simulate",
+    "verify",
+    "visibility",
     "write_observations",
     "write_report",
 ]
@@ -63,17 +67,22 @@ __getattr__, __dir__ = _lazy_exports(
     {
         "earth": "StationCatalogue",
         "errors": "RadiolocError",
-        "results": "Solution",
         "io": "read_observations write_observations",
+        "jobs.arcs": "arcs leave_one_out",
+        "jobs.comparison": "compare",
+        "jobs.covariance": "covariance",
+        "jobs.locate": "compute_residuals locate",
+        "jobs.monte_carlo": "monte_carlo",
+        "jobs.passes": "light_times visibility",
+        "jobs.simulate": "simulate",
+        "jobs.verification": "verify",
         "lunar": "LunarPosition",
         "measurements": "Observations",
         "report": "plot_links plot_position plot_residuals write_report",
+        "results": "Solution",
         "study": "Study read_study",
-        "jobs.arcs": "arcs",
-        "jobs.covariance": "covariance",
-        "jobs.locate": "locate residuals",
-        "jobs.monte_carlo": "monte_carlo",
-        "jobs.simulate": "simulate",
         "time": "Epochs",
     },
+    "cli dynamics earth ephemeris errors estimation imaging io jobs kernels lunar measurements media parameters "
+    "report results search simulation study targets time",
 )

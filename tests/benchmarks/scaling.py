@@ -34,7 +34,7 @@ def make(path: Path, count: int) -> None:
     from radioloc.time import epochs_from_strings, tai_to_utc, utc_strings, utc_to_tai
 
     model = radioloc.measurements.PhysicalModel.build(off=["ionosphere"])
-    start = utc_to_tai(epochs_from_strings([START]))
+    start = utc_to_tai(epochs_from_strings([START], "UTC"))
     stop = str(utc_strings(tai_to_utc(start.shifted(count / RATE_HZ + 120.0)), decimals=0)[0])
     sessions = [
         Session("range", all_ranges(*RANGING), START, stop, 1.0, sigma_m=1.0, one_uplink=True),

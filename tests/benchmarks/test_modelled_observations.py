@@ -50,7 +50,7 @@ def one_thread():
 def link(model):
     """Stations and lander of one three-way range, and reception epochs, TDB."""
     sender, receiver = (model.catalogue.get(name) for name in RANGING[1::-1])
-    tt = utc_to_tt(radioloc.time.epochs_from_strings(["2020-12-01T21:00:00"]))
+    tt = utc_to_tt(radioloc.time.epochs_from_strings(["2020-12-01T21:00:00"], "UTC"))
     tdb = tt_to_tdb(tt[np.zeros(SECONDS, dtype=int)].shifted(np.arange(SECONDS, dtype=np.float64)))
     seconds = (tdb.jd - 2451545.0) * 86400.0 + tdb.fraction * 86400.0
     return sender.itrf_m, lander_of(model), receiver.itrf_m, seconds

@@ -53,7 +53,7 @@ def test_tai_to_tdb_and_back(jd, fraction):
 def test_dates_as_text_and_back(jd, fraction):
     utc = Epochs.from_jd(jd, fraction, "UTC")
     text = utc_strings(utc)
-    read = epochs_from_strings(text.tolist())
+    read = epochs_from_strings(text.tolist(), "UTC")
     assert abs(utc_to_tai(read).seconds_since(utc_to_tai(utc))[0]) < NINE_DECIMALS_S
     assert utc_strings(read).tolist() == text.tolist()
 

@@ -44,7 +44,7 @@ TERMS_COMPARED = {
 RANGING = ("JIAMUSI", "KASHI", "NEUQUEN")
 VLBI = ("SESHAN25", "MIYUN50", "KUNMING", "URUMQI")
 HOURS = 48.0
-ARC = utc_to_tai(epochs_from_strings("2020-12-01T15:11:00"))
+ARC = utc_to_tai(epochs_from_strings("2020-12-01T15:11:00", "UTC"))
 TAGS = tai_to_utc(
     Epochs.from_jd(ARC.jd[0], ARC.fraction[0] + np.linspace(0.0, HOURS - 1.0 / 60.0, 33) / 24.0, "TAI")
 )

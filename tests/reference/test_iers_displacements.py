@@ -43,14 +43,14 @@ SOLID_TIDE_CASES = [
 @pytest.mark.parametrize(("date", "station", "moon", "sun", "expected"), SOLID_TIDE_CASES)
 def test_solid_earth_tide(date: str, station: tuple, moon: tuple, sun: tuple, expected: tuple) -> None:
     """The routine takes UTC for UT1, and so does this test; the cases are at midnight."""
-    utc = epochs_from_strings(date)
+    utc = epochs_from_strings(date, "UTC")
     displacement_m = solid_earth_tide(*np.array([[station], [moon], [sun]]), utc_to_tt(utc), utc.fraction)
     np.testing.assert_allclose(displacement_m[0], expected, rtol=0.0, atol=SOLID_TIDE_M)
 
 
 def test_solid_earth_tide_of_all_cases_at_once() -> None:
     dates, stations, moons, suns, expected = (list(column) for column in zip(*SOLID_TIDE_CASES, strict=True))
-    utc = epochs_from_strings(dates)
+    utc = epochs_from_strings(dates, "UTC")
     displacement_m = solid_earth_tide(*np.array([stations, moons, suns]), utc_to_tt(utc), utc.fraction)
     np.testing.assert_allclose(displacement_m, expected, rtol=0.0, atol=SOLID_TIDE_M)
 
@@ -134,7 +134,7 @@ UP_SOUTH_WEST_M = {
 def test_ocean_loading(site: str) -> None:
     """The program takes UTC for UT1, and so does this test."""
     seconds = 3600.0 + 645.0 + 3600.0 * np.arange(24)
-    utc = Epochs.from_jd(epochs_from_strings("2009-06-25").jd, seconds / 86400.0, "UTC")
+    utc = Epochs.from_jd(epochs_from_strings("2009-06-25", "UTC").jd, seconds / 86400.0, "UTC")
     loading_m = loading_enu_m(parse_blq(BLQ, "hardisp.blq")[site])
     enu_m = sum_of_tides(loading_m, utc_to_tt(utc), utc.fraction)
     up_south_west_m = enu_m[:, [2, 1, 0]] * [1.0, -1.0, -1.0]

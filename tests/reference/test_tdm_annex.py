@@ -30,7 +30,7 @@ FILES = {"e1.kvn": 31, "e5.kvn": 41, "e6.kvn": 40, "e9.kvn": 41, "e11.kvn": 6, "
 
 
 def seconds_after(observations, text):
-    return utc_to_tai(observations.epoch).seconds_since(utc_to_tai(epochs_from_strings(text)))
+    return utc_to_tai(observations.epoch).seconds_since(utc_to_tai(epochs_from_strings(text, "UTC")))
 
 
 @pytest.mark.parametrize("name", FILES)

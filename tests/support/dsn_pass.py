@@ -39,7 +39,7 @@ FILES = ("lander.odf",)
 
 def path_m(model, station, tag_s, one_way):
     """Light path at the antenna, m, by seconds of day of reception there."""
-    start = utc_to_tai(epochs_from_strings([DAY]))
+    start = utc_to_tai(epochs_from_strings([DAY], "UTC"))
     name = f"DSS-{station}"
     plan = Observations.from_columns(
         epoch=tai_to_utc(start[np.zeros(len(tag_s), dtype=int)].shifted(tag_s)),

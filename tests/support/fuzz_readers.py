@@ -205,7 +205,7 @@ def used(name: str, result: Any) -> ArrayLike:
             return result.height_and_slope([0.1, 3.0], [0.2, -1.0])
         case "ionex":
             return result.vertical_tec(
-                [0.1, 1.0], [0.2, 3.0], epochs_from_strings(["2019-01-15T00:30:00"] * 2)
+                [0.1, 1.0], [0.2, 3.0], epochs_from_strings(["2019-01-15T00:30:00"] * 2, "UTC")
             )
         case "blq":
             return [site.amplitude_m for site in result.values()]

@@ -38,7 +38,8 @@ def end(n, station="KASHI", **changes):
     given = {
         "stations": [StationCatalogue.default()[station]],
         "which": np.zeros(n, dtype=np.int32),
-        "epoch": changes.pop("epoch", None) or utc_to_tt(epochs_from_strings(["2020-12-02T14:00:00"] * n)),
+        "epoch": changes.pop("epoch", None)
+        or utc_to_tt(epochs_from_strings(["2020-12-02T14:00:00"] * n, "UTC")),
         "radio": np.ones(n, dtype=bool),
         "phase": np.zeros(n, dtype=bool),
         "frequency_hz": np.full(n, 8.4e9),

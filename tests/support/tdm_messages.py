@@ -30,7 +30,7 @@ def growth_m(observations, start, sent_from_s, sent_to_s):
     """Growth of paths from cycles of a ramped uplink sent between two times, in s since a date (UTC)."""
     [name] = {observations.links[k].transmitter for k in observations.link}
     frequency, f0_hz = observations.ramps.of_station(name), observations.uplink_hz
-    since_s = utc_to_tai(epochs_from_strings(start)).seconds_since(frequency.origin)
+    since_s = utc_to_tai(epochs_from_strings(start, "UTC")).seconds_since(frequency.origin)
     ends = [frequency.at(np.asarray(t) + since_s, since_s, f0_hz)[1] for t in (sent_from_s, sent_to_s)]
     return observations.value_m + C_M_S / f0_hz * (ends[1] - ends[0])
 

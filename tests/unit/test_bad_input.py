@@ -182,7 +182,7 @@ def test_order_of_rows_does_not_matter(tmp_path):
     """A table has no order that it must keep, unlike a message."""
     found = []
     for rows in (ROWS, ROWS[::-1]):
-        solution = radioloc.residuals(radioloc.read_study(written(csv(table(*rows)), tmp_path)))
+        solution = radioloc.compute_residuals(radioloc.read_study(written(csv(table(*rows)), tmp_path)))
         found.append(
             sorted(zip(solution.residuals.epoch_utc.mjd, solution.residuals.residual_m, strict=True))
         )

@@ -118,7 +118,7 @@ def rounded(value):
 
 
 def test_a_choice_of_observations_takes_dates_and_times():
-    plain = ObservationChoice(start=epochs_from_strings("2020-12-01T15:11:00")).start
+    plain = ObservationChoice(start=epochs_from_strings("2020-12-01T15:11:00", "UTC")).start
     for given in ("2020-12-01T15:11:00", START, START.tdb):
         start = ObservationChoice(start=given).start
         assert start.scale == "UTC"
@@ -134,7 +134,7 @@ TIMES = Time(["2020-12-01T15:11:00", "2020-12-02T01:00:00"], scale="utc")
 
 @pytest.mark.parametrize("scale", ["utc", "tai", "tt", "tdb"])
 def test_an_epoch_in_any_scale_is_the_same_instant(scale, model):
-    time, utc = getattr(TIMES, scale), epochs_from_strings(TIMES.isot.tolist())
+    time, utc = getattr(TIMES, scale), epochs_from_strings(TIMES.isot.tolist(), "UTC")
     tt = utc_to_tt(utc)
     tdb = tt_to_tdb(tt)
     rounding_s = 1e-8  # 3e-6 m of a station, 1e-5 m of the Moon

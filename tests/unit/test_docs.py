@@ -326,7 +326,7 @@ def test_delays_beside_quasars_fit_as_the_page_has_them(workspace):
     assert len(solution.residuals) == 8
     assert solution.fit.total.rms_m < 0.03
     study = radioloc.read_study("lander.toml")
-    differenced = radioloc.residuals(study, radioloc.read_observations("differenced.csv"))
+    differenced = radioloc.compute_residuals(study, radioloc.read_observations("differenced.csv"))
     assert differenced.residuals.residual_m == pytest.approx(0.0, abs=3.0 * 0.03)
 
 

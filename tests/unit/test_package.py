@@ -1,12 +1,14 @@
 """The public face: names, what importing costs, and the first lines that a user types."""
 
 import os
+import pkgutil
+import re
 import subprocess
 import sys
 
 import numpy as np
 import pytest
-from paths import EXAMPLES
+from paths import EXAMPLES, ROOT
 
 import radioloc
 
@@ -14,21 +16,6 @@ EXAMPLE = EXAMPLES / "apollo15" / "apollo15.toml"
 IMPORT_LIMIT_S = 0.7
 HEAVY = ("astropy", "matplotlib", "numba", "pandas", "pyarrow", "rasterio", "rich", "scipy", "spiceypy")
 """What is imported by the function that needs it."""
-
-
-PACKAGES = (
-    "earth",
-    "ephemeris",
-    "estimation",
-    "imaging",
-    "io",
-    "lunar",
-    "measurements",
-    "media",
-    "parameters",
-    "report",
-)
-PACKAGES += ("dynamics", "simulation", "study", "jobs", "results", "time")
 
 
 def test_import_is_light_and_quick(tmp_path):
@@ -74,7 +61,7 @@ def test_first_lines_of_the_guide():
     for text in ("CONVERGED", "ME_DE421", "APOLLO"):
         assert text in html
     assert solution.to_dict()["converged"] is True
-    assert len(radioloc.residuals(study).residuals) == 153
+    assert len(radioloc.compute_residuals(study).residuals) == 153
 
 
 def test_a_study_built_in_python_with_observations_passed():
@@ -94,3 +81,24 @@ def test_a_study_without_files_says_so():
     study = radioloc.Study(target=radioloc.LunarPosition("PA_DE421", (1554700.0, 98000.0, 765000.0)))
     with pytest.raises(radioloc.errors.InputError, match="files is missing; name at least one file"):
         radioloc.locate(study)
+
+
+def test_dir_lists_public_names_and_packages_before_and_after_use():
+    code = (
+        "import radioloc; listed = dir(radioloc)\n"
+        "for name in listed: getattr(radioloc, name)\n"
+        "print(listed == dir(radioloc) and {*radioloc.__all__} <= {*listed})"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.split() == ["True"]
+
+
+def test_public_names_do_not_clash_with_modules():
+    modules = {module.name for module in pkgutil.iter_modules(radioloc.__path__)}
+    assert modules.isdisjoint(radioloc.__all__)
+
+
+def test_documented_packages_are_those_that_dir_lists():
+    page = (ROOT / "docs" / "reference" / "python.md").read_text()
+    documented = re.findall(r"^   radioloc\.(\w+)$", page, re.MULTILINE)
+    assert {*documented, *radioloc.__all__} == {*dir(radioloc)}

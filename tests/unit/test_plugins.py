@@ -91,7 +91,7 @@ def write_half_ranges(folder: Path) -> None:
     epochs = [f"2020-12-{1 + hour // 24:02d}T{hour % 24:02d}:30:00" for hour in range(12, 60)]
     stations = ["KASHI", "JIAMUSI"]
     plan = radioloc.Observations.from_columns(
-        epoch=radioloc.time.epochs_from_strings([epoch for epoch in epochs for _ in stations]),
+        epoch=radioloc.time.epochs_from_strings([epoch for epoch in epochs for _ in stations], "UTC"),
         value_m=7.6e8,
         sigma_m=1.0,
         links=[radioloc.measurements.Link(name, "lander", name) for name in stations],
@@ -169,7 +169,7 @@ def test_a_solution_records_the_tables_of_other_packages_and_is_exported_to_thei
     (tmp_path / "s.toml").write_text(f"{SHORT_ARC.read_text()}\n[residual_limit]\nlimit_m = 0.5\n")
     code = (
         "import radioloc, radioloc.io, radioloc.cli, json\n"
-        "solution = radioloc.residuals(radioloc.read_study('s.toml'))\n"
+        "solution = radioloc.compute_residuals(radioloc.read_study('s.toml'))\n"
         "print(json.dumps(solution.provenance['extensions']))\n"
         "radioloc.io.export_solutions('lander.kml', [solution])\n"
         "radioloc.cli.main(['export', '--help'])\n"

@@ -93,7 +93,7 @@ def test_a_station():
 
 @pytest.mark.parametrize("scale", ["utc", "tai", "tt", "tdb"])
 def test_a_time_of_any_scale_is_the_same_instant(scale):
-    utc = epochs_from_strings(["2016-12-31T23:59:60.5", "2020-12-01T15:11:00.25"])
+    utc = epochs_from_strings(["2016-12-31T23:59:60.5", "2020-12-01T15:11:00.25"], "UTC")
     time = getattr(Time(["2016-12-31T23:59:60.5", "2020-12-01T15:11:00.25"], scale="utc"), scale)
     epochs = Epochs.from_time(time)
     assert epochs.scale == scale.upper()
@@ -112,7 +112,7 @@ def test_a_time_of_any_scale_is_the_same_instant(scale):
 
 def test_what_is_no_time_here_is_refused():
     with pytest.raises(InputError, match=r"use Epochs\.from_time"):
-        Epochs.from_jd(Time("2020-01-01", scale="tdb"))
+        Epochs.from_jd(Time("2020-01-01", scale="tdb"), 0.0, "TDB")
     with pytest.raises(InputError, match=r"use Epochs\.from_time"):
         Epochs(Time("2020-01-01", scale="tdb"), np.zeros(1), "TDB")
     with pytest.raises(InputError, match="time scale 'TCB' is not known"):
@@ -120,7 +120,7 @@ def test_what_is_no_time_here_is_refused():
     with pytest.raises(InputError, match="no astropy Time"):
         Epochs.from_time("2020-01-01")
     with pytest.raises(InputError, match="'2020-01-01' is no astropy Time"):
-        epochs_from_strings([Time("2020-01-01"), "2020-01-01"])
+        epochs_from_strings([Time("2020-01-01"), "2020-01-01"], "UTC")
     with pytest.raises(InputError, match="without Earth orientation"):
         to_scale(Epochs.from_jd(2459000.5, 0.0, "UT1"), "UTC")
     masked = Time(["2020-01-01", "2020-01-02"])

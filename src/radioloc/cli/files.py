@@ -133,7 +133,7 @@ def _tell_written(options: argparse.Namespace, files: Sequence[Path]) -> int:
 )
 def compare(options: argparse.Namespace) -> int:
     """Compare solutions with each other and with published positions, test whether they agree, and combine them."""
-    result = radioloc.jobs.compare(options.solutions, options.reference, options.target)
+    result = radioloc.compare(options.solutions, options.reference, options.target)
     return finish(options, result)
 
 
@@ -145,7 +145,7 @@ def compare(options: argparse.Namespace) -> int:
 )
 def verify(options: argparse.Namespace) -> int:
     """Repeat a solution from the files that its provenance names, and report any difference."""
-    return finish(options, radioloc.jobs.verify(options.solution, options.study))
+    return finish(options, radioloc.verify(options.solution, options.study))
 
 
 def _export_formats() -> Rows:

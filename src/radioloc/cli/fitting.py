@@ -102,5 +102,5 @@ def arcs(options: argparse.Namespace) -> int:
 )
 def leave_one_out(options: argparse.Namespace) -> int:
     """Fit a study without each of its stations and links, and print how the position moves."""
-    result = radioloc.jobs.leave_one_out(options.study, progress=not options.quiet)
+    result = radioloc.leave_one_out(options.study, progress=not options.quiet)
     return finish(options, result)

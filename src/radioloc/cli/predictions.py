@@ -27,7 +27,7 @@ _SPAN = (
 def visibility(options: argparse.Namespace) -> int:
     """List when each station sees the target of a study: rise, set and highest elevation."""
     span = {"start_utc": options.start, "stop_utc": options.stop}
-    passes = radioloc.jobs.visibility(options.study, options.stations, **span, mask_deg=options.mask)
+    passes = radioloc.visibility(options.study, options.stations, **span, mask_deg=options.mask)
     tell(options, passes, passes.to_dict)
     return DONE
 
@@ -78,7 +78,7 @@ def light_time(options: argparse.Namespace) -> int:
             options.parser.error("--at needs --stations, --start and --stop")
         target = radioloc.LunarPosition.from_selenographic(*options.at)
         study = radioloc.Study(target=target, name="lander")
-    table = radioloc.jobs.light_times(
+    table = radioloc.light_times(
         study,
         options.stations,
         links=options.links,

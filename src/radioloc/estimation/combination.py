@@ -365,7 +365,7 @@ def _chance(statistic: float, dof: int) -> float:
 
 def _overlap(one_utc: tuple[str, str], two_utc: tuple[str, str]) -> float:
     """Correlation of the means of white noise over two spans of time."""
-    ends = utc_to_tai(epochs_from_strings([*one_utc, *two_utc]))
+    ends = utc_to_tai(epochs_from_strings([*one_utc, *two_utc], "UTC"))
     ends_s = ends.seconds_since(ends[[0, 0, 0, 0]]).reshape(2, 2).tolist()
     (first, last), (other_first, other_last) = ((start, max(end, start + 1.0)) for start, end in ends_s)
     common_s = min(last, other_last) - max(first, other_first)

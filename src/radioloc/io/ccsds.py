@@ -206,7 +206,7 @@ def write_residuals_tdm(
     >>> import radioloc
     >>> study = radioloc.read_study("examples/change5/short_arc.toml")
     >>> predictor = radioloc.jobs.arc_of(study)
-    >>> solution = radioloc.residuals(study)
+    >>> solution = radioloc.compute_residuals(study)
     >>> file = radioloc.io.write_residuals_tdm("oc.tdm", solution, predictor.observations, originator="AGENCY")
     >>> file.name
     'oc.tdm'
@@ -298,7 +298,7 @@ def _lines(fields: Mapping[str, str]) -> Iterator[str]:
 
 def _epochs(start_utc: str, stop_utc: str, step_s: float) -> Epochs:
     """Return epochs of TAI at equal steps, and the last where it lies between two."""
-    start, stop = (to_scale(epochs_from_strings(date), "TAI") for date in (start_utc, stop_utc))
+    start, stop = (to_scale(epochs_from_strings(date, "UTC"), "TAI") for date in (start_utc, stop_utc))
     span_s = float(stop.seconds_since(start)[0])
     if not span_s > 0.0:
         raise InputError(f"expected a stop after the start {start_utc}, got {stop_utc}")

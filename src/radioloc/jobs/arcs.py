@@ -105,7 +105,7 @@ def leave_one_out(study: Study | str | Path, *, progress: bool = False) -> Leave
 
     Examples
     --------
-    >>> from radioloc.jobs import leave_one_out
+    >>> from radioloc import leave_one_out
     >>> [one.name for one in leave_one_out("examples/change5/short_arc.toml").without]
     ['JIAMUSI', 'KASHI']
     """

@@ -67,7 +67,7 @@ def compare(
     --------
     >>> import radioloc
     >>> study = radioloc.read_study("examples/apollo15/apollo15.toml")
-    >>> [row.name for row in radioloc.jobs.compare([radioloc.locate(study)]).rows]
+    >>> [row.name for row in radioloc.compare([radioloc.locate(study)]).rows]
     ['apollo15', 'JPL, DE421 solution']
     """
     if isinstance(solutions, str | Path | Result):

@@ -82,15 +82,15 @@ def locate(study: Study | str | Path, observations: Observations | None = None) 
     return fit_arc(study, *prepared_arc(study, observations), study.estimate)
 
 
-def residuals(study: Study | str | Path, observations: Observations | None = None) -> Solution:
-    """Observed minus computed at the study's position, nothing fitted, nothing edited.
+def compute_residuals(study: Study | str | Path, observations: Observations | None = None) -> Solution:
+    """Compute observed minus computed at the study's position; nothing is fitted or edited.
 
     Parameters and errors as :func:`locate`.
 
     Examples
     --------
     >>> import radioloc
-    >>> radioloc.residuals("examples/apollo15/apollo15.toml").residuals.residual_m.shape
+    >>> radioloc.compute_residuals("examples/apollo15/apollo15.toml").residuals.residual_m.shape
     (153,)
     """
     study = as_study(study)

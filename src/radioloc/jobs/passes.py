@@ -77,7 +77,7 @@ def visibility(
 
     Examples
     --------
-    >>> from radioloc.jobs import visibility
+    >>> from radioloc import visibility
     >>> found = visibility("examples/change5/short_arc.toml", ["KASHI"], stop_utc="2020-12-02T15:11:00")
     >>> [(one.station, one.rises, one.sets) for one in found.passes]
     [('KASHI', False, True), ('KASHI', True, False)]
@@ -239,7 +239,7 @@ def light_times(
 
     Examples
     --------
-    >>> from radioloc.jobs import light_times
+    >>> from radioloc import light_times
     >>> found = light_times("examples/change5/short_arc.toml", ["KASHI"], step_s=1800.0, frequency_hz=8.47e9)
     >>> found["doppler_hz"].round().tolist()
     [18789.0, 17799.0, 16551.0]

@@ -92,7 +92,7 @@ def verify(path: str | Path, study: str | Path | None = None) -> Verification:
     >>> import radioloc
     >>> study = radioloc.read_study("examples/apollo15/apollo15.toml")
     >>> written = radioloc.write_report(radioloc.locate(study), "out")
-    >>> radioloc.jobs.verify("out/solution.json").same
+    >>> radioloc.verify("out/solution.json").same
     True
     """
     require_type("path", path, str, Path)

@@ -66,7 +66,7 @@ class LunarPosition:
         object.__setattr__(self, "xyz_m", xyz)
 
     @classmethod
-    def from_cartesian(cls, xyz_m: ArrayLike, frame: str = "PA_DE421") -> LunarPosition:
+    def from_cartesian(cls, xyz_m: ArrayLike, frame: str) -> LunarPosition:
         """Build from x, y, z: metres, or a Quantity of length."""
         return cls(frame, as_metres(xyz_m, "xyz_m"))
 

@@ -170,7 +170,7 @@ def read_csp(paths: str | Path | Sequence[str | Path], scid: int | None = None) 
     >>> path = pathlib.Path(tempfile.mkdtemp(), "a.ion")
     >>> span = "FROM(20/12/02,00:00) TO(20/12/02,08:00) DSN(C10) SCID(177)."
     >>> _ = path.write_text(f"ADJUST(DOPRNG) BY NRMPOW(2.0, 0.5) MODEL(CHPART) {span}")
-    >>> station, epochs = StationCatalogue.default().get("DSS-24"), epochs_from_strings("2020-12-02T06:00:00")
+    >>> station, epochs = StationCatalogue.default().get("DSS-24"), epochs_from_strings("2020-12-02T06:00:00", "UTC")
     >>> read_csp(path).charged(station, epochs, phase=False)[0].round(3).tolist()
     [2.25]
     """
@@ -305,7 +305,7 @@ class _Items:
             century = "20" if int(found[1]) < 69 else "19"
             ends_day = re.fullmatch(r"24:00(:00(\.0+)?)?", found[4]) is not None
             time = "00:00" if ends_day else found[4]
-            utc = epochs_from_strings(f"{century}{found[1]}-{found[2]}-{found[3]}T{time}")
+            utc = epochs_from_strings(f"{century}{found[1]}-{found[2]}-{found[3]}T{time}", "UTC")
             return float(utc.mjd[0]) + ends_day
         except ValueError:
             raise self.fail(f"{keyword}({given}) is no epoch such as 20/12/02,15:30:00", keyword) from None

@@ -289,7 +289,7 @@ def save_figure(figure: Figure, paths: Iterable[str | Path] | str | Path) -> Non
     Examples
     --------
     >>> import radioloc
-    >>> solution = radioloc.residuals(radioloc.read_study("examples/apollo15/apollo15.toml"))
+    >>> solution = radioloc.compute_residuals(radioloc.read_study("examples/apollo15/apollo15.toml"))
     >>> radioloc.report.save_figure(radioloc.plot_residuals(solution), ["residuals.png", "residuals.svg"])
     """
     from matplotlib import rc_context

@@ -84,7 +84,7 @@ def write_report(
     >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
     >>> [path.name for path in radioloc.write_report(solution, "out")][:2]
     ['solution.json', 'residuals.csv']
-    >>> comparison = radioloc.jobs.compare(["out/solution.json"])
+    >>> comparison = radioloc.compare(["out/solution.json"])
     >>> [path.name for path in radioloc.write_report(comparison, "compared")][:2]
     ['table1.csv', 'table1.md']
     """

@@ -118,7 +118,7 @@ def plot_links(solution: Solution | Residuals, title: str | None = None, ax: Axe
     Examples
     --------
     >>> import radioloc
-    >>> solution = radioloc.residuals(radioloc.read_study("examples/apollo15/apollo15.toml"))
+    >>> solution = radioloc.compute_residuals(radioloc.read_study("examples/apollo15/apollo15.toml"))
     >>> figure = radioloc.plot_links(solution)
     >>> figure.axes[0].get_title(loc="left")
     'range APOLLO'

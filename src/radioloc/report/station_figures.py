@@ -70,7 +70,7 @@ def plot_visibility(
     if not stations:
         raise InputError("no station is given")
     masks = masks or Masks()
-    limits = utc_to_tai(epochs_from_strings([start_utc, stop_utc]))
+    limits = utc_to_tai(epochs_from_strings([start_utc, stop_utc], "UTC"))
     length_s = float(limits[1].seconds_since(limits[0])[0])
     if length_s <= 0.0:
         raise InputError(f"{stop_utc} is not after {start_utc}")

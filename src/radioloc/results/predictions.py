@@ -93,7 +93,7 @@ class LightTimes(Result):
 
         Examples
         --------
-        >>> from radioloc.jobs import light_times
+        >>> from radioloc import light_times
         >>> found = light_times("examples/change5/short_arc.toml", ["KASHI"], step_s=1800.0)
         >>> found.to_table()["downlink_light_time_s"].to("ms").round(1)
         <Quantity [1316.1, 1314.1, 1312.3] ms>

@@ -120,7 +120,7 @@ def _text(pattern: str = r".+", meaning: str = "a text") -> Check:
 
 def _utc(value: Any, where: str) -> None:
     try:
-        epochs_from_strings([value])
+        epochs_from_strings([value], "UTC")
     except (TypeError, ValueError):
         _fail(where, "a date such as 2020-12-01T15:11:00", value)
 

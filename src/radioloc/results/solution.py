@@ -226,7 +226,7 @@ class Solution(Result):
         Examples
         --------
         >>> import radioloc
-        >>> radioloc.residuals("examples/apollo15/apollo15.toml").position
+        >>> radioloc.compute_residuals("examples/apollo15/apollo15.toml").position
         <LunarPosition 3.500000 deg E, 26.000000 deg N, -1000.0 m (ME_DE421)>
         """
         self._place_rad()  # of a trajectory there is none
@@ -435,7 +435,7 @@ class Solution(Result):
         Examples
         --------
         >>> import radioloc
-        >>> solution = radioloc.residuals("examples/apollo15/apollo15.toml")
+        >>> solution = radioloc.compute_residuals("examples/apollo15/apollo15.toml")
         >>> solution.to_table()["residual_m"].unit, solution.to_table("parameters", "pandas")["name"].tolist()
         (Unit("m"), ['position.x', 'position.y', 'position.z'])
         """

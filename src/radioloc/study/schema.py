@@ -62,10 +62,10 @@ def _normalized(name: str, value: Any, rules: Mapping[str, Any]) -> Any:
         value = (float(value),) * 2
     if rules.get("moment"):
         if isinstance(value, str) or hasattr(value, "jd1"):
-            value = epochs_from_strings(value)
+            value = epochs_from_strings(value, "UTC")
         if not isinstance(value, Epochs) or len(value) != 1:
             raise InputError(
-                f'{name} must be one epoch, such as epochs_from_strings("2024-05-02"), not {value!r}'
+                f'{name} must be one epoch, such as epochs_from_strings("2024-05-02", "UTC"), not {value!r}'
             )
         value.require("UTC")
     return value

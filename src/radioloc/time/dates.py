@@ -43,7 +43,7 @@ class DateError(InputError):
         self.row = row
 
 
-def epochs_from_strings(dates: str | Sequence[str], scale: str = "UTC") -> Epochs:
+def epochs_from_strings(dates: str | Sequence[str], scale: str) -> Epochs:
     """Read dates such as ``2020-12-01T15:11:00.25``, ``2020-336T15:11:00`` or ``2020-12-01``.
 
     Parameters
@@ -62,7 +62,7 @@ def epochs_from_strings(dates: str | Sequence[str], scale: str = "UTC") -> Epoch
     Examples
     --------
     >>> from radioloc.time import epochs_from_strings, to_scale, utc_strings
-    >>> utc = epochs_from_strings("2016-12-31T23:59:60")
+    >>> utc = epochs_from_strings("2016-12-31T23:59:60", "UTC")
     >>> utc_strings(to_scale(utc, "TT"), 3).tolist()
     ['2017-01-01T00:01:08.184']
     """

@@ -73,7 +73,7 @@ class Epochs:
         return time
 
     @classmethod
-    def from_jd(cls, jd: ArrayLike, fraction: ArrayLike = 0.0, scale: str = "TDB") -> Epochs:
+    def from_jd(cls, jd: ArrayLike, fraction: ArrayLike, scale: str) -> Epochs:
         """Build from any split of Julian dates in two, shapes () or (n,), without loss."""
         if scale not in SCALES:
             raise InputError(f"time scale {scale!r} is not known; use one of {', '.join(SCALES)}")

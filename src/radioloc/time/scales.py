@@ -82,7 +82,7 @@ def utc_to_tai(utc: Epochs) -> Epochs:
     Examples
     --------
     >>> from radioloc.time import epochs_from_strings, utc_strings, utc_to_tai
-    >>> utc_strings(utc_to_tai(epochs_from_strings("2020-12-01T15:11:00")), 6).tolist()
+    >>> utc_strings(utc_to_tai(epochs_from_strings("2020-12-01T15:11:00", "UTC")), 6).tolist()
     ['2020-12-01T15:11:37.000000']
     """
     utc = in_scale(utc, "UTC")
@@ -146,7 +146,7 @@ def utc_to_tt(utc: Epochs) -> Epochs:
     Examples
     --------
     >>> from radioloc.time import epochs_from_strings, utc_strings, utc_to_tt
-    >>> utc_strings(utc_to_tt(epochs_from_strings("2020-12-01T15:11:00")), 6).tolist()
+    >>> utc_strings(utc_to_tt(epochs_from_strings("2020-12-01T15:11:00", "UTC")), 6).tolist()
     ['2020-12-01T15:12:09.184000']
     """
     return tai_to_tt(utc_to_tai(utc))
@@ -219,7 +219,7 @@ def utc_strings(utc: Epochs, decimals: int = 9) -> NDArray[np.str_]:
     Examples
     --------
     >>> from radioloc.time import epochs_from_strings, utc_strings
-    >>> utc_strings(epochs_from_strings("2016-366T23:59:60.5"), 3).tolist()
+    >>> utc_strings(epochs_from_strings("2016-366T23:59:60.5", "UTC"), 3).tolist()
     ['2016-12-31T23:59:60.500']
     """
     if not isinstance(utc, Epochs):

@@ -11,7 +11,7 @@ MAS_RAD = 1e-3 * ARCSEC_RAD
 
 
 def tt_of(*utc):
-    return utc_to_tt(epochs_from_strings(list(utc)))
+    return utc_to_tt(epochs_from_strings(list(utc), "UTC"))
 
 
 def table_of(days, **changed):
@@ -165,4 +165,4 @@ def test_tables_that_make_no_sense_are_refused(days, changed, words):
 
 def test_other_scales_are_refused(packaged):
     with pytest.raises(InputError, match="TT"):
-        packaged.interpolate(epochs_from_strings("2020-01-01"))
+        packaged.interpolate(epochs_from_strings("2020-01-01", "UTC"))

@@ -48,7 +48,7 @@ def test_rotation_is_smooth(model):
 
 
 def test_rotation_is_continuous_over_a_leap_second(model):
-    tt = utc_to_tt(epochs_from_strings("2016-12-31T23:59:50"))
+    tt = utc_to_tt(epochs_from_strings("2016-12-31T23:59:50", "UTC"))
     tt = Epochs.from_jd(tt.jd, tt.fraction + np.arange(0.0, 20.0, 0.25) / 86400.0, "TT")
     station = model.evaluate(tt).rot_itrf_to_gcrs @ np.array([EARTH_RADIUS_M, 0.0, 0.0])
     third = np.diff(station, 3, axis=0)
@@ -85,7 +85,7 @@ def test_earth_rotation_angle_keeps_all_digits():
 
 
 def test_predictions_warn_once_and_are_flagged(model):
-    last = epochs_from_strings(model.table.last_measured_date)
+    last = epochs_from_strings(model.table.last_measured_date, "UTC")
     tt = Epochs.from_jd(last.jd[0] + np.array([-10.0, 5.0, 6.0]), 0.5, "TT")
     with pytest.warns(
         PredictedEopWarning, match=f"2 of 3 epochs.*measured values end {model.table.last_measured_date}"

@@ -26,7 +26,7 @@ def test_rates_are_derivatives():
     orientation = LunarOrientation.open()
     assert orientation.frame == "PA_DE421"
     assert orientation.kernel.registered
-    tdb = Epochs.from_jd(2440400.5 + np.arange(0, 29000, 97.3))
+    tdb = Epochs.from_jd(2440400.5 + np.arange(0, 29000, 97.3), 0.0, "TDB")
     ahead, behind = orientation.angles(tdb.shifted(60.0))[0], orientation.angles(tdb.shifted(-60.0))[0]
     _, rates_rad_s = orientation.angles(tdb)
     np.testing.assert_allclose((ahead - behind) / 120.0, rates_rad_s, rtol=0, atol=RATE_TOLERANCE_RAD_S)

@@ -23,7 +23,7 @@ def ephemeris():
 @pytest.fixture(scope="module")
 def epochs():
     rng = np.random.default_rng(421)
-    return Epochs.from_jd(2440222.5 + rng.integers(3, 29580, 200), rng.uniform(0, 1, 200))
+    return Epochs.from_jd(2440222.5 + rng.integers(3, 29580, 200), rng.uniform(0, 1, 200), "TDB")
 
 
 def test_what_is_opened(ephemeris):
@@ -64,7 +64,9 @@ def test_states_together_are_those_alone(ephemeris, epochs):
 
 def test_acceleration_does_not_jump_between_records(ephemeris):
     segment = ephemeris.spk.segments_of(399, 3)[-1]
-    starts = Epochs.from_jd(2451545.0 + segment.first_record_s / 86400.0 + 4.0 * np.arange(1, 7390))
+    starts = Epochs.from_jd(
+        2451545.0 + segment.first_record_s / 86400.0 + 4.0 * np.arange(1, 7390), 0.0, "TDB"
+    )
     before, after = ephemeris.earth(starts.shifted(-1e-3)), ephemeris.earth(starts)
     np.testing.assert_allclose(
         before.acceleration_m_s2, after.acceleration_m_s2, rtol=0, atol=SERIES_ACCELERATION_M_S2
@@ -84,7 +86,7 @@ def test_barycentric_and_geocentric_agree(ephemeris, epochs):
 def test_moon_is_free_of_the_barycentric_round_off(ephemeris):
     # Over half a second the Moon moves along a parabola to 1e-9 m; any rough round-off would show.
     step_s = np.linspace(0.0, 0.5, 400)
-    tdb = Epochs.from_jd(2459000.5, 0.123456789012345).shifted(step_s)
+    tdb = Epochs.from_jd(2459000.5, 0.123456789012345, "TDB").shifted(step_s)
     elapsed_s = tdb.seconds_since(tdb[0])
     position_m, _ = ephemeris.geocentric("moon", tdb)
     for component in position_m.T:
@@ -97,7 +99,7 @@ def test_moon_is_free_of_the_barycentric_round_off(ephemeris):
 
 
 def test_both_ends_of_the_span_are_inside(ephemeris):
-    ends = Epochs.from_jd([2440222.5, 2469807.5])
+    ends = Epochs.from_jd([2440222.5, 2469807.5], 0.0, "TDB")
     assert np.isfinite(ephemeris.earth(ends).acceleration_m_s2).all()
     assert np.isfinite(LunarOrientation.open().angles(ends)[0]).all()
 
@@ -107,7 +109,7 @@ def test_both_ends_of_the_span_are_inside(ephemeris):
     [(2440221.5, 0.99999999, "1968-12-31T23:59:59.999"), (2469807.5, 1e-9, "2050-01-01T00:00:00.000")],
 )
 def test_outside_the_span(ephemeris, jd, fraction, date):
-    tdb = Epochs.from_jd([2451545.0, jd], [0.0, fraction])
+    tdb = Epochs.from_jd([2451545.0, jd], [0.0, fraction], "TDB")
     for evaluate in (
         lambda: ephemeris.earth(tdb),
         lambda: ephemeris.geocentric("moon", tdb),
@@ -203,7 +205,7 @@ def test_ephemeris_without_the_moon_or_of_unknown_name(tmp_path):
 def test_a_short_kernel_says_what_it_covers(tmp_path):
     ephemeris = Ephemeris.open(chebyshev_spk(tmp_path / "short.bsp", "DE-0421LE-0421", PAIRS_OF_DE440))
     with pytest.raises(CoverageError, match=r"short\.bsp.*2000-01-01T12:00:00 to 2000-02-10T12:00:00"):
-        ephemeris.earth(Epochs.from_jd(2459000.5))
+        ephemeris.earth(Epochs.from_jd(2459000.5, 0.0, "TDB"))
 
 
 def test_constants():

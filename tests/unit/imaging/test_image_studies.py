@@ -116,7 +116,7 @@ def test_what_is_written_has_the_keys_of_radio_solutions_and_the_images(solution
     images = content["images"]
     assert [image["status"] for image in images] == ["registered"] * 10
     assert all(len(image["parameters"]) == 8 and np.shape(image["covariance"]) == (8, 8) for image in images)
-    found = radioloc.jobs.compare([tmp_path / "solution.json"])
+    found = radioloc.compare([tmp_path / "solution.json"])
     assert found.rows[0].method == "images"
 
 
@@ -181,7 +181,7 @@ def test_studies_in_python_are_held_to_the_same_rules():
     for angles in (
         {},
         {"sun_azimuth_deg": 1.0},
-        {"sun_azimuth_deg": 1.0, "epoch": epochs_from_strings("2020-12-01")},
+        {"sun_azimuth_deg": 1.0, "epoch": epochs_from_strings("2020-12-01", "UTC")},
     ):
         with pytest.raises(InputError, match="either epoch, or sun_azimuth_deg and sun_elevation_deg"):
             ImageChoice((Path("a.png"),), (1.0, 1.0), shade=True, dem=Path("dem.tif"), **angles)

@@ -11,6 +11,7 @@ from descent_images import FOLDER
 from paths import EXAMPLES, ISDS
 
 import radioloc
+from radioloc import compare
 from radioloc.cli import main
 from radioloc.imaging import (
     Camera,
@@ -24,7 +25,6 @@ from radioloc.imaging import (
 from radioloc.imaging.point_location import ground_at
 from radioloc.imaging.stereo import resect
 from radioloc.imaging.study import GroundChoice
-from radioloc.jobs import compare
 from radioloc.lunar import TangentPlane, TerrainModel
 from radioloc.report import write_report
 from radioloc.study import PlaceOnMap

@@ -88,4 +88,4 @@ def test_the_sun_of_an_epoch_is_where_support_data_of_real_images_have_it(tmp_pa
 def test_an_epoch_at_night_is_refused(tmp_path):
     GROUND.write_heights(tmp_path / "dem.tif", 100.0, 1000.0)
     with pytest.raises(InputError, match=r"at 2020-12-20T00:00:00 UTC .* [\d.]+ degrees below the horizon"):
-        sun_over_map(tmp_path / "dem.tif", epochs_from_strings("2020-12-20"))
+        sun_over_map(tmp_path / "dem.tif", epochs_from_strings("2020-12-20", "UTC"))

@@ -57,7 +57,7 @@ def spice_states(tmp_path, et_s):
 
 
 def et_of(dates):
-    return to_scale(epochs_from_strings(dates), "TDB").seconds_since(
+    return to_scale(epochs_from_strings(dates, "UTC"), "TDB").seconds_since(
         epochs_from_strings("2000-01-01T12:00:00", "TDB")
     )
 
@@ -228,7 +228,7 @@ C_M_S = 299792458.0
 @pytest.fixture(scope="module")
 def fitted():
     predictor = radioloc.jobs.arc_of(radioloc.read_study(STUDY))
-    return radioloc.residuals(radioloc.read_study(STUDY)), predictor.observations
+    return radioloc.compute_residuals(radioloc.read_study(STUDY)), predictor.observations
 
 
 def by_path(segment):
@@ -266,7 +266,7 @@ def test_delays_are_in_seconds(tmp_path):
     study = radioloc.read_study("examples/change5/change5.toml")
     observations = radioloc.read_observations("examples/change5/change5.csv")
     few = observations.select(np.flatnonzero(observations.kind == 1)[:20])
-    solution = radioloc.residuals(study, few)
+    solution = radioloc.compute_residuals(study, few)
     file = write_residuals_tdm(tmp_path / "oc.tdm", solution, few, originator="TEST")
     values = np.concatenate([segment.values("VLBI_DELAY") for segment in read_tdm_file(file).segments])
     np.testing.assert_allclose(

@@ -17,7 +17,7 @@ FLIGHT_TOLERANCE_M = 1e-6  # ten times what one float of 7.7e8 m resolves
 
 
 def seconds_apart(observations, texts):
-    return np.abs(utc_to_tai(observations.epoch).seconds_since(utc_to_tai(epochs_from_strings(texts))))
+    return np.abs(utc_to_tai(observations.epoch).seconds_since(utc_to_tai(epochs_from_strings(texts, "UTC"))))
 
 
 def replaced(lines, old, new):

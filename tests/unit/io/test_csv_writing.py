@@ -90,10 +90,12 @@ def test_names_that_a_spreadsheet_would_compute_are_texts_in_csv_and_come_back(t
 def test_stations_with_names_of_formulas_are_read_back_by_their_names(tmp_path, ending):
     names = ["=HYPERLINK(0)", "@DSS", "-x", "'=A"]
     observations = Observations.from_columns(
-        epoch=epochs_from_strings(["2024-05-02T06:00:00"] * 4),
+        epoch=epochs_from_strings(["2024-05-02T06:00:00"] * 4, "UTC"),
         links=[Link(name, "lander", name) for name in names], link=np.arange(4), value_m=7.6e8, sigma_m=1.0,
         ramps=Ramps.of(
-            names, epochs_from_strings(["2024-05-02T06:00:00"] * 4), epochs_from_strings(["2024-05-02T07:00:00"] * 4),
+            names,
+            epochs_from_strings(["2024-05-02T06:00:00"] * 4, "UTC"),
+            epochs_from_strings(["2024-05-02T07:00:00"] * 4, "UTC"),
             np.full(4, 7.2e9), np.zeros(4)),
     )  # fmt: skip
     files = write_observations(tmp_path / f"a.{ending}", observations)

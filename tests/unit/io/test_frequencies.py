@@ -277,7 +277,7 @@ def test_a_study_of_frequencies(tmp_path):
     rows = [f"{59902.6 + k / 1440:.6f}\t2216500000.000\t 1.0\t8049\n" for k in range(10)]
     write(tmp_path / "night.dat", "".join(rows))
     study = radioloc.read_study(write(tmp_path / "study.toml", STUDY))
-    found = radioloc.residuals(study)
+    found = radioloc.compute_residuals(study)
     assert set(found.residuals.station) == {"COSPAR 8049"}
     # The Earth turns and the Moon goes round: hundreds of metres a second, which a beacon at rest does not show.
     assert 100.0 < np.abs(found.residuals.residual_m / COUNT_S).max() < 1000.0

@@ -31,7 +31,7 @@ def written(tmp_path):
 
 
 def seconds_since(text, epoch):
-    return utc_to_tai(epoch).seconds_since(utc_to_tai(epochs_from_strings([text])))
+    return utc_to_tai(epoch).seconds_since(utc_to_tai(epochs_from_strings([text], "UTC")))
 
 
 def test_every_field_comes_back(written):

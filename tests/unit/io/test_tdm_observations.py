@@ -40,7 +40,7 @@ def read(*segments, **more):
 
 
 def seconds_after(observations, text):
-    return utc_to_tai(observations.epoch).seconds_since(utc_to_tai(epochs_from_strings(text)))
+    return utc_to_tai(observations.epoch).seconds_since(utc_to_tai(epochs_from_strings(text, "UTC")))
 
 
 # Ranges

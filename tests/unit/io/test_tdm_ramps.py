@@ -22,7 +22,7 @@ TOLERANCE_M = 1e-5
 def ramps():
     minutes = range(13 * 60 + 50, 14 * 60 + 20, 10)
     dates = [f"2021-03-28T{m // 60:02d}:{m % 60:02d}:00" for m in [*minutes, minutes.stop]]
-    ends = epochs_from_strings(dates)
+    ends = epochs_from_strings(dates, "UTC")
     return Ramps.of(
         ["KASHI"] * 3, ends[:-1], ends[1:], REFERENCE_HZ + np.array([0.0, 900.0, 300.0]), [1.5, -1.0, 0.25]
     )
@@ -30,7 +30,7 @@ def ramps():
 
 def counts(**changes):
     columns = {
-        "epoch": epochs_from_strings([f"2021-03-28T14:{minute:02d}:30" for minute in range(15)]),
+        "epoch": epochs_from_strings([f"2021-03-28T14:{minute:02d}:30" for minute in range(15)], "UTC"),
         "links": [Link("KASHI", "lander", "KASHI"), Link("KASHI", "lander", "JIAMUSI")],
         "link": np.arange(15) % 2,
         "kind": DOPPLER,
@@ -145,7 +145,7 @@ def test_a_beacon_that_changes_its_frequency(model, tmp_path):
 
 def test_ambiguous_ranges_there_and_back(tmp_path):
     ranges = Observations.from_columns(
-        epoch=epochs_from_strings(["2021-03-28T14:00:00", "2021-03-28T14:01:00"]),
+        epoch=epochs_from_strings(["2021-03-28T14:00:00", "2021-03-28T14:01:00"], "UTC"),
         links=[Link("KASHI", "lander", "KASHI")],
         kind=RANGE,
         tag=1,

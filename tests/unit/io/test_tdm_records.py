@@ -33,11 +33,11 @@ def test_other_time_systems():
     for system, wanted in expected.items():
         assert seconds_apart(utc([text], system), wanted).max() < EPOCH_TOLERANCE_S
     assert (
-        seconds_apart(utc([GPS_EPOCH_UTC], "GPS"), epochs_from_strings(GPS_EPOCH_UTC)).max()
+        seconds_apart(utc([GPS_EPOCH_UTC], "GPS"), epochs_from_strings(GPS_EPOCH_UTC, "UTC")).max()
         < EPOCH_TOLERANCE_S
     )
     # 18 leap seconds since then.
-    later = seconds_apart(utc([text], "GPS"), epochs_from_strings(text))
+    later = seconds_apart(utc([text], "GPS"), epochs_from_strings(text, "UTC"))
     assert np.abs(later - 18.0).max() < EPOCH_TOLERANCE_S
 
 

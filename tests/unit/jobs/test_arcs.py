@@ -126,7 +126,7 @@ def test_lengths_in_any_order_and_once_each(study, tracked):
 
 
 def test_hours_count_from_the_start_of_the_study(study, tracked):
-    start = radioloc.time.epochs_from_strings("2020-12-01T21:11:00")
+    start = radioloc.time.epochs_from_strings("2020-12-01T21:11:00", "UTC")
     choice = ObservationChoice(start=start, hours=1.0)
     found = radioloc.arcs(replace(study, observations=choice), [6.0, 12.0], tracked)
     assert [arc.span_h for arc in found.arcs] == pytest.approx([12.0, 6.0], abs=1e-6)
@@ -151,7 +151,7 @@ def test_lengths_that_are_none(study, tracked, hours, words):
 
 
 def test_an_arc_without_observations(study, tracked):
-    choice = ObservationChoice(start=radioloc.time.epochs_from_strings("2020-12-01T09:11:00"))
+    choice = ObservationChoice(start=radioloc.time.epochs_from_strings("2020-12-01T09:11:00", "UTC"))
     with pytest.raises(InputError, match=r"the arc of 3 h has no observations: the first is 6\.00 h"):
         radioloc.arcs(replace(study, observations=choice), [3.0, 12.0], tracked)
 

@@ -14,7 +14,7 @@ from radioloc.measurements.registry import kind_of
 from radioloc.study.study_file import read_study
 from radioloc.time import epochs_from_strings, tai_to_utc, utc_to_tai
 
-NOON = utc_to_tai(epochs_from_strings(["2020-12-02T15:00:00"]))
+NOON = utc_to_tai(epochs_from_strings(["2020-12-02T15:00:00"], "UTC"))
 LINKS = (Link("KASHI", "lander", "KASHI"), Link("KASHI", "lander", "JIAMUSI"))
 
 

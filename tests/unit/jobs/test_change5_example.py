@@ -7,8 +7,8 @@ import pytest
 from paths import EXAMPLES
 
 import radioloc
+from radioloc import compare
 from radioloc.imaging import read_image_study
-from radioloc.jobs import compare
 from radioloc.report.files import write_json
 
 EXAMPLE = EXAMPLES / "change5" / "change5.toml"

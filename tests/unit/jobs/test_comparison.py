@@ -8,9 +8,9 @@ import pytest
 from paths import EXAMPLES
 from recorded import recorded
 
+from radioloc import compare
 from radioloc.cli import main
 from radioloc.errors import InputError
-from radioloc.jobs import compare
 
 # Wang et al. (2021), table 1: longitude W, latitude N, and differences to the first in m, which it gives to 0.1.
 TABLE_1 = {

@@ -76,7 +76,7 @@ def study(sources, clocks=True, **keys):
 
 def measured(sources, observations, **clocks):
     truth = replace(study(sources), target=SITE, estimate=EstimateChoice(position="none", **clocks))
-    found = radioloc.residuals(truth, observations)
+    found = radioloc.compute_residuals(truth, observations)
     usable = np.flatnonzero(found.residuals.used)
     value_m = np.array(observations.value_m - found.residuals.residual_m)
     return replace(observations, value_m=value_m).select(usable)
@@ -150,10 +150,10 @@ def test_a_quasar_in_a_message(sources, tmp_path):
     )
     asked = ObservationChoice(files=[message], tdm=radioloc.io.TdmAgreement(sigma_m={"vlbi_delay": 0.02}))
     held = replace(study(sources, clocks=False), observations=asked, estimate=EstimateChoice(position="none"))
-    found = radioloc.residuals(held)
+    found = radioloc.compute_residuals(held)
     assert set(found.residuals.paths.present()) == {"SESHAN25<lander>KUNMING", "SESHAN25<0716+332>KUNMING"}
     with pytest.raises(InputError, match=r"if one is a quasar, .*: \[model\] sources"):
-        radioloc.residuals(replace(held, model=ModelChoice()))
+        radioloc.compute_residuals(replace(held, model=ModelChoice()))
 
 
 PLAN = """

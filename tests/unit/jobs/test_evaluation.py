@@ -38,4 +38,4 @@ def test_combinations_of_interpolated_observations_are_called_so():
     delays = table.select(table.kind == kind_of("vlbi_delay"))
     differences = replace(delays, kind=np.full(len(delays), kind_of("differenced_range"), dtype=np.int8))
     study = Study(target=NEAR, model=ModelChoice(evaluation="interpolated"))
-    assert radioloc.residuals(study, differences).provenance["evaluation"]["kind"] == "interpolated"
+    assert radioloc.compute_residuals(study, differences).provenance["evaluation"]["kind"] == "interpolated"

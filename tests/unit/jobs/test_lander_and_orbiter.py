@@ -135,7 +135,7 @@ def test_errors_of_both_are_as_large_as_their_sigmas(tracking, forces):
 
 def test_residuals_of_both_are_at_their_a_priori_motions(tracking, forces, model):
     study = study_of(forces)
-    found = radioloc.residuals(study, tracking)
+    found = radioloc.compute_residuals(study, tracking)
     orbit = study.orbiter.orbit(model, tracking, ())
     computed = ExactPredictor(model, tracking, (NEAR, orbit), targets=("lander", "craft")).compute()
     np.testing.assert_allclose(

@@ -94,7 +94,9 @@ def test_partials_are_those_of_differences(made):
 
 def test_residuals_are_those_of_the_a_priori_trajectory(made):
     study, observations = made[0], made[1].observations
-    found = radioloc.residuals(replace(study, reference=Reference(PLACE, "where it is")), observations)
+    found = radioloc.compute_residuals(
+        replace(study, reference=Reference(PLACE, "where it is")), observations
+    )
     arc = radioloc.jobs.arc_of(study, observations)
     expected_m = observations.value_m - arc.compute().value_m
     np.testing.assert_allclose(found.residuals.residual_m, expected_m, atol=1e-3)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import radioloc
+from radioloc import light_times, visibility
 from radioloc.dynamics import Orbit, propagate
 from radioloc.errors import InputError
-from radioloc.jobs import light_times, visibility
 from radioloc.measurements import ExactPredictor, PhysicalModel
 from radioloc.simulation import TruthSigma, windows
 from radioloc.study.orbit_choice import ProcessNoise
@@ -108,7 +108,8 @@ def test_nothing_is_tracked_behind_the_moon(made):
         study.simulation.schedule.masks,
     )
     hours = sum(
-        np.ptp(radioloc.time.epochs_from_strings([one.start_utc, one.stop_utc]).mjd) * 24.0 for one in found
+        np.ptp(radioloc.time.epochs_from_strings([one.start_utc, one.stop_utc], "UTC").mjd) * 24.0
+        for one in found
     )
     mine = simulated.observations.paths() == simulated.observations.paths()[0]
     assert 1.0 < hours < 3.0

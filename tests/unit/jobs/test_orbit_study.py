@@ -69,7 +69,7 @@ def test_a_fit_starts_from_an_orbit_that_meets_the_ground(forces, doppler):
     assert error @ np.linalg.solve(found.state.covariance, error) < 22.5
 
 
-@pytest.mark.parametrize(("job", "part"), [("residuals", 0.015), ("locate", 0.1)])
+@pytest.mark.parametrize(("job", "part"), [("compute_residuals", 0.015), ("locate", 0.1)])
 def test_an_orbit_that_ends_or_is_too_deep_below_the_ground_is_refused(forces, doppler, job, part):
     with pytest.raises(InputError, match="craft comes down to the ground of the Moon at 2012-04-09T0"):
         getattr(radioloc, job)(study_of(forces, off=slower(part)), doppler)
@@ -219,7 +219,7 @@ def with_errors(field, error, scale):
 
 
 def test_what_is_held_stays_and_sigmas_hold(forces, doppler):
-    held = radioloc.residuals(study_of(forces), doppler)
+    held = radioloc.compute_residuals(study_of(forces), doppler)
     assert held.state.position_m.tolist() == (STATE[:3] + np.array([300.0, -200.0, 100.0])).tolist()
     assert not held.parameters.free.any()
     tight = radioloc.locate(study_of(forces, off=np.zeros(6), state_sigma_m=0.01, forces=()), doppler)

@@ -7,8 +7,8 @@ import pytest
 from paths import EXAMPLES
 
 import radioloc
+from radioloc import visibility
 from radioloc.errors import InputError, StationError
-from radioloc.jobs import visibility
 from radioloc.jobs.preparation import model_of
 from radioloc.simulation import elevations
 from radioloc.time import epochs_from_strings, utc_to_tt

@@ -34,7 +34,7 @@ vmf3 = ["2020*.vmf3_r"]
 
 def delays(date="2020-12-02T15:00:00", first="URUMQI"):
     return Observations.from_columns(
-        epoch=epochs_from_strings([date]),
+        epoch=epochs_from_strings([date], "UTC"),
         links=[Link(first, "lander", "SESHAN25", True)],
         value_m=1e6,
         sigma_m=1.0,
@@ -59,7 +59,7 @@ def read(tmp_path):
 def test_notes_and_provenance_say_where_the_air_comes_from(read):
     study = read()
     assert [path.name for path in study.model.vmf3] == ["2020337.vmf3_r"]
-    solution = radioloc.residuals(study, delays())
+    solution = radioloc.compute_residuals(study, delays())
     assert (
         "troposphere of radio signals from VMF3 for URUMQI, SESHAN25, beside recorded pressure"
         in solution.notes
@@ -69,7 +69,7 @@ def test_notes_and_provenance_say_where_the_air_comes_from(read):
         "vmf3_orography": [],
         "gpt3": [],
     }
-    plain = radioloc.residuals(read('vmf3 = ["2020*.vmf3_r"]', ""), delays())
+    plain = radioloc.compute_residuals(read('vmf3 = ["2020*.vmf3_r"]', ""), delays())
     assert not any("VMF3" in note for note in plain.notes)
     changed_m = solution.residuals.residual_m - plain.residuals.residual_m
     assert 0.02 < abs(changed_m[0]) < 2.0
@@ -77,11 +77,11 @@ def test_notes_and_provenance_say_where_the_air_comes_from(read):
 
 def test_what_files_lack_is_one_error(read):
     with pytest.raises(CoverageError, match=r"line 1: .*2020337\.vmf3_r, .* VMF3 of URUMQI covers"):
-        radioloc.residuals(read(), delays("2020-12-03T15:00:00"))
+        radioloc.compute_residuals(read(), delays("2020-12-03T15:00:00"))
     with pytest.raises(InputError, match=r"2020337\.vmf3_r: there is no station KUNMING"):
-        radioloc.residuals(read(), delays(first="KUNMING"))
+        radioloc.compute_residuals(read(), delays(first="KUNMING"))
     with pytest.raises(InputError, match=r"\[model\] vmf3_orography goes with maps"):
-        radioloc.residuals(read("vmf3 =", 'vmf3_orography = "2020337.vmf3_r"\nvmf3 ='), delays())
+        radioloc.compute_residuals(read("vmf3 =", 'vmf3_orography = "2020337.vmf3_r"\nvmf3 ='), delays())
 
 
 CARDS = """\
@@ -99,7 +99,7 @@ def calibrated(tmp_path, read):
 
     def reader(keys='csp = ["cards.csp"]\ncsp_scid = 177', date="2020-12-02T12:30:00", second="DSS-24"):
         ranges = Observations.from_columns(
-            epoch=epochs_from_strings([date]),
+            epoch=epochs_from_strings([date], "UTC"),
             links=[Link("DSS-24", "lander", second)],
             value_m=8e8,
             sigma_m=1.0,
@@ -107,7 +107,7 @@ def calibrated(tmp_path, read):
             uplink_hz=2.1e9,
             wavelength_um=C_M_S / 2.28e9 * 1e6,
         )
-        return radioloc.residuals(read('vmf3 = ["2020*.vmf3_r"]', keys), ranges)
+        return radioloc.compute_residuals(read('vmf3 = ["2020*.vmf3_r"]', keys), ranges)
 
     return reader
 

@@ -25,7 +25,11 @@ LINKS = (
 def observations(link, dates):
     n = len(link)
     return Observations.from_columns(
-        epoch=epochs_from_strings(dates), links=LINKS, link=link, value_m=7.7e8 + np.arange(n), sigma_m=0.01
+        epoch=epochs_from_strings(dates, "UTC"),
+        links=LINKS,
+        link=link,
+        value_m=7.7e8 + np.arange(n),
+        sigma_m=0.01,
     )
 
 
@@ -51,12 +55,12 @@ def test_targets_under_the_names_of_the_study():
     links = (Link("DSS-24", "sc181", "DSS-24"), Link("", "sc181", "DSS-24"), Link("", "grail-b", "DSS-24"))
     of_beacon = Ramps.of(
         ["DSS-24", "SC181"],
-        *(epochs_from_strings([f"2012-04-0{day}"] * 2) for day in (1, 2)),
+        *(epochs_from_strings([f"2012-04-0{day}"] * 2, "UTC") for day in (1, 2)),
         [2e9, 8e9],
         [0, 0],
     )
     given = Observations.from_columns(
-        epoch=epochs_from_strings(["2012-04-01"] * 3),
+        epoch=epochs_from_strings(["2012-04-01"] * 3, "UTC"),
         links=links,
         link=[0, 1, 2],
         kind=[KINDS.index("range"), *[KINDS.index("one_way_doppler")] * 2],
@@ -103,7 +107,7 @@ def test_targets_with_positions_are_kept():
 def test_links_of_two_targets_need_both():
     links = [Link("JIAMUSI", "lander", "KASHI", True, "rover"), Link("JIAMUSI", "rover", "KASHI", True)]
     given = Observations.from_columns(
-        epoch=epochs_from_strings(["2024-05-03", "2024-05-04"]),
+        epoch=epochs_from_strings(["2024-05-03", "2024-05-04"], "UTC"),
         links=links,
         link=[0, 1],
         kind=[KINDS.index("differenced_delay"), KINDS.index("vlbi_delay")],
@@ -131,7 +135,7 @@ def test_stations_take_part_only_with_both_ends():
 
 def test_one_way_links_have_one_station():
     given = Observations.from_columns(
-        epoch=epochs_from_strings(["2024-05-03", "2024-05-04"]),
+        epoch=epochs_from_strings(["2024-05-03", "2024-05-04"], "UTC"),
         links=[Link("", "lander", "KASHI"), Link("", "lander", "JIAMUSI")],
         link=[0, 1],
         kind=KINDS.index("one_way_range"),
@@ -145,7 +149,9 @@ def test_one_way_links_have_one_station():
 
 def test_span_includes_its_ends():
     span = ObservationChoice(
-        targets="apollo15", start=epochs_from_strings("2024-05-02"), stop=epochs_from_strings("2024-05-04")
+        targets="apollo15",
+        start=epochs_from_strings("2024-05-02", "UTC"),
+        stop=epochs_from_strings("2024-05-04", "UTC"),
     )
     assert kept(span) == ([0, 2, 4], {"other target": 1, "outside the time span": 2})
 
@@ -154,7 +160,7 @@ def test_hours_count_from_the_first_that_is_left():
     assert kept(ObservationChoice(targets="apollo15", hours=48.0))[0] == [0, 1, 2]
     # Without GRASSE's the first is the one of 3 May.
     assert kept(ObservationChoice(targets="apollo15", stations="APOLLO", hours=48.0))[0] == [0, 5]
-    start = epochs_from_strings("2024-05-02T06:00:00")
+    start = epochs_from_strings("2024-05-02T06:00:00", "UTC")
     assert kept(ObservationChoice(targets="apollo15", start=start, hours=24.0))[0] == [0]
 
 
@@ -167,7 +173,7 @@ def test_hours_are_those_of_atoms_over_a_leap_second():
 @pytest.mark.parametrize("span", [{"start": "2030-01-01"}, {"stop": "1990-01-01"}])
 def test_nothing_left_says_why(span):
     choice = ObservationChoice(
-        targets="apollo15", **{key: epochs_from_strings(day) for key, day in span.items()}
+        targets="apollo15", **{key: epochs_from_strings(day, "UTC") for key, day in span.items()}
     )
     with pytest.raises(InputError, match=r"no observations left \(1 other target; 5 outside the time span\)"):
         kept(choice)

@@ -7,9 +7,8 @@ import pytest
 from change5_case import NEAR, observations
 
 import radioloc
-from radioloc import Observations, Study, write_observations
+from radioloc import Observations, Study, compare, write_observations
 from radioloc.estimation.combination import TerrainHeight
-from radioloc.jobs import compare
 from radioloc.study import EstimateChoice
 from radioloc.study.study import HeightPrior
 

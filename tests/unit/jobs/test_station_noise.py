@@ -28,7 +28,7 @@ from radioloc.simulation import (
 from radioloc.study import EstimateChoice, ModelChoice, ObservationChoice
 from radioloc.time import Epochs, epochs_from_strings, tai_to_utc, utc_to_tai
 
-START = utc_to_tai(epochs_from_strings("2016-12-31T23:59:50"))  # before a leap second
+START = utc_to_tai(epochs_from_strings("2016-12-31T23:59:50", "UTC"))  # before a leap second
 OWN_M, STATION_M, RANGE_M = 0.02, 0.3, 20.0
 STATIONS = ("SESHAN25", "MIYUN50", "KUNMING", "URUMQI")
 

@@ -30,8 +30,8 @@ def test_a_study_of_tracking_is_none_of_images():
         (lambda path: radioloc.Study(target=(1, 2, 3)), r"target: expected LunarPosition .* got tuple"),
         (lambda path: radioloc.locate(path, np.zeros((3, 2))), "expected Observations, got ndarray"),
         (lambda path: radioloc.imaging.read_image_study(1), "path: expected str or Path, got int 1"),
-        (lambda path: radioloc.jobs.verify(None), "path: expected str or Path, got NoneType"),
-        (lambda path: radioloc.jobs.compare([None]), "solutions: expected str or Path or .* got NoneType"),
+        (lambda path: radioloc.verify(None), "path: expected str or Path, got NoneType"),
+        (lambda path: radioloc.compare([None]), "solutions: expected str or Path or .* got NoneType"),
     ],
 )
 def test_arguments_of_wrong_types_are_named(make, message):

@@ -7,9 +7,9 @@ import pytest
 from paths import EXAMPLES
 
 import radioloc
+from radioloc import leave_one_out
 from radioloc.errors import InputError
 from radioloc.estimation.combination import PositionEstimate
-from radioloc.jobs import leave_one_out
 from radioloc.jobs.arcs import _groups
 from radioloc.jobs.preparation import prepared_arc
 from radioloc.results.subsets import Without

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 import radioloc
-from radioloc import LunarPosition
+from radioloc import LunarPosition, compare
 from radioloc.cli import main
 from radioloc.errors import InputError
 from radioloc.io.formats import write_observations
-from radioloc.jobs import compare
 from radioloc.jobs.comparison import read_solutions
 from radioloc.measurements import FixedPoint, Link, Observations, PhysicalModel, prepare_predictor
 from radioloc.measurements.measurement_type import TIME_TAGS

@@ -99,9 +99,9 @@ def write_ambiguous(folder, observations):
 def test_an_ambiguous_range_is_resolved_by_the_a_priori_position(kind, of, tmp_path, request):
     observations = request.getfixturevalue(of)[1]
     write_ambiguous(tmp_path, observations)
-    ambiguous = radioloc.residuals(study_of(tmp_path, sigma_m=f"{{ {kind} = 1.0 }}"))
+    ambiguous = radioloc.compute_residuals(study_of(tmp_path, sigma_m=f"{{ {kind} = 1.0 }}"))
     write_tdm(tmp_path / "data.kvn", observations, originator="TEST")
-    whole = radioloc.residuals(study_of(tmp_path, sigma_m=f"{{ {kind} = 1.0 }}"))
+    whole = radioloc.compute_residuals(study_of(tmp_path, sigma_m=f"{{ {kind} = 1.0 }}"))
     assert np.abs(whole.residuals.residual_m).max() > 100.0  # of an a-priori position that is some way off
     assert np.abs(ambiguous.residuals.residual_m - whole.residuals.residual_m).max() < SAME_POINT_M
 
@@ -158,7 +158,7 @@ def test_delays_count_once_whoever_gives_them(truth, tmp_path):
         study_of(tmp_path, sigma_m="{ range = 1.0 }")
         with (tmp_path / "study.toml").open("a") as file:
             file.write(f"[model]\n{model}")
-        found = radioloc.residuals(radioloc.read_study(tmp_path / "study.toml"))
+        found = radioloc.compute_residuals(radioloc.read_study(tmp_path / "study.toml"))
         residual_m[name] = found.residuals.residual_m
     # A hold that is taken off is the light's path meanwhile, without the 0.5 km/s at which the legs close.
     assert np.abs(residual_m["the model"] - residual_m["the reader"]).max() < 1.2e-6 * 800.0

@@ -72,7 +72,7 @@ def test_residuals_along_a_trajectory(folder):
 
 
 def test_residuals_are_the_noise_and_the_bias(folder):
-    solution = radioloc.residuals(radioloc.read_study(study_file(folder)))
+    solution = radioloc.compute_residuals(radioloc.read_study(study_file(folder)))
     rows = solution.residuals
     used = rows.residual_m[rows.used]
     jiamusi = rows.station[rows.used] == "JIAMUSI"
@@ -156,7 +156,7 @@ def test_a_spacecraft_on_its_way_has_ranges_of_its_own(tmp_path, form):
         '[target]\ntrajectory = "cruise.bsp"\nbody = -85\n[estimate]\nposition = "none"\n'
         '[observations]\nfiles = ["ranges.dat"]\nsigma_m = { range = 0.5 }\n'
     )
-    solution = radioloc.residuals(radioloc.read_study(path))
+    solution = radioloc.compute_residuals(radioloc.read_study(path))
     assert solution.residuals.used.all()
     # Both files have micrometres or better.
     assert np.abs(solution.residuals.residual_m).max() < 1e-5
@@ -168,4 +168,4 @@ def test_observations_outside_the_trajectory_name_file_and_line(folder, tmp_path
     path = study_file(folder)
     path.write_text(path.read_text().replace("ranges.csv", "late.csv"))
     with pytest.raises(CoverageError, match=r"late\.csv, line \d+: .*orbiter\.bsp .*covers"):
-        radioloc.residuals(radioloc.read_study(path))
+        radioloc.compute_residuals(radioloc.read_study(path))

@@ -9,9 +9,9 @@ import pytest
 from quick import undrawn
 
 import radioloc
+from radioloc import verify
 from radioloc.cli import main
 from radioloc.errors import InputError
-from radioloc.jobs import verify
 from radioloc.kernels import find_kernel
 from radioloc.report.files import INCOMPLETE
 
@@ -158,7 +158,7 @@ def test_what_was_changed_in_python_is_not_taken_for_the_file(copy):
     with pytest.raises(InputError, match=r"its settings differ \(estimate\)"):
         verify(copy / "out" / "solution.json")
     given = radioloc.read_observations(copy / DATA).select(range(100))
-    solution = radioloc.residuals(study, replace(given, files=("other.csv",)))
+    solution = radioloc.compute_residuals(study, replace(given, files=("other.csv",)))
     assert solution.provenance["study"] is None
 
 

@@ -56,7 +56,7 @@ def test_mean_earth_axes_of_de440_are_those_of_de421():
 
 def test_iau_mean_axes_against_mean_earth_axes():
     # NAIF's moon_080317.tf, for 2000 to 2020: 155 m at most and 76 m on average.
-    tdb = Epochs.from_jd(2451544.5 + np.arange(0.0, 7305.0, 0.5))
+    tdb = Epochs.from_jd(2451544.5 + np.arange(0.0, 7305.0, 0.5), 0.0, "TDB")
     me = rot_pa_to_me(CONSTANTS["DE421"]) @ rot_icrf_to_pa(LunarOrientation.open().angles(tdb)[0])
     apart_m = rotation_angles_rad(rot_icrf_to_iau_moon(tdb) @ np.swapaxes(me, -1, -2)) * MEAN_LUNAR_RADIUS_M
     assert apart_m.max() == pytest.approx(154.8, abs=0.5)

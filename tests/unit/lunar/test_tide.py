@@ -17,7 +17,7 @@ NODAL_PERIOD_DAYS = 6798.38
 @pytest.fixture(scope="module")
 def bodies():
     """Earth and Sun in principal axes over two nodal periods."""
-    tdb = Epochs.from_jd(2440422.5 + np.arange(0.0, 2 * NODAL_PERIOD_DAYS, 0.5))
+    tdb = Epochs.from_jd(2440422.5 + np.arange(0.0, 2 * NODAL_PERIOD_DAYS, 0.5), 0.0, "TDB")
     ephemeris = Ephemeris.open()
     rot = rot_icrf_to_pa(LunarOrientation.open().angles(tdb)[0])
     moon_m, sun_m = ephemeris.geocentric("moon", tdb)[0], ephemeris.geocentric("sun", tdb)[0]

@@ -27,7 +27,7 @@ def ranges(value_m, **changes):
     value_m = np.asarray(value_m, dtype=np.float64)
     columns = {
         "epoch": epochs_from_strings(
-            [f"2020-12-02T15:{k // 60:02d}:{k % 60:02d}" for k in range(len(value_m))]
+            [f"2020-12-02T15:{k // 60:02d}:{k % 60:02d}" for k in range(len(value_m))], "UTC"
         ),
         "links": [Link("KASHI", "lander", "KASHI")],
         "tag": 1,

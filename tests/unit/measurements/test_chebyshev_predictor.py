@@ -161,7 +161,7 @@ def test_ionosphere(content):
 
 def test_leap_second_and_midnights(model):
     """Over the end of 2016: the last minute has 61 seconds, and Earth orientation is tabulated at each 0h."""
-    middle = utc_to_tai(epochs_from_strings("2016-12-31T23:59:60.5"))
+    middle = utc_to_tai(epochs_from_strings("2016-12-31T23:59:60.5", "UTC"))
     offset_s = np.arange(-7200.0, 7200.0, 4.0)
     tai = Epochs.from_jd(np.full(len(offset_s), middle.jd[0]), middle.fraction[0] + offset_s / 86400.0, "TAI")
     table = series("NEUQUEN>x>NEUQUEN", "range", tai)

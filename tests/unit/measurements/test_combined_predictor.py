@@ -127,7 +127,7 @@ def test_predicted_orientation_of_a_part_marks_a_combination(model):
         arc = predictor(
             dataclasses.replace(
                 tracking(*CASES[3][:3]).select([0, 1]),
-                epoch=epochs_from_strings(["2020-12-01T23:59:20", "2020-12-02T00:00:10"]),
+                epoch=epochs_from_strings(["2020-12-01T23:59:20", "2020-12-02T00:00:10"], "UTC"),
             ),
             with_predictions_after_2_december(model),
         )

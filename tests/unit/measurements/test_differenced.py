@@ -99,7 +99,7 @@ def test_kinds_are_each_computed_as_if_alone(model):
 
 def test_predicted_orientation_at_the_end_alone_marks_a_doppler_observation(model):
     some = with_predictions_after_2_december(model)
-    tai = utc_to_tai(epochs_from_strings(["2020-12-01T23:59:20", "2020-12-02T00:00:10"]))
+    tai = utc_to_tai(epochs_from_strings(["2020-12-01T23:59:20", "2020-12-02T00:00:10"], "UTC"))
     with pytest.warns(PredictedEopWarning, match="predicted, not measured, at 1 of"):
         arc = arc_of(some, "doppler", ("KASHI", "JIAMUSI"), tai, count_s=COUNT_S)
     assert arc.predicted_eop.tolist() == [False, True]

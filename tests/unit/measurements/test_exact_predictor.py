@@ -280,7 +280,7 @@ def test_unknown_station_names_file_and_line(radio):
 @pytest.mark.parametrize("date", ["2050-06-01", "2051-01-01"])
 def test_epochs_outside_kernels_or_earth_orientation(radio, date):
     table = Observations.from_columns(
-        epoch=epochs_from_strings(date), links=[Link("KASHI", "x", "KASHI")], value_m=7e8, sigma_m=1.0
+        epoch=epochs_from_strings(date, "UTC"), links=[Link("KASHI", "x", "KASHI")], value_m=7e8, sigma_m=1.0
     )
     with pytest.raises(CoverageError, match=r"kernel|Earth orientation|\.bsp"):
         ExactPredictor(radio, table, APOLLO15)
@@ -295,7 +295,7 @@ def test_no_observations_are_no_error(radio):
 
 def test_leap_second_does_not_show(radio):
     """Ranges around the leap second of 2016 follow one another smoothly in TAI."""
-    tai = utc_to_tai(epochs_from_strings("2016-12-31T23:59:55")).shifted(0.5)
+    tai = utc_to_tai(epochs_from_strings("2016-12-31T23:59:55", "UTC")).shifted(0.5)
     tai = Epochs.concatenate([tai.shifted(s) for s in np.arange(11.0)])
     range_m = computed(radio, "KASHI>x>KASHI", tai).value_m
     seconds = np.arange(11.0)

@@ -42,7 +42,7 @@ def test_steps_under_two_transmitted_frequencies_are_found():
     hz = 100.0 * np.rint((1e6 + 2e4 * np.cos(np.linspace(0.0, 2.0, 40))) / 100.0)
     uplink_hz = np.repeat([7.2e9, 7.2004e9], 20)
     observations = Observations.from_columns(
-        epoch=epochs_from_strings([f"2021-03-28T14:{k:02d}:00" for k in range(40)]),
+        epoch=epochs_from_strings([f"2021-03-28T14:{k:02d}:00" for k in range(40)], "UTC"),
         links=[Link("KASHI", "lander", "KASHI")],
         kind=KINDS.index("doppler"),
         tag=1,

@@ -17,7 +17,7 @@ from radioloc.time.dates import utc_to_text
 
 LANDER_PA_M = np.array([1554678.949, 98094.118, 765004.906])
 LANDER = FixedPoint(LANDER_PA_M)
-START = epochs_from_strings(["2024-05-02T02:00:00"])
+START = epochs_from_strings(["2024-05-02T02:00:00"], "UTC")
 F0_HZ = 7.2e9
 COUNT_S = 60.0
 

@@ -79,7 +79,11 @@ def test_values_rounded_in_another_unit_are_refused(name, unit, unit_m):
 def test_two_ranges_of_a_single_precision_type_are_enough():
     with pytest.raises(InputError, match="single precision"):
         Observations.from_columns(
-            epoch=epochs_from_strings(DATES[:2]), links=LINK, value_m=single(RANGES_M[:2]), sigma_m=1.0, tag=1
+            epoch=epochs_from_strings(DATES[:2], "UTC"),
+            links=LINK,
+            value_m=single(RANGES_M[:2]),
+            sigma_m=1.0,
+            tag=1,
         )
 
 
@@ -120,7 +124,7 @@ def test_values_rounded_to_few_decimals_have_the_sigma_of_their_rounding(values,
 
 
 def test_ramps_in_single_precision_are_refused():
-    start, stop = (epochs_from_strings([date]) for date in DATES[:2])
+    start, stop = (epochs_from_strings([date], "UTC") for date in DATES[:2])
     with pytest.raises(InputError, match="single precision"):
         Ramps.of(["KASHI"], start, stop, single([7.2e9]), [0.0])
 
@@ -142,7 +146,7 @@ def test_epochs_in_one_number_are_refused_where_their_rounding_exceeds_sigma():
     with pytest.raises(InputError, match=r"steps of 4e-05 s"):
         Observations.from_table(columns(epoch_utc=julian, sigma_m=np.full(12, 0.005)), **SAME)
     with pytest.raises(InputError, match="single precision"):
-        Epochs.from_jd(single(mjd) + single(2400000.5))
+        Epochs.from_jd(single(mjd) + single(2400000.5), 0.0, "TDB")
 
 
 @pytest.mark.parametrize("count", [513, 1025, 4097])

@@ -41,7 +41,7 @@ def same(one, other):
 @pytest.fixture(scope="module")
 def expected():
     return Observations.from_columns(
-        epoch=epochs_from_strings(DATES),
+        epoch=epochs_from_strings(DATES, "UTC"),
         links=[Link("KASHI", "lander", "KASHI")],
         value_m=[765432100.5, 765400200.25],
         sigma_m=[2.5, 2.0],
@@ -96,7 +96,7 @@ TABLES = {
         COLUMNS | {"observed_m": [765432.1005, 765400.20025] * u.km, "sigma_m": [25, 20] * u.dm}),
     "astropy with a masked column": masked,
     "a Time in TDB": lambda: COLUMNS | {"epoch_utc": Time(DATES, scale="utc").tdb},
-    "Epochs": lambda: COLUMNS | {"epoch_utc": epochs_from_strings(DATES)},
+    "Epochs": lambda: COLUMNS | {"epoch_utc": epochs_from_strings(DATES, "UTC")},
 }  # fmt: skip
 
 
@@ -170,7 +170,7 @@ def test_a_parquet_file_read_by_others_keeps_its_units(tmp_path, expected):
 
 
 def test_a_leap_second_goes_to_astropy_and_not_to_pandas():
-    leap = epochs_from_strings(["2016-12-31T23:59:60.5", "2016-12-31T12:00:00"])
+    leap = epochs_from_strings(["2016-12-31T23:59:60.5", "2016-12-31T12:00:00"], "UTC")
     observations = Observations.from_columns(
         epoch=leap, links=[Link("KASHI", "lander", "KASHI")], value_m=7.6e8, sigma_m=1.0
     )

@@ -17,7 +17,7 @@ ADEA      58496.00  0.00120787  0.00065184  2.2275  0.0626   979.44  -3.07   2.6
 ADEA      58496.25  0.00120787  0.00065184  2.2275  0.0626   979.44  -3.07   2.67  -0.206   0.051   0.112   0.025
 """
 GRAZ = np.deg2rad(47.0671), np.deg2rad(15.4935), 538.30
-NEW_YEAR = epochs_from_strings(["2024-01-01"])
+NEW_YEAR = epochs_from_strings(["2024-01-01"], "UTC")
 
 
 def written(path: Path, text: str) -> Path:
@@ -39,7 +39,7 @@ def maps(tmp_path: Path) -> tuple[list[Path], Path]:
 def test_site_at_and_between_epochs_of_any_scale(sites: Path) -> None:
     series = read_vmf3_sites([sites])
     assert set(series) == {"GRAZ", "WETTZELL"}
-    utc = epochs_from_strings([f"2024-01-01T{time}" for time in ("00:00", "03:00", "07:30", "12:00")])
+    utc = epochs_from_strings([f"2024-01-01T{time}" for time in ("00:00", "03:00", "07:30", "12:00")], "UTC")
     for epochs in (utc, utc_to_tt(utc)):
         values = series["GRAZ"].at(epochs)
         np.testing.assert_allclose(values.hydrostatic_a, [1.2048e-3, 1.19953e-3, 1.195035e-3, 1.19736e-3])
@@ -61,14 +61,16 @@ def test_days_join_in_any_order_and_gzip(sites: Path, tmp_path: Path) -> None:
     later.write_bytes(gzip.compress(VMF3_SITES.replace("60310", "60311").encode()))
     series = read_vmf3_sites([later, sites])["GRAZ"]
     np.testing.assert_array_equal(series.mjd_utc, [60310.0, 60310.25, 60310.5, 60311.0, 60311.25, 60311.5])
-    assert len(series.at(epochs_from_strings(["2024-01-01T12:00:00", "2024-01-02T00:00:00"])).wet_a) == 2
+    assert (
+        len(series.at(epochs_from_strings(["2024-01-01T12:00:00", "2024-01-02T00:00:00"], "UTC")).wet_a) == 2
+    )
     with pytest.raises(CoverageError, match=r"lacks epochs, covers .* 12.0 h UTC and from 2024-01-02 00.0 h"):
-        series.at(epochs_from_strings(["2024-01-01T12:00:01"]))
+        series.at(epochs_from_strings(["2024-01-01T12:00:01"], "UTC"))
 
 
 def test_gradients_of_sites_are_left_aside(tmp_path: Path) -> None:
     series = read_vmf3_sites([written(tmp_path / "2019013.v3gr_d", WITH_GRADIENTS)])["ADEA"]
-    assert series.at(epochs_from_strings(["2019-01-13T03:00:00"])).zenith_hydrostatic_m == 2.2275
+    assert series.at(epochs_from_strings(["2019-01-13T03:00:00"], "UTC")).zenith_hydrostatic_m == 2.2275
 
 
 @pytest.mark.parametrize(
@@ -93,7 +95,7 @@ def test_damaged_file_of_sites(tmp_path: Path, old: str, new: str, line: int | N
 
 def test_a_file_of_sites_that_was_cut_gives_no_other_values(tmp_path: Path) -> None:
     """Wherever it is cut: the same values at an epoch, or an error there."""
-    epoch = epochs_from_strings(["2024-01-01T08:00:00"])
+    epoch = epochs_from_strings(["2024-01-01T08:00:00"], "UTC")
     whole = read_vmf3_sites([written(tmp_path / "whole", VMF3_SITES)])
     refused = same = 0
     for length in range(VMF3_SITES.index("GRAZ") + 1, len(VMF3_SITES), 3):
@@ -108,7 +110,7 @@ def test_a_file_of_sites_that_was_cut_gives_no_other_values(tmp_path: Path) -> N
 
 def test_map_in_space_and_time(maps: tuple[list[Path], Path]) -> None:
     grids = read_vmf3_grids(*maps)
-    epochs = epochs_from_strings(["2024-01-01T00:00:00", "2024-01-01T03:00:00", "2024-01-01T06:00:00"])
+    epochs = epochs_from_strings(["2024-01-01T00:00:00", "2024-01-01T03:00:00", "2024-01-01T06:00:00"], "UTC")
     for latitude_deg, longitude_deg in ((35.0, 0.0), (-20.0, -116.9), (87.5, 355.0)):
         values = grids.at(epochs, np.deg2rad(latitude_deg), np.deg2rad(longitude_deg), 300.0)
         expected = 1.2e-3 + 1e-6 * latitude_deg + 1e-6 * np.array([0.0, 3.0, 6.0])
@@ -135,7 +137,7 @@ def test_map_with_gradients_along_a_parallel(tmp_path: Path, maps: tuple[list[Pa
         written(tmp_path / f"V3GR.H{hour:02d}", vmf3_map_text(hour, "V3GR", 0.05, " 0.1 0.2 0.3 0.4"))
         for hour in (0, 6)
     ]
-    grids, epoch = read_vmf3_grids(paths, maps[1]), epochs_from_strings(["2024-01-01T01:00:00"])
+    grids, epoch = read_vmf3_grids(paths, maps[1]), epochs_from_strings(["2024-01-01T01:00:00"], "UTC")
     # Across the meridian of Greenwich the chord over 5 degrees is 1e-3 below the cosine.
     for longitude_deg, crest_deg in ((0.0, 2.5), (92.5, 92.5), (182.5, 182.5)):
         values = grids.at(epoch, 0.5, np.deg2rad(longitude_deg), 300.0)
@@ -185,7 +187,7 @@ def test_maps_that_do_not_go_together(tmp_path: Path, maps: tuple[list[Path], Pa
 def test_places_and_epochs_outside_maps(maps: tuple[list[Path], Path]) -> None:
     grids = read_vmf3_grids(*maps)
     with pytest.raises(CoverageError, match="the maps of VMF3 covers"):
-        grids.at(epochs_from_strings(["2024-01-01T06:30:00"]), 0.5, 0.5, 0.0)
+        grids.at(epochs_from_strings(["2024-01-01T06:30:00"], "UTC"), 0.5, 0.5, 0.0)
     with pytest.raises(InputError, match=r"reaches from latitude -87.5 to 87.5"):
         grids.at(NEW_YEAR, np.deg2rad(89.0), 0.5, 0.0)
 
@@ -244,7 +246,7 @@ def test_gpt3_of_air_at_rest(tmp_path: Path) -> None:
     ],
 )
 def test_gpt3_seasons(tmp_path: Path, column: int, date: str, expected_k: float) -> None:
-    values = climate(tmp_path, {column: 1.0}).at(epochs_from_strings([date]), 0.3, -2.0, 40.0)
+    values = climate(tmp_path, {column: 1.0}).at(epochs_from_strings([date], "UTC"), 0.3, -2.0, 40.0)
     np.testing.assert_allclose(values.mean_temperature_k, [270.0 + expected_k], rtol=1e-12)
 
 

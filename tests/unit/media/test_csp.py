@@ -63,7 +63,7 @@ def calibrations(tmp_path):
 
 
 def utc(*times, day="2020-12-02"):
-    return epochs_from_strings([f"{day}T{time}" for time in times])
+    return epochs_from_strings([f"{day}T{time}" for time in times], "UTC")
 
 
 def test_normalized_powers_go_from_minus_one_to_one(calibrations):
@@ -117,7 +117,7 @@ def test_the_seasonal_model_is_that_of_the_place(name, calibrations):
     complex_of = {"2": "C10", "3": "C40", "5": "C60"}[name[4]]
     nothing = "ADJUST(ALL) BY CONST(0.) MODEL({}) FROM(20/01/01,00:00) TO(21/01/01,00:00) DSN({})."
     cards = calibrations(*(nothing.format(model, complex_of) for model in (DRY, WET)))
-    dates = epochs_from_strings(["2020-01-20", "2020-07-20"])
+    dates = epochs_from_strings(["2020-01-20", "2020-07-20"], "UTC")
     dry_m, wet_m = (cards.zenith_m(station, dates, model, phase=True) for model in (DRY, WET))
     standard_m = zenith_hydrostatic_delay_m(
         standard_weather(place.height_m)[0], place.latitude_rad, place.height_m

@@ -48,7 +48,7 @@ def test_reads_what_stands_in_the_file(maps) -> None:
 
 
 def test_linear_in_latitude_and_time(maps) -> None:
-    utc = epochs_from_strings(["2019-01-15T00:00:00", "2019-01-15T03:30:00", "2019-01-15T06:00:00"])
+    utc = epochs_from_strings(["2019-01-15T00:00:00", "2019-01-15T03:30:00", "2019-01-15T06:00:00"], "UTC")
     latitude, longitude = np.array([35.4, -87.5, 1.1]), np.deg2rad([-117.0, 180.0, 359.0])
     tec, by_tt = (
         maps(flat).vertical_tec(np.deg2rad(latitude), longitude, at) for at in (utc, utc_to_tt(utc))
@@ -63,10 +63,10 @@ def test_maps_turn_with_the_sun(maps) -> None:
     dates = ["2019-01-15T00:20:00", "2019-01-15T01:00:00", "2019-01-15T04:40:00"]
     hours = np.array([1.0 / 3.0, 1.0, 14.0 / 3.0])
     # Twenty minutes are 5 degrees, one column.
-    tec = read.vertical_tec(0.0, np.deg2rad([175.0, -25.0, 60.0]), epochs_from_strings(dates))
+    tec = read.vertical_tec(0.0, np.deg2rad([175.0, -25.0, 60.0]), epochs_from_strings(dates, "UTC"))
     np.testing.assert_allclose(tec, sun_fixed(0.0, np.array([175.0, -25.0, 60.0]), hours), atol=ROUNDING_TECU)
     # Left in place the two maps would give, half way between, 3.4 % less of the bulge: 0.7 TECU at its crest.
-    noon = read.vertical_tec(0.0, np.deg2rad([-15.0]), epochs_from_strings([dates[1]]))
+    noon = read.vertical_tec(0.0, np.deg2rad([-15.0]), epochs_from_strings([dates[1]], "UTC"))
     assert noon[0] == pytest.approx(50.0, abs=ROUNDING_TECU)
 
 
@@ -91,14 +91,14 @@ def test_against_orekit(maps, latitude_deg: float, longitude_deg: float, date: s
     It turns the maps with the stars, not the Sun: by 0.04 degrees less an hour, up to 0.002 TECU here.
     """
     tec = maps(wavy).vertical_tec(
-        np.deg2rad(latitude_deg), np.deg2rad(longitude_deg), epochs_from_strings([date])
+        np.deg2rad(latitude_deg), np.deg2rad(longitude_deg), epochs_from_strings([date], "UTC")
     )
     assert tec[0] == pytest.approx(tec_tecu, abs=2e-3)
 
 
 def test_slant(maps) -> None:
     read = maps(flat)
-    epochs = epochs_from_strings(["2019-01-15T02:00:00"] * 2)
+    epochs = epochs_from_strings(["2019-01-15T02:00:00"] * 2, "UTC")
     station = itrf_from_geodetic(np.deg2rad(-116.9), np.deg2rad(35.4), 1000.0)
     azimuth, elevation = np.deg2rad([120.0, 250.0]), np.deg2rad([15.0, 60.0])
     vertical = read.vertical_tec(*pierce_point(station, azimuth, elevation), epochs)
@@ -109,7 +109,7 @@ def test_slant(maps) -> None:
 
 
 def test_contents_below_zero_delay_nothing(maps) -> None:
-    epochs = epochs_from_strings(["2019-01-15T02:00:00"])
+    epochs = epochs_from_strings(["2019-01-15T02:00:00"], "UTC")
     read = maps(lambda latitude, longitude, hour: -0.5 + 0.0 * latitude * longitude * hour)
     station = itrf_from_geodetic(np.deg2rad(117.0), np.deg2rad(40.0), 50.0)[None]
     tec = read.slant_tec(station, np.deg2rad([200.0]), np.deg2rad([30.0]), epochs)
@@ -139,11 +139,11 @@ def test_missing_values(tmp_path: Path) -> None:
     assert np.isnan(read.tec_tecu).sum() == 1
     hole = np.deg2rad([36.0]), np.deg2rad([-117.0])
     with pytest.raises(InputError, match=r"has no electron content at latitude 36\.0, longitude -117\.0"):
-        read.vertical_tec(*hole, epochs_from_strings(["2019-01-15T02:00:00"]))
+        read.vertical_tec(*hole, epochs_from_strings(["2019-01-15T02:00:00"], "UTC"))
     # Next to the hole in space and time the map holds: there it has no weight.
     aside = np.deg2rad([35.0]), np.deg2rad([-110.0])
     for place, hour, expected in ((hole, 4, 51.2), (aside, 2, 49.0)):
-        tec = read.vertical_tec(*place, epochs_from_strings([f"2019-01-15T0{hour}:00:00"]))
+        tec = read.vertical_tec(*place, epochs_from_strings([f"2019-01-15T0{hour}:00:00"], "UTC"))
         assert tec == pytest.approx(expected, abs=0.1)
 
 
@@ -151,18 +151,18 @@ def test_outside(maps, tmp_path: Path) -> None:
     read = maps(flat)
     for date in ("2019-01-14T23:59:59", "2019-01-15T06:00:01"):
         with pytest.raises(CoverageError, match=r"covers 2019-01-15 00\.0 h UTC to 2019-01-15 06\.0 h UTC"):
-            read.vertical_tec(0.0, 0.0, epochs_from_strings([date]))
+            read.vertical_tec(0.0, 0.0, epochs_from_strings([date], "UTC"))
     with pytest.raises(InputError, match=r"reaches from latitude -87\.5 to 87\.5"):
-        read.vertical_tec(1.55, 0.0, epochs_from_strings(["2019-01-15"]))
+        read.vertical_tec(1.55, 0.0, epochs_from_strings(["2019-01-15"], "UTC"))
     later = tmp_path / "test0170.19i"
     later.write_text(ionex_text(flat, day=17))
     early = tmp_path / "test0150.19i"
     gap = read_ionex([early, later])
-    assert gap.vertical_tec(0.0, 0.0, epochs_from_strings(["2019-01-17T01:00:00"]))[0] == pytest.approx(
-        89.0, abs=0.1
-    )
+    assert gap.vertical_tec(0.0, 0.0, epochs_from_strings(["2019-01-17T01:00:00"], "UTC"))[
+        0
+    ] == pytest.approx(89.0, abs=0.1)
     with pytest.raises(CoverageError, match=r"lacks epochs, .* 06\.0 h UTC and from 2019-01-17 00\.0 h"):
-        gap.vertical_tec(0.0, 0.0, epochs_from_strings(["2019-01-16"]))
+        gap.vertical_tec(0.0, 0.0, epochs_from_strings(["2019-01-16"], "UTC"))
 
 
 TEXT = ionex_text(flat, hours=(0, 2))

@@ -27,8 +27,8 @@ URUMQI    59185.50  0.00120000  0.00050000  1.8000  0.0200   795.00  -9.00  2.00
 SESHAN25  59185.75  0.00124000  0.00057000  2.3300  0.2400  1023.00   9.00  9.50
 URUMQI    59185.75  0.00121000  0.00052000  1.8100  0.0300   797.00 -11.00  1.50
 """
-TT = utc_to_tt(epochs_from_strings(["2020-12-02T15:00:00", "2020-12-02T16:30:00"]))
-LATE = utc_to_tt(epochs_from_strings(["2020-12-02T18:30:00"] * 2))
+TT = utc_to_tt(epochs_from_strings(["2020-12-02T15:00:00", "2020-12-02T16:30:00"], "UTC"))
+LATE = utc_to_tt(epochs_from_strings(["2020-12-02T18:30:00"] * 2, "UTC"))
 SHARE = np.array([0.5, 0.75])
 WEATHER = {"pressure_hpa": 1015.0, "temperature_k": 283.0, "relative_humidity": 0.6}
 SHANGHAI = geodetic_from_itrf(StationCatalogue.default()["SESHAN25"].itrf_m)

@@ -67,7 +67,7 @@ def biased(ranges):
 
 
 def test_every_path_sees_the_moon(ranges):
-    assert radioloc.residuals(study(), ranges[0]).residuals.used.all()
+    assert radioloc.compute_residuals(study(), ranges[0]).residuals.used.all()
 
 
 def test_values_are_where_the_fit_starts_and_what_it_is_drawn_to(biased):
@@ -108,7 +108,7 @@ def test_a_station_with_a_value_that_is_not_listed_is_held_at_it(biased):
 
 def test_residuals_are_those_at_the_a_priori_values(biased):
     asked = study(range_bias=["KASHI"], range_bias_m={"KASHI": 12.0, "JIAMUSI": 5.0}, range_bias_sigma_m=1.0)
-    given = radioloc.residuals(asked, biased)
+    given = radioloc.compute_residuals(asked, biased)
     assert np.abs(given.residuals.residual_m).max() < SAME_M
     assert not given.parameters.free.any()
 

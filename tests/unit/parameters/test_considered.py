@@ -29,7 +29,7 @@ PLACE_PA_M = np.array([1.07e6, -1.02e6, 9.0e5])
 def arc(model, paths=PATHS, day="2020-12-01", wavelength_um=35394.6):
     laser = np.array(["WETTZELL" in path for _, path in paths])
     observations = Observations.from_columns(
-        epoch=epochs_from_strings([f"{day}T18:00:00"] * len(paths)),
+        epoch=epochs_from_strings([f"{day}T18:00:00"] * len(paths), "UTC"),
         links=[Link.from_path(path) for _, path in paths],
         link=np.arange(len(paths)),
         kind=np.array([KINDS.index(kind) for kind, _ in paths]),

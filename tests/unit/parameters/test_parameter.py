@@ -61,7 +61,7 @@ def test_unusable_kinds_are_refused(changes, words):
 def arc_of(*dates):
     links = [radioloc.measurements.Link("KASHI", "lander", "KASHI")]
     observations = radioloc.Observations.from_columns(
-        epoch=radioloc.time.epochs_from_strings(dates), links=links, value_m=7.6e8, sigma_m=1.0
+        epoch=radioloc.time.epochs_from_strings(dates, "UTC"), links=links, value_m=7.6e8, sigma_m=1.0
     )
     lander = radioloc.LunarPosition.from_selenographic(-51.9, 43.0, -2500.0)
     return radioloc.jobs.arc_of(radioloc.Study(target=lander), observations)

@@ -70,7 +70,7 @@ def study(consider=None, **keys):
 
 def with_values(tracking, chosen):
     """The values that the model computes with the a-priori values of a study."""
-    found = radioloc.residuals(chosen, tracking)
+    found = radioloc.compute_residuals(chosen, tracking)
     return replace(tracking, value_m=np.array(tracking.value_m - found.residuals.residual_m[: len(tracking)]))
 
 

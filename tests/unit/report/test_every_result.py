@@ -72,7 +72,7 @@ MADE = {
         | {f"{hours}h/{name}" for hours in (72, 24) for name in ("solution.json", "residuals.csv")},
     ),
     "comparison": (
-        lambda: radioloc.jobs.compare([solution()]),
+        lambda: radioloc.compare([solution()]),
         {"comparison.json", "table1.csv", "table1.md", "table1.tex"},
     ),
     "monte_carlo": (trials, {"montecarlo.json", "trials.csv"}),

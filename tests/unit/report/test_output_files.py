@@ -19,7 +19,7 @@ from radioloc.time.dates import utc_to_text
 
 def two_rows(**changes):
     columns = {
-        "epoch_utc": epochs_from_strings(["2006-04-07T06:26:30", "2006-04-07T06:32:30.25"]),
+        "epoch_utc": epochs_from_strings(["2006-04-07T06:26:30", "2006-04-07T06:32:30.25"], "UTC"),
         "stations": Labels.of(["A", "C"]),
         "types": Labels.of(["range", "range"]),
         "paths": Labels.of(["A>b>A", "C>b>C"]),

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from toy_moon import LANDER_M, ToyMoon, toy_solution
 
+from radioloc import compare
 from radioloc.errors import InputError
-from radioloc.jobs import compare
 from radioloc.report import write_report
 from radioloc.report.files import INCOMPLETE
 from radioloc.results.subsets import Arc, ArcStudy

@@ -175,7 +175,7 @@ def test_sinex_of_several_targets(solution, tmp_path):
 
 def test_solutions_without_a_position_have_no_sinex(solution, tmp_path):
     with pytest.raises(InputError, match="estimated position"):
-        write_sinex(tmp_path / "b.snx", radioloc.residuals(radioloc.read_study(APOLLO)))
+        write_sinex(tmp_path / "b.snx", radioloc.compute_residuals(radioloc.read_study(APOLLO)))
     with pytest.raises(ConvergenceError):
         write_sinex(tmp_path / "b.snx", replace(solution, status=FitStatus.UNOBSERVABLE))
     assert not list(tmp_path.iterdir())

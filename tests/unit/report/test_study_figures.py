@@ -109,7 +109,7 @@ def test_arcs_are_drawn_where_the_table_has_them(arc_study):
 
 
 def test_terms_have_a_panel_each_in_a_unit_of_their_own():
-    epochs = epochs_from_strings(["2020-12-01T00:00:00", "2020-12-01T01:00:00", "2020-12-01T02:00:00"])
+    epochs = epochs_from_strings(["2020-12-01T00:00:00", "2020-12-01T01:00:00", "2020-12-01T02:00:00"], "UTC")
     links = [Link("KASHI", "x", "KASHI"), Link("JIAMUSI", "x", "KASHI")]
     observations = Observations.from_columns(
         epoch=epochs, links=links, link=[0, 1, 0], kind=0, tag=1, value_m=8e8, sigma_m=1.0

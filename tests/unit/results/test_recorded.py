@@ -102,8 +102,8 @@ def test_a_wrong_value_is_named_in_every_job(content, key, value, place, tmp_pat
     assert str(refusal.value).startswith(place)
     path.write_text(json.dumps(wrong), encoding="utf-8")
     jobs = [
-        lambda: radioloc.jobs.compare([path]),
-        lambda: radioloc.jobs.verify(path),
+        lambda: radioloc.compare([path]),
+        lambda: radioloc.verify(path),
         lambda: radioloc.io.write_gis(tmp_path / "a.geojson", [wrong]),
         lambda: solution_table([wrong]),
     ]

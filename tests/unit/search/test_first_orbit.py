@@ -139,9 +139,7 @@ wavelength_um = 36000.0
 """
 
 
-@pytest.mark.parametrize(
-    "name", ["covariance", "monte_carlo", "simulate", "jobs.visibility", "jobs.light_times"]
-)
+@pytest.mark.parametrize("name", ["covariance", "monte_carlo", "simulate", "visibility", "light_times"])
 def test_jobs_of_plans_name_the_search_where_there_is_no_state(tmp_path, name):
     (tmp_path / "plan.toml").write_text(PLAN)
     job = attrgetter(name)(radioloc)
@@ -149,7 +147,7 @@ def test_jobs_of_plans_name_the_search_where_there_is_no_state(tmp_path, name):
         job(radioloc.read_study(tmp_path / "plan.toml"))
 
 
-@pytest.mark.parametrize("job", [radioloc.locate, radioloc.residuals])
+@pytest.mark.parametrize("job", [radioloc.locate, radioloc.compute_residuals])
 def test_jobs_of_data_name_the_search_where_there_is_no_state(forces, doppler, job):
     with pytest.raises(InputError, match=r"got a rough orbit; `radioloc search"):
         job(study(forces), doppler)

@@ -167,7 +167,7 @@ def test_the_completed_file_states_each_pass(received, tmp_path):
     (tmp_path / "study.toml").write_text(STUDY)
     completed = search(tmp_path / "study.toml").write(tmp_path / "completed.toml")
     assert [one.turnaround for one in radioloc.read_study(completed).observations.uplinks] == [(880, 749)] * 3
-    solution = radioloc.residuals(completed)
+    solution = radioloc.compute_residuals(completed)
     assert set(solution.residuals.path) == {f"{TRUE[name]}>lander>{name}" for name in TRUE}
     for name in TRUE:
         mine = solution.residuals.path == f"{TRUE[name]}>lander>{name}"
@@ -190,7 +190,7 @@ def test_what_cannot_be_is_said(received, chosen, message):
 
 def test_without_doppler_there_is_nothing_to_tell():
     ranges = Observations.from_columns(
-        epoch=radioloc.time.epochs_from_strings(["2020-12-01T15:00:00"]),
+        epoch=radioloc.time.epochs_from_strings(["2020-12-01T15:00:00"], "UTC"),
         links=[Link("KASHI", "lander", "KASHI")],
         value_m=8e8,
         sigma_m=1.0,
@@ -200,7 +200,7 @@ def test_without_doppler_there_is_nothing_to_tell():
         search(study(), ranges)
 
 
-@pytest.mark.parametrize("job", [radioloc.locate, radioloc.residuals])
+@pytest.mark.parametrize("job", [radioloc.locate, radioloc.compute_residuals])
 def test_jobs_name_the_search_where_candidates_are_all_there_is(received, job):
     with pytest.raises(InputError, match=r"transmitters: expected .*uplinks.*`radioloc search STUDY.toml"):
         job(study(), received)

@@ -58,7 +58,7 @@ def test_windows_end_where_the_moon_hides_it(model, orbiter):
     assert len(found) >= 5
     # The window is of one signal down; the round trip needs the same at its sending, 2.6 s before.
     for window in found[1:-1]:
-        utc = radioloc.time.epochs_from_strings([window.start_utc, window.stop_utc])
+        utc = radioloc.time.epochs_from_strings([window.start_utc, window.stop_utc], "UTC")
         tai = radioloc.time.utc_to_tai(utc)[[0, 0, 1, 1]].shifted([-4.0, 4.0, -4.0, 4.0])
         predictor = ExactPredictor(model, tracking("KASHI>x>KASHI", tai), orbiter)
         problem = reasons(predictor, predictor.compute())[1]

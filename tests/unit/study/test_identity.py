@@ -22,7 +22,7 @@ ION = (
 
 def doubts(tracked, calibrations=None, choice=None, **study):
     observations = radioloc.Observations.from_columns(
-        epoch=epochs_from_strings(["2020-12-02T01:00:00"]),
+        epoch=epochs_from_strings(["2020-12-02T01:00:00"], "UTC"),
         value_m=[7.7e8],
         sigma_m=[1.0],
         links=[Link("DSS-24", tracked, "DSS-24")],

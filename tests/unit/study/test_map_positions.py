@@ -9,13 +9,12 @@ from paths import EXAMPLES
 from recorded import recorded
 
 import radioloc
-from radioloc import LunarPosition, Observations
+from radioloc import LunarPosition, Observations, compare
 from radioloc.cli import main
 from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.errors import InputError
 from radioloc.estimation.combination import PositionEstimate, agreement
 from radioloc.io.table import write_table
-from radioloc.jobs import compare
 from radioloc.lunar.local import axes_at, displaced, local_difference
 from radioloc.report.files import write_json
 from radioloc.simulation.truth import Truth, TruthSigma

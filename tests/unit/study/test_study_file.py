@@ -198,12 +198,12 @@ def test_station_epoch_and_velocity(read):
 @pytest.mark.parametrize("content", [TARGET, TARGET + "[observations]\nfiles = []\nextra_sigma_m = 0.1\n"])
 def test_a_study_without_files_is_for_observations_made_in_python(content, read):
     refused(
-        lambda text: radioloc.residuals(read(text)),
+        lambda text: radioloc.compute_residuals(read(text)),
         content,
         "[observations] files is missing; name at least one file",
     )
     ranges = radioloc.read_observations("examples/apollo15/apollo15_apollo_2006-2007.csv")[:3]
-    assert len(radioloc.residuals(read(content), ranges).residuals) == 3
+    assert len(radioloc.compute_residuals(read(content), ranges).residuals) == 3
 
 
 @pytest.mark.parametrize(

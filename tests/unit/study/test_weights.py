@@ -110,7 +110,7 @@ extra_sigma_m = 0.02
     file = tmp_path / "s.toml"
     file.write_text(text)
     study = radioloc.read_study(file)
-    found = radioloc.residuals(study)
+    found = radioloc.compute_residuals(study)
     stated_m = radioloc.read_observations(data).sigma_m
     np.testing.assert_allclose(found.residuals.sigma_m, np.hypot(3.0 * stated_m, 0.02), rtol=ROUNDING)
     assert found.provenance["weights"] == [

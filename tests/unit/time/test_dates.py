@@ -148,7 +148,7 @@ def test_dates_that_do_not_exist_are_refused(text):
         utc_from_text(["2021-02-28T00:00:00", text])
     assert caught.value.row == 1
     with pytest.raises(InputError):
-        epochs_from_strings(text)
+        epochs_from_strings(text, "UTC")
 
 
 def test_seconds_past_the_end_belong_to_the_next_day():

@@ -15,7 +15,7 @@ RESOLUTION_S = 2e-11
     [(2459185.5, 0.25), (2459185.75, 0.0), (2459185.0, 0.75), (0.0, 2459185.75), (2459186.5, -0.75)],
 )
 def test_any_split_comes_to_midnight_and_fraction(jd, fraction):
-    epochs = Epochs.from_jd(jd, fraction)
+    epochs = Epochs.from_jd(jd, fraction, "TDB")
     assert epochs.jd.tolist() == [2459185.5]
     assert epochs.fraction.tolist() == [0.25]
     assert epochs.mjd.tolist() == [59185.25]
@@ -23,7 +23,7 @@ def test_any_split_comes_to_midnight_and_fraction(jd, fraction):
 
 
 def test_a_fraction_just_below_zero_is_the_next_midnight():
-    epochs = Epochs.from_jd(2459185.5, [-1e-20, 1.0 - 1e-17, 1.0])
+    epochs = Epochs.from_jd(2459185.5, [-1e-20, 1.0 - 1e-17, 1.0], "TDB")
     assert epochs.jd.tolist() == [2459185.5, 2459186.5, 2459186.5]
     assert epochs.fraction.tolist() == [0.0, 0.0, 0.0]
 
@@ -53,15 +53,15 @@ def test_utc_has_no_seconds_between_epochs():
     with pytest.raises(InputError, match="UTC are needed here, but TT"):
         Epochs.from_jd(2459185.5, 0.0, "TT").require("UTC")
     with pytest.raises(InputError, match="TT are needed here, but TDB"):
-        Epochs.from_jd(2459185.5).seconds_since(Epochs.from_jd(2459185.5, 0.0, "TT"))
+        Epochs.from_jd(2459185.5, 0.0, "TDB").seconds_since(Epochs.from_jd(2459185.5, 0.0, "TT"))
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_dates_that_are_no_numbers_are_refused(bad):
     with pytest.raises(InputError, match="finite"):
-        Epochs.from_jd(bad)
+        Epochs.from_jd(bad, 0.0, "TDB")
     with pytest.raises(InputError, match="finite"):
-        Epochs.from_jd(2459185.5, bad)
+        Epochs.from_jd(2459185.5, bad, "TDB")
     with pytest.raises(InputError, match="finite"):
         Epochs.from_jd(2459185.5, 0.0, "TT").shifted(bad)
 
@@ -82,4 +82,4 @@ def test_selecting_and_joining():
     with pytest.raises(InputError, match="no epochs"):
         Epochs.concatenate([])
     with pytest.raises(InputError, match="TT are needed"):
-        Epochs.concatenate([epochs, Epochs.from_jd(2459185.5)])
+        Epochs.concatenate([epochs, Epochs.from_jd(2459185.5, 0.0, "TDB")])

@@ -66,7 +66,7 @@ def _path(value: str) -> str:
 
 def date(value: str) -> str:
     """Rule of a date."""
-    epochs_from_strings(value)
+    epochs_from_strings(value, "UTC")
     return _text(value)
 
 

@@ -15,7 +15,7 @@ def read(paths, settings):
     station = heading.split()[-1]
     epoch, value_m, sigma_m = np.array([line.split() for line in lines]).T
     return Observations.from_columns(
-        epoch=epochs_from_strings(epoch.tolist()),
+        epoch=epochs_from_strings(epoch.tolist(), "UTC"),
         value_m=value_m.astype(float),
         sigma_m=sigma_m.astype(float),
         kind=list(MEASUREMENTS).index("half_range"),

@@ -17,7 +17,7 @@ def largest(options):
     from radioloc_toys.residual_limit import ResidualLimit
 
     study = radioloc.read_study(options.study)
-    residuals = radioloc.residuals(study).residuals
+    residuals = radioloc.compute_residuals(study).residuals
     paths, sizes_m = residuals.paths[:], abs(residuals.residual_m)
     largest_m = {path: float(sizes_m[paths == path].max()) for path in sorted({*paths})}
     limit = study.extensions.get("residual_limit", ResidualLimit(limit_m=1000.0))

@@ -34,15 +34,14 @@ def seconds_after(observations, text):
 
 
 @pytest.mark.parametrize("name", FILES)
-@pytest.mark.parametrize("suffix", ["kvn", "xml"])
-def test_records_are_read_and_written(name, suffix, tmp_path):
+def test_records_are_read_and_written(name, tmp_path):
     message = read_tdm_file(DATA / f"annex_{name}")
     assert len(message) == FILES[name]
     if name == "e21.xml":
         # Its participant's name stands in typographic quotes, which are not ASCII.
         message.segments[0].metadata["PARTICIPANT_1"] = "DSS-25"
-    write_tdm_file(tmp_path / f"a.{suffix}", message)
-    read = read_tdm_file(tmp_path / f"a.{suffix}")
+    write_tdm_file(tmp_path / "a.kvn", message)
+    read = read_tdm_file(tmp_path / "a.kvn")
     assert read.header == message.header
     for one, other in zip(message.segments, read.segments, strict=True):
         assert one.metadata == other.metadata
@@ -134,8 +133,7 @@ def test_range_tagged_at_transmission():
     assert half.value_m.tolist() == (2.0 * read.value_m).tolist()
 
 
-@pytest.mark.parametrize("suffix", ["kvn", "xml"])
-def test_delay_of_two_stations(suffix, tmp_path):
+def test_delay_of_two_stations(tmp_path):
     """Figure E-11: 77 microseconds of receiver delay at DSS-25, whose clock is 0.459 microseconds behind."""
     agreement = TdmAgreement(sigma_m=SIGMA_M)
     read = read_tdm(DATA / "annex_e11.kvn", agreement)
@@ -148,8 +146,8 @@ def test_delay_of_two_stations(suffix, tmp_path):
     assert read.wavelength_um == pytest.approx(
         1e6 * C_M_S / np.array([8.415123456e9] * 2 + [8.415123e9]), rel=1e-15
     )
-    write_tdm(tmp_path / f"a.{suffix}", read, originator="TEST")
-    again = read_tdm(tmp_path / f"a.{suffix}", agreement)
+    write_tdm(tmp_path / "a.kvn", read, originator="TEST")
+    again = read_tdm(tmp_path / "a.kvn", agreement)
     assert again.value_m.tolist() == read.value_m.tolist()
     assert again.wavelength_um.tolist() == read.wavelength_um.tolist()
 

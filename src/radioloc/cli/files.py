@@ -17,7 +17,7 @@ from radioloc.errors import InputError
 
 def observation_file(usage: str, **more: Any) -> Argument:
     """Return a file of observations to write."""
-    text = "file to write; its ending names the format: .csv, .parquet, .tdm, .kvn or .xml; - for standard output"
+    text = "file to write; its ending names the format: .csv, .parquet, .tdm or .kvn; - for standard output"
     return argument(usage, text, Path, **more)
 
 
@@ -25,12 +25,10 @@ MESSAGE = (
     argument(
         "--format",
         "format of what is written to standard output (default: csv)",
-        choices=("csv", "parquet", "tdm", "xml"),
+        choices=("csv", "parquet", "tdm"),
         default="csv",
     ),
-    argument(
-        "--originator NAME", "agency that makes the Tracking Data Message; required for .tdm, .kvn and .xml"
-    ),
+    argument("--originator NAME", "agency that makes the Tracking Data Message; required for .tdm and .kvn"),
 )
 
 

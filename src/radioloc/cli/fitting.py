@@ -23,7 +23,7 @@ _FIT = (
     flag("--terms", "with --out, also write terms.csv: what each term of the model adds"),
     argument(
         "--residuals-tdm FILE",
-        "write the residuals to FILE as a Tracking Data Message, .xml or KVN; needs --originator",
+        "write the residuals to FILE as a Tracking Data Message; needs --originator",
         Path,
     ),
     argument("--originator NAME", "agency that makes that message"),

@@ -20,7 +20,7 @@ from radioloc.ephemeris import CONSTANTS, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.io.spice_kernels import M_PER_KM, orbit_parts, states_km
 from radioloc.io.tdm.message import WEATHER, TdmFile, TdmHeader
-from radioloc.io.tdm.write import now, tdm_of, write_tdm_file
+from radioloc.io.tdm.write import creation_date_now, tdm_of, write_tdm_file
 from radioloc.lunar import east_north_up, rot_icrf_to_pa, rot_pa_to_me
 from radioloc.lunar.frames import rot_icrf_to_pa_rate
 from radioloc.measurements.observations import Observations
@@ -179,7 +179,7 @@ def write_residuals_tdm(
     originator: str,
     creation_date: str | None = None,
 ) -> Path:
-    """Write residuals as a message: XML where the file's name ends in ``.xml``, else KVN.
+    """Write residuals as a Tracking Data Message in KVN.
 
     The standard (CCSDS 503.0-B-2) lacks keywords for residuals. They have the keywords and units of the observations,
     and comments in the header and in each segment state that they are residuals. Segments of used observations have
@@ -224,7 +224,7 @@ def write_residuals_tdm(
     lengths = np.zeros(len(rows), dtype=bool)  # also where cycles of ramps were observed
     residuals = replace(observations, value_m=rows.residual_m, ramped=lengths, **unrecorded)
     header = TdmHeader(
-        creation_date or now(),
+        creation_date or creation_date_now(),
         originator,
         comments=(f"{to_ascii(solution.name, _MAX_COMMENT_NAME)}: {_RESIDUALS}",),
     )
@@ -242,7 +242,7 @@ def _write(
     path: str | Path, kind: str, originator: str, creation_date: str | None, lines: Sequence[str]
 ) -> Path:
     """Write a message such as an OEM, in KVN, by default with the present date."""
-    header = _lines({"CREATION_DATE": creation_date or now(), "ORIGINATOR": originator})
+    header = _lines({"CREATION_DATE": creation_date or creation_date_now(), "ORIGINATOR": originator})
     write_text(path, "\n".join([f"CCSDS_{kind}_VERS = 2.0", *header, *lines]) + "\n")
     return Path(path)
 

@@ -50,7 +50,7 @@ _MIN_COLUMN_NAMES = 3
 _AROUND_NAMES = "#%;/! \"'\t"
 # Modified Julian dates of six decimals are rounded to half of this.
 _REREAD_S = 0.1
-ENDINGS = (".csv", ".parquet", ".tdm", ".kvn", ".xml")
+ENDINGS = (".csv", ".parquet", ".tdm", ".kvn")
 """Endings of the names of files that are written."""
 
 

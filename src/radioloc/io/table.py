@@ -52,9 +52,7 @@ from radioloc.measurements.table_columns import (
     require_columns,
 )
 from radioloc.text_files import (
-    ALWAYS_UNPACKED_BYTES,
     CUT_LINE,
-    LARGEST_GROWTH,
     read_blocks,
     read_rows,
     replaced_file,
@@ -70,8 +68,6 @@ _SHOWN_CHARACTERS = 60
 # A line that begins with a lower or a higher character may be blank or a comment.
 _HASH, _DELETE, _NEW_LINE = 0x23, 0x7F, 0x0A
 _ROWS_READ, _ROWS_WRITTEN, _ROWS_OF_TEXT = 2**17, 2**16, 2**14
-# What measures something takes bytes, however well it is packed; a file that says otherwise would fill the memory.
-_MOST_ROWS_A_BYTE = 2
 _UNITS = {"utc_ps": "ps", "relative_humidity": "1"} | {
     name: name.rpartition("_")[2]
     for name in (*VALUE, *SIGMA, *OPTIONAL)
@@ -127,15 +123,6 @@ def read_parquet(
         with parquet.ParquetFile(path) as file:
             header = list(file.schema_arrow.names)
             require_columns(path, header, split_epoch=True)
-            size, rows = Path(path).stat().st_size, file.metadata.num_rows
-            groups = (file.metadata.row_group(k) for k in range(file.metadata.num_row_groups))
-            unpacked = sum(group.total_byte_size for group in groups)
-            if rows > _MOST_ROWS_A_BYTE * size or unpacked > max(
-                LARGEST_GROWTH * size, ALWAYS_UNPACKED_BYTES
-            ):
-                says = f"says that it has {rows} rows of {unpacked} bytes, more than it can hold"
-                bound = f"{_MOST_ROWS_A_BYTE} rows a byte and {LARGEST_GROWTH} times its size"
-                raise FileFormatError(path, f"{says} (the bound is {bound}); it is refused")
             for batch in file.iter_batches(_ROWS_READ):
                 # Text that is not UTF-8 and places that a dictionary does not have.
                 batch.validate(full=True)

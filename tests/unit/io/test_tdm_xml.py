@@ -17,12 +17,12 @@ SEGMENTS = (
 def assert_same(first, second):
     assert first.header == second.header
     assert len(first.segments) == len(second.segments)
-    for one, other in zip(first.segments, second.segments, strict=True):
-        assert one.metadata == other.metadata
+    for segment, expected in zip(first.segments, second.segments, strict=True):
+        assert segment.metadata == expected.metadata
         for name in ("keyword", "value"):
-            assert np.array_equal(getattr(one, name), getattr(other, name))
-        assert np.array_equal(one.epoch.jd, other.epoch.jd)
-        assert np.array_equal(one.epoch.fraction, other.epoch.fraction)
+            assert np.array_equal(getattr(segment, name), getattr(expected, name))
+        assert np.array_equal(segment.epoch.jd, expected.epoch.jd)
+        assert np.array_equal(segment.epoch.fraction, expected.epoch.fraction)
 
 
 @pytest.mark.parametrize("newline", ["\n", "", "\n   "])
@@ -56,19 +56,21 @@ def test_other_ways_of_writing_the_same(old, new):
 @pytest.mark.parametrize(
     ("old", "new", "problem"),
     [
-        ("</tdm>", "", "not whole XML: no element found"),
-        ("<metadata>", "<metadata><x><y/></x>", "'<x>.*' is not a line keyword = value"),
-        ("<metadata>", "<metadata><RANGE>1</RANGE>", "RANGE: is not a metadata keyword"),
-        ("<MODE>", '<MODE unit="m">', "<MODE unit: is not a metadata keyword"),
-        ("<segment>", "<segment><data></data>", "'DATA_START' is not a line keyword = value"),
-        ("</segment>", "<data><observation/></data></segment>", "'DATA_START' stands where META_START"),
-        ("<EPOCH>2021-03-28T14:01:00</EPOCH>", "", "is not a record keyword"),
-        ("<RANGE>768801.5</RANGE>", "<RANGE>1</RANGE><DOR>1</DOR>", "<DOR>1</DOR>' is not a record"),
-        ("<tdm ", '<!DOCTYPE tdm [<!ENTITY a "b">]><tdm ', "document type is not part of a TDM"),
-        ("<tdm ", "<ndm><tdm ", "not whole XML"),
+        ("</tdm>", "", "complete XML"),
+        ("<metadata>", "<metadata><x><y/></x>", "metadata keyword"),
+        ("<metadata>", "<metadata><RANGE>1</RANGE>", "metadata keyword"),
+        ("<MODE>", '<MODE unit="m">', "attributes"),
+        ("<segment>", "<segment><data></data>", "DATA_START"),
+        ("</segment>", "<data><observation/></data></segment>", "DATA_START"),
+        ("<EPOCH>2021-03-28T14:01:00</EPOCH>", "", "record"),
+        ("<RANGE>768801.5</RANGE>", "<RANGE>1</RANGE><DOR>1</DOR>", "record"),
+        ("<RANGE>768801.5</RANGE>", "", "record"),
+        ("<RANGE>768801.5</RANGE>", "<RANGE>1</RANGE>text", "record"),
+        ("<tdm ", '<!DOCTYPE tdm [<!ENTITY a "b">]><tdm ', "DOCTYPE"),
+        ("<tdm ", "<ndm><tdm ", "root element"),
     ],
 )
-def test_wrong_messages(old, new, problem):
+def test_wrong_messages_are_refused(old, new, problem):
     text = xml((TWO_WAY, RANGES))
     assert old in text
     place = text.rindex(old)
@@ -77,8 +79,8 @@ def test_wrong_messages(old, new, problem):
 
 
 def test_a_segment_without_data_is_not_passed_over():
-    whole = xml(*SEGMENTS)
-    start = whole.index("<data>", whole.index("<data>") + 1)
-    text = whole[:start] + whole[whole.index("</data>", start) + len("</data>") :]
-    with pytest.raises(FileFormatError, match="ends where DATA_START must come"):
+    message = xml(*SEGMENTS)
+    start = message.index("<data>", message.index("<data>") + 1)
+    text = message[:start] + message[message.index("</data>", start) + len("</data>") :]
+    with pytest.raises(FileFormatError, match="DATA_START"):
         parse_xml("a.xml", text)

@@ -40,11 +40,9 @@ def looks_like_kvn(lines: Iterable[str]) -> bool:
     return first.partition("=")[0].strip() == "CCSDS_TDM_VERS"
 
 
-def parse_kvn(
-    path: str | Path, lines: Iterable[str], numbers: NDArray[np.int32] | None = None, record: str = _RECORD
-) -> TdmFile:
-    """Read a message from lines of KVN, with their numbers in the file and the form of their records."""
-    reader = _KvnReader(str(path), lines, numbers, record)
+def parse_kvn(path: str | Path, lines: Iterable[str], numbers: NDArray[np.int32] | None = None) -> TdmFile:
+    """Read a message from lines of KVN; `numbers` are those of lines rewritten from XML."""
+    reader = _KvnReader(str(path), lines, numbers)
     fields, _, comments = reader.assignments("META_START", _HEADER)
     header = read_header(reader.path, fields, comments)
     segments: list[TdmSegment] = []
@@ -59,14 +57,12 @@ def parse_kvn(
 class _KvnReader:
     """Reader of the lines of one file, section by section, with some of them in memory."""
 
-    def __init__(
-        self, path: str, lines: Iterable[str], numbers: NDArray[np.int32] | None, record: str
-    ) -> None:
+    def __init__(self, path: str, lines: Iterable[str], numbers: NDArray[np.int32] | None) -> None:
         self.path = path
         # None is the end of the file.
         self.rest: Iterator[str | None] = chain(map(str.strip, lines), [None])
         self.count = 0  # of the lines that were read
-        self.numbers, self.record = numbers, record
+        self.numbers = numbers
 
     @property
     def number(self) -> int:
@@ -172,7 +168,7 @@ class _KvnReader:
             texts, number = texts.filter(kept), number[np.asarray(kept)]
         if not len(texts):
             return []
-        found = pc.extract_regex(texts, self.record)
+        found = pc.extract_regex(texts, _RECORD)
         if found.null_count:
             wrong = int(np.argmax(np.asarray(found.is_null())))
             line = texts[wrong].as_py()

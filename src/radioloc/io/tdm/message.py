@@ -161,11 +161,10 @@ _YEARS_JD = (2441683.5, 2488434.5)  # 1973 to 2100: a time tag that is corrected
 
 @dataclass(frozen=True, slots=True)
 class TdmHeader:
-    """Who made the message, and when (UTC); ``message_id`` is empty where there is none."""
+    """Creation date (UTC) and originating agency of a message."""
 
     creation_date: str
     originator: str
-    message_id: str = ""
     comments: tuple[str, ...] = ()
 
 
@@ -257,8 +256,7 @@ def read_header(path: str, fields: dict[str, str], comments: Sequence[str]) -> T
         date(fields["CREATION_DATE"])
     except ValueError as error:
         raise FileFormatError(path, f"CREATION_DATE: {error}", 1) from None
-    message_id = fields.get("MESSAGE_ID", "")
-    return TdmHeader(fields["CREATION_DATE"], fields["ORIGINATOR"], message_id, tuple(comments))
+    return TdmHeader(fields["CREATION_DATE"], fields["ORIGINATOR"], tuple(comments))
 
 
 def read_metadata(

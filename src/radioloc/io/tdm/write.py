@@ -1,14 +1,11 @@
-"""Observations as a Tracking Data Message 2.0, KVN or XML.
+"""Writing of observations as a Tracking Data Message 2.0 in KVN.
 
-What each type of observation is written as is said by :data:`radioloc.io.tdm.message.TYPES`: ranges as RANGE in km,
-Doppler as DOPPLER_INTEGRATED (both of all legs), VLBI delays as VLBI_DELAY with two paths from the target. What counts
-cycles of ramps goes out with these as TRANSMIT_FREQ and TRANSMIT_FREQ_RATE: Doppler as RECEIVE_FREQ, ranges in range
-units of :data:`RANGE_UNIT_S`, of time at the first frequency.
-Numbers have the digits that give them back to the last bit, up to 17, where the standard asks for 16 at most (4.3.4);
-epochs have up to 12 decimals.
-
-Not in the standard, and so not written: standard deviations, and where the observations were read from. Whole
-wavelengths become RECEIVE_FREQ or, of the target's own signal, its TRANSMIT_FREQ.
+:data:`radioloc.io.tdm.message.TYPES` has the keyword of each type: ranges as RANGE in km, Doppler as
+DOPPLER_INTEGRATED (both of all legs), VLBI delays as VLBI_DELAY with two paths from the target. Observations that count
+cycles of ramps have these as TRANSMIT_FREQ and TRANSMIT_FREQ_RATE: Doppler as RECEIVE_FREQ, ranges in range units of
+:data:`RANGE_UNIT_S`, of time at the first frequency. Wavelengths become RECEIVE_FREQ or, of the target's own signal,
+its TRANSMIT_FREQ. Numbers have the digits that restore them to the last bit, up to 17, where the standard asks for 16
+at most (4.3.4); epochs have up to 12 decimals. The standard lacks standard deviations and the origin of observations.
 
 Source: CCSDS 503.0-B-2 (2020), chapters 3 to 5.
 """
@@ -21,7 +18,6 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from decimal import Decimal
 from fractions import Fraction
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -55,15 +51,13 @@ from radioloc.time.dates import utc_to_text
 from radioloc.vectors import Floats
 
 RANGE_UNIT_S = 1e-9
-"""Length of a range unit that is written, s: what reads the message has to be told so."""
-_IN_MEMORY = "in memory"
-# Doppler shifts by less, and the ratios of two bands are further apart.
-_SAME_RATIO = 1e-3
-# Light is not radio: laser ranging has its own format, and the standard leaves it out (3.5.2.7, note).
-_SHORTEST_UM = 100.0
-_FIXED = range(-5, 16)
-_SHORTEST_DATE = len("2020-12-31T23:59:60.000")
-_ROWS_AT_ONCE = 2**14
+"""Length of a range unit that is written, s; readers of the message need it as an agreement."""
+_IN_MEMORY = "in memory"  # path of messages that are not from a file
+_RATIO_TOLERANCE = 1e-3  # Doppler shifts are smaller, and the ratios of two bands differ by more
+_MIN_WAVELENGTH_UM = 100.0  # The standard leaves laser ranging to its own format (3.5.2.7, note)
+_FIXED_POINT_EXPONENTS = range(-5, 16)  # of numbers written without an exponent
+_MIN_DATE_CHARACTERS = len("2020-12-31T23:59:60.000")
+_BLOCK_ROWS = 2**14
 
 
 def write_tdm(
@@ -72,14 +66,13 @@ def write_tdm(
     *,
     originator: str,
     creation_date: str | None = None,
-    message_id: str = "",
     comments: Iterable[str] = (),
 ) -> None:
-    """Write observations as a message: XML where the file's name ends in ``.xml``, else KVN.
+    """Write observations as a message in KVN.
 
-    :func:`radioloc.io.tdm.read_tdm` gives the rows back to the last bit, ordered by path, type and time, with the
-    standard deviations of its agreement. A value in metres that no VLBI delay in seconds or range rate gives
-    exactly comes back as its neighbour.
+    :func:`radioloc.io.tdm.read_tdm` returns the rows to the last bit, ordered by path, type and time, with the
+    standard deviations of its agreement. A value in metres that no VLBI delay in seconds or range rate gives exactly
+    becomes its neighbour.
 
     Parameters
     ----------
@@ -91,16 +84,14 @@ def write_tdm(
         Agency that makes the message.
     creation_date : str, optional
         UTC date of the message; now by default.
-    message_id : str
-        The agency's name for the message.
     comments : iterable of str
         Comments for the header.
 
     Raises
     ------
     InputError
-        There are no observations, or some that a message cannot hold: a time tag at the bounce, laser light, a delay
-        rate, cycles of ramps that are missing, a name or comment that is not printable ASCII.
+        The observations are empty or have a time tag at the bounce, laser light, a delay rate, cycles of missing ramps,
+        or a name or comment that is not printable ASCII.
     FileFormatError
         The file cannot be written.
 
@@ -115,25 +106,24 @@ def write_tdm(
     >>> read_tdm(path, TdmAgreement(sigma_m={"range": 2.5}))
     <Observations 10 2020-12-01 to 2020-12-01>
     """
-    header = TdmHeader(creation_date or now(), originator, message_id, tuple(comments))
+    header = TdmHeader(creation_date or creation_date_now(), originator, tuple(comments))
     write_tdm_file(path, tdm_of(observations, header))
 
 
-def now() -> str:
-    """UTC as a message of the CCSDS says when it was made."""
+def creation_date_now() -> str:
+    """Return the present UTC as the creation date of a CCSDS message."""
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S")
 
 
 def write_tdm_file(path: str | Path, message: TdmFile) -> None:
-    """Write a message as its records: XML where the file's name ends in ``.xml``, else KVN; epochs in UTC."""
-    is_xml = Path(path).suffix.lower() == ".xml"
-    write_blocks(path, _blocks(message, _XML if is_xml else _KVN))
+    """Write a message of records in KVN, epochs in UTC."""
+    write_blocks(path, _blocks(message))
 
 
 def tdm_of(observations: Observations, header: TdmHeader) -> TdmFile:
-    """Message that holds observations."""
+    """Return the message of observations."""
     if len(observations) == 0:
-        raise InputError("there are no observations to write")
+        raise InputError("observations: expected at least one, got an empty table")
     _require_writable(observations)
     segments = [_segment(observations.select(rows)) for rows in _groups(observations)]
     return TdmFile(_IN_MEMORY, header, tuple(segments))
@@ -146,22 +136,22 @@ def _require_writable(observations: Observations) -> None:
             raise InputError(f"observation {row + 1} ({observations.origin(row)}) {problem}")
 
     bounce = observations.tag == TIME_TAGS.index("bounce")
-    refuse(bounce, "is tagged at the bounce; a TDM has time tags at transmission and reception only")
-    laser = observations.wavelength_um < _SHORTEST_UM
-    refuse(laser, "is of laser light, which the standard leaves out; use write_table")
+    refuse(bounce, "has a time tag at the bounce; expected one at transmission or reception in a TDM")
+    laser = observations.wavelength_um < _MIN_WAVELENGTH_UM
+    refuse(laser, "is of laser light, which the standard excludes; use write_table")
     for kind in np.unique(observations.kind).tolist():
-        mine, name = observations.kind == kind, KINDS[kind]
+        rows, name = observations.kind == kind, KINDS[kind]
         if name not in TYPES:
-            refuse(mine, f"is a {name}, for which the standard has no keyword; use write_table")
+            refuse(rows, f"is a {name}, for which the standard lacks a keyword; use write_table")
         if TYPES[name] != ("RANGE",):
-            sent = mine & (observations.tag == TIME_TAGS.index("transmit"))
+            sent = rows & (observations.tag == TIME_TAGS.index("transmit"))
             refuse(sent, f"is a {name} with transmit time tag, which is not modelled")
         if not MEASUREMENTS[name].form.startswith("transmitter"):
-            refuse(mine & ~np.isnan(observations.uplink_hz), f"is a {name} with an uplink; leave that out")
+            refuse(rows & ~np.isnan(observations.uplink_hz), f"is a {name} with an uplink; leave that out")
 
 
 def _groups(observations: Observations) -> Iterator[NDArray[np.intp]]:
-    """Rows of each segment: alike in all that metadata say and in what is recorded, in order of time."""
+    """Yield the rows of each segment, with the same metadata and the same recorded columns, in order of time."""
     differenced = np.array([link.differenced for link in observations.links])[observations.link]
     alike = [
         observations.link,
@@ -173,7 +163,7 @@ def _groups(observations: Observations) -> Iterator[NDArray[np.intp]]:
         observations.ramped,
         np.nan_to_num(observations.modulus_m),
         np.where(observations.ramped, np.nan_to_num(observations.uplink_hz), 0.0),
-        # A delay's one frequency stands for its whole segment, and so does the one that cycles are in metres by.
+        # A segment has one frequency of delays, and one reference frequency of cycles.
         np.where(differenced | observations.ramped, np.nan_to_num(observations.wavelength_um), 0.0),
         *(np.isnan(getattr(observations, column)) for column in WEATHER.values()),
     ]
@@ -184,17 +174,17 @@ def _groups(observations: Observations) -> Iterator[NDArray[np.intp]]:
     new[1:] = np.any([key[order[1:]] != key[order[:-1]] for key in keys], axis=0) if keys else False
     epoch = observations.epoch[order]
     later = np.concatenate([[True], (np.diff(epoch.jd) != 0.0) | (np.diff(epoch.fraction) != 0.0)])
-    # Of several at one epoch the second goes to a second segment, and so on.
+    # The second observation at one epoch goes to a second segment, and so on.
     place = np.arange(len(order))
     turn = place - np.maximum.accumulate(np.where(new | later, place, 0))
     group = np.cumsum(new)
-    again = np.lexsort((turn, group))
-    begins = (np.diff(group[again]) != 0) | (np.diff(turn[again]) != 0)
-    yield from np.split(order[again], np.flatnonzero(begins) + 1)
+    by_segment = np.lexsort((turn, group))
+    begins = (np.diff(group[by_segment]) != 0) | (np.diff(turn[by_segment]) != 0)
+    yield from np.split(order[by_segment], np.flatnonzero(begins) + 1)
 
 
 def _participants(link: Link) -> tuple[tuple[str, ...], int, dict[str, str]]:
-    """Names of the participants, the receiver's number among them, and what the metadata say of the path."""
+    """Return the names of the participants, the number of the receiver, and the metadata of the path."""
     if link.differenced:
         paths = {"MODE": "SINGLE_DIFF", "PATH_1": "1,2", "PATH_2": "1,3"}
         return (link.target, link.transmitter, link.receiver), 3, paths
@@ -206,7 +196,7 @@ def _participants(link: Link) -> tuple[tuple[str, ...], int, dict[str, str]]:
 
 
 def _segment(part: Observations) -> TdmSegment:
-    """Segment of observations that are alike."""
+    """Return the segment of observations with the same metadata."""
     link, keyword = part.links[part.link[0]], TYPES[KINDS[part.kind[0]]][0]
     dates = _date_texts(part.epoch[[0, -1]]).to_pylist()
     metadata = {"TIME_SYSTEM": "UTC", "START_TIME": dates[0], "STOP_TIME": dates[1]}
@@ -247,7 +237,7 @@ def _count_metadata(count_s: float) -> dict[str, str]:
 
 
 def _recorded(part: Observations, metadata: dict[str, str], values: dict[str, Floats]) -> TdmSegment:
-    """Segment of columns of observations, NaN where there is no record, and of their weather."""
+    """Return the segment of columns, NaN where a record is missing, with the weather of the observations."""
     values = values | {keyword: getattr(part, column) for keyword, column in WEATHER.items()}
     records = []
     for keyword, column in values.items():
@@ -264,14 +254,14 @@ def _recorded(part: Observations, metadata: dict[str, str], values: dict[str, Fl
 
 
 def _ramped_segment(part: Observations, metadata: dict[str, str], keyword: str, receiver: int) -> TdmSegment:
-    """Segment of what counts cycles, and before it the ramps of what was sent, from the day before on."""
+    """Return the segment of observations that count cycles, after the ramps from the day before on."""
     link, ramps, ends = part.links[part.link[0]], part.ramps, utc_to_tai(part.epoch[[0, -1]])
     number, sender = (1, link.transmitter) if link.transmitter else (2, link.target)
     sent = ramps.station == ([*ramps.stations, sender].index(sender))
     sent &= ramps.start.seconds_since(ends[[1]]) <= np.nan_to_num(part.count_s[0])
     sent &= ramps.start.seconds_since(ends[[0]]) + ramps.duration_s >= -LONGEST_S
     if not sent.any():
-        raise InputError(f"{link.path}: there is no ramp of what {sender} sent by {part.origin(0)}; add it")
+        raise InputError(f"{link.path}: expected a ramp of {sender} by {part.origin(0)}, got none; add it")
     start, rows = ramps.start_utc[sent], np.flatnonzero(sent)
     ratio = _turnaround(part) if link.transmitter else Fraction(1)
     reference_hz = float(
@@ -291,162 +281,120 @@ def _ramped_segment(part: Observations, metadata: dict[str, str], keyword: str, 
         at_rest_hz = float(ratio * Fraction(reference_hz) - Fraction(offset_hz))
         shift_hz = float(ratio) * reference_hz * part.value_m / (C_M_S * count_s)
         measured = {f"RECEIVE_FREQ_{receiver}": at_rest_hz - shift_hz}
-    made = _recorded(part, metadata, measured)
+    recorded = _recorded(part, metadata, measured)
     code = np.tile([CODE[SENT[number - 1]], CODE[SENT_RATE[number - 1]]], len(rows)).astype(np.int8)
     value = np.column_stack([ramps.frequency_hz[rows], ramps.rate_hz_s[rows]]).ravel()
     return replace(
-        made,
-        keyword=np.concatenate([code, made.keyword]),
-        epoch=Epochs.concatenate([start[np.repeat(np.arange(len(rows)), 2)], made.epoch]),
-        value=np.concatenate([value, made.value]),
-        line=np.zeros(len(code) + len(made.line), dtype=np.int32),
+        recorded,
+        keyword=np.concatenate([code, recorded.keyword]),
+        epoch=Epochs.concatenate([start[np.repeat(np.arange(len(rows)), 2)], recorded.epoch]),
+        value=np.concatenate([value, recorded.value]),
+        line=np.zeros(len(code) + len(recorded.line), dtype=np.int32),
     )
 
 
 def _turnaround(part: Observations) -> Fraction:
-    """The transponder's ratio, by the bands of the frequencies up and down."""
-    found = C_M_S * MICROMETRES / part.wavelength_um[0] / part.uplink_hz[0]
+    """Return the transponder's ratio, by the bands of the frequencies up and down."""
+    recorded = C_M_S * MICROMETRES / part.wavelength_um[0] / part.uplink_hz[0]
     ratios = [turnaround_ratio(up, down) for up in UPLINK for down in DOWNLINK]
-    near = [ratio for ratio in ratios if abs(found / ratio - 1.0) < _SAME_RATIO]
-    if not near:
-        told = (
-            "not recorded" if np.isnan(found) else f"{found:.6g} times that up, no ratio of S, X and Ka band"
-        )
-        raise InputError(f"{part.origin(0)}: the frequency down is {told}; use write_table")
-    return near[0]
+    matches = [ratio for ratio in ratios if abs(recorded / ratio - 1.0) < _RATIO_TOLERANCE]
+    if not matches:
+        expected = "expected a ratio of S, X and Ka band of the frequencies down and up"
+        raise InputError(f"{part.origin(0)}: {expected}, got {recorded:.6g}; use write_table")
+    return matches[0]
 
 
-def _inverse(wanted: Floats, forward: Callable[[Floats], Floats], guess: Floats) -> Floats:
-    """Return the first number next to a guess that a conversion maps to the wanted one exactly, else the guess."""
+def _inverse(values: Floats, forward: Callable[[Floats], Floats], guess: Floats) -> Floats:
+    """Return the first number next to a guess that a conversion maps to a value exactly, else the guess."""
     if np.isnan(guess).all():
         return guess
     short = np.array([float(f"{value:.15g}") for value in guess.tolist()])
     up, down = np.nextafter(guess, np.inf), np.nextafter(guess, -np.inf)
-    near = (short, guess, up, down, np.nextafter(up, np.inf), np.nextafter(down, -np.inf))
-    return np.select([forward(candidate) == wanted for candidate in near], near, default=guess)
+    candidates = (short, guess, up, down, np.nextafter(up, np.inf), np.nextafter(down, -np.inf))
+    return np.select([forward(candidate) == values for candidate in candidates], candidates, default=guess)
 
 
-# What stands before the header and after it, before metadata and data, behind data, and at the end; a field and a
-# comment of a keyword and a text; a record of a keyword around its epoch and value.
-_KVN = {
-    "header": "CCSDS_TDM_VERS = 2.0",
-    "body": "",
-    "metadata": "META_START",
-    "data": "META_STOP\nDATA_START",
-    "stop": "DATA_STOP",
-    "end": "",
-    "field": "{0} = {1}",
-    "comment": "{0} {1}",
-    "record": "{0} = %s %s",
-}
-_XML = {
-    "header": '<?xml version="1.0" encoding="UTF-8"?>\n'
-    '<tdm xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" '
-    'xsi:noNamespaceSchemaLocation="https://sanaregistry.org/r/ndmxml_unqualified/ndmxml-2.0.0-master-2.0.xsd" '
-    'id="CCSDS_TDM_VERS" version="2.0">\n<header>',
-    "body": "</header>\n<body>",
-    "metadata": "<segment>\n<metadata>",
-    "data": "</metadata>\n<data>",
-    "stop": "</data>\n</segment>",
-    "end": "</body>\n</tdm>",
-    "field": "<{0}>{1}</{0}>",
-    "comment": "<{0}>{1}</{0}>",
-    "record": "<observation><EPOCH>%s</EPOCH><{0}>%s</{0}></observation>",
-}
-
-
-def _blocks(message: TdmFile, syntax: Mapping[str, str]) -> Iterator[bytes]:
+def _blocks(message: TdmFile) -> Iterator[bytes]:
     header = message.header
     fields = {"CREATION_DATE": header.creation_date, "ORIGINATOR": header.originator}
-    fields |= {"MESSAGE_ID": header.message_id} if header.message_id else {}
-    yield _lines(syntax["header"], *_fields(syntax, header.comments, fields), syntax["body"])
+    yield _lines("CCSDS_TDM_VERS = 2.0", *_fields(header.comments, fields))
     for segment in message.segments:
         metadata = {**segment.metadata, "TIME_SYSTEM": "UTC"}
         fields = {keyword: metadata[keyword] for keyword in METADATA if keyword in metadata}
-        yield _lines(syntax["metadata"], *_fields(syntax, segment.comments, fields))
-        yield _lines(syntax["data"], *_fields(syntax, segment.data_comments, {}))
-        yield from _records(segment, syntax["record"])
-        yield _lines(syntax["stop"])
-    yield _lines(syntax["end"])
+        yield _lines("META_START", *_fields(segment.comments, fields), "META_STOP")
+        yield _lines("DATA_START", *_fields(segment.data_comments, {}))
+        yield from _records(segment)
+        yield _lines("DATA_STOP")
 
 
 def _lines(*texts: str) -> bytes:
-    return "".join(f"{text}\n" for text in texts if text).encode()
+    return "".join(f"{text}\n" for text in texts).encode()
 
 
-def _fields(syntax: Mapping[str, str], comments: Iterable[str], fields: dict[str, str]) -> Iterator[str]:
-    """Comments and keywords with their texts, which must be printable ASCII; those of keywords not empty."""
+def _fields(comments: Iterable[str], fields: Mapping[str, str]) -> Iterator[str]:
+    """Yield lines of comments and of keywords with their texts, which must be printable ASCII and not empty."""
+    lines = [f"COMMENT {line}" for comment in comments for line in comment.split("\n")]
     for keyword, text in fields.items():
         if not text.strip():
-            raise InputError(f"{keyword} is empty; give a text")
-    said = [("COMMENT", line) for comment in comments for line in comment.split("\n")]
-    for keyword, text in (*said, *fields.items()):
-        if not (text.isascii() and text.isprintable()):
-            raise InputError(f"{text!r} cannot stand in a TDM; give printable ASCII text of one line")
-        form = syntax["comment"] if keyword == "COMMENT" else syntax["field"]
-        yield form.format(keyword, escape(text, quote=False) if syntax is _XML else text)
+            raise InputError(f"{keyword}: expected a text, got an empty one")
+        lines.append(f"{keyword} = {text}")
+    for line in lines:
+        if not (line.isascii() and line.isprintable()):
+            raise InputError(f"expected one line of printable ASCII text in a TDM, got {line!r}")
+        yield line
 
 
-def _records(segment: TdmSegment, syntax: str) -> Iterator[bytes]:
-    """Records as lines."""
+def _records(segment: TdmSegment) -> Iterator[bytes]:
+    """Yield records as lines."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    before, between, behind = (
-        pa.array([text.format(keyword) for keyword in DATA]) for text in syntax.split("%s")
-    )
+    starts = pa.array([f"{keyword} = " for keyword in DATA])
     units = segment.metadata.get("RANGE_UNITS", "km")
-    for start in range(0, len(segment.line), _ROWS_AT_ONCE):
-        rows = slice(start, start + _ROWS_AT_ONCE)
+    for start in range(0, len(segment.line), _BLOCK_ROWS):
+        rows = slice(start, start + _BLOCK_ROWS)
         code, value = segment.keyword[rows], segment.value[rows]
         keywords = np.unique(code).tolist()
         texts = [_value_texts(value[code == k], exponent_of(DATA[k], units)) for k in keywords]
         order = np.argsort(np.argsort(code, kind="stable"), kind="stable")
-        place = pa.array(code)
-        lines = pc.binary_join_element_wise(
-            before.take(place),
-            _date_texts(segment.epoch[rows]),
-            between.take(place),
-            pa.concat_arrays(texts).take(pa.array(order)),
-            behind.take(place),
-            "",
-        )
-        whole = pa.ListArray.from_arrays([0, len(lines)], lines)
-        yield pc.binary_join(whole, "\n")[0].as_buffer().to_pybytes() + b"\n"
+        dates = pc.binary_join_element_wise(starts.take(pa.array(code)), _date_texts(segment.epoch[rows]), "")
+        lines = pc.binary_join_element_wise(dates, pa.concat_arrays(texts).take(pa.array(order)), " ")
+        block = pa.ListArray.from_arrays([0, len(lines)], lines)
+        yield pc.binary_join(block, "\n")[0].as_buffer().to_pybytes() + b"\n"
 
 
 def _date_texts(utc: Epochs) -> Any:
-    """Dates with as many decimals as they need, three at the least, as an Arrow array."""
+    """Return dates with as many decimals as they need, at least three, as an Arrow array."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    return pc.utf8_rpad(pc.utf8_rtrim(pa.array(utc_to_text(utc)), "0"), _SHORTEST_DATE, "0")
+    return pc.utf8_rpad(pc.utf8_rtrim(pa.array(utc_to_text(utc)), "0"), _MIN_DATE_CHARACTERS, "0")
 
 
 def _value_texts(values: Floats, exponent: int) -> Any:
-    """As :func:`_text`, of many numbers, as an Arrow array."""
+    """Return the texts of :func:`_text` of many numbers as an Arrow array."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
     if exponent < 0:
         return pa.array([_text(value, exponent) for value in values.tolist()])
-    # The point moves to the left in what Arrow writes; whole numbers and others of unusual form are left to Python.
+    # The decimal point moves to the left in Arrow's texts; Python writes whole numbers and unusual forms.
     form = rf"(\d{{{exponent}}})(?:\.|$)"
     texts = pc.replace_substring_regex(pa.array(values).cast(pa.string()), form, r".\1", max_replacements=1)
     texts = pc.utf8_rtrim(texts, "0")
     unusual = pc.invert(pc.match_substring_regex(texts, r"^-?\d+\.\d+$"))
-    others = [_text(v, exponent) for v in values[unusual.to_numpy(zero_copy_only=False)].tolist()]
-    return pc.replace_with_mask(texts, unusual, pa.array(others, pa.string()))
+    exact = [_text(v, exponent) for v in values[unusual.to_numpy(zero_copy_only=False)].tolist()]
+    return pc.replace_with_mask(texts, unusual, pa.array(exact, pa.string()))
 
 
 def _text(value: float, exponent: int) -> str:
-    """Shortest decimal number that, times a power of ten, gives a float back."""
+    """Return the shortest decimal number that, times a power of ten, gives a float back."""
     if not math.isfinite(value):
-        raise InputError(f"{value} cannot stand in a TDM; leave the record out")
+        raise InputError(f"expected finite values in a TDM, got {value}; leave the record out")
     number = Decimal(repr(value)).scaleb(-exponent)
-    if number.is_zero() or number.adjusted() in _FIXED:
+    if number.is_zero() or number.adjusted() in _FIXED_POINT_EXPONENTS:
         text = format(number, "f")
         return text if "." in text else f"{text}.0"
     sign, digits, _ = number.normalize().as_tuple()
-    first, *rest = map(str, digits)
-    return f"{'-' * sign}{first}.{''.join(rest) or '0'}E{number.adjusted():+03d}"
+    first, *decimals = map(str, digits)
+    return f"{'-' * sign}{first}.{''.join(decimals) or '0'}E{number.adjusted():+03d}"

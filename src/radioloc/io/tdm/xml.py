@@ -1,14 +1,12 @@
 """Tracking Data Messages in XML, rewritten as lines of KVN and read by :mod:`radioloc.io.tdm.kvn`.
 
-An XML parser makes sure that the file is whole. It refuses a document type and with it all entities of a file's own.
-
 Source: CCSDS 503.0-B-2 (2020), chapter 5.
 """
 
 from __future__ import annotations
 
 import re
-from html import unescape
+from collections.abc import Mapping
 from pathlib import Path
 from xml.parsers import expat
 
@@ -18,78 +16,81 @@ from radioloc.errors import FileFormatError
 from radioloc.io.tdm.kvn import parse_kvn
 from radioloc.io.tdm.message import TdmFile
 
-# Line ends of the file only count its lines: they become white space at the ends of the lines of KVN.
-_LINE_END = "\t"
-_MARKS = {
-    "<metadata>": "META_START",
-    "</metadata>": "META_STOP",
-    "<data>": "DATA_START",
-    "</data>": "DATA_STOP",
-}
-_BRANCH = re.compile(r"</?(?:metadata|data|tdm|header|body|segment)>")
-_COMMENT = re.compile(r"<!--.*?-->|<\?.*?\?>", re.DOTALL)
-_ROOT = re.compile(r"<(?P<prefix>[\w.-]+:)?tdm\b(?:[^<>]*?\bversion\s*=\s*[\"']([^<>\"']*)[\"'])?[^<>]*>")
-_LEAF = re.compile(r"<(?!(?:metadata|data|tdm|header|body|segment)\b)(\w+)(?:/>|>([^<]*)</\1>)")
-_LEAF_COMMENT = re.compile(r"<(COMMENT)(?:/>|>([^<]*)</COMMENT>)")
-_RECORD = r"^(?P<epoch>VALUE+)\s+<(?P<keyword>\w+)>\s*(?P<value>VALUE*)\s*</\w+>$".replace(
-    "VALUE", "[!-%'-;=?-~]"
-)
+_MARKERS = {"metadata": ("META_START", "META_STOP"), "data": ("DATA_START", "DATA_STOP")}
+_BRANCHES = {"tdm", "header", "body", "segment", "observation", *_MARKERS}
 
 
 def looks_like_xml(text: str) -> bool:
-    """Whether a text begins like XML and soon has the element of a Tracking Data Message."""
+    """Return whether a text begins like XML and soon has the element of a Tracking Data Message."""
     start = text[:20_000].lstrip()
     return start.startswith("<") and re.search(r"<(?:[\w.-]+:)?tdm[\s>]", start) is not None
 
 
 def parse_xml(path: str | Path, text: str) -> TdmFile:
     """Read a message from the text of an XML file; :class:`FileFormatError` names the line that is wrong."""
-    _require_whole(path, text)
-    lines = _lines_of(text)
-    breaks = np.frombuffer(lines.encode(), dtype=np.uint8)
-    numbers = 1 + np.cumsum(breaks == ord(_LINE_END), dtype=np.int32)[breaks == ord("\n")]
-    return parse_kvn(path, lines.split("\n"), np.concatenate([[1], numbers]), _RECORD)
-
-
-def _require_whole(path: str | Path, text: str) -> None:
-    def refuse_doctype(*_: object) -> None:
-        problem = "a document type is not part of a TDM; remove the line <!DOCTYPE ...>"
-        raise FileFormatError(path, problem, parser.CurrentLineNumber)
-
-    parser = expat.ParserCreate(encoding="utf-8")
-    parser.StartDoctypeDeclHandler = refuse_doctype
+    lines = _Lines(path)
     try:
-        parser.Parse(text.encode(), True)
+        lines.parser.Parse(text.encode(), True)
     except expat.ExpatError as error:
-        problem = f"is not whole XML: {expat.ErrorString(error.code)}; fetch it again"
+        problem = f"is not complete XML: {expat.ErrorString(error.code)}; fetch it again"
         raise FileFormatError(path, problem, error.lineno) from None
+    return parse_kvn(path, lines.lines, np.array(lines.numbers, dtype=np.int32))
 
 
-def _lines_of(text: str) -> str:
-    """Rewrite elements as lines of KVN, records as EPOCH <KEYWORD>VALUE</KEYWORD>; other elements stay."""
+class _Lines:
+    """Lines of KVN of the elements that the parser reports, with the numbers of their lines in the file."""
 
-    def assignment(match: re.Match[str]) -> str:
-        keyword, value = match[1], unescape(match[2] or "")
-        equals = "" if keyword == "COMMENT" else "= "
-        return f"\n{keyword} {equals}{' '.join(value.split())}\n{_LINE_END * value.count(_LINE_END)}"
+    def __init__(self, path: str | Path) -> None:
+        self.path = path
+        self.lines: list[str] = []
+        self.numbers: list[int] = []
+        self.parser = expat.ParserCreate(encoding="utf-8")
+        self.parser.buffer_text = True
+        self.parser.StartDoctypeDeclHandler = self._refuse_doctype
+        self.parser.StartElementHandler = self._start
+        self.parser.EndElementHandler = self._end
+        self.parser.CharacterDataHandler = self._add_text
+        self._text = self._epoch = ""
+        self._number = 1
 
-    def of_branch(text: str) -> str:
-        return _BRANCH.sub(lambda match: f"\n{_MARKS.get(match[0], '')}\n", _LEAF.sub(assignment, text))
+    def _fail(self, problem: str) -> FileFormatError:
+        return FileFormatError(self.path, problem, self.parser.CurrentLineNumber)
 
-    text = text.replace(_LINE_END, " ").replace("\n", _LINE_END)
-    if "<!" in text or text.count("<?") > 1:
-        text = _COMMENT.sub(lambda match: _LINE_END * match[0].count(_LINE_END), text)
-    if (root := _ROOT.search(text)) is None:
-        return text
-    text = f"\nCCSDS_TDM_VERS = {root[2] or ''}\n{_LINE_END * text.count(_LINE_END, 0, root.end())}{text[root.end() :]}"
-    if prefix := root["prefix"]:
-        text = text.replace(f"<{prefix}", "<").replace(f"</{prefix}", "</")
-    branch, *sections = text.split("<data>")
-    lines = [of_branch(branch)]
-    for section in sections:
-        data, end, branch = section.partition("</data>")
-        data = data.replace("<observation>", "").replace("</observation>", "")
-        data = data.replace("<EPOCH>", "\n").replace("</EPOCH>", " ")
-        data = _LEAF_COMMENT.sub(assignment, data) if "<COMMENT" in data else data
-        lines += ["\nDATA_START\n", data, of_branch(end + branch)]
-    return "".join(lines)
+    def _refuse_doctype(self, *_: object) -> None:
+        raise self._fail("expected no document type in a TDM; remove the line <!DOCTYPE ...>")
+
+    def _append(self, line: str) -> None:
+        self.lines.append(line)
+        self.numbers.append(self._number)
+
+    def _start(self, prefixed: str, attributes: Mapping[str, str]) -> None:
+        name, self._text = prefixed.rpartition(":")[2], ""
+        if not self._epoch:
+            self._number = self.parser.CurrentLineNumber
+        if not self.lines:
+            if name != "tdm":
+                raise self._fail(f"expected the root element tdm, got {name}")
+            self._append(f"CCSDS_TDM_VERS = {attributes.get('version', '')}")
+        elif name in _MARKERS:
+            self._append(_MARKERS[name][0])
+        elif attributes:
+            raise self._fail(f"{name}: expected an element without attributes, got {', '.join(attributes)}")
+
+    def _add_text(self, text: str) -> None:
+        self._text += text
+
+    def _end(self, prefixed: str) -> None:
+        name, text = prefixed.rpartition(":")[2], " ".join(self._text.split())
+        self._text = ""
+        if name in _BRANCHES:
+            # Text between elements and an epoch without a value are not lines of KVN, which are refused.
+            if text or self._epoch:
+                self._append(text or self._epoch)
+            self._epoch = ""
+            if name in _MARKERS:
+                self._append(_MARKERS[name][1])
+        elif name == "EPOCH":
+            self._epoch = text
+        else:
+            self._append(f"COMMENT {text}" if name == "COMMENT" else f"{name} = {self._epoch} {text}".strip())
+            self._epoch = ""

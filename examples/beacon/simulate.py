@@ -19,7 +19,6 @@ import radioloc
 from radioloc.constants import C_M_S
 from radioloc.io import read_sites
 from radioloc.measurements import ExactPredictor, FixedPoint, Link, Observations, PhysicalModel
-from radioloc.measurements.registry import KINDS
 from radioloc.time import epochs_from_strings, utc_strings
 
 HERE = Path(__file__).resolve().parent
@@ -73,8 +72,8 @@ def received() -> tuple[Observations, np.ndarray]:
         counts = Observations.from_columns(
             epoch=epoch,
             links=[Link("", "beacon", name)],
-            kind=KINDS.index("one_way_doppler"),
-            tag=1,
+            kind="one_way_doppler",
+            tag="receive",
             value_m=0.0,
             sigma_m=1.0,
             count_s=COUNT_S,

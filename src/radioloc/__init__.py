@@ -28,6 +28,7 @@ if TYPE_CHECKING:  # imported on first use
     from radioloc.jobs.verification import verify
     from radioloc.lunar import LunarPosition
     from radioloc.measurements import Observations
+    from radioloc.plugins import register
     from radioloc.report import plot_links, plot_position, plot_residuals, write_report
     from radioloc.results import Solution
     from radioloc.study import Study, read_study
@@ -55,6 +56,7 @@ __all__ = [
     "plot_residuals",
     "read_observations",
     "read_study",
+    "register",
     "simulate",
     "verify",
     "visibility",
@@ -78,6 +80,7 @@ __getattr__, __dir__ = _lazy_exports(
         "jobs.verification": "verify",
         "lunar": "LunarPosition",
         "measurements": "Observations",
+        "plugins": "register",
         "report": "plot_links plot_position plot_residuals write_report",
         "results": "Solution",
         "study": "Study read_study",

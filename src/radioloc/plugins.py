@@ -1,7 +1,7 @@
-"""Registries: what the package has, and what other packages add by entry points.
+"""Registries of model parts: those of the package, of entry points of other packages, and those registered at run time.
 
-Entry points are loaded when a registry is first looked into, never while radioloc is imported: their modules can import
-any part of it, and be imported before it.
+Entry points are loaded when a registry is first read, never while radioloc is imported: their modules can import any
+part of it, and be imported before it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from radioloc.errors import InputError, PluginWarning, RadiolocError
 
 
 class Named(Protocol):
-    """What a registry holds."""
+    """Entry of a registry."""
 
     @property
     def name(self) -> str:
@@ -28,71 +28,135 @@ class Named(Protocol):
 T = TypeVar("T", bound=Named)
 V = TypeVar("V")
 
-
-class LazyMapping(Mapping[str, V]):
-    """A mapping that is made when it is first looked into."""
-
-    def __init__(self, make: Callable[[], dict[str, V]]) -> None:
-        self._make = make
-
-    @cached_property
-    def _made(self) -> dict[str, V]:
-        return self._make()
-
-    def __getitem__(self, name: str) -> V:
-        return self._made[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._made)
-
-    def __len__(self) -> int:
-        return len(self._made)
+_REGISTRIES: list[Registry[Any]] = []
 
 
-class LazyNames(Sequence[str]):
-    """A tuple of names that is made when it is first looked into."""
+class Registry(Mapping[str, T]):
+    """Entries by name, those of the package first; unusable entry points are left out with a warning."""
 
-    def __init__(self, make: Callable[[], Iterable[str]]) -> None:
-        self._make = make
+    def __init__(self, group: str, kind: type[T], packaged: Iterable[T]) -> None:
+        self.group, self.kind, self._packaged = group, kind, tuple(packaged)
+        self._registered: set[str] = set()
+        _REGISTRIES.append(self)
 
     @cached_property
-    def _made(self) -> tuple[str, ...]:
-        return tuple(self._make())
-
-    def __getitem__(self, place: Any) -> Any:
-        return self._made[place]
-
-    def __len__(self) -> int:
-        return len(self._made)
-
-
-def registry(group: str, kind: type[T], own: Iterable[T]) -> LazyMapping[T]:
-    """Return entries by name, the package's and those of entry points; unusable ones warn and are left out."""
-
-    def made() -> dict[str, T]:
-        found = {entry.name: entry for entry in own}
-        for point in sorted(entry_points(group=group), key=lambda point: point.name):
+    def _entries(self) -> dict[str, T]:
+        entries = {entry.name: entry for entry in self._packaged}
+        for point in sorted(entry_points(group=self.group), key=lambda point: point.name):
             try:
                 entry = point.load()
             except Exception as error:  # a package that is broken must not break the others
                 problem = f"cannot be loaded ({error})"
             else:
-                if not isinstance(entry, kind):
-                    problem = f"is a {type(entry).__name__}, not a {kind.__name__}"
-                elif entry.name in found:
+                if not isinstance(entry, self.kind):
+                    problem = f"is a {type(entry).__name__}, not a {self.kind.__name__}"
+                elif entry.name in entries:
                     problem = f"has the name {entry.name!r}, which is taken"
                 else:
-                    found[entry.name] = entry
+                    entries[entry.name] = entry
                     continue
-            text = f"{point.value} of the entry points {group} {problem}; it is left out"
+            text = f"{point.value} of the entry points {self.group} {problem}; it is left out"
             warnings.warn(text, PluginWarning, stacklevel=2)
-        return found
+        return entries
 
-    return LazyMapping(made)
+    def __getitem__(self, name: str) -> T:
+        return self._entries[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._entries)
+
+    def __len__(self) -> int:
+        return len(self._entries)
+
+    def add(self, entry: T) -> None:
+        """Add an entry at run time, in place of one of the same name that was added so."""
+        if entry.name in self._entries and entry.name not in self._registered:
+            raise InputError(f"register: the name {entry.name!r} is taken in {self.group}; give another name")
+        self._registered.add(entry.name)
+        self._entries[entry.name] = entry
+
+
+def register(entry: Named) -> None:
+    """Add a medium, parameter, measurement type, reader, exporter, ... until Python ends.
+
+    An entry of the same name that was registered earlier is replaced, so that a cell of a notebook can run twice.
+    Packages name their entries in entry points instead (``docs/architecture.md``), which also serve several processes.
+
+    Parameters
+    ----------
+    entry : Medium, ParameterKind, MeasurementType, Reader, Exporter, StudyTable, ResultType or FigureType
+        Entry with a ``name``. A medium is active at once; ``[model] off`` switches it off.
+
+    Raises
+    ------
+    InputError
+        The object is none of these, or its name is one of the package's or of an entry point.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> from radioloc.media import LegDelay
+    >>> class Radome:
+    ...     name, description, limits_rad = "radome", "4 mm of delay in a radome", ()
+    ...     def prepare(self, end):
+    ...         return None
+    ...     def delay(self, leg, prepared):
+    ...         return LegDelay(0.004 * leg.end.radio)
+    >>> radioloc.register(Radome())  # doctest: +SKIP
+    """
+    for registry in _REGISTRIES:
+        if isinstance(entry, registry.kind):
+            registry.add(entry)
+            return
+    kinds = ", ".join(registry.kind.__name__ for registry in _REGISTRIES)
+    raise InputError(
+        f"register: expected a {kinds} with all its attributes, got {type(entry).__name__}; "
+        "docs/architecture.md says what each needs"
+    )
+
+
+def registered_names() -> list[str]:
+    """Return the names of all entries that were added at run time."""
+    return [name for registry in _REGISTRIES for name in registry if name in registry._registered]
+
+
+class DerivedMapping(Mapping[str, V]):
+    """Mapping that follows from registries, made anew at each use."""
+
+    def __init__(self, make: Callable[[], dict[str, V]]) -> None:
+        self._make = make
+
+    def __getitem__(self, name: str) -> V:
+        return self._make()[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._make())
+
+    def __len__(self) -> int:
+        return len(self._make())
+
+
+class DerivedNames(Sequence[str]):
+    """Names that follow from registries, made anew at each use."""
+
+    def __init__(self, make: Callable[[], Iterable[str]]) -> None:
+        self._make = make
+
+    def __getitem__(self, place: Any) -> Any:
+        return tuple(self._make())[place]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._make())
+
+    def __contains__(self, name: object) -> bool:
+        return name in tuple(self._make())
+
+    def __len__(self) -> int:
+        return len(tuple(self._make()))
 
 
 @contextmanager
-def named_where_it_fails(entry: str, function: str) -> Iterator[None]:
+def entry_errors(entry: str, function: str) -> Iterator[None]:
     """Turn an unexpected exception of an entry, as of another package, into one line that names both."""
     try:
         yield

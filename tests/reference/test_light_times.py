@@ -42,7 +42,7 @@ def _spice(tmp_path_factory):
 
 def bare_study():
     """Nothing but geometry."""
-    return Study(target=LANDER, model=ModelChoice(terms=frozenset()))
+    return Study(target=LANDER, model=ModelChoice(off=TERMS))
 
 
 @pytest.fixture(scope="module")
@@ -235,7 +235,6 @@ def test_rates_and_doppler_are_how_ranges_change():
         table = light_times(
             Study(target=LANDER), ["KASHI", "JIAMUSI"], links=links, frequency_hz=8.47e9, **span
         )
-        assert set(TERMS) - set(Study(target=LANDER).model.terms) == set()
         for path in table.path.texts:
             before, row, after = np.flatnonzero(table.path.are(path))
             rate_m_s = (table["range_m"][after] - table["range_m"][before]) / 6.0

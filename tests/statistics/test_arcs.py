@@ -10,7 +10,6 @@ from paths import EXAMPLES
 
 import radioloc
 from radioloc import Study
-from radioloc.measurements.terms import active_terms
 from radioloc.simulation import Scenario, Schedule, Session, Truth, TruthSigma, all_ranges, baselines
 from radioloc.study import EstimateChoice, HeightPrior, ModelChoice
 
@@ -44,7 +43,7 @@ def matched():
             range_bias_sigma_m=BIAS_SIGMA_M,
             height_prior=HeightPrior(-2550.4, HEIGHT_SIGMA_M),
         ),
-        model=ModelChoice(terms=active_terms(["ionosphere"])),
+        model=ModelChoice(off=["ionosphere"]),
         consider_defaults=False,  # the world has no other errors
         simulation=Scenario(Schedule(sessions), LANDER, Truth(), NOISE, truth_sigma, seed=20201201),
     )

@@ -9,7 +9,6 @@ from change5_case import LANDER, NEAR, RANGING, START, VLBI
 
 import radioloc
 from radioloc import Study
-from radioloc.measurements.terms import active_terms
 from radioloc.simulation import (
     Noise,
     NoiseModel,
@@ -60,7 +59,7 @@ def trials(step_s, noise, weights, station_sigma_m=0.18, count=TRIALS):
             range_bias="all", range_bias_sigma_m=10.0, height_prior=HeightPrior(-2550.4, 5.0), weights=weights
         ),
         observations=ObservationChoice(vlbi_station_sigma_m=station_sigma_m),
-        model=ModelChoice(terms=active_terms(["ionosphere"])),
+        model=ModelChoice(off=["ionosphere"]),
         consider_defaults=False,  # the world has no other errors
         simulation=Scenario(Schedule(sessions), LANDER, Truth(), noise, truth_sigma, seed=20201201),
         name="plan",

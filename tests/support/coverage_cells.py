@@ -18,7 +18,6 @@ from change5_case import LANDER, NEAR, RANGING, START, VLBI
 from scipy.stats import binom, chi2
 from threadpoolctl import threadpool_limits
 
-import radioloc
 from radioloc import Study
 from radioloc.jobs.linear_trials import LinearArc, LinearTrials
 from radioloc.jobs.prepared_trials import Prepared
@@ -98,7 +97,7 @@ def prepared(data: str, hours: float) -> tuple[Plan, LinearTrials]:
             range_bias_sigma_m=BIAS_M if data != "delays" else None,
             height_prior=HeightPrior(-2550.4, HEIGHT_M),
         ),
-        model=ModelChoice(terms=radioloc.measurements.terms.active_terms(["ionosphere"])),
+        model=ModelChoice(off=["ionosphere"]),
         consider=considered_choices({"station_position_sigma_m": surveyed}),
         simulation=Scenario(Schedule(sessions, masks), LANDER, truth_sigma=truth_sigma),
     )

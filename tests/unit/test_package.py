@@ -69,7 +69,7 @@ def test_a_study_built_in_python_with_observations_passed():
     study = radioloc.Study(
         target=radioloc.LunarPosition("PA_DE421", (1554700.0, 98000.0, 765000.0)),
         estimate=radioloc.study.EstimateChoice(position="cartesian"),
-        model=radioloc.study.ModelChoice(terms=radioloc.measurements.terms.active_terms(["ionosphere"])),
+        model=radioloc.study.ModelChoice(off=["ionosphere"]),
         name="mine",
     )
     solution = radioloc.locate(study, radioloc.read_observations(read.observations.files))

@@ -1,4 +1,4 @@
-"""Other packages add to each registry by entry points, and a user meets what they add; a broken one breaks nothing."""
+"""Registries: entry points of other packages, entries registered at run time, and entries that fail."""
 
 import csv
 import json
@@ -20,6 +20,7 @@ import radioloc
 from radioloc.cli import main
 from radioloc.errors import InputError
 from radioloc.io.formats import READERS
+from radioloc.jobs.workers import workers_of
 from radioloc.measurements import MEASUREMENTS, FixedPoint, Geometry, Part
 from radioloc.measurements.combined_predictor import expanded
 from radioloc.media import MEDIA
@@ -119,13 +120,24 @@ def write_half_ranges(folder: Path) -> None:
     (folder / "jiamusi.log").write_text("\n".join(lines["JIAMUSI"]) + "\n")
 
 
+REGISTRATION = """
+import radioloc
+from radioloc_toys import half_range, half_range_log, wet_radome, zenith_angle_bias
+for entry in (half_range.HALF_RANGE, zenith_angle_bias.ZENITH_ANGLE_BIAS, wet_radome.WET_RADOME):
+    radioloc.register(entry)
+radioloc.register(half_range_log.HALF_RANGE_LOG)
+"""
+
+
 @pytest.mark.study
-def test_a_study_with_what_another_package_adds(toys, tmp_path):
+@pytest.mark.parametrize("at_run_time", [False, True], ids=["entry points", "register"])
+def test_study_with_additional_measurement_parameter_medium_and_reader(at_run_time, toys, tmp_path):
     write_half_ranges(tmp_path)
     (tmp_path / "toys.toml").write_text(STUDY)
     undrawn = "import radioloc.report.files; radioloc.report.files.save_figure = lambda *_: None\n"
     command = f"{undrawn}import radioloc.cli, sys; sys.exit(radioloc.cli.main(sys.argv[1:]))"
-    done = python(toys, "-c", command, "locate", "toys.toml", "--out", "out", "--terms", cwd=tmp_path)
+    site, command = (tmp_path, REGISTRATION + command) if at_run_time else (toys, command)
+    done = python(site, "-c", command, "locate", "toys.toml", "--out", "out", "--terms", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "Warning" not in done.stderr
     solution = json.loads((tmp_path / "out" / "solution.json").read_text())
@@ -139,6 +151,39 @@ def test_a_study_with_what_another_package_adds(toys, tmp_path):
             expected_m = RADOME_M if row["path"].startswith("KASHI") else 0.0
             assert row["type"] == "half_range"
             assert float(row["wet_radome_m"]) == pytest.approx(expected_m, abs=1e-5)
+
+
+@pytest.fixture
+def registered(monkeypatch):
+    """Undo registrations of media after the test."""
+    monkeypatch.setattr(MEDIA, "_entries", {**MEDIA})
+    monkeypatch.setattr(MEDIA, "_registered", set())
+    return MEDIA
+
+
+@pytest.mark.study
+def test_troposphere_of_the_how_to_replaces_the_built_in_one(registered, monkeypatch):
+    page = (ROOT / "docs" / "how-to" / "radio-media.md").read_text()
+    [code] = [text for text in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "register(" in text]
+    monkeypatch.chdir(ROOT)
+    names: dict = {}
+    exec(code, names)
+    exec(code, names)  # a cell of a notebook runs twice
+    study = names["study"]
+    built_in = radioloc.locate(replace(study, model=replace(study.model, off=["cosecant"])))
+    difference_m = names["solution"].position.xyz_m - built_in.position.xyz_m
+    assert (
+        10.0 < np.linalg.norm(difference_m) < 500.0
+    )  # the cosecant law is wrong by metres at low elevations
+    with pytest.raises(InputError, match="workers: expected 1"), workers_of(2):
+        pass
+
+
+def test_names_of_the_package_and_other_objects_are_not_registered(registered):
+    with pytest.raises(InputError, match="'troposphere' is taken"):
+        radioloc.register(MEDIA["troposphere"])
+    with pytest.raises(InputError, match="got SimpleNamespace"):
+        radioloc.register(SimpleNamespace(name="mist"))
 
 
 def test_a_command_with_a_study_table_a_result_and_a_figure_of_another_package(toys, tmp_path):
@@ -188,7 +233,7 @@ def test_a_solution_records_the_tables_of_other_packages_and_is_exported_to_thei
 
 
 def test_tables_that_are_unknown_or_of_another_kind_of_study_are_refused(monkeypatch, tmp_path):
-    monkeypatch.setitem(STUDY_TABLES._made, "image", StudyTable("image", StudyTable, print, "images"))
+    monkeypatch.setitem(STUDY_TABLES._entries, "image", StudyTable("image", StudyTable, print, "images"))
     path = tmp_path / "s.toml"
     for content, message in (
         ("[image]", r"expected a study of tracking, got one with \[image\]; use radioloc images"),
@@ -288,7 +333,7 @@ def test_what_fails_in_an_entry_of_a_registry_is_one_line_that_names_it(what, fu
         broken = SimpleNamespace(**{member: getattr(entry, member) for member in members} | {function: fails})
     else:
         broken = replace(entry, **{function: fails})
-    monkeypatch.setitem(registry._made, name, broken)
+    monkeypatch.setitem(registry._entries, name, broken)
     assert main(["locate", str(SHORT_ARC), "--quiet"]) == 2
     [line] = capsys.readouterr().err.splitlines()
     assert line.removeprefix("radioloc: ").removeprefix("[consider] ") == (
@@ -299,7 +344,7 @@ def test_what_fails_in_an_entry_of_a_registry_is_one_line_that_names_it(what, fu
 
 def test_parts_that_fail_are_named(monkeypatch):
     broken = replace(MEASUREMENTS["range"], geometry=Geometry.COMBINED, parts=lambda link: {}["radome"])
-    monkeypatch.setitem(MEASUREMENTS._made, "range", broken)
+    monkeypatch.setitem(MEASUREMENTS._entries, "range", broken)
     words = "the type of measurement range cannot be used: parts fails with KeyError: 'radome'"
     with pytest.raises(InputError, match=words):
         expanded(radioloc.read_observations(SHORT_ARC.with_suffix(".csv")))
@@ -312,7 +357,7 @@ def test_parts_that_fail_are_named(monkeypatch):
 )
 def test_parts_that_cannot_be_combined_are_refused(monkeypatch, parts):
     broken = replace(MEASUREMENTS["range"], geometry=Geometry.COMBINED, parts=lambda link: parts)
-    monkeypatch.setitem(MEASUREMENTS._made, "range", broken)
+    monkeypatch.setitem(MEASUREMENTS._entries, "range", broken)
     with pytest.raises(InputError, match=r"range cannot be used: parts gives .* one or more Part\(weight"):
         expanded(radioloc.read_observations(SHORT_ARC.with_suffix(".csv")))
 
@@ -320,7 +365,7 @@ def test_parts_that_cannot_be_combined_are_refused(monkeypatch, parts):
 def test_sigmas_that_are_none_are_one_line(monkeypatch, capsys):
     name = "station_position"
     monkeypatch.setitem(
-        PARAMETERS._made, name, replace(PARAMETERS[name], considered=lambda rows, members: None)
+        PARAMETERS._entries, name, replace(PARAMETERS[name], considered=lambda rows, members: None)
     )
     assert main(["locate", str(SHORT_ARC), "--quiet"]) == 2
     [line] = capsys.readouterr().err.splitlines()

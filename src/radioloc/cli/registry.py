@@ -6,9 +6,9 @@ from radioloc._version import __version__
 from radioloc.cli import files, fitting, lookups, planning, predictions
 from radioloc.cli.command import Command, Layout, Parser, flag
 from radioloc.cli.output import EXIT_STATUS
-from radioloc.plugins import named_where_it_fails, registry
+from radioloc.plugins import Registry, entry_errors
 
-COMMANDS = registry(
+COMMANDS = Registry(
     "radioloc.commands",
     Command,
     (
@@ -50,7 +50,7 @@ def make_parser() -> Parser:
         parser.set_defaults(run=command.run, parser=parser, program=program, json=False)
         parser.examples = tuple(f"radioloc {name} {example}".rstrip() for example in command.examples)
         parser.help_tables = command.help_tables
-        with named_where_it_fails(f"command {name}", "arguments"):
+        with entry_errors(f"command {name}", "arguments"):
             for argument in (*command.arguments, *_COMMON):
                 parser.add_argument(*argument.names, **argument.keywords)
     return program

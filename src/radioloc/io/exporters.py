@@ -11,7 +11,7 @@ from radioloc.io.ccsds import write_oem
 from radioloc.io.gis import write_gis
 from radioloc.io.sinex import write_sinex
 from radioloc.io.spice_kernels import FIRST_SITE, write_spice
-from radioloc.plugins import named_where_it_fails, registry
+from radioloc.plugins import Registry, entry_errors
 from radioloc.results.solution import Solution
 from radioloc.results.tables import Located, solution_table, write_table_file
 from radioloc.text_files import require_ending
@@ -98,7 +98,7 @@ def _write_gis(path: Path, solutions: Sequence[Located], options: ExportOptions)
     return [write_gis(path, solutions)]
 
 
-EXPORTERS = registry(
+EXPORTERS = Registry(
     "radioloc.exporters",
     Exporter,
     (
@@ -157,5 +157,5 @@ def export_solutions(
     """
     by_ending = {ending: exporter for exporter in EXPORTERS.values() for ending in exporter.endings}
     exporter = by_ending[require_ending(path, by_ending)]
-    with named_where_it_fails(f"exporter {exporter.name}", "write"):
+    with entry_errors(f"exporter {exporter.name}", "write"):
         return [*exporter.write(Path(path), solutions, options or ExportOptions())]

@@ -38,7 +38,7 @@ from radioloc.measurements.observations import Observations, counted_once, witho
 from radioloc.measurements.quantised import with_rounding_in_sigmas
 from radioloc.measurements.registry import is_integrated
 from radioloc.measurements.table_columns import COLUMNS
-from radioloc.plugins import named_where_it_fails, registry
+from radioloc.plugins import Registry, entry_errors
 from radioloc.text_files import head_of, read_text, require_ending
 from radioloc.time import utc_to_tai
 
@@ -128,7 +128,7 @@ def _names_columns(columns: Collection[str], form: str) -> Callable[[bytes], boo
     return lambda head: by_form(head) or by_names(head)
 
 
-READERS = registry(
+READERS = Registry(
     "radioloc.readers",
     Reader,
     [
@@ -264,7 +264,7 @@ def read_observations(
     parts = []
     for (name, _), group in groups.items():
         reader = READERS[name]
-        with named_where_it_fails(f"reader {reader.name}", "read"):
+        with entry_errors(f"reader {reader.name}", "read"):
             parts.append(reader.read(group, settings))
         logger.info(
             "read %d observations from %s (%s)", len(parts[-1]), ", ".join(map(str, group)), reader.name
@@ -296,7 +296,7 @@ def _without_rereadings(observations: Observations) -> Observations:
 def _reader_of(path: str | Path) -> Reader:
     def of_content(content: bytes) -> Reader | None:
         for reader in READERS.values():
-            with named_where_it_fails(f"reader {reader.name}", "looks_like"):
+            with entry_errors(f"reader {reader.name}", "looks_like"):
                 if reader.looks_like(content):
                     return reader
         return None

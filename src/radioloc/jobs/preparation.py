@@ -27,7 +27,6 @@ from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.quantised import with_rounding_in_sigmas
 from radioloc.measurements.sources import read_sources
 from radioloc.measurements.target_motion import Motions
-from radioloc.measurements.terms import TERMS
 from radioloc.media.csp import read_csp
 from radioloc.media.ionex import read_ionex
 from radioloc.media.ionosphere import UniformTec
@@ -125,7 +124,7 @@ def model_of(study: Study) -> PhysicalModel:
         delays=choice.delays,
         free_clocks=choice.free_clocks,
         sources={name: place for path in choice.sources for name, place in read_sources(path).items()},
-        off=set(TERMS) - choice.terms,
+        off=choice.off,
     )
 
 

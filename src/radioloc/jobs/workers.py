@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError, RadiolocError
+from radioloc.plugins import registered_names
 from radioloc.study.record import versions
 from radioloc.text_files import scratch_folder
 
@@ -59,6 +60,11 @@ def usual_workers(trials: int) -> int:
 @contextmanager
 def workers_of(workers: Any = 1) -> Iterator[Run]:
     """Provide a pool for trials until the block ends: this process, several processes, or the client of a cluster."""
+    if (names := registered_names()) and workers != 1:
+        raise InputError(
+            f"workers: expected 1, as radioloc.register added {', '.join(names)} to this process only, got "
+            f"{workers!r}; entry points of a package serve several processes"
+        )
     distributed = sys.modules.get("distributed")  # imported by whoever has a client
     if distributed is not None and isinstance(workers, distributed.Client):
         yield partial(_on_cluster, workers)

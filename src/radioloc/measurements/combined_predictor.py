@@ -23,7 +23,7 @@ from radioloc.measurements.predictor import Computed, Prediction, Predictor
 from radioloc.measurements.registry import KINDS, MEASUREMENTS, kind_of
 from radioloc.measurements.target_motion import GivenMotions, Motions
 from radioloc.media.status import first_of
-from radioloc.plugins import named_where_it_fails
+from radioloc.plugins import entry_errors
 from radioloc.vectors import Floats
 
 
@@ -71,7 +71,7 @@ def _parts(kind: str, link: Link) -> tuple[Part, ...]:
     split = MEASUREMENTS[kind].parts
     if split is None:
         return (Part(1.0, kind, link),)
-    with named_where_it_fails(f"type of measurement {kind}", "parts"):
+    with entry_errors(f"type of measurement {kind}", "parts"):
         parts = tuple(split(link))
     simple = [name for name, other in MEASUREMENTS.items() if other.parts is None]
     if not parts or not all(isinstance(part, Part) and part.type in simple for part in parts):

@@ -185,7 +185,7 @@ def series_codes(
     """Return the number of each observation's series, within which recorded columns agree that the model uses, (n,)."""
     free = set(_FREE_IN_A_SERIES)
     media = {medium.name: medium for medium in model.media}
-    foreign = bool(model.added_media or set(media) - {"troposphere", "ionosphere", "antenna_axis_offset"})
+    foreign = bool(set(media) - {"troposphere", "ionosphere", "antenna_axis_offset"})
     # Partials by the electron content need the frequencies whether or not a content is modelled.
     frequencies = more_partials or (
         "ionosphere" in media and (model.ionosphere is not None or model.media_calibrations is not None)

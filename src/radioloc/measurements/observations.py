@@ -35,6 +35,7 @@ from radioloc.measurements.table_columns import (
     UNITS,
     as_codes,
     as_column,
+    codes_of_names,
     columns_of_table,
     each_once,
     recoded,
@@ -142,12 +143,12 @@ class Observations:
         cls,
         *,
         epoch: Epochs | Any,
-        links: Sequence[Link],
+        links: Sequence[Link | str],
         value_m: ArrayLike,
         sigma_m: ArrayLike,
         link: ArrayLike = 0,
-        tag: ArrayLike = 0,
-        kind: ArrayLike = 0,
+        tag: ArrayLike = "transmit",
+        kind: ArrayLike = "range",
         pressure_hpa: ArrayLike = np.nan,
         temperature_k: ArrayLike = np.nan,
         relative_humidity: ArrayLike = np.nan,
@@ -164,10 +165,11 @@ class Observations:
     ) -> Observations:
         """Check and copy columns; a single value stands for all rows.
 
-        Parameters are those of the class, and ``single_precision``, names of columns that were recorded as float32
-        beside those whose arrays are of that type; without ``files`` the rows count as made in memory, and without
-        ``line`` it is the row counted from 1. Columns with a unit (an astropy ``Quantity``) are converted to the one
-        in the parameter's name, a ``Time`` in any scale to UTC; a masked entry counts as not recorded.
+        Parameters are those of the class. ``kind`` and ``tag`` are names (``"doppler"``, ``"receive"``) or the indices
+        that a table has, ``links`` are links or paths such as ``"KASHI>lander>KASHI"``. Without ``files`` the rows
+        count as made in memory, and ``line`` is the row counted from 1. ``single_precision`` names columns recorded as
+        float32 besides those whose arrays have that type. Columns with a unit (an astropy ``Quantity``) are converted
+        to the one in the parameter's name, a ``Time`` in any scale to UTC; a masked entry counts as not recorded.
 
         Raises
         ------
@@ -177,12 +179,26 @@ class Observations:
             sigma, or weather that no station can have recorded (as when Celsius or
             percent were given). Where the row came from a file it is a :class:`FileFormatError` that names file and
             line.
+
+        Examples
+        --------
+        >>> import radioloc
+        >>> radioloc.Observations.from_columns(
+        ...     epoch=radioloc.time.epochs_from_strings(["2024-05-02T06:00:00", "2024-05-02T06:10:00"]),
+        ...     links=["KASHI>lander>KASHI"],
+        ...     kind="range",
+        ...     tag="receive",
+        ...     value_m=[765432.1e3, 765400.2e3],
+        ...     sigma_m=2.5,
+        ... )
+        <Observations 2 2024-05-02 to 2024-05-02>
         """
         if not isinstance(epoch, Epochs):
             epoch = to_scale(Epochs.from_time(epoch), "UTC")
         epoch.require("UTC")
         n = len(epoch)
-        unique_links, link_codes = each_once(links)
+        given = [Link.from_path(link) if isinstance(link, str) else link for link in links]
+        unique_links, link_codes = each_once(given)
         unique_files, file_codes = each_once(files or (_IN_MEMORY,))
         numbers = {
             "value_m": value_m,
@@ -199,8 +215,8 @@ class Observations:
             epoch=Epochs(
                 as_column("epoch.jd", epoch.jd, n), as_column("epoch.fraction", epoch.fraction, n), "UTC"
             ),
-            tag=as_codes("tag", tag, n, len(TIME_TAGS), np.int8),
-            kind=as_codes("kind", kind, n, len(KINDS), np.int8),
+            tag=as_codes("tag", codes_of_names("tag", tag, TIME_TAGS), n, len(TIME_TAGS), np.int8),
+            kind=as_codes("kind", codes_of_names("kind", kind, KINDS), n, len(KINDS), np.int8),
             link=recoded(link_codes, as_codes("link", link, n, len(links), np.int32)),
             links=unique_links,
             **{name: as_column(name, column, n) for name, column in numbers.items()},

@@ -40,7 +40,6 @@ class PhysicalModel:
     radio_atmosphere: RadioAtmosphere | None = None  # VMF3 and GPT3 files
     sources: Sources = field(default_factory=dict)  # at infinity, by their names
     free_clocks: tuple[str, ...] = ()  # stations whose clocks keep proper time, by the catalogue's names
-    added_media: tuple[Medium, ...] = ()  # besides those of the registry, or in place of them
     media_calibrations: MediaCalibrations | None = None  # of the Deep Space Network
 
     @classmethod
@@ -56,7 +55,6 @@ class PhysicalModel:
         delays: EquipmentDelays | None = None,
         radio_atmosphere: RadioAtmosphere | None = None,
         media_calibrations: MediaCalibrations | None = None,
-        media: Iterable[Medium] = (),
         free_clocks: Iterable[str] = (),
         sources: Sources | None = None,
         off: Iterable[str] = (),
@@ -82,8 +80,6 @@ class PhysicalModel:
             Files of VMF3 and GPT3, from :func:`~radioloc.media.radio_atmosphere.read_radio_atmosphere`.
         media_calibrations : MediaCalibrations, optional
             TRO and ION files of the Deep Space Network, from :func:`~radioloc.media.csp.read_csp`, for its stations.
-        media : iterable of Medium
-            Media besides those of :data:`~radioloc.media.MEDIA`, or in place of those of the same names.
         free_clocks : iterable of str
             Stations whose frequency standards run free, at the rate of proper time at their height, and do not follow
             UTC.
@@ -99,8 +95,7 @@ class PhysicalModel:
         StationError
             A delay or a free clock is of a station that is not in the catalogue.
         """
-        added = tuple(media)
-        terms = active_terms(off, (medium.name for medium in added))
+        terms = active_terms(off)
         spk = Ephemeris.open(ephemeris)
         pck = LunarOrientation.open(libration)
         if pck.frame != f"PA_{spk.name}":
@@ -128,7 +123,6 @@ class PhysicalModel:
             radio_atmosphere,
             dict(sources or {}),
             free,
-            added,
             media_calibrations,
         )
         return model.with_terms(terms)
@@ -143,7 +137,7 @@ class PhysicalModel:
 
     def without(self, *names: str) -> PhysicalModel:
         """The same model with some more terms left out."""
-        return self.with_terms(self.terms & active_terms(names, (medium.name for medium in self.added_media)))
+        return self.with_terms(self.terms & active_terms(names))
 
     def with_terms(self, terms: frozenset[str]) -> PhysicalModel:
         """The same model with these terms and no others."""
@@ -158,7 +152,7 @@ class PhysicalModel:
             Troposphere(self.radio_atmosphere, self.media_calibrations),
             Ionosphere(self.ionosphere, self.media_calibrations),
         )
-        media = {**MEDIA, **{medium.name: medium for medium in (*configured, *self.added_media)}}
+        media = {**MEDIA, **{medium.name: medium for medium in configured}}
         return tuple(medium for name, medium in media.items() if self.has(name))
 
     def has(self, term: str) -> bool:

@@ -244,7 +244,7 @@ class Predictor(ABC):
         full_m = self.at(given).value_m
         skip = () if any(motion.trajectory is None for motion in given) else _LANDER_TERMS
         table = {}
-        for name in dict.fromkeys((*TERMS, *(medium.name for medium in self.model.added_media))):
+        for name in TERMS:
             if self.model.has(name) and name not in skip:
                 without = self.with_model(self.model.without(name), given)
                 table[name] = full_m - without.at(given).value_m

@@ -28,14 +28,13 @@ free of the stations' clocks and, nearly, of the media. Moyer (2003), section 13
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import Geometry, MeasurementType, Part
-from radioloc.plugins import LazyNames, registry
+from radioloc.plugins import DerivedNames, Registry
 
 
 def _of_stations(one_way: str) -> Callable[[Link], tuple[Part, ...]]:
@@ -130,13 +129,12 @@ _OWN = [
 ]
 _OWN_PLACES = {kind.name: place for place, kind in enumerate(_OWN)}
 
-MEASUREMENTS: Mapping[str, MeasurementType] = registry("radioloc.measurements", MeasurementType, _OWN)
+MEASUREMENTS: Mapping[str, MeasurementType] = Registry("radioloc.measurements", MeasurementType, _OWN)
 """Types of measurement by name; :attr:`Observations.kind` holds places in this order."""
 
-KINDS = LazyNames(lambda: MEASUREMENTS)  # their names
+KINDS = DerivedNames(lambda: MEASUREMENTS)  # their names
 
 
-@cache
 def _table(trait: str) -> NDArray[np.bool_]:
     """Whether each type has a trait, or the geometry of that name."""
     return np.array([getattr(kind, trait, kind.geometry.name == trait) for kind in MEASUREMENTS.values()])

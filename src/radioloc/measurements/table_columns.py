@@ -442,6 +442,18 @@ def as_column(name: str, values: ArrayLike, n: int, dtype: Any = np.float64) -> 
     return out
 
 
+def codes_of_names(key: str, values: ArrayLike, names: Sequence[str]) -> ArrayLike:
+    """Return indices into a list of names; numbers are indices already."""
+    texts = np.asarray(values)
+    if texts.dtype.kind not in "UO":
+        return values
+    different, place = np.unique(texts.astype(np.str_), return_inverse=True)
+    for text in different:
+        if text not in names:
+            raise InputError(f"{key}: expected {' or '.join(names)}, got {str(text)!r}")
+    return np.array([names.index(text) for text in different], dtype=np.int64)[place].reshape(texts.shape)
+
+
 def as_codes(name: str, values: ArrayLike, n: int, count: int, dtype: Any) -> Any:
     """Codes as a column: indices below a count."""
     wide = as_column(name, values, n, np.int64)

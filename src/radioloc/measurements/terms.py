@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 
 from radioloc.errors import InputError
 from radioloc.media import MEDIA
-from radioloc.plugins import LazyMapping
+from radioloc.plugins import DerivedMapping
 
 
 def _terms() -> dict[str, str]:
@@ -42,13 +42,13 @@ def _terms() -> dict[str, str]:
     return terms | {name: medium.description for name, medium in MEDIA.items() if name not in terms}
 
 
-TERMS: Mapping[str, str] = LazyMapping(_terms)
+TERMS: Mapping[str, str] = DerivedMapping(_terms)
 """Term names and what each stands for."""
 
 
-def active_terms(off: Iterable[str] = (), added: Iterable[str] = ()) -> frozenset[str]:
-    """Return the terms that remain when some are left out, of :data:`TERMS` and those `added` by a model."""
-    off, terms = list(off), (*TERMS, *added)
+def active_terms(off: Iterable[str] = ()) -> frozenset[str]:
+    """Return the terms of the model, :data:`TERMS`, that remain when some are left out."""
+    off, terms = list(off), tuple(TERMS)
     for name in off:
         if name not in terms:
             near = difflib.get_close_matches(name, terms, n=1)

@@ -15,7 +15,7 @@ from radioloc.media.medium import Leg, LegDelay, LegEnd, Medium
 from radioloc.media.radio_atmosphere import read_radio_atmosphere
 from radioloc.media.status import Status
 from radioloc.media.troposphere import Troposphere
-from radioloc.plugins import registry
+from radioloc.plugins import Registry
 
 __all__ = [
     "MEDIA",
@@ -30,7 +30,7 @@ __all__ = [
     "read_radio_atmosphere",
 ]
 
-MEDIA: Mapping[str, Medium] = registry(
+MEDIA: Mapping[str, Medium] = Registry(
     "radioloc.media",
     Medium,  # type: ignore[type-abstract]
     [Troposphere(), Ionosphere(), AntennaAxisOffset()],

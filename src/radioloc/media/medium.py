@@ -19,7 +19,7 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.earth.stations import Station
 from radioloc.lunar.visibility import hidden_by_moon
 from radioloc.media.status import Status, first_of
-from radioloc.plugins import named_where_it_fails
+from radioloc.plugins import entry_errors
 from radioloc.time import Epochs
 from radioloc.vectors import Floats, cross, dot, length
 
@@ -178,7 +178,7 @@ def prepared_media(media: Iterable[Medium], end: LegEnd) -> dict[str, Any]:
     """Prepare all media for legs at one end, by name."""
     prepared = {}
     for medium in media:
-        with named_where_it_fails(f"medium {medium.name}", "prepare"):
+        with entry_errors(f"medium {medium.name}", "prepare"):
             prepared[medium.name] = medium.prepare(end)
     return prepared
 
@@ -198,7 +198,7 @@ def line_of_sight(
     by_position: Floats | float = 0.0
     status = np.zeros(n, dtype=np.int8)
     for medium in media:
-        with named_where_it_fails(f"medium {medium.name}", "delay"):
+        with entry_errors(f"medium {medium.name}", "delay"):
             found = medium.delay(leg, prepared.get(medium.name))
         if found is None:
             continue

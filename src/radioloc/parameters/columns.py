@@ -13,7 +13,7 @@ from radioloc.errors import InputError
 from radioloc.measurements.predictor import Predictor
 from radioloc.parameters.kind import Members, ParameterKind, Scope
 from radioloc.parameters.rows import ObservationRows
-from radioloc.plugins import named_where_it_fails
+from radioloc.plugins import entry_errors
 from radioloc.time import utc_strings
 from radioloc.vectors import Floats
 
@@ -65,7 +65,7 @@ class Columns:
 def _evaluated(
     kind: ParameterKind, name: Literal["partials", "acts_on"], rows: ObservationRows
 ) -> NDArray[Any]:
-    with named_where_it_fails(f"parameter {kind.name}", name):
+    with entry_errors(f"parameter {kind.name}", name):
         return np.asarray(rows.asked(getattr(kind, name)))
 
 

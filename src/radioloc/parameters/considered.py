@@ -17,7 +17,7 @@ from radioloc.parameters.columns import members
 from radioloc.parameters.kind import Amount, Members, ParameterKind, Scope
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import ObservationRows
-from radioloc.plugins import named_where_it_fails
+from radioloc.plugins import entry_errors
 
 
 def considered_choices(given: Mapping[str, Any]) -> dict[str, ParameterChoice]:
@@ -104,7 +104,7 @@ def _default_sigmas(
     """Return the kind's own sigmas by member, or the reason why there are none."""
     if kind.considered is None or not present:
         return {}, ""
-    with named_where_it_fails(f"parameter {kind.name}", "considered"):
+    with entry_errors(f"parameter {kind.name}", "considered"):
         default = kind.considered(rows, present)
     if isinstance(default, str):
         return {}, default

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 
 from radioloc.parameters import biases, clocks, earth, moon
 from radioloc.parameters.kind import ParameterKind
-from radioloc.plugins import registry
+from radioloc.plugins import Registry
 
-PARAMETERS: Mapping[str, ParameterKind] = registry(
+PARAMETERS: Mapping[str, ParameterKind] = Registry(
     "radioloc.parameters",
     ParameterKind,
     [

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from radioloc.errors import InputError
-from radioloc.plugins import registry
+from radioloc.plugins import Registry
 from radioloc.report.error_figures import (
     plot_budget,
     plot_correlations,
@@ -136,7 +136,7 @@ def _draw_map(result: Result, ax: Axes | None = None) -> Figure | None:
     return plot_map(positions, ax=ax) if positions else None
 
 
-FIGURES = registry(
+FIGURES = Registry(
     "radioloc.figures",
     FigureType,
     (

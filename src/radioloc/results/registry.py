@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from radioloc.errors import InputError
-from radioloc.plugins import registry
+from radioloc.plugins import Registry
 from radioloc.results.comparison import Comparison
 from radioloc.results.covariance import CovarianceStudy
 from radioloc.results.monte_carlo import MonteCarlo
@@ -12,7 +12,7 @@ from radioloc.results.solution import ORBIT_FILES, Solution
 from radioloc.results.subsets import ArcStudy, LeaveOneOut
 from radioloc.results.tables import POSITION_FILES
 
-RESULTS = registry(
+RESULTS = Registry(
     "radioloc.results",
     ResultType,
     (

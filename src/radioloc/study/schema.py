@@ -20,7 +20,7 @@ from typing import Annotated, Any, Literal, NoReturn, TypeVar, Union, get_args, 
 
 from radioloc.boundary import bare_fields
 from radioloc.errors import InputError
-from radioloc.plugins import registry
+from radioloc.plugins import Registry
 from radioloc.time import Epochs, epochs_from_strings
 
 STDIN = Path("-")  # In place of a study file: standard input
@@ -389,7 +389,7 @@ class StudyTable:
     command: str = ""
 
 
-STUDY_TABLES = registry("radioloc.study_tables", StudyTable, ())
+STUDY_TABLES = Registry("radioloc.study_tables", StudyTable, ())
 """Tables by name."""
 
 

@@ -33,7 +33,7 @@ from radioloc.media.ionosphere import UniformTec
 from radioloc.parameters.choice import ParameterChoice, of_part, parameter_choices
 from radioloc.parameters.columns import PASS_GAP_H
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.plugins import LazyNames
+from radioloc.plugins import DerivedNames
 from radioloc.results.subsets import Reference
 from radioloc.simulation.simulate import Scenario
 from radioloc.study.map_positions import position_priors
@@ -48,7 +48,7 @@ COMPONENTS = ("type", "link", "link and pass")
 POSITION_FORMS = ("geographic", "cartesian", "none")
 MIN_REJECTION_SIGMA = 2.0
 """Lower values would cut good data: one in 22 normal residuals exceeds two sigmas."""
-PARAMETER_KEYS = LazyNames(lambda: [key for kind in PARAMETERS.values() for key in kind.keys.values()])
+PARAMETER_KEYS = DerivedNames(lambda: [key for kind in PARAMETERS.values() for key in kind.keys.values()])
 """Keys of the kinds of parameter in ``[estimate]`` and ``[consider]``."""
 
 
@@ -71,13 +71,6 @@ def _height_prior(table: TomlTable, key: str) -> HeightPrior | TerrainPrior | No
         prior.fail("height_m", "give either dem or height_m, not both")
     terrain = prior.build(TerrainModel.open, path=dem, interpolation=interpolation)
     return prior.read(TerrainPrior, terrain=terrain)
-
-
-def _terms(table: TomlTable, _: str) -> frozenset[str]:
-    try:
-        return active_terms(table.get("off", tuple[str, ...]) or ())
-    except InputError as error:
-        table.fail("off", str(error))
 
 
 def _kernel(table: TomlTable, key: str) -> str | None:
@@ -225,8 +218,8 @@ class ModelChoice:
 
     Parameters
     ----------
-    terms : frozenset of str
-        Active terms, as :func:`~radioloc.measurements.terms.active_terms` gives them.
+    off : iterable of str
+        Terms to leave out, of :data:`~radioloc.measurements.TERMS`.
     ephemeris, libration : str
         Registered name or path of the SPK and of the binary PCK.
     earth_orientation : Path or None
@@ -257,7 +250,7 @@ class ModelChoice:
         Whether dense series are interpolated: :func:`~radioloc.measurements.evaluation.prepare_predictor`.
     """
 
-    terms: frozenset[str] = entry(factory=active_terms, keys=("off",), read=_terms)
+    off: tuple[str, ...] = ()
     ephemeris: str = entry("DE421", read=_kernel)
     libration: str = entry("DE421", read=_kernel)
     earth_orientation: Path | None = None
@@ -279,9 +272,9 @@ class ModelChoice:
     def __post_init__(self) -> None:
         check(self)
         object.__setattr__(self, "free_clocks", names_of("free_clocks", self.free_clocks))
-        terms = frozenset(names_of("terms", self.terms))
-        active_terms(terms)  # knows every name, or says which it does not
-        object.__setattr__(self, "terms", terms)
+        object.__setattr__(self, "off", names_of("off", self.off))
+        with named("off:"):
+            active_terms(self.off)  # refuses unknown names
         if self.ionex and self.tec_tecu is not None:
             raise InputError("give either ionex or tec_tecu, not both")
         if self.csp_scid is not None and not self.csp:

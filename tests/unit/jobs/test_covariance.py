@@ -14,7 +14,6 @@ from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
 from radioloc.jobs.covariance import covariance
 from radioloc.measurements import PhysicalModel
-from radioloc.measurements.terms import active_terms
 from radioloc.report import plot
 from radioloc.results.covariance import radius_95_m
 from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, TruthSigma, two_way
@@ -36,7 +35,7 @@ def study_of(noise=NOISE, stations=RANGING, vlbi=VLBI, step_s=1800.0, estimate=N
     return Study(
         target=LANDER,
         estimate=EstimateChoice(height_prior=prior, **estimate),
-        model=ModelChoice(active_terms(["ionosphere"])),
+        model=ModelChoice(off=["ionosphere"]),
         simulation=scenario,
         **{"candidates": (), "consider_defaults": False} | changes,
     )

@@ -65,7 +65,7 @@ def study_of(step_s=3600.0, *, truth_sigma=TRUTH_SIGMA, observations=None, **est
     return Study(
         target=NEAR,
         estimate=EstimateChoice(**(choice | estimate)),
-        model=ModelChoice(terms=radioloc.measurements.terms.active_terms(["ionosphere"])),
+        model=ModelChoice(off=["ionosphere"]),
         observations=observations or ObservationChoice(),
         simulation=Scenario(
             Schedule(planned), LANDER, Truth(range_bias_m=BIAS_M), NOISE, truth_sigma, seed=5

@@ -176,7 +176,7 @@ def locate(site, made, observations=None, **choice):
         observations=ObservationChoice(**choice),
         estimate=EstimateChoice(),
         consider_defaults=False,
-        model=ModelChoice(terms=radioloc.measurements.terms.active_terms(["troposphere"])),
+        model=ModelChoice(off=["troposphere"]),
     )
     return radioloc.locate(study, made.observations if observations is None else observations)
 

@@ -14,7 +14,6 @@ from radioloc.jobs.preparation import prepared_arc
 from radioloc.jobs.verdict import heights, places
 from radioloc.lunar import LunarPosition
 from radioloc.measurements import MEASUREMENTS, FixedPoint, Link, PhysicalModel
-from radioloc.measurements.terms import active_terms
 from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule
 from radioloc.study import EstimateChoice, ModelChoice, ObservationChoice
 
@@ -29,7 +28,7 @@ def study(target=change5_case.NEAR, hours=None, stations=None, consider_defaults
         target,
         ObservationChoice(hours=hours, stations=stations),
         EstimateChoice(**estimate),
-        ModelChoice(terms=active_terms(["ionosphere"])),
+        ModelChoice(off=["ionosphere"]),
         consider_defaults=consider_defaults,
     )
 

@@ -1,4 +1,4 @@
-"""One contract for all that registers, and for media that a model is given."""
+"""Contract of registered media, and media that are registered at run time."""
 
 import numpy as np
 import pytest
@@ -50,8 +50,13 @@ class Shield:
         return LegDelay(prepared / sine, by_elevation_m_rad=slope)
 
 
-def test_a_medium_of_ones_own_is_a_term_like_others():
-    model = PhysicalModel.build(media=[Shield()])
+@pytest.fixture
+def shield(monkeypatch):
+    monkeypatch.setitem(MEDIA._entries, "shield", Shield())
+
+
+def test_an_additional_medium_is_a_term_like_others(shield):
+    model = PhysicalModel.build()
     table = observations("GRASSE>x>GRASSE", epochs_tai(3, 1.0, 2460311.5, 0.1), **LASER)
     arc = ExactPredictor(model, table, APOLLO15)
     found = arc.compute()
@@ -60,16 +65,20 @@ def test_a_medium_of_ones_own_is_a_term_like_others():
     np.testing.assert_allclose(
         terms["shield"], 0.002 * (1.0 / np.sin(found.elevation_rad)).sum(axis=-1), atol=1e-6
     )
-    assert [medium.name for medium in model.without("shield").media] == list(MEDIA)
+    assert [medium.name for medium in model.without("shield").media] == [
+        "troposphere",
+        "ionosphere",
+        "antenna_axis_offset",
+    ]
     with pytest.raises(InputError, match="did you mean 'shield'"):
         model.without("shields")
 
 
-def test_conditions_that_only_a_foreign_medium_uses_still_tell_series_apart():
+def test_conditions_used_by_an_additional_medium_separate_series(shield):
     tai = epochs_tai(600, 1.0, 2460311.5, 0.1)
     weather = LASER | {"pressure_hpa": np.where(np.arange(600) % 2, 780.0, np.nan)}
     table = observations("GRASSE>x>GRASSE", tai, **weather)
-    model = PhysicalModel.build(media=[Shield()], off=["troposphere"])
+    model = PhysicalModel.build(off=["troposphere"])
     dense, exact = (kind(model, table, APOLLO15) for kind in (ChebyshevPredictor, ExactPredictor))
     assert dense.accuracy.interpolated > 0
     difference_m = dense.compute().value_m - exact.compute().value_m

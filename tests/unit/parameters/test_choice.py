@@ -44,7 +44,7 @@ def study(**estimate):
         TARGET,
         ObservationChoice(),
         EstimateChoice(**({"position": "none"} | estimate)),
-        ModelChoice(terms=radioloc.measurements.terms.active_terms(["troposphere"])),
+        ModelChoice(off=["troposphere"]),
         name="owners",
         consider_defaults=False,
     )

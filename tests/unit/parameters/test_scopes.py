@@ -10,7 +10,6 @@ from quick import some
 import radioloc
 from radioloc import Observations
 from radioloc.measurements import MEASUREMENTS, Link
-from radioloc.measurements.terms import active_terms
 from radioloc.parameters.choice import parameter_choices
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.study import EstimateChoice, ModelChoice, ObservationChoice
@@ -63,7 +62,7 @@ def study(consider=None, **keys):
         change5_case.LANDER,
         ObservationChoice(),
         EstimateChoice(**keys),
-        ModelChoice(terms=active_terms(["ionosphere"])),
+        ModelChoice(off=["ionosphere"]),
         consider=consider or {},
     )
 

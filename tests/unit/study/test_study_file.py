@@ -105,7 +105,7 @@ height_m = -1922.0
         rejection_sigma=4.0,
         weights="correlated",
     )
-    assert set(radioloc.measurements.TERMS) - study.model.terms == {"shapiro", "pole_tide"}
+    assert set(study.model.off) == {"shapiro", "pole_tide"}
     assert study.model.ephemeris == str(folder / "sub" / "de.bsp")
     assert study.model.libration == "DE421"
     assert study.model.earth_orientation == folder / "eop.txt"

@@ -6,7 +6,6 @@ import numpy as np
 
 from radioloc import Observations
 from radioloc.io import Reader
-from radioloc.measurements import MEASUREMENTS, Link
 from radioloc.time import epochs_from_strings
 
 
@@ -18,9 +17,9 @@ def read(paths, settings):
         epoch=epochs_from_strings(epoch.tolist(), "UTC"),
         value_m=value_m.astype(float),
         sigma_m=sigma_m.astype(float),
-        kind=list(MEASUREMENTS).index("half_range"),
-        links=[Link(station, "lander", station)],
-        tag=1,
+        kind="half_range",
+        links=[f"{station}>lander>{station}"],
+        tag="receive",
     )
 
 

@@ -36,6 +36,10 @@ class TargetMotion(Protocol):
         """Position of a point fixed to the Moon, or constant offset from the trajectory, principal axes, m, (3,)."""
 
     @property
+    def adjustable(self) -> AdjustableTrajectory | None:
+        """A-priori trajectory, if its parameters are those of the motion."""
+
+    @property
     def path_key(self) -> Hashable:
         """Key that is equal for motions along the same trajectory."""
 
@@ -78,6 +82,11 @@ class FixedPoint:
         return None
 
     @property
+    def adjustable(self) -> None:
+        """None: the parameters are coordinates."""
+        return None
+
+    @property
     def path_key(self) -> Hashable:
         """Key that is equal for all points."""
         return None
@@ -97,6 +106,11 @@ class TrajectoryMotion:
 
     trajectory: AnyTrajectory
     position_pa_m: Floats = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def adjustable(self) -> None:
+        """None: the parameters are coordinates of an offset."""
+        return None
 
     @property
     def path_key(self) -> Hashable:
@@ -128,6 +142,11 @@ class OrbitMotion:
         if not self._corrected:
             self._corrected.append(self.apriori.corrected(self.changes))
         return self._corrected[0]
+
+    @property
+    def adjustable(self) -> AdjustableTrajectory:
+        """A-priori trajectory."""
+        return self.apriori
 
     @property
     def position_pa_m(self) -> Floats:

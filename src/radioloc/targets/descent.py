@@ -10,9 +10,8 @@ from radioloc.dynamics import AdjustableOrbit
 from radioloc.lunar import cartesian_to_selenographic, east_north_up
 from radioloc.measurements.lunar_motion import lunar_motion
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.target_motion import OrbitMotion
 from radioloc.parameters.parameter import Parameter, Role
-from radioloc.targets.orbit import GravityErrors
+from radioloc.targets.orbit import GravityErrors, OnOrbit
 from radioloc.targets.orbit_state import OrbitState
 from radioloc.targets.surface_point import PositionFunction, PositionParameters
 from radioloc.time import Epochs
@@ -46,7 +45,7 @@ class Ground:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Descent:
+class Descent(OnOrbit):
     """A spacecraft that comes to rest on the Moon; the epoch of its orbit is the touchdown."""
 
     name: str
@@ -58,29 +57,17 @@ class Descent:
     errors: GravityErrors
     body: int  # NAIF code of the spacecraft in kernels
     epoch: Epochs  # TDB, of the state that is reported, before the touchdown
+    process_noise: None = None  # its axes vanish with the velocity at the touchdown
     preceding: int = 0
 
     @property
-    def start(self) -> OrbitMotion:
-        """A-priori orbit, with partials that suffice until an estimate has converged."""
-        return OrbitMotion(self.orbit.coarse())
-
-    def motion(self, x: Floats) -> tuple[OrbitMotion, Floats]:
-        """Return the motion at parameters x, and the partials of the orbit's parameters."""
-        changes, by_x = self.changes(x)
-        return OrbitMotion(self.orbit, changes), by_x
-
-    def orbit_at(self, x: Floats) -> AdjustableOrbit:
-        """Return the orbit of parameters x."""
-        return self.orbit.corrected(self.changes(x)[0])
+    def has_place(self) -> bool:
+        """True: the target comes to rest at a place."""
+        return True
 
     def with_orbit(self, orbit: AdjustableOrbit) -> Descent:
         """Return the target about another a-priori orbit of the same parameters."""
         return replace(self, orbit=orbit)
-
-    def gravity_errors(self, x: Floats) -> AdjustableOrbit | None:
-        """Return the orbit at x with the errors of its gravity field that are considered; None without any."""
-        return self.errors.of(self.orbit_at(x))
 
     def estimate(
         self, x: Floats, covariance: Floats, sensitivity: Floats, errors: AdjustableOrbit | None
@@ -117,9 +104,9 @@ class Descent:
         place_pa_m, by_x = self.place(x[:3])
         return place_pa_m, np.pad(by_x, ((0, 0), (0, len(x) - 3)))
 
-    def values_of(self, orbit: AdjustableOrbit) -> Floats:
-        """The parameters of an orbit that lands near the a-priori place."""
-        return np.concatenate([self.touchdown_of(orbit.state), list(orbit.values.values())[6:]])
+    def solved(self, wanted: Floats, x: Floats) -> Floats:
+        """Return the parameters of an orbit whose own, from the state at the touchdown on, have wanted values."""
+        return np.concatenate([self.touchdown_of(wanted[:6]), wanted[6:]])
 
     def touchdown_of(self, state: Floats) -> Floats:
         """Return the parameters of place and velocity, shape (6,), of a state at the touchdown."""
@@ -132,7 +119,8 @@ class Descent:
 
     def held(self) -> Descent:
         """Return the target with all parameters held at those of its orbit."""
-        values = self.values_of(self.orbit).tolist()
+        apriori = np.array(list(self.orbit.values.values()))
+        values = self.solved(apriori, apriori).tolist()
         fixed = [
             replace(item, prior_value=value, role=Role.FIXED)
             for item, value in zip(self.parameters, values, strict=True)

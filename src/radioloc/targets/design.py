@@ -32,7 +32,7 @@ class ObservationModel:
     parameters: (
         ParameterSet  # three for the position of each target, or those of its orbit, then kind by kind
     )
-    targets: tuple[Target, ...]  # a target that moves by forces comes last
+    targets: tuple[Target, ...]
     columns: tuple[Columns, ...]  # of the kinds of parameter
     reference: Epochs | None = None  # epoch that rates refer to, TAI; the middle of the arc as a rule
     process: StochasticAccelerations | None = None  # of the orbit
@@ -59,34 +59,50 @@ class ObservationModel:
         )
 
     @property
+    def orbit_indices(self) -> list[int]:
+        """Indices of the targets that move by forces."""
+        return [k for k, target in enumerate(self.targets) if target.orbit is not None]
+
+    @property
     def orbit_index(self) -> int | None:
-        """Index of the target that moves by forces; None without any."""
-        return next((k for k, target in enumerate(self.targets) if target.orbit is not None), None)
+        """Index of the first target that moves by forces; None without any."""
+        return next(iter(self.orbit_indices), None)
 
     @property
     def orbit(self) -> AdjustableOrbit | None:
-        """A-priori orbit of the target that moves by forces; None without any."""
+        """A-priori orbit of the first target that moves by forces; None without any."""
         k = self.orbit_index
         return None if k is None else self.targets[k].orbit
 
     def orbit_at(self, x: Floats) -> AdjustableOrbit | None:
-        """Return the orbit of parameters x; None where there is none."""
+        """Return the orbit of the first target that moves by forces at parameters x; None without any."""
         k = self.orbit_index
         return None if k is None else self.targets[k].orbit_at(x[self.columns_of(k)])
 
     @property
     def of_orbit(self) -> bool:
         """Whether a target moves by forces."""
-        return self.orbit_index is not None
+        return bool(self.orbit_indices)
 
     def with_orbit(self, orbit: AdjustableOrbit) -> ObservationModel:
-        """Return the model with another a-priori orbit of the same parameters."""
-        return replace(self, targets=tuple(target.with_orbit(orbit) for target in self.targets))
+        """Return the model with another a-priori orbit of the same parameters for the first target that has one."""
+        targets, k = list(self.targets), self.orbit_indices[0]
+        targets[k] = targets[k].with_orbit(orbit)
+        return replace(self, targets=tuple(targets))
 
-    def effects_on_orbit(self, orbit: AdjustableOrbit) -> Floats:
-        """Return the partials of all observations by the parameters of an orbit, or by its errors, (n, k)."""
-        others = self.predictor.motions[:-1]
-        return self.predictor.compute((*others, OrbitMotion(orbit))).by_motion[:, 3 * len(others) :]
+    def effects_on_orbit(self, orbit: AdjustableOrbit, target: int | None = None) -> Floats:
+        """Return the partials of all observations by the parameters of a target's orbit, or by its errors, (n, k)."""
+        k, motions = self.orbit_indices[0] if target is None else target, list(self.predictor.motions)
+        motions[k] = OrbitMotion(orbit)
+        by_motion = self.predictor.compute(motions).by_motion
+        begin, after = self._motion_columns(slice(k)), self._motion_columns(slice(k + 1, None))
+        return by_motion[:, begin : by_motion.shape[1] - after]
+
+    def _motion_columns(self, targets: slice) -> int:
+        """Return the number of parameters of the motions of some targets."""
+        x = self.parameters.prior_values
+        chosen = range(len(self.targets))[targets]
+        return sum(len(self.targets[k].motion(x[self.columns_of(k)])[1]) for k in chosen)
 
     @property
     def first(self) -> int:
@@ -196,6 +212,6 @@ class DesignMatrix:
 
 
 def orbit_of(predictor: Predictor) -> AdjustableOrbit | None:
-    """Return the a-priori orbit that a predictor was prepared with; None without any."""
-    orbits = [trajectory for trajectory in predictor.trajectories if isinstance(trajectory, AdjustableOrbit)]
-    return orbits[0] if orbits else None
+    """Return the first a-priori orbit that a predictor was prepared with; None without any."""
+    orbits = (motion.adjustable for motion in predictor.motions)
+    return next((orbit for orbit in orbits if orbit is not None), None)  # type: ignore[return-value]

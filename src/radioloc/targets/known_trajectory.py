@@ -6,16 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from radioloc.dynamics import AdjustableOrbit
 from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.measurements.target_motion import TrajectoryMotion
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.targets.surface_point import cartesian
+from radioloc.targets.target import WithoutForces
 from radioloc.vectors import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class KnownTrajectory:
+class KnownTrajectory(WithoutForces):
     """A spacecraft on a trajectory, whose offset from it is held at zero."""
 
     name: str
@@ -32,9 +32,9 @@ class KnownTrajectory:
         return 0
 
     @property
-    def orbit(self) -> None:
-        """None: the trajectory does not follow from forces."""
-        return None
+    def has_place(self) -> bool:
+        """False: the target flies."""
+        return False
 
     @property
     def start(self) -> TrajectoryMotion:
@@ -49,18 +49,6 @@ class KnownTrajectory:
         """Return the offset, which stands for the place on the Moon, and its partials."""
         return x, np.eye(3)
 
-    def orbit_at(self, x: Floats) -> None:
-        """Return None."""
-        return None
-
-    def with_orbit(self, orbit: AdjustableOrbit) -> KnownTrajectory:
-        """Return the target itself."""
-        return self
-
-    def gravity_errors(self, x: Floats) -> None:
-        """Return None: a file has no errors of forces."""
-        return None
-
-    def estimate(self, *_: object) -> None:
-        """Return None: nothing is estimated."""
-        return None
+    def solved(self, wanted: Floats, x: Floats) -> Floats:
+        """Return the wanted offset."""
+        return wanted

@@ -15,15 +15,17 @@ from radioloc.measurements.target_motion import OrbitMotion
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.targets.orbit_state import OrbitState
 from radioloc.targets.surface_point import PositionFunction, PositionParameters
+from radioloc.targets.target import ProcessNoise, solve_parameters
 from radioloc.vectors import Floats, rtn_axes
 
 RTN = ("radial_m", "along_m", "across_m", "radial_m_s", "along_m_s", "across_m_s")
 """The state as what it differs by from that a priori, along fixed axes: those of the orbit at the epoch."""
-Seed = int | np.random.Generator
-
 _FORCE_UNITS = {"gm": ("m3/s2", 1e3), "k2": ("1", 1e-3), "radiation": ("m2/kg", 1e-3)}
 """Units of the forces' own numbers, and a change that moves observations by about a metre in a day."""
 _ORBIT_SIZE_M = 2e6  # that of an orbit, for what moves a spacecraft by a metre
+
+
+Seed = int | np.random.Generator
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,17 +44,15 @@ class GravityErrors:
         return replace(orbit, errors=errors_along(orbit.nearest(), errors, orbit.libration).at)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TargetOrbit:
-    """A spacecraft on an orbit, which follows from its parameters by their changes of the a-priori orbit."""
+class OnOrbit:
+    """Members of a target whose motion follows from an a-priori orbit and changes of its parameters."""
 
-    name: str
-    parameters: list[Parameter]
-    changes: PositionFunction  # from the parameters to changes of those of the orbit, with partials
+    __slots__ = ()
     orbit: AdjustableOrbit  # a priori
+    changes: (
+        PositionFunction  # from the parameters to changes of those of the orbit (q,), with partials (q, p)
+    )
     errors: GravityErrors
-    body: int  # NAIF code of the spacecraft in kernels
-    preceding: int = 0
 
     @property
     def start(self) -> OrbitMotion:
@@ -64,21 +64,45 @@ class TargetOrbit:
         changes, by_x = self.changes(x)
         return OrbitMotion(self.orbit, changes), by_x
 
-    def position(self, x: Floats) -> tuple[Floats, Floats]:
-        """Return zeros: the target is at no place on the Moon."""
-        return np.zeros(3), np.zeros((3, len(x)))
-
     def orbit_at(self, x: Floats) -> AdjustableOrbit:
         """Return the orbit of parameters x."""
         return self.orbit.corrected(self.changes(x)[0])
 
-    def with_orbit(self, orbit: AdjustableOrbit) -> TargetOrbit:
-        """Return the target about another a-priori orbit of the same parameters."""
-        return replace(self, orbit=orbit)
+    def solved(self, wanted: Floats, x: Floats) -> Floats:
+        """Return the parameters of an orbit whose own have wanted values, starting at x."""
+        changes = wanted - np.array(list(self.orbit.values.values()))
+        return solve_parameters(self.changes, changes, x)
 
     def gravity_errors(self, x: Floats) -> AdjustableOrbit | None:
         """Return the orbit at x with the errors of its gravity field that are considered; None without any."""
         return self.errors.of(self.orbit_at(x))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TargetOrbit(OnOrbit):
+    """A spacecraft on an orbit, which follows from its parameters by their changes of the a-priori orbit."""
+
+    name: str
+    parameters: list[Parameter]
+    changes: PositionFunction  # from the parameters to changes of those of the orbit, with partials
+    orbit: AdjustableOrbit  # a priori
+    errors: GravityErrors
+    body: int  # NAIF code of the spacecraft in kernels
+    process_noise: ProcessNoise | None = None
+    preceding: int = 0
+
+    @property
+    def has_place(self) -> bool:
+        """False: the target flies."""
+        return False
+
+    def position(self, x: Floats) -> tuple[Floats, Floats]:
+        """Return zeros: the target is at no place on the Moon."""
+        return np.zeros(3), np.zeros((3, len(x)))
+
+    def with_orbit(self, orbit: AdjustableOrbit) -> TargetOrbit:
+        """Return the target about another a-priori orbit of the same parameters."""
+        return replace(self, orbit=orbit)
 
     def estimate(
         self, x: Floats, covariance: Floats, sensitivity: Floats, errors: AdjustableOrbit | None

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
-from radioloc.dynamics import AdjustableOrbit
 from radioloc.ephemeris import EphemerisConstants
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic, east_north_up, rot_pa_to_me
 from radioloc.lunar.terrain import height_and_gradient
 from radioloc.measurements.target_motion import FixedPoint
 from radioloc.parameters.parameter import Parameter, Role
+from radioloc.targets.target import WithoutForces, solve_parameters
 from radioloc.vectors import Floats
 
 logger = logging.getLogger(__name__)
@@ -27,7 +27,7 @@ PositionParameters = tuple[list[Parameter], PositionFunction]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SurfacePoint:
+class SurfacePoint(WithoutForces):
     """A point fixed to the Moon, whose position follows from three parameters and those of the points before."""
 
     name: str
@@ -39,9 +39,9 @@ class SurfacePoint:
     )
 
     @property
-    def orbit(self) -> None:
-        """None: the point moves with the Moon."""
-        return None
+    def has_place(self) -> bool:
+        """True: the target is a place."""
+        return True
 
     @property
     def start(self) -> FixedPoint:
@@ -55,21 +55,9 @@ class SurfacePoint:
         position_pa_m, by_x = self.position(x)
         return FixedPoint(position_pa_m), by_x
 
-    def orbit_at(self, x: Floats) -> None:
-        """Return None."""
-        return None
-
-    def with_orbit(self, orbit: AdjustableOrbit) -> SurfacePoint:
-        """Return the target itself."""
-        return self
-
-    def gravity_errors(self, x: Floats) -> None:
-        """Return None: no forces act on the point."""
-        return None
-
-    def estimate(self, *_: object) -> None:
-        """Return None: its position says all."""
-        return None
+    def solved(self, wanted: Floats, x: Floats) -> Floats:
+        """Return x with the last three parameters for a wanted position, principal axes, m."""
+        return solve_parameters(self.position, wanted, x)
 
 
 def on_sphere(

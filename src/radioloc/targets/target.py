@@ -2,14 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from typing import Protocol, Self
+
+import numpy as np
 
 from radioloc.dynamics import AdjustableOrbit
+from radioloc.errors import InputError
 from radioloc.measurements.target_motion import TargetMotion
 from radioloc.parameters.parameter import Parameter
 from radioloc.targets.orbit_state import OrbitState
 from radioloc.vectors import Floats
+
+_NEWTON_STEP_COUNT = 20  # 5 suffice for elements of eccentric orbits
+_NEWTON_TOLERANCE = 1e-7  # last step, in m or in the smallest unit of a parameter's scale
+
+
+class ProcessNoise(Protocol):
+    """Stochastic accelerations, constant over intervals and correlated from one to the next."""
+
+    @property
+    def interval_s(self) -> float:
+        """Length of an interval, s."""
+
+    @property
+    def correlation_s(self) -> float:
+        """Correlation time, s; zero without."""
+
+    @property
+    def persistence(self) -> float:
+        """Correlation of an acceleration with that of the next interval."""
+
+    @property
+    def sigma_m_s2(self) -> Floats:
+        """Sigmas of the accelerations radial, along and across, m/s^2, shape (3,)."""
 
 
 class Target(Protocol):
@@ -28,11 +54,26 @@ class Target(Protocol):
         """Number of parameters of the targets before on which the motion depends as well; they come first in x."""
 
     @property
+    def has_place(self) -> bool:
+        """Whether the target is, or comes to rest, at a place on the Moon."""
+
+    @property
     def orbit(self) -> AdjustableOrbit | None:
         """A-priori orbit, if the motion follows from forces."""
 
+    @property
+    def process_noise(self) -> ProcessNoise | None:
+        """Stochastic accelerations of the state, if the motion follows from forces."""
+
+    @property
+    def start(self) -> TargetMotion:
+        """A-priori motion, at which visibility is decided first."""
+
     def motion(self, x: Floats) -> tuple[TargetMotion, Floats]:
         """Return the motion, and the partials of its own parameters by x, shape (q, p)."""
+
+    def solved(self, wanted: Floats, x: Floats) -> Floats:
+        """Return x with this target's parameters for wanted motion parameters: a position, m, or those of an orbit."""
 
     def position(self, x: Floats) -> tuple[Floats, Floats]:
         """Return the place on the Moon, principal axes, m, and its partials by x, (3, p); zeros of a spacecraft."""
@@ -42,10 +83,6 @@ class Target(Protocol):
 
     def with_orbit(self, orbit: AdjustableOrbit) -> Target:
         """Return the target about another a-priori orbit of the same parameters; a point returns itself."""
-
-    @property
-    def start(self) -> TargetMotion:
-        """A-priori motion, at which visibility is decided first."""
 
     def gravity_errors(self, x: Floats) -> AdjustableOrbit | None:
         """Return the orbit at x with the errors of its gravity field that are considered; None without any."""
@@ -58,3 +95,51 @@ class Target(Protocol):
         `covariance`, shape (p, p), is that of x. `sensitivity`, shape (p, k), is that of x to errors of the gravity
         field, and `errors` is the orbit with these.
         """
+
+
+class WithoutForces:
+    """Members of a target on which no forces act."""
+
+    __slots__ = ()
+
+    @property
+    def orbit(self) -> None:
+        """None: the motion does not follow from forces."""
+        return None
+
+    @property
+    def process_noise(self) -> None:
+        """None: no accelerations act on the target."""
+        return None
+
+    def orbit_at(self, x: Floats) -> None:
+        """Return None."""
+        return None
+
+    def with_orbit(self, orbit: AdjustableOrbit) -> Self:
+        """Return the target itself."""
+        return self
+
+    def gravity_errors(self, x: Floats) -> None:
+        """Return None."""
+        return None
+
+    def estimate(self, *_: object) -> None:
+        """Return None."""
+        return None
+
+
+def solve_parameters(
+    function: Callable[[Floats], tuple[Floats, Floats]], wanted: Floats, x: Floats
+) -> Floats:
+    """Return x, shape (p,), with its last q numbers changed until a function has wanted values, shape (q,)."""
+    x, own = x.copy(), slice(len(x) - len(wanted), None)
+    for _ in range(_NEWTON_STEP_COUNT):
+        values, by_x = function(x)
+        step = np.linalg.solve(by_x[:, own], wanted - values)
+        x[own] += step
+        if np.abs(step).max() < _NEWTON_TOLERANCE:
+            return x
+    raise InputError(
+        "the true position or state is not among those that the parameters describe; move [target] closer to it"
+    )

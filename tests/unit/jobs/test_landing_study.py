@@ -81,7 +81,7 @@ def test_partials_are_those_of_differences(made):
     arc, _ = radioloc.jobs.preparation.prepared_arc(study, simulated.observations)
     problem = radioloc.jobs.problem.problem_of(study, arc, study.estimate)
     [descent] = problem.targets
-    x = descent.values_of(descent.orbit)
+    x = descent.solved(apriori := np.array([*descent.orbit.values.values()]), apriori)
     partials = problem.linearize(x).partials(np.arange(len(simulated.observations)))
     for name, step in (("position.north", 5.0), ("touchdown_velocity.up", 0.01), ("force.plan_3.1.t", 1e-4)):
         k = problem.parameters.index(name)

@@ -36,7 +36,7 @@ from radioloc.results.cards import metres, plural
 from radioloc.study.identity import spacecraft_doubts
 from radioloc.study.record import plain, study_origin, versions
 from radioloc.study.study import EstimateChoice, Study, TerrainPrior
-from radioloc.targets.design import orbit_of
+from radioloc.targets.design import orbits_of
 
 _EQUATOR_M_S = 465.1  # Speed of a station on the Earth's equator
 _MIN_ROUGHNESS_RATIO = 1.5  # Ratio of sigmas from the roughness at two positions that a note reports
@@ -211,10 +211,9 @@ def _model_notes(arc: Predictor) -> Iterator[str]:
         sizes = " and ".join(f"{name.capitalize()} (up to {PLANETS_MM[name]:g} mm)" for name in absent)
         yield f"no gravitational delay by {sizes}, one way: not in the ephemeris file; use a complete one"
     yield from _media_notes(model, _radio_stations(arc))
-    orbit = orbit_of(arc)
-    if orbit is not None:
-        yield from orbit.forces.gravity.notes
-    elif arc.trajectories:
+    orbits = orbits_of(arc)
+    yield from dict.fromkeys(note for orbit in orbits for note in orbit.forces.gravity.notes)
+    if len(orbits) < len(arc.trajectories):
         yield "the trajectory is taken as exact: its error is in the residuals, and in no sigma"
     if off := [name for name in TERMS if not model.has(name)]:
         yield f"terms switched off: {', '.join(off)}"
@@ -316,8 +315,8 @@ def _is_reproducible(study: Study, observations: Observations) -> bool:
 
 
 def _target_record(study: Study) -> dict[str, Any]:
-    """A-priori state of the orbiter, or position of the first point, and the known trajectory."""
-    known, point = study.trajectory, next(iter(study.points.values()), None)
+    """Return the a-priori state of the first orbiter, or position of the first point, and the known trajectory."""
+    known, point = next(iter(study.trajectories.values()), None), next(iter(study.points.values()), None)
     apriori = None if point is None else {"frame": point.frame, "xyz_m": point.xyz_m.tolist()}
     if study.orbiter is not None:
         apriori = study.orbiter.record()

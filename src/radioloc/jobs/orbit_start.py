@@ -14,10 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.dynamics import AdjustableOrbit
 from radioloc.jobs.orbit_steps import OrbitPart, fitted_state
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.target_motion import OrbitMotion
-from radioloc.targets.design import ObservationModel, orbit_of
+from radioloc.targets.design import ObservationModel
 from radioloc.time import tt_to_tdb, utc_to_tt
 from radioloc.vectors import Floats
 
@@ -29,7 +30,6 @@ _MIN_REACH_S = 7200.0
 _MAX_STEP_M, _MAX_STEP_M_S = 2e3, 2.0
 """Scale of one step of a state without a-priori sigmas: directions that a short part does not determine stay fixed."""
 _FREE_SIGMA_SCALES = 1e6  # Sigma of a free parameter, in scales
-_NEWTON_STEP_COUNT = 8  # From a state to its elements
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,19 +42,20 @@ class StagedStart:
     free: NDArray[np.intp]
     step_sigmas: Floats  # of the free parameters
     away_s: Floats  # time of each observation from the epoch; infinite for other targets
+    target: int = 0
+    columns: slice = slice(None)  # of the orbit among the partials by all motions
 
     @classmethod
-    def of(cls, problem: ObservationModel, sigma_m: Floats) -> StagedStart | None:
-        """Return the start of a problem, or ``None`` if no orbit is estimated."""
-        parameters, orbit, target = problem.parameters, problem.orbit, problem.orbit_index
-        if orbit is None or target is None or not parameters.of_kind("state"):
-            return None  # a descent starts where it is known to land
+    def of(cls, problem: ObservationModel, sigma_m: Floats, target: int = 0) -> StagedStart | None:
+        """Return the start of a target's orbit, or ``None`` if no state is estimated."""
+        parameters, orbit = problem.parameters, problem.targets[target].orbit
         columns = problem.columns_of(target)
         free = np.flatnonzero(parameters.free[columns])
-        if not len(free):
-            return None
-        others = problem.predictor.motions[:-1]
-        arc = problem.predictor.with_motions((*others, orbit.coarse()))
+        if orbit is None or problem.targets[target].has_place or not len(free):
+            return None  # a descent starts where it is known to land
+        motions = list(problem.predictor.motions)
+        motions[target] = OrbitMotion(orbit.coarse())
+        arc = problem.predictor.with_motions(motions)
         tdb = tt_to_tdb(utc_to_tt(arc.observations.epoch))
         return cls(
             arc,
@@ -63,6 +64,8 @@ class StagedStart:
             free,
             _cartesian_sigmas(problem, target)[free],
             np.where(arc.target == target, np.abs(tdb.seconds_since(orbit.epoch)), np.inf),
+            target,
+            problem.motion_columns_of(target),
         )
 
     def first_reach_s(self, usable: NDArray[np.bool_]) -> float:
@@ -77,9 +80,8 @@ class StagedStart:
     def fitted(self, rows: NDArray[np.intp], x: Floats) -> Floats:
         """Return the parameters of the orbit that fit some observations, starting at x."""
         arc = self.arc.select(rows)
-        orbit = orbit_of(arc)
-        assert orbit is not None
-        part = OrbitPart(arc, orbit, self.sigma_m[rows], self.apriori)
+        orbit: AdjustableOrbit = arc.motions[self.target].adjustable  # type: ignore[assignment]
+        part = OrbitPart(arc, orbit, self.sigma_m[rows], self.apriori, self.target, self.columns)
         x, spread = fitted_state(part, x, self.free, self.step_sigmas)
         logger.info(
             "orbit within %.1f h of the epoch: %d observations, robust misfit %.3g sigmas",
@@ -93,30 +95,25 @@ class StagedStart:
 def near_orbit(problem: ObservationModel, sigma_m: Floats, usable: NDArray[np.bool_]) -> Floats | None:
     """Return parameters of an arc's problem near the estimate, or ``None`` if no orbit is estimated."""
     # Without it a fit of 36 hours from 1.9 km and 1.9 m/s off does not converge (tests/unit/jobs/test_orbit_study.py).
-    start = StagedStart.of(problem, sigma_m)
-    if start is None:
-        return None
-    usable = usable & np.isfinite(start.away_s)  # of this target
-    if not usable.any():
-        return None
+    values, is_changed = problem.parameters.prior_values.copy(), False
+    for target in problem.orbit_indices:
+        start = StagedStart.of(problem, sigma_m, target)
+        if start is not None and (usable & np.isfinite(start.away_s)).any():
+            columns = problem.columns_of(target)
+            orbit = _near_apriori(start, usable & np.isfinite(start.away_s))
+            values[columns] = problem.targets[target].solved(orbit, values[columns])
+            is_changed = True
+    return values if is_changed else None
+
+
+def _near_apriori(start: StagedStart, usable: NDArray[np.bool_]) -> Floats:
+    """Return the parameters of an orbit from fits of growing parts of an arc."""
     x, reach_s = start.apriori, start.first_reach_s(usable)
     while True:
         x = start.fitted(start.rows_within(reach_s, usable), x)
         if reach_s >= start.away_s[usable].max():
-            return _with_orbit(problem, x - start.apriori)
+            return x
         reach_s *= REACH_FACTOR
-
-
-def _with_orbit(problem: ObservationModel, changes: Floats) -> Floats:
-    """Return a-priori values of all parameters, with those of the orbit that give these changes of state and forces."""
-    target = problem.orbit_index
-    assert target is not None
-    start, columns = problem.parameters.prior_values.copy(), problem.columns_of(target)
-    for _ in range(_NEWTON_STEP_COUNT):
-        made, by = problem.targets[target].motion(start[columns])
-        assert isinstance(made, OrbitMotion)
-        start[columns] += np.linalg.solve(by, changes - made.changes)
-    return start
 
 
 def _cartesian_sigmas(problem: ObservationModel, target: int) -> Floats:

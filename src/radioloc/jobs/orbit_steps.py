@@ -30,10 +30,14 @@ class OrbitPart:
     orbit: AdjustableOrbit
     sigma_m: Floats
     apriori: Floats  # parameters of the orbit: state and forces
+    target: int = 0
+    columns: slice = slice(None)  # of the orbit among the partials by all motions
 
     def compute(self, x: Floats) -> Computed:
-        """Predict the observations for parameters x of the orbit, the motion of the last target."""
-        return self.arc.compute((*self.arc.motions[:-1], OrbitMotion(self.orbit, x - self.apriori)))
+        """Predict the observations for parameters x of the orbit."""
+        motions = list(self.arc.motions)
+        motions[self.target] = OrbitMotion(self.orbit, x - self.apriori)
+        return self.arc.compute(motions)
 
 
 def fitted_state(
@@ -66,7 +70,7 @@ def fitted_state(
             break
         shrink = 1.0
         weight = np.sqrt(1.0 / np.maximum(np.abs(ratio) / (_CORNER_SIGMAS * spread), 1.0)) / spread
-        by_orbit = computed.by_motion[:, 3 * (len(part.arc.motions) - 1) :][:, free]
+        by_orbit = computed.by_motion[:, part.columns][:, free]
         design = (by_orbit / sigma_m[:, None] * sigmas) * weight[:, None]
         stacked = np.vstack([design, np.eye(len(free))])
         right = np.concatenate([ratio * weight, np.zeros(len(free))])

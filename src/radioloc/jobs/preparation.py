@@ -26,7 +26,7 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.quantised import with_rounding_in_sigmas
 from radioloc.measurements.sources import read_sources
-from radioloc.measurements.target_motion import Motions
+from radioloc.measurements.target_motion import Motions, OrbitMotion, TargetMotion, TrajectoryMotion
 from radioloc.media.csp import read_csp
 from radioloc.media.ionex import read_ionex
 from radioloc.media.ionosphere import UniformTec
@@ -60,9 +60,9 @@ def arc_of(study: Study | str | Path, observations: Observations | None = None) 
 def prepared_arc(
     study: Study, observations: Observations | None = None, orbit: AdjustableOrbit | None = None
 ) -> tuple[Predictor, dict[str, int]]:
-    """The prepared arc of a study, and how many observations were not asked for, by reason.
+    """Return the prepared arc of a study, and the number of observations that were not asked for, by reason.
 
-    An orbiter's a-priori orbit over all of them may be given, which then is not integrated anew.
+    The a-priori orbit of the only orbiter over all of them may be given, which then is not integrated anew.
     """
     model = model_of(study)
     constants = model.ephemeris.constants
@@ -196,11 +196,9 @@ def _arc(
     points: Motions,
     given: AdjustableOrbit | None,
 ) -> Predictor:
-    orbit = _orbit(study, model, observations) if given is None else given
     names = study.names_in_order
-    flying = () if study.trajectory is None else (study.trajectory,)
-    # Only positions are needed of an orbit.
-    start = (*points, *flying, *(() if orbit is None else (orbit.coarse(),)))
+    motions = (*points, *(_spacecraft(study, name, model, observations, given) for name in _flying(study)))
+    start = tuple(map(_coarse, motions))
     kinds = (*study.estimate.parameters, *study.consider)
     more = study.consider_defaults or any(PARAMETERS[kind].more_partials for kind in kinds)
     try:
@@ -220,15 +218,32 @@ def _arc(
                 error.args = (f"{observations.origin(row)}: {error}",)
                 raise error from None
         raise
-    return arc if orbit is None else arc.with_motions((*start[:-1], orbit))
+    return arc.with_motions(motions) if study.orbiters else arc
 
 
-def _orbit(study: Study, model: PhysicalModel, observations: Observations) -> AdjustableOrbit | None:
-    """The a-priori orbit over all observations of the orbiter, if there is one."""
-    orbiter = study.orbiter
-    if orbiter is None:
-        return None
+def _coarse(motion: TargetMotion) -> TargetMotion:
+    """Return a motion with partials of gravity that suffice where only positions are needed."""
+    orbit: AdjustableOrbit | None = motion.adjustable  # type: ignore[assignment]
+    return motion if orbit is None else OrbitMotion(orbit.coarse())
+
+
+def _flying(study: Study) -> tuple[str, ...]:
+    """Return the names of the targets that are spacecraft, in the order of an arc."""
+    return tuple(name for name in study.all_targets if name not in study.points)
+
+
+def _spacecraft(
+    study: Study, name: str, model: PhysicalModel, observations: Observations, given: AdjustableOrbit | None
+) -> TargetMotion:
+    """Return the a-priori motion of a spacecraft over its observations."""
+    if name in study.trajectories:
+        return TrajectoryMotion(study.trajectories[name])
+    if given is not None:
+        return OrbitMotion(given)
     assert study.estimate.orbit is not None  # the study has seen to that
-    parameters = study.estimate.orbit.parameters(orbiter.forces)
-    orbit = orbiter.orbit(model, observations, parameters)
-    return orbit.reaching_below_ground() if orbiter.landing is None else orbit
+    orbiter = study.orbiters[name]
+    if name:
+        of_target = [name in map(canonical_target, link.targets) for link in observations.links]
+        observations = observations.select(np.array(of_target, dtype=bool)[observations.link])
+    orbit = orbiter.orbit(model, observations, study.estimate.orbit.parameters(orbiter.forces))
+    return OrbitMotion(orbit.reaching_below_ground() if orbiter.landing is None else orbit)

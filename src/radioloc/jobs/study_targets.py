@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,6 @@ from radioloc.study.orbit_choice import OrbitChoice
 from radioloc.study.orbiter import Orbiter
 from radioloc.study.study import EstimateChoice, Study, TerrainPrior
 from radioloc.targets.descent import Descent, Ground, touchdown_parameters
-from radioloc.targets.design import orbit_of
 from radioloc.targets.known_trajectory import KnownTrajectory
 from radioloc.targets.orbit import GravityErrors, TargetOrbit, orbit_parameters
 from radioloc.targets.position_prior import PositionPrior, with_position_priors
@@ -35,20 +35,38 @@ from radioloc.targets.target import Target
 
 def targets_of(study: Study, arc: Predictor, choice: EstimateChoice) -> list[Target]:
     """Return the targets of a study for an arc in the order of its motions, with what is estimated of them."""
-    targets: list[Target] = [*surface_points(targets_in_pa(study, arc.model), arc.model, choice)]
-    orbit = orbit_of(arc)
-    if study.orbiter is not None and orbit is not None:
-        targets.append(_flying(study.orbiter, orbit, arc.model, choice))
-    else:
-        targets += [KnownTrajectory("", trajectory) for trajectory in arc.trajectories]
+    names = study.names_in_order or ("",)
+    targets: list[Target] = [
+        *surface_points(targets_in_pa(study, arc.model), arc.model, choice, several=len(study.landers) > 1)
+    ]
+    for name, motion in zip(names[len(targets) :], arc.motions[len(targets) :], strict=True):
+        orbiter, orbit = study.orbiters.get(name), motion.adjustable
+        if orbiter is None:
+            targets.append(KnownTrajectory(name * (len(study.trajectories) > 1), motion.trajectory))  # type: ignore[arg-type]
+            continue
+        place_name = name if len(study.landers) > 1 else ""
+        target = _flying(orbiter, orbit, arc.model, choice, place_name)  # type: ignore[arg-type]
+        targets.append(_named(target, name) if len(study.orbiters) > 1 else target)
     return targets
 
 
+def _named(target: TargetOrbit | Descent, name: str) -> TargetOrbit | Descent:
+    """Return one of several targets on orbits, whose parameters have its name behind their kind."""
+    parameters = [
+        item if item.kind == "position" else replace(item, name=item.name.replace(".", f".{name}.", 1))
+        for item in target.parameters
+    ]
+    return replace(target, parameters=parameters)
+
+
 def surface_points(
-    places_pa: Mapping[str, LunarPosition], model: PhysicalModel, choice: EstimateChoice
+    places_pa: Mapping[str, LunarPosition],
+    model: PhysicalModel,
+    choice: EstimateChoice,
+    *,
+    several: bool = False,
 ) -> list[SurfacePoint]:
-    """Return the points of a-priori positions by name, with their parameters."""
-    several = len(places_pa) > 1
+    """Return the points of a-priori positions by name, with parameters that have their names if there are several."""
     parameters = [
         _place(model, place.xyz_m, choice, f"position.{name}" if several else "position")
         for name, place in places_pa.items()
@@ -62,20 +80,20 @@ def surface_points(
 
 
 def _flying(
-    orbiter: Orbiter, orbit: AdjustableOrbit, model: PhysicalModel, choice: EstimateChoice
+    orbiter: Orbiter, orbit: AdjustableOrbit, model: PhysicalModel, choice: EstimateChoice, place_name: str
 ) -> TargetOrbit | Descent:
-    """The target on an orbit, or one that ends on the ground."""
+    """Return the target on an orbit, or one that ends on the ground, whose place has a name beside other places."""
     given, estimated = choice.orbit or OrbitChoice(), choice.orbit is not None
     errors = GravityErrors(orbiter.gravity_errors, orbiter.gravity_error_degree)
     if orbiter.landing is None or orbit.touchdown is None:
         sigmas = given.sigmas(orbit.forces) if estimated else {}
         made = orbit_parameters(orbit, sigmas, estimated, given.state, given.form)
-        return TargetOrbit(orbiter.name, *made, orbit, errors, orbiter.body)
+        return TargetOrbit(orbiter.name, *made, orbit, errors, orbiter.body, given.process_noise)
     ground, place = Ground(model, orbit.touchdown), orbiter.landing.place
     start_pa_m = ground.place_pa_m(orbit.state)
     if place is not None and estimated:
         start_pa_m = position_in_pa("[target.landing]", place, model.ephemeris.constants).xyz_m
-    position = _place(model, start_pa_m, choice)
+    position = _place(model, start_pa_m, choice, f"position.{place_name}" if place_name else "position")
     parameters = orbit_parameters(orbit, given.sigmas(orbit.forces), estimated=True)[0]
     forces = [item for item in parameters if item.kind == "force"]
     of_touchdown, axes = touchdown_parameters(ground, position, forces, given.touchdown_sigma_m_s)

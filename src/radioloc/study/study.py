@@ -331,8 +331,8 @@ class Study:
     simulation : Scenario or None
         Tracking to be simulated, for Monte Carlo studies.
     targets : mapping of str to LunarPosition, Trajectory or Orbiter
-        Several targets, at most one of them a trajectory or an orbiter, by the names that the observations have for
-        them; empty where there is only `target`.
+        Several targets of any kinds by the names that the observations have for them; empty where there is only
+        `target`.
     consider : mapping of str to ParameterChoice
         Parameters that are not estimated, but whose a-priori errors count in the covariance, each with its sigma:
         of :func:`~radioloc.parameters.considered.considered_choices`. None is estimated, too.
@@ -384,23 +384,17 @@ class Study:
         self._name_targets()
         self._require_considered()
         self._set_position_priors()
-        if self.orbiter is not None:
+        if self.orbiters:
             chosen = self.estimate.orbit or OrbitChoice()
-            chosen.parameters(self.orbiter.forces)
+            for orbiter in self.orbiters.values():
+                chosen.parameters(orbiter.forces)
+            position = self.estimate.position if self.landers else "none"
+            object.__setattr__(self, "estimate", replace(self.estimate, position=position, orbit=chosen))
+            self._require_states(chosen)
             if chosen.process_noise is not None:
                 # The information filter of process noise takes the place of weights correlated in time.
                 object.__setattr__(self, "estimate", replace(self.estimate, weights="independent"))
-            lands = self.lands
-            of_state = chosen.state_sigma_m, chosen.state_sigma_m_s, chosen.state_sigma or None
-            if lands and not (chosen.state and of_state == (None, None, None)):
-                raise InputError(
-                    "[estimate.orbit] state and its sigmas belong to a target that does not land; what is estimated of "
-                    "one that does is the place; leave them out"
-                )
-            position = self.estimate.position if lands or self.points else "none"
-            object.__setattr__(self, "estimate", replace(self.estimate, position=position, orbit=chosen))
-            if chosen.process_noise is not None:
-                self._require_white_noise(lands)
+                self._require_process_noise()
         elif self.estimate.orbit is not None:
             raise InputError('[estimate.orbit] belongs to a target with dynamics = "moon"; leave it out')
         if not self.points:
@@ -424,19 +418,29 @@ class Study:
         return (*self.points, *(name for name in self.targets if name not in self.points))
 
     @property
+    def orbiters(self) -> dict[str, Orbiter]:
+        """Targets whose orbits are determined, by name."""
+        return {name: one for name, one in self.all_targets.items() if isinstance(one, Orbiter)}
+
+    @property
     def orbiter(self) -> Orbiter | None:
-        """Target whose orbit is determined."""
-        return next((one for one in self.all_targets.values() if isinstance(one, Orbiter)), None)
+        """First target whose orbit is determined."""
+        return next(iter(self.orbiters.values()), None)
+
+    @property
+    def landers(self) -> tuple[str, ...]:
+        """Names of the targets that are, or come to rest, at a place on the Moon, in the order of an arc."""
+        return (*self.points, *(name for name, one in self.orbiters.items() if one.landing is not None))
 
     @property
     def lands(self) -> bool:
-        """Whether the orbiter comes to rest on the Moon."""
+        """Whether the first orbiter comes to rest on the Moon."""
         return self.orbiter is not None and self.orbiter.landing is not None
 
     @property
-    def trajectory(self) -> Trajectory | None:
-        """Known trajectory of a target."""
-        return next((one for one in self.all_targets.values() if isinstance(one, Trajectory)), None)
+    def trajectories(self) -> dict[str, Trajectory]:
+        """Known trajectories of targets, by name."""
+        return {name: one for name, one in self.all_targets.items() if isinstance(one, Trajectory)}
 
     def __repr__(self) -> str:
         target = ", ".join(self.targets) if len(self.targets) > 1 else repr(self.target).strip("<>")
@@ -459,7 +463,6 @@ class Study:
                 )
             named[canonical_target(name)] = target
         object.__setattr__(self, "targets", named)
-        self._require_one_spacecraft()
         first = next(iter(named.values()), None)
         if self.target is None and first is None:
             raise InputError(
@@ -478,20 +481,15 @@ class Study:
             for what in filter(given.get, given):
                 raise InputError(f"{what} one position, but [targets] gives several; leave it out")
 
-    def _require_one_spacecraft(self) -> None:
-        """Refuse several spacecraft, and a descent beside other targets."""
-        if len(self.targets) < 2:
-            return
-        flying = [name for name in self.targets if name not in self.points]
-        if len(flying) > 1:
+    def _require_states(self, choice: OrbitChoice) -> None:
+        """Refuse a choice of states where all targets land, whose parameters are the place and the velocity."""
+        of_state = choice.state_sigma_m, choice.state_sigma_m_s, choice.state_sigma or None
+        if all(one.landing is not None for one in self.orbiters.values()) and not (
+            choice.state and of_state == (None, None, None)
+        ):
             raise InputError(
-                f"[targets]: expected at most one trajectory or orbiter, got {', '.join(flying)}; fit each in a study "
-                "of its own"
-            )
-        if self.lands:
-            raise InputError(
-                f"[targets.{flying[0]}.landing]: expected a [target] of its own, got other targets beside it, whose "
-                "positions have the same parameters as the place of the landing"
+                "[estimate.orbit] state and its sigmas belong to a target that does not land; what is estimated of "
+                "one that does is the place; leave them out"
             )
 
     def _set_position_priors(self) -> None:
@@ -544,11 +542,17 @@ class Study:
     def _canonical_names(self, choice: ParameterChoice) -> set[str]:
         return {self.catalogue.get(n).name if n in self.catalogue else n for n in choice.names}
 
-    def _require_white_noise(self, lands: bool) -> None:
-        if lands:
+    def _require_process_noise(self) -> None:
+        if len(self.orbiters) > 1:
             raise InputError(
-                "[estimate.orbit] process_noise belongs to a target that does not land; one that does has thrust in "
-                "segments, [[forces.accelerations]] every_s"
+                f"[estimate.orbit] process_noise: expected one spacecraft, got {', '.join(self.orbiters)}; intervals "
+                "of the filter are counted from the epoch of one orbit: fit each in a study of its own"
+            )
+        if self.lands:
+            raise InputError(
+                "[estimate.orbit] process_noise belongs to a target that does not land, as its axes along and across "
+                "vanish with the velocity at the touchdown; a descent has thrust in segments, "
+                "[[forces.accelerations]] every_s"
             )
         if self.observations.doppler_phase_sigma_m:
             raise InputError(
@@ -557,8 +561,9 @@ class Study:
             )
 
     def _require_no_position(self) -> None:
-        lands, trajectory = self.lands, self.orbiter or self.trajectory
-        assert trajectory is not None
+        lands = bool(self.landers)
+        flying: list[Orbiter | Trajectory] = [*self.orbiters.values(), *self.trajectories.values()]
+        trajectory = flying[0]
         if self.estimate.position != "none" and not lands:
             raise InputError(
                 f"[estimate] position: the target is a trajectory ({trajectory.name}), of which no position is "

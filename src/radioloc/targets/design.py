@@ -95,14 +95,14 @@ class ObservationModel:
         k, motions = self.orbit_indices[0] if target is None else target, list(self.predictor.motions)
         motions[k] = OrbitMotion(orbit)
         by_motion = self.predictor.compute(motions).by_motion
-        begin, after = self._motion_columns(slice(k)), self._motion_columns(slice(k + 1, None))
-        return by_motion[:, begin : by_motion.shape[1] - after]
+        return by_motion[:, self.motion_columns_of(k, by_motion.shape[1])]
 
-    def _motion_columns(self, targets: slice) -> int:
-        """Return the number of parameters of the motions of some targets."""
+    def motion_columns_of(self, target: int, count: int | None = None) -> slice:
+        """Return the columns of a target among the partials by all motions, of which there may be another `count`."""
         x = self.parameters.prior_values
-        chosen = range(len(self.targets))[targets]
-        return sum(len(self.targets[k].motion(x[self.columns_of(k)])[1]) for k in chosen)
+        sizes = [len(item.motion(x[self.columns_of(k)])[1]) for k, item in enumerate(self.targets)]
+        begin, after = sum(sizes[:target]), sum(sizes[target + 1 :])
+        return slice(begin, (sum(sizes) if count is None else count) - after)
 
     @property
     def first(self) -> int:
@@ -211,7 +211,11 @@ class DesignMatrix:
         return out
 
 
+def orbits_of(predictor: Predictor) -> list[AdjustableOrbit]:
+    """Return the a-priori orbits that a predictor was prepared with."""
+    return [motion.adjustable for motion in predictor.motions if motion.adjustable is not None]  # type: ignore[misc]
+
+
 def orbit_of(predictor: Predictor) -> AdjustableOrbit | None:
     """Return the first a-priori orbit that a predictor was prepared with; None without any."""
-    orbits = (motion.adjustable for motion in predictor.motions)
-    return next((orbit for orbit in orbits if orbit is not None), None)  # type: ignore[return-value]
+    return next(iter(orbits_of(predictor)), None)

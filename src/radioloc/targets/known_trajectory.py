@@ -18,13 +18,14 @@ from radioloc.vectors import Floats
 class KnownTrajectory(WithoutForces):
     """A spacecraft on a trajectory, whose offset from it is held at zero."""
 
-    name: str
+    name: str  # empty of the only one
     trajectory: AnyTrajectory
 
     @property
     def parameters(self) -> list[Parameter]:
         """Offset in principal axes, held at zero."""
-        return cartesian(np.zeros(3), role=Role.FIXED, name="offset")[0]
+        name = f"offset.{self.name}" if self.name else "offset"
+        return cartesian(np.zeros(3), role=Role.FIXED, name=name)[0]
 
     @property
     def preceding(self) -> int:

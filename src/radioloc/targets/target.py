@@ -141,5 +141,6 @@ def solve_parameters(
         if np.abs(step).max() < _NEWTON_TOLERANCE:
             return x
     raise InputError(
-        "the true position or state is not among those that the parameters describe; move [target] closer to it"
+        "expected parameters of a wanted position or state, got none by Newton's method; move [target] closer to it, "
+        "or give the state in another form"
     )

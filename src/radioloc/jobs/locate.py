@@ -182,15 +182,19 @@ def _solution(
     study, estimate, arc = problem.study, problem.estimate, model.predictor
     observations, constants = arc.observations, arc.model.ephemeris.constants
     reported = ~model.parameters.considered
-    has_place = bool(study.points) or study.lands
+    places = model.place_indices
     several = tuple(
-        TargetPosition(name, model.position_pa_m(x, k), model.position_partials(x, k)[:, reported])
-        for k, name in enumerate(study.points if len(study.points) > 1 else ())
+        TargetPosition(
+            model.targets[k].name, model.position_pa_m(x, k), model.position_partials(x, k)[:, reported]
+        )
+        for k in places
+        if len(places) > 1
     )
+    shown = next(iter(places), 0)
     solution = build_solution(
         fitted.edited,
-        position_pa_m=model.position_pa_m(x),
-        position_partials=model.position_partials(x)[:, reported],
+        position_pa_m=model.position_pa_m(x, shown),
+        position_partials=model.position_partials(x, shown)[:, reported],
         rot_pa_to_me=rot_pa_to_me(constants),
         pa_frame=arc.model.libration.frame,
         me_frame=constants.me_frame,
@@ -208,7 +212,7 @@ def _solution(
         name=study.name,
         provenance=provenance(study, arc, left_out, estimate, fitted.motions),
         considered=fitted.suboptimal,
-        trajectory=None if has_place else str(arc.trajectories[0]),
+        trajectory=None if places else str(arc.trajectories[0]),
         targets=several,
     )
     of_errors = None if solution.consider is None else solution.consider.parameters
@@ -224,7 +228,7 @@ def _solution(
     if state is not None:
         if fitted.stochastic is not None:
             state = fitted.stochastic.smoothed(state, fitted.edited, problem.order, fitted.suboptimal)
-        solution = replace(solution, trajectory=None if has_place else str(state.orbit), state=state)
+        solution = replace(solution, trajectory=None if places else str(state.orbit), state=state)
     known = [compare_with(solution, xyz_m, name) for name, xyz_m in known_positions(study, constants)]
     first = None if study.reference is None else known.pop(0)
     return replace(solution, reference=first, references=tuple(known))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +43,9 @@ class StagedStart:
     step_sigmas: Floats  # of the free parameters
     away_s: Floats  # time of each observation from the epoch; infinite for other targets
     target: int = 0
-    columns: slice = slice(None)  # of the orbit among the partials by all motions
+    columns: slice = field(
+        default_factory=lambda: slice(None)
+    )  # of the orbit among the partials by all motions
 
     @classmethod
     def of(cls, problem: ObservationModel, sigma_m: Floats, target: int = 0) -> StagedStart | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import erfa
 import numpy as np
@@ -31,7 +31,9 @@ class OrbitPart:
     sigma_m: Floats
     apriori: Floats  # parameters of the orbit: state and forces
     target: int = 0
-    columns: slice = slice(None)  # of the orbit among the partials by all motions
+    columns: slice = field(
+        default_factory=lambda: slice(None)
+    )  # of the orbit among the partials by all motions
 
     def compute(self, x: Floats) -> Computed:
         """Predict the observations for parameters x of the orbit."""

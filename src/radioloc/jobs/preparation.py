@@ -242,7 +242,7 @@ def _spacecraft(
         return OrbitMotion(given)
     assert study.estimate.orbit is not None  # the study has seen to that
     orbiter = study.orbiters[name]
-    if name:
+    if len(study.targets) > 1:
         of_target = [name in map(canonical_target, link.targets) for link in observations.links]
         observations = observations.select(np.array(of_target, dtype=bool)[observations.link])
     orbit = orbiter.orbit(model, observations, study.estimate.orbit.parameters(orbiter.forces))

@@ -35,7 +35,7 @@ from radioloc.targets.target import Target
 
 def targets_of(study: Study, arc: Predictor, choice: EstimateChoice) -> list[Target]:
     """Return the targets of a study for an arc in the order of its motions, with what is estimated of them."""
-    names = study.names_in_order or ("",)
+    names = study.names_in_order or tuple(study.all_targets)
     targets: list[Target] = [
         *surface_points(targets_in_pa(study, arc.model), arc.model, choice, several=len(study.landers) > 1)
     ]
@@ -46,17 +46,19 @@ def targets_of(study: Study, arc: Predictor, choice: EstimateChoice) -> list[Tar
             continue
         place_name = name if len(study.landers) > 1 else ""
         target = _flying(orbiter, orbit, arc.model, choice, place_name)  # type: ignore[arg-type]
-        targets.append(_named(target, name) if len(study.orbiters) > 1 else target)
+        targets.append(_named(target, name, several=len(study.orbiters) > 1))
     return targets
 
 
-def _named(target: TargetOrbit | Descent, name: str) -> TargetOrbit | Descent:
-    """Return one of several targets on orbits, whose parameters have its name behind their kind."""
+def _named(target: TargetOrbit | Descent, name: str, *, several: bool) -> TargetOrbit | Descent:
+    """Return a target with its name in the study, which its parameters have behind their kind if there are several."""
+    if not several:
+        return replace(target, name=name)
     parameters = [
         item if item.kind == "position" else replace(item, name=item.name.replace(".", f".{name}.", 1))
         for item in target.parameters
     ]
-    return replace(target, parameters=parameters)
+    return replace(target, name=name, parameters=parameters)
 
 
 def surface_points(
@@ -88,7 +90,7 @@ def _flying(
     if orbiter.landing is None or orbit.touchdown is None:
         sigmas = given.sigmas(orbit.forces) if estimated else {}
         made = orbit_parameters(orbit, sigmas, estimated, given.state, given.form)
-        return TargetOrbit(orbiter.name, *made, orbit, errors, orbiter.body, given.process_noise)
+        return TargetOrbit("", *made, orbit, errors, orbiter.body, given.process_noise)
     ground, place = Ground(model, orbit.touchdown), orbiter.landing.place
     start_pa_m = ground.place_pa_m(orbit.state)
     if place is not None and estimated:
@@ -97,9 +99,7 @@ def _flying(
     parameters = orbit_parameters(orbit, given.sigmas(orbit.forces), estimated=True)[0]
     forces = [item for item in parameters if item.kind == "force"]
     of_touchdown, axes = touchdown_parameters(ground, position, forces, given.touchdown_sigma_m_s)
-    descent = Descent(
-        orbiter.name, of_touchdown, position[1], orbit, ground, axes, errors, orbiter.body, orbiter.epoch
-    )
+    descent = Descent("", of_touchdown, position[1], orbit, ground, axes, errors, orbiter.body, orbiter.epoch)
     return descent if estimated else descent.held()
 
 

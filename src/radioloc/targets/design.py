@@ -59,6 +59,11 @@ class ObservationModel:
         )
 
     @property
+    def place_indices(self) -> list[int]:
+        """Indices of the targets that are, or come to rest, at a place on the Moon."""
+        return [k for k, target in enumerate(self.targets) if target.has_place]
+
+    @property
     def orbit_indices(self) -> list[int]:
         """Indices of the targets that move by forces."""
         return [k for k, target in enumerate(self.targets) if target.orbit is not None]

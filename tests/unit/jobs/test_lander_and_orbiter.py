@@ -10,11 +10,10 @@ from tracked_orbit import STATE, craft
 import radioloc
 from radioloc import LunarPosition, Study
 from radioloc.dynamics import Forces, GravityField
-from radioloc.errors import InputError
 from radioloc.measurements import ExactPredictor, Link, Observations, PhysicalModel
 from radioloc.measurements.observations import DOPPLER, RANGE
 from radioloc.parameters.choice import ParameterChoice
-from radioloc.study import EstimateChoice, ObservationChoice
+from radioloc.study import EstimateChoice
 from radioloc.time import tai_to_utc
 from radioloc.time.scales import tdb_to_tt, tt_to_tai
 
@@ -173,9 +172,3 @@ files = ["table.csv"]
     assert study.orbiter.position_m[0] == 575739.0
     assert study.estimate.position == "geographic"
     assert study.estimate.orbit.state_sigma_m == 1000.0
-
-
-def test_two_spacecraft_are_refused(forces):
-    one = craft(STATE, forces)
-    with pytest.raises(InputError, match="at most one trajectory or orbiter"):
-        Study(targets={"a": one, "b": craft(STATE + OFF, forces)}, observations=ObservationChoice())

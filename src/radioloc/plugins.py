@@ -90,7 +90,7 @@ def register(entry: Named) -> None:
     Raises
     ------
     InputError
-        The object is none of these, or its name is one of the package's or of an entry point.
+        The object is of another kind, or its name is taken by the package or an entry point.
 
     Examples
     --------
@@ -111,7 +111,7 @@ def register(entry: Named) -> None:
     kinds = ", ".join(registry.kind.__name__ for registry in _REGISTRIES)
     raise InputError(
         f"register: expected a {kinds} with all its attributes, got {type(entry).__name__}; "
-        "docs/architecture.md says what each needs"
+        "docs/architecture.md lists them"
     )
 
 

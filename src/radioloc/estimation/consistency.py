@@ -25,6 +25,7 @@ from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.time_correlation import mixed_units
 from radioloc.parameters.columns import PASS_GAP_H
+from radioloc.parameters.registry import parameter_label
 from radioloc.time import Epochs, utc_strings
 from radioloc.vectors import Floats
 
@@ -94,9 +95,9 @@ class Inconsistency:
         )
         if kind == "position":
             return f"the a-priori {of} does not fit the observations ({parts} explains it)"
-        words = "displacement" if kind == "station_position" else kind.replace("_", " ")
-        article = "an" if words[0] in "aeio" else "a"
-        return f"{of or kind} does not fit the others ({article} {words} of {parts} explains it)"
+        return (
+            f"the a-priori {parameter_label(self.name)} does not fit the observations ({parts} explains it)"
+        )
 
 
 def _length(value_m: float) -> str:

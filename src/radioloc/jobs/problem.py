@@ -117,7 +117,7 @@ class ConsideredParameters:
                 predictor,
                 estimate.parameters,
                 defaults=study.consider_defaults,
-                without=_OF_THE_EPHEMERIS if moon_is_in else (),
+                excluded=_OF_THE_EPHEMERIS if moon_is_in else (),
             )
         found = cls(notes=tuple(notes))
         for name, choice in choices.items():

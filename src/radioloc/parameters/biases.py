@@ -63,8 +63,8 @@ def _offset_sigmas(rows: ObservationRows, members: Members) -> Sigmas:
     # Two-way Doppler has no offset; that of one-way Doppler is to be estimated.
     link, three_way = rows.observations.link, ~rows.baseline & ~rows.two_way & ~rows.one_way
     sigmas: Sigmas = {}
-    for which, sigma in ((rows.baseline, 1e-14), (three_way, 1e-13)):
-        links = np.unique(link[which & rows.integrated])
+    for selected, sigma in ((rows.baseline, 1e-14), (three_way, 1e-13)):
+        links = np.unique(link[selected & rows.integrated])
         sigmas |= {name: sigma for name, k in members.items() if k in links}
     return sigmas
 

@@ -58,14 +58,14 @@ class ParameterChoice:
             _amounts(kind, kind.sigma_key, sigma, positive=True),
             _scope(kind, per),
         )
-        for key, given in ((kind.sigma_key, sigma), (kind.keys["per"], per)):
-            if names is None and given is not None:
+        for key, setting in ((kind.sigma_key, sigma), (kind.keys["per"], per)):
+            if names is None and setting is not None:
                 raise InputError(f"{key} needs {kind.name}, the list of its members")
         return choice
 
     @property
     def is_given(self) -> bool:
-        """Whether the study states anything about the kind."""
+        """Return whether the study states anything about the kind."""
         return self.names != "none" or self.value is not None or self.sigma is not None
 
     def scope(self, kind: ParameterKind) -> Scope:
@@ -146,9 +146,9 @@ def with_canonical_names(
 def _require_observations(kind: ParameterKind, choice: ParameterChoice, present: Members) -> None:
     """Raise an error if the kind acts on no observation of a named member, or on none where one is needed."""
     members_by_key: dict[str, Collection[str]] = {
-        key: given
-        for key, given in ((kind.value_key, choice.value), (kind.sigma_key, choice.sigma))
-        if isinstance(given, Mapping)
+        key: amounts
+        for key, amounts in ((kind.value_key, choice.value), (kind.sigma_key, choice.sigma))
+        if isinstance(amounts, Mapping)
     }
     if not isinstance(choice.names, str):
         members_by_key[kind.name] = choice.names
@@ -271,12 +271,12 @@ def canonical_name(key: str, name: str, scope: Scope, predictor: Predictor) -> s
 
 
 def parameter_choices(
-    given: Mapping[str, Any], earlier_choices: Mapping[str, ParameterChoice] | None = None
+    settings: Mapping[str, Any], earlier_choices: Mapping[str, ParameterChoice] | None = None
 ) -> dict[str, ParameterChoice]:
     """Sort keys such as ``range_bias_sigma_m`` by kind of parameter; the given keys replace earlier choices."""
     keys = {key: (kind, field) for kind in PARAMETERS.values() for field, key in kind.keys.items()}
     fields: dict[str, dict[str, Any]] = {}
-    for key, value in given.items():
+    for key, value in settings.items():
         if key not in keys:
             matches = difflib.get_close_matches(key, keys, n=1)
             hint = f"; did you mean {matches[0]!r}?" if matches else ""
@@ -286,11 +286,11 @@ def parameter_choices(
         kind, field = keys[key]
         fields.setdefault(kind.name, {})[field] = value
     choices = dict(earlier_choices or {})
-    for name, given_fields in fields.items():
+    for name, new_fields in fields.items():
         earlier = choices.get(name, ParameterChoice())
         names = {"names": earlier.names} if name in choices else {}
-        choice = ParameterChoice.of(PARAMETERS[name], **(names | given_fields))
-        choices[name] = replace(earlier, **{field: getattr(choice, field) for field in given_fields})
+        choice = ParameterChoice.of(PARAMETERS[name], **(names | new_fields))
+        choices[name] = replace(earlier, **{field: getattr(choice, field) for field in new_fields})
     return choices
 
 

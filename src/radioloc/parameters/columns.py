@@ -50,8 +50,8 @@ class Columns:
                 f"observations rows.rows, got {partials.shape}"
             )
         ends = partials.shape[1]
-        which = rows.rows if self.code.ndim == 2 else members_of_ends(self.scope, rows)
-        code = np.broadcast_to(self.code[which], (len(rows), ends))
+        index = rows.rows if self.code.ndim == 2 else members_of_ends(self.scope, rows)
+        code = np.broadcast_to(self.code[index], (len(rows), ends))
         out = np.zeros((len(self), len(rows))).T if out is None else out
         for end in range(ends):
             for group in np.flatnonzero(np.bincount(code[:, end] + 1)[1:]):
@@ -66,7 +66,7 @@ def _evaluated(
     kind: ParameterKind, name: Literal["partials", "acts_on"], rows: ObservationRows
 ) -> NDArray[Any]:
     with entry_errors(f"parameter {kind.name}", name):
-        return np.asarray(rows.asked(getattr(kind, name)))
+        return np.asarray(rows.evaluate(getattr(kind, name)))
 
 
 def _acts_on(kind: ParameterKind, rows: ObservationRows) -> NDArray[Any]:
@@ -118,9 +118,9 @@ def columns_of(
     predictor: Predictor,
     chosen: Members,
     gap_h: float = PASS_GAP_H,
-    whole: Collection[str] = (),
+    undivided: Collection[str] = (),
 ) -> Columns:
-    """Return columns for some members; those in `whole` are not divided into passes.
+    """Return columns for some members; those in `undivided` are not divided into passes.
 
     A new pass begins after `gap_h` hours without any observation of the station or link, a session without any at all.
     """
@@ -138,21 +138,21 @@ def columns_of(
     owners: list[str] = []
     spans: list[tuple[str, str] | None] = []
     for member, index in chosen.items():
-        at: NDArray[np.bool_] = np.equal(owner, index)
-        order = np.flatnonzero(_any_end(at))
+        ends_of_member: NDArray[np.bool_] = np.equal(owner, index)
+        order = np.flatnonzero(_any_end(ends_of_member))
         order = order[np.argsort(since_s[order], kind="stable")]
         number = np.full(len(rows), -1)
         gaps = np.diff(since_s[order], prepend=since_s[order[:1]]) > 3600.0 * gap_h
-        number[order] = 0 if member in whole else np.cumsum(gaps)
-        for k in np.unique(number[_any_end(acts & at)]).tolist():
-            inside = np.equal(number, k)[:, None] & at
-            code[inside] = len(names)
-            names.append(member if member in whole else f"{member} {owners.count(member) + 1}".strip())
+        number[order] = 0 if member in undivided else np.cumsum(gaps)
+        for k in np.unique(number[_any_end(acts & ends_of_member)]).tolist():
+            selected = np.equal(number, k)[:, None] & ends_of_member
+            code[selected] = len(names)
+            names.append(member if member in undivided else f"{member} {owners.count(member) + 1}".strip())
             owners.append(member)
-            acting = np.flatnonzero(_any_end(inside & acts))
+            acting = np.flatnonzero(_any_end(selected & acts))
             ends = acting[[int(since_s[acting].argmin()), int(since_s[acting].argmax())]]
             first, last = utc_strings(predictor.observations.epoch[ends], decimals=0)
-            spans.append(None if member in whole else (str(first), str(last)))
+            spans.append(None if member in undivided else (str(first), str(last)))
     return Columns(kind, scope, tuple(names), tuple(owners), tuple(spans), code)
 
 

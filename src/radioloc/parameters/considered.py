@@ -20,30 +20,30 @@ from radioloc.parameters.rows import ObservationRows
 from radioloc.plugins import entry_errors
 
 
-def considered_choices(given: Mapping[str, Any]) -> dict[str, ParameterChoice]:
+def considered_choices(settings: Mapping[str, Any]) -> dict[str, ParameterChoice]:
     """Sort keys such as ``station_position_sigma_m`` by kind; a sigma alone applies to all members."""
     everyone = {
         kind.name: True
         for kind in PARAMETERS.values()
-        if kind.name not in given and any(kind.keys[field] in given for field in ("sigma", "per"))
+        if kind.name not in settings and any(kind.keys[field] in settings for field in ("sigma", "per"))
     }
-    return parameter_choices({**given, **everyone})
+    return parameter_choices({**settings, **everyone})
 
 
 def resolved(
-    given: Mapping[str, ParameterChoice],
+    stated: Mapping[str, ParameterChoice],
     predictor: Predictor,
     estimated: Mapping[str, ParameterChoice],
     *,
     defaults: bool = True,
-    without: Collection[str] = (),
+    excluded: Collection[str] = (),
 ) -> tuple[dict[str, ParameterChoice], list[str]]:
-    """Return the considered members with sigmas, by kind, and notes; `without` are kinds that have no defaults."""
+    """Return the considered members with sigmas, by kind, and notes; `excluded` are kinds that have no defaults."""
     choices, notes, rows_of = {}, [], cache(ObservationRows)
     for name, kind in PARAMETERS.items():
-        choice = given.get(name)
+        choice = stated.get(name)
         if choice is None:
-            if not (defaults and kind.considered) or name in without:
+            if not (defaults and kind.considered) or name in excluded:
                 continue
             if kind.term and not predictor.model.has(kind.term):
                 notes.append(f"{name} is not considered: the term {kind.term} is switched off")
@@ -101,7 +101,7 @@ def _resolved(
 def _default_sigmas(
     kind: ParameterKind, rows: ObservationRows, present: Members
 ) -> tuple[Mapping[str, Amount], str]:
-    """Return the kind's own sigmas by member, or the reason why there are none."""
+    """Return the kind's own sigmas by member, or the reason for their absence."""
     if kind.considered is None or not present:
         return {}, ""
     with entry_errors(f"parameter {kind.name}", "considered"):

@@ -14,7 +14,7 @@ from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.errors import InputError
 from radioloc.media.csp import CHARGED, WET
 from radioloc.media.ionosphere import UniformTec
-from radioloc.parameters.kind import Members, ParameterKind, Scope, Sigmas, both_stations, everywhere
+from radioloc.parameters.kind import Members, ParameterKind, Scope, Sigmas, all_observations, both_stations
 from radioloc.parameters.rows import ObservationRows
 from radioloc.vectors import Floats
 
@@ -100,16 +100,18 @@ STATION_POSITION = ParameterKind(
     partials=_station_position,
     acts_on=both_stations,
     components=("east", "north", "up"),
+    label="position",
     more_partials=True,
     considered=lambda rows, names: {n: rows.model.catalogue.get(n).position_sigma_m for n in names},
 )
 UT1 = ParameterKind(
     name="ut1",
+    label="UT1",
     unit="s",
     description="correction to the tabulated UT1",
     scopes=(Scope.EARTH, Scope.SESSION),
     partials=lambda rows: _rotated(rows, [[0.0, 0.0, EARTH_ROTATION_RAD_S]]),
-    acts_on=everywhere,
+    acts_on=all_observations,
     scale=2e-3,
     more_partials=True,
     considered=lambda rows, _: {"": float(_orientation_sigmas(rows)[0].max())},
@@ -121,8 +123,9 @@ POLE = ParameterKind(
     scopes=(Scope.EARTH, Scope.SESSION),
     # W = R3(-s') R2(xp) R1(yp), IERS Conventions 2010, equation 5.3.
     partials=lambda rows: _rotated(rows, [[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0]]),
-    acts_on=everywhere,
+    acts_on=all_observations,
     components=("x", "y"),
+    label="coordinate of the pole",
     scale=1.6e-7,
     more_partials=True,
     considered=lambda rows, _: {"": float(_orientation_sigmas(rows)[1].max())},

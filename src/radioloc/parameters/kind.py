@@ -31,7 +31,7 @@ class Scope(Enum):
 
     @property
     def named(self) -> bool:
-        """Whether there are several owners, each with a name."""
+        """Return whether there are several owners, each with a name."""
         return self not in (Scope.EARTH, Scope.MOON, Scope.SESSION)
 
     @property
@@ -70,6 +70,8 @@ class ParameterKind:
         Whether each end of an observation depends on the parameter, shape (m, ends); called before values are computed.
     components : tuple of str
         Names of its numbers; by default one number without a name.
+    label : str
+        Quantity in words, which follow a component in cards: ``"position of the Moon"``; by default the name.
     scale : float
         Change that moves an observation by about one metre.
     more_partials : bool
@@ -83,8 +85,8 @@ class ParameterKind:
     of_links_second : bool
         Whether a link has the parameter of its second station only, as those of both stations would cancel.
     considered : callable, optional
-        Default a-priori sigmas by member, from observations and members with observations, or the reason in words why
-        there are none. Without it the kind is considered only if a study states a sigma.
+        Default a-priori sigmas by member, from observations and members with observations, or the reason in words for
+        their absence. Without it the kind is considered only if a study states a sigma.
     considered_per : Scope, optional
         Scope of considered parameters; by default the first of `scopes`.
 
@@ -101,6 +103,7 @@ class ParameterKind:
     partials: Callable[[ObservationRows], Floats]
     acts_on: Callable[[ObservationRows], NDArray[np.bool_]]
     components: tuple[str, ...] = ("",)
+    label: str = ""
     scale: float = 1.0
     more_partials: bool = False
     term: str = ""
@@ -146,7 +149,7 @@ class ParameterKind:
         return self.keys["sigma"]
 
 
-def everywhere(rows: ObservationRows) -> NDArray[np.bool_]:
+def all_observations(rows: ObservationRows) -> NDArray[np.bool_]:
     """Return that every observation depends on the parameter, shape (m, 1)."""
     return np.ones((len(rows), 1), dtype=bool)
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.lunar.tide import solid_tide
-from radioloc.parameters.kind import Members, ParameterKind, Scope, Sigmas, everywhere
+from radioloc.parameters.kind import Members, ParameterKind, Scope, Sigmas, all_observations
 from radioloc.parameters.rows import ObservationRows
 from radioloc.time import Epochs
 from radioloc.vectors import Floats, dot, rtn_axes
@@ -38,7 +38,7 @@ def _libration(rows: ObservationRows) -> Floats:
 
 def _love_numbers(rows: ObservationRows) -> Floats:
     model, positions = rows.model, np.atleast_2d(rows.target_pa_m)
-    places, which = np.unique(positions, axis=0, return_inverse=True)
+    places, place_of_row = np.unique(positions, axis=0, return_inverse=True)
     if not len(places):
         return np.zeros((0, 1, 2))
     permanent: Literal["included", "removed"] = "included" if model.has("lunar_tide_constant") else "removed"
@@ -57,7 +57,7 @@ def _love_numbers(rows: ObservationRows) -> Floats:
         return np.concatenate([np.array(of_place).swapaxes(0, 1) for of_place in of_places], axis=1)
 
     columns = rows.by_displacement(displacements).reshape(len(rows), len(places), 2)
-    return columns[np.arange(len(rows)), which.reshape(-1)][:, None, :]
+    return columns[np.arange(len(rows)), place_of_row.reshape(-1)][:, None, :]
 
 
 def _position_sigmas(rows: ObservationRows, _: Members) -> Sigmas:
@@ -102,8 +102,9 @@ MOON_POSITION = ParameterKind(
     description="correction to the ephemeris' Moon: radial (away from the Earth), along the orbit, normal to it",
     scopes=(Scope.MOON,),
     partials=_moon_position,
-    acts_on=everywhere,
+    acts_on=all_observations,
     components=("radial", "along", "normal"),
+    label="position of the Moon",
     more_partials=True,
     considered=_position_sigmas,
 )
@@ -113,8 +114,9 @@ LIBRATION = ParameterKind(
     description="correction to the librations: rotation about the principal axes x (to the Earth), y and z (the pole)",
     scopes=(Scope.MOON,),
     partials=_libration,
-    acts_on=everywhere,
+    acts_on=all_observations,
     components=("x", "y", "z"),
+    label="libration of the Moon",
     scale=6e-7,
     considered=_libration_sigmas,
 )
@@ -122,6 +124,7 @@ LIBRATION = ParameterKind(
 MOON_POSITION_VARIATION = replace(
     MOON_POSITION,
     name="moon_position_variation",
+    label="variation of the Moon's position",
     description="the same of one session, beyond `moon_position`",
     scopes=(Scope.SESSION,),
     considered=_position_variation_sigmas,
@@ -129,6 +132,7 @@ MOON_POSITION_VARIATION = replace(
 LIBRATION_VARIATION = replace(
     LIBRATION,
     name="libration_variation",
+    label="variation of the libration",
     description="the same of one session, beyond `libration`",
     scopes=(Scope.SESSION,),
     considered=_libration_variation_sigmas,
@@ -139,17 +143,19 @@ LOVE_NUMBERS = ParameterKind(
     description="Love numbers h2 and l2 of the Moon beyond the model's",
     scopes=(Scope.MOON,),
     partials=_love_numbers,
-    acts_on=everywhere,
+    acts_on=all_observations,
     components=("h2", "l2"),
+    label="Love number of the Moon",
     scale=0.1,
     more_partials=True,
 )
 LUNAR_LENGTHS = ParameterKind(
     name="lunar_lengths",
+    label="scale of lengths on the Moon",
     unit="1",
     description="scale of lengths on the Moon less one",
     scopes=(Scope.MOON,),
     partials=lambda rows: dot(rows.computed.by_position_pa, rows.target_pa_m)[:, None, None],
-    acts_on=everywhere,
+    acts_on=all_observations,
     scale=6e-7,
 )

@@ -92,7 +92,7 @@ class Parameter:
 
     @property
     def fixed(self) -> bool:
-        """Whether the estimator keeps the a-priori value."""
+        """Return whether the estimator keeps the a-priori value."""
         return self.role is Role.FIXED
 
 
@@ -108,7 +108,7 @@ class ParameterSet:
     Raises
     ------
     InputError
-        There is none, or a name occurs twice.
+        The set is empty, or a name occurs twice.
     """
 
     parameters: Sequence[Parameter]

@@ -41,3 +41,19 @@ PARAMETERS: Mapping[str, ParameterKind] = Registry(
     ],
 )
 """Kinds of parameter by name, in the order of the columns of the design matrix."""
+
+
+def parameter_label(name: str) -> str:
+    """Return the name of a parameter in full, such as ``radial position of the Moon`` of ``moon_position.radial``."""
+    kind_name, _, owner = name.partition(".")
+    kind = PARAMETERS.get(kind_name)
+    if kind is None:
+        return name
+    label = kind.label or kind.name.replace("_", " ")
+    for component in filter(None, kind.components):
+        if owner == component or owner.endswith(f".{component}"):
+            owner, label = owner.removesuffix(component).removesuffix("."), f"{component} {label}"
+            break
+    if not owner:
+        return label
+    return f"{label} of {owner}" if kind.scopes[0].named else f"{label}, session {owner}"

@@ -57,7 +57,7 @@ class ObservationRows:
     def __len__(self) -> int:
         return len(self.rows)
 
-    def asked(self, function: RowFunction) -> Any:
+    def evaluate(self, function: RowFunction) -> Any:
         """Return a function of these rows, evaluated once for all kinds of parameter that share it."""
         if function not in self._results:
             self._results[function] = function(self)
@@ -91,22 +91,22 @@ class ObservationRows:
 
     @cached_property
     def one_way(self) -> NDArray[np.bool_]:
-        """Whether the target transmits and one station receives."""
+        """Mask of one-way observations: the target transmits and one station receives."""
         return is_one_way(self.kind)
 
     @cached_property
     def baseline(self) -> NDArray[np.bool_]:
-        """Whether the target transmits and two stations receive."""
+        """Mask of baselines: the target transmits and two stations receive."""
         return is_differenced(self.kind)
 
     @cached_property
     def integrated(self) -> NDArray[np.bool_]:
-        """Whether the value is a difference over the count interval."""
+        """Mask of values that are differences over the count interval."""
         return is_integrated(self.kind)
 
     @cached_property
     def two_way(self) -> NDArray[np.bool_]:
-        """Whether one station transmits and receives."""
+        """Mask of two-way observations: one station transmits and receives."""
         return np.asarray(~self.baseline & ~self.one_way & (self.ends[:, 0] == self.ends[:, 1]))
 
     @cached_property
@@ -116,7 +116,7 @@ class ObservationRows:
 
     @cached_property
     def tagged(self) -> NDArray[np.bool_]:
-        """Whether the time tag is of the clock of the first and of the second station, shape (m, 2)."""
+        """Mask of time tags by the clock of the first and of the second station, shape (m, 2)."""
         first = self.baseline | ((self.tag == TRANSMIT) & ~self.one_way)
         return np.stack([first, ~first & (self.tag == RECEIVE)], axis=-1)
 
@@ -134,9 +134,9 @@ class ObservationRows:
         for an integrated observation it is the length of the count interval at that end.
         """
         flight_s = self.computed.value_m / C_M_S
-        before = np.where(self.tag == RECEIVE, 1.0, np.where(self.tag == BOUNCE, 0.5, 0.0))
-        before_s = np.where(self.baseline, 0.0, before * flight_s)
-        first_s = np.where(self.integrated, self.count_s, self.elapsed_s) - before_s
+        lag_fraction = np.where(self.tag == RECEIVE, 1.0, np.where(self.tag == BOUNCE, 0.5, 0.0))
+        lag_s = np.where(self.baseline, 0.0, lag_fraction * flight_s)
+        first_s = np.where(self.integrated, self.count_s, self.elapsed_s) - lag_s
         return np.stack([first_s, first_s + flight_s], axis=-1)
 
     @cached_property
@@ -167,7 +167,7 @@ class ObservationRows:
 
     @cached_property
     def light_time_s(self) -> Floats:
-        """One-way light time between the centres of Moon and Earth at the time tags, good to 0.03 s for a path."""
+        """Light time, one way, between the centres of Moon and Earth at the time tags, good to 0.03 s for a path."""
         distance_m = evaluate_smooth(
             lambda at: length(self.model.ephemeris.geocentric("moon", at)[0]), self._rough_tdb
         )
@@ -181,7 +181,7 @@ class ObservationRows:
 
     @cached_property
     def radio(self) -> NDArray[np.bool_]:
-        """Whether the signal is radio, not light."""
+        """Mask of radio signals; the others are light."""
         stations = list(map(self.model.catalogue.get, self.predictor.stations))
         return is_radio(self.observations.wavelength_um[self.rows], stations, self.ends[:, 1])
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from radioloc.estimation.consider import A_PRIORI, EPHEMERIS, NOISE, ErrorSource, by_source
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.parameters.parameter import Role
+from radioloc.parameters.registry import parameter_label
 from radioloc.results.cards import (
     BUDGET,
     OBSERVABILITY,
@@ -356,7 +357,9 @@ def _others(solution: Solution, *, held: bool = False) -> list[int]:
 def _held(solution: Solution) -> Iterator[str]:
     """Values that were given and not estimated."""
     items = [solution.parameters.parameters[k] for k in _others(solution, held=True)]
-    shown = [f"{item.name} {item.prior_value:.6g} {item.unit}" for item in items[:_MAX_PARAMETERS]]
+    shown = [
+        f"{parameter_label(item.name)} {item.prior_value:.6g} {item.unit}" for item in items[:_MAX_PARAMETERS]
+    ]
     more = [f"and {len(items) - len(shown)} others, in solution.json"] if len(items) > len(shown) else []
     if shown:
         yield ", ".join(shown + more)
@@ -370,7 +373,7 @@ def _estimated(solution: Solution) -> Field:
         free = math.isinf(item.prior_sigma)
         prior = "free" if free else f"{item.prior_value:.4g} +- {item.prior_sigma:.4g}"
         value = to_sigma(solution.values[k], formal[k])
-        rows.append((item.name, value, sigma_text(sigmas[k]), item.unit, prior))
+        rows.append((parameter_label(item.name), value, sigma_text(sigmas[k]), item.unit, prior))
     return table("estimated", ("parameter", "value", "sigma", "unit", "a priori"), rows, _MAX_PARAMETERS)
 
 

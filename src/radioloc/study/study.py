@@ -55,7 +55,7 @@ PARAMETER_KEYS = DerivedNames(lambda: [key for kind in PARAMETERS.values() for k
 def read_parameters(table: TomlTable, _: str = "") -> dict[str, ParameterChoice]:
     """Take the keys of all kinds of parameter."""
     given = {key: value for key in PARAMETER_KEYS if (value := table.take(key)) is not None}
-    return table.build(parameter_choices, given=given)
+    return table.build(parameter_choices, settings=given)
 
 
 def _height_prior(table: TomlTable, key: str) -> HeightPrior | TerrainPrior | None:

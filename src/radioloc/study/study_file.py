@@ -265,7 +265,7 @@ def _considered(table: TomlTable) -> tuple[dict[str, ParameterChoice], bool, tup
     """Read choices by kind, whether kinds have defaults, and the kinds that stay out of the weights."""
     defaults, suboptimal = table.get("defaults", bool), table.get("suboptimal", tuple[str, ...])
     given = {key: value for key in PARAMETER_KEYS if (value := table.take(key)) is not None}
-    found = table.build(considered_choices, given=given)
+    found = table.build(considered_choices, settings=given)
     table.finish()
     return found, defaults is not False, suboptimal or ()
 

@@ -1,4 +1,4 @@
-"""A-priori values by name, held ones, passes, links: which parameters an arc gets, and what they do."""
+"""Parameters that a study chooses: a-priori values, held members, scopes."""
 
 from dataclasses import replace
 
@@ -70,8 +70,8 @@ def test_every_path_sees_the_moon(ranges):
     assert radioloc.compute_residuals(study(), ranges[0]).residuals.used.all()
 
 
-def test_values_are_where_the_fit_starts_and_what_it_is_drawn_to(biased):
-    found = radioloc.locate(
+def test_a_priori_values_start_and_constrain_the_fit(biased):
+    solution = radioloc.locate(
         study(
             range_bias="all",
             range_bias_m={"KASHI": 11.0, "Jiamusi": 5.0},
@@ -79,38 +79,38 @@ def test_values_are_where_the_fit_starts_and_what_it_is_drawn_to(biased):
         ),
         biased,
     )
-    rows = {row["name"]: row for row in found.to_dict()["parameters"]}
+    rows = {row["name"]: row for row in solution.to_dict()["parameters"]}
     assert rows["range_bias.KASHI"]["prior_value"] == 11.0
     assert (rows["range_bias.KASHI"]["prior_sigma"], rows["range_bias.JIAMUSI"]["prior_sigma"]) == (0.5, 1e-3)
     # Five ranges of 1 m beside a value of 0.5 m: weights 5 and 4.
     assert rows["range_bias.KASHI"]["value"] == pytest.approx((5 * 12.0 + 4 * 11.0) / 9.0, abs=SAME_M)
     assert rows["range_bias.KASHI"]["sigma"] == pytest.approx(1.0 / 3.0, rel=1e-6)
-    assert found.biases()["JIAMUSI"] == pytest.approx((5.0, 1e-3), abs=SAME_M)
+    assert solution.biases()["JIAMUSI"] == pytest.approx((5.0, 1e-3), abs=SAME_M)
 
 
-def test_one_number_is_everybodys(biased):
-    found = radioloc.locate(study(range_bias=["KASHI"], range_bias_m=5.0, range_bias_sigma_m=1e9), biased)
-    assert found.biases()["KASHI"][0] == pytest.approx(12.0, abs=SAME_M)
-    assert found.biases()["JIAMUSI"] == (5.0, 0.0)  # held, since not listed
+def test_value_without_names_applies_to_all_members(biased):
+    solution = radioloc.locate(study(range_bias=["KASHI"], range_bias_m=5.0, range_bias_sigma_m=1e9), biased)
+    assert solution.biases()["KASHI"][0] == pytest.approx(12.0, abs=SAME_M)
+    assert solution.biases()["JIAMUSI"] == (5.0, 0.0)  # held, since not listed
 
 
-def test_a_station_with_a_value_that_is_not_listed_is_held_at_it(biased):
-    found = radioloc.locate(study(range_bias=["JIAMUSI"], range_bias_m={"KASHI": 12.0}), biased)
-    assert found.to_dict()["biases"]["KASHI"] == {"value_m": 12.0, "sigma_m": 0.0}
-    assert {row["name"]: row["fixed"] for row in found.to_dict()["parameters"]} == {
+def test_unlisted_station_with_a_value_is_held_at_it(biased):
+    solution = radioloc.locate(study(range_bias=["JIAMUSI"], range_bias_m={"KASHI": 12.0}), biased)
+    assert solution.to_dict()["biases"]["KASHI"] == {"value_m": 12.0, "sigma_m": 0.0}
+    assert {row["name"]: row["fixed"] for row in solution.to_dict()["parameters"]} == {
         **{f"position.{axis}": True for axis in "xyz"},
         "range_bias.JIAMUSI": False,
         "range_bias.KASHI": True,
     }
-    assert np.abs(found.residuals.residual_m).max() < SAME_M
-    assert "held        range_bias.KASHI 12 m" in str(found)
+    assert np.abs(solution.residuals.residual_m).max() < SAME_M
+    assert "held        range bias of KASHI 12 m" in str(solution)
 
 
 def test_residuals_are_those_at_the_a_priori_values(biased):
-    asked = study(range_bias=["KASHI"], range_bias_m={"KASHI": 12.0, "JIAMUSI": 5.0}, range_bias_sigma_m=1.0)
-    given = radioloc.compute_residuals(asked, biased)
-    assert np.abs(given.residuals.residual_m).max() < SAME_M
-    assert not given.parameters.free.any()
+    choice = study(range_bias=["KASHI"], range_bias_m={"KASHI": 12.0, "JIAMUSI": 5.0}, range_bias_sigma_m=1.0)
+    solution = radioloc.compute_residuals(choice, biased)
+    assert np.abs(solution.residuals.residual_m).max() < SAME_M
+    assert not solution.parameters.free.any()
 
 
 @pytest.mark.parametrize(
@@ -125,7 +125,7 @@ def test_residuals_are_those_at_the_a_priori_values(biased):
         ({"clock_s": {"KASHI": 1.0}}, InputError, r"clock_s: .* \(none\), got KASHI"),
     ],
 )
-def test_stations_that_cannot_be(ranges, estimate, error, message):
+def test_unusable_members_are_refused(ranges, estimate, error, message):
     with pytest.raises(error, match=message):
         radioloc.locate(study(range_bias=["KASHI"], **estimate), ranges[0])
 
@@ -145,20 +145,20 @@ def test_stations_that_cannot_be(ranges, estimate, error, message):
         ({"transponder_delay_sigma_s": 1e-8}, "transponder_delay_sigma_s needs transponder_delay"),
     ],
 )
-def test_choices_that_cannot_be(estimate, message):
+def test_unusable_choices_are_refused(estimate, message):
     with pytest.raises(InputError, match=message):
         EstimateChoice(**estimate)
 
 
-def test_passes_have_biases_of_their_own(ranges):
+def test_range_biases_of_passes(ranges):
     observations, stations = ranges
     hours = np.array([hour for station in HOURS for hour in HOURS[station]])
     bias_m = np.where(stations == "KASHI", 10.0, 20.0) + (hours > 24.0)
-    found = radioloc.locate(
+    solution = radioloc.locate(
         study(range_bias="all", range_bias_per="pass"),
         replace(observations, value_m=observations.value_m + bias_m),
     )
-    biases = found.to_dict()["biases"]
+    biases = solution.to_dict()["biases"]
     assert {name: round(bias["value_m"], 3) for name, bias in biases.items()} == {
         "KASHI 1": 10.0,
         "KASHI 2": 11.0,
@@ -168,10 +168,10 @@ def test_passes_have_biases_of_their_own(ranges):
     # Tags are TAI - 37 s.
     assert biases["KASHI 2"]["first_utc"].startswith("2020-12-03T15:59:23")
     assert biases["KASHI 2"]["last_utc"].startswith("2020-12-03T18:23:23")
-    assert "range_bias.KASHI 1    2020-12-02T15:29:23  2020-12-02T20:29:23" in str(found)
+    assert "range_bias.KASHI 1    2020-12-02T15:29:23  2020-12-02T20:29:23" in str(solution)
 
 
-def test_a_gap_makes_a_pass(ranges):
+def test_gap_begins_a_new_pass(ranges):
     observations, _ = ranges
     names = [
         [name for name in radioloc.locate(chosen, observations).biases() if name.startswith("KASHI")]
@@ -179,10 +179,10 @@ def test_a_gap_makes_a_pass(ranges):
             study(range_bias="all", range_bias_per="pass", pass_gap_h=gap_h) for gap_h in (2.2, 2.6, 20.0)
         )
     ]
-    assert [len(found) for found in names] == [5, 2, 1]
+    assert [len(passes) for passes in names] == [5, 2, 1]
 
 
-def test_what_a_station_does_else_is_of_the_pass_too(ranges):
+def test_all_observations_of_a_station_define_its_passes(ranges):
     """Five hours without ranges, with Doppler in the middle."""
     hours = [hour for station in HOURS for hour in HOURS[station]]
     observations = table(np.where(np.array(hours) == 18.0, DOPPLER, RANGE), count_s=60.0)
@@ -202,90 +202,92 @@ def test_what_a_station_does_else_is_of_the_pass_too(ranges):
     ]
 
 
-def test_sessions_of_all_stations_have_a_moon_of_their_own(ranges):
+def test_each_session_has_its_own_moon_position(ranges):
     """Two nights, of both stations together; a Moon that is 1 m farther makes the round trip 2 m longer."""
     observations, _ = ranges
     hours = np.array([hour for station in HOURS for hour in HOURS[station]])
     farther_m = np.where(hours < 24.0, 1.0, 3.0)
-    found = radioloc.locate(
+    solution = radioloc.locate(
         study(moon_position_variation=True, moon_position_variation_sigma_m=[1e3, 1e-6, 1e-6]),
         replace(observations, value_m=observations.value_m + 2.0 * farther_m),
     )
-    radial = {name: found.values[k] for k, name in enumerate(found.parameters.names) if "radial" in name}
+    radial = {
+        name: solution.values[k] for k, name in enumerate(solution.parameters.names) if "radial" in name
+    }
     assert list(radial) == ["moon_position_variation.1.radial", "moon_position_variation.2.radial"]
     # The path to the station is as far from that to the geocentre as 1 degree, 0.00015 in its cosine.
     assert list(radial.values()) == pytest.approx([1.0, 3.0], abs=1e-3)
     assert "moon_position_variation. 2020-12-03T11:59:23 2020-12-03T18:23:23 2.radial" in " ".join(
-        str(found).split()
+        str(solution).split()
     )
 
 
 def test_station_held_and_others_by_pass(ranges):
-    found = radioloc.locate(
+    solution = radioloc.locate(
         study(range_bias=["KASHI"], range_bias_per="pass", range_bias_m={"JIAMUSI": 0.0}), ranges[0]
     )
-    assert list(found.biases()) == ["KASHI 1", "KASHI 2", "JIAMUSI"]
-    assert found.biases()["JIAMUSI"] == (0.0, 0.0)
+    assert list(solution.biases()) == ["KASHI 1", "KASHI 2", "JIAMUSI"]
+    assert solution.biases()["JIAMUSI"] == (0.0, 0.0)
 
 
 def test_transponder_delay_is_one_parameter_of_all_ranges(ranges):
     observations, _ = ranges
     late = replace(observations, value_m=observations.value_m + C_M_S * 2e-8)
-    found = radioloc.locate(study(transponder_delay=True, transponder_delay_sigma_s=1e-6), late)
-    row = found.to_dict()["parameters"][3]
+    solution = radioloc.locate(study(transponder_delay=True, transponder_delay_sigma_s=1e-6), late)
+    row = solution.to_dict()["parameters"][3]
     assert row["name"] == "transponder_delay"
     assert row["value"] == pytest.approx(2e-8, abs=1e-3 / C_M_S)
     assert row["sigma"] == pytest.approx(1.0 / C_M_S / np.sqrt(10.0), rel=1e-3)
-    assert "transponder_delay" in str(found)
+    assert "transponder delay" in str(solution)
     delays = table(VLBI_DELAY, "KASHI<lander>JIAMUSI", value_m=0.0)
     with pytest.raises(InputError, match="transponder_delay: expected observations"):
         radioloc.locate(study(transponder_delay=True), delays)
 
 
-def test_transponder_and_biases_of_all_are_not_told_apart_without_a_priori_values(ranges):
-    both = {"transponder_delay": True, "range_bias": "all"}
-    assert not radioloc.locate(study(**both), ranges[0]).converged
-    known = radioloc.locate(study(**both, transponder_delay_sigma_s=1e-9), ranges[0])
-    assert known.converged
+def test_transponder_delay_and_all_biases_need_a_priori_values(ranges):
+    keys = {"transponder_delay": True, "range_bias": "all"}
+    assert not radioloc.locate(study(**keys), ranges[0]).converged
+    with_prior = radioloc.locate(study(**keys, transponder_delay_sigma_s=1e-9), ranges[0])
+    assert with_prior.converged
     # What the biases have in common is known as well as the transponder: 0.3 m beside 1 m / sqrt(5) of each.
-    assert known.biases()["KASHI"][1] == pytest.approx(np.hypot(C_M_S * 1e-9, np.sqrt(0.2)), rel=1e-3)
+    assert with_prior.biases()["KASHI"][1] == pytest.approx(np.hypot(C_M_S * 1e-9, np.sqrt(0.2)), rel=1e-3)
 
 
-def test_arcs_leave_out_the_stations_that_come_later(ranges):
+def test_short_arcs_have_no_parameters_of_later_stations(ranges):
     chosen = study(
         range_bias=["KASHI", "JIAMUSI"],
         range_bias_sigma_m={"KASHI": 1.0, "JIAMUSI": 2.0},
         transponder_delay=True,
         transponder_delay_sigma_s=1e-9,
     )
-    found = radioloc.arcs(chosen, (48.0, 3.2), ranges[0])
-    assert [list(arc.solution.biases()) for arc in found.arcs] == [["KASHI", "JIAMUSI"], ["JIAMUSI"]]
+    study_result = radioloc.arcs(chosen, (48.0, 3.2), ranges[0])
+    assert [list(arc.solution.biases()) for arc in study_result.arcs] == [["KASHI", "JIAMUSI"], ["JIAMUSI"]]
 
 
-def test_all_of_what_no_observation_depends_on_is_told(ranges):
+def test_kind_without_observations_is_noted(ranges):
     solution = radioloc.locate(study(clock="all", range_bias="all"), ranges[0])
     assert any(note.startswith("no clock is estimated") for note in solution.notes)
     assert not any("no range_bias" in note for note in solution.notes)
 
 
-def test_links_have_biases_of_their_own(ranges):
+def test_range_biases_of_links(ranges):
     observations, stations = ranges
     biased = replace(observations, value_m=observations.value_m + np.where(stations == "KASHI", 10.0, 20.0))
-    found = radioloc.locate(study(range_bias="all", range_bias_per="link"), biased)
+    by_link = radioloc.locate(study(range_bias="all", range_bias_per="link"), biased)
     names = {
         f"{station}>lander>{station}": metres for station, metres in (("KASHI", 10.0), ("JIAMUSI", 20.0))
     }
-    assert {name: round(value, 3) for name, (value, _) in found.biases().items()} == names
-    one = radioloc.locate(
+    assert {name: round(value, 3) for name, (value, _) in by_link.biases().items()} == names
+    by_link_and_pass = radioloc.locate(
         study(range_bias=["KASHI > lander > KASHI"], range_bias_per="link and pass", range_bias_sigma_m=50.0),
         biased,
     )
-    assert list(one.biases()) == ["KASHI>lander>KASHI 1", "KASHI>lander>KASHI 2"]
+    assert list(by_link_and_pass.biases()) == ["KASHI>lander>KASHI 1", "KASHI>lander>KASHI 2"]
     with pytest.raises(InputError, match=r"\(KASHI>l.*\), got URUMQI>lander>KASHI"):
         radioloc.locate(study(range_bias=["URUMQI>lander>KASHI"], range_bias_per="link"), biased)
 
 
-def test_a_frequency_offset_of_each_link_and_pass_is_found():
+def test_frequency_offsets_of_links_and_passes():
     """Two stations' Doppler of two days, the reference 1e-12 high, on one link on the second day 3e-12."""
     offsets = {("KASHI", 0): 1e-12, ("KASHI", 1): 3e-12, ("JIAMUSI", 0): 1e-12, ("JIAMUSI", 1): 1e-12}
     observations = table(DOPPLER, count_s=60.0)
@@ -296,11 +298,11 @@ def test_a_frequency_offset_of_each_link_and_pass_is_found():
     )
     value_m = arc.compute().value_m + C_M_S * 60.0 * offset
     data = replace(observations, value_m=value_m, sigma_m=np.full(len(observations), 1e-3))
-    found = radioloc.locate(
+    solution = radioloc.locate(
         study(frequency_offset="all", frequency_offset_per="link and pass", frequency_offset_sigma=1e-10),
         data,
     )
-    rows = {row["name"]: row["value"] for row in found.to_dict()["parameters"]}
+    rows = {row["name"]: row["value"] for row in solution.to_dict()["parameters"]}
     for (station, day), expected in offsets.items():
         name = f"frequency_offset.{station}>lander>{station} {day + 1}"
         assert rows[name] == pytest.approx(expected, abs=1e-16)

@@ -1,4 +1,4 @@
-"""What is considered by default, by the quality of its source, and what a study says in its place."""
+"""Default sigmas of considered parameters, by the quality of their source, and those that a study states."""
 
 from dataclasses import replace
 
@@ -8,8 +8,7 @@ import pytest
 from radioloc.constants import ARCSEC_RAD
 from radioloc.earth.eop_prediction import last_measured_mjd
 from radioloc.errors import InputError, PredictedEopWarning, StationError
-from radioloc.measurements import FixedPoint, Link, Observations, PhysicalModel, prepare_predictor
-from radioloc.measurements.registry import KINDS
+from radioloc.measurements import FixedPoint, Observations, PhysicalModel, prepare_predictor
 from radioloc.parameters.choice import parameter_choices
 from radioloc.parameters.considered import considered_choices, resolved
 from radioloc.time import Epochs, epochs_from_strings
@@ -30,10 +29,10 @@ def arc(model, paths=PATHS, day="2020-12-01", wavelength_um=35394.6):
     laser = np.array(["WETTZELL" in path for _, path in paths])
     observations = Observations.from_columns(
         epoch=epochs_from_strings([f"{day}T18:00:00"] * len(paths), "UTC"),
-        links=[Link.from_path(path) for _, path in paths],
+        links=[path for _, path in paths],
         link=np.arange(len(paths)),
-        kind=np.array([KINDS.index(kind) for kind, _ in paths]),
-        tag=1,
+        kind=[kind for kind, _ in paths],
+        tag="receive",
         value_m=1.0,
         sigma_m=1.0,
         count_s=np.where([kind in ("doppler", "vlbi_delay_rate") for kind, _ in paths], 60.0, np.nan),
@@ -47,89 +46,89 @@ def tracked(model):
     return arc(model)
 
 
-def sigmas(predictor, given=None, estimated=None, **options):
+def sigmas(predictor, stated=None, estimated=None, **options):
     choices, notes = resolved(
-        considered_choices(given or {}), predictor, parameter_choices(estimated or {}), **options
+        considered_choices(stated or {}), predictor, parameter_choices(estimated or {}), **options
     )
     return {name: choice.sigma for name, choice in choices.items()}, notes
 
 
 def test_defaults_are_by_quality_of_the_source(tracked):
-    found, notes = sigmas(tracked)
+    result, notes = sigmas(tracked)
     assert notes == []
-    assert found["station_position"] == {
+    assert result["station_position"] == {
         "KASHI": 100.0, "JIAMUSI": 100.0, "SESHAN25": 0.01, "URUMQI": 0.01, "WETTZELL": 0.01
     }  # fmt: skip
-    assert found["clock"] == {"KASHI": 1e-8, "JIAMUSI": 1e-8, "SESHAN25": 2e-10, "URUMQI": 2e-10}
-    assert found["clock_rate"] == {"SESHAN25": 5e-15, "URUMQI": 5e-15}
+    assert result["clock"] == {"KASHI": 1e-8, "JIAMUSI": 1e-8, "SESHAN25": 2e-10, "URUMQI": 2e-10}
+    assert result["clock_rate"] == {"SESHAN25": 5e-15, "URUMQI": 5e-15}
     # Two-way Doppler has no offset.
-    assert found["frequency_offset"] == {"JIAMUSI>lander>KASHI": 1e-13, "SESHAN25<lander>URUMQI": 1e-14}
+    assert result["frequency_offset"] == {"JIAMUSI>lander>KASHI": 1e-13, "SESHAN25<lander>URUMQI": 1e-14}
     of_radio = {"KASHI", "JIAMUSI", "SESHAN25", "URUMQI"}
-    assert found["zenith_delay"] == dict.fromkeys(of_radio, 0.03)
-    assert found["electron_content"] == dict.fromkeys(
+    assert result["zenith_delay"] == dict.fromkeys(of_radio, 0.03)
+    assert result["electron_content"] == dict.fromkeys(
         of_radio, 20.0
     )  # the model has an ionosphere, but no content
-    assert found["ut1"][""] == pytest.approx(1e-5, rel=0.1)
-    assert found["pole"][""] == pytest.approx(60e-6 * ARCSEC_RAD, rel=0.5)
-    assert set(found) == {
+    assert result["ut1"][""] == pytest.approx(1e-5, rel=0.1)
+    assert result["pole"][""] == pytest.approx(60e-6 * ARCSEC_RAD, rel=0.5)
+    assert set(result) == {
         "station_position", "clock", "clock_rate", "frequency_offset", "zenith_delay", "electron_content",
         "ut1", "pole", "moon_position", "moon_position_variation", "libration", "libration_variation",
     }  # fmt: skip
 
 
-def test_an_older_ephemeris_is_known_less_well(model):
+def test_older_ephemerides_have_larger_sigmas(model):
     paths = PATHS[:1]
-    along = [
+    along_track_m = [
         sigmas(arc(model, paths, day))[0]["moon_position"][""][1] for day in ("2007-12-01", "2020-12-01")
     ]
-    assert along == pytest.approx([1.06, 2.64], abs=0.01)
+    assert along_track_m == pytest.approx([1.06, 2.64], abs=0.01)
     newer = sigmas(arc(PhysicalModel.build(ephemeris="DE440", libration="DE440"), paths))[0]
     assert max(newer["moon_position"][""]) < 0.5
     assert max(newer["libration"][""]) < 1e-7
 
 
-def test_predicted_earth_orientation_is_known_less_well(model):
+def test_predicted_earth_orientation_has_larger_sigmas(model):
     table = model.earth.table
     day = str(Epochs.from_jd(2400000.5 + last_measured_mjd(table) + 9.25, 0.0, "UTC").day_strings()[0])
     with pytest.warns(PredictedEopWarning):
-        found, _ = sigmas(arc(model, PATHS[:1], day))
+        result, _ = sigmas(arc(model, PATHS[:1], day))
     # Bulletin A of 10 days: 0.0014 s, 0.0043 arcsec.
-    assert found["ut1"][""] == pytest.approx(0.0014, rel=0.1)
-    assert found["pole"][""] == pytest.approx(0.0043 * ARCSEC_RAD, rel=0.1)
+    assert result["ut1"][""] == pytest.approx(0.0014, rel=0.1)
+    assert result["pole"][""] == pytest.approx(0.0043 * ARCSEC_RAD, rel=0.1)
 
 
-def test_what_is_lacking_is_told(model):
-    found, notes = sigmas(arc(model.without("troposphere"), wavelength_um=np.nan))
-    assert "electron_content" not in found
-    assert "zenith_delay" not in found
+def test_kinds_without_their_term_or_frequency_are_noted(model):
+    result, notes = sigmas(arc(model.without("troposphere"), wavelength_um=np.nan))
+    assert "electron_content" not in result
+    assert "zenith_delay" not in result
     assert notes == [
         "zenith_delay is not considered: the term troposphere is switched off",
         "electron_content is not considered: the frequency of some signals is not recorded",
     ]
 
 
-def test_a_study_overrides_by_kind_and_by_name(tracked):
-    given = {
+def test_study_overrides_defaults_by_kind_and_by_name(tracked):
+    stated = {
         "station_position_sigma_m": {"KS": 0.1, "NEUQUEN": 0.2},  # an alias; one that observes nothing
         "clock_sigma_s": 5e-9,
         "ut1": "none",
         "range_bias": ["KASHI"],
         "range_bias_sigma_m": 2.0,
     }
-    found, notes = sigmas(tracked, given)
+    with_defaults, notes = sigmas(tracked, stated)
     assert notes == ["[consider] station_position: NEUQUEN has no observations that it acts on"]
-    assert found["station_position"]["KASHI"] == 0.1
-    assert found["station_position"]["JIAMUSI"] == 100.0
-    assert set(found["clock"].values()) == {5e-9}
-    assert "ut1" not in found
-    assert found["range_bias"] == {"KASHI": 2.0}
-    without, _ = sigmas(tracked, given, defaults=False)
-    assert set(without) == {"station_position", "clock", "range_bias"}
-    assert set(sigmas(tracked, without=("libration",))[0]) == set(sigmas(tracked)[0]) - {"libration"}
+    assert with_defaults["station_position"]["KASHI"] == 0.1
+    assert with_defaults["station_position"]["JIAMUSI"] == 100.0
+    assert set(with_defaults["clock"].values()) == {5e-9}
+    assert "ut1" not in with_defaults
+    assert with_defaults["range_bias"] == {"KASHI": 2.0}
+    without_defaults, _ = sigmas(tracked, stated, defaults=False)
+    assert set(without_defaults) == {"station_position", "clock", "range_bias"}
+    assert set(sigmas(tracked, excluded=("libration",))[0]) == set(sigmas(tracked)[0]) - {"libration"}
 
 
-def test_what_is_estimated_is_not_considered(tracked):
-    found, _ = sigmas(
+def test_estimated_members_are_not_considered(tracked):
+    result, _ = sigmas(
         tracked,
         estimated={
             "clock": "all",
@@ -140,10 +139,10 @@ def test_what_is_estimated_is_not_considered(tracked):
             "frequency_offset_per": "pass",
         },
     )
-    assert "clock" not in found  # nor is the station that the others' clocks refer to
-    assert "KASHI" not in found["station_position"]
-    assert "URUMQI" not in found["zenith_delay"]
-    assert "frequency_offset" not in found
+    assert "clock" not in result  # nor is the station that the others' clocks refer to
+    assert "KASHI" not in result["station_position"]
+    assert "URUMQI" not in result["zenith_delay"]
+    assert "frequency_offset" not in result
 
 
 def test_names_and_sigmas_are_checked(tracked):
@@ -153,9 +152,9 @@ def test_names_and_sigmas_are_checked(tracked):
         sigmas(tracked, {"clock_rate": ["KASHI"]})
 
 
-def test_a_station_states_its_own_sigma(model):
+def test_sigma_of_a_station_in_the_catalogue(model):
     catalogue = model.catalogue.with_station(replace(model.catalogue.get("KASHI"), sigma_m=0.3))
-    found, _ = sigmas(arc(PhysicalModel.build(catalogue=catalogue)))
-    assert found["station_position"]["KASHI"] == 0.3
+    result, _ = sigmas(arc(PhysicalModel.build(catalogue=catalogue)))
+    assert result["station_position"]["KASHI"] == 0.3
     with pytest.raises(StationError, match="sigma_m must be above zero"):
         replace(model.catalogue.get("KASHI"), sigma_m=0.0)

@@ -7,17 +7,17 @@ import pytest
 import radioloc
 from radioloc.errors import InputError
 from radioloc.estimation import Parameter, ParameterSet
-from radioloc.parameters import ObservationRows, Scope
+from radioloc.parameters import ObservationRows, Scope, parameter_label
 from radioloc.parameters.biases import RANGE_BIAS
 from radioloc.parameters.columns import Columns, members
 from radioloc.parameters.parameter import Role
 
 
 def test_changed_copies():
-    before = ParameterSet([Parameter("a", "m", "x"), Parameter("b", "m", "x")])
-    after = before.changed("b", role=Role.FIXED, prior_value=3.0)
-    assert (before["b"].fixed, after["b"].fixed, after["b"].prior_value) == (False, True, 3.0)
-    assert after.names == before.names
+    original = ParameterSet([Parameter("a", "m", "x"), Parameter("b", "m", "x")])
+    changed = original.changed("b", role=Role.FIXED, prior_value=3.0)
+    assert (original["b"].fixed, changed["b"].fixed, changed["b"].prior_value) == (False, True, 3.0)
+    assert changed.names == original.names
 
 
 @pytest.mark.parametrize(
@@ -58,17 +58,34 @@ def test_unusable_kinds_are_refused(changes, words):
         replace(RANGE_BIAS, **changes)
 
 
+@pytest.mark.parametrize(
+    ("name", "label"),
+    [
+        ("range_bias.KASHI", "range bias of KASHI"),
+        ("station_position.KASHI.east", "east position of KASHI"),
+        ("moon_position.radial", "radial position of the Moon"),
+        ("moon_position_variation.2.radial", "radial variation of the Moon's position, session 2"),
+        ("ut1.1", "UT1, session 1"),
+        ("position.east", "position.east"),
+    ],
+)
+def test_labels_in_full(name, label):
+    assert parameter_label(name) == label
+
+
 def arc_of(*dates):
-    links = [radioloc.measurements.Link("KASHI", "lander", "KASHI")]
     observations = radioloc.Observations.from_columns(
-        epoch=radioloc.time.epochs_from_strings(dates, "UTC"), links=links, value_m=7.6e8, sigma_m=1.0
+        epoch=radioloc.time.epochs_from_strings(dates, "UTC"),
+        links=["KASHI>lander>KASHI"],
+        value_m=7.6e8,
+        sigma_m=1.0,
     )
     lander = radioloc.LunarPosition.from_selenographic(-51.9, 43.0, -2500.0)
     return radioloc.jobs.arc_of(radioloc.Study(target=lander), observations)
 
 
 def test_partials_of_another_shape_are_refused():
-    """As of the whole table in place of the rows, or without the axis of the components."""
+    """Refuse partials of the complete table, or without the axis of the components."""
     arc = arc_of("2020-12-01T15:00:00", "2020-12-01T16:00:00")
     for shape in ((2, 2), (3, 2, 1), (2, 2, 2)):
         kind = replace(RANGE_BIAS, partials=lambda rows, shape=shape: np.zeros(shape))
@@ -78,7 +95,7 @@ def test_partials_of_another_shape_are_refused():
             columns.design(ObservationRows(arc))
 
 
-def test_what_fails_in_a_kind_of_another_package_names_the_parameter():
+def test_failing_functions_of_a_kind_are_named():
     def fails(rows):
         return np.zeros(len(rows))[7]
 

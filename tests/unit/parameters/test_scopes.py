@@ -9,7 +9,7 @@ from quick import some
 
 import radioloc
 from radioloc import Observations
-from radioloc.measurements import MEASUREMENTS, Link
+from radioloc.measurements import MEASUREMENTS
 from radioloc.parameters.choice import parameter_choices
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.study import EstimateChoice, ModelChoice, ObservationChoice
@@ -38,13 +38,12 @@ def tracking():
         for hour in (16, 18, 20)
         for minute in (0, 30)
     ]
-    kinds = list(MEASUREMENTS)
     parts = [
         Observations.from_columns(
             epoch=epochs_from_strings(days, "UTC"),
-            links=[Link.from_path(path)],
-            kind=kinds.index(kind),
-            tag=1,
+            links=[path],
+            kind=kind,
+            tag="receive",
             value_m=1.0,
             sigma_m=0.1,
             count_s=60.0 if MEASUREMENTS[kind].integrated else np.nan,
@@ -69,20 +68,22 @@ def study(consider=None, **keys):
 
 def with_values(tracking, chosen):
     """The values that the model computes with the a-priori values of a study."""
-    found = radioloc.compute_residuals(chosen, tracking)
-    return replace(tracking, value_m=np.array(tracking.value_m - found.residuals.residual_m[: len(tracking)]))
+    solution = radioloc.compute_residuals(chosen, tracking)
+    return replace(
+        tracking, value_m=np.array(tracking.value_m - solution.residuals.residual_m[: len(tracking)])
+    )
 
 
 @pytest.fixture(scope="module")
 def measured(tracking):
-    """Without any error."""
+    """Error-free values."""
     return with_values(tracking, study(position="none"))
 
 
 def cases(first, every=1):
     """Each kind, or every second one, in one of its scopes, in turn; the others are slow."""
-    quick = [mine[(first + k) % len(mine)] for k, mine in enumerate(BY_KIND) if k % every == 0]
-    return some([case for mine in BY_KIND for case in mine], quick)
+    quick = [in_scopes[(first + k) % len(in_scopes)] for k, in_scopes in enumerate(BY_KIND) if k % every == 0]
+    return some([case for in_scopes in BY_KIND for case in in_scopes], quick)
 
 
 @pytest.mark.parametrize(("name", "scope"), cases(0))
@@ -94,10 +95,10 @@ def test_estimated_in_every_scope(tracking, name, scope):
     if kind.relative and scope in ("station", "pass"):  # "all" leaves one out, which one-way ranges show
         names = ["JIAMUSI", "KASHI", "SESHAN25", "KUNMING", "URUMQI"]
     sigma = {kind.sigma_key: 1000.0 * kind.scale}
-    found = radioloc.locate(study(position="none", **{name: names}, **sigma, **per), biased)
-    assert found.converged
-    assert len(found.parameters.of_kind(name)) >= len(kind.components)
-    assert np.abs(found.residuals.residual_m).max() < LEFT_M
+    solution = radioloc.locate(study(position="none", **{name: names}, **sigma, **per), biased)
+    assert solution.converged
+    assert len(solution.parameters.of_kind(name)) >= len(kind.components)
+    assert np.abs(solution.residuals.residual_m).max() < LEFT_M
 
 
 @pytest.mark.parametrize(("name", "scope"), cases(1, every=2))
@@ -106,12 +107,12 @@ def test_considered_in_every_scope(measured, name, scope):
     per = {kind.keys["per"]: scope} if scope != kind.scopes[0].value else {}
     names = "all" if kind.scopes[0].named else True
     keys = {name: names, kind.sigma_key: kind.scale} | per
-    found = radioloc.locate(study(parameter_choices(keys)), measured)
-    assert found.consider is not None
-    mine = [
+    solution = radioloc.locate(study(parameter_choices(keys)), measured)
+    assert solution.consider is not None
+    records = [
         record
-        for record in found.consider.to_list(found.enu_by_parameters)
+        for record in solution.consider.to_list(solution.enu_by_parameters)
         if record["name"].startswith(name)
     ]
-    assert mine
-    assert max(np.abs(record["position_enu_m"]).max() for record in mine) > 1e-6
+    assert records
+    assert max(np.abs(record["position_enu_m"]).max() for record in records) > 1e-6

@@ -28,7 +28,7 @@ def column(model, name, kind, tai=TAI, tag="receive"):
     return PARAMETERS[name].partials(rows)[:, 0, 0], rows.computed
 
 
-def test_a_drift_is_of_the_second_order_in_time(model):
+def test_drift_grows_with_the_square_of_time(model):
     drift, computed = column(model, "target_frequency_rate", "one_way_range")
     sent_s = TAI.seconds_since(REFERENCE) - computed.value_m / C_M_S
     assert drift == pytest.approx(-0.5 * C_M_S * sent_s**2, rel=1e-12)
@@ -36,8 +36,8 @@ def test_a_drift_is_of_the_second_order_in_time(model):
 
 @pytest.mark.parametrize("tag", ["receive", "transmit"])
 @pytest.mark.parametrize("name", ["target_frequency", "target_frequency_rate"])
-def test_of_counts_it_is_the_change_over_the_interval(model, name, tag):
-    """Of the ranges at the ends of the interval, which the target's clock counts where it reads the tag."""
+def test_partials_of_counts_are_changes_over_the_interval(model, name, tag):
+    """Difference of ranges at the ends of the interval, which the target's clock counts where it reads the tag."""
     early, late = (
         column(model, name, "one_way_range", TAI.shifted(half_s), tag)[0]
         for half_s in (-0.5 * COUNT_S, 0.5 * COUNT_S)

@@ -18,13 +18,13 @@ from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.estimation.gauss_markov import SeriesWeight
 from radioloc.estimation.least_squares import FitResult, FitStatus, fit_least_squares
-from radioloc.estimation.linearization import Linearization, ResidualFunction, evaluate
+from radioloc.estimation.linearization import Linearization, ResidualFunction, evaluate, row_order
 from radioloc.estimation.robust import robust_start
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import robust_scale
 from radioloc.labels import USED, Labels
 from radioloc.noise.covariance import ObservationCovariance
-from radioloc.noise.whitening import Rows
+from radioloc.noise.whitening import Rows, slices
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.vectors import Floats
 
@@ -224,11 +224,14 @@ def _studentized(fit: FitResult, residual_m: Floats, limit_m: Floats, usable: ND
     With the leverage h, the variance of a residual is 1 - h of that of the observation, or 1 + h where it is not used.
     Without it an outlier of high leverage stays in or out with the start (`tests/unit/jobs/test_locate.py`).
     """
-    near = np.flatnonzero(usable & (np.abs(residual_m) > _MIN_STUDENTIZED_RATIO * limit_m))
-    leverage = np.square(fit.unit_partials()(near)).sum(axis=1) / fit.sigma_m[near] ** 2
-    ratio = np.sqrt(np.where(fit.used[near], np.maximum(1.0 - leverage, 0.0), 1.0 + leverage))
-    limit_m = limit_m.copy()
-    limit_m[near] *= np.clip(ratio, _MIN_STUDENTIZED_RATIO, 1.0 / _MIN_STUDENTIZED_RATIO)
+    order = row_order(fit.linearization)
+    large = order[(usable & (np.abs(residual_m) > _MIN_STUDENTIZED_RATIO * limit_m))[order]]
+    unit_partials, limit_m = fit.unit_partials(), limit_m.copy()
+    for part in slices(len(large)):
+        rows = large[part]
+        leverage = np.square(unit_partials(rows)).sum(axis=1) / fit.sigma_m[rows] ** 2
+        ratio = np.sqrt(np.where(fit.used[rows], np.maximum(1.0 - leverage, 0.0), 1.0 + leverage))
+        limit_m[rows] *= np.clip(ratio, _MIN_STUDENTIZED_RATIO, 1.0 / _MIN_STUDENTIZED_RATIO)
     return limit_m
 
 

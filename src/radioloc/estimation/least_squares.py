@@ -31,12 +31,14 @@ from radioloc.estimation.linearization import (
     evaluate,
     evaluate_step,
     factorize,
+    nonzero_partials,
     refreshed,
+    row_order,
     times,
 )
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.noise.covariance import ObservationCovariance
-from radioloc.noise.whitening import RowsOf, StructuredWhitener, Whitener, column
+from radioloc.noise.whitening import Rows, RowsOf, StructuredWhitener, Whitener, column
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.vectors import Floats
 
@@ -133,7 +135,12 @@ class FitResult:
         free, root = self.parameters.free, self.factor.root_covariance()
         turned = np.zeros((len(free), root.shape[1]))
         turned[free] = root
-        return lambda rows: times(self.linearization.partials(rows), turned)
+
+        def unit_partials(rows: Rows) -> Floats:
+            parameters, partials = nonzero_partials(self.linearization, rows)
+            return times(partials, turned[parameters])
+
+        return unit_partials
 
     def whitened_unit_partials(self) -> Iterator[Floats]:
         """Those of the used observations by its weights, part by part, (m, q)."""
@@ -177,7 +184,7 @@ def fit_least_squares(
         raise InputError(f"used has shape {mask.shape}; {n} observations need ({n},)")
     check_residuals(at_start, mask)
     n_used = int(mask.sum())
-    stated = noise.whitener(mask)
+    stated = noise.whitener(mask, row_order(at_start))
     process = getattr(at_start, "process", None)
     if process is not None and whitening is None:
         whitening = InformationFilter.of(process, noise, mask)

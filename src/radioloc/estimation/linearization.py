@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,9 +35,38 @@ class Linearization(Protocol):
         """d(computed)/d(parameter) of some observations, shape (m, p)."""
 
 
+@runtime_checkable
+class SparseLinearization(Linearization, Protocol):
+    """Linearization of many parameters of which few act on each observation."""
+
+    def row_order(self) -> Rows:
+        """Observations in an order in which few parameters act on those of a part, shape (n,)."""
+
+    def estimated_partials(self, rows: Rows) -> Floats:
+        """Partials by the parameters that are not considered, which come first, shape (m, p - c)."""
+
+    def nonzero_partials(self, rows: Rows) -> tuple[NDArray[np.intp], Floats]:
+        """Parameters (k,) that act on some observations, ascending, and the partials by these, (m, k)."""
+
+
 ResidualFunction = Callable[[Floats], Any]
 """From parameters (p,) to a :class:`Linearization`; or, where there is room, to the pair of residuals observed -
 computed (n,), m, and partials d(computed)/d(parameter) (n, p)."""
+
+
+def row_order(linearization: Linearization) -> Rows:
+    """Return the observations in an order in which few parameters act on those of a part, shape (n,)."""
+    if isinstance(linearization, SparseLinearization):
+        return linearization.row_order()
+    return np.arange(len(linearization.residual_m))
+
+
+def nonzero_partials(linearization: Linearization, rows: Rows) -> tuple[NDArray[np.intp], Floats]:
+    """Return the parameters (k,) that act on some observations, ascending, and the partials by these, (m, k)."""
+    if isinstance(linearization, SparseLinearization):
+        return linearization.nonzero_partials(rows)
+    partials = linearization.partials(rows)
+    return np.arange(partials.shape[1]), partials
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,13 +217,15 @@ def factorize(
     else:
         # The triangle carries over from part to part, so no copy of all whitened rows need be made
         parts, room = list[Floats](), _KEPT_ELEMENTS
-        for whitened in _whitened_rows(linearization, whitening, free) if q else ():
-            triangle = reduced(triangle, whitened)
-            room -= whitened.size
+        for columns, whitened in _whitened_rows(linearization, whitening, free) if q else ():
+            room -= len(whitened) * (q + 1)
             if room < 0:
                 parts.clear()
             else:
-                parts.append(whitened[:, :q])
+                parts.append(_widened(whitened, columns, q + 1)[:, :q])
+            if len(columns) <= q:
+                whitened = _widened(reduced(np.zeros((0, len(columns))), whitened), columns, q + 1)
+            triangle = reduced(triangle, whitened)
         kept = WhitenedPartials(tuple(parts), np.eye(q)) if room >= 0 else None
     if not np.isfinite(triangle).all():
         return None
@@ -217,18 +248,35 @@ def factorize(
 
 def _whitened_rows(
     linearization: Linearization, whitening: Whitener, free: NDArray[np.intp]
-) -> Iterator[Floats]:
-    """Whitened partials by the free parameters with the residuals as last column, part by part."""
+) -> Iterator[tuple[NDArray[np.intp], Floats]]:
+    """Whitened partials by the free parameters with the residuals as last column, part by part.
+
+    The columns (k,) of each part are those that are not zero throughout, the last included, and their values (m, k).
+    """
     q = len(free)
+    columns = np.arange(q + 1)
 
     def rows_of(rows: Rows) -> Floats:
-        partials = linearization.partials(rows)
-        out = np.empty((len(rows), q + 1))
-        out[:, :q] = partials if partials.shape[1] == q else partials[:, free]
-        out[:, q] = linearization.residual_m[rows]
+        nonlocal columns
+        parameters, partials = nonzero_partials(linearization, rows)
+        chosen = np.flatnonzero(np.isin(parameters, free, assume_unique=True))
+        columns = np.append(np.searchsorted(free, parameters[chosen]), q)
+        out = np.empty((len(rows), len(chosen) + 1))
+        out[:, :-1] = partials if partials.shape[1] == len(chosen) else partials[:, chosen]
+        out[:, -1] = linearization.residual_m[rows]
         return out
 
-    return whitening.whitened(rows_of)
+    for part in whitening.whitened(rows_of):
+        yield columns, part
+
+
+def _widened(values: Floats, columns: NDArray[np.intp], count: int) -> Floats:
+    """Return values (m, k) of some columns with zeros in the others, shape (m, count)."""
+    if len(columns) == count:
+        return values
+    out = np.zeros((len(values), count))
+    out[:, columns] = values
+    return out
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -329,9 +377,9 @@ def refreshed(
     """
     free = np.flatnonzero(parameters.free)
     gradient = (parameters.prior_values - x)[free] / parameters.prior_sigmas[free] ** 2
-    for rows in _whitened_rows(linearization, whitening, free):
+    for columns, rows in _whitened_rows(linearization, whitening, free):
         # Summed by numpy itself: the result does not depend on the number of threads
-        gradient += np.einsum("nq,n->q", rows[:, :-1], rows[:, -1])
+        gradient[columns[:-1]] += np.einsum("nq,n->q", rows[:, :-1], rows[:, -1])
     along = factor.vectors.T @ (gradient / factor.column_norms)
     s = factor.singular_values
     right_side = np.divide(along, s, out=np.zeros_like(along), where=factor.determined)

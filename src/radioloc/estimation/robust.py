@@ -16,6 +16,7 @@ from radioloc.estimation.linearization import (
     LinearProblem,
     OrthonormalLinearization,
     ResidualFunction,
+    SparseLinearization,
     check_residuals,
     evaluate_step,
     factorize,
@@ -160,8 +161,10 @@ def sample(
         return candidates
     parts = [candidates[k : k + ROWS_AT_ONCE] for k in range(0, len(candidates), ROWS_AT_ONCE)]
 
+    partials = whole.estimated_partials if isinstance(whole, SparseLinearization) else whole.partials
+
     def squares(rows: Rows) -> Floats:
-        return np.asarray(np.square(whole.partials(rows)[:, free] / sigma_m[rows, None]))
+        return np.asarray(np.square(partials(rows)[:, free] / sigma_m[rows, None]))
 
     counts, sums = np.zeros(len(free)), np.zeros(len(free))
     for rows in parts:

@@ -23,7 +23,7 @@ from radioloc.measurements.terms import TERMS
 from radioloc.media.status import describe
 from radioloc.vectors import Floats
 
-ROWS_AT_ONCE = 65536  # rows of partials that are held together: 8 MB for 15 parameters
+ROWS_AT_ONCE = 16384  # rows of partials that are held together: 10 MB for 75 parameters
 _LANDER_TERMS = ("lunar_tide", "lunar_tide_constant", "lunar_scale", "lunar_lorentz")
 """Terms of a point fixed to the Moon, which have no part in a trajectory."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -23,6 +23,8 @@ from radioloc.vectors import Floats
 
 Rows = NDArray[np.intp]
 
+_MIN_KEPT_ROWS = 2**16  # of an arc whose partials by considered parameters are kept: fewer take little time
+
 
 @dataclass(frozen=True, slots=True)
 class ObservationModel:
@@ -37,8 +39,8 @@ class ObservationModel:
     reference: Epochs | None = None  # epoch that rates refer to, TAI; the middle of the arc as a rule
     process: StochasticAccelerations | None = None  # of the orbit
     considered_kinds: int = 0  # number of kinds, the last, whose parameters are considered
-    # Partials by these for a long arc, (c, n): they change by parts of 1e-4 while the estimate moves by kilometres.
-    kept: list[NDArray[np.float32]] = field(default_factory=list, compare=False, repr=False)
+    # Partials by these for a long arc: they change by parts of 1e-4 while the estimate moves by kilometres.
+    kept: list[PartialsByLink] = field(default_factory=list, compare=False, repr=False)
 
     @classmethod
     def of(
@@ -57,6 +59,11 @@ class ObservationModel:
             tuple(columns for columns, _ in kinds),
             middle_of(predictor.observations) if len(predictor.observations) else None,
         )
+
+    @property
+    def estimated_kinds(self) -> int:
+        """Number of kinds, the first, whose parameters are not considered."""
+        return len(self.columns) - self.considered_kinds
 
     @property
     def place_indices(self) -> list[int]:
@@ -144,8 +151,9 @@ class ObservationModel:
         here = DesignMatrix(self, at, motions, x, residual_m)
         first = self.first
         if x[first:].any():
-            for start in range(0, len(residual_m), ROWS_AT_ONCE):
-                rows = np.arange(start, min(start + ROWS_AT_ONCE, len(residual_m)))
+            order = here.row_order()
+            for start in range(0, len(order), ROWS_AT_ONCE):
+                rows = order[start : start + ROWS_AT_ONCE]
                 residual_m[rows] -= here.partials(rows, of_kinds_only=True) @ x[first:]
         residual_m.flags.writeable = False
         return here
@@ -171,22 +179,71 @@ class DesignMatrix:
         """The orbit's stochastic accelerations."""
         return self.model.process
 
+    def row_order(self) -> Rows:
+        """Return the rows of a long arc link by link, so that few parameters act on those of a part, shape (n,)."""
+        by_link = self._partials_by_link()
+        return np.arange(len(self.residual_m)) if by_link is None else by_link.order
+
     def partials(self, rows: Rows, *, of_kinds_only: bool = False) -> Floats:
         """d(computed)/d(parameter) of some observations, shape (m, p); or those by all but the positions."""
-        columns = partial(self._simple, first=0 if of_kinds_only else len(self.model.targets))
+        if of_kinds_only:
+            return self._partials(rows, 0, len(self.model.columns))
+        return self._partials(rows, len(self.model.targets), len(self.model.columns))
+
+    def estimated_partials(self, rows: Rows) -> Floats:
+        """Return the partials by all parameters but the considered ones, the last, shape (m, p - c)."""
+        return self._partials(rows, len(self.model.targets), self.model.estimated_kinds)
+
+    def nonzero_partials(self, rows: Rows) -> tuple[NDArray[np.intp], Floats]:
+        """Return the parameters (k,) that act on some observations, and the partials by these, (m, k)."""
+        partials_by_link = self._partials_by_link()
+        if partials_by_link is None:
+            partials = self.partials(rows)
+            return np.arange(partials.shape[1]), partials
+        parameters = partials_by_link.parameters_of(rows)
+        first = len(self.model.parameters) - partials_by_link.count
+        out = np.zeros((first + len(parameters), len(rows))).T
+        out[:, :first] = self.estimated_partials(rows)
+        partials_by_link.fill(rows, parameters, out[:, first:])
+        return np.concatenate([np.arange(first), first + parameters]), out
+
+    def _partials(self, rows: Rows, targets: int, kinds: int) -> Floats:
+        """Partials by the first targets and kinds of parameter."""
+        columns = partial(self._simple, first=targets, kinds=self.model.columns[:kinds])
         if isinstance(self.at, CombinedPrediction):
             return self.at.combine(rows, columns)
-        if self.model.considered_kinds and not self.model.kept and len(self.residual_m) > ROWS_AT_ONCE:
-            self.model.kept.append(self._of_considered())
-        return columns(rows, self.at, self.model.predictor)
+        partials_by_link = self._partials_by_link() if kinds > self.model.estimated_kinds else None
+        if partials_by_link is None:
+            return columns(rows, self.at, self.model.predictor)
+        estimated = self._partials(rows, targets, self.model.estimated_kinds)
+        out = np.zeros((estimated.shape[1] + partials_by_link.count, len(rows))).T
+        out[:, : estimated.shape[1]] = estimated
+        partials_by_link.fill(rows, np.arange(partials_by_link.count), out[:, estimated.shape[1] :])
+        return out
 
-    def _simple(self, rows: Rows, at: Prediction, predictor: Predictor, first: int) -> Floats:
-        """Partials of observations that are not combined, by the first motions and all kinds of parameter."""
+    def _partials_by_link(self) -> PartialsByLink | None:
+        """Partials of a long arc by the considered parameters; None for short arcs and combined observations."""
+        model, combined = self.model, isinstance(self.at, CombinedPrediction)
+        if not model.considered_kinds or combined or len(self.residual_m) < _MIN_KEPT_ROWS:
+            return None
+        if not model.kept:
+            kinds = model.columns[model.estimated_kinds :]
+
+            def considered_partials(rows: Rows) -> Floats:
+                return self._simple(rows, self.at, model.predictor, first=0, kinds=kinds)
+
+            model.kept.append(PartialsByLink.of(considered_partials, model.predictor.observations.link))
+        return model.kept[0]
+
+    def _simple(
+        self, rows: Rows, at: Prediction, predictor: Predictor, first: int, kinds: Sequence[Columns]
+    ) -> Floats:
+        """Partials of observations that are not combined, by the first motions and some kinds of parameter."""
         model = self.model
         part = ObservationRows(predictor, rows, model.reference, at, self.motions)
         start = model.first if first else 0
         # Column by column in memory, as the factorization reads them.
-        out = np.zeros((start + sum(map(len, model.columns)), len(rows))).T
+        out = np.zeros((start + sum(map(len, kinds)), len(rows))).T
         begin = 0
         for k, target in enumerate(model.targets[:first]):
             mine = model.columns_of(k)
@@ -194,26 +251,68 @@ class DesignMatrix:
             end = begin + len(by_x)
             out[:, mine] += part.computed.by_motion[:, begin:end] @ by_x
             begin = end
-        kinds = model.columns[: len(model.columns) - model.considered_kinds] if model.kept else model.columns
         for columns in kinds:
             columns.design(part, out[:, start : start + len(columns)])
             start += len(columns)
-        if model.kept:
-            # A slice is copied several times as fast as rows that are picked.
-            contiguous = len(rows) > 0 and bool((np.diff(rows) == 1).all())
-            out[:, start:] = model.kept[0][:, slice(rows[0], rows[-1] + 1) if contiguous else rows].T
         return out
 
-    def _of_considered(self) -> NDArray[np.float32]:
-        """Partials of all observations by the considered parameters, shape (c, n)."""
-        model, n = self.model, len(self.residual_m)
-        kinds = model.columns[len(model.columns) - model.considered_kinds :]
-        out = np.empty((sum(map(len, kinds)), n), dtype=np.float32)
-        for first in range(0, n, ROWS_AT_ONCE):
-            rows = np.arange(first, min(first + ROWS_AT_ONCE, n))
-            part = ObservationRows(model.predictor, rows, model.reference, self.at, self.motions)
-            out[:, rows] = np.hstack([columns.design(part) for columns in kinds]).T
-        return out
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PartialsByLink:
+    """Partials in single precision, of each link by the parameters that act on it."""
+
+    count: int  # c, parameters
+    order: Rows  # (n,), rows by link
+    place: Rows  # (n,), of each observation in this order
+    starts: Rows  # (b + 1,), places where the blocks of rows of one link begin, and their end
+    parameters: tuple[NDArray[np.intp], ...]  # of each block (k,), those with partials that are not zero
+    values: tuple[NDArray[np.float32], ...]  # of each block (k, m)
+
+    @classmethod
+    def of(cls, partials: Callable[[Rows], Floats], link: NDArray[np.int32]) -> PartialsByLink:
+        """Compute partials, from rows (m,) to (m, c), of observations (n,) by their links."""
+        order = np.argsort(link, kind="stable")
+        place = np.empty_like(order)
+        place[order] = np.arange(len(order))
+        ends = np.append(np.flatnonzero(np.diff(link[order])) + 1, len(order)).tolist()
+        starts, parameters, values = [0], list[NDArray[np.intp]](), list[NDArray[np.float32]]()
+        for end in ends:
+            while starts[-1] < end:
+                stop = min(starts[-1] + ROWS_AT_ONCE, end)
+                block = partials(order[starts[-1] : stop]).T
+                parameters.append(np.flatnonzero(block.any(axis=1)))
+                values.append(block[parameters[-1]].astype(np.float32))
+                starts.append(stop)
+        return cls(len(block), order, place, np.array(starts), tuple(parameters), tuple(values))
+
+    def parameters_of(self, rows: Rows) -> NDArray[np.intp]:
+        """Return the parameters that act on any of the blocks of some observations, in ascending order."""
+        acts = np.zeros(self.count, dtype=bool)
+        for block in np.unique(self._block(self.place[rows])).tolist():
+            acts[self.parameters[block]] = True
+        return np.flatnonzero(acts)
+
+    def fill(self, rows: Rows, parameters: NDArray[np.intp], out: Floats) -> None:
+        """Write partials of some observations (m,) by some parameters (k,) into zeros (m, k)."""
+        place = self.place[rows]
+        block = self._block(place)
+        for number in np.unique(block).tolist():
+            columns = np.searchsorted(parameters, self.parameters[number])
+            mine = np.flatnonzero(block == number)
+            of_block = place[mine] - self.starts[number]
+            # A slice is copied several times as fast as rows that are picked.
+            to, source = _as_slice(mine), _as_slice(of_block)
+            for column, values in zip(columns.tolist(), self.values[number], strict=True):
+                out[to, column] = values[source]
+
+    def _block(self, place: Rows) -> Rows:
+        return np.searchsorted(self.starts, place, side="right") - 1
+
+
+def _as_slice(rows: Rows) -> Rows | slice:
+    """Return ascending rows without gaps as a slice, others as they are."""
+    contiguous = len(rows) > 0 and bool((np.diff(rows) == 1).all())
+    return slice(rows[0], rows[-1] + 1) if contiguous else rows
 
 
 def orbits_of(predictor: Predictor) -> list[AdjustableOrbit]:

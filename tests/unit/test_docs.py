@@ -21,6 +21,7 @@ from radioloc.imaging.study import TABLES as IMAGE_TABLES
 from radioloc.imaging.study import read_image_study
 from radioloc.measurements.registry import MEASUREMENTS
 from radioloc.measurements.table_columns import COLUMNS
+from radioloc.media import MEDIA
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.results.tables import RESIDUAL_COLUMNS
 from radioloc.study.schema import keys_of
@@ -269,7 +270,9 @@ def test_every_key_of_the_solution(solution):
 
 @pytest.fixture
 def workspace(tmp_path, monkeypatch):
-    """A folder that has the project's examples and kernels, to work in."""
+    """A folder that has the project's examples and kernels, to work in; media that a page registers end with it."""
+    monkeypatch.setattr(MEDIA, "_entries", {**MEDIA})
+    monkeypatch.setattr(MEDIA, "_registered", set())
     for name in ("examples", "kernels"):
         (tmp_path / name).symlink_to(ROOT / name)
     monkeypatch.chdir(tmp_path)

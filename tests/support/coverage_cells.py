@@ -21,8 +21,8 @@ from threadpoolctl import threadpool_limits
 from radioloc import Study
 from radioloc.jobs.linear_trials import LinearArc, LinearTrials
 from radioloc.jobs.prepared_trials import Prepared
-from radioloc.jobs.problem import ConsideredParameters, errors_of, problem_of
 from radioloc.parameters.considered import considered_choices
+from radioloc.parameters.parameter import ParameterSet
 from radioloc.simulation import (
     Masks,
     Noise,
@@ -104,15 +104,14 @@ def prepared(data: str, hours: float) -> tuple[Plan, LinearTrials]:
     ready = Prepared.of(study, (hours,))
     linear = ready.linear()
     assert linear is not None
-    part = ready.parts[0]
-    problem = problem_of(ready.study, part.arc, part.estimate)
-    kinds = ConsideredParameters.of(study, part.arc, part.estimate).in_weights
-    errors = errors_of(kinds, problem, linear.arcs[0].problem.x[: len(problem.parameters)])
+    problem = ready.parts[0].problem
+    errors = ParameterSet(problem.model.parameters.parameters[problem.reported_count :])
+    partials = problem.model.linearize(ready.true_parameters(problem)).partials(np.arange(len(ready.rows)))
     lot = linear.drawn
     drawn = DrawnErrors(
-        (*lot.names, *errors.parameters.names),
-        np.concatenate([lot.sigmas, errors.parameters.prior_sigmas]),
-        np.concatenate([lot.partials, errors.partials(np.arange(len(ready.rows))).T]),
+        (*lot.names, *errors.names),
+        np.concatenate([lot.sigmas, errors.prior_sigmas]),
+        np.concatenate([lot.partials, partials[:, problem.reported_count :].T]),
     )
     return ready.world.plan, drawing(linear, drawn)
 

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.estimation.statistics import finite_or_none
-from radioloc.jobs.locate import fit_arc, logger
+from radioloc.jobs.locate import logger, solve
 from radioloc.jobs.preparation import prepared_arc
-from radioloc.jobs.selection import DEFAULT_HOURS, arc_lengths, arc_parts
+from radioloc.jobs.problem import EstimationProblem, arc_parts
+from radioloc.jobs.selection import DEFAULT_HOURS, arc_lengths
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.progress import progress_bar
@@ -73,14 +74,15 @@ def arcs(
     )
     longest, left_out = prepared_arc(whole, observations)
     found = []
-    for part in arc_parts(longest, whole, reversed(lengths)):
+    for part in arc_parts(EstimationProblem.of(whole, longest, whole.estimate), reversed(lengths)):
         later = len(longest.observations) - len(part.rows)
         reasons = dict(left_out)
         if later:
             reasons["outside the time span"] = reasons.get("outside the time span", 0) + later
         of_part = replace(whole.observations, hours=part.hours)
-        one = replace(whole, name=f"{study.name}, {part.hours:g} h", observations=of_part)
-        found.append(Arc(part.hours, part.span_h, fit_arc(one, part.arc, reasons, part.estimate)))
+        part_study = replace(whole, name=f"{study.name}, {part.hours:g} h", observations=of_part)
+        solution = solve(replace(part.problem, study=part_study), reasons)
+        found.append(Arc(part.hours, part.span_h, solution))
     constants = longest.model.ephemeris.constants
     references = [Reference(item.position.to_axes("ME", constants), item.name) for item in known]
     return ArcStudy(study.name, tuple(found), tuple(references), study.longitude_to_360)
@@ -122,13 +124,13 @@ def leave_one_out(study: Study | str | Path, *, progress: bool = False) -> Leave
             f"{study.name}: all observations are of one station or link, without which there are none; "
             "use `radioloc locate`"
         )
-    whole = fit_arc(study, arc, left_out, study.estimate)
+    problem = EstimationProblem.of(study, arc, study.estimate)
+    whole = solve(problem, left_out)
     found = []
     for (kind, name), mine in progress_bar(groups.items(), wanted=progress, unit="fit"):
         logger.info("without %s", name)
-        part = arc.select(np.flatnonzero(~mine))
         reasons = left_out | {f"of {name}": int(mine.sum())}
-        solution = fit_arc(study, part, reasons, study.estimate.of_part(part), consistency=False)
+        solution = solve(problem.select(np.flatnonzero(~mine)), reasons, consistency=False)
         found.append(_without(kind, name, int(mine.sum()), solution, whole))
     return LeaveOneOut(whole, tuple(found))
 

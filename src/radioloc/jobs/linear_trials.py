@@ -17,7 +17,7 @@ from radioloc.estimation.linearization import LinearProblem
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.time_correlation import estimated_covariance
 from radioloc.estimation.variance_components import fit_with_variance_components
-from radioloc.jobs.problem import weighed
+from radioloc.jobs.problem import with_weights
 from radioloc.jobs.verdict import WIDEST_M, heights, misfits
 from radioloc.labels import Labels
 from radioloc.noise import ObservationCovariance
@@ -93,7 +93,7 @@ class LinearArc:
             status=self.status,
             threshold=self.estimate.rejection_sigma,
         )
-        return weighed(linear, found, self.order, self.estimate)
+        return with_weights(linear, found, self.order, self.estimate)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -26,16 +26,11 @@ from radioloc.jobs.notes import notes_of, provenance
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.orbit_start import near_orbit
 from radioloc.jobs.preparation import known_positions, prepared_arc
-from radioloc.jobs.problem import (
-    EstimationProblem,
-    disturbed,
-    fitted_orbit,
-    status_of,
-    weighed,
-)
+from radioloc.jobs.problem import EstimationProblem, orbit_state, with_weights
 from radioloc.jobs.station_doubts import coordinate_doubts
 from radioloc.jobs.stochastic import StochasticProblem
-from radioloc.jobs.verdict import cut_off_ends, misfits, nowhere, places, search_that_helps
+from radioloc.jobs.usability import usability
+from radioloc.jobs.verdict import cut_off_ends, mark_if_unobservable, misfits, places, search_that_helps
 from radioloc.labels import USED, Labels
 from radioloc.lunar import rot_pa_to_me
 from radioloc.measurements.observations import Observations
@@ -106,44 +101,15 @@ def fit_arc(
     *,
     consistency: bool = True,
 ) -> Solution:
-    """Fit an arc that has been prepared already; of `estimate` nothing where it is ``None``.
-
-    Groups of observations are tested for `consistency` on request only.
-    """
-    problem = EstimationProblem.of(study, arc, estimate)
-    fitted = _fitted(problem)
-    doubts = _doubts(fitted)
-    solution = _solution(fitted, left_out, doubts, consistency)
-    return _judged(fitted, solution, doubts)
+    """Fit a prepared arc; nothing is estimated where `estimate` is None. Groups are tested for `consistency`."""
+    return solve(EstimationProblem.of(study, arc, estimate), left_out, consistency=consistency)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Fitted:
-    """A problem with its fit by final weights."""
-
-    problem: EstimationProblem
-    model: ObservationModel  # with the stochastic accelerations of its orbit, if there are any
-    edited: EditedFit
-    stochastic: StochasticProblem | None
-    errors: AdjustableOrbit | None  # the orbit with the considered errors of its gravity field
-    suboptimal: ConsideredErrors | None  # considered errors that are not in the weights
-    elevation_deg: NDArray[np.float64]
-
-    @property
-    def x(self) -> NDArray[np.float64]:
-        """Estimate of all parameters."""
-        return self.edited.fit.x
-
-    @property
-    def motions(self) -> Motions:
-        """Motions of the targets at the estimate."""
-        return self.model.motions(self.x)
-
-
-def _fitted(problem: EstimationProblem) -> _Fitted:
-    """Fit, weigh dense series by their time correlation, and find what considered errors outside the weights do."""
-    status, reason = status_of(problem.arc, problem.start)
-    edited, stochastic = _fit(problem, status, reason)
+@on_one_blas_thread()
+def solve(problem: EstimationProblem, left_out: dict[str, int], *, consistency: bool = True) -> Solution:
+    """Return the solution of a problem; `left_out` counts observations that were not selected, by reason."""
+    status, codes = usability(problem.arc, problem.start)
+    edited, stochastic = _fit(problem, status, codes)
     model = problem.model if stochastic is None else stochastic.here
     logger.info(
         "fitted %d parameters to %d of %d observations",
@@ -151,33 +117,67 @@ def _fitted(problem: EstimationProblem) -> _Fitted:
         edited.fit.used.sum(),
         len(problem.arc.observations),
     )
-    # What errors of gravity do to an orbit takes seconds, and serves the parameters' sigmas and those over the arc.
-    errors = disturbed(model, edited.fit.x)
-    edited = weighed(model.linearize, edited, problem.order, problem.estimate)
-    x = edited.fit.x
-    suboptimal = problem.considered.suboptimal_errors(model, x, errors)
-    elevation_deg = _elevation_deg(model.predictor, model.motions(x))
-    return _Fitted(problem, model, edited, stochastic, errors, suboptimal, elevation_deg)
+    # The effects of gravity errors on an orbit take seconds; the parameters' sigmas and those over the arc share them.
+    orbit = problem.orbit_with_gravity_errors(edited.fit.x)
+    edited = with_weights(model.linearize, edited, problem.order, problem.estimate)
+    suboptimal = problem.suboptimal_errors(model, edited.fit.x, orbit)
+    fitted = _Fitted(problem, model, edited, stochastic, orbit, suboptimal)
+    return _completed(fitted, _solution(fitted, consistency), left_out)
 
 
-def _doubts(fitted: _Fitted) -> list[Doubt]:
-    """Reasons why the estimate cannot be used although the fit converged."""
-    problem, edited = fitted.problem, fitted.edited
-    if problem.estimate is None:
-        return []
-    doubts = [*misfits(edited, problem.noise.sigma_m, problem.order.types)]
-    if problem.model.of_orbit:
-        doubts += cut_off_ends(edited, problem.arc.observations)
-    # Where the residuals do not fit at all, place and sigmas are no reasons of their own.
-    if not doubts and problem.study.points and problem.estimate.position != "none":
-        doubts += places(fitted.model.predictor, fitted.motions, edited.fit.used, fitted.elevation_deg)
-    return doubts
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """A problem with its fit by final weights."""
+
+    problem: EstimationProblem
+    model: ObservationModel  # with the stochastic accelerations of its orbit, if there are any
+    edited: EditedFit
+    stochastic: StochasticProblem | None
+    orbit: AdjustableOrbit | None  # with the considered errors of its gravity field
+    suboptimal: ConsideredErrors | None  # considered errors that are not in the weights
+
+    @property
+    def x(self) -> NDArray[np.float64]:
+        """Estimate of all parameters."""
+        return self.edited.fit.x
+
+    @cached_property
+    def motions(self) -> Motions:
+        """Motions of the targets at the estimate."""
+        return self.model.motions(self.x)
+
+    @cached_property
+    def elevation_deg(self) -> NDArray[np.float64]:
+        """Lower of the stations' elevations, deg, shape (n,)."""
+        prediction = self.model.predictor.at(self.motions)
+        elevation_deg = np.empty(len(self.problem.arc.observations))
+        for rows in blocks(self.model.predictor):
+            elevation_deg[rows] = np.degrees(prediction.rows(rows).elevation_rad.min(axis=-1))
+        elevation_deg.flags.writeable = False
+        return elevation_deg
+
+    @cached_property
+    def doubts(self) -> list[Doubt]:
+        """Reasons why the estimate cannot be used although the fit converged."""
+        problem, edited = self.problem, self.edited
+        if problem.estimate is None:
+            return []
+        doubts = [*misfits(edited, problem.noise.sigma_m, problem.order.types)]
+        if problem.model.of_orbit:
+            doubts += cut_off_ends(edited, problem.arc.observations)
+        # Where the residuals do not fit at all, place and sigmas are no reasons of their own.
+        if not doubts and problem.study.points and problem.estimate.position != "none":
+            doubts += places(self.model.predictor, self.motions, edited.fit.used, self.elevation_deg)
+        return doubts
+
+    @property
+    def fits(self) -> bool:
+        """Whether the residuals fit, so that all doubts concern the place."""
+        return all(doubt.status is not FitStatus.MISFIT for doubt in self.doubts)
 
 
-def _solution(
-    fitted: _Fitted, left_out: dict[str, int], doubts: Sequence[Doubt], consistency: bool
-) -> Solution:
-    """Build the solution, with the state of an orbit and the differences to known positions."""
+def _solution(fitted: _Fitted, consistency: bool) -> Solution:
+    """Build the solution of a fit from its estimate and residuals."""
     problem, model, x = fitted.problem, fitted.model, fitted.x
     study, estimate, arc = problem.study, problem.estimate, model.predictor
     observations, constants = arc.observations, arc.model.ephemeris.constants
@@ -191,7 +191,7 @@ def _solution(
         if len(places) > 1
     )
     shown = next(iter(places), 0)
-    solution = build_solution(
+    return build_solution(
         fitted.edited,
         position_pa_m=model.position_pa_m(x, shown),
         position_partials=model.position_partials(x, shown)[:, reported],
@@ -205,65 +205,49 @@ def _solution(
         type=problem.order.types,
         elevation_deg=fitted.elevation_deg,
         count_s=observations.count_s,
-        doubts=doubts,
+        doubts=fitted.doubts,
         order=problem.order,
         consistency=consistency,
         ephemeris_sigma_enu_m=np.zeros(3) if estimate is None else np.array(estimate.ephemeris_sigma_m),
         name=study.name,
-        provenance=provenance(study, arc, left_out, estimate, fitted.motions),
         considered=fitted.suboptimal,
         trajectory=None if places else str(arc.trajectories[0]),
         targets=several,
     )
-    of_errors = None if solution.consider is None else solution.consider.parameters
-    solution = replace(
-        solution,
-        notes=(
-            *coordinate_doubts(arc, problem.start, fitted.edited.fit.used, _fits(doubts)),
-            *notes_of(study, arc, left_out, estimate, fitted.edited, solution.position_pa_m, of_errors),
-            *problem.considered.notes,
-        ),
-    )
-    state = fitted_orbit(model, x, solution.parameter_covariance(), solution.consider, fitted.errors)
-    if state is not None:
-        if fitted.stochastic is not None:
-            state = fitted.stochastic.smoothed(state, fitted.edited, problem.order, fitted.suboptimal)
-        solution = replace(solution, trajectory=None if places else str(state.orbit), state=state)
+
+
+def _completed(fitted: _Fitted, solution: Solution, left_out: dict[str, int]) -> Solution:
+    """Return the solution with the state of its orbit, known positions, notes, and a verdict by its sigmas."""
+    problem, model, x = fitted.problem, fitted.model, fitted.x
+    study, estimate, arc = problem.study, problem.estimate, model.predictor
+    state = orbit_state(model, x, solution.parameter_covariance(), solution.consider, fitted.orbit)
+    if state is not None and fitted.stochastic is not None:
+        state = fitted.stochastic.smoothed(state, fitted.edited, problem.order, fitted.suboptimal)
+    constants = arc.model.ephemeris.constants
     known = [compare_with(solution, xyz_m, name) for name, xyz_m in known_positions(study, constants)]
-    first = None if study.reference is None else known.pop(0)
-    return replace(solution, reference=first, references=tuple(known))
+    if fitted.fits:
+        solution = mark_if_unobservable(solution)
+    notes = [*coordinate_doubts(arc, problem.start, fitted.edited.fit.used, fitted.fits)]
+    considered = None if solution.consider is None else solution.consider.parameters
+    notes += notes_of(study, arc, left_out, estimate, fitted.edited, solution.position_pa_m, considered)
+    notes += problem.considered.notes
+    if estimate is not None:
+        moved_m = np.linalg.norm(positions_pa_m(fitted.motions) - positions_pa_m(problem.start), axis=-1)
+        notes += search_that_helps(study, solution, float(moved_m.max()))
+    return replace(
+        solution,
+        state=state,
+        trajectory=solution.trajectory if state is None or model.place_indices else str(state.orbit),
+        reference=None if study.reference is None else known[0],
+        references=tuple(known if study.reference is None else known[1:]),
+        notes=tuple(notes),
+        provenance=provenance(study, arc, left_out, estimate, fitted.motions),
+    )
 
 
-def _fits(doubts: Sequence[Doubt]) -> bool:
-    """Return whether the residuals fit: the doubts, if there are any, are of the place only."""
-    return all(doubt.status is not FitStatus.MISFIT for doubt in doubts)
-
-
-def _judged(fitted: _Fitted, solution: Solution, doubts: Sequence[Doubt]) -> Solution:
-    """Mark a position that the observations do not determine, and name the search that helps."""
-    if _fits(doubts):
-        solution = nowhere(solution)
-    problem = fitted.problem
-    if problem.estimate is None:
-        return solution
-    moved_m = positions_pa_m(fitted.motions) - positions_pa_m(problem.start)
-    advice = search_that_helps(problem.study, solution, float(np.linalg.norm(moved_m, axis=-1).max()))
-    return replace(solution, notes=(*solution.notes, *advice))
-
-
-def _elevation_deg(arc: Predictor, motions: Motions) -> NDArray[np.float64]:
-    """Lower of the stations' elevations, deg, shape (n,)."""
-    at = arc.at(motions)
-    elevation_deg = np.empty(len(arc.observations))
-    for rows in blocks(arc):
-        elevation_deg[rows] = np.degrees(at.rows(rows).elevation_rad.min(axis=-1))
-    elevation_deg.flags.writeable = False
-    return elevation_deg
-
-
-def _reasons(status: Labels, reason: NDArray[np.int8], observations: Observations) -> str:
-    """Why observations are rejected: how many for each reason, with the first of them as an example."""
-    _, firsts, counts = np.unique(reason, return_index=True, return_counts=True)
+def _reasons(status: Labels, codes: NDArray[np.int8], observations: Observations) -> str:
+    """Return why observations are rejected: a count for each reason, with the first of them as an example."""
+    _, firsts, counts = np.unique(codes, return_index=True, return_counts=True)
     paths = observations.paths()
     return ", ".join(
         f"{count} as {paths[first]} of {observations.origin(first)}, {status[[first]][0]}"
@@ -271,84 +255,89 @@ def _reasons(status: Labels, reason: NDArray[np.int8], observations: Observation
     )
 
 
-def _fit(
-    given: EstimationProblem, status: Labels, reason: NDArray[np.int8]
-) -> tuple[EditedFit, StochasticProblem | None]:
-    """The fit, and its problem if the orbit has stochastic accelerations."""
-    problem, noise, order, estimate = given.model, given.noise, given.order, given.estimate
-    if estimate is None:
-        plain = fit_with_editing(problem.linearize, problem.parameters, noise, status=status, threshold=None)
-        return plain, None
+def _require_usable(problem: EstimationProblem, status: Labels, codes: NDArray[np.int8]) -> None:
+    """Refuse an arc of which no observation can be used."""
     if not status.are(USED).any():
         raise InputError(
             f"no observations left: all {len(status)} are rejected: "
-            f"{_reasons(status, reason, problem.predictor.observations)}; "
+            f"{_reasons(status, codes, problem.arc.observations)}; "
             "check the target's position and frame, and the stations, or look for a position by `radioloc search "
             "STUDY.toml`"
         )
-    observations = problem.predictor.observations
+
+
+def _fit(
+    problem: EstimationProblem, status: Labels, codes: NDArray[np.int8]
+) -> tuple[EditedFit, StochasticProblem | None]:
+    """Return the fit, and its problem if the orbit has stochastic accelerations."""
+    model, estimate = problem.model, problem.estimate
+    if estimate is None:
+        fit = fit_with_editing(
+            model.linearize, model.parameters, problem.noise, status=status, threshold=None
+        )
+        return fit, None
+    _require_usable(problem, status, codes)
+    observations = problem.arc.observations
     counts = PhaseCounts(observations.count_s, 1e-6 * observations.wavelength_um)
-    usable, excluded = status.are(USED), dict[int, str]()
-    process_noise = None if estimate.orbit is None else estimate.orbit.process_noise
-    start = near_orbit(problem, noise.sigma_m, usable)
+    usable, phase_reasons = status.are(USED), dict[int, str]()
+    start = near_orbit(model, problem.noise.sigma_m, usable)
     if start is not None:
-        status = _visibility_at(problem, start, status, usable)
+        status = _visibility_at(model, start, status, usable)
     stochastic = None
-    if process_noise is not None:
-        x = problem.parameters.prior_values if start is None else start
-        stochastic = StochasticProblem.about(problem, process_noise, x)
+    if problem.process_noise is not None:
+        x = model.parameters.prior_values if start is None else start
+        stochastic = StochasticProblem.about(model, problem.process_noise, x)
     # Positions with a prior of their own begin there, not where visibility was decided.
-    decided_at = start if start is not None or estimate.position_priors else problem.parameters.prior_values
-    decisions = 0
+    decided_at = start if start is not None or estimate.position_priors else model.parameters.prior_values
+    decision_count = 0
     while True:
-        problem = problem if stochastic is None else stochastic.here
+        model = model if stochastic is None else stochastic.here
         visible = status.are(USED)
-        fitted = fit_with_variance_components(
-            problem.linearize,
-            problem.parameters,
-            noise,
-            order=order,
-            groups=estimate.component_groups(order),
-            status=with_reasons(status, {row: why for row, why in excluded.items() if visible[row]}),
+        edited = fit_with_variance_components(
+            model.linearize,
+            model.parameters,
+            problem.noise,
+            order=problem.order,
+            groups=estimate.component_groups(problem.order),
+            status=with_reasons(status, {row: why for row, why in phase_reasons.items() if visible[row]}),
             threshold=estimate.rejection_sigma,
             start=start,
         )
-        faults = phase_faults(fitted, order, counts) if fitted.ended else {}
-        hidden = {row: reason for row, reason in faults.items() if fitted.fit.used[row]}
-        excluded |= hidden
-        if stochastic is not None and fitted.ended and not stochastic.near(fitted.fit):
-            stochastic, start = stochastic.again(fitted.fit), fitted.fit.x
-        elif not hidden:
-            decided = status
-            if (
-                fitted.ended
-                and not _is_near(problem, decided_at, fitted.fit.x)
-                and decisions < _MAX_VISIBILITY_DECISIONS
-            ):
-                decisions, decided_at = decisions + 1, fitted.fit.x
-                decided = _visibility_at(problem, fitted.fit.x, status, fitted.fit.used)
-            if decided is status:
-                return replace(fitted, reasons=faults), stochastic
-            status, start = decided, fitted.fit.x
+        x = edited.fit.x
+        faults = phase_faults(edited, problem.order, counts) if edited.ended else {}
+        used_faults = {row: reason for row, reason in faults.items() if edited.fit.used[row]}
+        phase_reasons |= used_faults
+        if stochastic is not None and edited.ended and not stochastic.near(edited.fit):
+            stochastic, start = stochastic.again(edited.fit), x
+            continue
+        if used_faults:
+            continue
+        decided = status
+        if edited.ended and decision_count < _MAX_VISIBILITY_DECISIONS and not _is_near(model, decided_at, x):
+            decision_count, decided_at = decision_count + 1, x
+            decided = _visibility_at(model, x, status, edited.fit.used)
+        if decided is status:
+            return replace(edited, reasons=faults), stochastic
+        status, start = decided, x
 
 
-def _is_near(problem: ObservationModel, before: NDArray[np.float64] | None, x: NDArray[np.float64]) -> bool:
-    """Return whether fixed positions at parameters x have the visibility that was decided at those before."""
-    if before is None or problem.predictor.trajectories:
+def _is_near(model: ObservationModel, decided_at: NDArray[np.float64] | None, x: NDArray[np.float64]) -> bool:
+    """Return whether visibility at parameters x is that of the parameters at which it was decided."""
+    if decided_at is None or model.predictor.trajectories:
         return False
-    moved_m = positions_pa_m(problem.motions(x)) - positions_pa_m(problem.motions(before))
+    moved_m = positions_pa_m(model.motions(x)) - positions_pa_m(model.motions(decided_at))
     return bool(np.abs(moved_m).max(initial=0.0) < _SAME_VISIBILITY_M)
 
 
 def _visibility_at(
-    problem: ObservationModel, x: NDArray[np.float64], status: Labels, used: NDArray[np.bool_]
+    model: ObservationModel, x: NDArray[np.float64], status: Labels, used: NDArray[np.bool_]
 ) -> Labels:
     """Decide anew at parameters x which observations can be used; return `status` itself where nothing changes.
 
     An estimate from which most of the used observations are invisible is not believed: the verdict says so. Without it
     counts behind the Moon as seen from the a-priori orbit are lost (`tests/unit/jobs/test_orbit_study.py`).
     """
-    decided, _ = status_of(problem.predictor, problem.motions(x))
+    decided, _ = usability(model.predictor, model.motions(x))
     visible = decided.are(USED)
     if np.array_equal(visible, status.are(USED)) or 2 * (visible & used).sum() < used.sum():
         return status

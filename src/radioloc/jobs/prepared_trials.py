@@ -17,7 +17,6 @@ from radioloc.dynamics import AdjustableOrbit, Orbit
 from radioloc.errors import InputError
 from radioloc.estimation.consider import few_errors
 from radioloc.estimation.robust import linear_problem
-from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
 from radioloc.jobs.linear_trials import (
     Compared,
     LinearArc,
@@ -28,22 +27,15 @@ from radioloc.jobs.linear_trials import (
     trial_seed,
     true_values,
 )
-from radioloc.jobs.locate import fit_arc
+from radioloc.jobs.locate import solve
 from radioloc.jobs.preparation import model_of, planned_arc
-from radioloc.jobs.problem import (
-    ConsideredParameters,
-    disturbed,
-    errors_of,
-    problem_of,
-    require_position_or_orbit,
-    status_of,
-)
-from radioloc.jobs.selection import ArcPart, arc_parts
+from radioloc.jobs.problem import ArcPart, EstimationProblem, arc_parts, require_position_or_orbit
 from radioloc.jobs.simulate import scenario_of
-from radioloc.jobs.station_noise import stated_noise
 from radioloc.jobs.study_targets import position_in_pa
+from radioloc.jobs.usability import usability
 from radioloc.labels import USED, Labels
-from radioloc.lunar.local import local_difference
+from radioloc.lunar import rot_pa_to_me
+from radioloc.lunar.local import local_difference, rot_pa_to_enu
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.registry import KINDS
 from radioloc.measurements.target_motion import FixedPoint, OrbitMotion
@@ -54,7 +46,6 @@ from radioloc.parameters.registry import PARAMETERS
 from radioloc.results.solution import Solution
 from radioloc.simulation import World
 from radioloc.simulation.noise import NoiseDraws
-from radioloc.simulation.simulate import rot_pa_to_enu
 from radioloc.simulation.truth import GRAVITY_ERROR
 from radioloc.study.study import EstimateChoice, Study
 from radioloc.targets.descent import Descent
@@ -63,10 +54,9 @@ from radioloc.targets.orbit_state import (
     ALONG_ACROSS_RADIAL,
     EAST_NORTH_UP,
     LOCAL_LEVEL,
-    turned,
+    along_across_radial,
 )
 from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
-from radioloc.vectors import rtn_axes
 
 _Floats = NDArray[np.float64]
 
@@ -114,7 +104,9 @@ class Prepared:
         """When an orbit is compared with the truth: at its epoch, in the middle and at the end of the tracking, TDB."""
         assert self.study.orbiter is not None
         epoch = self.study.orbiter.epoch
-        first_s, last_s = tt_to_tdb(utc_to_tt(part.arc.observations.span())).seconds_since(epoch).tolist()
+        first_s, last_s = (
+            tt_to_tdb(utc_to_tt(part.problem.arc.observations.span())).seconds_since(epoch).tolist()
+        )
         return epoch.shifted(np.array([0.0, 0.5 * (first_s + last_s), last_s]))
 
     @classmethod
@@ -138,14 +130,15 @@ class Prepared:
             truth = scenario.orbit(model, scenario.flight)
         world = scenario.world(model)
         observations = replace(study.observations, hours=hours[-1])
-        whole = replace(study, reference=None, references=(), observations=observations)
-        longest, _, rows = planned_arc(whole, world.plan.observations, model, orbit)
-        parts = arc_parts(longest, study, reversed(hours))
+        whole_study = replace(study, reference=None, references=(), observations=observations)
+        longest, _, rows = planned_arc(whole_study, world.plan.observations, model, orbit)
+        study = replace(study, reference=None)
+        parts = arc_parts(EstimationProblem.of(study, longest, study.estimate), reversed(hours))
         names = dict.fromkeys(
             p.name
             for part in parts
-            for p in problem_of(study, part.arc, part.estimate).parameters
-            if p.kind not in ("position", "state") and not p.fixed
+            for p in part.problem.model.parameters
+            if p.kind not in ("position", "state") and p.role is Role.ESTIMATED
         )
         biases = study.estimate.parameters.get("range_bias", ParameterChoice())
         by_station = biases.scope(PARAMETERS["range_bias"]) in (Scope.STATION, Scope.PASS)
@@ -167,11 +160,13 @@ class Prepared:
         errors = world.drawn.draw(seed)
         noise_m = world.scenario.noise.draw(world.plan, seed)[0]
         value_m = (world.value_m + errors @ world.drawn.partials + noise_m)[self.rows]
-        study = replace(self.study, reference=None)
         for part in self.parts:
-            arc = part.arc.with_values(value_m[part.rows])
-            estimate = self._with_drawn_prior(part.estimate, seed)
-            solution = fit_arc(study, arc, {}, estimate, consistency=False)
+            problem = part.problem
+            arc = problem.arc.with_values(value_m[part.rows])
+            assert problem.estimate is not None
+            estimate = self._with_drawn_prior(problem.estimate, seed)
+            drawn = EstimationProblem.of(problem.study, arc, estimate, problem.noise)
+            solution = solve(drawn, {}, consistency=False)
             sigmas, total = solution.sigmas(), solution.fit.total
             found += rows_of(
                 self.columns,
@@ -197,7 +192,7 @@ class Prepared:
         if not estimate.position_priors:
             return estimate
         [prior] = estimate.position_priors
-        model = self.parts[0].arc.model
+        model = self.parts[0].problem.arc.model
         truth = LunarPosition.from_cartesian(self.world.target_pa_m, model.libration.frame)
         about_truth = replace(prior, mean=truth.to_axes("ME", model.ephemeris.constants))
         sigmas = self._drawn_prior_sigmas(estimate, 3)
@@ -218,59 +213,55 @@ class Prepared:
         tdb = self.epochs(part)
         apart = np.hstack(solution.state.orbit.states(tdb)) - np.hstack(world.trajectory.states(tdb))
         covariances = solution.state.covariance_rtn(tdb)[:, LOCAL_LEVEL][:, :, LOCAL_LEVEL]
-        return _local(world.trajectory, tdb, apart[..., None])[..., 0] - moved_m, covariances
+        return along_across_radial(world.trajectory, tdb, apart[..., None])[..., 0] - moved_m, covariances
 
     def linear(self) -> LinearTrials | None:
-        """Return the trials by the linear model; none where it does not replace a fit, as with process noise."""
-        if self.study.estimate.orbit is not None and self.study.estimate.orbit.process_noise is not None:
+        """Return the trials by the linear model; None where it does not replace a fit, as with process noise."""
+        longest = self.parts[0].problem
+        if longest.process_noise is not None:
             return None
-        longest = self.parts[0].arc
-        problem, x = self.at_truth(self.parts[0])
-        computed_m = longest.at(
-            problem.motions(x) if problem.of_orbit else FixedPoint(self.world.target_pa_m)
-        ).value_m
-        usable = status_of(longest)[0].are(USED)
-        errant = disturbed(problem, x)
-        arcs = []
-        for part in self.parts:
-            one = self._linear_arc(part, usable[part.rows], errant)
-            if one is None:
-                return None
-            arcs.append(one)
+        x = self.true_parameters(longest)
+        motions = longest.model.motions(x) if self.true_orbit else FixedPoint(self.world.target_pa_m)
+        computed_m = longest.arc.at(motions).value_m
+        usable = usability(longest.arc)[0].are(USED)
+        orbit = longest.orbit_with_gravity_errors(x)
+        arcs = [self._linear_arc(part, usable[part.rows], orbit) for part in self.parts]
+        if any(arc is None for arc in arcs):
+            return None
         return LinearTrials(
             draws=NoiseDraws.of(self.world.scenario.noise, self.world.plan),
             rows=self.rows,
             constant_m=self.world.value_m[self.rows] - computed_m,
             drawn=self.world.drawn.rows(self.rows),
-            arcs=tuple(arcs),
+            arcs=tuple(arc for arc in arcs if arc is not None),
             columns=self.columns,
             errors=self.world.errors,
         )
 
-    def at_truth(self, part: ArcPart) -> tuple[ObservationModel, _Floats]:
-        """The problem of a part, and its parameters of the true position or state, the others a priori."""
-        problem = problem_of(self.study, part.arc, part.estimate)
+    def true_parameters(self, problem: EstimationProblem) -> _Floats:
+        """Return the parameters of the true position or state, the others at their a-priori values."""
+        model = problem.model
         if self.study.lands:
             assert self.true_orbit is not None
-            [descent] = problem.targets
+            [descent] = model.targets
             assert isinstance(descent, Descent)
-            x = problem.parameters.prior_values.copy()
+            x = model.parameters.prior_values.copy()
             x[:6] = descent.touchdown_of(self.true_orbit.state)
-            return problem, x
+            return x
         wanted = self.world.target_pa_m
         if self.study.orbiter is not None:
             assert self.world.scenario.flight is not None
-            wanted = np.zeros(problem.first)
+            wanted = np.zeros(model.first)
             wanted[:6] = self.world.scenario.flight.state - self.study.orbiter.state
-        return problem, _parameters_at(problem, wanted)
+        return _parameters_at(model, wanted)
 
     def _true_place(self, part: ArcPart) -> tuple[_Floats, _Floats]:
         """True position, principal axes, m, and the axes east, north and up there, as rows."""
         if self.true_orbit is None:
             return self.world.target_pa_m, self.world.enu_pa
-        problem, x = self.at_truth(part)
-        place_m = problem.position_pa_m(x)
-        return place_m, rot_pa_to_enu(place_m, part.arc.model)
+        model = part.problem.model
+        place_m = model.position_pa_m(self.true_parameters(part.problem))
+        return place_m, rot_pa_to_enu(place_m, rot_pa_to_me(model.predictor.model.ephemeris.constants))
 
     def drawn_moves(self, part: ArcPart, names: Sequence[str]) -> _Floats:
         """How drawn errors move what is compared, shape (q, d, k)."""
@@ -283,109 +274,98 @@ class Prepared:
         if errant is not None:
             of_gravity = [name.startswith(f"{GRAVITY_ERROR}.") for name in names]
             tdb = self.epochs(part)
-            moves[..., of_gravity] = _local(errant, tdb, errant.effects(tdb))
+            moves[..., of_gravity] = along_across_radial(errant, tdb, errant.effects(tdb))
         return moves
 
-    def _compared(
-        self, part: ArcPart, problem: ObservationModel, x: _Floats, errant: AdjustableOrbit | None, count: int
-    ) -> Compared:
-        """What estimates are compared with, of so many considered errors, of which those of gravity are the last."""
-        by_drawn = self.drawn_moves(part, self.world.drawn.names)
+    def _compared(self, part: ArcPart, x: _Floats, orbit: AdjustableOrbit | None, count: int) -> Compared:
+        """Return the comparison of estimates with the truth; `count` suboptimal errors end with those of gravity."""
+        problem, by_drawn = part.problem, self.drawn_moves(part, self.world.drawn.names)
+        model, reported = problem.model, problem.reported_count
+        assert problem.estimate is not None
         if not self._of_states:
+            by_parameters = self._true_place(part)[1] @ model.position_partials(x)[:, :reported]
+            ephemeris_m2 = np.diag(np.array(problem.estimate.ephemeris_sigma_m) ** 2)
             return Compared(
-                (self._true_place(part)[1] @ problem.position_partials(x))[None],
-                by_drawn,
-                np.zeros((1, 3, count)),
-                np.zeros((1, 3)),
-                np.diag(np.array(part.estimate.ephemeris_sigma_m) ** 2),
+                by_parameters[None], by_drawn, np.zeros((1, 3, count)), np.zeros((1, 3)), ephemeris_m2
             )
         assert isinstance(self.world.trajectory, Orbit)
         tdb = self.epochs(part)
-        whole = orbit_of(self.parts[0].arc)  # over the whole plan
-        assert whole is not None
-        here = problem.with_orbit(whole).orbit_at(x)
-        assert here is not None
-        by_parameters = np.zeros((3, 6, len(x)))
-        by_parameters[..., : problem.first] = _local(
-            here, tdb, here.partials(tdb) @ problem.targets[0].motion(x[: problem.first])[1]
-        )
-        by_considered = np.zeros((3, 6, count))
-        if errant is not None:
-            direct = _local(here, tdb, errant.effects(tdb))
+        whole_orbit = orbit_of(self.parts[0].problem.arc)  # over the whole plan
+        assert whole_orbit is not None
+        model = model.with_orbit(whole_orbit)
+        estimate = model.orbit_at(x)
+        assert estimate is not None
+        by_considered = np.zeros((len(tdb), 6, count))
+        if orbit is not None:
+            direct = along_across_radial(estimate, tdb, orbit.effects(tdb))
             by_considered[..., count - direct.shape[-1] :] = -direct  # it is the truth that they move
-        apart = np.hstack(self.world.trajectory.states(tdb)) - np.hstack(here.states(tdb))
-        offset_m = _local(here, tdb, apart[..., None])[..., 0]
+        difference = np.hstack(self.world.trajectory.states(tdb)) - np.hstack(estimate.states(tdb))
+        offset_m = along_across_radial(estimate, tdb, difference[..., None])[..., 0]
+        by_parameters = model.local_partials(x, tdb)[..., :reported]
         return Compared(by_parameters, by_drawn, by_considered, offset_m, np.zeros((6, 6)))
 
     def _linear_arc(
-        self, part: ArcPart, usable: NDArray[np.bool_], errant: AdjustableOrbit | None
+        self, part: ArcPart, usable: NDArray[np.bool_], orbit: AdjustableOrbit | None
     ) -> LinearArc | None:
-        study, arc = self.study, part.arc
-        problem, x = self.at_truth(part)
+        """Return an arc linearized at the truth; None where its partials are not finite."""
+        problem = part.problem
+        model, noise, estimate, count = problem.model, problem.noise, problem.estimate, problem.reported_count
+        assert estimate is not None
+        x = self.true_parameters(problem)
         rows = np.arange(len(part.rows))
-        partials = problem.linearize(x).partials(rows)
-        noise = stated_noise(arc, study.observations)
-        considered = ConsideredParameters.of(study, arc, part.estimate)
-        in_weights = errors_of(considered.in_weights, problem, x)
-        in_weights_m = np.zeros((len(rows), 0))
-        if in_weights is not None:
-            in_weights_m = in_weights.partials(rows) * in_weights.parameters.prior_sigmas
-        alone = linear_problem(partials, problem.parameters, x, noise, usable)
+        partials = model.linearize(x).partials(rows)
+        effects = (
+            partials[:, count:] * model.parameters.prior_sigmas[count:]
+        )  # of considered errors of one sigma
+        held_m = partials[:, model.first :] @ x[model.first :]
+        reported = ParameterSet(model.parameters.parameters[:count])
+        alone = linear_problem(partials[:, :count], reported, x[:count], noise, usable)
         if alone is None:
             return None
-        of_errors = few_errors(in_weights_m, noise.sigma_m, alone.basis, usable)
+        few = few_errors(effects, noise.sigma_m, alone.basis, usable)
         parameters = ParameterSet(
             [
-                *problem.parameters,
+                *reported,
                 *(
                     Parameter(f"considered.{k}", "1", "considered", 0.0, 1.0, role=Role.CONSIDERED)
-                    for k in range(of_errors.shape[1])
+                    for k in range(few.shape[1])
                 ),
             ]
         )
-        values = np.append(x, np.zeros(of_errors.shape[1]))
-        made = linear_problem(np.hstack([partials, of_errors]), parameters, values, noise, usable)
-        if made is None:
+        values = np.append(x[:count], np.zeros(few.shape[1]))
+        linear = linear_problem(np.hstack([partials[:, :count], few]), parameters, values, noise, usable)
+        if linear is None:
             return None
-        suboptimal = considered.suboptimal_errors(problem, x, errant)
+        suboptimal = problem.suboptimal_errors(model, x, orbit)
         suboptimal_m = np.zeros((len(rows), 0))
         if suboptimal is not None:
             suboptimal_m = suboptimal.partials(rows) * suboptimal.parameters.prior_sigmas
-        observations = arc.observations
-        types = Labels(observations.kind.astype(np.int32), tuple(KINDS))
-        paths = Labels.coded([link.path for link in observations.links], observations.link)
-        order = SeriesOrder.of(types, paths, seconds_since_midnight(observations.epoch))
         return LinearArc(
             part=part.rows,
-            problem=made,
+            problem=linear,
             parameters=parameters,
-            held_m=partials[:, problem.first :] @ x[problem.first :],
-            compared=self._compared(part, problem, x, errant, suboptimal_m.shape[1]),
+            held_m=held_m,
+            compared=self._compared(part, x, orbit, suboptimal_m.shape[1]),
             noise=noise,
             status=Labels((~usable).astype(np.int32), (USED, "not usable")),
-            order=order,
-            estimate=replace(part.estimate, height_prior=None),  # which is in the parameters; a map is large
+            order=problem.order,
+            estimate=replace(estimate, height_prior=None),  # which is in the parameters; a map is large
             height_m=None
             if self._of_states
             else float(np.linalg.norm(self._true_place(part)[0])) - MEAN_LUNAR_RADIUS_M,
             suboptimal_m=suboptimal_m,
-            drawn_prior_sigmas=self._drawn_prior_sigmas(part.estimate, len(values)),
+            drawn_prior_sigmas=self._drawn_prior_sigmas(estimate, len(values)),
         )
 
 
-def _local(orbit: Orbit | AdjustableOrbit, tdb: Epochs, of_states: _Floats) -> _Floats:
-    """Changes of states at epochs, shape (n, 6, k), along, across and radial, velocities after positions."""
-    return turned(rtn_axes(*orbit.states(tdb)), of_states)[:, LOCAL_LEVEL]
-
-
-def _parameters_at(problem: ObservationModel, wanted: _Floats) -> _Floats:
-    """Parameters of a position, or of changes of an orbit's own, the others at their a-priori values."""
-    x, mine = problem.parameters.prior_values.copy(), len(wanted)
+def _parameters_at(model: ObservationModel, wanted: _Floats) -> _Floats:
+    """Return parameters of a position, or of changes of an orbit, the others at their a-priori values."""
+    x, count = model.parameters.prior_values.copy(), len(wanted)
     for _ in range(20):
-        motion, partials = problem.targets[0].motion(x[:mine])
-        found = motion.changes if isinstance(motion, OrbitMotion) else motion.position_pa_m
-        step = np.linalg.solve(partials, wanted - found)
-        x[:mine] += step
+        motion, partials = model.targets[0].motion(x[:count])
+        reached = motion.changes if isinstance(motion, OrbitMotion) else motion.position_pa_m
+        step = np.linalg.solve(partials, wanted - reached)
+        x[:count] += step
         if np.abs(step).max() < 1e-7:
             return x
     raise InputError(

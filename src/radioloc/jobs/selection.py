@@ -6,7 +6,7 @@ Consecutive counts of Doppler are joined on request: their cycles add up, and on
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,19 +14,16 @@ from numpy.typing import NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError, named
-from radioloc.jobs.problem import with_independent_clocks
 from radioloc.measurements.link import canonical_target
 from radioloc.measurements.observations import Observations
-from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS, is_integrated
 from radioloc.study.observation_choice import ObservationChoice
-from radioloc.study.study import EstimateChoice, Study
 from radioloc.study.weights import ends_of
 from radioloc.time import tai_to_utc, utc_to_tai
 
 DEFAULT_HOURS = (12.0, 24.0, 48.0)  # Arcs of Wang et al. (2021), table 1.
 
-_ROUNDING_S = 1e-9  # Both ends of a span belong to it; epochs are rounded to 1e-11 s
+EPOCH_ROUNDING_S = 1e-9  # Both ends of a span belong to it; epochs are rounded to 1e-11 s
 
 _QUASAR_HINT = "if one is a quasar, name a list that has it: [model] sources"
 _GAP_TOLERANCE_S = 1e-6  # Largest gap between consecutive counts; 2 mm at 2 km/s
@@ -182,24 +179,24 @@ def _within_time(
     mask = np.ones(len(observations), dtype=bool)
     if choice.stop is not None:
         since_stop_s = utc_to_tai(observations.epoch).seconds_since(utc_to_tai(choice.stop))
-        mask = since_stop_s <= _ROUNDING_S
+        mask = since_stop_s <= EPOCH_ROUNDING_S
     if choice.start is None and (choice.hours is None or not (kept & mask).any()):
         return mask
-    since_s = _since_start_s(observations, choice, kept & mask)
-    mask &= since_s >= -_ROUNDING_S
+    since_s = since_start_s(observations, choice, kept & mask)
+    mask &= since_s >= -EPOCH_ROUNDING_S
     if choice.hours is not None:
-        mask &= since_s <= 3600.0 * choice.hours + _ROUNDING_S
+        mask &= since_s <= 3600.0 * choice.hours + EPOCH_ROUNDING_S
     return mask
 
 
-def _since_start_s(
-    observations: Observations, choice: ObservationChoice, kept: NDArray[np.bool_]
+def since_start_s(
+    observations: Observations, choice: ObservationChoice, kept: NDArray[np.bool_] | None = None
 ) -> NDArray[np.float64]:
-    """Return the time since the study's start, or else since the first kept observation."""
+    """Return the time since the study's start, or else since the first observation, of those kept, s."""
     epoch = utc_to_tai(observations.epoch)
     if choice.start is not None:
         return epoch.seconds_since(utc_to_tai(choice.start))
-    candidates = epoch[kept]
+    candidates = epoch if kept is None else epoch[kept]
     return epoch.seconds_since(candidates[int(np.lexsort((candidates.fraction, candidates.jd))[0])])
 
 
@@ -212,38 +209,6 @@ def arc_lengths(hours: Iterable[float] | float, choice: ObservationChoice) -> li
     for length in lengths:
         replace(choice, hours=length)  # checks the length
     return lengths
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ArcPart:
-    """The first hours of an arc."""
-
-    hours: float  # length asked for
-    span_h: float  # from the start to the last observation
-    rows: NDArray[np.intp]  # in the whole arc
-    arc: Predictor
-    estimate: EstimateChoice  # what is estimated in it
-
-
-def arc_parts(longest: Predictor, study: Study, lengths: Iterable[float]) -> list[ArcPart]:
-    """Return the first parts of a prepared arc with several lengths, h; a part without observations is an error."""
-    everything = np.ones(len(longest.observations), dtype=bool)
-    since_s = _since_start_s(longest.observations, study.observations, everything)
-    full_estimate = with_independent_clocks(study, study.estimate, longest)
-    parts = []
-    for length in lengths:
-        rows = np.flatnonzero(since_s <= 3600.0 * length + _ROUNDING_S)
-        if not len(rows):
-            raise InputError(
-                f"the arc of {length:g} h has no observations: the first is {since_s.min() / 3600.0:.2f} h after the "
-                "start; give a longer arc or a later start"
-            )
-        arc, estimate = longest, full_estimate
-        if len(rows) < len(everything):
-            arc = longest.select(rows)
-            estimate = estimate.of_part(arc)
-        parts.append(ArcPart(length, float(since_s[rows].max()) / 3600.0, rows, arc, estimate))
-    return parts
 
 
 def with_averaged_counts(observations: Observations, average_s: float) -> tuple[Observations, int]:

@@ -154,8 +154,8 @@ def places(
         )
 
 
-def nowhere(solution: Solution) -> Solution:
-    """The same; not observable where the position, or that of one of the targets, says nothing by its sigma."""
+def mark_if_unobservable(solution: Solution) -> Solution:
+    """Set UNOBSERVABLE if the sigma of a position exceeds a tenth of the lunar radius."""
     ended = (
         FitStatus.CONVERGED,
         FitStatus.DIVERGED,

@@ -45,6 +45,11 @@ def axes_at(origin_m: Floats) -> Floats:
     return east_north_up(*cartesian_to_selenographic(origin_m)[:2])
 
 
+def rot_pa_to_enu(position_pa_m: Floats, rot_pa_to_me: Floats) -> Floats:
+    """Rotation from principal axes to east, north and up of mean-Earth axes at a position, shape (3, 3)."""
+    return np.asarray(axes_at(rot_pa_to_me @ position_pa_m) @ rot_pa_to_me)
+
+
 def local_difference(
     point_m: Floats, origin_m: Floats, axes: Floats | None = None, radius_m: float | None = None
 ) -> LocalDifference:

@@ -148,6 +148,7 @@ class CovarianceStudy(Result):
     reach_m: float | None = None  # 95 % radius that was asked for
     reach_h: float | None = None  # after how many hours it is reached; None where it is not
     notes: tuple[str, ...] = ()
+    others: tuple[CovarianceStudy, ...] = ()  # of further targets in the same problem
 
     @property
     def longest(self) -> PlannedArc:
@@ -179,6 +180,7 @@ class CovarianceStudy(Result):
                 asdict(gain) | {"radius_95_m": finite_or_none(gain.radius_95_m)} for gain in self.gains
             ],
             "notes": list(self.notes),
+            **({"others": [other.to_dict() for other in self.others]} if self.others else {}),
         }
 
     def to_csv(self) -> str:
@@ -196,7 +198,8 @@ class CovarianceStudy(Result):
 
     def files(self) -> Mapping[str, Content]:
         """Return all numbers, and a table with a row for each length."""
-        return {"covariance.json": self.to_dict(), "covariance.csv": self.to_csv()}
+        others = {f"covariance_{k}.csv": other.to_csv() for k, other in enumerate(self.others, 2)}
+        return {"covariance.json": self.to_dict(), "covariance.csv": self.to_csv(), **others}
 
     def card(self) -> Card:
         """Card of the study."""
@@ -229,6 +232,7 @@ class CovarianceStudy(Result):
                 Field("information", (), ("95 % radius, m", "obs.", "alone", "without"), shares),
                 _gains(self),
                 Field("notes", self.notes),
+                *(field for other in self.others for field in other.card().fields),
             )
         )
 

@@ -12,16 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from radioloc.dynamics import Impulse
+from radioloc.jobs.independent_clocks import with_independent_clocks
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.orbit_start import StagedStart
 from radioloc.jobs.preparation import chosen_observations, model_of, prepared_arc
-from radioloc.jobs.problem import (
-    problem_of,
-    status_of,
-    with_independent_clocks,
-)
-from radioloc.jobs.station_noise import stated_noise
+from radioloc.jobs.problem import EstimationProblem
 from radioloc.jobs.study_targets import targets_in_pa
+from radioloc.jobs.usability import usability
 from radioloc.labels import USED
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import canonical_target
@@ -211,12 +208,11 @@ def _with_manoeuvres(result: SearchResult, observations: Observations | None) ->
     orbiter = study.orbiter
     assert orbiter is not None
     arc, _ = prepared_arc(study, observations)
-    estimate = with_independent_clocks(study, study.estimate, arc)
-    problem = problem_of(study, arc, estimate)
-    start = StagedStart.of(problem, stated_noise(arc, study.observations).sigma_m)
+    problem = EstimationProblem.of(study, arc, study.estimate)
+    start = StagedStart.of(problem.model, problem.noise.sigma_m)
     if start is None:
         return result
-    manoeuvres = find_manoeuvres(start, status_of(start.arc)[0].are(USED))
+    manoeuvres = find_manoeuvres(start, usability(start.arc)[0].are(USED))
     known = orbiter.forces.impulses
     impulses = [
         Impulse(f"found_{len(known) + k}", one.epoch, tuple(one.delta_v_m_s.round(6).tolist()))

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from radioloc.dynamics import AdjustableOrbit, Orbit
 from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError
-from radioloc.lunar import cartesian_to_selenographic, east_north_up, rot_pa_to_me
+from radioloc.lunar import rot_pa_to_me
+from radioloc.lunar.local import rot_pa_to_enu
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.observations import Observations
@@ -198,7 +199,7 @@ class Scenario:
         target_pa_m, enu_pa = np.zeros(3), np.eye(3)
         if self.place is not None:
             target_pa_m = self.place.to_axes("PA", model.ephemeris.constants).xyz_m
-            enu_pa = rot_pa_to_enu(target_pa_m, model)
+            enu_pa = rot_pa_to_enu(target_pa_m, rot_pa_to_me(model.ephemeris.constants))
         plan = self.schedule.plan(model, target_pa_m if trajectory is None else trajectory, self.name)
         predictor = prepare_predictor(
             self.truth.model(model),
@@ -232,13 +233,6 @@ class Scenario:
         """Return an orbit over the sessions, with partials by some parameters of its forces."""
         counts_s = np.nan_to_num([session.count_s for session in self.schedule.sessions])
         return target.orbit_over(model, self.schedule.span(), float(counts_s.max()), parameters)
-
-
-def rot_pa_to_enu(target_pa_m: Floats, model: PhysicalModel) -> Floats:
-    """Return east, north and up (selenocentric) at a point, in principal axes, as rows, shape (3, 3)."""
-    rot = rot_pa_to_me(model.ephemeris.constants)
-    longitude_rad, latitude_rad, _ = cartesian_to_selenographic(rot @ target_pa_m)
-    return np.asarray(east_north_up(longitude_rad, latitude_rad) @ rot)
 
 
 def simulate(

@@ -8,11 +8,12 @@ import numpy as np
 
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.lunar import cartesian_to_selenographic, east_north_up
+from radioloc.lunar.local import rot_pa_to_enu
 from radioloc.measurements.lunar_motion import lunar_motion
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.targets.orbit import GravityErrors, OnOrbit
-from radioloc.targets.orbit_state import OrbitState
+from radioloc.targets.orbit_state import EAST_NORTH_UP, OrbitState
 from radioloc.targets.surface_point import PositionFunction, PositionParameters
 from radioloc.time import Epochs
 from radioloc.vectors import Floats
@@ -64,6 +65,16 @@ class Descent(OnOrbit):
     def has_place(self) -> bool:
         """True: the target comes to rest at a place."""
         return True
+
+    @property
+    def local_axes(self) -> tuple[str, str, str]:
+        """East, north and up."""
+        return EAST_NORTH_UP
+
+    def local_partials(self, x: Floats, tdb: Epochs, rot_pa_to_me: Floats) -> Floats:
+        """Return the partials of the place by x, east, north and up, shape (1, 3, p)."""
+        position_pa_m, by_x = self.position(x)
+        return (rot_pa_to_enu(position_pa_m, rot_pa_to_me) @ by_x)[None]
 
     def with_orbit(self, orbit: AdjustableOrbit) -> Descent:
         """Return the target about another a-priori orbit of the same parameters."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.dynamics.stochastic import StochasticAccelerations
+from radioloc.lunar import rot_pa_to_me
 from radioloc.measurements.combined_predictor import CombinedPrediction
 from radioloc.measurements.predictor import ROWS_AT_ONCE, Prediction, Predictor
 from radioloc.measurements.target_motion import Motions, OrbitMotion
@@ -135,6 +136,14 @@ class ObservationModel:
         """d(position of a target)/d(parameters), shape (3, p); zeros on a trajectory without end."""
         partials, mine = np.zeros((3, len(self.parameters))), self.columns_of(target)
         partials[:, mine] = self.targets[target].position(x[mine])[1]
+        return partials
+
+    def local_partials(self, x: Floats, tdb: Epochs, target: int = 0) -> Floats:
+        """Return the partials of what is estimated of a target by all parameters, (q, d, p), along its axes."""
+        columns, rot = self.columns_of(target), rot_pa_to_me(self.predictor.model.ephemeris.constants)
+        by_x = self.targets[target].local_partials(x[columns], tdb, rot)
+        partials = np.zeros((*by_x.shape[:2], len(self.parameters)))
+        partials[..., columns] = by_x
         return partials
 
     def motions(self, x: Floats) -> Motions:

@@ -9,8 +9,10 @@ import numpy as np
 from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.measurements.target_motion import TrajectoryMotion
 from radioloc.parameters.parameter import Parameter, Role
+from radioloc.targets.orbit_state import EAST_NORTH_UP
 from radioloc.targets.surface_point import cartesian
 from radioloc.targets.target import WithoutForces
+from radioloc.time import Epochs
 from radioloc.vectors import Floats
 
 
@@ -20,6 +22,11 @@ class KnownTrajectory(WithoutForces):
 
     name: str  # empty of the only one
     trajectory: AnyTrajectory
+
+    @property
+    def local_axes(self) -> tuple[str, str, str]:
+        """East, north and up, of which none is estimated."""
+        return EAST_NORTH_UP
 
     @property
     def parameters(self) -> list[Parameter]:
@@ -41,6 +48,10 @@ class KnownTrajectory(WithoutForces):
     def start(self) -> TrajectoryMotion:
         """The trajectory."""
         return TrajectoryMotion(self.trajectory)
+
+    def local_partials(self, x: Floats, tdb: Epochs, rot_pa_to_me: Floats) -> Floats:
+        """Return no rows, shape (0, 3, p): nothing is estimated."""
+        return np.zeros((0, 3, len(x)))
 
     def motion(self, x: Floats) -> tuple[TrajectoryMotion, Floats]:
         """Return the motion at an offset from the trajectory, and its partials."""

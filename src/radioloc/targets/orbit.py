@@ -13,9 +13,10 @@ from radioloc.dynamics.elements import FORMS, elements_of_state, state_by_elemen
 from radioloc.dynamics.gravity_errors import draw_gravity_errors, errors_along
 from radioloc.measurements.target_motion import OrbitMotion
 from radioloc.parameters.parameter import Parameter, Role
-from radioloc.targets.orbit_state import OrbitState
+from radioloc.targets.orbit_state import ALONG_ACROSS_RADIAL, OrbitState, along_across_radial
 from radioloc.targets.surface_point import PositionFunction, PositionParameters
 from radioloc.targets.target import ProcessNoise, solve_parameters
+from radioloc.time import Epochs
 from radioloc.vectors import Floats, rtn_axes
 
 RTN = ("radial_m", "along_m", "across_m", "radial_m_s", "along_m_s", "across_m_s")
@@ -53,6 +54,17 @@ class OnOrbit:
         PositionFunction  # from the parameters to changes of those of the orbit (q,), with partials (q, p)
     )
     errors: GravityErrors
+
+    @property
+    def local_axes(self) -> tuple[str, str, str]:
+        """Along, across and radial."""
+        return ALONG_ACROSS_RADIAL
+
+    def local_partials(self, x: Floats, tdb: Epochs, rot_pa_to_me: Floats) -> Floats:
+        """Return the partials of the states at epochs by x, along, across and radial, shape (n, 6, p)."""
+        changes, by_x = self.changes(x)
+        orbit = self.orbit.corrected(changes)
+        return along_across_radial(orbit, tdb, orbit.partials(tdb) @ by_x)
 
     @property
     def start(self) -> OrbitMotion:

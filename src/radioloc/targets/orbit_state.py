@@ -12,7 +12,7 @@ import numpy as np
 
 from radioloc.boundary import bare_arguments
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
-from radioloc.dynamics import AdjustableOrbit
+from radioloc.dynamics import AdjustableOrbit, Orbit
 from radioloc.dynamics.elements import FORMS, elements_of_state, state_by_elements
 from radioloc.dynamics.stochastic import Chains, StochasticEffects
 from radioloc.text_files import finite_or_none
@@ -37,6 +37,11 @@ _MAPPED_EPOCH_COUNT = 25  # at which the covariance is mapped, the ends of the a
 def turned(axes: Floats, of_states: Floats) -> Floats:
     """Changes of states, shape (n, 6, k), in axes, shape (n, 3, 3)."""
     return np.concatenate([axes @ of_states[:, :3], axes @ of_states[:, 3:]], axis=1)
+
+
+def along_across_radial(orbit: Orbit | AdjustableOrbit, tdb: Epochs, of_states: Floats) -> Floats:
+    """Changes of ICRF states at epochs, shape (n, 6, k), along, across and radial, positions before velocities."""
+    return turned(rtn_axes(*orbit.states(tdb)), of_states)[:, LOCAL_LEVEL]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

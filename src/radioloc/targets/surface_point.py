@@ -12,10 +12,13 @@ import numpy as np
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import EphemerisConstants
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic, east_north_up, rot_pa_to_me
+from radioloc.lunar.local import rot_pa_to_enu
 from radioloc.lunar.terrain import height_and_gradient
 from radioloc.measurements.target_motion import FixedPoint
 from radioloc.parameters.parameter import Parameter, Role
+from radioloc.targets.orbit_state import EAST_NORTH_UP
 from radioloc.targets.target import WithoutForces, solve_parameters
+from radioloc.time import Epochs
 from radioloc.vectors import Floats
 
 logger = logging.getLogger(__name__)
@@ -44,11 +47,21 @@ class SurfacePoint(WithoutForces):
         return True
 
     @property
+    def local_axes(self) -> tuple[str, str, str]:
+        """East, north and up."""
+        return EAST_NORTH_UP
+
+    @property
     def start(self) -> FixedPoint:
         """A-priori position."""
         if self.apriori_pa_m is not None:
             return FixedPoint(self.apriori_pa_m)
         return self.motion(np.array([item.prior_value for item in self.parameters]))[0]
+
+    def local_partials(self, x: Floats, tdb: Epochs, rot_pa_to_me: Floats) -> Floats:
+        """Return the partials of the place by x, east, north and up, shape (1, 3, p)."""
+        position_pa_m, by_x = self.position(x)
+        return (rot_pa_to_enu(position_pa_m, rot_pa_to_me) @ by_x)[None]
 
     def motion(self, x: Floats) -> tuple[FixedPoint, Floats]:
         """Return the point at parameters x, and the partials of its position in principal axes."""

@@ -12,6 +12,7 @@ from radioloc.errors import InputError
 from radioloc.measurements.target_motion import TargetMotion
 from radioloc.parameters.parameter import Parameter
 from radioloc.targets.orbit_state import OrbitState
+from radioloc.time import Epochs
 from radioloc.vectors import Floats
 
 _NEWTON_STEP_COUNT = 20  # 5 suffice for elements of eccentric orbits
@@ -83,6 +84,16 @@ class Target(Protocol):
 
     def with_orbit(self, orbit: AdjustableOrbit) -> Target:
         """Return the target about another a-priori orbit of the same parameters; a point returns itself."""
+
+    @property
+    def local_axes(self) -> tuple[str, str, str]:
+        """Names of the axes of its errors, the first two horizontal."""
+
+    def local_partials(self, x: Floats, tdb: Epochs, rot_pa_to_me: Floats) -> Floats:
+        """Return the partials of what is estimated by x along the axes, shape (q, d, p).
+
+        Of a place q is 1 and d is 3, m. Of an orbit q is the number of epochs (TDB) and d is 6, m and m/s.
+        """
 
     def gravity_errors(self, x: Floats) -> AdjustableOrbit | None:
         """Return the orbit at x with the errors of its gravity field that are considered; None without any."""

@@ -79,7 +79,7 @@ def test_results_have_both(solution):
 def test_partials_are_those_of_differences(made):
     study, simulated = made
     arc, _ = radioloc.jobs.preparation.prepared_arc(study, simulated.observations)
-    problem = radioloc.jobs.problem.problem_of(study, arc, study.estimate)
+    problem = radioloc.jobs.problem.EstimationProblem.of(study, arc, study.estimate).model
     [descent] = problem.targets
     x = descent.solved(apriori := np.array([*descent.orbit.values.values()]), apriori)
     partials = problem.linearize(x).partials(np.arange(len(simulated.observations)))

@@ -1,0 +1,198 @@
+"""A fit without the values of its observations, as covariance planning needs it, and the error budget of its targets.
+
+The observations are weighted by the inverse of their covariance, so that the estimate has the least variance (Aitken
+1935). Errors of an orbit are mapped over the tracked arc and averaged.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from radioloc.dynamics import AdjustableOrbit
+from radioloc.errors import InputError
+from radioloc.estimation.consider import (
+    Consider,
+    ConsideredErrors,
+    error_budget,
+    prior_effects,
+    sensitivity,
+)
+from radioloc.estimation.least_squares import FitResult, FitStatus
+from radioloc.estimation.linearization import Linearization, covariance_of, factorize
+from radioloc.estimation.observability import assess_observability
+from radioloc.jobs.problem import ArcPart, orbit_state
+from radioloc.jobs.stochastic import IndependentAccelerations, StochasticProblem
+from radioloc.parameters.parameter import ParameterSet, Role
+from radioloc.results.covariance import PlannedArc
+from radioloc.targets.orbit_state import ALONG_ACROSS_RADIAL, OrbitState, along_across_radial
+from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
+from radioloc.vectors import Floats
+
+_Mask = NDArray[np.bool_]
+
+_MAPPED_STEP_S, _MIN_MAPPED_EPOCHS = 600.0, 13
+"""Step and least number of epochs at which the covariance of an orbit is averaged: a dozen in a revolution."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _WithProcess:
+    """A linearization with the independent accelerations of the process noise as further parameters."""
+
+    design: Linearization
+    process: IndependentAccelerations
+
+    @property
+    def residual_m(self) -> Floats:
+        """Residuals, m, shape (n,)."""
+        return self.design.residual_m
+
+    def partials(self, rows: NDArray[np.intp]) -> Floats:
+        """d(computed)/d(parameter) of some observations, shape (m, p)."""
+        return np.hstack([self.design.partials(rows), self.process.effects_m(rows)])
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedFit:
+    """A part of a plan, fitted with some of its observations and without their values."""
+
+    part: ArcPart
+    used: _Mask
+    orbit: AdjustableOrbit | None  # with the considered errors of its gravity field
+    parameters: ParameterSet  # of the problem, then those of the process noise
+    process: IndependentAccelerations | None = None
+
+    @classmethod
+    def of(cls, part: ArcPart, usable: _Mask, orbit: AdjustableOrbit | None) -> PlannedFit:
+        """Return the fit with all usable observations of the whole plan, (n,)."""
+        problem = part.problem
+        parameters, used = problem.model.parameters, usable[part.rows]
+        if problem.process_noise is None:
+            return cls(part, used, orbit, parameters)
+        stochastic = StochasticProblem.about(problem.model, problem.process_noise, parameters.prior_values)
+        process = IndependentAccelerations.of(stochastic)
+        # Process noise stands for the errors of the gravity field.
+        return cls(part, used, None, ParameterSet([*parameters, *process.parameters]), process)
+
+    def with_observations(self, rows: _Mask) -> PlannedFit:
+        """Return the fit with some of its observations only."""
+        return replace(self, used=rows & self.used)
+
+    def with_fixed(self, *names: str) -> PlannedFit:
+        """Return the fit with some of its parameters known without error."""
+        items = [replace(item, role=Role.FIXED) if item.name in names else item for item in self.parameters]
+        return replace(self, parameters=ParameterSet(items))
+
+    @cached_property
+    def suboptimal(self) -> ConsideredErrors | None:
+        """Considered errors that are left out of the weights."""
+        problem = self.part.problem
+        return problem.suboptimal_errors(problem.model, problem.model.parameters.prior_values, self.orbit)
+
+    @cached_property
+    def fit(self) -> FitResult:
+        """Covariance of all parameters, those of the process noise last."""
+        problem, parameters = self.part.problem, self.parameters
+        linearization: Linearization = problem.model.linearize(problem.model.parameters.prior_values)
+        if self.process is not None:
+            linearization = _WithProcess(linearization, self.process)
+        x, whitening = parameters.prior_values, problem.noise.whitener(self.used)
+        factor = factorize(linearization, whitening, parameters, x)
+        if factor is None:
+            raise InputError("the partials of the observations are not finite numbers")
+        determined = bool(factor.determined.all())
+        return FitResult(
+            parameters=parameters,
+            x=x,
+            covariance=covariance_of(factor, parameters),
+            linearization=linearization,
+            noise=problem.noise,
+            used=self.used,
+            chi2=0.0,
+            dof=0,
+            status=FitStatus.CONVERGED if determined else FitStatus.UNOBSERVABLE,
+            iterations=0,
+            factor=factor,
+            whitening=whitening,
+        )
+
+    def planned(self, target: int = 0) -> PlannedArc:
+        """Return the predicted accuracy of a target."""
+        fit, part, model = self.fit, self.part, self.part.problem.model
+        axes, count = model.targets[target].local_axes, int(fit.used.sum())
+        partials = self._local_partials(target)
+        involved = (partials != 0.0).any(axis=(0, 1))
+        if not np.isfinite(np.diag(fit.covariance)[involved]).all():
+            missing = assess_observability(fit).describe()[:1]
+            return PlannedArc(part.hours, part.span_h, count, (), missing, axes)
+        covariance = np.where(np.isfinite(fit.covariance), fit.covariance, 0.0)
+        outside = None if self.suboptimal is None else sensitivity(fit, self.suboptimal)
+        state = self._state(covariance, outside) if axes == ALONG_ACROSS_RADIAL else None
+        sources = error_budget(
+            self.parameters,
+            partials,
+            partials @ covariance @ np.swapaxes(partials, -1, -2),
+            prior_effects(fit),
+            outside,
+            np.zeros(3)
+            if part.problem.estimate is None
+            else np.array(part.problem.estimate.ephemeris_sigma_m),
+            0.0 if outside is None else self._direct_effects_m(state, outside),
+        )
+        planned = PlannedArc(part.hours, part.span_h, count, sources, (), axes, state)
+        if state is None:
+            return planned
+        first_s, last_s = self._epochs[[0, -1]].seconds_since(state.epoch).tolist()
+        return replace(planned, tracked_h=(first_s / 3600.0, last_s / 3600.0))
+
+    def _local_partials(self, target: int) -> Floats:
+        """Return the partials of a target's position by all parameters, along its axes, (q, 3, p)."""
+        model = self.part.problem.model
+        x, count = model.parameters.prior_values, len(model.parameters)
+        by_model = model.local_partials(x, self._epochs, target)[:, :3]
+        partials = np.zeros((len(by_model), 3, len(self.parameters)))
+        partials[..., :count] = by_model
+        if self.process is not None and target == model.orbit_index:
+            orbit = model.orbit_at(x)
+            assert orbit is not None
+            of_process = self.process.states(self._epochs)
+            partials[..., count:] = along_across_radial(orbit, self._epochs, of_process)[:, :3]
+        return partials
+
+    def _state(self, covariance: Floats, outside: Consider | None) -> OrbitState | None:
+        """Return the state of the orbit with its total covariance and that of the process noise."""
+        model = self.part.problem.model
+        x, count = model.parameters.prior_values, len(model.parameters)
+        total = covariance if outside is None else covariance + outside.covariance
+        state, k = orbit_state(model, x, total, outside, self.orbit), model.orbit_index
+        if state is None or k is None or self.process is None:
+            return state
+        columns = model.columns_of(k)
+        by_x = model.targets[k].motion(x[columns])[1]
+        chosen = [*range(*columns.indices(count)), *range(count, len(self.parameters))]
+        onto = block_diag(by_x, np.eye(len(self.parameters) - count))
+        return replace(
+            state, process=self.process.estimate(onto @ covariance[np.ix_(chosen, chosen)] @ onto.T)
+        )
+
+    def _direct_effects_m(self, state: OrbitState | None, outside: Consider) -> Floats | float:
+        """Return the effects (q, 3, c) of errors that move the true orbit, and not only the estimate."""
+        if state is None:
+            return 0.0
+        effects = np.zeros((len(self._epochs), 3, len(outside.parameters)))
+        of_gravity = list(outside.parameters.of_kind("gravity_error"))
+        moved = (state.disturbed or state.orbit).effects(self._epochs)
+        effects[..., of_gravity] = -along_across_radial(state.orbit, self._epochs, moved)[:, :3]
+        return effects
+
+    @cached_property
+    def _epochs(self) -> Epochs:
+        """Epochs all over the tracked part of an orbit, TDB."""
+        ends = tt_to_tdb(utc_to_tt(self.part.problem.arc.observations.span()))
+        length_s = float(ends[1].seconds_since(ends[0])[0])
+        count = max(_MIN_MAPPED_EPOCHS, int(length_s / _MAPPED_STEP_S) + 1)
+        return ends[:1].shifted(np.linspace(0.0, length_s, count))

@@ -29,6 +29,7 @@ from radioloc.jobs.usability import usability
 from radioloc.labels import USED
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import Link
+from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.noise import ObservationCovariance
@@ -54,6 +55,7 @@ _REACH_TOLERANCE_H = 1.0 / 12.0  # of the length at which a radius is reached
 def covariance(
     study: Study | str | Path,
     hours: Iterable[float] | float | None = None,
+    observations: Observations | None = None,
     *,
     reach_m: float | None = None,
 ) -> CovarianceStudy:
@@ -65,6 +67,8 @@ def covariance(
         With a simulation, whose schedule and noise are taken, or with files, whose epochs and stated sigmas are.
     hours : iterable of float, optional
         Lengths from the start, h; by default doubled up to the end of the plan.
+    observations : Observations, optional
+        In place of the study's files; their values are not used.
     reach_m : float, optional
         A 95 % radius, m: find after how many hours it is reached.
 
@@ -97,7 +101,7 @@ def covariance(
     require_position_or_orbit(study, "a covariance study")
     if reach_m is not None and not (np.isfinite(reach_m) and reach_m > 0.0):
         raise InputError(f"the 95 % radius to be reached is {reach_m!r} m; give a number above zero")
-    plan = _Plan.of(study)
+    plan = _Plan.of(study, observations)
     fits = [plan.fit(part) for part in plan.parts(hours)]
     targets = fits[-1].part.problem.model.targets
     first, *others = (
@@ -141,11 +145,11 @@ class _Plan:
     disturbed_orbit: AdjustableOrbit | None = None  # with the considered errors of its gravity field
 
     @classmethod
-    def of(cls, study: Study, like: _Plan | None = None) -> _Plan:
+    def of(cls, study: Study, observations: Observations | None = None, like: _Plan | None = None) -> _Plan:
         """Return the plan of a schedule or of files; `like` has the orbit of another plan."""
         orbit, disturbed = (None, None) if like is None else (like.orbit, like.disturbed_orbit)
-        if study.simulation is None:
-            arc, left_out = prepared_arc(study)
+        if study.simulation is None or observations is not None:
+            arc, left_out = prepared_arc(study, observations)
             noise = None
             notes = ["the noise is white and as stated: how long errors last is known from residuals only"]
         else:
@@ -306,7 +310,7 @@ def _more_stations(plan: _Plan, fit: PlannedFit, target: int) -> Iterator[Gain]:
                 )
             continue
         larger = replace(scenario, schedule=replace(scenario.schedule, sessions=sessions))
-        larger_plan = _Plan.of(replace(plan.study, simulation=larger), plan)
+        larger_plan = _Plan.of(replace(plan.study, simulation=larger), like=plan)
         [part] = arc_parts(larger_plan.problem, [fit.part.hours])
         yield Gain(what, larger_plan.fit(part).planned(target).radius_95_m)
 

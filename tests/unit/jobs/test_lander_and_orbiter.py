@@ -98,6 +98,23 @@ def test_both_and_the_bias_that_they_share_are_found(tracking, forces):
 
 
 @pytest.mark.study
+def test_predicted_sigmas_of_both_are_those_of_the_fit(tracking, forces):
+    """The plan is linearized at the a-priori orbit, 140 m away, which changes sigmas by less than a percent."""
+    study = study_of(forces)
+    planned = radioloc.covariance(study, 2.2, tracking)
+    fitted = radioloc.locate(study, tracking)
+    np.testing.assert_allclose(planned.longest.sigma_m, fitted.sigma_enu_m("formal"), rtol=0.02)
+    [orbiter] = planned.others
+    assert orbiter.longest.axes == ("along", "across", "radial")
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(orbiter.longest.state.covariance)),
+        np.sqrt(np.diag(fitted.state.covariance)),
+        rtol=0.02,
+    )
+    assert {share.name for share in orbiter.shares} >= {"DSS-24", "DSS-65"}
+
+
+@pytest.mark.study
 def test_lander_is_better_known_with_the_orbiter_that_shares_its_station(tracking, forces):
     both = radioloc.locate(study_of(forces), tracking)
     lander = np.array([link.target == "lander" for link in tracking.links])[tracking.link]

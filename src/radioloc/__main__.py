@@ -1,4 +1,4 @@
-"""``python -m radioloc``, the same as ``radioloc``."""
+"""Entry point of ``python -m radioloc``."""
 
 import sys
 

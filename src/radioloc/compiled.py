@@ -1,4 +1,4 @@
-"""Functions compiled by numba, whose machine code is kept on disk between runs, where that can be."""
+"""Compilation by numba, with machine code kept on disk between runs where a directory is writable."""
 
 from __future__ import annotations
 
@@ -10,22 +10,19 @@ from typing import Any
 from radioloc.errors import InputError
 
 _THREADS = os.environ.get("NUMBA_NUM_THREADS", "1")
-if not (_THREADS.isdecimal() and int(_THREADS) > 0):  # numba itself would end its import in a ValueError
-    raise InputError(
-        f"environment variable NUMBA_NUM_THREADS: expected a whole number above zero, got {_THREADS!r}; correct or "
-        "unset it"
-    )
+if not (_THREADS.isdecimal() and int(_THREADS) > 0):  # the import of numba would fail with a ValueError
+    raise InputError(f"NUMBA_NUM_THREADS: expected a positive integer, got {_THREADS!r}; correct or unset it")
 
 import numba  # noqa: E402
 
 
 def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Decorate a function that numba compiles without the interpreter's lock; options as those of ``numba.njit``."""
+    """Decorate a function that numba compiles and runs without the interpreter lock; `options` of ``numba.njit``."""
 
     def decorate(function: Callable[..., Any]) -> Any:
         dispatcher = numba.njit(nogil=True, **options)(function)
-        if hasattr(dispatcher, "enable_caching"):  # not where the compiler is off
-            with suppress(RuntimeError):  # there is no directory to write to
+        if hasattr(dispatcher, "enable_caching"):  # unless the compiler is off
+            with suppress(RuntimeError):  # no writable directory
                 dispatcher.enable_caching()
         return dispatcher
 

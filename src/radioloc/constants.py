@@ -1,7 +1,7 @@
 """Physical constants: value, unit suffix, citation.
 
-Constants that belong to one ephemeris (masses, Love numbers, the angles between principal and mean-Earth axes)
-are not here but with the ephemeris, in :mod:`radioloc.ephemeris.constants`.
+Constants of one ephemeris (masses, Love numbers, angles between principal and mean-Earth axes) are in
+:mod:`radioloc.ephemeris.constants`.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ SECONDS_PER_DAY = 86400.0
 """SI seconds in a day of TAI, TT or TDB."""
 
 EARTH_ROTATION_RAD_S = 7.292115e-5
-"""Nominal angular velocity of the Earth, rad/s (GRS80; IERS Conventions 2010, table 1.2); to 2e-8 of itself the rate of
-the Earth rotation angle by UT1, 2 pi 1.00273781191135448 / 86400 (ibid., eq. 5.15)."""
+"""Nominal angular velocity of the Earth, rad/s (GRS80; IERS Conventions 2010, table 1.2); within 2e-8 of
+the rate of the Earth rotation angle by UT1, 2 pi 1.00273781191135448 / 86400 (ibid., eq. 5.15)."""
 
 J2000_JD = 2451545.0
 """Julian date of J2000.0."""
 
 MJD_ZERO_JD = 2400000.5
-"""Julian date from which modified Julian dates count."""
+"""Julian date of the origin of modified Julian dates."""
 
 UNIX_JD = 2440587.5
-"""Julian date of 1970-01-01, from which dates of NumPy count."""
+"""Julian date of 1970-01-01, origin of dates of NumPy."""
 
 UTC_JD = 2441317.5
 """Julian date of 1972-01-01, when UTC with leap seconds began."""

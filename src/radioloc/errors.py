@@ -1,8 +1,7 @@
 """Exceptions and warning classes.
 
-Every exception says what was given, what is allowed and what to do; what a program needs to act on it is kept
-as attributes. All derive from :class:`RadiolocError`, so one ``except`` clause catches all that the library
-raises on purpose.
+Messages state the input, what is allowed and what to do; attributes have what a program needs. All exceptions derive
+from :class:`RadiolocError`.
 """
 
 from __future__ import annotations
@@ -27,15 +26,17 @@ __all__ = [
     "StationError",
 ]
 
-# What a message repeats of a file or an argument: a text in quotes, or a word that is not the name of a file.
-_LONG = re.compile(r"""(?<!\w)(['"])(?:(?!\1).){100,}\1(?!\w)|[^\s/\\]{100,}""")
-_SHOWN_CHARACTERS = 80
-_LONGEST_VALUE = 60
-_LONGEST_PROBLEM = 1000
-_MAX_RAW_CHARACTERS = 100_000  # that are looked at
+# A quoted text, or a word other than the name of a file, that is too long to be repeated in a message.
+_LONG_TEXT = re.compile(r"""(?<!\w)(['"])(?:(?!\1).){100,}\1(?!\w)|[^\s/\\]{100,}""")
+_MAX_TEXT_CHARACTERS = 80
+_MAX_VALUE_CHARACTERS = 60
+_MAX_PROBLEM_CHARACTERS = 1000
 _MAX_MESSAGE_CHARACTERS = 3000
-_MESSAGE_END_CHARACTERS = 500  # of a message that is cut: what to do stands at its end
-_VISIBLE = "\n\t\u00a0\u200c\u200d"  # unprintable by Python's definition, but text of several scripts
+_MESSAGE_END_CHARACTERS = 500  # kept of a message that is cut, as it ends with what to do
+_MAX_RAW_CHARACTERS = 100_000  # bounds the time of the search for long texts
+_VISIBLE = (
+    "\n\t\u00a0\u200c\u200d"  # unprintable by Python's definition, but part of the text of several scripts
+)
 
 
 def visible(text: str) -> str:
@@ -46,43 +47,47 @@ def visible(text: str) -> str:
 
 
 def legible(message: str) -> str:
-    """Return a message of visible characters and bounded length, in which long texts of a file or argument are cut."""
-    if len(message) > _MAX_RAW_CHARACTERS:
-        message = f"{message[:_MAX_RAW_CHARACTERS]} ... {message[-_MESSAGE_END_CHARACTERS:]}"
-    message = visible(message)
-    message = _LONG.sub(lambda found: f"{found[0][:_SHOWN_CHARACTERS]}...{found[1] or ''}", message)
-    if len(message) <= _MAX_MESSAGE_CHARACTERS:
+    """Return a message of visible characters and bounded length, in which long texts are cut."""
+    message = visible(_shortened(message, _MAX_RAW_CHARACTERS))
+    message = _LONG_TEXT.sub(lambda match: f"{match[0][:_MAX_TEXT_CHARACTERS]}...{match[1] or ''}", message)
+    return _shortened(message, _MAX_MESSAGE_CHARACTERS)
+
+
+def _shortened(message: str, max_characters: int) -> str:
+    if len(message) <= max_characters:
         return message
-    start = message[: _MAX_MESSAGE_CHARACTERS - _MESSAGE_END_CHARACTERS]
+    start = message[: max_characters - _MESSAGE_END_CHARACTERS]
     return f"{start} ... {message[-_MESSAGE_END_CHARACTERS:]}"
 
 
 class RadiolocError(Exception):
-    """Root of all errors that the library raises on purpose."""
+    """Root of the exceptions of the library."""
 
     def __init__(self, message: str) -> None:
         super().__init__(legible(message))
 
 
 class InputError(RadiolocError, ValueError):
-    """An argument, a file's content or a study's key is not usable as it stands."""
+    """An argument, the content of a file or a key of a study is not usable."""
 
 
 class FileFormatError(InputError):
-    """A file could not be read as what it claims to be; ``line`` is counted from 1."""
+    """A file cannot be read or written; ``line`` is counted from 1."""
 
     def __init__(self, path: str | Path, problem: str, line: int | None = None) -> None:
         self.path = Path(path)
         self.line = line
         problem = legible(problem).replace("\t", "\\t")
-        self.problem = problem if len(problem) <= _LONGEST_PROBLEM else f"{problem[:_LONGEST_PROBLEM]}..."
+        self.problem = (
+            f"{problem[:_MAX_PROBLEM_CHARACTERS]}{'...' * (len(problem) > _MAX_PROBLEM_CHARACTERS)}"
+        )
         where = str(path) if line is None else f"{path}, line {line}"
         super().__init__(f"{where}: {self.problem}")
 
 
 @contextmanager
-def named(where: str) -> Iterator[None]:
-    """Begin the messages of errors of input, but for those that name a file, with where the wrong value is from."""
+def error_context(where: str) -> Iterator[None]:
+    """Prefix the messages of input errors with the place of the wrong value, unless they name a file."""
     try:
         yield
     except FileFormatError:
@@ -93,7 +98,7 @@ def named(where: str) -> Iterator[None]:
 
 @contextmanager
 def in_file(path: str | Path, line: int | None = None) -> Iterator[None]:
-    """Turn errors of input into errors of a file and line, but for those that name a file already."""
+    """Turn input errors into errors of a file and line, unless they name a file."""
     try:
         yield
     except FileFormatError:
@@ -103,14 +108,13 @@ def in_file(path: str | Path, line: int | None = None) -> Iterator[None]:
 
 
 def require_type(where: str, value: object, *expected: type) -> None:
-    """Raise an InputError with the argument's name if a value has none of the expected types."""
+    """Raise an InputError with the argument's name unless a value has one of the expected types."""
     if isinstance(value, expected):
         return
-    names = " or ".join("None" if one is type(None) else one.__name__ for one in expected)
-    got = " ".join(repr(value).split())
-    raise InputError(
-        f"{where}: expected {names}, got {type(value).__name__} {got if len(got) <= _LONGEST_VALUE else '...'}"
-    )
+    names = " or ".join("None" if kind is type(None) else kind.__name__ for kind in expected)
+    text = " ".join(repr(value).split())
+    shown = text if len(text) <= _MAX_VALUE_CHARACTERS else "..."
+    raise InputError(f"{where}: expected {names}, got {type(value).__name__} {shown}")
 
 
 class KernelError(RadiolocError):
@@ -118,20 +122,20 @@ class KernelError(RadiolocError):
 
 
 class CoverageError(RadiolocError):
-    """An epoch lies outside what a kernel or a table, the source, covers; first and last epochs are readable dates."""
+    """An epoch is outside the span of a kernel or table, the source; ``covered`` and ``requested`` are dates."""
 
-    def __init__(self, source: str, covered: tuple[str, str], asked: tuple[str, str], advice: str) -> None:
+    def __init__(
+        self, source: str, covered: tuple[str, str], requested: tuple[str, str], advice: str
+    ) -> None:
         self.source = source
         self.covered = covered
-        self.asked = asked
-        wanted = asked[0] if asked[0] == asked[1] else f"{asked[0]} to {asked[1]}"
-        super().__init__(
-            f"{source} covers {covered[0]} to {covered[1]}, but {wanted} was asked for; {advice}"
-        )
+        self.requested = requested
+        span = requested[0] if requested[0] == requested[1] else f"{requested[0]} to {requested[1]}"
+        super().__init__(f"{source} covers {covered[0]} to {covered[1]}, got {span}; {advice}")
 
 
 class StationError(InputError):
-    """A station is not known, or lacks what the model needs."""
+    """A station is unknown, or lacks what the model needs."""
 
 
 class ConvergenceError(RadiolocError):
@@ -139,7 +143,7 @@ class ConvergenceError(RadiolocError):
 
 
 class RadiolocWarning(UserWarning):
-    """Root of all warnings that the library gives."""
+    """Root of the warnings of the library."""
 
     def __init__(self, message: str) -> None:
         super().__init__(legible(message))

@@ -1,4 +1,4 @@
-"""Columns of texts with few distinct values, as a code for each row; and runs of equal rows."""
+"""Text columns with few distinct values, as a code for each row; distinct rows of arrays."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 USED = "used"
-"""Status of an observation that takes part in the fit; every other status is the reason why it does not."""
+"""Status of an observation in the fit; every other status is the reason of its rejection."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Labels:
-    """Column of texts in four bytes a row; an index gives an array of str.
+    """Column of texts with four bytes a row; indexing returns an array of str.
 
     Parameters
     ----------
@@ -34,15 +34,15 @@ class Labels:
         if isinstance(values, Labels):
             return values
         array = np.asarray(values, dtype=np.str_)
-        texts, which = np.unique(array, return_inverse=True)
-        return cls(which.astype(np.int32).reshape(array.shape), tuple(texts.tolist()))
+        texts, codes = np.unique(array, return_inverse=True)
+        return cls(codes.astype(np.int32).reshape(array.shape), tuple(texts.tolist()))
 
     @classmethod
     def coded(cls, texts: Sequence[str], codes: NDArray[Any]) -> Labels:
-        """Return the labels of an index into texts, of which several may be equal."""
-        place: dict[str, int] = {}
-        recode = np.array([place.setdefault(text, len(place)) for text in texts], dtype=np.int32)
-        return cls(recode[codes] if len(recode) else np.zeros(0, dtype=np.int32), tuple(place))
+        """Return labels from indices into texts, which may repeat."""
+        index: dict[str, int] = {}
+        recode = np.array([index.setdefault(text, len(index)) for text in texts], dtype=np.int32)
+        return cls(recode[codes] if len(recode) else np.zeros(0, dtype=np.int32), tuple(index))
 
     def __len__(self) -> int:
         return len(self.codes)

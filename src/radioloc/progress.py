@@ -1,4 +1,4 @@
-"""Progress bars where somebody looks: on a terminal, and in a notebook."""
+"""Progress bars on a terminal and in a notebook."""
 
 from __future__ import annotations
 
@@ -8,15 +8,14 @@ from collections.abc import Iterable
 from typing import Any
 
 
-def progress_bar(of: Iterable[Any] | None = None, *, wanted: bool, **options: Any) -> Any:
-    """Make a bar of tqdm with its options; it is hidden unless it is wanted and standard error is looked at."""
+def progress_bar(items: Iterable[Any] | None = None, *, shown: bool, **options: Any) -> Any:
+    """Return a bar of tqdm with its options, hidden if not `shown` or if standard error is not interactive."""
     with warnings.catch_warnings():
-        # A notebook without ipywidgets has a bar of characters.
-        warnings.filterwarnings("ignore", "IProgress not found")
+        warnings.filterwarnings("ignore", "IProgress not found")  # a notebook without ipywidgets
         from tqdm.auto import tqdm
-    return tqdm(of, disable=not (wanted and _is_looked_at()), **options)
+    return tqdm(items, disable=not (shown and _is_interactive()), **options)
 
 
-def _is_looked_at() -> bool:
+def _is_interactive() -> bool:
     stream = sys.stderr
     return bool(stream) and (stream.isatty() or type(stream).__module__ == "ipykernel.iostream")

@@ -1,4 +1,4 @@
-"""Columns as tables of other packages: of astropy, with units and times, or of pandas."""
+"""Tables of astropy, with units and times, and of pandas."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def as_table(
                 for name, column in columns.items()
             }
         )
-    raise InputError(f"there is no table of {form!r}; use astropy or pandas")
+    raise InputError(f"expected a table of astropy or pandas, got {form!r}")
 
 
 def _with_unit(quantity: Any, unit: str | None, column: Any) -> Any:

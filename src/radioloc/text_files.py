@@ -1,4 +1,4 @@
-"""Text files, whole or in pieces: every way in which one cannot be read or written is one clear error."""
+"""Reading and writing of files; each failure is an error with the path and what to do."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from numpy.typing import NDArray
 from radioloc.errors import FileFormatError, InputError
 
 BLOCK_BYTES = 2**22
-"""Bytes of a file that are read at once: enough to be quick, few enough that their pieces do not fill the memory."""
+"""Bytes read at once: enough for speed, few enough for the memory."""
 
 ANY_BYTE = "latin-1"
-"""Encoding of files whose comments are not all ASCII, as numbers and keywords are."""
+"""Encoding that reads any byte, for files with ASCII data and comments in an unknown encoding."""
 
-# Text of tracking data shrinks to a third or a tenth; a file made to fill the memory to a thousandth.
-LARGEST_GROWTH = 50
-ALWAYS_UNPACKED_BYTES = 2**24
 TEMPORARY_FILES = ".radioloc-*.part"
 """Pattern of the names of files that are being written."""
+
+CUT_LINE = "the last line has no line end: its {} may be cut; end the line if it is complete"
+
 _DISK_FAILURES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-# Beginnings that spreadsheets take for a formula, full-width signs too; a name that looks escaped is escaped once more.
+# Beginnings that spreadsheets take for a formula, full-width signs too. Names with an apostrophe get a second one.
 _FORMULA = re.compile(r"'*[=+\-@\t\r\uff1d\uff0b\uff0d\uff20].", re.DOTALL)
 _NUMBER = re.compile(r"[+-]?\d+\.?\d*(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 _GZIP_MAGIC = b"\x1f\x8b"
@@ -46,7 +46,7 @@ _COMPRESS_MAGIC = b"\x1f\x9d"
 
 
 def require_ending(path: str | Path, endings: Iterable[str]) -> str:
-    """Return the ending of a file's name in small letters, which must be one of `endings`."""
+    """Return the ending of a file's name in lower case; one other than `endings` is an InputError."""
     ending = Path(path).suffix.lower()
     if ending not in (supported := list(endings)):
         raise InputError(f"{path}: unsupported file extension {ending!r}; supported: {', '.join(supported)}")
@@ -54,41 +54,42 @@ def require_ending(path: str | Path, endings: Iterable[str]) -> str:
 
 
 def read_lines(path: str | Path, *, encoding: str = "utf-8-sig", ended: bool = False) -> Iterator[str]:
-    """Yield the lines of a text file, plain or gzip, piece by piece, and an empty one behind the last line end."""
+    """Yield the lines of a text file, plain or gzip, and an empty one after the last line end.
+
+    With `ended`, a last line without a line end is an error, as its last number may be cut.
+    """
     last, number = "", 1
     for first_line, block in read_blocks(path, encoding=encoding):
-        lines = block.decode(_within(encoding)).split("\n")
+        lines = block.decode(encoding.removesuffix("-sig")).split("\n")
         last, number = lines.pop(), first_line + len(lines)
         yield from lines
-    if ended and last.strip():  # where a file was cut inside its last number, that is another number
+    if ended and last.strip():
         raise FileFormatError(path, CUT_LINE.format("number"), number)
     yield last
 
 
-CUT_LINE = "the last line has no line end: its {} may be cut; end the line if it is whole"
-
-
 def read_text(path: str | Path, *, encoding: str = "utf-8-sig") -> str:
     """Return the text of a file, plain or gzip, UTF-8 or ``"latin-1"``, with lines ended by line feeds."""
-    return "".join(block.decode(_within(encoding)) for _, block in read_blocks(path, encoding=encoding))
+    blocks = read_blocks(path, encoding=encoding)
+    return "".join(block.decode(encoding.removesuffix("-sig")) for _, block in blocks)
 
 
 @contextmanager
-def json_file(path: str | Path, otherwise: str) -> Iterator[Any]:
-    """Open JSON for a with statement; errors in it or in the statement are a FileFormatError that says `otherwise`."""
+def json_file(path: str | Path, problem: str) -> Iterator[Any]:
+    """Yield the content of a JSON file; errors in it or in the with statement are a FileFormatError of a `problem`."""
     text = read_text(path)
     try:
-        yield json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_without_repeated_keys)
+        yield json.loads(text, parse_constant=_refuse_constant)
     except FileFormatError:
         raise
     except InputError as error:
         raise FileFormatError(path, str(error)) from None
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
-        raise FileFormatError(path, otherwise, getattr(error, "lineno", None)) from None
+        raise FileFormatError(path, problem, getattr(error, "lineno", None)) from None
 
 
 def finite_or_none(value: float) -> float | None:
-    """Return a number as JSON has it, which has neither infinity nor NaN."""
+    """Return a number, or None for infinity and NaN, which JSON lacks."""
     return float(value) if math.isfinite(value) else None
 
 
@@ -96,42 +97,25 @@ def _refuse_constant(name: str) -> float:
     raise InputError(f"{name} is not a number of JSON; make the file again")
 
 
-def _without_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    content = dict(pairs)
-    if len(content) < len(pairs):
-        repeated = next(key for key, _ in pairs if sum(key == other for other, _ in pairs) > 1)
-        raise InputError(f"the key {repeated!r} stands twice in one object; make the file again")
-    return content
-
-
-def _within(encoding: str) -> str:
-    """Encoding behind the start of a file: a byte order mark there is a character as any other."""
-    return encoding.removesuffix("-sig")
-
-
 def read_blocks(
     path: str | Path, size: int = BLOCK_BYTES, *, encoding: str = "utf-8-sig"
 ) -> Iterator[tuple[int, bytes]]:
-    """Text of a file, plain or gzip: whole lines, some megabytes at a time, with the number of the first of them."""
-    first_line, blank, rest, start = 1, True, b"", b""
+    """Yield the number of the first line and the text of blocks of lines, some megabytes each, plain or gzip."""
+    first_line, blank, pending, start = 1, True, b"", b""
     for content in chain(_pieces(path, size), [b""]):
         start = start or content[:8]
         if b"\0" in content:
-            line = (
-                None
-                if b"\0" in start
-                else first_line + (rest + content).count(b"\n", 0, (rest + content).index(b"\0"))
-            )
+            lines_before = (pending + content).partition(b"\0")[0].count(b"\n")
+            line = None if b"\0" in start else first_line + lines_before
             raise FileFormatError(
                 path, "is not text (it has a zero byte); give a text file or its gzip", line
             )
-        # A piece ends where a line does; what is behind it waits for the next.
-        whole, line_end, begun = content.rpartition(b"\n")
+        lines, line_end, remainder = content.rpartition(b"\n")
         if content and not line_end:
-            rest += begun
+            pending += remainder
             continue
-        block = _text_block(path, rest + whole + line_end, first_line, encoding)
-        rest = begun
+        block = _text_block(path, pending + lines + line_end, first_line, encoding)
+        pending = remainder
         blank = blank and not block.decode(encoding).strip()
         if block:
             yield first_line, block
@@ -140,8 +124,8 @@ def read_blocks(
         raise FileFormatError(path, "is empty; fetch or write it again")
 
 
-def numbers_of(path: str | Path, line_number: int | None, words: list[str], what: str) -> list[float]:
-    """Finite numbers of a line's words; :class:`FileFormatError` where a word is none."""
+def numbers_of(path: str | Path, line_number: int | None, words: list[str], quantity: str) -> list[float]:
+    """Return the finite numbers of a line's words; another word is a :class:`FileFormatError`."""
     numbers = []
     for word in words:
         try:
@@ -149,42 +133,42 @@ def numbers_of(path: str | Path, line_number: int | None, words: list[str], what
         except ValueError:
             number = math.nan
         if not math.isfinite(number):
-            raise FileFormatError(path, f"{word!r} is not a number, but {what} is wanted", line_number)
+            raise FileFormatError(path, f"expected {quantity}, got {word!r}", line_number)
         numbers.append(number)
     return numbers
 
 
 def table_of(
-    path: str | Path, lines: list[tuple[int, str]], n_columns: int, what: str
+    path: str | Path, lines: list[tuple[int, str]], n_columns: int, quantity: str
 ) -> NDArray[np.float64]:
-    """Rows of numbers, n_columns each, from lines with their numbers; errors as :func:`numbers_of`."""
+    """Return an array of `n_columns` from numbered lines; errors as :func:`numbers_of`."""
     rows = []
     for line_number, line in lines:
         words = line.split()
         if len(words) != n_columns:
-            problem = f"{len(words)} columns, but {what} has {n_columns}"
+            problem = f"expected {n_columns} columns of {quantity}, got {len(words)}"
             raise FileFormatError(path, problem, line_number)
-        rows.append(numbers_of(path, line_number, words, what))
+        rows.append(numbers_of(path, line_number, words, quantity))
     return np.array(rows).reshape(len(rows), n_columns)
 
 
 def spreadsheet_cell(text: str) -> str:
-    """Return a name as a cell of a CSV file; an apostrophe before it keeps a spreadsheet from computing a formula."""
+    """Return a name as a cell of a CSV file; an apostrophe stops spreadsheets from computing it as a formula."""
     return f"'{text}" if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else text
 
 
 def text_of_cell(cell: str) -> str:
-    """Return the name that :func:`spreadsheet_cell` has written."""
+    """Return the name of a cell that :func:`spreadsheet_cell` wrote."""
     return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell
 
 
-def read_rows(path: str | Path, columns: Sequence[str], what: str) -> Iterator[tuple[int, dict[str, str]]]:
-    """Yield lines and cells by column of a small table, without blank lines and comments; `what` names it in errors."""
+def read_rows(path: str | Path, columns: Sequence[str], table: str) -> Iterator[tuple[int, dict[str, str]]]:
+    """Yield line numbers and cells by column of a small CSV table without comments; `table` names it in errors."""
     lines = ((k, line) for k, line in enumerate(read_lines(path), 1) if line.strip() and line[0] != "#")
     first, heading = next(lines, (1, ""))
     header = [name.strip() for name in heading.split(",")]
     if sorted(header) != sorted(columns):
-        raise FileFormatError(path, f"{what} has the columns {','.join(columns)}", first)
+        raise FileFormatError(path, f"{table} has the columns {','.join(columns)}", first)
     for number, line in lines:
         [cells] = csv.reader([line])
         if len(cells) != len(header):
@@ -195,24 +179,24 @@ def read_rows(path: str | Path, columns: Sequence[str], what: str) -> Iterator[t
 
 
 def require_file(path: str | Path) -> None:
-    """Raise the error of reading where there is no file, or none that can be read; for what others then read."""
+    """Raise a FileFormatError unless a file can be read; for files that other libraries read."""
     with _opened(path) as stream:
         stream.read(1)
 
 
 def head_of(path: str | Path, size: int) -> bytes:
-    """First bytes of a file of any kind, unpacked and without a byte order mark; errors as :func:`read_text`."""
+    """Return the first bytes of a file, unpacked and without a byte order mark."""
     return next(_pieces(path, size))
 
 
 def read_bytes(path: str | Path) -> bytes:
-    """Content of a file of any kind, plain or gzip, without a byte order mark; errors as :func:`read_text`."""
+    """Return the content of a file, unpacked and without a byte order mark."""
     return b"".join(_pieces(path, BLOCK_BYTES))
 
 
 @contextmanager
 def _opened(path: str | Path) -> Iterator[BinaryIO]:
-    """Open a regular file; one that cannot be read is a FileFormatError."""
+    """Open a regular file; a failure is a FileFormatError."""
     try:
         mode = Path(path).stat().st_mode
         if stat.S_ISDIR(mode):
@@ -232,33 +216,26 @@ def _opened(path: str | Path) -> Iterator[BinaryIO]:
 
 
 def _pieces(path: str | Path, size: int) -> Generator[bytes]:
-    """Content of a file, unpacked, without a byte order mark."""
+    """Yield the content of a file in pieces, unpacked and without a byte order mark."""
     with _opened(path) as stream:
         packed = stream.read(len(_GZIP_MAGIC)) == _GZIP_MAGIC
         stream.seek(0)
         content: Any = gzip.GzipFile(fileobj=stream) if packed else stream
-        allowed = max(LARGEST_GROWTH * os.fstat(stream.fileno()).st_size, ALWAYS_UNPACKED_BYTES)
         try:
             piece = content.read(size)
             if piece.startswith(_COMPRESS_MAGIC):
                 raise FileFormatError(path, "is compressed with Unix compress (.Z); uncompress it first")
             yield piece.removeprefix(codecs.BOM_UTF8)
             while piece := content.read(size):
-                if packed and content.tell() > allowed:
-                    problem = (
-                        f"unpacks to more than {LARGEST_GROWTH} times its size, as no data do; it is refused"
-                    )
-                    raise FileFormatError(path, problem)
                 yield piece
         except (OSError, EOFError, zlib.error) as error:
             if not packed:
                 raise
-            problem = f"is a gzip file that was cut or damaged ({error}); fetch it again"
-            raise FileFormatError(path, problem) from error
+            raise FileFormatError(path, f"gzip file is cut or damaged ({error}); fetch it again") from error
 
 
 def _text_block(path: str | Path, block: bytes, first_line: int, encoding: str) -> bytes:
-    """Lines ended by line feeds, made sure to be of an encoding."""
+    """Return lines ended by line feeds; bytes outside the encoding are a FileFormatError."""
     try:
         if not block.isascii():
             block.decode(encoding)
@@ -270,23 +247,23 @@ def _text_block(path: str | Path, block: bytes, first_line: int, encoding: str) 
 
 
 def to_ascii(text: str, length: int) -> str:
-    """Return printable ASCII of at most `length` characters: accents are dropped, other characters become ``?``."""
+    """Return printable ASCII of at most `length` characters; accents are dropped, other characters become ``?``."""
     letters = (c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
     return "".join(c if c.isascii() and c.isprintable() else "?" for c in letters)[:length]
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write a file at once: whoever reads it sees the old content or the whole new one, never a part."""
+    """Write a file in one step: its content is the old one until the new one is complete."""
     try:
         content = text.encode()
     except UnicodeEncodeError as error:
-        wrong = text[error.start : error.end]
-        raise FileFormatError(path, f"cannot be written: {wrong!r} is not text; leave it out") from error
+        problem = f"cannot be written: {text[error.start : error.end]!r} is not text; leave it out"
+        raise FileFormatError(path, problem) from error
     write_blocks(path, [content])
 
 
 def write_blocks(path: str | Path, blocks: Iterable[bytes]) -> None:
-    """As :func:`write_text`, piece by piece; an error while they are made leaves the old file too."""
+    """Write a file in one step from blocks of bytes; see :func:`write_text`."""
     with replaced_file(path) as temporary, temporary.open("wb") as stream:
         for block in blocks:
             stream.write(block)
@@ -294,11 +271,11 @@ def write_blocks(path: str | Path, blocks: Iterable[bytes]) -> None:
 
 @contextmanager
 def replaced_file(path: str | Path) -> Iterator[Path]:
-    """Yield an empty file beside a file, which takes its place when it is whole and on the disk."""
+    """Yield a new file that replaces a file once it is complete and on the disk."""
     file = Path(path)
     if file.is_dir():
         raise FileFormatError(path, "is a directory; give the name of a file")
-    # Beside the file, so that it can take its place; unlike those of tempfile it has the permissions of the umask.
+    # In the same folder for the replacement; unlike files of tempfile it has the permissions of the umask.
     temporary = file.with_name(TEMPORARY_FILES.replace("*", secrets.token_hex(8)))
     try:
         temporary.touch(exist_ok=False)
@@ -307,7 +284,7 @@ def replaced_file(path: str | Path) -> Iterator[Path]:
     try:
         yield temporary
         with temporary.open("rb+") as stream:
-            os.fsync(stream.fileno())  # a system that stops leaves the old content or the new one
+            os.fsync(stream.fileno())  # a crash leaves the old content or the new one
         temporary.replace(file)
     except OSError as error:
         raise _not_written(file, error, "check space and permissions") from error
@@ -317,7 +294,7 @@ def replaced_file(path: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Lock an existing file against other processes, where the system can; a locked one is an InputError."""
+    """Lock an existing file against other processes if the system can; a locked one is an InputError."""
     try:
         import fcntl
     except ImportError:
@@ -328,7 +305,7 @@ def locked(path: Path) -> Iterator[None]:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise InputError(
-                f"{path.parent}: another run is writing its results there; wait for its end or give another folder"
+                f"{path.parent}: another run writes its results here; wait for its end or give another folder"
             ) from None
         except OSError:
             pass  # a file system without locks
@@ -343,7 +320,7 @@ def scratch_folder() -> Iterator[Path]:
 
 
 def disk_failed(error: OSError) -> bool:
-    """Whether it is the disk that cannot take what is written, full or failing, and not a wrong name or permission."""
+    """Return whether a disk is full or fails, rather than a name or permission being wrong."""
     return error.errno in _DISK_FAILURES
 
 

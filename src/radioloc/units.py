@@ -1,7 +1,7 @@
 """Quantities of astropy, converted to floats in the expected unit at the public boundary.
 
 NumPy drops the unit of a ``Quantity`` silently. A number without a unit is taken to be in the unit that the argument's
-name gives. Nothing is imported unless a unit is met.
+name gives. Astropy is not imported here.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ ASTROPY_UNITS = {
     "hpa": "hPa", "k": "K", "hz": "Hz", "px": "pix", "tecu": "1e16 / m2", "per_mm": "1 / mm",
     "m_yr": "m / yr", "m_s2": "m / s2", "m3_s2": "m3 / s2", "m_sqrt_s": "m / s(1/2)", "deg_m": "",
 }  # fmt: skip
-"""Units that names end in, as astropy spells them; of numbers of several units none."""
+"""Units that names end in, as astropy spells them; empty for numbers of several units."""
 
 
 def unit_of(name: str) -> str | None:
-    """Unit, in astropy's spelling, that the name of an argument ends in, such as ``step_s``; None without one."""
+    """Return the unit, in astropy's spelling, that an argument's name ends in, such as ``step_s``, or None."""
     if name == "hours":
         return "h"
     words = name.split("_")
@@ -33,42 +33,57 @@ def unit_of(name: str) -> str | None:
 
 
 def in_unit(value: Any, unit: str, name: str) -> Any:
-    """Return a number, array or list in a unit of astropy's spelling; what has no unit is unchanged."""
-    if isinstance(value, list | tuple) and any(_has_unit(one) for one in value):
-        if not all(_has_unit(one) for one in value):
-            raise InputError(f"{name} mixes numbers with and without a unit; give all of them in one way")
-        return np.array([in_unit(one, unit, name) for one in value])
+    """Return a number, array or list in a unit of astropy's spelling; numbers without a unit are unchanged."""
+    if isinstance(value, list | tuple) and any(map(_has_unit, value)):
+        if not all(map(_has_unit, value)):
+            raise InputError(f"{name}: expected all numbers with a unit or all without, got both")
+        return np.array([in_unit(item, unit, name) for item in value])
     if not _has_unit(value):
         return value
     quantity = getattr(value, "quantity", value)  # of a table's column
     if not hasattr(quantity, "to_value"):
-        raise InputError(f"{name} = {value!r} is of no kind that is known here; give numbers in {unit}")
+        raise InputError(f"{name}: expected numbers in {unit}, got {value!r}")
     try:
         return quantity.to_value(unit)
-    except Exception as error:  # astropy's own, which is not imported here
+    except Exception as error:  # astropy's own class, which is not imported here
         raise InputError(f"{name} is in {quantity.unit or 'no unit'}; give {unit}") from error
 
 
 def as_metres(value: Any, name: str) -> Any:
-    """A length as metres; of an ``EarthLocation`` or a representation of astropy x, y, z. See :func:`in_unit`."""
+    """Return lengths in m; x, y, z of an ``EarthLocation`` or representation of astropy; see :func:`in_unit`."""
     if hasattr(value, "to_geocentric"):
         return np.stack([in_unit(part, "m", name) for part in value.to_geocentric()], axis=-1)
     if hasattr(value, "to_cartesian"):
         return in_unit(value.to_cartesian().get_xyz(xyz_axis=-1), "m", name)
     if hasattr(value, "xyz_m"):
         raise InputError(
-            f"{name} is {value!r}; give its coordinates, to_frame(...).xyz_m, in the axes that are wanted"
+            f"{name}: expected coordinates, got {value!r}; give to_frame(...).xyz_m, in the axes that {name} is in"
         )
     return in_unit(value, "m", name)
 
 
 def as_float_array(value: Any, unit: str, name: str) -> NDArray[np.float64]:
-    """Numbers in a unit as an array of floats; see :func:`in_unit`."""
-    bare = as_metres(value, name) if unit == "m" else in_unit(value, unit, name)
+    """Return numbers in a unit as an array of floats; see :func:`in_unit`."""
+    numbers = as_metres(value, name) if unit == "m" else in_unit(value, unit, name)
     try:
-        return np.asarray(bare, dtype=np.float64)
+        return np.asarray(numbers, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"{name} = {value!r} is not a number or an array of numbers, in {unit}") from None
+        raise InputError(
+            f"{name}: expected a number or an array of numbers in {unit}, got {value!r}"
+        ) from None
+
+
+def read_only_array(value: Any, unit: str, name: str) -> NDArray[np.float64]:
+    """Return a copy of numbers in a unit as a read-only array of floats; see :func:`in_unit`."""
+    array = as_float_array(value, unit, name).copy()
+    array.setflags(write=False)
+    return array
+
+
+def set_fields(record: object, **values: Any) -> None:
+    """Set fields of a frozen record that is being made, in its ``__post_init__``."""
+    for name, value in values.items():
+        object.__setattr__(record, name, value)
 
 
 def _has_unit(value: Any) -> bool:

@@ -1,7 +1,7 @@
-"""Products and lengths of many vectors at once, component by component; sums of many Chebyshev series.
+"""Products and lengths of many vectors, component by component; sums of many Chebyshev series.
 
-NumPy works through arrays of shape (n, 3) vector by vector if they are stored so; stored by component, it works through
-whole columns, several times as fast. Results are stored like their arguments.
+NumPy is several times faster on arrays of shape (n, 3) that are stored by component, as it then works through columns.
+Results are stored like their arguments.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ Floats = NDArray[np.float64]
 
 
 def dot(a: Floats, b: Floats) -> Floats:
-    """Scalar products of vectors, shapes (..., 3), row by row; shape (...)."""
+    """Return scalar products of vectors, shapes (..., 3), row by row; shape (...)."""
     return np.asarray(a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2])
 
 
 def length(a: Floats) -> Floats:
-    """Lengths of vectors, shape (..., 3); shape (...)."""
+    """Return lengths of vectors, shape (..., 3); shape (...)."""
     return np.asarray(np.sqrt(dot(a, a)))
 
 
 def normalized(a: Floats) -> Floats:
-    """Unit vectors along vectors, shape (..., 3)."""
+    """Return unit vectors along vectors, shape (..., 3)."""
     return np.asarray(a / length(a)[..., np.newaxis])
 
 
 def cross(a: Floats, b: Floats) -> Floats:
-    """Vector products, shapes (n, 3), row by row; shape (n, 3)."""
+    """Return vector products, shapes (n, 3), row by row; shape (n, 3)."""
     out = np.empty((3, len(a)))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         out[i] = a[:, j] * b[:, k] - a[:, k] * b[:, j]
@@ -36,20 +36,20 @@ def cross(a: Floats, b: Floats) -> Floats:
 
 
 def cross_matrices(a: Floats) -> Floats:
-    """Matrices, shape (..., 3, 3), that multiply by vectors a, shape (..., 3), from the left: a x b."""
+    """Return matrices, shape (..., 3, 3), whose product with b is a x b for vectors a, shape (..., 3)."""
     x, y, z = np.moveaxis(a, -1, 0)
     zero = np.zeros_like(x)
     return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*a.shape, 3)
 
 
 def rtn_axes(position_m: Floats, velocity_m_s: Floats) -> Floats:
-    """Radial, along and across axes of states, shape (..., 3, 3), one a row."""
+    """Return radial, along and across axes of states as rows, shape (..., 3, 3)."""
     across = np.cross(position_m, velocity_m_s)
     return normalized(np.stack([position_m, np.cross(across, position_m), across], axis=-2))
 
 
 def rotated(rotation: Floats, a: Floats) -> Floats:
-    """Products of matrices, shape (n, 3, 3), with vectors, shape (n, 3), row by row; shape (n, 3)."""
+    """Return products of matrices, shape (n, 3, 3), with vectors, shape (n, 3), row by row; shape (n, 3)."""
     out = np.empty((3, len(a)))
     for i in range(3):
         out[i] = dot(rotation[:, i], a)
@@ -57,7 +57,7 @@ def rotated(rotation: Floats, a: Floats) -> Floats:
 
 
 def east_north_up(longitude_rad: Floats, latitude_rad: Floats) -> Floats:
-    """Unit vectors to the east, to the north and up where the vertical has these angles, as rows, (..., 3, 3)."""
+    """Return east, north and up unit vectors as rows, (..., 3, 3), of a vertical with these angles."""
     sin_lon, cos_lon = np.sin(longitude_rad), np.cos(longitude_rad)
     sin_lat, cos_lat = np.sin(latitude_rad), np.cos(latitude_rad)
     east = np.stack([-sin_lon, cos_lon, np.zeros_like(sin_lon)], axis=-1)
@@ -67,21 +67,21 @@ def east_north_up(longitude_rad: Floats, latitude_rad: Floats) -> Floats:
 
 
 def by_component(a: NDArray[np.generic]) -> NDArray[np.generic]:
-    """The same array stored by component (column-major); copied if it is not."""
+    """Return an array stored by component (column-major)."""
     return np.asfortranarray(a) if a.ndim > 1 else a
 
 
 def chebyshev_sums(coefficients: Floats, s: Floats, derivatives: int = 1) -> tuple[Floats, ...]:
     """Return values and derivatives by s, (k, n), of Chebyshev series, (degrees, k, n), -1 <= s <= 1."""
     # Clenshaw's recurrence b_j = c_j + 2 s b_(j+1) - b_(j+2), differentiated.
-    twice = 2.0 * s
+    s2 = 2.0 * s
     b = b_next = db = db_next = ddb = ddb_next = np.zeros(coefficients.shape[1:])
     for k in range(len(coefficients) - 1, 0, -1):
         if derivatives > 1:
-            ddb, ddb_next = 4.0 * db + twice * ddb - ddb_next, ddb
-        db, db_next = 2.0 * b + twice * db - db_next, db
-        # Summed in this order the leading coefficient, 1e4 rad for the lunar angle psi, rounds once.
-        b, b_next = coefficients[k] + (twice * b - b_next), b
+            ddb, ddb_next = 4.0 * db + s2 * ddb - ddb_next, ddb
+        db, db_next = 2.0 * b + s2 * db - db_next, db
+        # In this order the leading coefficient, 1e4 rad for the lunar angle psi, is rounded once.
+        b, b_next = coefficients[k] + (s2 * b - b_next), b
     values = coefficients[0] + (s * b - b_next)
     rates = b + s * db - db_next
     if derivatives == 1:

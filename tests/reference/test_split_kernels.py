@@ -106,7 +106,7 @@ def test_span_is_the_union_and_gaps_are_refused_by_name(tmp_path, monkeypatch):
     within_gap = Epochs.from_tdb_seconds(START_S + DAY_S * np.array([100.0, 4300.0]))
     with pytest.raises(CoverageError, match=r"pieces\.bsp.* with gaps \(1970-01-01 to 1981-03-24") as caught:
         ephemeris.geocentric("moon", within_gap)
-    assert caught.value.asked == ("1981-10-10T00:00:00.000 TDB",) * 2
+    assert caught.value.requested == ("1981-10-10T00:00:00.000 TDB",) * 2
     monkeypatch.setenv("RADIOLOC_KERNELS", str(tmp_path / "added"))
     assert add_kernel(path).end_tdb == "1986-06-06"
 

@@ -45,9 +45,9 @@ def test_what_is_no_length_is_refused_by_name(value):
 
 
 def test_what_is_no_number_and_no_known_quantity_is_refused_by_name():
-    with pytest.raises(InputError, match="sigma_m = 'one' is not a number or an array of numbers, in m"):
+    with pytest.raises(InputError, match="sigma_m: .* got 'one'"):
         as_float_array("one", "m", "sigma_m")
-    with pytest.raises(InputError, match=r"sigma_m = .* is of no kind that is known here; give numbers in m"):
+    with pytest.raises(InputError, match="sigma_m: expected numbers in m"):
         in_unit(SimpleNamespace(magnitude=1.0), "m", "sigma_m")  # as quantities of other packages are
 
 
@@ -117,9 +117,9 @@ def test_what_is_no_time_here_is_refused():
         Epochs(Time("2020-01-01", scale="tdb"), np.zeros(1), "TDB")
     with pytest.raises(InputError, match="time scale 'TCB' is not known"):
         Epochs.from_time(Time("2020-01-01", scale="tcb"))
-    with pytest.raises(InputError, match="no astropy Time"):
+    with pytest.raises(InputError, match="astropy Time"):
         Epochs.from_time("2020-01-01")
-    with pytest.raises(InputError, match="'2020-01-01' is no astropy Time"):
+    with pytest.raises(InputError, match="astropy Time, got '2020-01-01'"):
         epochs_from_strings([Time("2020-01-01"), "2020-01-01"], "UTC")
     with pytest.raises(InputError, match="without Earth orientation"):
         to_scale(Epochs.from_jd(2459000.5, 0.0, "UT1"), "UTC")
@@ -190,5 +190,5 @@ def test_observations_at_a_time_of_astropy(scale):
     assert np.abs(off_s).max() < 1e-9
     with pytest.raises(InputError, match="TDB was given"):
         observed(epoch=Epochs.from_time(utc.tdb))
-    with pytest.raises(InputError, match="no astropy Time"):
+    with pytest.raises(InputError, match="astropy Time"):
         observed(epoch=["2024-05-02"])

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.boundary import bare_arguments
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import _force_data as layout
 from radioloc.dynamics._force_data import ForceData
@@ -19,6 +18,7 @@ from radioloc.dynamics.orbit import STATE, initial_state
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.lunar import rot_between, rot_icrf_to_pa
+from radioloc.quantities import accepts_quantities
 from radioloc.time import Epochs
 from radioloc.vectors import Floats, rtn_axes
 
@@ -33,7 +33,7 @@ _PERMANENT_TIDE_PA_S2 = np.array(
 node) in three starting years, which agree to 1e-4 of the largest element."""
 
 
-@bare_arguments
+@accepts_quantities
 def acceleration_terms(
     epoch: Epochs,
     position_m: ArrayLike,
@@ -84,7 +84,7 @@ def acceleration_terms(
     return {name: scale * part for name, scale, part in zip(layout.PARTS, data.scales, parts, strict=True)}
 
 
-@bare_arguments
+@accepts_quantities
 def acceleration_sizes(epoch: Epochs, height_m: float, forces: Forces) -> dict[str, float]:
     """Sizes of the accelerations in a circular orbit over the Moon's poles, by name, m/s^2: root mean square.
 

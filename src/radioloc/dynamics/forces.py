@@ -8,9 +8,9 @@ from typing import Literal
 
 import numpy as np
 
-from radioloc.boundary import bare_fields
 from radioloc.dynamics.gravity import GravityField
 from radioloc.errors import InputError
+from radioloc.quantities import convert_fields
 from radioloc.time import Epochs
 from radioloc.time.epochs import Tdb
 
@@ -57,7 +57,7 @@ class Acceleration:
     sigma_m_s2: float | None = None
 
     def __post_init__(self) -> None:
-        bare_fields(self)
+        convert_fields(self)
         _require_axes(self.name, self.axes)
         for key in ("constant_m_s2", "cosine_m_s2", "sine_m_s2"):
             _require_vector(self.name, key, getattr(self, key))
@@ -86,7 +86,7 @@ class Impulse:
     axes: Axes = "RTN"  # of the state before, or those of the ICRF
 
     def __post_init__(self) -> None:
-        bare_fields(self)
+        convert_fields(self)
         _require_axes(self.name, self.axes)
         _require_vector(self.name, "delta_v_m_s", self.delta_v_m_s)
         require_one_epoch(self.name, self.epoch)
@@ -150,7 +150,7 @@ class Forces:
     gradient_degree: int = 40
 
     def __post_init__(self) -> None:
-        bare_fields(self)
+        convert_fields(self)
         if not (isinstance(self.gradient_degree, int) and self.gradient_degree >= 0):
             raise InputError(f"gradient_degree {self.gradient_degree!r} is not 0 or a higher integer")
         for body in self.bodies:

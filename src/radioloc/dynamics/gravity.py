@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import ARCSEC_RAD
 from radioloc.dynamics.gravity_files import TIDE_SYSTEMS, read_gravity_file
-from radioloc.errors import FileFormatError, InputError, named
+from radioloc.errors import FileFormatError, InputError, error_context
 from radioloc.lunar import rot_between
 from radioloc.units import as_float_array
 from radioloc.vectors import Floats
@@ -204,7 +204,7 @@ def _left_open(given: dict[str, Any], axes: str | None) -> Iterator[str]:
 
 def _require_figure_axes(field: GravityField, source: str | Path) -> None:
     """Refuse a field of the Moon's figure whose degree 2 belongs to other axes than the stated ones."""
-    with named(f"{source}: gravity_axes:"):
+    with error_context(f"{source}: gravity_axes:"):
         rotation = rot_between(field.frame, f"PA_{field.frame[3:]}")
     if field.degree < 2 or any(
         abs(field.c[place] / value - 1.0) > _FIGURE_TOLERANCE for place, value in _LUNAR_FIGURE.items()

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from radioloc.boundary import bare_arguments
 from radioloc.dynamics.gravity import GravityField, acceleration_series, recursion
 from radioloc.dynamics.orbit import Orbit
 from radioloc.dynamics.perturbations import Perturbations
 from radioloc.ephemeris import LunarOrientation
 from radioloc.errors import InputError
 from radioloc.lunar import rot_between, rot_icrf_to_pa
+from radioloc.quantities import accepts_quantities
 from radioloc.time import Epochs
 from radioloc.vectors import Floats
 
@@ -72,7 +72,7 @@ def draw_gravity_errors(
     ]
 
 
-@bare_arguments
+@accepts_quantities
 def gravity_error_effects(
     orbit: Orbit, errors: list[GravityField], tdb: Epochs, *, libration: LunarOrientation | None = None
 ) -> Floats:

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from radioloc.boundary import bare_arguments
 from radioloc.constants import LUNAR_HEIGHT_LIMITS_M, MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics.forces import Forces
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import CoverageError, InputError
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.lunar.frames import rot_icrf_to_pa_rate
+from radioloc.quantities import accepts_quantities
 from radioloc.time import Epochs, utc_strings
 from radioloc.units import as_float_array
 from radioloc.vectors import Floats
@@ -84,7 +84,7 @@ class Orbit:
     def __str__(self) -> str:
         return integrated_over(self.name, self.epoch, self.span_s)
 
-    @bare_arguments
+    @accepts_quantities
     def states(self, tdb: Epochs) -> tuple[Floats, Floats]:
         """Position, m, and velocity, m/s, relative to the Moon's centre, ICRF axes, at epochs of TDB, shapes (n, 3).
 
@@ -97,7 +97,7 @@ class Orbit:
         states = found[:, 0] if self.changes is None else found[:, 0] + self.changes @ found[:, 1:]
         return states[:, :3], states[:, 3:]
 
-    @bare_arguments
+    @accepts_quantities
     def geocentric(self, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
         """Geocentric position and velocity, geometric (no light time), in barycentric coordinates, ICRF axes.
 
@@ -111,7 +111,7 @@ class Orbit:
         """Return the one span that the orbit covers, TDB seconds since J2000."""
         return [since_j2000_s(self.epoch, self.span_s)]
 
-    @bare_arguments
+    @accepts_quantities
     def partials(self, tdb: Epochs) -> Floats:
         """Return partials of position and velocity by the `parameters` at epochs of TDB, SI, (n, 6, n_parameters).
 

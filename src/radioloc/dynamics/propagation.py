@@ -10,7 +10,6 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import ArrayLike
 
-from radioloc.boundary import bare_arguments
 from radioloc.dynamics._force_data import (
     ACTS,
     DONE,
@@ -27,6 +26,7 @@ from radioloc.dynamics.forces import Forces, Impulse, require_one_epoch
 from radioloc.dynamics.orbit import LOWEST_M, STATE, Leg, Orbit, Rest, initial_state
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import ConvergenceError, InputError
+from radioloc.quantities import accepts_quantities
 from radioloc.time import Epochs, utc_strings
 from radioloc.vectors import Floats, rtn_axes
 
@@ -36,7 +36,7 @@ _MOST_STEPS = 2_000_000
 _VELOCITY_PER_POSITION = 1e-3  # 1/s: about the mean motion of a low orbit
 
 
-@bare_arguments
+@accepts_quantities
 def propagate(
     epoch: Epochs,
     position_m: ArrayLike,

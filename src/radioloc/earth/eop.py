@@ -29,10 +29,10 @@ import astropy_iers_data
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.boundary import bare_arguments
 from radioloc.constants import ARCSEC_RAD, MJD_ZERO_JD, SECONDS_PER_DAY, TT_MINUS_TAI_S
 from radioloc.earth.eop_tides import zonal_tides
 from radioloc.errors import CoverageError, FileFormatError, InputError, in_file
+from radioloc.quantities import accepts_quantities
 from radioloc.text_files import read_blocks
 from radioloc.time import Epochs, utc_to_tt
 from radioloc.units import in_unit
@@ -166,7 +166,7 @@ class EopTable:
         """UT1 - TT (s), xp, yp, dX, dY (rad) of the days, shape (n, 5), and the days in TT."""
         return self._values, self._nodes_tt
 
-    @bare_arguments
+    @accepts_quantities
     def interpolate(self, tt: Epochs, *, zonal: bool = True) -> EopValues:
         """Values at epochs of TT within the table.
 

@@ -19,11 +19,11 @@ import erfa
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.boundary import bare_arguments
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.earth.eop import EopTable
 from radioloc.earth.eop_tides import libration, ocean_tides
 from radioloc.errors import PredictedEopWarning
+from radioloc.quantities import accepts_quantities
 from radioloc.time import Epochs
 from radioloc.time.smooth import table_of, tabulated
 from radioloc.vectors import Floats, cross_matrices
@@ -73,7 +73,7 @@ class EarthOrientation:
             f"{self.table.last_measured_date}; {', '.join(terms) or 'no added terms'}>"
         )
 
-    @bare_arguments
+    @accepts_quantities
     def evaluate(self, tt: Epochs) -> EarthRotation:
         """Orientation at epochs of TT; a :class:`PredictedEopWarning` where any rests on predictions not asked for.
 
@@ -89,7 +89,7 @@ class EarthOrientation:
         self.warn_of_predictions(tt, rotation.predicted)
         return rotation
 
-    @bare_arguments
+    @accepts_quantities
     def rotation(self, tt: Epochs) -> EarthRotation:
         """Return the orientation as :meth:`evaluate` does, without its warning."""
         eop = self.table.interpolate(tt, zonal=self.zonal_tides)
@@ -116,7 +116,7 @@ class EarthOrientation:
         rate = cross_matrices(angular_velocity) @ rotation + rotation @ of_pole
         return EarthRotation(rotation, rate, ut1, xp_rad, yp_rad, eop.xp_rad, eop.yp_rad, eop.predicted)
 
-    @bare_arguments
+    @accepts_quantities
     def warn_of_predictions(self, tt: Epochs, predicted: NDArray[np.bool_]) -> None:
         """Give the :class:`PredictedEopWarning` if any epochs rest on predictions that were not asked for."""
         if predicted.any() and self.table.beyond is None:
@@ -129,7 +129,7 @@ class EarthOrientation:
                 stacklevel=3,
             )
 
-    @bare_arguments
+    @accepts_quantities
     def rough_rotation(self, tt: Epochs) -> Floats:
         """Rotation from the ITRF to the GCRS without polar motion and tides, 20 m on the ground, shape (n, 3, 3)."""
         x, y = _celestial_pole(tt)[0]

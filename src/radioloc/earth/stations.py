@@ -19,12 +19,12 @@ from typing import Any
 
 import numpy as np
 
-from radioloc.boundary import bare_arguments
 from radioloc.constants import J2000_JD
 from radioloc.earth.blq import BlqCoefficients, parse_blq
 from radioloc.earth.geodesy import geodetic_from_itrf, itrf_from_geodetic
 from radioloc.earth.reference_frames import frames, to_itrf2020
 from radioloc.errors import InputError, StationError
+from radioloc.quantities import accepts_quantities
 from radioloc.time import Epochs
 from radioloc.units import as_metres, in_unit
 from radioloc.vectors import Floats
@@ -151,7 +151,7 @@ class Station:
             )
 
     @classmethod
-    @bare_arguments
+    @accepts_quantities
     def from_geodetic(
         cls, *, longitude_deg: float, latitude_deg: float, height_m: float, **fields: Any
     ) -> Station:
@@ -232,7 +232,7 @@ class Station:
         position_m, velocity_m_yr = to_itrf2020(self.frame, self.itrf_m, given_m_yr, self.epoch_year)
         return position_m, velocity_m_yr if self.velocity_known else given_m_yr
 
-    @bare_arguments
+    @accepts_quantities
     def position_at(self, tt: Epochs) -> Floats:
         """Give the reference point in ITRF2020 at epochs of TT, without tides and loading, m, shape (n, 3)."""
         tt.require("TT")

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from radioloc.boundary import bare_arguments
 from radioloc.constants import ARCSEC_RAD
 from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.ephemeris.positions import evaluate
 from radioloc.errors import KernelError
 from radioloc.kernels import Kernel, KernelFile
 from radioloc.kernels.files import open_kernel
+from radioloc.quantities import accepts_quantities
 from radioloc.time import Epochs
 from radioloc.vectors import Floats
 
@@ -97,7 +97,7 @@ class LunarOrientation:
         """Path, SHA-256 and span of the file."""
         return self.pck.file
 
-    @bare_arguments
+    @accepts_quantities
     def angles(self, tdb: Epochs) -> tuple[Floats, Floats]:
         """Euler angles phi, theta, psi of the principal axes, rad, and their rates, rad/s, at epochs of TDB, (n, 3).
 

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S, J2000_JD, SECONDS_PER_DAY
 from radioloc.ephemeris.constants import CONSTANTS, EphemerisConstants
 from radioloc.errors import CoverageError, InputError, KernelError
 from radioloc.kernels import Kernel, KernelFile, Segment
 from radioloc.kernels.daf import span_dates
 from radioloc.kernels.files import open_kernel
+from radioloc.quantities import accepts_quantities
 from radioloc.time import Epochs, utc_strings
 from radioloc.vectors import Floats, chebyshev_sums, dot, length
 
@@ -87,7 +87,7 @@ class Ephemeris:
             if (code, centers.get(code, _SOLAR_SYSTEM_BARYCENTRE)) in held
         )
 
-    @bare_arguments
+    @accepts_quantities
     def earth(self, tdb: Epochs) -> EarthState:
         """Barycentric position, velocity and acceleration of the geocentre at epochs of TDB.
 
@@ -95,7 +95,7 @@ class Ephemeris:
         """
         return self.states((), tdb)[0]
 
-    @bare_arguments
+    @accepts_quantities
     def states(self, bodies: Sequence[str], tdb: Epochs) -> tuple[EarthState, dict[str, _State]]:
         """The Earth as by :meth:`earth`, and bodies as by :meth:`geocentric`: the Earth is computed once for all."""
         barycentre = self._relative(_EARTH_MOON_BARYCENTRE, _SOLAR_SYSTEM_BARYCENTRE, tdb, derivatives=2)
@@ -103,7 +103,7 @@ class Ephemeris:
         found = {body: self._geocentric(BODIES[body], tdb, barycentre, earth) for body in bodies}
         return EarthState(*((b + e) * _M_PER_KM for b, e in zip(barycentre, earth, strict=True))), found
 
-    @bare_arguments
+    @accepts_quantities
     def geocentric(self, body: str, tdb: Epochs) -> _State:
         """Geocentric position and velocity of a body, geometric (no light time), in barycentric coordinates, ICRF axes.
 
@@ -132,7 +132,7 @@ class Ephemeris:
             raise InputError(f"body {body!r} is not known; use one of {', '.join(BODIES)}")
         return self.geocentric_center(BODIES[body], tdb)
 
-    @bare_arguments
+    @accepts_quantities
     def geocentric_center(self, code: int, tdb: Epochs) -> _State:
         """Geocentric position and velocity of a trajectory's centre by NAIF code; as :meth:`geocentric`."""
         if code == _EARTH:
@@ -151,7 +151,7 @@ class Ephemeris:
             other = other[0] - barycentre[0], other[1] - barycentre[1]
         return (other[0] - earth[0]) * _M_PER_KM, (other[1] - earth[1]) * _M_PER_KM
 
-    @bare_arguments
+    @accepts_quantities
     def barycentric(self, body: str, tdb: Epochs) -> _State:
         """Barycentric position and velocity of a body; as :meth:`geocentric`, with the rounding of :meth:`earth`."""
         earth = self.earth(tdb)

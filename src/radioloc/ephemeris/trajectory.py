@@ -14,7 +14,6 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.boundary import bare_arguments
 from radioloc.constants import J2000_JD, SECONDS_PER_DAY
 from radioloc.ephemeris.orientation import LUNAR_AXES, LunarAxes
 from radioloc.ephemeris.positions import Ephemeris
@@ -22,6 +21,7 @@ from radioloc.errors import CoverageError, InputError, KernelError
 from radioloc.kernels import KernelFile, find_kernel, sha256_of
 from radioloc.kernels.daf import DafSegment, merge_spans, read_segments, span_dates, tdb_date
 from radioloc.kernels.spk_types import StateSeries, read_states
+from radioloc.quantities import accepts_quantities
 from radioloc.time import Epochs
 from radioloc.vectors import Floats
 
@@ -132,7 +132,7 @@ class Trajectory:
         axes = dict.fromkeys(f" in {segment.axes.frame}" for segment in self.segments if segment.axes)
         return f"{self.name}{' and'.join(axes)}, {self.kernel.start_tdb} to {self.kernel.end_tdb} TDB"
 
-    @bare_arguments
+    @accepts_quantities
     def geocentric(self, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
         """Geocentric position and velocity, geometric (no light time), in barycentric coordinates, ICRF axes.
 

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.estimation.gauss_markov import SeriesWeight
 from radioloc.estimation.least_squares import FitResult, FitStatus, fit_least_squares
@@ -26,6 +25,7 @@ from radioloc.labels import USED, Labels
 from radioloc.noise.covariance import ObservationCovariance
 from radioloc.noise.whitening import Rows, slices
 from radioloc.parameters.parameter import ParameterSet
+from radioloc.quantities import accepts_quantities
 from radioloc.vectors import Floats
 
 THRESHOLD = 5.0  # expected sigmas beyond which a residual is an outlier: of normal ones one in 1.7 million
@@ -91,7 +91,7 @@ class EditedFit:
         return self.complete and self.fit.converged
 
 
-@bare_arguments
+@accepts_quantities
 def fit_with_editing(
     residual_function: ResidualFunction,
     parameters: ParameterSet,

@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.estimation.gauss_markov import TimeCorrelation
 from radioloc.estimation.information_filter import InformationFilter, Smoothed
@@ -40,6 +39,7 @@ from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.noise.covariance import ObservationCovariance
 from radioloc.noise.whitening import Rows, RowsOf, StructuredWhitener, Whitener, column
 from radioloc.parameters.parameter import ParameterSet
+from radioloc.quantities import accepts_quantities
 from radioloc.vectors import Floats
 
 _MAX_ITERATIONS = 30
@@ -154,7 +154,7 @@ class FitResult:
         return isinstance(self.whitening, StructuredWhitener)
 
 
-@bare_arguments
+@accepts_quantities
 def fit_least_squares(
     residual_function: ResidualFunction,
     parameters: ParameterSet,

@@ -17,7 +17,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.boundary import bare_arguments
 from radioloc.estimation.editing import THRESHOLD, EditedFit, fit_with_editing
 from radioloc.estimation.least_squares import FitResult, FitStatus
 from radioloc.estimation.linearization import ResidualFunction
@@ -28,6 +27,7 @@ from radioloc.labels import Labels
 from radioloc.noise.covariance import ObservationCovariance, White
 from radioloc.noise.whitening import column
 from radioloc.parameters.parameter import ParameterSet
+from radioloc.quantities import accepts_quantities
 from radioloc.vectors import Floats
 
 _MAX_PASSES = 15
@@ -35,7 +35,7 @@ _MAX_SPLIT_COUNT = 10  # stations and links that may have a component of their o
 _SETTLED_FRACTION = 1e-3  # change of a sigma below which a component has settled; it is known far worse
 
 
-@bare_arguments
+@accepts_quantities
 def fit_with_variance_components(
     residual_function: ResidualFunction,
     parameters: ParameterSet,

@@ -15,9 +15,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.boundary import bare_arguments, bare_fields
 from radioloc.errors import InputError
 from radioloc.imaging.distortion import Distortion
+from radioloc.quantities import accepts_quantities, convert_fields
 from radioloc.vectors import Floats
 
 
@@ -49,7 +49,7 @@ class Camera:
     looks_along_z: int = 1
 
     def __post_init__(self) -> None:
-        bare_fields(self)
+        convert_fields(self)
         matrix = np.array(self.pixel_per_mm, dtype=np.float64)
         point = as_vector(self.principal_point_px, 2, "principal_point_px")
         if not (np.isfinite(self.focal_length_mm) and self.focal_length_mm > 0.0):
@@ -66,7 +66,7 @@ class Camera:
             object.__setattr__(self, name, value)
 
     @classmethod
-    @bare_arguments
+    @accepts_quantities
     def of_pinhole(
         cls,
         focal_length_mm: float,

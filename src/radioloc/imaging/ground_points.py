@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from radioloc import vectors
-from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.imaging.sensor_models import Rays, SensorModel, inside, require_mean_earth
 from radioloc.imaging.surfaces import Surface
 from radioloc.lunar import LunarPosition, cartesian_to_selenographic, east_north_up
+from radioloc.quantities import accepts_quantities
 from radioloc.vectors import Floats
 
 
@@ -89,7 +89,7 @@ def _met(model: SensorModel, rays: Rays, pixels: ArrayLike, surface: Surface) ->
     return points
 
 
-@bare_arguments
+@accepts_quantities
 def ground_to_image(model: SensorModel, points_m: ArrayLike) -> Floats:
     """Pixels, shape (n, 2), of points in the model's axes, shape (n, 3); also of points beyond the image's edges.
 

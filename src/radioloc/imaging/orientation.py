@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from radioloc.boundary import bare_arguments, bare_fields
 from radioloc.errors import InputError
 from radioloc.imaging.cameras import as_points, as_rotation, as_vector
+from radioloc.quantities import accepts_quantities, convert_fields
 from radioloc.vectors import Floats
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ class TabulatedOrientation:
     _even: tuple[bool, bool] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        bare_fields(self)
+        convert_fields(self)
         names = {"position_times_s": "positions_m", "rotation_times_s": "quaternions"}
         even = []
         for (times_name, values_name), components in zip(names.items(), (3, 4), strict=True):
@@ -170,7 +170,7 @@ class PolynomialOrientation:
     rot_camera_to_body: Floats
 
     @classmethod
-    @bare_arguments
+    @accepts_quantities
     def fit(
         cls,
         orientation: Orientation,

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc import vectors
-from radioloc.boundary import bare_arguments
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.imaging.sensor_models import SensorModel, inside, require_mean_earth
@@ -24,6 +23,7 @@ from radioloc.lunar.interpolation import Stencil
 from radioloc.lunar.map_files import new_geotiff
 from radioloc.lunar.map_grid import MapGrid, load_rasterio
 from radioloc.lunar.terrain import LargeWindowError, NoTerrainError
+from radioloc.quantities import accepts_quantities
 from radioloc.vectors import Floats
 
 _OUTLINE_POINTS = 65
@@ -36,7 +36,7 @@ nothing hides a camera."""
 _KINDS = {"bilinear": "bilinear", "cubic": "bicubic"}
 
 
-@bare_arguments
+@accepts_quantities
 def write_orthophoto(
     path: str | Path,
     images: Sequence[tuple[NDArray[Any], SensorModel]],

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.imaging.adjustment import Adjusted, TiePoints, adjust, approximate_places
 from radioloc.imaging.homography import Homography
@@ -23,6 +22,7 @@ from radioloc.lunar import TerrainModel
 from radioloc.lunar.grey_images import Mask
 from radioloc.lunar.maps import Map, TangentPlane
 from radioloc.lunar.terrain import NoTerrainError
+from radioloc.quantities import accepts_quantities
 from radioloc.vectors import Floats
 
 _FEWEST_TIES = 6
@@ -145,7 +145,7 @@ class Registration:
         return product / square, float(np.sqrt(variance / count / square))
 
 
-@bare_arguments
+@accepts_quantities
 def register_chain(
     frames: Sequence[Frame],
     base: Map,

@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 
 from radioloc import vectors
-from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError, KernelError
 from radioloc.imaging.orientation import TabulatedOrientation, quaternions_of
 from radioloc.kernels.spice_calls import spice_message, spice_path
 from radioloc.kernels.spk_types import check_spk
 from radioloc.lunar.frames import rot_icrf_to_me
+from radioloc.quantities import accepts_quantities
 from radioloc.text_files import head_of, require_file
 from radioloc.time import Epochs
 
 _KM = 1e3
 
 
-@bare_arguments
+@accepts_quantities
 def orientation_from_spice(
     kernels: Sequence[str | Path],
     *,

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc import vectors
-from radioloc.boundary import bare_fields
 from radioloc.constants import LUNAR_HEIGHT_LIMITS_M, MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic
 from radioloc.lunar.terrain import LargeWindowError, NoTerrainError, TerrainWindow, height_and_gradient
+from radioloc.quantities import convert_fields
 from radioloc.vectors import Floats
 
 _RAYS_AT_ONCE = 100_000
@@ -37,7 +37,7 @@ class Sphere:
     mean_earth: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
-        bare_fields(self)
+        convert_fields(self)
         if not (np.isfinite(self.radius_m) and self.radius_m > 0.0):
             raise InputError(f"radius_m = {self.radius_m!r} is not a positive number of metres")
 

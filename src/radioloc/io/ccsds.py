@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from radioloc.boundary import bare_arguments
 from radioloc.dynamics import Orbit
 from radioloc.ephemeris import CONSTANTS, LunarOrientation
 from radioloc.errors import InputError
@@ -24,6 +23,7 @@ from radioloc.io.tdm.write import creation_date_now, tdm_of, write_tdm_file
 from radioloc.lunar import east_north_up, rot_icrf_to_pa, rot_pa_to_me
 from radioloc.lunar.frames import rot_icrf_to_pa_rate
 from radioloc.measurements.observations import Observations
+from radioloc.quantities import accepts_quantities
 from radioloc.results.solution import Solution
 from radioloc.results.tables import Located, content_of, position_of
 from radioloc.text_files import to_ascii, write_text
@@ -36,7 +36,7 @@ _MAX_COMMENT_NAME = 80  # characters of a solution's name
 _RESIDUALS = "the values are residuals, observed minus computed, not observations"
 
 
-@bare_arguments
+@accepts_quantities
 def write_oem(
     path: str | Path,
     solution: Located,
@@ -67,7 +67,7 @@ def write_oem(
     return _write(path, "OEM", originator, creation_date, segment)
 
 
-@bare_arguments
+@accepts_quantities
 def write_orbit_oem(
     path: str | Path,
     orbit: Orbit | Sequence[Orbit],
@@ -124,7 +124,7 @@ def write_orbit_oem(
     return _write(path, "OEM", originator, creation_date, lines)
 
 
-@bare_arguments
+@accepts_quantities
 def write_orbit_opm(
     path: str | Path,
     orbit: Orbit,

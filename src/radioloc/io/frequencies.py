@@ -29,7 +29,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from radioloc.boundary import bare_fields
 from radioloc.constants import C_M_S, MJD_ZERO_JD, SECONDS_PER_DAY
 from radioloc.earth.stations import Station, StationCatalogue
 from radioloc.errors import FileFormatError, InputError, in_file
@@ -38,6 +37,7 @@ from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations, without_duplicates
 from radioloc.measurements.registry import KINDS
 from radioloc.measurements.table_columns import each_once
+from radioloc.quantities import convert_fields
 from radioloc.text_files import read_lines
 from radioloc.time import Epochs
 from radioloc.time.dates import utc_from_seconds_of_day
@@ -101,7 +101,7 @@ class FrequencyAgreement:
     files: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        bare_fields(self)
+        convert_fields(self)
         if isinstance(self.files, str):
             object.__setattr__(self, "files", (self.files,))
         for name in ("transmit_hz", "sigma_hz", "count_s"):

@@ -30,7 +30,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S
 from radioloc.earth.stations import StationCatalogue, station_name
 from radioloc.errors import DataQualityWarning, FileFormatError, in_file
@@ -40,6 +39,7 @@ from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations, without_duplicates
 from radioloc.measurements.ramps import DOWNLINK, DOWNLINK_LIMITS_HZ, UPLINK, Ramps, turnaround_ratio
 from radioloc.measurements.registry import kind_of
+from radioloc.quantities import accepts_quantities
 from radioloc.time import Epochs
 from radioloc.time.dates import utc_from_picoseconds
 
@@ -73,7 +73,7 @@ _NS = 10**9
 _DAY_NS = 86400 * _NS
 
 
-@bare_arguments
+@accepts_quantities
 def read_odf(
     path: str | Path, *, catalogue: StationCatalogue | None = None, sigma_m: Mapping[str, float] | None = None
 ) -> Observations:

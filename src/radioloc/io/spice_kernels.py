@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from radioloc.boundary import bare_arguments
 from radioloc.constants import J2000_JD, SECONDS_PER_DAY
 from radioloc.dynamics import Orbit
 from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.errors import InputError
 from radioloc.kernels.spice_calls import short_folder, spice_message, spice_path
+from radioloc.quantities import accepts_quantities
 from radioloc.results.tables import Located, content_of, position_of
 from radioloc.text_files import replaced_file, require_ending, to_ascii
 from radioloc.vectors import Floats
@@ -158,7 +158,7 @@ def _fixed(
     ]
 
 
-@bare_arguments
+@accepts_quantities
 def write_orbit_spk(
     path: str | Path, orbit: Orbit | Sequence[Orbit], body: int, *, step_s: float = 15.0
 ) -> Path:

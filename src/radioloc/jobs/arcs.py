@@ -127,7 +127,7 @@ def leave_one_out(study: Study | str | Path, *, progress: bool = False) -> Leave
     problem = EstimationProblem.of(study, arc, study.estimate)
     whole = solve(problem, left_out)
     found = []
-    for (kind, name), mine in progress_bar(groups.items(), wanted=progress, unit="fit"):
+    for (kind, name), mine in progress_bar(groups.items(), shown=progress, unit="fit"):
         logger.info("without %s", name)
         reasons = left_out | {f"of {name}": int(mine.sum())}
         solution = solve(problem.select(np.flatnonzero(~mine)), reasons, consistency=False)

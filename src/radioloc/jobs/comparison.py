@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from radioloc.errors import InputError, named, require_type
+from radioloc.errors import InputError, error_context, require_type
 from radioloc.estimation.combination import (
     JointEstimate,
     PositionEstimate,
@@ -197,7 +197,7 @@ def read_solutions(source: str | Path | Result) -> tuple[list[RecordedSolution],
         item["name"]: (item["longitude_deg"], item["latitude_deg"], item["height_m"])
         for item in filter(None, recorded)
     }
-    with named(f"{source}:") if isinstance(source, str | Path) else nullcontext():
+    with error_context(f"{source}:") if isinstance(source, str | Path) else nullcontext():
         solutions = [
             RecordedSolution(
                 f"{source}, {arc['hours']:g} h" if "hours" in arc else str(source),

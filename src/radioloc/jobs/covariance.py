@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.boundary import bare_arguments
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
@@ -50,7 +49,7 @@ HOURS = (0.5, 1.0, 2.0, 3.0, 6.0, 12.0, 24.0, 48.0)
 _REACH_TOLERANCE_H = 1.0 / 12.0  # of the length at which a radius is reached
 
 
-@bare_arguments
+@accepts_quantities
 @on_one_blas_thread()
 def covariance(
     study: Study | str | Path,

@@ -178,7 +178,7 @@ def _run_trials(
     missing = [trial for trial in trials if trial not in results]
     size = max(1, min(_MOST_IN_CHUNK, -(-len(missing) // share_count))) if way == "linear" else 1
     chunks = [missing[k : k + size] for k in range(0, len(missing), size)]
-    with progress_bar(wanted=progress, total=len(trials), initial=len(results), unit="trial") as bar:
+    with progress_bar(shown=progress, total=len(trials), initial=len(results), unit="trial") as bar:
         for chunk, values in run(job, seed, chunks):
             if folder is not None:
                 folder.add(way, chunk, values)

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S
 from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError
@@ -25,6 +24,7 @@ from radioloc.measurements.pointing import Direction, direction
 from radioloc.measurements.predictor import reasons
 from radioloc.measurements.registry import is_one_way, kind_of
 from radioloc.measurements.target_motion import FixedPoint
+from radioloc.quantities import accepts_quantities
 from radioloc.results.predictions import LightTimes, Pass, Passes
 from radioloc.simulation.schedule import LINKS, Schedule, Session
 from radioloc.simulation.simulate import StateAndForces
@@ -47,7 +47,7 @@ _X_BAND_HZ = 8.4e9
 _MAX_RADIO_HZ = 3e11
 
 
-@bare_arguments
+@accepts_quantities
 def visibility(
     study: Study | str | Path,
     stations: Sequence[str] = (),
@@ -192,7 +192,7 @@ def _pass(model: PhysicalModel, target: Target, station: str, window: Window, na
     )
 
 
-@bare_arguments
+@accepts_quantities
 def light_times(
     study: Study | str | Path,
     stations: Sequence[str] = (),

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit
-from radioloc.errors import InputError, named
+from radioloc.errors import InputError, error_context
 from radioloc.estimation.consider import Consider, ConsideredErrors
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.linearization import ResidualFunction
@@ -56,7 +56,7 @@ class ConsideredParameters:
         if estimate is None:
             return cls()
         moon_is_considered = any(estimate.ephemeris_sigma_m) or bool(arc.trajectories)
-        with named("[consider]"):
+        with error_context("[consider]"):
             choices, notes = resolved(
                 study.consider,
                 arc,
@@ -221,7 +221,7 @@ def require_position_or_orbit(study: Study, job: str) -> None:
 def _columns(
     table: str, name: str, chosen: ParameterChoice, arc: Predictor, role: Role, estimate: EstimateChoice
 ) -> tuple[Columns, list[Parameter]] | None:
-    with named(table):
+    with error_context(table):
         return chosen_parameters(PARAMETERS[name], chosen, arc.simple, role, estimate.pass_gap_h)
 
 

@@ -11,12 +11,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.boundary import bare_arguments
 from radioloc.earth.stations import StationCatalogue
-from radioloc.errors import InputError, named
+from radioloc.errors import InputError, error_context
 from radioloc.measurements.link import canonical_target
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.registry import KINDS, is_integrated
+from radioloc.quantities import accepts_quantities
 from radioloc.study.observation_choice import ObservationChoice
 from radioloc.study.weights import ends_of
 from radioloc.time import tai_to_utc, utc_to_tai
@@ -161,7 +161,7 @@ def _of_stations(
 ) -> NDArray[np.bool_]:
     if stations is None:
         return np.ones(len(observations), dtype=bool)
-    with named("[observations] stations:"):
+    with error_context("[observations] stations:"):
         wanted = {catalogue.get(name).name for name in stations}
     ends = ends_of(observations.links, catalogue)
     present = set().union(*ends)
@@ -200,7 +200,7 @@ def since_start_s(
     return epoch.seconds_since(candidates[int(np.lexsort((candidates.fraction, candidates.jd))[0])])
 
 
-@bare_arguments
+@accepts_quantities
 def arc_lengths(hours: Iterable[float] | float, choice: ObservationChoice) -> list[float]:
     """Return the lengths of arcs, each once, the shortest first, h; no length or one below zero is an error."""
     lengths = sorted({float(length) for length in np.atleast_1d(np.asarray(hours, dtype=np.float64))})

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.errors import InputError, named
+from radioloc.errors import InputError, error_context
 from radioloc.estimation.noise_structure import SAME_EPOCH_S, epoch_numbers
 from radioloc.labels import changed
 from radioloc.measurements.observations import DOPPLER, VLBI_DELAY, VLBI_DELAY_RATE
@@ -79,7 +79,7 @@ def _ends_m(
     """Error of the first and of the second station of some observations, shape (n, 2)."""
     if not isinstance(given, Mapping):
         return np.full((len(rows), 2), given)
-    with named(f"[observations] {key}:"):
+    with error_context(f"[observations] {key}:"):
         sigma_m = {arc.model.catalogue.get(name).name: sigma for name, sigma in given.items()}
     of_station_m = np.array([sigma_m.get(name, 0.0) for name in arc.stations])
     return of_station_m[np.stack([arc.transmitters[rows], arc.receivers[rows]], axis=-1)]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.ephemeris import EphemerisConstants
-from radioloc.errors import named
+from radioloc.errors import error_context
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor
@@ -146,5 +146,5 @@ def apriori_points(study: Study, model: PhysicalModel) -> Motions:
 
 def position_in_pa(table: str, position: LunarPosition, constants: EphemerisConstants) -> LunarPosition:
     """A position of the study in principal axes; an error names its table."""
-    with named(f"{table} frame:"):
+    with error_context(f"{table} frame:"):
         return position.to_axes("PA", constants)

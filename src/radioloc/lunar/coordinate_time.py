@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S, J2000_JD, L_G, SECONDS_PER_DAY
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.ephemeris.positions import clock_rate
 from radioloc.lunar.frames import rot_icrf_to_pa
 from radioloc.lunar.position import LunarPosition
+from radioloc.quantities import accepts_quantities
 from radioloc.time import Epochs, geocentric_tdb_minus_tt
 from radioloc.vectors import Floats, dot
 
@@ -28,7 +28,7 @@ _AT_J2000_S = -0.012625078685
 _STEP_S = 43200.0
 
 
-@bare_arguments
+@accepts_quantities
 def tcl_minus_tdb(
     tdb: Epochs, position: LunarPosition | None = None, ephemeris: str | Path = "DE421"
 ) -> Floats:

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from radioloc import vectors
-from radioloc.boundary import bare_arguments
 from radioloc.constants import ARCSEC_RAD, J2000_JD
 from radioloc.ephemeris import CONSTANTS, EphemerisConstants, LunarOrientation
 from radioloc.errors import InputError
+from radioloc.quantities import accepts_quantities
 from radioloc.time import Epochs
 from radioloc.units import as_float_array
 from radioloc.vectors import Floats
@@ -111,7 +111,7 @@ _IAU_TERMS = np.array(
 )
 
 
-@bare_arguments
+@accepts_quantities
 def rot_icrf_to_iau_moon(tdb: Epochs) -> Floats:
     """Rotation from the ICRF to the IAU's mean rotation of the Moon (SPICE's IAU_MOON) at epochs of TDB, (n, 3, 3).
 

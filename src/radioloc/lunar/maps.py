@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from radioloc.boundary import bare_arguments
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import FileFormatError, InputError
 from radioloc.lunar.grey_images import Image, Mask, eight_bit, open_grey
 from radioloc.lunar.map_files import SourceFile, open_dataset, open_map_file
 from radioloc.lunar.map_grid import MapGrid, load_rasterio
 from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up, selenographic_to_cartesian
+from radioloc.quantities import accepts_quantities
 from radioloc.vectors import Floats
 
 _TOLERANCE_PIXELS = 0.02  # of the map, to which GDAL interpolates the projection; features have 0.1 and more
@@ -58,7 +58,7 @@ class TangentPlane:
         local_m = selenographic_to_cartesian(lon_lat[:, 0], lon_lat[:, 1], 0.0) @ self.axes().T
         return np.where(local_m[:, 2:] > 0.0, local_m[:, :2], np.nan)
 
-    @bare_arguments
+    @accepts_quantities
     def to_longitude_latitude(self, east_north_m: ArrayLike) -> Floats:
         """Longitudes and latitudes, degrees, shape (n, 2), of points of the plane, m; NaN beyond the Moon's limb."""
         plane_m = np.asarray(east_north_m, dtype=np.float64)
@@ -71,7 +71,7 @@ class TangentPlane:
         degrees[~seen] = np.nan
         return degrees
 
-    @bare_arguments
+    @accepts_quantities
     def covariance_at(self, east_north_m: ArrayLike, covariance_m2: ArrayLike) -> Floats:
         """Turn a covariance of the plane's metres in east and north at another of its points, m^2, shape (2, 2)."""
         here = np.radians(self.to_longitude_latitude(np.reshape(east_north_m, (1, 2)))[0])
@@ -136,7 +136,7 @@ class Map:
         degrees[:, 0] -= 360.0 * np.round(degrees[:, 0] / 360.0)
         return degrees
 
-    @bare_arguments
+    @accepts_quantities
     def pixels(self, longitude_latitude_deg: ArrayLike) -> Floats:
         """Pixels, shape (n, 2), of longitudes and latitudes; not finite where the projection does not show them."""
         radians = np.radians(_pairs(longitude_latitude_deg, "longitudes and latitudes"))

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S
 from radioloc.ephemeris import CONSTANTS, Ephemeris, EphemerisConstants, LunarOrientation
 from radioloc.errors import InputError, require_type
@@ -19,6 +18,7 @@ from radioloc.lunar.selenographic import (
     require_lunar_height,
     selenographic_to_cartesian,
 )
+from radioloc.quantities import accepts_quantities
 from radioloc.time import Epochs
 from radioloc.units import as_metres
 from radioloc.vectors import Floats
@@ -71,7 +71,7 @@ class LunarPosition:
         return cls(frame, as_metres(xyz_m, "xyz_m"))
 
     @classmethod
-    @bare_arguments
+    @accepts_quantities
     def from_selenographic(
         cls, longitude_deg: float, latitude_deg: float, height_m: float, frame: str = "ME_DE421"
     ) -> LunarPosition:
@@ -127,7 +127,7 @@ class LunarPosition:
 
         return CartesianRepresentation(self.xyz_m, unit="m")
 
-    @bare_arguments
+    @accepts_quantities
     def to_gcrs(self, tdb: Epochs) -> Any:
         """Return the place of the point in the sky as an astropy ``SkyCoord`` in GCRS, n times.
 

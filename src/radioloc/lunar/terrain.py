@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc import vectors
-from radioloc.boundary import bare_arguments
 from radioloc.constants import LUNAR_HEIGHT_LIMITS_M, MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.lunar.interpolation import STENCIL_CELLS, Stencil
@@ -29,6 +28,7 @@ from radioloc.lunar.selenographic import (
     selenographic_to_cartesian,
 )
 from radioloc.lunar.terrain_source import TerrainMetadata, block_heights_m, heights_m, implausible, open_map
+from radioloc.quantities import accepts_quantities
 from radioloc.units import as_metres
 from radioloc.vectors import Floats
 
@@ -63,7 +63,7 @@ class TerrainModel:
         return f"<TerrainModel {told.path.name}: {told.coverage}; {cells}>"
 
     @classmethod
-    @bare_arguments
+    @accepts_quantities
     def open(
         cls,
         path: str | Path,
@@ -102,7 +102,7 @@ class TerrainModel:
         metadata, grid = open_map(path, radius_m=radius_m, unit=unit)
         return cls(metadata, interpolation, grid)
 
-    @bare_arguments
+    @accepts_quantities
     def height_m(self, longitude_rad: ArrayLike, latitude_rad: ArrayLike) -> Floats:
         """Height of the terrain above the sphere of 1737.4 km, m, shape (...,); see :meth:`height_and_slope`."""
         longitude, latitude = _checked(longitude_rad, latitude_rad)
@@ -110,7 +110,7 @@ class TerrainModel:
         stencil, cells = self._stencil(*self._grid.cells(*place), *place)
         return stencil.value(cells).reshape(longitude.shape)[()]
 
-    @bare_arguments
+    @accepts_quantities
     def window(self, longitude_rad: ArrayLike, latitude_rad: ArrayLike) -> TerrainWindow:
         """Read the rectangle of cells around points into memory, for very many heights near each other.
 
@@ -124,7 +124,7 @@ class TerrainModel:
         place = longitude.ravel(), latitude.ravel()
         return TerrainWindow.read(self.metadata, self._grid, self.interpolation, *place)
 
-    @bare_arguments
+    @accepts_quantities
     def height_and_slope(
         self, longitude_rad: ArrayLike, latitude_rad: ArrayLike
     ) -> tuple[Floats, Floats, Floats]:
@@ -159,7 +159,7 @@ class TerrainModel:
         )
         return height, by_longitude, by_latitude
 
-    @bare_arguments
+    @accepts_quantities
     def roughness_m(
         self, longitude_rad: ArrayLike, latitude_rad: ArrayLike, radius_m: float | None = None
     ) -> Floats:
@@ -188,7 +188,7 @@ class TerrainModel:
         points = zip(longitude.ravel(), latitude.ravel(), strict=True)
         return np.array([self._scatter_m(*point, reach_m) for point in points]).reshape(longitude.shape)[()]
 
-    @bare_arguments
+    @accepts_quantities
     def sigma_m(
         self,
         longitude_rad: ArrayLike,

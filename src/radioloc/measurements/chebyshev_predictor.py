@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError, PredictedEopWarning
 from radioloc.measurements.dense_series import (
@@ -43,6 +42,7 @@ from radioloc.measurements.prepared_paths import joined, rows_of
 from radioloc.measurements.proper_time import clock_epoch as clock_epoch_of
 from radioloc.measurements.registry import is_differenced, is_integrated
 from radioloc.measurements.target_motion import GivenMotions, Motions, partials_of_points, positions_pa_m
+from radioloc.quantities import accepts_quantities
 from radioloc.time import Epochs, utc_to_tt
 from radioloc.vectors import Floats
 
@@ -77,7 +77,7 @@ class ChebyshevPredictor(Predictor):
     coefficients are as small; docs/architecture.md derives the bound.
     """
 
-    @bare_arguments
+    @accepts_quantities
     def __init__(
         self,
         model: PhysicalModel,

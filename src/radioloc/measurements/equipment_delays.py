@@ -16,10 +16,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.boundary import bare_fields
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError, StationError
 from radioloc.measurements.light_path import RECEIVE, TRANSMIT, halves
+from radioloc.quantities import convert_fields
 from radioloc.vectors import Floats
 
 MAX_DELAY_S = 1e-3  # real equipment has microseconds; motions are straight for a millisecond
@@ -44,7 +44,7 @@ class StationDelay:
     receive_s: float | None = None
 
     def __post_init__(self) -> None:
-        bare_fields(self)
+        convert_fields(self)
         for key in ("transmit_s", "receive_s"):
             _require_delay(key, getattr(self, key))
 
@@ -80,7 +80,7 @@ class EquipmentDelays:
     stations: Mapping[str, StationDelay] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        bare_fields(self)
+        convert_fields(self)
         _require_delay("transponder_delay_s", self.transponder_s)
 
     def named(self, catalogue: StationCatalogue) -> EquipmentDelays:

@@ -10,9 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
-from radioloc.boundary import bare_fields
 from radioloc.errors import InputError
 from radioloc.measurements.link import Link
+from radioloc.quantities import convert_fields
 
 TIME_TAGS = ("transmit", "receive", "bounce")
 """Events that an epoch can belong to; :attr:`Observations.tag` holds indices into this."""
@@ -98,7 +98,7 @@ class MeasurementType:
     limit: str = ""
 
     def __post_init__(self) -> None:
-        bare_fields(self)
+        convert_fields(self)
         if (self.geometry is Geometry.COMBINED) != (self.parts is not None):
             raise InputError(
                 f"measurement type {self.name}: parts belong to Geometry.COMBINED, and only to it"

@@ -11,7 +11,6 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.boundary import bare_arguments
 from radioloc.earth.stations import Station
 from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError, StationError
@@ -21,6 +20,7 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.target_motion import GivenMotions, Motions, as_motions
 from radioloc.measurements.terms import TERMS
 from radioloc.media.status import describe
+from radioloc.quantities import accepts_quantities
 from radioloc.vectors import Floats
 
 ROWS_AT_ONCE = 16384  # rows of partials that are held together: 10 MB for 75 parameters
@@ -227,7 +227,7 @@ class Predictor(ABC):
         """Predict all observations, with partials; the argument is that of :meth:`at`."""
         return self.at(motions).rows(slice(None))
 
-    @bare_arguments
+    @accepts_quantities
     def with_values(self, value_m: Floats) -> Self:
         """The same arc with other measured values, shape (n,), m; nothing is prepared again."""
         other = copy.copy(self)

@@ -15,7 +15,6 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S, SECONDS_PER_DAY
 from radioloc.earth.stations import Station
 from radioloc.ephemeris.trajectory import AnyTrajectory
@@ -42,6 +41,7 @@ from radioloc.measurements.sources import with_galactic_aberration
 from radioloc.measurements.station_motion import rough_station_motion, station_motion
 from radioloc.measurements.target_motion import GivenMotions, Motions, positions_pa_m
 from radioloc.media.medium import Leg, LegEnd, LineOfSight, Weather, line_of_sight, prepared_media
+from radioloc.quantities import accepts_quantities
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, topocentric_tdb_minus_tt, utc_to_tt
 from radioloc.vectors import Floats, by_component, dot, length
 
@@ -58,7 +58,7 @@ class PreparedPaths(Predictor):
     _moon: LunarMotion
     _clock: TargetClock
 
-    @bare_arguments
+    @accepts_quantities
     def __init__(
         self,
         model: PhysicalModel,
@@ -161,7 +161,7 @@ class PreparedPaths(Predictor):
         out._end = out._both_ends()
         return out
 
-    @bare_arguments
+    @accepts_quantities
     def with_model(self, model: PhysicalModel, motions: GivenMotions | None = None) -> Self:
         """The same observations prepared with another model, for values only."""
         epoch = self._clock_epochs[0] if len(self._clock_epochs) == 1 else None

@@ -19,11 +19,11 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError
 from radioloc.measurements.resolution import is_single_precision
 from radioloc.media.status import Status
+from radioloc.quantities import accepts_quantities
 from radioloc.time import Epochs, tai_to_tt, tai_to_utc, utc_strings, utc_to_tai
 from radioloc.vectors import Floats
 
@@ -68,7 +68,7 @@ class Ramps:
         return cls((), np.zeros(0, np.int32), Epochs(nothing, nothing, "TAI"), nothing, nothing, nothing)
 
     @classmethod
-    @bare_arguments
+    @accepts_quantities
     def of(
         cls,
         station: Sequence[str],

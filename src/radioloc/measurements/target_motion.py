@@ -14,11 +14,11 @@ from typing import Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.boundary import bare_fields
 from radioloc.ephemeris.trajectory import AdjustableTrajectory, AnyTrajectory
 from radioloc.errors import InputError
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.quantities import convert_fields
 from radioloc.time import Epochs
 from radioloc.vectors import Floats
 
@@ -68,7 +68,7 @@ class FixedPoint:
     position_pa_m: Floats
 
     def __post_init__(self) -> None:
-        bare_fields(self)
+        convert_fields(self)
         position_pa_m = np.asarray(self.position_pa_m, dtype=np.float64)
         if position_pa_m.shape != (3,) or not np.isfinite(position_pa_m).all():
             raise InputError(

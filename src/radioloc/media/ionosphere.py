@@ -24,12 +24,12 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from radioloc.boundary import bare_arguments, bare_fields
 from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.errors import InputError
 from radioloc.media.csp import REFERENCE_HZ, MediaCalibrations
 from radioloc.media.medium import Leg, LegDelay, LegEnd
 from radioloc.media.status import LEAST_ELEVATION_RAD, Status
+from radioloc.quantities import accepts_quantities, convert_fields
 from radioloc.time import Epochs
 from radioloc.vectors import Floats, dot
 
@@ -127,11 +127,11 @@ class UniformTec:
     vertical_tecu: float
 
     def __post_init__(self) -> None:
-        bare_fields(self)
+        convert_fields(self)
         if not 0.0 <= self.vertical_tecu <= 1000.0:
             raise InputError(f"an electron content of {self.vertical_tecu!r} TECU cannot be; give 0 to 1000")
 
-    @bare_arguments
+    @accepts_quantities
     def slant_tec(
         self, station_itrf_m: ArrayLike, azimuth_rad: ArrayLike, elevation_rad: ArrayLike, epochs: Epochs
     ) -> Floats:

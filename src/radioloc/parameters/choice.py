@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from radioloc.errors import InputError, named
+from radioloc.errors import InputError, error_context
 from radioloc.measurements.link import Link, canonical_target
 from radioloc.measurements.predictor import Predictor
 from radioloc.parameters.columns import PASS_GAP_H, Columns, all_members, columns_of, members
@@ -262,7 +262,7 @@ def _reference_stations(kind: ParameterKind, predictor: Predictor, present: Memb
 
 def canonical_name(key: str, name: str, scope: Scope, predictor: Predictor) -> str:
     """Return the name that the predictor has for a station, link or target."""
-    with named(f"{key}:"):
+    with error_context(f"{key}:"):
         if scope.owner is Scope.STATION:
             return predictor.model.catalogue.get(name).name
         if scope.owner is Scope.LINK:

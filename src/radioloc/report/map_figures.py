@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.lunar import Map, TangentPlane
 from radioloc.lunar.terrain import TerrainModel
+from radioloc.quantities import accepts_quantities
 from radioloc.report.figures import (
     COLORS,
     draws_names_literally,
@@ -51,7 +51,7 @@ _MAX_REACH_M = 1e6  # where that is accepted; the corners are on the Moon still
 
 
 @draws_names_literally
-@bare_arguments
+@accepts_quantities
 def plot_map(
     solutions: Located | Iterable[Located],
     *,

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from radioloc.boundary import bare_arguments
 from radioloc.estimation.combination import ReferenceComparison, rotated_covariance
 from radioloc.lunar.local import rot_enu_between
+from radioloc.quantities import accepts_quantities
 from radioloc.report.figures import (
     COLORS,
     SCALE_95,
@@ -86,7 +86,7 @@ def _square_around(axes: Axes, corners_m: Floats, origin: str) -> float:
 
 
 @draws_names_literally
-@bare_arguments
+@accepts_quantities
 def plot_position(
     solution: Solution,
     reference_pa_m: ArrayLike | None = None,

@@ -35,7 +35,7 @@ _MIN_FILLED_FRACTION = 0.3  # of a panel about zero that residuals fill, or else
 
 
 class Panel:
-    """Contents of one panel: its title, which panels share its scale, and the rows of each named link."""
+    """Contents of one panel: its title, which panels share its scale, and the rows of each error_context link."""
 
     # A panel of a station, in which bars must find room, shares its scale with all others. Where its observations are
     # all of one way, or were given without a path, its only link has no name.

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.quantities import accepts_quantities
 from radioloc.report.figures import (
     COLORS,
     date_axes,
@@ -30,7 +30,7 @@ _EPOCH_COUNT = 721
 
 
 @draws_names_literally
-@bare_arguments
+@accepts_quantities
 def plot_visibility(
     model: PhysicalModel,
     target_pa_m: Target,

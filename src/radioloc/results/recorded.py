@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from radioloc.constants import LUNAR_HEIGHT_LIMITS_M
-from radioloc.errors import InputError, legible, named
+from radioloc.errors import InputError, error_context, legible
 from radioloc.lunar.selenographic import selenographic_to_cartesian
 from radioloc.text_files import json_file
 from radioloc.time import epochs_from_strings
@@ -128,7 +128,7 @@ def _utc(value: Any, where: str) -> None:
 def _require_consistency(value: Mapping[str, Any]) -> None:
     """Require that the parts of a solution that state the same number agree, also of each of several targets."""
     for name, target in value.get("targets", {}).items():
-        with named(f"targets.{legible(str(name))}:"):
+        with error_context(f"targets.{legible(str(name))}:"):
             _require_consistency({**value, **target, "targets": {}})
     if value["position"] is None:
         return

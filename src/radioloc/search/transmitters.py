@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.errors import InputError, named
+from radioloc.errors import InputError, error_context
 from radioloc.estimation.statistics import robust_scale
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.observations import DOPPLER, Observations
@@ -101,7 +101,7 @@ class TransmitterPass:
 def compared_transmitters(study: Study, arc: Predictor) -> list[TransmitterPass]:
     """Compare the candidates of a study in each pass of Doppler; InputError where one is unknown or none fits."""
     choice, observations, catalogue = study.observations, arc.observations, arc.model.catalogue
-    with named("[observations] transmitters:"):
+    with error_context("[observations] transmitters:"):
         stations = [catalogue.get(name).name for name in choice.transmitters or ()]
     ratios: list[Fraction | None] = [_ratio(text) for text in choice.turnarounds or ()]
     candidates = {

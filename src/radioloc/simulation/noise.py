@@ -15,7 +15,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.boundary import bare_fields
 from radioloc.errors import InputError
 from radioloc.measurements.registry import KINDS, is_integrated
 from radioloc.noise import (
@@ -29,6 +28,7 @@ from radioloc.noise import (
     White,
 )
 from radioloc.noise.processes import recursions
+from radioloc.quantities import convert_fields
 from radioloc.simulation.schedule import Plan
 from radioloc.time import utc_to_tai
 from radioloc.vectors import Floats
@@ -58,7 +58,7 @@ class Noise:
     phase_m: float = 0.0
 
     def __post_init__(self) -> None:
-        bare_fields(self)
+        convert_fields(self)
         for name in self.__slots__:
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):

@@ -14,7 +14,6 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.boundary import bare_arguments, bare_fields
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import InputError
 from radioloc.measurements.link import Link, canonical_target
@@ -22,6 +21,7 @@ from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
+from radioloc.quantities import accepts_quantities, convert_fields
 from radioloc.simulation.visibility import AtInfinity, Masks, Target, seen
 from radioloc.time import Epochs, epochs_from_strings, utc_to_tai, utc_to_tt
 
@@ -120,7 +120,7 @@ class Session:
     source: str = ""  # a quasar of the model in place of the target
 
     def __post_init__(self) -> None:
-        bare_fields(self)
+        convert_fields(self)
         object.__setattr__(self, "pairs", tuple(self.pairs))
         if self.kind not in KINDS:
             raise InputError(f"kind {self.kind!r} is not known; use {', '.join(KINDS)}")
@@ -188,7 +188,7 @@ class Schedule:
         limits = epochs_from_strings(dates, "UTC")
         return limits[[int(limits.mjd.argmin()), int(limits.mjd.argmax())]]
 
-    @bare_arguments
+    @accepts_quantities
     def plan(self, model: PhysicalModel, target_pa_m: Target, target: str = "lander") -> Plan:
         """Return the observations at which the target is visible.
 

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Prediction, Predictor, blocks
@@ -23,6 +22,7 @@ from radioloc.parameters.choice import ParameterChoice, chosen_parameters
 from radioloc.parameters.kind import Scope
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.parameters.registry import PARAMETERS
+from radioloc.quantities import accepts_quantities
 from radioloc.simulation.noise import generator
 from radioloc.targets.design import DesignMatrix, ObservationModel
 from radioloc.targets.surface_point import SurfacePoint, cartesian
@@ -60,7 +60,7 @@ class Truth:
     # Epoch of the offsets of clocks and frequencies with a rate; the start of the first session if None.
     clock_epoch_utc: str | None
 
-    @bare_arguments
+    @accepts_quantities
     def __init__(
         self,
         *,
@@ -93,7 +93,7 @@ class TruthSigma:
     # Number of drawn error fields that the gravity error of an orbiter's trial combines; zero for no gravity error.
     gravity_errors: int
 
-    @bare_arguments
+    @accepts_quantities
     def __init__(
         self,
         *,

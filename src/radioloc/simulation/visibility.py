@@ -13,13 +13,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.boundary import bare_arguments, bare_fields
 from radioloc.constants import C_M_S, MEAN_LUNAR_RADIUS_M, SECONDS_PER_DAY
 from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.quantities import accepts_quantities, convert_fields
 from radioloc.time import (
     Epochs,
     epochs_from_strings,
@@ -62,7 +62,7 @@ class Masks:
     by_station_deg: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        bare_fields(self)
+        convert_fields(self)
         for mask_deg in (self.station_deg, self.target_deg, *self.by_station_deg.values()):
             if not -90.0 <= mask_deg <= 90.0:
                 raise InputError(f"elevation mask: expected -90 to 90 deg, got {mask_deg!r}")
@@ -90,7 +90,7 @@ class Elevations:
         )
 
 
-@bare_arguments
+@accepts_quantities
 def elevations(
     model: PhysicalModel, target_pa_m: Target | AtInfinity, stations: Sequence[str], tt: Epochs
 ) -> Elevations:
@@ -224,7 +224,7 @@ class Window:
     sets: bool  # at its end; false at the limit of the search
 
 
-@bare_arguments
+@accepts_quantities
 def windows(
     model: PhysicalModel,
     target_pa_m: Target,

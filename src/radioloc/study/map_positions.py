@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from radioloc.ephemeris.constants import CONSTANTS
-from radioloc.errors import InputError, named
+from radioloc.errors import InputError, error_context
 from radioloc.estimation.combination import PositionEstimate
 from radioloc.lunar.local import displaced, local_difference
 from radioloc.lunar.position import LunarPosition
@@ -126,7 +126,7 @@ class PlaceOnMap:
             raise InputError(f"{path}: expected a solution of radioloc images on a map; make it again")
         if not content["converged"]:
             raise InputError(f"{path}: the solution of images did not converge: {content['message']}")
-        with named(f"{path}:"):
+        with error_context(f"{path}:"):
             estimate = PositionEstimate.from_solution(content)
         place = LunarPosition.from_cartesian(estimate.position_me_m, content["position"]["me"]["frame"])
         [on_map] = stated

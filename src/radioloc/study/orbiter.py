@@ -11,7 +11,6 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.boundary import bare_fields
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit, Forces
 from radioloc.dynamics.elements import equatorial_axes, state_of_elements
@@ -21,6 +20,7 @@ from radioloc.errors import InputError
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.quantities import convert_fields
 from radioloc.targets.descent import Ground
 from radioloc.targets.orbit import GravityErrors
 from radioloc.time import Epochs, tt_to_tdb, utc_strings, utc_to_tt
@@ -79,7 +79,7 @@ class Landing:
     place: LunarPosition | None = None
 
     def __post_init__(self) -> None:
-        bare_fields(self)
+        convert_fields(self)
         self.epoch.require("TDB")
         if len(self.epoch) != 1:
             raise InputError(f"epoch of the landing must be one, not {len(self.epoch)}")
@@ -170,7 +170,7 @@ class Orbiter:
     landing: Landing | None = None
 
     def __post_init__(self) -> None:
-        bare_fields(self)
+        convert_fields(self)
         if self.position_m is not None and self.velocity_m_s is not None:
             _require_orbit(initial_state(self.position_m, self.velocity_m_s))
         if not (self.name.strip() and self.name.isascii() and self.name.isprintable()):

@@ -18,9 +18,9 @@ from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Literal, NoReturn, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from radioloc.boundary import bare_fields
 from radioloc.errors import InputError
 from radioloc.plugins import Registry
+from radioloc.quantities import convert_fields
 from radioloc.time import Epochs, epochs_from_strings
 
 STDIN = Path("-")  # In place of a study file: standard input
@@ -41,7 +41,7 @@ def entry(default: Any = dataclasses.MISSING, *, factory: Any = dataclasses.MISS
 
 def check(record: Any) -> None:
     """Hold a record to the rules of its fields; a single name becomes a tuple of one, a date or Time an epoch."""
-    bare_fields(record)
+    convert_fields(record)
     for f in dataclasses.fields(record):
         given = getattr(record, f.name)
         if given is None:

@@ -13,11 +13,10 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from radioloc.boundary import bare
 from radioloc.earth.eop_prediction import BEYOND
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Trajectory
-from radioloc.errors import InputError, named, require_type
+from radioloc.errors import InputError, error_context, require_type
 from radioloc.estimation.noise_structure import by_link
 from radioloc.estimation.series import SeriesOrder
 from radioloc.labels import Labels
@@ -34,6 +33,7 @@ from radioloc.parameters.choice import ParameterChoice, of_part, parameter_choic
 from radioloc.parameters.columns import PASS_GAP_H
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.plugins import DerivedNames
+from radioloc.quantities import convert_quantity
 from radioloc.results.subsets import Reference
 from radioloc.simulation.simulate import Scenario
 from radioloc.study.map_positions import position_priors
@@ -172,7 +172,7 @@ class EstimateChoice:
             if f.name != "parameters":
                 object.__setattr__(self, f.name, keys.pop(f.name, f.default))
         object.__setattr__(self, "parameters", parameter_choices(keys, parameters))
-        of_axes = bare("ephemeris_sigma_m", self.ephemeris_sigma_m)
+        of_axes = convert_quantity("ephemeris_sigma_m", self.ephemeris_sigma_m)
         of_axes = tuple(of_axes) if isinstance(of_axes, Iterable) else (of_axes,) * 3
         object.__setattr__(self, "ephemeris_sigma_m", of_axes)
         check(self)
@@ -273,7 +273,7 @@ class ModelChoice:
         check(self)
         object.__setattr__(self, "free_clocks", names_of("free_clocks", self.free_clocks))
         object.__setattr__(self, "off", names_of("off", self.off))
-        with named("off:"):
+        with error_context("off:"):
             active_terms(self.off)  # refuses unknown names
         if self.ionex and self.tec_tecu is not None:
             raise InputError("give either ionex or tec_tecu, not both")
@@ -498,7 +498,7 @@ class Study:
         if not self.points or not (places or estimate.position_priors):
             return
         height = estimate.height_prior
-        with named("[[observations.map_positions]]"):
+        with error_context("[[observations.map_positions]]"):
             if places and estimate.position != "geographic":
                 raise InputError(
                     f'expected [estimate] position = "geographic", got "{estimate.position}"; a position on a map is '

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.earth.stations import StationCatalogue
-from radioloc.errors import InputError, named
+from radioloc.errors import InputError, error_context
 from radioloc.measurements.link import Link, canonical_target
 from radioloc.measurements.observations import DOPPLER, Observations
 from radioloc.study.schema import check, entry
@@ -75,7 +75,7 @@ def with_uplinks(
 ) -> Observations:
     """Return observations with the transmitters and turnaround ratios of their passes."""
     for uplink in uplinks:
-        with named("[[observations.uplinks]]"):
+        with error_context("[[observations.uplinks]]"):
             rows = uplink.rows(observations, catalogue)
             sender = uplink.transmitter and catalogue.get(uplink.transmitter).name
         if sender:
@@ -83,7 +83,7 @@ def with_uplinks(
         if uplink.turnaround is not None and len(rows):
             down, up = uplink.turnaround
             columns = {name: getattr(observations, name).copy() for name in ("value_m", "wavelength_um")}
-            with named("[[observations.uplinks]]"):
+            with error_context("[[observations.uplinks]]"):
                 columns["value_m"][rows] = with_turnaround(observations, rows, down / up)
             columns["wavelength_um"][rows] = 1e6 * C_M_S * up / (down * observations.uplink_hz[rows])
             for column in columns.values():

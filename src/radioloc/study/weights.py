@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.earth.stations import StationCatalogue
-from radioloc.errors import InputError, named
+from radioloc.errors import InputError, error_context
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.registry import KINDS
@@ -89,7 +89,7 @@ def weighted_observations(
     sigma_m = observations.sigma_m.copy()
     for number, weight in enumerate(weights, start=1):
         where = f"[[observations.weights]] number {number} ({weight})"
-        with named(f"{where}:"):
+        with error_context(f"{where}:"):
             rows = _rows(observations, weight, catalogue)
         if not rows.any():
             raise InputError(
@@ -128,7 +128,7 @@ def require_stations(
     """Raise :class:`InputError` where a station that a key gives a noise is unknown or in no observation."""
     present = set().union(*ends_of(_links(observations), catalogue))
     for name in names:
-        with named(f"[observations] {key}:"):
+        with error_context(f"[observations] {key}:"):
             known = catalogue.get(name).name
         if known not in present:
             raise InputError(

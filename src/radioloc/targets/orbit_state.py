@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from radioloc.boundary import bare_arguments
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit, Orbit
 from radioloc.dynamics.elements import FORMS, elements_of_state, state_by_elements
 from radioloc.dynamics.stochastic import Chains, StochasticEffects
+from radioloc.quantities import accepts_quantities
 from radioloc.text_files import finite_or_none
 from radioloc.time import Epochs, utc_strings
 from radioloc.vectors import Floats, rtn_axes
@@ -117,7 +117,7 @@ class OrbitState:
         """Of position and velocity, m and m/s, ICRF axes, shape (6, 6)."""
         return self.parameter_covariance[:6, :6]
 
-    @bare_arguments
+    @accepts_quantities
     def covariance_rtn(self, tdb: Epochs) -> Floats:
         """Covariance of position and velocity at epochs, radial, along and across the orbit, (n, 6, 6)."""
         if self.process is not None:
@@ -130,14 +130,14 @@ class OrbitState:
         moved = partials @ self.sensitivity - direct
         return np.asarray(partials @ own @ np.swapaxes(partials, 1, 2) + moved @ np.swapaxes(moved, 1, 2))
 
-    @bare_arguments
+    @accepts_quantities
     def partials_rtn(self, tdb: Epochs) -> tuple[Floats, Floats]:
         """Partials of the state radial, along, across by parameters (n, 6, p) and by errors of gravity (n, 6, k)."""
         axes = rtn_axes(*self.orbit.states(tdb))
         direct = (self.disturbed or self.orbit).effects(tdb)
         return turned(axes, self.orbit.partials(tdb)), turned(axes, direct)
 
-    @bare_arguments
+    @accepts_quantities
     def sigma_rtn_m(self, tdb: Epochs) -> Floats:
         """Standard deviations of the position radial, along and across at epochs, m, shape (n, 3)."""
         return np.sqrt(np.diagonal(self.covariance_rtn(tdb), axis1=1, axis2=2)[:, :3])

@@ -53,7 +53,7 @@ class Epochs:
         <Epochs 1 TDB 2020-12-01 to 2020-12-01>
         """
         if not (hasattr(time, "jd1") and hasattr(time, "scale")):
-            raise InputError(f"{time!r} is no astropy Time")
+            raise InputError(f"expected an astropy Time, got {time!r}")
         if np.any(getattr(time, "mask", False)):
             raise InputError("an epoch of the Time is masked; leave it out")
         return cls.from_jd(np.ravel(time.jd1), np.ravel(time.jd2), str(time.scale).upper())

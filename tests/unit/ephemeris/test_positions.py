@@ -118,7 +118,7 @@ def test_outside_the_span(ephemeris, jd, fraction, date):
     ):
         with pytest.raises(CoverageError, match="1969-01-01 to 2050-01-01") as caught:
             evaluate()
-        assert any(text.startswith(date) for text in caught.value.asked)
+        assert any(text.startswith(date) for text in caught.value.requested)
 
 
 def test_wrong_scale_and_wrong_body(ephemeris, epochs):

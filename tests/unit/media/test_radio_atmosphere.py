@@ -107,7 +107,7 @@ def test_other_stations_need_gpt3(sites):
     # GPT3 is for stations that are not in the files, not for epochs.
     with pytest.raises(CoverageError, match=r"2020337\.vmf3_r, .* VMF3 of SESHAN25 covers") as caught:
         air(both, epoch=LATE)
-    assert caught.value.asked[0].startswith("2020-12-02 18.5")
+    assert caught.value.requested[0].startswith("2020-12-02 18.5")
 
 
 def test_light_needs_no_files(sites):

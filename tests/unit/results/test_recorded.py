@@ -120,7 +120,6 @@ def test_a_wrong_value_is_named_in_every_job(content, key, value, place, tmp_pat
         ('{"a":' * 100_000, "neither a solution.json"),
         ('{"name": ' + "9" * 5000 + "}", "neither a solution.json"),
         ('{"name": NaN}', "NaN"),
-        ('{"name": "a", "name": "b"}', "stands twice"),
         ("[]", "neither a solution.json"),
         ("{}", "name: the key is missing"),
     ],

@@ -78,7 +78,7 @@ def test_only_utc_has_leap_seconds():
 @pytest.mark.parametrize("convert", [utc_to_tai, utc_to_tt])
 def test_utc_before_1972_is_refused(convert):
     epochs = epochs_from_strings(["1980-01-01", "1971-12-31T23:59:59"], "UTC")
-    with pytest.raises(CoverageError, match="1971-12-31 was asked for") as caught:
+    with pytest.raises(CoverageError, match="got 1971-12-31") as caught:
         convert(epochs)
     assert caught.value.covered[0] == "1972-01-01"
     convert(epochs_from_strings("1972-01-01", "UTC"))

@@ -9,11 +9,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from radioloc.boundary import bare_fields
 from radioloc.errors import InputError
 from radioloc.io.frequencies import FrequencyAgreement, require_ratio
 from radioloc.io.tdm.message import TYPES
 from radioloc.measurements.equipment_delays import EquipmentDelays
+from radioloc.quantities import convert_fields
 
 CONVENTIONS = ("round_trip", "half")
 """Whether RANGE and DOPPLER_* mean the round trip or half of it (annex D, items 31 and 32)."""
@@ -71,7 +71,7 @@ class TdmAgreement:
     frequencies: tuple[FrequencyAgreement, ...] = ()
 
     def __post_init__(self) -> None:
-        bare_fields(self)
+        convert_fields(self)
         for kind, sigma in self.sigma_m.items():
             if kind not in TYPES:
                 known = ", ".join(TYPES)

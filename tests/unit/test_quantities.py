@@ -170,7 +170,7 @@ def test_places_in_kilometres_and_of_astropy(model):
         assert windows(model, place, ["KASHI"], START.tt, START.tdb + 1 * u.day) == plain
     assert radioloc.LunarPosition("PA_DE421", of_astropy).xyz_m == pytest.approx(LANDER_PA_M, abs=1e-8)
     assert hidden_by_moon(of_astropy, -of_astropy)
-    with pytest.raises(InputError, match=r"target_pa_m is <LunarPosition .*give its coordinates"):
+    with pytest.raises(InputError, match="target_pa_m: expected coordinates"):
         windows(model, radioloc.LunarPosition("PA_DE421", LANDER_PA_M), ["KASHI"], "2020-12-01", "2020-12-02")
     station = EarthLocation.from_geocentric(4075539.9, 931735.2, 4801629.4, unit="m")
     earth_km_s = [10.0, 25.0, 12.0] * u.km / u.s

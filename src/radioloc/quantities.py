@@ -1,0 +1,97 @@
+"""Quantities and times of astropy as arguments of public functions and fields of records.
+
+The name says what is accepted: one that ends in a unit (``step_s``, ``reach_m``, ``by_station_deg``) takes a ``Quantity``
+of any unit that converts into it; ``tt``, ``tdb``, ``epochs`` and names that end in ``_utc`` take a ``Time`` of any
+scale. Other values stay as they are. Inside the library there are only floats in SI units and epochs.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
+
+import numpy as np
+
+from radioloc.constants import J2000_JD, SECONDS_PER_DAY
+from radioloc.errors import InputError
+from radioloc.time import Epochs, to_scale, utc_strings
+from radioloc.units import as_metres, in_unit, set_fields, unit_of
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+
+_SCALES = {"tt": "TT", "tdb": "TDB", "ut1": "UT1"} | dict.fromkeys(
+    ("utc", "epoch", "epochs", "epoch_utc"), "UTC"
+)
+"""Time scale of epochs by the name of the argument."""
+
+
+def convert_quantity(name: str, value: Any) -> Any:
+    """Return a value as floats or epochs, by the name of its argument or field; other kinds are an InputError."""
+    if not takes_astropy(name):
+        return value
+    if hasattr(value, "jd1") or (name in ("tt", "tdb", "utc") and not isinstance(value, Epochs)):
+        return _epochs_as(name, Epochs.from_time(value))
+    if isinstance(value, Epochs) and name.endswith("_utc") and name not in _SCALES:
+        return _epochs_as(name, value)
+    unit = unit_of(name)
+    if unit is None:
+        return value
+    if isinstance(value, Mapping):
+        converted = {key: convert_quantity(name, item) for key, item in value.items()}
+        return converted if any(converted[key] is not item for key, item in value.items()) else value
+    return as_metres(value, name) if unit == "m" else in_unit(value, unit, name)
+
+
+def convert_fields(record: Any) -> None:
+    """Convert the fields of a frozen record in its ``__post_init__``; see :func:`convert_quantity`."""
+    for field in (field for field in fields(record) if field.init):
+        original = getattr(record, field.name)
+        value = convert_quantity(field.name, original)
+        if value is not original:
+            if "tuple" in str(field.type) and np.ndim(value):
+                value = tuple(np.asarray(value).tolist())
+            set_fields(record, **{field.name: value})
+
+
+def accepts_quantities(function: Callable[_P, _T]) -> Callable[_P, _T]:
+    """Decorate a function whose arguments may be quantities and times; see :func:`convert_quantity`."""
+    positions = {
+        name: position
+        for position, name in enumerate(inspect.signature(function).parameters)
+        if takes_astropy(name)
+    }
+
+    @wraps(function)
+    def converting(*args: _P.args, **kwargs: _P.kwargs) -> _T:
+        values: list[Any] = list(args)
+        for name, position in positions.items():
+            if position < len(values):
+                values[position] = convert_quantity(name, values[position])
+            elif name in kwargs:
+                kwargs[name] = convert_quantity(name, kwargs[name])
+        return function(*values, **kwargs)
+
+    return converting
+
+
+def takes_astropy(name: str) -> bool:
+    """Return whether an argument of that name is a number with a unit, or an epoch."""
+    return unit_of(name) is not None or name in _SCALES or name.endswith("_utc")
+
+
+def _epochs_as(name: str, epochs: Epochs) -> Any:
+    """Return epochs in the argument's scale, as text, or as seconds of TDB since J2000."""
+    if name in _SCALES:
+        return to_scale(epochs, _SCALES[name])
+    if name.endswith("_utc"):
+        texts = utc_strings(to_scale(epochs, "UTC")).tolist()
+        return texts[0] if len(texts) == 1 else texts
+    if name.endswith("_tdb_s"):
+        tdb = to_scale(epochs, "TDB")
+        seconds = ((tdb.jd - J2000_JD) + tdb.fraction) * SECONDS_PER_DAY
+        return float(seconds[0]) if len(seconds) == 1 else seconds
+    raise InputError(f"{name}: expected a quantity or a number, got an astropy Time")

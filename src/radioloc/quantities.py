@@ -1,8 +1,7 @@
 """Quantities and times of astropy as arguments of public functions and fields of records.
 
-The name says what is accepted: one that ends in a unit (``step_s``, ``reach_m``, ``by_station_deg``) takes a ``Quantity``
-of any unit that converts into it; ``tt``, ``tdb``, ``epochs`` and names that end in ``_utc`` take a ``Time`` of any
-scale. Other values stay as they are. Inside the library there are only floats in SI units and epochs.
+Names that end in a unit (``step_s``, ``by_station_deg``) take a ``Quantity`` of any unit that converts into it; ``tt``, ``tdb``, ``epochs`` and names that end in ``_utc`` take a ``Time`` of any scale. Other values are unchanged.
+Inside the library there are only floats in SI units and epochs.
 """
 
 from __future__ import annotations

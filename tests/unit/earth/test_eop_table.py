@@ -110,7 +110,7 @@ def test_left_out_days_are_recovered_within_the_documented_error(packaged):
 
 
 def test_outside_the_table_is_refused(packaged):
-    with pytest.raises(CoverageError, match=r"1972-01-01 UTC to .* but 1969-07-20 TT .*begin in 1972"):
+    with pytest.raises(CoverageError, match=r"1969-07-20 TT; tables begin in 1972"):
         packaged.interpolate(Epochs.from_jd(2440422.5, 0.5, "TT"))
     with pytest.raises(CoverageError, match=r"got 2099-.*; update"):
         packaged.interpolate(Epochs.from_jd(2488000.5, 0.5, "TT"))

@@ -1,6 +1,7 @@
 """Quantities and times of astropy as arguments of public functions and fields of records.
 
-Names that end in a unit (``step_s``, ``by_station_deg``) take a ``Quantity`` of any unit that converts into it; ``tt``, ``tdb``, ``epochs`` and names that end in ``_utc`` take a ``Time`` of any scale. Other values are unchanged.
+Names that end in a unit (``step_s``, ``by_station_deg``) take a ``Quantity`` of any unit that converts into it; ``tt``,
+``tdb``, ``epochs`` and names that end in ``_utc`` take a ``Time`` of any scale. Other values are unchanged.
 Inside the library there are only floats in SI units and epochs.
 """
 

@@ -133,7 +133,7 @@ def numbers_of(path: str | Path, line_number: int | None, words: list[str], quan
         except ValueError:
             number = math.nan
         if not math.isfinite(number):
-            raise FileFormatError(path, f"expected {quantity}, got {word!r}", line_number)
+            raise FileFormatError(path, f"{word!r} is not a number; expected {quantity}", line_number)
         numbers.append(number)
     return numbers
 
@@ -146,7 +146,7 @@ def table_of(
     for line_number, line in lines:
         words = line.split()
         if len(words) != n_columns:
-            problem = f"expected {n_columns} columns of {quantity}, got {len(words)}"
+            problem = f"{len(words)} columns, but {quantity} has {n_columns}"
             raise FileFormatError(path, problem, line_number)
         rows.append(numbers_of(path, line_number, words, quantity))
     return np.array(rows).reshape(len(rows), n_columns)

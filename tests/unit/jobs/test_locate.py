@@ -300,7 +300,7 @@ def test_epoch_that_is_not_covered_names_file_and_line(year, source, apollo15, n
     late = replace(apollo15, epoch=radioloc.Epochs.from_jd(jd, apollo15.epoch.fraction, "UTC"))
     line = apollo15.line[33]
     with pytest.raises(
-        CoverageError, match=rf"2006-2007.csv, line {line}: .*{source}.* but {year}"
+        CoverageError, match=rf"2006-2007.csv, line {line}: .*{source}.* got {year}"
     ) as caught:
         fit(late, near15)
     assert source in caught.value.source

@@ -33,6 +33,7 @@ from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.noise import ObservationCovariance
 from radioloc.parameters.parameter import Role
+from radioloc.quantities import accepts_quantities
 from radioloc.results.covariance import CovarianceStudy, Gain, PlannedArc, Share
 from radioloc.simulation import Scenario, Session
 from radioloc.simulation.schedule import Pair

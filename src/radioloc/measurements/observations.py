@@ -184,7 +184,7 @@ class Observations:
         --------
         >>> import radioloc
         >>> radioloc.Observations.from_columns(
-        ...     epoch=radioloc.time.epochs_from_strings(["2024-05-02T06:00:00", "2024-05-02T06:10:00"]),
+        ...     epoch=radioloc.time.epochs_from_strings(["2024-05-02T06:00:00", "2024-05-02T06:10:00"], "UTC"),
         ...     links=["KASHI>lander>KASHI"],
         ...     kind="range",
         ...     tag="receive",

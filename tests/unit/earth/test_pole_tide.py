@@ -69,4 +69,4 @@ def test_secular_pole() -> None:
 
 def test_wants_tt() -> None:
     with pytest.raises(InputError, match="TT"):
-        pole_tide_displacement(np.eye(1, 3), 0.0, 0.0, Epochs.from_jd(2451545.0, scale="UTC"))
+        pole_tide_displacement(np.eye(1, 3), 0.0, 0.0, Epochs.from_jd(2451545.0, 0.0, "UTC"))

@@ -41,4 +41,4 @@ def test_stations_at_the_poles_have_a_tide() -> None:
 
 def test_wants_tt() -> None:
     with pytest.raises(InputError, match="TT"):
-        tide([6378137.0, 0, 0], Epochs.from_jd(2459000.5, scale="UTC"), 0.0)
+        tide([6378137.0, 0, 0], Epochs.from_jd(2459000.5, 0.0, "UTC"), 0.0)

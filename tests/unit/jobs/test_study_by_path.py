@@ -9,7 +9,7 @@ from paths import EXAMPLES
 import radioloc
 from radioloc.errors import InputError
 
-JOBS = ("locate", "residuals", "arcs", "covariance", "simulate", "monte_carlo")
+JOBS = ("locate", "compute_residuals", "arcs", "covariance", "simulate", "monte_carlo")
 
 
 @pytest.mark.parametrize("job", JOBS)

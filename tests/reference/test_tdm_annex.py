@@ -86,12 +86,12 @@ def test_one_way_frequencies():
 
 
 def test_four_way_is_refused():
-    with pytest.raises(FileFormatError, match=r"annex_e6.kvn, line 13: PATH = 1,2,3,2,1 is four-way"):
+    with pytest.raises(FileFormatError, match=r"PATH = 1,2,3,2,1"):
         read_tdm(DATA / "annex_e6.kvn", TdmAgreement(sigma_m=SIGMA_M))
 
 
 def test_frequencies_alone_are_no_observations():
-    with pytest.raises(FileFormatError, match="only TRANSMIT_FREQ_1, TRANSMIT_FREQ_RATE_1"):
+    with pytest.raises(FileFormatError, match="got TRANSMIT_FREQ_1"):
         read_tdm(DATA / "annex_e21.xml", TdmAgreement(sigma_m=SIGMA_M))
 
 
@@ -198,7 +198,7 @@ def test_range_units_of_a_changing_uplink():
         "RANGE                 = 2005-191T00:31:51    39242998.5151986",
         "PR_N0                 = 2005-191T00:31:51    28.52538",
     ]
-    with pytest.raises(FileFormatError, match="RU, whose length is an agreement"):
+    with pytest.raises(FileFormatError, match="range_unit_s"):
         observations(names | {"RANGE_MODULUS": "2.0e+26"}, ramp)
     read = observations(names | {"RANGE_MODULUS": "2.0e+26"}, ramp, range_unit_s=1e-9).observations
     assert (read.ramped[0], read.uplink_hz[0]) == (True, 7180064367.3536)
@@ -361,7 +361,7 @@ def test_clocks_alone_are_no_observations():
         "CLOCK_DRIFT = 2005-142T12:00:00 6.944e-14",
         "CLOCK_BIAS = 2005-143T12:00:00 9.62e-7",
     ]
-    with pytest.raises(FileFormatError, match="range, Doppler or VLBI delay, only CLOCK_BIAS, CLOCK_DRIFT"):
+    with pytest.raises(FileFormatError, match="got CLOCK_BIAS"):
         observations(names, records)
 
 

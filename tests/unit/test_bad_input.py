@@ -70,9 +70,9 @@ CASES = {
     ),
     "csv: half of the path": csv(table(ROWS[0].replace("768800123.4", "384400061.7")), "line 2", "half"),
     "tdm: two time systems": tdm(
-        message(TWO_WAY, RANGES, (TWO_WAY | {"TIME_SYSTEM": "TAI"}, RANGES)), "line 16", "mixed time systems"
+        message(TWO_WAY, RANGES, (TWO_WAY | {"TIME_SYSTEM": "TAI"}, RANGES)), "line 16", "one time system"
     ),
-    "tdm: out of order": tdm(message(records=RANGES[::-1]), "line 13", "earlier than", "line 12"),
+    "tdm: out of order": tdm(message(records=RANGES[::-1]), "line 13", "precedes", "line 12"),
     "csv: two values of one observation": csv(
         table(*ROWS, ROWS[0].replace("123.4", "133.4")), "line 5", "another value", "line 2"
     ),

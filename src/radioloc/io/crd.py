@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.earth.stations import StationCatalogue, station_name
 from radioloc.errors import DataQualityWarning, FileFormatError
-from radioloc.io.checks import normal_points, read_utc, weather_near
+from radioloc.io.checks import normal_points, read_utc, weather_at
 from radioloc.measurements.link import REFLECTORS, Link, canonical_target
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import WEATHER_LIMITS, Observations
@@ -218,7 +218,7 @@ class _Pass:
         refuse(np.isnan(wavelength_um), missing, self.configurations)
         records = np.array(self.weather, dtype=np.float64).reshape(-1, 1 + len(_WEATHER))
         time_s = records[:, 0] + self.day_of(records[:, 0]) * SECONDS_PER_DAY
-        weather = (weather_near(time_s, column, since_start_s) for column in records.T[1:])
+        weather = (weather_at(time_s, column, since_start_s) for column in records.T[1:])
         return {
             "line": line,
             "link": np.full(len(line), self.link, dtype=np.float64),

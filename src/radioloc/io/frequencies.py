@@ -43,7 +43,7 @@ from radioloc.time import Epochs
 from radioloc.time.dates import utc_from_seconds_of_day
 from radioloc.vectors import Floats
 
-LONGEST_S = 86400.0
+MAX_DURATION_S = 86400.0
 """Longest delay, count interval, light time or clock difference that is believed, s."""
 MICROMETRES = 1e6
 _FASTEST_M_S = 3e5
@@ -108,7 +108,7 @@ class FrequencyAgreement:
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0.0):
                 raise InputError(f"{name} = {value}, but must be finite and above zero")
-        if self.count_s is not None and self.count_s > LONGEST_S:
+        if self.count_s is not None and self.count_s > MAX_DURATION_S:
             raise InputError(
                 f"count_s = {self.count_s}, but no count interval is longer than a day, in seconds"
             )

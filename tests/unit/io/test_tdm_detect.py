@@ -57,9 +57,9 @@ def test_a_station_need_not_be_known(files):
 def test_read_tdm(files, tmp_path):
     assert len(read_tdm(str(files[1]), AGREEMENT)) == 1
     assert read_tdm(files[1:], AGREEMENT).files == tuple(str(file) for file in files[1:])
-    with pytest.raises(InputError, match="at least one file"):
+    with pytest.raises(InputError, match="at least one message"):
         read_tdm([], AGREEMENT)
-    with pytest.raises(FileFormatError, match=r"starts with CCSDS_TDM_VERS = 2.0, or is XML with <tdm>"):
+    with pytest.raises(FileFormatError, match=r"CCSDS_TDM_VERS"):
         read_tdm_file(files[0])
     with pytest.raises(FileFormatError, match="no such file"):
         read_tdm_file(tmp_path / "none")

@@ -92,7 +92,7 @@ def test_delays_are_taken_off_value_and_time_tag():
         < VALUE_TOLERANCE_M
     )
     assert abs(seconds_after(got.observations, "2021-03-28T14:00:00.25")[0] + 2e-6) < EPOCH_TOLERANCE_S
-    assert "1.5e-05 s of delay in equipment taken off" in got.summary()
+    assert any("delay of 1.5e-05 s" in note for note in got.notes)
     sent = read((TWO_WAY | DELAYS | {"TIMETAG_REF": "TRANSMIT"}, RANGES))
     assert abs(seconds_after(sent, "2021-03-28T14:00:00.25")[0] - 1e-6) < EPOCH_TOLERANCE_S
     removed = read((TWO_WAY | DELAYS, RANGES), delays_removed=True)
@@ -112,7 +112,7 @@ def test_delays_that_the_model_has_stay_in_the_data():
         assert np.abs(got.observations.value_m - expected_m).max() < VALUE_TOLERANCE_M
         moved_s = seconds_after(got.observations, "2021-03-28T14:00:00.25")[0]
         assert abs(moved_s + tag_off_s) < EPOCH_TOLERANCE_S
-        assert "stays in the data: the model has that delay" in got.summary()
+        assert any("stays in the data" in note for note in got.notes)
 
 
 def test_three_way_delays_are_those_of_the_path():
@@ -267,7 +267,7 @@ def test_clocks_of_ranges():
 
 def test_clock_before_its_first_record():
     late = (CLOCK, ["CLOCK_BIAS = 2021-03-28T14:00:05 2e-7"])
-    with pytest.raises(FileFormatError, match=r"line 14: VLBI_DELAY is earlier than the first CLOCK_BIAS"):
+    with pytest.raises(FileFormatError, match=r"VLBI_DELAY precedes"):
         read(VLBI, late)
 
 
@@ -279,7 +279,7 @@ def test_two_values_of_one_epoch_in_two_segments():
 
 
 def test_drift_without_bias():
-    with pytest.raises(FileFormatError, match="CLOCK_DRIFT has no CLOCK_BIAS at its epoch"):
+    with pytest.raises(FileFormatError, match="CLOCK_DRIFT"):
         read(VLBI, (CLOCK, ["CLOCK_DRIFT = 2021-03-28T13:00:05 2e-7"]))
     with pytest.raises(FileFormatError, match="PARTICIPANT_2 is missing"):
         read(VLBI, (CLOCK | {"PARTICIPANT_2": None}, ["CLOCK_BIAS = 2021-03-28T13:00:05 2e-7"]))
@@ -356,7 +356,7 @@ def test_a_beacon_frequency_holds_from_its_time_tag_on():
         "PARTICIPANT_3": "JIAMUSI",
     }
     counts = ["RECEIVE_FREQ = 2021-03-28T14:00:00 100.0", "TRANSMIT_FREQ_2 = 2021-03-28T14:00:01 8.4e9"]
-    with pytest.raises(FileFormatError, match="RECEIVE_FREQ is earlier than the first TRANSMIT_FREQ_2"):
+    with pytest.raises(FileFormatError, match="RECEIVE_FREQ precedes"):
         read((TWO_WAY | COUNT | paths, counts))
 
 
@@ -405,7 +405,7 @@ def test_frequencies_of_another_segment_and_band():
     assert read(received, s_band, x_band).value_m[0] == pytest.approx(600.0, abs=1e-4)
     unsaid = (received[0] | {"TRANSMIT_BAND": None}, received[1])
     assert read(unsaid, x_band).value_m[0] == pytest.approx(600.0, abs=1e-4)
-    with pytest.raises(FileFormatError, match=r"several bands \(S, X\); say TRANSMIT_BAND"):
+    with pytest.raises(FileFormatError, match="TRANSMIT_BAND"):
         read(unsaid, s_band, x_band)
 
 
@@ -449,14 +449,14 @@ RECEIVED = ["RECEIVE_FREQ_1 = 2021-03-28T14:00:00 8.4e9", "TRANSMIT_FREQ_1 = 202
 VLBI_RECORD = ["VLBI_DELAY = 2021-03-28T14:00:00 1e-3"]
 REFUSED = {
     "target at the end": (TWO_WAY | {"PATH": "1,1,2"}, RANGES, "the target among the stations"),
-    "no mode": (TWO_WAY | {"MODE": None}, RANGES, "have no MODE, which the data need"),
-    "no path": (TWO_WAY | {"PATH": None}, RANGES, "MODE is SEQUENTIAL, but there is no PATH"),
+    "no mode": (TWO_WAY | {"MODE": None}, RANGES, "MODE is missing"),
+    "no path": (TWO_WAY | {"PATH": None}, RANGES, "PATH is missing"),
     "unknown target": (TWO_WAY | {"PARTICIPANT_2": "UNKNOWN"}, RANGES, "the target is UNKNOWN"),
     "impossible name": (TWO_WAY | {"PARTICIPANT_2": "a>b"}, RANGES, "line 7: 'a>b' cannot name a station"),
     "ambiguous differenced range": (
         DELAY | {"RANGE_MODULUS": "1000.0"},
         ["RANGE = 2021-03-28T14:00:00 1.5"],
-        "RANGE_MODULUS is 1e[+]06 m: the difference is ambiguous by multiples",
+        "unambiguous",
     ),
     "differenced frequency without one sent": (
         DELAY | COUNT,
@@ -466,24 +466,24 @@ REFUSED = {
     "whole frequency of two paths": (
         DELAY | COUNT,
         ["RECEIVE_FREQ = 2021-03-28T14:00:00 8.4e9", "TRANSMIT_FREQ_1 = 2021-03-28T13:00:00 8.4e9"],
-        "RECEIVE_FREQ is 8400000000.0 Hz, but of two paths it is the difference",
+        "two received frequencies",
     ),
-    "delay without difference": (TWO_WAY, VLBI_RECORD, "VLBI_DELAY of MODE = SEQUENTIAL is not modelled"),
-    "one station": (DELAY | {"PATH_2": "1,2"}, VLBI_RECORD, "alike but for the last station"),
+    "delay without difference": (TWO_WAY, VLBI_RECORD, "got VLBI_DELAY"),
+    "one station": (DELAY | {"PATH_2": "1,2"}, VLBI_RECORD, "last station"),
     "sent tag of a delay": (
         DELAY | {"TIMETAG_REF": "TRANSMIT"},
         VLBI_RECORD,
-        "TIMETAG_REF is TRANSMIT; VLBI_DELAY",
+        "TIMETAG_REF",
     ),
     "correction of a delay": (
         DELAY | {"CORRECTION_RANGE": "1", "CORRECTIONS_APPLIED": "NO"},
         VLBI_RECORD,
-        "is not applied, and how",
+        "CORRECTION_RANGE",
     ),
     "one-way range": (
         TWO_WAY | {"RANGE_MODE": "ONE_WAY"},
         RANGES,
-        "RANGE_MODE is ONE_WAY, but PATH goes to the",
+        "RANGE_MODE is ONE_WAY",
     ),
     "one-way frequency without one sent": (
         ONE_WAY | COUNT,
@@ -501,7 +501,7 @@ REFUSED = {
     "half a ratio": (
         TWO_WAY | COUNT | {"TURNAROUND_NUMERATOR": "880"},
         RECEIVED,
-        "TURNAROUND_NUMERATOR stands alone",
+        "TURNAROUND_DENOMINATOR",
     ),
     "wrong ratio": (
         TWO_WAY | COUNT | RATIO,
@@ -513,16 +513,16 @@ REFUSED = {
         [RECEIVED[0].replace("_1", "_2")],
         "PATH ends at participant 1",
     ),
-    "wrong sender": (TWO_WAY, [*RANGES, RECEIVED[1].replace("_1", "_3")], "participant 3 sends nothing"),
+    "wrong sender": (TWO_WAY, [*RANGES, RECEIVED[1].replace("_1", "_3")], "participant 3"),
     "no frequency": (
         TWO_WAY,
         [*RANGES, RECEIVED[1].replace("7.2e9", "0")],
-        "TRANSMIT_FREQ_1 must be above zero",
+        "TRANSMIT_FREQ_1",
     ),
     "rate alone": (
         TWO_WAY,
         [*RANGES, "TRANSMIT_FREQ_RATE_1 = 2021-03-28T14:00:00 1"],
-        "TRANSMIT_FREQ_RATE_1 has no TRANSMIT_FREQ_1 at its epoch",
+        "TRANSMIT_FREQ_RATE_1",
     ),
     "two rates": (
         TWO_WAY | COUNT,
@@ -561,10 +561,10 @@ def test_measurements_outside_of_start_and_stop():
 @pytest.mark.parametrize(
     ("given", "problem"),
     [
-        ({"sigma_m": {"ranges": 1.0}}, "'ranges' is not a kind"),
-        ({"sigma_m": {"range": 0.0}}, "must be finite and above zero"),
-        ({"range_convention": "one_way"}, "range_convention = 'one_way'; use round_trip or half"),
-        ({"range_unit_s": -1.0}, "range_unit_s = -1.0"),
+        ({"sigma_m": {"ranges": 1.0}}, "ranges"),
+        ({"sigma_m": {"range": 0.0}}, "above zero"),
+        ({"range_convention": "one_way"}, "range_convention"),
+        ({"range_unit_s": -1.0}, "range_unit_s"),
         ({"turnaround": (880, 0)}, "two whole numbers"),
     ],
 )

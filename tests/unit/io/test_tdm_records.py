@@ -42,5 +42,5 @@ def test_other_time_systems():
 
 
 def test_zulu_contradicts_another_time_system():
-    with pytest.raises(FileFormatError, match=r"a, line 2: '.*Z' ends in Z, .*UTC, but TIME_SYSTEM is TAI"):
+    with pytest.raises(FileFormatError, match=r"TIME_SYSTEM is TAI"):
         utc(["2021-03-28T14:00:00", "2021-03-28T14:00:01Z"], "TAI")

@@ -1,8 +1,8 @@
-"""CCSDS Tracking Data Messages (TDM) 1.0 and 2.0, KVN and XML: files to observations and back.
+"""CCSDS Tracking Data Messages (TDM) 1.0 and 2.0: files in KVN and XML to observations and back.
 
-What a message does not say (uncertainties, the length of a range unit, whether a range is the round trip or half of it)
-is given as a :class:`TdmAgreement`. ccsds-ndm reads and writes the same messages, but takes ten minutes for a million
-KVN records where this takes two seconds: it serves the tests.
+A :class:`TdmAgreement` has what a message leaves open: sigmas, the length of a range unit, whether a range is the round
+trip or half of it. ccsds-ndm reads the same messages, but takes ten minutes for a million KVN records where this module
+takes two seconds; it serves the tests.
 
 Source: Tracking Data Message, Recommended Standard CCSDS 503.0-B-2, June 2020.
 """
@@ -32,12 +32,11 @@ __all__ = [
     "tdm_observations",
     "write_tdm",
 ]
-# Among which a file's first line is.
-_START_BYTES = 20_000
+_START_BYTES = 20_000  # that contain the first line
 
 
 def looks_like_tdm(lines: Sequence[str]) -> bool:
-    """Whether the first lines are those of a message, KVN or XML."""
+    """Return whether the first lines are those of a message, KVN or XML."""
     return looks_like_kvn(lines) or looks_like_xml("\n".join(lines[:200]))
 
 
@@ -47,7 +46,7 @@ def read_tdm_file(path: str | Path) -> TdmFile:
     Raises
     ------
     FileFormatError
-        The file cannot be read, is no message, was cut, or holds what the standard does not allow. Names the line.
+        The file is not a message, was cut, or violates the standard. Has the line.
     """
     start = head_of(path, _START_BYTES).decode(errors="replace")
     if looks_like_xml(start):
@@ -55,8 +54,7 @@ def read_tdm_file(path: str | Path) -> TdmFile:
     if looks_like_kvn(start.splitlines()):
         return parse_kvn(path, read_lines(path))
     first = next(line for line in read_lines(path) if line.strip())
-    problem = f"starts with {first[:40]!r}; a TDM starts with CCSDS_TDM_VERS = 2.0, or is XML with <tdm>"
-    raise FileFormatError(path, problem, 1)
+    raise FileFormatError(path, f"expected CCSDS_TDM_VERS = 2.0, or XML with <tdm>, got {first[:40]!r}", 1)
 
 
 def read_tdm(
@@ -70,10 +68,10 @@ def read_tdm(
     Parameters
     ----------
     paths : path-like or sequence of path-like
-        The files; transmitted frequencies, clocks and weather in one count for the measurements of all.
+        Files; transmitted frequencies, clocks and weather in one hold for the measurements of all.
     agreement, catalogue
-        As of :func:`tdm_observations`, which also gives to the program what is only logged here: what became no
-        observation, and what was done to values and time tags. So are errors and warnings.
+        Parameters of :func:`tdm_observations`, which also returns the ignored records and the corrections that are
+        logged here. Errors and warnings are the same.
 
     Examples
     --------

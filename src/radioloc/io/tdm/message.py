@@ -1,7 +1,7 @@
 """Content of a Tracking Data Message: keywords, header, and segments of metadata and columns of data.
 
-Nothing here says what the data mean for a model. What the standard demands is checked, and columns of text become
-numbers, a million in a second.
+The rules of the standard are checked, and columns of text become numbers, a million in a second. The interpretation
+of the data for the model is in :mod:`radioloc.io.tdm.meaning`.
 
 Source: CCSDS 503.0-B-2 (2020), sections 3.2 to 3.4 and 4.3.9, tables 3-3 and 3-5.
 """
@@ -18,18 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import FileFormatError, InputError
-from radioloc.io.frequencies import LONGEST_S
+from radioloc.io.frequencies import MAX_DURATION_S
 from radioloc.time import Epochs, epochs_from_strings, to_scale, utc_to_tai
 from radioloc.time.dates import DateError, read_dates
 from radioloc.vectors import Floats
 
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
-# Value as the file gives it to value in the standard's spelling; ValueError says what is wrong.
+# Functions from a value of the file to the standard's spelling; ValueError for one that is not allowed.
 _Rule = Callable[[str], str]
 
 
-def _each(prefix: str) -> tuple[str, ...]:
-    """Keywords that have the number of a participant at their end."""
+def _numbered(prefix: str) -> tuple[str, ...]:
+    """Return keywords with the number of a participant at their end."""
     return tuple(f"{prefix}_{n}" for n in range(1, 6))
 
 
@@ -42,7 +42,7 @@ def _one_of(*words: str) -> _Rule:
         spelled = {word.upper(): word for word in words}
         word = value.upper().replace(" ", "_")
         if word not in spelled:
-            raise ValueError(f"{value!r} is not one of {', '.join(words)}")
+            raise ValueError(f"expected one of {', '.join(words)}, got {value!r}")
         return spelled[word]
 
     return rule
@@ -51,7 +51,7 @@ def _one_of(*words: str) -> _Rule:
 def _number(allowed: Callable[[float], bool] = math.isfinite, rule: str = "a finite number") -> _Rule:
     def check(value: str) -> str:
         if re.fullmatch(NUMBER, value, re.ASCII) is None or not allowed(float(value)):
-            raise ValueError(f"{value!r} is not {rule}")
+            raise ValueError(f"expected {rule}, got {value!r}")
         return value
 
     return check
@@ -60,30 +60,32 @@ def _number(allowed: Callable[[float], bool] = math.isfinite, rule: str = "a fin
 def _path(value: str) -> str:
     path = value.replace(" ", "")
     if re.fullmatch(r"[1-5](,[1-5])+", path) is None:
-        raise ValueError(f"{value!r} is not a list of participants' numbers such as 1,2,1")
+        raise ValueError(f"expected numbers of participants such as 1,2,1, got {value!r}")
     return path
 
 
 def date(value: str) -> str:
-    """Rule of a date."""
+    """Return a text that is a date."""
     epochs_from_strings(value, "UTC")
     return _text(value)
 
 
 _RATIO = _number(lambda ratio: ratio > 0.0 and ratio.is_integer(), "a whole number above zero")
-_DELAY = _number(lambda delay_s: 0.0 <= delay_s <= LONGEST_S, "a number from zero to a day, in seconds")
-_COUNT = _number(lambda count_s: 0.0 < count_s <= LONGEST_S, "a number above zero, up to a day, in seconds")
+_DELAY = _number(lambda delay_s: 0.0 <= delay_s <= MAX_DURATION_S, "a number from zero to a day, in seconds")
+_COUNT = _number(
+    lambda count_s: 0.0 < count_s <= MAX_DURATION_S, "a number above zero, up to a day, in seconds"
+)
 METADATA: Mapping[str, _Rule] = {
     "TRACK_ID": _text,
     "DATA_TYPES": _text,
     "TIME_SYSTEM": _one_of("UTC", "TAI", "TT", "TDB", "GPS"),
     "START_TIME": date,
     "STOP_TIME": date,
-    **dict.fromkeys(_each("PARTICIPANT"), _text),
+    **dict.fromkeys(_numbered("PARTICIPANT"), _text),
     "MODE": _one_of("SEQUENTIAL", "SINGLE_DIFF"),
     **dict.fromkeys(("PATH", "PATH_1", "PATH_2"), _path),
     # Figure E-17 of the standard itself writes it without a number.
-    **dict.fromkeys(("EPHEMERIS_NAME", *_each("EPHEMERIS_NAME"), "TRANSMIT_BAND", "RECEIVE_BAND"), _text),
+    **dict.fromkeys(("EPHEMERIS_NAME", *_numbered("EPHEMERIS_NAME"), "TRANSMIT_BAND", "RECEIVE_BAND"), _text),
     "TURNAROUND_NUMERATOR": _RATIO,
     "TURNAROUND_DENOMINATOR": _RATIO,
     "TIMETAG_REF": _one_of("TRANSMIT", "RECEIVE"),
@@ -107,25 +109,25 @@ METADATA: Mapping[str, _Rule] = {
     },
     "CORRECTIONS_APPLIED": _one_of("YES", "NO"),
 }
-"""What each keyword of a metadata section may say, in the standard's order."""
+"""Rules of the keywords of a metadata section, in the standard's order."""
 
 WEATHER = {"TEMPERATURE": "temperature_k", "PRESSURE": "pressure_hpa", "RHUMIDITY": "relative_humidity"}
 """Columns of observations by the keyword that fills them."""
 CLOCKS = ("CLOCK_BIAS", "CLOCK_DRIFT")
-RECEIVED = ("RECEIVE_FREQ", *_each("RECEIVE_FREQ"))
-SENT, SENT_RATE = _each("TRANSMIT_FREQ"), _each("TRANSMIT_FREQ_RATE")
-NOT_MODELLED = ("DOPPLER_COUNT", *_each("RECEIVE_PHASE_CT"), *_each("TRANSMIT_PHASE_CT"))
-"""Measurements of the path that no observation can be made of."""
+RECEIVED = ("RECEIVE_FREQ", *_numbered("RECEIVE_FREQ"))
+SENT, SENT_RATE = _numbered("TRANSMIT_FREQ"), _numbered("TRANSMIT_FREQ_RATE")
+NOT_MODELLED = ("DOPPLER_COUNT", *_numbered("RECEIVE_PHASE_CT"), *_numbered("TRANSMIT_PHASE_CT"))
+"""Measurements of the path that are not modelled."""
 RANGE_RATES = ("DOPPLER_INTEGRATED", "DOPPLER_INSTANTANEOUS")
 MEASURED = ("RANGE", *RANGE_RATES, *RECEIVED, "VLBI_DELAY", "DOR", *NOT_MODELLED)
 """Measurements of the path."""
 ORDERED = (*MEASURED[: -len(NOT_MODELLED)], *SENT, *SENT_RATE, *CLOCKS, *WEATHER)
-"""Data that are used, and so must be in order of time."""
-_PASSED_OVER = (
+"""Data that are used and must be in order of time."""
+_IGNORED = (
     *("ANGLE_1", "ANGLE_2", "CARRIER_POWER", "MAG", "PC_N0"),
     *("PR_N0", "RCS", "STEC", "TROPO_DRY", "TROPO_WET"),
 )
-DATA = (*ORDERED, *NOT_MODELLED, *_PASSED_OVER)
+DATA = (*ORDERED, *NOT_MODELLED, *_IGNORED)
 """Keywords of a data section; :attr:`TdmSegment.keyword` holds indices into this."""
 CODE = {keyword: code for code, keyword in enumerate(DATA)}
 
@@ -142,12 +144,12 @@ TYPES: Mapping[str, tuple[str, ...]] = {
 }
 """Data keywords that are read as a type of measurement on a path of its form; the first of them is written.
 
-Of delay rates the standard knows nothing. TIMETAG_REF is RECEIVE of all but RANGE.
+The standard lacks delay rates. TIMETAG_REF is RECEIVE of all but RANGE.
 """
 
 
 def exponent_of(keyword: str, range_units: str) -> int:
-    """Power of ten from the standard's unit to ours: km and km/s to m and m/s, percent to parts of one."""
+    """Return the power of ten from the standard's unit to SI: km and km/s to m and m/s, percent to parts of one."""
     if keyword == "RANGE":
         return 3 if range_units == "km" else 0
     return {"DOPPLER_INTEGRATED": 3, "DOPPLER_INSTANTANEOUS": 3, "RHUMIDITY": -2}.get(keyword, 0)
@@ -156,7 +158,7 @@ def exponent_of(keyword: str, range_units: str) -> int:
 _VERSIONS = ("1.0", "2.0")
 _SPAN_SLACK_S = 1.0
 _GPS_MINUS_TAI_S = -19.0  # exact (IS-GPS-200)
-_YEARS_JD = (2441683.5, 2488434.5)  # 1973 to 2100: a time tag that is corrected stays in the years of UTC
+_YEARS_JD = (2441683.5, 2488434.5)  # 1973 to 2100: corrected time tags stay in the years of UTC
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,10 +172,10 @@ class TdmHeader:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TdmSegment:
-    """One metadata section and the data it describes."""
+    """Metadata section with its data."""
 
     path: str
-    metadata: Mapping[str, str]  # words that the standard lists are in its spelling
+    metadata: Mapping[str, str]  # in the spelling of the standard
     keyword: NDArray[np.int8]  # indices into DATA
     epoch: Epochs  # UTC, whatever the file's time system
     # In the standard's units, but m for km (RANGE, DOPPLER_*) and parts of one for percent: the nearest float.
@@ -184,53 +186,53 @@ class TdmSegment:
     data_comments: tuple[str, ...] = ()
 
     def rows(self, keyword: str) -> NDArray[np.intp]:
-        """Rows that hold a keyword's data."""
+        """Return the rows of a keyword."""
         return np.flatnonzero(self.keyword == CODE[keyword])
 
     def values(self, keyword: str) -> Floats:
-        """Values of a keyword's records."""
+        """Return the values of a keyword's records."""
         return self.value[self.rows(keyword)]
 
     def epochs(self, keyword: str) -> Epochs:
-        """Time tags of a keyword's records."""
+        """Return the time tags of a keyword's records."""
         return self.epoch[self.rows(keyword)]
 
     def counts(self) -> dict[str, int]:
-        """How many records of each data keyword there are, in the order of :data:`DATA`."""
+        """Return the number of records by data keyword, in the order of :data:`DATA`."""
         counts = np.bincount(self.keyword, minlength=len(DATA)).tolist()
         return {keyword: count for keyword, count in zip(DATA, counts, strict=True) if count}
 
     def participant(self, number: int) -> str:
-        """Name of a participant as the file gives it."""
+        """Return the name of a participant in the file."""
         return self.metadata[f"PARTICIPANT_{number}"]
 
     def legs(self, keyword: str = "PATH") -> list[int]:
-        """Participants of a path, in order; empty where the segment has no such path."""
+        """Return the participants of a path in order; empty for a missing path."""
         return [int(number) for number in self.metadata.get(keyword, "").split(",") if number]
 
     def number(self, keyword: str) -> float:
-        """Number that a metadata keyword gives, zero where it is not there."""
+        """Return the number of a metadata keyword, zero where it is missing."""
         return float(self.metadata.get(keyword, 0.0))
 
     def correction(self, of: str) -> float:
-        """Correction of data that is still to be added to them."""
+        """Return the correction that is not applied to the data."""
         applied = self.metadata.get("CORRECTIONS_APPLIED") != "NO"
         return 0.0 if applied else self.number(f"CORRECTION_{of}")
 
     def line_of(self, keyword: str, row: int = 0) -> int:
-        """Line of one of a data keyword's records, or of a metadata keyword, or of the section."""
+        """Return the line of one of a data keyword's records, or of a metadata keyword, or of the section."""
         if keyword in CODE and len(rows := self.rows(keyword)):
             return int(self.line[rows[row]])
         return self.lines.get(keyword, self.lines.get("", 1))
 
     def fail(self, keyword: str, problem: str, row: int = 0) -> FileFormatError:
-        """Error at the line of :meth:`line_of`."""
+        """Return the error at the line of :meth:`line_of`."""
         return FileFormatError(self.path, problem, self.line_of(keyword, row))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TdmFile:
-    """A whole message: the file it came from, its header and its segments in the file's order."""
+    """Message with the path of its file, its header and its segments in the order of the file."""
 
     path: str
     header: TdmHeader
@@ -244,14 +246,13 @@ class TdmFile:
 
 
 def read_header(path: str, fields: dict[str, str], comments: Sequence[str]) -> TdmHeader:
-    """Make a header of its keywords, the version of the message among them."""
+    """Return the header of its keywords, among them the version."""
     version = fields.pop("CCSDS_TDM_VERS", "")
     if version not in _VERSIONS:
-        problem = f"CCSDS_TDM_VERS is {version!r}; versions {' and '.join(_VERSIONS)} are read"
-        raise FileFormatError(path, problem, 1)
+        raise FileFormatError(path, f"expected CCSDS_TDM_VERS {' or '.join(_VERSIONS)}, got {version!r}", 1)
     for keyword in ("CREATION_DATE", "ORIGINATOR"):
         if not fields.get(keyword):
-            raise FileFormatError(path, f"the header has no {keyword}; add it", 1)
+            raise FileFormatError(path, f"{keyword} is missing in the header; add it", 1)
     try:
         date(fields["CREATION_DATE"])
     except ValueError as error:
@@ -262,43 +263,44 @@ def read_header(path: str, fields: dict[str, str], comments: Sequence[str]) -> T
 def read_metadata(
     path: str, fields: Mapping[str, str], lines: Mapping[str, int], segments: Sequence[TdmSegment]
 ) -> dict[str, str]:
-    """Bring the metadata of the segment after others into the standard's spelling, and refuse impossible ones."""
+    """Return the metadata of a segment after others in the spelling of the standard."""
 
     def fail(problem: str, keyword: str = "") -> FileFormatError:
         return FileFormatError(path, problem, lines[keyword])
 
-    made: dict[str, str] = {}
+    metadata: dict[str, str] = {}
     for keyword, value in fields.items():
         if keyword not in METADATA:
-            raise fail(f"{keyword}: is not a metadata keyword of the standard; correct or remove it", keyword)
+            raise fail(
+                f"expected a metadata keyword of the standard, got {keyword}; correct or remove it", keyword
+            )
         if not value:
-            raise fail(f"{keyword}: has no value; give one or leave the line out", keyword)
+            raise fail(f"{keyword}: expected a value, got none; give one or leave the line out", keyword)
         try:
-            made[keyword] = METADATA[keyword](value)
+            metadata[keyword] = METADATA[keyword](value)
         except ValueError as error:
             raise fail(f"{keyword}: {error}", keyword) from None
-    participants = [keyword for keyword in made if keyword.startswith("PARTICIPANT_")]
-    for needed, given in (("TIME_SYSTEM", "TIME_SYSTEM" in made), ("PARTICIPANT_1", bool(participants))):
-        if not given:
-            raise fail(f"the metadata have no {needed}; add it")
-    first = segments[0].metadata["TIME_SYSTEM"] if segments else made["TIME_SYSTEM"]
-    if made["TIME_SYSTEM"] != first:
-        problem = f"TIME_SYSTEM is {made['TIME_SYSTEM']}, but {first} in the segments before"
-        raise fail(f"{problem}; mixed time systems are not read: write all of them in one", "TIME_SYSTEM")
+    participants = [keyword for keyword in metadata if keyword.startswith("PARTICIPANT_")]
+    if "TIME_SYSTEM" not in metadata or not participants:
+        needed = "PARTICIPANT_1" if "TIME_SYSTEM" in metadata else "TIME_SYSTEM"
+        raise fail(f"{needed} is missing in the metadata; add it")
+    first = segments[0].metadata["TIME_SYSTEM"] if segments else metadata["TIME_SYSTEM"]
+    if metadata["TIME_SYSTEM"] != first:
+        problem = f"expected TIME_SYSTEM {first} of the first segment, got {metadata['TIME_SYSTEM']}"
+        raise fail(f"{problem}; use one time system", "TIME_SYSTEM")
     for keyword in ("PATH", "PATH_1", "PATH_2"):
-        for index in made[keyword].split(",") if keyword in made else ():
-            if f"PARTICIPANT_{index}" not in made:
-                problem = f"{keyword} = {made[keyword]} names participant {index}"
-                there = f"there are only {', '.join(participants)}"
-                raise fail(f"{problem}, but {there}; correct it or add the participant", keyword)
-    corrections = [keyword for keyword in made if keyword.startswith("CORRECTION_")]
-    if corrections and "CORRECTIONS_APPLIED" not in made:
-        raise fail(f"{corrections[0]} without CORRECTIONS_APPLIED: say YES or NO", corrections[0])
-    return made
+        for index in metadata[keyword].split(",") if keyword in metadata else ():
+            if f"PARTICIPANT_{index}" not in metadata:
+                problem = f"{keyword} = {metadata[keyword]}: expected {', '.join(participants)}"
+                raise fail(f"{problem}, got participant {index}; correct it or add the participant", keyword)
+    corrections = [keyword for keyword in metadata if keyword.startswith("CORRECTION_")]
+    if corrections and "CORRECTIONS_APPLIED" not in metadata:
+        raise fail(f"{corrections[0]} needs CORRECTIONS_APPLIED = YES or NO; add it", corrections[0])
+    return metadata
 
 
 def require_sound(segment: TdmSegment) -> None:
-    """Refuse data that are needed and not in order of time, each epoch once (3.4.10, 3.4.11), or outside their span."""
+    """Refuse used data that are not in order of time, each epoch once (3.4.10, 3.4.11), or outside their span."""
     for name in segment.counts():
         if name in ORDERED:
             _require_order(segment, name)
@@ -316,14 +318,14 @@ def _require_order(segment: TdmSegment, keyword: str) -> None:
     place = int(np.argmin(sound))
     first = segment.line_of(keyword, place)
     if step[place] == 0.0:
-        problem = f"is there twice at one epoch, first in line {first}; leave one of them out"
+        problem = f"repeats the epoch of line {first}; leave one of them out"
     else:
-        problem = f"is earlier than that of line {first}; put the records in order of time"
+        problem = f"precedes that of line {first}; put the records in order of time"
     raise segment.fail(keyword, f"{keyword} {problem}", place + 1)
 
 
 def _require_span(segment: TdmSegment, keyword: str) -> None:
-    """Refuse measurements outside START_TIME and STOP_TIME, which may be rounded and those of count intervals."""
+    """Refuse measurements outside START_TIME and STOP_TIME, which may be rounded or ends of count intervals."""
     slack_s = _SPAN_SLACK_S + segment.number("INTEGRATION_INTERVAL")
     for limit, sign in (("START_TIME", 1.0), ("STOP_TIME", -1.0)):
         if limit not in segment.metadata:
@@ -342,7 +344,7 @@ def _require_span(segment: TdmSegment, keyword: str) -> None:
 
 
 def _utc(epoch: Epochs, time_system: str) -> Epochs:
-    """Epochs of a message's time system (of GPS given as TAI) as UTC."""
+    """Return epochs of a message's time system (GPS epochs as TAI) as UTC."""
     return to_scale(epoch.shifted(-_GPS_MINUS_TAI_S) if time_system == "GPS" else epoch, "UTC")
 
 
@@ -356,7 +358,7 @@ def read_records(
     time_system: str,
     range_units: str,
 ) -> tuple[NDArray[np.int8], Epochs, Floats]:
-    """Codes of keywords, epochs (UTC) and values, each the float nearest to its decimal number times a power of ten."""
+    """Return codes of keywords, epochs (UTC) and values, the floats nearest to the numbers times a power of ten."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -368,7 +370,7 @@ def read_records(
 
     keywords, epochs, values = (pa.array(column, pa.string()) for column in (keywords, epochs, values))
     code = pc.index_in(keywords, value_set=pa.array(DATA))
-    refuse(code.is_null(), keywords, " is not a data keyword of the standard; correct or remove it")
+    refuse(code.is_null(), keywords, ": expected a data keyword of the standard; correct or remove it")
     codes = code.to_numpy().astype(np.int8)
 
     try:
@@ -378,13 +380,12 @@ def read_records(
     except DateError as error:
         raise FileFormatError(path, str(error), int(line[error.row])) from None
     refuse(
-        (epoch.jd < _YEARS_JD[0]) | (epoch.jd >= _YEARS_JD[1]), epochs, " is not in the years 1973 to 2100"
+        (epoch.jd < _YEARS_JD[0]) | (epoch.jd >= _YEARS_JD[1]), epochs, ": expected a year from 1973 to 2100"
     )
     if time_system != "UTC":
-        says_utc = f" ends in Z, which says UTC, but TIME_SYSTEM is {time_system}"
-        refuse(pc.ends_with(epochs, "Z"), epochs, says_utc)
+        refuse(pc.ends_with(epochs, "Z"), epochs, f" ends in Z (UTC), but TIME_SYSTEM is {time_system}")
 
-    not_finite = " is not a finite number; correct it or leave the record out"
+    not_finite = ": expected a finite number; correct it or leave the record out"
     refuse(pc.invert(pc.match_substring_regex(values, f"^{NUMBER}$")), values, not_finite)
     exponent = np.array([exponent_of(keyword, range_units) for keyword in DATA])[codes]
     numbers = _scaled(values, exponent)
@@ -393,12 +394,12 @@ def read_records(
 
 
 def _scaled(texts: Any, exponent: NDArray[np.int64]) -> Floats:
-    """Decimal numbers times powers of ten."""
+    """Return decimal numbers times powers of ten."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    own = np.asarray(pc.match_substring_regex(texts, "[eE]"))
-    if (own & (exponent != 0)).any():
+    has_exponent = np.asarray(pc.match_substring_regex(texts, "[eE]"))
+    if (has_exponent & (exponent != 0)).any():
         parts = (text.upper().partition("E") for text in texts.to_pylist())
         texts = pa.array(
             [f"{m}E{int(e or 0) + k}" for (m, _, e), k in zip(parts, exponent.tolist(), strict=True)]

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError
-from radioloc.io.frequencies import LONGEST_S, MICROMETRES
+from radioloc.io.frequencies import MAX_DURATION_S, MICROMETRES
 from radioloc.io.tdm.message import (
     CODE,
     DATA,
@@ -259,7 +259,7 @@ def _ramped_segment(part: Observations, metadata: dict[str, str], keyword: str, 
     number, sender = (1, link.transmitter) if link.transmitter else (2, link.target)
     sent = ramps.station == ([*ramps.stations, sender].index(sender))
     sent &= ramps.start.seconds_since(ends[[1]]) <= np.nan_to_num(part.count_s[0])
-    sent &= ramps.start.seconds_since(ends[[0]]) + ramps.duration_s >= -LONGEST_S
+    sent &= ramps.start.seconds_since(ends[[0]]) + ramps.duration_s >= -MAX_DURATION_S
     if not sent.any():
         raise InputError(f"{link.path}: expected a ramp of {sender} by {part.origin(0)}, got none; add it")
     start, rows = ramps.start_utc[sent], np.flatnonzero(sent)

@@ -77,7 +77,7 @@ def test_messages_of_several_observers(tmp_path):
     (tmp_path / "a.tdm").write_text(AMATEUR)
     (tmp_path / "b.tdm").write_text(TELESCOPE)
     files = sorted(tmp_path.glob("*.tdm"))
-    with pytest.warns(DataQualityWarning, match=r"a.tdm, line 24: .* already there, in .*, line 23"):
+    with pytest.warns(DataQualityWarning, match=r"a.tdm, line 24: .*repeated .*, line 23"):
         got = read_observations(files, frequencies=[BEACON])
     assert got.paths().tolist() == ["2022-156a>COSPAR 8049"] * 3 + ["orion>DWINGELOO RADIO TELESCOPE"]
     assert set(got.types()) == {"one_way_doppler"}

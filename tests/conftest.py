@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, settings
 from quick import undrawn, unsearched
 
 from radioloc.measurements import TERMS, PhysicalModel
+from radioloc.plugins import _REGISTRIES
 
 # numba compiles a function again when its own module has changed, not when a module that it calls has.
 PACKAGE = Path(find_spec("radioloc").origin).parent
@@ -42,6 +43,14 @@ def _undrawn():
 def _unsearched():
     with unsearched():
         yield
+
+
+@pytest.fixture
+def restored_registries(monkeypatch):
+    """Undo registrations after the test."""
+    for registry in _REGISTRIES:
+        monkeypatch.setattr(registry, "_entries", {**registry})
+        monkeypatch.setattr(registry, "_registered", set())
 
 
 @pytest.fixture(scope="session")

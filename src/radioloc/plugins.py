@@ -10,6 +10,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
+from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any, Protocol, TypeVar
 
@@ -29,6 +30,11 @@ T = TypeVar("T", bound=Named)
 V = TypeVar("V")
 
 _REGISTRIES: list[Registry[Any]] = []
+_REGISTRY_MODULES = (
+    *("media", "measurements.registry", "parameters.registry", "io.formats", "io.exporters"),
+    *("study.schema", "results.registry", "report.figure_types"),
+)
+"""Modules with the registries of :func:`register`, which may not have been imported before."""
 
 
 class Registry(Mapping[str, T]):
@@ -104,6 +110,8 @@ def register(entry: Named) -> None:
     ...         return LegDelay(0.004 * leg.end.radio)
     >>> radioloc.register(Radome())  # doctest: +SKIP
     """
+    for module in _REGISTRY_MODULES:
+        import_module(f"radioloc.{module}")
     for registry in _REGISTRIES:
         if isinstance(entry, registry.kind):
             registry.add(entry)

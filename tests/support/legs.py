@@ -35,9 +35,9 @@ def end(n, station="KASHI", **changes):
         name: np.broadcast_to(np.float64(changes.pop(name, np.nan)), n)
         for name in ("pressure_hpa", "temperature_k", "relative_humidity")
     }
-    given = {
+    columns = {
         "stations": [StationCatalogue.default()[station]],
-        "which": np.zeros(n, dtype=np.int32),
+        "station_index": np.zeros(n, dtype=np.int32),
         "epoch": changes.pop("epoch", None)
         or utc_to_tt(epochs_from_strings(["2020-12-02T14:00:00"] * n, "UTC")),
         "radio": np.ones(n, dtype=bool),
@@ -45,9 +45,9 @@ def end(n, station="KASHI", **changes):
         "frequency_hz": np.full(n, 8.4e9),
         "wavelength_um": np.full(n, np.nan),
         "weather": SimpleNamespace(**weather),
-        "weather_is_here": np.ones(n, dtype=bool),
+        "has_weather": np.ones(n, dtype=bool),
     }
-    return LegEnd(**given | {name: np.broadcast_to(v, n) for name, v in changes.items()})
+    return LegEnd(**columns | {name: np.broadcast_to(v, n) for name, v in changes.items()})
 
 
 def leg(elevation_deg, **changes):

@@ -12,11 +12,11 @@ def niell(elevation_rad, latitude_rad, height_m, day_of_year):
     )
 
 
-def vmf3(elevation_rad, hydrostatic_a, wet_a, latitude_rad, longitude_rad, day_of_year, height_above_a_m):
+def vmf3(elevation_rad, hydrostatic_a, wet_a, latitude_rad, longitude_rad, day_of_year, mapping_height_m):
     """VMF3 from its coefficients a."""
     b_h, b_w, c_h, c_w = radio.vmf3_bc(latitude_rad, longitude_rad, day_of_year)
     return radio.mapping_factors(
-        elevation_rad, height_above_a_m, (hydrostatic_a, b_h, c_h), (wet_a, b_w, c_w)
+        elevation_rad, mapping_height_m, (hydrostatic_a, b_h, c_h), (wet_a, b_w, c_w)
     )
 
 

@@ -292,7 +292,7 @@ def runs(language: str) -> list[Path]:
 @pytest.mark.parametrize(
     "page", sorted({*runs("sh"), *runs("python")}), ids=lambda p: str(p.relative_to(DOCS))
 )
-def test_commands_and_code_run(page, workspace, capsys):
+def test_commands_and_code_run(page, workspace, restored_registries, capsys):
     if "LDEM_4.LBL" in page.read_text():
         write_ldem_4(workspace)  # which is too large to ship
     for block in blocks(page):

@@ -153,16 +153,8 @@ def test_study_with_additional_measurement_parameter_medium_and_reader(at_run_ti
             assert float(row["wet_radome_m"]) == pytest.approx(expected_m, abs=1e-5)
 
 
-@pytest.fixture
-def registered(monkeypatch):
-    """Undo registrations of media after the test."""
-    monkeypatch.setattr(MEDIA, "_entries", {**MEDIA})
-    monkeypatch.setattr(MEDIA, "_registered", set())
-    return MEDIA
-
-
 @pytest.mark.study
-def test_troposphere_of_the_how_to_replaces_the_built_in_one(registered, monkeypatch):
+def test_troposphere_of_the_how_to_replaces_the_built_in_one(restored_registries, monkeypatch):
     page = (ROOT / "docs" / "how-to" / "radio-media.md").read_text()
     [code] = [text for text in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "register(" in text]
     monkeypatch.chdir(ROOT)
@@ -179,7 +171,20 @@ def test_troposphere_of_the_how_to_replaces_the_built_in_one(registered, monkeyp
         pass
 
 
-def test_names_of_the_package_and_other_objects_are_not_registered(registered):
+def test_registration_as_the_first_use_of_the_package(tmp_path):
+    code = """
+import radioloc
+class Shield:
+    name, description, limits_rad = "shield", "a shield", ()
+    def prepare(self, end): ...
+    def delay(self, leg, prepared): ...
+radioloc.register(Shield())
+print("shield" in radioloc.measurements.TERMS)
+"""
+    assert python(tmp_path, "-c", code, cwd=tmp_path).stdout == "True\n"
+
+
+def test_names_of_the_package_and_other_objects_are_not_registered(restored_registries):
     with pytest.raises(InputError, match="'troposphere' is taken"):
         radioloc.register(MEDIA["troposphere"])
     with pytest.raises(InputError, match="got SimpleNamespace"):

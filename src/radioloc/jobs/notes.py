@@ -224,13 +224,13 @@ def _media_notes(model: PhysicalModel, radio: list[Station]) -> Iterator[str]:
     uncalibrated = radio
     if (cards := model.media_calibrations) is not None:
         for term, kinds in (("troposphere", {DRY: "dry", WET: "wet"}), ("ionosphere", {CHARGED: "charged"})):
-            served = [s for s in radio if model.has(term) and any(cards.serves(s, k) for k in kinds)]
+            served = [s for s in radio if model.has(term) and any(cards.has_cards(s, k) for k in kinds)]
             if served:
                 yield f"{term} of radio signals from calibrations of the DSN for {_names(served)}"
             for kind, part in kinds.items():
-                if missing := [s for s in served if not cards.serves(s, kind)]:
+                if missing := [s for s in served if not cards.has_cards(s, kind)]:
                     yield f"no calibration of the {part} {term} for {_names(missing)}; the model's is used"
-        uncalibrated = [s for s in radio if not cards.serves(s, CHARGED)]
+        uncalibrated = [s for s in radio if not cards.has_cards(s, CHARGED)]
     if model.has("ionosphere") and model.ionosphere is None and uncalibrated:
         stations = f" for {_names(uncalibrated)}" if len(uncalibrated) < len(radio) else ""
         yield f"no ionospheric delay of radio signals{stations}: give maps or a content, [model] ionex or tec_tecu"

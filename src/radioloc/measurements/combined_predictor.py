@@ -22,7 +22,7 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed, Prediction, Predictor
 from radioloc.measurements.registry import KINDS, MEASUREMENTS, kind_of
 from radioloc.measurements.target_motion import GivenMotions, Motions
-from radioloc.media.status import first_of
+from radioloc.media.status import first_failure
 from radioloc.plugins import entry_errors
 from radioloc.vectors import Floats
 
@@ -145,7 +145,7 @@ class CombinedPrediction:
         for k in range(1, int(part.max(initial=0)) + 1):
             rows = np.flatnonzero(part == k)
             owner = np.searchsorted(begin, rows, side="right") - 1
-            columns["status"][owner] = first_of(columns["status"][owner], inner.status[rows])
+            columns["status"][owner] = first_failure(columns["status"][owner], inner.status[rows])
         return Computed(**columns)
 
     def combine(

@@ -18,7 +18,7 @@ from radioloc.measurements.registry import is_integrated
 from radioloc.measurements.station_motion import StationMotion
 from radioloc.measurements.target_motion import GivenMotions, partials_of_points
 from radioloc.media.ionosphere import delay_by_content_m
-from radioloc.media.status import first_of
+from radioloc.media.status import first_failure
 from radioloc.vectors import Floats, rotated
 
 
@@ -71,11 +71,11 @@ class ExactPredictor(PreparedPaths):
         elevation_rad = views.leg.elevation.angle_rad.reshape(2, -1).T.copy()
         elevation_rad[one_way, 0] = elevation_rad[one_way, 1]
         status = views.status.reshape(2, -1).T.copy()
-        status[:, 0] = first_of(np.where(one_way, 0, status[:, 0]), ramp.status)
+        status[:, 0] = first_failure(np.where(one_way, 0, status[:, 0]), ramp.status)
         if len(self._integrated):
             late, early = elevation_rad[self._integrated], elevation_rad[n:]
             elevation_rad[self._integrated] = np.where((late >= 0.0) & (early < 0.0), early, late)
-            status[self._integrated] = first_of(status[self._integrated], status[n:])
+            status[self._integrated] = first_failure(status[self._integrated], status[n:])
         by_station, by_content, mean = np.zeros((n, 0, 3)), np.zeros((n, 0)), np.zeros((n, 0))
         if self.more_partials:
             by_station = self._by_stations(path, by_delay)

@@ -1,8 +1,8 @@
-"""Media on the path of the signal: each gives the delay of a leg, its partials, and why it has none.
+"""Media on the path of the signal: delay of each leg, partial derivatives, and the status of the model.
 
-:data:`MEDIA` are those of the model (:class:`Medium`), one line each, and those of other packages, which an entry point
-of the group ``radioloc.media`` names. The readers give them files. Delays and lengths are metres,
-angles radians, electron contents TECU (1e16 per square metre).
+:data:`MEDIA` has the media of the package (:class:`Medium`), those of entry points of the group ``radioloc.media``, and
+those that :func:`radioloc.register` adds. Delays and lengths are metres, angles radians, electron contents TECU
+(1e16 per square metre).
 """
 
 from collections.abc import Mapping
@@ -35,4 +35,4 @@ MEDIA: Mapping[str, Medium] = Registry(
     Medium,  # type: ignore[type-abstract]
     [Troposphere(), Ionosphere(), AntennaAxisOffset()],
 )
-"""Media by name, as they are without files."""
+"""Media by name, without the files that a study may give them."""

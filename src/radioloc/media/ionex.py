@@ -2,7 +2,7 @@
 
 IONEX 1.0 and 1.1 in fixed columns (Schaer, Gurtner and Feltens 1998, IONEX: The IONosphere Map EXchange Format), plain
 or gzip. Maps come every one or two hours on a grid of 2.5 degrees of latitude and 5 of longitude, good to 2 to 8 TECU.
-Maps of rms and of heights are left aside. Epochs are UTC.
+Maps of rms and of heights are ignored. Epochs are UTC.
 """
 
 from __future__ import annotations
@@ -16,31 +16,31 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import FileFormatError, InputError, in_file
-from radioloc.media.grids import LatLonGrid, epochs_around
+from radioloc.media.grids import LatLonGrid, enclosing_epochs
 from radioloc.media.ionosphere import modified_shell_mapping, pierce_point, require_shell
 from radioloc.text_files import ANY_BYTE, read_lines
 from radioloc.time import Epochs, epochs_from_strings
 from radioloc.time.scales import to_scale
 from radioloc.vectors import Floats
 
-_ROUNDING = 1e-9
-_MISSING = 9999
-_USUAL_INTERVAL_S = 7200.0  # interval assumed where the header says 0, for one that varies
+_MIN_WEIGHT = 1e-9  # smaller weights of the points of a grid are rounding
+_MISSING_VALUE = 9999
+_DEFAULT_INTERVAL_S = 7200.0  # assumed if the header says 0 (varying interval)
 _EPOCH_TOLERANCE_D = 1.0 / SECONDS_PER_DAY
-_POSSIBLE_TECU = (-10.0, 1000.0)
-"""Maps may fall a little below zero at night; 250 TECU is the most that was ever seen."""
+_TECU_LIMITS = (-10.0, 1000.0)
+"""Maps may be slightly negative at night; the largest contents observed are 250 TECU."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IonexMaps:
-    """Maps of vertical electron content on a shell, at rising epochs; between distant maps nothing is interpolated."""
+    """Maps of vertical electron content on a shell, at rising epochs; a gap between maps is an error."""
 
     grid: LatLonGrid
     mjd_utc: Floats
-    tec_tecu: Floats  # shape (epochs, rows, columns), NaN where the file says that there is none
+    tec_tecu: Floats  # shape (epochs, rows, columns), NaN for missing values
     shell_height_m: float  # above a sphere of the base radius
     base_radius_m: float
-    longest_gap_s: float
+    max_gap_s: float
     source: str
 
     @property
@@ -50,28 +50,28 @@ class IonexMaps:
         return (*axes, self.shell_height_m, self.base_radius_m)
 
     def vertical_tec(self, latitude_rad: ArrayLike, longitude_rad: ArrayLike, epochs: Epochs) -> Floats:
-        """Vertical electron content at geocentric places of the shell, TECU, shape (n,)."""
-        # Bilinear on each of the two maps around an epoch, turned with the Sun (360 degrees a day) to that epoch, and
+        """Return the vertical electron content at geocentric places of the shell, TECU, shape (n,)."""
+        # Bilinear on each of the two maps around an epoch, rotated with the Sun (360 degrees a day) to that epoch, and
         # linear between them (Schaer et al. 1998).
         latitude, longitude, mjd = np.broadcast_arrays(
             latitude_rad, longitude_rad, to_scale(epochs, "UTC").mjd
         )
         # 1 % over the step between maps is rounding of their epochs.
-        before, after, share = epochs_around(
-            self.mjd_utc, mjd, 1.01 * self.longest_gap_s / SECONDS_PER_DAY, self.source
+        earlier, later, share = enclosing_epochs(
+            self.mjd_utc, mjd, 1.01 * self.max_gap_s / SECONDS_PER_DAY, self.source
         )
-        return (1.0 - share) * self._on_map(before, latitude, longitude, mjd, share < 1.0) + (
-            share * self._on_map(after, latitude, longitude, mjd, share > 0.0)
+        return (1.0 - share) * self._on_map(earlier, latitude, longitude, mjd, share < 1.0) + (
+            share * self._on_map(later, latitude, longitude, mjd, share > 0.0)
         )
 
     def slant_tec(
         self, station_itrf_m: ArrayLike, azimuth_rad: ArrayLike, elevation_rad: ArrayLike, epochs: Epochs
     ) -> Floats:
-        """Electron content along rays from stations, TECU, shape (n,), by the modified single layer mapping."""
+        """Return the electron content along rays from stations, TECU, (n,), by the modified single layer mapping."""
         place = pierce_point(
             station_itrf_m, azimuth_rad, elevation_rad, self.shell_height_m, self.base_radius_m
         )
-        # What maps have below zero at night is of their errors: no charge.
+        # Negative values of maps at night are errors of the maps.
         return modified_shell_mapping(elevation_rad)[0] * np.maximum(self.vertical_tec(*place, epochs), 0.0)
 
     def _on_map(
@@ -85,14 +85,13 @@ class IonexMaps:
         turned = longitude_rad + 2.0 * np.pi * (mjd_utc - self.mjd_utc[index])
         row, column, weight = self.grid.corners(latitude_rad, turned)
         values = self.tec_tecu[index[:, None], row, column]
-        # On a point of the map its neighbours have weights of rounding only.
-        needed = (weight > _ROUNDING) & used[:, None]
+        needed = (weight > _MIN_WEIGHT) & used[:, None]
         missing = np.isnan(values) & needed
         if missing.any():
             k = np.flatnonzero(missing.any(axis=1))[0]
             raise InputError(
-                f"{self.source} has no electron content at latitude {np.rad2deg(latitude_rad[k]):.1f}, longitude "
-                f"{np.rad2deg(longitude_rad[k]):.1f} degrees, MJD {mjd_utc[k]:.3f}; take the maps of another centre"
+                f"{self.source}: missing value at latitude {np.rad2deg(latitude_rad[k]):.1f}, longitude "
+                f"{np.rad2deg(longitude_rad[k]):.1f} degrees, MJD {mjd_utc[k]:.3f}; use the maps of another centre"
             )
         return np.sum(np.where(needed, weight * values, 0.0), axis=-1)
 
@@ -103,13 +102,13 @@ def read_ionex(paths: str | Path | Sequence[str | Path]) -> IonexMaps:
     Parameters
     ----------
     paths : path-like or sequence of path-like
-        The files, of one grid; where two have a map of one epoch, as at midnight, that of the file named later is used.
+        Files with a common grid; if two have a map of the same epoch, as at midnight, the later file is used.
 
     Raises
     ------
     FileFormatError
-        A file cannot be read or is not IONEX of two dimensions, maps are cut short or missing, a content or the shell
-        is impossible, or the files' grids or shells differ.
+        A file cannot be read or is not IONEX of two dimensions, maps are incomplete or missing, a content or the shell
+        is impossible, or the grids or shells of the files differ.
 
     Examples
     --------
@@ -118,37 +117,35 @@ def read_ionex(paths: str | Path | Sequence[str | Path]) -> IonexMaps:
     """
     files = [Path(paths)] if isinstance(paths, str | Path) else [Path(path) for path in paths]
     if not files:
-        raise InputError("no IONEX file is given")
+        raise InputError("expected one or more IONEX files, got none")
     parts = [_Reader(path).read() for path in files]
     first = parts[0]
     for path, part in zip(files, parts, strict=True):
         if part.geometry != first.geometry:
-            raise FileFormatError(
-                path, f"has another grid or shell than {files[0]}; give files of one centre"
-            )
+            raise FileFormatError(path, f"expected the grid and shell of {files[0]}; use files of one centre")
     maps = {mjd: tec for part in parts for mjd, tec in zip(part.mjd_utc.tolist(), part.tec_tecu, strict=True)}
     mjds = sorted(maps)
     return replace(
         first,
         mjd_utc=np.array(mjds),
         tec_tecu=np.stack([maps[mjd] for mjd in mjds]),
-        longest_gap_s=max(part.longest_gap_s for part in parts),
+        max_gap_s=max(part.max_gap_s for part in parts),
         source=", ".join(path.name for path in files),
     )
 
 
 class _Reader:
-    """One file: lines whose last twenty columns name what stands in the first sixty."""
+    """Reader of a file, whose lines have the content in 60 columns and its label in the last 20."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.lines = list(read_lines(path, encoding=ANY_BYTE))
-        self.line = 0  # number of the one that was read last
+        self.line = 0  # number of the last line read
         self.header: dict[str, tuple[int, str]] = {}
         self.exponent = -1
 
-    def fail(self, problem: str, line: int | None = None) -> FileFormatError:
-        """Error about a line, the one that was read last by default."""
+    def error(self, problem: str, line: int | None = None) -> FileFormatError:
+        """Return an error about a line, by default the last line read."""
         return FileFormatError(self.path, problem, self.line if line is None else line)
 
     def read(self) -> IonexMaps:
@@ -156,7 +153,7 @@ class _Reader:
         latitudes, longitudes = self._range("LAT1 / LAT2 / DLAT"), self._range("LON1 / LON2 / DLON")
         lowest_km, highest_km, _ = self._header_numbers("HGT1 / HGT2 / DHGT", 3, skip=2)
         if self._header_numbers("MAP DIMENSION") != [2.0] or lowest_km != highest_km:
-            raise FileFormatError(self.path, "maps of two dimensions, on one shell, are wanted")
+            raise FileFormatError(self.path, "expected maps of two dimensions on a single shell")
         (radius_km,) = self._header_numbers("BASE RADIUS", width=8)
         (interval_s,) = self._header_numbers("INTERVAL")
         with in_file(self.path):
@@ -171,28 +168,26 @@ class _Reader:
             elif label in ("START OF RMS MAP", "START OF HEIGHT MAP"):
                 self._skip_to(label.replace("START", "END"))
             elif label not in ("EXPONENT", "COMMENT", ""):
-                raise self.fail(f"{label!r} is not expected here")
+                raise self.error(f"unexpected label {label!r}")
         if not maps:
-            raise FileFormatError(self.path, "there is no map in it")
+            raise FileFormatError(self.path, "expected maps, got none")
         if (np.diff(mjds) <= 0.0).any():
-            raise FileFormatError(self.path, "the maps' epochs do not rise")
+            raise FileFormatError(self.path, "the epochs of the maps do not rise")
         for label, mjd in zip(("FIRST", "LAST"), (mjds[0], mjds[-1]), strict=True):
             line, content = self.header.get(f"EPOCH OF {label} MAP", (0, ""))
             if content.strip() and abs(self._epoch(content) - mjd) > _EPOCH_TOLERANCE_D:
-                problem = (
-                    f"the header's EPOCH OF {label} MAP is {content.strip()}, but the map's is MJD {mjd:.5f}"
-                )
-                raise self.fail(f"{problem}; fetch the file again", line)
-        gap_s = interval_s or _USUAL_INTERVAL_S
+                problem = f"EPOCH OF {label} MAP: header {content.strip()}, map MJD {mjd:.5f}; download the file again"
+                raise self.error(problem, line)
+        gap_s = interval_s or _DEFAULT_INTERVAL_S
         shell_m = 1e3 * lowest_km, 1e3 * radius_km
         return IonexMaps(grid, np.array(mjds), np.stack(maps), *shell_m, gap_s, self.path.name)
 
     def _read_header(self) -> None:
         label, content = self._next()
         if label != "IONEX VERSION / TYPE" or content[20:21] != "I":
-            raise self.fail("this is not the first line of an IONEX file")
+            raise self.error("expected the first line of an IONEX file")
         if content[:8].strip() not in ("1.0", "1.1", "1"):
-            raise self.fail(f"version {content[:8].strip()} is not 1.0 or 1.1")
+            raise self.error(f"version: expected 1.0 or 1.1, got {content[:8].strip()}")
         while label != "END OF HEADER":
             label, content = self._next()
             if label == "START OF AUX DATA":
@@ -201,7 +196,7 @@ class _Reader:
 
     def _tec_map(self, grid: LatLonGrid) -> tuple[float, Floats]:
         tec = np.full(grid.shape, np.nan)
-        rows_left = {round(float(latitude), 3): k for k, latitude in enumerate(grid.latitudes_deg)}
+        missing_rows = {round(float(latitude), 3): k for k, latitude in enumerate(grid.latitudes_deg)}
         ends = grid.longitudes_deg[[0, -1]].tolist()
         mjd = None
         while True:
@@ -209,22 +204,22 @@ class _Reader:
             if label == "EPOCH OF CURRENT MAP":
                 mjd = self._epoch(content)
             elif label == "LAT/LON1/LON2/DLON/H":
-                latitude, *along = self._numbers(self.line, content, 4, skip=2)
-                row = rows_left.pop(round(latitude, 3), None)
-                if row is None or along[:2] != ends:
-                    raise self.fail("the row is not one of the header's grid, or comes twice")
+                latitude, *longitudes = self._numbers(self.line, content, 4, skip=2)
+                row = missing_rows.pop(round(latitude, 3), None)
+                if row is None or longitudes[:2] != ends:
+                    raise self.error("the row is duplicated or not on the grid of the header")
                 tec[row] = self._row(grid.shape[1])
             elif label == "END OF TEC MAP":
                 break
             elif label not in ("EXPONENT", "COMMENT"):
-                raise self.fail(f"{label or content.strip()!r} is not expected in a map")
-        if mjd is None or rows_left:
-            what = "its epoch" if mjd is None else f"{len(rows_left)} of its rows"
-            raise self.fail(f"the map that ends here lacks {what}")
+                raise self.error(f"unexpected label in a map: {label or content.strip()!r}")
+        if mjd is None or missing_rows:
+            missing = "its epoch" if mjd is None else f"{len(missing_rows)} of its rows"
+            raise self.error(f"the map that ends in this line lacks {missing}")
         return mjd, tec
 
     def _row(self, n_values: int) -> list[float]:
-        """Contents of one latitude, TECU: sixteen of five columns on a line."""
+        """Read the contents of a latitude, TECU: 16 numbers of five columns per line."""
         row: list[float] = []
         while len(row) < n_values:
             self._next()
@@ -232,15 +227,15 @@ class _Reader:
             try:
                 numbers = [int(line[5 * k : 5 * k + 5]) for k in range(count)]
             except ValueError:
-                raise self.fail(f"{count} whole numbers of five columns each are wanted") from None
+                raise self.error(f"expected {count} integers of five columns each") from None
             if line[5 * count :].strip():
-                raise self.fail(f"more than {count} values stand here")
+                raise self.error(f"expected {count} values, got more")
             unit = 10.0**self.exponent
             for number in numbers:
-                tec = np.nan if number == _MISSING else number * unit
-                if tec < _POSSIBLE_TECU[0] or tec > _POSSIBLE_TECU[1]:
-                    problem = f"a content of {tec:g} TECU (with the exponent {self.exponent}) cannot be"
-                    raise self.fail(f"{problem}; {_POSSIBLE_TECU[1]:g} is the most")
+                tec = np.nan if number == _MISSING_VALUE else number * unit
+                if tec < _TECU_LIMITS[0] or tec > _TECU_LIMITS[1]:
+                    problem = f"expected a content of up to {_TECU_LIMITS[1]:g} TECU, got {tec:g}"
+                    raise self.error(f"{problem} (exponent {self.exponent})")
                 row.append(tec)
         return row
 
@@ -251,46 +246,45 @@ class _Reader:
             midnight = epochs_from_strings(f"{year:04.0f}-{month:02.0f}-{day:02.0f}", "UTC").mjd[0]
         seconds = 3600.0 * hour + 60.0 * minute + second
         if not 0.0 <= seconds <= SECONDS_PER_DAY:
-            raise self.fail(f"{content.strip()} is not a time of day")
+            raise self.error(f"expected a time of day, got {content.strip()}")
         return float(midnight + seconds / SECONDS_PER_DAY)
 
     def _range(self, label: str) -> Floats:
         first, last, step = self._header_numbers(label, 3, skip=2)
         count = round((last - first) / step) + 1 if step else 0
         if count < 2 or abs(first + (count - 1) * step - last) > 1e-6:
-            raise self.fail(
-                f"from {first:g} to {last:g} in steps of {step:g} is no range", self.header[label][0]
-            )
+            problem = f"{label}: {first:g} to {last:g} is not a multiple of the step {step:g}"
+            raise self.error(problem, self.header[label][0])
         return np.linspace(first, last, count)
 
     def _header_numbers(self, label: str, count: int = 1, skip: int = 0, width: int = 6) -> list[float]:
         if label not in self.header:
-            raise FileFormatError(self.path, f"the header has no line {label!r}")
+            raise FileFormatError(self.path, f"the header lacks the line {label!r}")
         return self._numbers(*self.header[label], count, skip, width)
 
     def _numbers(self, line: int, content: str, count: int, skip: int = 0, width: int = 6) -> list[float]:
-        """Finite numbers in columns of one width, from a column on."""
+        """Read finite numbers in columns of a width, after some columns."""
         fields = [content[skip + k * width : skip + (k + 1) * width] for k in range(count)]
         try:
             numbers = [float(field) for field in fields]
         except ValueError:
             numbers = [np.nan]
         if not np.isfinite(numbers).all():
-            wanted = f"{count} numbers of {width} columns each are wanted"
-            raise self.fail(f"{wanted}, but {content.rstrip()!r} stands here", line)
+            problem = f"expected {count} numbers of {width} columns each, got {content.rstrip()!r}"
+            raise self.error(problem, line)
         return numbers
 
     def _next(self) -> tuple[str, str]:
-        """Label and content of the next line; an exponent, wherever it stands, is kept."""
+        """Return label and content of the next line, and keep the exponent if it has one."""
         if self.line >= len(self.lines):
-            raise FileFormatError(self.path, "the map or header is not complete", len(self.lines))
+            raise FileFormatError(self.path, "the map or header is incomplete", len(self.lines))
         self.line += 1
         line = self.lines[self.line - 1]
         label, content = line[60:80].strip(), line[:60]
         if label == "EXPONENT":
             (exponent,) = self._numbers(self.line, content, 1)
             if not (exponent.is_integer() and abs(exponent) <= 9):
-                raise self.fail(f"the exponent is {exponent:g}, but -1 is usual")
+                raise self.error(f"expected an exponent such as -1, got {exponent:g}")
             self.exponent = int(exponent)
         return label, content
 

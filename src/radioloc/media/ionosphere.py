@@ -28,7 +28,7 @@ from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.errors import InputError
 from radioloc.media.csp import REFERENCE_HZ, MediaCalibrations
 from radioloc.media.medium import Leg, LegDelay, LegEnd
-from radioloc.media.status import LEAST_ELEVATION_RAD, Status
+from radioloc.media.status import MIN_ELEVATION_RAD, Status
 from radioloc.quantities import accepts_quantities, convert_fields
 from radioloc.time import Epochs
 from radioloc.vectors import Floats, dot
@@ -40,34 +40,34 @@ TECU_PER_M2 = 1e16
 """Electrons per square metre in one unit of total electron content."""
 
 SHELL_HEIGHT_M = 450e3
-"""Usual height of the shell of maps of the ionosphere, above `BASE_RADIUS_M`."""
+"""Usual height of the shell of maps of the ionosphere above `BASE_RADIUS_M`, m."""
 
 BASE_RADIUS_M = 6371e3
-"""Usual radius from which maps count the shell's height, m."""
+"""Usual base radius of maps, m."""
 
 _MODIFIED_HEIGHT_M = 506.7e3
 _MODIFIED_SCALE = 0.9782
-_FREQUENCY_HZ = (1e8, 1e12)
-_LARGEST_TECU = 5000.0
+_FREQUENCY_LIMITS_HZ = (1e8, 1e12)  # of the first-order model; outside of it the unit is wrong
+_MAX_SLANT_TECU = 5000.0  # three times the largest slant content at solar maximum
 
 
 def ionosphere_delay_m(stec_tecu: Floats, frequency_hz: Floats) -> Floats:
-    """Group delay along a ray, one way, m; the phase advance is equal (IERS 2010, section 9.4, first order)."""
-    if not np.all((stec_tecu >= 0.0) & (stec_tecu <= _LARGEST_TECU)):
+    """Return the group delay along a ray, one way, m; the phase advance is equal (IERS 2010, section 9.4)."""
+    if not np.all((stec_tecu >= 0.0) & (stec_tecu <= _MAX_SLANT_TECU)):
         raise InputError(
-            f"electron contents are {np.min(stec_tecu):.6g} to {np.max(stec_tecu):.6g} TECU (1e16 per square metre), "
-            f"but 0 to {_LARGEST_TECU:g} are possible"
+            f"electron content: expected 0 to {_MAX_SLANT_TECU:g} TECU (1e16 per square metre), got "
+            f"{np.min(stec_tecu):.6g} to {np.max(stec_tecu):.6g}"
         )
-    if not np.all((frequency_hz >= _FREQUENCY_HZ[0]) & (frequency_hz <= _FREQUENCY_HZ[1])):
+    if not np.all((frequency_hz >= _FREQUENCY_LIMITS_HZ[0]) & (frequency_hz <= _FREQUENCY_LIMITS_HZ[1])):
         raise InputError(
-            f"frequencies are {np.min(frequency_hz):.6g} to {np.max(frequency_hz):.6g} Hz, but the delay holds "
-            f"from {_FREQUENCY_HZ[0]:g} to {_FREQUENCY_HZ[1]:g} Hz"
+            f"frequency of the signal: expected {_FREQUENCY_LIMITS_HZ[0]:g} to {_FREQUENCY_LIMITS_HZ[1]:g} Hz, got "
+            f"{np.min(frequency_hz):.6g} to {np.max(frequency_hz):.6g}"
         )
     return GROUP_DELAY_M3_S2 * TECU_PER_M2 * stec_tecu / frequency_hz**2
 
 
 def modified_shell_mapping(elevation_rad: ArrayLike) -> tuple[Floats, Floats]:
-    """Slant per vertical electron content by the modified single layer model, and its derivative, 1/rad."""
+    """Return slant per vertical electron content by the modified single layer model, and its derivative, 1/rad."""
     # 1 / cos z' with sin z' = R / (R + 506.7 km) sin(0.9782 z) and R = 6371 km, fitted by CODE to the extended slab
     # model of JPL (Dach et al. 2015, Bernese GNSS Software 5.2, chapter 12). Less than a thin shell at 450 km by 2 % at
     # 45 degrees of elevation, 6 % at 20 and 7 % at 10.
@@ -85,63 +85,63 @@ def pierce_point(
     shell_height_m: float = SHELL_HEIGHT_M,
     base_radius_m: float = BASE_RADIUS_M,
 ) -> tuple[Floats, Floats]:
-    """Geocentric latitude and east longitude, rad, (n,), at which rays from a station (ITRF, m) pierce the shell."""
+    """Return geocentric latitude and longitude, rad, (n,), at which rays from a station (ITRF, m) pierce the shell."""
     azimuth, elevation = np.broadcast_arrays(azimuth_rad, elevation_rad)
     station = np.asarray(station_itrf_m, dtype=np.float64)
     enu = np.stack(
         [np.cos(elevation) * np.sin(azimuth), np.cos(elevation) * np.cos(azimuth), np.sin(elevation)], axis=-1
     )
-    # The transpose of the rotation takes the direction from east, north, up to the ITRF.
+    # The transpose of the rotation is from east, north, up to the ITRF.
     direction = np.einsum("...ji,...j->...i", rot_itrf_to_enu(station), enu)
-    upwards = dot(station, direction)
-    room = require_shell(shell_height_m, base_radius_m) ** 2 - dot(station, station)
+    upward_m = dot(station, direction)
+    clearance_m2 = require_shell(shell_height_m, base_radius_m) ** 2 - dot(station, station)
     # Solution of the quadratic equation for the distance to the sphere ahead.
-    distance = room / (upwards + np.sqrt(upwards**2 + room))
+    distance = clearance_m2 / (upward_m + np.sqrt(upward_m**2 + clearance_m2))
     x, y, z = np.moveaxis(station + distance[..., None] * direction, -1, 0)
     return np.arctan2(z, np.hypot(x, y)), np.arctan2(y, x)
 
 
 def require_shell(shell_height_m: float, base_radius_m: float) -> float:
-    """Return the radius of the shell, m, or refuse a shell that cannot be of the ionosphere."""
+    """Return the radius of the shell, m; raise an InputError for a shell outside of the ionosphere."""
     if not (1e5 <= shell_height_m <= 2e6 and 6.3e6 <= base_radius_m <= 6.4e6):
         raise InputError(
-            f"a shell {shell_height_m:g} m above a sphere of {base_radius_m:g} m is not of the ionosphere, "
-            "which is 100 to 2000 km above some 6371 km; correct the unit (IONEX files have kilometres)"
+            "shell of the ionosphere: expected 100 to 2000 km above a sphere of some 6371 km, got "
+            f"{1e-3 * shell_height_m:g} km above {1e-3 * base_radius_m:g} km; correct the unit (IONEX files have km)"
         )
     return base_radius_m + shell_height_m
 
 
 class ElectronContent(Protocol):
-    """A source of slant electron content, such as :class:`radioloc.media.ionex.IonexMaps`."""
+    """Source of slant electron content, such as :class:`radioloc.media.ionex.IonexMaps`."""
 
     def slant_tec(
         self, station_itrf_m: ArrayLike, azimuth_rad: ArrayLike, elevation_rad: ArrayLike, epochs: Epochs
     ) -> Floats:
-        """Electron content along rays from stations, TECU, shape (n,)."""
+        """Return the electron content along rays from stations, TECU, shape (n,)."""
 
 
 @dataclass(frozen=True, slots=True)
 class UniformTec:
-    """Vertical electron content that is the same everywhere and always, 0 to 1000 TECU (1e16 electrons/m^2)."""
+    """Constant vertical electron content, 0 to 1000 TECU (1e16 electrons per square metre)."""
 
     vertical_tecu: float
 
     def __post_init__(self) -> None:
         convert_fields(self)
         if not 0.0 <= self.vertical_tecu <= 1000.0:
-            raise InputError(f"an electron content of {self.vertical_tecu!r} TECU cannot be; give 0 to 1000")
+            raise InputError(f"vertical_tecu: expected 0 to 1000 TECU, got {self.vertical_tecu!r}")
 
     @accepts_quantities
     def slant_tec(
         self, station_itrf_m: ArrayLike, azimuth_rad: ArrayLike, elevation_rad: ArrayLike, epochs: Epochs
     ) -> Floats:
-        """Vertical content times the modified single layer mapping, TECU, shape (n,)."""
+        """Return the vertical content times the modified single layer mapping, TECU, shape (n,)."""
         return self.vertical_tecu * modified_shell_mapping(elevation_rad)[0]
 
 
 @dataclass(frozen=True, slots=True)
 class Ionosphere:
-    """Ionosphere on the path of radio signals: the calibrations of stations that have some, else the `source`."""
+    """Ionosphere on the path of radio signals: calibrations of stations that have cards, else the `source`."""
 
     source: ElectronContent | None = None
     calibrations: MediaCalibrations | None = None
@@ -153,43 +153,45 @@ class Ionosphere:
 
     @property
     def limits_rad(self) -> tuple[float, ...]:
-        """Lowest elevation for which contents are mapped."""
-        return () if self.source is None else (LEAST_ELEVATION_RAD,)
+        """Lowest elevation of the mapping."""
+        return () if self.source is None else (MIN_ELEVATION_RAD,)
 
     def prepare(self, end: LegEnd) -> Floats | None:
-        """Calibrated delays of a code at 2295 MHz and their rates, shape (n, 2); NaN where there are none."""
+        """Return calibrated delays of a code at 2295 MHz and their rates, shape (n, 2); NaN without a calibration."""
         if self.calibrations is None:
             return None
-        found = np.full((len(end), 2), np.nan)
+        delay_and_rate = np.full((len(end), 2), np.nan)
         for i, station in enumerate(end.stations):
             for phase in (False, True):
-                rows = np.flatnonzero(end.radio & (end.which == i) & (end.phase == phase))
-                charged = self.calibrations.charged(station, end.epoch[rows], phase) if len(rows) else None
+                rows = np.flatnonzero(end.radio & (end.station_index == i) & (end.phase == phase))
+                charged = (
+                    self.calibrations.charged_delay(station, end.epoch[rows], phase) if len(rows) else None
+                )
                 if charged is not None:
-                    found[rows] = charged.T
-        return found
+                    delay_and_rate[rows] = charged.T
+        return delay_and_rate
 
     def delay(self, leg: Leg, prepared: Floats | None) -> LegDelay | None:
-        """Group delay or, of the phase, its opposite, with its derivatives by elevation or time."""
-        # The change of the vertical content with the pierce point is left out of the derivatives.
+        """Return the group delay, with the opposite sign for phases, and its derivatives by elevation or time."""
+        # The derivatives neglect the change of the vertical content with the pierce point.
         calibrated = np.zeros(len(leg), dtype=bool) if prepared is None else ~np.isnan(prepared[:, 0])
         if self.source is None and not calibrated.any():
             return None
         end, elevation_rad = leg.end, leg.elevation.angle_rad
-        wanted = calibrated | (self.source is not None)
-        unknown = end.radio & np.isnan(end.frequency_hz) & wanted
+        modelled = calibrated | (self.source is not None)
+        unknown = end.radio & np.isnan(end.frequency_hz) & modelled
         delay_m, by_elevation_m_rad = np.zeros((2, len(leg)))
         rate_m_s = None
         if prepared is not None and calibrated.any():
             at_frequency = np.where(
-                calibrated & ~unknown, _signed(end) * (REFERENCE_HZ / end.frequency_hz) ** 2, 0.0
+                calibrated & ~unknown, _delay_sign(end) * (REFERENCE_HZ / end.frequency_hz) ** 2, 0.0
             )
             delay_m, rate_m_s = np.where(calibrated, at_frequency * prepared.T, 0.0)
-        rows = np.flatnonzero(end.radio & ~unknown & ~calibrated & (elevation_rad >= LEAST_ELEVATION_RAD))
+        rows = np.flatnonzero(end.radio & ~unknown & ~calibrated & (elevation_rad >= MIN_ELEVATION_RAD))
         if self.source is not None and len(rows):
-            itrf_m = end.of_station([station.itrf_m for station in end.stations])[rows]
+            itrf_m = end.per_leg([station.itrf_m for station in end.stations])[rows]
             tec = self.source.slant_tec(itrf_m, leg.azimuth_rad(rows), elevation_rad[rows], end.epoch[rows])
-            delay_m[rows] = _signed(end)[rows] * ionosphere_delay_m(tec, end.frequency_hz[rows])
+            delay_m[rows] = _delay_sign(end)[rows] * ionosphere_delay_m(tec, end.frequency_hz[rows])
             mapping, slope = modified_shell_mapping(elevation_rad[rows])
             by_elevation_m_rad[rows] = delay_m[rows] * slope / mapping
         status = np.where(unknown, Status.NO_FREQUENCY, Status.OK).astype(np.int8)
@@ -197,12 +199,12 @@ class Ionosphere:
 
 
 def delay_by_content_m(leg: Leg) -> Floats:
-    """Delay of a leg by 1 TECU of vertical content, m, (n,); zero for light, NaN without a frequency."""
-    mapping, _ = modified_shell_mapping(np.maximum(leg.elevation.angle_rad, LEAST_ELEVATION_RAD))
+    """Return the delay of a leg by 1 TECU of vertical content, m, (n,); zero for light, NaN without a frequency."""
+    mapping, _ = modified_shell_mapping(np.maximum(leg.elevation.angle_rad, MIN_ELEVATION_RAD))
     at_frequency_m = GROUP_DELAY_M3_S2 * TECU_PER_M2 / leg.end.frequency_hz**2
-    return np.where(leg.end.radio, _signed(leg.end) * mapping * at_frequency_m, 0.0)
+    return np.where(leg.end.radio, _delay_sign(leg.end) * mapping * at_frequency_m, 0.0)
 
 
-def _signed(end: LegEnd) -> Floats:
-    """Return -1 for a phase, which is advanced by as much as a code, 1, is delayed."""
+def _delay_sign(end: LegEnd) -> Floats:
+    """Return -1 for phases, which are advanced, and 1 for codes, which are delayed."""
     return np.where(end.phase, -1.0, 1.0)

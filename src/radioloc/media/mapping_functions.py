@@ -1,11 +1,11 @@
 """Ratio of the delay of radio waves along a ray to that at the zenith, by elevation.
 
 All mapping functions in use are one continued fraction in the sine of elevation, with three coefficients a, b, c.
-Niell (1996) gives them from latitude, height and season alone, good to 1 % at 5 degrees of elevation, so to some
-3 mm of delay at 20 degrees. VMF3 (Landskron and Boehm 2018) is good to less than a millimetre there: its a come every
-six hours from ray tracing through weather models or from a climatology (:mod:`radioloc.media.air_files`); its b and c
-are a fit to ten years of such rays, spherical harmonics of degree and order 12 with annual and semiannual terms, which
-ships.
+Niell (1996) gives them from latitude, height and season alone, good to 1 % at 5 degrees of elevation, some
+3 mm of delay at 20 degrees. VMF3 (Landskron and Boehm 2018) is good to less than a millimetre there. Its a come
+from ray tracing through weather models every six hours, or from a climatology (:mod:`radioloc.media.air_files`). Its b
+and c are a fit to ten years of such rays: spherical harmonics of degree and order 12 with annual and semiannual terms,
+which the package contains.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _VMF3_TERMS = (_VMF3_DEGREE + 1) * (_VMF3_DEGREE + 2) // 2
 
 
 class MappingFactors(NamedTuple):
-    """Delay along the ray per delay at the zenith, and its derivatives with elevation, 1/rad."""
+    """Ratios of the delay along the ray to that at the zenith, and their derivatives with elevation, 1/rad."""
 
     hydrostatic: Floats
     wet: Floats
@@ -58,7 +58,7 @@ class MappingFactors(NamedTuple):
 def continued_fraction(
     sine: Floats, cosine: Floats, a: Floats, b: Floats, c: Floats
 ) -> tuple[Floats, Floats]:
-    """Continued fraction in the sine of elevation (IERS 2010, section 9.2), 1 at the zenith, and its slope, 1/rad."""
+    """Return the continued fraction in the sine of elevation (IERS 2010, section 9.2) and its slope, 1/rad."""
     inner = sine + c
     middle = sine + b / inner
     outer = sine + a / middle
@@ -69,7 +69,7 @@ def continued_fraction(
 
 
 def height_correction(sine: Floats, cosine: Floats, height_m: Floats) -> tuple[Floats, Floats]:
-    """Correction of a hydrostatic mapping function for height (Niell 1996), and its derivative, 1/rad."""
+    """Return the height correction of a hydrostatic mapping function (Niell 1996), and its derivative, 1/rad."""
     height_km = height_m / 1000.0
     sea_level, rate = continued_fraction(sine, cosine, *_HEIGHT_ABC)
     return height_km * (1.0 / sine - sea_level), height_km * (-cosine / sine**2 - rate)
@@ -79,7 +79,7 @@ def mapping_factors(
     elevation_rad: Floats, height_m: Floats, hydrostatic_abc: Sequence[Floats], wet_abc: Sequence[Floats]
 ) -> MappingFactors:
     """Evaluate mapping functions at elevations (without refraction, 3 to 90 deg) by their coefficients a, b, c."""
-    # The height counts from where the hydrostatic coefficients hold: sea level for Niell, maps and GPT3 (the ellipsoid
+    # Heights are above the reference of the hydrostatic coefficients: sea level for Niell, maps and GPT3 (the ellipsoid
     # changes the delay by less than 0.2 mm at 20 degrees), the station for VMF3's files of sites.
     sine, cosine = np.sin(elevation_rad), np.cos(elevation_rad)
     hydrostatic, hydrostatic_rate = continued_fraction(sine, cosine, *hydrostatic_abc)
@@ -89,8 +89,8 @@ def mapping_factors(
 
 
 def niell_coefficients(latitude_rad: Floats, day_of_year: Floats) -> tuple[list[Floats], list[Floats]]:
-    """Coefficients a, b, c of Niell (1996), tables 3 and 4, at sea level, hydrostatic and wet."""
-    # South of the equator seasons are half a year later; beyond 15 and 75 degrees the values are those there.
+    """Return hydrostatic and wet coefficients a, b, c of Niell (1996), tables 3 and 4, at sea level."""
+    # South of the equator seasons are half a year later. The values of 15 and 75 degrees hold beyond these latitudes.
     south = np.where(latitude_rad < 0.0, np.pi, 0.0)
     phase = 2.0 * np.pi * (day_of_year - _NIELL_COLDEST_DAY) / _YEAR_DAYS + south
 
@@ -105,13 +105,13 @@ def niell_coefficients(latitude_rad: Floats, day_of_year: Floats) -> tuple[list[
 
 
 def vmf3_bc(latitude_rad: Floats | float, longitude_rad: Floats | float, day_of_year: Floats) -> Floats:
-    """Coefficients b hydrostatic, b wet, c hydrostatic, c wet of VMF3, shape (4, ...), of a place at some days."""
+    """Return b hydrostatic, b wet, c hydrostatic, c wet of VMF3 at a place on some days, shape (4, ...)."""
     harmonics = _solid_harmonics(latitude_rad, longitude_rad)
     return np.einsum("...k,ckp,...p->c...", harmonics, _vmf3_table(), seasons(day_of_year), optimize=True)
 
 
 def seasons(day_of_year: Floats) -> Floats:
-    """Factors of mean, annual cosine and sine, semiannual cosine and sine, shape (..., 5)."""
+    """Return factors of mean, annual cosine and sine, semiannual cosine and sine, shape (..., 5)."""
     year = 2.0 * np.pi * day_of_year / _YEAR_DAYS
     return np.stack(
         [np.ones_like(year), np.cos(year), np.sin(year), np.cos(2.0 * year), np.sin(2.0 * year)], axis=-1
@@ -119,7 +119,7 @@ def seasons(day_of_year: Floats) -> Floats:
 
 
 def _solid_harmonics(latitude_rad: Floats | float, longitude_rad: Floats | float) -> Floats:
-    """P_nm cos(m lon), then P_nm sin(m lon), without norm, in the table's order: shape (..., 182)."""
+    """Return P_nm cos(m lon), then P_nm sin(m lon), not normalized, in the table's order, shape (..., 182)."""
     from scipy.special import lpmv
 
     n, m = np.array([(n, m) for n in range(_VMF3_DEGREE + 1) for m in range(n + 1)]).T
@@ -130,7 +130,7 @@ def _solid_harmonics(latitude_rad: Floats | float, longitude_rad: Floats | float
 
 @cache
 def _vmf3_table() -> Floats:
-    """Factors of the harmonics, shape (4, 182, 5): which coefficient, which harmonic, which season."""
+    """Return factors of the harmonics, shape (4, 182, 5): coefficient, harmonic, season."""
     numbers = table_of("radioloc.media", "vmf3_bc.csv", 3).reshape(4, _VMF3_TERMS, 2, 5)
     # Cosines of the longitude first, then sines.
     table = np.ascontiguousarray(np.swapaxes(numbers, 1, 2)).reshape(4, 2 * _VMF3_TERMS, 5)
@@ -139,7 +139,7 @@ def _vmf3_table() -> Floats:
 
 
 def day_of_year(epochs: Epochs) -> Floats:
-    """Day of the year with its fraction, 1 at 0h on 1 January, shape (n,); in the epochs' own scale."""
+    """Return the day of the year with its fraction, 1.0 at 0h on 1 January, in the scale of the epochs, shape (n,)."""
     days = np.floor(epochs.jd - UNIX_JD).astype(np.int64).astype("datetime64[D]")
     since_january = (days - days.astype("datetime64[Y]").astype("datetime64[D]")).astype(np.float64)
     return 1.0 + since_january + epochs.fraction

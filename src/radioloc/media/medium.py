@@ -1,15 +1,15 @@
-"""Media: objects near a station that delay the signal on its way there or from there.
+"""Media that delay the signal near a station.
 
-A leg of a light path touches one station. A :class:`Medium` is asked twice about many legs at once: to prepare what
-does not depend on where exactly the target is (:class:`LegEnd`), then, for each position of the target, for the delay
-with its derivatives (:class:`Leg`). It knows neither measurements nor parameters. What the media on a leg do together,
-and what is in its way, is the :class:`LineOfSight`.
+A leg of a light path touches one station. A :class:`Medium` first prepares what does not depend on the target's
+position, for many legs at once (:class:`LegEnd`). For each position of the target it then computes the delays and their
+derivatives (:class:`Leg`). The :class:`LineOfSight` is the sum over all media, with the status of each leg.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -18,17 +18,17 @@ from numpy.typing import NDArray
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.earth.stations import Station
 from radioloc.lunar.visibility import hidden_by_moon
-from radioloc.media.status import Status, first_of
+from radioloc.media.status import Status, first_failure
 from radioloc.plugins import entry_errors
 from radioloc.time import Epochs
 from radioloc.vectors import Floats, cross, dot, length
 
-_DEEPEST_M = 2e4  # below any terrain of the Moon: heights about the sphere reach down to -9.2 km
+_MAX_DEPTH_M = 2e4  # below any terrain of the Moon, which reaches down to -9.2 km from the sphere
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Weather:
-    """Recorded weather, NaN where there is none; arrays of shape (n,)."""
+    """Recorded weather, arrays of shape (n,); NaN if not recorded."""
 
     pressure_hpa: Floats
     temperature_k: Floats
@@ -37,7 +37,7 @@ class Weather:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StationState:
-    """The stations at their events, in the GCRS: vectors of shape (n, 3), latitude and height (n,)."""
+    """States of the stations at their events, GCRS: vectors of shape (n, 3), latitude and height (n,)."""
 
     gcrs_m: Floats
     gcrs_velocity_m_s: Floats
@@ -53,67 +53,76 @@ class LegEnd:
     """Stations at one end of n light paths, and the signals there; arrays of shape (n,)."""
 
     stations: Sequence[Station]
-    which: NDArray[np.int32]  # index into the stations
+    station_index: NDArray[np.int32]  # into the stations
     epoch: Epochs  # TT of the events
     radio: NDArray[np.bool_]  # whether the signal is radio, not light
     phase: NDArray[np.bool_]  # whether the phase is measured, not a code or pulse with the group velocity
     frequency_hz: Floats  # of radio on this leg; NaN where it was not recorded
     wavelength_um: Floats  # of light, in vacuum, micrometres; NaN where it was not recorded
     weather: Weather  # as recorded
-    weather_is_here: NDArray[np.bool_]  # whether it was recorded at this end
+    has_weather: NDArray[np.bool_]  # whether the weather was recorded at this end
 
     def __len__(self) -> int:
-        return len(self.which)
+        return len(self.station_index)
 
-    def of_station(self, values: Sequence[Any]) -> NDArray[Any]:
-        """Values of the stations, one for each leg."""
-        return np.asarray(np.array(values)[self.which])
+    def per_leg(self, station_values: Sequence[Any]) -> NDArray[Any]:
+        """Return for each leg the value of its station, shape (n, ...)."""
+        return np.asarray(np.array(station_values)[self.station_index])
 
 
 @dataclass(frozen=True, slots=True)
 class Elevation:
-    """Elevation without refraction, and its derivatives."""
+    """Elevation without refraction, and its derivatives; shapes (n,), of vectors (n, 3)."""
 
     angle_rad: Floats
     rate_rad_s: Floats  # with time
     by_position_rad_m: Floats  # with the target's position, celestial axes, shape (n, 3)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Leg:
     """Legs of n light paths seen from their stations; vectors of shape (n, 3).
 
-    Station and target are geocentric at their own instants, so the direction between them is the one seen in the frame
-    that moves with the Earth (aberration is contained).
+    Station and target are geocentric at their own instants. The direction between them therefore contains aberration,
+    as in the frame that moves with the Earth.
     """
 
     end: LegEnd
     station: StationState  # at their events
     target_gcrs_m: Floats  # at its event
     target_velocity_m_s: Floats
-    distance_m: Floats = field(init=False)  # shape (n, 1)
-    unit: Floats = field(init=False)  # direction from the station to the target
-    velocity_m_s: Floats = field(init=False)  # of the target less that of the station
-    elevation: Elevation = field(init=False)  # above the plane normal to the ellipsoid's vertical
-
-    def __post_init__(self) -> None:
-        away_m = self.target_gcrs_m - self.station.gcrs_m
-        distance_m = length(away_m)[:, None]
-        object.__setattr__(self, "distance_m", distance_m)
-        object.__setattr__(self, "unit", away_m / distance_m)
-        object.__setattr__(self, "velocity_m_s", self.target_velocity_m_s - self.station.gcrs_velocity_m_s)
-        object.__setattr__(self, "elevation", self._elevation())
 
     def __len__(self) -> int:
-        return len(self.unit)
+        return len(self.target_gcrs_m)
+
+    @cached_property
+    def _separation_m(self) -> Floats:
+        return self.target_gcrs_m - self.station.gcrs_m
+
+    @cached_property
+    def distance_m(self) -> Floats:
+        """Distance of the target, m, shape (n, 1)."""
+        return length(self._separation_m)[:, None]
+
+    @cached_property
+    def unit(self) -> Floats:
+        """Direction from the station to the target."""
+        return self._separation_m / self.distance_m
+
+    @cached_property
+    def velocity_m_s(self) -> Floats:
+        """Velocity of the target relative to the station, m/s."""
+        return self.target_velocity_m_s - self.station.gcrs_velocity_m_s
 
     def azimuth_rad(self, rows: NDArray[np.intp]) -> Floats:
-        """Azimuth of the target for some rows, from north through east, 0 to 2 pi."""
+        """Return the azimuth of the target for some rows, from north through east, 0 to 2 pi."""
         up, unit = self.station.up_gcrs[rows], self.unit[rows]
         east = cross(self.station.pole_gcrs[rows], up)
         return np.asarray(np.arctan2(dot(east, unit), dot(cross(up, east), unit)) % (2.0 * np.pi))
 
-    def _elevation(self) -> Elevation:
+    @cached_property
+    def elevation(self) -> Elevation:
+        """Elevation above the plane normal to the ellipsoid's vertical."""
         up, unit = self.station.up_gcrs, self.unit
         sine = dot(up, unit)
         # arctan2 keeps its digits near the zenith, where arcsin loses half of them.
@@ -126,19 +135,19 @@ class Leg:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LegDelay:
-    """Delay of n legs by one medium, one way; of what is ``None`` there is none. Shapes are (n,), of vectors (n, 3)."""
+    """Delay of n legs by one medium, one way; ``None`` stands for zeros. Shapes are (n,), of vectors (n, 3)."""
 
     delay_m: Floats  # zero where the status is not OK
     status: NDArray[np.int8] | None = None  # Status
-    by_elevation_m_rad: Floats | None = None  # derivative, from which those by time and position follow
-    rate_m_s: Floats | None = None  # derivative with time that does not come by way of elevation
+    by_elevation_m_rad: Floats | None = None  # derivative, which implies those by time and position
+    rate_m_s: Floats | None = None  # derivative with time beside that by elevation
     by_position: Floats | None = None  # by the target's position, celestial axes, beside that by elevation
     by_zenith_wet: Floats | None = None  # with the wet tropospheric delay at the zenith, m/m
 
 
 @runtime_checkable
 class Medium(Protocol):
-    """Something that delays the signal near a station."""
+    """Model of a medium that delays the signal near a station."""
 
     @property
     def name(self) -> str:
@@ -150,28 +159,28 @@ class Medium(Protocol):
 
     @property
     def limits_rad(self) -> tuple[float, ...]:
-        """Elevations at which the delay begins or ceases to hold, or is not smooth."""
+        """Elevations at which the validity of the model ends or the delay is not smooth."""
 
     def prepare(self, end: LegEnd) -> Any:
-        """Prepare what does not depend on the target's place: ``None``, or a record of arrays with a row for each leg.
+        """Prepare what does not depend on the target's position: ``None``, or a record of arrays with a row per leg.
 
-        :class:`CoverageError` or :class:`InputError` where the medium is not known at a station or an epoch.
+        Raise :class:`CoverageError` or :class:`InputError` for a station or epoch without data of the medium.
         """
 
     def delay(self, leg: Leg, prepared: Any) -> LegDelay | None:
-        """Delay and derivatives; ``None`` where there is none at all."""
+        """Return the delay and its derivatives, or ``None`` if no leg has a delay."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LineOfSight:
-    """Delay of a signal on its way to the target or from it, and what stands against using it."""
+    """Delay of n legs by all media, and the status of each leg."""
 
     leg: Leg
-    delay_m: Floats  # of all media together, shape (n,)
-    rate_m_s: Floats  # derivatives with respect to time,
-    by_position: Floats  # to the target's position, celestial axes, shape (n, 3),
-    by_zenith_wet: Floats  # and to the wet delay at the zenith, m/m
-    status: NDArray[np.int8]  # radioloc.media.status.Status: whether the model holds, or why not
+    delay_m: Floats  # sum over the media, shape (n,)
+    rate_m_s: Floats  # derivative with time
+    by_position: Floats  # derivative with the target's position, celestial axes, shape (n, 3)
+    by_zenith_wet: Floats  # derivative with the wet delay at the zenith, m/m
+    status: NDArray[np.int8]  # radioloc.media.status.Status
 
 
 def prepared_media(media: Iterable[Medium], end: LegEnd) -> dict[str, Any]:
@@ -190,8 +199,8 @@ def line_of_sight(
     moon_gcrs_m: Floats | None = None,
     is_craft: NDArray[np.bool_] | bool = True,
 ) -> LineOfSight:
-    """Sum the delays of a leg by media, each with what it prepared, by name; the first status not OK counts."""
-    # `moon_gcrs_m`, shape (n, 3): geocentric Moon, which hides targets that are spacecraft; None without any.
+    """Sum the delays of legs by media, with what each prepared, by name; the first failed status of a leg counts."""
+    # `moon_gcrs_m`, shape (n, 3): geocentric Moon, which hides targets that are spacecraft; None without spacecraft.
     n = len(leg)
     delay_m, rate_m_s, by_elevation_m_rad, by_zenith_wet = sums = np.zeros((4, n))
     names = ("delay_m", "rate_m_s", "by_elevation_m_rad", "by_zenith_wet")
@@ -199,17 +208,17 @@ def line_of_sight(
     status = np.zeros(n, dtype=np.int8)
     for medium in media:
         with entry_errors(f"medium {medium.name}", "delay"):
-            found = medium.delay(leg, prepared.get(medium.name))
-        if found is None:
+            leg_delay = medium.delay(leg, prepared.get(medium.name))
+        if leg_delay is None:
             continue
         for total, name in zip(sums, names, strict=True):
-            part = getattr(found, name)
+            part = getattr(leg_delay, name)
             if part is not None:
                 total += part
-        if found.by_position is not None:
-            by_position = by_position + found.by_position
-        if found.status is not None:
-            status = first_of(status, found.status)
+        if leg_delay.by_position is not None:
+            by_position = by_position + leg_delay.by_position
+        if leg_delay.status is not None:
+            status = first_failure(status, leg_delay.status)
     elevation = leg.elevation
     rate_m_s = rate_m_s + by_elevation_m_rad * elevation.rate_rad_s
     by_position = by_position + by_elevation_m_rad[:, None] * elevation.by_position_rad_m
@@ -221,10 +230,10 @@ def line_of_sight(
 
 
 def behind_moon(point_gcrs_m: Floats, station_gcrs_m: Floats, moon_gcrs_m: Floats) -> NDArray[np.bool_]:
-    """Determine whether the Moon hides a spacecraft from a station; geocentric positions at the events, m."""
+    """Return whether the Moon hides a spacecraft from a station; geocentric positions at the events, m."""
     # The Moon is the 1737.4 km sphere, or a smaller one through a spacecraft that is lower, as on a landing.
     from_moon_m = point_gcrs_m - moon_gcrs_m
-    # The sphere must not hold the spacecraft itself, by rounding.
+    # A millimetre less keeps the spacecraft outside of the sphere in spite of rounding.
     radius_m = np.minimum(MEAN_LUNAR_RADIUS_M, np.linalg.norm(from_moon_m, axis=-1) - 1e-3)
-    radius_m = np.maximum(radius_m, MEAN_LUNAR_RADIUS_M - _DEEPEST_M)
+    radius_m = np.maximum(radius_m, MEAN_LUNAR_RADIUS_M - _MAX_DEPTH_M)
     return hidden_by_moon(from_moon_m, station_gcrs_m - moon_gcrs_m, radius_m)

@@ -1,16 +1,16 @@
 """Air above stations, for radio signals: from weather, or from files of VMF3 (weather models) and GPT3 (climate).
 
-What comes from where, the first that there is:
+Sources in order of preference:
 
 ===================  ==================================================================================================
-mapping functions    VMF3's coefficients; GPT3's; without files Niell's
-hydrostatic, zenith  recorded pressure; VMF3; GPT3's pressure; without files the standard atmosphere's
-wet, zenith          VMF3; GPT3, with recorded humidity in place of its own; without files recorded or standard
+mapping functions    coefficients of VMF3; of GPT3; without files of Niell
+hydrostatic, zenith  recorded pressure; VMF3; pressure of GPT3; without files of the standard atmosphere
+wet, zenith          VMF3; GPT3, with recorded humidity if there is any; without files recorded or standard weather
 ===================  ==================================================================================================
 
-Zenith delays of the Deep Space Network's calibrations go before both at the stations that they serve.
-A barometer knows the hydrostatic delay to a millimetre, better than any model (IERS Conventions 2010, section 9.1.1).
-Humidity on the ground says little of that above it, so VMF3's wet delay goes before it.
+Zenith delays of the Deep Space Network's calibrations replace both at stations with cards. A barometer determines the
+hydrostatic delay to a millimetre, better than any model (IERS Conventions 2010, section 9.1.1). Humidity on the ground
+is a poor measure of the humidity above it, so VMF3's wet delay is preferred.
 """
 
 from __future__ import annotations
@@ -55,28 +55,28 @@ from radioloc.text_files import ANY_BYTE, read_lines
 from radioloc.time import Epochs
 from radioloc.vectors import Floats
 
-_HEIGHT_M = (-500.0, 9000.0)  # heights of stations for which the models of the air hold
+_HEIGHT_LIMITS_M = (-500.0, 9000.0)  # validity of the models of the air
 
 
 @dataclass(frozen=True, slots=True)
 class ZenithAir:
-    """Air above the station at one end of each path; rows that are not asked for are NaN."""
+    """Air above the station at one end of each path; NaN for signals other than radio."""
 
     hydrostatic_m: Floats  # delay at the zenith, one way, shape (n,)
     wet_m: Floats
     hydrostatic_abc: Floats  # coefficients of the mapping function, shape (n, 3)
     wet_abc: Floats
-    height_above_a_m: Floats  # of the station above that for which the hydrostatic ones hold, shape (n,)
+    mapping_height_m: Floats  # of the station above the height of the hydrostatic coefficients, shape (n,)
 
     def mapping(self, elevation_rad: Floats, rows: NDArray[np.intp] | slice) -> MappingFactors:
-        """Evaluate the mapping functions of some rows at their elevations."""
+        """Return the mapping functions of some rows at their elevations."""
         hydrostatic_abc, wet_abc = [*self.hydrostatic_abc[rows].T], [*self.wet_abc[rows].T]
-        return mapping_factors(elevation_rad, self.height_above_a_m[rows], hydrostatic_abc, wet_abc)
+        return mapping_factors(elevation_rad, self.mapping_height_m[rows], hydrostatic_abc, wet_abc)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RadioAtmosphere:
-    """Files of VMF3 and GPT3: series by the station's name in the files, maps, climate for the other stations."""
+    """Files of VMF3 and GPT3: series by the station's name in the files, maps, and climate for the other stations."""
 
     sites: dict[str, Vmf3Site]
     grids: Vmf3Grids | None
@@ -85,61 +85,62 @@ class RadioAtmosphere:
     gpt3_files: tuple[Path, ...] = ()
 
     def source_of(self, station: Station) -> str:
-        """Return ``"VMF3"`` or ``"GPT3"``, which serves a station, or refuse it."""
+        """Return the source for a station, ``"VMF3"`` or ``"GPT3"``; without one raise an InputError."""
         if self.grids is not None or self._site(station) is not None:
             return "VMF3"
         if self.gpt3 is not None:
             return "GPT3"
         other_names = f" (nor {', '.join(station.aliases)})" if station.aliases else ""
         raise InputError(
-            f"{_named(self.vmf3_files)}: there is no station {station.name}{other_names}, but "
-            f"{', '.join(sorted(self.sites))}; give its files or maps too, or GPT3 for such stations ([model] gpt3), "
-            "or leave out [model] vmf3"
+            f"{_named(self.vmf3_files)}: station {station.name}{other_names} is missing, the files have "
+            f"{', '.join(sorted(self.sites))}; add its files, or maps, or GPT3 for such stations ([model] gpt3)"
         )
 
     def _site(self, station: Station) -> Vmf3Site | None:
         names = {name.upper() for name in (station.name, *station.aliases)}
         return next((site for name, site in self.sites.items() if name.upper() in names), None)
 
-    def above(
+    def air_at(
         self, station: Station, place: tuple[float, float, float], epochs: Epochs, recorded: Floats
     ) -> tuple[Floats, ...]:
-        """Air above a station as :class:`ZenithAir` has it; arguments as :func:`air_by_weather`."""
+        """Return the fields of :class:`ZenithAir` at a station; arguments as :func:`air_from_weather`."""
         files = self.vmf3_files if self.source_of(station) == "VMF3" else self.gpt3_files
         source = self._site(station) or self.grids or self.gpt3
-        assert source is not None  # refused before
+        assert source is not None  # checked by source_of
         try:
-            found = source.at(epochs, *place)
+            values = source.values_at(epochs, *place)
         except (CoverageError, InputError) as error:
             error.args = (f"{_named(files)}, for station {station.name}: {error}",)
             raise
         latitude_rad, longitude_rad, height_m = place
         b_h, b_w, c_h, c_w = vmf3_bc(latitude_rad, longitude_rad, day_of_year(epochs))
         by_pressure_m = zenith_hydrostatic_delay_m(recorded[0], latitude_rad, height_m)
-        if isinstance(found, Vmf3Values):
-            hydrostatic_m, wet_m = found.zenith_hydrostatic_m, found.zenith_wet_m
-            height_m = found.height_above_a_m
+        if isinstance(values, Vmf3Values):
+            hydrostatic_m, wet_m = values.zenith_hydrostatic_m, values.zenith_wet_m
+            height_m = values.mapping_height_m
         else:
-            hydrostatic_m = zenith_hydrostatic_delay_m(found.pressure_hpa, latitude_rad, height_m)
+            hydrostatic_m = zenith_hydrostatic_delay_m(values.pressure_hpa, latitude_rad, height_m)
             vapour_hpa = water_vapour_pressure_hpa(recorded[1], recorded[2], recorded[0])
             wet_m = zenith_wet_delay_askne_nordius_m(
-                np.where(np.isnan(vapour_hpa), found.vapour_pressure_hpa, vapour_hpa),
-                found.mean_temperature_k,
-                found.vapour_decrease_factor,
+                np.where(np.isnan(vapour_hpa), values.vapour_pressure_hpa, vapour_hpa),
+                values.mean_temperature_k,
+                values.vapour_decrease_factor,
             )
         return (
             np.where(np.isnan(by_pressure_m), hydrostatic_m, by_pressure_m),
             wet_m,
-            np.stack([found.hydrostatic_a, b_h, c_h], axis=-1),
-            np.stack([found.wet_a, b_w, c_w], axis=-1),
+            np.stack([values.hydrostatic_a, b_h, c_h], axis=-1),
+            np.stack([values.wet_a, b_w, c_w], axis=-1),
             np.full(len(epochs), height_m),
         )
 
 
-def air_by_weather(place: tuple[float, float, float], epochs: Epochs, recorded: Floats) -> tuple[Floats, ...]:
-    """Air above a place as :class:`ZenithAir` has it, by recorded weather or else by the standard atmosphere."""
-    # `place`: latitude, longitude (rad), height (m); `recorded`: pressure (hPa), temperature (K), relative humidity, or
-    # NaN, shape (3, n). The wet delay needs temperature and humidity, both or neither.
+def air_from_weather(
+    place: tuple[float, float, float], epochs: Epochs, recorded: Floats
+) -> tuple[Floats, ...]:
+    """Return the fields of :class:`ZenithAir` at a place from recorded weather, else from the standard atmosphere."""
+    # `place`: latitude, longitude (rad), height (m); `recorded`: pressure (hPa), temperature (K), relative humidity,
+    # or NaN, shape (3, n). Temperature and humidity are used only together.
     latitude_rad, _, height_m = (np.full(len(epochs), value) for value in place)
     standard = standard_weather(height_m)
     pressure_hpa = np.where(np.isnan(recorded[0]), standard[0], recorded[0])
@@ -156,37 +157,40 @@ def air_by_weather(place: tuple[float, float, float], epochs: Epochs, recorded: 
     )
 
 
-def air_above(
+def zenith_air(
     end: LegEnd, files: RadioAtmosphere | None, calibrations: MediaCalibrations | None = None
 ) -> ZenithAir:
-    """Air above the stations at one end of paths, where signals are radio."""
+    """Return the air above the stations at one end of paths for radio signals."""
     n = len(end)
     air = tuple(np.full(shape, np.nan) for shape in (n, n, (n, 3), (n, 3), n))
     weather = end.weather
     recorded = np.stack([weather.pressure_hpa, weather.temperature_k, weather.relative_humidity])
-    recorded = np.where(end.weather_is_here, recorded, np.nan)
+    recorded = np.where(end.has_weather, recorded, np.nan)
     for i, station in enumerate(end.stations):
         geodetic = geodetic_from_itrf(station.itrf_m)
         place = float(geodetic.latitude_rad), float(geodetic.longitude_rad), float(geodetic.height_m)
-        if not _HEIGHT_M[0] <= place[2] <= _HEIGHT_M[1]:
+        if not _HEIGHT_LIMITS_M[0] <= place[2] <= _HEIGHT_LIMITS_M[1]:
             raise InputError(
-                f"the height of {station.name} is {place[2]:.6g} m, but the troposphere holds from "
-                f"{_HEIGHT_M[0]:g} to {_HEIGHT_M[1]:g} m"
+                f"height of {station.name}: the troposphere is valid from {_HEIGHT_LIMITS_M[0]:g} to "
+                f"{_HEIGHT_LIMITS_M[1]:g} m, got {place[2]:.6g} m; correct its coordinates"
             )
-        rows = np.flatnonzero(end.radio & (end.which == i))
+        rows = np.flatnonzero(end.radio & (end.station_index == i))
         if not len(rows):
             continue
-        here = end.epoch[rows], recorded[:, rows]
-        found = air_by_weather(place, *here) if files is None else files.above(station, place, *here)
-        for whole, part in zip(air, found, strict=True):
-            whole[rows] = part
+        epochs, weather_of_rows = end.epoch[rows], recorded[:, rows]
+        if files is None:
+            air_of_rows = air_from_weather(place, epochs, weather_of_rows)
+        else:
+            air_of_rows = files.air_at(station, place, epochs, weather_of_rows)
+        for column, part in zip(air, air_of_rows, strict=True):
+            column[rows] = part
         if calibrations is not None:
             for phase in (False, True):
-                mine = rows[end.phase[rows] == phase]
-                for whole, model in ((air[0], DRY), (air[1], WET)):
-                    zenith_m = calibrations.zenith_m(station, end.epoch[mine], model, phase)
+                selected = rows[end.phase[rows] == phase]
+                for column, model in ((air[0], DRY), (air[1], WET)):
+                    zenith_m = calibrations.zenith_m(station, end.epoch[selected], model, phase)
                     if zenith_m is not None:
-                        whole[mine] = zenith_m
+                        column[selected] = zenith_m
     return ZenithAir(*air)
 
 
@@ -198,18 +202,18 @@ def read_radio_atmosphere(
     Parameters
     ----------
     vmf3 : sequence of path-like
-        Files of sites, or maps of several epochs.
+        Site files, or maps of several epochs.
     vmf3_orography : path-like, optional
-        With maps the file of their heights, ``orography_ell_1x1`` or ``orography_ell_5x5``.
+        File of the heights of maps, ``orography_ell_1x1`` or ``orography_ell_5x5``.
     gpt3 : path-like, optional
         ``gpt3_5.grd`` or ``gpt3_1.grd``.
 
     Raises
     ------
     FileFormatError
-        A file cannot be read, is of another kind, or holds what cannot be.
+        A file cannot be read, is of another kind, or has impossible values.
     InputError
-        Neither is given, or maps without their heights or heights without maps.
+        Files are missing, maps lack their heights, heights lack maps, or maps and site files are mixed.
 
     Examples
     --------
@@ -224,17 +228,16 @@ def read_radio_atmosphere(
     """
     files = tuple(map(Path, vmf3))
     if not files and gpt3 is None:
-        raise InputError("neither a file of VMF3 nor one of GPT3 is given")
+        raise InputError("expected files of VMF3 or GPT3, got none")
     maps = [file for file in files if _is_map(file)]
-    if maps and vmf3_orography is None:
-        raise InputError(
-            f"{maps[0]} is a map of VMF3: name the file of its heights too (orography_ell_1x1 or _5x5), vmf3_orography"
-        )
-    if vmf3_orography is not None and not maps:
-        raise InputError("vmf3_orography goes with maps of VMF3, and none is given; leave it out")
     if maps and len(maps) < len(files):
         sites = next(file for file in files if file not in maps)
-        raise InputError(f"{maps[0]} is a map of VMF3, {sites} a file of sites; give files of one kind")
+        raise InputError(f"vmf3: expected maps or site files, got both: {maps[0]}, {sites}")
+    if bool(maps) != (vmf3_orography is not None):
+        raise InputError(
+            "vmf3_orography: expected the file of heights (orography_ell_1x1 or _5x5) together with maps of VMF3, "
+            f"got {vmf3_orography} with {len(maps)} maps"
+        )
     return RadioAtmosphere(
         sites=read_vmf3_sites(files) if files and not maps else {},
         grids=read_vmf3_grids(maps, vmf3_orography) if maps and vmf3_orography is not None else None,
@@ -245,12 +248,12 @@ def read_radio_atmosphere(
 
 
 def _is_map(file: Path) -> bool:
-    """Recognise maps, which begin with lines of ``! Name: content``, of which one names the types of data."""
+    """Return whether a file is a map, with a line ``! Data_types: ...`` in its header."""
     return any(
         line.lstrip(" !").startswith("Data_types") for line in islice(read_lines(file, encoding=ANY_BYTE), 20)
     )
 
 
 def _named(files: Sequence[Path]) -> str:
-    """First of the files and the number of the others, for messages."""
+    """Return the name of the first file and the number of the others, for messages."""
     return str(files[0]) if len(files) == 1 else f"{files[0]} and {len(files) - 1} more"

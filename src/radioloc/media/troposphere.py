@@ -1,7 +1,7 @@
-"""Delay by the neutral atmosphere at one end of a path, and why it cannot be had where it cannot.
+"""Delay by the neutral atmosphere at one end of a path.
 
-Light: zenith delay of Mendes and Pavlis with the mapping function FCULa, from recorded weather. Radio: the air above
-the station as :mod:`radioloc.media.radio_atmosphere` has it, which does not depend on where the target is.
+Light: zenith delay of Mendes and Pavlis with the mapping function FCULa, from recorded weather. Radio: zenith delays
+and mapping functions of :mod:`radioloc.media.radio_atmosphere`, which do not depend on the target's position.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from radioloc.errors import InputError
 from radioloc.media.csp import MediaCalibrations
 from radioloc.media.medium import Leg, LegDelay, LegEnd
 from radioloc.media.neutral_atmosphere import optical_delay
-from radioloc.media.radio_atmosphere import RadioAtmosphere, ZenithAir, air_above
-from radioloc.media.status import LEAST_ELEVATION_RAD, WAVELENGTH_RANGE_UM, Status, first_of
+from radioloc.media.radio_atmosphere import RadioAtmosphere, ZenithAir, zenith_air
+from radioloc.media.status import MIN_ELEVATION_RAD, WAVELENGTH_RANGE_UM, Status, first_failure
 
-_WEATHER = {"pressure_hpa": (300.0, 1100.0, "hPa"), "temperature_k": (200.0, 340.0, "K")}
-"""Least and most for which the models of the air hold."""
+_WEATHER_LIMITS = {"pressure_hpa": (300.0, 1100.0, "hPa"), "temperature_k": (200.0, 340.0, "K")}
+"""Validity of the models of the air: lowest and highest value, unit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,27 +32,27 @@ class Troposphere:
 
     name: ClassVar[str] = "troposphere"
     description: ClassVar[str] = "refraction by the neutral atmosphere at each station"
-    limits_rad: ClassVar[tuple[float, ...]] = (LEAST_ELEVATION_RAD,)
+    limits_rad: ClassVar[tuple[float, ...]] = (MIN_ELEVATION_RAD,)
 
     def prepare(self, end: LegEnd) -> ZenithAir:
         """Prepare the air above the stations for radio signals."""
-        for name, (least, most, unit) in _WEATHER.items():
+        for name, (low, high, unit) in _WEATHER_LIMITS.items():
             recorded = getattr(end.weather, name)
-            wrong = recorded[(recorded < least) | (recorded > most)]
+            wrong = recorded[(recorded < low) | (recorded > high)]
             if len(wrong):
                 raise InputError(
-                    f"{name} is {wrong[0]:.6g}, but the troposphere holds from {least:g} to {most:g} {unit}"
+                    f"{name}: expected {low:g} to {high:g} {unit}, got {wrong[0]:.6g}; correct the weather"
                 )
-        return air_above(end, self.files, self.calibrations)
+        return zenith_air(end, self.files, self.calibrations)
 
     def delay(self, leg: Leg, prepared: ZenithAir) -> LegDelay:
-        """Delay along the ray, its derivative with respect to elevation and, of radio, to the wet zenith delay."""
+        """Return the delay along the ray and its derivatives by elevation and, of radio, by the wet zenith delay."""
         elevation_rad, radio = leg.elevation.angle_rad, leg.end.radio
-        high_enough = elevation_rad >= LEAST_ELEVATION_RAD
+        high_enough = elevation_rad >= MIN_ELEVATION_RAD
         status = np.where(high_enough, Status.OK, Status.TOO_LOW).astype(np.int8)
         delay_m, by_elevation_m_rad, by_zenith_wet = np.zeros((3, len(leg)))
         if not radio.all():
-            status = np.where(radio, status, first_of(status, _status_of_light(leg.end)))
+            status = np.where(radio, status, first_failure(status, _status_of_light(leg.end)))
             rows = np.flatnonzero(~radio & (status == Status.OK))
             weather = leg.end.weather
             delay_m[rows], by_elevation_m_rad[rows] = optical_delay(
@@ -64,18 +64,20 @@ class Troposphere:
                 leg.station.latitude_rad[rows],
                 leg.station.height_m[rows],
             )
-        wanted = radio & high_enough
-        some: NDArray[np.intp] | slice = slice(None) if wanted.all() else np.flatnonzero(wanted)
-        dry_m, wet_m = prepared.hydrostatic_m[some], prepared.wet_m[some]
-        mapping = prepared.mapping(elevation_rad[some], some)
-        delay_m[some] = dry_m * mapping.hydrostatic + wet_m * mapping.wet
-        by_elevation_m_rad[some] = dry_m * mapping.hydrostatic_rate_rad + wet_m * mapping.wet_rate_rad
-        by_zenith_wet[some] = mapping.wet
+        valid = radio & high_enough
+        rows_of_radio: NDArray[np.intp] | slice = slice(None) if valid.all() else np.flatnonzero(valid)
+        dry_m, wet_m = prepared.hydrostatic_m[rows_of_radio], prepared.wet_m[rows_of_radio]
+        mapping = prepared.mapping(elevation_rad[rows_of_radio], rows_of_radio)
+        delay_m[rows_of_radio] = dry_m * mapping.hydrostatic + wet_m * mapping.wet
+        by_elevation_m_rad[rows_of_radio] = (
+            dry_m * mapping.hydrostatic_rate_rad + wet_m * mapping.wet_rate_rad
+        )
+        by_zenith_wet[rows_of_radio] = mapping.wet
         return LegDelay(delay_m, status, by_elevation_m_rad, by_zenith_wet=by_zenith_wet)
 
 
 def _status_of_light(end: LegEnd) -> NDArray[np.int8]:
-    """Reason other than the elevation for which the optical model cannot be used."""
+    """Return the reason other than the elevation for which the optical model is not valid."""
     shortest, longest = WAVELENGTH_RANGE_UM
     wavelength_um, weather = end.wavelength_um, end.weather
     wrong = {

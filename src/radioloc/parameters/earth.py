@@ -65,7 +65,7 @@ def _delay_sigmas(rows: ObservationRows, members: Members) -> Sigmas:
     sigmas: Sigmas = {}
     for name in _radio_stations(rows, members):
         station = rows.model.catalogue.get(name)
-        calibrated = calibrations is not None and calibrations.serves(station, WET)
+        calibrated = calibrations is not None and calibrations.has_cards(station, WET)
         has_weather = calibrated or (files is not None and files.source_of(station) == "VMF3")
         sigmas[name] = 0.01 if has_weather else 0.03
     return sigmas
@@ -82,7 +82,9 @@ def _content_sigmas(rows: ObservationRows, members: Members) -> Sigmas | str:
         sigma = 20.0 if model.ionosphere is None else 10.0
     calibrations, catalogue = model.media_calibrations, model.catalogue
     return {
-        name: 3.0 if calibrations is not None and calibrations.serves(catalogue.get(name), CHARGED) else sigma
+        name: 3.0
+        if calibrations is not None and calibrations.has_cards(catalogue.get(name), CHARGED)
+        else sigma
         for name in _radio_stations(rows, members)
     }
 

@@ -75,12 +75,12 @@ def test_notes_and_provenance_say_where_the_air_comes_from(read):
     assert 0.02 < abs(changed_m[0]) < 2.0
 
 
-def test_what_files_lack_is_one_error(read):
-    with pytest.raises(CoverageError, match=r"line 1: .*2020337\.vmf3_r, .* VMF3 of URUMQI covers"):
+def test_missing_epochs_stations_or_maps_are_errors(read):
+    with pytest.raises(CoverageError, match=r"line 1: .* VMF3 of URUMQI"):
         radioloc.compute_residuals(read(), delays("2020-12-03T15:00:00"))
-    with pytest.raises(InputError, match=r"2020337\.vmf3_r: there is no station KUNMING"):
+    with pytest.raises(InputError, match=r"station KUNMING"):
         radioloc.compute_residuals(read(), delays(first="KUNMING"))
-    with pytest.raises(InputError, match=r"\[model\] vmf3_orography goes with maps"):
+    with pytest.raises(InputError, match=r"\[model\] vmf3_orography: expected"):
         radioloc.compute_residuals(read("vmf3 =", 'vmf3_orography = "2020337.vmf3_r"\nvmf3 ='), delays())
 
 

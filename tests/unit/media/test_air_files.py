@@ -41,12 +41,12 @@ def test_site_at_and_between_epochs_of_any_scale(sites: Path) -> None:
     assert set(series) == {"GRAZ", "WETTZELL"}
     utc = epochs_from_strings([f"2024-01-01T{time}" for time in ("00:00", "03:00", "07:30", "12:00")], "UTC")
     for epochs in (utc, utc_to_tt(utc)):
-        values = series["GRAZ"].at(epochs)
+        values = series["GRAZ"].values_at(epochs)
         np.testing.assert_allclose(values.hydrostatic_a, [1.2048e-3, 1.19953e-3, 1.195035e-3, 1.19736e-3])
         np.testing.assert_allclose(values.wet_a, [5.8178e-4, 5.5306e-4, 5.0274e-4, 4.3794e-4])
         np.testing.assert_allclose(values.zenith_hydrostatic_m, [2.1686, 2.17045, 2.173625, 2.1776])
         np.testing.assert_allclose(values.zenith_wet_m, [0.1047, 0.08765, 0.066325, 0.0535])
-        assert values.height_above_a_m == 0.0
+        assert values.mapping_height_m == 0.0
 
 
 def test_zenith_delay_of_the_file_is_that_of_its_pressure(sites: Path) -> None:
@@ -62,69 +62,73 @@ def test_days_join_in_any_order_and_gzip(sites: Path, tmp_path: Path) -> None:
     series = read_vmf3_sites([later, sites])["GRAZ"]
     np.testing.assert_array_equal(series.mjd_utc, [60310.0, 60310.25, 60310.5, 60311.0, 60311.25, 60311.5])
     assert (
-        len(series.at(epochs_from_strings(["2024-01-01T12:00:00", "2024-01-02T00:00:00"], "UTC")).wet_a) == 2
+        len(
+            series.values_at(epochs_from_strings(["2024-01-01T12:00:00", "2024-01-02T00:00:00"], "UTC")).wet_a
+        )
+        == 2
     )
-    with pytest.raises(CoverageError, match=r"lacks epochs, covers .* 12.0 h UTC and from 2024-01-02 00.0 h"):
-        series.at(epochs_from_strings(["2024-01-01T12:00:01"], "UTC"))
+    with pytest.raises(CoverageError, match=r"12.0 h UTC and from 2024-01-02 00.0 h"):
+        series.values_at(epochs_from_strings(["2024-01-01T12:00:01"], "UTC"))
 
 
-def test_gradients_of_sites_are_left_aside(tmp_path: Path) -> None:
+def test_gradients_of_sites_are_ignored(tmp_path: Path) -> None:
     series = read_vmf3_sites([written(tmp_path / "2019013.v3gr_d", WITH_GRADIENTS)])["ADEA"]
-    assert series.at(epochs_from_strings(["2019-01-13T03:00:00"], "UTC")).zenith_hydrostatic_m == 2.2275
+    assert (
+        series.values_at(epochs_from_strings(["2019-01-13T03:00:00"], "UTC")).zenith_hydrostatic_m == 2.2275
+    )
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "line", "what"),
+    ("old", "new", "line", "words"),
     [
         ("0.00119426", "0.0011x", 4, "'0.0011x' is not a number"),
         ("# ", "# VMF1 ", 1, "expected VMF3, got VMF1"),
-        ("0.00119426", "1.19426", 4, "ah, aw, zhd, zwd are 1.19426"),
-        ("2.1723", "2172.3", 4, "2172.3, 0.0706; near"),
-        ("  953.07", "", 4, "8 columns"),
-        ("953.07", "95307", 4, "p, T, e are 95307, 3.26, 6.49; hPa"),
-        ("60310.25  0.00119426", "60310.00  0.00119426", 4, "GRAZ has the epoch MJD 60310.00 twice"),
-        (VMF3_SITES, "# nothing\n", None, "no line of a station"),
+        ("0.00119426", "1.19426", 4, "got 1.19426"),
+        ("2.1723", "2172.3", 4, "2172.3, 0.0706"),
+        ("  953.07", "", 4, "got 8"),
+        ("953.07", "95307", 4, "got 95307, 3.26, 6.49"),
+        ("60310.25  0.00119426", "60310.00  0.00119426", 4, "GRAZ: MJD 60310.00"),
+        (VMF3_SITES, "# nothing\n", None, "expected lines of stations"),
     ],
 )
-def test_damaged_file_of_sites(tmp_path: Path, old: str, new: str, line: int | None, what: str) -> None:
+def test_damaged_site_file(tmp_path: Path, old: str, new: str, line: int | None, words: str) -> None:
     path = written(tmp_path / "bad.vmf3_r", VMF3_SITES.replace(old, new))
-    with pytest.raises(FileFormatError, match=what) as caught:
+    with pytest.raises(FileFormatError, match=words) as caught:
         read_vmf3_sites([path])
     assert caught.value.line == line
 
 
-def test_a_file_of_sites_that_was_cut_gives_no_other_values(tmp_path: Path) -> None:
-    """Wherever it is cut: the same values at an epoch, or an error there."""
+def test_truncated_site_file_has_the_same_values_or_is_an_error(tmp_path: Path) -> None:
     epoch = epochs_from_strings(["2024-01-01T08:00:00"], "UTC")
-    whole = read_vmf3_sites([written(tmp_path / "whole", VMF3_SITES)])
-    refused = same = 0
+    complete = read_vmf3_sites([written(tmp_path / "complete", VMF3_SITES)])
+    refused_count = equal_count = 0
     for length in range(VMF3_SITES.index("GRAZ") + 1, len(VMF3_SITES), 3):
         try:
             for station, cut in read_vmf3_sites([written(tmp_path / "cut", VMF3_SITES[:length])]).items():
-                assert cut.at(epoch).zenith_wet_m == whole[station].at(epoch).zenith_wet_m
-                same += 1
+                assert cut.values_at(epoch).zenith_wet_m == complete[station].values_at(epoch).zenith_wet_m
+                equal_count += 1
         except (FileFormatError, CoverageError):
-            refused += 1
-    assert min(refused, same) > 0
+            refused_count += 1
+    assert min(refused_count, equal_count) > 0
 
 
 def test_map_in_space_and_time(maps: tuple[list[Path], Path]) -> None:
     grids = read_vmf3_grids(*maps)
     epochs = epochs_from_strings(["2024-01-01T00:00:00", "2024-01-01T03:00:00", "2024-01-01T06:00:00"], "UTC")
     for latitude_deg, longitude_deg in ((35.0, 0.0), (-20.0, -116.9), (87.5, 355.0)):
-        values = grids.at(epochs, np.deg2rad(latitude_deg), np.deg2rad(longitude_deg), 300.0)
+        values = grids.values_at(epochs, np.deg2rad(latitude_deg), np.deg2rad(longitude_deg), 300.0)
         expected = 1.2e-3 + 1e-6 * latitude_deg + 1e-6 * np.array([0.0, 3.0, 6.0])
         np.testing.assert_allclose(values.hydrostatic_a, expected, rtol=1e-10)
         np.testing.assert_allclose(values.wet_a, 5.5e-4)
-        assert values.height_above_a_m == 300.0
-        # At the map's own height nothing changes.
+        assert values.mapping_height_m == 300.0
+        # The height is that of the map.
         np.testing.assert_allclose(values.zenith_hydrostatic_m, 2.2, rtol=1e-12)
         np.testing.assert_allclose(values.zenith_wet_m, 0.1, rtol=1e-12)
 
 
-def test_zenith_delays_are_taken_to_the_height(maps: tuple[list[Path], Path]) -> None:
-    values = read_vmf3_grids(*maps).at(NEW_YEAR, 0.6, 1.0, 1300.0)
-    # Kouba (2008): by way of the pressure that gives 2.2 m at 300 m.
+def test_zenith_delays_are_reduced_to_the_height(maps: tuple[list[Path], Path]) -> None:
+    values = read_vmf3_grids(*maps).values_at(NEW_YEAR, 0.6, 1.0, 1300.0)
+    # Kouba (2008), with the pressure of 2.2 m of delay at 300 m.
     pressure_hpa = 2.2 / zenith_hydrostatic_delay_m(1.0e3, 0.6, 300.0) * 1.0e3
     above_hpa = pressure_hpa * (1.0 - 2.26e-5 * 1000.0) ** 5.225
     expected = zenith_hydrostatic_delay_m(above_hpa, 0.6, 1300.0)
@@ -140,7 +144,7 @@ def test_map_with_gradients_along_a_parallel(tmp_path: Path, maps: tuple[list[Pa
     grids, epoch = read_vmf3_grids(paths, maps[1]), epochs_from_strings(["2024-01-01T01:00:00"], "UTC")
     # Across the meridian of Greenwich the chord over 5 degrees is 1e-3 below the cosine.
     for longitude_deg, crest_deg in ((0.0, 2.5), (92.5, 92.5), (182.5, 182.5)):
-        values = grids.at(epoch, 0.5, np.deg2rad(longitude_deg), 300.0)
+        values = grids.values_at(epoch, 0.5, np.deg2rad(longitude_deg), 300.0)
         expected_m = 0.1 + 0.05 * np.cos(np.deg2rad(crest_deg))
         np.testing.assert_allclose(values.zenith_wet_m, expected_m, rtol=0.0, atol=1e-6)
 
@@ -149,52 +153,52 @@ MAP = vmf3_map_text(0)
 
 
 @pytest.mark.parametrize(
-    ("text", "line", "what"),
+    ("text", "line", "words"),
     [
-        (MAP.replace("VMF3 (", "VMF1 ("), 2, "VMF1 go with other b and c"),
-        (MAP.replace("! Epoch", "! Epic"), None, "no line '! Epoch:'"),
+        (MAP.replace("VMF3 (", "VMF1 ("), 2, "expected VMF3 or V3GR"),
+        (MAP.replace("! Epoch", "! Epic"), None, "! Epoch:"),
         (MAP.replace("01 01 00 00", "13 01 00 00"), 3, "not a date that exists"),
         (MAP.replace("01 01 00 00", "01 01 00"), 3, "year month day hour minute second"),
-        (MAP.replace("1.e+00", "1.e-03"), 4, "scale factor is 1.e-03"),
-        (MAP.replace("0.00055000", "0.5", 1), 7, "ah, aw, zhd, zwd are"),
+        (MAP.replace("1.e+00", "1.e-03"), 4, "got 1.e-03"),
+        (MAP.replace("0.00055000", "0.5", 1), 7, "ah, aw, zhd, zwd"),
         (MAP.replace("0.00055000", "", 1), 7, "5 columns"),
-        (MAP.replace("87.5   2.5 0", "87.5   7.5 0", 1), None, "do not fill a grid"),
-        ("".join(MAP.splitlines(keepends=True)[:6]), None, "no point"),
-        (MAP[:-2], len(MAP.splitlines()), "the last line has no line end"),
+        (MAP.replace("87.5   2.5 0", "87.5   7.5 0", 1), None, "expected a full grid"),
+        ("".join(MAP.splitlines(keepends=True)[:6]), None, "expected points"),
+        (MAP[:-2], len(MAP.splitlines()), "no line end"),
     ],
 )
-def test_damaged_map(tmp_path: Path, text: str, line: int | None, what: str) -> None:
+def test_damaged_map(tmp_path: Path, text: str, line: int | None, words: str) -> None:
     path = written(tmp_path / "VMF3_bad.H00", text)
-    with pytest.raises(FileFormatError, match=what) as caught:
+    with pytest.raises(FileFormatError, match=words) as caught:
         read_vmf3_grids([path], written(tmp_path / "orography", orography_text()))
     assert caught.value.line == line
 
 
-def test_maps_that_do_not_go_together(tmp_path: Path, maps: tuple[list[Path], Path]) -> None:
+def test_inconsistent_maps(tmp_path: Path, maps: tuple[list[Path], Path]) -> None:
     paths, orography = maps
-    with pytest.raises(FileFormatError, match=r"has the epoch MJD 60310.25 of .*H06"):
+    with pytest.raises(FileFormatError, match=r"MJD 60310.25, as in .*H06"):
         read_vmf3_grids([paths[0], paths[0]], orography)
-    other = written(tmp_path / "VMF3.H12", "".join(vmf3_map_text(12).splitlines(keepends=True)[:-1]))
-    with pytest.raises(FileFormatError, match="has other points than"):
-        read_vmf3_grids([paths[0], other], orography)
+    regional = written(tmp_path / "VMF3.H12", "".join(vmf3_map_text(12).splitlines(keepends=True)[:-1]))
+    with pytest.raises(FileFormatError, match="got other points"):
+        read_vmf3_grids([paths[0], regional], orography)
     deep = orography_text().rstrip()[:-1].rsplit(maxsplit=1)[0] + " -99999\n"
-    with pytest.raises(FileFormatError, match="heights of the ground from -1000 to 10000 m, got -99999"):
+    with pytest.raises(FileFormatError, match="got -99999"):
         read_vmf3_grids(paths, written(tmp_path / "deep", deep))
-    with pytest.raises(FileFormatError, match="has 2591 heights, but the map has 2592 points"):
+    with pytest.raises(FileFormatError, match="got 2591"):
         read_vmf3_grids(paths, written(tmp_path / "orography_ell_1x1", orography_text()[:-7]))
 
 
 def test_places_and_epochs_outside_maps(maps: tuple[list[Path], Path]) -> None:
     grids = read_vmf3_grids(*maps)
-    with pytest.raises(CoverageError, match="the maps of VMF3 covers"):
-        grids.at(epochs_from_strings(["2024-01-01T06:30:00"], "UTC"), 0.5, 0.5, 0.0)
-    with pytest.raises(InputError, match=r"reaches from latitude -87.5 to 87.5"):
-        grids.at(NEW_YEAR, np.deg2rad(89.0), 0.5, 0.0)
+    with pytest.raises(CoverageError, match="the maps of VMF3"):
+        grids.values_at(epochs_from_strings(["2024-01-01T06:30:00"], "UTC"), 0.5, 0.5, 0.0)
+    with pytest.raises(InputError, match=r"-87.5 to 87.5"):
+        grids.values_at(NEW_YEAR, np.deg2rad(89.0), 0.5, 0.0)
 
 
 def test_gpt3_as_printed_by_the_authors_programs(tmp_path: Path) -> None:
     """gpt3_5.m, gpt3_5.f90 and gpt3_5_fast.py of TU Wien for MJD 60310.0, saasthyd.m and asknewet.m from these."""
-    values = read_gpt3(written(tmp_path / "gpt3_5.grd", GPT3_CORNERS)).at(NEW_YEAR, *GRAZ)
+    values = read_gpt3(written(tmp_path / "gpt3_5.grd", GPT3_CORNERS)).values_at(NEW_YEAR, *GRAZ)
     for name, printed, half_digit in (
         ("pressure_hpa", 959.59, 5e-3),
         ("vapour_pressure_hpa", 4.85, 5e-3),
@@ -212,7 +216,7 @@ def test_gpt3_as_printed_by_the_authors_programs(tmp_path: Path) -> None:
 
 
 def climate(tmp_path: Path, change: dict[int, float]) -> Gpt3Grid:
-    """The same everywhere: 1000 hPa, 280 K, dry or as changed by column (from 0), and without seasons."""
+    """Climate without seasons at all points: 1000 hPa, 280 K, dry, or as changed by column (from 0)."""
     row = np.zeros(64)
     row[[2, 7, 17, 22, 24, 29, 34, 39]] = 1e5, 280.0, -6.5, 40.0, 1.2, 0.5, 3.0, 270.0
     row[list(change)] = list(change.values())
@@ -224,13 +228,13 @@ def climate(tmp_path: Path, change: dict[int, float]) -> Gpt3Grid:
 
 
 def test_gpt3_of_air_at_rest(tmp_path: Path) -> None:
-    """The barometric formula over 1000 m above a point 23 m above the geoid, which is 40 m above the ellipsoid."""
-    values = climate(tmp_path, {23: 23.0}).at(NEW_YEAR, 0.3, -2.0, 1063.0)
+    """Barometric formula over 1000 m above a point 23 m above the geoid, which is 40 m above the ellipsoid."""
+    values = climate(tmp_path, {23: 23.0}).values_at(NEW_YEAR, 0.3, -2.0, 1063.0)
     scale_height_m = 8.3143 * 280.0 / (9.80665 * 28.965e-3)
     np.testing.assert_allclose(values.pressure_hpa, [1000.0 * np.exp(-1000.0 / scale_height_m)], rtol=1e-12)
     np.testing.assert_allclose(values.vapour_pressure_hpa, [0.0])
     moist = climate(tmp_path, {12: 8.0})
-    low, high = (moist.at(NEW_YEAR, 0.3, -2.0, height_m) for height_m in (40.0, 2040.0))
+    low, high = (moist.values_at(NEW_YEAR, 0.3, -2.0, height_m) for height_m in (40.0, 2040.0))
     np.testing.assert_allclose(low.vapour_pressure_hpa, [1000.0 * 0.008 / (0.622 + 0.378 * 0.008)])
     pressure_ratio = high.pressure_hpa / low.pressure_hpa
     np.testing.assert_allclose(high.vapour_pressure_hpa / low.vapour_pressure_hpa, pressure_ratio**4.0)
@@ -246,23 +250,23 @@ def test_gpt3_of_air_at_rest(tmp_path: Path) -> None:
     ],
 )
 def test_gpt3_seasons(tmp_path: Path, column: int, date: str, expected_k: float) -> None:
-    values = climate(tmp_path, {column: 1.0}).at(epochs_from_strings([date], "UTC"), 0.3, -2.0, 40.0)
+    values = climate(tmp_path, {column: 1.0}).values_at(epochs_from_strings([date], "UTC"), 0.3, -2.0, 40.0)
     np.testing.assert_allclose(values.mean_temperature_k, [270.0 + expected_k], rtol=1e-12)
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "line", "what"),
+    ("old", "new", "line", "words"),
     [
         ("89942", "8994x", 2, "'8994x' is not a number"),
-        ("89942", "899.42", 2, "not in Pa, K, thousandths and m"),
-        ("1.24073", "1240.73", 5, "not in Pa, K, thousandths and m"),
-        (" 47.30 ", " 4.7e9 ", 2, "height are not in Pa"),
-        (" 47.30 ", " ", 2, "63 columns, but a grid of GPT3 has 64"),
-        ("  42.5   12.5", "  42.5   13.5", None, "do not fill a grid"),
+        ("89942", "899.42", 2, "thousandths"),
+        ("1.24073", "1240.73", 5, "thousandths"),
+        (" 47.30 ", " 4.7e9 ", 2, "height in m"),
+        (" 47.30 ", " ", 2, "63 columns"),
+        ("  42.5   12.5", "  42.5   13.5", None, "expected a full grid"),
     ],
 )
-def test_damaged_gpt3(tmp_path: Path, old: str, new: str, line: int | None, what: str) -> None:
+def test_damaged_gpt3(tmp_path: Path, old: str, new: str, line: int | None, words: str) -> None:
     path = written(tmp_path / "bad.grd", GPT3_CORNERS.replace(old, new))
-    with pytest.raises(FileFormatError, match=what) as caught:
+    with pytest.raises(FileFormatError, match=words) as caught:
         read_gpt3(path)
     assert caught.value.line == line

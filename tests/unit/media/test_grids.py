@@ -16,8 +16,8 @@ def interpolate(grid: LatLonGrid, values: np.ndarray, latitude_deg, longitude_de
 
 @pytest.mark.parametrize("latitudes", [LATITUDES, LATITUDES[::-1]])
 @pytest.mark.parametrize("longitudes", [CENTRES, CENTRES[::-1], WITH_REPEAT, WITH_REPEAT[::-1]])
-def test_gives_a_plane_back_and_closes_on_itself(latitudes, longitudes) -> None:
-    """Linear in latitude times a saw tooth of the longitude that is continuous all the way round."""
+def test_interpolation_is_exact_for_linear_fields_on_closed_grids(latitudes, longitudes) -> None:
+    """Field linear in latitude times a saw tooth of the longitude, which is continuous over 360 degrees."""
     grid = LatLonGrid(latitudes, longitudes, "a map")
 
     def tooth(longitude_deg):
@@ -26,11 +26,11 @@ def test_gives_a_plane_back_and_closes_on_itself(latitudes, longitudes) -> None:
     kinks = tooth(longitudes)
     values = (3.0 - latitudes)[:, None] * kinks
     latitude = np.array([-87.5, -40.0, 0.1, 33.3, 87.5])
-    # Longitudes between whole columns on one side of the tooth's tips.
+    # Longitudes between columns on one side of the tips of the tooth.
     for longitude in (-170.0, 6.1, 100.0, 243.3, 355.0):
-        here = interpolate(grid, values, latitude, longitude)
-        np.testing.assert_allclose(here, (3.0 - latitude) * tooth(longitude), rtol=1e-12, atol=1e-9)
-        np.testing.assert_allclose(here, interpolate(grid, values, latitude, longitude - 360.0), atol=1e-9)
+        result = interpolate(grid, values, latitude, longitude)
+        np.testing.assert_allclose(result, (3.0 - latitude) * tooth(longitude), rtol=1e-12, atol=1e-9)
+        np.testing.assert_allclose(result, interpolate(grid, values, latitude, longitude - 360.0), atol=1e-9)
 
 
 @pytest.mark.parametrize("longitudes", [CENTRES, CENTRES[::-1], WITH_REPEAT])
@@ -38,34 +38,34 @@ def test_between_last_and_first_column(longitudes) -> None:
     values = np.ones((len(LATITUDES), 1)) * np.cos(np.deg2rad(longitudes))
     grid = LatLonGrid(LATITUDES, longitudes, "a map")
     middle = interpolate(grid, values, 10.0, np.array([0.0, 360.0, -1e-9, 179.999, -179.999]))
-    # Half a step of 5 degrees off the crest: the chord is 1e-3 below.
+    # Half a step of 5 degrees from the crest the chord is 1e-3 below.
     np.testing.assert_allclose(middle, [1.0, 1.0, 1.0, -1.0, -1.0], atol=1.1e-3)
 
 
-def test_a_regional_map_has_edges() -> None:
-    grid = LatLonGrid([60.0, 50.0, 40.0], [-10.0, 0.0, 10.0, 20.0], "the map")
+def test_edges_of_regional_maps() -> None:
+    grid = LatLonGrid(np.array([60.0, 50.0, 40.0]), np.array([-10.0, 0.0, 10.0, 20.0]), "the map")
     values = np.arange(12.0).reshape(3, 4)
     assert interpolate(grid, values, 60.0, -10.0) == pytest.approx(0.0, abs=1e-9)
     assert interpolate(grid, values, 40.0, 20.0) == pytest.approx(11.0, abs=1e-9)
     assert interpolate(grid, values, 45.0, 375.0) == pytest.approx(8.5, abs=1e-9)
     for place in ((50.0, 21.0), (50.0, -11.0), (39.9, 0.0), (60.1, 0.0), (np.nan, 0.0), (50.0, np.nan)):
-        with pytest.raises(InputError, match=r"map reaches from latitude 40 to 60 and longitude -10 to 20"):
+        with pytest.raises(InputError, match=r"latitude of 40 to 60"):
             grid.corners(*np.deg2rad(place))
 
 
 @pytest.mark.parametrize(
-    ("latitudes", "longitudes", "what"),
+    ("latitudes", "longitudes", "words"),
     [
-        ([0.0], [0.0, 1.0], "latitudes_deg must be two or more"),
-        ([0.0, 0.0], [0.0, 1.0], "latitudes_deg must be two or more"),
-        ([0.0, 1.0, 3.0], [0.0, 1.0], "latitudes_deg do not go in equal steps"),
+        ([0.0], [0.0, 1.0], "latitudes_deg"),
+        ([0.0, 0.0], [0.0, 1.0], "latitudes_deg"),
+        ([0.0, 1.0, 3.0], [0.0, 1.0], "latitudes_deg"),
         ([85.0, 95.0], [0.0, 1.0], "latitudes reach 95"),
-        ([0.0, 1.0], np.arange(0.0, 366.0, 5.0), "more than once round"),
+        ([0.0, 1.0], np.arange(0.0, 366.0, 5.0), "more than 360"),
     ],
 )
-def test_refuses_what_is_no_grid(latitudes, longitudes, what: str) -> None:
-    with pytest.raises(InputError, match=what):
-        LatLonGrid(latitudes, longitudes, "a map")
+def test_unusable_grids(latitudes, longitudes, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        LatLonGrid(np.array(latitudes), np.array(longitudes), "a map")
 
 
 def test_sorts_points_in_any_order() -> None:
@@ -77,5 +77,5 @@ def test_sorts_points_in_any_order() -> None:
     np.testing.assert_allclose(grid.longitudes_deg, CENTRES)
     np.testing.assert_array_equal(values[shuffled][order], values.reshape(36, 72))
     for points in (shuffled[1:], np.append(shuffled, shuffled[0])):
-        with pytest.raises(InputError, match="do not fill a grid of 36 latitudes and 72 longitudes"):
+        with pytest.raises(InputError, match="36 latitudes and 72 longitudes"):
             sort_into_grid(latitude[points], longitude[points], "a map")

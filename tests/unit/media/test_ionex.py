@@ -17,12 +17,12 @@ ROUNDING_TECU = 0.06
 
 
 def flat(latitude, longitude, hour):
-    """Linear in latitude and time, the same at all longitudes."""
+    """Field that is linear in latitude and time and constant in longitude."""
     return 40.0 + 0.2 * latitude + hour + 0.0 * longitude
 
 
 def sun_fixed(latitude, longitude, hour):
-    """A bulge that follows the Sun and does not change: what turned maps give exactly."""
+    """Constant bulge that follows the Sun, which rotated maps reproduce exactly."""
     local = np.deg2rad(longitude + 15.0 * hour)
     return 30.0 + 20.0 * np.cos(local) + 0.0 * latitude
 
@@ -37,10 +37,10 @@ def maps(tmp_path: Path) -> Callable[..., IonexMaps]:
     return read
 
 
-def test_reads_what_stands_in_the_file(maps) -> None:
+def test_content_of_a_file(maps) -> None:
     read = maps(flat)
     assert read.grid.shape == (71, 73)
-    assert (read.shell_height_m, read.base_radius_m, read.longest_gap_s) == (450e3, 6371e3, 7200.0)
+    assert (read.shell_height_m, read.base_radius_m, read.max_gap_s) == (450e3, 6371e3, 7200.0)
     assert read.source == "test0150.19i"
     np.testing.assert_allclose(read.mjd_utc, 58498.0 + np.array([0, 2, 4, 6]) / 24.0)
     expected = flat(IONEX_LATITUDES[:, None], IONEX_LONGITUDES, 2.0)
@@ -57,15 +57,15 @@ def test_linear_in_latitude_and_time(maps) -> None:
     np.testing.assert_allclose(tec, by_tt, rtol=1e-9)
 
 
-def test_maps_turn_with_the_sun(maps) -> None:
-    """Whatever the time between maps, the bulge is where the Sun is: on the turned columns without interpolation."""
+def test_maps_rotate_with_the_sun(maps) -> None:
+    """The bulge follows the Sun between maps; rotated columns need no interpolation."""
     read = maps(sun_fixed)
     dates = ["2019-01-15T00:20:00", "2019-01-15T01:00:00", "2019-01-15T04:40:00"]
     hours = np.array([1.0 / 3.0, 1.0, 14.0 / 3.0])
     # Twenty minutes are 5 degrees, one column.
     tec = read.vertical_tec(0.0, np.deg2rad([175.0, -25.0, 60.0]), epochs_from_strings(dates, "UTC"))
     np.testing.assert_allclose(tec, sun_fixed(0.0, np.array([175.0, -25.0, 60.0]), hours), atol=ROUNDING_TECU)
-    # Left in place the two maps would give, half way between, 3.4 % less of the bulge: 0.7 TECU at its crest.
+    # Without rotation the mean of two maps would have 3.4 % less of the bulge: 0.7 TECU at its crest.
     noon = read.vertical_tec(0.0, np.deg2rad([-15.0]), epochs_from_strings([dates[1]], "UTC"))
     assert noon[0] == pytest.approx(50.0, abs=ROUNDING_TECU)
 
@@ -88,7 +88,7 @@ def wavy(latitude, longitude, hour):
 def test_against_orekit(maps, latitude_deg: float, longitude_deg: float, date: str, tec_tecu: float) -> None:
     """GlobalIonosphereMapModel of Orekit 13.1 with ROTATED_LINEAR, on the same file.
 
-    It turns the maps with the stars, not the Sun: by 0.04 degrees less an hour, up to 0.002 TECU here.
+    Orekit rotates the maps with the stars, not the Sun: 0.04 degrees less an hour, up to 0.002 TECU.
     """
     tec = maps(wavy).vertical_tec(
         np.deg2rad(latitude_deg), np.deg2rad(longitude_deg), epochs_from_strings([date], "UTC")
@@ -104,11 +104,11 @@ def test_slant(maps) -> None:
     vertical = read.vertical_tec(*pierce_point(station, azimuth, elevation), epochs)
     slant = read.slant_tec(station, azimuth, elevation, epochs)
     np.testing.assert_allclose(slant, modified_shell_mapping(elevation)[0] * vertical, rtol=1e-13)
-    # South of the station there are fewer electrons in this field than overhead.
+    # The field has fewer electrons to the south of the station.
     assert (vertical < flat(35.4, 0.0, 2.0)).all()
 
 
-def test_contents_below_zero_delay_nothing(maps) -> None:
+def test_negative_contents_cause_no_delay(maps) -> None:
     epochs = epochs_from_strings(["2019-01-15T02:00:00"], "UTC")
     read = maps(lambda latitude, longitude, hour: -0.5 + 0.0 * latitude * longitude * hour)
     station = itrf_from_geodetic(np.deg2rad(117.0), np.deg2rad(40.0), 50.0)[None]
@@ -138,21 +138,21 @@ def test_missing_values(tmp_path: Path) -> None:
     read = read_ionex(path)
     assert np.isnan(read.tec_tecu).sum() == 1
     hole = np.deg2rad([36.0]), np.deg2rad([-117.0])
-    with pytest.raises(InputError, match=r"has no electron content at latitude 36\.0, longitude -117\.0"):
+    with pytest.raises(InputError, match=r"latitude 36\.0, longitude -117\.0"):
         read.vertical_tec(*hole, epochs_from_strings(["2019-01-15T02:00:00"], "UTC"))
-    # Next to the hole in space and time the map holds: there it has no weight.
-    aside = np.deg2rad([35.0]), np.deg2rad([-110.0])
-    for place, hour, expected in ((hole, 4, 51.2), (aside, 2, 49.0)):
+    # At the neighbouring point and at the next epoch the missing value has no weight.
+    neighbour = np.deg2rad([35.0]), np.deg2rad([-110.0])
+    for place, hour, expected in ((hole, 4, 51.2), (neighbour, 2, 49.0)):
         tec = read.vertical_tec(*place, epochs_from_strings([f"2019-01-15T0{hour}:00:00"], "UTC"))
         assert tec == pytest.approx(expected, abs=0.1)
 
 
-def test_outside(maps, tmp_path: Path) -> None:
+def test_epochs_and_places_outside_of_the_maps(maps, tmp_path: Path) -> None:
     read = maps(flat)
     for date in ("2019-01-14T23:59:59", "2019-01-15T06:00:01"):
-        with pytest.raises(CoverageError, match=r"covers 2019-01-15 00\.0 h UTC to 2019-01-15 06\.0 h UTC"):
+        with pytest.raises(CoverageError, match=r"covers 2019-01-15 00\.0 h UTC"):
             read.vertical_tec(0.0, 0.0, epochs_from_strings([date], "UTC"))
-    with pytest.raises(InputError, match=r"reaches from latitude -87\.5 to 87\.5"):
+    with pytest.raises(InputError, match=r"-87\.5 to 87\.5"):
         read.vertical_tec(1.55, 0.0, epochs_from_strings(["2019-01-15"], "UTC"))
     later = tmp_path / "test0170.19i"
     later.write_text(ionex_text(flat, day=17))
@@ -161,7 +161,7 @@ def test_outside(maps, tmp_path: Path) -> None:
     assert gap.vertical_tec(0.0, 0.0, epochs_from_strings(["2019-01-17T01:00:00"], "UTC"))[
         0
     ] == pytest.approx(89.0, abs=0.1)
-    with pytest.raises(CoverageError, match=r"lacks epochs, .* 06\.0 h UTC and from 2019-01-17 00\.0 h"):
+    with pytest.raises(CoverageError, match=r"06\.0 h UTC and from 2019-01-17"):
         gap.vertical_tec(0.0, 0.0, epochs_from_strings(["2019-01-16"], "UTC"))
 
 
@@ -171,26 +171,26 @@ FIRST_MAP = next(k for k, line in enumerate(LINES, start=1) if "START OF TEC MAP
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "line", "what"),
+    ("old", "new", "line", "words"),
     [
-        ("IONEX VERSION / TYPE", "RINEX VERSION / TYPE", 1, "not the first line of an IONEX file"),
-        (" " * 5 + "1.0", " " * 5 + "3.0", 1, r"version 3\.0 is not"),
-        ("LAT1 / LAT2 / DLAT", "LAT1", None, "no line 'LAT1 / LAT2 / DLAT'"),
-        ("  87.5 -87.5  -2.5   ", "  87.5 -87.5  -2.4   ", 13, "is no range"),
+        ("IONEX VERSION / TYPE", "RINEX VERSION / TYPE", 1, "first line"),
+        (" " * 5 + "1.0", " " * 5 + "3.0", 1, r"got 3\.0"),
+        ("LAT1 / LAT2 / DLAT", "LAT1", None, "LAT1 / LAT2 / DLAT"),
+        ("  87.5 -87.5  -2.5   ", "  87.5 -87.5  -2.4   ", 13, "not a multiple"),
         (" 450.0 450.0   0.0", " 450.0 800.0  50.0", None, "two dimensions"),
-        ("  87.5-180.0 180.0", "  87.5-175.0 180.0", FIRST_MAP + 2, "not one of the header's grid"),
-        ("  575  575", "  575  5x5", FIRST_MAP + 3, "16 whole numbers of five columns"),
-        ("  575\n", "  575  575\n", FIRST_MAP + 3, "more than 16 values"),
-        ("  575\n", "-9000\n", FIRST_MAP + 3, r"-900 TECU \(with the exponent -1\) cannot be"),
-        ("    -1" + " " * 54 + "EXPONENT", "    30" + " " * 54 + "EXPONENT", None, "the exponent is 30"),
-        (" 450.0 450.0   0.0", "450000450000   0.0", None, "not of the ionosphere"),
+        ("  87.5-180.0 180.0", "  87.5-175.0 180.0", FIRST_MAP + 2, "not on the grid"),
+        ("  575  575", "  575  5x5", FIRST_MAP + 3, "expected 16 integers"),
+        ("  575\n", "  575  575\n", FIRST_MAP + 3, "expected 16 values"),
+        ("  575\n", "-9000\n", FIRST_MAP + 3, "got -900"),
+        ("    -1" + " " * 54 + "EXPONENT", "    30" + " " * 54 + "EXPONENT", None, "got 30"),
+        (" 450.0 450.0   0.0", "450000450000   0.0", None, "shell of the ionosphere"),
         ("  2019     1    15     0", "  2019    13    15     0", FIRST_MAP + 1, "not a date that exists"),
         ("EPOCH OF CURRENT MAP", "COMMENT", None, "lacks its epoch"),
-        ("  2019     1    15     0", "  2019     1    14     0", None, "EPOCH OF FIRST MAP is 2019"),
-        ("END OF FILE", "END OF STORY", None, "'END OF STORY' is not expected here"),
+        ("  2019     1    15     0", "  2019     1    14     0", None, "EPOCH OF FIRST MAP"),
+        ("END OF FILE", "END OF STORY", None, "'END OF STORY'"),
     ],
 )
-def test_damaged_file(tmp_path: Path, old: str, new: str, line: int | None, what: str) -> None:
+def test_damaged_file(tmp_path: Path, old: str, new: str, line: int | None, words: str) -> None:
     head, body = "\n".join(LINES[: FIRST_MAP - 1]), "\n".join(LINES[FIRST_MAP - 1 :])
     text = (
         f"{head.replace(old, new, 1)}\n{body}"
@@ -199,29 +199,29 @@ def test_damaged_file(tmp_path: Path, old: str, new: str, line: int | None, what
     )
     path = tmp_path / "bad.19i"
     path.write_text(text)
-    with pytest.raises(FileFormatError, match=what) as caught:
+    with pytest.raises(FileFormatError, match=words) as caught:
         read_ionex(path)
     if line is not None:
         assert caught.value.line == line
 
 
-def test_files_cut_short_or_apart(tmp_path: Path) -> None:
+def test_truncated_or_inconsistent_files(tmp_path: Path) -> None:
     path = tmp_path / "cut.19i"
     for keep in (5, FIRST_MAP + 4, FIRST_MAP + 50, len(LINES) - 1):
         path.write_text("\n".join(LINES[:keep]))
-        with pytest.raises(FileFormatError, match=r"is not complete|whole numbers"):
+        with pytest.raises(FileFormatError, match=r"incomplete|integers"):
             read_ionex(path)
     missing_row = [line for k, line in enumerate(LINES, start=1) if not FIRST_MAP + 2 <= k <= FIRST_MAP + 7]
     path.write_text("\n".join(missing_row))
     with pytest.raises(FileFormatError, match="lacks 1 of its rows"):
         read_ionex(path)
     path.write_text("\n".join([*LINES[: FIRST_MAP - 1], LINES[-1]]))
-    with pytest.raises(FileFormatError, match="no map in it"):
+    with pytest.raises(FileFormatError, match="expected maps"):
         read_ionex(path)
-    with pytest.raises(InputError, match="no IONEX file"):
+    with pytest.raises(InputError, match="IONEX"):
         read_ionex([])
-    whole, other = tmp_path / "whole.19i", tmp_path / "other.19i"
-    whole.write_text(TEXT)
-    other.write_text(TEXT.replace("  6371.0", "  6378.1"))
-    with pytest.raises(FileFormatError, match="another grid or shell than"):
-        read_ionex([whole, other])
+    first, second = tmp_path / "first.19i", tmp_path / "second.19i"
+    first.write_text(TEXT)
+    second.write_text(TEXT.replace("  6371.0", "  6378.1"))
+    with pytest.raises(FileFormatError, match="grid and shell"):
+        read_ionex([first, second])

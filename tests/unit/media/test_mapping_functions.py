@@ -18,11 +18,11 @@ MAPPINGS = {
 @pytest.mark.parametrize("mapping", MAPPINGS.values(), ids=MAPPINGS)
 def test_rates_are_the_derivatives(mapping, elevation_deg: float) -> None:
     elevation, step = np.deg2rad(elevation_deg), 1e-6
-    here, ahead, behind = (mapping(elevation + k * step) for k in (0, 1, -1))
+    value, ahead, behind = (mapping(elevation + k * step) for k in (0, 1, -1))
     for name in ("hydrostatic", "wet"):
         difference = (getattr(ahead, name) - getattr(behind, name)) / (2.0 * step)
         # Rounding of a number near 15 over 2e-6, and at 3 degrees the third derivative of 1e6 times 1e-12 / 6.
-        np.testing.assert_allclose(getattr(here, f"{name}_rate_rad"), difference, rtol=1e-9, atol=5e-9)
+        np.testing.assert_allclose(getattr(value, f"{name}_rate_rad"), difference, rtol=1e-9, atol=5e-9)
 
 
 @pytest.mark.parametrize("mapping", MAPPINGS.values(), ids=MAPPINGS)

@@ -42,7 +42,7 @@ def test_shorter_waves_are_slower() -> None:
     [(0.01, 6.1166), (10.0, 12.282), (20.0, 23.393), (30.0, 42.470), (40.0, 73.849)],
 )
 def test_saturation_pressure(celsius: float, saturation_hpa: float) -> None:
-    """IAPWS (Wagner and Pruss 2002); the enhancement in air of 1 bar, 0.4 percent, comes on top."""
+    """IAPWS (Wagner and Pruss 2002); the enhancement in air of 1 bar adds 0.4 percent."""
     vapour = water_vapour_pressure_hpa(celsius + 273.15, 1.0, 1000.0)
     assert vapour / (1.00062 + 3.14e-3 + 5.6e-7 * celsius**2) == pytest.approx(saturation_hpa, rel=1e-3)
 
@@ -56,7 +56,7 @@ def test_hydrostatic_delay_of_radio() -> None:
 
 
 def test_wet_delays_of_radio() -> None:
-    """Of Saastamoinen by hand; of Askne and Nordius as published with the function asknewet (J. Boehm 2013)."""
+    """Saastamoinen by hand; Askne and Nordius as published with the function asknewet (J. Boehm 2013)."""
     assert zenith_wet_delay_m(10.0, 291.15) == pytest.approx(0.0992884, abs=1e-6)
     assert zenith_wet_delay_askne_nordius_m(10.9621, 273.8720, 2.8071) == pytest.approx(0.1176, abs=5e-5)
 

@@ -1,4 +1,4 @@
-"""Air above stations by files of VMF3 and GPT3: which source takes precedence, and missing ones."""
+"""Air above stations by files of VMF3 and GPT3: precedence of the sources, and missing files."""
 
 import dataclasses
 
@@ -17,7 +17,7 @@ from radioloc.media.neutral_atmosphere import (
     zenith_hydrostatic_delay_m,
     zenith_wet_delay_askne_nordius_m,
 )
-from radioloc.media.radio_atmosphere import RadioAtmosphere, air_above, read_radio_atmosphere
+from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere, zenith_air
 from radioloc.time import epochs_from_strings, utc_to_tt
 
 # 2020-12-02 is MJD 59185. Twice as much vapour at noon as at midnight; names as on the data server.
@@ -37,7 +37,7 @@ GRID = LatLonGrid(np.arange(-87.5, 88.0, 5.0), np.arange(2.5, 360.0, 5.0), "the 
 SEASONAL = np.zeros((*GRID.shape, 12, 5))
 SEASONAL[..., 0] = [1e5, 288.0, 6e-3, -6e-3, 1.22e-3, 5.4e-4, 2.8, 278.0, 0.0, 0.0, 0.0, 0.0]
 CLIMATE = Gpt3Grid(GRID, SEASONAL, np.zeros(GRID.shape), np.zeros(GRID.shape))
-"""The same everywhere and always: 1000 hPa and 15 degrees at sea level."""
+"""Constant climate of 1000 hPa and 15 degrees Celsius at sea level."""
 
 
 @pytest.fixture
@@ -48,84 +48,84 @@ def sites(tmp_path):
 
 
 def air(files, station="SESHAN25", epoch=TT, **changes):
-    return air_above(end(2, station, epoch=epoch, **changes), files)
+    return zenith_air(end(2, station, epoch=epoch, **changes), files)
 
 
-def assert_mapped(found, a_h, a_w, above_m):
-    """The mapping functions are those of the coefficients a and of the height above theirs."""
+def assert_mapped(zenith, a_h, a_w, height_m):
+    """Compare the mapping functions with those of coefficients a and the height above their reference."""
     elevation_rad = np.array([0.3, 1.1])
-    expected = vmf3(elevation_rad, a_h, a_w, *PLACE[:2], day_of_year(TT), above_m)
-    np.testing.assert_allclose(found.mapping(elevation_rad, slice(None)), expected, rtol=1e-13)
+    expected = vmf3(elevation_rad, a_h, a_w, *PLACE[:2], day_of_year(TT), height_m)
+    np.testing.assert_allclose(zenith.mapping(elevation_rad, slice(None)), expected, rtol=1e-13)
 
 
 def test_vmf3_of_a_site_between_epochs_of_utc(sites):
-    """Read as TT, epochs would be 69 s off; the wet delay grows by 0.12 m in six hours."""
-    found = air(sites)
-    np.testing.assert_allclose(found.hydrostatic_m, 2.32 + 0.01 * SHARE, rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(found.wet_m, 0.12 + 0.12 * SHARE, rtol=0.0, atol=1e-9)
-    assert_mapped(found, 1.23e-3 + 1e-5 * SHARE, 5.5e-4 + 2e-5 * SHARE, 0.0)
+    """Epochs of TT would be wrong by 69 s; the wet delay grows by 0.12 m in six hours."""
+    zenith = air(sites)
+    np.testing.assert_allclose(zenith.hydrostatic_m, 2.32 + 0.01 * SHARE, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(zenith.wet_m, 0.12 + 0.12 * SHARE, rtol=0.0, atol=1e-9)
+    assert_mapped(zenith, 1.23e-3 + 1e-5 * SHARE, 5.5e-4 + 2e-5 * SHARE, 0.0)
 
 
-def test_a_recorded_pressure_takes_precedence_where_it_was_recorded(sites):
-    plain, found = air(sites), air(sites, **WEATHER)
+def test_recorded_pressure_takes_precedence(sites):
+    plain, zenith = air(sites), air(sites, **WEATHER)
     expected_m = zenith_hydrostatic_delay_m(1015.0, SHANGHAI.latitude_rad, SHANGHAI.height_m)
-    np.testing.assert_allclose(found.hydrostatic_m, expected_m, rtol=1e-15)
-    np.testing.assert_array_equal(found.wet_m, plain.wet_m)
-    np.testing.assert_array_equal(air(sites, pressure_hpa=1015.0).hydrostatic_m, found.hydrostatic_m)
-    elsewhere = air(sites, weather_is_here=False, **WEATHER)
-    np.testing.assert_array_equal(elsewhere.hydrostatic_m, plain.hydrostatic_m)
+    np.testing.assert_allclose(zenith.hydrostatic_m, expected_m, rtol=1e-15)
+    np.testing.assert_array_equal(zenith.wet_m, plain.wet_m)
+    np.testing.assert_array_equal(air(sites, pressure_hpa=1015.0).hydrostatic_m, zenith.hydrostatic_m)
+    other_end = air(sites, has_weather=False, **WEATHER)
+    np.testing.assert_array_equal(other_end.hydrostatic_m, plain.hydrostatic_m)
 
 
 @pytest.mark.parametrize("weather", [{}, WEATHER], ids=["climate", "weather"])
 def test_climate_with_and_without_weather(weather):
-    found, values = air(RadioAtmosphere({}, None, CLIMATE), **weather), CLIMATE.at(TT, *PLACE)
+    zenith, values = air(RadioAtmosphere({}, None, CLIMATE), **weather), CLIMATE.values_at(TT, *PLACE)
     pressure, vapour = values.pressure_hpa, values.vapour_pressure_hpa
     if weather:
         pressure, vapour = 1015.0, water_vapour_pressure_hpa(283.0, 0.6, 1015.0)
     dry_m = zenith_hydrostatic_delay_m(pressure, *PLACE[::2])
     wet_m = zenith_wet_delay_askne_nordius_m(vapour, values.mean_temperature_k, values.vapour_decrease_factor)
-    np.testing.assert_allclose(found.hydrostatic_m, dry_m, rtol=1e-14)
-    np.testing.assert_allclose(found.wet_m, wet_m, rtol=1e-14)
-    assert_mapped(found, 1.22e-3, 5.4e-4, SHANGHAI.height_m)
+    np.testing.assert_allclose(zenith.hydrostatic_m, dry_m, rtol=1e-14)
+    np.testing.assert_allclose(zenith.wet_m, wet_m, rtol=1e-14)
+    assert_mapped(zenith, 1.22e-3, 5.4e-4, SHANGHAI.height_m)
 
 
-def test_maps_serve_every_station():
+def test_maps_apply_to_all_stations():
     values = np.broadcast_to([1.22e-3, 5.4e-4, 2.3, 0.1], (2, *GRID.shape, 4)).copy()
     maps = Vmf3Grids(GRID, np.array([59185.5, 59185.75]), values, np.zeros(GRID.shape))
-    found, expected = air(RadioAtmosphere({}, maps, None)), maps.at(TT, *PLACE)
-    np.testing.assert_array_equal(found.hydrostatic_m, expected.zenith_hydrostatic_m)
-    np.testing.assert_array_equal(found.wet_m, expected.zenith_wet_m)
-    assert_mapped(found, 1.22e-3, 5.4e-4, SHANGHAI.height_m)
+    zenith, expected = air(RadioAtmosphere({}, maps, None)), maps.values_at(TT, *PLACE)
+    np.testing.assert_array_equal(zenith.hydrostatic_m, expected.zenith_hydrostatic_m)
+    np.testing.assert_array_equal(zenith.wet_m, expected.zenith_wet_m)
+    assert_mapped(zenith, 1.22e-3, 5.4e-4, SHANGHAI.height_m)
 
 
 def test_other_stations_need_gpt3(sites):
-    with pytest.raises(InputError, match=r"2020337\.vmf3_r: .* KASHI \(nor KS.*SESHAN25, URUMQI"):
+    with pytest.raises(InputError, match=r"KASHI \(nor KS.*SESHAN25, URUMQI"):
         air(sites, "KASHI")
-    both, catalogue = dataclasses.replace(sites, gpt3=CLIMATE), StationCatalogue.default()
-    assert [both.source_of(catalogue[name]) for name in ("KASHI", "SESHAN25")] == ["GPT3", "VMF3"]
-    assert (air(both, "KASHI").hydrostatic_m > 1.9).all()
+    combined, catalogue = dataclasses.replace(sites, gpt3=CLIMATE), StationCatalogue.default()
+    assert [combined.source_of(catalogue[name]) for name in ("KASHI", "SESHAN25")] == ["GPT3", "VMF3"]
+    assert (air(combined, "KASHI").hydrostatic_m > 1.9).all()
     # GPT3 is for stations that are not in the files, not for epochs.
-    with pytest.raises(CoverageError, match=r"2020337\.vmf3_r, .* VMF3 of SESHAN25 covers") as caught:
-        air(both, epoch=LATE)
+    with pytest.raises(CoverageError, match=r"VMF3 of SESHAN25 covers") as caught:
+        air(combined, epoch=LATE)
     assert caught.value.requested[0].startswith("2020-12-02 18.5")
 
 
-def test_light_needs_no_files(sites):
+def test_light_does_not_use_the_files(sites):
     assert np.isnan(air(sites, epoch=LATE, radio=False).wet_m).all()
 
 
-def test_files_that_do_not_go_together(tmp_path):
+def test_inconsistent_files(tmp_path):
     site_file, map_file = tmp_path / "y2020.vmf3_r", tmp_path / "VMF3_20201202.H12"
     site_file.write_text(LINES)
     map_file.write_text("! Version: 1.0\n! Data_types: VMF3 (lat lon ah aw zhd zwd)\n")
     orography = tmp_path / "orography_ell_5x5"
-    for given, problem in (
-        ({}, "neither"),
-        ({"vmf3": [map_file]}, "H12 is a map of VMF3: name the file of its heights"),
-        ({"vmf3": [site_file, map_file], "vmf3_orography": orography}, "files of one kind"),
-        ({"vmf3": [site_file], "vmf3_orography": orography}, "goes with maps"),
+    for files, words in (
+        ({}, "got none"),
+        ({"vmf3": [map_file]}, "with 1 maps"),
+        ({"vmf3": [site_file, map_file], "vmf3_orography": orography}, "got both"),
+        ({"vmf3": [site_file], "vmf3_orography": orography}, "with 0 maps"),
     ):
-        with pytest.raises(InputError, match=problem):
-            read_radio_atmosphere(**given)
+        with pytest.raises(InputError, match=words):
+            read_radio_atmosphere(**files)
     with pytest.raises(FileFormatError, match="no such file"):
         read_radio_atmosphere(gpt3=tmp_path / "gpt3_5.grd")

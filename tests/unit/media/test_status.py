@@ -1,17 +1,17 @@
 import numpy as np
 
-from radioloc.media.status import Status, describe, first_of
+from radioloc.media.status import Status, describe, first_failure
 
 
 def codes(*rows):
     return np.array(rows, dtype=np.int8)
 
 
-def test_the_first_end_that_is_wrong_is_told():
+def test_text_of_the_first_failed_end():
     status = codes(
         [0, 0], [Status.BELOW_HORIZON, Status.TOO_LOW], [0, Status.BELOW_HORIZON], [0, Status.BEHIND_MOON]
     )
-    # Just below the horizon the sign is kept.
+    # The sign remains just below the horizon.
     elevation_rad = np.radians([[5.0, 6.0], [-0.01, 1.0], [40.0, -12.04], [3.0, 4.0]])
     ends = np.array([[0, 1], [0, 1], [1, 0], [0, 1]], dtype=np.int32)
     code, text = describe(status, elevation_rad, ("HERE", "THERE"), ends)
@@ -24,7 +24,7 @@ def test_the_first_end_that_is_wrong_is_told():
     ]
 
 
-def test_the_first_status_that_is_not_ok_stays():
-    one, other = codes(0, 0, Status.TOO_LOW, Status.TOO_LOW), codes(0, 5, 0, 5)
-    assert first_of(one, other).tolist() == [0, 5, Status.TOO_LOW, Status.TOO_LOW]
-    assert first_of(one, other).dtype == np.int8
+def test_first_failure():
+    first, second = codes(0, 0, Status.TOO_LOW, Status.TOO_LOW), codes(0, 5, 0, 5)
+    assert first_failure(first, second).tolist() == [0, 5, Status.TOO_LOW, Status.TOO_LOW]
+    assert first_failure(first, second).dtype == np.int8

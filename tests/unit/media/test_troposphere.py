@@ -1,4 +1,4 @@
-"""The troposphere at one end of a path, and why there is none where there is none."""
+"""Troposphere at one end of a path, and the status of legs outside of its validity."""
 
 import dataclasses
 
@@ -30,24 +30,24 @@ def delay(elevation_deg, **changes):
     ("changes", "words"),
     [
         ({"wavelength_um": np.nan}, "no wavelength"),
-        ({"wavelength_um": 10.6}, "no troposphere model but for 0.3545-1.0645 um"),
+        ({"wavelength_um": 10.6}, "0.3545-1.0645 um"),
         ({"pressure_hpa": np.nan}, "no pressure"),
         ({"temperature_k": np.nan}, "no temperature"),
         ({"relative_humidity": np.nan}, "no humidity"),
     ],
 )
-def test_what_is_missing_is_named(changes, words):
-    found = delay([30.0], **changes)
-    assert words in Status(found.status[0]).text()
-    assert found.delay_m.tolist() == [0.0]
-    assert found.by_elevation_m_rad.tolist() == [0.0]
+def test_status_of_missing_records(changes, words):
+    result = delay([30.0], **changes)
+    assert words in Status(result.status[0]).text()
+    assert result.delay_m.tolist() == [0.0]
+    assert result.by_elevation_m_rad.tolist() == [0.0]
 
 
-def test_one_row_does_not_spoil_another():
-    found = delay([2.99, 30.0, 30.0], pressure_hpa=[780.0, np.nan, 780.0])
-    assert found.status.tolist() == [Status.TOO_LOW, Status.NO_PRESSURE, Status.OK]
-    assert found.delay_m.tolist()[:2] == [0.0, 0.0]
-    assert found.delay_m[2] > 3.0
+def test_rows_are_independent():
+    result = delay([2.99, 30.0, 30.0], pressure_hpa=[780.0, np.nan, 780.0])
+    assert result.status.tolist() == [Status.TOO_LOW, Status.NO_PRESSURE, Status.OK]
+    assert result.delay_m.tolist()[:2] == [0.0, 0.0]
+    assert result.delay_m[2] > 3.0
 
 
 @pytest.mark.parametrize(
@@ -55,34 +55,34 @@ def test_one_row_does_not_spoil_another():
     [
         ({"pressure_hpa": 870.0}, None),  # 10 hPa are 23 mm at the zenith
         ({"pressure_hpa": 870.0, "temperature_k": 280.0, "relative_humidity": 0.3}, 280.0),
-        ({"relative_humidity": 0.3}, None),  # without the temperature it does not count
+        ({"relative_humidity": 0.3}, None),  # needs the temperature
     ],
 )
-def test_radio_takes_the_pressure_alone_and_temperature_with_humidity(recorded, wet_temperature_k):
+def test_radio_uses_pressure_alone_and_temperature_with_humidity(recorded, wet_temperature_k):
     zenith, standard = leg(90.0), standard_weather(np.float64(KASHI.height_m))
     pressure_hpa = recorded.get("pressure_hpa", standard[0])
     temperature_k, humidity = standard[1:] if wet_temperature_k is None else (wet_temperature_k, 0.3)
     expected_m = zenith_hydrostatic_delay_m(
         pressure_hpa, KASHI.latitude_rad, KASHI.height_m
     ) + zenith_wet_delay_m(water_vapour_pressure_hpa(temperature_k, humidity, pressure_hpa), temperature_k)
-    found = Troposphere().delay(zenith, Troposphere().prepare(end(1, **recorded)))
-    assert found.delay_m[0] == pytest.approx(expected_m, rel=1e-12)
+    result = Troposphere().delay(zenith, Troposphere().prepare(end(1, **recorded)))
+    assert result.delay_m[0] == pytest.approx(expected_m, rel=1e-12)
 
 
 @pytest.mark.parametrize(
-    ("recorded", "what"),
+    ("recorded", "words"),
     [
-        ({"pressure_hpa": 101325.0}, "pressure_hpa is 101325, .* from 300 to 1100 hPa"),
-        ({"temperature_k": 18.0}, "temperature_k is 18, .* from 200 to 340 K"),
+        ({"pressure_hpa": 101325.0}, "pressure_hpa: .* got 101325"),
+        ({"temperature_k": 18.0}, "temperature_k: .* got 18"),
     ],
 )
-def test_refuses_weather_that_no_station_has(recorded, what):
-    with pytest.raises(InputError, match=what):
+def test_impossible_weather_is_an_error(recorded, words):
+    with pytest.raises(InputError, match=words):
         Troposphere().prepare(end(1, **recorded))
 
 
-def test_refuses_a_station_above_the_ground():
-    here = end(1)
-    up = dataclasses.replace(here.stations[0], itrf_m=here.stations[0].itrf_m * 1.0013)
-    with pytest.raises(InputError, match=r"height of KASHI is .* m, .* from -500 to 9000 m"):
-        Troposphere().prepare(dataclasses.replace(here, stations=[up]))
+def test_station_above_the_atmosphere_is_an_error():
+    legs = end(1)
+    station = dataclasses.replace(legs.stations[0], itrf_m=legs.stations[0].itrf_m * 1.0013)
+    with pytest.raises(InputError, match=r"KASHI: .* -500 to 9000 m"):
+        Troposphere().prepare(dataclasses.replace(legs, stations=[station]))

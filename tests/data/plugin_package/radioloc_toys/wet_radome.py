@@ -12,8 +12,8 @@ class WetRadome:
         return None
 
     def delay(self, leg, prepared):
-        there = leg.end.of_station([station.name == "KASHI" for station in leg.end.stations])
-        return LegDelay(np.where(there & leg.end.radio, 0.004, 0.0))
+        at_kashi = leg.end.per_leg([station.name == "KASHI" for station in leg.end.stations])
+        return LegDelay(np.where(at_kashi & leg.end.radio, 0.004, 0.0))
 
 
 WET_RADOME = WetRadome()

@@ -145,7 +145,7 @@ def chosen_observations(
     """Return the observations of a study, and the number of others by reason; errors as :func:`radioloc.locate`."""
     study.observations.require_transmitters()
     if observations is None:
-        if study.simulation is not None and not study.observations.files:
+        if (study.simulation is not None or study.simulations) and not study.observations.files:
             raise InputError(
                 f"{study.name}: the study has no observations, only a simulation; use `radioloc montecarlo`, or "
                 "`radioloc simulate` to make a file of observations and name it as [observations] files"

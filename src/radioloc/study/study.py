@@ -305,6 +305,7 @@ _FIELD_TYPES: Mapping[str, tuple[type, ...]] = {
     "targets": (Mapping,),
     "consider": (Mapping,),
     "extensions": (Mapping,),
+    "simulations": (Mapping,),
 }
 """Types of the fields of a study that is built in Python."""
 
@@ -330,6 +331,8 @@ class Study:
         Shown on the result card.
     simulation : Scenario or None
         Tracking to be simulated, for Monte Carlo studies.
+    simulations : mapping of str to Scenario
+        In its place the tracking of each of several targets, by their names.
     targets : mapping of str to LunarPosition, Trajectory or Orbiter
         Several targets of any kinds by the names that the observations have for them; empty where there is only
         `target`.
@@ -372,6 +375,7 @@ class Study:
     longitude_to_360: bool = False
     target_name: str | None = None
     extensions: Mapping[str, Any] = field(default_factory=dict)
+    simulations: Mapping[str, Scenario] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, types in _FIELD_TYPES.items():
@@ -450,7 +454,7 @@ class Study:
         return (
             f"<Study {self.name}: {target}; {len(self.observations.files)} file(s); "
             f"estimates {', '.join(estimated) or 'nothing'}"
-            f"{'; simulated' if self.simulation else ''}>"
+            f"{'; simulated' if self.simulation or self.simulations else ''}>"
         )
 
     def _name_targets(self) -> None:
@@ -476,7 +480,7 @@ class Study:
             given = {
                 "[reference] is compared with": self.reference,
                 "[references] is compared with": self.references,
-                "[simulation] is of": self.simulation,
+                "simulation is of": self.simulation,
             }
             for what in filter(given.get, given):
                 raise InputError(f"{what} one position, but [targets] gives several; leave it out")

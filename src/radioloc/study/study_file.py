@@ -19,6 +19,7 @@ from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError, StationError, require_type
 from radioloc.io.frequencies import FrequencyAgreement, read_sites
 from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.link import canonical_target
 from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.considered import considered_choices
 from radioloc.simulation import Scenario
@@ -41,7 +42,7 @@ from radioloc.study.schema import (
     source_of,
     toml_content,
 )
-from radioloc.study.simulation_file import scenario
+from radioloc.study.simulation_file import scenario, scenarios
 from radioloc.study.study import (
     PARAMETER_KEYS,
     CovarianceChoice,
@@ -212,6 +213,14 @@ def read_study(path: str | Path) -> Study:
     if targets == {}:
         raise InputError(f"{path}: [targets] names none; give at least one [targets.NAME]")
     target = made("target", read) or next(iter(targets.values()))
+    canonical = {canonical_target(name): place for name, place in (targets or {}).items()}
+    read_simulation = partial(
+        _simulation,
+        targets=canonical if len(canonical) > 1 else {"": target},
+        forces=content.get("forces", {}),
+        catalogue=catalogue,
+    )
+    simulations = made("simulation", read_simulation) or {}
     considered, defaults, suboptimal = made("consider", _considered) or ({}, True, ())
     planned = made("covariance", lambda table: table.read(CovarianceChoice))
     return top.build(
@@ -233,10 +242,8 @@ def read_study(path: str | Path) -> Study:
         candidates=None if planned is None else planned.candidates,
         extensions={table.name: table.read(record) for table, record in extensions},
         longitude_to_360=any(place.get("longitude_deg", 0.0) > 180.0 for place in places),
-        simulation=made(
-            "simulation",
-            partial(_simulation, target=target, forces=content.get("forces", {}), catalogue=catalogue),
-        ),
+        simulation=simulations.get(""),
+        simulations={} if "" in simulations else simulations,
     )
 
 
@@ -272,10 +279,30 @@ def _considered(table: TomlTable) -> tuple[dict[str, ParameterChoice], bool, tup
 
 def _simulation(
     table: TomlTable,
-    target: LunarPosition | Trajectory | Orbiter,
+    targets: Mapping[str, LunarPosition | Trajectory | Orbiter],
     forces: Mapping[str, Any],
     catalogue: StationCatalogue,
-) -> Scenario:
+) -> dict[str, Scenario]:
+    """Read the scenario of each target; the name of the only one is empty."""
+    if len(targets) == 1:
+        [(name, target)] = targets.items()
+        return {name: scenario(table, _true_target(table, target, forces), catalogue)}
+    changes = table.table("targets")
+    tables = {} if changes is None else changes.named()
+    for name in tables:
+        if canonical_target(name) not in targets:
+            table.fail(f"targets.{name}", f"expected one of [targets], {', '.join(targets)}")
+    truths = dict(targets)
+    for name, change in tables.items():
+        truths[canonical_target(name)] = _true_target(change, targets[canonical_target(name)], forces)
+        change.finish()
+    return scenarios(table, truths, catalogue)
+
+
+def _true_target(
+    table: TomlTable, target: LunarPosition | Trajectory | Orbiter, forces: Mapping[str, Any]
+) -> LunarPosition | Trajectory | Orbiter:
+    """Return the a-priori target with the true position, state and forces of a table."""
     orbiter = target if isinstance(target, Orbiter) else None
     orbits, lands = orbiter is not None, orbiter is not None and orbiter.landing is not None
     for key in ("state",) if lands else ("position",) if orbits else ("state", "forces"):
@@ -285,27 +312,15 @@ def _simulation(
             )
             if lands:
                 kind, instead = "a target that does not land", "position"
-            table.fail(key, f"belongs to {kind} on the Moon; use [simulation.{instead}]")
-    true, state, acting = (table.table(key) for key in ("position", "state", "forces"))
-    if orbiter is not None:
-        truth = true_orbiter(orbiter, state, acting, forces)
-        if true is not None and truth.landing is not None:
-            place = position_of(true, true.read(Place))
-            truth = replace(truth, landing=replace(truth.landing, place=place))
-        planned = scenario(table, truth, catalogue)
-        if any(planned.truth_sigma.position_enu_m):
-            raise InputError(
-                f"{table.path}: [simulation.truth_sigma] position_enu_m belongs to a place on the Moon, but the target "
-                "is an orbiter; leave it out"
-            )
-        return planned
-    # Of a trajectory there is none, and the study refuses it.
-    planned = scenario(table, target if true is None else position_of(true, true.read(Place)), catalogue)
-    if planned.truth_sigma.gravity_errors:
-        raise InputError(
-            f"{table.path}: [simulation.truth_sigma] gravity_errors belongs to an orbiter; leave it out"
-        )
-    return planned
+            table.fail(key, f"belongs to {kind} on the Moon; use [{table.name}.{instead}]")
+    position, state, acting = (table.table(key) for key in ("position", "state", "forces"))
+    if orbiter is None:
+        return target if position is None else position_of(position, position.read(Place))
+    truth = true_orbiter(orbiter, state, acting, forces)
+    if position is None or truth.landing is None:
+        return truth
+    place = position_of(position, position.read(Place))
+    return replace(truth, landing=replace(truth.landing, place=place))
 
 
 def _observations(table: TomlTable, may_be_missing: bool) -> ObservationChoice:

@@ -106,3 +106,94 @@ def test_any_parameter_of_the_registry_can_be_wrong(tmp_path):
         found.added_m["frequency_offset"], np.where(doppler, 1e-13 * received_m, 0.0), rtol=1e-10
     )
     assert "frequency_offset_value" in read(tmp_path, text).simulation.truth_sigma.keys
+
+
+TWO_TARGETS = """
+[targets.lander]
+longitude_deg = -51.9
+latitude_deg = 43.0
+height_m = -2550.0
+
+[targets.rover]
+longitude_deg = -51.8
+latitude_deg = 43.1
+height_m = -2550.0
+
+[estimate]
+height_prior = { height_m = -2550.0, sigma_m = 5.0 }
+
+[simulation]
+seed = 1
+
+[simulation.targets.rover.position]
+longitude_deg = -51.7990
+latitude_deg = 43.1005
+height_m = -2550.0
+
+[simulation.sessions.ranging]
+kind = "range"
+stations = ["JIAMUSI", "KASHI", "NEUQUEN"]
+start = 2020-12-01T15:00:00
+stop = 2020-12-03T15:00:00
+step_s = 1800.0
+sigma_m = 1.0
+
+[simulation.sessions.doppler]
+kind = "doppler"
+targets = ["rover"]
+stations = ["KASHI"]
+start = 2020-12-01T15:05:00
+stop = 2020-12-02T15:05:00
+step_s = 1800.0
+sigma_m = 0.05
+count_s = 60.0
+
+[simulation.noise.range]
+white_m = 1.0
+
+[simulation.truth]
+range_bias_m = { KASHI = 4.2 }
+clock_s = { KASHI = 1e-8 }
+clock_rate_s_s = { KASHI = 1e-13 }
+"""
+
+
+def test_several_targets_are_simulated_and_located_in_one_study(tmp_path):
+    study = read(tmp_path, TWO_TARGETS)
+    simulated = radioloc.simulate(study)
+    lander, rover = simulated.targets["lander"], simulated.targets["rover"]
+    assert set(lander.observations.types()) == {"range"}
+    assert set(rover.observations.types()) == {"range", "doppler"}
+    # Errors of stations are common, noise is not.
+    assert lander.added_m["range_bias"].max() == rover.added_m["range_bias"].max() == pytest.approx(4.2)
+    assert lander.truth.clock_epoch_utc == rover.truth.clock_epoch_utc == "2020-12-01T15:00:00"
+    assert not np.isin(lander.noise_m, rover.noise_m[rover.observations.types() == "range"]).any()
+    observations = simulated.observations
+    assert len(observations) == len(lander.observations) + len(rover.observations)
+    assert (np.diff(observations.epoch.mjd) >= 0.0).all()
+    assert "target rover: simulated observations" in simulated.summary()
+    solution = radioloc.locate(study, observations)
+    assert solution.converged
+    truth = study.simulations["rover"].position
+    offset_m = solution.of_target("rover").position.to_frame(truth.frame).xyz_m - truth.xyz_m
+    assert np.linalg.norm(offset_m) < 100.0
+    assert {item.target for item in radioloc.visibility(study).passes} == {"lander", "rover"}
+    with pytest.raises(InputError, match="simulation of one target"):
+        radioloc.monte_carlo(study, trials=2)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('targets = ["rover"]', 'targets = ["orbiter"]', "sessions.doppler.*lander, rover"),
+        ("simulation.targets.rover.position", "simulation.targets.drone.position", "lander, rover"),
+        (
+            "[simulation.truth]",
+            "[simulation.truth_sigma]\nposition_enu_m = [1.0, 1.0, 1.0]\n[simulation.truth]",
+            "position_enu_m",
+        ),
+    ],
+)
+def test_unknown_targets_of_a_simulation(old, new, message, tmp_path):
+    with pytest.raises(InputError, match=message):
+        read(tmp_path, TWO_TARGETS.replace(old, new))

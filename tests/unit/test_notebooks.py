@@ -99,7 +99,7 @@ def run_cells(folder, tmp_path):
 
 
 FIGURE = "from radioloc.report.figures import new_figure\na = new_figure(3, 2)\na.subplots()\na"
-BAR = "from radioloc.progress import progress_bar\nprogress_bar(wanted=True, total=3).update(2)"
+BAR = "from radioloc.progress import progress_bar\nprogress_bar(shown=True, total=3).update(2)"
 TABLE = (
     "from radioloc.results.cards import text_table\nprint(*text_table(['a', 'b'], [['1', '2']], 9), sep='|')"
 )

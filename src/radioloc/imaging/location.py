@@ -108,7 +108,7 @@ def _located(study: ImageStudy, base_map: Path, progress: bool, *notes: str) -> 
         near=_near(chosen),
         terrain=None if camera is None or chosen.dem is None else TerrainModel.open(chosen.dem),
         detector=Detector(chosen.detector),
-        progress=partial(progress_bar, wanted=progress, unit="image"),
+        progress=partial(progress_bar, shown=progress, unit="image"),
     )
     return _solution(study, registration, base, mask, notes)
 

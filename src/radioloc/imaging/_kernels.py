@@ -1,7 +1,7 @@
-"""Compiled loops: interpolation of exterior orientation, and the images' adjustment.
+"""Compiled loops: interpolation of exterior orientation, and the adjustment of images.
 
-The adjustment's observations of pixels are sorted by their points, and those of a point by their images: `first` says
-where each point's begin, and ends with how many there are.
+Observations of pixels in the adjustment are sorted by points, and those of a point by images. `first` holds the index of
+the first observation of each point, and ends with the number of observations.
 """
 
 import numpy as np
@@ -23,24 +23,24 @@ def lagrange(times_s: Floats, values: Floats, time_s: Floats) -> Floats:
         side = min(index + 1, nodes - 1 - index, 4)
         first = index + 1 - side
         for k in range(2 * side):
-            for other in range(2 * side):
-                if other != k:
-                    scale[index, k] /= times_s[first + k] - times_s[first + other]
+            for m in range(2 * side):
+                if m != k:
+                    scale[index, k] /= times_s[first + k] - times_s[first + m]
     out = np.zeros((len(time_s), width))
     step = (times_s[-1] - times_s[0]) / (nodes - 1)
-    behind = np.empty(9)
+    upper = np.empty(9)
     for i in range(len(time_s)):
         index = min(max(int((time_s[i] - times_s[0]) / step), 0), nodes - 2)
         side = min(index + 1, nodes - 1 - index, 4)
         first = index + 1 - side
-        # products of the distances to the nodes behind each, then before each
-        behind[2 * side] = 1.0
+        # products of the distances to the later nodes, then to the earlier nodes
+        upper[2 * side] = 1.0
         for k in range(2 * side - 1, -1, -1):
-            behind[k] = behind[k + 1] * (time_s[i] - times_s[first + k])
-        before = 1.0
+            upper[k] = upper[k + 1] * (time_s[i] - times_s[first + k])
+        lower = 1.0
         for k in range(2 * side):
-            weight = before * behind[k + 1] * scale[index, k]
-            before *= time_s[i] - times_s[first + k]
+            weight = lower * upper[k + 1] * scale[index, k]
+            lower *= time_s[i] - times_s[first + k]
             for j in range(width):
                 out[i, j] += weight * values[first + k, j]
     return out

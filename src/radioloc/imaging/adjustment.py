@@ -1,20 +1,19 @@
-r"""One adjustment of all images and the places of all tie points, by weighted least squares.
+r"""Adjustment of all images and the places of all tie points by weighted least squares.
 
-Unknown are, for each image i, how it shows places, :math:`G_i` (:mod:`radioloc.imaging.projections`: a homography, or
-the pose of a camera over relief), and, for each tie point j, its place :math:`X_j` in the plane. Observed are the tie
-point's pixel in each image that has it, :math:`x_{ij} = G_i X_j`, and the place that the map gives to some,
-:math:`m_j = X_j`. A feature that is measured once and matched to many is one observation, so that nothing is counted
-twice; the chain of images from high to low, and all ways around it, are in the one set of normal equations. Places are
-eliminated from these (Triggs et al. 2000, section 6.1):
+The unknowns are, for each image i, its projection of places, :math:`G_i` (:mod:`radioloc.imaging.projections`: a
+homography, or the pose of a camera over relief), and, for each tie point j, its place :math:`X_j` in the plane. The
+observations are the pixel of a tie point in each image, :math:`x_{ij} = G_i X_j`, and the place of some of them on the
+map, :math:`m_j = X_j`. A feature with several matches is one observation. The normal equations contain the chain of images
+from high to low with all its loops. Places are eliminated (Triggs et al. 2000, section 6.1):
 
 .. math:: S = U - W V^{-1} W^T, \qquad C = S^{-1}
 
-C is the covariance of all images together, with the errors of the map's features and the chain. What all of the
-map has in common, its tie to the Moon's axes, is not in it.
+C is the covariance of all images, with the errors of map features and of the chain, without the common error of the map:
+its tie to the Moon's axes.
 
-How large errors are is found from residuals, of pixels of images and of places on the map apart (variance components of
-Helmert's kind, Foerstner 1979). An observation is left out with chi squared of its tie point beyond what chance makes
-once in 1000.
+Residuals determine the noise of pixels and of places on the map separately (variance components of Helmert's kind,
+Foerstner 1979). An observation is rejected if chi squared of its tie point is exceeded with a probability below 1 in
+1000.
 """
 
 from __future__ import annotations
@@ -32,21 +31,21 @@ from radioloc.vectors import Floats
 
 Indices = NDArray[np.int64]
 
-_STEPS = 40  # in a round; wrong tie points over cells of an elevation model may keep it from settling
-_HALVINGS = 7  # of a step
-_ROUNDING = 1e-6  # of chi squared
-_CONVERGED = 1e-4  # change of chi squared by a step: no parameter moves by more than a hundredth of its sigma
-_ROUNDS = 40
-_RARE = 1e-3
-_SETTLED = 0.02  # relative change of a variance component
-_FEW_CHANGES = 1e-3  # of all observations, left out in one round more
-_ENOUGH_REDUNDANCY = 30.0  # below that, sigmas are not told apart, nor made smaller
-_LEAST_FACTOR = 0.05
+_MAX_STEPS = 40  # per round; wrong tie points over cells of an elevation model may prevent convergence
+_MAX_HALVINGS = 7  # of a step
+_CHI2_ROUNDING = 1e-6
+_CHI2_TOLERANCE = 1e-4  # change by a step: every parameter moves by less than a hundredth of its sigma
+_MAX_ROUNDS = 40
+_OUTLIER_PROBABILITY = 1e-3
+_FACTOR_TOLERANCE = 0.02  # relative change of a variance component
+_MAX_CHANGED_PART = 1e-3  # of all observations, rejected in the last round
+_MIN_REDUNDANCY = 30.0  # for separate sigmas, and for smaller ones
+_MIN_FACTOR = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TiePoints:
-    """Pixels of tie points in images, and places of some on the map. Points are counted from 0 without gaps."""
+    """Pixels of tie points in images, and places of some on the map; points have the numbers 0 to n - 1."""
 
     image: Indices  # of each pixel, shape (n,)
     point: Indices  # shape (n,)
@@ -58,18 +57,18 @@ class TiePoints:
 
     @property
     def count(self) -> int:
-        """How many points."""
+        """Number of points."""
         return int(max(self.point.max(initial=-1), self.map_point.max(initial=-1))) + 1
 
-    def only(self, points: NDArray[np.bool_]) -> TiePoints:
-        """Some of the points, counted anew."""
+    def select(self, points: NDArray[np.bool_]) -> TiePoints:
+        """Return some of the points, renumbered."""
         number = np.cumsum(points) - 1
-        here, on_map = points[self.point], points[self.map_point]
+        in_image, on_map = points[self.point], points[self.map_point]
         return TiePoints(
-            self.image[here],
-            number[self.point[here]],
-            self.pixels[here],
-            self.sigma_px[here],
+            self.image[in_image],
+            number[self.point[in_image]],
+            self.pixels[in_image],
+            self.sigma_px[in_image],
             number[self.map_point[on_map]],
             self.map_m[on_map],
             self.map_sigma_m[on_map],
@@ -78,56 +77,56 @@ class TiePoints:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Adjusted:
-    """What the adjustment found."""
+    """Result of the adjustment."""
 
     model: Projections
     covariance: Floats  # of all corrections, shape (8 images, 8 images)
     places_m: Floats  # of the tie points, shape (points, 2)
-    used: NDArray[np.bool_]  # which pixels,
-    map_used: NDArray[np.bool_]  # and which places on the map were used
+    used: NDArray[np.bool_]  # pixels that were not rejected
+    map_used: NDArray[np.bool_]  # places on the map that were not rejected
     residuals_px: Floats  # shape (n, 2)
     map_residuals_m: Floats  # shape (m, 2)
     sigma_factors: tuple[float, float]  # of the sigmas of pixels and of places on the map
     redundancy: int
 
     def place(self, image: int, pixel: Floats, pixel_sigma: float = 0.0) -> tuple[Floats, Floats]:
-        """The place of a pixel, m, and its covariance, m^2, with those of chain, matches, features and the pixel."""
+        """Return the place of a pixel, m, and its covariance, m^2, with the errors of the chain and of the pixel."""
         place = self.model.place(image, pixel)
-        at = self.model.project(np.array([image]), np.array([0]), place[np.newaxis])
-        to_place = np.linalg.inv(at.by_place[0])
-        by_parameters = to_place @ at.by_parameters[0]
+        projected = self.model.project(np.array([image]), np.array([0]), place[np.newaxis])
+        to_place = np.linalg.inv(projected.by_place[0])
+        by_parameters = to_place @ projected.by_parameters[0]
         block = self.block(image)
         covariance = by_parameters @ self.covariance[block, block] @ by_parameters.T
         return place, covariance + pixel_sigma**2 * to_place @ to_place.T
 
     def block(self, image: int) -> slice:
-        """Where the parameters of an image are among all."""
+        """Return the slice of the parameters of an image."""
         return slice(8 * image, 8 * image + 8)
 
 
 def adjust(ties: TiePoints, model: Projections, places: Floats) -> Adjusted:
-    """Adjust all images and the places of all tie points, m, together, from approximate ones."""
+    """Adjust all images and the places of all tie points, m, from approximate values."""
     pixels = len(ties.point)
     used = np.ones(pixels + len(ties.map_point), bool)
-    observed = _Observed(ties, np.lexsort((ties.image, ties.point)), used, np.ones(2))
-    apart = True
-    for number in range(_ROUNDS):
-        observed = replace(observed, used=observed.used & model.known(places)[observed.points])
+    observed = _Observations(ties, np.lexsort((ties.image, ties.point)), used, np.ones(2))
+    separate = True
+    for number in range(_MAX_ROUNDS):
+        observed = replace(observed, used=observed.used & model.covers(places)[observed.points])
         try:
             model, places, normal, small = _solve(observed, model, places)
         except LinAlgError:
             raise InputError(
-                "the tie points do not determine the images; some image has too few, or all on a line"
+                "the tie points do not determine the images: some image has too few, or all on a line"
             ) from None
         residuals = observed.residuals(model, places)
-        shares, redundancy = normal.redundancies(observed)
-        # Where few observations are left to tell the two apart, both have one factor, and keep it.
-        apart = apart and bool((shares > _ENOUGH_REDUNDANCY).all())
-        factors = observed.components(residuals, shares, apart)
-        following = replace(observed, factors=factors).kept(residuals)
+        redundancies, redundancy = normal.redundancies(observed)
+        # With low redundancy both components have one factor from then on.
+        separate = separate and bool((redundancies > _MIN_REDUNDANCY).all())
+        factors = observed.components(residuals, redundancies, separate)
+        following = replace(observed, factors=factors).without_outliers(residuals)
         changed = (following.used != observed.used).sum()
-        settled = small and changed <= _FEW_CHANGES * observed.used.sum()
-        if settled and number and np.abs(factors / observed.factors - 1.0).max() < _SETTLED:
+        settled = small and changed <= _MAX_CHANGED_PART * observed.used.sum()
+        if settled and number and np.abs(factors / observed.factors - 1.0).max() < _FACTOR_TOLERANCE:
             return Adjusted(
                 model,
                 normal.covariance(),
@@ -140,13 +139,11 @@ def adjust(ties: TiePoints, model: Projections, places: Floats) -> Adjusted:
                 redundancy,
             )
         observed = following
-    raise ConvergenceError(
-        f"the images' adjustment did not settle in {_ROUNDS} rounds of leaving out tie points"
-    )
+    raise ConvergenceError(f"the adjustment of the images did not converge in {_MAX_ROUNDS} rounds")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Observed:
+class _Observations:
     """Observations of tie points, first all pixels, then all places on the map."""
 
     ties: TiePoints
@@ -156,137 +153,139 @@ class _Observed:
 
     @property
     def points(self) -> Indices:
-        """Which point each is of."""
+        """Number of the point of each observation."""
         return np.concatenate([self.ties.point, self.ties.map_point])
 
     def residuals(self, model: Projections, places: Floats) -> Floats:
-        """In pixels and in metres, shape (n, 2)."""
+        """Return residuals in pixels and in metres, shape (n, 2)."""
         ties = self.ties
         pixels = model.pixels(ties.image, ties.point, places)
         return np.concatenate([ties.pixels - pixels, ties.map_m - places[ties.map_point]])
 
     def chi2(self, residuals: Floats, factors: Floats) -> Floats:
-        """Of each observation, two degrees of freedom; of those that are not used nothing."""
+        """Return chi squared of each observation, with two degrees of freedom; 0 for rejected ones."""
         sigmas = np.concatenate([factors[0] * self.ties.sigma_px, factors[1] * self.ties.map_sigma_m])
         return np.where(self.used, (residuals**2).sum(axis=1) / sigmas**2, 0.0)
 
-    def components(self, residuals: Floats, redundancies: Floats, apart: bool) -> Floats:
-        """Factors of the sigmas of pixels and of places on the map, apart or one, from residuals and redundancies."""
-        of_pixels, of_map = np.split(self.chi2(residuals, np.ones(2)), [len(self.ties.point)])
-        sums = np.array([of_pixels.sum(), of_map.sum()])
-        if apart:
-            return np.maximum(np.sqrt(sums / redundancies), _LEAST_FACTOR)
+    def components(self, residuals: Floats, redundancies: Floats, separate: bool) -> Floats:
+        """Return factors of the sigmas of pixels and of places on the map, from residuals and redundancies."""
+        pixel_chi2, map_chi2 = np.split(self.chi2(residuals, np.ones(2)), [len(self.ties.point)])
+        sums = np.array([pixel_chi2.sum(), map_chi2.sum()])
+        if separate:
+            return np.maximum(np.sqrt(sums / redundancies), _MIN_FACTOR)
         redundancy = float(redundancies.sum())
         factor = float(np.sqrt(sums.sum() / max(redundancy, 1.0)))
-        return np.full(2, max(factor, _LEAST_FACTOR if redundancy > _ENOUGH_REDUNDANCY else 1.0))
+        return np.full(2, max(factor, _MIN_FACTOR if redundancy > _MIN_REDUNDANCY else 1.0))
 
-    def kept(self, residuals: Floats) -> _Observed:
-        """Without the worst observation of each tie point whose chi squared is beyond chance."""
+    def without_outliers(self, residuals: Floats) -> _Observations:
+        """Reject the worst observation of each inconsistent tie point, and points with a single observation."""
         from scipy.special import chdtri
 
         point, count = self.points, self.ties.count
         chi2 = self.chi2(residuals, self.factors)
         number = np.bincount(point[self.used], minlength=count)
-        bad = np.bincount(point, weights=chi2, minlength=count) > chdtri(2 * np.maximum(number - 1, 1), _RARE)
+        limit = chdtri(2 * np.maximum(number - 1, 1), _OUTLIER_PROBABILITY)
+        inconsistent = np.bincount(point, weights=chi2, minlength=count) > limit
         worst = np.zeros(count)
         np.maximum.at(worst, point, chi2)
-        used = self.used & ~(bad[point] & (chi2 >= worst[point]))
-        alone = np.bincount(point[used], minlength=count) < 2  # one observation of a point says nothing
-        return replace(self, used=used & ~alone[point])
+        used = self.used & ~(inconsistent[point] & (chi2 >= worst[point]))
+        single = np.bincount(point[used], minlength=count) < 2
+        return replace(self, used=used & ~single[point])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _NormalEquations:
-    """The normal equations of the images, places eliminated."""
+    """Normal equations of the images after elimination of places."""
 
     factor: Floats  # of Cholesky, below the diagonal
     right: Floats
-    parameters: int  # that have an effect
-    image: Indices  # of each pixel that is used, and the point:
-    point: Indices
-    first: Indices  # where each point's pixels begin, and how many there are
+    parameters: int  # number of effective ones
+    image: Indices  # of each used pixel
+    point: Indices  # of each used pixel
+    first: Indices  # first pixel of each point, then the number of pixels
     coupling: Floats  # W^T, shape (n, 2, 8)
     points_inverse: Floats  # V^-1, shape (points, 2, 2)
     points_right: Floats  # shape (points, 2)
     map_weight: Floats  # shape (points,)
 
     def step(self) -> Floats:
-        """Corrections of the images, shape (images, 8)."""
+        """Return corrections of the images, shape (images, 8)."""
         from scipy.linalg import cho_solve
 
         return np.asarray(cho_solve((self.factor, True), self.right)).reshape(-1, 8)
 
     def covariance(self) -> Floats:
-        """The inverse."""
+        """Return the inverse of the normal equations."""
         from scipy.linalg.lapack import dpotri
 
         lower = np.tril(dpotri(self.factor, lower=True)[0])
         return np.asarray(lower + np.tril(lower, -1).T)
 
-    def places_moved(self, step: Floats) -> Floats:
-        """What a step of the images, shape (images, 8), does to the places, shape (points, 2)."""
+    def place_steps(self, step: Floats) -> Floats:
+        """Return the steps of the places, shape (points, 2), for a step of the images, shape (images, 8)."""
         by_images = np.einsum("nip,np->in", self.coupling, step[self.image])
-        left = self.points_right - _sums(self.point, by_images, len(self.points_right)).T
-        return np.einsum("nij,nj->ni", self.points_inverse, left)
+        right = self.points_right - _sums(self.point, by_images, len(self.points_right)).T
+        return np.einsum("nij,nj->ni", self.points_inverse, right)
 
-    def redundancies(self, observed: _Observed) -> tuple[Floats, int]:
-        """Redundancies of the pixels together and of the map's places together, and their sum."""
-        on_map = self.map_weight > 0.0
-        seen = on_map | (np.diff(self.first) > 0)
-        total = 2 * int(observed.used.sum() - seen.sum()) - self.parameters
-        # Of each place the variances, of the covariance V^-1 + V^-1 W^T C W V^-1, times what they weigh on the map.
+    def redundancies(self, observed: _Observations) -> tuple[Floats, int]:
+        """Return the redundancies of all pixels and of all places on the map, and their sum."""
+        observed_points = (self.map_weight > 0.0) | (np.diff(self.first) > 0)
+        total = 2 * int(observed.used.sum() - observed_points.sum()) - self.parameters
+        # Variances of each place, from the covariance V^-1 + V^-1 W^T C W V^-1, times its weight on the map.
         between = self.map_weight[:, np.newaxis, np.newaxis] * (self.points_inverse @ self.points_inverse)
         blocks = _coupled(self.first, self.image, self.coupling, between, len(self.right) // 8)
         covariance = self.covariance().reshape(len(blocks), 8, len(blocks), 8)
         explained = 2.0 * np.einsum("ijpq,ipjq", blocks, covariance)
         explained -= np.einsum("iipq,ipiq", blocks, covariance)
         explained += self.map_weight @ np.trace(self.points_inverse, axis1=1, axis2=2)
-        of_map = 2.0 * int(observed.used[len(observed.ties.point) :].sum()) - float(explained)
-        return np.array([total - of_map, of_map]), total
+        map_redundancy = 2.0 * int(observed.used[len(observed.ties.point) :].sum()) - float(explained)
+        return np.array([total - map_redundancy, map_redundancy]), total
 
 
 def _solve(
-    observed: _Observed, model: Projections, places: Floats
+    observed: _Observations, model: Projections, places: Floats
 ) -> tuple[Projections, Floats, _NormalEquations, bool]:
-    """The model and the places after some steps, the normal equations of the last one, and whether it was small."""
+    """Return model and places after Gauss-Newton steps, the last normal equations, and convergence."""
     chi2 = observed.chi2(observed.residuals(model, places), observed.factors).sum()
-    for _ in range(_STEPS):
+    for _ in range(_MAX_STEPS):
         normal = _normal_equations(observed, model, places)
-        of_images = normal.step()
-        of_places = normal.places_moved(of_images)
-        # Halved until chi squared does not grow: from far off a whole step may lead beyond a horizon.
-        for part in 0.5 ** np.arange(_HALVINGS + 1):
-            following = model.corrected(part * of_images), places + part * of_places
-            after = observed.chi2(observed.residuals(*following), observed.factors).sum()
-            if after <= (1.0 + _ROUNDING) * chi2:
+        image_steps = normal.step()
+        place_steps = normal.place_steps(image_steps)
+        # Steps are halved until chi squared does not grow: a full step from far away may lead beyond a horizon.
+        for part in 0.5 ** np.arange(_MAX_HALVINGS + 1):
+            following = model.corrected(part * image_steps), places + part * place_steps
+            following_chi2 = observed.chi2(observed.residuals(*following), observed.factors).sum()
+            if following_chi2 <= (1.0 + _CHI2_ROUNDING) * chi2:
                 break
-        (model, places), chi2 = following, after
-        if small := bool(np.vdot(of_images, normal.right) < _CONVERGED):
+        (model, places), chi2 = following, following_chi2
+        if small := bool(np.vdot(image_steps, normal.right) < _CHI2_TOLERANCE):
             break
     return model, places, normal, small
 
 
-def _normal_equations(observed: _Observed, model: Projections, places: Floats) -> _NormalEquations:
+def _normal_equations(observed: _Observations, model: Projections, places: Floats) -> _NormalEquations:
     from scipy.linalg import cho_factor
 
     ties, count = observed.ties, len(places)
     pixels = observed.order[observed.used[observed.order]]
     map_used = observed.used[len(ties.point) :]
     image, point = ties.image[pixels], ties.point[pixels]
-    found = model.project(image, point, places)
-    # Components are rows here, of all observations: derivatives by images (2, 8, n) and places (2, 2, n).
+    projected = model.project(image, point, places)
+    # Rows are components of all observations: derivatives by images (2, 8, n) and places (2, 2, n).
     weight = (observed.factors[0] * ties.sigma_px[pixels]) ** -1.0
-    by_image, by_place = (np.moveaxis(part, 0, -1) * weight for part in (found.by_parameters, found.by_place))
-    residual = (ties.pixels[pixels] - found.pixels).T * weight
+    by_image, by_place = (
+        np.moveaxis(part, 0, -1) * weight for part in (projected.by_parameters, projected.by_place)
+    )
+    residual = (ties.pixels[pixels] - projected.pixels).T * weight
     map_point = ties.map_point[map_used]
     map_weights = (observed.factors[1] * ties.map_sigma_m[map_used]) ** -2.0
     map_weight = _sums(map_point, map_weights, count)
-    # The points' own part, of those of which nothing is used such that nothing moves them.
+    # Blocks of the points; those without used observations are held by unit weights.
     first = np.searchsorted(point, np.arange(count + 1))
-    alone = (np.diff(first) == 0) & (map_weight == 0.0)
-    own = _sums(point, _products(by_place, by_place), count)
-    own[[0, 1], [0, 1]] += map_weight + alone
-    inverse = np.asarray(np.linalg.inv(np.moveaxis(own, -1, 0)), dtype=np.float64)
+    unobserved = (np.diff(first) == 0) & (map_weight == 0.0)
+    point_blocks = _sums(point, _products(by_place, by_place), count)
+    point_blocks[[0, 1], [0, 1]] += map_weight + unobserved
+    inverse = np.asarray(np.linalg.inv(np.moveaxis(point_blocks, -1, 0)), dtype=np.float64)
     map_residual = (ties.map_m[map_used] - places[map_point]).T
     points_right = _sums(map_point, map_weights * map_residual, count).T
     points_right += _sums(point, _products(by_place, residual[:, np.newaxis])[:, 0], count).T
@@ -299,19 +298,20 @@ def _normal_equations(observed: _Observed, model: Projections, places: Floats) -
     residual -= by_place[:, 0] * east + by_place[:, 1] * north
     right = np.zeros((model.images, 8))
     order = np.argsort(image, kind="stable")
-    for k, mine in enumerate(np.split(order, np.searchsorted(image[order], np.arange(1, model.images)))):
-        block, design = slice(8 * k, 8 * k + 8), designs[mine].reshape(-1, 8)
+    for k, rows in enumerate(np.split(order, np.searchsorted(image[order], np.arange(1, model.images)))):
+        block, design = slice(8 * k, 8 * k + 8), designs[rows].reshape(-1, 8)
         reduced[block, block] += design.T @ design
-        right[k] = design.T @ residual.T[mine].ravel()
-    held = model.held().ravel()
-    reduced[held, held] = 1.0
-    of_points = image, point, first, coupling, inverse, points_right, map_weight
-    return _NormalEquations(cho_factor(reduced, lower=True)[0], right.ravel(), int((~held).sum()), *of_points)
+        right[k] = design.T @ residual.T[rows].ravel()
+    fixed = model.fixed_corrections().ravel()
+    reduced[fixed, fixed] = 1.0
+    factor = cho_factor(reduced, lower=True)[0]
+    point_parts = image, point, first, coupling, inverse, points_right, map_weight
+    return _NormalEquations(factor, right.ravel(), int((~fixed).sum()), *point_parts)
 
 
 def _coupled(first: Indices, image: Indices, coupling: Floats, between: Floats, images: int) -> Floats:
-    """The sum over all points of W B W^T, with B between, by images, of which the first is not less than the second."""
-    from radioloc.imaging._kernels import coupled  # brings numba
+    """Return the sum over all points of W B W^T, with B between, for pairs of images, the first not before the second."""
+    from radioloc.imaging._kernels import coupled  # imports numba
 
     out = np.zeros((images, images, 8, 8))
     coupled(first, image, coupling, between, out)
@@ -319,25 +319,23 @@ def _coupled(first: Indices, image: Indices, coupling: Floats, between: Floats, 
 
 
 def _products(a: Floats, b: Floats) -> Floats:
-    """Products A^T B of matrices (2, i, n) and (2, j, n), shape (i, j, n)."""
+    """Return products A^T B of matrices (2, i, n) and (2, j, n), shape (i, j, n)."""
     return a[0, :, np.newaxis] * b[0] + a[1, :, np.newaxis] * b[1]
 
 
 def _sums(number: Indices, values: Floats, count: int) -> Floats:
-    """Sums over the last axis by numbers, shape (..., count)."""
+    """Return sums over the last axis by numbers, shape (..., count)."""
     rows = values.reshape(math.prod(values.shape[:-1]), -1)
     sums = [np.bincount(number, row, minlength=count) for row in rows]
     return np.array(sums, dtype=np.float64).reshape(*values.shape[:-1], count)
 
 
 def approximate_places(ties: TiePoints, matrices: Floats) -> Floats:
-    """Places of the points: the map's, or the means over their images by homographies, shape (images, 3, 3)."""
-    one, other, scale = np.einsum(
+    """Return places of the points: the map's, or the mean over their images by homographies, shape (images, 3, 3)."""
+    x, y, scale = np.einsum(
         "nij,nj->in", np.linalg.inv(matrices)[ties.image], np.insert(ties.pixels, 2, 1.0, axis=1)
     )
-    east, north, number = _sums(
-        ties.point, np.array([one / scale, other / scale, np.ones_like(scale)]), ties.count
-    )
+    east, north, number = _sums(ties.point, np.array([x / scale, y / scale, np.ones_like(scale)]), ties.count)
     places = np.column_stack([east, north]) / np.maximum(number, 1.0)[:, np.newaxis]
     places[ties.map_point] = ties.map_m
     return places

@@ -1,4 +1,4 @@
-"""Command that locates by images, for the entry points; nothing here takes time to import."""
+"""Command that locates by images, for the entry points; the module is fast to import."""
 
 from __future__ import annotations
 

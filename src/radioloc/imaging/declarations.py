@@ -14,13 +14,13 @@ POINT_RESULT = ResultType("image_point", PointSolution, ("image_position", "map"
 IMAGES_FIGURE = FigureType(
     "images",
     plot_images,
-    "the images laid over the map, from all that the highest shows down to the lander",
+    "the images on the map, from the ground of the highest image down to the lander",
     photograph=True,
 )
 POINT_FIGURE = FigureType(
     "image_position",
     plot_point,
-    "the estimate beside what it is compared with, with error ellipses",
+    "the estimate and its references with error ellipses",
     POSITION,
     file="position",
 )

@@ -1,4 +1,4 @@
-"""Figures of solutions by images: descent images laid over their map, and a point or landmarks with error ellipses."""
+"""Figures of positions by images: descent images on their map, and a point or landmarks with error ellipses."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ if TYPE_CHECKING:
 
 _PANEL_COUNT = 3
 _MOSAIC_PIXELS = 700
-_MIN_NEW_PART = 0.15  # of an image that is drawn: nearer by this part than the last one, or moved by it
+_MIN_NEW_PART = 0.15  # change of scale, or motion as a part of the image, of an image that is drawn
 _MIN_SIGMA_PART = 1e-2  # of a source of error that is drawn
 
 
 @draws_names_literally
 def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
-    """Draw the mosaic of the images on the map, from all that the highest shows down to the lander.
+    """Draw the mosaic of the images on the map, from the ground of the highest image to the lander.
 
     Parameters
     ----------
     solution : ImageSolution
     ax : matplotlib.axes.Axes, optional
-        Axes of a grid whose place the panels take, in place of a figure of their own.
+        Axes of a grid to be replaced by the panels; without it a new figure is made.
 
     Returns
     -------
@@ -92,7 +92,7 @@ def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
         total_m2, relative_m2 = solution.covariance_enu_m2[:2, :2], solution.relative_covariance_en_m2
         for covariance_m2, dashes, label in (
             (total_m2, "-", "95 % ellipse"),
-            (relative_m2, ":", "the same, relative to the map"),
+            (relative_m2, ":", "95 % ellipse relative to the map"),
         ):
             style = {"edgecolor": COLORS[1], "linewidth": 1.3, "linestyle": dashes, "label": label}
             draw_ellipse(axes, (0.0, 0.0), covariance_m2, SCALE_95, factor, fill=False, **style)
@@ -106,7 +106,7 @@ def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
 
 
 def _in_plane(frame: RegisteredFrame, halves: Sequence[Sequence[int]]) -> Floats:
-    """Places of an image in the plane, m, by how many halves of its size they are from its first pixel."""
+    """Return places of an image in the plane, m, for pixels in halves of its size."""
     from radioloc.imaging.homography import transformed
 
     assert frame.homography is not None
@@ -114,51 +114,51 @@ def _in_plane(frame: RegisteredFrame, halves: Sequence[Sequence[int]]) -> Floats
     return transformed(to_plane, np.array(halves, dtype=np.float64) * frame.centre)
 
 
-def _apart(frames: Sequence[RegisteredFrame]) -> Iterator[RegisteredFrame]:
-    """The frames that show more than those before them: nearer by a part, or of other ground; and the last."""
-    drawn, middle = math.inf, np.zeros(2)
+def _distinct_frames(frames: Sequence[RegisteredFrame]) -> Iterator[RegisteredFrame]:
+    """Yield frames that are closer than the previous one or show other ground, and the last."""
+    pixel_m, middle = math.inf, np.zeros(2)
     for frame in frames:
-        [here] = _in_plane(frame, [[1, 1]])
-        moved = float(np.abs(here - middle).max()) > _MIN_NEW_PART * frame.pixel_m * frame.centre.max()
-        if frame.pixel_m < (1.0 - _MIN_NEW_PART) * drawn or moved or frame is frames[-1]:
-            drawn, middle = frame.pixel_m, here
+        [centre] = _in_plane(frame, [[1, 1]])
+        moved = float(np.abs(centre - middle).max()) > _MIN_NEW_PART * frame.pixel_m * frame.centre.max()
+        if frame.pixel_m < (1.0 - _MIN_NEW_PART) * pixel_m or moved or frame is frames[-1]:
+            pixel_m, middle = frame.pixel_m, centre
             yield frame
 
 
 def _mosaic(solution: ImageSolution, west_m: float, north_m: float, width_m: float) -> NDArray[np.uint8]:
-    """The map and, over it, the images from high to low."""
+    """Draw the images from high to low over the map."""
     from radioloc.imaging.frames import load_opencv
 
     cv2 = load_opencv()
     pixel_m = width_m / _MOSAIC_PIXELS
     shape = (_MOSAIC_PIXELS, _MOSAIC_PIXELS)
-    canvas, seen = solution.base.view(
+    canvas, valid = solution.base.view(
         solution.registration.plane, west_m + 0.5 * pixel_m, north_m - 0.5 * pixel_m, pixel_m, shape
     )
-    canvas = np.where(seen, canvas, 255).astype(np.uint8)
+    canvas = np.where(valid, canvas, 255).astype(np.uint8)
     to_plane = np.array(
         [[pixel_m, 0.0, west_m + 0.5 * pixel_m], [0.0, -pixel_m, north_m - 0.5 * pixel_m], [0.0, 0.0, 1.0]]
     )
-    for frame in _apart(solution.registered):
+    for frame in _distinct_frames(solution.registered):
         assert frame.homography is not None
         if frame.pixel_m * 2.0 * frame.centre.max() < 0.01 * width_m:
-            continue  # too small to be seen
+            continue  # too small in the figure
         image, usable = _undistorted(solution, frame)
-        # From the canvas to the image's pixels, which are put together where the canvas is coarser.
+        # From the canvas to the image's pixels, which are averaged for a coarser canvas.
         matrix = frame.homography.matrix @ to_plane
         reduction = max(1, int(pixel_m / frame.pixel_m))
         if reduction > 1:
             image, usable = (cv2.blur(part, (reduction, reduction)) for part in (image, usable))
         drawn = cv2.warpPerspective(image, matrix, shape, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
-        inside = cv2.warpPerspective(usable, matrix, shape, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
-        canvas = np.where(inside == 255, drawn, canvas)
+        shown = cv2.warpPerspective(usable, matrix, shape, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
+        canvas = np.where(shown == 255, drawn, canvas)
     return canvas
 
 
 def _undistorted(
     solution: ImageSolution, frame: RegisteredFrame
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """An image without its camera's distortion, and 255 where it shows the ground."""
+    """Return an image without distortion, and its mask with 255 for the ground."""
     from radioloc.imaging.frames import load_opencv, read_frame
 
     cv2 = load_opencv()
@@ -178,13 +178,13 @@ def _undistorted(
 
 @draws_names_literally
 def plot_point(solution: PointSolution, ax: Axes | None = None) -> Figure:
-    """Draw the 95 % ellipses of a position by source of error, and its landmarks where it has some.
+    """Draw the 95 % ellipses of a position by source of error, and the landmarks of stereo images.
 
     Parameters
     ----------
     solution : PointSolution
     ax : matplotlib.axes.Axes, optional
-        Axes of a grid whose place the panels take, in place of a figure of their own.
+        Axes of a grid to be replaced by the panels; without it a new figure is made.
 
     Returns
     -------
@@ -229,7 +229,7 @@ def _draw_landmarks(axes: Axes, solution: PointSolution) -> None:
     assert solution.landmarks_en_m is not None
     assert solution.distances_m is not None
     factor = _draw_about(axes, solution, 1.2 * float(np.abs(solution.landmarks_en_m).max()))
-    names = [one["name"] for one in solution.details["landmarks"]]
+    names = [landmark["name"] for landmark in solution.details["landmarks"]]
     measured = zip(names, factor * solution.landmarks_en_m, factor * solution.distances_m, strict=True)
     for k, (name, place, distance) in enumerate(measured):
         color = COLORS[1 + k % (len(COLORS) - 1)]
@@ -237,14 +237,14 @@ def _draw_landmarks(axes: Axes, solution: PointSolution) -> None:
         axes.add_patch(Circle(place, distance, fill=False, edgecolor=color, lw=0.8, label=label))
         axes.plot(*place, "^", color=color, markersize=6)
         axes.annotate(name, place, xytext=(5, 5), textcoords="offset points", fontsize=8)
-    own = [source.covariance_enu_m2[:2, :2] for source in solution.sources if not source.shared]
+    relative = [source.covariance_enu_m2[:2, :2] for source in solution.sources if not source.shared]
     style = {"facecolor": (COLORS[0], 0.3), "edgecolor": COLORS[0], "label": "95 %, relative to the map"}
-    draw_ellipse(axes, (0.0, 0.0), np.sum(own, axis=0), SCALE_95, factor, linewidth=0.9, **style)
+    draw_ellipse(axes, (0.0, 0.0), np.sum(relative, axis=0), SCALE_95, factor, linewidth=0.9, **style)
     axes.set_title("landmarks", fontsize=8, color="0.3")
 
 
 def _draw_about(axes: Axes, solution: PointSolution, reach_m: float) -> float:
-    """A square about the position, with the known ones that are in it; the factor from metres to its unit."""
+    """Draw a square about the position with references inside it, and return the factor from metres to its unit."""
     factor = draw_square(axes, (0.0, 0.0), reach_m, "the position")
     draw_place(axes, factor, np.zeros(2), "position", solution.method, 0)
     for k, (name, place) in enumerate(solution.references.items()):

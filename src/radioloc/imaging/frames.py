@@ -1,11 +1,11 @@
-"""Images of a descent: one band, read whole, in eight bits; and which of their pixels show the ground.
+"""Images of a descent: one band in eight bits, and the mask of pixels that show the ground.
 
-Pixels are (sample, line), to the right and down, and the centre of the first one is (0, 0). GDAL counts from the
-corner of the first pixel, half a pixel away.
+Pixels are (sample, line), to the right and down, and the centre of the first pixel is (0, 0). GDAL counts from its
+corner, half a pixel away.
 
-What does not move from image to image is the spacecraft. The mean of the images keeps the edges of what stands still
-and loses those of what moves: where the gradient of the mean has as much energy as the gradients have in the mean, the
-scene does not move. With n images of moving ground the ratio is about 1/n, on the spacecraft it is one.
+Parts of the spacecraft do not move from image to image. The mean of the images keeps their edges and loses those of the
+moving ground: the ratio of the energy of the mean's gradient to the mean energy of the gradients is 1 on the spacecraft,
+and about 1/n for n images of moving ground.
 """
 
 from __future__ import annotations
@@ -24,34 +24,31 @@ from radioloc.lunar.map_files import open_dataset, refuse_cut_map
 from radioloc.lunar.map_grid import load_rasterio
 from radioloc.text_files import require_file
 
-MAX_IMAGE_PIXELS = 2**26
-"""Bound of decoded images: descent cameras have up to 25 million, files of a few kB unpack to 1000 million."""
+# Decoded images: descent cameras have up to 25 million pixels, while files of a few kB unpack to 1000 million.
+_MAX_IMAGE_PIXELS = 2**26
+_MIN_GROUND_PART = 0.01  # of a mask; a smaller one ties no frames
 
-MIN_GROUND_PART = 0.01
-"""Least part of a mask that is ground: less ties no frame to another."""
-
-_FEWEST_IMAGES = 4
-_SIZE = 512  # images are reduced to about this many samples
-_STILL = 0.6  # between 1 and, with four images, 0.25 and its scatter of 0.1
-_SMOOTHED, _NEIGHBOURHOOD = 1.0, 3.0  # pixels of the reduced images
-_MARGIN = 9  # pixels of the reduced images that edges of the spacecraft reach beyond what is found
-_LARGEST_PART = 0.7
-_NO_CONTRAST = 0.02  # of the mean energy: shadowed inside of the spacecraft, where nothing shows motion
+_MIN_IMAGES = 4
+_REDUCED_SAMPLES = 512  # of images in which the mask is found
+_MIN_STATIC_RATIO = 0.6  # between 1 and, with four images, 0.25 and its scatter of 0.1
+_SMOOTHING_PX, _NEIGHBOURHOOD_PX = 1.0, 3.0  # of the reduced images
+_MARGIN_PX = 9  # of the reduced images, around the spacecraft
+_MAX_STATIC_PART = 0.7
+_MIN_CONTRAST = 0.02  # of the mean energy; the shadowed inside of the spacecraft has less
 
 
 def load_opencv() -> ModuleType:
-    """The module ``cv2``, imported when the first image is worked on."""
+    """Import ``cv2`` on first use."""
     return optional("cv2", "images are matched with OpenCV, which is not installed;", "imaging")
 
 
 def read_frame(path: str | Path) -> Image:
-    """Read an image of one band (any format of GDAL) as eight bits, stretched but for 0.1 % at each end."""
-    bands = _grey_bands(Path(path))
-    return eight_bit(bands[0])[0]
+    """Read an image of one band (any format of GDAL) as eight bits, stretched between its 0.1 and 99.9 percentiles."""
+    return eight_bit(_grey_bands(Path(path))[0])[0]
 
 
 def read_mask(path: str | Path) -> Mask:
-    """Read a mask: True where an image is brighter than half of white, or is the brighter of its two dark values."""
+    """Read a mask: True for values above half of white, or for the brighter of two dark values."""
     path = Path(path)
     grey = _grey_bands(path)[0]
     values, valid = np.ma.getdata(grey), ~np.ma.getmaskarray(grey)
@@ -62,7 +59,7 @@ def read_mask(path: str | Path) -> Mask:
     if len(levels) == 2 and levels[1] <= half:
         half = levels[0]
     ground = valid & (values > half)
-    if ground.mean() < MIN_GROUND_PART:
+    if ground.mean() < _MIN_GROUND_PART:
         raise FileFormatError(
             path,
             f"expected a mask that is white where frames show the ground, got {100.0 * ground.mean():.2g} % of ground "
@@ -73,7 +70,7 @@ def read_mask(path: str | Path) -> Mask:
 
 
 def _grey_bands(path: Path) -> Any:
-    """Equal bands of an image, a masked array of shape (bands, lines, samples)."""
+    """Return the equal bands of an image, a masked array of shape (bands, lines, samples)."""
     rasterio = load_rasterio()
     from rasterio._err import CPLE_BaseError
 
@@ -82,10 +79,10 @@ def _grey_bands(path: Path) -> Any:
         with open_dataset(path) as dataset:
             refuse_cut_map(path, dataset)
         with open_grey(path) as dataset:
-            if dataset.width * dataset.height > MAX_IMAGE_PIXELS:
+            if dataset.width * dataset.height > _MAX_IMAGE_PIXELS:
                 raise FileFormatError(
                     path,
-                    f"expected at most {MAX_IMAGE_PIXELS / 1e6:.0f} million pixels, got {dataset.width} x "
+                    f"expected at most {_MAX_IMAGE_PIXELS / 1e6:.0f} million pixels, got {dataset.width} x "
                     f"{dataset.height}; cut the image, or reduce it with gdal_translate -outsize",
                 )
             kinds = {np.dtype(kind).kind for kind in dataset.dtypes}
@@ -93,49 +90,49 @@ def _grey_bands(path: Path) -> Any:
             bands = (
                 dataset.read(colours, masked=True) if 1 <= len(colours) <= 4 and kinds <= set("iuf") else None
             )
-            described = f"{dataset.count} bands of type {dataset.dtypes[0]}"
+            description = f"{dataset.count} bands of type {dataset.dtypes[0]}"
     except RadiolocError:
         raise
     except (rasterio.errors.RasterioError, CPLE_BaseError, ValueError) as error:
-        raise FileFormatError(path, f"GDAL does not read it whole as an image: {error}") from error
+        raise FileFormatError(path, f"GDAL cannot read all of the image: {error}") from error
     if bands is None or any((band != bands[0]).any() for band in bands[1:3]):
-        raise FileFormatError(path, f"{described} are no grey image; give one band")
+        raise FileFormatError(path, f"expected a grey image, got {description}; give one band")
     return bands
 
 
 def find_mask(images: Sequence[Image]) -> Mask:
-    """Find the pixels that show the ground, from four images or more over which the ground moves."""
+    """Find the pixels that show the ground, from four or more images of moving ground."""
     cv2 = load_opencv()
-    if len(images) < _FEWEST_IMAGES or len({image.shape for image in images}) > 1:
+    if len(images) < _MIN_IMAGES or len({image.shape for image in images}) > 1:
         sizes = sorted({image.shape for image in images})
         raise InputError(
-            f"a mask was to be found from {len(images)} images of sizes {sizes}; give four or more of one size, "
-            "or a mask"
+            f"expected {_MIN_IMAGES} or more images of one size to find a mask, got {len(images)} of sizes {sizes}; "
+            "give more, or a mask"
         )
     lines, samples = images[0].shape
-    reduction = max(1, round(samples / _SIZE))
+    reduction = max(1, round(samples / _REDUCED_SAMPLES))
     size = (samples // reduction, lines // reduction)
     mean_gradient = np.zeros((2, size[1], size[0]))
     mean_energy = np.zeros((size[1], size[0]))
     equalize = cv2.createCLAHE(3.0, (8, 8))
     for image in images:
         small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-        smooth = cv2.GaussianBlur(equalize.apply(small), (0, 0), _SMOOTHED).astype(np.float64)
+        smooth = cv2.GaussianBlur(equalize.apply(small), (0, 0), _SMOOTHING_PX).astype(np.float64)
         gradient = np.stack([cv2.Sobel(smooth, cv2.CV_64F, 1, 0), cv2.Sobel(smooth, cv2.CV_64F, 0, 1)])
         mean_gradient += gradient / len(images)
         mean_energy += (gradient**2).sum(axis=0) / len(images)
-    of_mean, of_images = (
-        cv2.GaussianBlur(energy, (0, 0), _NEIGHBOURHOOD)
-        for energy in ((mean_gradient**2).sum(axis=0), mean_energy)
+    static_energy, energy = (
+        cv2.GaussianBlur(part, (0, 0), _NEIGHBOURHOOD_PX)
+        for part in ((mean_gradient**2).sum(axis=0), mean_energy)
     )
-    still = (of_mean > _STILL * of_images) | (of_images < _NO_CONTRAST * mean_energy.mean())
-    margin = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (_MARGIN, _MARGIN))
-    # Small gaps are filled: the black inside of an arm between its edges.
-    still = cv2.morphologyEx(still.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    still = cv2.dilate(still, margin)
-    if still.mean() > _LARGEST_PART:
+    static = (static_energy > _MIN_STATIC_RATIO * energy) | (energy < _MIN_CONTRAST * mean_energy.mean())
+    margin = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (_MARGIN_PX, _MARGIN_PX))
+    # Small gaps are filled, such as the black inside of an arm between its edges.
+    static = cv2.morphologyEx(static.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    static = cv2.dilate(static, margin)
+    if static.mean() > _MAX_STATIC_PART:
         raise InputError(
-            f"{100.0 * still.mean():.0f} % of the images do not move, so the spacecraft cannot be told from the "
-            "ground; give a mask, or images farther apart"
+            f"{100.0 * static.mean():.0f} % of the pixels do not change between images: ground and spacecraft cannot be "
+            "separated; give a mask, or images farther apart"
         )
-    return np.asarray(cv2.resize(still, (samples, lines), interpolation=cv2.INTER_NEAREST) == 0)
+    return np.asarray(cv2.resize(static, (samples, lines), interpolation=cv2.INTER_NEAREST) == 0)

@@ -1,4 +1,4 @@
-"""Locating a lander by its descent images on a map."""
+"""Location of a lander by its descent images on a map."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import shutil
 import tempfile
 import weakref
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -17,7 +18,6 @@ from radioloc.imaging.cameras import altitude_m
 from radioloc.imaging.frames import find_mask, read_frame, read_mask
 from radioloc.imaging.homography import transformed
 from radioloc.imaging.image_chain import Frame
-from radioloc.imaging.matching import Detector
 from radioloc.imaging.point_location import FRAME, ground_at, locate_point, locate_stereo, provenance_of
 from radioloc.imaging.registration import RegisteredFrame, Registration, register_chain
 from radioloc.imaging.shading import sun_over_map, write_shaded_map
@@ -36,26 +36,29 @@ from radioloc.progress import progress_bar
 from radioloc.results.recorded import read_recorded
 from radioloc.vectors import Floats
 
-_DISTORTION_SIGMAS = 5.0
-"""Significance of a radial pattern of residuals: 1.1 for the true distortion, 8 for none in place of k1 = -0.05."""
-_LANDED_HALF_WIDTH_M = 5.0
-"""Largest half-width of the ground in an image from a lander that stands: its camera is a few metres up."""
-
-_FEWEST_FOR_A_MASK, _MASK_FRAMES = 4, 12
-"""So many frames, from all of the descent, tell what moves in the image from what does not."""
+# Significance of a radial pattern of residuals: 1.1 for the true distortion, 8 for zero in place of k1 = -0.05.
+_MIN_DISTORTION_SIGMAS = 5.0
+# Half-width of the ground in an image from a landed spacecraft, whose camera is a few metres up.
+_MAX_LANDED_HALF_WIDTH_M = 5.0
+_MIN_MASK_FRAMES, _MAX_MASK_FRAMES = 4, 12  # from all of the descent, for finding the mask
 
 
 def locate_images(
     study: ImageStudy | PointStudy | str | Path, *, progress: bool = False
 ) -> ImageSolution | PointSolution:
-    """Locate the lander in the last of its descent images on a map, a point in one image, or a rover by stereo images.
+    """Locate a lander by its descent images on a map, a point in one image, or a rover by stereo images.
 
     Parameters
     ----------
     study : ImageStudy or PointStudy or path-like
-        As :func:`~radioloc.imaging.study.read_image_study` reads it, or the path of its file.
+        From :func:`~radioloc.imaging.read_image_study`, or the path of its file.
     progress : bool
         Whether a progress bar is shown, on a terminal or in a notebook.
+
+    Returns
+    -------
+    ImageSolution or PointSolution
+        Position in mean-Earth axes with its covariance, m.
 
     Raises
     ------
@@ -78,20 +81,20 @@ def locate_images(
     chosen = study.images
     if not chosen.shade:
         assert chosen.base_map is not None
-        return _located(study, chosen.base_map, progress)
+        return _locate_lander(study, chosen.base_map, progress)
     scratch = Path(tempfile.mkdtemp(prefix="radioloc-"))
     try:
         shaded, note = _shaded_map(chosen, scratch)
-        solution = _located(study, shaded, progress, note)
+        solution = _locate_lander(study, shaded, progress, note)
     except BaseException:
         shutil.rmtree(scratch, ignore_errors=True)
         raise
-    # The shaded map is read again where it is drawn, and goes with the solution.
+    # Figures read the shaded map again; it is deleted with the solution.
     weakref.finalize(solution, shutil.rmtree, scratch, ignore_errors=True)
     return solution
 
 
-def _located(study: ImageStudy, base_map: Path, progress: bool, *notes: str) -> ImageSolution:
+def _locate_lander(study: ImageStudy, base_map: Path, progress: bool, *notes: str) -> ImageSolution:
     chosen = study.images
     base = Map.open(base_map)
     camera = None if study.camera is None else study.camera.camera
@@ -105,23 +108,22 @@ def _located(study: ImageStudy, base_map: Path, progress: bool, *notes: str) -> 
         base,
         map_sigma_m=chosen.base_map_sigma_m,
         mask=mask,
-        near=_near(chosen),
+        search_area=_search_area(chosen),
         terrain=None if camera is None or chosen.dem is None else TerrainModel.open(chosen.dem),
-        detector=Detector(chosen.detector),
-        progress=partial(progress_bar, shown=progress, unit="image"),
+        progress=partial(progress_bar, wanted=progress, unit="image"),
     )
     return _solution(study, registration, base, mask, notes)
 
 
 def _names(files: Iterable[Path]) -> list[str]:
-    """Names of files; with their folders where several are called alike."""
+    """Return names of files, with their folders if names are equal."""
     paths = list(files)
     names = [path.name for path in paths]
     return names if len(set(names)) == len(names) else [str(path) for path in paths]
 
 
 def _shaded_map(chosen: ImageChoice, folder: Path) -> tuple[Path, str]:
-    """The elevation model as a shaded map, and where the Sun stands over it."""
+    """Write the elevation model as a shaded map; return its path and a note about the Sun."""
     assert chosen.dem is not None
     if chosen.epoch is not None:
         azimuth_deg, elevation_deg = sun_over_map(chosen.dem, chosen.epoch)
@@ -131,89 +133,81 @@ def _shaded_map(chosen: ImageChoice, folder: Path) -> tuple[Path, str]:
         azimuth_deg, elevation_deg = chosen.sun_azimuth_deg, chosen.sun_elevation_deg
     path = folder / f"{chosen.dem.stem}_shaded.tif"
     write_shaded_map(chosen.dem, path, azimuth_deg, elevation_deg)
-    where = f"azimuth {azimuth_deg:.2f} and elevation {elevation_deg:.2f} degrees over its middle"
-    return path, f"{chosen.dem.name} is shaded with the Sun at {where}"
+    sun = f"azimuth {azimuth_deg:.2f} and elevation {elevation_deg:.2f} degrees over its middle"
+    return path, f"{chosen.dem.name} is shaded with the Sun at {sun}"
 
 
 def _mask(chosen: ImageChoice) -> Mask | None:
     if chosen.mask is not None:
         return read_mask(chosen.mask)
-    steps = np.unique(np.linspace(0, len(chosen.files) - 1, _MASK_FRAMES).astype(int))
+    indices = np.unique(np.linspace(0, len(chosen.files) - 1, _MAX_MASK_FRAMES).astype(int))
     images = []
-    for k in steps:
-        try:
+    for k in indices:
+        with suppress(InputError):  # the registration reports the file
             images.append(read_frame(chosen.files[k]))
-        except InputError:
-            continue  # it will be left out by name
-    alike = [image for image in images if image.shape == images[0].shape]
-    return find_mask(alike) if len(alike) >= _FEWEST_FOR_A_MASK else None
+    same_size = [image for image in images if image.shape == images[0].shape]
+    return find_mask(same_size) if len(same_size) >= _MIN_MASK_FRAMES else None
 
 
-def _near(chosen: ImageChoice) -> tuple[float, float, float] | None:
-    """Longitude, latitude and radius about which the map is searched."""
+def _search_area(chosen: ImageChoice) -> tuple[float, float, float] | None:
+    """Return longitude, latitude, degrees, and radius, m, of the search on the map."""
     if chosen.near is None:
         return None
     content = read_recorded(chosen.near)
     sigma = content.get("sigma") or {}
     sigmas_m = [sigma[key] for key in ("east_m", "north_m") if sigma.get(key) is not None]
     if len(sigmas_m) < 2:
-        raise InputError(
-            f"{chosen.near}: expected a solution.json with a determined position; locate it first"
-        )
+        raise InputError(f"{chosen.near}: expected a solution.json with a determined position")
     place = content["position"]["me"]
     return place["longitude_deg"], place["latitude_deg"], 3.0 * max(sigmas_m) + chosen.near_margin_m
 
 
 def _solution(
-    study: ImageStudy, registration: Registration, base: Map, mask: Mask | None, told: tuple[str, ...]
+    study: ImageStudy, registration: Registration, base: Map, mask: Mask | None, map_notes: tuple[str, ...]
 ) -> ImageSolution:
     chosen, frames = study.images, registration.frames
     last = frames[-1]
     message = ""
     if not last.is_registered:
         message = (
-            f"the last image, {last.name}, is {last.status.value}; the position is that of an image before it"
+            f"the last image, {last.name}, is {last.status.value}; the position is that of an earlier image"
         )
         last = next(frame for frame in reversed(frames) if frame.is_registered)
     pixel = last.centre if message or isinstance(chosen.point, str) else np.array(chosen.point)
     if not (np.abs(pixel - last.centre) <= last.centre + 0.5).all():
         raise InputError(
-            f"point = {list(chosen.point)} is not in {last.name}, whose middle is {last.centre.tolist()}"
+            f"point: expected a pixel in {last.name} with its middle at {last.centre.tolist()}, got {list(chosen.point)}"
         )
-    found = registration.ground_point(last.name, pixel, chosen.point_sigma_px)
-    place = (found.longitude_deg, found.latitude_deg)
+    point = registration.ground_point(last.name, pixel, chosen.point_sigma_px)
+    place = (point.longitude_deg, point.latitude_deg)
     ground = ground_at(chosen, *place)
-    covariance = ground.to_enu @ found.covariance_m2 @ ground.to_enu.T
+    covariance = ground.to_enu @ point.covariance_m2 @ ground.to_enu.T
     covariance[2, 2] += ground.sigma_m**2
     notes = list(ground.notes)
-    distorted_px, sigma_px = registration.radial_pattern_px()
+    distortion_px, sigma_px = registration.radial_pattern_px()
     distortion_m = 0.0
-    if abs(distorted_px) > _DISTORTION_SIGMAS * sigma_px:
+    if abs(distortion_px) > _MIN_DISTORTION_SIGMAS * sigma_px:
         sizes_m = [frame.pixel_m for frame in frames if frame.is_registered]
-        distortion_m = abs(distorted_px) * float(np.linalg.norm(sizes_m))
+        distortion_m = abs(distortion_px) * float(np.linalg.norm(sizes_m))
         notes.append(
-            f"residuals have a radial pattern of {distorted_px:.2g} +- {sigma_px:.1g} pixels at the corners of images, "
-            f"as of unknown lens distortion: the sigma allows for {distortion_m:.3g} m east and north; calibrate the "
+            f"residuals have a radial pattern of {distortion_px:.2g} +- {sigma_px:.1g} pixels at the corners of images, "
+            f"as of unknown lens distortion; the sigma includes {distortion_m:.3g} m east and north. Calibrate the "
             "camera, and give [camera] distortion"
         )
     covariance += distortion_m**2 * ground.to_enu @ ground.to_enu.T
     descent_m = _unknown_descent_m(registration, last) if isinstance(chosen.point, str) else 0.0
     covariance += descent_m**2 * ground.to_enu @ ground.to_enu.T
-    if message:
-        notes.append(
-            "the lander is in the last image; where an image before it looked is not where it stands"
-        )
     camera = study.camera
     altitudes = {} if camera is None else dict(_altitudes(camera, frames))
     if descent_m:
         altitude = f" from {altitudes[last.name]:.3g} m" if last.name in altitudes else ""
         notes.append(
-            f"{last.name} shows {2.0 * last.pixel_m * float(last.centre.mean()):.3g} m of ground{altitude}: the motion "
-            f"after it is unknown, and the sigma allows for {descent_m:.3g} m east and north; give later images, or "
-            "the pixel of the lander as point"
+            f"{last.name} shows {2.0 * last.pixel_m * float(last.centre.mean()):.3g} m of ground{altitude}; the sigma "
+            f"includes {descent_m:.3g} m east and north for the unknown motion from then to touchdown. Give later images, "
+            "or the pixel of the lander as point"
         )
     if not registration.relief:
-        notes.append(_of_plane(chosen, camera is not None))
+        notes.append(_plane_note(chosen, camera is not None))
     return ImageSolution(
         study.name,
         message,
@@ -227,14 +221,14 @@ def _solution(
         mask,
         altitudes,
         {reference.name: reference.position for reference in study.references},
-        (*told, *notes),
+        (*map_notes, *notes),
         provenance_of(study.path, chosen.files, (chosen.base_map, chosen.dem, chosen.mask, chosen.near)),
         dict(zip(_names(chosen.files), chosen.files, strict=True)),
     )
 
 
 def _altitudes(camera: CameraChoice, frames: Iterable[RegisteredFrame]) -> Iterator[tuple[str, float]]:
-    """Yield the registered images with their altitudes, m, for a camera that looks down if no other is known."""
+    """Yield the registered images with their altitudes, m; without a pose, those of a camera that looks down."""
     for frame in frames:
         if frame.is_registered:
             shape = (round(2.0 * frame.centre[1] + 1.0), round(2.0 * frame.centre[0] + 1.0))
@@ -243,16 +237,16 @@ def _altitudes(camera: CameraChoice, frames: Iterable[RegisteredFrame]) -> Itera
 
 
 def _unknown_descent_m(registration: Registration, last: RegisteredFrame) -> float:
-    """Return the sigma east and north, m, of the motion after the last image; zero if it is from the ground."""
+    """Return the sigma east and north, m, of the motion after the last image; zero for an image from the ground."""
     half_m = last.pixel_m * float(last.centre.mean())
-    if half_m <= _LANDED_HALF_WIDTH_M:
+    if half_m <= _MAX_LANDED_HALF_WIDTH_M:
         return 0.0
     registered = [frame for frame in registration.frames if frame.is_registered]
-    before = registered[: registered.index(last)]
+    earlier = registered[: registered.index(last)]
     drift_m = 0.0
-    if before and before[-1].pixel_m > last.pixel_m:
-        moved_m = _middle_m(last) - _middle_m(before[-1])
-        drift_m = float(np.hypot(*moved_m)) * last.pixel_m / (before[-1].pixel_m - last.pixel_m)
+    if earlier and earlier[-1].pixel_m > last.pixel_m:
+        moved_m = _middle_m(last) - _middle_m(earlier[-1])
+        drift_m = float(np.hypot(*moved_m)) * last.pixel_m / (earlier[-1].pixel_m - last.pixel_m)
     return math.hypot(half_m / math.sqrt(3.0), min(drift_m, 2.0 * half_m))
 
 
@@ -262,11 +256,13 @@ def _middle_m(frame: RegisteredFrame) -> Floats:
     return transformed(np.asarray(np.linalg.inv(frame.homography.matrix), np.float64), frame.centre[None])[0]
 
 
-def _of_plane(chosen: ImageChoice, camera: bool) -> str:
-    """What is to be known where relief could not be modelled."""
+def _plane_note(chosen: ImageChoice, camera: bool) -> str:
+    """Return the note about ground without relief."""
     if camera and chosen.dem is not None:
-        why = f"{chosen.dem.name} does not have the ground of some image"
+        reason = f"{chosen.dem.name} does not cover the ground of some image"
     else:
-        why = "relief is modelled with both dem and [camera]"
+        reason = "relief is modelled with both dem and [camera]"
     altitudes = "; altitudes are those of a camera that looks straight down" if camera else ""
-    return f"the ground is taken as a plane, so that relief moves points of oblique images: {why}{altitudes}"
+    return (
+        f"the ground is taken as a plane, so that relief shifts points of oblique images: {reason}{altitudes}"
+    )

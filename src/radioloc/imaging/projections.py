@@ -1,18 +1,18 @@
-r"""How images show places in the plane: what their adjustment needs to know.
+r"""Projections of places in a plane to pixels, with partial derivatives for the adjustment.
 
 A place is east and north, m, in a plane that touches the Moon (:class:`~radioloc.lunar.TangentPlane`). Without a
 camera or heights the ground is taken as a plane, and an image has the eight parameters of a homography (equation 7 of
-Wang et al. 2021); with both it has the place and the attitude of the camera. The place X in the plane has the point
-:math:`P = (R + h) u(X)` of the sphere's radius R, the height h of an elevation model and the direction u. It is seen at
+Wang et al. 2021); with both it has the position and attitude of the camera. The place X has the point
+:math:`P = (R + h) u(X)` of the sphere's radius R, the height h of an elevation model and the direction u. Its pixel is
 (equation 6)
 
 .. math:: p \simeq K Q (P - C)
 
-with the camera's place C, the rotation Q to its axes, and K of the focal length and the principal point. So relief, the
-Moon's curvature and what is oblique move no point by more than heights are wrong.
+with the camera position C, the rotation Q to its axes, and K of the focal length and the principal point. Relief, the
+Moon's curvature and oblique views are exact to the errors of the heights.
 
-A low image shows a few cells of the model, or one, and lies on slopes that the model does not have. A homography
-follows these, and a pose does not; so the images of a descent have one or the other by the size of what they show.
+A low image shows a few cells of the elevation model, or one, on slopes that the model does not resolve. A homography
+follows these slopes, and a pose does not. The size of the visible ground decides between them.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ from radioloc.vectors import Floats
 
 Indices = NDArray[np.int64]
 
-_CELLS_ACROSS = 4.0  # of the elevation model, in an image that it describes
+_MIN_WIDTH_CELLS = 4.0  # of the elevation model, in an image with a pose
 
 
 class Projected(NamedTuple):
-    """Pixels of places, with derivatives."""
+    """Pixels of places with derivatives."""
 
     pixels: Floats  # (n, 2)
     by_place: Floats  # (n, 2, 2), pixel / m
@@ -58,9 +58,8 @@ class Projected(NamedTuple):
 class Homographies:
     """Images of a plane.
 
-    A correction moves the places before the image is taken of them: when the ground on which a chain of images stands
-    turns out to be elsewhere, by many widths of the low ones, all of these follow in one step. Corrections of pixels
-    would lead such an image beyond its horizon.
+    Corrections act on places, before the projection: if the ground of a chain of images shifts by many widths of the
+    low ones, all of these follow in one step. Corrections of pixels would lead such an image beyond its horizon.
     """
 
     matrices: Floats  # from places to pixels, shape (images, 3, 3)
@@ -68,63 +67,61 @@ class Homographies:
 
     @classmethod
     def of_matrices(cls, matrices: Floats, sizes: Floats) -> Homographies:
-        """From approximate matrices, and samples and lines of the images, shape (images, 2)."""
+        """Build from approximate matrices, and samples and lines of the images, shape (images, 2)."""
         unit = matrices / np.linalg.norm(matrices, axis=(1, 2), keepdims=True)
-        return cls(unit, np.array([_of_size(size) for size in sizes]))
+        return cls(unit, np.array([_size_normalization(size) for size in sizes]))
 
     @property
     def images(self) -> int:
-        """How many."""
+        """Number of images."""
         return len(self.matrices)
 
     def pixels(self, image: Indices, point: Indices, places_m: Floats) -> Floats:
-        """Pixels of tie points, shape (n, 2)."""
+        """Return pixels of tie points, shape (n, 2)."""
         return _dehomogenized(_applied(self.matrices[image], places_m[point]))
 
     def project(self, image: Indices, point: Indices, places_m: Floats) -> Projected:
-        """Pixels of tie points, with derivatives."""
-        place, matrix, normals = places_m[point], self.matrices[image], self._normals_of_places()
+        """Return pixels of tie points with derivatives."""
+        place, matrix, normals = places_m[point], self.matrices[image], self._place_normals()
         ahead = _applied(matrix, place)
         by_place = _dehomogenized_partials(ahead, matrix[:, :, :2])
         by_normalized = by_place @ np.linalg.inv(normals[:, :2, :2])[image]
         normalized = _applied(normals[image, :2], place)
         return Projected(_dehomogenized(ahead), by_place, by_correction(normalized, by_normalized))
 
-    def known(self, places_m: Floats) -> NDArray[np.bool_]:
-        """All of the plane."""
+    def covers(self, places_m: Floats) -> NDArray[np.bool_]:
+        """Return True for every place."""
         return np.ones(len(places_m), bool)
 
-    def held(self) -> NDArray[np.bool_]:
-        """Which corrections have no effect: none."""
+    def fixed_corrections(self) -> NDArray[np.bool_]:
+        """Return False for every correction, shape (images, 8)."""
         return np.zeros((self.images, 8), bool)
 
     def corrected(self, steps: Floats) -> Homographies:
-        """After corrections."""
-        normals = self._normals_of_places() @ np.linalg.inv(self.matrices)
+        """Return the homographies after corrections, shape (images, 8)."""
+        normals = self._place_normals() @ np.linalg.inv(self.matrices)
         return replace(self, matrices=corrected(self.matrices, normals, steps))
 
     def place(self, image: int, pixel: Floats) -> Floats:
-        """The place that a pixel shows."""
+        """Return the place of a pixel."""
         matrix = self.matrices[image]
         place = transformed(np.linalg.inv(matrix), pixel[np.newaxis])[0]
-        # What is before a camera above the plane has a third coordinate whose sign is not the determinant's.
+        # Points in front of a camera above the plane have a third coordinate of the sign opposite to the determinant.
         if not (matrix[2] @ [*place, 1.0]) * np.linalg.det(matrix) < 0.0:
-            raise InputError(
-                f"the pixel (sample {pixel[0]:.1f}, line {pixel[1]:.1f}) looks above the horizon"
-            )
+            raise InputError(f"the pixel (sample {pixel[0]:.1f}, line {pixel[1]:.1f}) is above the horizon")
         return place
 
     def homography(self, image: int, covariance: Floats) -> Homography:
-        """Of the image."""
+        """Return the homography of an image with its covariance."""
         matrix = self.matrices[image]
-        return of_correction(matrix, self._normals_of_places()[image] @ np.linalg.inv(matrix), covariance)
+        return of_correction(matrix, self._place_normals()[image] @ np.linalg.inv(matrix), covariance)
 
     def altitude_m(self, image: int) -> float:
-        """Not known."""
+        """Return NaN: a homography does not determine the altitude."""
         return float("nan")
 
-    def _normals_of_places(self) -> Floats:
-        """From places to numbers of size one, as the middle of each image shows its surroundings."""
+    def _place_normals(self) -> Floats:
+        """Return matrices from places to numbers of size one, linearized at the middle of each image."""
         normal = self.normals @ self.matrices
         middle = np.linalg.inv(normal)[:, :, 2]
         middle = middle[:, :2] / middle[:, 2:]
@@ -146,17 +143,17 @@ class Relief:
 
     @classmethod
     def around(cls, plane: TangentPlane, model: TerrainModel, places_m: Floats) -> Relief:
-        """Return the part of an elevation model around places, shape (n, 2); an error if it has none of them."""
-        # Between bilinear cells slopes jump, and keep the adjustment from settling.
+        """Return the part of an elevation model around places, shape (n, 2)."""
+        # Slopes jump between bilinear cells, which would prevent convergence of the adjustment.
         smooth = replace(model, interpolation="bicubic")
         return cls(plane, smooth, smooth.window(*_angles(plane, places_m)))
 
-    def known(self, places_m: Floats) -> NDArray[np.bool_]:
-        """Which places have a height."""
+    def covers(self, places_m: Floats) -> NDArray[np.bool_]:
+        """Return True for places with a height."""
         return self.window.heights(*_angles(self.plane, places_m))[1]
 
     def points(self, places_m: Floats) -> tuple[Floats, Floats]:
-        """Points from the Moon's centre, m, shape (n, 3), of places, and their derivatives, shape (n, 3, 2)."""
+        """Return points of places from the Moon's centre, m, shape (n, 3), and derivatives, shape (n, 3, 2)."""
         longitude, latitude = _angles(self.plane, places_m)
         height_m, gradient = height_and_gradient(self.window.heights_and_slopes, longitude, latitude)
         up_m = np.sqrt(MEAN_LUNAR_RADIUS_M**2 - (places_m**2).sum(axis=1))
@@ -175,67 +172,71 @@ class Relief:
 class Poses:
     """Cameras over relief; low images have homographies.
 
-    A correction is three angles about the camera's axes, of its place three parts of its range, and two numbers without
-    effect, as that of a homography has eight.
+    A correction is three angles about the camera's axes, three components of its position as parts of its range, and two
+    numbers without effect, since a homography has eight.
     """
 
-    homographies: Homographies  # those of images that are not low mean nothing,
-    low: NDArray[np.bool_]  # shape (images,)
-    relief: Relief  # nor does what follows of low ones
+    homographies: Homographies  # meaningful for low images
+    low: NDArray[np.bool_]  # shape (images,); the following fields are meaningful for the other images
+    relief: Relief
     cameras: Floats  # K, from directions to pixels, shape (images, 3, 3)
     rotations: Floats  # Q, from the plane's axes to the camera's, shape (images, 3, 3)
     positions_m: Floats  # C, from the Moon's centre in the plane's axes, shape (images, 3)
-    middles_m: Floats  # of the ground that each shows, approximately, shape (images, 3)
+    middles_m: Floats  # of the visible ground, approximately, shape (images, 3)
 
     @classmethod
     def of_homographies(
         cls, relief: Relief, cameras: Floats, homographies: Homographies, image: Indices, places_m: Floats
     ) -> Poses:
-        """From approximate homographies and places that are seen, each in an image.
+        """Build from approximate homographies and places of tie points, each in an image.
 
-        A homography of a plane at the mean height of an image's places is K [q1 q2 t] but for scale (Zhang 2000,
-        section 3.1). Low are images that show less than four cells of the elevation model.
+        The homography of a plane at the mean height of an image's places is K [q1 q2 t] up to scale (Zhang 2000,
+        section 3.1). Images of less than four cells of the elevation model are low.
         """
         scatter = [places_m[image == k].var(axis=0).mean() for k in range(len(cameras))]
         widths_m = np.sqrt(12.0 * np.array(scatter))  # of a square
-        low = widths_m < _CELLS_ACROSS * relief.model.metadata.resolution_m
+        low = widths_m < _MIN_WIDTH_CELLS * relief.model.metadata.resolution_m
         points = relief.points(places_m)[0]
         middles, rotations, positions = [], [], []
         for k, (camera, matrix) in enumerate(zip(cameras, homographies.matrices, strict=True)):
             middle = points[image == k].mean(axis=0)
             columns = np.linalg.solve(camera, matrix @ _to_height(middle))
             columns = columns / np.linalg.norm(columns[:, :2], axis=0).mean()
-            columns = columns * np.sign(columns[2] @ [*middle[:2], 1.0])  # the ground is before the camera
+            columns = columns * np.sign(
+                columns[2] @ [*middle[:2], 1.0]
+            )  # the ground is in front of the camera
             u, _, v = np.linalg.svd(np.column_stack([columns[:, :2], np.cross(*columns[:, :2].T)]))
             middles.append(middle)
             rotations.append(u @ v)
             positions.append([0.0, 0.0, middle[2]] - rotations[-1].T @ columns[:, 2])
-        known = np.array(rotations), np.array(positions), np.array(middles)
-        return cls(homographies, low, relief, cameras, *known)
+        poses = np.array(rotations), np.array(positions), np.array(middles)
+        return cls(homographies, low, relief, cameras, *poses)
 
     @property
     def images(self) -> int:
-        """How many."""
+        """Number of images."""
         return len(self.cameras)
 
     def pixels(self, image: Indices, point: Indices, places_m: Floats) -> Floats:
-        """Pixels of tie points, shape (n, 2)."""
+        """Return pixels of tie points, shape (n, 2)."""
         ahead = self._ahead(image, self.relief.points(places_m)[0][point])
         posed = _dehomogenized(vectors.rotated(self.cameras[image], ahead))
         return np.where(self.low[image, np.newaxis], self.homographies.pixels(image, point, places_m), posed)
 
     def project(self, image: Indices, point: Indices, places_m: Floats) -> Projected:
-        """Pixels of tie points, with derivatives."""
+        """Return pixels of tie points with derivatives."""
         points, point_by_place = (part[point] for part in self.relief.points(places_m))
         to_pixel = self.cameras[image] @ self.rotations[image]
         ahead = self._ahead(image, points)
         by_angles = -self.cameras[image] @ vectors.cross_matrices(ahead)
         by_position = -to_pixel * self._ranges_m()[image, np.newaxis, np.newaxis]
-        none = np.zeros((len(image), 3, 2))
-        partials = np.concatenate([to_pixel @ point_by_place, by_angles, by_position, none], axis=2)
+        zeros = np.zeros((len(image), 3, 2))
+        homogeneous_partials = np.concatenate(
+            [to_pixel @ point_by_place, by_angles, by_position, zeros], axis=2
+        )
         homogeneous = vectors.rotated(self.cameras[image], ahead)
-        of_pixels = _dehomogenized_partials(homogeneous, partials)
-        posed = Projected(_dehomogenized(homogeneous), of_pixels[:, :, :2], of_pixels[:, :, 2:])
+        partials = _dehomogenized_partials(homogeneous, homogeneous_partials)
+        posed = Projected(_dehomogenized(homogeneous), partials[:, :, :2], partials[:, :, 2:])
         low = self.low[image, np.newaxis, np.newaxis]
         flat = self.homographies.project(image, point, places_m)
         return Projected(
@@ -244,27 +245,27 @@ class Poses:
             np.where(low, flat.by_parameters, posed.by_parameters),
         )
 
-    def held(self) -> NDArray[np.bool_]:
-        """Which corrections have no effect."""
+    def fixed_corrections(self) -> NDArray[np.bool_]:
+        """Return True for corrections without effect, shape (images, 8)."""
         return (np.arange(8) > 5) & ~self.low[:, np.newaxis]
 
-    def known(self, places_m: Floats) -> NDArray[np.bool_]:
-        """Which places have a height."""
-        return self.relief.known(places_m)
+    def covers(self, places_m: Floats) -> NDArray[np.bool_]:
+        """Return True for places with a height."""
+        return self.relief.covers(places_m)
 
     def corrected(self, steps: Floats) -> Poses:
-        """After corrections."""
+        """Return the poses after corrections, shape (images, 8)."""
         low = self.low[:, np.newaxis]
-        of_poses = np.where(low, 0.0, steps)
+        pose_steps = np.where(low, 0.0, steps)
         return replace(
             self,
             homographies=self.homographies.corrected(np.where(low, steps, 0.0)),
-            rotations=rotation_of(of_poses[:, :3]) @ self.rotations,
-            positions_m=self.positions_m + self._ranges_m()[:, np.newaxis] * of_poses[:, 3:6],
+            rotations=rotation_of(pose_steps[:, :3]) @ self.rotations,
+            positions_m=self.positions_m + self._ranges_m()[:, np.newaxis] * pose_steps[:, 3:6],
         )
 
     def place(self, image: int, pixel: Floats) -> Floats:
-        """The place that a pixel shows: where its ray meets the ground first."""
+        """Return the place of a pixel, the first intersection of its ray with the ground."""
         if self.low[image]:
             return self.homographies.place(image, pixel)
         axes = self.relief.plane.axes()
@@ -272,12 +273,14 @@ class Poses:
         origin, direction = self.positions_m[image] @ axes, ray / np.linalg.norm(ray) @ axes
         points, hits = Terrain(self.relief.model).intersect(origin[np.newaxis], direction[np.newaxis])
         if not hits[0]:
-            at = f"(sample {pixel[0]:.1f}, line {pixel[1]:.1f})"
-            raise InputError(f"the pixel {at} shows no ground of {self.relief.model.metadata.path}")
+            raise InputError(
+                f"the ray at sample {pixel[0]:.1f}, line {pixel[1]:.1f} does not meet the ground of "
+                f"{self.relief.model.metadata.path}"
+            )
         return np.asarray(axes[:2] @ points[0] * MEAN_LUNAR_RADIUS_M / np.linalg.norm(points[0]))
 
     def homography(self, image: int, covariance: Floats) -> Homography:
-        """From places to pixels as if the ground were a plane at the height of the image's middle."""
+        """Return the homography of an image for a plane at the height of its middle, with its covariance."""
         if self.low[image]:
             return self.homographies.homography(image, covariance)
         to_point = np.linalg.inv(_to_height(self.middles_m[image]))
@@ -287,17 +290,17 @@ class Poses:
         by_angles = [camera @ turn @ rotation @ to_point for turn in vectors.cross_matrices(np.eye(3))]
         to_pixel = -self._ranges_m()[image] * camera @ rotation
         by_position = [np.outer(to_pixel @ axis, [0.0, 0.0, 1.0]) for axis in np.eye(3)]
-        change = np.stack([one.ravel() for one in (*by_angles, *by_position)], axis=1)
+        change = np.stack([partials.ravel() for partials in (*by_angles, *by_position)], axis=1)
         return of_elements(camera @ rotation @ to_point, change @ covariance[:6, :6] @ change.T)
 
     def altitude_m(self, image: int) -> float:
-        """Height of the camera above the middle of the ground that it sees; NaN of a low image."""
+        """Return the height of the camera above the middle of the visible ground, m; NaN for a low image."""
         if self.low[image]:
             return float("nan")
         return float(np.linalg.norm(self.positions_m[image]) - np.linalg.norm(self.middles_m[image]))
 
     def _ahead(self, image: Indices, points_m: Floats) -> Floats:
-        """Points from the cameras, in the cameras' axes, shape (n, 3)."""
+        """Return vectors from the cameras to points in the cameras' axes, shape (n, 3)."""
         return vectors.rotated(self.rotations[image], points_m - self.positions_m[image])
 
     def _ranges_m(self) -> Floats:
@@ -308,7 +311,7 @@ Projections = Homographies | Poses
 
 
 def _to_height(point_m: Floats) -> Floats:
-    """From east and north of points at the height of one to places, shape (3, 3)."""
+    """Return the matrix from east and north of points at the height of a point to places, shape (3, 3)."""
     raised = np.linalg.norm(point_m) / MEAN_LUNAR_RADIUS_M
     return np.diag([1.0 / raised, 1.0 / raised, 1.0])
 
@@ -319,22 +322,22 @@ def _angles(plane: TangentPlane, places_m: Floats) -> tuple[Floats, Floats]:
 
 
 def _applied(matrices: Floats, places_m: Floats) -> Floats:
-    """Matrices, shape (n, m, 3), applied to east, north and one, shape (n, m)."""
+    """Return matrices, shape (n, m, 3), applied to east, north and 1, shape (n, m)."""
     return np.einsum("nij,nj->ni", matrices[..., :2], places_m) + matrices[..., 2]
 
 
 def _dehomogenized(values: Floats) -> Floats:
-    """Pixels, shape (n, 2), of homogeneous ones, shape (n, 3)."""
+    """Return pixels, shape (n, 2), of homogeneous coordinates, shape (n, 3)."""
     return values[:, :2] / values[:, 2:]
 
 
 def _dehomogenized_partials(values: Floats, partials: Floats) -> Floats:
-    """Derivatives of pixels, shape (n, 2, m), of those of homogeneous ones, shape (n, 3, m)."""
-    of_pixels = partials[:, :2] - _dehomogenized(values)[:, :, np.newaxis] * partials[:, 2:]
-    return of_pixels / values[:, 2:, np.newaxis]
+    """Return derivatives of pixels, shape (n, 2, m), from those of homogeneous coordinates, shape (n, 3, m)."""
+    numerators = partials[:, :2] - _dehomogenized(values)[:, :, np.newaxis] * partials[:, 2:]
+    return numerators / values[:, 2:, np.newaxis]
 
 
-def _of_size(size: Floats) -> Floats:
-    """The similarity that brings the pixels of an image to between -1 and 1."""
+def _size_normalization(size: Floats) -> Floats:
+    """Return the similarity from the pixels of an image to between -1 and 1."""
     half = 0.5 * float(np.max(size))
     return np.array([[1 / half, 0, -0.5 * size[0] / half], [0, 1 / half, -0.5 * size[1] / half], [0, 0, 1.0]])

@@ -1,6 +1,6 @@
 """Brightness of ground under the Sun: the Lunar-Lambert law, and elevation models shaded by it.
 
-An image that no map of the same Sun matches is registered to an elevation model that is shaded at its own Sun.
+Without a map under a similar Sun, images are registered to an elevation model shaded at their own Sun.
 """
 
 from __future__ import annotations
@@ -22,9 +22,8 @@ from radioloc.time import Epochs, utc_strings
 from radioloc.vectors import Floats
 
 _BLANK = 0
-
+# Weight of the Lommel-Seeliger part: polynomial of the phase angle in degrees, of the Moon (McEwen 1996, LPSC 27).
 LUNAR_LAMBERT = (1.0, -0.019, 2.42e-4, -1.46e-6)
-"""Weight of the Lommel-Seeliger part: polynomial of the phase angle in degrees, of the Moon (McEwen 1996, LPSC 27)."""
 
 
 def lunar_lambert(cos_incidence: ArrayLike, cos_emission: ArrayLike, phase_rad: ArrayLike) -> Floats:
@@ -33,12 +32,12 @@ def lunar_lambert(cos_incidence: ArrayLike, cos_emission: ArrayLike, phase_rad: 
     # (McEwen 1996). Exposure compensates for the decrease of brightness with the phase angle.
     sun, camera = np.maximum(cos_incidence, 0.0), np.maximum(cos_emission, 0.0)
     weight = np.polynomial.polynomial.polyval(np.degrees(phase_rad), LUNAR_LAMBERT)
-    both = np.where(sun + camera > 0.0, sun + camera, 1.0)
-    return np.asarray(2.0 * weight * sun / both + (1.0 - weight) * sun)
+    total = np.where(sun + camera > 0.0, sun + camera, 1.0)
+    return np.asarray(2.0 * weight * sun / total + (1.0 - weight) * sun)
 
 
 def brightness_of_slopes(by_east: ArrayLike, by_north: ArrayLike, sun: Floats) -> Floats:
-    """Brightness from above of ground that rises so much toward east and north; ``sun`` is a unit vector to the Sun."""
+    """Return the brightness, from above, of slopes to the east and north, for a unit vector to the Sun."""
     by_east, by_north = np.asarray(by_east), np.asarray(by_north)
     cos_emission = 1.0 / np.sqrt(1.0 + by_east**2 + by_north**2)
     cos_incidence = (sun[2] - sun[0] * by_east - sun[1] * by_north) * cos_emission
@@ -46,7 +45,7 @@ def brightness_of_slopes(by_east: ArrayLike, by_north: ArrayLike, sun: Floats) -
 
 
 def in_bytes(brightness: ArrayLike, sun: Floats, noise: ArrayLike = 0.0) -> NDArray[np.uint8]:
-    """Eight bits, with level ground at 110."""
+    """Return the brightness in eight bits, with level ground at 110."""
     level = float(lunar_lambert(sun[2], 1.0, math.acos(sun[2])))
     grey = 110.0 / level * np.asarray(brightness) + np.asarray(noise)
     return np.clip(np.rint(np.nan_to_num(grey)), 0, 255).astype(np.uint8)
@@ -55,7 +54,10 @@ def in_bytes(brightness: ArrayLike, sun: Floats, noise: ArrayLike = 0.0) -> NDAr
 def sun_direction(azimuth_deg: float, elevation_deg: float) -> Floats:
     """Return the unit vector (east, north, up) to the Sun; its azimuth counts from north over east."""
     if not (0.0 < elevation_deg <= 90.0 and math.isfinite(azimuth_deg)):
-        raise InputError(f"a Sun at an elevation of {elevation_deg!r} degrees lights no ground; give 0 to 90")
+        raise InputError(
+            f"sun: expected a finite azimuth and an elevation above 0 and up to 90 degrees, got {azimuth_deg!r} and "
+            f"{elevation_deg!r}"
+        )
     azimuth, elevation = math.radians(azimuth_deg), math.radians(elevation_deg)
     level = math.cos(elevation)
     return np.array([math.sin(azimuth) * level, math.cos(azimuth) * level, math.sin(elevation)])
@@ -66,19 +68,19 @@ def write_shaded_map(
 ) -> None:
     """Write an elevation model, shaded by the Lunar-Lambert law, as GeoTIFF in its projection; 0 without height."""
     sun = sun_direction(sun_azimuth_deg, sun_elevation_deg)
-    about = TerrainModel.open(dem).metadata
+    metadata = TerrainModel.open(dem).metadata
     base = Map.open(dem)
     sun_me = base.plane().axes().T @ sun
     with open_dataset(Path(dem)) as source:
         crs, transform = source.crs, source.transform
     with new_geotiff(path, crs, transform, base.shape, "uint8", _BLANK) as file:
         for _, window in file.block_windows(1):
-            # One cell more on each side, so that slopes go on over the edges of blocks.
+            # One more cell on each side makes slopes continuous over the edges of blocks.
             rows, columns = (
                 np.clip(np.arange(part.start - 1, part.stop + 1), 0, size - 1)
                 for part, size in zip(window.toslices(), base.shape, strict=True)
             )
-            heights = heights_m(about, *np.meshgrid(rows, columns, indexing="ij"))
+            heights = heights_m(metadata, *np.meshgrid(rows, columns, indexing="ij"))
             by_line, by_sample = (np.asarray(part)[1:-1, 1:-1] for part in np.gradient(heights))
             plane, to_m = _metres_by_pixel(base, columns.mean(), rows.mean())
             to_px = np.linalg.inv(to_m)
@@ -103,9 +105,9 @@ def sun_over_map(dem: str | Path, epoch: Epochs) -> tuple[float, float]:
 
 
 def _metres_by_pixel(base: Map, sample: float, line: float) -> tuple[TangentPlane, Floats]:
-    """The plane at a pixel, and its east and north, m, by a step in sample and line, shape (2, 2)."""
-    here = base.longitude_latitude_deg([[sample, line]])[0]
-    plane = TangentPlane(float(here[0]), float(here[1]))
+    """Return the plane at a pixel, and derivatives of east and north, m, by sample and line, shape (2, 2)."""
+    longitude_deg, latitude_deg = base.longitude_latitude_deg([[sample, line]])[0]
+    plane = TangentPlane(float(longitude_deg), float(latitude_deg))
     steps = np.array([[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]])
     ends = plane.from_longitude_latitude(base.longitude_latitude_deg(np.add(steps, [sample, line])))
     return plane, np.column_stack([ends[0] - ends[1], ends[2] - ends[3]])

@@ -1,4 +1,4 @@
-"""Positions from images, of a descent, of a point or of landmarks: what came out, their cards and dictionaries."""
+"""Results of studies of images: positions with covariances, cards and dictionaries."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from radioloc.imaging.registration import RegisteredFrame, Registration
     from radioloc.lunar.maps import Map
 
-_MOST_ROWS = 12
+_MAX_ROWS = 12  # of the card's table of images
 
 
-class _FromImages(Result):
-    """What all positions from images have in common."""
+class _ImageResult(Result):
+    """Common fields and methods of positions from images."""
 
     __slots__ = ()
     name: str
@@ -45,7 +45,7 @@ class _FromImages(Result):
 
     @property
     def converged(self) -> bool:
-        """Whether the position can be used."""
+        """True if the position can be used."""
         return not self.message
 
     @property
@@ -62,7 +62,7 @@ class _FromImages(Result):
         return {self.name: self}
 
     def _content(self, method: str, **measured: Any) -> dict[str, Any]:
-        """Keys of ``solution.json``, with those of what was measured."""
+        """Return the content of ``solution.json``, with the keys of the measurements."""
         pa = self.position.to_axes("PA", CONSTANTS["DE421"])
         return {
             "name": self.name,
@@ -76,14 +76,14 @@ class _FromImages(Result):
             },
             "sigma": by_axis(EAST_NORTH_UP, self.sigma_enu_m),
             "covariance": {"enu_m2": list(map(finite, self.covariance_enu_m2))},
-            "reference": next(self._beside(), None),
+            "reference": next(self._differences(), None),
             **measured,
             "notes": list(self.notes),
             "provenance": dict(self.provenance),
         }
 
     def _card(self, *fields: Field) -> Card:
-        """A card with what was measured between the position and the notes."""
+        """Return a card with the fields of the measurements between position and notes."""
         longitude, latitude, height = self.position.selenographic
         place = (
             f"{longitude:.6f} deg E, {latitude:.6f} deg N ({self.position.frame})",
@@ -102,15 +102,15 @@ class _FromImages(Result):
         )
 
     def _reference_field(self) -> Field:
-        """How far the position is from known ones."""
+        """Return the differences from the references."""
         lines = (
-            f"solution - {one['name']}: east {metres(one['east_m'])}, north {metres(one['north_m'])}, "
-            f"up {metres(round(one['up_m'], 4))} m; {metres(one['horizontal_m'])} m horizontal"
-            for one in self._beside()
+            f"solution - {row['name']}: east {metres(row['east_m'])}, north {metres(row['north_m'])}, "
+            f"up {metres(round(row['up_m'], 4))} m; {metres(row['horizontal_m'])} m horizontal"
+            for row in self._differences()
         )
         return Field("reference", lines)
 
-    def _beside(self) -> Iterator[dict[str, Any]]:
+    def _differences(self) -> Iterator[dict[str, Any]]:
         for name, place in self.references.items():
             *_, west_m, north_m, up_m = difference(self.position.selenographic, place.selenographic)
             yield {
@@ -128,43 +128,43 @@ class _FromImages(Result):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ErrorSource:
-    """What a part of the covariance is from."""
+    """Source of a part of the covariance."""
 
     name: str  # on the card
-    # How far each error of one sigma moves the position, shape (3, k); NaN up where nothing tells the height.
+    # Shift of the position by each error of one sigma, shape (3, k); NaN for an undetermined height.
     errors_enu_m: Floats
-    # Name, unit and sigma of each, where other solutions have the same errors.
+    # Name, unit and sigma of errors that other solutions share.
     shared: tuple[tuple[str, str, float], ...] = ()
 
     @property
     def covariance_enu_m2(self) -> Floats:
-        """Its part of the covariance, shape (3, 3)."""
+        """Part of the covariance, shape (3, 3)."""
         return self.errors_enu_m @ self.errors_enu_m.T
 
     @property
     def sigma_enu_m(self) -> Floats:
-        """Standard deviations by it alone, east, north, up, m."""
+        """Standard deviations from this source alone, east, north, up, m."""
         return np.sqrt(np.diag(self.covariance_enu_m2))
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class PointSolution(_FromImages):
+class PointSolution(_ImageResult):
     """Position of a point in an image, or of a rover or lander that took stereo images.
 
     Parameters
     ----------
     name, method, message : str
-        Name of the study; ``"image_point"`` or ``"stereo"``; why the position cannot be used, empty where it can.
+        Name of the study; ``"image_point"`` or ``"stereo"``; reason if the position cannot be used, else empty.
     position : LunarPosition
         Mean-Earth axes.
     sources : tuple of ErrorSource
-        Parts of the covariance, which is their sum.
+        Parts that sum to the covariance.
     fields, details : tuple of Field, mapping
         Description of the measurements for the card, and in numbers.
     used, wrms_m : int, float or None
         Number of points or landmarks, and weighted rms residual of distances.
     references : mapping of str to LunarPosition
-        Known positions.
+        Reference positions.
     notes, provenance : tuple of str, mapping
     landmarks_en_m, distances_m : ndarray, shape (n, 2) and (n,), optional
         Landmarks of a stereo solution, east and north of the position, and their horizontal distances, m.
@@ -187,11 +187,11 @@ class PointSolution(_FromImages):
 
     @property
     def covariance_enu_m2(self) -> Floats:  # type: ignore[override]
-        """Total covariance, shape (3, 3); NaN for a height that nothing determines."""
+        """Total covariance, shape (3, 3); NaN for an undetermined height."""
         return sum((source.covariance_enu_m2 for source in self.sources), np.zeros((3, 3)))
 
     def to_dict(self) -> dict[str, Any]:
-        """All numbers, with the keys of :meth:`radioloc.Solution.to_dict`, and one of the method's name."""
+        """Return all numbers, with the keys of :meth:`radioloc.Solution.to_dict` and a key named after the method."""
         considered = [
             {"name": name, "unit": unit, "sigma": sigma, "position_enu_m": finite(source.errors_enu_m[:, k])}
             for source in self.sources
@@ -207,7 +207,7 @@ class PointSolution(_FromImages):
         )
 
     def card(self) -> Card:
-        """Card of the solution."""
+        """Return the card of the solution."""
         line = ellipse_text(horizontal_ellipse(self.covariance_enu_m2[:2, :2]))
         sigmas = {source.name: source.sigma_enu_m for source in self.sources} | {"all": self.sigma_enu_m}
         rows = [
@@ -219,30 +219,30 @@ class PointSolution(_FromImages):
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True, repr=False)
-class ImageSolution(_FromImages):
+class ImageSolution(_ImageResult):
     """Position of a lander by its descent images, and the registration of each image.
 
     Parameters
     ----------
     name, message : str
-        Name of the study; why the position cannot be used, empty where it can.
+        Name of the study; reason if the position cannot be used, else empty.
     position : LunarPosition
         Mean-Earth axes.
     covariance_enu_m2 : ndarray, shape (3, 3)
-        Total covariance; NaN for a height that nothing determines.
+        Total covariance; NaN for an undetermined height.
     map_name, map_sigma_m : str, tuple of float
-        Map under the images, and its tie to the Moon's axes, east and north: one error for all solutions on it.
+        Map, and sigma of its tie to the Moon's axes, east and north, m: a common error of all solutions on it.
     registration : Registration
         Images after the adjustment.
     base : Map
     camera : callable or None
-        Function of lines and samples that returns the :class:`~radioloc.imaging.Camera`, where it is known.
+        Function of lines and samples that returns the :class:`~radioloc.imaging.Camera`.
     mask : ndarray of bool or None
         Pixels of the images that show the ground.
     altitudes_m, paths : mapping of str
-        Altitude of the camera above the ground, where the camera is known, and file of each image, by its name.
+        Altitude of the camera above the ground, if the study has a camera, and file of each image, by its name.
     references : mapping of str to LunarPosition
-        Known positions.
+        Reference positions.
     notes, provenance : tuple of str, mapping
     """
 
@@ -264,12 +264,12 @@ class ImageSolution(_FromImages):
 
     @property
     def registered(self) -> tuple[RegisteredFrame, ...]:
-        """Images that have a place on the map."""
+        """Images with a place on the map."""
         return tuple(f for f in self.registration.frames if f.is_registered)
 
     @property
     def wrms_m(self) -> float:
-        """Root mean square of the residuals of tie points on the ground, weighted by one over their pixels, m."""
+        """Root mean square of the residuals of tie points on the ground, weighted by their inverse pixel size, m."""
         count, rms_m, pixel_m = np.array([(f.inliers, f.rms_m, f.pixel_m) for f in self.registered]).T
         return float(np.sqrt(np.average(rms_m**2, weights=count / pixel_m**2)))
 
@@ -280,12 +280,12 @@ class ImageSolution(_FromImages):
 
     @property
     def _along_ground(self) -> Floats:
-        """Unit displacements east and north along the ground, where the height follows its slope, shape (2, 3)."""
+        """Unit displacements east and north along the sloping ground, shape (2, 3)."""
         horizontal_m2, with_height_m2 = self.covariance_enu_m2[:2, :2], self.covariance_enu_m2[:2, 2:]
         return np.hstack([np.eye(2), np.nan_to_num(np.linalg.solve(horizontal_m2, with_height_m2))])
 
     def to_dict(self) -> dict[str, Any]:
-        """All numbers, with the keys of :meth:`radioloc.Solution.to_dict`, and ``images``."""
+        """Return all numbers, with the keys of :meth:`radioloc.Solution.to_dict` and ``images``."""
         considered = [
             {"name": name, "unit": "m", "sigma": sigma_m, "position_enu_m": (sigma_m * side).tolist()}
             for name, sigma_m, side in zip(
@@ -318,7 +318,9 @@ class ImageSolution(_FromImages):
         if frame.homography is None:
             return content
         centre = None
-        with contextlib.suppress(InputError):  # it may show the sky, or ground far beyond the tie points
+        with contextlib.suppress(
+            InputError
+        ):  # the centre may show the sky, or ground far beyond the tie points
             point = self.registration.ground_point(frame.name)
             centre = {
                 "longitude_deg": point.longitude_deg,
@@ -340,16 +342,15 @@ class ImageSolution(_FromImages):
         }
 
     def card(self) -> Card:
-        """Card of the solution."""
+        """Return the card of the solution."""
         sigmas = self.sigma_enu_m
         up = metres(sigmas[2]) if math.isfinite(sigmas[2]) else "not determined"
         tie = " and ".join(metres(value) for value in self.map_sigma_m)
-        # The first and the last images tell most.
-        frames, half = list(self.registration.frames), _MOST_ROWS // 2
-        shown = frames if len(frames) <= _MOST_ROWS else frames[:half] + frames[-half:]
+        frames, half = list(self.registration.frames), _MAX_ROWS // 2
+        shown = frames if len(frames) <= _MAX_ROWS else frames[:half] + frames[-half:]
         sigma = (
             f"east {metres(sigmas[0])}, north {metres(sigmas[1])} m, up {up} m",
-            f"in it the tie of {self.map_name} to the Moon's axes, {tie} m east and north",
+            f"includes the tie of {self.map_name} to the Moon's axes, {tie} m east and north",
         )
         images = Field(
             "images",
@@ -359,8 +360,18 @@ class ImageSolution(_FromImages):
             rest=map(self._row, frames[half : len(frames) - len(shown) + half]),
             where="solution.json",
         )
-        left_out = Field("left out", self._left_out())
-        return self._card(Field("1 sigma", sigma), self._reference_field(), images, left_out)
+        unregistered = (
+            f"{frame.name}: {frame.status.value}{f': {frame.reason}' if frame.reason else ''}"
+            for frame in frames
+            if not frame.is_registered
+        )
+        fields = (
+            Field("1 sigma", sigma),
+            self._reference_field(),
+            images,
+            Field("not registered", unregistered),
+        )
+        return self._card(*fields)
 
     def _row(self, frame: RegisteredFrame) -> tuple[str, ...]:
         numbers = ("-", "-", "-", "-")
@@ -373,11 +384,6 @@ class ImageSolution(_FromImages):
                 "-" if altitude is None else f"{altitude:.4g}",
             )
         to_map = "map" in frame.matched_to
-        others = len(frame.matched_to) - to_map
-        to = " + ".join([*(["map"] if to_map else []), *([plural(others, "image")] if others else [])]) or "-"
-        return (frame.name, frame.status.value, to, *numbers)
-
-    def _left_out(self) -> Iterator[str]:
-        for frame in self.registration.frames:
-            if not frame.is_registered:
-                yield f"{frame.name}: {frame.status.value}{f': {frame.reason}' if frame.reason else ''}"
+        count = len(frame.matched_to) - to_map
+        matches = [*(["map"] if to_map else []), *([plural(count, "image")] if count else [])]
+        return (frame.name, frame.status.value, " + ".join(matches) or "-", *numbers)

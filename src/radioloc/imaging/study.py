@@ -1,4 +1,4 @@
-"""A study of images: its tables, and reading them from a file.
+"""Study of images: its tables and their reader.
 
 ``[images]`` and ``[camera]`` locate a lander by its descent images, ``[image_point]`` a point in one orbital image,
 ``[stereo]`` a rover or lander by stereo images of landmarks.
@@ -45,32 +45,29 @@ class ImageChoice(GroundChoice):
     files: tuple[Path, ...]
     base_map_sigma_m: tuple[float, float] = entry(not_negative=True)  # east, north; common to all points
     base_map: Path | None = None
-    mask: Path | None = None  # white where frames show the ground
+    mask: Path | None = None  # white for pixels of the ground
     point: str | tuple[float, float] = "centre"  # of the last frame
     point_sigma_px: float = entry(1.0, not_negative=True)
-    near: Path | None = None  # solution.json about whose position the map is searched,
-    near_margin_m: float = entry(10e3, positive=True)  # beyond three of its sigmas
+    near: Path | None = None  # solution.json with the centre of the search on the map
+    near_margin_m: float = entry(10e3, positive=True)  # of the search, beyond three sigmas of that solution
     shade: bool = False
     sun_azimuth_deg: float | None = None  # from north over east
     sun_elevation_deg: float | None = None
     epoch: Epochs | None = entry(None, moment=True)
-    detector: str = entry("sift", choices=("sift", "orb"))
 
     def __post_init__(self) -> None:
         GroundChoice.__post_init__(self)
         if self.base_map is None and not self.shade:
             raise InputError("base_map is missing; name a map image, or shade = true with a dem")
         if self.shade and self.dem is None:
-            raise InputError("shade needs a dem, which is shaded")
+            raise InputError("shade needs a dem")
         angles = [angle for angle in (self.sun_azimuth_deg, self.sun_elevation_deg) if angle is not None]
         if self.shade and len(angles) != (2 if self.epoch is None else 0):
-            raise InputError(
-                "shade needs either epoch, or sun_azimuth_deg and sun_elevation_deg, where the Sun stood"
-            )
+            raise InputError("shade needs either epoch, or sun_azimuth_deg and sun_elevation_deg")
         if self.shade and self.base_map is not None:
             raise InputError("give either base_map or shade = true, not both")
         if isinstance(self.point, str) and self.point != "centre":
-            raise InputError(f'point must be "centre" or [sample, line], not {self.point!r}')
+            raise InputError(f'point: expected "centre" or [sample, line], got {self.point!r}')
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +83,7 @@ class CameraChoice:
         check(self)
 
     def camera(self, shape: tuple[int, int]) -> Camera:
-        """Return the camera of images of so many lines and samples, by default with its axis in their middle."""
+        """Return the camera for images of a shape (lines, samples); the default principal point is their middle."""
         from radioloc.imaging.cameras import Camera
 
         middle = (0.5 * (shape[1] - 1), 0.5 * (shape[0] - 1))
@@ -107,14 +104,12 @@ class ImagePointChoice(GroundChoice):
     def __post_init__(self) -> None:
         GroundChoice.__post_init__(self)
         if self.dem is None and self.height_m is None:
-            raise InputError(
-                "the height of the ground is missing, which one image does not tell; give dem or height_m"
-            )
+            raise InputError("the height of the ground is missing; give dem or height_m")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Landmark:
-    """Table ``[[stereo.landmarks]]``: a landmark on the map, with its distance or its pixels in both cameras."""
+    """Table ``[[stereo.landmarks]]``: landmark on the map, with its distance or its pixels in both cameras."""
 
     name: str
     longitude_deg: float
@@ -124,14 +119,15 @@ class Landmark:
     left_px: tuple[float, float] | None = None
     right_px: tuple[float, float] | None = None
     pitch_deg: float = 0.0  # of the left camera's axis above the horizon
-    roll_deg: float = 0.0  # about that axis, clockwise as the camera sees
+    roll_deg: float = 0.0  # about that axis, clockwise in the view of the camera
 
     def __post_init__(self) -> None:
         check(self)
-        given = [
-            one is not None for one in (self.distance_m, self.distance_sigma_m, self.left_px, self.right_px)
-        ]
-        if given not in ([True, True, False, False], [False, False, True, True]):
+        values = (self.distance_m, self.distance_sigma_m, self.left_px, self.right_px)
+        if [value is None for value in values] not in (
+            [False, False, True, True],
+            [True, True, False, False],
+        ):
             raise InputError(
                 f"landmark {self.name!r}: give either distance_m and distance_sigma_m, or left_px and right_px"
             )
@@ -156,15 +152,13 @@ class StereoChoice(GroundChoice):
     def __post_init__(self) -> None:
         GroundChoice.__post_init__(self)
         if len(self.landmarks) < 4:
-            raise InputError(
-                f"{len(self.landmarks)} landmarks; four or more are needed, so that a wrong one shows"
-            )
-        if len({one.name for one in self.landmarks}) < len(self.landmarks):
-            raise InputError("two landmarks have one name, by which they are told apart; rename one")
-        if any(one.left_px is not None for one in self.landmarks):
+            raise InputError(f"expected four or more landmarks, got {len(self.landmarks)}")
+        if len({landmark.name for landmark in self.landmarks}) < len(self.landmarks):
+            raise InputError("two landmarks have the same name; rename one")
+        if any(landmark.left_px is not None for landmark in self.landmarks):
             for name in ("left", "right", "baseline_m"):
                 if getattr(self, name) is None:
-                    raise InputError(f"{name} is missing, without which pixels tell no distance")
+                    raise InputError(f"{name} is missing; distances from pixels need it")
             for name in ("left", "right"):
                 if getattr(self, name).principal_point_px is None:
                     raise InputError(
@@ -202,7 +196,7 @@ TABLES: dict[str, type] = {
     "stereo.right": CameraChoice,
     "stereo.landmarks": Landmark,
 }
-"""The records of the tables of a study of images; beside them ``[reference]`` and ``[references.NAME]``."""
+"""Records of the tables of a study of images, beside ``[reference]`` and ``[references.NAME]``."""
 
 
 def read_image_study(path: str | Path) -> ImageStudy | PointStudy:
@@ -230,19 +224,14 @@ def read_image_study(path: str | Path) -> ImageStudy | PointStudy:
     )
     top.finish()
     if [images, point, stereo].count(None) != 2:
-        raise InputError(
-            f"{path}: one of [images] (frames and a map), [image_point] (a point in an image) and [stereo] (landmarks) "
-            "is needed, and not two of them"
-        )
+        raise InputError(f"{path}: expected exactly one of [images], [image_point] and [stereo]")
     if images is None and camera is not None:
-        raise InputError(
-            f"{path}: [camera] belongs to [images]; the model of an image or [stereo] has its own"
-        )
-    rest = references_of(reference, references), path.stem, file
+        raise InputError(f"{path}: [camera] belongs to [images]")
+    context = references_of(reference, references), path.stem, file
     if images is not None:
-        read = images.read(ImageChoice)
-        return ImageStudy(read, None if camera is None else camera.read(CameraChoice), *rest)
+        choice = images.read(ImageChoice)
+        return ImageStudy(choice, None if camera is None else camera.read(CameraChoice), *context)
     if point is not None:
-        return PointStudy(point.read(ImagePointChoice), *rest)
+        return PointStudy(point.read(ImagePointChoice), *context)
     assert stereo is not None
-    return PointStudy(stereo.read(StereoChoice), *rest)
+    return PointStudy(stereo.read(StereoChoice), *context)

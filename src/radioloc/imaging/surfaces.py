@@ -1,7 +1,7 @@
-"""What rays meet: a sphere, or the ground of an elevation map.
+"""Surfaces that rays intersect: a sphere, or the ground of an elevation map.
 
-A surface says where rays meet it first, and how fast the height above it grows in each direction, from which follows
-how a ground point answers to changes of the ray and of the height.
+A surface gives the first intersection of each ray, and the gradient of the height above it. The gradient determines the
+derivatives of a ground point by the ray and by the height.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from radioloc.lunar.terrain import LargeWindowError, NoTerrainError, TerrainWind
 from radioloc.quantities import convert_fields
 from radioloc.vectors import Floats
 
-_RAYS_AT_ONCE = 100_000
-_STATIONS = 5  # points of each ray from which follows what part of the map is needed
-_SMALLEST_STEP_CELLS = 0.25
-_STEPS = 20_000
-_MET_M = 1e-5
-_REFINEMENTS = 60
-_PASSED, _MET, _LOST = np.int8(0), np.int8(1), np.int8(2)
-"""What becomes of a ray: it stays above the ground, meets it, or comes to where the map has none."""
+_BLOCK_RAYS = 100_000
+_STATION_COUNT = 5  # points of each ray that determine the window of the map
+_MIN_STEP_CELLS = 0.25
+_MAX_STEPS = 20_000
+_HEIGHT_TOLERANCE_M = 1e-5
+_MAX_REFINEMENTS = 60
+# State of a ray: above the ground everywhere, intersecting it, or reaching an area without heights.
+_PASSED, _HIT, _OFF_MAP = np.int8(0), np.int8(1), np.int8(2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,35 +39,35 @@ class Sphere:
     def __post_init__(self) -> None:
         convert_fields(self)
         if not (np.isfinite(self.radius_m) and self.radius_m > 0.0):
-            raise InputError(f"radius_m = {self.radius_m!r} is not a positive number of metres")
+            raise InputError(f"radius_m: expected a positive number, got {self.radius_m!r}")
 
     def intersect(self, origins_m: Floats, directions: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        """First points on rays from outside, or the only one on rays from inside."""
+        """Return the first intersections, m, shape (n, 3), and whether each ray has one."""
         enters_m, leaves_m, hits = _chord(origins_m, directions, self.radius_m)
         distance_m = np.where(vectors.length(origins_m) < self.radius_m, leaves_m, enters_m)
         return origins_m + distance_m[:, None] * directions, hits & (distance_m >= 0.0)
 
     def gradient(self, points_m: Floats) -> Floats:
-        """Up."""
+        """Return the gradient of the height above the sphere, shape (n, 3)."""
         return vectors.normalized(points_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Terrain:
-    """The ground of an elevation map, in mean-Earth axes.
+    """Ground of an elevation map, in mean-Earth axes.
 
     Parameters
     ----------
     model : TerrainModel
-        The map.
+        Elevation map.
     raised_m : float
-        Height that is added to the map's, such as an error of the map.
+        Height added to the map's, such as an error of the map.
 
     Notes
     -----
-    A ray goes down from the height of the highest cell in steps that cannot pass through the terrain: as far as its
+    A ray descends from the height of the highest cell in steps that cannot pass through the terrain: as far as its
     clearance allows by the steepest slope between neighbouring cells (Hart 1996, *sphere tracing*), at least a quarter
-    of a cell. Where it is below, the point is found by the Illinois rule, to 0.01 mm.
+    of a cell. The intersection is refined by the Illinois rule, to 0.01 mm.
     """
 
     model: TerrainModel
@@ -75,144 +75,146 @@ class Terrain:
     mean_earth: bool = field(default=True, init=False)
 
     def intersect(self, origins_m: Floats, directions: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        """Return first points on rays, m, shape (n, 3), and whether the map has them without a gap before."""
+        """Return first intersections, m, shape (n, 3), and whether each ray has one, with heights all along the ray."""
         points, hits = np.array(origins_m), np.zeros(len(origins_m), dtype=bool)
         lowest, highest = (limit_m + self.raised_m for limit_m in LUNAR_HEIGHT_LIMITS_M)
-        for start in range(0, len(origins_m), _RAYS_AT_ONCE):
-            part = slice(start, start + _RAYS_AT_ONCE)
-            first, last, toward = _between(origins_m[part], directions[part], lowest, highest)
-            rows = start + np.flatnonzero(toward)
-            spans = origins_m[rows], directions[rows], first[toward], last[toward]
-            distance, met = self._in_parts(*spans)
-            hits[rows] = met == _MET
+        for start in range(0, len(origins_m), _BLOCK_RAYS):
+            part = slice(start, start + _BLOCK_RAYS)
+            first, last, descends = _between(origins_m[part], directions[part], lowest, highest)
+            rows = start + np.flatnonzero(descends)
+            spans = origins_m[rows], directions[rows], first[descends], last[descends]
+            distance, state = self._intersect_in_parts(*spans)
+            hits[rows] = state == _HIT
             points[rows] += np.where(hits[rows], distance, 0.0)[:, None] * directions[rows]
         return points, hits
 
     def gradient(self, points_m: Floats) -> Floats:
-        """Derivatives of the height above the terrain by x, y, z, shape (n, 3)."""
+        """Return the gradient of the height above the terrain, shape (n, 3)."""
         longitude, latitude, height_m = cartesian_to_selenographic(points_m)
         _, gradient = height_and_gradient(self.model.height_and_slope, longitude, latitude)
         return vectors.normalized(points_m) - gradient / (MEAN_LUNAR_RADIUS_M + height_m)[:, None]
 
-    def _in_parts(
+    def _intersect_in_parts(
         self, origins: Floats, directions: Floats, first: Floats, last: Floats
     ) -> tuple[Floats, NDArray[np.int8]]:
-        """Between two distances, by halves of the rays, then of a ray, where that needs too much of the map at once."""
+        """Return distances and states; rays, then a single ray, are halved if their window of the map is too large."""
         try:
             return self._intersect(origins, directions, first, last)
         except NoTerrainError:
-            return np.zeros(len(origins)), np.full(len(origins), _LOST)
+            return np.zeros(len(origins)), np.full(len(origins), _OFF_MAP)
         except LargeWindowError:
             half = len(origins) // 2
             if half:
                 parts = [
-                    self._in_parts(origins[k], directions[k], first[k], last[k])
+                    self._intersect_in_parts(origins[k], directions[k], first[k], last[k])
                     for k in (slice(half), slice(half, None))
                 ]
                 return np.concatenate([d for d, _ in parts]), np.concatenate([m for _, m in parts])
             middle = 0.5 * (first + last)
-            distance, met = self._in_parts(origins, directions, first, middle)
-            return (distance, met) if met[0] != _PASSED else self._in_parts(origins, directions, middle, last)
+            distance, state = self._intersect_in_parts(origins, directions, first, middle)
+            if state[0] != _PASSED:
+                return distance, state
+            return self._intersect_in_parts(origins, directions, middle, last)
 
     def _intersect(
         self, origins: Floats, directions: Floats, first: Floats, last: Floats
     ) -> tuple[Floats, NDArray[np.int8]]:
-        """Distances at which rays meet the ground between two distances, and what becomes of them."""
-        distance, met = np.zeros(len(origins)), np.full(len(origins), _PASSED)
+        """Return distances of intersections between two distances, and states of the rays."""
+        distance, state = np.zeros(len(origins)), np.full(len(origins), _PASSED)
         if not len(origins):
-            return distance, met
-        stations = np.linspace(0.0, 1.0, _STATIONS)[:, None]
-        nearby = origins + (first + stations * (last - first))[..., None] * directions
-        window = self.model.window(*cartesian_to_selenographic(nearby.reshape(-1, 3))[:2])
+            return distance, state
+        stations = np.linspace(0.0, 1.0, _STATION_COUNT)[:, None]
+        points = origins + (first + stations * (last - first))[..., None] * directions
+        window = self.model.window(*cartesian_to_selenographic(points.reshape(-1, 3))[:2])
         low_m, high_m = window.range_m
-        entry, leaving, toward = _between(
+        entry, leaving, descends = _between(
             origins, directions, low_m + self.raised_m - 1.0, high_m + self.raised_m + 1.0
         )
         entry, leaving = np.maximum(entry, first), np.minimum(leaving, last)
-        rows = np.flatnonzero(toward & (entry < leaving))
-        distance[rows], met[rows] = self._march(
+        rows = np.flatnonzero(descends & (entry < leaving))
+        distance[rows], state[rows] = self._march(
             window, origins[rows], directions[rows], entry[rows], leaving[rows]
         )
-        return distance, met
+        return distance, state
 
     def _clearance(self, window: TerrainWindow, points: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        """Heights of points above the terrain, m, and whether the map has terrain there."""
+        """Return heights of points above the terrain, m, and whether the map has heights there."""
         longitude, latitude, height_m = cartesian_to_selenographic(points)
-        terrain_m, known = window.heights(longitude, latitude)
-        return height_m - terrain_m - self.raised_m, known
+        terrain_m, mapped = window.heights(longitude, latitude)
+        return height_m - terrain_m - self.raised_m, mapped
 
     def _march(
         self, window: TerrainWindow, origins: Floats, directions: Floats, first: Floats, last: Floats
     ) -> tuple[Floats, NDArray[np.int8]]:
-        """Distances at which rays meet the terrain between two distances, and what becomes of them."""
+        """Return distances of intersections between two distances, and states, by steps along the rays."""
         n = len(origins)
-        smallest_m = _SMALLEST_STEP_CELLS * window.metadata.resolution_m
-        above, below = first.copy(), np.full(n, np.nan)  # distances on both sides of the ground
-        clear_above, clear_below = np.zeros(n), np.zeros(n)
-        met = np.full(n, _PASSED)
+        min_step_m = _MIN_STEP_CELLS * window.metadata.resolution_m
+        upper, lower = first.copy(), np.full(n, np.nan)  # distances on both sides of the ground
+        upper_clearance, lower_clearance = np.zeros(n), np.zeros(n)
+        state = np.full(n, _PASSED)
         active = np.arange(n)
         distance = first.copy()
-        for _ in range(_STEPS):
+        for _ in range(_MAX_STEPS):
             points = origins[active] + distance[active, None] * directions[active]
-            clear, known = self._clearance(window, points)
-            under = known & (clear <= 0.0)
+            clearance, mapped = self._clearance(window, points)
+            under = mapped & (clearance <= 0.0)
             crossing = under & (distance[active] > first[active])
-            met[active[~known | under]] = (
-                _LOST  # also a ray that begins under the terrain: it comes from nowhere
-            )
+            state[active[~mapped | under]] = _OFF_MAP  # also for rays that begin under the terrain
             crossed = active[crossing]
-            met[crossed], below[crossed], clear_below[crossed] = _MET, distance[crossed], clear[crossing]
-            going = known & ~under & (distance[active] < last[active])
+            state[crossed] = _HIT
+            lower[crossed], lower_clearance[crossed] = distance[crossed], clearance[crossing]
+            going = mapped & ~under & (distance[active] < last[active])
             rows = active[going]
-            above[rows], clear_above[rows] = distance[rows], clear[going]
+            upper[rows], upper_clearance[rows] = distance[rows], clearance[going]
             down = -vectors.dot(points[going], directions[rows]) / vectors.length(points[going])
             level = np.sqrt(np.maximum(1.0 - down * down, 0.0))
             fall = np.maximum(down + window.steepest * level, 1e-3)
-            step = np.maximum(clear[going] / fall, smallest_m)
+            step = np.maximum(clearance[going] / fall, min_step_m)
             distance[rows] = np.minimum(distance[rows] + step, last[rows])
             active = rows
             if not len(active):
                 break
-        self._refine(window, origins, directions, (above, clear_above), (below, clear_below), met)
-        return below, met
+        self._refine(window, origins, directions, (upper, upper_clearance), (lower, lower_clearance), state)
+        return lower, state
 
     def _refine(
         self,
         window: TerrainWindow,
         origins: Floats,
         directions: Floats,
-        over: tuple[Floats, Floats],
-        under: tuple[Floats, Floats],
-        met: NDArray[np.int8],
+        upper_bracket: tuple[Floats, Floats],
+        lower_bracket: tuple[Floats, Floats],
+        state: NDArray[np.int8],
     ) -> None:
-        """Bring distances under the ground up to it, by regula falsi with the Illinois rule, in place."""
-        (above, clear_above), (below, clear_below) = over, under
-        found = below.copy()
-        active = np.flatnonzero(met == _MET)
-        side = np.zeros(len(below))
-        for _ in range(_REFINEMENTS):
-            span = clear_above[active] - clear_below[active]
-            part = np.where(span > 0.0, clear_above[active] / np.where(span > 0.0, span, 1.0), 0.5)
-            found[active] = above[active] + part * (below[active] - above[active])
-            clear, known = self._clearance(window, origins[active] + found[active, None] * directions[active])
-            met[active[~known]] = _LOST
-            up = clear > 0.0
-            for which, ends, values, others, sign in (
-                (up, above, clear_above, clear_below, 1.0),
-                (~up, below, clear_below, clear_above, -1.0),
+        """Refine distances under the ground in place, by regula falsi with the Illinois rule."""
+        (upper, upper_clearance), (lower, lower_clearance) = upper_bracket, lower_bracket
+        distance = lower.copy()
+        active = np.flatnonzero(state == _HIT)
+        side = np.zeros(len(lower))
+        for _ in range(_MAX_REFINEMENTS):
+            span = upper_clearance[active] - lower_clearance[active]
+            part = np.where(span > 0.0, upper_clearance[active] / np.where(span > 0.0, span, 1.0), 0.5)
+            distance[active] = upper[active] + part * (lower[active] - upper[active])
+            points = origins[active] + distance[active, None] * directions[active]
+            clearance, mapped = self._clearance(window, points)
+            state[active[~mapped]] = _OFF_MAP
+            up = clearance > 0.0
+            for selected, ends, values, opposite, sign in (
+                (up, upper, upper_clearance, lower_clearance, 1.0),
+                (~up, lower, lower_clearance, upper_clearance, -1.0),
             ):
-                rows = active[which]
-                again = side[rows] == sign
-                others[rows[again]] *= 0.5
-                ends[rows], values[rows], side[rows] = found[rows], clear[which], sign
-            active = active[known & (np.abs(clear) > _MET_M) & (np.abs(below - above)[active] > 1e-9)]
+                rows = active[selected]
+                opposite[rows[side[rows] == sign]] *= 0.5
+                ends[rows], values[rows], side[rows] = distance[rows], clearance[selected], sign
+            wide = np.abs(lower - upper)[active] > 1e-9
+            active = active[mapped & (np.abs(clearance) > _HEIGHT_TOLERANCE_M) & wide]
             if not len(active):
                 break
-        below[met == _MET] = found[met == _MET]
+        lower[state == _HIT] = distance[state == _HIT]
 
 
 def _chord(origins: Floats, directions: Floats, radius_m: float) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Distances at which lines enter and leave a sphere, and whether they do."""
+    """Return distances at which lines enter and leave a sphere, and whether they intersect it."""
     along_m = -vectors.dot(origins, directions)  # to the point nearest the centre
     nearest_m = origins + along_m[:, None] * directions
     half2_m2 = radius_m**2 - vectors.dot(nearest_m, nearest_m)
@@ -223,7 +225,7 @@ def _chord(origins: Floats, directions: Floats, radius_m: float) -> tuple[Floats
 def _between(
     origins: Floats, directions: Floats, low_m: float, high_m: float
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Distances at which rays come below one height and leave the space above another, and whether they do."""
+    """Return distances at which rays enter and leave the shell between two heights, and whether they enter it."""
     low_radius_m = MEAN_LUNAR_RADIUS_M + low_m
     first, last, crosses = _chord(origins, directions, MEAN_LUNAR_RADIUS_M + high_m)
     floor, _, falls = _chord(origins, directions, low_radius_m)

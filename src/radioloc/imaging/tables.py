@@ -9,12 +9,12 @@ from radioloc.imaging.study import ImageChoice, ImagePointChoice, StereoChoice
 from radioloc.study.schema import StudyTable
 
 
-def _located(path: Path) -> Any:
+def _locate(path: Path) -> Any:
     from radioloc.imaging.location import locate_images
 
     return locate_images(path)
 
 
-IMAGES_TABLE = StudyTable("images", ImageChoice, _located, "images")
-IMAGE_POINT_TABLE = StudyTable("image_point", ImagePointChoice, _located, "images")
-STEREO_TABLE = StudyTable("stereo", StereoChoice, _located, "images")
+IMAGES_TABLE = StudyTable("images", ImageChoice, _locate, "images")
+IMAGE_POINT_TABLE = StudyTable("image_point", ImagePointChoice, _locate, "images")
+STEREO_TABLE = StudyTable("stereo", StereoChoice, _locate, "images")

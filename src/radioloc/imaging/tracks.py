@@ -1,4 +1,4 @@
-"""Tie points as tracks: all measurements of one point of the ground, in images and on the map, that pairs join."""
+"""Tie points as tracks: measurements of one point of the ground, in images and on the map, joined by pairs."""
 
 from __future__ import annotations
 
@@ -12,15 +12,13 @@ from radioloc.vectors import Floats
 
 Indices = NDArray[np.int64]
 
-MAP = -1
-"""In place of an image's number."""
-
-_KINDS = 3  # of measurements in an image; a track has one of each
+MAP = -1  # in place of an image's number
+_KIND_COUNT = 2  # kinds of measurements in an image; a track has at most one of each
 
 
 @dataclass(slots=True, eq=False)
 class Tracks:
-    """Measurements, numbered from 0 as they are added, and pairs of them that are of one point."""
+    """Measurements, numbered from 0, and pairs of measurements of one point."""
 
     _groups: list[Indices] = field(default_factory=list)  # image and kind
     _places: list[Floats] = field(default_factory=list)
@@ -29,55 +27,55 @@ class Tracks:
     _count: int = 0
 
     def add(self, image: int, kind: int, places: Floats, sigmas: ArrayLike) -> int:
-        """Add pixels of an image, or places in the plane on the map; the number of the first."""
+        """Add pixels of an image, or places on the map, and return the number of the first."""
         first, self._count = self._count, self._count + len(places)
-        self._groups.append(np.full(len(places), _KINDS * image + kind))
+        self._groups.append(np.full(len(places), _KIND_COUNT * image + kind))
         self._places.append(places)
         self._sigmas.append(np.asarray(sigmas, dtype=np.float64))
         return first
 
-    def join(self, these: ArrayLike, those: ArrayLike) -> None:
-        """Note which measurements are of the same points as others before them, by their numbers."""
-        self._pairs.append(np.column_stack([those, these]))
+    def join(self, later: ArrayLike, earlier: ArrayLike) -> None:
+        """Join measurements of the same points, by their numbers."""
+        self._pairs.append(np.column_stack([earlier, later]))
 
-    def ties(self, left_out: set[int], placed: NDArray[np.bool_]) -> tuple[Indices, TiePoints]:
-        """Return the placed images, but those left out, that tie points lead from to the map, and these points."""
+    def ties(self, rejected: set[int], placed: NDArray[np.bool_]) -> tuple[Indices, TiePoints]:
+        """Return the placed images that tie points connect to the map, without rejected ones, and their tie points."""
         group, places, sigmas = (np.concatenate(part) for part in (self._groups, self._places, self._sigmas))
-        of_map = len(placed)  # the map is one more image
-        image = np.where(group < 0, of_map, group // _KINDS)
+        map_image = len(placed)  # the map is one more image
+        image = np.where(group < 0, map_image, group // _KIND_COUNT)
         pairs = np.concatenate(self._pairs)
-        pairs = pairs[~np.isin(image[pairs], [*left_out]).any(axis=1)]
-        track = _parts(pairs[:, 0], pairs[:, 1], len(image))
-        # Of several of an image, or of the map, the first that was found.
-        found, first = np.unique(pairs, return_index=True)
-        found = found[np.argsort(first)]
-        _, kept = np.unique(track[found] * (_KINDS * of_map + _KINDS) + group[found], return_index=True)
-        found = found[kept]
-        track, image = track[found], image[found]
-        part = _parts(image, of_map + 1 + track, of_map + 2 + track.max(initial=-1))
-        images = np.flatnonzero((part[:of_map] == part[of_map]) & placed)
-        numbers = np.full(of_map + 1, -1)
+        pairs = pairs[~np.isin(image[pairs], [*rejected]).any(axis=1)]
+        track = _components(pairs[:, 0], pairs[:, 1], len(image))
+        # The first of several measurements in an image or on the map.
+        measured, first = np.unique(pairs, return_index=True)
+        measured = measured[np.argsort(first)]
+        key = track[measured] * _KIND_COUNT * (map_image + 1) + group[measured]
+        measured = measured[np.unique(key, return_index=True)[1]]
+        track, image = track[measured], image[measured]
+        component = _components(image, map_image + 1 + track, map_image + 2 + track.max(initial=-1))
+        images = np.flatnonzero((component[:map_image] == component[map_image]) & placed)
+        numbers = np.full(map_image + 1, -1)
         numbers[images] = np.arange(len(images))
-        usable = (numbers[image] >= 0) | (image == of_map)
+        usable = (numbers[image] >= 0) | (image == map_image)
         usable &= np.bincount(track, weights=usable)[track] > 1
         _, point = np.unique(track[usable], return_inverse=True)
-        number, places, sigmas = numbers[image[usable]], places[found[usable]], sigmas[found[usable]]
-        seen, on_map = number >= 0, number < 0
+        number, rows = numbers[image[usable]], measured[usable]
+        in_image, on_map = number >= 0, number < 0
         return images, TiePoints(
-            number[seen],
-            point[seen],
-            places[seen],
-            sigmas[seen],
+            number[in_image],
+            point[in_image],
+            places[rows[in_image]],
+            sigmas[rows[in_image]],
             point[on_map],
-            places[on_map],
-            sigmas[on_map],
+            places[rows[on_map]],
+            sigmas[rows[on_map]],
         )
 
 
-def _parts(one: Indices, other: Indices, nodes: int) -> Indices:
-    """To which connected part of a graph with edges from one node to another each node belongs."""
+def _components(start: Indices, end: Indices, nodes: int) -> Indices:
+    """Return the connected component of each node of a graph."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    graph = coo_array((np.ones(len(one)), (one, other)), shape=(nodes, nodes))
+    graph = coo_array((np.ones(len(start)), (start, end)), shape=(nodes, nodes))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)

@@ -9,13 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
 from radioloc.errors import KernelError
-from radioloc.kernels.daf import RECORD_BYTES, DafSegment, read_segments, tdb_date
+from radioloc.kernels.daf import DafSegment, tdb_date
 from radioloc.vectors import Floats, chebyshev_sums
 
 MAX_MAGNITUDE = 1e30  # of any word: its square still fits a float, and no epoch or length in km comes near it
@@ -164,19 +163,6 @@ def read_states(segment: DafSegment, spk_type: int) -> StateSeries:
         "holds what is not a number, or far too large, in its records or directory",
     )
     return _READERS[spk_type](segment._replace(words=words))
-
-
-def check_spk(path: Path) -> None:
-    """Raise a :class:`KernelError` if SPICE would end the process at an SPK: damaged, or its last record not filled."""
-    size = path.stat().st_size
-    if size % RECORD_BYTES:
-        raise KernelError(
-            f"{path} is cut short: it has {size} bytes, and SPICE reads records of {RECORD_BYTES}; fetch it again, or "
-            "fill the last record with zeros"
-        )
-    for segment in read_segments(path, "SPK"):
-        if segment.integers[3] in _READERS:
-            read_states(segment, segment.integers[3])
 
 
 def _tail(segment: DafSegment, n: int) -> list[float]:

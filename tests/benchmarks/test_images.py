@@ -16,7 +16,8 @@ from procedural_descents import Descent
 from procedural_ground import Ground
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
-from radioloc.imaging import Camera, Sphere, image_to_ground
+from radioloc.imaging import Camera, Sphere
+from radioloc.imaging.ground_points import image_to_ground
 from radioloc.imaging.shading import sun_direction
 from radioloc.lunar import TangentPlane
 

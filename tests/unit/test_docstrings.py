@@ -17,7 +17,6 @@ LONG = {
     "covariance",
     "locate_images",
     "monte_carlo",
-    "register_chain",
     "simulate",
     "verify",
 }

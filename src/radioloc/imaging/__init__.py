@@ -16,6 +16,7 @@ if TYPE_CHECKING:  # these modules are imported on first use
     from radioloc.imaging.isd import read_isd
     from radioloc.imaging.location import locate_images
     from radioloc.imaging.orientation import ConstantOrientation, TabulatedOrientation
+    from radioloc.imaging.orthophoto import write_orthophoto
     from radioloc.imaging.sensor_models import FrameModel, LineScanModel
     from radioloc.imaging.solution import ImageSolution, PointSolution
     from radioloc.imaging.study import read_image_study
@@ -39,6 +40,7 @@ __all__ = [
     "plot_point",
     "read_image_study",
     "read_isd",
+    "write_orthophoto",
 ]
 
 __getattr__, __dir__ = _lazy_exports(
@@ -51,6 +53,7 @@ __getattr__, __dir__ = _lazy_exports(
         "isd": "read_isd",
         "location": "locate_images",
         "orientation": "ConstantOrientation TabulatedOrientation",
+        "orthophoto": "write_orthophoto",
         "sensor_models": "FrameModel LineScanModel",
         "solution": "ImageSolution PointSolution",
         "study": "read_image_study",

@@ -1,6 +1,6 @@
 """Compiled loops: interpolation of exterior orientation, and the adjustment of images.
 
-Observations of pixels in the adjustment are sorted by points, and those of a point by images. `first` holds the index of
+Observations of pixels in the adjustment are sorted by points, and those of a point by images. `first` has the index of
 the first observation of each point, and ends with the number of observations.
 """
 

@@ -3,13 +3,13 @@ r"""Adjustment of all images and the places of all tie points by weighted least 
 The unknowns are, for each image i, its projection of places, :math:`G_i` (:mod:`radioloc.imaging.projections`: a
 homography, or the pose of a camera over relief), and, for each tie point j, its place :math:`X_j` in the plane. The
 observations are the pixel of a tie point in each image, :math:`x_{ij} = G_i X_j`, and the place of some of them on the
-map, :math:`m_j = X_j`. A feature with several matches is one observation. The normal equations contain the chain of images
-from high to low with all its loops. Places are eliminated (Triggs et al. 2000, section 6.1):
+map, :math:`m_j = X_j`. A feature with several matches is one observation. The normal equations contain the chain of
+images from high to low with all its loops. Places are eliminated (Triggs et al. 2000, section 6.1):
 
 .. math:: S = U - W V^{-1} W^T, \qquad C = S^{-1}
 
-C is the covariance of all images, with the errors of map features and of the chain, without the common error of the map:
-its tie to the Moon's axes.
+C is the covariance of all images, with the errors of map features and of the chain, without the common error of the
+map: its tie to the Moon's axes.
 
 Residuals determine the noise of pixels and of places on the map separately (variance components of Helmert's kind,
 Foerstner 1979). An observation is rejected if chi squared of its tie point is exceeded with a probability below 1 in
@@ -310,7 +310,7 @@ def _normal_equations(observed: _Observations, model: Projections, places: Float
 
 
 def _coupled(first: Indices, image: Indices, coupling: Floats, between: Floats, images: int) -> Floats:
-    """Return the sum over all points of W B W^T, with B between, for pairs of images, the first not before the second."""
+    """Return the sum over all points of W B W^T for pairs of images with the first not earlier than the second."""
     from radioloc.imaging._kernels import coupled  # imports numba
 
     out = np.zeros((images, images, 8, 8))

@@ -3,9 +3,9 @@
 Pixels are (sample, line), to the right and down, and the centre of the first pixel is (0, 0). GDAL counts from its
 corner, half a pixel away.
 
-Parts of the spacecraft do not move from image to image. The mean of the images keeps their edges and loses those of the
-moving ground: the ratio of the energy of the mean's gradient to the mean energy of the gradients is 1 on the spacecraft,
-and about 1/n for n images of moving ground.
+Parts of the spacecraft do not move from image to image. The mean of the images keeps their edges and loses those of
+the moving ground: the ratio of the energy of the mean's gradient to the mean energy of the gradients is 1 on the
+spacecraft, and about 1/n for n images of moving ground.
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ def find_mask(images: Sequence[Image]) -> Mask:
     static = cv2.dilate(static, margin)
     if static.mean() > _MAX_STATIC_PART:
         raise InputError(
-            f"{100.0 * static.mean():.0f} % of the pixels do not change between images: ground and spacecraft cannot be "
-            "separated; give a mask, or images farther apart"
+            f"{100.0 * static.mean():.0f} % of the pixels do not change between images: ground and spacecraft cannot "
+            "be separated; give a mask, or images farther apart"
         )
     return np.asarray(cv2.resize(static, (samples, lines), interpolation=cv2.INTER_NEAREST) == 0)

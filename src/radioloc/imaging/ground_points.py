@@ -1,8 +1,8 @@
 """Pixels to the ground: intersection of rays with a surface, its partials, and the covariance of an image point.
 
 A point measured in one image, such as a lander in an orbital image, is the intersection of the ray of its pixel with
-ground of known height (Wang et al. 2021, section 2.2). The partials propagate errors of the pixel, the camera's position
-and attitude, and the height of the ground.
+ground of known height (Wang et al. 2021, section 2.2). The partials propagate errors of the pixel, the position and
+attitude of the camera, and the height of the ground.
 """
 
 from __future__ import annotations
@@ -56,8 +56,8 @@ def _intersections(model: SensorModel, rays: Rays, pixels: ArrayLike, surface: S
     if not hits.all():
         sample, line = np.asarray(pixels, dtype=np.float64)[np.argmin(hits)]
         raise InputError(
-            f"the ray at sample {sample:.6g}, line {line:.6g} does not meet the ground: it passes the Moon or leaves the "
-            "elevation map; check the pixel and the orientation"
+            f"the ray at sample {sample:.6g}, line {line:.6g} does not meet the ground: it misses the Moon or leaves "
+            "the elevation map; check the pixel and the orientation"
         )
     return points
 

@@ -198,6 +198,7 @@ class ImageChain:
         if result is None:
             return
         matches, part = result
+        assert matches.matrix is not None
         image.record_match("map", matches.candidates)
         image.to_plane = part.to_plane @ matches.matrix
         self.tracks.join(first + matches.first, part.numbers[matches.second])

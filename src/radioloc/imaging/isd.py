@@ -2,8 +2,8 @@
 
 ALE writes these files for the Community Sensor Models of USGS (``usgscsm``). The centre of their first pixel is
 (0.5, 0.5), also for a detector's centre; half a pixel is subtracted. Lengths are kilometres, on the focal plane
-millimetres; epochs are TDB seconds since J2000; quaternions and constant rotations turn vectors from J2000 to the camera
-or the Moon.
+millimetres; epochs are TDB seconds since J2000; quaternions and constant rotations turn vectors from J2000 to the
+camera or the Moon.
 """
 
 from __future__ import annotations

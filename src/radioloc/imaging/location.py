@@ -110,7 +110,7 @@ def _locate_lander(study: ImageStudy, base_map: Path, progress: bool, *notes: st
         mask=mask,
         search_area=_search_area(chosen),
         terrain=None if camera is None or chosen.dem is None else TerrainModel.open(chosen.dem),
-        progress=partial(progress_bar, wanted=progress, unit="image"),
+        progress=partial(progress_bar, shown=progress, unit="image"),
     )
     return _solution(study, registration, base, mask, notes)
 
@@ -176,7 +176,7 @@ def _solution(
     pixel = last.centre if message or isinstance(chosen.point, str) else np.array(chosen.point)
     if not (np.abs(pixel - last.centre) <= last.centre + 0.5).all():
         raise InputError(
-            f"point: expected a pixel in {last.name} with its middle at {last.centre.tolist()}, got {list(chosen.point)}"
+            f"point: expected a pixel of {last.name} with the middle {last.centre.tolist()}, got {list(chosen.point)}"
         )
     point = registration.ground_point(last.name, pixel, chosen.point_sigma_px)
     place = (point.longitude_deg, point.latitude_deg)
@@ -190,7 +190,7 @@ def _solution(
         sizes_m = [frame.pixel_m for frame in frames if frame.is_registered]
         distortion_m = abs(distortion_px) * float(np.linalg.norm(sizes_m))
         notes.append(
-            f"residuals have a radial pattern of {distortion_px:.2g} +- {sigma_px:.1g} pixels at the corners of images, "
+            f"residuals have a radial pattern of {distortion_px:.2g} +- {sigma_px:.1g} pixels at the corners, "
             f"as of unknown lens distortion; the sigma includes {distortion_m:.3g} m east and north. Calibrate the "
             "camera, and give [camera] distortion"
         )
@@ -203,8 +203,8 @@ def _solution(
         altitude = f" from {altitudes[last.name]:.3g} m" if last.name in altitudes else ""
         notes.append(
             f"{last.name} shows {2.0 * last.pixel_m * float(last.centre.mean()):.3g} m of ground{altitude}; the sigma "
-            f"includes {descent_m:.3g} m east and north for the unknown motion from then to touchdown. Give later images, "
-            "or the pixel of the lander as point"
+            f"includes {descent_m:.3g} m east and north for the unknown motion from then to touchdown. Give later "
+            "images, or the pixel of the lander as point"
         )
     if not registration.relief:
         notes.append(_plane_note(chosen, camera is not None))

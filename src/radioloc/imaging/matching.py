@@ -5,8 +5,8 @@ features are a candidate if they are mutual nearest neighbours and pass the rati
 descriptors are compared (Arandjelovic and Zisserman 2012), of wider surroundings than usual. A robust search (MAGSAC++,
 Barath et al. 2020) finds the homography with which most candidates agree; least squares refine it.
 
-The number of false alarms (Moisan and Stival 2004, equation 7) tests k consistent candidates out of n. It is the expected
-number of transformations as good among points at random places:
+The number of false alarms (Moisan and Stival 2004, equation 7) tests k consistent candidates out of n. It is the
+expected number of transformations as good among points at random places:
 
 .. math:: \mathrm{NFA} = (n - 4) \binom{n}{k} \binom{k}{4} \alpha^{k - 4}
 
@@ -47,8 +47,8 @@ _SATURATED_PART = 0.9
 _MIN_FEATURES = 12
 _BLOCK_DISTANCES = 2**19
 
-# Scatter of features of one scene under different Suns: 0.5 pixel, and a twentieth of the diameter of large ones (pairs of
-# real images in the tests).
+# Scatter of features of one scene under different Suns: 0.5 pixel, and a twentieth of the diameter of large ones
+# (pairs of real images in the tests).
 _SIGMA_PX, _SIGMA_SIZE_RATIO = 0.5, 0.05
 
 
@@ -77,10 +77,9 @@ class Matches:
     status: MatchStatus
     candidates: int = 0  # pairs before the robust search
     log10_false_alarms: float = math.inf
-    first: Indices = field(
-        default_factory=lambda: np.zeros(0, np.int64)
-    )  # matched features of the first image
-    second: Indices = field(default_factory=lambda: np.zeros(0, np.int64))  # their partners in the second
+    # Matched features of the first image, and their partners in the second.
+    first: Indices = field(default_factory=lambda: np.zeros(0, np.int64))
+    second: Indices = field(default_factory=lambda: np.zeros(0, np.int64))
     matrix: Floats | None = None  # from pixels of the first image to those of the second
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from radioloc.boundary import bare_fields
+from radioloc.quantities import convert_fields
 from radioloc.errors import InputError
 from radioloc.imaging.cameras import as_points, as_vector
 from radioloc.vectors import Floats
@@ -27,7 +27,7 @@ _EPOCH_ROUNDING_S = 2e-7
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConstantOrientation:
-    """One pose, for any time.
+    """Pose of a camera that is constant in time.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ class TabulatedOrientation:
     _even: tuple[bool, bool] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        bare_fields(self)
+        convert_fields(self)
         names = {"position_times_s": "positions_m", "rotation_times_s": "quaternions"}
         even = []
         for (times_name, values_name), components in zip(names.items(), (3, 4), strict=True):

@@ -210,8 +210,8 @@ def _inconsistency(names: list[str], measured: _Distances, residual_sigmas: Floa
     if misfits.max() > _MAX_MISFIT_SIGMAS:
         worst = int(np.argmax(misfits))
         return (
-            f"the rays of landmark {names[worst]} are {misfits[worst]:.1f} sigmas apart; check that it is the same point "
-            "in both images"
+            f"the rays of landmark {names[worst]} are {misfits[worst]:.1f} sigmas apart; check that it is the same "
+            "point in both images"
         )
     if chi_squared.sf(chi2, len(names) - 2) < _MIN_PROBABILITY:
         worst = int(np.argmax(np.abs(residual_sigmas)))

@@ -172,8 +172,8 @@ class Relief:
 class Poses:
     """Cameras over relief; low images have homographies.
 
-    A correction is three angles about the camera's axes, three components of its position as parts of its range, and two
-    numbers without effect, since a homography has eight.
+    A correction is three angles about the camera's axes, three components of its position as parts of its range, and
+    two numbers without effect, since a homography has eight.
     """
 
     homographies: Homographies  # meaningful for low images
@@ -202,9 +202,8 @@ class Poses:
             middle = points[image == k].mean(axis=0)
             columns = np.linalg.solve(camera, matrix @ _to_height(middle))
             columns = columns / np.linalg.norm(columns[:, :2], axis=0).mean()
-            columns = columns * np.sign(
-                columns[2] @ [*middle[:2], 1.0]
-            )  # the ground is in front of the camera
+            # The ground is in front of the camera.
+            columns = columns * np.sign(columns[2] @ [*middle[:2], 1.0])
             u, _, v = np.linalg.svd(np.column_stack([columns[:, :2], np.cross(*columns[:, :2].T)]))
             middles.append(middle)
             rotations.append(u @ v)

@@ -35,11 +35,11 @@ _MIN_TIES = 6
 _MIN_PART_WITH_HEIGHT = 0.5  # of an image's tie points, for poses over the elevation model
 # Largest distance from the middle of an image's tie points, in their standard deviations; a square's corner has 2.4.
 _MAX_EXTRAPOLATION = 4.0
-# Common error of all map features beside the map's tie, as a part of the map's pixel: under another Sun craters shift by
-# up to a pixel each, but by less than a tenth in the mean. It does not decrease with the number of tie points.
+# Common error of all map features beside the map's tie, as a part of the map's pixel: under another Sun craters shift
+# by up to a pixel each, but by less than a tenth in the mean. It does not decrease with the number of tie points.
 _COMMON_PIXEL_PART = 0.1
-# The same for ground taken as a plane, as a part of the rms residual of places on the map: relief shifts neighbouring tie
-# points alike, and places err as if four of them were independent.
+# The same for ground taken as a plane, as a part of the rms residual of places on the map: relief shifts neighbouring
+# tie points alike, and places err as if four of them were independent.
 _COMMON_RELIEF_PART = 0.5
 
 
@@ -114,9 +114,9 @@ class Registration:
         offset_m = place - tied.mean(axis=0)
         if offset_m @ np.linalg.solve(np.cov(tied.T), offset_m) > _MAX_EXTRAPOLATION**2:
             raise InputError(
-                f"{name}: the ground at sample {measured[0]:.1f}, line {measured[1]:.1f} is {np.hypot(*offset_m):.3g} m "
-                f"from the middle of the image's {len(tied)} tie points, far beyond their spread; choose another image "
-                "or pixel"
+                f"{name}: the ground at sample {measured[0]:.1f}, line {measured[1]:.1f} is "
+                f"{np.hypot(*offset_m):.3g} m from the middle of the image's {len(tied)} tie points, far beyond their "
+                "spread; choose another image or pixel"
             )
         longitude, latitude = self.plane.to_longitude_latitude(place[np.newaxis])[0]
         common_m2 = np.square(self.map_sigma_m) + self.common_sigma_m**2
@@ -164,10 +164,10 @@ def register_chain(
 ) -> Registration:
     """Register the images of a descent, in order from high to low, to a map.
 
-    `map_sigma_m` is the tie of the map to the Moon's axes, east and north. `mask` selects pixels that show the ground.
-    `search_area` is longitude and latitude, degrees, and a radius, m. With `terrain` and cameras, images have poses over
-    relief; without, or where it lacks half of an image's tie points, the ground is a plane. Images out of order are an
-    `InputError`, images of which none is found on the map a `ConvergenceError`.
+    `map_sigma_m` is the tie of the map to the Moon's axes, east and north. `mask` selects pixels of the ground.
+    `search_area` is longitude and latitude, degrees, and a radius, m. With `terrain` and cameras, images have poses
+    over relief; without, or where it lacks half of an image's tie points, the ground is a plane. Images out of order
+    are an `InputError`, images of which none is found on the map a `ConvergenceError`.
     """
     plane = base.plane() if search_area is None else TangentPlane(*search_area[:2])
     chain = ImageChain(frames, MapFeatures(base, plane), mask, search_area)

@@ -50,9 +50,8 @@ class ImagePoints(NamedTuple):
     """Pixels of points on the ground."""
 
     pixels: Floats  # (n, 2); meaningless for points that are not visible
-    visible: NDArray[
-        np.bool_
-    ]  # in front of the camera while its orientation covers the time; perhaps off the image
+    # In front of the camera at a time that the orientation covers; perhaps outside the image.
+    visible: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

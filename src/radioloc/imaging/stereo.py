@@ -16,9 +16,7 @@ from radioloc.imaging.cameras import Camera, as_points
 from radioloc.vectors import Floats
 
 _MAX_STEPS = 20
-_STEP_TOLERANCE = (
-    1e-10  # last step of an intersection as a part of the distance: far below the noise of pixels
-)
+_STEP_TOLERANCE = 1e-10  # of an intersection as a part of the distance: far below the noise of pixels
 _MIN_CHI2_DIFFERENCE = 9.0  # of two places between which distances decide
 _START_DIRECTIONS = 8
 

@@ -28,9 +28,9 @@ def test_derivatives_are_central_differences():
     [
         (np.column_stack([np.arange(9.0), 2.0 * np.arange(9.0)]), "lie on a line or at one place"),
         (np.full((9, 2), 3.0), "lie on a line or at one place"),
-        (np.full((9, 2), np.nan), "not finite"),
+        (np.full((9, 2), np.nan), "expected finite coordinates"),
     ],
 )
-def test_points_that_determine_nothing(start, message):
+def test_degenerate_points_are_refused(start, message):
     with pytest.raises(InputError, match=message):
         fit_homography(start, start, 0.5, 0.5)

@@ -16,10 +16,10 @@ from radioloc.imaging import (
     ImagePointSigmas,
     Sphere,
     Terrain,
-    image_to_ground,
     locate_image_point,
     read_isd,
 )
+from radioloc.imaging.ground_points import image_to_ground
 from radioloc.imaging.orientation import matrices_of, quaternions_of, rotation_of
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic, east_north_up
 
@@ -104,17 +104,16 @@ def test_the_point_stands_on_the_elevation_model(ldem_4):
     longitude_deg, latitude_deg, height_m = found.position_me.selenographic
     expected_m = ldem_4.model.height_m(*np.radians([longitude_deg, latitude_deg]))
     assert height_m == pytest.approx(expected_m, abs=1e-3)
-    assert f"{longitude_deg:.6f} deg E, {latitude_deg:+.6f} deg N" in str(found)
     assert found.pixel_size_m == pytest.approx((1.5, 1.5), abs=0.1)
 
 
-def test_bad_input_is_one_clear_error(ldem_4):
+def test_invalid_arguments_are_refused(ldem_4):
     model = lro()
-    with pytest.raises(InputError, match=r"the model's points are in IAU_MOON, .* axes='ME_DE421'"):
+    with pytest.raises(InputError, match="mean-Earth axes, got IAU_MOON"):
         locate_image_point(read_isd(ISDS / "kaguya_tc.json.gz").model, [5.0, 5.0], Sphere(), SIGMAS)
     for pixel in ([5064.0, 5.0], [5.0], "lander"):
-        with pytest.raises(InputError, match=r"is not in the image of 5064 samples and 400 lines"):
+        with pytest.raises(InputError, match="in the image of 5064 samples"):
             locate_image_point(model, pixel, Sphere(), SIGMAS)
     for bad in ({"pixel": -1.0}, {"height_m": np.nan}, {"position_m": (1.0, 2.0)}, {"attitude_rad": "small"}):
-        with pytest.raises(InputError, match=r"the sigma of (pixel|height|position|attitude) is"):
+        with pytest.raises(InputError, match=r"sigma of (pixel|height|position|attitude)"):
             locate_image_point(model, [5.0, 5.0], Sphere(), replace(SIGMAS, **bad))

@@ -75,7 +75,7 @@ def test_a_last_image_from_high_up_widens_the_sigma_by_the_unknown_descent(some,
     images = replace(some.images, files=some.images.files[:3], base_map_sigma_m=(0.1, 0.1), point=point)
     solution = radioloc.imaging.locate_images(replace(some, images=images))
     away_m, sigma_m = np.abs(error_m(solution)), solution.sigma_enu_m[:2]
-    noted = [note for note in solution.notes if "the motion after it is unknown" in note]
+    noted = [note for note in solution.notes if "unknown motion" in note]
     if point == "centre":
         assert solution.converged
         assert len(noted) == 1
@@ -156,7 +156,7 @@ WRONG = {
     'files = ["frames/*.png"]': ('files = ["frames/*.jpg"]', "matches no file"),
     'dem = "dem.tif"': ('dem = "dem.tif"\nheight_m = 3.0', "either dem or height_m"),
     "[camera]": ("[cameras]", "'cameras' is not known; did you mean 'camera'"),
-    "[images]": ('[images]\npoint = "middle"', 'point must be "centre"'),
+    "[images]": ('[images]\npoint = "middle"', "[images] point: expected"),
 }
 
 

@@ -8,8 +8,9 @@ import pytest
 import spiceypy
 from paths import ISDS
 
-from radioloc.errors import DataQualityWarning, FileFormatError, InputError
-from radioloc.imaging import Sphere, ground_to_image, image_to_ground, read_isd
+from radioloc.errors import FileFormatError, InputError
+from radioloc.imaging import Sphere, read_isd
+from radioloc.imaging.ground_points import image_to_ground
 
 ROUND_TRIP_PX = 1e-6
 """The secant method ends at 1e-8 of a line; positions of 1.7e6 m are rounded by 2e-10 m, 1e-9 of the smallest pixel."""
@@ -24,18 +25,8 @@ SAME_AXES_RAD = 1e-11
 """The files' rotations are SPICE's of the same kernels, rounded to sixteen digits."""
 
 
-def isd(name, **changes):
-    with (
-        pytest.warns(DataQualityWarning, match="different rays to one point")
-        if name == "synthetic_frame.json"
-        else (nothing())
-    ):
-        return read_isd(ISDS / name, **changes)
-
-
-class nothing:  # noqa: N801
-    def __enter__(self): ...
-    def __exit__(self, *_): ...
+def isd(name, **options):
+    return read_isd(ISDS / name, **options)
 
 
 def raw(name):
@@ -64,11 +55,14 @@ def test_to_the_ground_and_back(name):
     pixels = np.vstack([rng.uniform(low, high, size=(500, 2)), [low, high]])
     for height_m in (0.0, 8000.0 if data.radius_m > 1e6 else 0.3):
         ground = image_to_ground(data.model, pixels, Sphere(data.radius_m + height_m))
-        assert np.abs(ground_to_image(data.model, ground) - pixels).max() < ROUND_TRIP_PX
+        assert np.abs(data.model.project(ground).pixels - pixels).max() < ROUND_TRIP_PX
 
 
 def test_the_synthetic_frame_is_that_of_usgs():
-    """usgscsm, FrameCameraTests: (line, sample) from 0.5; 1 km above a sphere of 10 m."""
+    """Reproduce usgscsm's FrameCameraTests: (line, sample) from 0.5; 1 km above a sphere of 10 m.
+
+    Its singular distortion, which usgscsm ignores from image to ground, is replaced with zero in our copy.
+    """
     model = isd("synthetic_frame.json").model
     ground = image_to_ground(model, np.array([[7.5, 7.5], [6.5, 7.5]]) - 0.5, Sphere(10.0))
     usgs = [[10.0, 0.0, 0.0], [9.80194018, 0.0, 1.98039612]]
@@ -144,8 +138,8 @@ def test_the_moon_turns_as_in_de421(name):
     """The files' rotations to the mean-Earth axes are those of the library's own kernels."""
     given, own = isd(name).model.orientation, isd(name, axes="ME_DE421").model.orientation
     time_s = np.array([0.0])
-    assert np.abs(given.at(time_s)[1] - own.at(time_s)[1]).max() < SAME_AXES_RAD
-    assert np.abs(given.at(time_s)[0] - own.at(time_s)[0]).max() < SAME_AXES_RAD * 1.8e6
+    assert np.abs(given.poses(time_s)[1] - own.poses(time_s)[1]).max() < SAME_AXES_RAD
+    assert np.abs(given.poses(time_s)[0] - own.poses(time_s)[0]).max() < SAME_AXES_RAD * 1.8e6
 
 
 def test_axes_are_those_of_the_file_unless_others_are_asked_for():
@@ -172,19 +166,22 @@ def changed(key, value):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (changed("name_model", "USGS_ASTRO_SAR_SENSOR_MODEL"), "name_model is 'USGS_ASTRO_SAR_SENSOR_MODEL'"),
-        (changed("focal_length_model.focal_length", "long"), "focal_length is not a finite number"),
-        (changed("focal_length_model.focal_length", -5.0), "focal_length_mm = -5.0 is not a positive"),
-        (changed("line_scan_rate", [[0.5, 0.0, -0.1]]), "line_times: lines and times have to rise"),
-        (changed("detector_line_summing", 1e-300), "summing from 0.001 to 10000, got 1 and 1e-300"),
-        (changed("optical_distortion", {"fisheye": {}}), "of the kind 'fisheye'; radial, transverse"),
-        (changed("instrument_position.unit", "miles"), "instrument_position.unit is 'miles'"),
-        (changed("instrument_position.positions", [[1.0, 2.0, 3.0]]), "positions is not 16 by 3 finite"),
-        (changed("instrument_pointing.quaternions", [[2.0, 0.0, 0.0, 0.0]] * 16), "of another length than 1"),
-        (changed("body_rotation.ephemeris_times", []), "rising times in body_rotation.ephemeris_times"),
+        (changed("name_model", "USGS_ASTRO_SAR_SENSOR_MODEL"), "name_model: expected"),
+        (changed("focal_length_model.focal_length", "long"), "focal_length: expected a finite"),
+        (changed("focal_length_model.focal_length", -5.0), "focal_length_mm: expected a positive"),
+        (changed("line_scan_rate", [[0.5, 0.0, -0.1]]), "line_times: expected rising"),
+        (changed("detector_line_summing", 1e-300), "got 1 and 1e-300"),
+        (changed("optical_distortion", {"fisheye": {}}), "optical_distortion: expected .* 'fisheye'"),
+        (changed("instrument_position.unit", "miles"), "instrument_position.unit: .* 'miles'"),
+        (changed("instrument_position.positions", [[1.0, 2.0, 3.0]]), "positions: expected 16 by 3"),
+        (
+            changed("instrument_pointing.quaternions", [[2.0, 0.0, 0.0, 0.0]] * 16),
+            "quaternions: expected unit length",
+        ),
+        (changed("body_rotation.ephemeris_times", []), "rising times in body_rotation"),
         (changed("instrument_position.ephemeris_times", [1e6 * k for k in range(16)]), "within 86400 s"),
-        (changed("sun_position.ephemeris_times", [0.0] * 4), "expected rising times in sun_position"),
-        (changed("radii.semiminor", 900), "radii are those of an ellipsoid"),
+        (changed("sun_position.ephemeris_times", [0.0] * 4), "rising times in sun_position"),
+        (changed("radii.semiminor", 900), "radii: expected"),
     ],
 )
 def test_what_is_wrong_in_a_file_is_named(tmp_path, change, message):
@@ -200,12 +197,12 @@ def test_what_is_wrong_in_a_file_is_named(tmp_path, change, message):
 def test_other_files_and_axes_are_refused(tmp_path):
     path = tmp_path / "bad.json"
     path.write_text('{"name_model":\n')
-    with pytest.raises(FileFormatError, match="line 2: expected the JSON of an ISD or an ISIS cube"):
+    with pytest.raises(FileFormatError, match="expected the JSON of an ISD"):
         read_isd(path)
     path.write_text("[1, 2]")
     with pytest.raises(FileFormatError, match="the key name_model is missing"):
         read_isd(path)
     with pytest.raises(FileFormatError):
         read_isd(tmp_path / "none.json")
-    with pytest.raises(InputError, match="axes = 'PA_DE421' is not known"):
+    with pytest.raises(InputError, match=r"axes: .* 'PA_DE421'"):
         read_isd(path, axes="PA_DE421")

@@ -1,4 +1,4 @@
-"""Images of relief by a known camera: exact tie points give the cameras back, noise gives their covariance."""
+"""Poses of images over relief with a calibrated camera: recovered from exact tie points, covariance with noise."""
 
 from dataclasses import replace
 from functools import cache
@@ -9,11 +9,14 @@ from procedural_descents import Descent
 from procedural_ground import Ground
 
 from radioloc.errors import InputError
-from radioloc.imaging import Camera, Frame, FrameModel, Terrain, TiePoint, register_chain
+from radioloc.imaging import Camera, FrameModel, Terrain
 from radioloc.imaging.adjustment import TiePoints, adjust, approximate_places
 from radioloc.imaging.homography import fit_homography, transformed
-from radioloc.imaging.image_chain import Measurement
+from radioloc.imaging.image_chain import Frame, ImageChain
+from radioloc.imaging.map_features import MapFeatures
 from radioloc.imaging.projections import Homographies, Poses, Relief
+from radioloc.imaging.registration import adjusted_registration
+from radioloc.imaging.tracks import MAP
 from radioloc.lunar import Map, TangentPlane, TerrainModel, cartesian_to_selenographic
 
 PLANE = TangentPlane(-51.9162, 43.0584)
@@ -35,7 +38,7 @@ def terrain(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def base(tmp_path_factory):
-    """Too coarse for images to be sought on it."""
+    """Map that is too coarse for a search."""
     path = tmp_path_factory.mktemp("map") / "map.tif"
     GROUND.write_heights(path, 1000.0, 22000.0)
     return Map.open(path)
@@ -52,7 +55,7 @@ def places_of(points):
 
 
 def drawn_ties(terrain, rng, sigma_px=0.0, map_sigma_m=0.0):
-    """Ground points that frames see, projected by the sensor models; half of those of the first three on the map."""
+    """Project ground points by the sensor models; the map has half of those of the first three frames."""
     pixels = np.concatenate([rng.uniform(0.0, SIZE, (40, 2)) for _ in frame_models()])
     owner = np.repeat(np.arange(len(frame_models())), 40)
     points = np.concatenate(
@@ -61,20 +64,20 @@ def drawn_ties(terrain, rng, sigma_px=0.0, map_sigma_m=0.0):
             for k, model in enumerate(frame_models())
         ]
     )
-    image, point, seen = [], [], []
+    image, point, pixels = [], [], []
     for k, model in enumerate(frame_models()):
-        found = model.project(points).pixels
-        inside = np.flatnonzero((np.abs(found - MIDDLE) < SIZE / 2).all(axis=1) & (np.abs(owner - k) < 2))
-        image += [k] * len(inside)
-        point += inside.tolist()
-        seen += found[inside].tolist()
+        projected = model.project(points).pixels
+        rows = np.flatnonzero((np.abs(projected - MIDDLE) < SIZE / 2).all(axis=1) & (np.abs(owner - k) < 2))
+        image += [k] * len(rows)
+        point += rows.tolist()
+        pixels += projected[rows].tolist()
     on_map = np.flatnonzero((owner < 3) & (np.arange(len(points)) % 2 == 0))
-    seen = np.array(seen)
+    pixels = np.array(pixels)
     return TiePoints(
         image=np.array(image),
         point=np.array(point),
-        pixels=seen + rng.normal(0.0, sigma_px, seen.shape),
-        sigma_px=np.full(len(seen), sigma_px or 0.5),
+        pixels=pixels + rng.normal(0.0, sigma_px, pixels.shape),
+        sigma_px=np.full(len(pixels), sigma_px or 0.5),
         map_point=on_map,
         map_m=places_of(points[on_map]) + rng.normal(0.0, map_sigma_m, (len(on_map), 2)),
         map_sigma_m=np.full(len(on_map), map_sigma_m or 2.0),
@@ -82,7 +85,7 @@ def drawn_ties(terrain, rng, sigma_px=0.0, map_sigma_m=0.0):
 
 
 def homographies(ties, places):
-    """As if the ground were a plane."""
+    """Fit homographies of a plane."""
     fits = [
         fit_homography(places[ties.point[k]], ties.pixels[k], 30.0, 3.0)
         for k in ties.image == np.arange(6)[:, None]
@@ -100,14 +103,14 @@ def adjusted(terrain, ties, places):
     return adjust(ties, replace(model, low=np.zeros(6, bool)), start)
 
 
-def test_exact_tie_points_give_the_cameras_and_the_ground_of_each_pixel(terrain):
+def test_exact_tie_points_determine_cameras_and_ground(terrain):
     ties, places = drawn_ties(terrain, np.random.default_rng(1))
     result = adjusted(terrain, ties, places)
-    seen = np.bincount(np.concatenate([ties.point, ties.map_point])) > 1
-    assert (result.used == seen[ties.point]).all()
-    np.testing.assert_allclose(result.places_m[seen], places[seen], rtol=0, atol=1e-5)
+    tied = np.bincount(np.concatenate([ties.point, ties.map_point])) > 1
+    assert (result.used == tied[ties.point]).all()
+    np.testing.assert_allclose(result.places_m[tied], places[tied], rtol=0, atol=1e-5)
     for k, model in enumerate(frame_models()):
-        position, rotation = (one[0] for one in model.orientation.at(np.zeros(1)))
+        position, rotation = (values[0] for values in model.orientation.poses(np.zeros(1)))
         np.testing.assert_allclose(result.model.positions_m[k], PLANE.axes() @ position, rtol=0, atol=1e-4)
         to_camera = result.model.rotations[k] @ PLANE.axes() @ rotation
         np.testing.assert_allclose(to_camera, np.eye(3), rtol=0, atol=1e-7)
@@ -117,8 +120,8 @@ def test_exact_tie_points_give_the_cameras_and_the_ground_of_each_pixel(terrain)
 
 
 @pytest.mark.slow
-def test_ellipses_over_relief_hold_the_truth(terrain):
-    """With 3 % of the tie points wrong, and sigmas stated a half too small."""
+def test_ellipses_over_relief_contain_the_truth(terrain):
+    """Draw 3 % wrong tie points, and state sigmas that are too small by a factor of 1.5."""
     truth = places_of(Terrain(terrain).intersect(*frame_models()[-1].rays([MIDDLE]))[0])[0]
     chi2 = []
     for seed in range(DRAWS):
@@ -136,15 +139,19 @@ def test_ellipses_over_relief_hold_the_truth(terrain):
 
 
 def registered(terrain, base, ties, places):
-    """Images without detail, tied by points that are given."""
-    frames = [Frame(f"{k}", lambda: np.full((SIZE, SIZE), 90, np.uint8), lambda _: CAMERA) for k in range(6)]
-    degrees = PLANE.to_longitude_latitude(places)
-    given = []
-    for j in np.unique(ties.point):
-        at = np.flatnonzero(ties.point == j)
-        measured = tuple(Measurement(f"{ties.image[k]}", *ties.pixels[k], 0.5) for k in at)
-        given.append(TiePoint(f"{j}", measured, *(degrees[j] if j in ties.map_point else (None, None)), 2.0))
-    return register_chain(frames, base, map_sigma_m=(0.0, 0.0), ties=given, terrain=terrain)
+    """Register images without detail by tie points and approximate homographies."""
+    chain = ImageChain([], MapFeatures(base, PLANE), None, None)
+    matrices = homographies(ties, places)
+    map_number = chain.tracks.add(MAP, 0, ties.map_m, ties.map_sigma_m)
+    first = {j: map_number + k for k, j in enumerate(ties.map_point)}
+    for k in range(6):
+        chain.add(Frame(f"{k}", lambda: np.full((SIZE, SIZE), 90, np.uint8), lambda _: CAMERA))
+        chain.images[k].to_plane = np.linalg.inv(matrices[k])
+        points = ties.point[ties.image == k]
+        numbers = chain.tracks.add(k, 0, ties.pixels[ties.image == k], np.full(len(points), 0.5))
+        numbers += np.arange(len(points))
+        chain.tracks.join(numbers, [first.setdefault(j, n) for j, n in zip(points, numbers, strict=True)])
+    return adjusted_registration(chain, (0.0, 0.0), terrain)
 
 
 def error_m(registration, name, pixel, terrain):
@@ -154,44 +161,46 @@ def error_m(registration, name, pixel, terrain):
 
 
 @pytest.mark.study
-def test_without_heights_images_are_metres_off_and_with_them_not(terrain, base, tmp_path):
-    """Registered as a study does; an elevation model that ends before the images do is not used."""
+def test_elevation_model_that_covers_the_images_removes_errors_of_metres(terrain, base, tmp_path):
     ties, places = drawn_ties(terrain, np.random.default_rng(1))
     GROUND.write_heights(tmp_path / "small.tif", 100.0, 3000.0)
     small = TerrainModel.open(tmp_path / "small.tif")
-    with_relief, plane = (registered(one, base, ties, places) for one in (terrain, small))
+    with_relief, plane = (registered(model, base, ties, places) for model in (terrain, small))
     assert (with_relief.relief, plane.relief) == (True, False)
-    for name, tolerance_m in (("0", 1e-3), ("4", 1e-2), ("5", 1.0)):  # the last shows 3.6 cells: a homography
+    for name, tolerance_m in (("0", 1e-3), ("4", 1e-2), ("5", 1.0)):
         assert error_m(with_relief, name, MIDDLE, terrain) < tolerance_m
         assert error_m(plane, name, MIDDLE, terrain) > 2.0
     truth_m = [DESCENT.altitude_m(k) for k in range(6)]
     heights_m = [f.altitude_m for f in with_relief.frames[2:5]]
     assert heights_m == pytest.approx(truth_m[2:5], rel=0.05)  # the ground is not level
-    assert np.isnan(with_relief.frames[5].altitude_m)
+    # Images of less than four cells of the elevation model have homographies without altitude.
+    GROUND.write_heights(tmp_path / "coarse.tif", 200.0, 22000.0)
+    coarse = registered(TerrainModel.open(tmp_path / "coarse.tif"), base, ties, places)
+    assert np.isnan([f.altitude_m for f in coarse.frames]).tolist() == [False] * 4 + [True] * 2
 
 
 @pytest.mark.study
-def test_what_lies_far_beyond_the_tie_points_is_refused(terrain, base):
-    """An oblique image tied in its lower half: its upper part shows ground kilometres farther, or none."""
+def test_pixels_far_beyond_the_tie_points_are_refused(terrain, base):
+    """Tie an oblique image in its lower half only; its upper part shows ground kilometres farther, or the sky."""
     ties, places = drawn_ties(terrain, np.random.default_rng(1))
-    kept = (ties.image > 0) | (ties.pixels[:, 1] > 240.0)
+    selected = (ties.image > 0) | (ties.pixels[:, 1] > 240.0)
     low = replace(
         ties,
-        image=ties.image[kept],
-        point=ties.point[kept],
-        pixels=ties.pixels[kept],
-        sigma_px=ties.sigma_px[kept],
+        image=ties.image[selected],
+        point=ties.point[selected],
+        pixels=ties.pixels[selected],
+        sigma_px=ties.sigma_px[selected],
     )
     result = registered(terrain, base, low, places)
     assert error_m(result, "0", [160.0, 200.0], terrain) < 1e-2
-    with pytest.raises(InputError, match=r"0: .* at sample 160.0, line 60.0 is .* far beyond the ground"):
+    with pytest.raises(InputError, match=r"0: .* sample 160.0, line 60.0 .* far beyond"):
         result.ground_point("0", [160.0, 60.0])
-    with pytest.raises(InputError, match=r"0: the pixel .* shows no ground of"):
+    with pytest.raises(InputError, match=r"0: .* does not meet the ground"):
         result.ground_point("0", [160.0, -2000.0])
 
 
-def test_homographies_for_people_lead_where_poses_do_but_for_relief(terrain):
-    """Of the lowest image, which looks straight down at ground of some 30 m of relief from 500 m."""
+def test_homographies_of_poses_agree_with_them_within_the_relief(terrain):
+    """Compare the lowest image, from 500 m above ground with some 30 m of relief."""
     ties, places = drawn_ties(terrain, np.random.default_rng(1), 0.5, 2.0)
     result = adjusted(terrain, ties, places)
     block = result.block(5)

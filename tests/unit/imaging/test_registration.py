@@ -6,11 +6,11 @@ from image_descents import PIXEL_M, Descent, scene
 from scenes import frame, frame_matrix
 
 from radioloc.errors import ConvergenceError, InputError
-from radioloc.imaging import Distortion, image_chain, register_chain
+from radioloc.imaging import Distortion, image_chain
 from radioloc.imaging.cameras import Camera, undistorted
 from radioloc.imaging.frames import find_mask, read_frame
-from radioloc.imaging.homography import transformed
-from radioloc.imaging.image_chain import Frame, FrameStatus, Measurement, TiePoint
+from radioloc.imaging.image_chain import Frame, FrameStatus
+from radioloc.imaging.registration import register_chain
 from radioloc.lunar.maps import Map
 
 MAP_M = (5.0, 5.0)
@@ -56,7 +56,7 @@ def test_an_image_before_the_first_that_is_on_the_map_is_placed_too(base):
         frame_matrix((650.0, 650.0), 2.2, shape=(400, 500)),
     ]
     frames = [Frame(f"{k}", lambda m=m: frame(scene(), m, (400, 500))) for k, m in enumerate(matrices)]
-    result = register_chain(frames, base, map_sigma_m=MAP_M, near=(-19.51, 44.12, 600.0))
+    result = register_chain(frames, base, map_sigma_m=MAP_M, search_area=(-19.51, 44.12, 600.0))
     assert [f.matched_to for f in result.frames] == [(), ("0", "map")]
     point = result.ground_point("0")
     found_m = base.plane().from_longitude_latitude([[point.longitude_deg, point.latitude_deg]])[0]
@@ -82,17 +82,17 @@ ALL_WRONG = {1: "another scene", 2: "black", 4: "saturated", 5: "mirrored", 6: "
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("frames", "names", "near"),
+    ("frames", "names", "search_area"),
     [
         pytest.param(9, ALL_WRONG, None, marks=pytest.mark.slow, id="all"),
         pytest.param(4, {1: "black", 2: "cut"}, (-19.51, 44.12, 600.0), id="two"),
     ],
 )
-def test_images_that_do_not_belong_are_left_out_by_name(base, tmp_path, frames, names, near):
+def test_images_that_do_not_belong_are_left_out_by_name(base, tmp_path, frames, names, search_area):
     """The others are registered."""
     changed = {k: lambda k=k: WRONG[names[k]][1](k, tmp_path) for k in names}
     descent = Descent(frames=frames, changed=changed)
-    result = register_chain(descent.list, base, map_sigma_m=MAP_M, near=near)
+    result = register_chain(descent.list, base, map_sigma_m=MAP_M, search_area=search_area)
     expected = [WRONG[names[k]][0] if k in names else FrameStatus.REGISTERED for k in range(frames)]
     assert list(statuses(result).values()) == expected
     [cut] = [k for k in names if names[k] == "cut"]
@@ -149,10 +149,10 @@ def test_images_in_reversed_order_are_said_to_be(base):
 
 @pytest.mark.slow
 def test_sought_near_a_place(base):
-    result = register_chain(SHORT.list[:2], base, map_sigma_m=MAP_M, near=(-19.51, 44.12, 1500.0))
+    result = register_chain(SHORT.list[:2], base, map_sigma_m=MAP_M, search_area=(-19.51, 44.12, 1500.0))
     np.testing.assert_allclose(SHORT.error_m(result.ground_point("0001.png"), 1), 0.0, rtol=0, atol=PLACE_M)
     with pytest.raises(InputError, match=r"does not show the surroundings of longitude 10\.0000"):
-        register_chain(SHORT.list[:2], base, map_sigma_m=MAP_M, near=(10.0, 44.12, 1500.0))
+        register_chain(SHORT.list[:2], base, map_sigma_m=MAP_M, search_area=(10.0, 44.12, 1500.0))
 
 
 @pytest.mark.slow
@@ -186,29 +186,6 @@ def test_distortion_is_taken_off(base):
     point = result.ground_point("2", corner[0])
     expected = SHORT.truth_deg(2, ideal(corner)[0])
     np.testing.assert_allclose([point.longitude_deg, point.latitude_deg], expected, rtol=0, atol=2e-5)
-
-
-@pytest.mark.slow
-def test_tie_points_that_are_given_serve_where_none_are_found(base):
-    """Two images without detail, the first tied to the ground by hand, the second to the first."""
-    frames = [Frame(f"{k}", lambda: np.full((400, 500), 90, np.uint8)) for k in range(2)]
-    spots = np.array([[x, y] for x in (50.0, 200.0, 300.0, 450.0) for y in (60.0, 200.0, 350.0)])
-    to_second = np.linalg.solve(SHORT.matrix(1), SHORT.matrix(0))
-    rng = np.random.default_rng(4)
-    ties = []
-    for number, (pixel, other) in enumerate(zip(spots, transformed(to_second, spots), strict=True)):
-        measured = (Measurement("0", *(pixel + rng.normal(0, 0.5, 2)), 0.5),)
-        ties.append(TiePoint(f"ground {number}", measured, *SHORT.truth_deg(0, pixel), 2.0))
-        both = (Measurement("0", *pixel, 0.5), Measurement("1", *(other + rng.normal(0, 0.5, 2)), 0.5))
-        ties.append(TiePoint(f"free {number}", both))
-    result = register_chain(frames, base, map_sigma_m=MAP_M, ties=ties)
-    assert [f.matched_to for f in result.frames] == [("given",), ("given",)]
-    point = result.ground_point("1")
-    error_m = SHORT.error_m(point, 1)
-    own_m2 = point.covariance_m2 - np.diag(np.square(MAP_M))
-    assert error_m @ np.linalg.solve(own_m2, error_m) < 13.8  # chi squared, once in 1000
-    with pytest.raises(InputError, match="none of the 24 tie points is measured in one of the images"):
-        register_chain(SHORT.list[:1], base, map_sigma_m=MAP_M, ties=ties)
 
 
 def test_masks_and_files_refused(base):

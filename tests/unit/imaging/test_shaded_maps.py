@@ -57,7 +57,7 @@ def test_the_sun_is_one_direction_over_a_pole(tmp_path):
 
 def test_a_sun_below_the_horizon_is_refused(tmp_path):
     GROUND.write_heights(tmp_path / "dem.tif", 100.0, 1000.0)
-    with pytest.raises(InputError, match="lights no ground"):
+    with pytest.raises(InputError, match="elevation above 0"):
         write_shaded_map(tmp_path / "dem.tif", tmp_path / "shaded.tif", 100.0, -5.0)
 
 

@@ -10,8 +10,8 @@ from quick import each_with_one
 from rasterio.transform import Affine
 
 from radioloc.errors import InputError
-from radioloc.imaging import Camera, ConstantOrientation, FrameModel, Sphere, Terrain, image_to_ground
-from radioloc.imaging.ground_points import image_to_ground_and_partials
+from radioloc.imaging import Camera, ConstantOrientation, FrameModel, Sphere, Terrain
+from radioloc.imaging.ground_points import image_to_ground, image_to_ground_and_partials
 from radioloc.imaging.orientation import rotation_of
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic, east_north_up, selenographic_to_cartesian
 
@@ -157,12 +157,12 @@ def test_across_the_seam_of_a_global_map(ldem_4):
         assert np.linalg.norm(found - ground[rows], axis=1).max() < ON_GROUND_M
 
 
-def test_rays_that_leave_the_map_or_come_to_a_void_do_not_meet_the_ground(tmp_path, hills):
+def test_rays_that_leave_the_map_or_end_in_a_void_do_not_meet_the_ground(tmp_path, hills):
     model = camera_above(3e3, 0.0)
     terrain = Terrain(TerrainModel.open(write_hills(tmp_path / "void.tif", void=True)))
     rays = model.rays([[199.5, 199.5], [20.0, 20.0]])
     assert terrain.intersect(rays.origins_m, rays.directions)[1].tolist() == [False, True]
-    with pytest.raises(InputError, match=r"pixel at sample 199.5, line 199.5 does not meet"):
+    with pytest.raises(InputError, match=r"sample 199\.5, line 199\.5"):
         image_to_ground(model, [[199.5, 199.5], [20.0, 20.0]], terrain)
     over_edge = camera_above(3e3, 75.0)
     rays = over_edge.rays([[199.5, 10.0]])
@@ -204,6 +204,6 @@ def test_a_window_that_does_not_fit_into_memory_is_refused(monkeypatch, hills):
 
 def test_ground_in_mean_earth_axes_needs_rays_in_them(hills):
     model = replace(camera_above(3e3, 0.0), axes="IAU_MOON")
-    with pytest.raises(InputError, match=r"points are in IAU_MOON, .*mean-Earth axes .* axes='ME_DE421'"):
+    with pytest.raises(InputError, match="mean-Earth axes, got IAU_MOON"):
         image_to_ground(model, [[199.5, 199.5]], Terrain(TerrainModel.open(hills)))
     assert len(image_to_ground(model, [[199.5, 199.5]], Sphere())) == 1

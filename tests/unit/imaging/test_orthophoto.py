@@ -1,0 +1,251 @@
+"""Orthophotos, read back by GDAL: spots on known ground, relief taken out, masks, types, refusals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import rasterio
+import rasterio.warp
+import terrain_maps
+from paths import ISDS
+from quick import each_with_one
+from rasterio.transform import Affine
+
+from radioloc.errors import InputError
+from radioloc.imaging import (
+    Camera,
+    ConstantOrientation,
+    FrameModel,
+    Terrain,
+    read_isd,
+    write_orthophoto,
+)
+from radioloc.imaging.ground_points import image_to_ground
+from radioloc.imaging.orientation import rotation_of
+from radioloc.lunar import TerrainModel, cartesian_to_selenographic, east_north_up, selenographic_to_cartesian
+
+R_M = 1737400.0
+PLACE_CELLS = 0.1
+"""Centroid of a spot of 4 pixels, drawn in whole pixels and resampled, to which the map's cells add their own."""
+
+CONTRAST = 200.0
+
+
+def hilly(path, longitude_deg, latitude_deg, proj4):
+    """Hills of 200 m in cells of 10 m around a place, in a projection of their own."""
+    size, cell_m = 400, 10.0
+    steps_m = (np.arange(size) - (size - 1) / 2) * cell_m
+    x, y = np.meshgrid(steps_m, -steps_m)
+    heights = 200.0 * np.cos(x / 300.0) * np.cos(y / 250.0) - 1000.0
+    crs = rasterio.crs.CRS.from_string(proj4)
+    [east], [north] = rasterio.warp.transform(terrain_maps.LONGLAT, crs, [longitude_deg], [latitude_deg])
+    affine = Affine(cell_m, 0.0, east - size * cell_m / 2, 0.0, -cell_m, north + size * cell_m / 2)
+    return TerrainModel.open(terrain_maps.write(path, heights, proj4, affine))
+
+
+def near(longitude_deg, latitude_deg):
+    return f"+proj=stere +lat_0={latitude_deg} +lon_0={longitude_deg} +R=1737400"
+
+
+def camera_over(longitude_deg, latitude_deg, off_nadir_deg=0.0, height_m=3000.0, size=300):
+    """North is up in the image where the camera looks down; it is tilted to the south."""
+    longitude, latitude = np.radians([longitude_deg, latitude_deg])
+    east, north, up = east_north_up(longitude, latitude)
+    tilt = rotation_of(np.radians([[off_nadir_deg, 0.0, 0.0]]))[0]
+    rotation = np.stack([east, -north, -up], axis=-1) @ tilt
+    looks = rotation @ [0.0, 0.0, 1.0]
+    place = selenographic_to_cartesian(longitude, latitude, -1000.0) - height_m / (-looks @ up) * looks
+    camera = Camera.of_pinhole(10.0, 10.0, [(size - 1) / 2, (size - 1) / 2], [-0.05])
+    return FrameModel(camera, ConstantOrientation(place, rotation), (size, size))
+
+
+def spots(model, terrain, dtype="float32"):
+    """An image with five bright spots, and the longitudes and latitudes of the ground that they are on."""
+    size = model.shape[0]
+    pixels = np.array([[60.3, 70.8], [240.2, 65.5], [150.0, 150.0], [75.6, 220.1], [230.0, 235.4]])
+    line, sample = np.mgrid[:size, : model.shape[1]]
+    image = np.full(model.shape, 20.0)
+    for x, y in pixels:
+        image += CONTRAST * np.exp(-0.5 * ((sample - x) ** 2 + (line - y) ** 2) / 4.0**2)
+    longitude, latitude, _ = cartesian_to_selenographic(image_to_ground(model, pixels, Terrain(terrain)))
+    return image.astype(dtype), np.degrees(longitude), np.degrees(latitude)
+
+
+def centroid(values, row, column, half=12):
+    """Of the brightness around a cell, in cells."""
+    r, c = round(row), round(column)
+    part = values[r - half : r + half + 1, c - half : c + half + 1] - 20.0
+    part = np.where(part > 0.05 * CONTRAST, part, 0.0)
+    rows, columns = np.mgrid[r - half : r + half + 1, c - half : c + half + 1]
+    return (part * rows).sum() / part.sum(), (part * columns).sum() / part.sum()
+
+
+CASES = {
+    "equator": (23.47, 0.67, "IAU_2015:30110", 0.0),
+    "oblique": (-19.51, 44.12, "+proj=eqc +lat_ts=44 +lon_0=-19 +R=1737400", 25.0),
+    "far side": (179.999, -20.0, "IAU_2015:30115", 10.0),
+    "south pole": (120.0, -89.9, "IAU_2015:30135", 10.0),
+}
+
+
+@pytest.mark.study
+@pytest.mark.parametrize(
+    ("case", "interpolation"), each_with_one(CASES, CASES, ["nearest", "bilinear", "cubic"])
+)
+def test_spots_are_where_the_ground_is(tmp_path, case, interpolation):
+    longitude, latitude, projection, off_nadir_deg = CASES[case]
+    centre = -90.0 if latitude < -80.0 else latitude
+    terrain = hilly(tmp_path / "dem.tif", longitude, latitude, near(longitude, centre))
+    model = camera_over(longitude, latitude, off_nadir_deg)
+    image, longitudes, latitudes = spots(model, terrain)
+    write_orthophoto(
+        tmp_path / "map.tif",
+        [(image, model)],
+        terrain,
+        projection=projection,
+        resolution_m=3.0,
+        interpolation=interpolation,
+    )
+    with rasterio.open(tmp_path / "map.tif") as file:
+        assert file.crs.to_dict()["R"] == R_M
+        values, seen = file.read(1), file.read_masks(1) > 0
+        xs, ys = rasterio.warp.transform(terrain_maps.LONGLAT, projection, longitudes, latitudes)
+        for x, y in zip(xs, ys, strict=True):
+            # GDAL counts from the corner of the first cell
+            column, row = (x - file.transform.c) / 3.0 - 0.5, (file.transform.f - y) / 3.0 - 0.5
+            assert seen[round(row), round(column)]
+            found = centroid(values, row, column)
+            tolerance = PLACE_CELLS * (3 if interpolation == "nearest" or off_nadir_deg > 20 else 1)
+            assert found == pytest.approx((row, column), abs=tolerance), case
+    assert 0.2 < seen.mean() < 1.0
+
+
+@pytest.mark.study
+def test_values_types_and_mask(tmp_path):
+    longitude, latitude, projection, _ = CASES["equator"]
+    terrain = hilly(tmp_path / "dem.tif", longitude, latitude, near(longitude, latitude))
+    model = camera_over(longitude, latitude)
+    for dtype, value in (("uint8", 255), ("uint16", 4000), ("float32", 0.25)):
+        image = np.full(model.shape, value, dtype=dtype)
+        write_orthophoto(
+            tmp_path / "map.tif", [(image, model)], terrain, resolution_m=5.0, interpolation="cubic"
+        )
+        with rasterio.open(tmp_path / "map.tif") as file:
+            assert file.dtypes == (dtype,)
+            values, seen = file.read(1), file.read_masks(1) > 0
+            assert (values[seen] == value).all()
+            assert not values[~seen].any()
+            assert file.transform.c % 5.0 == 0.0
+            assert file.crs.to_dict()["proj"] == "eqc"
+    assert projection == "IAU_2015:30110"
+
+
+def read_at(path, x, y):
+    """Values of a map at places, and whether it shows them."""
+    with rasterio.open(path) as file:
+        values = file.read(1, masked=True)
+        rows, columns = rasterio.transform.rowcol(file.transform, x, y)
+        inside = (np.array(rows) >= 0) & (np.array(rows) < file.height)
+        inside &= (np.array(columns) >= 0) & (np.array(columns) < file.width)
+        found = values[np.clip(rows, 0, file.height - 1), np.clip(columns, 0, file.width - 1)]
+    return np.asarray(found.data), inside & ~np.ma.getmaskarray(found)
+
+
+@pytest.mark.study
+def test_later_images_of_a_mosaic_lie_over_earlier_ones(tmp_path):
+    """Against the orthophotos of both: the lower image where that shows ground, the higher around it."""
+    longitude, latitude, _, _ = CASES["equator"]
+    terrain = hilly(tmp_path / "dem.tif", longitude, latitude, near(longitude, latitude))
+    high = camera_over(longitude, latitude)
+    low = camera_over(longitude + 0.012, latitude, off_nadir_deg=10.0, height_m=1200.0)
+    images = {"high": (spots(high, terrain, "uint8")[0], high), "low": (spots(low, terrain, "uint8")[0], low)}
+    for name, (image, model) in images.items():
+        write_orthophoto(tmp_path / f"{name}.tif", [(image, model)], terrain, resolution_m=5.0)
+    write_orthophoto(tmp_path / "both.tif", list(images.values()), terrain, resolution_m=5.0)
+    with rasterio.open(tmp_path / "both.tif") as file:
+        rows, columns = np.mgrid[: file.height, : file.width].reshape(2, -1)
+        x, y = rasterio.transform.xy(file.transform, rows, columns)
+    (both, seen), (above, of_high), (below, of_low) = (
+        read_at(tmp_path / f"{name}.tif", x, y) for name in ("both", "high", "low")
+    )
+    assert 1000 < (of_low & of_high).sum() < of_high.sum()
+    assert (of_low & ~of_high).sum() > 1000
+    np.testing.assert_array_equal(seen, of_high | of_low)
+    np.testing.assert_array_equal(both[seen], np.where(of_low, below, above)[seen])
+    with pytest.raises(InputError, match="got float64"):
+        write_orthophoto(
+            tmp_path / "no.tif",
+            [images["high"], (images["low"][0].astype(float), low)],
+            terrain,
+            resolution_m=5.0,
+        )
+
+
+def test_ground_behind_a_ridge_is_masked(tmp_path):
+    """The camera, 2600 m from a ridge of 400 m and 700 m up, does not see 1000 m of the plain behind."""
+    size, cell_m = 800, 20.0
+    steps_m = (np.arange(size) - (size - 1) / 2) * cell_m
+    _, north = np.meshgrid(steps_m, -steps_m)
+    affine = Affine(cell_m, 0.0, -8000.0, 0.0, -cell_m, 8000.0)
+    heights = 400.0 * np.exp(-0.5 * (north / 150.0) ** 2) - 1000.0
+    terrain = TerrainModel.open(terrain_maps.write(tmp_path / "dem.tif", heights, terrain_maps.EQC, affine))
+    model = camera_over(0.0, 0.0, off_nadir_deg=75.0, height_m=700.0)
+    camera_side = -np.sign(model.orientation.position_m[2])  # rays go from it
+    write_orthophoto(
+        tmp_path / "map.tif", [(np.full(model.shape, 100, "uint8"), model)], terrain, resolution_m=20.0
+    )
+    with rasterio.open(tmp_path / "map.tif") as file:
+        seen = file.read_masks(1) > 0
+        north_m = file.transform.f - 20.0 * (np.arange(file.height) + 0.5)
+        column = int((0.0 - file.transform.c) / 20.0)
+    beyond_m = camera_side * north_m
+    assert seen[(beyond_m > -400.0) & (beyond_m < -100.0), column].all()  # the slope that faces the camera
+    behind = (beyond_m > 200.0) & (beyond_m < 1200.0)
+    assert behind.sum() > 20
+    assert not seen[behind, column].any()
+
+
+def test_a_line_scan_over_the_real_moon(tmp_path):
+    from ldem import write_ldem_4
+
+    terrain = TerrainModel.open(write_ldem_4(tmp_path))
+    model = read_isd(ISDS / "lro_nac.json.gz", axes="ME_DE421").model
+    image = np.add.outer(np.arange(400.0), np.arange(5064.0)).astype("float32")  # line + sample
+    write_orthophoto(
+        tmp_path / "map.tif", [(image, model)], terrain, projection="IAU_2015:30110", resolution_m=20.0
+    )
+    with rasterio.open(tmp_path / "map.tif") as file:
+        values, seen = file.read(1), file.read_masks(1) > 0
+        rows, columns = np.nonzero(seen)
+        pick = slice(None, None, 301)
+        x, y = file.xy(rows[pick], columns[pick])
+        longitude, latitude = map(np.radians, rasterio.warp.transform(file.crs, terrain_maps.LONGLAT, x, y))
+    ground = selenographic_to_cartesian(longitude, latitude, terrain.height_m(longitude, latitude))
+    expected = model.project(ground).pixels.sum(axis=1)
+    inner = (expected > 30.0) & (expected < 5400.0)
+    assert inner.sum() > 20
+    assert values[rows[pick], columns[pick]][inner] == pytest.approx(expected[inner], abs=0.01)
+
+
+def test_bad_input_is_one_clear_error(tmp_path):
+    longitude, latitude, _, _ = CASES["equator"]
+    terrain = hilly(tmp_path / "dem.tif", longitude, latitude, near(longitude, latitude))
+    model = camera_over(longitude, latitude)
+    image = np.zeros(model.shape, dtype="uint8")
+
+    def refused(match, model=model, image=image, **given):
+        with pytest.raises(InputError, match=match):
+            write_orthophoto(
+                tmp_path / "map.tif", [(image, model)], terrain, **({"resolution_m": 5.0} | given)
+            )
+        assert not (tmp_path / "map.tif").exists()
+
+    refused(r"got uint8 and \(10, 300\)", image=image[:10])
+    refused("interpolation: .* 'lanczos'", interpolation="lanczos")
+    refused("resolution_m: .* 0.0", resolution_m=0.0)
+    refused("does not accept 'IAU_2015:1'", projection="IAU_2015:1")
+    refused("expected one of the Moon's sphere", projection="EPSG:4326")
+    refused("expected one of the Moon's sphere", projection="EPSG:32633")
+    refused("expected one of the Moon's sphere", projection="IAU_2015:30100")
+    refused("the image shows ground outside", model=camera_over(100.0, 10.0))
+    refused("mean-Earth axes, got IAU_MOON", model=replace(model, axes="IAU_MOON"))

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from radioloc.quantities import convert_fields
 from radioloc.errors import InputError
 from radioloc.imaging.cameras import as_points, as_vector
+from radioloc.quantities import convert_fields
 from radioloc.vectors import Floats
 
 if TYPE_CHECKING:

@@ -421,7 +421,11 @@ def test_frames_have_the_iau_s_axes_at_an_epoch_and_lead_back(capsys):
 
 @pytest.mark.parametrize(
     ("wanted", "names"),
-    [("argentina", {"NEUQUEN", "MALARGUE"}), ("Observatory", {"APOLLO", "MATERA", "MLRS2", "WETTZELL"})],
+    [
+        ("argentina", {"NEUQUEN", "MALARGUE"}),
+        ("cdsn", {"JIAMUSI", "KASHI", "NEUQUEN"}),
+        ("Observatory", {"APOLLO", "MATERA", "MLRS2", "WETTZELL"}),
+    ],
 )
 def test_stations_are_found_by_alias_complex_and_country(wanted, names, capsys):
     assert cli.main(["stations", wanted, "--json"]) == 0

@@ -10,7 +10,12 @@ from radioloc.cli.command import JSON, STUDY, argument, command
 from radioloc.cli.output import DONE, tell
 
 _SPAN = (
-    argument("--stations NAME", "stations (default: those of the study)", nargs="+", default=()),
+    argument(
+        "--stations NAME",
+        "stations or networks such as DSN (default: those of the study)",
+        nargs="+",
+        default=(),
+    ),
     argument("--start UTC", "first epoch (default: that of the schedule or of the data)"),
     argument("--stop UTC", "last epoch (default: that of the schedule or of the data)"),
 )

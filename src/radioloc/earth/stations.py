@@ -35,6 +35,20 @@ QUALITIES = tuple(_SIGMA_M)
 MOUNTS = ("azimuth_elevation", "equatorial", "xy_north", "xy_east")
 """Antenna mounts, by the fixed axis: vertical, parallel to the Earth's, horizontal to the north or to the east."""
 
+NETWORKS = {
+    "DSN": "Deep Space Communication",
+    "GOLDSTONE": "Goldstone",
+    "CANBERRA": "Canberra",
+    "MADRID": "Madrid",
+    "ESTRACK": "ESTRACK",
+    "JAXA": "JAXA",
+    "CDSN": "Chinese Deep Space Network",
+    "CVN": "Chinese VLBI Network",
+    "EVN": "European VLBI Network",
+    "LBA": "Long Baseline Array",
+}
+"""Networks by the text that the complexes of their stations have in common."""
+
 _DAYS_PER_JULIAN_YEAR = 365.25
 _RADIUS_RANGE_M = (6.35e6, 6.39e6)
 _HEIGHT_RANGE_M = (-1.0e3, 1.0e4)  # of ground above the ellipsoid
@@ -299,8 +313,21 @@ class StationCatalogue:
             "describe it under [stations.NAME] in the study file, or catalogue.with_station(Station(...)) in Python"
         )
 
+    def members(self, name: str) -> tuple[Station, ...]:
+        """Return the stations of one of the :data:`NETWORKS`, or the only one with a name as of :meth:`get`.
+
+        Examples
+        --------
+        >>> from radioloc.earth import StationCatalogue
+        >>> [station.name for station in StationCatalogue.default().members("CDSN")]
+        ['JIAMUSI', 'KASHI', 'NEUQUEN']
+        """
+        network = None if name in self else NETWORKS.get(_key(name))
+        stations = tuple(station for station in self if network and network in station.complex)
+        return stations or (self.get(name),)
+
     def find(self, text: str) -> tuple[Station, ...]:
-        """Give the stations with a text in a name, an alias, the complex or the country; none where none has it.
+        """Return the stations of a network (:data:`NETWORKS`), or with a text in name, alias, complex or country.
 
         Examples
         --------
@@ -308,10 +335,12 @@ class StationCatalogue:
         >>> [station.name for station in StationCatalogue.default().find("dss 24")]
         ['DSS-24']
         """
+        network = NETWORKS.get(_key(text), text)
         return tuple(
             station
             for station in self
-            if any(
+            if network in station.complex
+            or any(
                 _key(text) in _key(label)
                 for label in (station.name, *station.aliases, station.complex, station.country)
             )

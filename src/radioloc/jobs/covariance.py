@@ -301,10 +301,16 @@ def _more_stations(plan: _Plan, fit: PlannedFit, target: int) -> Iterator[Gain]:
         for s in catalogue
         if s.kind == "llr" or s.complex in networks or (s.kind == "vlbi" and s.country in countries)
     ]
-    for name in near if asked is None else asked:
+    if asked is not None:
+        members = [
+            (name,) if "<" in name or ">" in name else [s.name for s in catalogue.members(name)]
+            for name in asked
+        ]
+        near = [name for names in members for name in names]
+    for name in near:
         what, sessions = _with_candidate(name, scenario, catalogue)
         if sessions == list(scenario.schedule.sessions):
-            if asked is not None:
+            if asked is not None and name in asked:
                 raise InputError(
                     f"[covariance] candidates: {name} adds nothing: it takes part already, or no session is of its kind"
                 )

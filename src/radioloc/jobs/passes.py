@@ -148,7 +148,7 @@ def scene_of(
         study.name,
         model,
         targets,
-        [model.catalogue.get(name).name for name in stations or names],
+        [station.name for name in stations or names for station in model.catalogue.members(name)],
         start_utc,
         stop_utc,
         masks if mask_deg is None else replace(masks, station_deg=mask_deg, by_station_deg={}),

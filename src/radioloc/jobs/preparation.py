@@ -84,7 +84,11 @@ def planned_arc(
             "[observations] doppler_average_s is of files; a schedule plans counts as they are used: leave it out "
             "and give count_s in the sessions"
         )
-    rows = np.flatnonzero(selected(planned, study.observations, study.catalogue, sources=model.sources)[0])
+    rows = np.flatnonzero(
+        selected(planned, study.observations, study.catalogue, sources=model.sources, name=study.target_name)[
+            0
+        ]
+    )
     return *prepared_arc(study, planned.select(rows), orbit), rows
 
 
@@ -160,7 +164,7 @@ def chosen_observations(
         require_type("observations", observations, Observations)
         observations = with_rounding_in_sigmas(without_duplicates(observations))
     chosen, left_out = select_observations(
-        observations, study.observations, study.catalogue, study.targets, model.sources
+        observations, study.observations, study.catalogue, study.targets, model.sources, study.target_name
     )
     spacecraft_doubts(study, chosen, model)  # identifiers that contradict each other are refused before a fit
     for key in ("vlbi_station_sigma_m", "vlbi_station_rate_sigma_m", "doppler_phase_sigma_m"):

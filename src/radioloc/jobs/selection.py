@@ -37,9 +37,10 @@ def select_observations(
     catalogue: StationCatalogue,
     positions: Collection[str] = (),
     sources: Collection[str] = (),
+    name: str | None = None,
 ) -> tuple[Observations, dict[str, int]]:
     """Return the selected observations of a study, in input order, and the number of others by reason."""
-    kept, left_out = selected(observations, choice, catalogue, positions, sources)
+    kept, left_out = selected(observations, choice, catalogue, positions, sources, name)
     # Tables are not written to, so a complete one need not be copied.
     chosen = observations.select(kept) if left_out else observations
     if choice.doppler_average_s is not None:
@@ -84,6 +85,7 @@ def selected(
     catalogue: StationCatalogue,
     positions: Collection[str] = (),
     sources: Collection[str] = (),
+    name: str | None = None,
 ) -> tuple[NDArray[np.bool_], dict[str, int]]:
     """Return the mask of the selected observations, shape (n,), and the number of others by reason."""
     left_out: dict[str, int] = {}
@@ -96,7 +98,7 @@ def selected(
             left_out[reason] = count
         kept = kept & mask
 
-    keep(_of_targets(observations, choice.targets, positions, sources), "other target")
+    keep(_of_targets(observations, choice.targets, positions, sources, name), "other target")
     keep(_of_stations(observations, choice.stations, catalogue), "other station")
     keep(_of_types(observations, choice.types), "other type")
     if len(observations):
@@ -114,18 +116,20 @@ def _of_targets(
     targets: tuple[str, ...] | None,
     positions: Collection[str],
     sources: Collection[str],
+    name: str | None,
 ) -> NDArray[np.bool_]:
     of_link = [
         {canonical_target(name) for name in link.targets} - set(sources) for link in observations.links
     ]
     present = sorted(set().union(*(of_link[i] for i in np.unique(observations.link))))
     named = [canonical_target(name) for name in positions]
+    if not named and targets is None and name is not None and canonical_target(name) in present:
+        targets = (name,)  # the name of the only [target] selects among several
     if targets is None and not named:
         if len(present) > 1:
             raise InputError(
                 f"expected observations of one target, as the study gives one position, got {', '.join(present)}; name "
-                f'one, [observations] targets = ["{present[0]}"], or give the position of each as [targets.NAME]; '
-                f"{_QUASAR_HINT}"
+                f'one, [target] name = "{present[0]}", or give the position of each as [targets.NAME]; {_QUASAR_HINT}'
             )
         return np.ones(len(observations), dtype=bool)
     wanted = {canonical_target(name) for name in targets} if targets is not None else set(named)
@@ -162,10 +166,10 @@ def _of_stations(
     if stations is None:
         return np.ones(len(observations), dtype=bool)
     with error_context("[observations] stations:"):
-        wanted = {catalogue.get(name).name for name in stations}
+        members = {name: {station.name for station in catalogue.members(name)} for name in stations}
     ends = ends_of(observations.links, catalogue)
-    present = set().union(*ends)
-    if missing := sorted(wanted - present):
+    present, wanted = set[str]().union(*ends), set[str]().union(*members.values())
+    if missing := sorted(name for name, names in members.items() if not names & present):
         raise InputError(
             f"[observations] stations: no observation by {', '.join(missing)}; "
             f"the files have {', '.join(sorted(present))}"

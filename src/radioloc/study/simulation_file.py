@@ -119,9 +119,14 @@ def _session(table: TomlTable, catalogue: StationCatalogue) -> Session:
         table.fail("links", f"must be one of {', '.join(LINKS)}, not {links!r}")
     if possible and links not in possible:
         table.fail("links", f"{links!r} does not go with kind {kind!r}; use {' or '.join(possible)}")
-    stations = [
-        _station(table, "stations", name, catalogue) for name in table.need("stations", tuple[str, ...])
-    ]
+    try:
+        stations = [
+            station.name
+            for name in table.need("stations", tuple[str, ...])
+            for station in catalogue.members(name)
+        ]
+    except StationError as error:
+        table.fail("stations", str(error))
     start_utc, stop_utc = (_utc(table.need(key, Epochs)) for key in ("start", "stop"))
     pairs = LINKS[links][1](*stations)
     return table.read(Session, kind=kind, pairs=pairs, start_utc=start_utc, stop_utc=stop_utc)

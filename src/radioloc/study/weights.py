@@ -141,8 +141,8 @@ def _rows(observations: Observations, weight: Weight, catalogue: StationCatalogu
     if weight.type is not None:
         rows &= np.isin(observations.kind, [KINDS.index(kind) for kind in weight.type])
     if weight.stations is not None:
-        wanted = {catalogue.get(name).name for name in weight.stations}
-        of_link = [bool(names & wanted) for names in ends_of(observations.links, catalogue)]
+        stations = {station.name for name in weight.stations for station in catalogue.members(name)}
+        of_link = [bool(names & stations) for names in ends_of(observations.links, catalogue)]
         rows &= np.array(of_link)[observations.link]
     if weight.files is not None:
         matches = [any(PurePath(file).match(glob) for glob in weight.files) for file in observations.files]

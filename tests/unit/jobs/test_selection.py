@@ -104,6 +104,14 @@ def test_targets_with_positions_are_kept():
         kept(ObservationChoice(targets="apollo15"), positions=["apollo11"])
 
 
+def test_name_of_the_only_target_selects_among_several():
+    chosen, left_out = select_observations(some(), ObservationChoice(), CATALOGUE, name="AP11")
+    assert chosen.value_m.tolist() == [7.7e8 + 3]
+    assert left_out == {"other target": 5}
+    with pytest.raises(InputError, match="expected observations of one target"):
+        select_observations(some(), ObservationChoice(), CATALOGUE, name="Eagle")
+
+
 def test_links_of_two_targets_need_both():
     links = [Link("JIAMUSI", "lander", "KASHI", True, "rover"), Link("JIAMUSI", "rover", "KASHI", True)]
     given = Observations.from_columns(
@@ -129,6 +137,8 @@ def test_stations_take_part_only_with_both_ends():
     assert kept(ObservationChoice(**fifteen, stations=["GRASSE", "apollo"]))[0] == [0, 1, 2, 5]
     with pytest.raises(InputError, match="no observation by MATERA; the files have APOLLO, GRASSE, NEW"):
         kept(ObservationChoice(**fifteen, stations="MATERA"))
+    with pytest.raises(InputError, match=r"\[observations\] stations: no observation by DSN"):
+        kept(ObservationChoice(**fifteen, stations="DSN"))
     with pytest.raises(StationError, match=r"\[observations\] stations: station 'NOPE'"):
         kept(ObservationChoice(**fifteen, stations="NOPE"))
 

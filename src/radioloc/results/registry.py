@@ -20,13 +20,13 @@ RESULTS = Registry(
             "solution",
             Solution,
             ("residuals", "position", "correlations", "distribution", "budget", "terms", "map"),
-            ("solution.json", "residuals.csv", "terms.csv", "map.[ps][nv]g", *ORBIT_FILES),
+            ("solution.json", "residuals.csv", "terms.csv", "map.[ps][nv]g", *ORBIT_FILES, "orbits/*.[bo][spe][pm]"),
         ),
         ResultType(
             "arcs",
             ArcStudy,
             ("figure2", "arcs", "map"),
-            ("arcs.json", *POSITION_FILES, "[0-9]*h/solution.json", "[0-9]*h/residuals.csv"),
+            ("arcs.json", "states.csv", *POSITION_FILES, "[0-9]*h/solution.json", "[0-9]*h/residuals.csv"),
         ),
         ResultType("comparison", Comparison, ("comparison",), ("comparison.json", *POSITION_FILES)),
         ResultType(

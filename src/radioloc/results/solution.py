@@ -44,6 +44,7 @@ from radioloc.vectors import Floats
 
 Axes = Literal["enu", "pa", "me", "geographic"]
 Level = Literal["total", "scaled", "formal"]
+_FILE_NAME = re.compile(r"[^\w-]")  # characters of a target's name that its files do not have
 ORBIT_FILES = ("orbit.bsp", "orbit.oem", "orbit.opm")
 """Names of the files of an orbit that was determined."""
 
@@ -133,7 +134,9 @@ class Solution(Result):
         What the target moves along, if it is no point fixed to the Moon. Such a solution has no position: what is
         derived from one raises :class:`~radioloc.errors.InputError`.
     state : OrbitState or None
-        The state of an orbit that was determined, with its covariance.
+        The state of an orbit that was determined, with its covariance; that of the first spacecraft.
+    states : mapping of str to OrbitState
+        The states of all spacecraft whose orbits were determined, by the names of the targets.
     """
 
     status: FitStatus
@@ -162,7 +165,7 @@ class Solution(Result):
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
     trajectory: str | None = None
-    state: OrbitState | None = None
+    states: Mapping[str, OrbitState] = field(default_factory=dict)
     consider: Consider | None = None
     prior_effects: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     targets: tuple[TargetPosition, ...] = ()
@@ -187,6 +190,11 @@ class Solution(Result):
             if array.shape != shape:
                 raise InputError(f"{name} has shape {array.shape}, but {shape} is needed")
             object.__setattr__(self, name, array)
+
+    @property
+    def state(self) -> OrbitState | None:
+        """State of the first spacecraft whose orbit was determined."""
+        return next(iter(self.states.values()), None)
 
     @property
     def known(self) -> list[ReferenceComparison]:
@@ -397,6 +405,8 @@ class Solution(Result):
                 "passes": self.passes,
             },
         }
+        if len(self.states) > 1:
+            content["states"] = {name: state.to_dict() for name, state in self.states.items()}
         if self.targets:
             each = {target.name: self.of_target(target.name) for target in self.targets}
             content["targets"] = {
@@ -459,16 +469,16 @@ class Solution(Result):
         return "good" if self.is_usable else "failed"
 
     def files(self) -> Mapping[str, Content]:
-        """Return ``solution.json``, ``residuals.csv`` and of an orbit that was determined :data:`ORBIT_FILES`."""
+        """Return ``solution.json``, ``residuals.csv`` and of orbits that were determined :data:`ORBIT_FILES`."""
         found: dict[str, Content] = {
             "solution.json": self.to_dict(),
             "residuals.csv": residual_table(self.residuals),
         }
-        if self.state is not None and self.converged:
-            covariance = self.state.covariance
-            known = np.isfinite(covariance).all() and covariance.any()
-            orbit = OrbitFile(self.state.orbit.integrate(), self.state.body, covariance if known else None)
-            found |= dict.fromkeys(ORBIT_FILES, orbit)
+        for name, state in self.states.items() if self.converged else ():
+            known = np.isfinite(state.covariance).all() and state.covariance.any()
+            orbit = OrbitFile(state.orbit.integrate(), state.body, state.covariance if known else None)
+            stem = f"orbits/{_FILE_NAME.sub('_', name)}" if len(self.states) > 1 else "orbit"
+            found |= {f"{stem}{Path(file).suffix}": orbit for file in ORBIT_FILES}
         return found
 
     def positions(self) -> Mapping[str, Result]:

@@ -71,7 +71,7 @@ def solution_card(solution: Solution) -> Card:
         *solution.observability.describe()[:_MAX_SENTENCES],
         *which_sigmas((solution,)),
     )
-    orbit = [] if solution.state is None else [Field("orbit", _orbit(solution.state))]
+    orbit = [Field("orbit", _orbit(state)) for state in solution.states.values()]
     if orbit and solution.trajectory is not None:
         where = orbit
     elif solution.trajectory is not None:

@@ -48,14 +48,16 @@ from radioloc.results.tables import (
     residual_table,
 )
 from radioloc.tables import TableForm, as_table
+from radioloc.targets.orbit_state import RTN, OrbitState
+from radioloc.time import utc_strings
 
 _ARCS_IN_ROW = 3
 _MIN_WIDE_CHARACTERS = 18  # characters of a value with its sigma of which one fewer goes into a row
 _MAX_PARAMETERS = 12  # a card is to fit a screen; to_dict() has them all
 _MIN_FILLED_FRACTION = 0.95
 """Least part of an arc that its data cover, but for the time from one observation to the next."""
-_MAX_CHANCE_SIGMAS = {2: 3.72, 3: 4.03}
-"""Two and three coordinates of a right model stay below this in 99.9 %."""
+_MAX_CHANCE_SIGMAS = {2: 3.72, 3: 4.03, 6: 4.74}
+"""Two, three and six coordinates of a right model stay below this in 99.9 %."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,6 +88,43 @@ class Reference:
 
     position: LunarPosition
     name: str = "reference"
+
+
+@dataclass(frozen=True, slots=True)
+class StateRow:
+    """State of a spacecraft from an arc, at its epoch, with its difference to that from the longest arc, m."""
+
+    target: str
+    name: str  # length of the arc
+    sigma_radial_m: float | None  # total standard deviation, as the next two; None where not determined
+    sigma_along_m: float | None
+    sigma_across_m: float | None
+    radial_m: float | None  # this less the longest arc's, as the next two; None for that itself
+    along_m: float | None
+    across_m: float | None
+    # Length of the difference of position and velocity in the standard deviations that it should have.
+    from_longest_sigmas: float | None
+    used: int
+    left_out: int
+    converged: bool
+
+    @classmethod
+    def of(cls, target: str, arc: Arc, longest: OrbitState) -> StateRow:
+        """Return the row of an arc."""
+        state, total = arc.solution.states[target], arc.solution.fit.total
+        known = np.isfinite(state.parameter_covariance).all()
+        sigma_m = state.sigma_rtn_m(state.epoch)[0].tolist() if known else [None] * 3
+        apart = None if state is longest else state.difference_from_all(longest)
+        return cls(
+            target,
+            arc.name,
+            *sigma_m,
+            *((None,) * 3 if apart is None else apart.rtn_m),
+            None if apart is None else apart.sigmas,
+            total.used,
+            total.rejected,
+            arc.solution.converged,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,10 +161,10 @@ class ArcStudy(Result):
 
     @property
     def by_target(self) -> tuple[ArcStudy, ...]:
-        """One study for each target, the references with the first of them; this study if it has a single target."""
+        """One study for each target with a place, the references with the first of them; this study of a single one."""
         names = [target.name for target in self.longest.targets]
         if not names:
-            return (self,)
+            return (self,) if self.longest.trajectory is None else ()
         return tuple(
             replace(
                 self,
@@ -154,6 +193,8 @@ class ArcStudy(Result):
                 for name, study in zip(names, self.by_target, strict=True)
                 for row in study.rows
             )
+        if not self.by_target:
+            return ()
         longest = self.longest.selenographic
         benchmark = self.references[0].position.selenographic if self.references else longest
         rows = []
@@ -174,6 +215,16 @@ class ArcStudy(Result):
         return tuple(rows)
 
     @property
+    def states(self) -> tuple[StateRow, ...]:
+        """States of spacecraft from each arc, the longest first, with their differences from that of the longest."""
+        return tuple(
+            StateRow.of(name, arc, state)
+            for name, state in self.longest.states.items()
+            for arc in self.arcs
+            if name in arc.solution.states
+        )
+
+    @property
     def other_parameters(self) -> dict[str, str]:
         """Unit of each parameter but the position's, by name, in the order of the longest arcs."""
         items = [item for arc in self.arcs for item in arc.solution.parameters]
@@ -188,6 +239,7 @@ class ArcStudy(Result):
             "frame": self.longest.me_frame,
             "sphere_radius_m": MEAN_LUNAR_RADIUS_M,
             "positions": [asdict(row) for row in self.rows],
+            "states": [asdict(row) for row in self.states],
             "arcs": [
                 {"hours": arc.hours, "span_h": arc.span_h, "solution": arc.solution.to_dict()}
                 for arc in self.arcs
@@ -195,8 +247,8 @@ class ArcStudy(Result):
         }
 
     def to_table(self, form: TableForm = "astropy") -> Any:
-        """:attr:`rows` as a ``QTable`` of astropy, with units, or a ``DataFrame``; NaN where there is no number."""
-        rows = [asdict(row) for row in self.rows]
+        """:attr:`rows`, or else :attr:`states`, as a ``QTable`` of astropy or a ``DataFrame``; NaN for None."""
+        rows = [asdict(row) for row in self.rows or self.states]
         return as_table(
             {key: [np.nan if row[key] is None else row[key] for row in rows] for key in rows[0]}, form
         )
@@ -213,10 +265,11 @@ class ArcStudy(Result):
             }
             for arc in self.arcs
         ]
-        files: dict[str, Content] = {
-            **position_files(self.rows, names, parameters),
-            "arcs.json": self.to_dict(),
-        }
+        files: dict[str, Content] = {"arcs.json": self.to_dict()}
+        if self.rows:
+            files |= position_files(self.rows, names, parameters)
+        if states := [asdict(row) for row in self.states]:
+            files["states.csv"] = Table({key: [row[key] for row in states] for key in states[0]})
         for arc in self.arcs:
             files[f"{arc.hours:g}h/solution.json"] = arc.solution.to_dict()
             files[f"{arc.hours:g}h/residuals.csv"] = residual_table(arc.solution.residuals)
@@ -252,7 +305,8 @@ class ArcStudy(Result):
                     for study in studies
                     for field in study._position_fields(axes, of_several=len(studies) > 1)
                 ),
-                Field("data", (), counts, map(_data_cells, self.arcs, studies[0].rows), section=RESIDUALS),
+                *self._state_fields(),
+                Field("data", (), counts, map(_data_cells, self.arcs), section=RESIDUALS),
                 *in_section(OBSERVABILITY, *_parameter_fields(self), Field("observable", _observable(self))),
                 Field("notes", _notes(self, self.rows)),
             ),
@@ -273,6 +327,15 @@ class ArcStudy(Result):
         sizes = ("", "L, m", "B, m", "h, m", "height, m", f"from {self.arcs[0].name}, m", "in sigmas")
         yield from position_fields(self.rows, axes, self.benchmark, self.longitude_to_360)
         yield Field("1 sigma", (), sizes, map(_sigma_cells, self.arcs, self.rows))
+
+    def _state_fields(self) -> Iterator[Field]:
+        """Sigmas of the states of spacecraft, and differences from those of the longest arc."""
+        longest = self.arcs[0].name
+        heading = ("", *(f"{axis}, m" for axis in RTN), *(f"from {longest}: {RTN[0]}, m", *RTN[1:]), "in sigmas")
+        for name, state in self.longest.states.items():
+            where = f"of {state.orbit.name}, 1 sigma at {utc_strings(state.epoch, 0)[0]} TDB"
+            rows = [_state_cells(row) for row in self.states if row.target == name]
+            yield Field("state", (where,), heading, rows)
 
     def __repr__(self) -> str:
         hours = ", ".join(f"{arc.hours:g}" for arc in self.arcs)
@@ -304,10 +367,18 @@ def _sigma_cells(arc: Arc, row: PositionRow) -> tuple[str, ...]:
     )
 
 
-def _data_cells(arc: Arc, row: PositionRow) -> tuple[str, ...]:
-    chi2 = arc.solution.fit.chi2_per_dof
-    wrms = "-" if row.wrms_m is None else metres(row.wrms_m)
-    counts = (f"{arc.span_h:.2f}", str(row.used), str(row.left_out))
+def _state_cells(row: StateRow) -> tuple[str, ...]:
+    sigmas = (row.sigma_radial_m, row.sigma_along_m, row.sigma_across_m)
+    differences = (row.radial_m, row.along_m, row.across_m)
+    apart = "-" if row.from_longest_sigmas is None else f"{row.from_longest_sigmas:.1f}"
+    shown = ("-" if value is None else signed_metres(value) for value in differences)
+    return (row.name, *map(metres, sigmas), *shown, apart)
+
+
+def _data_cells(arc: Arc) -> tuple[str, ...]:
+    total, chi2 = arc.solution.fit.total, arc.solution.fit.chi2_per_dof
+    wrms = "-" if total.wrms_m is None else metres(total.wrms_m)
+    counts = (f"{arc.span_h:.2f}", str(total.used), str(total.rejected))
     return (arc.name, *counts, wrms, "-" if chi2 is None else f"{chi2:.3g}")
 
 
@@ -358,6 +429,13 @@ def _notes(study: ArcStudy, rows: tuple[PositionRow, ...]) -> Iterator[str]:
                 f"{row.name} and {study.arcs[0].name} are {row.from_longest_m:.1f} m apart, "
                 f"{row.from_longest_sigmas:.1f} sigmas of that difference (99.9 % are below {_MAX_CHANCE_SIGMAS[2]}): "
                 "the sigmas are too small, as errors of the data are correlated or the model is incomplete"
+            )
+    for state in study.states:
+        if state.from_longest_sigmas is not None and state.from_longest_sigmas > _MAX_CHANCE_SIGMAS[6]:
+            yield (
+                f"states of {state.target or 'the orbiter'} from {state.name} and {study.arcs[0].name} differ by "
+                f"{state.from_longest_sigmas:.1f} sigmas (99.9 % are below {_MAX_CHANCE_SIGMAS[6]}): the sigmas are too "
+                "small, as errors of the data are correlated or the model is incomplete"
             )
     # What several arcs say alike is said once, of the longest; counts of observations differ from arc to arc.
     yield from (note for note in study.longest.notes if "not selected:" not in note)

@@ -86,6 +86,9 @@ class Descent(OnOrbit):
         """Return the state at the epoch before the touchdown, with its covariance until there."""
         _, by_x = self.changes(x)
         landed = self.orbit_at(x)
+        # A part of the data may begin after the epoch of the state.
+        first_s = float(self.epoch.seconds_since(landed.epoch)[0])
+        landed = replace(landed, span_s=(min(landed.span_s[0], first_s), landed.span_s[1]))
         landed.require_above_ground()
         moved_at_touchdown = by_x @ sensitivity
         own = by_x @ covariance @ by_x.T - moved_at_touchdown @ moved_at_touchdown.T

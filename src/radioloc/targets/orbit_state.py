@@ -5,7 +5,7 @@ Of several arcs also by how much neighbours differ where they meet.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -86,6 +86,15 @@ class ProcessEstimate:
         }
 
 
+@dataclass(frozen=True, slots=True)
+class StateDifference:
+    """Difference of the state from a part of the data to that from all, at the epoch of the latter."""
+
+    rtn_m: tuple[float, float, float]  # radial, along and across
+    sigma_rtn_m: tuple[float, float, float] | None = None  # of this difference; None where it has none
+    sigmas: float | None = None  # its length in standard deviations, over position and velocity
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class OrbitState:
     """State at the epoch of an orbit that was fitted."""
@@ -120,15 +129,43 @@ class OrbitState:
     @accepts_quantities
     def covariance_rtn(self, tdb: Epochs) -> Floats:
         """Covariance of position and velocity at epochs, radial, along and across the orbit, (n, 6, 6)."""
+        noise, by_errors = self._covariance_parts_rtn(tdb)
+        return np.asarray(noise + by_errors @ np.swapaxes(by_errors, 1, 2))
+
+    def _covariance_parts_rtn(self, tdb: Epochs) -> tuple[Floats, Floats]:
+        """Return the covariance without errors of gravity (n, 6, 6), and changes of the state by these (n, 6, k)."""
         if self.process is not None:
             by_parameters, covariance = self.process.covariance_at(tdb, self.orbit.partials(tdb))
             partials = turned(rtn_axes(*self.orbit.states(tdb)), by_parameters)
-            return np.asarray(partials @ covariance @ np.swapaxes(partials, 1, 2))
+            return partials @ covariance @ np.swapaxes(partials, 1, 2), np.zeros((len(tdb), 6, 0))
         partials, direct = self.partials_rtn(tdb)
         own = self.parameter_covariance - self.sensitivity @ self.sensitivity.T
-        # An error that the model does not have: what it does to the estimate less what it does to the truth.
-        moved = partials @ self.sensitivity - direct
-        return np.asarray(partials @ own @ np.swapaxes(partials, 1, 2) + moved @ np.swapaxes(moved, 1, 2))
+        # An error that the model does not have changes the estimate, and the truth as well.
+        return partials @ own @ np.swapaxes(partials, 1, 2), partials @ self.sensitivity - direct
+
+    def difference_from_all(self, whole: OrbitState) -> StateDifference:
+        """Compare the state from a part of the data with that from all, whose difference it is uncorrelated with."""
+        # The covariance of the difference is that of the part less that of the whole (Hausman 1978); errors of gravity,
+        # which no weights have, are the same in both.
+        epoch = whole.epoch
+        axes = rtn_axes(whole.position_m[None], whole.velocity_m_s[None])
+        states = (np.concatenate(one.orbit.states(epoch), axis=-1) for one in (self, whole))
+        [apart] = turned(axes, np.subtract(*states)[:, :, None])[:, :, 0]
+        (noise, by_errors), (noise_of_all, by_errors_of_all) = (
+            one._covariance_parts_rtn(epoch) for one in (self, whole)
+        )
+        change = by_errors - by_errors_of_all
+        [covariance] = noise - noise_of_all + change @ np.swapaxes(change, 1, 2)
+        difference = StateDifference(tuple(apart[:3].tolist()))
+        if not np.isfinite(covariance).all() or not (np.diag(covariance) > 0.0).all():
+            return difference
+        sigma = np.sqrt(np.diag(covariance))
+        difference = replace(difference, sigma_rtn_m=tuple(sigma[:3].tolist()))
+        scaled = covariance / np.outer(sigma, sigma)
+        if not (np.linalg.eigvalsh(scaled) > 0.0).all():
+            return difference
+        ratio = apart / sigma
+        return replace(difference, sigmas=float(np.sqrt(ratio @ np.linalg.solve(scaled, ratio))))
 
     @accepts_quantities
     def partials_rtn(self, tdb: Epochs) -> tuple[Floats, Floats]:

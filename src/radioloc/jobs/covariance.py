@@ -7,7 +7,7 @@ data with their stated sigmas.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,13 @@ from radioloc.jobs.notes import notes_of_plan
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.planned_fit import PlannedFit
 from radioloc.jobs.preparation import model_of, planned_arc, prepared_arc
-from radioloc.jobs.problem import ArcPart, EstimationProblem, arc_parts, require_position_or_orbit
+from radioloc.jobs.problem import (
+    ArcPart,
+    EstimationProblem,
+    GravityErrorOrbits,
+    arc_parts,
+    require_position_or_orbit,
+)
 from radioloc.jobs.selection import arc_lengths
 from radioloc.jobs.study_targets import apriori_points
 from radioloc.jobs.usability import usability
@@ -142,12 +148,13 @@ class _Plan:
     usable: _Mask
     notes: tuple[str, ...]
     orbit: AdjustableOrbit | None = None  # over the whole plan
-    disturbed_orbit: AdjustableOrbit | None = None  # with the considered errors of its gravity field
+    # With the considered errors of their gravity fields
+    orbits: GravityErrorOrbits = field(default_factory=dict)
 
     @classmethod
     def of(cls, study: Study, observations: Observations | None = None, like: _Plan | None = None) -> _Plan:
         """Return the plan of a schedule or of files; `like` has the orbit of another plan."""
-        orbit, disturbed = (None, None) if like is None else (like.orbit, like.disturbed_orbit)
+        orbit = None if like is None else like.orbit
         if study.simulation is None or observations is not None:
             arc, left_out = prepared_arc(study, observations)
             noise = None
@@ -158,16 +165,14 @@ class _Plan:
         usable = usability(arc)[0].are(USED)
         if not usable.all():
             notes.append(f"{int((~usable).sum())} observations cannot be used: too low, or out of sight")
-        planned_orbit = orbit_of(arc)
-        if planned_orbit is not None and study.orbiter is not None:
-            orbit = orbit or planned_orbit
-            disturbed = disturbed or study.orbiter.disturbed(orbit)
+        x = problem.model.parameters.prior_values
+        orbits = problem.orbits_with_gravity_errors(x) if like is None else like.orbits
         notes += notes_of_plan(arc, left_out)
-        return cls(study, problem, usable, tuple(notes), orbit, disturbed)
+        return cls(study, problem, usable, tuple(notes), orbit or orbit_of(arc), orbits)
 
     def fit(self, part: ArcPart) -> PlannedFit:
         """Return the fit of a part without values."""
-        return PlannedFit.of(part, self.usable, self.disturbed_orbit)
+        return PlannedFit.of(part, self.usable, self.orbits)
 
     def parts(self, hours: Iterable[float] | float | None) -> list[ArcPart]:
         """Return parts of some lengths, the shortest first; of default lengths those that add observations."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -10,7 +11,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.dynamics import AdjustableOrbit
 from radioloc.errors import InputError
 from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.editing import (
@@ -26,7 +26,7 @@ from radioloc.jobs.notes import notes_of, provenance
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.orbit_start import near_orbit
 from radioloc.jobs.preparation import known_positions, prepared_arc
-from radioloc.jobs.problem import EstimationProblem, orbit_state, with_weights
+from radioloc.jobs.problem import EstimationProblem, GravityErrorOrbits, orbit_states, with_weights
 from radioloc.jobs.station_doubts import coordinate_doubts
 from radioloc.jobs.stochastic import StochasticProblem
 from radioloc.jobs.usability import usability
@@ -41,6 +41,7 @@ from radioloc.results.solution import Solution, TargetPosition
 from radioloc.study.study import EstimateChoice, Study
 from radioloc.study.study_file import as_study
 from radioloc.targets.design import ObservationModel
+from radioloc.targets.orbit_state import OrbitState
 
 logger = logging.getLogger(__name__)
 
@@ -118,10 +119,10 @@ def solve(problem: EstimationProblem, left_out: dict[str, int], *, consistency: 
         len(problem.arc.observations),
     )
     # The effects of gravity errors on an orbit take seconds; the parameters' sigmas and those over the arc share them.
-    orbit = problem.orbit_with_gravity_errors(edited.fit.x)
+    orbits = problem.orbits_with_gravity_errors(edited.fit.x)
     edited = with_weights(model.linearize, edited, problem.order, problem.estimate)
-    suboptimal = problem.suboptimal_errors(model, edited.fit.x, orbit)
-    fitted = _Fitted(problem, model, edited, stochastic, orbit, suboptimal)
+    suboptimal = problem.suboptimal_errors(model, edited.fit.x, orbits)
+    fitted = _Fitted(problem, model, edited, stochastic, orbits, suboptimal)
     return _completed(fitted, _solution(fitted, consistency), left_out)
 
 
@@ -133,7 +134,7 @@ class _Fitted:
     model: ObservationModel  # with the stochastic accelerations of its orbit, if there are any
     edited: EditedFit
     stochastic: StochasticProblem | None
-    orbit: AdjustableOrbit | None  # with the considered errors of its gravity field
+    orbits: GravityErrorOrbits  # with the considered errors of their gravity fields
     suboptimal: ConsideredErrors | None  # considered errors that are not in the weights
 
     @property
@@ -220,9 +221,10 @@ def _completed(fitted: _Fitted, solution: Solution, left_out: dict[str, int]) ->
     """Return the solution with the state of its orbit, known positions, notes, and a verdict by its sigmas."""
     problem, model, x = fitted.problem, fitted.model, fitted.x
     study, estimate, arc = problem.study, problem.estimate, model.predictor
-    state = orbit_state(model, x, solution.parameter_covariance(), solution.consider, fitted.orbit)
-    if state is not None and fitted.stochastic is not None:
-        state = fitted.stochastic.smoothed(state, fitted.edited, problem.order, fitted.suboptimal)
+    states = orbit_states(model, x, solution.parameter_covariance(), solution.consider, fitted.orbits)
+    if fitted.stochastic is not None:
+        [k] = states
+        states[k] = fitted.stochastic.smoothed(states[k], fitted.edited, problem.order, fitted.suboptimal)
     constants = arc.model.ephemeris.constants
     known = [compare_with(solution, xyz_m, name) for name, xyz_m in known_positions(study, constants)]
     if fitted.fits:
@@ -236,13 +238,18 @@ def _completed(fitted: _Fitted, solution: Solution, left_out: dict[str, int]) ->
         notes += search_that_helps(study, solution, float(moved_m.max()))
     return replace(
         solution,
-        state=state,
-        trajectory=solution.trajectory if state is None or model.place_indices else str(state.orbit),
+        states={model.targets[k].name: state for k, state in states.items()},
+        trajectory=solution.trajectory if model.place_indices or not states else _paths(states),
         reference=None if study.reference is None else known[0],
         references=tuple(known if study.reference is None else known[1:]),
         notes=tuple(notes),
         provenance=provenance(study, arc, left_out, estimate, fitted.motions),
     )
+
+
+def _paths(states: Mapping[int, OrbitState]) -> str:
+    """Return the orbits that targets without a place move along."""
+    return ", ".join(str(state.orbit) for state in states.values())
 
 
 def _reasons(status: Labels, codes: NDArray[np.int8], observations: Observations) -> str:

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from radioloc.dynamics import AdjustableOrbit
 from radioloc.errors import InputError
 from radioloc.estimation.consider import (
     Consider,
@@ -25,7 +24,7 @@ from radioloc.estimation.consider import (
 from radioloc.estimation.least_squares import FitResult, FitStatus
 from radioloc.estimation.linearization import Linearization, covariance_of, factorize
 from radioloc.estimation.observability import assess_observability
-from radioloc.jobs.problem import ArcPart, orbit_state
+from radioloc.jobs.problem import ArcPart, GravityErrorOrbits, orbit_states, own_gravity_errors
 from radioloc.jobs.stochastic import IndependentAccelerations, StochasticProblem
 from radioloc.parameters.parameter import ParameterSet, Role
 from radioloc.results.covariance import PlannedArc
@@ -62,21 +61,21 @@ class PlannedFit:
 
     part: ArcPart
     used: _Mask
-    orbit: AdjustableOrbit | None  # with the considered errors of its gravity field
+    orbits: GravityErrorOrbits  # with the considered errors of their gravity fields
     parameters: ParameterSet  # of the problem, then those of the process noise
     process: IndependentAccelerations | None = None
 
     @classmethod
-    def of(cls, part: ArcPart, usable: _Mask, orbit: AdjustableOrbit | None) -> PlannedFit:
+    def of(cls, part: ArcPart, usable: _Mask, orbits: GravityErrorOrbits) -> PlannedFit:
         """Return the fit with all usable observations of the whole plan, (n,)."""
         problem = part.problem
         parameters, used = problem.model.parameters, usable[part.rows]
         if problem.process_noise is None:
-            return cls(part, used, orbit, parameters)
+            return cls(part, used, orbits, parameters)
         stochastic = StochasticProblem.about(problem.model, problem.process_noise, parameters.prior_values)
         process = IndependentAccelerations.of(stochastic)
         # Process noise stands for the errors of the gravity field.
-        return cls(part, used, None, ParameterSet([*parameters, *process.parameters]), process)
+        return cls(part, used, {}, ParameterSet([*parameters, *process.parameters]), process)
 
     def with_observations(self, rows: _Mask) -> PlannedFit:
         """Return the fit with some of its observations only."""
@@ -91,7 +90,7 @@ class PlannedFit:
     def suboptimal(self) -> ConsideredErrors | None:
         """Considered errors that are left out of the weights."""
         problem = self.part.problem
-        return problem.suboptimal_errors(problem.model, problem.model.parameters.prior_values, self.orbit)
+        return problem.suboptimal_errors(problem.model, problem.model.parameters.prior_values, self.orbits)
 
     @cached_property
     def fit(self) -> FitResult:
@@ -131,7 +130,7 @@ class PlannedFit:
             return PlannedArc(part.hours, part.span_h, count, (), missing, axes)
         covariance = np.where(np.isfinite(fit.covariance), fit.covariance, 0.0)
         outside = None if self.suboptimal is None else sensitivity(fit, self.suboptimal)
-        state = self._state(covariance, outside) if axes == ALONG_ACROSS_RADIAL else None
+        state = self._state(target, covariance, outside) if axes == ALONG_ACROSS_RADIAL else None
         sources = error_budget(
             self.parameters,
             partials,
@@ -141,7 +140,7 @@ class PlannedFit:
             np.zeros(3)
             if part.problem.estimate is None
             else np.array(part.problem.estimate.ephemeris_sigma_m),
-            0.0 if outside is None else self._direct_effects_m(state, outside),
+            0.0 if outside is None else self._direct_effects_m(target, state, outside),
         )
         planned = PlannedArc(part.hours, part.span_h, count, sources, (), axes, state)
         if state is None:
@@ -163,28 +162,29 @@ class PlannedFit:
             partials[..., count:] = along_across_radial(orbit, self._epochs, of_process)[:, :3]
         return partials
 
-    def _state(self, covariance: Floats, outside: Consider | None) -> OrbitState | None:
-        """Return the state of the orbit with its total covariance and that of the process noise."""
+    def _state(self, target: int, covariance: Floats, outside: Consider | None) -> OrbitState:
+        """Return the state of an orbit with its total covariance and that of the process noise."""
         model = self.part.problem.model
         x, count = model.parameters.prior_values, len(model.parameters)
         total = covariance if outside is None else covariance + outside.covariance
-        state, k = orbit_state(model, x, total, outside, self.orbit), model.orbit_index
-        if state is None or k is None or self.process is None:
+        state = orbit_states(model, x, total, outside, self.orbits)[target]
+        if self.process is None:
             return state
-        columns = model.columns_of(k)
-        by_x = model.targets[k].motion(x[columns])[1]
+        columns = model.columns_of(target)
+        by_x = model.targets[target].motion(x[columns])[1]
         chosen = [*range(*columns.indices(count)), *range(count, len(self.parameters))]
         onto = block_diag(by_x, np.eye(len(self.parameters) - count))
         return replace(
             state, process=self.process.estimate(onto @ covariance[np.ix_(chosen, chosen)] @ onto.T)
         )
 
-    def _direct_effects_m(self, state: OrbitState | None, outside: Consider) -> Floats | float:
+    def _direct_effects_m(self, target: int, state: OrbitState | None, outside: Consider) -> Floats | float:
         """Return the effects (q, 3, c) of errors that move the true orbit, and not only the estimate."""
         if state is None:
             return 0.0
         effects = np.zeros((len(self._epochs), 3, len(outside.parameters)))
-        of_gravity = list(outside.parameters.of_kind("gravity_error"))
+        model = self.part.problem.model
+        of_gravity = own_gravity_errors(outside.parameters, self.orbits, model, target)
         moved = (state.disturbed or state.orbit).effects(self._epochs)
         effects[..., of_gravity] = -along_across_radial(state.orbit, self._epochs, moved)[:, :3]
         return effects

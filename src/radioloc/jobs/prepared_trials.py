@@ -224,7 +224,8 @@ class Prepared:
         motions = longest.model.motions(x) if self.true_orbit else FixedPoint(self.world.target_pa_m)
         computed_m = longest.arc.at(motions).value_m
         usable = usability(longest.arc)[0].are(USED)
-        orbit = longest.orbit_with_gravity_errors(x)
+        orbits = longest.orbits_with_gravity_errors(x)
+        orbit = next(iter(orbits.values()), None)
         arcs = [self._linear_arc(part, usable[part.rows], orbit) for part in self.parts]
         if any(arc is None for arc in arcs):
             return None
@@ -336,7 +337,9 @@ class Prepared:
         linear = linear_problem(np.hstack([partials[:, :count], few]), parameters, values, noise, usable)
         if linear is None:
             return None
-        suboptimal = problem.suboptimal_errors(model, x, orbit)
+        suboptimal = problem.suboptimal_errors(
+            model, x, {} if orbit is None else {model.orbit_indices[0]: orbit}
+        )
         suboptimal_m = np.zeros((len(rows), 0))
         if suboptimal is not None:
             suboptimal_m = suboptimal.partials(rows) * suboptimal.parameters.prior_sigmas

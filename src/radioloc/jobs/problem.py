@@ -5,7 +5,7 @@ Every job begins with one: a fit, a covariance analysis, the trials of a Monte C
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -40,6 +40,8 @@ from radioloc.targets.target import Target
 
 _EPHEMERIS_KINDS = ("moon_position", "moon_position_variation", "libration", "libration_variation")
 Kinds = list[tuple[Columns, list[Parameter]]]
+GravityErrorOrbits = Mapping[int, AdjustableOrbit]
+"""Orbits with considered errors of their gravity fields, by the index of the target."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,18 +142,21 @@ class EstimationProblem:
             return None
         return self.estimate.orbit.process_noise
 
-    def orbit_with_gravity_errors(self, x: NDArray[np.float64]) -> AdjustableOrbit | None:
-        """Return the orbit at parameters x with the considered errors of its gravity field."""
-        k = self.model.orbit_index
-        if k is None or self.process_noise is not None:  # process noise stands for what the field leaves out
-            return None
-        return self.model.targets[k].gravity_errors(x[self.model.columns_of(k)])
+    def orbits_with_gravity_errors(self, x: NDArray[np.float64]) -> GravityErrorOrbits:
+        """Return the orbits at parameters x with the considered errors of their gravity fields, by target."""
+        if self.process_noise is not None:  # which stands for what the field leaves out
+            return {}
+        orbits = {
+            k: target.gravity_errors(x[self.model.columns_of(k)])
+            for k, target in enumerate(self.model.targets)
+        }
+        return {k: orbit for k, orbit in orbits.items() if orbit is not None}
 
     def suboptimal_errors(
-        self, model: ObservationModel, x: NDArray[np.float64], orbit: AdjustableOrbit | None
+        self, model: ObservationModel, x: NDArray[np.float64], orbits: GravityErrorOrbits
     ) -> ConsideredErrors | None:
         """Return the errors that stay out of the weights at parameters x of a model, those of gravity last."""
-        gravity, errors = _gravity_errors(orbit, model), _errors_of(self.considered.suboptimal, model, x)
+        gravity, errors = _gravity_errors(orbits, model), _errors_of(self.considered.suboptimal, model, x)
         if gravity is None or errors is None:
             return errors if gravity is None else gravity
         return ConsideredErrors(
@@ -235,29 +240,58 @@ def _errors_of(kinds: Kinds, model: ObservationModel, x: NDArray[np.float64]) ->
     return ConsideredErrors(errors.parameters, design.partials)
 
 
-def _gravity_errors(orbit: AdjustableOrbit | None, model: ObservationModel) -> ConsideredErrors | None:
-    """Return the errors of an orbit's gravity field with their effects on the observations."""
-    if orbit is None:
+def _gravity_errors(orbits: GravityErrorOrbits, model: ObservationModel) -> ConsideredErrors | None:
+    """Return the errors of gravity fields with their effects on the observations, common to orbits in one field."""
+    if not orbits:
         return None
-    effects = model.effects_on_orbit(orbit)
-    names = [f"gravity_error.{k + 1}" for k in range(effects.shape[1])]
-    parameters = [Parameter(name, "1", "gravity_error", 0.0, 1.0, role=Role.CONSIDERED) for name in names]
-    return ConsideredErrors(ParameterSet(parameters), lambda rows: effects[rows])
+    effects = dict[str, NDArray[np.float64]]()
+    for k, prefix in _gravity_error_prefixes(orbits, model).items():
+        effects[prefix] = effects.get(prefix, 0.0) + model.effects_on_orbit(orbits[k], k)
+    parameters = [
+        Parameter(f"{prefix}{j + 1}", "1", "gravity_error", 0.0, 1.0, role=Role.CONSIDERED)
+        for prefix, of_field in effects.items()
+        for j in range(of_field.shape[1])
+    ]
+    effects_m = np.hstack(list(effects.values()))
+    return ConsideredErrors(ParameterSet(parameters), lambda rows: effects_m[rows])
 
 
-def orbit_state(
+def _gravity_error_prefixes(orbits: GravityErrorOrbits, model: ObservationModel) -> dict[int, str]:
+    """Return the beginning of the names of the errors of each orbit's field; that of the first names no target."""
+    fields, prefixes = dict[tuple[str, int], str](), dict[int, str]()
+    for k, orbit in orbits.items():
+        field = orbit.forces.gravity
+        of_others = f"gravity_error.{model.targets[k].name}." if fields else "gravity_error."
+        prefixes[k] = fields.setdefault((field.name, field.degree), of_others)
+    return prefixes
+
+
+def own_gravity_errors(
+    parameters: ParameterSet, orbits: GravityErrorOrbits, model: ObservationModel, target: int
+) -> list[int]:
+    """Return the indices of the considered errors of the gravity field that a target moves in."""
+    prefix = _gravity_error_prefixes(orbits, model).get(target)
+    return [k for k, name in enumerate(parameters.names) if prefix == f"{name.rpartition('.')[0]}."]
+
+
+def orbit_states(
     model: ObservationModel,
     x: NDArray[np.float64],
     covariance: NDArray[np.float64],
     consider: Consider | None,
-    orbit: AdjustableOrbit | None,
-) -> OrbitState | None:
-    """Return the state of the estimated orbit from the total `covariance` of x; `orbit` has the errors of gravity."""
-    k = model.orbit_index
-    if k is None:
-        return None
-    columns = model.columns_of(k)
-    sensitivity = np.zeros((columns.stop - columns.start, 0))
-    if consider is not None:
-        sensitivity = consider.sensitivity[columns][:, list(consider.parameters.of_kind("gravity_error"))]
-    return model.targets[k].estimate(x[columns], covariance[columns, columns], sensitivity, orbit)
+    orbits: GravityErrorOrbits,
+) -> dict[int, OrbitState]:
+    """Return the states of the estimated orbits by target, from the total `covariance` of x."""
+    states = dict[int, OrbitState]()
+    for k in model.orbit_indices:
+        columns = model.columns_of(k)
+        errors = [] if consider is None else own_gravity_errors(consider.parameters, orbits, model, k)
+        sensitivity = np.zeros((columns.stop - columns.start, 0))
+        if consider is not None:
+            sensitivity = consider.sensitivity[columns][:, errors]
+        state = model.targets[k].estimate(
+            x[columns], covariance[columns, columns], sensitivity, orbits.get(k)
+        )
+        assert state is not None  # the target moves by forces
+        states[k] = state
+    return states

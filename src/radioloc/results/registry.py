@@ -20,7 +20,14 @@ RESULTS = Registry(
             "solution",
             Solution,
             ("residuals", "position", "correlations", "distribution", "budget", "terms", "map"),
-            ("solution.json", "residuals.csv", "terms.csv", "map.[ps][nv]g", *ORBIT_FILES, "orbits/*.[bo][spe][pm]"),
+            (
+                "solution.json",
+                "residuals.csv",
+                "terms.csv",
+                "map.[ps][nv]g",
+                *ORBIT_FILES,
+                "orbits/*.[bo][spe][pm]",
+            ),
         ),
         ResultType(
             "arcs",

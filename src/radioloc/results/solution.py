@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import singledispatch
+from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np

@@ -112,18 +112,20 @@ class StateRow:
     def of(cls, target: str, arc: Arc, longest: OrbitState) -> StateRow:
         """Return the row of an arc."""
         state, total = arc.solution.states[target], arc.solution.fit.total
-        known = np.isfinite(state.parameter_covariance).all()
-        sigma_m = state.sigma_rtn_m(state.epoch)[0].tolist() if known else [None] * 3
-        apart = None if state is longest else state.difference_from_all(longest)
+        is_determined = np.isfinite(state.parameter_covariance).all()
+        sigma_m = state.sigma_rtn_m(state.epoch)[0] if is_determined else np.full(3, np.nan)
+        from_longest = None if state is longest else state.difference_from_all(longest)
+        differences_m = np.full(3, np.nan) if from_longest is None else np.array(from_longest.rtn_m)
+        sigmas, differences = (map(finite_or_none, item.tolist()) for item in (sigma_m, differences_m))
         return cls(
-            target,
-            arc.name,
-            *sigma_m,
-            *((None,) * 3 if apart is None else apart.rtn_m),
-            None if apart is None else apart.sigmas,
-            total.used,
-            total.rejected,
-            arc.solution.converged,
+            target=target,
+            name=arc.name,
+            **dict(zip((f"sigma_{axis}_m" for axis in RTN), sigmas, strict=True)),
+            **dict(zip((f"{axis}_m" for axis in RTN), differences, strict=True)),
+            from_longest_sigmas=None if from_longest is None else from_longest.sigmas,
+            used=total.used,
+            left_out=total.rejected,
+            converged=arc.solution.converged,
         )
 
 
@@ -331,7 +333,12 @@ class ArcStudy(Result):
     def _state_fields(self) -> Iterator[Field]:
         """Sigmas of the states of spacecraft, and differences from those of the longest arc."""
         longest = self.arcs[0].name
-        heading = ("", *(f"{axis}, m" for axis in RTN), *(f"from {longest}: {RTN[0]}, m", *RTN[1:]), "in sigmas")
+        heading = (
+            "",
+            *(f"{axis}, m" for axis in RTN),
+            *(f"from {longest}: {RTN[0]}, m", *RTN[1:]),
+            "in sigmas",
+        )
         for name, state in self.longest.states.items():
             where = f"of {state.orbit.name}, 1 sigma at {utc_strings(state.epoch, 0)[0]} TDB"
             rows = [_state_cells(row) for row in self.states if row.target == name]
@@ -434,8 +441,8 @@ def _notes(study: ArcStudy, rows: tuple[PositionRow, ...]) -> Iterator[str]:
         if state.from_longest_sigmas is not None and state.from_longest_sigmas > _MAX_CHANCE_SIGMAS[6]:
             yield (
                 f"states of {state.target or 'the orbiter'} from {state.name} and {study.arcs[0].name} differ by "
-                f"{state.from_longest_sigmas:.1f} sigmas (99.9 % are below {_MAX_CHANCE_SIGMAS[6]}): the sigmas are too "
-                "small, as errors of the data are correlated or the model is incomplete"
+                f"{state.from_longest_sigmas:.1f} sigmas (99.9 % are below {_MAX_CHANCE_SIGMAS[6]}): the sigmas are "
+                "too small, as errors of the data are correlated or the model is incomplete"
             )
     # What several arcs say alike is said once, of the longest; counts of observations differ from arc to arc.
     yield from (note for note in study.longest.notes if "not selected:" not in note)

@@ -1,8 +1,7 @@
-"""What a position rests on: the same study with its first hours only, and without each of its stations and links."""
+"""Fits of parts of a study's observations: its first hours, and all without each of its stations and links."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -11,17 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
-from radioloc.estimation.statistics import finite_or_none
 from radioloc.jobs.locate import logger, solve
 from radioloc.jobs.preparation import prepared_arc
-from radioloc.jobs.problem import EstimationProblem, arc_parts
+from radioloc.jobs.problem import EstimationProblem, arc_parts, require_position_or_orbit
 from radioloc.jobs.selection import DEFAULT_HOURS, arc_lengths
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.progress import progress_bar
-from radioloc.results.covariance import radius_95_m
-from radioloc.results.solution import Solution
-from radioloc.results.subsets import Arc, ArcStudy, LeaveOneOut, Without, apart
+from radioloc.results.subsets import Arc, ArcStudy, LeaveOneOut, Without
 from radioloc.study.study import Reference, Study
 from radioloc.study.study_file import as_study
 from radioloc.study.weights import rows_by_station
@@ -60,10 +56,10 @@ def arcs(
     [True, True]
     """
     study = as_study(study)
-    if not study.points:
+    if not (study.points or study.orbiters):
         raise InputError(
-            f"{study.name}: an arc-length study compares positions, but the target is a trajectory; use locate or "
-            "residuals, and of an orbiter `radioloc covariance` for what each length tells"
+            f"{study.name}: an arc-length study compares positions and states, but the motion of each target is "
+            "known; use `radioloc residuals`"
         )
     lengths = arc_lengths(hours, study.observations)
     known = (() if study.reference is None else (study.reference,)) + study.references
@@ -73,7 +69,7 @@ def arcs(
         reference=known[0] if known else None,
     )
     longest, left_out = prepared_arc(whole, observations)
-    found = []
+    solutions = []
     for part in arc_parts(EstimationProblem.of(whole, longest, whole.estimate), reversed(lengths)):
         later = len(longest.observations) - len(part.rows)
         reasons = dict(left_out)
@@ -82,13 +78,15 @@ def arcs(
         of_part = replace(whole.observations, hours=part.hours)
         part_study = replace(whole, name=f"{study.name}, {part.hours:g} h", observations=of_part)
         solution = solve(replace(part.problem, study=part_study), reasons)
-        found.append(Arc(part.hours, part.span_h, solution))
+        solutions.append(Arc(part.hours, part.span_h, solution))
     constants = longest.model.ephemeris.constants
     references = [Reference(item.position.to_axes("ME", constants), item.name) for item in known]
-    return ArcStudy(study.name, tuple(found), tuple(references), study.longitude_to_360)
+    return ArcStudy(study.name, tuple(solutions), tuple(references), study.longitude_to_360)
 
 
-def leave_one_out(study: Study | str | Path, *, progress: bool = False) -> LeaveOneOut:
+def leave_one_out(
+    study: Study | str | Path, observations: Observations | None = None, *, progress: bool = False
+) -> LeaveOneOut:
     """Fit a study without each of its stations and, where they are others, without each of its links.
 
     The model is prepared once; each fit has its own editing and weights.
@@ -96,14 +94,17 @@ def leave_one_out(study: Study | str | Path, *, progress: bool = False) -> Leave
     Parameters
     ----------
     study : Study or path-like
-        Of one position on the Moon, which is estimated.
+        Of which a position or an orbit is estimated.
+    observations : Observations, optional
+        In place of the study's files.
     progress : bool
-        Whether a bar on standard error tells how many fits are done.
+        Whether to show a progress bar of the fits on standard error.
 
     Raises
     ------
     RadiolocError
-        As :func:`~radioloc.jobs.locate.locate`; the study is of another kind, or all observations are of one link.
+        As :func:`~radioloc.jobs.locate.locate`; nothing is estimated of any target, or all observations are of one
+        link.
 
     Examples
     --------
@@ -112,12 +113,8 @@ def leave_one_out(study: Study | str | Path, *, progress: bool = False) -> Leave
     ['JIAMUSI', 'KASHI']
     """
     study = as_study(study)
-    if study.orbiter is not None or len(study.targets) > 1 or study.estimate.position == "none":
-        raise InputError(
-            f"{study.name}: leaving stations out needs one position on the Moon that is estimated; of an orbiter "
-            "`radioloc covariance` says what each station tells"
-        )
-    arc, left_out = prepared_arc(study)
+    require_position_or_orbit(study, "leaving stations out")
+    arc, left_out = prepared_arc(study, observations)
     groups = _groups(arc, study)
     if not groups:
         raise InputError(
@@ -126,13 +123,13 @@ def leave_one_out(study: Study | str | Path, *, progress: bool = False) -> Leave
         )
     problem = EstimationProblem.of(study, arc, study.estimate)
     whole = solve(problem, left_out)
-    found = []
+    rows = list[Without]()
     for (kind, name), mine in progress_bar(groups.items(), shown=progress, unit="fit"):
         logger.info("without %s", name)
         reasons = left_out | {f"of {name}": int(mine.sum())}
         solution = solve(problem.select(np.flatnonzero(~mine)), reasons, consistency=False)
-        found.append(_without(kind, name, int(mine.sum()), solution, whole))
-    return LeaveOneOut(whole, tuple(found))
+        rows += Without.of(kind, name, int(mine.sum()), solution, whole)
+    return LeaveOneOut(whole, tuple(rows))
 
 
 def _groups(arc: Predictor, study: Study) -> dict[tuple[str, str], _Mask]:
@@ -146,21 +143,3 @@ def _groups(arc: Predictor, study: Study) -> dict[tuple[str, str], _Mask]:
     for key, mine in found.items():
         distinct.setdefault(mine.tobytes(), key)
     return {key: found[key] for key in distinct.values() if not found[key].all()}
-
-
-def _without(kind: str, name: str, count: int, part: Solution, whole: Solution) -> Without:
-    used, converged = part.fit.total.used, part.converged
-    if not (part.position_determined and whole.position_determined):
-        return Without(kind, name, count, used, converged)
-    shift = apart(part, whole)
-    return Without(
-        kind,
-        name,
-        count,
-        used,
-        converged,
-        finite_or_none(radius_95_m(part.position_covariance()[:2, :2])),
-        shift.difference_enu_m,
-        shift.sigma_enu_m,
-        None if shift.chi2 is None else math.sqrt(shift.chi2),
-    )

@@ -5,6 +5,7 @@ The table of arcs beside known positions is that of Wang et al. (2021), table 1.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -48,7 +49,7 @@ from radioloc.results.tables import (
     residual_table,
 )
 from radioloc.tables import TableForm, as_table
-from radioloc.targets.orbit_state import RTN, OrbitState
+from radioloc.targets.orbit_state import EAST_NORTH_UP, RTN, OrbitState
 from radioloc.time import utc_strings
 
 _ARCS_IN_ROW = 3
@@ -450,17 +451,55 @@ def _notes(study: ArcStudy, rows: tuple[PositionRow, ...]) -> Iterator[str]:
 
 @dataclass(frozen=True, slots=True)
 class Without:
-    """The position without a station or a link; what is not determined without it is None."""
+    """Place or state of a target without a station or a link; None where it is not determined without it."""
 
     kind: str  # "station" or "link"
     name: str  # the station, or the path of the link
     left_out: int  # observations that go with it
     used: int  # observations that are used without it
     converged: bool
-    radius_95_m: float | None = None  # of the horizontal position
-    shift_enu_m: tuple[float, float, float] | None = None  # the position without it less that with all
+    target: str = ""  # name where there are several
+    quantity: str = "position"  # or "state" of a spacecraft
+    radius_95_m: float | None = None  # of the horizontal position of a place
+    shift_enu_m: tuple[float, float, float] | None = None  # the place without it less that with all
     sigma_enu_m: tuple[float | None, ...] | None = None  # of that shift
-    sigmas: float | None = None  # length of the shift in standard deviations of it, over all components
+    shift_rtn_m: tuple[float, float, float] | None = None  # of a state at its epoch, radial, along and across
+    sigma_rtn_m: tuple[float, float, float] | None = None
+    # Length of the shift in standard deviations of it, over the components of a place or of position and velocity.
+    sigmas: float | None = None
+
+    @classmethod
+    def of(cls, kind: str, name: str, left_out: int, part: Solution, whole: Solution) -> Iterator[Without]:
+        """Yield the places and states of a solution without some observations, compared with those with all."""
+        row = cls(kind, name, left_out, part.fit.total.used, part.converged)
+        for target in _names_of_places(whole):
+            places = [solution.of_target(target) if target else solution for solution in (part, whole)]
+            yield replace(row, target=target)._with_place(*places)
+        for target, state in whole.states.items():
+            yield replace(row, target=target, quantity="state")._with_state(part.states[target], state)
+
+    def _with_place(self, part: Solution, whole: Solution) -> Without:
+        if not (part.position_determined and whole.position_determined):
+            return self
+        shift = apart(part, whole)
+        return replace(
+            self,
+            radius_95_m=finite_or_none(radius_95_m(part.position_covariance()[:2, :2])),
+            shift_enu_m=shift.difference_enu_m,
+            sigma_enu_m=shift.sigma_enu_m,
+            sigmas=None if shift.chi2 is None else math.sqrt(shift.chi2),
+        )
+
+    def _with_state(self, part: OrbitState, whole: OrbitState) -> Without:
+        if not (np.isfinite(part.covariance).all() and np.isfinite(whole.covariance).all()):
+            return self
+        shift = part.difference_from_all(whole)
+        return replace(self, shift_rtn_m=shift.rtn_m, sigma_rtn_m=shift.sigma_rtn_m, sigmas=shift.sigmas)
+
+    @property
+    def shift_m(self) -> tuple[float, float, float] | None:
+        """Shift of the place, east, north and up, or of the state, radial, along and across."""
+        return self.shift_enu_m or self.shift_rtn_m
 
     @property
     def shown(self) -> str:
@@ -473,14 +512,14 @@ class Without:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LeaveOneOut(Result):
-    """A solution, and the positions without each of its stations and links; ``str()`` is a card."""
+    """A solution, and the places and states without each of its stations and links; ``str()`` is a card."""
 
     solution: Solution  # from all observations
-    without: tuple[Without, ...]  # stations, then links
+    without: tuple[Without, ...]  # stations, then links; of each, those of all targets
 
     @property
     def name(self) -> str:
-        """The study's."""
+        """Name of the study."""
         return self.solution.name
 
     @property
@@ -491,14 +530,19 @@ class LeaveOneOut(Result):
     def columns(self) -> dict[str, NDArray[Any]]:
         """Return the columns of the table by name; NaN where there is no number."""
         rows = [asdict(row) for row in self.without]
-        found = {key: np.array([row[key] for row in rows]) for key in ("kind", "name", "left_out", "used")}
-        found["converged"] = np.array([int(row.converged) for row in self.without])
+        several = ("target", "quantity") if len(self._compared) > 1 else ()
+        keys = ("kind", "name", *several, "left_out", "used")
+        columns = {key: np.array([row[key] for row in rows]) for key in keys}
+        columns["converged"] = np.array([int(row.converged) for row in self.without])
         numbers: dict[str, Any] = {"radius_95_m": [row.radius_95_m for row in self.without]}
-        for key in ("shift", "sigma"):
-            enu = np.array([row[f"{key}_enu_m"] or (None,) * 3 for row in rows]).reshape(-1, 3)
-            numbers |= {f"{key}_{axis}_m": enu[:, k] for k, axis in enumerate(("east", "north", "up"))}
+        quantities = {row.quantity for row in self.without}
+        axes = {"enu": EAST_NORTH_UP} if "position" in quantities else {}
+        axes |= {"rtn": RTN} if "state" in quantities else {}
+        for key, (of_axes, names) in itertools.product(("shift", "sigma"), axes.items()):
+            values = np.array([row[f"{key}_{of_axes}_m"] or (None,) * 3 for row in rows]).reshape(-1, 3)
+            numbers |= {f"{key}_{axis}_m": values[:, k] for k, axis in enumerate(names)}
         numbers["sigmas"] = [row.sigmas for row in self.without]
-        return found | {key: np.array(column, dtype=np.float64) for key, column in numbers.items()}
+        return columns | {key: np.array(column, dtype=np.float64) for key, column in numbers.items()}
 
     def to_table(self, form: TableForm = "astropy") -> Any:
         """One row for each as a ``QTable`` of astropy, with units, or a ``DataFrame`` of pandas."""
@@ -517,39 +561,71 @@ class LeaveOneOut(Result):
         yield from self.solution.failures()
 
     def card(self) -> Card:
-        """Shifts of the position without each station and link."""
-        heading = ("without", "used", "east, m", "north, m", "up, m", "sigmas", "95 %, m")
-        radius_m = radius_95_m(self.solution.position_covariance()[:2, :2])
+        """Card of the shifts of each target without each station and link."""
+        used = f"{self.solution.fit.total.used} observations used"
+        names = _names_of_places(self.solution)
+        places = [self.solution.of_target(name) if name else self.solution for name in names]
+        radii = (
+            f"95 % {f'of {name} ' if name else ''}within {metres(radius_95_m(place.position_covariance()[:2, :2]))} m"
+            for name, place in zip(names, places, strict=True)
+        )
         return Card(
             [
                 Field("left out", [f"each station and link of {self.solution.name} in turn"]),
-                Field(
-                    "all",
-                    [f"{self.solution.fit.total.used} observations used; 95 % within {metres(radius_m)} m"],
-                ),
-                Field("shift", (), heading, map(_shift_cells, self.without)),
+                Field("all", ["; ".join((used, *radii))]),
+                *self._shifts(),
                 Field("notes", self._notes()),
             ],
             [provenance_detail(self.solution.provenance)],
         )
 
+    @property
+    def _compared(self) -> list[tuple[str, str]]:
+        """Targets and quantities that are compared."""
+        return list(dict.fromkeys((row.target, row.quantity) for row in self.without))
+
+    def _shifts(self) -> Iterator[Field]:
+        """Yield the table of each target and quantity."""
+        for target, quantity in self._compared:
+            rows = [row for row in self.without if (row.target, row.quantity) == (target, quantity)]
+            of_state = quantity == "state"
+            sides = (f"{axis}, m" for axis in (RTN if of_state else EAST_NORTH_UP))
+            heading = ("without", "used", *sides, "sigmas", *(() if of_state else ("95 %, m",)))
+            cells = ((self._label(row), *_shift_cells(row))[: len(heading)] for row in rows)
+            of_target = f"of the {quantity}{f' of {target}' if target else ''}"
+            yield Field("shift", (of_target,) if len(self._compared) > 1 else (), heading, cells)
+
+    def _label(self, row: Without) -> str:
+        """Name of a station or a link, of several targets with those of the link."""
+        several = row.kind == "link" and len(self._compared) > 1
+        return f"{row.shown}, {', '.join(Link.from_path(row.name).targets)}" if several else row.shown
+
     def _notes(self) -> Iterator[str]:
         for row in self.without:
-            if row.shift_enu_m is None:
-                yield f"without {row.shown} the position is not determined"
+            what = f"{row.quantity}{f' of {row.target}' if row.target else ''}"
+            limit = _MAX_CHANCE_SIGMAS[6 if row.quantity == "state" else 3]
+            if row.shift_m is None:
+                yield f"without {self._label(row)} the {what} is not determined"
             elif not row.converged:
-                yield f"without {row.shown} the fit does not converge"
-            elif row.sigmas is not None and row.sigmas > _MAX_CHANCE_SIGMAS[3]:
+                yield f"without {self._label(row)} the fit does not converge"
+            elif row.sigmas is not None and row.sigmas > limit:
                 yield (
-                    f"without {row.shown} the position moves by {math.hypot(*row.shift_enu_m):.3g} m, {row.sigmas:.1f} "
-                    f"sigmas of that shift (99.9 % are below {_MAX_CHANCE_SIGMAS[3]}): it does not fit the others, or "
-                    "the sigmas are too small"
+                    f"without {self._label(row)} the {what} moves by {math.hypot(*row.shift_m):.3g} m, "
+                    f"{row.sigmas:.1f} sigmas of that shift (99.9 % are below {limit}): it does not fit the "
+                    "others, or the sigmas are too small"
                 )
         yield from which_sigmas([self.solution])
 
 
+def _names_of_places(solution: Solution) -> list[str]:
+    """Return the names of the targets whose places are estimated; empty of the only one."""
+    if solution.targets:
+        return [item.name for item in solution.targets if solution.of_target(item.name).position_estimated]
+    return [""] if solution.trajectory is None and solution.position_estimated else []
+
+
 def _shift_cells(row: Without) -> tuple[str, ...]:
-    if row.shift_enu_m is None:
-        return (row.shown, str(row.used), *("-" * 5))
+    if row.shift_m is None:
+        return (str(row.used), *("-" * 5))
     sigmas = "-" if row.sigmas is None else f"{row.sigmas:.1f}"
-    return (row.shown, str(row.used), *map(signed_metres, row.shift_enu_m), sigmas, metres(row.radius_95_m))
+    return (str(row.used), *map(signed_metres, row.shift_m), sigmas, metres(row.radius_95_m))

@@ -54,3 +54,79 @@ def test_places_of_points_and_of_a_descent_are_found_together(together):
         error_m = solution.position_pa_m - place.to_axes("PA", model.ephemeris.constants).xyz_m
         covariance = solution.position_covariance("pa")
         assert error_m @ np.linalg.solve(covariance, error_m) < 16.3, name  # 0.1 % of three
+
+
+@pytest.fixture(scope="module")
+def arcs(scene):
+    return radioloc.arcs(scene.study(*ALL), (0.3, 0.5), scene.observations)
+
+
+@pytest.fixture(scope="module")
+def without(scene):
+    return radioloc.leave_one_out(scene.study("lander", "craft", "descent"), scene.observations)
+
+
+@pytest.mark.study
+def test_state_of_a_part_differs_from_that_of_all_by_what_it_should(arcs):
+    rows = {row.target: row for row in arcs.states if row.from_longest_sigmas is not None}
+    assert [*rows] == ["craft", "other", "descent"]
+    for name, row in rows.items():
+        assert row.from_longest_sigmas < 4.74, name  # 99.9 % of six
+    assert rows["craft"].sigma_along_m > arcs.states[0].sigma_along_m
+    assert arcs.converged
+
+
+@pytest.mark.study
+def test_states_of_arcs_contain_the_truth(arcs):
+    for arc in arcs.arcs:
+        for name, truth in (("craft", STATE), ("other", TURNED)):
+            state = arc.solution.states[name]
+            error = np.concatenate([state.position_m, state.velocity_m_s]) - truth
+            assert error @ np.linalg.solve(state.covariance, error) < 22.5, (arc.name, name)
+
+
+@pytest.mark.study
+def test_arcs_of_targets_of_every_kind_have_positions_states_and_files(arcs, tmp_path):
+    assert {name for row in arcs.rows for name in [row.name.partition(",")[0]]} == {
+        "lander",
+        "rover",
+        "descent",
+    }
+    card = str(arcs)
+    assert "craft" in card
+    assert "other" in card
+    radioloc.write_report(arcs, tmp_path)
+    states = (tmp_path / "states.csv").read_text().splitlines()
+    assert states[0].startswith("target,name,sigma_radial_m")
+    assert len(states) == 1 + 2 * 3
+
+
+@pytest.mark.study
+def test_places_and_states_without_a_station_are_within_sigmas_of_those_with_all(without):
+    compared = {(row.target, row.quantity) for row in without.without}
+    assert compared == {
+        ("lander", "position"),
+        ("descent", "position"),
+        ("craft", "state"),
+        ("descent", "state"),
+    }
+    for row in without.without:
+        assert row.converged, row
+        assert row.sigmas is None or row.sigmas < (4.03 if row.quantity == "position" else 4.74), row
+    stations = [row for row in without.without if row.kind == "station"]
+    assert all(row.sigmas is not None for row in stations)
+    table = without.columns()
+    assert {"target", "quantity", "shift_east_m", "shift_radial_m"} <= {*table}
+    assert "of the state of craft" in str(without)
+
+
+@pytest.mark.study
+def test_files_of_several_orbits_are_in_a_folder(together, tmp_path):
+    radioloc.write_report(together, tmp_path)
+    names = sorted(path.name for path in (tmp_path / "orbits").iterdir())
+    assert names == [
+        f"{name}.{form}" for name in ("craft", "descent", "other") for form in ("bsp", "oem", "opm")
+    ]
+    content = together.to_dict()
+    assert [*content["states"]] == ["craft", "other", "descent"]
+    assert content["states"]["craft"] == content["state"]

@@ -81,5 +81,5 @@ def test_nothing_can_be_left_out_of_one_link():
 
 def test_a_position_must_be_estimated(study):
     held = replace(study, estimate=replace(study.estimate, position="none"))
-    with pytest.raises(InputError, match="one position on the Moon that is estimated"):
+    with pytest.raises(InputError, match="needs the position estimated"):
         leave_one_out(held)

@@ -390,6 +390,7 @@ class Solution(Result):
             "message": self.message,
             "trajectory": self.trajectory,
             "state": None if self.state is None else self.state.to_dict(),
+            "states": {name: state.to_dict() for name, state in self.states.items() if len(self.states) > 1},
             **self._position_dict(),
             "biases": self._bias_dict("range_bias", "m"),
             "time_biases": self._bias_dict("time_bias", "s"),
@@ -407,8 +408,6 @@ class Solution(Result):
                 "passes": self.passes,
             },
         }
-        if len(self.states) > 1:
-            content["states"] = {name: state.to_dict() for name, state in self.states.items()}
         if self.targets:
             each = {target.name: self.of_target(target.name) for target in self.targets}
             content["targets"] = {

@@ -2,7 +2,7 @@
 
 from radioloc.dynamics.accelerations import acceleration_sizes, acceleration_terms
 from radioloc.dynamics.adjustable import AdjustableOrbit
-from radioloc.dynamics.elements import elements_of_state, state_of_elements
+from radioloc.dynamics.elements import elements_from_state, state_from_elements
 from radioloc.dynamics.forces import BODIES, Acceleration, Forces, Impulse
 from radioloc.dynamics.gravity import GravityField
 from radioloc.dynamics.gravity_errors import draw_gravity_errors, gravity_error_effects
@@ -21,8 +21,8 @@ __all__ = [
     "acceleration_sizes",
     "acceleration_terms",
     "draw_gravity_errors",
-    "elements_of_state",
+    "elements_from_state",
     "gravity_error_effects",
     "propagate",
-    "state_of_elements",
+    "state_from_elements",
 ]

@@ -19,35 +19,35 @@ from radioloc.vectors import Floats
 SUN_RADIUS_M = 6.957e8  # IAU 2015 resolution B3, as the Sun's irradiance below
 EARTH_RADIUS_M = 6378136.6  # IERS Conventions 2010, table 1.1
 SUNLIGHT_N_M2 = 1361.0 / C_M_S
-"""Pressure of sunlight on a black surface at one astronomical unit."""
+"""Pressure of sunlight on a black surface at one astronomical unit, N/m^2."""
 AU_M = 149597870700.0  # IAU 2012 resolution B2
 EARTH_J2 = 1.0826359e-3  # IERS Conventions 2010, table 1.1; to the radius above
 
-RINGS = 3
+RING_COUNT = 3
 """Rings of directions in which moonlight is sampled: 1, 6 and 12."""
-TERMINATOR = 0.03
-"""Sine of the Sun's height over which day becomes night on the ground: a corner there would disturb the steps."""
+TERMINATOR_SINE = 0.03
+"""Sine of the Sun's height in which day becomes night on the ground; a corner would disturb the step size."""
 
 
 @compiled()
 def quantities(t: float, data: ForceData) -> Floats:
-    """Quantities of the table at a time, by Clenshaw's recurrence."""
+    """Return the quantities of the table at a time, by Clenshaw's recurrence."""
     place = (t - data.start_s) / data.length_s
     segment = min(max(int(place), 0), data.table.shape[0] - 1)
-    twice = 4.0 * (place - segment) - 2.0
+    double_x = 4.0 * (place - segment) - 2.0
     series = data.table[segment]
     out = np.empty(series.shape[0])
     for q in range(series.shape[0]):
-        b, after = 0.0, 0.0
+        b, previous = 0.0, 0.0
         for k in range(series.shape[1] - 1, 0, -1):
-            b, after = series[q, k] + (twice * b - after), b
-        out[q] = series[q, 0] + (0.5 * twice * b - after)
+            b, previous = series[q, k] + (double_x * b - previous), b
+        out[q] = series[q, 0] + (0.5 * double_x * b - previous)
     return out
 
 
 @compiled()
 def _harmonics(r: Floats, rotation: Floats, data: ForceData) -> Floats:
-    """Acceleration by all but the central term, for a GM of 1."""
+    """Return the acceleration by the harmonics without the central term, for a GM of 1."""
     p = times(rotation, r)
     sums = harmonic_sums(p[0], p[1], p[2], data.radius_m, data.series, data.recursion)
     out = np.zeros(3)
@@ -58,7 +58,7 @@ def _harmonics(r: Floats, rotation: Floats, data: ForceData) -> Floats:
 
 @compiled()
 def _tensor(sky: Floats, gm: Floats, permanent: Floats) -> Floats:
-    """Tide-raising tensor of Earth and Sun, sum of GM u u / R^3, less the part that the field contains; ICRF axes."""
+    """Return the tide-raising tensor of Earth and Sun, sum of GM u u / R^3, less that of the field, ICRF axes."""
     out = np.zeros((3, 3))
     if permanent[0, 0] != 0.0:
         rotation = sky[layout.ROTATION : layout.ROTATION + 9].reshape((3, 3))
@@ -75,21 +75,21 @@ def _tensor(sky: Floats, gm: Floats, permanent: Floats) -> Floats:
 
 @compiled()
 def _tides(r: Floats, tensor: Floats, radius_m: float) -> Floats:
-    """Acceleration by the tidal bulge for k2 = 1: gradient of R^5 (3 r.S r - tr S r^2) / (2 r^5)."""
+    """Return the acceleration by the tidal bulge for k2 = 1: gradient of R^5 (3 r.S r - tr S r^2) / (2 r^5)."""
     square = dot(r, r)
     trace = tensor[0, 0] + tensor[1, 1] + tensor[2, 2]
     pulled = times(tensor, r)
-    along = 3.0 * dot(r, pulled) - trace * square
+    invariant = 3.0 * dot(r, pulled) - trace * square
     factor = 0.5 * radius_m**5 / (square * square * math.sqrt(square))
     out = np.empty(3)
     for i in range(3):
-        out[i] = factor * (6.0 * pulled[i] - 2.0 * trace * r[i] - 5.0 * along / square * r[i])
+        out[i] = factor * (6.0 * pulled[i] - 2.0 * trace * r[i] - 5.0 * invariant / square * r[i])
     return out
 
 
 @compiled()
 def _oblate(r: Floats, gm: float) -> Floats:
-    """Acceleration by the Earth's J2 at a position from its centre; its axis is taken to be the ICRF's."""
+    """Return the acceleration by the Earth's J2 at a geocentric position; its axis is the z axis of the ICRF."""
     square = dot(r, r)
     sine2 = r[2] * r[2] / square
     factor = -1.5 * EARTH_J2 * gm * EARTH_RADIUS_M**2 / (square * square * math.sqrt(square))
@@ -101,8 +101,8 @@ def _oblate(r: Floats, gm: float) -> Floats:
 
 @compiled()
 def _post_newtonian(r: Floats, v: Floats, first: int, places: Floats, speeds: Floats, gm: Floats) -> Floats:
-    """Acceleration beyond Newton's by the bodies (Moon, Earth, Sun) from `first` on (Moyer 2003, eq. 4-26)."""
-    # Left out: accelerations of the bodies, below 1e-12 m/s^2; planets, whose potential changes the Moon's GM by 1e-11.
+    """Return the post-Newtonian acceleration by Moon, Earth and Sun from index `first` on (Moyer 2003, eq. 4-26)."""
+    # Neglected: accelerations of the bodies, below 1e-12 m/s^2; planets, which change the Moon's GM by 1e-11.
     out = np.zeros(3)
     potential = 0.0
     for j in range(first, 3):
@@ -116,20 +116,20 @@ def _post_newtonian(r: Floats, v: Floats, first: int, places: Floats, speeds: Fl
         bracket -= 1.5 * dot(to, speed) ** 2 / square
         for k in range(3):
             if k != j:
-                apart = minus(places[k], places[j])
-                bracket -= gm[k] / math.sqrt(dot(apart, apart))
+                separation = minus(places[k], places[j])
+                bracket -= gm[k] / math.sqrt(dot(separation, separation))
         factor = gm[j] / (C_M_S**2 * square * distance)
-        along = 0.0
+        projection = 0.0
         for i in range(3):
-            along -= to[i] * (4.0 * v[i] - 3.0 * speed[i])
+            projection -= to[i] * (4.0 * v[i] - 3.0 * speed[i])
         for i in range(3):
-            out[i] += factor * (bracket * to[i] + along * (v[i] - speed[i]))
+            out[i] += factor * (bracket * to[i] + projection * (v[i] - speed[i]))
     return out
 
 
 @compiled()
 def sunlit(r: Floats, sun: Floats, body: Floats, radius_m: float) -> float:
-    """Visible part of the Sun's disk behind a sphere (Montenbruck and Gill 2000, section 3.4.2)."""
+    """Return the visible fraction of the Sun's disk behind a sphere (Montenbruck and Gill 2000, section 3.4.2)."""
     to_sun, to_body = minus(sun, r), minus(body, r)
     sun_m, body_m = math.sqrt(dot(to_sun, to_sun)), math.sqrt(dot(to_body, to_body))
     if body_m >= sun_m or body_m <= radius_m:
@@ -150,7 +150,7 @@ def sunlit(r: Floats, sun: Floats, body: Floats, radius_m: float) -> float:
 
 @compiled()
 def _sunlight(r: Floats, sun: Floats, earth: Floats) -> Floats:
-    """Acceleration by sunlight for a radiation coefficient of 1 m^2/kg."""
+    """Return the acceleration by sunlight for a radiation coefficient of 1 m^2/kg."""
     from_sun = minus(r, sun)
     square = dot(from_sun, from_sun)
     visible = sunlit(r, sun, np.zeros(3), MEAN_LUNAR_RADIUS_M) * sunlit(r, sun, earth, EARTH_RADIUS_M)
@@ -162,8 +162,8 @@ def _sunlight(r: Floats, sun: Floats, earth: Floats) -> Floats:
 @compiled()
 def _moonlight(r: Floats, sun: Floats) -> Floats:
     """Return the acceleration by light and heat from the Moon, for a radiation coefficient of 1 m^2/kg."""
-    # The ground returns all sunlight at once and evenly (Lambert): what it does not reflect, it radiates. The
-    # radiance is summed over directions of equal solid angle, a middle and rings (Knocke et al. 1988, AIAA 88-4292).
+    # The ground returns all sunlight, reflected or as heat, at once and evenly (Lambert). The radiance is summed over
+    # directions of equal solid angle, a middle and rings (Knocke et al. 1988, AIAA 88-4292).
     distance = math.sqrt(dot(r, r))
     sun_m = math.sqrt(dot(sun, sun))
     up, to_sun = unit(r), unit(sun)
@@ -175,24 +175,26 @@ def _moonlight(r: Floats, sun: Floats) -> Floats:
     side = unit(side)
     across = cross(up, side)
     limb = math.sqrt(1.0 - min(1.0, (MEAN_LUNAR_RADIUS_M / distance) ** 2))
-    count = 1 + 3 * RINGS * (RINGS - 1)
+    count = 1 + 3 * RING_COUNT * (RING_COUNT - 1)
     down, ground, summed, out = np.empty(3), np.empty(3), np.zeros(3), np.zeros(3)
-    within = 0
-    for ring in range(RINGS):
+    inner_count = 0
+    for ring in range(RING_COUNT):
         members = max(1, 6 * ring)
-        cosine = 1.0 - (1.0 - limb) * (within + 0.5 * members) / count if ring else 1.0
+        cosine = 1.0 - (1.0 - limb) * (inner_count + 0.5 * members) / count if ring else 1.0
         sine = math.sqrt(1.0 - cosine * cosine)
-        within += members
+        inner_count += members
         root = MEAN_LUNAR_RADIUS_M**2 - (distance * sine) ** 2
         reach = distance * cosine - math.sqrt(max(0.0, root))
         for k in range(members):
             angle = 2.0 * math.pi * (k + 0.5) / members
-            along, aside = math.cos(angle), math.sin(angle)
+            cosine_k, sine_k = math.cos(angle), math.sin(angle)
             for i in range(3):
-                down[i] = -cosine * up[i] + sine * (along * side[i] + aside * across[i])
+                down[i] = -cosine * up[i] + sine * (cosine_k * side[i] + sine_k * across[i])
                 ground[i] = (r[i] + reach * down[i]) / MEAN_LUNAR_RADIUS_M
             height = dot(ground, to_sun)
-            add(summed, -0.5 * (height + math.sqrt(height * height + TERMINATOR * TERMINATOR)), down)
+            add(
+                summed, -0.5 * (height + math.sqrt(height * height + TERMINATOR_SINE * TERMINATOR_SINE)), down
+            )
     # Radiance = irradiance / pi; each direction stands for this solid angle.
     solid = 2.0 * math.pi * (1.0 - limb) / count
     add(out, SUNLIGHT_N_M2 * (AU_M / sun_m) ** 2 * solid / math.pi, summed)
@@ -201,7 +203,7 @@ def _moonlight(r: Floats, sun: Floats) -> Floats:
 
 @compiled()
 def axes(r: Floats, v: Floats) -> Floats:
-    """Radial, transverse and normal unit vectors as rows."""
+    """Return radial, transverse and normal unit vectors as rows."""
     radial, normal = unit(r), unit(cross(r, v))
     transverse = cross(normal, radial)
     out = np.empty((3, 3))
@@ -211,14 +213,14 @@ def axes(r: Floats, v: Floats) -> Floats:
 
 
 @compiled()
-def unit_components(r: Floats, v: Floats, one: Floats, phase: Floats) -> Floats:
-    """Accelerations for each of the COMPONENTS of a given one at 1 m/s^2, shape (COMPONENTS, 3)."""
-    out = np.empty((layout.COMPONENTS, 3))
+def unit_components(r: Floats, v: Floats, columns: Floats, phase: Floats) -> Floats:
+    """Return empirical accelerations for each component at 1 m/s^2, shape (COMPONENT_COUNT, 3)."""
+    out = np.empty((layout.COMPONENT_COUNT, 3))
     base = np.zeros((3, 3))
     for k in range(3):
         base[k, k] = 1.0
-    if one[layout.OF_RTN] > 0.0:
-        normal = one[layout.NORMAL : layout.NORMAL + 3]
+    if columns[layout.IS_RTN] > 0.0:
+        normal = columns[layout.PLANE_NORMAL : layout.PLANE_NORMAL + 3]
         base = axes(r, cross(normal, r) if dot(normal, normal) > 0.0 else v)
     angle = math.atan2(dot(r, phase[1]), dot(r, phase[0]))
     cosine, sine = math.cos(angle), math.sin(angle)
@@ -229,21 +231,21 @@ def unit_components(r: Floats, v: Floats, one: Floats, phase: Floats) -> Floats:
 
 
 @compiled()
-def _given(r: Floats, v: Floats, given: Floats, phase: Floats) -> Floats:
-    """Sum of the given accelerations that act."""
+def _empirical(r: Floats, v: Floats, empirical: Floats, phase: Floats) -> Floats:
+    """Return the sum of the active empirical accelerations."""
     out = np.zeros(3)
-    for i in range(len(given)):
-        one = given[i]
-        if one[layout.ACTS] > 0.0:
-            units = unit_components(r, v, one, phase)
-            for k in range(layout.COMPONENTS):
-                add(out, one[layout.FIRST + k], units[k])
+    for i in range(len(empirical)):
+        columns = empirical[i]
+        if columns[layout.IS_ACTIVE] > 0.0:
+            units = unit_components(r, v, columns, phase)
+            for k in range(layout.COMPONENT_COUNT):
+                add(out, columns[layout.FIRST_COMPONENT + k], units[k])
     return out
 
 
 @compiled()
 def accelerations(r: Floats, v: Floats, sky: Floats, data: ForceData) -> Floats:
-    """Each of PARTS for a scale of 1, m/s^2, shape (len(PARTS), 3); zeros for those that are not on."""
+    """Return each of PARTS for a scale of 1, m/s^2, shape (len(PARTS), 3); zeros for parts switched off."""
     out = np.zeros((len(layout.PARTS), 3))
     square = dot(r, r)
     earth, sun = sky[:3], sky[3:6]
@@ -258,14 +260,19 @@ def accelerations(r: Floats, v: Floats, sky: Floats, data: ForceData) -> Floats:
         if on[layout.EARTH + body - 1]:
             place = sky[3 * body - 3 : 3 * body]
             to = minus(place, r)
-            near, far = dot(to, to), dot(place, place)
+            square_to, square_place = dot(to, to), dot(place, place)
             for i in range(3):
-                direct, indirect = to[i] / (near * math.sqrt(near)), place[i] / (far * math.sqrt(far))
+                direct, indirect = (
+                    to[i] / (square_to * math.sqrt(square_to)),
+                    place[i] / (square_place * math.sqrt(square_place)),
+                )
                 out[layout.EARTH + body - 1, i] = gm[body] * (direct - indirect)
     if on[layout.FIGURES]:
         add(out[layout.FIGURES], 1.0, _oblate(minus(r, earth), gm[1]))
-        add(out[layout.FIGURES], 1.0, _oblate(earth, gm[1]))  # less that at -earth, where the Moon is
-        # The Earth pulls the Moon's figure as that pulls the Earth.
+        add(
+            out[layout.FIGURES], 1.0, _oblate(earth, gm[1])
+        )  # less that at the Moon, whose position is -earth
+        # The pull of the Earth at the Moon's figure is opposite to that of the figure at the Earth.
         add(out[layout.FIGURES], gm[1], _harmonics(earth, rotation, data))
     if on[layout.RELATIVITY]:
         places, speeds = np.zeros((3, 3)), np.zeros((3, 3))
@@ -283,7 +290,7 @@ def accelerations(r: Floats, v: Floats, sky: Floats, data: ForceData) -> Floats:
         add(out[layout.SUNLIGHT], 1.0, _sunlight(r, sun, earth))
     if on[layout.MOONLIGHT]:
         add(out[layout.MOONLIGHT], 1.0, _moonlight(r, sun))
-    add(out[layout.GIVEN], 1.0, _given(r, v, data.given, data.phase))
+    add(out[layout.EMPIRICAL], 1.0, _empirical(r, v, data.empirical, data.phase))
     return out
 
 
@@ -294,14 +301,14 @@ def _add_point_mass(out: Floats, to: Floats, gm: float) -> None:
     scale = gm / (square * math.sqrt(square))
     for i in range(3):
         for j in range(3):
-            own = scale if i == j else 0.0
-            out[i, j] += 3.0 * scale * to[i] * to[j] / square - own
+            diagonal = scale if i == j else 0.0
+            out[i, j] += 3.0 * scale * to[i] * to[j] / square - diagonal
 
 
 @compiled()
 def _gradient(r: Floats, sky: Floats, data: ForceData) -> Floats:
     """Return partials of the acceleration by position: central term, harmonics, tides and point masses."""
-    # Those of light, relativity and the figures are below 1e-7 of the central one.
+    # Neglected: light, relativity and the figures, below 1e-7 of the central term.
     out = np.zeros((3, 3))
     _add_point_mass(out, r, data.gm[0])
     if data.on[layout.HARMONICS]:
@@ -309,21 +316,21 @@ def _gradient(r: Floats, sky: Floats, data: ForceData) -> Floats:
         p = times(rotation, r)
         s = harmonic_sums(p[0], p[1], p[2], data.radius_m, data.gradient_series, data.recursion)
         s *= data.gm[0] / data.radius_m**3
-        own = np.array([[s[0], s[1], s[2]], [s[1], s[3], s[4]], [s[2], s[4], -s[0] - s[3]]])
-        out += rotation.T @ (own @ rotation)
+        in_field_axes = np.array([[s[0], s[1], s[2]], [s[1], s[3], s[4]], [s[2], s[4], -s[0] - s[3]]])
+        out += rotation.T @ (in_field_axes @ rotation)
     if data.on[layout.TIDES]:
         tensor, square = _tensor(sky, data.gm, data.permanent), dot(r, r)
         trace = tensor[0, 0] + tensor[1, 1] + tensor[2, 2]
         pulled = times(tensor, r)
-        along = 3.0 * dot(r, pulled) - trace * square
+        invariant = 3.0 * dot(r, pulled) - trace * square
         slope = np.empty(3)
         for i in range(3):
             slope[i] = 6.0 * pulled[i] - 2.0 * trace * r[i]
         factor = data.scales[layout.TIDES] * 0.5 * data.radius_m**5 / (square * square * math.sqrt(square))
         for i in range(3):
-            out[i, i] -= factor * (2.0 * trace + 5.0 * along / square)
+            out[i, i] -= factor * (2.0 * trace + 5.0 * invariant / square)
             for j in range(3):
-                mixed = slope[i] * r[j] + r[i] * slope[j] - 7.0 * along * r[i] * r[j] / square
+                mixed = slope[i] * r[j] + r[i] * slope[j] - 7.0 * invariant * r[i] * r[j] / square
                 out[i, j] += factor * (6.0 * tensor[i, j] - 5.0 * mixed / square)
     for body in range(1, len(data.gm)):
         if data.on[layout.EARTH + body - 1]:
@@ -332,8 +339,8 @@ def _gradient(r: Floats, sky: Floats, data: ForceData) -> Floats:
 
 
 @compiled(error_model="numpy")
-def _gradient_of_given(y: Floats, given: Floats, phase: Floats) -> Floats:
-    """Differentiate the given accelerations by position and velocity, shape (3, 6), by central differences."""
+def _empirical_gradient(y: Floats, empirical: Floats, phase: Floats) -> Floats:
+    """Return partials of empirical accelerations by position and velocity, (3, 6), by central differences."""
     out = np.empty((3, 6))
     for k in range(6):
         begin = k // 3 * 3
@@ -342,22 +349,22 @@ def _gradient_of_given(y: Floats, given: Floats, phase: Floats) -> Floats:
         ahead, behind = y.copy(), y.copy()
         ahead[k] += step
         behind[k] -= step
-        change = _given(ahead[:3], ahead[3:], given, phase)
-        add(change, -1.0, _given(behind[:3], behind[3:], given, phase))
+        change = _empirical(ahead[:3], ahead[3:], empirical, phase)
+        add(change, -1.0, _empirical(behind[:3], behind[3:], empirical, phase))
         for i in range(3):
             out[i, k] = change[i] / (2.0 * step)
     return out
 
 
 @compiled()
-def _acts_by_state(given: Floats) -> bool:
-    """Determine whether a given acceleration that acts depends on the state."""
-    for i in range(given.shape[0]):
-        if given[i, layout.ACTS] > 0.0:
-            if given[i, layout.OF_RTN] > 0.0:
+def _depends_on_state(empirical: Floats) -> bool:
+    """Return whether an active empirical acceleration depends on the state."""
+    for i in range(empirical.shape[0]):
+        if empirical[i, layout.IS_ACTIVE] > 0.0:
+            if empirical[i, layout.IS_RTN] > 0.0:
                 return True
-            for k in range(layout.FIRST + 3, layout.FIRST + layout.COMPONENTS):
-                if given[i, k] != 0.0:
+            for k in range(layout.FIRST_COMPONENT + 3, layout.FIRST_COMPONENT + layout.COMPONENT_COUNT):
+                if empirical[i, k] != 0.0:
                     return True
     return False
 
@@ -367,29 +374,30 @@ def variations(
     y: Floats, sky: Floats, parts: Floats, columns: NDArray[np.int64], data: ForceData
 ) -> tuple[Floats, Floats]:
     """Return partials of the acceleration by the state, (3, 6), and by parameters, (n_columns, 3), the state held."""
-    # `parts`: the accelerations at y; `columns`: of each parameter the part that it scales, or -1 for the state at an
-    # epoch, and of given accelerations row * COMPONENTS + component.
+    # `parts`: the accelerations at y; `columns`: for each parameter the part that it scales, or -1 for the state at an
+    # epoch, and for empirical accelerations row * COMPONENT_COUNT + component.
     r, v = y[:3], y[3:]
     by_state = np.zeros((3, 6))
-    if _acts_by_state(data.given):
-        by_state = _gradient_of_given(y, data.given, data.phase)
+    if _depends_on_state(data.empirical):
+        by_state = _empirical_gradient(y, data.empirical, data.phase)
     gradient = _gradient(r, sky, data)
     for i in range(3):
         for k in range(3):
             by_state[i, k] += gradient[i, k]
     by_parameters = np.zeros((len(columns), 3))
     for j in range(len(columns)):
-        part, which = columns[j, 0], columns[j, 1]
+        part, index = columns[j, 0], columns[j, 1]
         if part == layout.CENTRAL:
             for i in range(3):
                 by_parameters[j, i] = (parts[layout.CENTRAL, i] + parts[layout.HARMONICS, i]) / data.gm[0]
         elif part == layout.SUNLIGHT:
             add(by_parameters[j], 1.0, parts[layout.SUNLIGHT])
             add(by_parameters[j], 1.0, parts[layout.MOONLIGHT])
-        elif part == layout.GIVEN:
-            one = data.given[which // layout.COMPONENTS]
-            if one[layout.ACTS] > 0.0:
-                add(by_parameters[j], 1.0, unit_components(r, v, one, data.phase)[which % layout.COMPONENTS])
+        elif part == layout.EMPIRICAL:
+            empirical = data.empirical[index // layout.COMPONENT_COUNT]
+            if empirical[layout.IS_ACTIVE] > 0.0:
+                units = unit_components(r, v, empirical, data.phase)
+                add(by_parameters[j], 1.0, units[index % layout.COMPONENT_COUNT])
         elif part >= 0:
             add(by_parameters[j], 1.0, parts[part])
     return by_state, by_parameters

@@ -16,7 +16,7 @@ from radioloc.dynamics._vector_kernels import put
 from radioloc.vectors import Floats
 
 NEGLIGIBLE = 1e-18
-"""Power of R/r below which degrees are left out."""
+"""Power of R/r below which degrees are neglected."""
 
 
 @compiled()
@@ -28,11 +28,11 @@ def harmonic_sums(x: float, y: float, z: float, radius: float, series: Floats, r
     r2 = x * x + y * y + z * z
     r = math.sqrt(r2)
     n_degrees = series.shape[0]
-    if r > 1.1 * radius:  # far away, high degrees are below rounding
+    if r > 1.1 * radius:  # high degrees are below rounding
         n_degrees = min(n_degrees, 3 + int(-math.log(NEGLIGIBLE) / math.log(r / radius)))
-    ratio, along, square = radius / r, z * radius / r2, radius * radius / r2
-    # The row of the present degree, and of the one below.
-    h, below = np.zeros(n_degrees), np.zeros(n_degrees)
+    ratio, z_ratio, square = radius / r, z * radius / r2, radius * radius / r2
+    # Rows of the present degree and of the preceding one.
+    h, preceding = np.zeros(n_degrees), np.zeros(n_degrees)
     sums = np.zeros((n_sums, n_degrees))
     h[0] = ratio
     for k in range(n_sums):
@@ -40,9 +40,9 @@ def harmonic_sums(x: float, y: float, z: float, radius: float, series: Floats, r
     for n in range(1, n_degrees):
         a, b = recursion[0, n], recursion[1, n]
         for m in range(n):
-            below[m] = a[m] * along * h[m] - b[m] * square * below[m]
-        below[n] = a[n] * ratio * h[n - 1]
-        h, below = below, h
+            preceding[m] = a[m] * z_ratio * h[m] - b[m] * square * preceding[m]
+        preceding[n] = a[n] * ratio * h[n - 1]
+        h, preceding = preceding, h
         for k in range(n_sums):
             factors, total = series[n, k], sums[k]
             for m in range(n + 1):
@@ -60,7 +60,7 @@ def harmonic_sums(x: float, y: float, z: float, radius: float, series: Floats, r
 
 @compiled()
 def harmonic_sums_at(points: Floats, radius: float, series: Floats, recursion: Floats) -> Floats:
-    """:func:`harmonic_sums` at points of shape (n, 3); shape (n, k)."""
+    """Evaluate :func:`harmonic_sums` at points of shape (n, 3); shape (n, k)."""
     out = np.empty((len(points), series.shape[1] // 2))
     for i in range(len(points)):
         put(out[i], harmonic_sums(points[i, 0], points[i, 1], points[i, 2], radius, series, recursion))
@@ -69,27 +69,27 @@ def harmonic_sums_at(points: Floats, radius: float, series: Floats, recursion: F
 
 @compiled()
 def harmonics_at(points: Floats, radius: float, recursion: Floats, out: NDArray[np.float32]) -> None:
-    """Solid harmonics at points, shape (n, 3), into n rows: of the cosines degree by degree, then of the sines."""
+    """Fill rows with solid harmonics at points, shape (n, 3): all cosines degree by degree, then all sines."""
     size = recursion.shape[1]
-    h, below, cosines, sines = np.zeros((4, size))
+    h, preceding, cosines, sines = np.zeros((4, size))
     for i in range(len(points)):
         x, y, z = points[i]
         r2 = x * x + y * y + z * z
         r = math.sqrt(r2)
-        ratio, along, square = radius / r, z * radius / r2, radius * radius / r2
+        ratio, z_ratio, square = radius / r, z * radius / r2, radius * radius / r2
         cosines[0], sines[0] = 1.0, 0.0
         for m in range(1, size):
             cosines[m] = (cosines[m - 1] * x - sines[m - 1] * y) / r
             sines[m] = (cosines[m - 1] * y + sines[m - 1] * x) / r
-        below[:] = 0.0
+        preceding[:] = 0.0
         h[0] = ratio
         for n in range(size):
             if n > 0:
                 a, b = recursion[0, n], recursion[1, n]
                 for m in range(n):
-                    below[m] = a[m] * along * h[m] - b[m] * square * below[m]
-                below[n] = a[n] * ratio * h[n - 1]
-                h, below = below, h
+                    preceding[m] = a[m] * z_ratio * h[m] - b[m] * square * preceding[m]
+                preceding[n] = a[n] * ratio * h[n - 1]
+                h, preceding = preceding, h
             first = n * (n + 1) // 2
             of_cosines, of_sines = out[i, first:], out[i, out.shape[1] // 2 + first :]
             for m in range(n + 1):

@@ -1,6 +1,6 @@
-"""Compiled operations on vectors of three components, one component after the other.
+"""Compiled operations on vectors of three components, component by component.
 
-Expressions of whole arrays give the same numbers, but take the compiler many times as long.
+Array expressions give the same numbers, but take the compiler many times as long.
 """
 
 import math
@@ -60,6 +60,6 @@ def times(matrix: Floats, a: Floats) -> Floats:
 
 @compiled()
 def put(out: Floats, values: Floats) -> None:
-    """Copy values, of any number, to where there is room for them."""
+    """Copy values into an array."""
     for i in range(len(values)):
         out[i] = values[i]

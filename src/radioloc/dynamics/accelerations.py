@@ -1,4 +1,4 @@
-"""The accelerations of a spacecraft: what compiled code computes them from, and each by itself."""
+"""Accelerations of a spacecraft by term, and the data of their compiled code."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import _force_data as layout
 from radioloc.dynamics._force_data import ForceData
-from radioloc.dynamics.forces import BODIES, Forces, require_one_epoch
+from radioloc.dynamics.forces import BODIES, Forces, require_single_epoch
 from radioloc.dynamics.gravity import GravityField, acceleration_series, gradient_series, recursion, stacked
 from radioloc.dynamics.orbit import STATE, initial_state
 from radioloc.ephemeris import Ephemeris, LunarOrientation
@@ -23,9 +23,9 @@ from radioloc.time import Epochs
 from radioloc.vectors import Floats, rtn_axes
 
 _SEGMENT_S = 21600.0
-_NODES = 12  # within 6 h the twelfth coefficient of the Moon's motion is below rounding
-_NEARLY_REST = 1e-30  # in parts of the position: by this what rests on a pole has a plane
-_PLACES = 48
+_NODE_COUNT = 12  # in 6 h the twelfth coefficient of the Moon's motion is below rounding
+_MIN_SPEED_RATIO = 1e-30  # of velocity (m/s) and position (m): defines a plane for a state at rest on a pole
+_SAMPLE_COUNT = 48  # positions along an orbit
 _PERMANENT_TIDE_PA_S2 = np.array(
     [[6.978e-12, -2.2e-15, 2.8e-15], [-2.2e-15, 6.43e-14, 0.4e-15], [2.8e-15, 0.4e-15, 4.79e-14]]
 )
@@ -43,18 +43,20 @@ def acceleration_terms(
     ephemeris: Ephemeris | None = None,
     libration: LunarOrientation | None = None,
 ) -> dict[str, Floats]:
-    """Accelerations of a spacecraft relative to the Moon's centre, by name, ICRF axes, m/s^2, shape (3,) each.
+    """Return accelerations of a spacecraft relative to the Moon's centre by name, ICRF axes, m/s^2, shape (3,) each.
 
     Parameters
     ----------
     epoch : Epochs
-        TDB, one.
+        Single epoch, TDB.
     position_m, velocity_m_s : array_like, shape (3,)
         State relative to the Moon's centre, ICRF axes.
     forces : Forces
-        All of its given accelerations are taken to act.
-    ephemeris, libration : optional
-        As in :func:`propagate`.
+        Forces; all empirical accelerations are active.
+    ephemeris : Ephemeris, optional
+        Positions of the bodies; DE421 by default.
+    libration : LunarOrientation, optional
+        Orientation of the Moon; that of the ephemeris by default.
 
     Raises
     ------
@@ -73,27 +75,35 @@ def acceleration_terms(
     """
     ephemeris = ephemeris or Ephemeris.open()
     libration = libration or LunarOrientation.open(ephemeris.name)
-    require_one_epoch("epoch", epoch)
+    require_single_epoch("epoch", epoch)
     state = initial_state(position_m, velocity_m_s)
     data = force_data(forces, ephemeris, libration, epoch, (0.0, 0.0), state)
     # The compiler takes a third of a second to import.
     from radioloc.dynamics._force_kernels import accelerations, quantities
 
-    data.given[:, layout.ACTS] = 1.0
+    data.empirical[:, layout.IS_ACTIVE] = 1.0
     parts = accelerations(state[:3], state[3:], quantities(0.0, data), data)
     return {name: scale * part for name, scale, part in zip(layout.PARTS, data.scales, parts, strict=True)}
 
 
 @accepts_quantities
 def acceleration_sizes(epoch: Epochs, height_m: float, forces: Forces) -> dict[str, float]:
-    """Sizes of the accelerations in a circular orbit over the Moon's poles, by name, m/s^2: root mean square.
+    """Return root-mean-square accelerations in a circular orbit over the Moon's poles by name, m/s^2.
 
-    The orbit passes over noon and midnight; the bodies stand where they are at the epoch (TDB), about DE421's Moon.
+    The orbit passes over noon and midnight; the bodies remain at their positions at the epoch.
+
+    Parameters
+    ----------
+    epoch : Epochs
+        Single epoch, TDB.
+    height_m : float
+        Height above the sphere of 1737.4 km, m.
+    forces : Forces
 
     Raises
     ------
     InputError
-        A height above the sphere of 1737.4 km that is not positive.
+        The height is not positive.
 
     Examples
     --------
@@ -105,7 +115,7 @@ def acceleration_sizes(epoch: Epochs, height_m: float, forces: Forces) -> dict[s
     '5e-07'
     """
     if not height_m > 0.0:
-        raise InputError(f"height_m = {height_m!r} is not above the sphere of the Moon; give a positive one")
+        raise InputError(f"height_m: expected a height above 0, got {height_m!r}")
     ephemeris = Ephemeris.open()
     pole = rot_icrf_to_pa(LunarOrientation.open().angles(epoch)[0])[0, 2]
     sun_m = ephemeris.geocentric("sun", epoch)[0][0] - ephemeris.geocentric("moon", epoch)[0][0]
@@ -114,12 +124,12 @@ def acceleration_sizes(epoch: Epochs, height_m: float, forces: Forces) -> dict[s
     radius_m = MEAN_LUNAR_RADIUS_M + height_m
     speed_m_s = np.sqrt(ephemeris.constants.gm_moon_m3_s2 / radius_m)
     squares = dict.fromkeys(layout.PARTS, 0.0)
-    for angle in 2.0 * np.pi * np.arange(_PLACES) / _PLACES:
+    for angle in 2.0 * np.pi * np.arange(_SAMPLE_COUNT) / _SAMPLE_COUNT:
         place_m = radius_m * (np.cos(angle) * noon + np.sin(angle) * pole)
         velocity_m_s = speed_m_s * (np.cos(angle) * pole - np.sin(angle) * noon)
         terms = acceleration_terms(epoch, place_m, velocity_m_s, forces, ephemeris=ephemeris)
         squares = {name: squares[name] + float(term @ term) for name, term in terms.items()}
-    return {name: float(np.sqrt(square / _PLACES)) for name, square in squares.items()}
+    return {name: float(np.sqrt(square / _SAMPLE_COUNT)) for name, square in squares.items()}
 
 
 def force_data(
@@ -131,13 +141,15 @@ def force_data(
     state: Floats,
     names: Sequence[str] = (),
 ) -> ForceData:
-    """Prepare the data of compiled accelerations; given accelerations do not act until column ACTS says so."""
+    """Prepare the data of compiled accelerations; empirical accelerations are inactive (column IS_ACTIVE)."""
     for body in forces.bodies:
         if body != "earth" and body not in ephemeris.bodies:
-            raise InputError(f"{ephemeris.name} has no {body}; leave it out of the bodies of Forces")
+            raise InputError(
+                f"bodies: {body} is missing in {ephemeris.name}; remove it from the bodies of Forces"
+            )
     field = forces.gravity
     coefficients = field.c - 1j * field.s
-    coefficients[0, 0] = 0.0  # the central term is by itself
+    coefficients[0, 0] = 0.0  # the central term is separate
     series = stacked(acceleration_series(coefficients))
     part = slice(min(forces.gradient_degree, field.degree) + 1)
     table, first_s, length_s = body_table(ephemeris, libration, field.frame, epoch, span_s)
@@ -154,11 +166,11 @@ def force_data(
     on[layout.FIGURES], on[layout.RELATIVITY] = forces.figures, forces.relativity
     on[layout.SUNLIGHT] = forces.radiation_m2_kg != 0.0 or "radiation" in names
     on[layout.MOONLIGHT] = forces.moonlight and on[layout.SUNLIGHT]
-    given = np.zeros((len(forces.accelerations), layout.FIRST + layout.COMPONENTS))
-    for row, one in zip(given, forces.accelerations, strict=True):
-        row[layout.OF_RTN] = one.axes == "RTN"
-        row[layout.NORMAL : layout.FIRST] = one.normal or 0.0
-        row[layout.FIRST :] = [*one.constant_m_s2, *one.cosine_m_s2, *one.sine_m_s2]
+    empirical = np.zeros((len(forces.accelerations), layout.FIRST_COMPONENT + layout.COMPONENT_COUNT))
+    for row, item in zip(empirical, forces.accelerations, strict=True):
+        row[layout.IS_RTN] = item.axes == "RTN"
+        row[layout.PLANE_NORMAL : layout.FIRST_COMPONENT] = item.normal or 0.0
+        row[layout.FIRST_COMPONENT :] = [*item.constant_m_s2, *item.cosine_m_s2, *item.sine_m_s2]
     return ForceData(
         table,
         first_s,
@@ -170,14 +182,14 @@ def force_data(
         recursion(len(series) + 1),
         on,
         scales,
-        given,
-        rtn_axes(state[:3], state[3:] + _NEARLY_REST * np.roll(state[:3], 1))[:2],
+        empirical,
+        rtn_axes(state[:3], state[3:] + _MIN_SPEED_RATIO * np.roll(state[:3], 1))[:2],
         _permanent_tide(field),
     )
 
 
 def _permanent_tide(field: GravityField) -> Floats:
-    """Tide-raising tensor whose effect is in the coefficients of a field, axes of the field, 1/s^2, shape (3, 3)."""
+    """Return the tide-raising tensor that the coefficients of a field include, axes of the field, 1/s^2, (3, 3)."""
     if field.tide_system != "zero_tide":
         return np.zeros((3, 3))
     rotation = rot_between("PA_DE421", field.frame)
@@ -187,11 +199,11 @@ def _permanent_tide(field: GravityField) -> Floats:
 def body_table(
     ephemeris: Ephemeris, libration: LunarOrientation, frame: str, epoch: Epochs, span_s: tuple[float, float]
 ) -> tuple[Floats, float, float]:
-    """Chebyshev coefficients, (n_segments, QUANTITIES, n_coefficients), start and length of a segment, s."""
-    # The quantities of `_force_data` in SI units; zeros for bodies that the ephemeris does not hold.
+    """Return Chebyshev coefficients, (n_segments, QUANTITIES, n_coefficients), start and length of a segment, s."""
+    # The quantities of `_force_data` in SI units; zeros for bodies that the ephemeris lacks.
     count = max(1, int(np.ceil((span_s[1] - span_s[0]) / _SEGMENT_S)))
     length_s = max(span_s[1] - span_s[0], 1.0) / count
-    nodes = chebyshev.chebpts1(_NODES)
+    nodes = chebyshev.chebpts1(_NODE_COUNT)
     nodes_s = span_s[0] + length_s * (np.arange(count)[:, None] + 0.5 * (1.0 + nodes))
     tdb = epoch.shifted(nodes_s.ravel())
     values = np.zeros((nodes_s.size, layout.QUANTITIES))
@@ -206,21 +218,22 @@ def body_table(
     values[:, layout.EARTH_VELOCITY : layout.SUN_VELOCITY] = -moon_m_s
     values[:, layout.SUN_VELOCITY : layout.MOON_VELOCITY] = ephemeris.geocentric("sun", tdb)[1] - moon_m_s
     values[:, layout.MOON_VELOCITY :] = ephemeris.earth(tdb).velocity_m_s + moon_m_s
-    to_series = np.linalg.inv(chebyshev.chebvander(nodes, _NODES - 1))
-    table = np.einsum("kj,sjq->sqk", to_series, values.reshape(count, _NODES, layout.QUANTITIES))
+    to_series = np.linalg.inv(chebyshev.chebvander(nodes, _NODE_COUNT - 1))
+    table = np.einsum("kj,sjq->sqk", to_series, values.reshape(count, _NODE_COUNT, layout.QUANTITIES))
     return np.ascontiguousarray(table), span_s[0], length_s
 
 
 def parameter_columns(forces: Forces, names: Sequence[str]) -> NDArray[np.int64]:
-    """Part and index of each parameter, as compiled :func:`variations` takes them."""
-    known = {"gm": (layout.CENTRAL, 0), "k2": (layout.TIDES, 0), "radiation": (layout.SUNLIGHT, 0)}
-    known |= dict.fromkeys(STATE, (-1, 0))
-    for row, one in enumerate(forces.accelerations):
-        first = row * layout.COMPONENTS
-        known |= {name: (layout.GIVEN, first + k) for k, name in enumerate(chain(*one.names()))}
+    """Return part and index of each parameter for the compiled :func:`variations`."""
+    columns = {"gm": (layout.CENTRAL, 0), "k2": (layout.TIDES, 0), "radiation": (layout.SUNLIGHT, 0)}
+    columns |= dict.fromkeys(STATE, (-1, 0))
+    for row, acceleration in enumerate(forces.accelerations):
+        first = row * layout.COMPONENT_COUNT
+        names_of_row = enumerate(chain(*acceleration.names()))
+        columns |= {name: (layout.EMPIRICAL, first + k) for k, name in names_of_row}
     for impulse in forces.impulses:
-        known |= dict.fromkeys(impulse.names(), (-1, 0))
+        columns |= dict.fromkeys(impulse.names(), (-1, 0))
     for name in names:
-        if name not in known:
-            raise InputError(f"no force has the parameter {name!r}; there are {', '.join(known)}")
-    return np.array([known[name] for name in names], dtype=np.int64).reshape(-1, 2)
+        if name not in columns:
+            raise InputError(f"parameters of forces: expected {', '.join(columns)}, got {name!r}")
+    return np.array([columns[name] for name in names], dtype=np.int64).reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""An orbit with all that it follows from, so that it can be had for other values of its parameters."""
+"""Orbit as a function of its parameters."""
 
 from __future__ import annotations
 
@@ -9,84 +9,83 @@ import numpy as np
 
 from radioloc.dynamics.elements import equatorial_axes
 from radioloc.dynamics.forces import Forces
-from radioloc.dynamics.orbit import LOWEST_M, STATE, Orbit, initial_state, integrated_over, since_j2000_s
-from radioloc.dynamics.propagation import Motion, integrate_motion, refuse_ground
+from radioloc.dynamics.orbit import MIN_RADIUS_M, STATE, Orbit, initial_state, orbit_text, since_j2000_s
+from radioloc.dynamics.propagation import Motion, integrate_motion, raise_ground_error
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.time import Epochs
 from radioloc.vectors import Floats
 
-LINEAR_M = 10.0
-"""An orbit that is nowhere farther than this from one that was integrated follows from its partials: what is of second
-order is some 1e-4 m in low orbits over a day."""
+MAX_LINEAR_DISTANCE_M = 10.0
+"""Largest distance from an integrated orbit at which its partials give the states; terms of second order are some
+1e-4 m in low orbits over a day."""
 MAX_START_DEPTH_M = 50e3
-"""Depth below the lowest terrain that an orbit may reach where a fit starts, m: coefficients of degree n grow by
+"""Largest depth below the lowest terrain at the start of a fit, m; harmonics of degree n grow by
 (1 + depth / radius)^n, a factor of 18 at degree 100."""
-_GROUND_STEP_S = 10.0  # in which an orbit of eccentricity 0.1 rises by 2 m from its lowest point
-_CHECKED = 200
+_GROUND_STEP_S = 10.0  # an orbit of eccentricity 0.1 rises by 2 m from its lowest point in half of it
+_CHECK_COUNT = 200  # epochs at which the distance from an integrated orbit is computed
 _COARSE_DEGREE = 40
-_KEPT = 4
-"""Orbits that were integrated last: one with partials by hundreds of parameters takes tens of megabytes."""
+_CACHE_SIZE = 4  # integrated orbits in memory; partials by hundreds of parameters take tens of megabytes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AdjustableOrbit:
-    """An orbit as a function of its parameters, which predictors adjust.
+    """Orbit as a function of its parameters.
 
-    It is integrated when its states are asked for, unless an orbit that was integrated before is near.
+    Its states are integrated on request, or follow from the partials of a near orbit that is integrated already.
     """
 
-    epoch: Epochs  # TDB, one
+    epoch: Epochs  # single epoch, TDB
     state: Floats  # at the epoch relative to the Moon's centre, ICRF axes, m and m/s, shape (6,)
     forces: Forces
-    span_s: tuple[float, float]  # first and last time that is wanted, TDB seconds from the epoch
-    parameters: tuple[str, ...]  # of the forces, by which there are partials, beside the state
+    span_s: tuple[float, float]  # first and last time of interest, TDB seconds from the epoch
+    parameters: tuple[str, ...]  # names of estimated parameters of the forces
     ephemeris: Ephemeris
     libration: LunarOrientation
     name: str = "orbit"  # in messages
-    touchdown: Epochs | None = None  # from which on it rests on the Moon, TDB, one
-    # Changes of the states by errors (`effects`); with them the parameters are these errors, which are held at zero.
+    touchdown: Epochs | None = None  # start of the rest on the Moon, TDB
+    # Changes of the states by errors (`effects`), which then are the parameters in place of state and forces.
     errors: Callable[[Epochs], Floats] | None = None
-    lowest_m: float = LOWEST_M  # distance from the Moon's centre below which an integration is refused
-    # Values of the parameters and orbits already integrated, shared by copies that differ in them, in their span or in
-    # the degree of their partials only.
+    min_radius_m: float = MIN_RADIUS_M  # smallest permitted distance from the Moon's centre
+    # Integrated orbits with the values of their parameters; copies share them if they differ only in these values, in
+    # their span or in the degree of their partials.
     integrated: list[tuple[Floats, Orbit]] = field(default_factory=list)
 
     def __str__(self) -> str:
-        return integrated_over(self.name, self.epoch, self.covered_s)
+        return orbit_text(self.name, self.epoch, self.covered_s)
 
     @property
     def covered_s(self) -> tuple[float, float]:
-        """First and last time that is integrated, TDB seconds from the epoch, which is always there."""
+        """First and last time of the integration, which includes the epoch, TDB seconds from the epoch."""
         return min(0.0, self.span_s[0]), max(0.0, self.span_s[1])
 
     @property
     def values(self) -> dict[str, float]:
         """Values of the parameters by name: those of the state, then those of the forces."""
-        known = self.forces.parameters()
+        of_forces = self.forces.parameters()
         state = dict(zip(STATE, self.state.tolist(), strict=True))
-        return state | {name: known[name] for name in self.parameters}
+        return state | {name: of_forces[name] for name in self.parameters}
 
     def times(self, count: int) -> Epochs:
-        """Epochs all over its span, TDB; within it by a millisecond, so that rounding leads none outside."""
+        """Return equidistant epochs in its span, TDB, a millisecond inside of its ends because of rounding."""
         times_s = np.linspace(self.span_s[0] + 1e-3, self.span_s[1] - 1e-3, count)
         return self.epoch.shifted(times_s)
 
     @property
     def gm_m3_s2(self) -> float:
         """GM of the Moon."""
-        given = self.forces.gm_m3_s2
-        return self.ephemeris.constants.gm_m3_s2("moon") if given is None else given
+        gm_m3_s2 = self.forces.gm_m3_s2
+        return self.ephemeris.constants.gm_m3_s2("moon") if gm_m3_s2 is None else gm_m3_s2
 
     @property
     def equator(self) -> Floats:
-        """Axes of the Moon's equator at the epoch, shape (3, 3), a row each."""
+        """Axes of the Moon's equator at the epoch as rows, shape (3, 3)."""
         return equatorial_axes(self.libration, self.epoch)
 
     def corrected(self, x: Floats) -> AdjustableOrbit:
         """Return the orbit of parameters increased by x, in the order of :attr:`values`."""
-        known = self.forces.parameters()
-        changed = {name: known[name] + float(by) for name, by in zip(self.parameters, x[6:], strict=True)}
+        of_forces = self.forces.parameters()
+        changed = {name: of_forces[name] + float(x[k]) for k, name in enumerate(self.parameters, 6)}
         return replace(self, state=self.state + x[:6], forces=self.forces.with_parameters(changed))
 
     def moved_to(self, epoch: Epochs, state: Floats | None = None) -> AdjustableOrbit:
@@ -94,66 +93,69 @@ class AdjustableOrbit:
         by_s = float(self.epoch.seconds_since(epoch)[0])
         if state is None:
             first_s, last_s = self.span_s
-            reaching = replace(self, span_s=(min(first_s, -by_s), max(last_s, -by_s)))
-            state = np.concatenate(reaching.states(epoch), axis=-1)[0]
+            extended = replace(self, span_s=(min(first_s, -by_s), max(last_s, -by_s)))
+            state = np.concatenate(extended.states(epoch), axis=-1)[0]
         span_s = (self.covered_s[0] + by_s, self.covered_s[1] + by_s)
         return replace(self, epoch=epoch, state=state, span_s=span_s, integrated=[])
 
-    def over(self, first: Epochs, last: Epochs) -> AdjustableOrbit:
+    def restricted_to(self, first: Epochs, last: Epochs) -> AdjustableOrbit:
         """Return the orbit restricted to an interval of TDB."""
-        begin_s, end_s = (float(one.seconds_since(self.epoch)[0]) for one in (first, last))
-        return replace(self, span_s=(begin_s, end_s))
+        first_s, last_s = (float(epoch.seconds_since(self.epoch)[0]) for epoch in (first, last))
+        return replace(self, span_s=(first_s, last_s))
 
     def coarse(self) -> AdjustableOrbit:
-        """Return the orbit with partials of gravity that suffice until an estimate has converged, at half the cost."""
+        """Return the orbit with less accurate partials, for the iteration of a fit, at half the cost."""
         degree = min(_COARSE_DEGREE, self.forces.gradient_degree)
         return replace(self, forces=replace(self.forces, gradient_degree=degree))
 
     def reaching_below_ground(self) -> AdjustableOrbit:
-        """Return the orbit with a limit below the ground, for the start of a fit, if its integration meets the ground.
+        """Return the orbit, with a limit below the ground if it meets the ground at the start of a fit.
 
-        What is estimated is to be checked by :meth:`require_above_ground`.
+        The estimate is checked by :meth:`require_above_ground`.
         """
         try:
             self.coarse().nearest()
         except InputError:
-            deeper = replace(self, lowest_m=LOWEST_M - MAX_START_DEPTH_M)
-            deeper.coarse().nearest()
-            return deeper
+            lowered = replace(self, min_radius_m=MIN_RADIUS_M - MAX_START_DEPTH_M)
+            lowered.coarse().nearest()
+            return lowered
         return self
 
     def require_above_ground(self) -> None:
         """Raise an InputError with the epoch at which an orbit with a limit below the ground meets the ground."""
-        if self.lowest_m < LOWEST_M:
+        if self.min_radius_m < MIN_RADIUS_M:
             begin_s, end_s = self.covered_s
             tdb = self.epoch.shifted(np.arange(begin_s + 1e-3, end_s, _GROUND_STEP_S))
-            below = np.linalg.norm(self.states(tdb)[0], axis=-1) < LOWEST_M
-            if below.any():
-                refuse_ground(self.name, "Moon", tdb[[int(below.argmax())]])
+            below_ground = np.linalg.norm(self.states(tdb)[0], axis=-1) < MIN_RADIUS_M
+            if below_ground.any():
+                raise_ground_error(self.name, "Moon", tdb[[int(below_ground.argmax())]])
 
     def nearest(self) -> Orbit:
-        """Return the integrated orbit, or its linearization about one that was integrated near."""
+        """Return the integrated orbit, or its linearization about one already integrated."""
         values = np.array(list(self.values.values()))
         begin_s, end_s = self.covered_s
-        checked = self.epoch.shifted(np.linspace(begin_s, end_s, _CHECKED + 2)[1:-1])
-        for of_orbit, orbit in reversed(self.integrated):
-            by = values - of_orbit
+        check_epochs = self.epoch.shifted(np.linspace(begin_s, end_s, _CHECK_COUNT + 2)[1:-1])
+        for orbit_values, orbit in reversed(self.integrated):
+            changes = values - orbit_values
             fine = orbit.forces.gradient_degree >= self.forces.gradient_degree
             if fine and orbit.span_s[0] <= begin_s and end_s <= orbit.span_s[1]:
-                if not by.any():
+                if not changes.any():
                     return orbit
-                if np.linalg.norm(orbit.partials(checked)[:, :3] @ by, axis=-1).max() < LINEAR_M:
-                    return replace(orbit, changes=by)
-        made = self.integrate(self.parameters)
-        self.integrated.append((values, made))
-        del self.integrated[:-_KEPT]
-        return made
+                if (
+                    np.linalg.norm(orbit.partials(check_epochs)[:, :3] @ changes, axis=-1).max()
+                    < MAX_LINEAR_DISTANCE_M
+                ):
+                    return replace(orbit, changes=changes)
+        orbit = self.integrate(self.parameters)
+        self.integrated.append((values, orbit))
+        del self.integrated[:-_CACHE_SIZE]
+        return orbit
 
     def integrate(self, parameters: tuple[str, ...] | None = None) -> Orbit:
-        """Integrate the orbit of these values anew, with partials by some parameters of the forces or with none."""
+        """Integrate the orbit, with partials by the state and some parameters of the forces, or without partials."""
         state = initial_state(self.state[:3], self.state[3:], at_rest=self.touchdown is not None)
         bodies = self.ephemeris, self.libration
-        motion = Motion(self.epoch, state, self.forces, *bodies, self.touchdown, self.name, self.lowest_m)
+        motion = Motion(self.epoch, state, self.forces, *bodies, self.touchdown, self.name, self.min_radius_m)
         return integrate_motion(motion, self.span_s, parameters)
 
     def states(self, tdb: Epochs) -> tuple[Floats, Floats]:
@@ -165,7 +167,7 @@ class AdjustableOrbit:
         return self.nearest().geocentric(ephemeris, tdb)
 
     def spans_s(self) -> list[tuple[float, float]]:
-        """Return the span that is wanted as :meth:`~radioloc.dynamics.orbit.Orbit.spans_s` does."""
+        """Return the span of interest as :meth:`~radioloc.dynamics.orbit.Orbit.spans_s` does."""
         return [since_j2000_s(self.epoch, self.span_s)]
 
     def partials(self, tdb: Epochs) -> Floats:

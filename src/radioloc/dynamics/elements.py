@@ -1,9 +1,9 @@
-"""Osculating elements: the state of an orbit by its size, shape and plane.
+"""Osculating elements of a state.
 
-Angles are counted in axes that the caller gives as rows, shape (3, 3), such as :func:`equatorial_axes`. Keplerian
-elements are those of Montenbruck and Gill (2000), section 2.2. Equinoctial ones, which circles and equatorial orbits do
-not trouble, are ex + i ey = e exp(i (periapsis + node)), hx + i hy = tan(i / 2) exp(i node) and the true longitude,
-periapsis + node + true anomaly (Walker, Ireland and Owens 1985, Celestial Mechanics 36, 409).
+Angles refer to axes that are the rows of an array, shape (3, 3), such as :func:`equatorial_axes`. Keplerian elements
+are those of Montenbruck and Gill (2000), section 2.2. Equinoctial elements, which are regular for circular and
+equatorial orbits, are ex + i ey = e exp(i (periapsis + node)), hx + i hy = tan(i / 2) exp(i node) and the true
+longitude, periapsis + node + true anomaly (Walker, Ireland and Owens 1985, Celestial Mechanics 36, 409).
 """
 
 from __future__ import annotations
@@ -31,24 +31,26 @@ EQUINOCTIAL = ("semi_major_axis_m", "ex", "ey", "hx", "hy", "true_longitude_deg"
 FORMS = {"keplerian": KEPLERIAN, "equinoctial": EQUINOCTIAL}
 """Names of the elements of each form, in order."""
 
-_IMAGINARY = 1e-30  # so small that its square is nothing: partials without differences
+_IMAGINARY_STEP = 1e-30  # its square underflows: complex steps give partials without rounding
 
 
 def equatorial_axes(libration: LunarOrientation, tdb: Epochs) -> Floats:
-    """Axes of the Moon's equator in the ICRF as rows: to its node on the xy plane, 90 deg on, to the pole; (3, 3)."""
+    """Return axes of the Moon's equator in the ICRF as rows: node on the xy plane, 90 deg ahead, pole; (3, 3)."""
     pole = rot_icrf_to_pa(libration.angles(tdb)[0])[0, 2]
     to_node = np.array([-pole[1], pole[0], 0.0]) / np.hypot(pole[0], pole[1])
     return np.stack([to_node, np.cross(pole, to_node), pole])
 
 
 def plane_deg(state: Floats, axes: Floats) -> tuple[float, float]:
-    """Inclination and longitude of the ascending node, 0 to 360 deg, of a state's plane by such axes."""
+    """Return inclination and longitude of the ascending node of a state's plane in such axes, deg, node 0 to 360."""
     x, y, z = axes @ np.cross(state[:3], state[3:])
     return float(np.degrees(np.arctan2(np.hypot(x, y), z))), float(np.degrees(np.arctan2(x, -y)) % 360.0)
 
 
-def elements_of_state(state: ArrayLike, gm_m3_s2: float, axes: ArrayLike, form: str = "keplerian") -> Floats:
-    """Osculating elements of a state.
+def elements_from_state(
+    state: ArrayLike, gm_m3_s2: float, axes: ArrayLike, form: str = "keplerian"
+) -> Floats:
+    """Return the osculating elements of a state.
 
     Parameters
     ----------
@@ -57,27 +59,26 @@ def elements_of_state(state: ArrayLike, gm_m3_s2: float, axes: ArrayLike, form: 
     gm_m3_s2 : float
         GM of the body.
     axes : array_like, shape (3, 3)
-        That angles are counted in, a row each, in the axes of the state.
+        Axes of the angles as rows, in the axes of the state.
     form : {"keplerian", "equinoctial"}
 
     Returns
     -------
     ndarray, shape (6,)
-        Named by :data:`KEPLERIAN` or :data:`EQUINOCTIAL`; node, periapsis, anomaly and longitude from 0 to 360 deg. Of
-        a hyperbola the semi-major axis is negative.
+        Elements in the order of :data:`KEPLERIAN` or :data:`EQUINOCTIAL`; node, periapsis, anomaly and longitude are 0
+        to 360 deg. The semi-major axis of a hyperbola is negative.
 
     Raises
     ------
     InputError
-        The state has no plane, is that of a parabola, or is retrograde in the plane of the first two axes; the form is
-        not known.
+        The state has no plane, is parabolic, or has an inclination of exactly 180 deg; or the form is unknown.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from radioloc.dynamics import elements_of_state, state_of_elements
-    >>> state = state_of_elements([1.8e6, 0.01, 88.0, 115.0, 30.0, 200.0], 4.9028e12, np.eye(3))
-    >>> elements_of_state(state, 4.9028e12, np.eye(3)).round(6).tolist()
+    >>> from radioloc.dynamics import elements_from_state, state_from_elements
+    >>> state = state_from_elements([1.8e6, 0.01, 88.0, 115.0, 30.0, 200.0], 4.9028e12, np.eye(3))
+    >>> elements_from_state(state, 4.9028e12, np.eye(3)).round(6).tolist()
     [1800000.0, 0.01, 88.0, 115.0, 30.0, 200.0]
     """
     _require_form(form)
@@ -87,17 +88,17 @@ def elements_of_state(state: ArrayLike, gm_m3_s2: float, axes: ArrayLike, form: 
         distance = np.linalg.norm(r)
         axis_m = 1.0 / (2.0 / distance - v @ v / gm_m3_s2)
         wx, wy, wz = momentum / np.linalg.norm(momentum)
-        # A pole against that of the axes has no node to be counted from.
+        # With an inclination of 180 deg the node is undefined.
         hx, hy = -wy / (1.0 + wz), wx / (1.0 + wz)
         first, second = _basis(hx, hy)
-        shape = np.cross(v, momentum) / gm_m3_s2 - r / distance
-    ex, ey = shape @ first, shape @ second
+        eccentricity_vector = np.cross(v, momentum) / gm_m3_s2 - r / distance
+    ex, ey = eccentricity_vector @ first, eccentricity_vector @ second
     longitude = np.arctan2(r @ second, r @ first)
     equinoctial = np.array([axis_m, ex, ey, hx, hy, np.degrees(longitude) % 360.0])
     if not np.isfinite(equinoctial).all():
         raise InputError(
-            f"the state {np.ravel(state).tolist()} has no osculating elements: it has no plane or is that of a "
-            "parabola, or its inclination is 180 deg"
+            "state: expected an elliptic or hyperbolic orbit with an inclination below 180 deg, got "
+            f"{np.ravel(state).tolist()}"
         )
     if form == "equinoctial":
         return equinoctial
@@ -106,56 +107,58 @@ def elements_of_state(state: ArrayLike, gm_m3_s2: float, axes: ArrayLike, form: 
     return np.array([axis_m, np.hypot(ex, ey), np.degrees(2.0 * np.arctan(np.hypot(hx, hy))), *angles])
 
 
-def state_of_elements(
+def state_from_elements(
     elements: ArrayLike, gm_m3_s2: float, axes: ArrayLike, form: str = "keplerian"
 ) -> Floats:
-    """Compute the state of osculating elements, m and m/s, shape (6,); parameters as of :func:`elements_of_state`.
+    """Return the state of osculating elements, m and m/s, shape (6,); parameters as in :func:`elements_from_state`.
 
     Raises
     ------
     InputError
-        They are not those of an ellipse, or of an inclination from 0 to less than 180 deg; the form is not known.
+        The elements are not those of an ellipse with an inclination below 180 deg, or the form is unknown.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from radioloc.dynamics import state_of_elements
-    >>> state_of_elements([2e6, 0.1, 90.0, 0.0, 0.0, 0.0], 4.9028e12, np.eye(3)).round(3).tolist()
+    >>> from radioloc.dynamics import state_from_elements
+    >>> state_from_elements([2e6, 0.1, 90.0, 0.0, 0.0, 0.0], 4.9028e12, np.eye(3)).round(3).tolist()
     [1800000.0, 0.0, 0.0, 0.0, 0.0, 1730.941]
     """
     _require_form(form)
     values = np.asarray(elements, dtype=np.float64)
     if values.shape != (6,) or not np.isfinite(values).all():
-        raise InputError(f"elements must be six finite numbers, {', '.join(FORMS[form])}, not {elements!r}")
-    axis_m, size = values[0], values[1] if form == "keplerian" else np.hypot(values[1], values[2])
-    if not (axis_m > 0.0 and 0.0 <= size < 1.0):
         raise InputError(
-            f"semi_major_axis_m {axis_m:g} with eccentricity {size:g} is no ellipse; the axis is above 0, the "
-            "eccentricity from 0 to less than 1; a hyperbola is given by position_m and velocity_m_s"
+            f"elements: expected six finite numbers ({', '.join(FORMS[form])}), got {elements!r}"
+        )
+    axis_m, eccentricity = values[0], values[1] if form == "keplerian" else np.hypot(values[1], values[2])
+    if not (axis_m > 0.0 and 0.0 <= eccentricity < 1.0):
+        raise InputError(
+            "elements: expected semi_major_axis_m above 0 and an eccentricity from 0 to less than 1, got "
+            f"{axis_m:g} and {eccentricity:g}; state a hyperbola by position_m and velocity_m_s"
         )
     if form == "keplerian" and not 0.0 <= values[2] < 180.0:
-        raise InputError(f"inclination_deg must be from 0 to less than 180, not {values[2]:g}")
+        raise InputError(f"inclination_deg: expected 0 to less than 180, got {values[2]:g}")
     return np.asarray(_state(values, gm_m3_s2, np.asarray(axes), form))
 
 
-def state_by_elements(elements: Floats, gm_m3_s2: float, axes: Floats, form: str) -> tuple[Floats, Floats]:
-    """Return the state, (6,), and its partials by the elements, (6, 6); they may be NaN unless it is an ellipse."""
-    steps = elements + 1j * _IMAGINARY * np.eye(6)
+def state_with_partials(elements: Floats, gm_m3_s2: float, axes: Floats, form: str) -> tuple[Floats, Floats]:
+    """Return the state, (6,), and its partials by the elements, (6, 6), which may be NaN unless it is an ellipse."""
+    steps = elements + 1j * _IMAGINARY_STEP * np.eye(6)
     states = np.stack([_state(step, gm_m3_s2, axes, form) for step in steps], axis=-1)
-    return states[:, 0].real, states.imag / _IMAGINARY
+    return states[:, 0].real, states.imag / _IMAGINARY_STEP
 
 
 def _require_form(form: str) -> None:
     if form not in FORMS:
-        raise InputError(f"form {form!r} is not known; use {' or '.join(FORMS)}")
+        raise InputError(f"form: expected {' or '.join(FORMS)}, got {form!r}")
 
 
 def _state(elements: NDArray[Any], gm_m3_s2: float, axes: Floats, form: str) -> NDArray[Any]:
     """Compute the state analytically, so that complex steps give its partials."""
     if form == "keplerian":
-        axis_m, size = elements[:2]
+        axis_m, eccentricity = elements[:2]
         inclination, node, periapsis, anomaly = elements[2:] * (np.pi / 180.0)
-        ex, ey = size * np.cos(periapsis + node), size * np.sin(periapsis + node)
+        ex, ey = eccentricity * np.cos(periapsis + node), eccentricity * np.sin(periapsis + node)
         tangent = np.tan(0.5 * inclination)
         hx, hy = tangent * np.cos(node), tangent * np.sin(node)
         longitude = periapsis + node + anomaly
@@ -172,8 +175,8 @@ def _state(elements: NDArray[Any], gm_m3_s2: float, axes: Floats, form: str) -> 
 
 
 def _basis(hx: Any, hy: Any) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Directions in the plane of the orbit from which longitudes are counted, and 90 deg on."""
-    whole = 1.0 + hx**2 + hy**2
-    first = np.array([1.0 + hx**2 - hy**2, 2.0 * hx * hy, -2.0 * hy]) / whole
-    second = np.array([2.0 * hx * hy, 1.0 - hx**2 + hy**2, 2.0 * hx]) / whole
+    """Return directions of longitude 0 and 90 deg in the orbital plane."""
+    norm = 1.0 + hx**2 + hy**2
+    first = np.array([1.0 + hx**2 - hy**2, 2.0 * hx * hy, -2.0 * hy]) / norm
+    second = np.array([2.0 * hx * hy, 1.0 - hx**2 + hy**2, 2.0 * hx]) / norm
     return first, second

@@ -15,35 +15,41 @@ from radioloc.time import Epochs
 from radioloc.time.epochs import Tdb
 
 BODIES = ("earth", "sun", "venus", "jupiter", "saturn")
-"""Point masses beside the Moon, in the order in which compiled code has them."""
+"""Point masses beside the Moon, in the order of the compiled code."""
 
 Axes = Literal["RTN", "ICRF"]
 Vector = tuple[float, float, float]
 
 _ZERO = (0.0, 0.0, 0.0)
-_LETTERS = {"RTN": "rtn", "ICRF": "xyz"}
+_AXIS_LETTERS = {"RTN": "rtn", "ICRF": "xyz"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Acceleration:
-    """A given acceleration: empirical, constant and once per revolution, or the thrust of a finite manoeuvre.
+    """Empirical acceleration, constant and once per revolution, or thrust of a finite manoeuvre.
 
-    Constant + cosine cos u + sine sin u; u is the angle along the orbit from the position at the arc's epoch.
+    The acceleration is constant + cosine cos u + sine sin u; u is the angle along the orbit from the position at the
+    epoch of the arc.
 
     Parameters
     ----------
     name : str
     axes : {"RTN", "ICRF"}
-        Radial, transverse and normal, or those of the ICRF.
+        Radial, transverse and normal axes, or axes of the ICRF.
     constant_m_s2, cosine_m_s2, sine_m_s2 : tuple of float
-        Components along the axes.
+        Components along the axes, m/s^2.
     start, stop : Epochs, optional
-        TDB, one each; without one it acts always before or after.
+        Single epochs, TDB; an open end by default.
     normal : tuple of float, optional
-        Of a plane that radial, transverse and normal axes keep to, ICRF axes: on a descent that of the orbit turns and
-        vanishes.
+        Normal of a fixed plane of radial, transverse and normal axes, ICRF axes. In a descent the orbital plane turns
+        and degenerates.
     sigma_m_s2 : float, optional
-        A priori, of each component of the constant; without one it is not estimated.
+        A-priori sigma of each component of the constant; by default it is not estimated.
+
+    Raises
+    ------
+    InputError
+        Axes, components or epochs are invalid.
     """
 
     name: str
@@ -63,54 +69,55 @@ class Acceleration:
             _require_vector(self.name, key, getattr(self, key))
         if self.normal is not None:
             _require_vector(self.name, "normal", self.normal)
-        for moment in (self.start, self.stop):
-            if moment is not None:
-                require_one_epoch(self.name, moment)
+        for epoch in (self.start, self.stop):
+            if epoch is not None:
+                require_single_epoch(self.name, epoch)
         if self.start is not None and self.stop is not None and self.stop.seconds_since(self.start)[0] <= 0.0:
-            raise InputError(f"acceleration {self.name}: stop is not after start; exchange or correct them")
+            raise InputError(f"acceleration {self.name}: stop must be later than start")
 
     def names(self) -> list[list[str]]:
-        """Names of its components: of the constant such as ``NAME.r``, of cosine and sine such as ``NAME.cos_r``."""
+        """Return names of components, of the constant such as ``NAME.r``, of cosine and sine such as ``NAME.cos_r``."""
+        prefixes = ("", "cos_", "sin_")
         return [
-            [f"{self.name}.{of}{letter}" for letter in _LETTERS[self.axes]] for of in ("", "cos_", "sin_")
+            [f"{self.name}.{prefix}{letter}" for letter in _AXIS_LETTERS[self.axes]] for prefix in prefixes
         ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Impulse:
-    """A manoeuvre that changes the velocity at once."""
+    """Impulsive manoeuvre: a change of the velocity, m/s, at an epoch of TDB."""
 
     name: str
     epoch: Tdb
     delta_v_m_s: Vector = _ZERO
-    axes: Axes = "RTN"  # of the state before, or those of the ICRF
+    axes: Axes = "RTN"  # radial, transverse and normal of the state before, or ICRF
 
     def __post_init__(self) -> None:
         convert_fields(self)
         _require_axes(self.name, self.axes)
         _require_vector(self.name, "delta_v_m_s", self.delta_v_m_s)
-        require_one_epoch(self.name, self.epoch)
+        require_single_epoch(self.name, self.epoch)
 
     def names(self) -> list[str]:
-        """Names of its components, such as ``NAME.r``."""
-        return [f"{self.name}.{letter}" for letter in _LETTERS[self.axes]]
+        """Return names of its components, such as ``NAME.r``."""
+        return [f"{self.name}.{letter}" for letter in _AXIS_LETTERS[self.axes]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Forces:
     """Forces on a spacecraft beside the central term of the Moon's gravity.
 
-    Each can be left out; docs/dynamics.md has their equations and sizes.
+    Each can be omitted; docs/dynamics.md has their equations and sizes.
 
     Parameters
     ----------
     gravity : GravityField
         Harmonics to the field's degree (:meth:`GravityField.open`).
     gm_m3_s2 : float, optional
-        GM of the Moon; that of the ephemeris by default, which is TDB-compatible as the relativity here. Fields made
-        without these terms, as GRGM660PRIM, have one that is smaller by 5e-8.
+        GM of the Moon; that of the ephemeris by default, which is TDB-compatible like the relativity of this class.
+        Fields made without these terms, such as GRGM660PRIM, have a GM that is smaller by 5e-8.
     bodies : tuple of str
-        Point masses, of earth, sun, venus, jupiter, saturn; those that the ephemeris does not hold are an error.
+        Point masses, of earth, sun, venus, jupiter, saturn; a body that the ephemeris lacks is an error.
     k2 : float
         Love number of the Moon's tides by Earth and Sun. Only their variable part is added to a field whose tide system
         is ``zero_tide``, which contains the permanent part in C20 and C22.
@@ -121,11 +128,18 @@ class Forces:
     radiation_m2_kg : float
         Radiation coefficient times area over mass, C_R A/m, of sunlight (with the shadows of the Moon and the Earth).
     moonlight : bool
-        Whether light and heat from the Moon's ground press too, by the same coefficient.
-    accelerations, impulses : tuple
-        Empirical accelerations and manoeuvres.
+        Whether to add the pressure of light and heat from the Moon's ground, with the same coefficient.
+    accelerations : tuple of Acceleration
+        Empirical accelerations and finite manoeuvres.
+    impulses : tuple of Impulse
+        Impulsive manoeuvres.
     gradient_degree : int
         Highest degree of the harmonics in the partials.
+
+    Raises
+    ------
+    InputError
+        A value is invalid, a body is unknown, or a name occurs twice.
 
     Examples
     --------
@@ -152,37 +166,36 @@ class Forces:
     def __post_init__(self) -> None:
         convert_fields(self)
         if not (isinstance(self.gradient_degree, int) and self.gradient_degree >= 0):
-            raise InputError(f"gradient_degree {self.gradient_degree!r} is not 0 or a higher integer")
+            raise InputError(
+                f"gradient_degree: expected an integer of 0 or more, got {self.gradient_degree!r}"
+            )
         for body in self.bodies:
             if body not in BODIES:
-                raise InputError(f"body {body!r} is not known as a force; use some of {', '.join(BODIES)}")
+                raise InputError(f"bodies: expected {', '.join(BODIES)}, got {body!r}")
         for key in ("gm_m3_s2", "k2", "radiation_m2_kg"):
             value = getattr(self, key)
             if value is not None and not np.isfinite(value):
-                raise InputError(f"{key} of the forces is {value}; give a finite number")
-        names = [one.name for one in self.accelerations] + [one.name for one in self.impulses]
+                raise InputError(f"{key}: expected a finite number, got {value}")
+        names = [item.name for item in self.accelerations] + [item.name for item in self.impulses]
         if len(set(names)) < len(names):
-            raise InputError(
-                f"accelerations and impulses have the names {', '.join(names)}; give each its own"
-            )
+            raise InputError(f"accelerations and impulses: expected unique names, got {', '.join(names)}")
 
     def parameters(self) -> dict[str, float]:
-        """Numbers that can be estimated, by name, in SI units.
+        """Return the values that can be estimated, by name, in SI units.
 
         ``gm`` (if it is given), ``k2``, ``radiation`` (C_R A/m), and of an acceleration or impulse its components:
         ``NAME.r``, ``NAME.t``, ``NAME.n`` or ``NAME.x``, ``NAME.y``, ``NAME.z``, of an acceleration also
         ``NAME.cos_r``, ``NAME.sin_r`` and so on.
         """
-        own = {"gm": self.gm_m3_s2, "k2": self.k2, "radiation": self.radiation_m2_kg}
-        found = {name: value for name, value in own.items() if value is not None}
-        for one in self.accelerations:
-            for names, of in zip(
-                one.names(), (one.constant_m_s2, one.cosine_m_s2, one.sine_m_s2), strict=True
-            ):
-                found |= dict(zip(names, of, strict=True))
+        values = {} if self.gm_m3_s2 is None else {"gm": self.gm_m3_s2}
+        values |= {"k2": self.k2, "radiation": self.radiation_m2_kg}
+        for item in self.accelerations:
+            vectors = item.constant_m_s2, item.cosine_m_s2, item.sine_m_s2
+            for names, vector in zip(item.names(), vectors, strict=True):
+                values |= dict(zip(names, vector, strict=True))
         for impulse in self.impulses:
-            found |= dict(zip(impulse.names(), impulse.delta_v_m_s, strict=True))
-        return found
+            values |= dict(zip(impulse.names(), impulse.delta_v_m_s, strict=True))
+        return values
 
     def with_parameters(self, values: Mapping[str, float]) -> Forces:
         """Return forces with other values of parameters, by the names of :meth:`parameters`, and ``gm``.
@@ -190,44 +203,46 @@ class Forces:
         Raises
         ------
         InputError
-            There is no parameter of that name.
+            A name is unknown.
         """
-        known = {"gm": 0.0} | self.parameters()
+        all_values = {"gm": 0.0} | self.parameters()
         for name in values:
-            if name not in known:
-                raise InputError(f"no force has the parameter {name!r}; there are {', '.join(sorted(known))}")
-        known |= values
+            if name not in all_values:
+                raise InputError(
+                    f"parameters of forces: expected {', '.join(sorted(all_values))}, got {name!r}"
+                )
+        all_values |= values
 
-        def now(names: list[str]) -> Vector:
-            x, y, z = (float(known[name]) for name in names)
+        def vector(names: list[str]) -> Vector:
+            x, y, z = (float(all_values[name]) for name in names)
             return x, y, z
 
         accelerations = []
-        for one in self.accelerations:
-            constant, cosine, sine = (now(names) for names in one.names())
-            accelerations.append(replace(one, constant_m_s2=constant, cosine_m_s2=cosine, sine_m_s2=sine))
+        for item in self.accelerations:
+            constant, cosine, sine = map(vector, item.names())
+            accelerations.append(replace(item, constant_m_s2=constant, cosine_m_s2=cosine, sine_m_s2=sine))
         return replace(
             self,
             gm_m3_s2=values.get("gm", self.gm_m3_s2),
             k2=values.get("k2", self.k2),
             radiation_m2_kg=values.get("radiation", self.radiation_m2_kg),
             accelerations=tuple(accelerations),
-            impulses=tuple(replace(one, delta_v_m_s=now(one.names())) for one in self.impulses),
+            impulses=tuple(replace(item, delta_v_m_s=vector(item.names())) for item in self.impulses),
         )
 
 
 def _require_axes(name: str, axes: str) -> None:
-    if axes not in _LETTERS:
-        raise InputError(f"{name}: axes {axes!r} are not known; use RTN or ICRF")
+    if axes not in _AXIS_LETTERS:
+        raise InputError(f"{name}: axes: expected RTN or ICRF, got {axes!r}")
 
 
 def _require_vector(name: str, key: str, value: Vector) -> None:
     if np.shape(value) != (3,) or not np.isfinite(value).all():
-        raise InputError(f"{name}: {key} is {value}; give three finite numbers")
+        raise InputError(f"{name}: {key}: expected three finite numbers, got {value}")
 
 
-def require_one_epoch(name: str, moment: Epochs) -> None:
-    """Raise :class:`InputError` unless it is one epoch of TDB."""
-    moment.require("TDB")
-    if len(moment) != 1:
-        raise InputError(f"{name}: one epoch is needed, but {len(moment)} are given")
+def require_single_epoch(name: str, epoch: Epochs) -> None:
+    """Raise an InputError unless there is a single epoch, TDB."""
+    epoch.require("TDB")
+    if len(epoch) != 1:
+        raise InputError(f"{name}: expected a single epoch, got {len(epoch)}")

@@ -1,8 +1,8 @@
 """Lunar gravity by spherical harmonics: potential, acceleration and its gradient in principal axes.
 
-The derivative of a series of solid harmonics along x, y or z is again one, of the next degree (Cunningham 1970,
-Celestial Mechanics 2, 207). So the coefficients of acceleration and gradient are made once, and at a point there are
-only sums.
+The derivative of a series of solid harmonics along x, y or z is a series of the next degree (Cunningham 1970,
+Celestial Mechanics 2, 207). The coefficients of acceleration and gradient are therefore computed once, and evaluated by
+sums.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from radioloc.vectors import Floats
 
 Complex = NDArray[np.complex128]
 
-SHIPPED = {"GRGM660PRIM": Path(__file__).parent / "data" / "grgm660prim_150.npz"}
-"""Fields that come with the package, by name; of GRGM660PRIM degrees to 150."""
+PACKAGED = {"GRGM660PRIM": Path(__file__).parent / "data" / "grgm660prim_150.npz"}
+"""Fields of the package by name; GRGM660PRIM to degree 150."""
 
 _DEFAULT_AXES = "PA_DE421"
 _LUNAR_FIGURE = {(2, 0): -9.088e-5, (2, 2): 3.467e-5}  # GRGM660PRIM; lunar fields agree to 1e-5 of these
@@ -50,9 +50,9 @@ class GravityField:
     tide_system: str  # tide_free, zero_tide (C20 and C22 have the permanent tide) or unknown (as tide_free)
     c: Floats  # shape (degree + 1, degree + 1), by degree and order
     s: Floats
-    sigma_c: Floats  # formal; zeros where the file gives none
+    sigma_c: Floats  # formal; zeros if the file lacks them
     sigma_s: Floats
-    notes: tuple[str, ...] = ()  # what the file leaves open, for results
+    notes: tuple[str, ...] = ()  # assumptions about properties that the file does not state
 
     @classmethod
     def open(
@@ -67,21 +67,21 @@ class GravityField:
         Parameters
         ----------
         source : str or path-like
-            ``"GRGM660PRIM"``, which ships, or a file: ICGEM's ``.gfc`` or the PDS's SHADR ``.tab``.
+            ``"GRGM660PRIM"`` of the package, or a file: ICGEM's ``.gfc`` or the PDS's SHADR ``.tab``.
         degree : int, optional
-            Highest degree and order that is wanted; all by default.
+            Highest degree and order; all by default.
         frame : str, optional
-            Axes that the coefficients of a file belong to, such as ``"PA_DE440"``; by default those that its header or
-            label names, and of a file that names none ``"PA_DE421"``.
+            Axes of the coefficients, such as ``"PA_DE440"``; by default those of the header or label of the file, else
+            ``"PA_DE421"``.
         tide_system : {"tide_free", "zero_tide"}, optional
-            Whether C20 and C22 contain the permanent tide (zero_tide), in place of what the file states.
+            Whether C20 and C22 contain the permanent tide (zero_tide); by default as the file states.
 
         Raises
         ------
         FileFormatError
-            The file is missing, cut, damaged, not normalized, of another body, or in other axes than stated.
+            The file is missing, damaged, not normalized, of another body, or in other axes than stated.
         InputError
-            The degree is no positive integer or higher than the field's; axes or tide system are not known.
+            The degree is not an integer of 0 to the degree of the field; axes or tide system are unknown.
 
         Examples
         --------
@@ -89,9 +89,9 @@ class GravityField:
         >>> GravityField.open("GRGM660PRIM", degree=50)
         <GravityField GRGM660PRIM to degree 50 in PA_DE421>
         """
-        if str(source) in SHIPPED:
-            with np.load(SHIPPED[str(source)], allow_pickle=False) as file:
-                given: dict[str, Any] = {
+        if str(source) in PACKAGED:
+            with np.load(PACKAGED[str(source)], allow_pickle=False) as file:
+                properties: dict[str, Any] = {
                     "name": str(source),
                     "frame": _DEFAULT_AXES,
                     "gm_m3_s2": float(file["gm_m3_s2"]),
@@ -100,15 +100,16 @@ class GravityField:
                     **{key: _square(file[key]) for key in ("c", "s", "sigma_c", "sigma_s")},
                 }
         else:
-            given = read_gravity_file(source)
+            properties = read_gravity_file(source)
         if tide_system is not None:
             if tide_system not in TIDE_SYSTEMS:
                 raise InputError(
-                    f"tide_system: expected one of {', '.join(TIDE_SYSTEMS)}, got {tide_system!r}; correct it"
+                    f"tide_system: expected one of {', '.join(TIDE_SYSTEMS)}, got {tide_system!r}"
                 )
-            given["tide_system"] = tide_system
-        stated = frame or given["frame"]
-        field = cls(**given | {"frame": stated or _DEFAULT_AXES, "notes": tuple(_left_open(given, stated))})
+            properties["tide_system"] = tide_system
+        axes = frame or properties["frame"]
+        notes = tuple(_assumptions(properties, axes))
+        field = cls(**properties | {"frame": axes or _DEFAULT_AXES, "notes": notes})
         _require_figure_axes(field, source)
         return field if degree is None else field.to_degree(degree)
 
@@ -121,16 +122,16 @@ class GravityField:
         return len(self.c) - 1
 
     def to_degree(self, degree: int) -> GravityField:
-        """Truncate the field at a degree.
+        """Return the field truncated at a degree.
 
         Raises
         ------
         InputError
-            The degree is no integer from 0 to the field's.
+            The degree is not an integer of 0 to the degree of the field.
         """
         if isinstance(degree, bool) or not isinstance(degree, int) or not 0 <= degree <= self.degree:
             raise InputError(
-                f"degree {degree!r} is not one of {self.name}, which has 0 to {self.degree}; give a lower one or "
+                f"degree: expected 0 to {self.degree}, the degree of {self.name}, got {degree!r}; reduce it or use "
                 "another field"
             )
         part = slice(degree + 1)
@@ -143,11 +144,11 @@ class GravityField:
         )
 
     def potential(self, position_pa_m: ArrayLike) -> Floats:
-        """Potential, positive, m^2/s^2, at points in the field's axes, m, shape (3,) or (n, 3); shape () or (n,)."""
+        """Return the potential, positive, m^2/s^2, () or (n,), at points in the field's axes, m, (3,) or (n, 3)."""
         return self._sums(position_pa_m, [self._coefficients()], 1)[..., 0]
 
     def acceleration(self, position_pa_m: ArrayLike) -> Floats:
-        """Acceleration, m/s^2, at points in the field's axes, m, shape (3,) or (n, 3); the same shape.
+        """Return the acceleration, m/s^2, at points in the field's axes, m; both of shape (3,) or (n, 3).
 
         Examples
         --------
@@ -172,11 +173,11 @@ class GravityField:
     def _sums(self, position_pa_m: ArrayLike, series: list[Complex], power: int) -> Floats:
         points_m = as_float_array(position_pa_m, "m", "position_pa_m")
         if points_m.ndim == 0 or points_m.shape[-1] != 3:
-            raise InputError(f"position_pa_m has the shape {points_m.shape}; give (3,) or (n, 3)")
-        if not np.isfinite(points_m).all():
-            raise InputError("position_pa_m holds what is not a finite number")
-        if not np.linalg.norm(points_m, axis=-1).all():
-            raise InputError("position_pa_m holds the Moon's centre, where the series has no value")
+            raise InputError(f"position_pa_m: expected the shape (3,) or (n, 3), got {points_m.shape}")
+        if not (np.isfinite(points_m).all() and np.linalg.norm(points_m, axis=-1).all()):
+            raise InputError(
+                "position_pa_m: expected finite coordinates of points other than the Moon's centre"
+            )
         # The compiler takes a third of a second to import.
         from radioloc.dynamics._harmonic_kernels import harmonic_sums_at
 
@@ -188,22 +189,22 @@ class GravityField:
         return np.asarray(scale * sums.reshape((*points_m.shape[:-1], len(series))))
 
 
-def _left_open(given: dict[str, Any], axes: str | None) -> Iterator[str]:
-    """Properties that neither the file nor the caller states, and the value assumed for each."""
+def _assumptions(properties: dict[str, Any], axes: str | None) -> Iterator[str]:
+    """Yield notes on the values assumed for properties that neither the file nor the caller states."""
     if axes is None:
         yield (
-            f"the gravity field {given['name']} does not name its axes: {_DEFAULT_AXES} is assumed; state them by "
+            f"the gravity field {properties['name']} does not name its axes: {_DEFAULT_AXES} is assumed; state them by "
             "gravity_axes in [forces]"
         )
-    if given["tide_system"] == "unknown":
+    if properties["tide_system"] == "unknown":
         yield (
-            f"the tide system of the gravity field {given['name']} is unknown: tide_free is assumed (tens of metres "
-            "after a day if it is zero_tide); state it by gravity_tide_system in [forces]"
+            f"the tide system of the gravity field {properties['name']} is unknown: tide_free is assumed (tens of "
+            "metres after a day if it is zero_tide); state it by gravity_tide_system in [forces]"
         )
 
 
 def _require_figure_axes(field: GravityField, source: str | Path) -> None:
-    """Refuse a field of the Moon's figure whose degree 2 belongs to other axes than the stated ones."""
+    """Raise an error if degree 2 of a lunar field belongs to other axes than those stated."""
     with error_context(f"{source}: gravity_axes:"):
         rotation = rot_between(field.frame, f"PA_{field.frame[3:]}")
     if field.degree < 2 or any(
@@ -232,35 +233,35 @@ def _require_figure_axes(field: GravityField, source: str | Path) -> None:
 
 
 def recursion(n_degrees: int) -> Floats:
-    """Factors of h_(n-1)m (on the diagonal of h_(n-1)(n-1)) and of h_(n-2)m in h_nm, (2, n_degrees, n_degrees)."""
+    """Return factors of h_(n-1)m (diagonal: h_(n-1)(n-1)) and of h_(n-2)m in h_nm, (2, n_degrees, n_degrees)."""
     n, m = np.meshgrid(np.arange(float(n_degrees)), np.arange(float(n_degrees)), indexing="ij")
-    below = n > m
-    of_one = np.where(below, (2 * n - 1) * (2 * n + 1), 0.0) / np.where(below, (n - m) * (n + m), 1.0)
-    of_two = np.where(n > m + 1, (2 * n + 1) * (n + m - 1) * (n - m - 1), 0.0)
-    of_two = of_two / np.where(n > m + 1, (n - m) * (n + m) * (2 * n - 3), 1.0)
+    tesseral = n > m
+    first = np.where(tesseral, (2 * n - 1) * (2 * n + 1), 0.0) / np.where(tesseral, (n - m) * (n + m), 1.0)
+    second = np.where(n > m + 1, (2 * n + 1) * (n + m - 1) * (n - m - 1), 0.0)
+    second = second / np.where(n > m + 1, (n - m) * (n + m) * (2 * n - 3), 1.0)
     sectoral = (2 * n + 1) / np.maximum(2 * n, 1.0) * (1 + (n == 1))
-    return np.sqrt(np.stack([np.where(n == m, sectoral, of_one), of_two]))
+    return np.sqrt(np.stack([np.where(n == m, sectoral, first), second]))
 
 
 def stacked(series: list[Complex]) -> Floats:
-    """Series of coefficients C - i S as the compiled sums take them."""
-    parts = [one.real for one in series] + [-one.imag for one in series]
+    """Return series of coefficients C - i S in the layout of the compiled sums."""
+    parts = [item.real for item in series] + [-item.imag for item in series]
     return np.ascontiguousarray(np.stack(parts, axis=1))
 
 
 def acceleration_series(coefficients: Complex) -> list[Complex]:
-    """Series of the three components, to be multiplied by GM/R^2, from those of the potential."""
+    """Return series of the three components, without the factor GM/R^2, from that of the potential."""
     return [_derivative(coefficients, axis) for axis in "xyz"]
 
 
 def gradient_series(coefficients: Complex) -> list[Complex]:
-    """Series of xx, xy, xz, yy and yz, to be multiplied by GM/R^3; zz is -xx - yy."""
+    """Return series of xx, xy, xz, yy and yz, without the factor GM/R^3; zz is -xx - yy."""
     by_x, by_y, _ = acceleration_series(coefficients)
     return [_derivative(by_x, axis) for axis in "xyz"] + [_derivative(by_y, axis) for axis in "yz"]
 
 
 def _derivative(coefficients: Complex, axis: str) -> Complex:
-    """Coefficients C - i S of R times the derivative of a series along an axis."""
+    """Return coefficients C - i S of R times the derivative of a series along an axis."""
     # With Z_nm the harmonic without normalization (Cunningham's V + i W), dZ/dz = -(n-m+1) Z_(n+1)m / R and
     # (d/dx + i d/dy) Z = -Z_(n+1)(m+1) / R, (d/dx - i d/dy) Z = (n-m+2)(n-m+1) Z_(n+1)(m-1) / R; the square roots are
     # these with the ratio of normalizations.
@@ -273,7 +274,7 @@ def _derivative(coefficients: Complex, axis: str) -> Complex:
         out[1:, :-1] = -k * np.sqrt(of_degree * np.abs((n + m + 1) * (n - m + 1)))
         return out
     up, down = (-0.5, 0.5) if axis == "x" else (0.5j, 0.5j)
-    # Order 0 has no partner of negative order: what it would give is in order 1.
+    # The contribution of order -1 to order 0 is in order 1.
     up_factor = np.where(m == 0, np.sqrt(2.0), 1.0) * np.sqrt(of_degree * (n + m + 2) * (n + m + 1))
     down_factor = np.where(m == 1, np.sqrt(2.0), 1.0) * np.sqrt(of_degree * np.abs((n - m + 1) * (n - m + 2)))
     out[1:, 1:] += up * k * up_factor
@@ -283,7 +284,7 @@ def _derivative(coefficients: Complex, axis: str) -> Complex:
 
 
 def _square(rows: NDArray[np.floating[Any]]) -> Floats:
-    """Degree after degree as a square by degree and order."""
+    """Return rows of successive degrees as a square array by degree and order."""
     size = int((np.sqrt(8 * len(rows) + 1) - 1) / 2)
     out = np.zeros((size, size))
     out[np.tril_indices(size)] = rows

@@ -1,4 +1,4 @@
-"""Effects of gravity field errors on an orbit: the sigmas of its coefficients, and the degrees left out."""
+"""Effects of gravity field errors on an orbit: errors of the coefficients, and omitted degrees."""
 
 from __future__ import annotations
 
@@ -16,35 +16,36 @@ from radioloc.quantities import accepts_quantities
 from radioloc.time import Epochs
 from radioloc.vectors import Floats
 
-_LAST_DEGREES = 20  # from which Kaula's rule, coefficients as 1/n^2, has its factor
-_AT_ONCE = 256  # points whose harmonics are held together
+_KAULA_DEGREE_COUNT = 20  # highest degrees that determine the factor of Kaula's rule, sigma = factor / n^2
+_BLOCK_SIZE = 256  # points whose harmonics are in memory together
 
 
 def draw_gravity_errors(
     field: GravityField, count: int, degree: int, seed: int | np.random.Generator = 0
 ) -> list[GravityField]:
-    """Errors that a gravity field may have, drawn by chance; the sum of their squares has its mean as covariance.
+    """Draw errors of a gravity field; the sum of their squares has the covariance as its mean.
 
     Parameters
     ----------
     field : GravityField
-        To its own degree the errors are of the coefficients' sigmas. Above it they are the coefficients themselves,
-        which it leaves out: by Kaula's rule their sigma falls as 1/n^2, from what its last 20 degrees have.
+        Up to its degree the errors have the sigmas of the coefficients. Above it they are the omitted coefficients,
+        with sigmas by Kaula's rule, proportional to 1/n^2, scaled by its last 20 degrees.
     count : int
-        How many draws; each is divided by the root of it.
+        Number of draws; each is divided by its square root.
     degree : int
-        Highest degree of the errors. In an orbit at 50 km degree 220 has a tenth of the acceleration of 150.
+        Highest degree of the errors. At a height of 50 km degree 220 has a tenth of the acceleration of degree 150.
     seed : int or Generator
+        Seed of the random numbers.
 
     Returns
     -------
     list of GravityField
-        Without the central term, with the GM, the radius and the axes of the field.
+        Errors with the GM, radius and axes of the field, without a central term.
 
     Raises
     ------
     InputError
-        The degree is lower than the field's, or there is no draw.
+        The degree is lower than that of the field, or the count is below 1.
 
     Examples
     --------
@@ -54,17 +55,16 @@ def draw_gravity_errors(
     """
     if count < 1 or degree < field.degree or field.degree < 2:
         raise InputError(
-            f"count {count!r} and degree {degree!r} must be at least 1 and {field.degree}, the degree of {field.name}, "
-            "and that at least 2"
+            f"expected a count of at least 1 and a degree of at least {max(2, field.degree)}, got {count!r}, {degree!r}"
         )
     random = np.random.default_rng(seed)
     n, m = np.meshgrid(np.arange(degree + 1.0), np.arange(degree + 1.0), indexing="ij")
-    own = np.arange(max(2, field.degree - _LAST_DEGREES + 1), field.degree + 1)
-    squares = (field.c[own] ** 2 + field.s[own] ** 2).sum(axis=1) / (2 * own + 1)
-    factor = np.sqrt((squares * own**4.0).mean())
+    last = np.arange(max(2, field.degree - _KAULA_DEGREE_COUNT + 1), field.degree + 1)
+    squares = (field.c[last] ** 2 + field.s[last] ** 2).sum(axis=1) / (2 * last + 1)
+    factor = np.sqrt((squares * last**4.0).mean())
     omitted = np.where((n > field.degree) & (m <= n), factor / np.maximum(n, 1.0) ** 2, 0.0)
-    room = ((0, degree - field.degree),) * 2
-    sigmas = [omitted + np.pad(field.sigma_c, room), (omitted + np.pad(field.sigma_s, room)) * (m > 0)]
+    padding = ((0, degree - field.degree),) * 2
+    sigmas = [omitted + np.pad(field.sigma_c, padding), (omitted + np.pad(field.sigma_s, padding)) * (m > 0)]
     draws = random.normal(size=(count, 2, degree + 1, degree + 1)) * np.stack(sigmas) / np.sqrt(count)
     return [
         replace(field, name=f"error {k} of {field.name}", c=c, s=s, sigma_c=sigmas[0], sigma_s=sigmas[1])
@@ -81,24 +81,24 @@ def gravity_error_effects(
     Parameters
     ----------
     orbit : Orbit
-        With partials by its state at the epoch, which the errors leave as it is.
+        Orbit with partials by its state at the epoch, which the errors do not change.
     errors : list of GravityField
-        Additions to the field, all to one degree (:func:`draw_gravity_errors`).
+        Additions to the field, all to the same degree (:func:`draw_gravity_errors`).
     tdb : Epochs
-        Within the orbit.
+        Epochs within the orbit.
     libration : LunarOrientation, optional
-        DE421's by default.
+        Orientation of the Moon; DE421 by default.
 
     Raises
     ------
     InputError
-        The orbit has no partials; there are no errors, or their degrees differ.
+        The orbit lacks partials, or the list of errors is empty or has several degrees.
     CoverageError
-        An epoch lies outside the orbit.
+        An epoch is outside of the orbit.
 
     Notes
     -----
-    With the state transition matrix F from the epoch the change is F(t) times the integral of F(s)^-1 (0, a(s)) for the
+    With the state transition matrix F from the epoch, the change is F(t) times the integral of F(s)^-1 (0, a(s)) for
     accelerations a by the error along the orbit (Montenbruck and Gill 2000, section 7.1), by Simpson's rule.
 
     Examples
@@ -113,23 +113,25 @@ def gravity_error_effects(
     (1, 6, 4)
     """
     if len({error.degree for error in errors}) != 1:
-        raise InputError("errors of one degree are needed, as draw_gravity_errors makes them")
-    return errors_along(orbit, errors, libration or LunarOrientation.open()).at(tdb)
+        raise InputError("errors: expected fields of the same degree, as from draw_gravity_errors")
+    return gravity_perturbations(orbit, errors, libration or LunarOrientation.open()).state_changes(tdb)
 
 
-def errors_along(orbit: Orbit, errors: list[GravityField], libration: LunarOrientation) -> Perturbations:
-    """Prepare :func:`gravity_error_effects` for any epochs of the orbit."""
+def gravity_perturbations(
+    orbit: Orbit, errors: list[GravityField], libration: LunarOrientation
+) -> Perturbations:
+    """Return the perturbations of an orbit by gravity field errors."""
 
-    def pulls(moments: Epochs) -> Floats:
-        rot = rot_between(libration.frame, errors[0].frame) @ rot_icrf_to_pa(libration.angles(moments)[0])
-        points_m = np.ascontiguousarray(np.einsum("nij,nj->ni", rot, orbit.states(moments)[0]))
-        return np.asarray(np.swapaxes(rot, 1, 2) @ _pulls(errors, points_m))
+    def accelerations(tdb: Epochs) -> Floats:
+        rot = rot_between(libration.frame, errors[0].frame) @ rot_icrf_to_pa(libration.angles(tdb)[0])
+        points_m = np.ascontiguousarray(np.einsum("nij,nj->ni", rot, orbit.states(tdb)[0]))
+        return np.asarray(np.swapaxes(rot, 1, 2) @ _accelerations(errors, points_m))
 
-    return Perturbations(orbit, pulls)
+    return Perturbations(orbit, accelerations)
 
 
-def _pulls(errors: list[GravityField], points_m: Floats) -> Floats:
-    """Accelerations by errors at points, m/s^2, axes of the field, shape (n, 3, n_errors); three digits suffice."""
+def _accelerations(errors: list[GravityField], points_m: Floats) -> Floats:
+    """Return accelerations by errors at points, m/s^2, axes of the field, (n, 3, n_errors), to three digits."""
     # The compiler takes a third of a second to import.
     from radioloc.dynamics._harmonic_kernels import harmonics_at
 
@@ -139,10 +141,10 @@ def _pulls(errors: list[GravityField], points_m: Floats) -> Floats:
     factors = np.concatenate([of_harmonics.real, -of_harmonics.imag], axis=1, dtype=np.float32)
     factors = np.swapaxes(factors, 0, 1).reshape(-1, 3 * len(errors))
     of_recursion = recursion(series.shape[1])
-    harmonics = np.empty((_AT_ONCE, len(factors)), dtype=np.float32)
+    harmonics = np.empty((_BLOCK_SIZE, len(factors)), dtype=np.float32)
     sums = np.empty((len(points_m), 3 * len(errors)))
-    for first in range(0, len(points_m), _AT_ONCE):
-        some = points_m[first : first + _AT_ONCE]
-        harmonics_at(some, field.radius_m, of_recursion, harmonics)
-        sums[first : first + _AT_ONCE] = harmonics[: len(some)] @ factors
+    for first in range(0, len(points_m), _BLOCK_SIZE):
+        block = points_m[first : first + _BLOCK_SIZE]
+        harmonics_at(block, field.radius_m, of_recursion, harmonics)
+        sums[first : first + _BLOCK_SIZE] = harmonics[: len(block)] @ factors
     return sums.reshape(-1, 3, len(errors)) * (field.gm_m3_s2 / field.radius_m**2)

@@ -1,10 +1,10 @@
 """Files of gravity fields: ICGEM's ``.gfc`` and the SHADR tables (``.tab``) of NASA's Planetary Data System.
 
-ICGEM: a header of keys that ends with ``end_of_head``, then lines ``gfc n m C S`` with sigmas or without
+ICGEM: a header of keys that ends with ``end_of_head``, then lines ``gfc n m C S`` with or without sigmas
 (Barthelmes and Förste 2011, *The ICGEM-format*). SHADR: a line with reference radius (km), GM (km^3/s^2), its
 sigma, degree, order, normalization (1), reference longitude and latitude (0), then lines of degree, order, C, S
-and their sigmas, all with commas. The axes are those that the header of the one, or the detached label of the other,
-names by an ephemeris.
+and their sigmas, separated by commas. The header of the former, or the detached label of the latter, may name the axes
+by an ephemeris.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from radioloc.text_files import ANY_BYTE, numbers_of, read_lines, read_text
 
 _GM_M3_S2 = CONSTANTS["DE421"].gm_moon_m3_s2
 _RADIUS_M = 1738.0e3
-_SAME_GM, _SAME_RADIUS = 1e-3, 0.05  # relative: lunar fields agree to 1e-6 and 1e-3
-_HIGHEST_DEGREE = 2200  # beyond any field there is; a larger number is a damaged one
-_MOST_DIGITS = 8
+_GM_TOLERANCE, _RADIUS_TOLERANCE = 1e-3, 0.05  # relative: lunar fields agree to 1e-6 and 1e-3
+_MAX_DEGREE = 2200  # above all published fields; larger numbers are damaged
+_MAX_DIGIT_COUNT = 7  # of a degree or order
 _C00_TOLERANCE = 1e-5  # estimated values differ from 1 by some 1e-8, as GM does
-_MAX_DEGREE_1 = 1e-6  # 3 m from the centre of mass, on which the model places the origin
+_MAX_DEGREE_1 = 1e-6  # 3 m from the centre of mass, the origin of the model
 TIDE_SYSTEMS = ("tide_free", "zero_tide", "unknown")
 
 
@@ -54,36 +54,37 @@ def _read_icgem(path: Path, lines: Iterator[tuple[int, str]]) -> dict[str, Any]:
             header[words[0]] = number, words[1]
     else:
         raise FileFormatError(
-            path, "is no gravity field: neither ICGEM's end_of_head nor a SHADR table's first line"
+            path, "expected a gravity field: end_of_head of ICGEM, or the first line of a SHADR table"
         )
     if "gravity_constant" not in header and "earth_gravity_constant" in header:
         header["gravity_constant"] = header["earth_gravity_constant"]
     for key in ("gravity_constant", "radius", "max_degree"):
         if key not in header:
-            raise FileFormatError(path, f"the header has no {key}; fetch the file again")
+            raise FileFormatError(path, f"the header lacks {key}; download the file again")
     norm_line, norm = header.get("norm", (None, "fully_normalized"))
     if norm != "fully_normalized":
-        raise FileFormatError(path, f"norm is {norm}; give a fully_normalized field", norm_line)
+        raise FileFormatError(path, f"norm: expected fully_normalized, got {norm}", norm_line)
     product_line, product = header.get("product_type", (None, "gravity_field"))
     if product != "gravity_field":
-        raise FileFormatError(
-            path, f"expected product_type gravity_field, got {product}; give a gravity field", product_line
-        )
+        raise FileFormatError(path, f"product_type: expected gravity_field, got {product}", product_line)
     tide_line, tide_system = header.get("tide_system", (None, "unknown"))
     tide_system = tide_system.lower().replace("-", "_")
     if tide_system not in TIDE_SYSTEMS:
-        known = ", ".join(TIDE_SYSTEMS)
-        raise FileFormatError(path, f"tide_system is {tide_system}; one of {known} is known here", tide_line)
+        choices = ", ".join(TIDE_SYSTEMS)
+        raise FileFormatError(path, f"tide_system: expected {choices}, got {tide_system}", tide_line)
     gm_line, gm = header["gravity_constant"]
     degree_line, degree = header["max_degree"]
     table = _Table(
-        path, _whole(path, degree_line, degree), _number(path, gm_line, gm), _number(path, *header["radius"])
+        path,
+        _integer(path, degree_line, degree),
+        _number(path, gm_line, gm),
+        _number(path, *header["radius"]),
     )
     for number, line in lines:
         words = line.split()
         if words and words[0] != "gfc":
             raise FileFormatError(
-                path, f"begins with {words[0]!r}; only lines gfc, constant in time, are used here", number
+                path, f"expected lines gfc (constant coefficients), got {words[0]!r}", number
             )
         if words:
             table.add(number, words[1:])
@@ -94,18 +95,17 @@ def _read_icgem(path: Path, lines: Iterator[tuple[int, str]]) -> dict[str, Any]:
 def _read_shadr(path: Path, first: str, lines: Iterator[tuple[int, str]]) -> dict[str, Any]:
     head = [word.strip() for word in first.split(",")]
     if len(head) < 6:
-        raise FileFormatError(path, "has fewer than six numbers; a SHADR table begins with eight", 1)
+        raise FileFormatError(path, f"expected a line of eight numbers of a SHADR table, got {len(head)}", 1)
     if _number(path, 1, head[5]) != 1.0:
-        raise FileFormatError(path, f"normalization is {head[5]}; give a fully normalized field (1)", 1)
-    for word, what in zip(head[6:8], ("longitude", "latitude"), strict=False):
+        raise FileFormatError(path, f"normalization: expected 1 (fully normalized), got {head[5]}", 1)
+    for word, coordinate in zip(head[6:8], ("longitude", "latitude"), strict=False):
         if _number(path, 1, word) != 0.0:
             raise FileFormatError(
                 path,
-                f"expected a reference {what} of 0, got {word}; give a field whose longitudes count from the prime "
-                "meridian and latitudes from the equator",
+                f"reference {coordinate}: expected 0 (prime meridian and equator), got {word}",
                 1,
             )
-    degree = min(_whole(path, 1, head[3]), _whole(path, 1, head[4]))
+    degree = min(_integer(path, 1, head[3]), _integer(path, 1, head[4]))
     table = _Table(path, degree, _number(path, 1, head[1]) * 1e9, _number(path, 1, head[0]) * 1e3)
     for number, line in lines:
         words = [word.strip() for word in line.split(",")]
@@ -117,7 +117,7 @@ def _read_shadr(path: Path, first: str, lines: Iterator[tuple[int, str]]) -> dic
 
 
 def _stated_axes(text: str) -> str | None:
-    """Axes that a header or label names, such as PA_DE421; None where it names no ephemeris, or several."""
+    """Return the axes that a header or label names, such as PA_DE421, or None without a single ephemeris."""
     ephemerides = set(re.findall(r"(?<![A-Za-z])DE[- ]?0?(4\d\d)(?!\d)", text, re.IGNORECASE))
     principal = re.search(r"principal[\s-]+ax|(?<![A-Za-z])PA_DE|MOON_PA", text, re.IGNORECASE)
     mean_earth = re.search(r"mean[\s-]+earth|(?<![A-Za-z])ME_DE|MOON_ME", text, re.IGNORECASE)
@@ -128,19 +128,22 @@ def _stated_axes(text: str) -> str | None:
 
 
 class _Table:
-    """Coefficients as they are read, line by line."""
+    """Coefficients of a file, added line by line."""
 
     def __init__(self, path: Path, degree: int, gm_m3_s2: float, radius_m: float) -> None:
         if not (
-            abs(gm_m3_s2 / _GM_M3_S2 - 1.0) < _SAME_GM and abs(radius_m / _RADIUS_M - 1.0) < _SAME_RADIUS
+            abs(gm_m3_s2 / _GM_M3_S2 - 1.0) < _GM_TOLERANCE
+            and abs(radius_m / _RADIUS_M - 1.0) < _RADIUS_TOLERANCE
         ):
             raise FileFormatError(
                 path,
-                f"is of another body: GM is {gm_m3_s2:.6g} m^3/s^2 and the radius {radius_m:.6g} m, of the Moon "
-                f"{_GM_M3_S2:.6g} and {_RADIUS_M:.6g}; give a lunar field",
+                f"expected GM {_GM_M3_S2:.6g} m^3/s^2 and radius {_RADIUS_M:.6g} m of the Moon, got {gm_m3_s2:.6g} and "
+                f"{radius_m:.6g}",
             )
-        if degree > _HIGHEST_DEGREE:
-            raise FileFormatError(path, f"degree {degree} is above {_HIGHEST_DEGREE}; fetch the file again")
+        if degree > _MAX_DEGREE:
+            raise FileFormatError(
+                path, f"degree: expected up to {_MAX_DEGREE}, got {degree}; download the file again"
+            )
         self.path, self.degree, self.gm_m3_s2, self.radius_m = path, degree, gm_m3_s2, radius_m
         self.values = np.full((degree + 1, degree + 1, 4), np.nan)
         self.values[:2] = 0.0  # files may begin with degree 2
@@ -149,18 +152,15 @@ class _Table:
 
     def add(self, number: int, words: list[str]) -> None:
         if len(words) not in (4, 6):
-            problem = f"has {len(words)} numbers; degree, order, C, S, or these with two sigmas, are needed"
+            problem = f"expected degree, order, C, S, or these with two sigmas, got {len(words)} numbers"
             raise FileFormatError(self.path, problem, number)
-        n, m = (_whole(self.path, number, word) for word in words[:2])
+        n, m = (_integer(self.path, number, word) for word in words[:2])
         if m > n or n > self.degree:
             raise FileFormatError(
-                self.path, f"has no degree {n}, order {m}, in a field to {self.degree}", number
+                self.path, f"expected degree and order up to {self.degree}, got {n}, {m}", number
             )
         if self.lines[n, m]:
-            problem = (
-                f"degree {n}, order {m}, is also in line {self.lines[n, m]}; expected each coefficient once, "
-                "leave one of the two out"
-            )
+            problem = f"duplicate degree {n}, order {m}, also in line {self.lines[n, m]}; remove one of them"
             raise FileFormatError(self.path, problem, number)
         self.lines[n, m] = number
         self.values[n, m] = [_number(self.path, number, word) for word in words[2:]] + [0.0] * (
@@ -173,18 +173,18 @@ class _Table:
             n, m = missing[0]
             raise FileFormatError(
                 self.path,
-                f"is cut: degree {n}, order {m}, is missing of a field to {self.degree}; fetch it again",
+                f"degree {n}, order {m}, is missing in a field to {self.degree}; download the file again",
             )
         if abs(c00 := self.values[0, 0, 0] - 1.0) > _C00_TOLERANCE:
             problem = (
-                f"expected C00 = 1, got {1.0 + c00:.9g}: the coefficients are in another unit, or damaged"
+                f"expected C00 = 1, got {1.0 + c00:.9g}: the coefficients are damaged or in another unit"
             )
             raise FileFormatError(self.path, problem, int(self.lines[0, 0]))
         if (off_centre := np.abs(self.values[1:2, :2, :2])).max(initial=0.0) > _MAX_DEGREE_1:
             raise FileFormatError(
                 self.path,
-                f"expected coefficients of degree 1 below {_MAX_DEGREE_1:g}, got {off_centre.max():.3g}; give a field "
-                "whose origin is the centre of mass",
+                f"expected coefficients of degree 1 below {_MAX_DEGREE_1:g} (origin in the centre of mass), got "
+                f"{off_centre.max():.3g}",
             )
         squares = np.nan_to_num(np.moveaxis(self.values, -1, 0))
         return {
@@ -198,11 +198,11 @@ class _Table:
 
 
 def _number(path: Path, line: int, word: str) -> float:
-    """Finite number of a word, which may have Fortran's exponent D."""
+    """Return the finite number of a word, which may have Fortran's exponent D."""
     return numbers_of(path, line, [word.replace("D", "E").replace("d", "e")], "a coefficient or constant")[0]
 
 
-def _whole(path: Path, line: int, word: str) -> int:
-    if not (word.isdecimal() and len(word) < _MOST_DIGITS):
-        raise FileFormatError(path, f"{word!r} is no degree or order", line)
+def _integer(path: Path, line: int, word: str) -> int:
+    if not (word.isdecimal() and len(word) <= _MAX_DIGIT_COUNT):
+        raise FileFormatError(path, f"expected a degree or order, got {word!r}", line)
     return int(word)

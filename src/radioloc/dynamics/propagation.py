@@ -11,9 +11,9 @@ from numpy.polynomial import legendre
 from numpy.typing import ArrayLike
 
 from radioloc.dynamics._force_data import (
-    ACTS,
     DONE,
     IN_MOON,
+    IS_ACTIVE,
     NODES,
     STUCK,
     TOO_MANY,
@@ -22,8 +22,8 @@ from radioloc.dynamics._force_data import (
     Tolerance,
 )
 from radioloc.dynamics.accelerations import force_data, parameter_columns
-from radioloc.dynamics.forces import Forces, Impulse, require_one_epoch
-from radioloc.dynamics.orbit import LOWEST_M, STATE, Leg, Orbit, Rest, initial_state
+from radioloc.dynamics.forces import Forces, Impulse, require_single_epoch
+from radioloc.dynamics.orbit import MIN_RADIUS_M, STATE, Leg, Orbit, SurfaceRest, initial_state
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import ConvergenceError, InputError
 from radioloc.quantities import accepts_quantities
@@ -31,9 +31,9 @@ from radioloc.time import Epochs, utc_strings
 from radioloc.vectors import Floats, rtn_axes
 
 _FIRST_STEP_S = 10.0
-_TOLERANCE_M = 1e-7  # Error of the position in one step
-_MOST_STEPS = 2_000_000
-_VELOCITY_PER_POSITION = 1e-3  # 1/s: about the mean motion of a low orbit
+_TOLERANCE_M = 1e-7  # error of the position in a step
+_MAX_STEPS = 2_000_000
+_MEAN_MOTION_S = 1e-3  # of a low orbit, 1/s: ratio of the tolerances of velocity and position
 
 
 @accepts_quantities
@@ -54,28 +54,32 @@ def propagate(
     Parameters
     ----------
     epoch : Epochs
-        TDB, one.
+        Single epoch, TDB.
     position_m, velocity_m_s : array_like, shape (3,)
         State at the epoch relative to the Moon's centre, ICRF axes.
     forces : Forces
     span_s : tuple of float
-        First and last time that is wanted, TDB seconds from the epoch; the epoch itself is always covered.
+        First and last time of interest, TDB seconds from the epoch; the orbit also covers the epoch.
     parameters : sequence of str, optional
-        Forces' parameters (:meth:`Forces.parameters`) whose partials are integrated beside those by the state; an empty
-        one for the state alone, None (the default) for no partials.
+        Parameters of the forces (:meth:`Forces.parameters`) with partials, beside the state; empty for partials by the
+        state only, None (the default) without partials.
     ephemeris : Ephemeris, optional
         Positions and masses of the bodies, and the ephemeris of the lunar orientation; DE421 by default.
     tolerance_m : float
-        Error of the position in one step of the integration.
+        Error of the position in a step of the integration, m.
     touchdown : Epochs, optional
-        From when on it rests on the Moon, where it then is, TDB, one; the epoch itself, or later.
+        Epoch of the landing, TDB, not before `epoch`; the spacecraft then rests on the Moon at its position.
+
+    Returns
+    -------
+    Orbit
+        Orbit from the first to the last time.
 
     Raises
     ------
     InputError
-        A state under the ground or one that comes down to it, without finite numbers or velocity; an unknown parameter
-        or a body that the ephemeris does not hold; an impulse outside the span or at the epoch; no single epoch; a
-        tolerance that is not above 0.
+        The state is not finite or below the ground, or the orbit meets the ground; a parameter is unknown, the
+        ephemeris lacks a body, an impulse is outside of the span or at the epoch, or the tolerance is not positive.
     CoverageError
         The ephemeris does not cover the span.
     ConvergenceError
@@ -100,7 +104,7 @@ def propagate(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """Motion of a spacecraft: its initial state, forces, and the ground or the touchdown that ends it."""
+    """Motion of a spacecraft: initial state, forces, ground and touchdown."""
 
     epoch: Epochs
     state: Floats
@@ -109,7 +113,7 @@ class Motion:
     libration: LunarOrientation
     touchdown: Epochs | None = None
     name: str = "orbit"  # in messages
-    lowest_m: float = LOWEST_M  # distance from the Moon's centre below which the orbit is refused
+    min_radius_m: float = MIN_RADIUS_M  # smallest permitted distance from the Moon's centre
 
 
 def integrate_motion(
@@ -120,54 +124,54 @@ def integrate_motion(
     *,
     has_all_impulses: bool = False,
 ) -> Orbit:
-    """Integrate a motion as :func:`propagate` does; a part of an arc need not have all impulses in its span."""
+    """Integrate a motion as :func:`propagate` does; without `has_all_impulses` some may be outside of the span."""
     name, epoch, forces, touchdown = motion.name, motion.epoch, motion.forces, motion.touchdown
-    require_one_epoch(name, epoch)
+    require_single_epoch(name, epoch)
     if not tolerance_m > 0.0:
-        raise InputError(f"tolerance_m = {tolerance_m!r} is not above 0")
+        raise InputError(f"tolerance_m: expected a number above 0, got {tolerance_m!r}")
     start_s, stop_s = min(0.0, float(span_s[0])), max(0.0, float(span_s[1]))
-    rest = None
+    surface_rest = None
     if touchdown is not None:
-        require_one_epoch(name, touchdown)
-        rest = Rest(float(touchdown.seconds_since(epoch)[0]), stop_s, motion.libration)
-        if rest.start_s < 0.0:
-            raise InputError(
-                f"the touchdown of {name} is before the epoch of its state; exchange or correct them"
-            )
-        # Some of the flight is always there, so that there is something to end.
-        start_s, stop_s = min(start_s, -1.0), min(stop_s, rest.start_s)
+        require_single_epoch(name, touchdown)
+        surface_rest = SurfaceRest(float(touchdown.seconds_since(epoch)[0]), stop_s, motion.libration)
+        if surface_rest.start_s < 0.0:
+            raise InputError(f"touchdown of {name}: expected an epoch not before that of the state")
+        # At least a second of flight.
+        start_s, stop_s = min(start_s, -1.0), min(stop_s, surface_rest.start_s)
     if not (np.isfinite(start_s) and np.isfinite(stop_s)) or start_s == stop_s:
-        raise InputError(f"span_s = {span_s!r} has no length; give first and last seconds from the epoch")
+        raise InputError(
+            f"span_s: expected different finite first and last seconds from the epoch, got {span_s!r}"
+        )
     names = () if parameters is None else (*STATE, *parameters)
     for impulse in forces.impulses:
         impulse_s = float(impulse.epoch.seconds_since(epoch)[0])
         if impulse_s == 0.0 or (has_all_impulses and not start_s < impulse_s < stop_s):
             raise InputError(
-                f"impulse {impulse.name} is at {utc_strings(impulse.epoch, 3)[0]} TDB, outside the span or at the "
-                f"epoch of {name}; leave it out, or propagate over a longer span"
+                f"impulse {impulse.name}: expected an epoch in the span of {name}, other than its epoch, got "
+                f"{utc_strings(impulse.epoch, 3)[0]} TDB; remove it, or propagate over a longer span"
             )
     data = force_data(
         forces, motion.ephemeris, motion.libration, epoch, (start_s, stop_s), motion.state, names
     )
-    before, after = (_legs(motion, names, data, end_s, tolerance_m) for end_s in (start_s, stop_s))
-    return Orbit(name, epoch, forces, names, (*before[::-1], *after), rest)
+    earlier, later = (_legs(motion, names, data, end_s, tolerance_m) for end_s in (start_s, stop_s))
+    return Orbit(name, epoch, forces, names, (*earlier[::-1], *later), surface_rest)
 
 
 def _legs(
     motion: Motion, names: tuple[str, ...], data: ForceData, end_s: float, tolerance_m: float
 ) -> list[Leg]:
-    """Integrate from the epoch to one end; legs are in the order of integration."""
+    """Integrate from the epoch to an end; legs are in the order of integration."""
     epoch, forces = motion.epoch, motion.forces
     # The compiler takes a third of a second to import.
     from radioloc.dynamics._collocation_kernels import integrate
 
-    def seconds(moment: Epochs | None, always_s: float) -> float:
-        return always_s if moment is None else float(moment.seconds_since(epoch)[0])
+    def seconds(tdb: Epochs | None, default_s: float) -> float:
+        return default_s if tdb is None else float(tdb.seconds_since(epoch)[0])
 
-    spans_s = [(seconds(one.start, -np.inf), seconds(one.stop, np.inf)) for one in forces.accelerations]
-    impulses_s = [seconds(one.epoch, 0.0) for one in forces.impulses]
+    spans_s = [(seconds(item.start, -np.inf), seconds(item.stop, np.inf)) for item in forces.accelerations]
+    impulses_s = [seconds(item.epoch, 0.0) for item in forces.impulses]
     columns, method = parameter_columns(forces, names), _collocation()
-    tolerance = Tolerance(tolerance_m, tolerance_m * _VELOCITY_PER_POSITION, motion.lowest_m, _MOST_STEPS)
+    tolerance = Tolerance(tolerance_m, tolerance_m * _MEAN_MOTION_S, motion.min_radius_m, _MAX_STEPS)
     sign = 1.0 if end_s > 0.0 else -1.0
     corners = {time for span in spans_s for time in span} | {*impulses_s, end_s}
     ends_s = sorted((t for t in corners if 0.0 < sign * t <= sign * end_s), key=abs)
@@ -177,78 +181,87 @@ def _legs(
     legs, time_s, step_s = [], 0.0, _FIRST_STEP_S
     for leg_end_s in ends_s:
         middle_s = 0.5 * (time_s + leg_end_s)
-        given = data.given.copy()
-        given[:, ACTS] = [start <= middle_s < stop for start, stop in spans_s]
+        empirical = data.empirical.copy()
+        empirical[:, IS_ACTIVE] = [start <= middle_s < stop for start, stop in spans_s]
         status, states, dense, step_s = integrate(
-            time_s, leg_end_s, step_s, y.ravel(), columns, data._replace(given=given), method, tolerance
+            time_s,
+            leg_end_s,
+            step_s,
+            y.ravel(),
+            columns,
+            data._replace(empirical=empirical),
+            method,
+            tolerance,
         )
         if status != DONE:
-            _refuse(motion.name, status, epoch.shifted(float(states[-1, 0])))
+            _raise_failure(motion.name, status, epoch.shifted(float(states[-1, 0])))
         legs.append(Leg(states, dense))
         time_s, y = leg_end_s, states[-1, 1:].reshape(-1, 6).copy()
         for impulse, impulse_s in zip(forces.impulses, impulses_s, strict=True):
             if impulse_s == time_s:
-                _jump(y, impulse, names, sign)
+                _apply_impulse(y, impulse, names, sign)
     return legs
 
 
-def _jump(y: Floats, impulse: Impulse, names: tuple[str, ...], sign: float) -> None:
-    """Carry state and partials over an impulse, forward or backward."""
+def _apply_impulse(y: Floats, impulse: Impulse, names: tuple[str, ...], sign: float) -> None:
+    """Apply an impulse to state and partials, forward or backward."""
     delta = np.array(impulse.delta_v_m_s)
 
-    def turned(state: Floats) -> Floats:
+    def rotation(state: Floats) -> Floats:
         return rtn_axes(state[:3], state[3:]).T if impulse.axes == "RTN" else np.eye(3)
 
-    before = y[0].copy()
+    state = y[0].copy()
     if sign < 0.0:
-        axes = _axes_before(y[0], impulse) if impulse.axes == "RTN" else np.eye(3)
-        before[3:] -= delta @ axes
-    across = np.eye(6)
-    steps = np.repeat([1e-5 * np.linalg.norm(before[:3]), 1e-5 * np.linalg.norm(before[3:])], 3)
+        axes = _axes_before_impulse(y[0], impulse) if impulse.axes == "RTN" else np.eye(3)
+        state[3:] -= delta @ axes
+    transition = np.eye(6)
+    steps = np.repeat([1e-5 * np.linalg.norm(state[:3]), 1e-5 * np.linalg.norm(state[3:])], 3)
     for k, step in enumerate(np.diag(steps)):
-        across[3:, k] += (turned(before + step) - turned(before - step)) @ delta / (2.0 * steps[k])
-    own = np.zeros((len(names), 6))
+        transition[3:, k] += (rotation(state + step) - rotation(state - step)) @ delta / (2.0 * steps[k])
+    by_impulse = np.zeros((len(names), 6))
     for k, name in enumerate(impulse.names()):
         if name in names:
-            own[names.index(name), 3:] = turned(before)[:, k]
+            by_impulse[names.index(name), 3:] = rotation(state)[:, k]
     if sign > 0.0:
-        y[0, 3:] += turned(before) @ delta
-        y[1:] = y[1:] @ across.T + own
+        y[0, 3:] += rotation(state) @ delta
+        y[1:] = y[1:] @ transition.T + by_impulse
     else:
-        y[0] = before
-        y[1:] = np.linalg.solve(across, (y[1:] - own).T).T
+        y[0] = state
+        y[1:] = np.linalg.solve(transition, (y[1:] - by_impulse).T).T
 
 
-def _axes_before(after: Floats, impulse: Impulse) -> Floats:
-    """Radial, transverse and normal axes as rows, before an impulse, from the state after it."""
-    # Two states become that after it; this is the one whose motion the impulse does not turn back.
-    axes = rtn_axes(after[:3], after[3:])
-    _, along, across = impulse.delta_v_m_s
-    speed = axes[1] @ after[3:]
-    # Its part across turned the plane about the radial axis; the rest of the speed along is what was there before.
-    rest = speed**2 - across**2
-    if rest <= 0.0 or np.sqrt(rest) <= along:
+def _axes_before_impulse(state: Floats, impulse: Impulse) -> Floats:
+    """Return radial, transverse and normal axes before an impulse as rows, from the state after it."""
+    # Two solutions exist; the impulse does not reverse the motion in this one.
+    axes = rtn_axes(state[:3], state[3:])
+    _, transverse, normal = impulse.delta_v_m_s
+    speed = axes[1] @ state[3:]
+    # The normal component turned the plane about the radial axis.
+    square = speed**2 - normal**2
+    if square <= 0.0 or np.sqrt(square) <= transverse:
         raise InputError(
-            f"no velocity before impulse {impulse.name} in radial, transverse and normal axes becomes that after it; "
-            "correct the impulse or the state, or give the state at an epoch before it"
+            f"impulse {impulse.name}: the velocity after it excludes its RTN components; correct impulse or state, or "
+            "state the orbit at an epoch before the impulse"
         )
-    cosine, sine = np.sqrt(rest) / speed, across / speed
+    cosine, sine = np.sqrt(square) / speed, normal / speed
     return np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]]) @ axes
 
 
-def _refuse(name: str, status: int, tdb: Epochs) -> NoReturn:
-    """Say why an orbit ends before its end."""
+def _raise_failure(name: str, status: int, tdb: Epochs) -> NoReturn:
+    """Raise the error of an integration that ended early."""
     if status in (STUCK, TOO_MANY):
         date = utc_strings(tdb, 3)[0]
-        raise ConvergenceError(f"{name} cannot be integrated beyond {date} TDB; is its state in m and m/s?")
-    refuse_ground(name, "Moon" if status == IN_MOON else "Earth", tdb)
+        raise ConvergenceError(
+            f"{name}: integration failed at {date} TDB; check the units of its state (m, m/s)"
+        )
+    raise_ground_error(name, "Moon" if status == IN_MOON else "Earth", tdb)
 
 
-def refuse_ground(name: str, body: str, tdb: Epochs) -> NoReturn:
+def raise_ground_error(name: str, body: str, tdb: Epochs) -> NoReturn:
     """Raise an InputError with the epoch at which an orbit meets the ground of a body."""
     raise InputError(
-        f"{name} comes down to the ground of the {body} at {utc_strings(tdb, 3)[0]} TDB; correct its state or "
-        "manoeuvres, or end it before"
+        f"{name} meets the ground of the {body} at {utc_strings(tdb, 3)[0]} TDB; correct its state or manoeuvres, or "
+        "shorten its span"
     )
 
 
@@ -256,8 +269,8 @@ def _collocation() -> Collocation:
     nodes, _ = legendre.leggauss(NODES)
     to_series = np.asarray(np.linalg.inv(legendre.legvander(nodes, NODES - 1)), dtype=np.float64)
     ends = np.append(nodes, 1.0)
-    once, twice = (
-        legendre.legval(ends, legendre.legint(np.eye(NODES), times, lbnd=-1.0)).T @ to_series
-        for times in (1, 2)
+    to_speeds, to_places = (
+        legendre.legval(ends, legendre.legint(np.eye(NODES), order, lbnd=-1.0)).T @ to_series
+        for order in (1, 2)
     )
-    return Collocation(ends, to_series, once, twice)
+    return Collocation(ends, to_series, to_speeds, to_places)

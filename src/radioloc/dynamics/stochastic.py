@@ -1,9 +1,8 @@
-"""Stochastic accelerations, constant over intervals, radial, along and across: effects on an orbit and its data.
+"""Effects of stochastic accelerations on an orbit and its observations; radial, along, across, constant in intervals.
 
-Intervals are counted from the epoch of the orbit, outward both ways. What those of intervals nearer to the epoch have
-done to an orbit is a deviation d of its state, mapped to the epoch by the state transition matrix (the pseudo-epoch
-state of Bierman 1977, chapter VII): observations have the same partials by it as by the state at the epoch, and
-d_(k+1) = d_k + G_k u_k.
+Intervals are numbered from the epoch of the orbit, in both directions. The effect of all intervals nearer to the epoch
+is a deviation d of the state, mapped to the epoch by the state transition matrix (pseudo-epoch state, Bierman 1977,
+chapter VII). Observations have the same partials by d as by the state at the epoch, and d_(k+1) = d_k + G_k u_k.
 """
 
 from __future__ import annotations
@@ -20,23 +19,23 @@ from radioloc.time import Epochs
 from radioloc.vectors import Floats, rtn_axes
 
 Chains = tuple[Floats, Floats]
-"""Numbers by interval, behind the epoch and before it; both outward, from the epoch on."""
+"""Values by interval, after the epoch and before it; both numbered from the epoch."""
 
 COLOURS = 3
-"""An interval and its two neighbours; those of the same remainder share columns."""
+"""Number of groups of columns; intervals with the same remainder by it share columns, neighbours do not."""
 
 AFTER, BEFORE, ACROSS = range(3)
-"""Place of an observation's intervals; across the epoch there is one on either side."""
+"""Chain of an observation's intervals; ACROSS the epoch it has an interval of each."""
 
 
 class StochasticEffects:
-    """Effects of accelerations of one sigma in intervals that count from the orbit's epoch, outward both ways."""
+    """Effects of accelerations of one sigma, by interval from the orbit's epoch in both directions."""
 
     def __init__(self, orbit: Orbit, sigma_m_s2: Floats, interval_s: float) -> None:
-        # The orbit has partials by its state; sigmas are radial, along, across.
+        # The orbit needs partials by its state; sigmas are radial, along, across.
         self.orbit, self.interval_s = orbit, interval_s
         self.perturbations = Perturbations(
-            orbit, lambda moments: np.swapaxes(rtn_axes(*orbit.states(moments)), 1, 2) * sigma_m_s2
+            orbit, lambda tdb: np.swapaxes(rtn_axes(*orbit.states(tdb)), 1, 2) * sigma_m_s2
         )
         first_s, last_s = orbit.span_s
         edges = []
@@ -44,32 +43,32 @@ class StochasticEffects:
             edges_s = np.append(np.sign(end_s) * np.arange(0.0, abs(end_s), interval_s), end_s)
             edges.append(self.perturbations.mapped_to_epoch(orbit.epoch.shifted(edges_s)))
         self._edges = edges
-        # Effects of one sigma on the state mapped to the epoch, shape (K, 6, 3), by interval behind it and before it.
+        # Effects of one sigma on the state mapped to the epoch, shape (K, 6, 3), by interval after and before it.
         self.moved = (np.diff(edges[0], axis=0), np.diff(edges[1], axis=0))
 
-    def place(self, tdb: Epochs) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
-        """Chain (0 behind the epoch, 1 before it), step and effect of the interval that epochs are in, (n, 6, 3)."""
+    def intervals(self, tdb: Epochs) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
+        """Return chain (0 after, 1 before the epoch), step and effect of the interval of each epoch, (n, 6, 3)."""
         times_s = tdb.seconds_since(self.orbit.epoch)
         chain = (times_s < 0.0).astype(np.intp)
-        last = np.array([len(one) for one in self.moved]) - 1
+        last = np.array([len(effects) for effects in self.moved]) - 1
         step = np.minimum((abs(times_s) / self.interval_s).astype(np.intp), last[chain])
         begun = np.empty((len(step), 6, 3))
-        for which, edges in enumerate(self._edges):
-            begun[chain == which] = edges[step[chain == which]]
-        near = self.orbit.partials(tdb)[:, :, :6] @ (self.perturbations.mapped_to_epoch(tdb) - begun)
-        return chain, step, near
+        for k, edges in enumerate(self._edges):
+            begun[chain == k] = edges[step[chain == k]]
+        effect = self.orbit.partials(tdb)[:, :, :6] @ (self.perturbations.mapped_to_epoch(tdb) - begun)
+        return chain, step, effect
 
-    def at(self, tdb: Epochs) -> Floats:
+    def state_partials(self, tdb: Epochs) -> Floats:
         """Return partials of states by the state at the epoch and by accelerations of near intervals, (n, 6, 15)."""
-        # The interval of an epoch and the one inward have the columns of their remainders by three; the third are zero.
-        chain, step, near = self.place(tdb)
+        # An interval and the preceding one have the columns of their remainders by three; the others are zero.
+        chain, step, effect = self.intervals(tdb)
         transition = self.orbit.partials(tdb)[:, :, :6]
         out = np.zeros((len(step), 6, COLOURS, 3))
         colour, rows = colours(chain, step), np.arange(len(step))
-        out[rows, :, colour] = near
-        for which, moved in enumerate(self.moved):
-            mine = np.flatnonzero((chain == which) & (step > 0))
-            out[mine, :, colours(chain[mine], step[mine] - 1)] = transition[mine] @ moved[step[mine] - 1]
+        out[rows, :, colour] = effect
+        for k, moved in enumerate(self.moved):
+            rows = np.flatnonzero((chain == k) & (step > 0))
+            out[rows, :, colours(chain[rows], step[rows] - 1)] = transition[rows] @ moved[step[rows] - 1]
         return np.concatenate([transition, out.reshape(len(step), 6, -1)], axis=2)
 
 
@@ -79,8 +78,8 @@ def colours(chain: NDArray[np.intp], step: NDArray[np.intp]) -> NDArray[np.intp]
 
 
 def stochastic_forces(epoch: Epochs, values_m_s2: Chains, interval_s: float) -> tuple[Acceleration, ...]:
-    """Accelerations (K, 3) of intervals behind the epoch and before it, as forces."""
-    after, before = values_m_s2
+    """Return accelerations (K, 3) of intervals after and before the epoch as forces."""
+    later, earlier = values_m_s2
     return tuple(
         Acceleration(
             f"process_{k:+d}",
@@ -88,7 +87,7 @@ def stochastic_forces(epoch: Epochs, values_m_s2: Chains, interval_s: float) -> 
             start=epoch.shifted(k * interval_s),
             stop=epoch.shifted((k + 1) * interval_s),
         )
-        for k, value in enumerate([*before[::-1], *after], -len(before))
+        for k, value in enumerate([*earlier[::-1], *later], -len(earlier))
     )
 
 
@@ -96,8 +95,8 @@ def stochastic_forces(epoch: Epochs, values_m_s2: Chains, interval_s: float) -> 
 class StochasticAccelerations:
     """Effects of accelerations u (s components, in their sigmas) on n observations."""
 
-    # Each observation depends on the deviation d with which its interval begins, on u of that interval (near) and of
-    # the next one outward (far). Across the epoch d is zero, near is the interval behind it, far the one before it.
+    # Each observation depends on the deviation d at the start of its interval, on u of that interval (near) and of the
+    # next interval (far). Across the epoch d is zero, near is the interval after it, far the interval before it.
 
     chain: NDArray[np.int8]  # AFTER, BEFORE or ACROSS, shape (n,)
     step: NDArray[np.intp]  # interval in its chain, shape (n,)
@@ -106,24 +105,24 @@ class StochasticAccelerations:
     far: Floats
     moved: Chains  # G, effects of u on the state mapped to the epoch, shapes (K, 6, s)
     persistence: float  # correlation of u in successive intervals, exp(-interval / correlation time)
-    reference: Chains  # u of the orbit that was integrated, shapes (K + 1, s)
+    reference: Chains  # u of the integrated orbit, shapes (K + 1, s)
 
     def deviations(self, values: Chains) -> Chains:
-        """Return the d with which intervals begin, shapes (K + 1, 6), by u, shapes (K + 1, s)."""
-        after, before = (
+        """Return d at the start of intervals, shapes (K + 1, 6), by u, shapes (K + 1, s)."""
+        later, earlier = (
             np.concatenate([np.zeros((1, 6)), np.cumsum((moved @ u[:-1, :, None])[:, :, 0], axis=0)])
             for moved, u in zip(self.moved, values, strict=True)
         )
-        return after, before
+        return later, earlier
 
     def effects_m(self, values: Chains) -> Floats:
         """Return the effects of u on the observations, m, shape (n,)."""
         out = np.zeros(len(self.step))
         for chain, (d, u) in enumerate(zip(self.deviations(values), values, strict=True)):
-            mine = self.chain == chain
-            k = self.step[mine]
+            rows = self.chain == chain
+            k = self.step[rows]
             for partials, by in ((self.by_state, d[k]), (self.near, u[k]), (self.far, u[k + 1])):
-                out[mine] += (partials[mine] * by).sum(axis=1)
-        mine = self.chain == ACROSS
-        out[mine] = self.near[mine] @ values[AFTER][0] + self.far[mine] @ values[BEFORE][0]
+                out[rows] += (partials[rows] * by).sum(axis=1)
+        rows = self.chain == ACROSS
+        out[rows] = self.near[rows] @ values[AFTER][0] + self.far[rows] @ values[BEFORE][0]
         return out

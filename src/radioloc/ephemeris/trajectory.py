@@ -60,7 +60,7 @@ class AdjustableTrajectory(AnyTrajectory, Protocol):
         """Partial derivatives of the position, ICRF axes, by the parameters, shape (n, 3, p)."""
         ...
 
-    def over(self, first: Epochs, last: Epochs) -> AdjustableTrajectory:
+    def restricted_to(self, first: Epochs, last: Epochs) -> AdjustableTrajectory:
         """The same from one epoch to another, TDB, of which more is not wanted."""
         ...
 

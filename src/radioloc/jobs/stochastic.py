@@ -76,7 +76,7 @@ class StochasticProblem:
         moved = here.orbit_at(x)
         assert moved is not None
         effects = StochasticEffects(moved.nearest(), noise.sigma_m_s2, interval_s)
-        partials = without.effects_on_orbit(replace(moved, errors=effects.at))
+        partials = without.effects_on_orbit(replace(moved, errors=effects.state_partials))
         by_colour = partials[:, 6:].reshape(len(partials), COLOURS, 3)
         tag_s = tt_to_tdb(utc_to_tt(predictor.observations.epoch)).seconds_since(orbit.epoch)
         first, last = (
@@ -232,7 +232,7 @@ class IndependentAccelerations:
 
     def states(self, tdb: Epochs) -> Floats:
         """Effects on the states at epochs of TDB, m and m/s, ICRF axes, shape (n, 6, w)."""
-        chain, step, near = self.effects.place(tdb)
+        chain, step, near = self.effects.intervals(tdb)
         transition = self.effects.orbit.partials(tdb)[:, :, :6]
         out = np.empty((len(step), 6, self.values[0].shape[2]))
         for which in (AFTER, BEFORE):

@@ -164,7 +164,7 @@ class OrbitMotion:
 
     def restricted_to(self, first: Epochs, last: Epochs) -> OrbitMotion:
         """Return the motion restricted to an interval of TDB, over which alone it is integrated."""
-        return replace(self, apriori=self.apriori.over(first, last), _corrected=[])
+        return replace(self, apriori=self.apriori.restricted_to(first, last), _corrected=[])
 
 
 GivenMotion: TypeAlias = TargetMotion | LunarPosition | AnyTrajectory

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from radioloc.dynamics import BODIES, STATE, Acceleration, Forces, GravityField, Impulse
 from radioloc.dynamics.elements import FORMS
-from radioloc.dynamics.gravity import SHIPPED
+from radioloc.dynamics.gravity import PACKAGED
 from radioloc.errors import InputError
 from radioloc.study.orbiter import GRAVITY_ERROR_DEGREE, GRAVITY_ERRORS
 from radioloc.study.schema import TomlTable, check, entry
@@ -29,7 +29,7 @@ _STATE_FORMS = {"rtn": RTN, **FORMS}
 def _gravity(table: TomlTable, key: str) -> str | Path | None:
     """A field that ships, by its name, or a file beside the study."""
     name = table.get(key, str)
-    return name if name is None or name in SHIPPED else table.files(key, [name])[0]
+    return name if name is None or name in PACKAGED else table.files(key, [name])[0]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

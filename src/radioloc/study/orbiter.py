@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit, Forces
-from radioloc.dynamics.elements import equatorial_axes, state_of_elements
+from radioloc.dynamics.elements import equatorial_axes, state_from_elements
 from radioloc.dynamics.orbit import initial_state
 from radioloc.ephemeris import CONSTANTS, Ephemeris, LunarOrientation
 from radioloc.errors import InputError
@@ -211,7 +211,7 @@ class Orbiter:
             raise InputError(f"axes {axes!r} of the elements is not known; use {' or '.join(AXES)}")
         gm = forces.gm_m3_s2 or Ephemeris.open(ephemeris).constants.gm_m3_s2("moon")
         turned = np.eye(3) if axes == "ICRF" else equatorial_axes(LunarOrientation.open(libration), epoch)
-        x, y, z, vx, vy, vz = state_of_elements(elements, gm, turned, form).tolist()
+        x, y, z, vx, vy, vz = state_from_elements(elements, gm, turned, form).tolist()
         return cls(epoch, (x, y, z), (vx, vy, vz), forces, **rest)
 
     def __repr__(self) -> str:

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from radioloc.dynamics import STATE, AdjustableOrbit
-from radioloc.dynamics.elements import FORMS, elements_of_state, state_by_elements
-from radioloc.dynamics.gravity_errors import draw_gravity_errors, errors_along
+from radioloc.dynamics.elements import FORMS, elements_from_state, state_with_partials
+from radioloc.dynamics.gravity_errors import draw_gravity_errors, gravity_perturbations
 from radioloc.measurements.target_motion import OrbitMotion
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.targets.orbit_state import ALONG_ACROSS_RADIAL, OrbitState, along_across_radial
@@ -42,7 +42,9 @@ class GravityErrors:
         if not count or field.degree < 2:
             return None
         errors = draw_gravity_errors(field, count, max(field.degree, self.degree), seed)
-        return replace(orbit, errors=errors_along(orbit.nearest(), errors, orbit.libration).at)
+        return replace(
+            orbit, errors=gravity_perturbations(orbit.nearest(), errors, orbit.libration).state_changes
+        )
 
 
 class OnOrbit:
@@ -194,5 +196,5 @@ def _state(
         )
 
     names = {name: unit_and_scale(name) for name in FORMS[form]}
-    values = elements_of_state(orbit.state, gm, equator, form)
-    return names, values, lambda x: state_by_elements(x, gm, equator, form)
+    values = elements_from_state(orbit.state, gm, equator, form)
+    return names, values, lambda x: state_with_partials(x, gm, equator, form)

@@ -12,7 +12,7 @@ import numpy as np
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit, Orbit
-from radioloc.dynamics.elements import FORMS, elements_of_state, state_by_elements
+from radioloc.dynamics.elements import FORMS, elements_from_state, state_with_partials
 from radioloc.dynamics.stochastic import Chains, StochasticEffects
 from radioloc.quantities import accepts_quantities
 from radioloc.text_files import finite_or_none
@@ -58,7 +58,7 @@ class ProcessEstimate:
 
     def covariance_at(self, tdb: Epochs, partials: Floats) -> tuple[Floats, Floats]:
         """Partials (n, 6, p + 9), from those by the parameters on, and covariance of what they are by."""
-        chain, step, near = self.effects.place(tdb)
+        chain, step, near = self.effects.intervals(tdb)
         whole = np.concatenate([partials, partials[:, :, :6], near], axis=2)
         covariance = np.empty((len(step), whole.shape[2], whole.shape[2]))
         for which, of_steps in enumerate(self.covariance):
@@ -182,10 +182,10 @@ class OrbitState:
     def elements(self, form: str = "keplerian") -> tuple[dict[str, float], dict[str, float | None]]:
         """Osculating elements at the epoch by the Moon's equator, by name, and their sigmas, None where infinite."""
         gm, axes = self.orbit.gm_m3_s2, self.orbit.equator
-        values = elements_of_state(self.orbit.state, gm, axes, form)
+        values = elements_from_state(self.orbit.state, gm, axes, form)
         variances = np.full(6, np.inf)
         try:
-            by_state = np.linalg.inv(state_by_elements(values, gm, axes, form)[1])
+            by_state = np.linalg.inv(state_with_partials(values, gm, axes, form)[1])
         except np.linalg.LinAlgError:  # the periapsis of a circle
             by_state = np.full((6, 6), np.inf)
         if np.isfinite(self.covariance).all() and np.isfinite(by_state).all():

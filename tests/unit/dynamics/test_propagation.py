@@ -1,4 +1,4 @@
-"""Integration against two bodies, Encke's method, work, finer steps and scipy; partials against differences."""
+"""Integration against two bodies, Encke's method, energy, finer steps and scipy; partials against differences."""
 
 import numpy as np
 import pytest
@@ -16,12 +16,12 @@ from radioloc.lunar.frames import angular_velocity_pa
 
 DAY_S = 86400.0
 GM_M3_S2 = Ephemeris.open().constants.gm_moon_m3_s2
-STEP_ERROR_M = 2e-3  # after a day of steps with 1e-7 m each, which grow along the orbit
-PARTIALS = 1e-6
+STEP_ERROR_M = 2e-3  # after a day of steps with errors of 1e-7 m, which grow along the orbit
+PARTIALS_TOLERANCE = 1e-6  # relative
 
 
 def kepler(state, gm, time_s):
-    """State of a two-body orbit by Kepler's equation, in its perifocal axes."""
+    """Return the state of a two-body orbit by Kepler's equation."""
     r, v = state[:3], state[3:]
     h = np.cross(r, v)
     e = np.cross(v, h) / gm - r / np.linalg.norm(r)
@@ -38,7 +38,7 @@ def kepler(state, gm, time_s):
     return np.concatenate([place, a * rate * (-np.sin(u) * p + ratio * np.cos(u) * q)])
 
 
-def test_two_bodies_move_by_keplers_laws():
+def test_two_body_orbit():
     orbit = propagated(forces(0, **TWO_BODY), (-DAY_S, DAY_S))
     for time_s in (-DAY_S, -0.37 * DAY_S, 1234.5, DAY_S):
         error_m = np.linalg.norm(at(orbit, time_s)[0, :3] - kepler(STATE, GM_M3_S2, time_s)[:3])
@@ -46,29 +46,29 @@ def test_two_bodies_move_by_keplers_laws():
 
 
 @pytest.mark.parametrize("span_s", [2e-6, 1e-2])
-def test_a_step_in_which_no_acceleration_moves_anything(span_s):
+def test_very_short_spans(span_s):
     orbit = propagated(forces(0, **TWO_BODY), (0.0, span_s))
     np.testing.assert_allclose(at(orbit, span_s)[0], kepler(STATE, GM_M3_S2, span_s), rtol=1e-14, atol=1e-8)
 
 
-def test_a_step_whose_iteration_does_not_settle_is_made_shorter():
-    """Towards the pericentre of an eccentric orbit steps that a loose tolerance lets grow are too long for it."""
+def test_steps_without_convergence_are_shortened():
+    """Steps of a loose tolerance are too long near the pericentre of an eccentric orbit."""
     state = np.array([1.75e6, 0.0, 0.0, 0.0, 0.0, 2300.0])
     orbit = propagated(forces(0, **TWO_BODY), (0.0, 5 * DAY_S), state, tolerance_m=10.0)
     for time_s in (3600.0, 3.3 * DAY_S, 5 * DAY_S):
         assert np.linalg.norm(at(orbit, time_s)[0, :3] - kepler(state, GM_M3_S2, time_s)[:3]) < 0.1
 
 
-def test_an_acceleration_beyond_all_numbers_ends_the_integration():
+def test_infinite_accelerations_end_the_integration():
     thrust = Acceleration("burn", constant_m_s2=(1e200, 0.0, 0.0), start=EPOCH.shifted(60.0))
-    with pytest.raises(ConvergenceError, match=r"cannot be integrated beyond 2012-04-09T04:31:00.000 TDB"):
+    with pytest.raises(ConvergenceError, match=r"failed at 2012-04-09T04:31:00\.000"):
         propagated(forces(0, accelerations=(thrust,)), (0.0, 600.0))
 
 
-def test_the_energy_gained_is_the_work_of_the_turning_moon():
-    """E - w . L stays where w does: its rate is - dw/dt . L, for the angular velocity w of the Moon, which librates."""
-    still = TWO_BODY | {"gm_m3_s2": GM_M3_S2}
-    field = forces(50, **still)
+def test_energy_in_the_field_of_the_rotating_moon():
+    """The rate of E - w . L is -dw/dt . L, with the angular velocity w of the Moon."""
+    gravity_only = TWO_BODY | {"gm_m3_s2": GM_M3_S2}
+    field = forces(50, **gravity_only)
     times_s = np.linspace(0.0, 0.5 * DAY_S, 2001)
     states = at(propagated(field, (0.0, times_s[-1])), times_s)
     tdb = EPOCH.shifted(times_s)
@@ -86,8 +86,8 @@ def test_the_energy_gained_is_the_work_of_the_turning_moon():
     assert jacobi[-1] - jacobi[0] == pytest.approx(work, abs=1e-6)
 
 
-def test_enckes_method_finds_the_same_orbit():
-    """Deviations from two bodies, integrated by scipy: another formulation and another integrator."""
+def test_orbit_against_enckes_method():
+    """Deviations from a two-body orbit, integrated by scipy: another formulation and integrator."""
     model = forces(10, radiation_m2_kg=0.02)
     end_s = 7200.0
     gm = GM_M3_S2
@@ -97,21 +97,23 @@ def test_enckes_method_finds_the_same_orbit():
         reference = kepler(STATE, gm, time_s)
         state = reference + deviation
         parts = accelerations(state[:3], state[3:], quantities(time_s, data), data)
-        given = data.scales[1:] @ parts[1:]
+        perturbation = data.scales[1:] @ parts[1:]
         distance = np.linalg.norm(reference[:3])
         q = deviation[:3] @ (deviation[:3] - 2.0 * state[:3]) / (state[:3] @ state[:3])
         f = q * (3.0 + 3.0 * q + q * q) / (1.0 + (1.0 + q) ** 1.5)
-        return np.concatenate([deviation[3:], given - gm / distance**3 * (f * state[:3] + deviation[:3])])
+        return np.concatenate(
+            [deviation[3:], perturbation - gm / distance**3 * (f * state[:3] + deviation[:3])]
+        )
 
-    found = solve_ivp(rate, (0.0, end_s), np.zeros(6), method="RK45", rtol=1e-9, atol=1e-6)
-    encke = kepler(STATE, gm, end_s) + found.y[:, -1]
-    own = at(propagated(model, (0.0, end_s)), end_s)[0]
-    assert np.linalg.norm(found.y[:3, -1]) > 1000.0
-    assert np.linalg.norm(own[:3] - encke[:3]) < 1e-4
+    solved = solve_ivp(rate, (0.0, end_s), np.zeros(6), method="RK45", rtol=1e-9, atol=1e-6)
+    encke = kepler(STATE, gm, end_s) + solved.y[:, -1]
+    final = at(propagated(model, (0.0, end_s)), end_s)[0]
+    assert np.linalg.norm(solved.y[:3, -1]) > 1000.0
+    assert np.linalg.norm(final[:3] - encke[:3]) < 1e-4
 
 
 @pytest.mark.study
-def test_steps_are_as_good_as_much_finer_ones():
+def test_default_tolerance_against_finer_steps():
     model = forces(100, radiation_m2_kg=0.01)
     times_s = np.linspace(0.0, 4 * 3600.0, 500)
     coarse, fine = (
@@ -122,7 +124,7 @@ def test_steps_are_as_good_as_much_finer_ones():
     assert np.linalg.norm((coarse - fine)[:, 3:], axis=1).max() < 2e-8
 
 
-GIVEN = {
+MANOEUVRES = {
     "accelerations": (
         Acceleration("empirical", "RTN", (1e-8, -2e-8, 1e-8), (3e-8, 0.0, 1e-8), (0.0, 1e-8, -2e-8)),
         Acceleration(
@@ -131,7 +133,7 @@ GIVEN = {
         Acceleration("fixed", "ICRF", (0.0, 1e-7, 0.0), start=EPOCH.shifted(-3000.0)),
     ),
     "impulses": (
-        Impulse("before", EPOCH.shifted(-1500.0), (0.5, -1.0, 2.0)),
+        Impulse("earlier", EPOCH.shifted(-1500.0), (0.5, -1.0, 2.0)),
         Impulse("after", EPOCH.shifted(2400.0), (1.0, 2.0, -1.0), "ICRF"),
         Impulse("turned", EPOCH.shifted(2500.0), (-1.0, 2.0, 3.0)),
     ),
@@ -142,7 +144,7 @@ TIMES_S = np.array([-3600.0, -1000.0, 1830.0, 3600.0])
 
 @pytest.fixture(scope="module")
 def model():
-    return forces(15, gm_m3_s2=GM_M3_S2, radiation_m2_kg=0.02, gradient_degree=15, **GIVEN)
+    return forces(15, gm_m3_s2=GM_M3_S2, radiation_m2_kg=0.02, gradient_degree=15, **MANOEUVRES)
 
 
 @pytest.fixture(scope="module")
@@ -152,7 +154,7 @@ def partials(model):
 
 
 def differences(model, name):
-    """Of the states at TIMES_S by a parameter, central and twice, so that third derivatives drop out."""
+    """Return central differences of the states at TIMES_S by a parameter, extrapolated from two steps."""
 
     def states(step):
         state = STATE.copy()
@@ -166,39 +168,41 @@ def differences(model, name):
     step = STEPS.get(name, {"empirical": 1e-5, "burn": 1e-2, "fixed": 1e-5}.get(letter, 0.05))
     if name in ("x", "y", "z"):
         step = 100.0
-    near, far = ((states(h) - states(-h)) / (2.0 * h) for h in (step, 2.0 * step))
-    return (4.0 * near - far) / 3.0
+    single, double = ((states(h) - states(-h)) / (2.0 * h) for h in (step, 2.0 * step))
+    return (4.0 * single - double) / 3.0
 
 
 NAMES = [*("x", "y", "z", "vx", "vy", "vz", "gm", "k2", "radiation")]
 NAMES += ["empirical.r", "empirical.cos_t", "empirical.sin_n", "burn.r", "burn.t", "burn.n", "fixed.y"]
-NAMES += ["before.r", "before.t", "before.n", "after.x", "turned.r", "turned.n"]
+NAMES += ["earlier.r", "earlier.t", "earlier.n", "after.x", "turned.r", "turned.n"]
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_partials_are_differences(model, partials, name):
+def test_partials_against_differences(model, partials, name):
     names, values = partials
-    own, other = values[:, :, names.index(name)], differences(model, name)
+    computed, expected = values[:, :, names.index(name)], differences(model, name)
     for half in (slice(0, 3), slice(3, 6)):
-        assert np.abs(own - other)[:, half].max() < PARTIALS * np.abs(other)[:, half].max()
+        assert (
+            np.abs(computed - expected)[:, half].max() < PARTIALS_TOLERANCE * np.abs(expected)[:, half].max()
+        )
 
 
 @pytest.mark.parametrize("delta_v_m_s", [(200.0, -1400.0, 600.0), (0.0, -1600.0, 30.0), (0.0, 0.0, 2000.0)])
-def test_an_impulse_as_large_as_the_velocity_is_undone(delta_v_m_s):
+def test_impulses_are_inverted(delta_v_m_s):
     model = forces(0, **TWO_BODY, impulses=(Impulse("large", EPOCH.shifted(1.0), delta_v_m_s),))
-    after = at(propagated(model, (0.0, 2.0)), 2.0)[0]
-    back = propagate(EPOCH.shifted(2.0), after[:3], after[3:], model, (-2.0, 0.0))
+    state = at(propagated(model, (0.0, 2.0)), 2.0)[0]
+    back = propagate(EPOCH.shifted(2.0), state[:3], state[3:], model, (-2.0, 0.0))
     np.testing.assert_allclose(np.ravel(back.states(EPOCH)), STATE, rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize("delta_v_m_s", [(0.0, 0.0, -2000.0), (0.0, 2000.0, 0.0)])
-def test_an_impulse_before_which_there_was_no_state(delta_v_m_s):
+def test_impulses_without_a_preceding_state(delta_v_m_s):
     model = forces(0, impulses=(Impulse("wrong", EPOCH.shifted(-60.0), delta_v_m_s),))
-    with pytest.raises(InputError, match=r"no velocity before impulse wrong .* becomes that after it"):
+    with pytest.raises(InputError, match="impulse wrong"):
         propagated(model, (-120.0, 0.0))
 
 
-def test_the_table_of_bodies_is_the_ephemeris():
+def test_table_of_bodies_against_the_ephemeris():
     ephemeris, libration = Ephemeris.open(), LunarOrientation.open()
     table, first_s, length_s = body_table(ephemeris, libration, "PA_DE421", EPOCH, (-1e5, 2e5))
     times_s = np.linspace(-1e5, 2e5, 1001)
@@ -217,47 +221,44 @@ def test_the_table_of_bodies_is_the_ephemeris():
     np.testing.assert_allclose(np.array(series)[:, 15:24], rot, rtol=0, atol=1e-12)
 
 
-def test_no_epochs_have_no_states():
+def test_empty_epochs():
     orbit = propagated(forces(0, **TWO_BODY), (0.0, 600.0), parameters=())
-    none = orbit.epoch.shifted(np.zeros(0))
-    assert [half.shape for half in orbit.states(none)] == [(0, 3), (0, 3)]
-    assert orbit.partials(none).shape == (0, 6, 6)
+    empty = orbit.epoch.shifted(np.zeros(0))
+    assert [half.shape for half in orbit.states(empty)] == [(0, 3), (0, 3)]
+    assert orbit.partials(empty).shape == (0, 6, 6)
 
 
-def test_what_an_orbit_does_not_cover():
+def test_epochs_outside_of_the_span():
     orbit = propagated(forces(0, **TWO_BODY), (0.0, 600.0))
     assert str(orbit) == "orbit, integrated from 2012-04-09T04:30:00.000 to 2012-04-09T04:40:00.000 TDB"
-    with pytest.raises(CoverageError, match=r"orbit covers 2012-04-09T04:30:00.000 .*got .*T04:46:40"):
+    with pytest.raises(CoverageError, match=r"got .*T04:46:40"):
         orbit.states(EPOCH.shifted(1000.0))
-    with pytest.raises(InputError, match="has no partials"):
+    with pytest.raises(InputError, match="partials"):
         orbit.partials(EPOCH)
 
 
 BAD = {
-    "under the ground": (
-        {"position_m": POSITION_M / 1e3},
-        "1.791 km from the Moon's centre, under its ground",
-    ),
+    "under the ground": ({"position_m": POSITION_M / 1e3}, "got 1.791 km"),
     "not finite": ({"velocity_m_s": [0.0, np.nan, 0.0]}, "three finite numbers"),
     "two numbers": ({"velocity_m_s": [0.0, 1.0]}, "three finite numbers"),
-    "no plane": ({"velocity_m_s": POSITION_M / 1e3}, "no plane"),
-    "falls": ({"velocity_m_s": VELOCITY_M_S / 2}, "comes down to the ground of the Moon at 2012-04-09T0"),
-    "two epochs": ({"epoch": EPOCH.shifted([0.0, 60.0])}, "orbit: one epoch is needed, but 2 are given"),
-    "no tolerance": ({"tolerance_m": 0.0}, "tolerance_m = 0.0 is not above 0"),
-    "no span": ({"span_s": (0.0, 0.0)}, "has no length"),
-    "parameter": ({"parameters": ("drag",)}, "no force has the parameter 'drag'; there are gm, k2"),
+    "no plane": ({"velocity_m_s": POSITION_M / 1e3}, "not parallel"),
+    "falls": ({"velocity_m_s": VELOCITY_M_S / 2}, "ground of the Moon"),
+    "two epochs": ({"epoch": EPOCH.shifted([0.0, 60.0])}, "orbit: expected a single epoch"),
+    "no tolerance": ({"tolerance_m": 0.0}, "tolerance_m"),
+    "no span": ({"span_s": (0.0, 0.0)}, "span_s"),
+    "parameter": ({"parameters": ("drag",)}, "got 'drag'"),
     "impulse outside": (
         {"forces": forces(0, impulses=(Impulse("late", EPOCH.shifted(1e6)),))},
-        "late is at 2012-04-20T18:16:40.000 TDB, outside",
+        "got 2012-04-20T18:16:40.000",
     ),
 }
 
 
-@pytest.mark.parametrize(("change", "problem"), BAD.values(), ids=BAD)
-def test_input_that_cannot_be_used(change, problem):
-    given = {"epoch": EPOCH, "position_m": POSITION_M, "velocity_m_s": VELOCITY_M_S} | {
+@pytest.mark.parametrize(("change", "words"), BAD.values(), ids=BAD)
+def test_unusable_input(change, words):
+    arguments = {"epoch": EPOCH, "position_m": POSITION_M, "velocity_m_s": VELOCITY_M_S} | {
         "forces": forces(0),
         "span_s": (0.0, 7200.0),
     }
-    with pytest.raises(InputError, match=problem):
-        propagate(**(given | change))
+    with pytest.raises(InputError, match=words):
+        propagate(**(arguments | change))

@@ -1,4 +1,4 @@
-"""Stochastic accelerations: what they do to an orbit against integrations with them."""
+"""Effects of stochastic accelerations on an orbit against integrations."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ SPAN_S = (-1500.0, 2000.0)
 INTERVAL_S = 600.0
 SIGMA_M_S2 = np.array([1e-5, 2e-5, 3e-5])
 SECOND_ORDER = 2e-3
-"""Of the change: the axes turn with what 1e-5 m/s2 does in an hour, and a gradient to degree 8 is not all."""
+"""Relative: rotation of the axes by 1e-5 m/s^2 in an hour, and the truncation of the gradient at degree 8."""
 
 
 @pytest.fixture(scope="module")
@@ -39,31 +39,31 @@ def at(*seconds):
 
 @pytest.mark.parametrize("interval", [-3, -2, -1, 0, 1, 3])
 @pytest.mark.parametrize("axis", range(3))
-def test_an_acceleration_moves_the_orbit_as_it_does_when_integrated(forces, orbit, effects, interval, axis):
-    """In its own interval, in the next one outward, and by the state mapped to the epoch from there on."""
+def test_effects_against_integrations(forces, orbit, effects, interval, axis):
+    """Compare in the interval, in the next interval, and beyond by the state mapped to the epoch."""
     values = np.zeros((4, 3)), np.zeros((3, 3))
     chain, step = (0, interval) if interval >= 0 else (1, -1 - interval)
     values[chain][step, axis] = SIGMA_M_S2[axis]
     added = stochastic_forces(EPOCH, values, INTERVAL_S)
     moved = propagate(EPOCH, STATE[:3], STATE[3:], replace(forces, accelerations=added), SPAN_S)
     sign = 1.0 if chain == 0 else -1.0
-    own_s = sign * (INTERVAL_S * step + np.array([100.0, 299.0]))
+    inside_s = sign * (INTERVAL_S * step + np.array([100.0, 299.0]))
     next_s = sign * (INTERVAL_S * (step + 1) + np.array([0.1, 300.0]))
-    seconds = [t for t in (*own_s, *next_s) if SPAN_S[0] <= t <= SPAN_S[1]]
+    seconds = [t for t in (*inside_s, *next_s) if SPAN_S[0] <= t <= SPAN_S[1]]
     changed = np.hstack(moved.states(at(*seconds))) - np.hstack(orbit.states(at(*seconds)))
     column = 6 + 3 * int(colours(np.array(chain), np.array(step))) + axis
-    found = effects.at(at(*seconds))[:, :, column]
+    computed = effects.state_partials(at(*seconds))[:, :, column]
     for k in (slice(3), slice(3, 6)):
         size = np.linalg.norm(changed[:, k], axis=1)
-        assert (np.linalg.norm((found - changed)[:, k], axis=1) < SECOND_ORDER * size).all()
+        assert (np.linalg.norm((computed - changed)[:, k], axis=1) < SECOND_ORDER * size).all()
     if len(seconds) == 4:
         far_s = SPAN_S[1 - chain]
-        whole = orbit.partials(at(far_s))[0] @ effects.moved[chain][step, :, axis]
+        effect = orbit.partials(at(far_s))[0] @ effects.moved[chain][step, :, axis]
         change = np.hstack(moved.states(at(far_s))) - np.hstack(orbit.states(at(far_s)))
-        np.testing.assert_allclose(whole[:3], change[0, :3], atol=SECOND_ORDER * np.abs(change[0, :3]).max())
+        np.testing.assert_allclose(effect[:3], change[0, :3], atol=SECOND_ORDER * np.abs(change[0, :3]).max())
 
 
-def test_the_next_interval_outward_does_nothing_yet(effects):
+def test_later_intervals_have_no_effect(effects):
     for seconds, chain, step in ((650.0, 0, 2), (-650.0, 1, 2), (10.0, 1, 0), (-10.0, 0, 0)):
         colour = int(colours(np.array(chain), np.array(step)))
-        assert not effects.at(at(seconds))[0, :, 6 + 3 * colour : 9 + 3 * colour].any()
+        assert not effects.state_partials(at(seconds))[0, :, 6 + 3 * colour : 9 + 3 * colour].any()

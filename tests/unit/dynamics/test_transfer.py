@@ -1,4 +1,4 @@
-"""From the Earth to the Moon: one integration about the Moon, against one about the Earth by scipy."""
+"""Transfer from the Earth to the Moon: integration about the Moon against integration about the Earth by scipy."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def geocentric(body, time_s):
 
 
 def equations_about_the_earth():
-    """The Earth with J2, others as points, relativity: Newton's pulls of all less those at the Earth."""
+    """Return the equations of motion about the Earth: J2, point masses, relativity."""
     times_s = np.linspace(0.0, END_S, 433)
     tdb = EPOCH.shifted(times_s)
     tracks = {body: make_interp_spline(times_s, EPHEMERIS.geocentric(body, tdb)[0], k=9) for body in BODIES}
@@ -45,16 +45,16 @@ def equations_about_the_earth():
         speeds = earth(time_s) + np.array(
             [state[3:], np.zeros(3), tracks["moon"](time_s, 1), tracks["sun"](time_s, 1)]
         )
-        still = np.zeros((4, 3))  # without the terms by the accelerations of the bodies
-        pull += post_newtonian(0, places, speeds, still, gm)
-        pull -= post_newtonian(0, places[1:], speeds[1:], still, gm[1:])
+        zeros = np.zeros((4, 3))  # accelerations of the bodies are neglected
+        pull += post_newtonian(0, places, speeds, zeros, gm)
+        pull -= post_newtonian(0, places[1:], speeds[1:], zeros, gm[1:])
         return np.concatenate([state[3:], pull])
 
     return rate
 
 
 def start(speed_m_s):
-    """40,000 km from the Earth's centre, opposite to where the Moon will be, at right angles to it."""
+    """Return a state 40,000 km from the Earth's centre, opposite to the later Moon, with a transverse velocity."""
     moon_m = geocentric("moon", END_S)
     down = -moon_m / np.linalg.norm(moon_m)
     across = np.cross([0.1, 0.2, 1.0], down)
@@ -66,20 +66,20 @@ def about_the_moon(state):
     return state - np.concatenate([moon_m[0], moon_m_s[0]])
 
 
-def test_a_transfer_needs_no_change_of_centre():
+def test_transfer_about_the_moon_and_about_the_earth():
     begin = start(4280.0)
     state = about_the_moon(begin)
     orbit = propagate(EPOCH, state[:3], state[3:], forces(5, k2=0.0), (0.0, END_S))
-    other = solve_ivp(
+    solved = solve_ivp(
         equations_about_the_earth(), (0.0, END_S), begin, method="DOP853", rtol=1e-12, atol=1e-4
     )
-    assert np.linalg.norm(other.y[:3, -1]) > 3e8
-    end_m = other.y[:3, -1] - geocentric("moon", END_S)
-    # 1 m after three days is 3e-11 m/s^2: so well do the forces on the Moon add up to its motion in the ephemeris.
+    assert np.linalg.norm(solved.y[:3, -1]) > 3e8
+    end_m = solved.y[:3, -1] - geocentric("moon", END_S)
+    # 1 m after three days is 3e-11 m/s^2, the agreement of the forces on the Moon with its motion in the ephemeris.
     assert np.linalg.norm(at(orbit, END_S)[0, :3] - end_m) < 1.0
 
 
-def test_an_orbit_that_falls_to_the_earth():
+def test_fall_to_the_earth():
     state = about_the_moon(start(500.0))
-    with pytest.raises(InputError, match=r"orbit comes down to the ground of the Earth at 2012-04-09T"):
+    with pytest.raises(InputError, match="ground of the Earth"):
         propagate(EPOCH, state[:3], state[3:], forces(0), (0.0, 86400.0))

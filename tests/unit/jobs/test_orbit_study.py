@@ -11,7 +11,7 @@ from tracked_orbit import OFF, STATE, craft, grail_study, one_way_rms_mm_s, trac
 
 import radioloc
 from radioloc.dynamics import Forces, GravityField, draw_gravity_errors, propagate
-from radioloc.dynamics.elements import FORMS, elements_of_state, equatorial_axes
+from radioloc.dynamics.elements import FORMS, elements_from_state, equatorial_axes
 from radioloc.errors import InputError
 from radioloc.estimation.least_squares import FitStatus
 from radioloc.measurements import ExactPredictor, OrbitMotion
@@ -71,7 +71,7 @@ def test_a_fit_starts_from_an_orbit_that_meets_the_ground(forces, doppler):
 
 @pytest.mark.parametrize(("job", "part"), [("compute_residuals", 0.015), ("locate", 0.1)])
 def test_an_orbit_that_ends_or_is_too_deep_below_the_ground_is_refused(forces, doppler, job, part):
-    with pytest.raises(InputError, match="craft comes down to the ground of the Moon at 2012-04-09T0"):
+    with pytest.raises(InputError, match="craft meets the ground of the Moon"):
         getattr(radioloc, job)(study_of(forces, off=slower(part)), doppler)
 
 
@@ -253,7 +253,7 @@ def test_sigmas_of_other_forms_are_information_on_the_state(forces, doppler, sol
         form = "keplerian" if "node_deg" in sigmas else "equinoctial"
         gm, equator, names = known.state.orbit.gm_m3_s2, known.state.orbit.equator, list(FORMS[form])
         ends = [
-            elements_of_state(STATE + sign * np.diag([1.0] * 3 + [1e-3] * 3)[k], gm, equator, form)
+            elements_from_state(STATE + sign * np.diag([1.0] * 3 + [1e-3] * 3)[k], gm, equator, form)
             for k in range(6)
             for sign in (1, -1)
         ]
@@ -305,7 +305,7 @@ def test_a_study_file_says_state_and_forces(tmp_path):
 @pytest.mark.parametrize("form", list(FORMS))
 def test_a_study_file_gives_the_state_by_elements(tmp_path, model, form, axes):
     turned = equatorial_axes(model.libration, EPOCH) if axes == "equator" else np.eye(3)
-    elements = elements_of_state(STATE, model.ephemeris.constants.gm_m3_s2("moon"), turned, form)
+    elements = elements_from_state(STATE, model.ephemeris.constants.gm_m3_s2("moon"), turned, form)
     lines = "\n".join(
         f"{name} = {value!r}" for name, value in zip(FORMS[form], elements.tolist(), strict=True)
     )
@@ -345,7 +345,7 @@ def test_mistakes_of_a_study_are_named(tmp_path, given, message):
 @pytest.mark.parametrize(
     ("position_m", "velocity_m_s", "message"),
     [
-        ((575.739, -463.249, -1631.639), (-567.864, 1434.223, -600.209), "under its ground; is it in km"),
+        ((575.739, -463.249, -1631.639), (-567.864, 1434.223, -600.209), "check the unit"),
         ((575739.0, -463249.0, -1631639.0), (-0.567864, 1.434223, -0.600209), "velocity_m_s is 1.655 m/s"),
         ((575739.0, -463249.0, -1631639.0), (-5678.64, 14342.23, -6002.09), "orbits are below 2340 m/s"),
     ],

@@ -81,19 +81,19 @@ class FileFormatError(InputError):
         self.problem = (
             f"{problem[:_MAX_PROBLEM_CHARACTERS]}{'...' * (len(problem) > _MAX_PROBLEM_CHARACTERS)}"
         )
-        where = str(path) if line is None else f"{path}, line {line}"
-        super().__init__(f"{where}: {self.problem}")
+        place = str(path) if line is None else f"{path}, line {line}"
+        super().__init__(f"{place}: {self.problem}")
 
 
 @contextmanager
-def error_context(where: str) -> Iterator[None]:
+def error_context(place: str) -> Iterator[None]:
     """Prefix the messages of input errors with the place of the wrong value, unless they name a file."""
     try:
         yield
     except FileFormatError:
         raise
     except InputError as error:
-        raise type(error)(f"{where} {error}") from None
+        raise type(error)(f"{place} {error}") from None
 
 
 @contextmanager
@@ -107,14 +107,14 @@ def in_file(path: str | Path, line: int | None = None) -> Iterator[None]:
         raise FileFormatError(path, str(error), line) from None
 
 
-def require_type(where: str, value: object, *expected: type) -> None:
+def require_type(argument: str, value: object, *expected: type) -> None:
     """Raise an InputError with the argument's name unless a value has one of the expected types."""
     if isinstance(value, expected):
         return
     names = " or ".join("None" if kind is type(None) else kind.__name__ for kind in expected)
     text = " ".join(repr(value).split())
     shown = text if len(text) <= _MAX_VALUE_CHARACTERS else "..."
-    raise InputError(f"{where}: expected {names}, got {type(value).__name__} {shown}")
+    raise InputError(f"{argument}: expected {names}, got {type(value).__name__} {shown}")
 
 
 class KernelError(RadiolocError):

@@ -206,7 +206,7 @@ def _opened(path: str | Path) -> Iterator[BinaryIO]:
         with Path(path).open("rb") as stream:
             yield stream
     except FileNotFoundError:
-        raise FileFormatError(path, "there is no such file; check the name and the directory") from None
+        raise FileFormatError(path, "no such file; check the name and the directory") from None
     except FileFormatError:
         raise
     except (OSError, ValueError) as error:

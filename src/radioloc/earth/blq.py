@@ -1,4 +1,4 @@
-"""Ocean tide loading coefficients and the BLQ file that carries them.
+"""Ocean tide loading coefficients and their BLQ files.
 
 A BLQ record gives a site eleven tides (M2 S2 N2 K2 K1 O1 P1 Q1 Mf Mm Ssa): amplitude and phase lag at
 Greenwich of the displacement upwards, to the west and to the south. Such files come from the ocean tide
@@ -25,7 +25,7 @@ CONSTITUENTS = ("M2", "S2", "N2", "K2", "K1", "O1", "P1", "Q1", "MF", "MM", "SSA
 """Tides of a BLQ record, in the order of its columns."""
 
 _ROWS = ("radial amplitude", "EW amplitude", "NS amplitude", "radial phase", "EW phase", "NS phase")
-_LARGEST_AMPLITUDE_M = 0.3
+_MAX_AMPLITUDE_M = 0.3
 _CMC = re.compile(r"\bCMC\s*[:=]?\s*(YES|NO)\b", re.IGNORECASE)
 """Mark of a header or record: whether the tidal motion of the geocentre is in the coefficients."""
 _AMPLITUDE_UNIT = re.compile(r"AMPLITUDES?\s*\(([^)]*)\)", re.IGNORECASE)
@@ -46,17 +46,17 @@ class BlqCoefficients:
     def __post_init__(self) -> None:
         for name, unit in (("amplitude_m", "m"), ("phase_lag_rad", "rad")):
             table = np.array(in_unit(getattr(self, name), unit, name), dtype=np.float64)
-            wanted = f"{name} of {self.site!r} must be 3 x {len(CONSTITUENTS)} finite numbers"
+            requirement = f"{name} of {self.site!r} must be 3 x {len(CONSTITUENTS)} finite numbers"
             if table.shape != (3, len(CONSTITUENTS)):
-                raise InputError(f"{wanted}, but has shape {table.shape}")
+                raise InputError(f"{requirement}, but has shape {table.shape}")
             if not np.isfinite(table).all():
-                raise InputError(f"{wanted}, but holds one that is not")
+                raise InputError(f"{requirement}, but holds one that is not")
             table.setflags(write=False)
             object.__setattr__(self, name, table)
-        if (self.amplitude_m < 0.0).any() or (self.amplitude_m > _LARGEST_AMPLITUDE_M).any():
+        if (self.amplitude_m < 0.0).any() or (self.amplitude_m > _MAX_AMPLITUDE_M).any():
             raise InputError(
                 f"ocean loading of {self.site!r} has amplitudes from {self.amplitude_m.min():g} to "
-                f"{self.amplitude_m.max():g} m; they lie between 0 and {_LARGEST_AMPLITUDE_M} m: give metres"
+                f"{self.amplitude_m.max():g} m; they lie between 0 and {_MAX_AMPLITUDE_M} m: give metres"
             )
 
     def __repr__(self) -> str:
@@ -66,8 +66,8 @@ class BlqCoefficients:
 def read_blq(path: str | Path) -> dict[str, BlqCoefficients]:
     """Read a file in BLQ layout, plain or gzip, as the ocean tide loading provider sends it: coefficients by site."""
     # Comments ($$) state the column order, the unit of amplitudes, the tide model and CMC. The head of an e-mail and
-    # what follows "$$ END TABLE" are left aside; without that mark, a file that was cut between two sites is whole.
-    # Names of sites and models may be in any encoding: what is no UTF-8 in them is replaced.
+    # text after "$$ END TABLE" are ignored; without that mark, a cut between two sites cannot be recognised.
+    # Names of sites and models may be in any encoding: bytes other than UTF-8 are replaced.
     content = b"".join(block for _, block in read_blocks(path, encoding="latin-1"))
     return parse_blq(content.decode("utf-8", errors="replace"), path)
 

@@ -6,11 +6,11 @@ precession-nutation: finals2000A names IAU 2000A alone, but its dX, dY differ fr
 in the mean of 2023 to 2026, when a change of precession model would show as 0.14 mas.
 
 Between days each quantity follows the cubic through the four nearest (Lagrange), as the IERS recommend. UT1
-is interpolated as UT1-TAI, so that leap seconds leave no step, and without zonal tides, whose fortnightly and
-shorter terms a cubic through daily values would miss. All 62 zonal terms are taken out, not those below 35
-days alone: the longer ones are smooth to 0.2 ns either way, and one table is simpler than two.
+is interpolated as UT1-TAI, so that leap seconds leave no step, and without zonal tides, as a cubic through
+daily values cannot follow their fortnightly and shorter terms. All 62 zonal terms are removed, including those above
+35 days, which are smooth to 0.2 ns: one table is simpler than two.
 
-Two layouts of fixed columns are read, told apart by their rows: the IERS 20 C04 series (one row per 0h UTC, all
+Two layouts of fixed columns are recognised by their rows: the IERS 20 C04 series (one row per 0h UTC, all
 measured), and Bulletin A's finals2000A (measured values, then a year of predictions, then rows with a date alone). Of
 finals2000A the Bulletin A columns are used, not the monthly Bulletin B beside them.
 """
@@ -40,9 +40,9 @@ from radioloc.vectors import Floats
 
 _MJD_1972 = 41317.0
 _BEYOND = 'or, for planning, set [model] eop_beyond = "hold" or "extrapolate"'
-_LARGEST_DAILY_CHANGE_S = 0.1
-"""UT1-TAI changes by a few ms a day; a whole second means a leap second that one side does not know of."""
-_LARGEST_POLE_OFFSET_ARCSEC = 0.03
+_MAX_DAILY_CHANGE_S = 0.1
+"""UT1-TAI changes by a few ms a day; a whole second means a leap second that one of the sources lacks."""
+_MAX_POLE_OFFSET_ARCSEC = 0.03
 """IAU 2000A offsets stay below 9 mas in all published rows; those of the 1980 theory reach 120 mas."""
 
 
@@ -70,7 +70,7 @@ class EopTable:
     Raises
     ------
     InputError
-        The columns differ in length, dates do not rise, or UT1 - UTC does not go with the known leap seconds.
+        The columns differ in length, dates do not rise, or UT1 - UTC contradicts the leap seconds.
     """
 
     mjd_utc: Floats  # rising
@@ -105,14 +105,14 @@ class EopTable:
             raise InputError("the dates of EOP must rise from row to row")
         nodes = utc_to_tt(Epochs.from_jd(self.mjd_utc + MJD_ZERO_JD, 0.0, "UTC"))
         tt_minus_utc_s = ((nodes.jd - MJD_ZERO_JD - self.mjd_utc) + nodes.fraction) * SECONDS_PER_DAY
-        # TAI-UTC is whole since 1972; rounding takes away what the fraction of a day lost.
+        # TAI-UTC is a whole number since 1972; rounding removes the error of the fraction of a day.
         tai_minus_utc_s = np.round(tt_minus_utc_s - TT_MINUS_TAI_S)
         ut1_minus_tt_s = self.ut1_minus_utc_s - tai_minus_utc_s - TT_MINUS_TAI_S
-        jumps = np.abs(np.diff(ut1_minus_tt_s)) > _LARGEST_DAILY_CHANGE_S * np.diff(self.mjd_utc)
+        jumps = np.abs(np.diff(ut1_minus_tt_s)) > _MAX_DAILY_CHANGE_S * np.diff(self.mjd_utc)
         if jumps.any():
             k = int(np.argmax(jumps))
             jump_s = float(ut1_minus_tt_s[k + 1] - ut1_minus_tt_s[k])
-            leap = round(jump_s) != 0 and abs(jump_s - round(jump_s)) < _LARGEST_DAILY_CHANGE_S
+            leap = round(jump_s) != 0 and abs(jump_s - round(jump_s)) < _MAX_DAILY_CHANGE_S
             cause = (
                 "UT1-UTC and the list of leap seconds disagree; update astropy-iers-data"
                 if leap
@@ -129,17 +129,17 @@ class EopTable:
     @classmethod
     @cache
     def packaged(cls) -> EopTable:
-        """C04 and then Bulletin A, of the installed ``astropy-iers-data``; read once in a process."""
+        """Return C04 continued by Bulletin A, of the installed ``astropy-iers-data``; read once in a process."""
         package = f" of astropy-iers-data {version('astropy-iers-data')}"
         c04, measured = read_eop_rows(astropy_iers_data.IERS_B_FILE, _MJD_1972, package)
-        after = float(c04["mjd_utc"][-1]) + 1.0
-        bulletin_a, predicted = read_eop_rows(astropy_iers_data.IERS_A_FILE, after, package)
+        start_mjd = float(c04["mjd_utc"][-1]) + 1.0
+        bulletin_a, predicted = read_eop_rows(astropy_iers_data.IERS_A_FILE, start_mjd, package)
         columns: dict[str, Any] = {name: np.concatenate([c04[name], bulletin_a[name]]) for name in c04}
         return cls(**columns, sources=(*measured, *predicted))
 
     @classmethod
     def from_file(cls, path: str | Path) -> EopTable:
-        """Read a C04 or finals2000A file of one's own; the part before 1972 is left out."""
+        """Read a C04 or finals2000A file without its part before 1972."""
         columns, sources = read_eop_rows(path, _MJD_1972)
         with in_file(path):
             table = cls(**columns, sources=sources)
@@ -157,7 +157,7 @@ class EopTable:
 
     @property
     def last_measured_date(self) -> str | None:
-        """Last day of which all values are measured, UTC; None where there is none."""
+        """Last day of which all values are measured, UTC; None without such days."""
         measured = np.flatnonzero(~self.predicted)
         return day_of(self.mjd_utc[measured[-1]]) if len(measured) else None
 
@@ -168,10 +168,10 @@ class EopTable:
 
     @accepts_quantities
     def interpolate(self, tt: Epochs, *, zonal: bool = True) -> EopValues:
-        """Values at epochs of TT within the table.
+        """Interpolate at epochs of TT within the table.
 
-        Without `zonal` UT1 is interpolated with its zonal tides and wrong by up to 2.6 us (1.2 mm) in the middle
-        between days. Next to the table's ends the cubic through the outermost four days serves. The interpolant is
+        Without `zonal` UT1 is interpolated with its zonal tides, with errors of up to 2.6 us (1.2 mm) in the middle
+        between days. Near the table's ends the cubic through the outermost four days applies. The interpolant is
         continuous; its rate steps at 0h UTC, by some 7e-11 s/s in UT1 (0.03 um/s on the ground).
         """
         tt.require("TT")
@@ -217,7 +217,7 @@ class EopTable:
 
 
 def _refuse(wrong: Epochs, source: str, mjd_utc: Floats, advice: str) -> None:
-    """Raise :class:`CoverageError` if there is any epoch at which days of a table do not serve."""
+    """Raise a :class:`CoverageError` about epochs that the days of a table do not cover."""
     if len(wrong):
         days = np.sort(wrong.day_strings())
         first, last = (
@@ -240,7 +240,7 @@ def _cubic_through(to_nodes: Floats, node_values: Floats) -> tuple[Floats, Float
 
 
 class _Layout(NamedTuple):
-    """Places of the columns in a row, counted from 1 as the formats' descriptions do."""
+    """Places of the columns in a row, counted from 1 as in the descriptions of the formats."""
 
     series: str
     row: re.Pattern[bytes]
@@ -285,7 +285,9 @@ class _Rows(NamedTuple):
             raise FileFormatError(path, "has no rows; fetch or write it again")
         if len(texts) > 1 and 0 < len(texts[-1]) < len(texts[-2]):
             raise FileFormatError(path, "the last row was cut; fetch or write the file again", len(texts))
-        layout = next((one for one in (_C04, _BULLETIN_A) if one.row.match(texts[lines[0] - 1])), None)
+        layout = next(
+            (candidate for candidate in (_C04, _BULLETIN_A) if candidate.row.match(texts[lines[0] - 1])), None
+        )
         if layout is None:
             raise FileFormatError(
                 path,
@@ -341,11 +343,11 @@ def read_eop_rows(
         problem = f"x, y and UT1-UTC of {day_of(mjd[k])} are zero, as in rows that are not filled in yet"
         rows.fail(k, f"{problem}; remove the row, or fetch the file again")
     dx, dy = (rows.layout.pole_offset_arcsec * rows.numbers(name, of_bulletin_a) for name in ("dX", "dY"))
-    for k in np.flatnonzero(np.maximum(np.abs(dx), np.abs(dy)) > _LARGEST_POLE_OFFSET_ARCSEC)[:1]:
+    for k in np.flatnonzero(np.maximum(np.abs(dx), np.abs(dy)) > _MAX_POLE_OFFSET_ARCSEC)[:1]:
         rows.fail(
             k,
             "the celestial pole offset is too large to be dX, dY of IAU 2000A: offsets of the 1980 nutation "
-            "theory (dPsi, dEpsilon) are of no use here; take the file with dX, dY",
+            "theory (dPsi, dEpsilon) cannot be used; take the file with dX, dY",
         )
     predicted = np.zeros(len(mjd), dtype=np.bool_)
     for flag in _FLAGS if of_bulletin_a else ():

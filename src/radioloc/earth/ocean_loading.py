@@ -102,12 +102,12 @@ def sum_of_tides(amplitudes_m: NDArray[np.complex128], tt: Epochs, ut1_fraction:
     envelope = evaluate_smooth(_envelopes, tt)
     tau = 2.0 * np.pi * ut1_fraction - erfa.fad03(tt.centuries_since_j2000())
     turned = np.exp(1j * np.multiply.outer(tau, np.arange(len(_EQUILIBRIUM_PHASE_RAD))))
-    given = envelope * turned[:, GIVEN_TIDES[:, 0]]
-    return np.asarray((amplitudes_m @ given[:, :, None])[:, :, 0].real)
+    main_tides = envelope * turned[:, GIVEN_TIDES[:, 0]]
+    return np.asarray((amplitudes_m @ main_tides[:, :, None])[:, :, 0].real)
 
 
 def _envelopes(tt: Epochs) -> NDArray[np.complex128]:
-    """Tides that follow from a unit of each given one, without the rotation of the Earth, shape (n, 11)."""
+    """Sum the tides per unit of each main one, without the rotation of the Earth, shape (n, 11)."""
     arguments = _doodson_arguments_rad(tt.centuries_since_j2000()).T
     powers = [np.unique(column, return_inverse=True) for column in tidal_potential()[0][:, 1:].T]
     sums = np.empty((len(GIVEN_TIDES), len(tt)), dtype=np.complex128)
@@ -115,8 +115,8 @@ def _envelopes(tt: Epochs) -> NDArray[np.complex128]:
     for first in range(0, len(tt), _BLOCK):
         block = slice(first, first + _BLOCK)
         tides = np.ones((1, 1), dtype=np.complex128)
-        for argument, (multiples, which) in zip(arguments[:, block], powers, strict=True):
-            tides = tides * np.exp(1j * np.multiply.outer(multiples, argument))[which]
+        for argument, (multiples, indices) in zip(arguments[:, block], powers, strict=True):
+            tides = tides * np.exp(1j * np.multiply.outer(multiples, argument))[indices]
         sums[:, block] = amplitudes_by_given() @ tides
     return sums.T
 
@@ -127,8 +127,8 @@ def amplitudes_by_given() -> NDArray[np.complex128]:
     multipliers, equilibrium_m = tidal_potential()
     frequency = multipliers @ _RATES_CYCLES_PER_DAY
     given_frequency = GIVEN_TIDES @ _RATES_CYCLES_PER_DAY
-    given = [int(np.flatnonzero((multipliers == tide).all(axis=1))[0]) for tide in GIVEN_TIDES]
-    admittance = np.diag(1.0 / np.abs(equilibrium_m[given])).astype(np.complex128)
+    main_rows = [int(np.flatnonzero((multipliers == tide).all(axis=1))[0]) for tide in GIVEN_TIDES]
+    admittance = np.diag(1.0 / np.abs(equilibrium_m[main_rows])).astype(np.complex128)
     amplitudes = np.empty((len(GIVEN_TIDES), len(frequency)), dtype=np.complex128)
     for band, phase in enumerate(_EQUILIBRIUM_PHASE_RAD):
         members = multipliers[:, 0] == band
@@ -143,10 +143,10 @@ def amplitudes_by_given() -> NDArray[np.complex128]:
 def _interpolate(x: Floats, y: NDArray[np.complex128], at: Floats) -> NDArray[np.complex128]:
     """Interpolate rows of y by a cubic spline (four nodes) or lines (three); outside, take the end."""
     # By hand, as importing scipy.interpolate takes half as long as locating a reflector.
-    inside = np.clip(at, x[0], x[-1])
-    k = np.minimum(np.searchsorted(x, inside, side="right") - 1, len(x) - 2)
+    clipped = np.clip(at, x[0], x[-1])
+    k = np.minimum(np.searchsorted(x, clipped, side="right") - 1, len(x) - 2)
     width = x[k + 1] - x[k]
-    b = (inside - x[k]) / width
+    b = (clipped - x[k]) / width
     a = 1.0 - b
     curvature = _spline_curvature(x, y) if len(x) > 3 else np.zeros_like(y)
     cubic = (a**3 - a) * curvature[:, k] + (b**3 - b) * curvature[:, k + 1]

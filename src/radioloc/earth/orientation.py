@@ -141,8 +141,8 @@ class EarthOrientation:
     def _subdaily(self, mjd_ut1: Floats) -> tuple[Floats, Floats]:
         """Sum of the chosen terms in xp, yp (rad) and UT1 (s), and its rate; each of shape (n, 3)."""
         value, rate = np.zeros((len(mjd_ut1), 3)), np.zeros((len(mjd_ut1), 3))
-        for wanted, model in ((self.subdaily_tides, ocean_tides), (self.libration, libration)):
-            if wanted:
+        for period, model in ((self.subdaily_tides, ocean_tides), (self.libration, libration)):
+            if period:
                 term, term_rate = model(mjd_ut1)
                 value += term
                 rate += term_rate

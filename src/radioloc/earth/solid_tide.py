@@ -107,10 +107,10 @@ def pole_tide_displacement(station_itrf_m: Floats, xp_rad: Floats, yp_rad: Float
     axes = rot_itrf_to_spherical_enu(station_itrf_m)
     sin_lat, cos_lat = axes[:, 2, 2], axes[:, 1, 2]
     sin_lon, cos_lon = -axes[:, 0, 0], axes[:, 0, 1]
-    along = m1 * cos_lon + m2 * sin_lon
+    parallel = m1 * cos_lon + m2 * sin_lon
     across = m1 * sin_lon - m2 * cos_lon
-    up = -_RADIAL_M_RAD * 2.0 * sin_lat * cos_lat * along
-    north = _TRANSVERSE_M_RAD * (sin_lat**2 - cos_lat**2) * along
+    up = -_RADIAL_M_RAD * 2.0 * sin_lat * cos_lat * parallel
+    north = _TRANSVERSE_M_RAD * (sin_lat**2 - cos_lat**2) * parallel
     east = _TRANSVERSE_M_RAD * sin_lat * across
     return np.einsum("nij,ni->nj", axes, np.stack([east, north, up], axis=-1))
 

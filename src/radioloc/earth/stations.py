@@ -1,8 +1,7 @@
-"""Tracking stations: where their reference points stand on the crust, and how well that is known.
+"""Tracking stations: positions of their reference points on the crust, and accuracy of the positions.
 
-A station's position is that of the point its measurements refer to (the intersection of a telescope's axes),
-in the ITRF, moving linearly with its plate. Displacements about it (tides, loading) are other modules of this
-package.
+The reference point of measurements is the intersection of a telescope's axes. Its position in the ITRF is linear in
+time with the plate. Other modules of this package add displacements (tides, loading).
 """
 
 from __future__ import annotations
@@ -54,7 +53,7 @@ _RADIUS_RANGE_M = (6.35e6, 6.39e6)
 _HEIGHT_RANGE_M = (-1.0e3, 1.0e4)  # of ground above the ellipsoid
 _MIN_MOVED_M = 5.0e4  # by which a station with a catalogue's name is another site, or has wrong coordinates
 _SAME_SITE_M = 1.0e4
-_LONGEST_AXIS_OFFSET_M = 20.0
+_MAX_AXIS_OFFSET_M = 20.0
 _MIN_SIMILARITY = 0.75  # of names, by difflib: KASHY is similar to KASHI (0.8), APACHE not to ZAPALA (0.5)
 _MIN_PREFIX = 3
 _MAX_SIMILAR = 5
@@ -62,14 +61,14 @@ _MAX_SIMILAR = 5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Station:
-    """One station.
+    """Tracking station.
 
     Parameters
     ----------
     name : str
         Name in the catalogue.
     aliases : tuple of str
-        Other names it is found by: codes, CDP pad number.
+        Other names: codes, CDP pad number.
     kind : {"llr", "vlbi", "ttc"}
         Laser ranging, VLBI, or tracking, telemetry and command.
     itrf_m : array_like, Quantity or EarthLocation, shape (3,)
@@ -77,22 +76,22 @@ class Station:
     epoch_year : float or Time
         Epoch of the position, Julian year TT.
     quality : {"survey", "approximate", "rounded"}
-        Known to centimetres; to about a metre; or published so coarsely that it is good to 100 m to 1 km only.
+        Accurate to centimetres; to about a metre; or published with errors of 100 m to 1 km.
     source : str
-        Where the position comes from.
+        Source of the position.
     velocity_m_yr : array_like or Quantity, shape (3,), optional
-        Velocity in the `frame`, m per Julian year; None where it is not known (then the station stands still).
+        Velocity in the `frame`, m per Julian year; None (unknown) keeps the station fixed.
     ocean_loading : BlqCoefficients, optional
-        Ocean tide loading; None where there are no coefficients, and then the term is missing from a model.
+        Ocean tide loading; without coefficients the model lacks the term.
     mount : str
-        Which axis of the antenna is fixed, of :data:`MOUNTS`.
+        Mount of the antenna, by its fixed axis, of :data:`MOUNTS`.
     complex, country : str
-        The observatory or network that it belongs to, and where it is; empty where nobody says.
+        Observatory or network, and country; empty if unknown.
     sigma_m : float or Quantity, optional
-        Standard deviation of each coordinate, m; by the quality where it is not given.
+        Standard deviation of each coordinate, m; by default that of the quality.
     axis_offset_m : float or Quantity, optional
-        By how much the moving axis stands off the fixed one, on which the reference point is, towards where the
-        antenna points, m; None where it is not known, and then the term is missing from a model.
+        Distance of the moving axis from the fixed one, which contains the reference point, in the direction of
+        pointing, m; if it is None (unknown), the model lacks the term.
     frame : str
         Realization of the ITRF of position and velocity, ``"ITRF93"`` to ``"ITRF2020"``; today's WGS 84 is ITRF2020 to
         some centimetres.
@@ -100,7 +99,7 @@ class Station:
     Raises
     ------
     StationError
-        A field is not usable as it stands.
+        A field is not usable.
     """
 
     name: str
@@ -122,10 +121,10 @@ class Station:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.strip():
             raise StationError("a station needs a name")
-        known = {"kind": KINDS, "quality": QUALITIES, "mount": MOUNTS, "frame": frames()}
-        for field, names in known.items():
-            if (given := getattr(self, field)) not in names:
-                raise StationError(f"station {self.name}: {field} {given!r} is not one of {', '.join(names)}")
+        allowed = {"kind": KINDS, "quality": QUALITIES, "mount": MOUNTS, "frame": frames()}
+        for field, names in allowed.items():
+            if (value := getattr(self, field)) not in names:
+                raise StationError(f"station {self.name}: {field} {value!r} is not one of {', '.join(names)}")
         object.__setattr__(self, "aliases", tuple(self.aliases))
         year: Any = self.epoch_year
         if hasattr(year, "jyear"):
@@ -146,22 +145,22 @@ class Station:
             )
         height_m = _height_m(self.itrf_m)
         if not _HEIGHT_RANGE_M[0] < height_m < _HEIGHT_RANGE_M[1]:
-            ground = {name: _height_m(other) for name, other in reordered_coordinates(self.itrf_m).items()}
-            meant = [
+            ground = {name: _height_m(point) for name, point in reordered_coordinates(self.itrf_m).items()}
+            corrections = [
                 f"with {name} it would be at {other_m:.0f} m"
                 for name, other_m in ground.items()
                 if _HEIGHT_RANGE_M[0] < other_m < _HEIGHT_RANGE_M[1]
             ]
             raise StationError(
                 f"station {self.name} is at {height_m:.0f} m above the ellipsoid, where no ground is: give x, y, z in "
-                f"metres, geocentric; {' or '.join(meant)}"
+                f"metres, geocentric; {' or '.join(corrections)}"
             )
         if self.sigma_m is not None and not self.sigma_m > 0.0:
             raise StationError(f"station {self.name}: sigma_m must be above zero, but is {self.sigma_m}")
-        if abs(self.axis_offset_m or 0.0) > _LONGEST_AXIS_OFFSET_M:
+        if abs(self.axis_offset_m or 0.0) > _MAX_AXIS_OFFSET_M:
             raise StationError(
                 f"station {self.name}: no antenna has an axis offset of {self.axis_offset_m} m; give metres, up to "
-                f"{_LONGEST_AXIS_OFFSET_M:g}"
+                f"{_MAX_AXIS_OFFSET_M:g}"
             )
 
     @classmethod
@@ -182,28 +181,28 @@ class Station:
         [1150441.0, 4870506.0, 3942821.0]
         """
         if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 360.0 and math.isfinite(height_m)):
-            given = (
+            coordinates = (
                 f"latitude_deg = {latitude_deg:g}, longitude_deg = {longitude_deg:g}, height_m = {height_m:g}"
             )
             raise StationError(
-                f"station {fields.get('name')}: {given}: angles are up to 90 and 360 degrees; are they exchanged?"
+                f"station {fields.get('name')}: {coordinates}: angles are up to 90 and 360 degrees; are they exchanged?"
             )
         itrf_m = itrf_from_geodetic(np.deg2rad(longitude_deg), np.deg2rad(latitude_deg), height_m)
         return cls(itrf_m=itrf_m, **fields)
 
     def _set_numbers(self, field: str, unit: str, shape: tuple[int, ...]) -> None:
-        """Replace what was given by finite numbers without a unit: a float or a read-only array."""
-        given = getattr(self, field)
+        """Convert a field to finite numbers without a unit: a float or a read-only array."""
+        value = getattr(self, field)
         try:
-            bare = as_metres(given, field) if unit == "m" else in_unit(given, unit, field)
+            bare = as_metres(value, field) if unit == "m" else in_unit(value, unit, field)
             numbers = np.array(bare, dtype=np.float64)
         except InputError as error:
             raise StationError(f"station {self.name}: {error}") from error
         except (TypeError, ValueError):
             numbers = np.array(np.nan)
         if numbers.shape != shape or not np.isfinite(numbers).all():
-            wanted = "three finite numbers" if shape else "a finite number"
-            raise StationError(f"station {self.name}: {field} must be {wanted}, but is {given}")
+            requirement = "three finite numbers" if shape else "a finite number"
+            raise StationError(f"station {self.name}: {field} must be {requirement}, but is {value}")
         numbers.setflags(write=False)
         object.__setattr__(self, field, numbers if shape else float(numbers))
 
@@ -214,7 +213,7 @@ class Station:
 
     @property
     def velocity_known(self) -> bool:
-        """Return whether the station has a velocity; without one it is taken to stand still."""
+        """Return whether the station has a velocity; otherwise it is fixed."""
         return self.velocity_m_yr is not None
 
     @property
@@ -240,7 +239,7 @@ class Station:
     def itrf2020(self) -> tuple[Floats, Floats]:
         """Position (m) and velocity (m per Julian year) in ITRF2020 at :attr:`epoch_year`.
 
-        Where the velocity is not known the station stands still in ITRF2020.
+        A station of unknown velocity is fixed in ITRF2020.
         """
         given_m_yr = np.zeros(3) if self.velocity_m_yr is None else self.velocity_m_yr
         position_m, velocity_m_yr = to_itrf2020(self.frame, self.itrf_m, given_m_yr, self.epoch_year)
@@ -248,7 +247,7 @@ class Station:
 
     @accepts_quantities
     def position_at(self, tt: Epochs) -> Floats:
-        """Give the reference point in ITRF2020 at epochs of TT, without tides and loading, m, shape (n, 3)."""
+        """Return the reference point in ITRF2020 at epochs of TT, without tides and loading, m, shape (n, 3)."""
         tt.require("TT")
         position_m, velocity_m_yr = self.itrf2020
         epoch_jd = J2000_JD + (self.epoch_year - 2000.0) * _DAYS_PER_JULIAN_YEAR
@@ -270,9 +269,11 @@ class StationCatalogue:
         self._by_key: dict[str, Station] = {}
         for station in self._stations:
             for label in {_key(label) for label in (station.name, *station.aliases)}:
-                other = self._by_key.setdefault(label, station)
-                if other is not station:
-                    raise StationError(f"stations {other.name} and {station.name} are both called {label!r}")
+                namesake = self._by_key.setdefault(label, station)
+                if namesake is not station:
+                    raise StationError(
+                        f"stations {namesake.name} and {station.name} are both called {label!r}"
+                    )
 
     @classmethod
     @cache
@@ -292,7 +293,7 @@ class StationCatalogue:
     def get(self, name: str | int) -> Station:
         """Find a station by its name, an alias or its CDP pad number, whatever the case.
 
-        If there is none, a :class:`StationError` lists what comes close and how to add one.
+        A :class:`StationError` of an unknown name lists similar names and how to add a station.
 
         Examples
         --------
@@ -305,10 +306,10 @@ class StationCatalogue:
             return station
         close = [station.name for label, station in self._by_key.items() if _is_similar(_key(name), label)]
         similar = list(dict.fromkeys(close))[:_MAX_SIMILAR]
-        known = f"similar: {', '.join(similar)}" if similar else f"known: {', '.join(self.names)}"
+        candidates = f"similar: {', '.join(similar)}" if similar else f"known: {', '.join(self.names)}"
         of_site = "name the file of its site under [observations] sites, or "
         raise StationError(
-            f"station {str(name)[:40]!r} is not in the catalogue; {known}. To use one of your own, "
+            f"station {str(name)[:40]!r} is not in the catalogue; {candidates}. To use one of your own, "
             f"{of_site if _key(name).startswith(_key('COSPAR')) else ''}"
             "describe it under [stations.NAME] in the study file, or catalogue.with_station(Station(...)) in Python"
         )
@@ -347,18 +348,18 @@ class StationCatalogue:
         )
 
     def with_station(self, station: Station) -> StationCatalogue:
-        """Make a new catalogue with the station added, or in the place of the one of its name."""
-        known = self._by_key.get(_key(station.name))
-        if known is not None and math.dist(known.itrf_m, station.itrf_m) > _MIN_MOVED_M:
+        """Return a catalogue with the station added, in place of a station of the same name."""
+        former = self._by_key.get(_key(station.name))
+        if former is not None and math.dist(former.itrf_m, station.itrf_m) > _MIN_MOVED_M:
             for name, itrf_m in reordered_coordinates(station.itrf_m).items():
-                if math.dist(known.itrf_m, itrf_m) < _SAME_SITE_M:
+                if math.dist(former.itrf_m, itrf_m) < _SAME_SITE_M:
                     raise StationError(
-                        f"station {station.name} is {1e-3 * math.dist(known.itrf_m, station.itrf_m):.0f} km from the "
-                        f"catalogue's; with {name} it would be {1e-3 * math.dist(known.itrf_m, itrf_m):.3g} km from "
+                        f"station {station.name} is {1e-3 * math.dist(former.itrf_m, station.itrf_m):.0f} km from the "
+                        f"catalogue's; with {name} it would be {1e-3 * math.dist(former.itrf_m, itrf_m):.3g} km from "
                         "it: correct itrf_m"
                     )
-        kept = [other for other in self._stations if _key(other.name) != _key(station.name)]
-        return StationCatalogue([*kept, station])
+        remaining = [item for item in self._stations if _key(item.name) != _key(station.name)]
+        return StationCatalogue([*remaining, station])
 
     def __getitem__(self, name: str | int) -> Station:
         return self.get(name)
@@ -377,13 +378,13 @@ class StationCatalogue:
 
 
 def station_name(catalogue: StationCatalogue | None, *names: str) -> str:
-    """Catalogue's name of a station of one or more names, the most reliable first, which is kept if it knows none."""
-    known = [name for name in names if catalogue is not None and name in catalogue]
-    return catalogue[known[0]].name if catalogue is not None and known else names[0]
+    """Return the catalogue's name of a station by the first known of its names, or else its first name."""
+    matches = [name for name in names if catalogue is not None and name in catalogue]
+    return catalogue[matches[0]].name if catalogue is not None and matches else names[0]
 
 
 def reordered_coordinates(xyz_m: Floats) -> dict[str, Floats]:
-    """Return geocentric coordinates with axes exchanged or another sign, as mistakes have them, by what is changed."""
+    """Return geocentric coordinates with usual mistakes, exchanged axes or another sign, by their description."""
     x, y, z = xyz_m
     orders = {
         "x and y exchanged": (y, x, z),
@@ -395,12 +396,12 @@ def reordered_coordinates(xyz_m: Floats) -> dict[str, Floats]:
         "the other sign of x": (-x, y, z),
         "the other sign of z": (x, y, -z),
     }
-    others = {name: np.array(order) for name, order in orders.items()}
+    mistakes = {name: np.array(order) for name, order in orders.items()}
     place = geodetic_from_itrf(xyz_m)
     if abs(place.longitude_rad) <= 0.5 * math.pi:
         turned = itrf_from_geodetic(place.latitude_rad, place.longitude_rad, place.height_m)
-        others["longitude and latitude exchanged"] = turned
-    return others
+        mistakes["longitude and latitude exchanged"] = turned
+    return mistakes
 
 
 def _height_m(itrf_m: Floats) -> float:
@@ -408,7 +409,7 @@ def _height_m(itrf_m: Floats) -> float:
 
 
 def _is_similar(key: str, label: str) -> bool:
-    """Return whether names are alike; other numbers name other antennas, however many characters agree."""
+    """Return whether names are similar; names with other numbers are those of other antennas."""
     number, of_label = ("".join(re.findall(r"\d", text)) for text in (key, label))
     if key == number:
         return number == of_label

@@ -1,6 +1,6 @@
-"""Where the Earth, the Moon and the Sun are, and how the Moon is turned: the only home of km and days.
+"""Positions of the Earth, the Moon and the Sun, and orientation of the Moon; km and days occur only in this package.
 
-SI units, ICRF axes and TDB; the DE421 files that ship, or any SPK and binary PCK made of a JPL ephemeris.
+SI units, ICRF axes and TDB; the DE421 files of the package, or any SPK and binary PCK made of a JPL ephemeris.
 """
 
 from radioloc.ephemeris.constants import CONSTANTS, EphemerisConstants

@@ -46,9 +46,9 @@ class EphemerisConstants:
     l2: float  # and tangential
 
     def gm_m3_s2(self, body: str) -> float:
-        """GM of a body by name, m^3/s^2."""
+        """Return the GM of a body, m^3/s^2."""
         if body not in _MASSIVE:
-            raise InputError(f"no GM is known for {body!r}; use one of {', '.join(_MASSIVE)}")
+            raise InputError(f"body: expected one of {', '.join(_MASSIVE)}, got {body!r}")
         return float(getattr(self, f"gm_{body}_m3_s2"))
 
 

@@ -1,4 +1,4 @@
-"""How the Moon is turned: Euler angles of the principal axes in the ICRF, and the axes fixed to it by their NAIF codes.
+"""Orientation of the Moon: Euler angles of the principal axes in the ICRF, and Moon-fixed axes by NAIF code.
 
 The codes are those of NAIF's frames kernels moon_080317.tf (DE421) and moon_de440_220930.tf.
 """
@@ -29,15 +29,15 @@ class LunarAxes:
 
     name: str  # NAIF's
     axes: str  # PA or ME
-    ephemeris: str  # by whose libration they turn
+    ephemeris: str  # of the libration
 
     @property
     def frame(self) -> str:
-        """Name of the axes here, such as ``PA_DE421``."""
+        """Name of the axes in radioloc, such as ``PA_DE421``."""
         return CONSTANTS[self.ephemeris].me_frame if self.axes == "ME" else f"PA_{self.ephemeris}"
 
     def states_to_icrf(self, states: Floats, et_s: Floats) -> Floats:
-        """Return states in the ICRF of states in these axes, shapes (n, 6), at TDB seconds since J2000."""
+        """Rotate states from these axes to the ICRF, shapes (n, 6), at TDB seconds since J2000."""
         import spiceypy
 
         angles_rad, rates_rad_s = LunarOrientation.open(self.ephemeris).angles(Epochs.from_tdb_seconds(et_s))
@@ -60,15 +60,15 @@ LUNAR_AXES = {
     31009: LunarAxes("MOON_ME_DE440_ME421", "ME", "DE440"),
     31011: LunarAxes("MOON_ME", "ME", "DE440"),
 }
-"""Axes by NAIF code. Of axes with two codes the first is the one that is written."""
+"""Axes by NAIF code. The first of two codes of the same axes is written."""
 
 _FRAMES = {code: LUNAR_AXES[code].frame for code in (31006, 31008)}
-"""Those whose orientation binary PCKs hold."""
+"""Axes of binary PCKs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LunarOrientation:
-    """Orientation of the principal axes of one ephemeris; make one with :meth:`LunarOrientation.open`."""
+    """Orientation of the principal axes of one ephemeris; opened by :meth:`LunarOrientation.open`."""
 
     frame: str  # the axes, such as PA_DE421
     frame_code: int  # NAIF's code of the axes
@@ -76,18 +76,15 @@ class LunarOrientation:
 
     @classmethod
     def open(cls, pck: str | Path = "DE421") -> LunarOrientation:
-        """Open the orientation of the Moon: ``"DE421"``, which ships, or the path of a lunar binary PCK.
-
-        It has to hold exactly one of the known lunar frames.
-        """
+        """Open the orientation of the Moon: ``"DE421"``, or the path of a binary PCK with exactly one lunar frame."""
         kernel = open_kernel(pck, "PCK")
         held = sorted({s.target for s in kernel.segments})
         codes = [code for code in held if code in _FRAMES]
         if len(codes) != 1:
-            known = ", ".join(f"{code} ({name})" for code, name in _FRAMES.items())
+            supported = ", ".join(f"{code} ({name})" for code, name in _FRAMES.items())
             raise KernelError(
                 f"{kernel.file.path} (spanning {kernel.file.start_tdb} to {kernel.file.end_tdb}) holds the "
-                f"NAIF frames {held}, but exactly one of {known} is wanted; use NAIF's lunar PCK of "
+                f"NAIF frames {held}, but exactly one of {supported} is expected; use NAIF's lunar PCK of "
                 "DE421 or DE440"
             )
         return cls(_FRAMES[codes[0]], codes[0], kernel)
@@ -101,9 +98,9 @@ class LunarOrientation:
     def angles(self, tdb: Epochs) -> tuple[Floats, Floats]:
         """Euler angles phi, theta, psi of the principal axes, rad, and their rates, rad/s, at epochs of TDB, (n, 3).
 
-        They are in the order of the 3-1-3 rotations that take the ICRF into the principal axes, Rz(psi) Rx(theta)
-        Rz(phi) (Folkner et al. 2009, section on lunar orientation; :func:`radioloc.lunar.rot_icrf_to_pa`). psi runs on
-        without jumps; its round-off is 1e-12 rad, 2 micrometres on the surface.
+        Their order is that of the 3-1-3 rotations from the ICRF to the principal axes, Rz(psi) Rx(theta) Rz(phi)
+        (Folkner et al. 2009, lunar orientation; :func:`radioloc.lunar.rot_icrf_to_pa`). psi is continuous; its
+        round-off is 1e-12 rad, 2 micrometres on the surface.
         """
         angles_rad, rates_rad_s = evaluate(self.pck, self.frame_code, _INERTIAL_FRAME, tdb)
         return angles_rad, rates_rad_s

@@ -1,4 +1,4 @@
-"""Where the Earth, the Moon, the Sun and large planets are, and how clocks run there: ICRF axes, TDB, SI units."""
+"""Positions of the Earth, the Moon, the Sun and large planets, and rates of clocks there: ICRF axes, TDB, SI units."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _M_PER_KM = 1000.0
 _SOLAR_SYSTEM_BARYCENTRE, _EARTH_MOON_BARYCENTRE, _EARTH, _MOON = 0, 3, 399, 301
 
 BODIES = {"sun": 10, "moon": _MOON, "venus": 2, "jupiter": 5, "saturn": 6}
-"""Bodies that can be asked for, with their NAIF codes; the planets are the barycentres of their systems."""
+"""Bodies with their NAIF codes; the planets are the barycentres of their systems."""
 
 _State = tuple[Floats, Floats]
 
@@ -39,7 +39,7 @@ class EarthState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ephemeris:
-    """A planetary and lunar ephemeris; make one with :meth:`Ephemeris.open`."""
+    """A planetary and lunar ephemeris; opened by :meth:`Ephemeris.open`."""
 
     name: str  # such as DE421
     constants: EphemerisConstants  # masses, Love numbers and axes that belong to it
@@ -47,10 +47,9 @@ class Ephemeris:
 
     @classmethod
     def open(cls, spk: str | Path = "DE421", constants: EphemerisConstants | None = None) -> Ephemeris:
-        """Open an ephemeris: ``"DE421"``, which ships, or the path of an SPK made of a JPL ephemeris.
+        """Open an ephemeris: ``"DE421"`` or the path of an SPK made of a JPL ephemeris with the Earth, Moon and Sun.
 
-        Its `constants` are needed for one that :data:`radioloc.ephemeris.CONSTANTS` does not hold. A kernel without the
-        Earth, the Moon or the Sun is refused.
+        An ephemeris that is not in :data:`radioloc.ephemeris.CONSTANTS` needs its `constants`.
         """
         kernel = open_kernel(spk, "SPK")
         for target, center in (
@@ -66,8 +65,8 @@ class Ephemeris:
         name = ", ".join(sorted({re.sub(r".*?DE-?0*(\d+).*", r"DE\1", label) for label in labels}))
         if name not in CONSTANTS:
             raise KernelError(
-                f"{kernel.file.path} calls itself {', '.join(labels)!r}, an ephemeris whose constants are not known "
-                f"here (known: {', '.join(CONSTANTS)}); use one of these, or give constants= in Python"
+                f"{kernel.file.path} calls itself {', '.join(labels)!r}, an ephemeris without constants "
+                f"in radioloc ({', '.join(CONSTANTS)} have them); use one of these, or give constants= in Python"
             )
         return cls(name, CONSTANTS[name], kernel)
 
@@ -97,24 +96,23 @@ class Ephemeris:
 
     @accepts_quantities
     def states(self, bodies: Sequence[str], tdb: Epochs) -> tuple[EarthState, dict[str, _State]]:
-        """The Earth as by :meth:`earth`, and bodies as by :meth:`geocentric`: the Earth is computed once for all."""
+        """Return the Earth as :meth:`earth`, and bodies as :meth:`geocentric`; the Earth is computed once for all."""
         barycentre = self._relative(_EARTH_MOON_BARYCENTRE, _SOLAR_SYSTEM_BARYCENTRE, tdb, derivatives=2)
         earth = self._relative(_EARTH, _EARTH_MOON_BARYCENTRE, tdb, derivatives=2)
-        found = {body: self._geocentric(BODIES[body], tdb, barycentre, earth) for body in bodies}
-        return EarthState(*((b + e) * _M_PER_KM for b, e in zip(barycentre, earth, strict=True))), found
+        body_states = {body: self._geocentric(BODIES[body], tdb, barycentre, earth) for body in bodies}
+        return EarthState(*((b + e) * _M_PER_KM for b, e in zip(barycentre, earth, strict=True))), body_states
 
     @accepts_quantities
     def geocentric(self, body: str, tdb: Epochs) -> _State:
         """Geocentric position and velocity of a body, geometric (no light time), in barycentric coordinates, ICRF axes.
 
-        The Moon is its position minus the Earth's, both relative to the Earth-Moon barycentre, so that the 1.5e11 m
-        from the solar system barycentre do not enter: its round-off is below 1e-6 m. Velocities are with respect to
-        TDB.
+        The Moon is the difference of its position and the Earth's relative to the Earth-Moon barycentre, without the
+        1.5e11 m from the solar system barycentre; its round-off is below 1e-6 m. Velocities are with respect to TDB.
 
         Raises
         ------
         InputError
-            No such body, or the epochs are not in TDB.
+            The body is not one of :data:`BODIES`, or the epochs are not in TDB.
         KernelError
             The kernel does not hold the body.
         CoverageError
@@ -129,7 +127,7 @@ class Ephemeris:
         True
         """
         if body not in BODIES:
-            raise InputError(f"body {body!r} is not known; use one of {', '.join(BODIES)}")
+            raise InputError(f"body: expected one of {', '.join(BODIES)}, got {body!r}")
         return self.geocentric_center(BODIES[body], tdb)
 
     @accepts_quantities
@@ -143,13 +141,13 @@ class Ephemeris:
     def _geocentric(
         self, code: int, tdb: Epochs, barycentre: tuple[Floats, ...], earth: tuple[Floats, ...]
     ) -> _State:
-        """From the barycentre of Earth and Moon, and the Earth relative to it, km and s."""
+        """Return position and velocity, m, by those of the Earth-Moon barycentre and of the Earth about it, km."""
         if code in (_MOON, _EARTH_MOON_BARYCENTRE):
-            other = self._relative(code, _EARTH_MOON_BARYCENTRE, tdb)
+            center = self._relative(code, _EARTH_MOON_BARYCENTRE, tdb)
         else:
-            other = self._relative(code, _SOLAR_SYSTEM_BARYCENTRE, tdb)
-            other = other[0] - barycentre[0], other[1] - barycentre[1]
-        return (other[0] - earth[0]) * _M_PER_KM, (other[1] - earth[1]) * _M_PER_KM
+            center = self._relative(code, _SOLAR_SYSTEM_BARYCENTRE, tdb)
+            center = center[0] - barycentre[0], center[1] - barycentre[1]
+        return (center[0] - earth[0]) * _M_PER_KM, (center[1] - earth[1]) * _M_PER_KM
 
     @accepts_quantities
     def barycentric(self, body: str, tdb: Epochs) -> _State:
@@ -191,13 +189,15 @@ def evaluate(
     # The two floats of an epoch meet within a record only, which resolves it to 1e-10 s: 0.1 micrometre of the Moon.
     midnight_s = (tdb.jd - J2000_JD) * SECONDS_PER_DAY  # exact: a whole number of half days
     rest_s = tdb.fraction * SECONDS_PER_DAY
-    which = np.full(len(tdb), -1)
+    indices = np.full(len(tdb), -1)
     for k, segment in enumerate(segments):
-        inside = ((midnight_s - segment.start_s) + rest_s >= 0) & ((midnight_s - segment.end_s) + rest_s <= 0)
-        which[inside] = k
-    outside = tdb[which < 0]
-    if len(outside):
-        first, last = utc_strings(outside[np.lexsort((outside.fraction, outside.jd))[[0, -1]]], 3)
+        in_span = ((midnight_s - segment.start_s) + rest_s >= 0) & (
+            (midnight_s - segment.end_s) + rest_s <= 0
+        )
+        indices[in_span] = k
+    uncovered = tdb[indices < 0]
+    if len(uncovered):
+        first, last = utc_strings(uncovered[np.lexsort((uncovered.fraction, uncovered.jd))[[0, -1]]], 3)
         raise CoverageError(
             f"{kernel.file.path} (NAIF code {target})",
             span_dates((s.start_s, s.end_s) for s in segments),
@@ -207,12 +207,12 @@ def evaluate(
     if len(segments) == 1:
         return _chebyshev(segments[-1], midnight_s, rest_s, derivatives)
     out = tuple(np.empty((len(tdb), 3)) for _ in range(derivatives + 1))
-    for k in np.unique(which):
-        rows = which == k
-        for whole, part in zip(
+    for k in np.unique(indices):
+        rows = indices == k
+        for values, part in zip(
             out, _chebyshev(segments[k], midnight_s[rows], rest_s[rows], derivatives), strict=True
         ):
-            whole[rows] = part
+            values[rows] = part
     return out
 
 
@@ -226,8 +226,8 @@ def _chebyshev(segment: Segment, midnight_s: Floats, rest_s: Floats, derivatives
     record = record - past_end
     offset_s = offset_s + past_end * length_s
     s = 2.0 * offset_s / length_s - 1.0
-    present, which = np.unique(record, return_inverse=True)
-    coefficients = np.take(segment.coefficients[present].transpose(2, 1, 0), which.reshape(-1), axis=2)
+    present, indices = np.unique(record, return_inverse=True)
+    coefficients = np.take(segment.coefficients[present].transpose(2, 1, 0), indices.reshape(-1), axis=2)
     sums = chebyshev_sums(coefficients, s, derivatives)
     per_second = 2.0 / length_s
     return tuple(part.T if order == 0 else part.T * per_second**order for order, part in enumerate(sums))

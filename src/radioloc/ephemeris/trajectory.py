@@ -1,7 +1,6 @@
-"""Trajectories of spacecraft from an SPK, put beside the Earth and the Moon of an ephemeris.
+"""Trajectories of spacecraft from an SPK, relative to the Earth and the Moon of an ephemeris.
 
-The file is read here, not by SPICE. Nothing is loaded into SPICE's pool of kernels, so what a program has loaded there
-neither matters nor changes.
+This module reads the file without SPICE, so that SPICE's pool of loaded kernels has no effect and does not change.
 """
 
 from __future__ import annotations
@@ -36,44 +35,44 @@ _MAX_CHAIN = 10  # bodies from a spacecraft to the centre of an ephemeris; real 
 
 @runtime_checkable
 class AnyTrajectory(Protocol):
-    """Where a spacecraft is, as a file has it or as it was integrated."""
+    """Trajectory of a spacecraft, read from a file or integrated."""
 
     @property
     def name(self) -> str:
-        """What it is called in messages."""
+        """Name in messages."""
         ...
 
     def geocentric(self, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
-        """As :meth:`Trajectory.geocentric`."""
+        """Return geocentric positions and velocities; see :meth:`Trajectory.geocentric`."""
         ...
 
     def spans_s(self) -> list[tuple[float, float]]:
-        """As :meth:`Trajectory.spans_s`."""
+        """Return the covered spans; see :meth:`Trajectory.spans_s`."""
         ...
 
 
 @runtime_checkable
 class AdjustableTrajectory(AnyTrajectory, Protocol):
-    """A trajectory that follows from parameters, such as the state at an epoch and the forces."""
+    """Trajectory as a function of parameters, such as the state at an epoch and the forces."""
 
     def position_partials(self, tdb: Epochs) -> Floats:
         """Partial derivatives of the position, ICRF axes, by the parameters, shape (n, 3, p)."""
         ...
 
     def restricted_to(self, first: Epochs, last: Epochs) -> AdjustableTrajectory:
-        """The same from one epoch to another, TDB, of which more is not wanted."""
+        """Return the trajectory restricted to an interval of TDB."""
         ...
 
     def corrected(self, x: Floats) -> AdjustableTrajectory:
-        """The trajectory of parameters that are larger by x, shape (p,)."""
+        """Return the trajectory of parameters increased by x, shape (p,)."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrajectorySegment:
-    """States of a body that an SPK gives for some time."""
+    """States of a body in a span of an SPK."""
 
-    center: int  # NAIF code of what the states are relative to
+    center: int  # NAIF code of the origin of the states
     start_s: float  # TDB seconds since J2000, both ends included
     end_s: float
     series: StateSeries
@@ -83,7 +82,7 @@ class TrajectorySegment:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """The trajectory of a body from an SPK; make one with :meth:`Trajectory.open`."""
+    """Trajectory of a body from an SPK, opened by :meth:`Trajectory.open`."""
 
     kernel: KernelFile  # its span is from the body's first epoch to its last, gaps or not
     body: int  # NAIF code
@@ -107,21 +106,23 @@ class Trajectory:
         Raises
         ------
         KernelError
-            The file is missing, damaged or no SPK, does not hold the body or what its states are relative to, or gives
-            it in another frame or by a segment of another type.
+            The file is missing, damaged or of another kind; lacks the body or its centre; or has another frame or
+            another type of segment.
         InputError
             The code is not an integer.
         """
         if isinstance(body, bool) or not isinstance(body, int):
             raise InputError(f"body must be a NAIF code, an integer such as -85, not {body!r}")
-        found = find_kernel(path, "SPK")
+        kernel_path = find_kernel(path, "SPK")
         listed: dict[int, list[DafSegment]] = {}
-        for segment in read_segments(found, "SPK"):
+        for segment in read_segments(kernel_path, "SPK"):
             listed.setdefault(segment.integers[0], []).append(segment)
         if body not in listed:
             held = ", ".join(map(str, sorted(listed))) or "none"
-            raise KernelError(f"{found} has no body with the NAIF code {body}; it holds {held}")
-        return _trajectory(KernelFile(found, "SPK", sha256_of(found), False, "", ""), listed, (body,), {})
+            raise KernelError(f"{kernel_path} has no body with the NAIF code {body}; it holds {held}")
+        return _trajectory(
+            KernelFile(kernel_path, "SPK", sha256_of(kernel_path), False, "", ""), listed, (body,), {}
+        )
 
     @property
     def name(self) -> str:
@@ -137,7 +138,7 @@ class Trajectory:
         """Geocentric position and velocity, geometric (no light time), in barycentric coordinates, ICRF axes.
 
         Segments are evaluated at one float of seconds since J2000, which resolves 0.12 microseconds: 0.1 mm at 2 km/s.
-        The rest of the epoch is made up for with the velocity, to far below a micrometre.
+        The remainder of the epoch is applied with the velocity, accurate to far below a micrometre.
 
         Raises
         ------
@@ -151,12 +152,12 @@ class Trajectory:
         of_day_s = tdb.fraction * SECONDS_PER_DAY
         et_s = midnight_s + of_day_s
         rest_s = (midnight_s - et_s) + of_day_s
-        which = self.segment_at(et_s)
-        if (which < 0).any():
-            raise self._not_covered(et_s[which < 0])
-        states = self.states(et_s, which) * _M_PER_KM
+        indices = self.segment_at(et_s)
+        if (indices < 0).any():
+            raise self._not_covered(et_s[indices < 0])
+        states = self.states(et_s, indices) * _M_PER_KM
         position_m, velocity_m_s = states[:, :3] + states[:, 3:] * rest_s[:, None], states[:, 3:]
-        centers = np.array([segment.center for segment in self.segments])[which]
+        centers = np.array([segment.center for segment in self.segments])[indices]
         for center in np.unique(centers).tolist():
             rows = np.flatnonzero(centers == center)
             center_m, center_m_s = self._center(center, ephemeris, tdb[rows])
@@ -165,7 +166,7 @@ class Trajectory:
         return position_m, velocity_m_s
 
     def _center(self, code: int, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
-        """Geocentric position and velocity of what segments are relative to."""
+        """Return geocentric position and velocity of the centre of segments."""
         if code in self.bases:
             return self.bases[code].geocentric(ephemeris, tdb)
         try:
@@ -185,21 +186,21 @@ class Trajectory:
             f"{self.kernel.path} (NAIF code {self.body})",
             (first, last.replace(" with gaps", " TDB with gaps") if " " in last else f"{last} TDB"),
             (f"{tdb_date(outside_s.min())} TDB", f"{tdb_date(outside_s.max())} TDB"),
-            "use a trajectory that covers these epochs, or leave them out (start, stop, hours)",
+            "use a trajectory that covers these epochs, or exclude them (start, stop, hours)",
         )
 
     def segment_at(self, et_s: Floats) -> NDArray[np.intp]:
-        """Index of the segment for each epoch: of several the last, as in SPICE; -1 where there is none."""
-        which = np.full(len(et_s), -1)
+        """Return the index of the last segment that covers each epoch, as in SPICE; -1 for uncovered epochs."""
+        indices = np.full(len(et_s), -1)
         for k, segment in enumerate(self.segments):
-            which[(segment.start_s <= et_s) & (et_s <= segment.end_s)] = k
-        return which
+            indices[(segment.start_s <= et_s) & (et_s <= segment.end_s)] = k
+        return indices
 
-    def states(self, et_s: Floats, which: NDArray[np.intp]) -> Floats:
+    def states(self, et_s: Floats, indices: NDArray[np.intp]) -> Floats:
         """States relative to the segments' centres in the ICRF, km and km/s, shape (n, 6)."""
         out = np.empty((len(et_s), 6))
-        for k in np.unique(which).tolist():
-            segment, rows = self.segments[k], np.flatnonzero(which == k)
+        for k in np.unique(indices).tolist():
+            segment, rows = self.segments[k], np.flatnonzero(indices == k)
             with np.errstate(all="ignore"):
                 halves = segment.series.states(et_s[rows]).reshape(-1, 2, 3) @ segment.rot_to_icrf.T
             out[rows] = halves.reshape(-1, 6)
@@ -277,7 +278,7 @@ def _rotation_to_icrf(path: Path, body: int, frame: int) -> Floats:
     if not inertial:
         raise KernelError(
             f"{path} gives body {body} in the frame {name or 'of NAIF code'} {f'({frame})' if name else frame}, which "
-            f"turns or is not known; write the trajectory in an inertial frame such as {_ICRF}, or in axes of the Moon "
+            f"rotates or is unknown; write the trajectory in an inertial frame such as {_ICRF}, or in axes of the Moon "
             f"({', '.join(dict.fromkeys(axes.name for axes in LUNAR_AXES.values()))})"
         )
     return np.asarray(spiceypy.pxform(name, _ICRF, 0.0))

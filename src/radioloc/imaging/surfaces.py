@@ -168,7 +168,7 @@ class Terrain:
             upper[rows], upper_clearance[rows] = distance[rows], clearance[going]
             down = -vectors.dot(points[going], directions[rows]) / vectors.length(points[going])
             level = np.sqrt(np.maximum(1.0 - down * down, 0.0))
-            fall = np.maximum(down + window.steepest * level, 1e-3)
+            fall = np.maximum(down + window.max_slope * level, 1e-3)
             step = np.maximum(clearance[going] / fall, min_step_m)
             distance[rows] = np.minimum(distance[rows] + step, last[rows])
             active = rows

@@ -1,6 +1,6 @@
-"""The container of SPICE's binary kernels, the DAF: header and segments, checked against the length of the file.
+"""DAF, the container of SPICE's binary kernels: header and segments, checked against the length of the file.
 
-Damaged counts make jplephem ask for gigabytes, and a damaged list of segments may have no end. So the size of the file
+Damaged counts make jplephem request gigabytes, and a damaged list of segments may be endless. The size of the file
 and the list are checked before its summaries are read. Source: NAIF's *DAF Required Reading*.
 """
 
@@ -21,7 +21,7 @@ RECORD_BYTES = 1024
 _WORD_BYTES = 8
 _N_INTEGERS = {"SPK": 6, "PCK": 5}
 _UNREADABLE = (ValueError, TypeError, struct.error, OverflowError, AssertionError, IndexError, OSError)
-"""What jplephem and numpy raise."""
+"""Exceptions of jplephem and numpy for damaged files."""
 _MAX_LISTED_SPANS = 3
 _KIND_NAMES = {"SPK": "SPK (positions)", "PCK": "binary PCK (orientation)"}
 
@@ -61,13 +61,13 @@ def read_segments(path: Path, kind: str) -> list[DafSegment]:
 
 
 def kind_of(path: Path) -> str:
-    """``"SPK"`` or ``"PCK"``, by the first bytes of a file; what is neither is taken for an SPK."""
+    """Return ``"SPK"`` or ``"PCK"`` by the first bytes of a file; other kinds count as SPK."""
     with path.open("rb") as file:
         return "PCK" if file.read(8).startswith(b"DAF/PCK") else "SPK"
 
 
 def tdb_date(seconds: float) -> str:
-    """TDB seconds since J2000 as a date, with the time of day to the second where it is not midnight."""
+    """Return TDB seconds since J2000 as a date, with the time of day to the second unless it is midnight."""
     if not abs(seconds) < 1e11:
         return f"{seconds:g} s after J2000"
     text = str(np.datetime64("2000-01-01T12:00:00", "s") + np.timedelta64(round(seconds), "s"))
@@ -89,8 +89,8 @@ def span_dates(spans_s: Iterable[tuple[float, float]]) -> tuple[str, str]:
     """Return the first and last epoch of a union of spans as dates, the last with the gaps between the spans."""
     merged = merge_spans(spans_s)
     texts = [f"{tdb_date(start_s)} to {tdb_date(end_s)}" for start_s, end_s in merged]
-    more = f" and {len(texts) - _MAX_LISTED_SPANS} more" if len(texts) > _MAX_LISTED_SPANS else ""
-    gaps = f" with gaps ({', '.join(texts[:_MAX_LISTED_SPANS])}{more})" if len(texts) > 1 else ""
+    remainder = f" and {len(texts) - _MAX_LISTED_SPANS} more" if len(texts) > _MAX_LISTED_SPANS else ""
+    gaps = f" with gaps ({', '.join(texts[:_MAX_LISTED_SPANS])}{remainder})" if len(texts) > 1 else ""
     return tdb_date(merged[0][0]), f"{tdb_date(merged[-1][1])}{gaps}"
 
 
@@ -99,9 +99,9 @@ def _check_header(header: bytes, path: Path, kind: str) -> None:
     # Before 1999 SPICE wrote NAIF/DAF whatever the kind; those files are SPK here.
     if identity != f"DAF/{kind}".encode().ljust(8) and not (kind == "SPK" and identity == b"NAIF/DAF"):
         names = {f"DAF/{key}".encode().ljust(8): f"a {name}" for key, name in _KIND_NAMES.items()}
-        found = names.get(identity, "not a SPICE binary kernel" if identity else "empty")
+        content = names.get(identity, "not a SPICE binary kernel" if identity else "empty")
         raise KernelError(
-            f"{path} is {found}, but a {_KIND_NAMES[kind]} kernel is wanted; give a file of that kind"
+            f"{path} is {content}, but a {_KIND_NAMES[kind]} kernel is expected; give a file of that kind"
         )
     if len(header) < RECORD_BYTES:
         raise KernelError(f"{path} is cut short: it has {len(header)} bytes; fetch the file again")
@@ -111,7 +111,7 @@ def _check_header(header: bytes, path: Path, kind: str) -> None:
 
 
 def _check_extent(daf: DAF, path: Path) -> None:
-    """Raise an error unless the list of segments ends and the file is as long as it says."""
+    """Raise an error unless the list of segments ends and the file has the length of its header."""
     damage = _list_damage(daf)
     held_bytes = path.stat().st_size
     announced_bytes = (daf.free - 1) * _WORD_BYTES  # jplephem does not fill the last record
@@ -125,15 +125,15 @@ def _check_extent(daf: DAF, path: Path) -> None:
 
 
 def _list_damage(daf: DAF) -> str:
-    """Return what is wrong with the list of segments, if anything is."""
-    seen: set[int] = set()
+    """Describe a defect of the list of segments; empty for a sound one."""
+    records: set[int] = set()
     try:
         for number, count, _ in daf.summary_records():
-            if number in seen:
+            if number in records:
                 return "its segment list runs in a circle"
             if not (0 <= count <= daf.summaries_per_record and count == int(count)):
                 return f"it lists {count:g} segments at once"
-            seen.add(number)
+            records.add(number)
     except _UNREADABLE as error:
         return f"its segment list cannot be read ({error})"
     return ""

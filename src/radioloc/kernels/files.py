@@ -1,8 +1,8 @@
-"""Find kernels by name; open SPK and binary PCK files of Chebyshev type 2 with the checks that a damaged one may fail.
+"""Registry of kernels; SPK and binary PCK files of Chebyshev type 2, checked for damage.
 
-The kernels that ship or were added are in a registry: what they are, where they lie, what their SHA-256 must be. The
-list of segments comes from :mod:`radioloc.kernels.daf`; evaluation is left to :mod:`radioloc.ephemeris`, which
-needs second derivatives and refuses epochs outside a segment's own span, where jplephem would extrapolate.
+The registry lists packaged and added kernels with content, place and SHA-256. :mod:`radioloc.kernels.daf` reads the
+list of segments; :mod:`radioloc.ephemeris` evaluates them, with second derivatives and without jplephem's
+extrapolation outside the span of a segment.
 """
 
 from __future__ import annotations
@@ -31,35 +31,35 @@ _CHEBYSHEV_TYPE = 2
 
 @dataclass(frozen=True, slots=True)
 class RegisteredKernel:
-    """One kernel that ships or was added."""
+    """Entry of the registry of kernels."""
 
     name: str  # of the file
     kind: str  # SPK (positions) or PCK (orientation)
-    ephemeris: str  # that it is cut from, such as DE421
+    ephemeris: str  # source of the excerpt, such as DE421
     sha256: str
     size_bytes: int
     start_tdb: str  # dates at whose midnight (TDB) the span begins and ends
     end_tdb: str
     bodies: tuple[int, ...]  # NAIF codes of the bodies (SPK) or frames (PCK)
-    source_package: str = ""  # that carries the full kernel it was cut from
+    source_package: str = ""  # package of the full kernel
     source_file: str = ""
     source_sha256: str = ""
     folder: Path = Path()
 
     @property
     def path(self) -> Path:
-        """The file."""
+        """Path of the file."""
         return self.folder / self.name
 
     def problem(self) -> str:
-        """What is wrong with the file, and what to do; empty where it is what it was."""
-        was, again = "added", "add it again by radioloc kernels add"
+        """Describe a missing or changed file and what to do; empty for an unchanged one."""
+        origin, advice = "added", "add it again by radioloc kernels add"
         if self.source_package:
-            was, again = "shipped", "install radioloc again"
+            origin, advice = "shipped", "install radioloc again"
         if not self.path.is_file():
-            return f"{self.path} is missing; {again}"
+            return f"{self.path} is missing; {advice}"
         if sha256_of(self.path) != self.sha256:
-            return f"{self.path} is not the file that was {was}; {again}"
+            return f"{self.path} is not the file that was {origin}; {advice}"
         return ""
 
 
@@ -128,9 +128,9 @@ def _entries(folder: Path) -> tuple[RegisteredKernel, ...]:
 
 
 def find_kernel(name_or_path: str | Path, kind: str | None = None) -> Path:
-    """Path of a kernel: of a file, or of one that ships or was added, by its name or its ephemeris' (``"DE421"``).
+    """Return the path of a file, or of a packaged or added kernel by its name or its ephemeris (``"DE421"``).
 
-    With `kind` an ephemeris names one file. Kernels that ship come before those that were added.
+    An ephemeris with a `kind` names one file. Packaged kernels have priority over added ones.
 
     Examples
     --------
@@ -151,19 +151,21 @@ def find_kernel(name_or_path: str | Path, kind: str | None = None) -> Path:
         ]
     if len(fits) == 1:
         return fits[0].path
-    known = ", ".join(f"{entry.name} ({entry.ephemeris} {entry.kind})" for entry in (*registered(), *added()))
+    choices = ", ".join(
+        f"{entry.name} ({entry.ephemeris} {entry.kind})" for entry in (*registered(), *added())
+    )
     if path.is_dir():
         raise KernelError(f"{name} is a directory; give a kernel file in it")
     if fits:
-        raise KernelError(f"{name!r} stands for more than one kernel; name the file, one of {known}")
+        raise KernelError(f"{name!r} stands for more than one kernel; name the file, one of {choices}")
     raise KernelError(
         f"{name!r} is neither a file nor a kernel that ships or was added; give the path of a kernel file, "
-        f"or one of {known}"
+        f"or one of {choices}"
     )
 
 
 def sha256_of(path: Path) -> str:
-    """SHA-256 of a file, as 64 hexadecimal digits.
+    """Return the SHA-256 of a file, 64 hexadecimal digits.
 
     Examples
     --------
@@ -180,7 +182,7 @@ def sha256_of(path: Path) -> str:
 
 @dataclass(frozen=True, slots=True)
 class KernelFile:
-    """Which file was opened: what a solution keeps as provenance."""
+    """Record of an opened file, the provenance in a solution."""
 
     path: Path
     kind: str  # SPK (positions) or PCK (orientation)
@@ -212,10 +214,10 @@ class Kernel:
     segments: tuple[Segment, ...] = field(repr=False)
 
     def segments_of(self, target: int, center: int) -> tuple[Segment, ...]:
-        """Return the segments of this target and center, at least one: of those for an epoch the last one counts."""
-        found = tuple(s for s in self.segments if (s.target, s.center) == (target, center))
-        if found:
-            return found
+        """Return the segments of a target and center, at least one; the last one that covers an epoch has priority."""
+        segments = tuple(s for s in self.segments if (s.target, s.center) == (target, center))
+        if segments:
+            return segments
         held = ", ".join(f"{s.target} relative to {s.center}" for s in self.segments)
         raise KernelError(
             f"{self.file.path} (spanning {self.file.start_tdb} to {self.file.end_tdb}) has no segment for "
@@ -224,10 +226,10 @@ class Kernel:
 
 
 def add_kernel(path: str | Path) -> RegisteredKernel:
-    """Copy a kernel to ``RADIOLOC_KERNELS``, or else ``~/.radioloc/kernels``, where it is found by name from then on.
+    """Copy a kernel to ``RADIOLOC_KERNELS``, or else ``~/.radioloc/kernels``, and register its name.
 
-    Its SHA-256 is checked whenever it is opened. A file that is not a sound kernel, or of a name that is known
-    already, is a :class:`KernelError`.
+    Its SHA-256 is checked whenever it is opened. A damaged kernel, or a registered name, is a
+    :class:`KernelError`.
 
     Examples
     --------
@@ -240,16 +242,16 @@ def add_kernel(path: str | Path) -> RegisteredKernel:
     """
     path = Path(path)
     if not path.is_file():
-        raise KernelError(f"{path}: there is no such kernel; give the path of a file")
+        raise KernelError(f"{path}: expected a kernel file; check the name and the directory")
     kind = kind_of(path)
-    known = (*registered(), *added())
-    if path.name in {entry.name for entry in known}:
-        raise KernelError(f"a kernel called {path.name} is there already; rename the file")
+    entries = (*registered(), *added())
+    if path.name in {entry.name for entry in entries}:
+        raise KernelError(f"a kernel of the name {path.name} exists already; rename the file")
     opened = open_kernel(path, kind)
     # SPKs call themselves DE-0440LE-0440, lunar PCKs de421.nio or MOON_PA_DE440.
     labels = (*(segment.name for segment in opened.segments), path.stem)
-    found = (re.search(r"DE-?0*(\d{3})", label, re.IGNORECASE) for label in labels)
-    number = next((match[1] for match in found if match), None)
+    matches = (re.search(r"DE-?0*(\d{3})", label, re.IGNORECASE) for label in labels)
+    number = next((match[1] for match in matches if match), None)
     folder = user_directory()
     entry = RegisteredKernel(
         path.name,
@@ -269,35 +271,35 @@ def add_kernel(path: str | Path) -> RegisteredKernel:
         raise KernelError(f"{entry.path} cannot be written: {error.strerror}") from error
     keys = ("name", "kind", "ephemeris", "sha256", "size_bytes", "start_tdb", "end_tdb", "bodies")
     tables = (
-        "\n".join(["[[kernel]]", *(f"{key} = {json.dumps(getattr(one, key))}" for key in keys)])
-        for one in (*added(), entry)
+        "\n".join(["[[kernel]]", *(f"{key} = {json.dumps(getattr(kernel, key))}" for key in keys)])
+        for kernel in (*added(), entry)
     )
     write_text(folder / REGISTRY_NAME, "\n\n".join(tables) + "\n")
     return entry
 
 
 def open_kernel(name_or_path: str | Path, kind: str) -> Kernel:
-    """Open an SPK or PCK (`kind`) as :func:`find_kernel`; one that is damaged or of another kind is a KernelError."""
+    """Open an SPK or PCK (`kind`) by name or path; a damaged file or another kind is a :class:`KernelError`."""
     path = find_kernel(name_or_path, kind)
     sha256 = sha256_of(path)
-    entry = next((one for one in registered() if one.name == path.name), None)
+    entry = next((kernel for kernel in registered() if kernel.name == path.name), None)
     if entry is not None and entry.sha256 != sha256:
         raise KernelError(
             f"{path} (spanning {entry.start_tdb} to {entry.end_tdb}) is damaged: its SHA-256 is {sha256}, "
             f"but {entry.name} ships with {entry.sha256}; install the package again, or rename the file if "
             "it is your own"
         )
-    mine = next((one for one in added() if one.path == path), None)
-    if mine is not None and (problem := mine.problem()):
+    added_entry = next((kernel for kernel in added() if kernel.path == path), None)
+    if added_entry is not None and (problem := added_entry.problem()):
         raise KernelError(problem)
     segments = tuple(_read_segments(path, kind))
     if not segments:
-        others = "; the SPK of a spacecraft or lander is not added but named as [target] trajectory" * (
+        hint = "; the SPK of a spacecraft or lander is not added but named as [target] trajectory" * (
             kind == "SPK"
         )
         raise KernelError(
             f"{path} has no segment of Chebyshev type 2 in the ICRF; use a JPL planetary ephemeris (SPK) or "
-            f"a lunar orientation kernel (binary PCK){others}"
+            f"a lunar orientation kernel (binary PCK){hint}"
         )
     pairs = {(s.target, s.center) for s in segments}
     spans_s = [
@@ -313,8 +315,8 @@ def _read_segments(path: Path, kind: str) -> Iterator[Segment]:
     read: set[tuple[int, int]] = set()
     passed_over: dict[tuple[int, int], str] = {}
     for segment in read_segments(path, kind):
-        target, *others = segment.integers
-        center, frame, data_type = others if kind == "SPK" else (others[0], others[0], others[1])
+        target, *integers = segment.integers
+        center, frame, data_type = integers if kind == "SPK" else (integers[0], integers[0], integers[1])
         if data_type != _CHEBYSHEV_TYPE or frame != _INERTIAL_FRAME:
             # A PCK's center is its frame.
             passed_over[target, center if kind == "SPK" else _INERTIAL_FRAME] = (

@@ -44,12 +44,12 @@ class ChebyshevRecords:
     coefficients: Floats  # (records, components, rising degree)
 
     def states(self, et_s: Floats) -> Floats:
-        """As :meth:`StateSeries.states`."""
+        """Return states at epochs, shape (n, 6)."""
         # The very end of the last record belongs to it.
         record = np.minimum((et_s - self.first_s) // self.length_s, len(self.middles_s) - 1).astype(np.intp)
         s = (et_s - self.middles_s[record]) / self.radii_s[record]
-        present, which = np.unique(record, return_inverse=True)
-        coefficients = np.take(self.coefficients[present].transpose(2, 1, 0), which.reshape(-1), axis=2)
+        present, indices = np.unique(record, return_inverse=True)
+        coefficients = np.take(self.coefficients[present].transpose(2, 1, 0), indices.reshape(-1), axis=2)
         values, rates = chebyshev_sums(coefficients, s)
         return values.T if len(values) == 6 else np.vstack([values, rates / self.radii_s[record]]).T
 
@@ -65,7 +65,7 @@ class StateNodes:
     hermite: bool  # the velocity is the rate of the position; else components are interpolated one by one
 
     def states(self, et_s: Floats) -> Floats:
-        """As :meth:`StateSeries.states`."""
+        """Return states at epochs, shape (n, 6)."""
         t = et_s - self.origin_s
         parts = [self._states(t[k : k + _CHUNK]) for k in range(0, len(t), _CHUNK)]
         return np.concatenate([np.empty((0, 6)), *parts])
@@ -74,9 +74,9 @@ class StateNodes:
         count = len(self.times_s)
         first = np.searchsorted(self.times_s, t, side="right") - self.window // 2
         if self.window % 2:  # centred on the nearest node
-            before = np.clip(first + self.window // 2 - 1, 0, count - 1)
-            after = np.minimum(before + 1, count - 1)
-            first -= t - self.times_s[before] < self.times_s[after] - t
+            lower = np.clip(first + self.window // 2 - 1, 0, count - 1)
+            upper = np.minimum(lower + 1, count - 1)
+            first -= t - self.times_s[lower] < self.times_s[upper] - t
         rows = np.clip(first, 0, count - self.window)[:, None] + np.arange(self.window)
         x, nodes = self.times_s[rows] - t[:, None], self.nodes[rows]
         if not self.hermite:
@@ -92,13 +92,13 @@ class DifferenceLines:
     lines: Floats  # (lines, 4 * terms + 11)
 
     def states(self, et_s: Floats) -> Floats:
-        """As :meth:`StateSeries.states`."""
-        which = np.minimum(np.searchsorted(self.finals_s, et_s), len(self.finals_s) - 1)
+        """Return states at epochs, shape (n, 6)."""
+        indices = np.minimum(np.searchsorted(self.finals_s, et_s), len(self.finals_s) - 1)
         out = np.empty((len(et_s), 6))
         terms = (self.lines.shape[1] - 11) // 4
-        for order in np.unique(self.lines[which, -4]):
-            rows = np.flatnonzero(self.lines[which, -4] == order)
-            out[rows] = _difference_states(self.lines[which[rows]], et_s[rows], terms, int(order))
+        for order in np.unique(self.lines[indices, -4]):
+            rows = np.flatnonzero(self.lines[indices, -4] == order)
+            out[rows] = _difference_states(self.lines[indices[rows]], et_s[rows], terms, int(order))
         return out
 
 
@@ -156,11 +156,11 @@ def read_states(segment: DafSegment, spk_type: int) -> StateSeries:
             f"{', '.join(map(str, _READERS))}. Convert it with SPICE: spkw13 writes states that spkgeo gives at short "
             "steps"
         )
-    # Words of the other byte order are copied; the others stay in the file until they are needed.
+    # Only words of the other byte order are copied; the rest is mapped from the file.
     words = np.asarray(segment.words, dtype=np.float64)
     segment.require(  # without a copy of gigabytes
         bool(words.max() < MAX_MAGNITUDE and words.min() > -MAX_MAGNITUDE),
-        "holds what is not a number, or far too large, in its records or directory",
+        "holds a word that is not a number or far too large in its records or directory",
     )
     return _READERS[spk_type](segment._replace(words=words))
 
@@ -170,9 +170,9 @@ def _tail(segment: DafSegment, n: int) -> list[float]:
     return [float(word) for word in segment.words[-n:]]
 
 
-def _count(segment: DafSegment, word: float, least: int, most: float, quantity: str) -> int:
+def _count(segment: DafSegment, word: float, low: int, high: float, quantity: str) -> int:
     """Return a whole number within bounds."""
-    sound = least <= word <= most and word == round(word)
+    sound = low <= word <= high and word == round(word)
     segment.require(sound, f"has {word:g} in its directory as {quantity}")
     return int(word)
 
@@ -211,8 +211,8 @@ def _nodes(segment: DafSegment, hermite: bool, equal_steps: bool) -> StateNodes:
     """Types 8, 9, 12 and 13: states, then epochs with a directory or a first epoch and a step, window less 1, count."""
     *steps, window_less_1, count = _tail(segment, 4 if equal_steps else 2)
     n = _count(segment, count, 1, len(segment.words), "the number of states")
-    most = min(n, (_MAX_DEGREE + 1) // (2 if hermite else 1))
-    window = _count(segment, window_less_1 + 1, 1, most, "the number of states to interpolate between")
+    max_window = min(n, (_MAX_DEGREE + 1) // (2 if hermite else 1))
+    window = _count(segment, window_less_1 + 1, 1, max_window, "the number of states to interpolate between")
     _require_length(segment, 6 * n + 4 if equal_steps else 7 * n + (n - 1) // _DIRECTORY_STEP + 2)
     if equal_steps:
         origin_s, step_s = steps

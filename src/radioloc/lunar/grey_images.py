@@ -1,4 +1,4 @@
-"""Grey images as files: opened so that numbers rise with brightness, and as eight bits."""
+"""Grey images as files: values that increase with brightness, and conversion to eight bits."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _GDAL_TYPES = {
     "uint8": "Byte", "int8": "Int8", "uint16": "UInt16", "int16": "Int16", "uint32": "UInt32", "int32": "Int32",
     "float32": "Float32", "float64": "Float64",
 }  # fmt: skip
-_STRETCHED_PERCENTILES = (0.1, 99.9)  # beyond them are glints, dead pixels and what is not lit
+_STRETCHED_PERCENTILES = (0.1, 99.9)  # beyond them are glints, dead pixels and shadows
 
 
 def open_grey(path: Path, *, overview: int | None = None, first_column: int = 0) -> Any:
-    """Open an image by rasterio so that numbers rise with brightness; a map around the Moon may begin at a column."""
+    """Open an image by rasterio with values that increase with brightness; a global map may begin at any column."""
     # A virtual dataset of GDAL applies bit depth, MINISWHITE and palette, whose colours become luma (ITU-R BT.601).
     options = {} if overview is None else {"overview_level": overview}
     with ExitStack() as closing:
@@ -67,7 +67,7 @@ def open_grey(path: Path, *, overview: int | None = None, first_column: int = 0)
 
 
 class _Source(NamedTuple):
-    """How values of a file become grey values; by default they are."""
+    """Conversion from values of a file to grey values; by default none."""
 
     kind: str | None = None
     change: str = ""  # of GDAL's ComplexSource
@@ -75,7 +75,7 @@ class _Source(NamedTuple):
 
 
 def _as_shown(path: Path, dataset: Any) -> _Source:
-    """Change of values by which an image of one band is shown as viewers show it."""
+    """Return the change of values by which viewers show an image of one band."""
     kind = np.dtype(dataset.dtypes[0])
     white_is_0 = dataset.tags(ns="IMAGE_STRUCTURE").get("MINISWHITE") == "YES"
     bits = int(dataset.tags(1, ns="IMAGE_STRUCTURE").get("NBITS", 8 * kind.itemsize))
@@ -104,7 +104,7 @@ def _as_shown(path: Path, dataset: Any) -> _Source:
 
 
 def eight_bit(values: Any) -> tuple[Image, Mask]:
-    """Return numbers (a masked array) as eight bits, and which of them there are; the others are black."""
+    """Return a masked array as eight bits, black where it is masked, and the mask of its valid values."""
     valid = ~np.ma.getmaskarray(values)
     numbers = np.ma.getdata(values)
     if numbers.dtype == np.uint8:

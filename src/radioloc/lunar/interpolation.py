@@ -59,9 +59,9 @@ def _first_cell(position: Floats, cells: int, size: int) -> tuple[Indices, Float
 
 def _weights(interpolation: str, t: Floats) -> tuple[Floats, Floats]:
     """Weights of the cells along one axis at place t, and their derivatives by t, shape (n, size)."""
-    one = np.ones_like(t)
+    unit = np.ones_like(t)
     if interpolation == "bilinear":
-        return np.stack([1.0 - t, t], axis=-1), np.stack([-one, one], axis=-1)
+        return np.stack([1.0 - t, t], axis=-1), np.stack([-unit, unit], axis=-1)
     t2, t3 = t * t, t * t * t
     values = [-t3 + 2.0 * t2 - t, 3.0 * t3 - 5.0 * t2 + 2.0, -3.0 * t3 + 4.0 * t2 + t, t3 - t2]
     slopes = [-3.0 * t2 + 4.0 * t - 1.0, 9.0 * t2 - 10.0 * t, -9.0 * t2 + 8.0 * t + 1.0, 3.0 * t2 - 2.0 * t]

@@ -61,7 +61,7 @@ def local_difference(
     horizontal_m = (axes @ (point_m - origin_m))[:2]
     chord_m = math.hypot(*horizontal_m)
     angle_rad = math.atan2(chord_m, float(axes[2] @ point_m))
-    # On the same vertical there is no arc, and to the antipode it leads in any direction.
+    # The arc vanishes on the same vertical, and its direction is arbitrary at the antipode.
     direction = horizontal_m / chord_m if chord_m else np.array([0.0, 1.0])
     if radius_m is None:
         radius_m = float(0.5 * (origin_radius_m + point_radius_m))
@@ -75,7 +75,7 @@ def displaced(origin_m: Floats, enu_m: Floats, axes: Floats | None = None) -> Fl
     origin_radius_m = np.linalg.norm(origin_m)
     angles_rad = enu_m[..., :2] / (origin_radius_m + 0.5 * enu_m[..., 2:])
     angle_rad = np.linalg.norm(angles_rad, axis=-1, keepdims=True)
-    # sinc(x / pi) = sin(x) / x, also where there is no arc.
+    # sinc(x / pi) = sin(x) / x, also for an arc of length zero.
     unit = np.concatenate([angles_rad * np.sinc(angle_rad / np.pi), np.cos(angle_rad)], axis=-1)
     return np.asarray((origin_radius_m + enu_m[..., 2:]) * (unit @ axes))
 

@@ -1,6 +1,6 @@
-"""Maps of the Moon as files: opened whole, with a projection, of the Moon and in mean-Earth axes, or refused.
+"""Files of maps of the Moon: complete, with a projection and in mean-Earth axes, or refused.
 
-Read through rasterio (GDAL): PDS3 and PDS4 images by their label, ISIS cubes, GeoTIFF and whatever else GDAL knows.
+Formats of rasterio (GDAL): PDS3 and PDS4 images by their label, ISIS cubes, GeoTIFF and others.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _TIFF_BYTES = dict(
 
 @dataclass(frozen=True, slots=True)
 class SourceFile:
-    """One file of a map, for the record; ``sha256`` is None for files over 256 MiB."""
+    """Record of a file of a map; ``sha256`` is None for files over 256 MiB."""
 
     path: Path
     size_bytes: int
@@ -44,7 +44,7 @@ class SourceFile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapFile:
-    """An open map: rasterio's dataset of one band, and what the file says of it."""
+    """Open map: rasterio's dataset of one band with the metadata of the file."""
 
     dataset: Any
     label: str  # text of a planetary label, empty for other formats
@@ -58,8 +58,8 @@ class MapFile:
 
 
 @contextmanager
-def open_map_file(path: Path, kinds: str, what: str) -> Iterator[MapFile]:
-    """Open a map of one band whose type is one of NumPy's ``kinds``, as ``what`` is; errors name the file."""
+def open_map_file(path: Path, kinds: str, description: str) -> Iterator[MapFile]:
+    """Open a map of one band of one of NumPy's types `kinds`; the `description` of the data is used in errors."""
     rasterio = load_rasterio()
     from rasterio._err import CPLE_BaseError
 
@@ -69,7 +69,9 @@ def open_map_file(path: Path, kinds: str, what: str) -> Iterator[MapFile]:
             refuse_cut_map(path, dataset)
             kind = np.dtype(dataset.dtypes[0])
             if dataset.count != 1 or f"{kind.kind}{kind.itemsize}" not in kinds.split():
-                raise FileFormatError(path, f"{dataset.count} band(s) of type {kind} are no {what}")
+                raise FileFormatError(
+                    path, f"expected {description}, got {dataset.count} band(s) of type {kind}"
+                )
             label = _label(path, dataset.driver)
             sphere_m = _checked_sphere(path, dataset)
             coordinate_system = _checked_body(path, dataset, label)
@@ -123,7 +125,7 @@ def new_geotiff(
 
 
 def refuse_cut_map(path: Path, dataset: Any) -> None:
-    """Refuse a truncated map, which GDAL reads without its scale, or with zeros in place of what is missing."""
+    """Refuse a truncated map, which GDAL reads without its scale or with zeros in place of missing cells."""
     with path.open("rb") as stream:
         if dataset.driver == "GTiff":
             needed = _tiff_bytes(stream)
@@ -142,16 +144,16 @@ def refuse_cut_map(path: Path, dataset: Any) -> None:
 
 
 def _tiff_bytes(stream: BinaryIO) -> int:
-    """Length of a TIFF file that holds the values of all its tags; GDAL leaves lost ones (scale, unit) aside."""
+    """Return the minimum length of a TIFF file from its tags; GDAL ignores tags that are lost (scale, unit)."""
     order = {b"II": "<", b"MM": ">"}.get(stream.read(2), "<")
     big = _numbers(stream, order + "H") == (43,)
     if big:
         stream.seek(8)
     count_format, entry_format, offset_format = ("Q", "HHQ", "Q") if big else ("H", "HHI", "I")
-    needed, seen = 0, set[int]()
+    needed, directories = 0, set[int]()
     (directory,) = _numbers(stream, order + offset_format) or (0,)
-    while directory and directory not in seen:
-        seen.add(directory)
+    while directory and directory not in directories:
+        directories.add(directory)
         stream.seek(directory)
         (count,) = _numbers(stream, order + count_format) or (0,)
         for _ in range(count):
@@ -206,15 +208,15 @@ def _checked_sphere(path: Path, dataset: Any) -> float:
             "the file does not say where its cells lie (no map projection); "
             "assign one, for example with gdal_translate -a_srs -a_ullr",
         )
-    found = re.search(
+    spheroid = re.search(
         r'(?:SPHEROID|ELLIPSOID)\["([^"]*)",\s*([\d.eE+]+),\s*([\d.eE+]+)',
         dataset.crs.to_wkt(version="WKT2_2019"),
     )
-    if found is None:
+    if spheroid is None:
         raise FileFormatError(
             path, "its reference system names no sphere; assign a lunar one (R = 1737400 m)"
         )
-    name, radius_m, inverse_flattening = found[1], float(found[2]), float(found[3])
+    name, radius_m, inverse_flattening = spheroid[1], float(spheroid[2]), float(spheroid[3])
     low_m, high_m = LUNAR_SPHERES_M
     if not low_m <= radius_m <= high_m:
         raise InputError(

@@ -1,8 +1,8 @@
 """Cells of a map of the Moon by longitude and latitude.
 
 A position in the grid is two floats, row and column, counted so that the centre of a cell has whole numbers:
-the cell (0, 0) reaches from -0.5 to 0.5. GDAL's transform counts from a cell's corner; the half cell between
-the two is added here and nowhere else. Maps whose columns go all around are closed: column -1 is the last one,
+the cell (0, 0) reaches from -0.5 to 0.5. GDAL's transform counts from a cell's corner; only this module
+adds the half cell between the two. Maps of all longitudes are closed: column -1 is the last one,
 and the row beyond the pole is the first row half a turn away.
 """
 
@@ -43,7 +43,7 @@ class MapGrid:
     transform: Any  # from column and row, counted from the map's corner, to x and y
     resolution_m: float  # size of a cell where the projection is true to scale
     columns_around: float | None = None  # in a full turn of longitude, where there is such a number
-    closed: bool = False  # the map's columns go all around, a whole number of them
+    closed: bool = False  # the map covers all longitudes by a whole number of columns
     fold_north: int | None = None  # row r beyond the pole is fold - r, half a turn away
     fold_south: int | None = None
 
@@ -77,8 +77,8 @@ class MapGrid:
         folds: list[int | None] = [None, None]
         if closed and round(around) % 2 == 0 and name in _ROWS_EVEN_IN_LATITUDE:
             _, y = grid._project(np.full(2, centre_rad), np.array([math.pi / 2, -math.pi / 2]))
-            twice = 2.0 * ((y - transform.f) / transform.e - 0.5)
-            folds = [round(float(t)) if abs(t - round(t)) < 0.1 else None for t in twice]
+            sums = 2.0 * ((y - transform.f) / transform.e - 0.5)
+            folds = [round(float(t)) if abs(t - round(t)) < 0.1 else None for t in sums]
         return cls(crs, geographic, rows, columns, transform, resolution_m, around, closed, *folds)
 
     def cells(self, longitude_rad: Floats, latitude_rad: Floats) -> tuple[Floats, Floats]:
@@ -98,8 +98,8 @@ class MapGrid:
         # Differences over 2e-6 rad, one-sided at a pole.
         north = np.minimum(latitude_rad + _STEP_RAD, math.pi / 2)
         south = np.maximum(latitude_rad - _STEP_RAD, -math.pi / 2)
-        here = longitude_rad
-        longitudes = np.concatenate([here, here + _STEP_RAD, here - _STEP_RAD, here, here])
+        east, west = longitude_rad + _STEP_RAD, longitude_rad - _STEP_RAD
+        longitudes = np.concatenate([longitude_rad, east, west, longitude_rad, longitude_rad])
         latitudes = np.concatenate([latitude_rad, latitude_rad, latitude_rad, north, south])
         rows, columns = self.cells(longitudes, latitudes)
         row, column = rows.reshape(5, -1), columns.reshape(5, -1)
@@ -113,7 +113,7 @@ class MapGrid:
     def wrapped(
         self, rows: NDArray[np.int64], columns: NDArray[np.int64]
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
-        """Rows and columns as they stand in the file, and whether the map has such a cell."""
+        """Return rows and columns of the file, and whether the map has such a cell."""
         if self.closed and self.columns_around is not None:
             around = round(self.columns_around)
             beyond = np.zeros(rows.shape, dtype=bool)
@@ -124,11 +124,11 @@ class MapGrid:
                 beyond |= 2 * rows > self.fold_south
                 rows = np.where(2 * rows > self.fold_south, self.fold_south - rows, rows)
             columns = np.mod(np.where(beyond, columns + around // 2, columns), around)
-        inside = (rows >= 0) & (rows < self.rows) & (columns >= 0) & (columns < self.columns)
-        return rows, columns, inside
+        on_map = (rows >= 0) & (rows < self.rows) & (columns >= 0) & (columns < self.columns)
+        return rows, columns, on_map
 
     def longitude_latitude(self, rows: Floats, columns: Floats) -> tuple[Floats, Floats]:
-        """Longitude and latitude, rad, of positions in the grid, shape (n,); infinite where there is no Moon."""
+        """Longitude and latitude, rad, of positions in the grid, shape (n,); infinite outside the disk of the Moon."""
         x, y = _applied(self.transform, np.asarray(columns) + 0.5, np.asarray(rows) + 0.5)
         longitude_deg, latitude_deg = _transform(self.crs, self.geographic, x, y)
         return np.radians(longitude_deg), np.radians(latitude_deg)
@@ -162,7 +162,7 @@ class MapGrid:
         return float(x.min()), float(y.min()), float(x.max()), float(y.max())
 
     def coverage(self) -> str:
-        """Describe in degrees what the map covers, for messages."""
+        """Describe the area of the map in degrees, for messages."""
         # Bottom, top, first and last column, centre.
         row, column = 0.5 * (self.rows - 1), 0.5 * (self.columns - 1)
         rows = np.array([self.rows - 0.5, -0.5, row, row, row])
@@ -186,7 +186,7 @@ class MapGrid:
 
 
 def _applied(transform: Any, u: Any, v: Any) -> tuple[Any, Any]:
-    """Apply an affine transform, whose own operator has another name in each of its major versions."""
+    """Apply an affine transform; its operator has different names in its major versions."""
     a, b, c, d, e, f = transform[:6]
     return a * u + b * v + c, d * u + e * v + f
 

@@ -27,7 +27,7 @@ from radioloc.quantities import accepts_quantities
 from radioloc.vectors import Floats
 
 _TOLERANCE_PIXELS = 0.02  # of the map, to which GDAL interpolates the projection; features have 0.1 and more
-_AVERAGED_FROM = 2.0  # pixels of the map in one of a view, which are then averaged, not interpolated
+_AVERAGED_FROM = 2.0  # pixels of the map in one of a view, from which on they are averaged, not interpolated
 _LARGEST_VIEW_PIXELS = 2**26
 
 
@@ -63,19 +63,19 @@ class TangentPlane:
         """Longitudes and latitudes, degrees, shape (n, 2), of points of the plane, m; NaN beyond the Moon's limb."""
         plane_m = np.asarray(east_north_m, dtype=np.float64)
         up2 = MEAN_LUNAR_RADIUS_M**2 - (plane_m**2).sum(axis=1)
-        seen = up2 > 0.0
-        local_m = np.column_stack([plane_m, np.sqrt(np.where(seen, up2, 0.0))])
-        local_m[~seen] = [0.0, 0.0, MEAN_LUNAR_RADIUS_M]
+        visible = up2 > 0.0
+        local_m = np.column_stack([plane_m, np.sqrt(np.where(visible, up2, 0.0))])
+        local_m[~visible] = [0.0, 0.0, MEAN_LUNAR_RADIUS_M]
         longitude, latitude, _ = cartesian_to_selenographic(local_m @ self.axes())
         degrees = np.degrees(np.column_stack([longitude, latitude]))
-        degrees[~seen] = np.nan
+        degrees[~visible] = np.nan
         return degrees
 
     @accepts_quantities
     def covariance_at(self, east_north_m: ArrayLike, covariance_m2: ArrayLike) -> Floats:
-        """Turn a covariance of the plane's metres in east and north at another of its points, m^2, shape (2, 2)."""
-        here = np.radians(self.to_longitude_latitude(np.reshape(east_north_m, (1, 2)))[0])
-        to_sphere = np.linalg.inv((self.axes() @ east_north_up(*here).T)[:2, :2])
+        """Return a covariance in the plane, m^2, (2, 2), rotated to local east and north at one of its points."""
+        lon_lat = np.radians(self.to_longitude_latitude(np.reshape(east_north_m, (1, 2)))[0])
+        to_sphere = np.linalg.inv((self.axes() @ east_north_up(*lon_lat).T)[:2, :2])
         return to_sphere @ np.asarray(covariance_m2, dtype=np.float64) @ to_sphere.T
 
     def axes(self) -> Floats:
@@ -90,7 +90,7 @@ class Map:
     path: Path
     files: tuple[SourceFile, ...]
     resolution_m: float  # of a pixel where the projection is true to scale
-    coverage: str  # in degrees, for people
+    coverage: str  # text, in degrees
     _grid: MapGrid = field(repr=False)
 
     @classmethod
@@ -100,13 +100,13 @@ class Map:
         Raises
         ------
         FileFormatError
-            No such file, a part of one, or none that GDAL reads as one band of numbers with a map projection.
+            The file is missing, cut, or GDAL does not read it as one band of numbers with a map projection.
         InputError
             rasterio is not installed; another body's map, axes that are not mean-Earth, longitudes that count west,
             an ellipsoid.
         """
         path = Path(path)
-        with open_map_file(path, "u1 i1 i2 u2 i4 u4 f4 f8", "map image; give one band") as file:
+        with open_map_file(path, "u1 i1 i2 u2 i4 u4 f4 f8", "a map image of one band") as file:
             return cls(path, file.files(), file.grid.resolution_m, file.grid.coverage(), file.grid)
 
     @property
@@ -115,7 +115,7 @@ class Map:
         return self._grid.rows, self._grid.columns
 
     def longitude_latitude_deg(self, pixels: ArrayLike) -> Floats:
-        """Longitudes and latitudes of pixels, shape (n, 2); infinite where the projection has no Moon.
+        """Longitudes and latitudes of pixels, shape (n, 2); infinite outside the projection.
 
         Examples
         --------
@@ -177,8 +177,8 @@ class Map:
         Returns
         -------
         tuple of numpy.ndarray
-            The view in eight bits, and where the map has values. Of a cylindrical map around the Moon, the meridian
-            opposite the view is its seam; in views over a pole, the pixels on it may be void or mixed.
+            The view in eight bits, and where the map has values. The seam of a global cylindrical map is the meridian
+            opposite the view; in views over a pole, the pixels on it may be void or mixed.
 
         Raises
         ------
@@ -218,14 +218,14 @@ class Map:
                     YSCALE=1.0,
                 )
                 with warped:
-                    values, seen = warped.read(1), warped.read(2)
+                    values, alpha = warped.read(1), warped.read(2)
         except (rasterio.errors.RasterioError, CPLE_BaseError) as error:
             raise FileFormatError(self.path, f"pixels could not be read: {error}") from error
-        return eight_bit(np.ma.masked_array(values, seen == 0))
+        return eight_bit(np.ma.masked_array(values, alpha == 0))
 
     @contextmanager
     def _source(self, plane: TangentPlane, reduction: float) -> Iterator[tuple[Any, tuple[Any, Any]]]:
-        """Open the coarsest overview that is as fine as a view, with a map's seam opposite it; with what places it."""
+        """Yield the coarsest sufficient overview, its seam opposite the view, its reference system and transform."""
         with open_dataset(self.path) as dataset:
             count = sum(factor <= reduction for factor in dataset.overviews(1))
         overview = count - 1 if count else None
@@ -242,8 +242,8 @@ class Map:
             yield dataset, (crs, kind(a * by_column, b * by_row, c, d * by_column, e * by_row, f))
 
 
-def _pairs(values: Any, what: str) -> Floats:
+def _pairs(values: Any, name: str) -> Floats:
     pairs = np.asarray(values, dtype=np.float64)
     if pairs.ndim != 2 or pairs.shape[1] != 2:
-        raise InputError(f"{what} have shape {pairs.shape}; give pairs, shape (n, 2)")
+        raise InputError(f"{name} have shape {pairs.shape}; give pairs, shape (n, 2)")
     return pairs

@@ -1,4 +1,4 @@
-"""A fixed position on the Moon with the frame it is given in."""
+"""Position of a point fixed to the Moon, with its frame."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class LunarPosition:
     Raises
     ------
     InputError
-        The frame is not of such a name, or the point is not three finite numbers near the lunar surface.
+        The frame has another name, or the point is not three finite numbers near the lunar surface.
     """
 
     frame: str
@@ -114,7 +114,7 @@ class LunarPosition:
 
     @property
     def representation(self) -> Any:
-        """x, y, z in its own axes as a ``CartesianRepresentation`` of astropy, from which one can be made again.
+        """Coordinates x, y, z in :attr:`frame` as an astropy ``CartesianRepresentation``.
 
         Examples
         --------
@@ -129,15 +129,15 @@ class LunarPosition:
 
     @accepts_quantities
     def to_gcrs(self, tdb: Epochs) -> Any:
-        """Return the place of the point in the sky as an astropy ``SkyCoord`` in GCRS, n times.
+        """Return the direction of the point from the geocentre as an astropy ``SkyCoord`` in GCRS, shape (n,).
 
-        From the geocentre, with the light time; astropy leads on to a station's azimuth and elevation. For pointing,
-        not for measurements: what is left out is below 0.1 arcseconds.
+        It includes the light time; astropy converts it to a station's azimuth and elevation. Its error of up to 0.1
+        arcseconds suffices for pointing, not for measurements.
 
         Parameters
         ----------
         tdb : Epochs or Time
-            When the light arrives; a Time in any scale.
+            Epochs of reception; a Time in any scale.
 
         Examples
         --------
@@ -154,14 +154,14 @@ class LunarPosition:
         ephemeris, libration = Ephemeris.open(name), LunarOrientation.open(name)
         light_s, xyz_m = 0.0, np.zeros((len(tdb), 3))
         for _ in range(2):
-            left = tdb.shifted(-light_s)
-            from_centre_m = pa_m @ rot_icrf_to_pa(libration.angles(left)[0])
-            xyz_m = ephemeris.geocentric("moon", left)[0] + from_centre_m
+            emission = tdb.shifted(-light_s)
+            from_centre_m = pa_m @ rot_icrf_to_pa(libration.angles(emission)[0])
+            xyz_m = ephemeris.geocentric("moon", emission)[0] + from_centre_m
             light_s = np.linalg.norm(xyz_m, axis=-1) / C_M_S
         return SkyCoord(GCRS(CartesianRepresentation(xyz_m, unit="m", xyz_axis=-1), obstime=tdb.to_time()))
 
     def to_frame(self, frame: str) -> LunarPosition:
-        """Turn the point into the axes of any ephemeris whose constants are known.
+        """Return the point in the axes of another ephemeris.
 
         Parameters
         ----------
@@ -171,13 +171,13 @@ class LunarPosition:
         Raises
         ------
         InputError
-            The constants of an ephemeris are not known, or no angles lead from its mean-Earth axes to the other's.
+            The constants of an ephemeris are not known, or the mean-Earth axes of the two ephemerides differ.
 
         Notes
         -----
-        From one ephemeris to another by the mean-Earth axes that both lead to, constant angles fitted over decades. Of
-        the 1.3 to 1.8 m on the surface by which principal axes of DE421 and DE440 differ in 1990 to 2050 that leaves
-        0.06 to 0.53 m, by which their librations do.
+        Two ephemerides are connected by their shared mean-Earth axes, at constant angles fitted over decades. Principal
+        axes of DE421 and DE440 differ by 1.3 to 1.8 m on the surface in 1990 to 2050; after the rotation 0.06 to
+        0.53 m remain, the difference of their librations.
 
         Examples
         --------
@@ -192,37 +192,39 @@ class LunarPosition:
         return LunarPosition(frame, rot_between(self.frame, frame) @ self.xyz_m)
 
     def to_axes(self, axes: str, constants: EphemerisConstants) -> LunarPosition:
-        """Turn the point into principal (``"PA"``) or mean-Earth (``"ME"``) axes of the ephemeris with these constants.
+        """Return the point in principal (``"PA"``) or mean-Earth (``"ME"``) axes of the ephemeris of these constants.
 
-        One in principal axes of another ephemeris is turned by mean-Earth axes that are those of both, as
-        :meth:`to_frame` does; where there are none, it is an InputError.
+        A point in principal axes of another ephemeris is rotated by the mean-Earth axes that both share, as by
+        :meth:`to_frame`; without shared axes it is an InputError.
         """
         frames = {"PA": f"PA_{constants.name}", "ME": constants.me_frame}
         if frames[axes] == self.frame:
             return self
-        own = constants if self.frame in frames.values() else CONSTANTS.get(self.frame.removeprefix("PA_"))
-        if own is None or own.me_frame != constants.me_frame:
+        source = constants if self.frame in frames.values() else CONSTANTS.get(self.frame.removeprefix("PA_"))
+        if source is None or source.me_frame != constants.me_frame:
             raise InputError(
-                f"the position is given in {self.frame}, but the kernels are those of {constants.name}, to whose "
-                f"axes no angles lead from there; give it in {frames['PA']} or {frames['ME']}"
+                f"position: expected {frames['PA']} or {frames['ME']}, the axes of the kernels, got {self.frame}; "
+                "convert the position"
             )
-        return LunarPosition(frames[axes], _rotation(self.frame, own, frames[axes], constants) @ self.xyz_m)
+        return LunarPosition(
+            frames[axes], _rotation(self.frame, source, frames[axes], constants) @ self.xyz_m
+        )
 
 
-def rot_between(frame: str, other: str) -> Floats:
-    """Rotation from one set of axes on the Moon to another, shape (3, 3): that of :meth:`LunarPosition.to_frame`.
+def rot_between(frame: str, target: str) -> Floats:
+    """Rotation from one Moon-fixed frame to another, shape (3, 3), as by :meth:`LunarPosition.to_frame`.
 
-    Many points are turned at once: ``points_m @ rot_between(frame, other).T`` of shape (n, 3).
+    Points of shape (n, 3) are converted by ``points_m @ rot_between(frame, target).T``.
 
     Parameters
     ----------
-    frame, other : str
+    frame, target : str
         ``"PA_DE421"``, ``"ME_DE421"``, ``"PA_DE440"``, ...
 
     Raises
     ------
     InputError
-        The constants of an ephemeris are not known, or no angles lead from its mean-Earth axes to the other's.
+        The constants of an ephemeris are not known, or the mean-Earth axes of the two ephemerides differ.
 
     Examples
     --------
@@ -233,22 +235,26 @@ def rot_between(frame: str, other: str) -> Floats:
     >>> points_pa_m[-1].round(1).tolist()
     [1737399.8, -571.5, 662.9]
     """
-    own, its = _constants_of(frame), _constants_of(other)
-    if own.me_frame != its.me_frame:
-        raise InputError(f"no angles lead from {frame} to {other}, whose mean-Earth axes differ")
-    return _rotation(frame, own, other, its)
+    constants, target_constants = _constants_of(frame), _constants_of(target)
+    if constants.me_frame != target_constants.me_frame:
+        raise InputError(
+            f"the rotation from {frame} to {target} is not available: their mean-Earth axes differ"
+        )
+    return _rotation(frame, constants, target, target_constants)
 
 
-def _rotation(frame: str, own: EphemerisConstants, other: str, its: EphemerisConstants) -> Floats:
-    """From axes of one ephemeris to those of another by the mean-Earth axes of both."""
-    to_me = np.eye(3) if frame == own.me_frame else rot_pa_to_me(own)
-    return to_me if other == its.me_frame else rot_pa_to_me(its).T @ to_me
+def _rotation(
+    frame: str, constants: EphemerisConstants, target: str, target_constants: EphemerisConstants
+) -> Floats:
+    """Return the rotation between axes of two ephemerides with the same mean-Earth axes."""
+    to_me = np.eye(3) if frame == constants.me_frame else rot_pa_to_me(constants)
+    return to_me if target == target_constants.me_frame else rot_pa_to_me(target_constants).T @ to_me
 
 
 def _constants_of(frame: str) -> EphemerisConstants:
     """Constants of the ephemeris that axes belong to."""
     _, _, ephemeris = frame.partition("_")
     if ephemeris not in CONSTANTS or not frame.startswith(("PA_", "ME_")):
-        known = ", ".join(f"PA_{name}, {one.me_frame}" for name, one in CONSTANTS.items())
-        raise InputError(f"frame {frame!r} is not known; use one of {known}")
+        supported = ", ".join(f"PA_{name}, {constants.me_frame}" for name, constants in CONSTANTS.items())
+        raise InputError(f"frame {frame!r} is not known; use one of {supported}")
     return CONSTANTS[ephemeris]

@@ -86,8 +86,8 @@ def require_lunar_height(height_m: float) -> None:
     low_m, high_m = LUNAR_HEIGHT_LIMITS_M
     if not low_m <= height_m <= high_m:
         raise InputError(
-            f"height_m = {height_m!r} is no height above the 1737.4 km sphere that the Moon has "
-            f"({low_m / 1e3:g} to {high_m / 1e3:g} km)"
+            f"height_m: expected a lunar height above the 1737.4 km sphere, {low_m / 1e3:g} to {high_m / 1e3:g} km, "
+            f"got {height_m!r} m"
         )
 
 

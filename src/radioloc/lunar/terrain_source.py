@@ -1,6 +1,6 @@
-"""Elevation maps as files: what they say about themselves, and their cells as heights above 1737.4 km.
+"""Elevation maps as files: their metadata, and their cells as heights above 1737.4 km.
 
-Only the cells that are needed are read, in tiles that the reader keeps.
+Cells are read on demand in tiles, which are cached.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ _UNIT_NAMES = {
     **dict.fromkeys(["km", "kilometer", "kilometers", "kilometre", "kilometres"], "km"),
 }
 _TILE_CELLS = 256
-_TILES_KEPT = 64
-_SAMPLES = 32
+_MAX_TILES = 64
+_SAMPLE_CELLS = 32  # along each side
 # Of 16 and 32 bits and those of geographic software, before scale and offset.
 _USUAL_VOIDS = (*range(-32768, -32763), -9999, -99999, -999999, 32767, 65535, -(2**31), 2**31 - 1)
 _MAX_SLOPE = 2.0  # from cell to cell; few slopes of the Moon exceed 45 deg
-# Adjacent cells of one number from which on the ground is level: its edge differs by few numbers.
+# From so many adjacent cells of one number on, the ground is level and its edge differs by few numbers.
 _MIN_LEVEL_CELLS = 4
 _MAX_LEVEL_STEP = 20
 
@@ -42,7 +42,7 @@ class TerrainMetadata:
 
     path: Path  # the file opened
     driver: str  # GDAL's name of its format
-    files: tuple[SourceFile, ...]  # all that the map consists of
+    files: tuple[SourceFile, ...]  # all files of the map
     crs: str  # its reference system, WKT
     coordinate_system: str | None  # axes that the label names; without one, mean-Earth
     bounds: tuple[float, float, float, float]  # left, bottom, right, top in the map's coordinates
@@ -56,7 +56,7 @@ class TerrainMetadata:
     nodata: float | None  # the number in the file that marks a void
 
 
-def heights_m(about: TerrainMetadata, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Floats:
+def heights_m(metadata: TerrainMetadata, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Floats:
     """Heights of cells of the map, m, in the shape of ``rows``; NaN where the map is void."""
     heights = np.empty(rows.shape, dtype=np.float64)
     tile_rows, tile_columns = rows // _TILE_CELLS, columns // _TILE_CELLS
@@ -64,13 +64,15 @@ def heights_m(about: TerrainMetadata, rows: NDArray[np.int64], columns: NDArray[
     tiles = tile_rows * across + tile_columns
     for tile in np.unique(tiles).tolist():
         i, j = divmod(tile, across)
-        here = tiles == tile
-        heights[here] = _tile(about, i, j)[rows[here] - i * _TILE_CELLS, columns[here] - j * _TILE_CELLS]
+        in_tile = tiles == tile
+        heights[in_tile] = _tile(metadata, i, j)[
+            rows[in_tile] - i * _TILE_CELLS, columns[in_tile] - j * _TILE_CELLS
+        ]
     return heights
 
 
 def block_heights_m(
-    about: TerrainMetadata, rows: tuple[int, int], columns: tuple[int, int], around: int | None
+    metadata: TerrainMetadata, rows: tuple[int, int], columns: tuple[int, int], around: int | None
 ) -> Floats:
     """Heights of a rectangle of cells, m, NaN for voids and implausible values; columns may cross the seam."""
     if around is None:
@@ -79,37 +81,37 @@ def block_heights_m(
         first = columns[0] % around
         last = first + columns[1] - columns[0]
         parts = [(first, min(last, around)), (0, last - around)][: 1 + (last > around)]
-    heights = np.concatenate([_block(about, rows, part) for part in parts], axis=1)
+    heights = np.concatenate([_block(metadata, rows, part) for part in parts], axis=1)
     heights[implausible(heights)] = np.nan
     return heights
 
 
-@lru_cache(maxsize=_TILES_KEPT)
-def _tile(about: TerrainMetadata, i: int, j: int) -> Floats:
+@lru_cache(maxsize=_MAX_TILES)
+def _tile(metadata: TerrainMetadata, i: int, j: int) -> Floats:
     """Heights in a tile of the map, whose files' checksums are part of the cache's key."""
     rows, columns = ((k * _TILE_CELLS, (k + 1) * _TILE_CELLS) for k in (i, j))
-    return _block(about, rows, columns)
+    return _block(metadata, rows, columns)
 
 
-def _block(about: TerrainMetadata, rows: tuple[int, int], columns: tuple[int, int]) -> Floats:
-    """Heights of a rectangle of cells, as far as the file has them."""
+def _block(metadata: TerrainMetadata, rows: tuple[int, int], columns: tuple[int, int]) -> Floats:
+    """Heights of a rectangle of cells, clipped to the file."""
     rasterio = load_rasterio()
     try:
-        with open_dataset(about.path) as dataset:
+        with open_dataset(metadata.path) as dataset:
             ends = (min(last, size) for (_, last), size in zip((rows, columns), dataset.shape, strict=True))
             window = tuple(zip((rows[0], columns[0]), ends, strict=True))
             numbers = dataset.read(1, window=window, masked=True)
     except rasterio.errors.RasterioError as error:
-        raise FileFormatError(about.path, f"cells could not be read: {error}") from error
+        raise FileFormatError(metadata.path, f"cells could not be read: {error}") from error
     raw = _filled(numbers)
-    heights = _heights_m(raw * about.scale + about.offset, about.unit, about.reference_radius_m)
-    _mark_undeclared_voids(about, raw, heights)
+    heights = _heights_m(raw * metadata.scale + metadata.offset, metadata.unit, metadata.reference_radius_m)
+    _mark_undeclared_voids(metadata, raw, heights)
     return heights
 
 
-def _mark_undeclared_voids(about: TerrainMetadata, raw: Floats, heights: Floats) -> None:
-    """Set cells to NaN that hold a usual void value which scale and offset make a lunar height."""
-    # Terrain of that very height goes over into its neighbours; a void is a cliff all around.
+def _mark_undeclared_voids(metadata: TerrainMetadata, raw: Floats, heights: Floats) -> None:
+    """Set cells to NaN whose void value becomes a lunar height by scale and offset."""
+    # Terrain of this height is continuous with adjacent cells; a void is bounded by a cliff.
     suspect = np.isin(raw, _USUAL_VOIDS) & ~implausible(heights)
     if not suspect.any():
         return
@@ -118,33 +120,33 @@ def _mark_undeclared_voids(about: TerrainMetadata, raw: Floats, heights: Floats)
     around = np.ones((3, 3))
     regions, _ = ndimage.label(suspect, around)
     terrain = np.isfinite(heights) & ~implausible(heights) & ~suspect
-    quantum_m = abs(about.scale) * _UNITS_M[about.unit]
+    quantum_m = abs(metadata.scale) * _UNITS_M[metadata.unit]
     for number, box in enumerate(ndimage.find_objects(regions), 1):
-        near = tuple(slice(max(side.start - 1, 0), side.stop + 1) for side in box)
-        inside = regions[near] == number
+        window = tuple(slice(max(side.start - 1, 0), side.stop + 1) for side in box)
+        in_region = regions[window] == number
         steps_m = np.abs(
-            heights[near][ndimage.binary_dilation(inside, around) & terrain[near]] - heights[near][inside][0]
+            heights[window][ndimage.binary_dilation(in_region, around) & terrain[window]]
+            - heights[window][in_region][0]
         )
-        level = inside.sum() >= _MIN_LEVEL_CELLS
-        largest_m = _MAX_LEVEL_STEP * quantum_m if level else _MAX_SLOPE * about.resolution_m
+        level = in_region.sum() >= _MIN_LEVEL_CELLS
+        largest_m = _MAX_LEVEL_STEP * quantum_m if level else _MAX_SLOPE * metadata.resolution_m
         if not steps_m.size or np.median(steps_m) > largest_m:
-            heights[near][inside] = np.nan
+            heights[window][in_region] = np.nan
 
 
 def open_map(
     path: str | Path, *, radius_m: float | None, unit: str | None
 ) -> tuple[TerrainMetadata, MapGrid]:
-    """Open an elevation map of the Moon and determine what its numbers mean; see :meth:`TerrainModel.open`."""
+    """Open an elevation map and determine quantity and unit of its values; see :meth:`TerrainModel.open`."""
     if unit is not None and unit not in _UNITS_M:
         raise InputError(f"unit = {unit!r} is not known; use 'm' or 'km'")
     if radius_m is not None and not LUNAR_SPHERES_M[0] <= radius_m <= LUNAR_SPHERES_M[1]:
         raise InputError(
-            f"radius_m = {radius_m!r} is no radius of the Moon in metres (1735e3 to 1739e3); "
-            "lunar maps use 1737400"
+            f"radius_m: expected a lunar radius of 1735e3 to 1739e3 m, got {radius_m!r}; lunar maps use 1737400"
         )
     path = Path(path)
     with open_map_file(
-        path, "i2 u2 i4 u4 i8 u8 f4 f8", "elevation map; give one band of 16 bits or more"
+        path, "i2 u2 i4 u4 i8 u8 f4 f8", "an elevation map of one band of 16 bits or more"
     ) as file:
         dataset, grid = file.dataset, file.grid
         quantity, unit, reference_m = _meaning(path, dataset, file.label, radius_m, unit, file.sphere_m)
@@ -170,7 +172,7 @@ def open_map(
 def _meaning(
     path: Path, dataset: Any, label: str, radius_m: float | None, unit: str | None, sphere_m: float
 ) -> tuple[str, str, float]:
-    """Quantity, unit and reference radius under which a sample of the map's values is lunar terrain."""
+    """Return the quantity, unit and reference radius that make a sample of the values lunar terrain."""
     declared = {dataset.units[0]} if dataset.units[0] else label_values(label, "UNIT")
     if unit is not None:
         units = [unit]
@@ -188,7 +190,7 @@ def _meaning(
         raise FileFormatError(
             path, f"its values are {scale:g} times a number and {offset:g}; correct the label"
         )
-    shape = (min(dataset.height, _SAMPLES), min(dataset.width, _SAMPLES))
+    shape = (min(dataset.height, _SAMPLE_CELLS), min(dataset.width, _SAMPLE_CELLS))
     sample = _filled(dataset.read(1, out_shape=shape, masked=True))
     values = sample[np.isfinite(sample)] * scale + offset
     if values.size == 0:
@@ -200,17 +202,17 @@ def _meaning(
         for quantity, reference in (("height", reference_m), ("radius", 0.0))
         if not implausible(_heights_m(values, name, reference)).any()
     ]
-    found = f"{path}: sampled values go from {values.min():.6g} to {values.max():.6g}"
+    sampled = f"{path}: sampled values go from {values.min():.6g} to {values.max():.6g}"
     if not meanings:
         low_height_m, high_height_m = LUNAR_HEIGHT_LIMITS_M
         raise InputError(
-            f"{found}, which in {' or '.join(units)} are neither heights ({low_height_m:.0f} to {high_height_m:.0f} m) "
-            "nor radii of the Moon; an undeclared scale, unit or void value (set them with gdal_translate -a_scale "
+            f"{sampled}, which in {' or '.join(units)} are neither heights ({low_height_m:.0f} to {high_height_m:.0f} "
+            "m) nor radii of the Moon; an undeclared scale, unit or void value (set them with gdal_translate -a_scale "
             "-a_offset -a_nodata, or gdal_edit.py -units)?"
         )
     if len(meanings) > 1:
         raise InputError(
-            f"{found} with no unit given, which could be metres or kilometres; set it (gdal_edit.py -units m), or say "
+            f"{sampled} without a unit, metres or kilometres; set it (gdal_edit.py -units m), or say "
             "unit='m' or 'km' in Python"
         )
     low_m, high_m = LUNAR_SPHERES_M
@@ -220,7 +222,7 @@ def _meaning(
             "unit of the values"
         )
     if meanings[0][0] == "radius" and radius_m is not None:
-        raise InputError(f"{found}: these are radii, so radius_m has no meaning for this map; leave it out")
+        raise InputError(f"{sampled}: these are radii, so radius_m has no meaning for this map; leave it out")
     return meanings[0]
 
 
@@ -234,6 +236,6 @@ def _heights_m(values: Floats, unit: str, reference_m: float) -> Floats:
 
 
 def implausible(heights_m: Floats) -> NDArray[np.bool_]:
-    """Find heights that the Moon has nowhere."""
+    """Return which heights are out of the range of lunar terrain."""
     low_m, high_m = LUNAR_HEIGHT_LIMITS_M
     return (heights_m < low_m) | (heights_m > high_m)

@@ -1,16 +1,16 @@
-"""Solid tide of the Moon: how far the Earth and the Sun move a point of its surface.
+"""Solid tide of the Moon: displacement of points of its surface by the Earth and the Sun.
 
-The Earth hangs nearly still in the lunar sky, so most of the tide is constant: with h2 = 0.038, 0.49 m up
-under the Earth and 0.24 m down on the great circle 90 degrees away. Around it the tide varies by up to 0.2 m,
-mostly within a month, as the distance of the Earth changes and the librations move it about the sky.
+The Earth is nearly fixed in the lunar sky, so most of the tide is constant: with h2 = 0.038, 0.49 m up
+under the Earth and 0.24 m down on the great circle 90 degrees away. Its variation of up to 0.2 m, mostly
+within a month, follows the distance of the Earth and the librations.
 
-IERS Conventions (2010), eq. 7.5, taken over to the Moon (Williams and Boggs 2015, J. Geophys. Res. Planets 120, 689):
+IERS Conventions (2010), eq. 7.5, applied to the Moon (Williams and Boggs 2015, J. Geophys. Res. Planets 120, 689):
 with the tide-raising tensor S, the sum of GM_j u_j u_j^T / R_j^3 over the Earth and the Sun, and the unit vector r of
 the point, the displacement is
 
     (a^4 / GM_Moon) [ h2 (3/2 r.S r - 1/2 tr S) r + 3 l2 (S r - (r.S r) r) ]
 
-with the mean radius a. The Sun's part is at most 3 mm. Left out are degree 3 (R/a = 1/221 of degree 2 and a Love
+with the mean radius a. The Sun's part is at most 3 mm. Neglected are degree 3 (R/a = 1/221 of degree 2 and a Love
 number about half as large: 1.5 mm, of which all but some 0.4 mm is constant) and the lag by dissipation (quality factor
 about 38 at a month: up to 3 mm).
 """

@@ -48,6 +48,6 @@ def hidden_by_moon(
     """
     point = as_float_array(point_m, "m", "point_m")
     ray = as_float_array(station_m, "m", "station_m") - point
-    along = -np.sum(point * ray, axis=-1) / np.sum(ray * ray, axis=-1)
-    nearest_m = np.linalg.norm(point + np.clip(along, 0.0, 1.0)[..., None] * ray, axis=-1)
+    ray_part = -np.sum(point * ray, axis=-1) / np.sum(ray * ray, axis=-1)
+    nearest_m = np.linalg.norm(point + np.clip(ray_part, 0.0, 1.0)[..., None] * ray, axis=-1)
     return np.asarray(nearest_m < as_float_array(radius_m, "m", "radius_m"))

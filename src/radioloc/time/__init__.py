@@ -1,7 +1,7 @@
-"""The only home of UTC, TAI, TT, UT1 and TDB.
+"""Time scales UTC, TAI, TT, UT1 and TDB, and epochs.
 
 An epoch is two floats, :class:`Epochs`, because a single float of seconds since J2000 resolves 0.12 microseconds,
-36 m of light. Scale changes are functions here; nothing else in the library adds leap seconds or TDB-TT.
+36 m of light. Only this package adds leap seconds or TDB-TT.
 """
 
 from radioloc.time.dates import epochs_from_strings

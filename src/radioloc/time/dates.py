@@ -1,9 +1,9 @@
-"""Dates as text: one grammar for all of the library, read in bulk and to the last bit; and seconds of day as epochs.
+"""Dates as text by one grammar, exact to the last bit, and seconds of day as epochs.
 
-A UTC epoch is a fraction of a day that lasts 86401 s where a leap second ends it. Whole seconds and parts
-of a second are kept apart on the way, so that text with picoseconds gives the nearest epoch that two floats
-can hold. Timestamps of NumPy and Arrow know no leap second, and in picoseconds no more than 106 days around 1970:
-here they stand for dates and for times of day.
+A UTC epoch is a fraction of a day that lasts 86401 s where a leap second ends it. Whole seconds and
+parts of a second are converted separately, so that text with picoseconds gives the nearest epoch of two floats.
+Timestamps of NumPy and Arrow lack leap seconds, and in picoseconds span only 106 days around 1970: this module
+uses them for dates and for times of day.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def epochs_from_strings(dates: str | Sequence[str], scale: str) -> Epochs:
     Raises
     ------
     InputError
-        A date is not of that form or does not exist.
+        A date has another form or does not exist.
 
     Examples
     --------
@@ -75,7 +75,7 @@ def epochs_from_strings(dates: str | Sequence[str], scale: str) -> Epochs:
 
 
 def read_dates(texts: Sequence[str], scale: str) -> Epochs:
-    """Read dates, a million in a second; a :class:`DateError` names the first of them that is wrong."""
+    """Read dates, a million in a second; a :class:`DateError` names the first wrong one."""
 
     def refuse(wrong: NDArray[np.bool_], problem: str) -> None:
         if wrong.any():
@@ -101,7 +101,7 @@ def read_dates(texts: Sequence[str], scale: str) -> Epochs:
         length_s = day_lengths_s(np.maximum(jd, UTC_JD))
     # Only a day that is longer has a second 86400.
     no_leap_second = (second == 60) & ((whole_s != SECONDS_PER_DAY) | (length_s == SECONDS_PER_DAY))
-    refuse(no_leap_second, f": there is no leap second then in {scale}")
+    refuse(no_leap_second, f" is not a leap second of {scale}")
     # Up to 15 digits decimals and power are whole numbers that a float holds: the quotient is the nearest float.
     part_s = fields["decimals"] / 10.0 ** fields["n_decimals"]
     return Epochs.from_jd(jd, day_fraction(whole_s, part_s, length_s), scale)
@@ -120,14 +120,14 @@ def _date_fields(texts: Sequence[str]) -> dict[str, NDArray[np.int64]]:
     digits = characters - np.uint8(ord("0"))
     forms = np.where(digits < 10, np.uint8(ord("0")), characters).view(dates.dtype).ravel()
     fields = {name: np.zeros(len(dates), np.int64) for name in (*_DATE.groupindex, "by_day", "n_decimals")}
-    rest = np.arange(len(dates))
-    # Dates differ in few forms, texts with all digits zero: the grammar says where the numbers of each form are.
-    while len(rest):
-        form = forms[rest[0]]
+    unread = np.arange(len(dates))
+    # A form is a text with all digits zero; the grammar gives the place of the numbers in each of the few forms.
+    while len(unread):
+        form = forms[unread[0]]
         if (match := _DATE.fullmatch(form.decode())) is None:
-            raise DateError(texts[rest[0]], _NOT_A_DATE, int(rest[0]))
-        alike = forms[rest] == form
-        rows, rest = rest[alike], rest[~alike]
+            raise DateError(texts[unread[0]], _NOT_A_DATE, int(unread[0]))
+        alike = forms[unread] == form
+        rows, unread = unread[alike], unread[~alike]
         for name in _DATE.groupindex:
             first, end = match.span(name)
             number = np.zeros(len(rows), np.int64)
@@ -147,7 +147,7 @@ def day_lengths_s(jd: Floats) -> Floats:
     days, inverse = np.unique(jd, return_inverse=True)
     if len(days) and days[0] < UTC_JD:
         early = Epochs.from_jd(days[0], 0.0, "UTC").day_strings()[0]
-        raise InputError(f"{early} is before 1972, when UTC had another rate than TAI; leave such data out")
+        raise InputError(f"{early} is before 1972, when UTC had another rate than TAI; remove such data")
     if len(days) and days[-1] >= _JD_9999:
         raise InputError(
             f"expected dates before 9999, got {days[-1] - UNIX_JD:.0f} days after 1970; correct them"
@@ -159,9 +159,9 @@ def day_lengths_s(jd: Floats) -> Floats:
 def utc_from_seconds_of_day(jd: Floats, seconds: Floats) -> Epochs:
     """Return epochs of midnights and seconds of day; seconds past the day's end belong to the next day."""
     length_s = day_lengths_s(jd)
-    over = seconds >= length_s
-    jd = jd + over
-    return Epochs.from_jd(jd, (seconds - np.where(over, length_s, 0.0)) / day_lengths_s(jd), "UTC")
+    is_next_day = seconds >= length_s
+    jd = jd + is_next_day
+    return Epochs.from_jd(jd, (seconds - np.where(is_next_day, length_s, 0.0)) / day_lengths_s(jd), "UTC")
 
 
 def utc_from_text(texts: Any) -> Epochs:
@@ -186,9 +186,9 @@ def utc_to_text(utc: Epochs) -> NDArray[np.str_]:
     time_of_day = (picoseconds - _PICOSECONDS * leap).astype("datetime64[ps]")
     texts = np.datetime_as_string(time_of_day).astype("U32")
     characters = texts.view("U1").reshape(len(texts), 32)
-    different, which = np.unique(days, return_inverse=True)
+    different, indices = np.unique(days, return_inverse=True)
     dates = np.datetime_as_string(different.astype("datetime64[D]")).astype("U10")
-    characters[:, :10] = dates.view("U1").reshape(-1, 10)[which]
+    characters[:, :10] = dates.view("U1").reshape(-1, 10)[indices]
     characters[leap, 17:19] = ["6", "0"]
     return texts
 
@@ -227,11 +227,11 @@ def utc_from_picoseconds(days: NDArray[np.int64], picoseconds: NDArray[np.int64]
     """Return epochs of days since 1970-01-01 and picoseconds since their midnights."""
     jd = UNIX_JD + days.astype(np.float64)
     length_s = day_lengths_s(jd)
-    second, rest = np.divmod(picoseconds, _PICOSECONDS)
+    second, remainder = np.divmod(picoseconds, _PICOSECONDS)
     wrong = np.flatnonzero((second < 0) | (second >= length_s))
     if len(wrong):
         row = wrong[0]
         raise InputError(
             f"expected a time of day of 0 to less than {length_s[row]:.0f}e12 ps, got {picoseconds[row]}"
         )
-    return Epochs.from_jd(jd, day_fraction(second, rest / float(_PICOSECONDS), length_s), "UTC")
+    return Epochs.from_jd(jd, day_fraction(second, remainder / float(_PICOSECONDS), length_s), "UTC")

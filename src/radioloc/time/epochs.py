@@ -59,7 +59,7 @@ class Epochs:
         return cls.from_jd(np.ravel(time.jd1), np.ravel(time.jd2), str(time.scale).upper())
 
     def to_time(self) -> Any:
-        """The epochs as an astropy ``Time`` of the same scale, to 5e-12 s.
+        """Return the epochs as an astropy ``Time`` of the same scale, to 5e-12 s.
 
         Examples
         --------
@@ -83,18 +83,18 @@ class Epochs:
         if not (np.isfinite(jd_in).all() and np.isfinite(fraction_in).all()):
             raise InputError("a Julian date is not a finite number")
         midnight = np.floor(jd_in - 0.5) + 0.5
-        rest = (jd_in - midnight) + fraction_in
-        carry = np.floor(rest)
+        day_part = (jd_in - midnight) + fraction_in
+        carry = np.floor(day_part)
         # A fraction that rounds up to one belongs to the next day.
-        rest = rest - carry
-        late = rest >= 1.0
-        return cls(midnight + carry + late, np.where(late, 0.0, rest), scale)
+        day_part = day_part - carry
+        late = day_part >= 1.0
+        return cls(midnight + carry + late, np.where(late, 0.0, day_part), scale)
 
     @classmethod
     def from_tdb_seconds(cls, seconds: ArrayLike) -> Epochs:
         """Build from TDB seconds since J2000 (SPICE's ephemeris time), resolved to 0.12 microseconds today."""
-        whole, rest = np.divmod(np.atleast_1d(_days(seconds, "seconds", "s")), SECONDS_PER_DAY)
-        return cls.from_jd(J2000_JD + whole, rest / SECONDS_PER_DAY, "TDB")
+        days, day_part = np.divmod(np.atleast_1d(_days(seconds, "seconds", "s")), SECONDS_PER_DAY)
+        return cls.from_jd(J2000_JD + days, day_part / SECONDS_PER_DAY, "TDB")
 
     def __len__(self) -> int:
         return len(self.jd)
@@ -120,19 +120,19 @@ class Epochs:
             raise InputError(f"epochs in {scale} are needed here, but {self.scale} was given")
 
     def shifted(self, seconds: ArrayLike) -> Epochs:
-        """The epochs moved by SI seconds of their own scale, one epoch also by many; UTC cannot be moved."""
+        """Return the epochs shifted by SI seconds of their own scale, also one epoch by many; UTC cannot be shifted."""
         if self.scale == "UTC":
             raise InputError("UTC cannot be moved by seconds across a leap second; convert to TAI first")
         return Epochs.from_jd(
             self.jd, self.fraction + as_float_array(seconds, "s", "seconds") / SECONDS_PER_DAY, self.scale
         )
 
-    def seconds_since(self, other: Epochs) -> Floats:
-        """Seconds from other epochs of the same scale (not UTC) to these, shape (n,)."""
-        self.require(other.scale)
+    def seconds_since(self, reference: Epochs) -> Floats:
+        """Seconds since reference epochs in the same scale (not UTC), shape (n,)."""
+        self.require(reference.scale)
         if self.scale == "UTC":
             raise InputError("UTC cannot be differenced across a leap second; convert to TAI first")
-        return ((self.jd - other.jd) + (self.fraction - other.fraction)) * SECONDS_PER_DAY
+        return ((self.jd - reference.jd) + (self.fraction - reference.fraction)) * SECONDS_PER_DAY
 
     def centuries_since_j2000(self) -> Floats:
         """Julian centuries of 36525 days since J2000 in the epochs' own scale, shape (n,)."""

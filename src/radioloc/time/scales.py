@@ -33,16 +33,16 @@ from radioloc.vectors import Floats
 @cache
 def _leap_seconds_up_to_date() -> None:
     """Bring ERFA's table up to the one in ``astropy-iers-data``."""
-    known = erfa.leap_seconds.get()
+    installed = erfa.leap_seconds.get()
     rows = np.loadtxt(astropy_iers_data.IERS_LEAP_SECOND_FILE, comments="#", usecols=(3, 2, 4))
-    last = (known["year"][-1], known["month"][-1])
+    last = (installed["year"][-1], installed["month"][-1])
     fresh = [(year, month, seconds) for year, month, seconds in rows.tolist() if (year, month) > last]
     if fresh:
-        erfa.leap_seconds.update(np.array(fresh, dtype=known.dtype))
+        erfa.leap_seconds.update(np.array(fresh, dtype=installed.dtype))
 
 
 def last_leap_second() -> str:
-    """The last leap second that is known: the day (UTC) at whose beginning TAI-UTC last changed."""
+    """Return the day (UTC) at whose beginning TAI-UTC last changed."""
     _leap_seconds_up_to_date()
     last = erfa.leap_seconds.get()[-1]
     return f"{last['year']}-{last['month']:02d}-01"
@@ -58,7 +58,7 @@ def _any_year() -> Iterator[None]:
 
 
 def in_scale(epochs: Epochs | Any, scale: str) -> Epochs:
-    """Epochs that are in a scale; a Time of astropy, of any scale, is converted to it."""
+    """Return epochs of a scale; an astropy Time of any scale is converted."""
     if not isinstance(epochs, Epochs):
         return to_scale(Epochs.from_time(epochs), scale)
     epochs.require(scale)
@@ -213,8 +213,7 @@ def topocentric_tdb_minus_tt(earth_velocity_m_s: ArrayLike, station_gcrs_m: Arra
 def utc_strings(utc: Epochs, decimals: int = 9) -> NDArray[np.str_]:
     """Dates as ``yyyy-mm-ddThh:mm:ss.sssssssss``, leap seconds shown as second 60, shape (n,).
 
-    Any scale but UTC is written as it stands, without one. The last decimal is rounded, over the end of a day where
-    need be.
+    Other scales are written without leap seconds. The last decimal is rounded, if needed into the next day.
 
     Examples
     --------

@@ -124,9 +124,9 @@ def test_outside_the_span(ephemeris, jd, fraction, date):
 def test_wrong_scale_and_wrong_body(ephemeris, epochs):
     with pytest.raises(InputError, match="TDB"):
         ephemeris.earth(Epochs.from_jd(2451545.0, 0.0, "TT"))
-    with pytest.raises(InputError, match="'mars' is not known"):
+    with pytest.raises(InputError, match="got 'mars'"):
         ephemeris.geocentric("mars", epochs)
-    with pytest.raises(InputError, match="no GM is known"):
+    with pytest.raises(InputError, match="body: expected one of sun"):
         ephemeris.constants.gm_m3_s2("mars")
 
 

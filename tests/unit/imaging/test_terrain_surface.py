@@ -189,8 +189,8 @@ def test_a_window_that_does_not_fit_into_memory_is_refused(monkeypatch, hills):
     model = camera_above(3e3, 60.0)
     rays = model.rays(np.random.default_rng(14).uniform(0.0, 399.0, size=(40, 2)))
     points, hits = Terrain(terrain).intersect(rays.origins_m, rays.directions)
-    monkeypatch.setattr("radioloc.lunar.terrain._LARGEST_CELLS", 3000)
-    with pytest.raises(InputError, match="cells are asked for at once, more than 3000"):
+    monkeypatch.setattr("radioloc.lunar.terrain._MAX_WINDOW_CELLS", 3000)
+    with pytest.raises(InputError, match="up to 3000 cells"):
         terrain.window(np.array([-0.002, 0.002]), np.array([-0.002, 0.002]))
     # rays are then taken by halves, and each in pieces
     by_parts, same = Terrain(terrain).intersect(rays.origins_m, rays.directions)

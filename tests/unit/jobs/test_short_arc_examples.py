@@ -45,7 +45,7 @@ def test_data_can_be_made_where_there_are_none(tmp_path, capsys):
     study = tmp_path / "short_arc.toml"
     study.write_text((FOLDER / "short_arc.toml").read_text())
     assert cli.main(["locate", str(study)]) == 2
-    assert "short_arc.csv: there is no such file" in capsys.readouterr().err
+    assert "short_arc.csv: no such file" in capsys.readouterr().err
     assert cli.main(["simulate", str(study), "--out", str(tmp_path / "short_arc.csv")]) == 0
     assert cli.main(["locate", str(study), "--quiet"]) == 0
 

@@ -78,8 +78,8 @@ def test_kernels_are_listed_and_added_from_the_command_line(folder, de430, capsy
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("none.bsp", None, "no such kernel"),
-        ("de421_1969_2050.bsp", b"", "is there already; rename"),
+        ("none.bsp", None, "expected a kernel file"),
+        ("de421_1969_2050.bsp", b"", "exists already; rename"),
         ("text.bsp", b"hello", "not a SPICE binary kernel"),
         ("orbiter.bsp", ORBITER.read_bytes(), r"named as \[target\] trajectory"),
     ],

@@ -165,11 +165,11 @@ def test_heights_above_the_map_s_own_sphere(tmp_path):
         (SLOPING, {"units": "km"}, {}, "neither heights .* nor radii"),
         (SLOPING + 20e3, {}, {}, "neither heights .* nor radii"),
         (SLOPING + 1737400.0, {}, {"radius_m": 1738000.0}, "these are radii"),
-        (SLOPING, {}, {"radius_m": 1737.4}, "no radius of the Moon in metres"),
+        (SLOPING, {}, {"radius_m": 1737.4}, "expected a lunar radius"),
         (SLOPING, {}, {"unit": "ft"}, "use 'm' or 'km'"),
         (SLOPING, {}, {"interpolation": "cubic"}, "use 'bilinear' or 'bicubic'"),
         (SLOPING, {"TARGET_NAME": "Mercury"}, {}, "map of Mercury"),
-        (SLOPING, {"dtype": "uint8"}, {}, "no elevation map"),
+        (SLOPING, {"dtype": "uint8"}, {}, "expected an elevation map"),
         (np.full((20, 20), -9999.0), {"nodata": -9999.0}, {}, "is void"),
     ],
 )

@@ -52,7 +52,7 @@ def test_files_and_catalogue_of_ones_own(tmp_path):
     assert len(by_path.catalogue) == 1
     with pytest.raises(KernelError):
         PhysicalModel.build(ephemeris=tmp_path / "missing.bsp")
-    with pytest.raises(FileFormatError, match=r"missing\.txt: there is no such file"):
+    with pytest.raises(FileFormatError, match=r"missing\.txt: no such file"):
         PhysicalModel.build(earth_orientation=tmp_path / "missing.txt")
 
 

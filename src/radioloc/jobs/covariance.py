@@ -199,7 +199,7 @@ def _scheduled(
     """Return the study at the true position, its arc by the schedule, and the noise that the schedule states."""
     target: LunarPosition | Orbiter | None = scenario.place
     if study.orbiter is not None and scenario.flight is not None:
-        target = study.orbiter.at(scenario.flight.state)  # the forces are those of the fit
+        target = study.orbiter.with_state(scenario.flight.state)  # the forces are those of the fit
     assert target is not None  # the study has seen to that
     study = replace(study, target=target, reference=None, references=())
     model = model_of(study)

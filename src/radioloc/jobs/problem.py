@@ -99,7 +99,7 @@ class EstimationProblem:
         if estimate is not None:
             estimate = with_independent_clocks(study, estimate, arc)
         observations = arc.observations
-        choice = study.estimate.held() if estimate is None else estimate
+        choice = study.estimate.without_estimates() if estimate is None else estimate
         considered = ConsideredParameters.of(study, arc, estimate)
         model = observation_model(arc, targets_of(study, arc, choice), choice, considered.in_weights)
         if estimate is not None and not any(item.role is Role.ESTIMATED for item in model.parameters):
@@ -122,7 +122,7 @@ class EstimationProblem:
     def select(self, rows: NDArray[np.intp]) -> EstimationProblem:
         """Return the problem of some observations, without parameters that act on none of them."""
         arc = self.arc.select(rows)
-        estimate = None if self.estimate is None else self.estimate.of_part(arc)
+        estimate = None if self.estimate is None else self.estimate.restricted_to(arc)
         return EstimationProblem.of(self.study, arc, estimate, self.noise.select(rows))
 
     @property

@@ -198,7 +198,7 @@ def _fitted(orbiter: Orbiter, arc: ExactPredictor, starts: Sequence[Floats], ste
     sigma_m = _MIN_MISFIT_M_S * arc.observations.count_s
     candidates = []
     for start in starts:
-        orbit = orbiter.at(start).orbit(arc.model, arc.observations, ()).coarse()
+        orbit = orbiter.with_state(start).orbit(arc.model, arc.observations, ()).coarse()
         try:
             predictor = ExactPredictor(arc.model, arc.observations, orbit)
             part = OrbitPart(predictor, orbit, sigma_m, start)

@@ -116,7 +116,7 @@ class _Linearized:
         if not prepared:
             more = arc.more_partials
             arc = prepare_predictor(arc.model, observations, FixedPoint(place_m), "exact", more_partials=more)
-        estimate = replace(estimate, position="cartesian", height_prior=None).of_part(arc)
+        estimate = replace(estimate, position="cartesian", height_prior=None).restricted_to(arc)
         points = surface_points({"": LunarPosition(frame, place_m)}, arc.model, estimate)
         problem = observation_model(arc, points, estimate)
         at = problem.linearize(problem.parameters.prior_values)

@@ -161,7 +161,7 @@ def _with_first_orbit(result: SearchResult, given: Study, observations: Observat
     state = orbits[0].state
     keys = {"position_m": state[:3].round(6).tolist(), "velocity_m_s": state[3:].round(6).tolist()}
     change = Change(("target",), keys, ("altitude_m", "inclination_deg", "node_deg"))
-    study = replace(result.study, target=target.at(state))
+    study = replace(result.study, target=target.with_state(state))
     return replace(result, study=study, orbits=orbits, changes=(*result.changes, change))
 
 

@@ -153,7 +153,7 @@ class StateAndForces(Protocol):
         """Return the orbit from one epoch to another, and beyond as far as count intervals need."""
         ...
 
-    def disturbed(
+    def with_gravity_errors(
         self, orbit: AdjustableOrbit, count: int, seed: np.random.Generator
     ) -> AdjustableOrbit | None:
         """Return the orbit with drawn errors of its gravity field; ``None`` without any."""
@@ -225,7 +225,9 @@ class Scenario:
             return self.trajectory, None
         orbit = self.orbit(model, self.flight)
         random = generator(self.seed, GRAVITY_ERROR)
-        return orbit.nearest(), self.flight.disturbed(orbit, self.truth_sigma.gravity_errors, random)
+        return orbit.nearest(), self.flight.with_gravity_errors(
+            orbit, self.truth_sigma.gravity_errors, random
+        )
 
     def orbit(
         self, model: PhysicalModel, target: StateAndForces, parameters: tuple[str, ...] = ()

@@ -1,4 +1,4 @@
-"""Names and numbers of the spacecraft that several inputs carry: study, tracking and calibrations, compared."""
+"""Comparison of the spacecraft identifiers in study, tracking data and calibrations."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from radioloc.study.study import Study
 
 _ROLES = ("beacon", "lander", "orbiter", "spacecraft", "target")
 """Names of targets in tracking data that do not identify a spacecraft."""
-_UNSTATED_BODY = -999  # NAIF code of an orbiter that has none
+_UNSTATED_BODY = -999  # NAIF code of an orbiter without one
 
 
 def spacecraft_doubts(study: Study, observations: Observations, model: PhysicalModel) -> list[str]:
@@ -26,7 +26,7 @@ def spacecraft_doubts(study: Study, observations: Observations, model: PhysicalM
 
 
 def _of_target(study: Study, tracked: list[str]) -> Iterator[str]:
-    """Name and NAIF code of ``[target]`` against the target of the tracking data."""
+    """Compare name and NAIF code of ``[target]`` with the target of the tracking data."""
     confirmed = study.targets or study.observations.targets or study.observations.target_names
     name, body = study.target_name, getattr(study.target, "body", None)
     if confirmed or len(tracked) != 1 or tracked[0] in _ROLES:
@@ -37,14 +37,14 @@ def _of_target(study: Study, tracked: list[str]) -> Iterator[str]:
     if number is not None and body is not None and number == -body:
         return  # most numbers of the Deep Space Network are NAIF codes with the opposite sign
     if name is not None:
-        called, held = (re.sub(r"[\W_]", "", text.casefold()) for text in (canonical_target(name), target))
-        if called in held or held in called:
+        names = [re.sub(r"[\W_]", "", text.casefold()) for text in (canonical_target(name), target)]
+        if names[0] in names[1] or names[1] in names[0]:
             return
-        of_one_kind = {canonical_target(name), target} <= {*REFLECTORS} or (
+        comparable = {canonical_target(name), target} <= {*REFLECTORS} or (
             number is not None and _number(canonical_target(name)) is not None
         )
         problem = f"the observations are of {target}, but [target] name is {name!r}"
-        if of_one_kind:
+        if comparable:
             raise InputError(f"{problem}; give the files of that target, or correct the name: {advice}")
         yield f"{problem}; {advice}"
     elif number is not None and body not in (None, _UNSTATED_BODY):
@@ -52,19 +52,19 @@ def _of_target(study: Study, tracked: list[str]) -> Iterator[str]:
 
 
 def _of_calibrations(study: Study, tracked: list[str], model: PhysicalModel) -> Iterator[str]:
-    """Spacecraft of calibration cards against that of the tracking data, both by numbers of the Deep Space Network."""
+    """Compare the spacecraft numbers of calibration cards with those of the tracking data (Deep Space Network)."""
     cards = model.media_calibrations
     body = getattr(study.target, "body", None)
-    of_tracking = {number for number in map(_number, tracked) if number is not None}
-    numbers = of_tracking or ({-body} if body not in (None, _UNSTATED_BODY) else set())
+    tracked_numbers = {number for number in map(_number, tracked) if number is not None}
+    numbers = tracked_numbers or ({-body} if body not in (None, _UNSTATED_BODY) else set())
     if cards is None or not numbers:
         return
     for number in sorted({card.scid for card in cards.cards if card.scid is not None} - numbers):
         problem = (
             f"the calibrations are of the spacecraft {number}, but the tracking is of {', '.join(tracked)}"
         )
-        if not of_tracking:
-            yield f"the calibrations are of the spacecraft {number}, but [target] body is {body}: is it the same?"
+        if not tracked_numbers:
+            yield f"the calibrations are of the spacecraft {number}, but [target] body is {body}; check both"
         elif study.model.csp_scid is None:
             raise InputError(
                 f"[model] csp: {problem}; give the files of that spacecraft, or csp_scid = {number} if they hold for it"
@@ -74,6 +74,6 @@ def _of_calibrations(study: Study, tracked: list[str], model: PhysicalModel) -> 
 
 
 def _number(target: str) -> int | None:
-    """Number of a spacecraft at the Deep Space Network, of a name such as sc181."""
-    found = re.fullmatch(r"(?i)sc[ _-]?(\d{1,6})", target)
-    return int(found[1]) if found else None
+    """Return the spacecraft number of the Deep Space Network in a name such as sc181."""
+    match = re.fullmatch(r"(?i)sc[ _-]?(\d{1,6})", target)
+    return int(match[1]) if match else None

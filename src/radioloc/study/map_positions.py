@@ -1,7 +1,6 @@
-"""Positions of targets on maps, as a study gives them: a solution of images, or numbers.
+"""Positions on maps as a-priori positions of targets, from numbers or from a solution of images.
 
-They are the a-priori positions of the targets, with their full covariance. The error of a map's tie to the Moon's axes
-is the same for all positions on the map.
+The error of a map's tie to the Moon's axes is common to all positions on the map.
 """
 
 from __future__ import annotations
@@ -51,7 +50,7 @@ class PlaceOnMap:
     target : str or None
         Name of the target, where there are several.
     known_deg_m : tuple of float, or None
-        Longitude, latitude and height of what is seen, if they are known: a reflector, which determines the tie.
+        Known longitude, latitude and height of a reflector or landmark, which determines the tie of the map.
     frame : str
         Axes of the numbers.
 
@@ -75,9 +74,9 @@ class PlaceOnMap:
 
     def __post_init__(self) -> None:
         check(self)
-        given = [key for key in _EITHER if getattr(self, key) is not None]
-        if self.solution is not None and given:
-            raise InputError(f"map_positions: {given[0]} is in the solution already; give either of them")
+        present = [key for key in _EITHER if getattr(self, key) is not None]
+        if self.solution is not None and present:
+            raise InputError(f"map_positions: {present[0]} is in the solution already; give either of them")
         missing = [key for key in ("map", *_EITHER) if key not in _OPTIONAL and getattr(self, key) is None]
         if self.solution is None and missing:
             raise InputError(f"map_positions: {missing[0]} is missing; give it, or the solution of images")
@@ -87,15 +86,15 @@ class PlaceOnMap:
 
     @property
     def known(self) -> LunarPosition | None:
-        """Known position of what is seen."""
+        """Known position of a reflector or landmark."""
         if self.known_deg_m is None:
             return None
         return LunarPosition.from_selenographic(*self.known_deg_m, self.frame)
 
     def read(self) -> MapPosition:
-        """Read the position with its covariance and the errors that it shares."""
+        """Return the position with its covariance and its shared errors."""
         if self.solution is not None:
-            found = self._solved(self.solution)
+            position = self._from_solution(self.solution)
         else:
             assert self.longitude_deg is not None
             assert self.latitude_deg is not None
@@ -106,16 +105,16 @@ class PlaceOnMap:
                 self.longitude_deg, self.latitude_deg, self.height_m or 0.0, self.frame
             )
             sigma_up_m = math.nan if self.sigma_up_m is None else self.sigma_up_m
-            found = MapPosition(
+            position = MapPosition(
                 self.map,
                 _in_mean_earth_axes(place),
                 _block(np.diag(np.square([*self.sigma_m, sigma_up_m]))),
                 dict(zip(map_tie_names(self.map), np.diag(self.map_sigma_m) @ np.eye(2, 3), strict=True)),
             )
-        Link("", self.target or "target", found.map)  # refuses what cannot name a target or a map
-        return found
+        Link("", self.target or "target", position.map)  # refuses names that no target or map can have
+        return position
 
-    def _solved(self, path: Path) -> MapPosition:
+    def _from_solution(self, path: Path) -> MapPosition:
         content = read_recorded(path)
         stated = {
             item["name"].rpartition(".")[0].partition(".")[2]
@@ -149,20 +148,20 @@ class MapPosition:
 
 def position_priors(places: Sequence[PlaceOnMap], targets: Sequence[str]) -> tuple[PositionPrior, ...]:
     """Combine positions on maps to one a-priori position of each target."""
-    found = [(_target(place, targets), place.known, place.read()) for place in places]
-    _require_distinct([position for *_, position in found])
-    shown = {position.map for _, known, position in found if known is None}
-    for _, _, position in found:
-        if position.map not in shown:
+    items = [(_target(place, targets), place.known, place.read()) for place in places]
+    _require_distinct([position for *_, position in items])
+    located = {position.map for _, known_place, position in items if known_place is None}
+    for _, _, position in items:
+        if position.map not in located:
             raise InputError(
                 f"expected a target on the map {position.map}, got none; give a known place only beside a target "
                 "on the same map"
             )
-    return _combined(found) if found else ()
+    return _combined(items) if items else ()
 
 
 def _target(place: PlaceOnMap, targets: Sequence[str]) -> str:
-    """Canonical name of the target where there are several."""
+    """Return the canonical name of the target where there are several."""
     if not targets or place.known is not None:
         return ""
     name = canonical_target(place.target or "")
@@ -175,7 +174,7 @@ def _target(place: PlaceOnMap, targets: Sequence[str]) -> str:
 
 
 def _require_distinct(positions: Sequence[MapPosition]) -> None:
-    """Refuse one map with two sigmas, and images that are used twice."""
+    """Require one sigma for each map, and different images."""
     ties: dict[str, float] = {}
     data: set[str] = set()
     for position in positions:
@@ -193,32 +192,37 @@ def _require_distinct(positions: Sequence[MapPosition]) -> None:
 
 def _combined(items: Sequence[tuple[str, LunarPosition | None, MapPosition]]) -> tuple[PositionPrior, ...]:
     """Estimate the positions of all targets by least squares from positions on maps that share errors."""
-    origins = {target: position.place for target, known, position in reversed(items) if known is None}
+    origins = {
+        target: position.place for target, known_place, position in reversed(items) if known_place is None
+    }
     targets = [target for target in dict.fromkeys(target for target, *_ in items) if target in origins]
     blocks = {target: slice(3 * k, 3 * k + 3) for k, target in enumerate(targets)}
     design = np.zeros((3 * len(items), 3 * len(targets)))
     offsets_m = np.zeros(3 * len(items))
-    for k, (target, known, position) in enumerate(items):
+    for k, (target, known_place, position) in enumerate(items):
         rows = slice(3 * k, 3 * k + 3)
-        if known is None:
+        if known_place is None:
             design[rows, blocks[target]] = np.eye(3)
-        offsets_m[rows] = local_difference(position.place.xyz_m, (known or origins[target]).xyz_m).enu_m
+        offsets_m[rows] = local_difference(position.place.xyz_m, (known_place or origins[target]).xyz_m).enu_m
     gain, total_m2, moved_by_m = _solved(design, [position for *_, position in items])
     moved_m = gain @ offsets_m
     return tuple(
         PositionPrior(
             target,
             LunarPosition.from_cartesian(
-                displaced(origins[target].xyz_m, moved_m[mine]), origins[target].frame
+                displaced(origins[target].xyz_m, moved_m[block]), origins[target].frame
             ),
-            total_m2[mine, mine],
-            {name: by[mine] for name, by in moved_by_m.items() if by[mine].any()},
+            total_m2[block, block],
+            {name: effect_m[block] for name, effect_m in moved_by_m.items() if effect_m[block].any()},
             tuple(
-                key for other, known, position in items if other == target or known for key in position.data
+                key
+                for name, known_place, position in items
+                if name == target or known_place
+                for key in position.data
             ),
-            {other: total_m2[mine, block] for other, block in blocks.items() if other != target},
+            {name: total_m2[block, columns] for name, columns in blocks.items() if name != target},
         )
-        for target, mine in blocks.items()
+        for target, block in blocks.items()
     )
 
 
@@ -252,6 +256,6 @@ def _in_mean_earth_axes(place: LunarPosition) -> LunarPosition:
 
 
 def _block(covariance_m2: Floats) -> Floats:
-    """Return a covariance with NaN in all of the row and the column of a height that is not determined."""
-    known = np.isfinite(np.diag(covariance_m2))
-    return np.where(np.outer(known, known), covariance_m2, np.nan)
+    """Return a covariance with NaN in the row and the column of an undetermined height."""
+    determined = np.isfinite(np.diag(covariance_m2))
+    return np.where(np.outer(determined, determined), covariance_m2, np.nan)

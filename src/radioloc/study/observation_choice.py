@@ -1,4 +1,4 @@
-"""Choice of a study's observations: files, those that take part, and what is agreed or assumed of them."""
+"""Choice of a study's observations: files, selection, and agreements on their content."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ TDM_KEYS = {
 
 @dataclass(frozen=True, slots=True)
 class ObservationChoice:
-    """Choice of the observations that take part.
+    """Choice of the observations of a study.
 
     Parameters
     ----------
@@ -52,9 +52,9 @@ class ObservationChoice:
         Error of the model and of the instruments beyond what the files state, added in quadrature to each stated
         sigma, m; of ranges and Doppler that of the round trip.
     tdm : TdmAgreement
-        What Tracking Data Messages leave to be agreed: sigmas, whether RANGE is halved, ...
+        Agreements on Tracking Data Messages: sigmas, whether RANGE is halved, ...
     frequencies : iterable of FrequencyAgreement
-        What files of received frequencies do not say of the signal: for each file the first that holds for it.
+        Signals of the files of received frequencies: for each file the first entry that matches it.
     sites : tuple of Path
         Files of sites (:func:`~radioloc.io.read_sites`), whose stations a study file has beside those of the catalogue.
     vlbi_station_sigma_m : float or mapping of str to float
@@ -125,7 +125,7 @@ class ObservationChoice:
                 raise InputError("stop must be later than start")
 
     def require_transmitters(self) -> None:
-        """Raise :class:`InputError` where there are candidates for transmitters or turnaround ratios only."""
+        """Raise :class:`InputError` if transmitters or turnaround ratios are given as candidates only."""
         for key in ("transmitters", "turnarounds"):
             if getattr(self, key) is not None:
                 raise InputError(

@@ -1,4 +1,4 @@
-"""Tables of a study file on an orbit: forces, and what is estimated."""
+"""Tables of a study file for orbits: forces, and parameters to be estimated."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ EMPIRICAL = ("none", "constant", "once_per_revolution")
 EMPIRICAL_NAME = "empirical"
 EMPIRICAL_SIGMA_M_S2 = 3e-9
 """A field to degree 150 leaves out some 1e-8 m/s2 at 50 km, little of it with the period of the orbit."""
-MAX_SEGMENTS = 1000
+MAX_SEGMENT_COUNT = 1000  # of an acceleration
 _STATE_FORMS = {"rtn": RTN, **FORMS}
 
 
 def _gravity(table: TomlTable, key: str) -> str | Path | None:
-    """A field that ships, by its name, or a file beside the study."""
+    """Return the name of a field that ships, or the path of a file beside the study."""
     name = table.get(key, str)
     return name if name is None or name in PACKAGED else table.files(key, [name])[0]
 
@@ -45,22 +45,23 @@ class SegmentedAcceleration(Acceleration):
         check(self)
 
     def segments(self) -> list[Acceleration]:
-        """Return it as a force, or as one for each of its segments."""
-        given = {f.name: getattr(self, f.name) for f in fields(Acceleration)}
+        """Return the acceleration, or one for each of its segments."""
+        settings = {f.name: getattr(self, f.name) for f in fields(Acceleration)}
         if self.every_s is None:
-            return [Acceleration(**given)]
+            return [Acceleration(**settings)]
         if self.start is None or self.stop is None:
-            raise InputError(f"acceleration {self.name}: every_s divides it from start to stop; give both")
+            raise InputError(f"acceleration {self.name}: every_s needs start and stop; give both")
         length_s = float(self.stop.seconds_since(self.start)[0])
-        count = max(1, round(length_s / self.every_s))
-        if count > MAX_SEGMENTS:
+        segment_count = max(1, round(length_s / self.every_s))
+        if segment_count > MAX_SEGMENT_COUNT:
             raise InputError(
-                f"acceleration {self.name}: every_s makes {count} segments; {MAX_SEGMENTS} are the most"
+                f"acceleration {self.name}: expected at most {MAX_SEGMENT_COUNT} segments, got {segment_count}; "
+                "give a longer every_s"
             )
-        ends = [self.start.shifted(length_s * k / count) for k in range(count)] + [self.stop]
+        ends = [self.start.shifted(length_s * k / segment_count) for k in range(segment_count)] + [self.stop]
         return [
-            Acceleration(**given | {"name": f"{self.name}.{k + 1}", "start": ends[k], "stop": ends[k + 1]})
-            for k in range(count)
+            Acceleration(**settings | {"name": f"{self.name}.{k + 1}", "start": ends[k], "stop": ends[k + 1]})
+            for k in range(segment_count)
         ]
 
 
@@ -126,7 +127,7 @@ class ProcessNoise:
 
     @property
     def sigma_m_s2(self) -> NDArray[np.float64]:
-        """Radial, along, across, shape (3,)."""
+        """Sigmas of the radial, along and across accelerations, m/s2, shape (3,)."""
         return np.array([self.radial_m_s2, self.along_m_s2, self.across_m_s2])
 
     @property
@@ -152,58 +153,58 @@ class OrbitChoice:
         check(self)
         if self.state_sigma and (self.state_sigma_m or self.state_sigma_m_s):
             raise InputError(
-                "[estimate.orbit] state_sigma: give either it or state_sigma_m and state_sigma_m_s"
+                "[estimate.orbit]: give either state_sigma, or state_sigma_m and state_sigma_m_s"
             )
         if self.state_sigma and self.form == "cartesian":
-            known = "; ".join(", ".join(names) for names in _STATE_FORMS.values())
+            forms = "; ".join(", ".join(names) for names in _STATE_FORMS.values())
             raise InputError(
-                f"[estimate.orbit] state_sigma: {', '.join(self.state_sigma)} are not of one form; there are {known}"
+                f"[estimate.orbit] state_sigma: expected keys of one form ({forms}), got {', '.join(self.state_sigma)}"
             )
 
     @property
     def form(self) -> str:
-        """Form of the state's parameters, by the names of the sigmas."""
+        """Form of the state's parameters, as named by the sigmas."""
         fits = (form for form, names in _STATE_FORMS.items() if {*self.state_sigma} <= {*names})
         return next(fits, "cartesian") if self.state_sigma else "cartesian"
 
     def parameters(self, forces: Forces) -> tuple[str, ...]:
-        """Parameters of the forces that are estimated; an InputError where a name is of none."""
-        known = forces.parameters()
-        groups = tuple(dict.fromkeys(item.rpartition(".")[0] or item for item in known))
-        asked = self.forces
-        if asked is None:
+        """Return the estimated parameters of the forces; an unknown name is an InputError."""
+        names = forces.parameters()
+        groups = tuple(dict.fromkeys(item.rpartition(".")[0] or item for item in names))
+        chosen_names = self.forces
+        if chosen_names is None:
             impulses = tuple(item.name for item in forces.impulses)
-            asked = (*(("radiation",) if forces.radiation_m2_kg else ()), *impulses)
-            asked += (EMPIRICAL_NAME,) if EMPIRICAL_NAME in groups else ()
-        found: dict[str, None] = {}
+            chosen_names = (*(("radiation",) if forces.radiation_m2_kg else ()), *impulses)
+            chosen_names += (EMPIRICAL_NAME,) if EMPIRICAL_NAME in groups else ()
+        selected: dict[str, None] = {}
         for acceleration in forces.accelerations:
-            found |= dict.fromkeys(acceleration.names()[0] if acceleration.sigma_m_s2 is not None else ())
-        for name in (*asked, *self.sigma):
-            chosen = [
-                parameter for parameter in known if parameter == name or parameter.rpartition(".")[0] == name
+            selected |= dict.fromkeys(acceleration.names()[0] if acceleration.sigma_m_s2 is not None else ())
+        for name in (*chosen_names, *self.sigma):
+            matches = [
+                parameter for parameter in names if parameter == name or parameter.rpartition(".")[0] == name
             ]
-            if not chosen:
+            if not matches:
                 raise InputError(
                     f"[estimate.orbit] forces: expected some of {', '.join(groups)}, got {name!r}"
                 )
-            found |= dict.fromkeys(chosen) if name in asked else {}
-        return tuple(found)
+            selected |= dict.fromkeys(matches) if name in chosen_names else {}
+        return tuple(selected)
 
     def sigmas(self, forces: Forces) -> dict[str, float]:
-        """A-priori sigmas of all parameters that have one."""
-        given = dict(self.sigma)
+        """Return the a-priori sigmas of all parameters that have one."""
+        sigmas = dict(self.sigma)
         if forces.radiation_m2_kg:
-            given.setdefault("radiation", 0.5 * forces.radiation_m2_kg)
-        given.setdefault(EMPIRICAL_NAME, EMPIRICAL_SIGMA_M_S2)
+            sigmas.setdefault("radiation", 0.5 * forces.radiation_m2_kg)
+        sigmas.setdefault(EMPIRICAL_NAME, EMPIRICAL_SIGMA_M_S2)
         for acceleration in forces.accelerations:
-            given |= (
+            sigmas |= (
                 {}
                 if acceleration.sigma_m_s2 is None
                 else dict.fromkeys(acceleration.names()[0], acceleration.sigma_m_s2)
             )
         state = dict.fromkeys(STATE[:3], self.state_sigma_m) | dict.fromkeys(STATE[3:], self.state_sigma_m_s)
         by_name = {
-            parameter: given.get(parameter, given.get(parameter.rpartition(".")[0]))
+            parameter: sigmas.get(parameter, sigmas.get(parameter.rpartition(".")[0]))
             for parameter in self.parameters(forces)
         }
         by_name |= self.state_sigma or state

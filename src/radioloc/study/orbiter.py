@@ -1,4 +1,4 @@
-"""A target that flies: its state at an epoch, the forces on it, and where it lands."""
+"""Orbiters as targets of a study: state at an epoch, forces, and landing."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from radioloc.time import Epochs, tt_to_tdb, utc_strings, utc_to_tt
 
 Floats = NDArray[np.float64]
 
-AXES = ("equator", "ICRF")  # Axes in which angles of elements are counted
-GRAVITY_ERRORS = 12  # Draws by which a sigma is good to a fifth
+AXES = ("equator", "ICRF")  # Reference axes of the angles of elements
+GRAVITY_ERRORS = 12  # Draws that determine a sigma to a fifth
 GRAVITY_ERROR_DEGREE = 200
 _SPHERE_OF_INFLUENCE_M = 66e6  # The Moon's sphere of influence
 _MAX_HYPERBOLIC_EXCESS_M_S = 3e3  # Translunar trajectories have less
 _MIN_SPEED_RATIO = 0.005  # Lowest plausible ratio of speed to escape velocity; a slower spacecraft falls
-_MARGIN_S = 60.0  # Half a count interval and the light time, beyond the first and the last tag
-_HIGHEST_M = 2e6
-_LONGEST_ARC_S = 40.0 * 86400.0
-_LOWEST_END_M, _HIGHEST_END_M = -20e3, 25e3
-"""Heights at which a-priori trajectories may end: those of the ground, give or take what the thrust may be wrong."""
-_FARTHEST_M = 200e3
+_SPAN_MARGIN_S = 60.0  # Half a count interval and the light time, beyond the first and the last tag
+_MAX_ROUGH_ALTITUDE_M = 2e6  # The search for a first orbit assumes a low one
+_MAX_ARC_S = 40.0 * 86400.0
+_MIN_END_HEIGHT_M, _MAX_END_HEIGHT_M = -20e3, 25e3
+"""Heights of the end of an a-priori trajectory: those of the ground, with a margin for errors of the thrust."""
+_MAX_END_DISTANCE_M = 200e3  # from the a-priori place
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,10 +50,9 @@ class RoughOrbit:
     node_deg: float | None = None  # from the equator's ascending node on the ICRF's xy plane
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.altitude_m <= _HIGHEST_M:
+        if not 0.0 < self.altitude_m <= _MAX_ROUGH_ALTITUDE_M:
             raise InputError(
-                f"altitude_m must be above 0 and at most {_HIGHEST_M:g} m, not {self.altitude_m!r}; first orbits are "
-                "sought of low ones"
+                f"altitude_m must be above 0 and at most {_MAX_ROUGH_ALTITUDE_M:g} m, not {self.altitude_m!r}"
             )
         if self.inclination_deg is not None and not 0.0 <= self.inclination_deg <= 180.0:
             raise InputError(f"inclination_deg must be from 0 to 180, not {self.inclination_deg!r}")
@@ -62,12 +61,12 @@ class RoughOrbit:
 
     def __str__(self) -> str:
         plane = {"inclination": self.inclination_deg, "node": self.node_deg}
-        given = [f", {name} {value:g} deg" for name, value in plane.items() if value is not None]
-        return f"an altitude of {self.altitude_m / 1e3:g} km{''.join(given)}"
+        parts = [f", {name} {value:g} deg" for name, value in plane.items() if value is not None]
+        return f"an altitude of {self.altitude_m / 1e3:g} km{''.join(parts)}"
 
     @property
     def in_plane(self) -> bool:
-        """Whether the plane is known."""
+        """Return whether inclination and node are given."""
         return self.inclination_deg is not None and self.node_deg is not None
 
 
@@ -82,62 +81,63 @@ class Landing:
         convert_fields(self)
         self.epoch.require("TDB")
         if len(self.epoch) != 1:
-            raise InputError(f"epoch of the landing must be one, not {len(self.epoch)}")
+            raise InputError(f"epoch of the landing: expected one, got {len(self.epoch)}")
 
     def __str__(self) -> str:
         return f"touchdown at {utc_strings(self.epoch, 3)[0]} TDB"
 
     def place_pa_m(self, model: PhysicalModel) -> Floats | None:
-        """The a-priori place in principal axes, m, if it is given."""
+        """Return the a-priori place in principal axes, m, if one is given."""
         return None if self.place is None else self.place.to_axes("PA", model.ephemeris.constants).xyz_m
 
-    def forces(self, given: Forces, epoch: Epochs, state: Floats) -> Forces:
+    def forces(self, forces: Forces, epoch: Epochs, state: Floats) -> Forces:
         """Return forces along axes of the a-priori plane, as the orbit's own vanish with the velocity."""
-        for one in given.accelerations:
-            for moment in (one.start, one.stop):
-                if moment is not None and not (
-                    moment.seconds_since(epoch)[0] >= 0.0 and self.epoch.seconds_since(moment)[0] >= 0.0
+        for item in forces.accelerations:
+            for epoch_tdb in (item.start, item.stop):
+                if epoch_tdb is not None and not (
+                    epoch_tdb.seconds_since(epoch)[0] >= 0.0 and self.epoch.seconds_since(epoch_tdb)[0] >= 0.0
                 ):
                     raise InputError(
-                        f"acceleration {one.name} starts or stops at {utc_strings(moment, 3)[0]} TDB, which is not "
+                        f"acceleration {item.name} starts or stops at {utc_strings(epoch_tdb, 3)[0]} TDB, which is not "
                         f"between the epoch of the state, {utc_strings(epoch, 3)[0]}, and the {self}; correct its "
                         "times"
                     )
         normal = np.cross(state[:3], state[3:])
         x, y, z = (normal / np.linalg.norm(normal)).tolist()
         return replace(
-            given, accelerations=tuple(replace(one, normal=(x, y, z)) for one in given.accelerations)
+            forces, accelerations=tuple(replace(item, normal=(x, y, z)) for item in forces.accelerations)
         )
 
     def at_rest(self, flight: AdjustableOrbit, model: PhysicalModel) -> AdjustableOrbit:
-        """The orbit that comes to rest at the a-priori place."""
+        """Return the orbit that comes to rest at the a-priori place."""
         ground, place_pa_m = Ground(model, self.epoch), self.place_pa_m(model)
         if place_pa_m is None:
             place_pa_m = ground.place_pa_m(self.landed(flight, model).state)
         return flight.moved_to(self.epoch, ground.at_rest(place_pa_m))
 
     def landed(self, flight: AdjustableOrbit, model: PhysicalModel) -> AdjustableOrbit:
-        """The orbit of an a-priori state, with its end as the state; an InputError where that is not at the ground."""
+        """Return the a-priori orbit with its state at the touchdown, which an InputError requires near the ground."""
         landed = flight.moved_to(self.epoch)
         end_pa_m = Ground(model, self.epoch).place_pa_m(landed.state)
         height_m, place_pa_m = float(np.linalg.norm(end_pa_m)) - MEAN_LUNAR_RADIUS_M, self.place_pa_m(model)
-        off = ""
-        if not _LOWEST_END_M < height_m < _HIGHEST_END_M:
-            off = f"{height_m / 1e3:.1f} km above the sphere of 1737.4 km"
+        problem = ""
+        if not _MIN_END_HEIGHT_M < height_m < _MAX_END_HEIGHT_M:
+            problem = f"{height_m / 1e3:.1f} km above the sphere of 1737.4 km"
         elif (
-            place_pa_m is not None and (away_m := float(np.linalg.norm(end_pa_m - place_pa_m))) > _FARTHEST_M
+            place_pa_m is not None
+            and (away_m := float(np.linalg.norm(end_pa_m - place_pa_m))) > _MAX_END_DISTANCE_M
         ):
-            off = f"{away_m / 1e3:.0f} km from the a-priori place"
-        if off:
+            problem = f"{away_m / 1e3:.0f} km from the a-priori place"
+        if problem:
             raise InputError(
-                f"the a-priori trajectory of {flight.name} is {off} at the {self}; correct its state, the "
+                f"the a-priori trajectory of {flight.name} is {problem} at the {self}; correct its state, the "
                 "accelerations or the epoch of [target.landing]"
             )
         return landed
 
 
 def _require_orbit(state: Floats) -> None:
-    """Raise an InputError of a velocity that no spacecraft near the Moon has."""
+    """Require a plausible velocity of a spacecraft near the Moon."""
     distance_m, speed_m_s = np.linalg.norm(state.reshape(2, 3), axis=1).tolist()
     escape_m_s = math.sqrt(2.0 * CONSTANTS["DE421"].gm_m3_s2("moon") / distance_m)
     flies_past = distance_m < _SPHERE_OF_INFLUENCE_M and speed_m_s > math.hypot(
@@ -145,8 +145,8 @@ def _require_orbit(state: Floats) -> None:
     )
     if flies_past or speed_m_s < _MIN_SPEED_RATIO * escape_m_s:
         raise InputError(
-            f"velocity_m_s is {speed_m_s:.4g} m/s at {distance_m / 1e3:.0f} km from the Moon's centre, where orbits "
-            f"are below {escape_m_s:.0f} m/s; is it in other units, or relative to another body?"
+            f"velocity_m_s: expected less than {escape_m_s:.0f} m/s at {distance_m / 1e3:.0f} km from the Moon's "
+            f"centre, got {speed_m_s:.4g} m/s; check its unit, and that it is relative to the Moon"
         )
 
 
@@ -174,10 +174,10 @@ class Orbiter:
         if self.position_m is not None and self.velocity_m_s is not None:
             _require_orbit(initial_state(self.position_m, self.velocity_m_s))
         if not (self.name.strip() and self.name.isascii() and self.name.isprintable()):
-            raise InputError(f"name {self.name!r} cannot stand in orbit files; give printable ASCII text")
+            raise InputError(f"name: expected printable ASCII text, as orbit files need, got {self.name!r}")
         if not -(2**31) < self.body < 0:
             raise InputError(
-                f"body {self.body!r} is no NAIF code of a spacecraft; give a negative integer such as -181"
+                f"body: expected a negative NAIF code of a spacecraft such as -181, got {self.body!r}"
             )
         self.epoch.require("TDB")
         if (self.rough is None) == (self.position_m is None) or (self.position_m is None) != (
@@ -185,7 +185,7 @@ class Orbiter:
         ):
             raise InputError("give either position_m and velocity_m_s, or a rough orbit, altitude_m")
         if len(self.epoch) != 1:
-            raise InputError(f"epoch must be one, not {len(self.epoch)}")
+            raise InputError(f"epoch: expected one, got {len(self.epoch)}")
         if self.landing is not None:
             if not self.landing.epoch.seconds_since(self.epoch)[0] > 0.0:
                 raise InputError(
@@ -204,23 +204,25 @@ class Orbiter:
         form: str = "keplerian",
         ephemeris: str | Path = "DE421",
         libration: str | Path = "DE421",
-        **rest: Any,
+        **fields: Any,
     ) -> Orbiter:
         """Return an orbiter from osculating elements, m and deg, with angles to the Moon's equator or to the ICRF."""
         if axes not in AXES:
-            raise InputError(f"axes {axes!r} of the elements is not known; use {' or '.join(AXES)}")
+            raise InputError(f"axes of the elements: expected {' or '.join(AXES)}, got {axes!r}")
         gm = forces.gm_m3_s2 or Ephemeris.open(ephemeris).constants.gm_m3_s2("moon")
-        turned = np.eye(3) if axes == "ICRF" else equatorial_axes(LunarOrientation.open(libration), epoch)
-        x, y, z, vx, vy, vz = state_from_elements(elements, gm, turned, form).tolist()
-        return cls(epoch, (x, y, z), (vx, vy, vz), forces, **rest)
+        rot_icrf_to_axes = (
+            np.eye(3) if axes == "ICRF" else equatorial_axes(LunarOrientation.open(libration), epoch)
+        )
+        x, y, z, vx, vy, vz = state_from_elements(elements, gm, rot_icrf_to_axes, form).tolist()
+        return cls(epoch, (x, y, z), (vx, vy, vz), forces, **fields)
 
     def __repr__(self) -> str:
-        known = "state" if self.rough is None else f"{self.rough}"
-        return f"<Orbiter {self.name}, {known} at {self.epoch.day_strings()[0]}>"
+        content = "state" if self.rough is None else f"{self.rough}"
+        return f"<Orbiter {self.name}, {content} at {self.epoch.day_strings()[0]}>"
 
     @property
     def state(self) -> Floats:
-        """Position, m, and velocity, m/s, shape (6,); an InputError of an orbiter without."""
+        """Position, m, and velocity, m/s, shape (6,); an InputError for a rough orbit."""
         if self.position_m is None or self.velocity_m_s is None:
             raise InputError(
                 f"[target] altitude_m: expected an a-priori state of {self.name}, got a rough orbit; `radioloc search "
@@ -228,19 +230,19 @@ class Orbiter:
             )
         return np.array([*self.position_m, *self.velocity_m_s], dtype=np.float64)
 
-    def at(self, state: Floats) -> Orbiter:
-        """The same with a state, shape (6,)."""
+    def with_state(self, state: Floats) -> Orbiter:
+        """Return the orbiter with a state, shape (6,)."""
         x, y, z, vx, vy, vz = state.tolist()
         return replace(self, position_m=(x, y, z), velocity_m_s=(vx, vy, vz), rough=None)
 
-    def disturbed(
+    def with_gravity_errors(
         self, orbit: AdjustableOrbit, count: int | None = None, seed: Generator | int = 0
     ) -> AdjustableOrbit | None:
-        """Its orbit with the errors of gravity that are considered, or with others, if there are any."""
+        """Return the orbit with drawn errors of gravity, by default the considered ones; None without any."""
         return GravityErrors(self.gravity_errors, self.gravity_error_degree).of(orbit, count, seed)
 
     def record(self) -> dict[str, Any]:
-        """State and forces, in types that JSON has."""
+        """Return state and forces, in types that JSON has."""
         field, forces = self.forces.gravity, self.forces
         return {
             "epoch_tdb": str(utc_strings(self.epoch, 6)[0]),
@@ -273,7 +275,7 @@ class Orbiter:
         flight = self._flight(model, observations.span() if len(observations) else None, count_s, parameters)
         if self.landing is None:
             return flight
-        if flight.span_s[0] + _MARGIN_S > self.landing.epoch.seconds_since(self.epoch)[0]:
+        if flight.span_s[0] + _SPAN_MARGIN_S > self.landing.epoch.seconds_since(self.epoch)[0]:
             raise InputError(
                 f"the {self.landing} is before all observations; with none of the flight, locate the place as a "
                 "[target] with longitude_deg, latitude_deg and height_m"
@@ -283,22 +285,25 @@ class Orbiter:
     def orbit_over(
         self, model: PhysicalModel, utc: Epochs | None, count_s: float, parameters: tuple[str, ...] = ()
     ) -> AdjustableOrbit:
-        """The true orbit, over time tags from one epoch to another; one that lands comes to rest at its place."""
+        """Return the true orbit over a span of time tags; one that lands comes to rest at its place."""
         flight = self._flight(model, utc, count_s, parameters)
         return flight if self.landing is None else self.landing.at_rest(flight, model)
 
     def _flight(
         self, model: PhysicalModel, utc: Epochs | None, count_s: float, parameters: tuple[str, ...]
     ) -> AdjustableOrbit:
-        """From the state at the epoch, over time tags from one epoch to another, or none; of counts of a length."""
+        """Return the orbit from the state at the epoch over a span of time tags, or of none."""
         tdb_s = np.zeros(1) if utc is None else tt_to_tdb(utc_to_tt(utc)).seconds_since(self.epoch)
-        if abs(tdb_s).max() > _LONGEST_ARC_S:
+        if abs(tdb_s).max() > _MAX_ARC_S:
             raise InputError(
-                f"the state of {self.name} is of {abs(tdb_s).max() / 86400.0:.0f} days from the observations; give one "
-                "within 40 days"
+                f"[target] epoch: expected a state of {self.name} within 40 days of the observations, got one "
+                f"{abs(tdb_s).max() / 86400.0:.0f} days off"
             )
-        span_s = (float(tdb_s.min() - count_s - _MARGIN_S), float(tdb_s.max() + count_s + _MARGIN_S))
-        if self.landing is not None:  # data may end before
+        span_s = (
+            float(tdb_s.min() - count_s - _SPAN_MARGIN_S),
+            float(tdb_s.max() + count_s + _SPAN_MARGIN_S),
+        )
+        if self.landing is not None:  # The observations may end before the touchdown
             span_s = (span_s[0], max(span_s[1], float(self.landing.epoch.seconds_since(self.epoch)[0])))
         self._require_acting(min(0.0, span_s[0]), max(0.0, span_s[1]))
         return AdjustableOrbit(
@@ -314,11 +319,11 @@ class Orbiter:
         )
 
     def _require_acting(self, begin_s: float, end_s: float) -> None:
-        """Refuse manoeuvres that are not on the arc at all, TDB seconds from the epoch."""
+        """Require manoeuvres that act within the arc, TDB seconds from the epoch."""
         forces = self.forces
         for kind, name, start, stop in (
-            *(("impulses", one.name, one.epoch, one.epoch) for one in forces.impulses),
-            *(("accelerations", one.name, one.start, one.stop) for one in forces.accelerations),
+            *(("impulses", item.name, item.epoch, item.epoch) for item in forces.impulses),
+            *(("accelerations", item.name, item.start, item.stop) for item in forces.accelerations),
         ):
             late = start is not None and start.seconds_since(self.epoch)[0] > end_s
             if late or (stop is not None and stop.seconds_since(self.epoch)[0] < begin_s):

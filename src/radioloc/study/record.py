@@ -22,16 +22,16 @@ from radioloc.study.study import ModelChoice, Study, TerrainPrior
 
 _MAX_LIST_NUMBERS = 100
 _WITHOUT_EFFECT = ("catalogue", "longitude_to_360", "name", "path", "reference", "references")
-"""Fields of a study that change no number that is computed; the catalogue is recorded as the list of its stations."""
+"""Fields of a study without effect on results; the catalogue is recorded as the list of its stations."""
 _PACKAGES = ("numpy", "scipy", "numba", "pyerfa", "astropy-iers-data")
 
-_OF_A_STATION = ("complex", "country")  # What is said of stations and changes nothing
+_DESCRIPTIVE_FIELDS = ("complex", "country")  # Fields of stations without effect on results
 
 
 @cache
 def versions() -> Mapping[str, str]:
     """Return the versions of radioloc, Python and the packages that compute."""
-    # Read once: a lookup takes a millisecond, and one failed while threads of a Dask cluster looked packages up, too.
+    # Read once: a lookup takes a millisecond and is not thread-safe (seen on a Dask cluster).
     return {
         "radioloc": __version__,
         "python": platform.python_version(),
@@ -40,13 +40,13 @@ def versions() -> Mapping[str, str]:
 
 
 def settings_of(study: Study) -> dict[str, Any]:
-    """Return all on which the results of a study depend, by field; of files names and SHA-256."""
+    """Return the settings that determine the results of a study, by field; files as name and SHA-256."""
     names = [f.name for f in fields(study) if f.name not in _WITHOUT_EFFECT]
     return {name: plain(getattr(study, name)) for name in names} | {"stations": plain(list(study.catalogue))}
 
 
 def study_origin(study: Study) -> dict[str, Any]:
-    """The file of a study that is from one, the files that it rests on, and the SHA-256 of each table of settings."""
+    """Return the file of a study, its input files, and the SHA-256 of each table of settings."""
     assert study.path is not None
     settings = settings_of(study)
     return {
@@ -70,12 +70,14 @@ def _files(value: Any) -> Iterator[dict[str, str]]:
 
 
 def plain(value: Any) -> Any:
-    """Plain numbers, texts, lists and tables; of files and long lists their SHA-256."""
+    """Convert to numbers, texts, lists and tables; files and long lists to their SHA-256."""
     for kind, convert in _CONVERTERS.items():
         if isinstance(value, kind):
             return convert(value)
     if is_dataclass(value):
-        return {f.name: plain(getattr(value, f.name)) for f in fields(value) if f.name not in _OF_A_STATION}
+        return {
+            f.name: plain(getattr(value, f.name)) for f in fields(value) if f.name not in _DESCRIPTIVE_FIELDS
+        }
     if callable(value):
         return f"{value.__module__}.{value.__qualname__}"
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,7 +1,6 @@
-"""Tables of a study file as records: fields are keys, types and rules are what each key takes.
+"""Tables of a study file as records: fields are keys, with types and rules of their values.
 
-A record built in Python is held to the same rules as one read from a file. Every mistake in a file is one sentence that
-names the file, the table and the key.
+The same rules apply to records built in Python. Messages name the file, the table and the key.
 """
 
 from __future__ import annotations
@@ -23,31 +22,31 @@ from radioloc.plugins import Registry
 from radioloc.quantities import convert_fields
 from radioloc.time import Epochs, epochs_from_strings
 
-STDIN = Path("-")  # In place of a study file: standard input
+STDIN = Path("-")  # Standard input in place of a study file
 
-_Made = TypeVar("_Made")
+_Record = TypeVar("_Record")
 _MAX_SHOWN_CHARACTERS = 80
 _COUNTS = {2: "two", 3: "three"}
 
 
 def entry(default: Any = dataclasses.MISSING, *, factory: Any = dataclasses.MISSING, **rules: Any) -> Any:
-    """Return a field with rules of values (:func:`check`), and rules of reading.
+    """Return a field with rules for values (:func:`check`) and rules for reading.
 
-    `advice` says where something else belongs, `kind` the type in the file; `read` is a function of table and key that
-    takes the `keys` which the file has in place of the field.
+    `advice` completes messages; `kind` is the type in the file; `read` is a function of table and key that takes the
+    `keys` of the file for the field.
     """
     return dataclasses.field(default=default, default_factory=factory, metadata=rules)
 
 
 def check(record: Any) -> None:
-    """Hold a record to the rules of its fields; a single name becomes a tuple of one, a date or Time an epoch."""
+    """Check the rules of a record's fields; a single name becomes a tuple, a date or Time an epoch."""
     convert_fields(record)
     for f in dataclasses.fields(record):
-        given = getattr(record, f.name)
-        if given is None:
+        raw = getattr(record, f.name)
+        if raw is None:
             continue
-        value = _normalized(f.name, given, f.metadata)
-        if value is not given:
+        value = _normalized(f.name, raw, f.metadata)
+        if value is not raw:
             object.__setattr__(record, f.name, value)
         for key, item in _items(f.name, value):
             _require_rules(key, item, f.metadata)
@@ -57,7 +56,7 @@ def _normalized(name: str, value: Any, rules: Mapping[str, Any]) -> Any:
     if rules.get("names"):
         value = names_of(name, value)
         if not value:
-            raise InputError(f"{name} names none; leave it out to take all")
+            raise InputError(f"{name} is empty; leave it out to take all")
     if rules.get("both") and isinstance(value, Real):
         value = (float(value),) * 2
     if rules.get("moment"):
@@ -92,7 +91,7 @@ def _items(key: str, value: Any) -> Iterator[tuple[str, Any]]:
 
 
 def names_of(key: str, value: str | Iterable[Any]) -> tuple[str, ...]:
-    """One name or several, as a tuple."""
+    """Return one name or several as a tuple."""
     names = (value,) if isinstance(value, str) else tuple(value)
     for name in names:
         if not isinstance(name, str) or not name.strip():
@@ -101,25 +100,25 @@ def names_of(key: str, value: str | Iterable[Any]) -> tuple[str, ...]:
 
 
 def keys_of(record: type) -> tuple[str, ...]:
-    """The keys that a file has for a record."""
+    """Return the keys of a record in a file."""
     return tuple(key for f in dataclasses.fields(record) for key in f.metadata.get("keys", (f.name,)))
 
 
 @dataclass(frozen=True, slots=True)
 class Hints:
-    """Hints on keys in a wrong place: the keys by table, and advice by table and key."""
+    """Hints on misplaced keys: keys by table, and advice by table and key."""
 
     keys: Mapping[str, Collection[str]] = field(default_factory=dict)
     advice: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
-    def table_of(self, key: str, besides: str) -> str:
-        """The one table that has a key which is unknown to another of them, or above all tables; else empty."""
-        found = [table for table, keys in self.keys.items() if key in keys]
-        return found[0] if len(found) == 1 and (not besides or besides in self.keys) else ""
+    def table_of(self, key: str, wrong_table: str) -> str:
+        """Return the only table with a key that is misplaced in a table or at the top; else an empty text."""
+        tables = [table for table, keys in self.keys.items() if key in keys]
+        return tables[0] if len(tables) == 1 and (not wrong_table or wrong_table in self.keys) else ""
 
 
 class TomlTable:
-    """One table of a study file; keys are taken from it one by one, and what is left over is an error."""
+    """Table of a study file from which keys are taken one by one; a key that remains is an error."""
 
     def __init__(self, path: Path, name: str, content: Any, hints: Hints | None = None) -> None:
         self.path = path
@@ -131,15 +130,15 @@ class TomlTable:
                 f"{path}: [{name}] must be a table, not {_shown(content)}{self._advice(table, key)}"
             )
         self._content = dict(content)
-        self._asked: list[str] = []
+        self._taken: list[str] = []
 
     def fail(self, key: str, problem: str) -> NoReturn:
         """Raise :class:`InputError` about one key."""
         raise InputError(f"{self.path}: [{self.name}] {key}: {problem}")
 
-    def _refuse(self, key: str, wanted: str, value: Any) -> NoReturn:
+    def _refuse(self, key: str, expected: str, value: Any) -> NoReturn:
         advice = self._advice(self.name, key.partition(".")[0])
-        self.fail(key, f"must be {wanted}, not {_shown(value)}{advice}")
+        self.fail(key, f"must be {expected}, not {_shown(value)}{advice}")
 
     def _advice(self, table: str, key: str) -> str:
         text = self._hints.advice.get((table, key))
@@ -149,98 +148,102 @@ class TomlTable:
         return key in self._content
 
     def take(self, key: str) -> Any:
-        """Value of a key, ``None`` where it is absent; the key then counts as known."""
-        self._asked.append(key)
+        """Return the value of a key, ``None`` if it is absent."""
+        self._taken.append(key)
         return self._content.pop(key, None)
 
     def get(self, key: str, kind: Any) -> Any:
-        """Take a value of a kind: a type, a tuple or mapping of types, a record or a union of them."""
+        """Take a value of a type, a tuple or mapping of types, a record or a union of them."""
         value = self.take(key)
         return None if value is None else self._convert(key, value, kind)
 
     def need(self, key: str, kind: Any) -> Any:
-        """Take a value that may not be absent."""
+        """Take a required value."""
         value = self.get(key, kind)
         return self.fail(key, "is missing") if value is None else value
 
     def read(
-        self, record: type[_Made], keys: Mapping[str, str] | None = None, whole: bool = True, **given: Any
-    ) -> _Made:
-        """Make a record of the keys, which are its fields or those of `keys`; some may be given."""
+        self, record: type[_Record], keys: Mapping[str, str] | None = None, whole: bool = True, **values: Any
+    ) -> _Record:
+        """Return a record from the keys, by default its fields, and from given values of fields."""
         kinds = get_type_hints(record, include_extras=True)
-        fields = {f.name: f for f in dataclasses.fields(record) if f.name not in given}  # type: ignore[arg-type]
+        fields = {f.name: f for f in dataclasses.fields(record) if f.name not in values}  # type: ignore[arg-type]
         for key, name in keys.items() if keys else zip(fields, fields, strict=True):
             rules = fields[name].metadata
             if "read" in rules:
-                given[name] = rules["read"](self, key)
+                values[name] = rules["read"](self, key)
             else:
                 kind = float | kinds[name] if rules.get("both") else kinds[name]
-                given[name] = self.get(key, rules.get("kind", kind))
+                values[name] = self.get(key, rules.get("kind", kind))
         if whole:
             self.finish()
         for name, f in fields.items():
             needed = f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
-            if needed and given.get(name) is None:
+            if needed and values.get(name) is None:
                 self.fail(name, "is missing")
-        return self.build(record, **given)
+        return self.build(record, **values)
 
-    def build(self, make: Callable[..., _Made], **fields: Any) -> _Made:
-        """Call with the fields that were given, so that others keep their defaults; errors name this table."""
+    def build(self, make: Callable[..., _Record], **fields: Any) -> _Record:
+        """Call with the fields that are not None, so that others keep their defaults; errors name this table."""
         try:
             return make(**{key: value for key, value in fields.items() if value is not None})
         except InputError as error:
-            where = f"[{self.name}] " if self.name else ""
-            raise InputError(f"{self.path}: {where}{error}") from None
+            prefix = f"[{self.name}] " if self.name else ""
+            raise InputError(f"{self.path}: {prefix}{error}") from None
 
     def table(self, key: str) -> TomlTable | None:
         """Take a table inside this one."""
         value = self.take(key)
         return None if value is None else self._child(key, value)
 
-    def completed(self, others: Mapping[str, Any]) -> TomlTable:
-        """Return the table with those of other keys that it lacks."""
-        return TomlTable(self.path, self.name, {**others, **self._content}, self._hints)
+    def with_defaults(self, content: Mapping[str, Any]) -> TomlTable:
+        """Return the table with other content for the keys that it lacks."""
+        return TomlTable(self.path, self.name, {**content, **self._content}, self._hints)
 
     def named(self) -> dict[str, TomlTable]:
-        """Take all that is left, each a table of its own, by name."""
+        """Take all remaining keys as tables by name."""
         return {key: self._child(key, self.take(key)) for key in list(self._content)}
 
     def _child(self, key: str, value: Any) -> TomlTable:
         return TomlTable(self.path, f"{self.name}.{key}" if self.name else key, value, self._hints)
 
     def finish(self) -> None:
-        """Raise :class:`InputError` if a key is left that nobody asked for."""
+        """Raise :class:`InputError` for a key that remains, with the similar key or its table."""
         for key in self._content:
-            near = difflib.get_close_matches(key, self._asked, n=1)
-            hint = f"; did you mean {near[0]!r}?" if near else f"; the keys are {', '.join(self._asked)}"
+            matches = difflib.get_close_matches(key, self._taken, n=1)
+            hint = (
+                f"; did you mean {matches[0]!r}?" if matches else f"; the keys are {', '.join(self._taken)}"
+            )
             if table := self._hints.table_of(key, self.name):
                 hint = f"; it belongs to [{table}]"
             hint = self._advice(self.name, key) or hint
-            where = f"[{self.name}] " if self.name else ""
-            raise InputError(f"{self.path}: {where}{key!r} is not known{hint}")
+            prefix = f"[{self.name}] " if self.name else ""
+            raise InputError(f"{self.path}: {prefix}{key!r} is not known{hint}")
 
     def _convert(self, key: str, value: Any, kind: Any) -> Any:
         origin, parts = get_origin(kind) or kind, get_args(kind)
         if origin in (Union, UnionType):
-            return self._convert(key, value, _arm(value, [part for part in parts if part is not type(None)]))
+            return self._convert(
+                key, value, _member(value, [part for part in parts if part is not type(None)])
+            )
         if origin in (Epochs, Annotated):
             return self._epoch(key, value, parts[-1] if parts else "UTC")
         if origin is Literal or kind in _PLAIN:
             return self._scalar(key, value, str if origin is Literal else kind)
         if kind is Path:
-            found = self.files(key, [self._scalar(key, value, str)])
-            if len(found) > 1:
-                self.fail(key, f"expected one file, got {len(found)}")
-            return found[0]
+            files = self.files(key, [self._scalar(key, value, str)])
+            if len(files) > 1:
+                self.fail(key, f"expected one file, got {len(files)}")
+            return files[0]
         if issubclass(origin, Mapping):
             content = self._child(key, value)._content
             return {name: self._convert(f"{key}.{name}", item, parts[1]) for name, item in content.items()}
         return self._tuple(key, value, parts) if origin is tuple else self._child(key, value).read(kind)
 
     def _scalar(self, key: str, value: Any, kind: type) -> Any:
-        wanted, is_valid = _PLAIN[kind]
+        expected, is_valid = _PLAIN[kind]
         if not is_valid(value):
-            self._refuse(key, wanted, value)
+            self._refuse(key, expected, value)
         if kind is not float:
             return value
         try:
@@ -252,12 +255,12 @@ class TomlTable:
         return number
 
     def _tuple(self, key: str, value: Any, kinds: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Read a list of so many numbers, of texts or files, or of tables."""
+        """Read a list of numbers of fixed length, of texts, of files, or of tables."""
         if kinds[-1] is not Ellipsis:
             if not isinstance(value, list) or len(value) != len(kinds):
                 count = _COUNTS.get(len(kinds), len(kinds))
-                what = "whole numbers" if kinds[0] is int else "numbers"
-                self.fail(key, f"must be a list of {count} {what}, not {_shown(value)}")
+                numbers = "whole numbers" if kinds[0] is int else "numbers"
+                self.fail(key, f"must be a list of {count} {numbers}, not {_shown(value)}")
             return tuple(self._convert(key, item, kind) for item, kind in zip(value, kinds, strict=True))
         if kinds[0] in (str, Path):
             texts = [value] if isinstance(value, str) else value
@@ -269,7 +272,7 @@ class TomlTable:
         return tuple(self._child(key, item).read(kinds[0]) for item in value)
 
     def _epoch(self, key: str, value: Any, scale: str) -> Epochs:
-        """Read a date as text, or of TOML's kind, whose ISO form is that text."""
+        """Read a date as text or of TOML's type."""
         try:
             text = value if isinstance(value, str) else value.isoformat().replace("+00:00", "Z")
         except AttributeError:
@@ -282,20 +285,20 @@ class TomlTable:
             self.fail(key, str(error))
 
     def files(self, key: str, patterns: Collection[str], may_be_missing: bool = False) -> tuple[Path, ...]:
-        """Files of names and globs, relative to the study file; a name may be of one that is still to be made."""
+        """Return files of names and globs, relative to the study file."""
         folder = self.path.parent
         files: dict[Path, None] = {}
         for pattern in patterns:
-            found = _matches(folder, pattern)
-            if not found and (folder / pattern).is_dir():
+            paths = _matches(folder, pattern)
+            if not paths and (folder / pattern).is_dir():
                 self.fail(key, f"{pattern!r} is a directory; give the files in it, such as {pattern}/*.csv")
-            if not found and (folder / pattern).exists():
+            if not paths and (folder / pattern).exists():
                 self.fail(key, f"{pattern!r} is a pipe or a device; give a file")
-            if not found and may_be_missing and not set(pattern) & set("*?["):
-                found = [folder / pattern]
-            if not found:
+            if not paths and may_be_missing and not set(pattern) & set("*?["):
+                paths = [folder / pattern]
+            if not paths:
                 self.fail(key, f"{pattern!r} matches no file in {folder.resolve()}")
-            files |= dict.fromkeys(found)
+            files |= dict.fromkeys(paths)
         return tuple(files)
 
 
@@ -312,32 +315,32 @@ _PLAIN: dict[Any, tuple[str, Callable[[Any], bool]]] = {
 """Names of the types in messages, and tests of values of TOML."""
 
 
-def _arm(value: Any, arms: list[Any]) -> Any:
-    """The kind of a union that a value looks like: a table, a list or a single value; else the first."""
-    wanted = Mapping if isinstance(value, Mapping) else tuple if isinstance(value, list) else None
-    alike = [
-        arm
-        for arm in arms
-        if (isinstance(get_origin(arm), type) and wanted and issubclass(get_origin(arm), wanted))
+def _member(value: Any, kinds: list[Any]) -> Any:
+    """Return the first type of a union that is a table or list as the value is; else the first type."""
+    container = Mapping if isinstance(value, Mapping) else tuple if isinstance(value, list) else None
+    matches = [
+        kind
+        for kind in kinds
+        if (isinstance(get_origin(kind), type) and container and issubclass(get_origin(kind), container))
     ]
-    return (alike or arms)[0]
+    return (matches or kinds)[0]
 
 
 def _matches(folder: Path, pattern: str) -> list[Path]:
-    """Files of a name or a glob, sorted; none also for what pathlib does not take as either."""
+    """Return the sorted files of a name or a glob; none for an invalid pattern."""
     try:
         plain = folder / pattern
         if plain.is_file():
             return [plain]
         start = Path(plain.anchor) if Path(pattern).is_absolute() else folder
         relative = str(Path(pattern).relative_to(start)) if Path(pattern).is_absolute() else pattern
-        return sorted(found for found in start.glob(relative) if found.is_file())
+        return sorted(path for path in start.glob(relative) if path.is_file())
     except (ValueError, IndexError, NotImplementedError):
         return []
 
 
 def _shown(value: Any) -> str:
-    """Text of a value, short enough for a message of one line."""
+    """Return the text of a value, shortened for messages."""
     text = repr(value)
     return text if len(text) <= _MAX_SHOWN_CHARACTERS else f"{text[:_MAX_SHOWN_CHARACTERS]}..."
 
@@ -348,13 +351,13 @@ def source_of(path: str | Path) -> tuple[Path, Path | None]:
 
 
 def toml_content(path: Path) -> dict[str, object]:
-    """Return the content of a study file; a mistake is one sentence."""
+    """Return the content of a study file; an InputError names the file."""
     try:
         content = sys.stdin.buffer.read() if path == STDIN else path.read_bytes()
-        # Some editors put a byte order mark in front, which TOML does not know.
+        # Some editors write a byte order mark, which TOML forbids.
         return tomllib.loads(content.decode("utf-8-sig"))
     except FileNotFoundError:
-        raise InputError(f"{path}: there is no such study file; check the name and the directory") from None
+        raise InputError(f"{path}: study file not found; check the name and the directory") from None
     except IsADirectoryError:
         raise InputError(f"{path}: is a directory; give the study file in it") from None
     except OSError as error:
@@ -363,24 +366,24 @@ def toml_content(path: Path) -> dict[str, object]:
         raise InputError(
             f"{path}: byte 0x{error.object[error.start]:02x} is not UTF-8; save the study file as UTF-8"
         ) from None
-    except (ValueError, RecursionError) as error:  # of the former TOMLDecodeError is one
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError
         raise InputError(f"{path}: not valid TOML: {error}") from None
 
 
 @dataclass(frozen=True, slots=True)
 class StudyTable:
-    """Declaration of a top-level table beside those that :func:`~radioloc.study.read_study` knows.
+    """Declaration of a further top-level table of study files (:func:`~radioloc.study.read_study`).
 
     Parameters
     ----------
     name : str
         Unique name, such as ``"images"``.
     record : type
-        Dataclass of its keys. ``Study.extensions[name]`` is the record of a study of tracking that has the table.
+        Dataclass of its keys. ``Study.extensions[name]`` is the record of a study with the table.
     run : callable, optional
-        A file with this table is a study of its own kind: function of its path that returns the result.
+        Function of the path that returns the result, if a file with this table is a study of its own kind.
     command : str
-        Name of the command that runs a study of its own kind.
+        Name of the command that runs such a study.
     """
 
     name: str
@@ -394,8 +397,8 @@ STUDY_TABLES = Registry("radioloc.study_tables", StudyTable, ())
 
 
 def run_study_file(path: Path) -> Any:
-    """Return the result of a study file of a kind that one of :data:`STUDY_TABLES` declares."""
-    kinds = {entry.name: entry.run for entry in STUDY_TABLES.values() if entry.run is not None}
+    """Return the result of a study file of a kind in :data:`STUDY_TABLES`."""
+    kinds = {table.name: table.run for table in STUDY_TABLES.values() if table.run is not None}
     for name in toml_content(path):
         if name in kinds:
             return kinds[name](path)

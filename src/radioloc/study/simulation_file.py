@@ -1,4 +1,4 @@
-"""Reading the ``[simulation]`` tables of a study file: what is tracked when, what the world is like, and the noise."""
+"""Readers of the ``[simulation]`` tables of a study file: sessions, noise, and errors of the model."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from radioloc.study.orbiter import Orbiter
 from radioloc.study.schema import TomlTable
 from radioloc.time import Epochs, epochs_from_strings, utc_strings
 
-_Made = TypeVar("_Made")
+_Record = TypeVar("_Record")
 _MASKS = {
     "mask_deg": "station_deg",
     "target_mask_deg": "target_deg",
     "station_masks_deg": "by_station_deg",
 }
 _VLBI_STATION = ("vlbi_station", "vlbi_station_rate")
-_OF_TRUTH = {"terms_on": tuple[str, ...], "terms_off": tuple[str, ...]}
-_OF_TRUTH_SIGMA = {"position_enu_m": tuple[float, float, float], "gravity_errors": int}
-"""Keys of both that are no parameter's."""
+# Keys beside those of parameters
+_TRUTH_KEYS = {"terms_on": tuple[str, ...], "terms_off": tuple[str, ...]}
+_TRUTH_SIGMA_KEYS = {"position_enu_m": tuple[float, float, float], "gravity_errors": int}
 
 
 def scenario(
@@ -79,9 +79,9 @@ def scenarios(
     )
     epoch_utc = starts[0] if len(truths) > 1 else None
     settings: dict[str, Any] = {
-        "truth": _errors(truth, Truth, _OF_TRUTH, stations, catalogue, epoch_utc),
+        "truth": _errors(truth, Truth, _TRUTH_KEYS, stations, catalogue, epoch_utc),
         "noise": None if noise is None else _noise(noise),
-        "truth_sigma": _errors(truth_sigma, TruthSigma, _OF_TRUTH_SIGMA, stations, catalogue, epoch_utc),
+        "truth_sigma": _errors(truth_sigma, TruthSigma, _TRUTH_SIGMA_KEYS, stations, catalogue, epoch_utc),
         "seed": seed,
     }
     if len(truths) > 1 and settings["truth_sigma"] and any(settings["truth_sigma"].position_enu_m):
@@ -137,48 +137,50 @@ def _utc(epoch: Epochs | None) -> str | None:
 
 
 def _noise(table: TomlTable) -> NoiseModel:
-    found = {key: one for key in (*KINDS, *_VLBI_STATION) if (one := table.get(key, Noise)) is not None}
+    links, stations = (
+        {key: noise for key in keys if (noise := table.get(key, Noise)) is not None}
+        for keys in (KINDS, _VLBI_STATION)
+    )
     table.finish()
-    of_stations = {key: found.pop(key) for key in _VLBI_STATION if key in found}
-    return NoiseModel(found, **of_stations)
+    return NoiseModel(links, **stations)
 
 
 def _errors(
     table: TomlTable | None,
-    make: Callable[..., _Made],
+    make: Callable[..., _Record],
     keys: Mapping[str, Any],
     stations: tuple[str, ...],
     catalogue: StationCatalogue,
     epoch_utc: str | None,
-) -> _Made | None:
+) -> _Record | None:
     """Read a record of errors of parameters, or of their sigmas, and of its further keys."""
     if table is None:
         return None
-    found: dict[str, Any] = {"clock_epoch_utc": _utc(table.get("clock_epoch", Epochs)) or epoch_utc}
+    fields: dict[str, Any] = {"clock_epoch_utc": _utc(table.get("clock_epoch", Epochs)) or epoch_utc}
     for kind in PARAMETERS.values():
         key = kind.value_key
-        found[key] = table.take(key)
+        fields[key] = table.take(key)
         per = kind.keys["per"]
-        found[per] = table.get(per, str)
-        of_stations = kind.scopes[0] is Scope.STATION and found[per] in (None, "station", "pass")
-        if of_stations and isinstance(found[key], Mapping):
-            _require_stations(table, key, found[key], stations, catalogue)
-    found |= {key: table.get(key, kind) for key, kind in keys.items()}
+        fields[per] = table.get(per, str)
+        of_stations = kind.scopes[0] is Scope.STATION and fields[per] in (None, "station", "pass")
+        if of_stations and isinstance(fields[key], Mapping):
+            _require_stations(table, key, fields[key], stations, catalogue)
+    fields |= {key: table.get(key, kind) for key, kind in keys.items()}
     table.finish()
-    return table.build(make, **found)
+    return table.build(make, **fields)
 
 
 def _require_stations(
     table: TomlTable, key: str, names: Iterable[str], stations: tuple[str, ...], catalogue: StationCatalogue
 ) -> None:
-    """Refuse what is not a station of the sessions, and one that is there by two names."""
-    found = [_station(table, key, name, catalogue) for name in names]
-    for station in found:
+    """Require stations of the sessions, each by one name."""
+    named = [_station(table, key, name, catalogue) for name in names]
+    for station in named:
         if station not in stations:
             table.fail(
                 key, f"{station} is in no session; the stations are {', '.join(filter(None, stations))}"
             )
-        if found.count(station) > 1:
+        if named.count(station) > 1:
             table.fail(key, f"{station} is named twice")
 
 

@@ -1,7 +1,7 @@
-"""Study: what to locate, from which observations, with which model.
+"""Study: targets, observations, model and estimated parameters.
 
-The records check themselves, so a study built in Python is held to the same rules as one read from a file
-(:mod:`radioloc.study.study_file`): what cannot be is an :class:`~radioloc.errors.InputError` that names the key.
+The records check themselves, with the same rules in Python as in a study file
+(:mod:`radioloc.study.study_file`): an :class:`~radioloc.errors.InputError` names the key.
 """
 
 from __future__ import annotations
@@ -46,16 +46,15 @@ from radioloc.targets.position_prior import PositionPrior
 WEIGHTS = ("independent", "correlated")
 COMPONENTS = ("type", "link", "link and pass")
 POSITION_FORMS = ("geographic", "cartesian", "none")
-MIN_REJECTION_SIGMA = 2.0
-"""Lower values would cut good data: one in 22 normal residuals exceeds two sigmas."""
+MIN_REJECTION_SIGMA = 2.0  # Lower values reject good data: one in 22 normal residuals exceeds two sigmas
 PARAMETER_KEYS = DerivedNames(lambda: [key for kind in PARAMETERS.values() for key in kind.keys.values()])
 """Keys of the kinds of parameter in ``[estimate]`` and ``[consider]``."""
 
 
 def read_parameters(table: TomlTable, _: str = "") -> dict[str, ParameterChoice]:
-    """Take the keys of all kinds of parameter."""
-    given = {key: value for key in PARAMETER_KEYS if (value := table.take(key)) is not None}
-    return table.build(parameter_choices, settings=given)
+    """Read the keys of all kinds of parameter."""
+    settings = {key: value for key in PARAMETER_KEYS if (value := table.take(key)) is not None}
+    return table.build(parameter_choices, settings=settings)
 
 
 def _height_prior(table: TomlTable, key: str) -> HeightPrior | TerrainPrior | None:
@@ -74,7 +73,7 @@ def _height_prior(table: TomlTable, key: str) -> HeightPrior | TerrainPrior | No
 
 
 def _kernel(table: TomlTable, key: str) -> str | None:
-    """A registered name as it is; anything that looks like a file relative to the study file."""
+    """Return a registered name, or the path of a file beside the study file."""
     name: str | None = table.get(key, str)
     return name if name is None or not Path(name).suffix else str(table.path.parent / name)
 
@@ -84,8 +83,8 @@ def _delays(table: TomlTable, _: str) -> EquipmentDelays:
     keys = {"transmit": "transmit_s", "receive": "receive_s"}
     stations = {} if by_station is None else by_station.named()
     delays = {name: delay.read(StationDelay, keys) for name, delay in stations.items()}
-    hold_s = table.get("transponder_delay_s", float)
-    return table.build(EquipmentDelays, transponder_s=hold_s, stations=delays)
+    transponder_s = table.get("transponder_delay_s", float)
+    return table.build(EquipmentDelays, transponder_s=transponder_s, stations=delays)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,9 +101,9 @@ class HeightPrior:
 
 @dataclass(frozen=True, slots=True)
 class TerrainPrior:
-    """Prior on the height that follows a terrain model in mean-Earth axes.
+    """Prior on the height from a terrain model in mean-Earth axes.
 
-    The sigma is the model's own error; the roughness of the terrain about the a-priori position is added to it.
+    The sigma is that of the model; the roughness of the terrain about the a-priori position is added to it.
     """
 
     terrain: TerrainModel
@@ -116,38 +115,37 @@ class TerrainPrior:
 
 @dataclass(frozen=True, slots=True, init=False)
 class EstimateChoice:
-    """Choice of the estimated parameters, with their priors.
+    """Choice of the estimated parameters with their priors.
 
     Parameters
     ----------
     position : {"geographic", "cartesian", "none"}
-        Parameters of the position: along the sphere and in height; x, y, z; or held.
+        Parameters of the position: east, north and height; x, y, z; or fixed.
     height_prior : HeightPrior or TerrainPrior or None
-        Prior on the height; needs the geographic parameters, of which the height is one.
+        Prior on the height; needs the geographic parameters.
     ephemeris_sigma_m : tuple of float
-        Error to be assumed of the lunar ephemeris and orientation as seen in the position: east, north, up.
+        Sigmas of the lunar ephemeris and orientation, as errors of the position: east, north, up.
     rejection_sigma : float
-        An observation is rejected when its residual exceeds so many of its expected sigmas; 2 or more.
+        An observation is rejected if its residual exceeds this multiple of its expected sigma; 2 or more.
     weights : {"correlated", "independent"}
-        Whether dense series of time-correlated observations count as the few that they are worth, or all in full.
+        Whether weights allow for the correlation in time of dense series.
     variance_components : {"type", "link", "link and pass"}
-        Whose noise beyond the stated sigmas is found from the residuals: that of each type and of stations and links
-        that differ significantly, of each link, or of each link and pass.
+        Groups whose noise beyond the stated sigmas is estimated from the residuals: each type, and stations and links
+        that differ significantly; each link; or each link and pass.
     pass_gap_h : float
-        A new pass begins when a station has not observed for longer.
+        Shortest gap between two passes of a station.
     position_priors : tuple of PositionPrior
         A-priori positions with their covariance, of positions on maps; the study sets them.
     orbit : OrbitChoice or None
-        What of an orbiter's orbit; without it, of an orbiter, the state and what else of the forces is not known.
+        Parameters of orbits; by default the state, and forces with an a-priori uncertainty.
     parameters : mapping of str to ParameterChoice, optional
         Kinds of parameter by name; keys that follow change them.
     **keys
-        For each kind NAME of :data:`~radioloc.parameters.registry.PARAMETERS`: ``NAME``, whose parameter is estimated
-        (a list of names, ``"all"`` or ``"none"``; true or false where there is only one); ``NAME_m`` (or another
-        unit), the a-priori value by name or of all, zero where there is none, at which those that have one and are
-        not estimated are held; ``NAME_sigma_m``, its sigma, free where there is none; ``NAME_per``, whom it belongs
-        to (``"station"``, ``"pass"``, ``"link"``, ``"link and pass"``). Such as ``range_bias="all",
-        range_bias_sigma_m=10.0``.
+        For each kind NAME of :data:`~radioloc.parameters.registry.PARAMETERS`: ``NAME``, the estimated members (a list
+        of names, ``"all"`` or ``"none"``; true or false for a single one); ``NAME_m`` (or another unit), the a-priori
+        value of all or by name, 0 by default, at which other members are fixed; ``NAME_sigma_m``, its sigma, free by
+        default; ``NAME_per``, the scope (``"station"``, ``"pass"``, ``"link"``, ``"link and pass"``). For example
+        ``range_bias="all", range_bias_sigma_m=10.0``.
     """
 
     position: str = entry("geographic", choices=POSITION_FORMS)
@@ -172,64 +170,63 @@ class EstimateChoice:
             if f.name != "parameters":
                 object.__setattr__(self, f.name, keys.pop(f.name, f.default))
         object.__setattr__(self, "parameters", parameter_choices(keys, parameters))
-        of_axes = convert_quantity("ephemeris_sigma_m", self.ephemeris_sigma_m)
-        of_axes = tuple(of_axes) if isinstance(of_axes, Iterable) else (of_axes,) * 3
-        object.__setattr__(self, "ephemeris_sigma_m", of_axes)
+        sigmas_m = convert_quantity("ephemeris_sigma_m", self.ephemeris_sigma_m)
+        sigmas_m = tuple(sigmas_m) if isinstance(sigmas_m, Iterable) else (sigmas_m,) * 3
+        object.__setattr__(self, "ephemeris_sigma_m", sigmas_m)
         check(self)
         if self.height_prior is not None and self.position != "geographic":
-            raise InputError('height_prior needs position = "geographic", where the height is a parameter')
-        if len(of_axes) != 3:
-            raise InputError(f"ephemeris_sigma_m must be three numbers (east, north, up), not {of_axes!r}")
+            raise InputError('height_prior needs position = "geographic"')
+        if len(sigmas_m) != 3:
+            raise InputError(f"ephemeris_sigma_m must be three numbers (east, north, up), not {sigmas_m!r}")
         if not (math.isfinite(self.rejection_sigma) and self.rejection_sigma >= MIN_REJECTION_SIGMA):
             raise InputError(
-                f"rejection_sigma must be {MIN_REJECTION_SIGMA:g} or more, not {self.rejection_sigma!r}: "
-                "less cuts good data"
+                f"rejection_sigma must be {MIN_REJECTION_SIGMA:g} or more, not {self.rejection_sigma!r}"
             )
 
     def component_groups(self, order: SeriesOrder) -> Labels | None:
-        """Groups of observations that have a variance component each; none where residuals tell them."""
+        """Return the groups of observations with a variance component each, or None if residuals determine them."""
         if self.variance_components == "type":
             return None
         return by_link(order, 3600.0 * self.pass_gap_h if "pass" in self.variance_components else math.inf)
 
-    def held(self) -> EstimateChoice:
-        """Return the choice with nothing estimated; the a-priori values of all parameters stay."""
+    def without_estimates(self) -> EstimateChoice:
+        """Return the choice with all parameters fixed at their a-priori values."""
         values = {
             name: ParameterChoice(value=choice.value, per=choice.per)
             for name, choice in self.parameters.items()
         }
         return EstimateChoice(position="none", parameters=values)
 
-    def of_part(self, part: Predictor) -> EstimateChoice:
-        """Return the choice for a part of an arc, without members that have no observations in it."""
+    def restricted_to(self, part: Predictor) -> EstimateChoice:
+        """Return the choice for a part of an arc, without members that lack observations."""
         try:
-            kept = {
+            parameters = {
                 name: of_part(PARAMETERS[name], choice, part.simple)
                 for name, choice in self.parameters.items()
             }
         except InputError as error:
             raise type(error)(f"[estimate] {error}") from None
-        return replace(self, parameters=kept)
+        return replace(self, parameters=parameters)
 
 
 @dataclass(frozen=True, slots=True)
 class ModelChoice:
-    """Kernels, tables and terms of the model.
+    """Choice of kernels, tables and terms of the model.
 
     Parameters
     ----------
     off : iterable of str
-        Terms to leave out, of :data:`~radioloc.measurements.TERMS`.
+        Terms to switch off, of :data:`~radioloc.measurements.TERMS`.
     ephemeris, libration : str
         Registered name or path of the SPK and of the binary PCK.
     earth_orientation : Path or None
         A C04 or finals2000A file in place of the installed tables.
     eop_beyond : {"hold", "extrapolate"} or None
-        How Earth orientation goes on after the table, for planning.
+        Continuation of the Earth orientation after the table, for planning.
     ionex : tuple of Path
         IONEX maps of the electron content.
     tec_tecu : float or None
-        In their place the same vertical content everywhere and always, TECU.
+        Instead of maps, a constant vertical electron content, TECU.
     vmf3 : tuple of Path
         Files of VMF3 for the troposphere of radio signals, of sites or maps.
     vmf3_orography : Path or None
@@ -237,15 +234,15 @@ class ModelChoice:
     csp : tuple of Path
         TRO and ION files of the Deep Space Network, for its stations.
     csp_scid : int or None
-        Number of the spacecraft that they are of, where they have several.
+        Spacecraft number, if the files have several.
     gpt3 : Path or None
-        The grid of GPT3, for stations of which VMF3 has nothing, or for all.
+        Grid of GPT3, for stations without VMF3.
     delays : EquipmentDelays
-        Delays of transponder and stations that the observations contain.
+        Delays of transponder and stations in the observations.
     sources : tuple of Path
-        Lists of quasars, of which there are VLBI delays.
+        Lists of quasars.
     free_clocks : iterable of str
-        Stations whose frequency standards run free and do not follow UTC.
+        Stations whose frequency standards are not steered to UTC.
     evaluation : {"auto", "exact", "interpolated"}
         Whether dense series are interpolated: :func:`~radioloc.measurements.evaluation.prepare_predictor`.
     """
@@ -278,11 +275,9 @@ class ModelChoice:
         if self.ionex and self.tec_tecu is not None:
             raise InputError("give either ionex or tec_tecu, not both")
         if self.csp_scid is not None and not self.csp:
-            raise InputError(
-                "csp_scid goes with csp, the files whose spacecraft it names; give them, or leave it out"
-            )
+            raise InputError("csp_scid needs csp, the files of the spacecraft; give them, or leave it out")
         if self.tec_tecu is not None:
-            UniformTec(self.tec_tecu)  # knows what can be
+            UniformTec(self.tec_tecu)  # refuses impossible values
 
 
 @dataclass(frozen=True, slots=True)
@@ -307,54 +302,58 @@ _FIELD_TYPES: Mapping[str, tuple[type, ...]] = {
     "extensions": (Mapping,),
     "simulations": (Mapping,),
 }
-"""Types of the fields of a study that is built in Python."""
+"""Types of the fields of a study built in Python."""
 
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """A whole study, as read from a file or built in Python.
+    """Study, read from a file or built in Python.
 
     Parameters
     ----------
     target : LunarPosition, Trajectory or Orbiter, optional
-        A-priori position, where the fit starts (and stays, if the position is not estimated); or a known trajectory,
-        of which no position is estimated (``position = "none"``); or an orbiter, whose orbit is. The first of
-        `targets` where those are given.
+        A-priori position; or a known trajectory, which needs ``position="none"``; or an orbiter. By default the first
+        of `targets`.
     observations, estimate, model
     catalogue : StationCatalogue
-        The stations known to the study.
+        Stations.
     reference : Reference or None
-        A known position to compare the result with.
+        Known position to compare the result with.
     references : iterable of Reference
-        Further ones, for the table of an arc-length study.
+        Further known positions, for the table of an arc-length study.
     name : str
-        Shown on the result card.
+        Name on the result card.
     simulation : Scenario or None
-        Tracking to be simulated, for Monte Carlo studies.
+        Tracking to be simulated, of one target.
     simulations : mapping of str to Scenario
-        In its place the tracking of each of several targets, by their names.
+        Tracking to be simulated, by the names of several targets.
     targets : mapping of str to LunarPosition, Trajectory or Orbiter
-        Several targets of any kinds by the names that the observations have for them; empty where there is only
-        `target`.
+        Several targets of any kinds, by their names in the observations.
     consider : mapping of str to ParameterChoice
-        Parameters that are not estimated, but whose a-priori errors count in the covariance, each with its sigma:
-        of :func:`~radioloc.parameters.considered.considered_choices`. None is estimated, too.
+        Consider parameters with their a-priori sigmas, of
+        :func:`~radioloc.parameters.considered.considered_choices`. They are not estimated; their errors are in the
+        covariance.
     consider_defaults : bool
-        Whether kinds of parameter of which `consider` says nothing are considered as their records say.
+        Whether other kinds of parameter are considered with their default sigmas.
     suboptimal : tuple of str
-        Kinds of considered parameters that stay out of the weights: the estimate is made as if they had no errors,
-        whose effect is then added to its covariance (classical consider analysis).
+        Kinds of consider parameters that the weights neglect: their effect on the estimate is added to its covariance
+        (classical consider analysis).
     path : Path or None
-        The file that it was read from.
+        File of the study.
     candidates : iterable of str or None
-        Stations, and links by their paths, whose improvement a covariance study predicts; all stations of the
-        catalogue where ``None``.
+        Stations, and links by their paths, whose improvement a covariance study predicts; by default stations of the
+        catalogue.
     longitude_to_360 : bool
-        Whether cards count longitudes from 0 to 360 deg, as the file of the study does, not from -180 to 180.
+        Whether cards show longitudes from 0 to 360 deg, as the file of the study does, or from -180 to 180 deg.
     target_name : str or None
-        Name of `target`, which is compared with that in the tracking data.
+        Name of `target`, compared with that in the tracking data.
     extensions : mapping of str to object
-        Records of tables that other packages add (:class:`~radioloc.study.StudyTable`), by the name of the table.
+        Records of tables of other packages (:class:`~radioloc.study.StudyTable`), by the name of the table.
+
+    Raises
+    ------
+    InputError
+        Fields contradict each other or have the wrong type.
     """
 
     target: LunarPosition | Trajectory | Orbiter = None  # type: ignore[assignment]  # of targets, then
@@ -406,13 +405,13 @@ class Study:
 
     @property
     def all_targets(self) -> Mapping[str, LunarPosition | Trajectory | Orbiter]:
-        """A-priori records of all targets by name; the name of the only one is empty."""
+        """A-priori records of all targets by name; the name of a single one is empty."""
         return self.targets or {"": self.target}
 
     @property
     def points(self) -> dict[str, LunarPosition]:
         """A-priori positions of the targets that are points on the Moon, by name."""
-        return {name: one for name, one in self.all_targets.items() if isinstance(one, LunarPosition)}
+        return {name: item for name, item in self.all_targets.items() if isinstance(item, LunarPosition)}
 
     @property
     def names_in_order(self) -> tuple[str, ...]:
@@ -424,7 +423,7 @@ class Study:
     @property
     def orbiters(self) -> dict[str, Orbiter]:
         """Targets whose orbits are determined, by name."""
-        return {name: one for name, one in self.all_targets.items() if isinstance(one, Orbiter)}
+        return {name: item for name, item in self.all_targets.items() if isinstance(item, Orbiter)}
 
     @property
     def orbiter(self) -> Orbiter | None:
@@ -433,18 +432,18 @@ class Study:
 
     @property
     def landers(self) -> tuple[str, ...]:
-        """Names of the targets that are, or come to rest, at a place on the Moon, in the order of an arc."""
-        return (*self.points, *(name for name, one in self.orbiters.items() if one.landing is not None))
+        """Names of the targets with a place on the Moon, landing orbiters included, in the order of an arc."""
+        return (*self.points, *(name for name, item in self.orbiters.items() if item.landing is not None))
 
     @property
     def lands(self) -> bool:
-        """Whether the first orbiter comes to rest on the Moon."""
+        """Return whether the first orbiter lands."""
         return self.orbiter is not None and self.orbiter.landing is not None
 
     @property
     def trajectories(self) -> dict[str, Trajectory]:
         """Known trajectories of targets, by name."""
-        return {name: one for name, one in self.all_targets.items() if isinstance(one, Trajectory)}
+        return {name: item for name, item in self.all_targets.items() if isinstance(item, Trajectory)}
 
     def __repr__(self) -> str:
         target = ", ".join(self.targets) if len(self.targets) > 1 else repr(self.target).strip("<>")
@@ -463,7 +462,7 @@ class Study:
             require_type(f"[targets.{name}]", target, LunarPosition, Trajectory, Orbiter)
             if canonical_target(name) in named:
                 raise InputError(
-                    f"[targets.{name}] is another name of {canonical_target(name)}, which is there"
+                    f"[targets.{name}]: expected different targets, got {canonical_target(name)} twice"
                 )
             named[canonical_target(name)] = target
         object.__setattr__(self, "targets", named)
@@ -477,27 +476,26 @@ class Study:
         elif first is not None and self.target is not first:
             raise InputError("give either [target] or [targets.NAME], not both")
         if len(named) > 1:
-            given = {
-                "[reference] is compared with": self.reference,
-                "[references] is compared with": self.references,
-                "simulation is of": self.simulation,
+            of_one_position = {
+                "[reference]": self.reference,
+                "[references]": self.references,
+                "simulation": self.simulation,
             }
-            for what in filter(given.get, given):
-                raise InputError(f"{what} one position, but [targets] gives several; leave it out")
+            for key in filter(of_one_position.get, of_one_position):
+                raise InputError(f"{key}: expected one position, but [targets] gives several; leave it out")
 
     def _require_states(self, choice: OrbitChoice) -> None:
-        """Refuse a choice of states where all targets land, whose parameters are the place and the velocity."""
-        of_state = choice.state_sigma_m, choice.state_sigma_m_s, choice.state_sigma or None
-        if all(one.landing is not None for one in self.orbiters.values()) and not (
-            choice.state and of_state == (None, None, None)
+        """Refuse keys of the state if all targets land: their parameters are place and velocity of the touchdown."""
+        sigmas = choice.state_sigma_m, choice.state_sigma_m_s, choice.state_sigma or None
+        if all(item.landing is not None for item in self.orbiters.values()) and not (
+            choice.state and sigmas == (None, None, None)
         ):
             raise InputError(
-                "[estimate.orbit] state and its sigmas belong to a target that does not land; what is estimated of "
-                "one that does is the place; leave them out"
+                "[estimate.orbit] state and its sigmas belong to a target that does not land; leave them out"
             )
 
     def _set_position_priors(self) -> None:
-        """Make positions on maps the a-priori positions of their targets."""
+        """Set the a-priori positions of targets from positions on maps."""
         places, estimate = self.observations.map_positions, self.estimate
         if not self.points or not (places or estimate.position_priors):
             return
@@ -524,8 +522,8 @@ class Study:
     def _require_considered(self) -> None:
         for key in self.suboptimal:
             if key not in PARAMETERS:
-                near = difflib.get_close_matches(key, PARAMETERS, n=1)
-                hint = f"; did you mean {near[0]!r}?" if near else ""
+                matches = difflib.get_close_matches(key, PARAMETERS, n=1)
+                hint = f"; did you mean {matches[0]!r}?" if matches else ""
                 raise InputError(
                     f"[consider] suboptimal: expected kinds of parameter ({', '.join(PARAMETERS)}), got {key!r}{hint}"
                 )
@@ -534,12 +532,12 @@ class Study:
             estimated = self.estimate.parameters.get(key)
             if estimated is None or estimated.names == "none" or isinstance(choice.names, str):
                 continue
-            both = self._canonical_names(choice)
+            common = self._canonical_names(choice)
             if estimated.names != "all":
-                both &= self._canonical_names(estimated)
-            if both:
+                common &= self._canonical_names(estimated)
+            if common:
                 raise InputError(
-                    f"[consider] {key}: {', '.join(sorted(both))} is in [estimate] {key}, too; a parameter is either "
+                    f"[consider] {key}: {', '.join(sorted(common))} is in [estimate] {key}, too; a parameter is either "
                     "estimated or considered"
                 )
 
@@ -549,19 +547,17 @@ class Study:
     def _require_process_noise(self) -> None:
         if len(self.orbiters) > 1:
             raise InputError(
-                f"[estimate.orbit] process_noise: expected one spacecraft, got {', '.join(self.orbiters)}; intervals "
-                "of the filter are counted from the epoch of one orbit: fit each in a study of its own"
+                f"[estimate.orbit] process_noise: expected one spacecraft, as intervals start at the epoch of its "
+                f"orbit, got {', '.join(self.orbiters)}; fit each in a study of its own"
             )
         if self.lands:
             raise InputError(
-                "[estimate.orbit] process_noise belongs to a target that does not land, as its axes along and across "
-                "vanish with the velocity at the touchdown; a descent has thrust in segments, "
-                "[[forces.accelerations]] every_s"
+                "[estimate.orbit] process_noise belongs to a target that does not land, as its axes need a velocity; "
+                "for a descent give thrust in segments, [[forces.accelerations]] every_s"
             )
         if self.observations.doppler_phase_sigma_m:
             raise InputError(
-                "[estimate.orbit] process_noise is for observations of independent noise; leave [observations] "
-                "doppler_phase_sigma_m out"
+                "[estimate.orbit] process_noise needs independent noise; leave [observations] doppler_phase_sigma_m out"
             )
 
     def _require_no_position(self) -> None:
@@ -570,17 +566,17 @@ class Study:
         trajectory = flying[0]
         if self.estimate.position != "none" and not lands:
             raise InputError(
-                f"[estimate] position: the target is a trajectory ({trajectory.name}), of which no position is "
-                'estimated; set position = "none"'
+                f'[estimate] position: expected "none" for a known trajectory ({trajectory.name}), got '
+                f'"{self.estimate.position}"'
             )
-        given = {
+        of_position = {
             "[estimate] ephemeris_sigma_m": any(self.estimate.ephemeris_sigma_m) and not lands,
             "[reference]": self.reference is not None and not lands,
             "[references]": bool(self.references) and not lands,
             "[simulation]": self.simulation is not None and self.orbiter is None,
             "[[observations.map_positions]]": bool(self.observations.map_positions),
         }
-        for key in filter(given.get, given):
+        for key in filter(of_position.get, of_position):
             raise InputError(
                 f"{key} belongs to a position on the Moon, but the target is a trajectory ({trajectory.name}); "
                 "leave it out"
@@ -588,15 +584,15 @@ class Study:
 
 
 def _require_sigmas(key: str, choice: ParameterChoice) -> None:
-    """Require the sigmas of considered parameters whose kind has none by itself."""
+    """Require the sigmas of consider parameters whose kind has no default."""
     kind = PARAMETERS[key]
     if choice.names == "none" and choice.value is not None:
-        raise InputError(f'[consider] {key} says whose is considered; give names or "all"')
+        raise InputError(f'[consider] {key} is missing; give names or "all"')
     stated = choice.sigma if isinstance(choice.sigma, Mapping) else {}
     listed = () if isinstance(choice.names, str) or not stated else choice.names
     missing = [name for name in listed if name not in stated]
     if kind.considered is None and (missing or (choice.sigma is None and choice.names != "none")):
         of_whom = f" of {', '.join(missing)}" if missing else ""
         raise InputError(
-            f"[consider] {kind.sigma_key}{of_whom} is missing; what is considered needs its sigma"
+            f"[consider] {kind.sigma_key}{of_whom} is missing; a consider parameter needs an a-priori sigma"
         )

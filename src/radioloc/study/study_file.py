@@ -1,4 +1,4 @@
-"""Reading a study from a TOML file: every mistake in it is one sentence naming the file, the table and the key."""
+"""Reader of study files; messages name the file, the table and the key."""
 
 from __future__ import annotations
 
@@ -65,10 +65,9 @@ from radioloc.study.uplinks import Uplink
 from radioloc.study.weights import Weight
 
 _MAX_PLATE_SPEED_M_YR = 1.0  # Plates move by up to 0.1 m a year; more is another unit
-_MAX_ALIAS_DISTANCE_KM = 10.0
-"""A station of the catalogue that a study calls by an alias and puts farther off is another one."""
+_MAX_ALIAS_DISTANCE_KM = 10.0  # Beyond, a station with an alias of the catalogue is a different one
 GEODETIC = ("longitude_deg", "latitude_deg", "height_m")  # Keys of a position above an ellipsoid
-_STATION_YEARS = (1900.0, 2100.0)  # An epoch outside is no Julian year but another count of days
+_STATION_YEARS = (1900.0, 2100.0)  # An epoch outside is a count of days
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,22 +88,22 @@ class Site:
 
     def __post_init__(self) -> None:
         check(self)
-        given = [name for name in GEODETIC if getattr(self, name) is not None]
-        if self.itrf_m is not None and given:
+        geodetic = [name for name in GEODETIC if getattr(self, name) is not None]
+        if self.itrf_m is not None and geodetic:
             raise InputError(f"itrf_m: give either itrf_m or {', '.join(GEODETIC)}, not both")
-        if given and len(given) < len(GEODETIC):
+        if geodetic and len(geodetic) < len(GEODETIC):
             raise InputError(
-                f"{given[0]}: a position above the ellipsoid is {', '.join(GEODETIC)}; give all three"
+                f"{geodetic[0]}: a position above the ellipsoid is {', '.join(GEODETIC)}; give all three"
             )
         if self.velocity_m_yr is not None and np.linalg.norm(self.velocity_m_yr) > _MAX_PLATE_SPEED_M_YR:
             raise InputError(
-                f"velocity_m_yr: no station moves like {self.velocity_m_yr}; give metres per year"
+                f"velocity_m_yr: expected at most {_MAX_PLATE_SPEED_M_YR:g} m per year, got {self.velocity_m_yr}"
             )
         if self.epoch is not None and not _STATION_YEARS[0] <= self.epoch <= _STATION_YEARS[1]:
             raise InputError(f"epoch: must be a Julian year such as 2010.0, not {self.epoch!r}")
 
     def position(self) -> dict[str, Any]:
-        """Return position, motion and frame as far as they are given, as fields of a station."""
+        """Return the stated position, motion and frame as fields of a station."""
         geodetic = {name: getattr(self, name) for name in GEODETIC} if self.latitude_deg is not None else {}
         motion = {"velocity_m_yr": self.velocity_m_yr, "epoch_year": self.epoch, "frame": self.frame}
         fields = {"itrf_m": self.itrf_m} | geodetic | motion
@@ -140,7 +139,7 @@ _TABLES_OF_A_STUDY = tuple(
 
 
 def _hints() -> Hints:
-    """Made when a study is read: the kinds of parameter of other packages have keys, too."""
+    """Return hints on misplaced keys, those of registered kinds of parameter included."""
     return Hints(
         {table: keys_of(TABLES[table]) for table in ("observations", "estimate", "model")},
         {
@@ -151,10 +150,10 @@ def _hints() -> Hints:
         }
         | {
             ("observations", "sigma_m"): (
-                "it is a table by type, such as { range = 1.0 }, for files that state no sigma; a sigma in place of "
-                "stated ones belongs to [[observations.weights]]"
+                "give a table by type, such as { range = 1.0 }, for files without sigmas; a sigma in place of stated "
+                "ones belongs to [[observations.weights]]"
             ),
-            ("simulation", "station_masks_deg"): "it is by station, such as { KASHI = 10.0 }",
+            ("simulation", "station_masks_deg"): "give a table by station, such as { KASHI = 10.0 }",
         },
     )
 
@@ -185,9 +184,9 @@ def read_study(path: str | Path) -> Study:
     top = TomlTable(path, "", content, _hints())
     extensions = _extensions(top)
     tables = {key: top.table(key) for key in _TABLES_OF_A_STUDY}
-    top.finish()  # before anything else, so that a misspelt table is not called missing
+    top.finish()  # First, so that a misspelt table is not reported as missing
 
-    def made(key: str, make: Callable[[TomlTable], Any]) -> Any:
+    def read_table(key: str, make: Callable[[TomlTable], Any]) -> Any:
         table = tables[key]
         return None if table is None else make(table)
 
@@ -198,21 +197,21 @@ def read_study(path: str | Path) -> Study:
         )
         raise InputError(f"{path}: [target] {problem}")
     simulated = tables["simulation"] is not None
-    observations = made("observations", partial(_observations, may_be_missing=simulated))
-    catalogue = made("stations", _catalogue) or StationCatalogue.default()
+    observations = read_table("observations", partial(_observations, may_be_missing=simulated))
+    catalogue = read_table("stations", _catalogue) or StationCatalogue.default()
     for site in () if observations is None else chain.from_iterable(map(read_sites, observations.sites)):
-        if site.name not in catalogue:  # the study itself says better where it is
+        if site.name not in catalogue:  # [stations.NAME] of the study takes precedence
             catalogue = catalogue.with_station(site)
-    forces = made("forces", read_forces)
+    forces = read_table("forces", read_forces)
     places = [content.get("target", {}), *content.get("targets", {}).values()]
     if forces is not None and not any("dynamics" in place for place in places):
         raise InputError(f'{path}: [forces] act on a target with dynamics = "moon"; leave them out')
-    model = made("model", partial(_model, catalogue=catalogue))
+    model = read_table("model", partial(_model, catalogue=catalogue))
     read = partial(read_target, forces=forces, model=model or ModelChoice())
-    targets = made("targets", lambda table: {name: read(item) for name, item in table.named().items()})
+    targets = read_table("targets", lambda table: {name: read(item) for name, item in table.named().items()})
     if targets == {}:
-        raise InputError(f"{path}: [targets] names none; give at least one [targets.NAME]")
-    target = made("target", read) or next(iter(targets.values()))
+        raise InputError(f"{path}: [targets] is empty; give at least one [targets.NAME]")
+    target = read_table("target", read) or next(iter(targets.values()))
     canonical = {canonical_target(name): place for name, place in (targets or {}).items()}
     read_simulation = partial(
         _simulation,
@@ -220,23 +219,23 @@ def read_study(path: str | Path) -> Study:
         forces=content.get("forces", {}),
         catalogue=catalogue,
     )
-    simulations = made("simulation", read_simulation) or {}
-    considered, defaults, suboptimal = made("consider", _considered) or ({}, True, ())
-    planned = made("covariance", lambda table: table.read(CovarianceChoice))
+    simulations = read_table("simulation", read_simulation) or {}
+    considered, defaults, suboptimal = read_table("consider", _considered) or ({}, True, ())
+    planned = read_table("covariance", lambda table: table.read(CovarianceChoice))
     return top.build(
         Study,
         target=target,
         target_name=content.get("target", {}).get("name"),
         targets=targets,
         observations=observations,
-        estimate=made("estimate", lambda table: table.read(EstimateChoice)),
+        estimate=read_table("estimate", lambda table: table.read(EstimateChoice)),
         consider=considered,
         consider_defaults=defaults,
         suboptimal=suboptimal,
         model=model,
         catalogue=catalogue,
-        reference=made("reference", reference_of),
-        references=tuple((made("references", named_positions) or {}).values()),
+        reference=read_table("reference", reference_of),
+        references=tuple((read_table("references", named_positions) or {}).values()),
         name=path.stem,
         path=file,
         candidates=None if planned is None else planned.candidates,
@@ -248,7 +247,7 @@ def read_study(path: str | Path) -> Study:
 
 
 def _extensions(top: TomlTable) -> list[tuple[TomlTable, type]]:
-    """Take the tables that other packages add, each with its record; refuse a study of another kind."""
+    """Take the tables of other packages, each with its record; refuse a study of another kind."""
     extensions = []
     for name, added in STUDY_TABLES.items():
         if added.run is not None and name in top:
@@ -261,7 +260,7 @@ def _extensions(top: TomlTable) -> list[tuple[TomlTable, type]]:
 
 
 def as_study(study: Study | str | Path) -> Study:
-    """Return a study as it is, or read that of a file."""
+    """Return the study, read from a file if a path is given."""
     if isinstance(study, (str, Path)):
         return read_study(study)
     require_type("study", study, Study, str, Path)
@@ -269,12 +268,12 @@ def as_study(study: Study | str | Path) -> Study:
 
 
 def _considered(table: TomlTable) -> tuple[dict[str, ParameterChoice], bool, tuple[str, ...]]:
-    """Read choices by kind, whether kinds have defaults, and the kinds that stay out of the weights."""
+    """Read choices by kind, whether other kinds have defaults, and the kinds that the weights neglect."""
     defaults, suboptimal = table.get("defaults", bool), table.get("suboptimal", tuple[str, ...])
-    given = {key: value for key in PARAMETER_KEYS if (value := table.take(key)) is not None}
-    found = table.build(considered_choices, settings=given)
+    settings = {key: value for key in PARAMETER_KEYS if (value := table.take(key)) is not None}
+    choices = table.build(considered_choices, settings=settings)
     table.finish()
-    return found, defaults is not False, suboptimal or ()
+    return choices, defaults is not False, suboptimal or ()
 
 
 def _simulation(
@@ -337,35 +336,36 @@ def _model(table: TomlTable, catalogue: StationCatalogue) -> ModelChoice:
 
 
 def _catalogue(table: TomlTable) -> StationCatalogue:
-    """Return the shipped catalogue with the stations of the study added, or in place of those of the same name."""
+    """Return the shipped catalogue with the stations of the study, which replace those of the same name."""
     catalogue = StationCatalogue.default()
-    for name, given in table.named().items():
-        known = catalogue.get(name) if name in catalogue else None
-        station = _station(name, given, known)
-        if known is not None and name not in StationCatalogue([replace(known, aliases=())]):
-            moved_km = 1e-3 * float(np.linalg.norm(station.itrf_m - known.itrf_m))
-            if moved_km > _MAX_ALIAS_DISTANCE_KM:
-                problem = f"is also called {name}, and stands {moved_km:.0f} km from here; take another name"
-                given.fail(name, f"{known.name} of the catalogue {problem}")
-        catalogue = given.build(catalogue.with_station, station=station)
+    for name, site in table.named().items():
+        catalogued = catalogue.get(name) if name in catalogue else None
+        station = _station(name, site, catalogued)
+        if catalogued is not None and name not in StationCatalogue([replace(catalogued, aliases=())]):
+            distance_km = 1e-3 * float(np.linalg.norm(station.itrf_m - catalogued.itrf_m))
+            if distance_km > _MAX_ALIAS_DISTANCE_KM:
+                problem = (
+                    f"is also called {name}, and stands {distance_km:.0f} km from here; take another name"
+                )
+                site.fail(name, f"{catalogued.name} of the catalogue {problem}")
+        catalogue = site.build(catalogue.with_station, station=station)
     return catalogue
 
 
-def _station(name: str, table: TomlTable, known: Station | None) -> Station:
-    """Read a station: a new one, or a change of one of the catalogue."""
+def _station(name: str, table: TomlTable, catalogued: Station | None) -> Station:
+    """Read a new station, or changes of one of the catalogue."""
     site = table.read(Site)
     position = site.position()
-    if (position or known is None) and not {"itrf_m", *GEODETIC} & {*position}:
+    if (position or catalogued is None) and not {"itrf_m", *GEODETIC} & {*position}:
         table.fail(
             "itrf_m", f"is missing; give the station's ITRF x, y, z in metres, or {', '.join(GEODETIC)}"
         )
     fields: dict[str, Any] = {"name": name, "kind": "ttc", "aliases": ()}
-    if known is not None:
-        # Data name stations by codes and pads; those, the antenna's axes and the loading of the site stay with a
-        # station that only gets another position.
-        of_position = ("itrf_m", "velocity_m_yr", "frame", "sigma_m") if position else ()
-        names = (f.name for f in dataclasses.fields(Station) if f.name not in of_position)
-        fields = {name: getattr(known, name) for name in names}
+    if catalogued is not None:
+        # Codes in data, the axes of the antenna and the loading of the site do not depend on the position.
+        replaced = ("itrf_m", "velocity_m_yr", "frame", "sigma_m") if position else ()
+        names = (f.name for f in dataclasses.fields(Station) if f.name not in replaced)
+        fields = {name: getattr(catalogued, name) for name in names}
     if position:
         fields |= {"epoch_year": 2000.0, "quality": "survey", "source": "study file"} | position
     stated = {key: getattr(site, key) for key in ("mount", "axis_offset_m", "sigma_m")}

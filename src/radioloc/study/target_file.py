@@ -1,4 +1,4 @@
-"""Reading the tables of a study file that say where something is: places on the Moon, trajectories, orbiters."""
+"""Readers of the tables of a study file for targets: places on the Moon, trajectories, orbiters."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from radioloc.study.schema import TomlTable, check, entry, keys_of
 from radioloc.study.study import ModelChoice, Reference
 from radioloc.time import epochs_from_strings
 
-_OF_THE_FIT = ("empirical", "gravity_errors", "gravity_error_degree")
-"""Keys of the forces that the true ones have not."""
+_FIT_KEYS = ("empirical", "gravity_errors", "gravity_error_degree")
+"""Keys of ``[forces]`` that ``[simulation.forces]`` lacks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Target(Place):
-    """Keys of ``[target]``: in place of a position it may be a trajectory, or the state of an orbiter."""
+    """Keys of ``[target]``: a position, a trajectory, or the state of an orbiter."""
 
     trajectory: Path | None = None
     body: int | None = entry(None, advice="it is a NAIF code, such as -85")
@@ -63,7 +63,7 @@ class Target(Place):
 
 @dataclass(frozen=True, slots=True)
 class LandingKeys(Place):
-    """Keys of ``[target.landing]``: when an orbiter comes to rest on the Moon (TDB), and where a priori."""
+    """Keys of ``[target.landing]``: epoch (TDB) and a-priori place of the touchdown."""
 
     epoch: str | None = None
 
@@ -71,7 +71,7 @@ class LandingKeys(Place):
 def read_target(
     table: TomlTable, forces: tuple[ForcesChoice, Forces] | None, model: ModelChoice
 ) -> LunarPosition | Trajectory | Orbiter:
-    """A position, a trajectory, or an orbiter on which forces act."""
+    """Read a position, a trajectory, or an orbiter."""
     if "dynamics" in table:
         return _orbiter(table, forces, model)
     if "trajectory" not in table and "body" not in table:
@@ -79,72 +79,72 @@ def read_target(
     for key in keys_of(Place):
         if key != "name" and key in table:
             table.fail(key, "give either a position or a trajectory with its body, not both")
-    given = table.read(Target)
-    if given.trajectory is None or given.body is None:
+    keys = table.read(Target)
+    if keys.trajectory is None or keys.body is None:
         table.fail(
-            "trajectory" if given.trajectory is None else "body",
+            "trajectory" if keys.trajectory is None else "body",
             "is missing; a trajectory is the name of an SPK file and the NAIF code of the body in it, such as -85",
         )
-    return table.build(Trajectory.open, path=given.trajectory, body=given.body)
+    return table.build(Trajectory.open, path=keys.trajectory, body=keys.body)
 
 
 def read_forces(table: TomlTable) -> tuple[ForcesChoice, Forces]:
-    """What a study says of the forces, and these."""
+    """Read ``[forces]``, and return its record and the forces."""
     choice = table.read(ForcesChoice)
     return choice, table.build(choice.forces)
 
 
 _CARTESIAN = ("position_m", "velocity_m_s")
-_ROUGH = ("altitude_m", "inclination_deg", "node_deg")
+_ROUGH_ORBIT = ("altitude_m", "inclination_deg", "node_deg")
 
 
 def _orbiter(table: TomlTable, acting: tuple[ForcesChoice, Forces] | None, model: ModelChoice) -> Orbiter:
     choice, forces = acting or (default := ForcesChoice(), default.forces())
     ending = table.table("landing")
-    given = table.read(Target)
-    # The first of a kind says which one it is: what else it needs, and may have.
+    state_keys = table.read(Target)
+    # Needed and possible keys of each kind of state, by the key that identifies the kind.
     kinds: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-        "altitude_m": (_ROUGH[:1], _ROUGH),
+        "altitude_m": (_ROUGH_ORBIT[:1], _ROUGH_ORBIT),
         "ex": (EQUINOCTIAL, (*EQUINOCTIAL, "axes")),
         "semi_major_axis_m": (KEPLERIAN, (*KEPLERIAN, "axes")),
         "position_m": (_CARTESIAN, _CARTESIAN),
     }
-    kind = next((one for one in kinds if getattr(given, one) is not None), "position_m")
+    kind = next((key for key in kinds if getattr(state_keys, key) is not None), "position_m")
     needed, possible = kinds[kind]
     for key in ("epoch", *needed):
-        if getattr(given, key) is None:
+        if getattr(state_keys, key) is None:
             table.fail(
                 key,
-                "is missing; an orbiter has epoch (TDB), and position_m and velocity_m_s (Moon-centred ICRF), six "
-                "elements, or a rough altitude_m",
+                "is missing; an orbiter needs epoch (TDB), and position_m and velocity_m_s (Moon-centred ICRF), six "
+                "elements, or altitude_m",
             )
-    if str(given.epoch).strip().upper().endswith("Z"):
+    if str(state_keys.epoch).strip().upper().endswith("Z"):
         table.fail("epoch", "is TDB, 64 to 69 s ahead of UTC since 1999: convert it, and leave the Z out")
     for key in dict.fromkeys(key for _, keys in kinds.values() for key in keys):
-        if key not in possible and getattr(given, key) is not None:
+        if key not in possible and getattr(state_keys, key) is not None:
             table.fail(
                 key,
-                "give one of position_m and velocity_m_s, six elements, or altitude_m and what is known of the plane",
+                "give either position_m and velocity_m_s, six elements, or altitude_m (with inclination_deg, node_deg)",
             )
     for key in ("longitude_deg", "latitude_deg", "height_m", "trajectory"):
-        if getattr(given, key) is not None:
-            table.fail(key, "belongs to another kind of target than an orbiter; leave it out")
+        if getattr(state_keys, key) is not None:
+            table.fail(key, "belongs to a target without dynamics; leave it out")
     fields: dict[str, Any] = {
-        "epoch": epochs_from_strings(str(given.epoch), "TDB"),
+        "epoch": epochs_from_strings(str(state_keys.epoch), "TDB"),
         "forces": forces,
-        "name": given.name,
-        "body": given.body,
+        "name": state_keys.name,
+        "body": state_keys.body,
         "gravity_errors": choice.gravity_errors,
         "gravity_error_degree": choice.gravity_error_degree,
         "landing": None if ending is None else _landing(ending),
     }
-    values = {key: getattr(given, key) for key in possible}
+    values = {key: getattr(state_keys, key) for key in possible}
     if kind in ("ex", "semi_major_axis_m"):
         return table.build(
             partial(Orbiter.from_elements, ephemeris=model.ephemeris, libration=model.libration),
             elements=[values[key] for key in needed],
             form="equinoctial" if kind == "ex" else "keplerian",
-            axes=given.axes,
+            axes=state_keys.axes,
             **fields,
         )
     if kind == "altitude_m":
@@ -154,43 +154,43 @@ def _orbiter(table: TomlTable, acting: tuple[ForcesChoice, Forces] | None, model
 
 
 def _landing(table: TomlTable) -> Landing:
-    given = table.read(LandingKeys)
-    if given.epoch is None:
-        table.fail("epoch", "is missing; it is when the target comes to rest on the Moon, TDB")
-    placed = any(getattr(given, key) is not None for key in ("position_m", "longitude_deg", "latitude_deg"))
-    place = position_of(table, given) if placed else None
-    return table.build(Landing, epoch=epochs_from_strings(str(given.epoch), "TDB"), place=place)
+    keys = table.read(LandingKeys)
+    if keys.epoch is None:
+        table.fail("epoch", "is missing; give the touchdown, TDB")
+    has_place = any(getattr(keys, key) is not None for key in ("position_m", "longitude_deg", "latitude_deg"))
+    place = position_of(table, keys) if has_place else None
+    return table.build(Landing, epoch=epochs_from_strings(str(keys.epoch), "TDB"), place=place)
 
 
 def named_positions(table: TomlTable) -> dict[str, Reference]:
-    """Positions that are each a table, by name."""
+    """Read tables of positions by name."""
     return {name: reference_of(entry, name) for name, entry in table.named().items()}
 
 
-def references_of(one: TomlTable | None, more: TomlTable | None) -> tuple[Reference, ...]:
-    """The known positions of ``[reference]`` and ``[references]``, in this order."""
-    first = () if one is None else (reference_of(one),)
-    return (*first, *(() if more is None else named_positions(more).values()))
+def references_of(reference: TomlTable | None, references: TomlTable | None) -> tuple[Reference, ...]:
+    """Read the known positions of ``[reference]`` and ``[references]``, in this order."""
+    first = () if reference is None else (reference_of(reference),)
+    return (*first, *(() if references is None else named_positions(references).values()))
 
 
 def reference_of(table: TomlTable, name: str = "reference") -> Reference:
-    """A known position; what its table calls it, or else the name."""
+    """Read a known position with its name, by default that of its table."""
     place = table.read(Place)
     return Reference(position_of(table, place), place.name or name)
 
 
 def position_of(table: TomlTable, place: Place) -> LunarPosition:
-    """The position that the keys of a table give."""
+    """Return the position from the keys of a table."""
     geographic = {key: getattr(place, key) for key in ("longitude_deg", "latitude_deg", "height_m")}
-    given = [key for key, value in geographic.items() if value is not None]
+    present = [key for key, value in geographic.items() if value is not None]
     if place.position_m is not None:
-        if given:
+        if present:
             table.fail(
                 "position_m",
-                f"give either position_m or longitude and latitude, not both ({', '.join(given)})",
+                f"give either position_m or longitude and latitude, not both ({', '.join(present)})",
             )
         return table.build(LunarPosition.from_cartesian, xyz_m=place.position_m, frame=place.frame)
-    missing = [key for key in geographic if key not in given]
+    missing = [key for key in geographic if key not in present]
     if missing:
         table.fail(
             missing[0], "is missing; a position is longitude_deg, latitude_deg and height_m, or position_m"
@@ -201,7 +201,7 @@ def position_of(table: TomlTable, place: Place) -> LunarPosition:
 def true_orbiter(
     target: Orbiter, state: TomlTable | None, acting: TomlTable | None, forces: Mapping[str, Any]
 ) -> Orbiter:
-    """The a-priori orbiter, but for what the simulation gives; of the forces each key by itself."""
+    """Return the a-priori orbiter with the state, and each key of the forces, that the simulation gives."""
     changes: dict[str, Any] = {}
     if state is not None:
         changes = {key: state.get(key, tuple[float, float, float]) for key in _CARTESIAN}
@@ -209,8 +209,8 @@ def true_orbiter(
     if None not in (changes.get("position_m"), changes.get("velocity_m_s")):
         target = replace(target, **changes, rough=None)
     if acting is not None:
-        for key in _OF_THE_FIT:
+        for key in _FIT_KEYS:
             if key in acting:
-                acting.fail(key, "is of the fit, not of the world; it belongs to [forces]")
-        changes["forces"] = read_forces(acting.completed(forces))[1]
+                acting.fail(key, "belongs to the fit, [forces]; leave it out")
+        changes["forces"] = read_forces(acting.with_defaults(forces))[1]
     return replace(target, **{key: value for key, value in changes.items() if value is not None})

@@ -1,6 +1,6 @@
-"""Transmitters of passes that another station received, and turnaround ratios of the target's answer.
+"""Transmitters and turnaround ratios of received passes, which files of listeners do not record.
 
-Files of listeners do not record it. `radioloc search` finds it among candidates, pass by pass.
+`radioloc search` finds them among candidates, pass by pass.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError, error_context
-from radioloc.measurements.link import Link, canonical_target
+from radioloc.measurements.link import canonical_target
 from radioloc.measurements.observations import DOPPLER, Observations
 from radioloc.study.schema import check, entry
 from radioloc.time import Epochs, utc_to_tai
@@ -63,10 +63,12 @@ class Uplink:
             for link in observations.links
         ]
         tai = utc_to_tai(observations.epoch)
-        after_s, beyond_s = (tai.seconds_since(utc_to_tai(moment)) for moment in (self.start, self.stop))
-        inside = (after_s >= -_TAG_TOLERANCE_S) & (beyond_s <= _TAG_TOLERANCE_S)
+        since_start_s, since_stop_s = (
+            tai.seconds_since(utc_to_tai(moment)) for moment in (self.start, self.stop)
+        )
+        in_pass = (since_start_s >= -_TAG_TOLERANCE_S) & (since_stop_s <= _TAG_TOLERANCE_S)
         return np.flatnonzero(
-            inside & (observations.kind == DOPPLER) & np.array(received, dtype=bool)[observations.link]
+            in_pass & (observations.kind == DOPPLER) & np.array(received, dtype=bool)[observations.link]
         )
 
 
@@ -93,21 +95,21 @@ def with_uplinks(
 
 
 def with_transmitter(observations: Observations, rows: NDArray[np.intp], station: str) -> Observations:
-    """Return observations whose given rows have another transmitter; one-way and differenced links stay."""
+    """Return observations with another transmitter in some rows; one-way and differenced links stay."""
     links = {link: k for k, link in enumerate(observations.links)}
-    sent = [links.setdefault(_sent(link, station), len(links)) for link in observations.links]
+    new_links = (
+        replace(link, transmitter=station) if link.transmitter and not link.differenced else link
+        for link in observations.links
+    )
+    numbers = [links.setdefault(link, len(links)) for link in new_links]
     column = observations.link.copy()
-    column[rows] = np.array(sent, dtype=column.dtype)[column[rows]]
+    column[rows] = np.array(numbers, dtype=column.dtype)[column[rows]]
     column.flags.writeable = False
     return replace(observations, links=tuple(links), link=column)
 
 
-def _sent(link: Link, station: str) -> Link:
-    return replace(link, transmitter=station) if link.transmitter and not link.differenced else link
-
-
 def with_turnaround(observations: Observations, rows: NDArray[np.intp], ratio: float | None) -> Floats:
-    """Return the values of some rows for another turnaround ratio, m: the received frequency stays as it is."""
+    """Return the values of some rows for another turnaround ratio and the same received frequency, m."""
     value_m = observations.value_m[rows]
     if ratio is None:
         return value_m
@@ -115,6 +117,6 @@ def with_turnaround(observations: Observations, rows: NDArray[np.intp], ratio: f
         raise InputError(
             "turnaround: expected observations with frequencies up and down, got some without; leave it out"
         )
-    whole_m = C_M_S * observations.count_s[rows]
+    count_m = C_M_S * observations.count_s[rows]
     recorded = C_M_S / (1e-6 * observations.wavelength_um[rows] * observations.uplink_hz[rows])
-    return np.asarray(whole_m - recorded / ratio * (whole_m - value_m))
+    return np.asarray(count_m - recorded / ratio * (count_m - value_m))

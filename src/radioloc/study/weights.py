@@ -1,4 +1,4 @@
-"""Sigmas of a study's observations, changed by type, station and file where an analyst knows better than the files."""
+"""Changes of the sigmas of observations by type, station and file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.registry import KINDS
 from radioloc.study.schema import check, entry
 
-_OF_CHOSEN = (
+_WEIGHT_ADVICE = (
     "it is of the observations that type, stations and files choose; sigmas by type, of files that state none, belong "
     "to [observations] sigma_m"
 )
@@ -25,7 +25,7 @@ _OF_CHOSEN = (
 
 @dataclass(frozen=True, slots=True)
 class Weight:
-    """A change of the sigmas of some observations, those that all selectors hold for.
+    """Change of the sigmas of the observations that all selectors apply to.
 
     Parameters
     ----------
@@ -52,14 +52,14 @@ class Weight:
     type: tuple[str, ...] | None = entry(None, names=True, choices=KINDS)
     stations: tuple[str, ...] | None = entry(None, names=True)
     files: tuple[str, ...] | None = entry(None, names=True)
-    sigma_m: float | None = entry(None, positive=True, advice=_OF_CHOSEN)
-    factor: float | None = entry(None, positive=True, advice=_OF_CHOSEN)
-    extra_sigma_m: float | None = entry(None, positive=True, advice=_OF_CHOSEN)
+    sigma_m: float | None = entry(None, positive=True, advice=_WEIGHT_ADVICE)
+    factor: float | None = entry(None, positive=True, advice=_WEIGHT_ADVICE)
+    extra_sigma_m: float | None = entry(None, positive=True, advice=_WEIGHT_ADVICE)
 
     def __post_init__(self) -> None:
         check(self)
         if self.sigma_m is None and self.factor is None and self.extra_sigma_m is None:
-            raise InputError("changes nothing; give sigma_m, factor or extra_sigma_m")
+            raise InputError("expected sigma_m, factor or extra_sigma_m, got none")
 
     def __str__(self) -> str:
         chosen = [" or ".join(names) for names in (self.type, self.stations, self.files) if names is not None]
@@ -82,18 +82,18 @@ class Weight:
 def weighted_observations(
     observations: Observations, weights: Iterable[Weight], catalogue: StationCatalogue
 ) -> Observations:
-    """Observations with changed sigmas; each weight, in order, changes what those before it have made."""
+    """Return observations with changed sigmas; weights are applied in order."""
     weights = tuple(weights)
     if not weights:
         return observations
     sigma_m = observations.sigma_m.copy()
     for number, weight in enumerate(weights, start=1):
-        where = f"[[observations.weights]] number {number} ({weight})"
-        with error_context(f"{where}:"):
+        name = f"[[observations.weights]] number {number} ({weight})"
+        with error_context(f"{name}:"):
             rows = _rows(observations, weight, catalogue)
         if not rows.any():
             raise InputError(
-                f"{where} holds for no observation; the observations are of {_present(observations)}"
+                f"{name} applies to no observation; the observations are of {_present(observations)}"
             )
         if weight.sigma_m is not None:
             sigma_m[rows] = weight.sigma_m
@@ -103,20 +103,20 @@ def weighted_observations(
             if weight.extra_sigma_m is not None:
                 sigma_m[rows] = np.hypot(sigma_m[rows], weight.extra_sigma_m)
         if not (np.isfinite(sigma_m) & (sigma_m > 0.0)).all():
-            raise InputError(f"{where} makes a sigma that no float can hold")
+            raise InputError(f"{name} makes a sigma that is zero or not finite")
     sigma_m.flags.writeable = False
     return replace(observations, sigma_m=sigma_m)
 
 
 def rows_by_station(observations: Observations, catalogue: StationCatalogue) -> dict[str, NDArray[np.bool_]]:
-    """Masks of the observations that each station has part in, by its name."""
+    """Return masks of the observations of each station, by its name."""
     ends = ends_of(observations.links, catalogue)
     names = sorted(set().union(*(ends[k] for k in np.unique(observations.link))))
     return {name: np.array([name in of for of in ends])[observations.link] for name in names}
 
 
 def ends_of(links: Iterable[Link], catalogue: StationCatalogue) -> list[set[str]]:
-    """The stations of each link by their names in the catalogue; those that it does not know by their own."""
+    """Return the stations of each link by their names in the catalogue, or as they are if it lacks them."""
     return [
         {catalogue.get(name).name if name in catalogue else name for name in link.stations} for link in links
     ]
@@ -125,12 +125,12 @@ def ends_of(links: Iterable[Link], catalogue: StationCatalogue) -> list[set[str]
 def require_stations(
     observations: Observations, key: str, names: Iterable[str], catalogue: StationCatalogue
 ) -> None:
-    """Raise :class:`InputError` where a station that a key gives a noise is unknown or in no observation."""
+    """Require that each station with a noise is in the catalogue and in an observation."""
     present = set().union(*ends_of(_links(observations), catalogue))
     for name in names:
         with error_context(f"[observations] {key}:"):
-            known = catalogue.get(name).name
-        if known not in present:
+            station = catalogue.get(name).name
+        if station not in present:
             raise InputError(
                 f"[observations] {key}: no observation by {name}; the observations are of {_present(observations)}"
             )

@@ -162,8 +162,8 @@ TARGET = '[target]\nname = "GRAIL-B"\ndynamics = "moon"\nepoch = "2012-04-09T04:
         ("altitude_m = -3.0", r"\[target\] altitude_m must be above 0"),
         ("altitude_m = 55e3\ninclination_deg = 188.8", "inclination_deg must be from 0 to 180"),
         ("altitude_m = 55e3\nnode_deg = 900.0", "node_deg must be from -360 to 360"),
-        ("altitude_m = 55e3\nposition_m = [1.0, 2.0, 3.0]", "position_m: give one of position_m and"),
-        ("inclination_deg = 88.8", "position_m: is missing; an orbiter has epoch"),
+        ("altitude_m = 55e3\nposition_m = [1.0, 2.0, 3.0]", "position_m: give either position_m and"),
+        ("inclination_deg = 88.8", "position_m: is missing; an orbiter needs epoch"),
     ],
 )
 def test_what_is_rough_is_given_in_place_of_the_state(tmp_path, keys, message):

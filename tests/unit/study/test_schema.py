@@ -116,7 +116,7 @@ def test_table_must_be_one(value):
         ({"n": 0}, "[record] n must be above zero, not 0.0"),
         ({"n": [1, 2]}, "[record] n: must be a number, not [1, 2]; what is in twos belongs to [other] m"),
         ({"t": "z"}, '[record] t must be one of "x", "y", not \'z\''),
-        ({"many": []}, "[record] many names none"),
+        ({"many": []}, "[record] many is empty"),
         ({"by_name": {"K": -1}}, "[record] by_name.K must not be negative, not -1.0"),
         ({"by_name": {"K": "a"}}, "[record] by_name.K: must be a number"),
         ({"inner": {}}, "[record.inner] a: is missing"),

@@ -347,6 +347,7 @@ def test_toml_is_a_study_or_part_of_one(page, workspace):
             continue
         assert set(content) <= {
             "target",
+            "targets",
             "observations",
             "estimate",
             "consider",

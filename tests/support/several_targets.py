@@ -33,9 +33,10 @@ SIGMA_M = {RANGE: 1.0, DOPPLER: 0.01}
 
 @dataclass(frozen=True)
 class Scene:
-    """Targets by name as studies have them a priori, and error-free observations of all of them."""
+    """Targets by name as studies have them a priori, their truth, and observations of all of them."""
 
     targets: dict
+    true: dict  # as scenarios have them
     observations: Observations
 
     def study(self, *names, **more) -> Study:
@@ -58,7 +59,7 @@ def scene(folder: Path) -> Scene:
     def craft(name, state):
         return Orbiter(epoch, tuple(state[:3]), tuple(state[3:]), forces, name, gravity_errors=0)
 
-    true = {"craft": craft("craft", STATE), "other": craft("other", turned)}
+    flying = {"craft": craft("craft", STATE), "other": craft("other", turned)}
     n, names = len(SECONDS), ("lander", "rover", "craft", "other", "known", "descent")
     cases = [(kind, station, name) for name in names for kind in (RANGE, DOPPLER) for station in STATIONS]
     kind = np.repeat([case[0] for case in cases], n)
@@ -74,11 +75,12 @@ def scene(folder: Path) -> Scene:
         wavelength_um=3.6e4,
     )
     model = PhysicalModel.build()
-    orbits = {name: one.orbit(model, table, ()) for name, one in true.items()}
+    orbits = {name: one.orbit(model, table, ()) for name, one in flying.items()}
     write_orbit_spk(folder / "known.bsp", orbits["craft"].integrate(), body=BODY)
     known = Trajectory.open(folder / "known.bsp", BODY)
-    landing = study.simulation.flight.orbit_over(model, table.span(), 60.0)
-    motions = (LANDER, ROVER, orbits["craft"], orbits["other"], known, landing)
+    landing = study.simulation.flight
+    true = {"lander": LANDER, "rover": ROVER, **flying, "known": known, "descent": landing}
+    motions = (LANDER, ROVER, *orbits.values(), known, landing.orbit_over(model, table.span(), 60.0))
     computed = ExactPredictor(model, table, motions, targets=names).compute()
     targets = {
         "lander": LunarPosition.from_selenographic(-51.88, 43.04, -2450.0, "ME_DE421"),
@@ -90,4 +92,4 @@ def scene(folder: Path) -> Scene:
     }
     noise_m = table.sigma_m * np.random.default_rng(3).normal(size=len(table))
     observed = replace(table, value_m=computed.value_m + noise_m)
-    return Scene(targets, observed.select(computed.usable))
+    return Scene(targets, true, observed.select(computed.usable))

@@ -45,7 +45,8 @@ def targets_of(study: Study, arc: Predictor, choice: EstimateChoice) -> list[Tar
             targets.append(KnownTrajectory(name * (len(study.trajectories) > 1), motion.trajectory))  # type: ignore[arg-type]
             continue
         place_name = name if len(study.landers) > 1 else ""
-        target = _flying(orbiter, orbit, arc.model, choice, place_name)  # type: ignore[arg-type]
+        prior = _prior(choice, name)
+        target = _flying(orbiter, orbit, arc.model, choice, place_name, prior)  # type: ignore[arg-type]
         targets.append(_named(target, name, several=len(study.orbiters) > 1))
     return targets
 
@@ -69,11 +70,11 @@ def surface_points(
     several: bool = False,
 ) -> list[SurfacePoint]:
     """Return the points of a-priori positions by name, with parameters that have their names if there are several."""
+    priors = [_prior(choice, name) for name in places_pa]
     parameters = [
-        _place(model, place.xyz_m, choice, f"position.{name}" if several else "position")
-        for name, place in places_pa.items()
+        _place(model, place.xyz_m, choice, prior, f"position.{name}" if several else "position")
+        for (name, place), prior in zip(places_pa.items(), priors, strict=True)
     ]
-    priors = [_prior(choice, name if several else "") for name in places_pa]
     made = with_position_priors(parameters, priors, model.ephemeris.constants)
     return [
         SurfacePoint(name, *made[k], preceding=3 * k, apriori_pa_m=place.xyz_m)
@@ -82,7 +83,12 @@ def surface_points(
 
 
 def _flying(
-    orbiter: Orbiter, orbit: AdjustableOrbit, model: PhysicalModel, choice: EstimateChoice, place_name: str
+    orbiter: Orbiter,
+    orbit: AdjustableOrbit,
+    model: PhysicalModel,
+    choice: EstimateChoice,
+    place_name: str,
+    prior: PositionPrior | None,
 ) -> TargetOrbit | Descent:
     """Return the target on an orbit, or one that ends on the ground, whose place has a name beside other places."""
     given, estimated = choice.orbit or OrbitChoice(), choice.orbit is not None
@@ -95,7 +101,9 @@ def _flying(
     start_pa_m = ground.place_pa_m(orbit.state)
     if place is not None and estimated:
         start_pa_m = position_in_pa("[target.landing]", place, model.ephemeris.constants).xyz_m
-    position = _place(model, start_pa_m, choice, f"position.{place_name}" if place_name else "position")
+    parameter_name = f"position.{place_name}" if place_name else "position"
+    place_parameters = _place(model, start_pa_m, choice, prior, parameter_name)
+    [position] = with_position_priors([place_parameters], [prior], model.ephemeris.constants)
     parameters = orbit_parameters(orbit, given.sigmas(orbit.forces), estimated=True)[0]
     forces = [item for item in parameters if item.kind == "force"]
     of_touchdown, axes = touchdown_parameters(ground, position, forces, given.touchdown_sigma_m_s)
@@ -111,13 +119,16 @@ def _prior(choice: EstimateChoice, target: str) -> PositionPrior | None:
 
 
 def _place(
-    model: PhysicalModel, start_pa_m: NDArray[np.float64], choice: EstimateChoice, name: str = "position"
+    model: PhysicalModel,
+    start_pa_m: NDArray[np.float64],
+    choice: EstimateChoice,
+    prior: PositionPrior | None,
+    name: str,
 ) -> PositionParameters:
     if choice.position != "geographic":
         role = Role.FIXED if choice.position == "none" else Role.ESTIMATED
         return cartesian(start_pa_m, role=role, name=name)
     height, constants = choice.height_prior, model.ephemeris.constants
-    prior = _prior(choice, name.partition(".")[2])
     if prior is not None:
         start_pa_m = prior.mean.to_axes("PA", constants).xyz_m
     if isinstance(height, TerrainPrior):
@@ -135,6 +146,8 @@ def targets_in_pa(study: Study, model: PhysicalModel) -> dict[str, LunarPosition
         for name, position in study.points.items()
     }
     for prior in study.estimate.position_priors:
+        if prior.target not in places:  # the place of a descent
+            continue
         places[prior.target] = position_in_pa("[[observations.map_positions]]", prior.mean, constants)
     return places
 

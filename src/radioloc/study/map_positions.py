@@ -161,9 +161,11 @@ def position_priors(places: Sequence[PlaceOnMap], targets: Sequence[str]) -> tup
 
 
 def _target(place: PlaceOnMap, targets: Sequence[str]) -> str:
-    """Return the canonical name of the target where there are several."""
-    if not targets or place.known is not None:
+    """Return the name of a target in the study; empty of known places, and of the only target without a name."""
+    if tuple(targets) == ("",) or place.known is not None:
         return ""
+    if place.target is None and len(targets) == 1:
+        return targets[0]
     name = canonical_target(place.target or "")
     if name not in targets:
         raise InputError(

@@ -497,7 +497,7 @@ class Study:
     def _set_position_priors(self) -> None:
         """Set the a-priori positions of targets from positions on maps."""
         places, estimate = self.observations.map_positions, self.estimate
-        if not self.points or not (places or estimate.position_priors):
+        if not self.landers or not (places or estimate.position_priors):
             return
         height = estimate.height_prior
         with error_context("[[observations.map_positions]]"):
@@ -506,7 +506,13 @@ class Study:
                     f'expected [estimate] position = "geographic", got "{estimate.position}"; a position on a map is '
                     "the a-priori position of the geographic parameters"
                 )
-            priors = position_priors(places, tuple(filter(None, self.points)))
+            priors = position_priors(places, self.landers)
+            for prior in priors:
+                if prior.target in self.orbiters and prior.cross_enu_m2:
+                    raise InputError(
+                        f"target: expected {prior.target} on a map of its own, got one that it shares with "
+                        f"{', '.join(prior.cross_enu_m2)}; a descent has no parameters in common with other targets"
+                    )
             if isinstance(height, TerrainPrior) and any(prior.has_height for prior in priors):
                 raise InputError(
                     "the position on the map has a height with a sigma, and [estimate] height_prior is a terrain "
@@ -573,8 +579,7 @@ class Study:
             "[estimate] ephemeris_sigma_m": any(self.estimate.ephemeris_sigma_m) and not lands,
             "[reference]": self.reference is not None and not lands,
             "[references]": bool(self.references) and not lands,
-            "[simulation]": self.simulation is not None and self.orbiter is None,
-            "[[observations.map_positions]]": bool(self.observations.map_positions),
+            "[[observations.map_positions]]": bool(self.observations.map_positions) and not lands,
         }
         for key in filter(of_position.get, of_position):
             raise InputError(

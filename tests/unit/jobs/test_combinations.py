@@ -1,0 +1,194 @@
+"""Combinations of targets and jobs, as docs/architecture.md lists them: each works, or its message says why not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import several_targets
+from paths import ROOT
+
+import radioloc
+from radioloc.errors import InputError
+from radioloc.parameters.choice import ParameterChoice
+from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, Session, two_way
+from radioloc.study.map_positions import PlaceOnMap
+from radioloc.study.orbit_choice import OrbitChoice, ProcessNoise
+
+TARGETS = {
+    "surface point": ("lander",),
+    "several points": ("lander", "rover"),
+    "known trajectory": ("known",),
+    "orbit": ("craft",),
+    "descent": ("descent",),
+    "point and orbit": ("lander", "craft"),
+}
+START, STOP = "2020-12-01T14:48:00", "2020-12-01T15:10:00"
+HOURS = (0.3, 0.5)
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    return several_targets.scene(tmp_path_factory.mktemp("scene"))
+
+
+def estimating(scene, names, **more):
+    """Return a study in which something is estimated: of a known trajectory the biases of ranges."""
+    estimate = scene.study(*names).estimate
+    if names == ("known",):
+        estimate = replace(estimate, parameters={"range_bias": ParameterChoice("all")})
+    return scene.study(*names, estimate=estimate, **more)
+
+
+def simulated(scene, names):
+    """Return a study of simulated ranges and Doppler of all targets."""
+    sessions = [
+        Session(kind, two_way(*several_targets.STATIONS), START, STOP, 120.0, sigma_m, count_s=count_s)
+        for kind, sigma_m, count_s in (("range", 1.0, np.nan), ("doppler", 0.01, 60.0))
+    ]
+    noise = NoiseModel({"range": Noise(white_m=1.0), "doppler": Noise(white_m=0.01)})
+    scenarios = {
+        name: Scenario(Schedule(sessions), scene.true[name], noise=noise, name=name) for name in names
+    }
+    if len(names) > 1:
+        return scene.study(*names, simulations=scenarios)
+    return scene.study(*names, simulation=scenarios[names[0]])
+
+
+def locate(scene, names):
+    solution = radioloc.locate(estimating(scene, names), scene.observations)
+    assert solution.converged, solution.message
+
+
+def residuals(scene, names):
+    solution = radioloc.compute_residuals(scene.study(*names), scene.observations)
+    assert np.isfinite(solution.residuals.residual_m).all()
+
+
+def covariance(scene, names):
+    planned = radioloc.covariance(scene.study(*names), HOURS, scene.observations)
+    assert len((planned, *planned.others)) == len(names)
+    assert planned.determined
+
+
+def montecarlo(scene, names):
+    trials = radioloc.monte_carlo(simulated(scene, names), trials=4, hours=0.4)
+    assert trials.converged
+
+
+def arcs(scene, names):
+    study = radioloc.arcs(scene.study(*names), HOURS, scene.observations)
+    assert study.converged
+    assert len(study.rows) + len(study.states) >= len(HOURS) * len(names)
+
+
+def leave_one_out(scene, names):
+    study = radioloc.leave_one_out(scene.study(*names), scene.observations)
+    assert len(study.without) >= 3 * len(names)
+    assert all(row.sigmas is not None for row in study.without if row.kind == "station")
+
+
+def simulate(scene, names):
+    made = radioloc.simulate(simulated(scene, names))
+    assert {target for link in made.observations.links for target in link.targets} >= {*names[1:]}
+    assert np.isfinite(made.observations.value_m).all()
+
+
+def compare(scene, names):
+    first = radioloc.locate(estimating(scene, names, name="first"), scene.observations)
+    second = radioloc.locate(estimating(scene, names, name="second"), scene.observations)
+    compared = radioloc.compare([first, second], target=names[0] if first.targets else None)
+    assert compared.is_usable
+
+
+def images(scene, names):
+    place = several_targets.PLACE if names[0] == "descent" else several_targets.LANDER
+    longitude_deg, latitude_deg, height_m = place.selenographic
+    on_map = PlaceOnMap(
+        longitude_deg=longitude_deg,
+        latitude_deg=latitude_deg,
+        height_m=height_m,
+        sigma_m=(5.0, 5.0),
+        map="map",
+        map_sigma_m=(5.0, 5.0),
+        target=names[0] if len(names) > 1 else None,
+    )
+    study = scene.study(*names)
+    choice = replace(study.observations, map_positions=(on_map,), hours=0.3)
+    solution = radioloc.locate(replace(study, observations=choice), scene.observations)
+    assert solution.converged, solution.message
+    assert (
+        solution.sigma_enu_m()[0] < 7.1
+    )  # that of map and image; tracking of 0.3 h alone has 8 m, of a descent 400 m
+
+
+def process_noise(scene, names):
+    noise = ProcessNoise(1e-6, 1e-6, 1e-6, interval_s=300.0)
+    estimate = scene.study(*names).estimate
+    orbit = replace(estimate.orbit or OrbitChoice(), process_noise=noise)
+    solution = radioloc.locate(
+        scene.study(*names, estimate=replace(estimate, orbit=orbit)), scene.observations
+    )
+    assert solution.converged, solution.message
+    assert solution.state.process is not None
+
+
+JOBS = {
+    "locate": locate,
+    "residuals": residuals,
+    "covariance": covariance,
+    "montecarlo": montecarlo,
+    "arcs": arcs,
+    "leave-one-out": leave_one_out,
+    "simulate": simulate,
+    "compare": compare,
+    "images with tracking": images,
+    "process noise": process_noise,
+}
+
+FLIES = "belongs to a position on the Moon"
+NO_FORCES = 'belongs to a target with dynamics = "moon"'
+REFUSALS = {
+    ("covariance", "known trajectory"): ("1", "needs the position estimated"),
+    ("montecarlo", "known trajectory"): ("1", "the target is a trajectory"),
+    ("arcs", "known trajectory"): ("1", "the motion of each target is known"),
+    ("leave-one-out", "known trajectory"): ("1", "needs the position estimated"),
+    ("compare", "known trajectory"): ("1", "moves along a trajectory"),
+    ("compare", "orbit"): ("1", "moves along a trajectory"),
+    ("images with tracking", "known trajectory"): ("2", FLIES),
+    ("images with tracking", "orbit"): ("2", FLIES),
+    ("process noise", "surface point"): ("3", NO_FORCES),
+    ("process noise", "several points"): ("3", NO_FORCES),
+    ("process noise", "known trajectory"): ("3", NO_FORCES),
+    ("process noise", "descent"): ("4", "axes along and across vanish"),
+    ("montecarlo", "several points"): ("5", "expected a simulation of one target"),
+    ("montecarlo", "point and orbit"): ("5", "expected a simulation of one target"),
+}
+"""Number of the reason on the page, and words of the message."""
+COMBINATIONS = [(job, target) for job in JOBS for target in TARGETS]
+
+
+def documented():
+    """Return the cells of the table in docs/architecture.md by job and target."""
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    section = page.partition("## Targets and jobs\n")[2].partition("\n## ")[0]
+    lines = [line for line in section.splitlines() if line.startswith("|")]
+    heading, _, *rows = [[cell.strip(" `") for cell in line.strip("|").split("|")] for line in lines]
+    return {
+        (job, target): cell for job, *cells in rows for target, cell in zip(heading[1:], cells, strict=True)
+    }
+
+
+def test_page_lists_all_combinations():
+    assert documented() == {key: REFUSALS.get(key, ("works", ""))[0] for key in COMBINATIONS}
+
+
+@pytest.mark.study
+@pytest.mark.parametrize(("job", "target"), [key for key in COMBINATIONS if key not in REFUSALS])
+def test_combination_works(scene, job, target):
+    JOBS[job](scene, TARGETS[target])
+
+
+@pytest.mark.parametrize(("job", "target"), REFUSALS)
+def test_combination_is_refused(scene, job, target):
+    with pytest.raises(InputError, match=REFUSALS[job, target][1]):
+        JOBS[job](scene, TARGETS[target])

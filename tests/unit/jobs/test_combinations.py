@@ -159,7 +159,7 @@ REFUSALS = {
     ("process noise", "surface point"): ("3", NO_FORCES),
     ("process noise", "several points"): ("3", NO_FORCES),
     ("process noise", "known trajectory"): ("3", NO_FORCES),
-    ("process noise", "descent"): ("4", "axes along and across vanish"),
+    ("process noise", "descent"): ("4", "does not land"),
     ("montecarlo", "several points"): ("5", "expected a simulation of one target"),
     ("montecarlo", "point and orbit"): ("5", "expected a simulation of one target"),
 }

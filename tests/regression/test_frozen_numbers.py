@@ -33,7 +33,7 @@ ROUNDING_STEPS = 8
 MAX_MATRIX_ROWS = 40
 """Largest covariance matrix that is kept whole."""
 
-UNSTABLE_KEYS = frozenset({"provenance", "notes", "message", "reason"})
+UNSTABLE_KEYS = frozenset({"provenance", "notes", "limitations", "message", "reason"})
 """Keys whose content is prose, or depends on the machine."""
 
 

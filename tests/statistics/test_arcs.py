@@ -60,7 +60,7 @@ def test_errors_are_as_large_as_stated(k, matched):
     assert HELD_95[0] <= held.sum() <= HELD_95[1]
     arc = matched.arcs[k]
     assert (arc.nees.low, arc.nees.high) == pytest.approx(np.array(NEES_3) / 3.0, abs=1e-4)
-    assert (arc.inside["up"].low, arc.inside["up"].high) == (HELD_95[0] / TRIALS, HELD_95[1] / TRIALS)
+    assert (arc.coverage["up"].low, arc.coverage["up"].high) == (HELD_95[0] / TRIALS, HELD_95[1] / TRIALS)
     # Biases have their a-priori sigma to begin with; errors of three are nearly one and the same.
     for bias in arc.parameters:
         assert 0.85 * bias.sigma < bias.rms_error < 1.15 * bias.sigma
@@ -111,7 +111,7 @@ def test_arcs_of_realistic_data_agree_as_those_of_the_paper(lasting):
 def test_ellipses_hold_the_truth_and_no_sigma_grows_with_the_data(lasting):
     """Clocks are estimated: considered only, the height's sigma would grow with the data, beyond its a-priori 5 m."""
     for arc, least in zip(lasting.arcs, HELD_DRAWN, strict=True):
-        assert arc.inside["horizontal"].fraction >= least
+        assert arc.coverage["horizontal"].fraction >= least
         assert arc.nees.mean < 1.6
     sigmas_m = np.array([arc.sigma_m for arc in lasting.arcs])
     assert (np.diff(sigmas_m, axis=0) > 0.0).all()

@@ -81,7 +81,7 @@ def test_errors_that_last(step_s):
     assert rms_m(weighed) < 0.85 * rms_m(plain)
     assert np.median(weighed["sigma_north_m"]) < np.median(plain["sigma_north_m"])
     for found in (plain, weighed):
-        assert all(part.count >= HELD for part in found.arcs[0].inside.values())
+        assert all(part.count >= HELD for part in found.arcs[0].coverage.values())
     # Not by sigmas that are too large: the mean of 64 sums of three squares over theirs.
     assert 0.7 < weighed.arcs[0].nees.mean < weighed.arcs[0].nees.high
 
@@ -92,14 +92,14 @@ def test_white_errors():
     same = np.abs(weighed["north_m"] - plain["north_m"]) < SAME_M
     assert same.sum() >= TRIALS - 3
     assert rms_m(weighed) < 1.05 * rms_m(plain)
-    assert all(part.count >= HELD for part in weighed.arcs[0].inside.values())
+    assert all(part.count >= HELD for part in weighed.arcs[0].coverage.values())
 
 
 @pytest.mark.parametrize("station_sigma_m", [0.01, 0.1])
 def test_errors_of_stations_that_last(station_sigma_m):
     """A stated error of stations must not hide from the fit that theirs last, and the baselines' own do not."""
     found = trials(60.0, STATIONS_LAST, "independent", station_sigma_m, MANY)
-    assert all(part.count >= HELD_OF_MANY for part in found.arcs[0].inside.values())
+    assert all(part.count >= HELD_OF_MANY for part in found.arcs[0].coverage.values())
     assert 0.7 < found.arcs[0].nees.mean < found.arcs[0].nees.high
 
 
@@ -111,4 +111,4 @@ FLICKER = NoiseModel(
 def test_flicker_noise_is_covered():
     """A single Gauss-Markov process in its place holds the truth in 65 of 100."""
     found = trials(60.0, FLICKER, "correlated", 0.0)
-    assert found.arcs[0].inside["horizontal"].count >= HELD
+    assert found.arcs[0].coverage["horizontal"].count >= HELD

@@ -60,4 +60,4 @@ def test_positions_on_the_arc_are_within_what_is_claimed(study):
         assert (ratio > 0.7).all()
         assert (ratio < 1.2).all()
         for place in ("along", "across", "horizontal", "state"):
-            assert arc.inside[place].fraction >= low, (arc.name, place)
+            assert arc.coverage[place].fraction >= low, (arc.name, place)

@@ -442,12 +442,12 @@ def test_visibility_and_leave_one_out_print_their_cards(capsys, tmp_path):
     assert "KASHI" in capsys.readouterr().out
     data = str(EXAMPLES / "apollo15" / "apollo15_2024.toml")
     assert cli.main(["leave-one-out", data, "--json", "--out", str(tmp_path)]) == 0
-    names = [one["name"] for one in json.loads(capsys.readouterr().out)["without"]]
+    names = [one["name"] for one in json.loads(capsys.readouterr().out)["omissions"]]
     assert names == ["APOLLO", "GRASSE", "MATERA"]
     heading, *rows = (tmp_path / "leave_one_out.csv").read_text().splitlines()
-    assert heading.startswith("kind,name,left_out,used,converged,radius_95_m,shift_east_m,")
+    assert heading.startswith("kind,name,omitted,used,converged,radius_95_m,shift_east_m,")
     assert [row.split(",")[1] for row in rows] == names
-    written = json.loads((tmp_path / "leave_one_out.json").read_text())["without"]
+    written = json.loads((tmp_path / "leave_one_out.json").read_text())["omissions"]
     assert [one["shift_enu_m"][0] for one in written] == [float(row.split(",")[6]) for row in rows]
 
 

@@ -314,7 +314,7 @@ def test_commands_and_code_run(page, workspace, restored_registries, capsys):
         elif block.language == "python":
             exec(compile(block.text, str(page), "exec"), {})
         elif block.language == "text" and block.text.startswith(
-            ("solution ", "arc lengths ", "monte carlo ", "left out ")
+            ("solution ", "arc lengths ", "monte carlo ", "omissions ")
         ):
             assert without_numbers(block.text) in without_numbers(capsys.readouterr().out)
 

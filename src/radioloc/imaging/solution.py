@@ -357,8 +357,8 @@ class ImageSolution(_ImageResult):
             (f"{len(self.registered)} of {len(frames)} registered",),
             ("image", "status", "matched to", "inliers", "rms, px", "pixel, m", "altitude, m"),
             map(self._row, shown),
-            rest=map(self._row, frames[half : len(frames) - len(shown) + half]),
-            where="solution.json",
+            hidden=map(self._row, frames[half : len(frames) - len(shown) + half]),
+            file="solution.json",
         )
         unregistered = (
             f"{frame.name}: {frame.status.value}{f': {frame.reason}' if frame.reason else ''}"

@@ -25,7 +25,7 @@ from radioloc.lunar.frames import rot_icrf_to_pa_rate
 from radioloc.measurements.observations import Observations
 from radioloc.quantities import accepts_quantities
 from radioloc.results.solution import Solution
-from radioloc.results.tables import Located, content_of, position_of
+from radioloc.results.tables import SolutionLike, content_of, position_of
 from radioloc.text_files import to_ascii, write_text
 from radioloc.time import Epochs, epochs_from_strings, to_scale, utc_strings
 from radioloc.vectors import Floats
@@ -39,7 +39,7 @@ _RESIDUALS = "the values are residuals, observed minus computed, not observation
 @accepts_quantities
 def write_oem(
     path: str | Path,
-    solution: Located,
+    solution: SolutionLike,
     start_utc: str,
     stop_utc: str,
     *,

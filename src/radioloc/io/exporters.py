@@ -13,7 +13,7 @@ from radioloc.io.sinex import write_sinex
 from radioloc.io.spice_kernels import FIRST_SITE, write_spice
 from radioloc.plugins import Registry, entry_errors
 from radioloc.results.solution import Solution
-from radioloc.results.tables import Located, solution_table, write_table_file
+from radioloc.results.tables import SolutionLike, solution_table, write_table_file
 from radioloc.text_files import require_ending
 
 
@@ -60,16 +60,16 @@ class Exporter:
     name: str
     endings: tuple[str, ...]
     description: str
-    write: Callable[[Path, Sequence[Located], ExportOptions], Sequence[Path]]
+    write: Callable[[Path, Sequence[SolutionLike], ExportOptions], Sequence[Path]]
 
 
-def _single(path: Path, solutions: Sequence[Located]) -> Located:
+def _single(path: Path, solutions: Sequence[SolutionLike]) -> SolutionLike:
     if len(solutions) != 1:
         raise InputError(f"{path}: expected one solution for this format, got {len(solutions)}")
     return solutions[0]
 
 
-def _write_oem(path: Path, solutions: Sequence[Located], options: ExportOptions) -> list[Path]:
+def _write_oem(path: Path, solutions: Sequence[SolutionLike], options: ExportOptions) -> list[Path]:
     start_utc, stop_utc, originator = options.start_utc, options.stop_utc, options.originator
     if start_utc is None or stop_utc is None or originator is None:
         names = {"--start": start_utc, "--stop": stop_utc, "--originator": originator}
@@ -80,7 +80,7 @@ def _write_oem(path: Path, solutions: Sequence[Located], options: ExportOptions)
     return [write_oem(path, solution, *span, originator=originator, step_s=options.step_s)]
 
 
-def _write_sinex(path: Path, solutions: Sequence[Located], options: ExportOptions) -> list[Path]:
+def _write_sinex(path: Path, solutions: Sequence[SolutionLike], options: ExportOptions) -> list[Path]:
     solution = _single(path, solutions)
     if not isinstance(solution, Solution):
         raise InputError(
@@ -90,11 +90,11 @@ def _write_sinex(path: Path, solutions: Sequence[Located], options: ExportOption
     return [write_sinex(path, solution)]
 
 
-def _write_table(path: Path, solutions: Sequence[Located], options: ExportOptions) -> list[Path]:
+def _write_table(path: Path, solutions: Sequence[SolutionLike], options: ExportOptions) -> list[Path]:
     return [write_table_file(path, solution_table(solutions))]
 
 
-def _write_gis(path: Path, solutions: Sequence[Located], options: ExportOptions) -> list[Path]:
+def _write_gis(path: Path, solutions: Sequence[SolutionLike], options: ExportOptions) -> list[Path]:
     return [write_gis(path, solutions)]
 
 
@@ -125,7 +125,7 @@ EXPORTERS = Registry(
 
 
 def export_solutions(
-    path: str | Path, solutions: Sequence[Located], options: ExportOptions | None = None
+    path: str | Path, solutions: Sequence[SolutionLike], options: ExportOptions | None = None
 ) -> list[Path]:
     """Write solutions in the format of the ending of the file's name.
 

@@ -19,7 +19,7 @@ from radioloc.lazy import optional
 from radioloc.lunar.local import displaced
 from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up, selenographic_to_cartesian
 from radioloc.results.tables import (
-    Located,
+    SolutionLike,
     contents_by_target,
     horizontal_covariance_of,
     position_of,
@@ -34,7 +34,7 @@ _CORNERS = 90
 _MAX_SEMI_MAJOR_M = 0.5 * math.pi * MEAN_LUNAR_RADIUS_M  # a quarter of a great circle
 
 
-def write_gis(path: str | Path, solutions: Iterable[Located]) -> Path:
+def write_gis(path: str | Path, solutions: Iterable[SolutionLike]) -> Path:
     """Write positions, error ellipses and references for QGIS and its like.
 
     Parameters

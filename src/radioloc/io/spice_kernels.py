@@ -21,7 +21,7 @@ from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.errors import InputError
 from radioloc.kernels.spice_calls import short_folder, spice_message, spice_path
 from radioloc.quantities import accepts_quantities
-from radioloc.results.tables import Located, content_of, position_of
+from radioloc.results.tables import SolutionLike, content_of, position_of
 from radioloc.text_files import replaced_file, require_ending, to_ascii
 from radioloc.vectors import Floats
 
@@ -40,7 +40,7 @@ _DEGREE = 11
 _MAX_STEP_S = 600.0
 
 
-def write_spice(path: str | Path, solution: Located, *, body: int = FIRST_SITE) -> tuple[Path, Path]:
+def write_spice(path: str | Path, solution: SolutionLike, *, body: int = FIRST_SITE) -> tuple[Path, Path]:
     """Write an SPK with a lander's place, and beside it a frames kernel that SPICE needs to read it.
 
     Parameters

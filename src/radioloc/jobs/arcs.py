@@ -17,7 +17,7 @@ from radioloc.jobs.selection import DEFAULT_HOURS, arc_lengths
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.progress import progress_bar
-from radioloc.results.subsets import Arc, ArcStudy, LeaveOneOut, Without
+from radioloc.results.subsets import Arc, ArcStudy, LeaveOneOut, Omission
 from radioloc.study.study import Reference, Study
 from radioloc.study.study_file import as_study
 from radioloc.study.weights import rows_by_station
@@ -81,7 +81,7 @@ def arcs(
         solutions.append(Arc(part.hours, part.span_h, solution))
     constants = longest.model.ephemeris.constants
     references = [Reference(item.position.to_axes("ME", constants), item.name) for item in known]
-    return ArcStudy(study.name, tuple(solutions), tuple(references), study.longitude_to_360)
+    return ArcStudy(study.name, tuple(solutions), tuple(references))
 
 
 def leave_one_out(
@@ -109,7 +109,7 @@ def leave_one_out(
     Examples
     --------
     >>> from radioloc import leave_one_out
-    >>> [one.name for one in leave_one_out("examples/change5/short_arc.toml").without]
+    >>> [item.name for item in leave_one_out("examples/change5/short_arc.toml").omissions]
     ['JIAMUSI', 'KASHI']
     """
     study = as_study(study)
@@ -123,12 +123,12 @@ def leave_one_out(
         )
     problem = EstimationProblem.of(study, arc, study.estimate)
     whole = solve(problem, left_out)
-    rows = list[Without]()
+    rows = list[Omission]()
     for (kind, name), mine in progress_bar(groups.items(), shown=progress, unit="fit"):
         logger.info("without %s", name)
         reasons = left_out | {f"of {name}": int(mine.sum())}
         solution = solve(problem.select(np.flatnonzero(~mine)), reasons, consistency=False)
-        rows += Without.of(kind, name, int(mine.sum()), solution, whole)
+        rows += Omission.of(kind, name, int(mine.sum()), solution, whole)
     return LeaveOneOut(whole, tuple(rows))
 
 

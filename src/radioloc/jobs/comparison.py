@@ -235,7 +235,7 @@ def _row(content: Mapping[str, Any], name: str, place: Mapping[str, Any]) -> Pos
         **place,
         **_sigmas([content["sigma"][f"{axis}_m"] for axis in EAST_NORTH_UP]),
         used=fit["used"],
-        left_out=fit["rejected"],
+        rejected=fit["rejected"],
         wrms_m=fit.get("wrms_m"),
         converged=content["converged"],
     )

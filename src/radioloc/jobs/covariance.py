@@ -40,7 +40,7 @@ from radioloc.measurements.registry import KINDS
 from radioloc.noise import ObservationCovariance
 from radioloc.parameters.parameter import Role
 from radioloc.quantities import accepts_quantities
-from radioloc.results.covariance import CovarianceStudy, Gain, PlannedArc, Share
+from radioloc.results.covariance import Contribution, CovarianceStudy, Improvement, PlannedArc
 from radioloc.simulation import Scenario, Session
 from radioloc.simulation.schedule import Pair
 from radioloc.study.orbiter import Orbiter
@@ -123,16 +123,16 @@ def _study_of_target(
 ) -> CovarianceStudy:
     """Return the predicted accuracy of one target."""
     arcs, longest = [fit.planned(target) for fit in fits], fits[-1]
-    gains: list[Gain] = []
+    improvements: list[Improvement] = []
     if arcs[-1].determined:
-        gains = [*_better_known(longest, target), *_more_stations(plan, longest, target)]
+        improvements = [*_better_known(longest, target), *_more_stations(plan, longest, target)]
     model = longest.part.problem.model
     several = f", {model.targets[target].name}" if len(model.targets) > 1 else ""
     return CovarianceStudy(
         name=f"{plan.study.name}{several}",
         arcs=tuple(arcs),
-        shares=tuple(_shares(longest, target)),
-        gains=tuple(sorted(gains, key=lambda gain: gain.radius_95_m)),
+        contributions=tuple(_contributions(longest, target)),
+        improvements=tuple(sorted(improvements, key=lambda item: item.radius_95_m)),
         reach_m=reach_m,
         reach_h=None if reach_m is None else _reach_h(plan, arcs, reach_m, target),
         notes=(*plan.notes, *longest.part.problem.considered.notes),
@@ -238,7 +238,7 @@ def _reach_h(plan: _Plan, arcs: Sequence[PlannedArc], reach_m: float, target: in
     return high
 
 
-def _shares(fit: PlannedFit, target: int) -> Iterator[Share]:
+def _contributions(fit: PlannedFit, target: int) -> Iterator[Contribution]:
     """Yield the accuracy by the observations of each type and station alone, and without them."""
     problem = fit.part.problem
     kinds = problem.arc.observations.kind
@@ -251,14 +251,14 @@ def _shares(fit: PlannedFit, target: int) -> Iterator[Share]:
             continue
         alone_m = fit.with_observations(rows).planned(target).radius_95_m
         without_m = np.inf if rows.all() else fit.with_observations(~rows).planned(target).radius_95_m
-        yield Share(group, name, count, alone_m, without_m)
+        yield Contribution(group, name, count, alone_m, without_m)
 
 
-def _better_known(fit: PlannedFit, target: int) -> Iterator[Gain]:
+def _better_known(fit: PlannedFit, target: int) -> Iterator[Improvement]:
     """Yield the improvement by knowing each considered source, and each estimated kind, without error."""
 
-    def known(what: str, names: Sequence[str]) -> Gain:
-        return Gain(f"{what} known", fit.with_fixed(*names).planned(target).radius_95_m)
+    def known(what: str, names: Sequence[str]) -> Improvement:
+        return Improvement(f"{what} known", fit.with_fixed(*names).planned(target).radius_95_m)
 
     arc, parameters = fit.planned(target), fit.parameters
     in_weights = [item for item in parameters if item.role is Role.CONSIDERED]
@@ -270,10 +270,10 @@ def _better_known(fit: PlannedFit, target: int) -> Iterator[Gain]:
                 owners.setdefault(owner(item), []).append(item.name)
         if not owners:
             sources = [source for source in arc.sources if source.source == kind]
-            yield Gain(f"{kind} known", arc.without(*sources))
+            yield Improvement(f"{kind} known", arc.radius_95_without_m(*sources))
             continue
-        gain = known(kind, [name for names in owners.values() for name in names])
-        yield gain if len(owners) == 1 else replace(gain, what=f"{kind} known for all")
+        improvement = known(kind, [name for names in owners.values() for name in names])
+        yield improvement if len(owners) == 1 else replace(improvement, change=f"{kind} known for all")
         for owner_name, names in owners.items() if len(owners) > 1 else ():
             yield known(f"{kind} {owner_name}", names)
     for kind in dict.fromkeys(item.kind for item in parameters if item.role is Role.ESTIMATED):
@@ -284,7 +284,7 @@ def _better_known(fit: PlannedFit, target: int) -> Iterator[Gain]:
             yield known("height" if kind == "position" else kind, names)
 
 
-def _more_stations(plan: _Plan, fit: PlannedFit, target: int) -> Iterator[Gain]:
+def _more_stations(plan: _Plan, fit: PlannedFit, target: int) -> Iterator[Improvement]:
     """Yield the improvement by each further station or link in the schedule's sessions."""
     scenario, catalogue = plan.study.simulation, plan.study.catalogue
     if scenario is None:
@@ -323,7 +323,7 @@ def _more_stations(plan: _Plan, fit: PlannedFit, target: int) -> Iterator[Gain]:
         larger = replace(scenario, schedule=replace(scenario.schedule, sessions=sessions))
         larger_plan = _Plan.of(replace(plan.study, simulation=larger), like=plan)
         [part] = arc_parts(larger_plan.problem, [fit.part.hours])
-        yield Gain(what, larger_plan.fit(part).planned(target).radius_95_m)
+        yield Improvement(what, larger_plan.fit(part).planned(target).radius_95_m)
 
 
 def _with_candidate(name: str, scenario: Scenario, catalogue: StationCatalogue) -> tuple[str, list[Session]]:

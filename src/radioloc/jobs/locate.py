@@ -22,7 +22,7 @@ from radioloc.estimation.editing import (
 )
 from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.variance_components import fit_with_variance_components
-from radioloc.jobs.notes import notes_of, provenance
+from radioloc.jobs.notes import limitations_of, notes_of, provenance
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.orbit_start import near_orbit
 from radioloc.jobs.preparation import known_positions, prepared_arc
@@ -214,6 +214,7 @@ def _solution(fitted: _Fitted, consistency: bool) -> Solution:
         considered=fitted.suboptimal,
         trajectory=None if places else str(arc.trajectories[0]),
         targets=several,
+        limitations=limitations_of(arc),
     )
 
 

@@ -28,7 +28,7 @@ from radioloc.jobs.simulate import scenario_of
 from radioloc.jobs.workers import Run, workers_of
 from radioloc.progress import progress_bar
 from radioloc.report.files import earlier_files, made_folder, remove_files, write_json
-from radioloc.results.monte_carlo import MonteCarlo, Proof, sides_of
+from radioloc.results.monte_carlo import LinearityCheck, MonteCarlo, sides_of
 from radioloc.results.registry import RESULTS
 from radioloc.simulation.noise import generator, require_seed
 from radioloc.study.record import settings_of, versions
@@ -135,16 +135,16 @@ def monte_carlo(
         share_count = 1 if workers == 1 else _CHUNKS_PER_WORKER * (workers if isinstance(workers, int) else 1)
         results = partial(_run_trials, run, seed, range(trials), folder, share_count, progress)
         linear = None if full else ready.linear()
-        proof = None
+        check = None
         if linear is not None:
             values = results(linear)
-            proof = _prove(linear, ready, seed, values)
-            if not proof.passed:
+            check = _check_linearity(linear, ready, seed, values)
+            if not check.passed:
                 linear = None
                 logger.warning(
                     "the linear model is off by %.4g m, %.3g sigmas: all trials are fitted in full",
-                    proof.largest_m,
-                    proof.largest_sigmas,
+                    check.largest_m,
+                    check.largest_sigmas,
                 )
         if linear is None:
             values = results(ready)
@@ -156,7 +156,7 @@ def monte_carlo(
         columns=ready.columns,
         values=values,
         linear=linear is not None,
-        proof=proof,
+        linearity=check,
         drawn=ready.world.scenario.truth_sigma.keys,
         at_h=ready.at_h,
     )
@@ -187,7 +187,7 @@ def _run_trials(
     return np.array([results[trial] for trial in trials])
 
 
-def _prove(linear: LinearTrials, full: Prepared, seed: int, values: _Floats) -> Proof:
+def _check_linearity(linear: LinearTrials, full: Prepared, seed: int, values: _Floats) -> LinearityCheck:
     """Compare the linear model with full fits where it is most likely to be wrong, and elsewhere.
 
     Without it trials of a model that is not linear are taken as they are (`tests/unit/jobs/test_monte_carlo.py`).
@@ -211,7 +211,7 @@ def _prove(linear: LinearTrials, full: Prepared, seed: int, values: _Floats) -> 
         of_sigmas <= _ALLOWED_OF_SIGMAS
     )
     passed &= (one[..., columns["converged"]] == known[..., columns["converged"]])[..., None]
-    return Proof(
+    return LinearityCheck(
         chosen, float(apart_m.max()), float(max(in_sigmas.max(), of_sigmas.max())), bool(passed.all())
     )
 

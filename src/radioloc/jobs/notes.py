@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict
-from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -110,11 +109,16 @@ def _frequency_notes(study: Study, fitted: EditedFit) -> Iterator[str]:
 
 
 def notes_of_plan(arc: Predictor, left_out: dict[str, int]) -> list[str]:
-    """Return the notes that need no values: observations not selected, gaps in the data of stations and model."""
+    """Return the notes that need no values: observations not selected, data that the user can improve."""
     not_selected = [
         f"{plural(count, 'observation')} not selected: {reason}" for reason, count in left_out.items()
     ]
-    return [*not_selected, *_station_notes(arc), *_model_notes(arc)]
+    return [*not_selected, *_station_notes(arc, _IMPROVABLE), *_model_notes(arc)]
+
+
+def limitations_of(arc: Predictor) -> tuple[str, ...]:
+    """Return what the model does not contain and its sources: statements that call for no action."""
+    return (*_station_notes(arc, _UNMODELLED), *_model_limitations(arc))
 
 
 def _turned_positions(study: Study, constants: EphemerisConstants) -> Iterator[str]:
@@ -165,79 +169,95 @@ def _radio_stations(arc: Predictor) -> list[Station]:
     return stations
 
 
-def _station_notes(arc: Predictor) -> Iterator[str]:
-    """Yield a note for each quantity that the catalogue lacks for some stations."""
-    stations, radio = [arc.model.catalogue.get(name) for name in arc.stations], _radio_stations(arc)
-    for term, lacking, text in (
-        (
-            "",
-            [s.quality == "rounded" and s.sigma_m is None for s in stations],
-            "catalogue positions of {} are rounded to 100 m to 1 km; give better ones under [stations.NAME], or their "
-            "uncertainty as [consider] station_position_sigma_m",
-        ),
-        (
-            "",
-            [s.quality == "approximate" and s.sigma_m is None for s in stations],
-            "catalogue positions of {} are accurate to about a metre only; give better ones under [stations.NAME]",
-        ),
-        (
-            "station_velocity",
-            [not s.velocity_known for s in stations],
-            "no station velocity for {}: plate motion, some cm a year, is not modelled",
-        ),
-        (
-            "ocean_loading",
-            [s.ocean_loading is None for s in stations],
-            "no ocean loading coefficients for {}: up to about 1 cm is not modelled",
-        ),
-        (
-            "antenna_axis_offset",
-            [s.axis_offset_m is None and s in radio for s in stations],
-            "no antenna axis offset for {}: millimetres, of some antennas metres, are not modelled; "
-            "give axis_offset_m and mount under [stations.NAME]",
-        ),
-    ):
-        if any(lacking) and (not term or arc.model.has(term)):
-            yield text.format(", ".join(compress(arc.stations, lacking)))
+_IMPROVABLE: dict[str, tuple[str, Callable[[Station], bool]]] = {
+    "catalogue positions of {} are rounded to 100 m to 1 km; give better ones under [stations.NAME], or their "
+    "uncertainty as [consider] station_position_sigma_m": (
+        "",
+        lambda station: station.quality == "rounded" and station.sigma_m is None,
+    ),
+    "catalogue positions of {} are accurate to about a metre only; give better ones under [stations.NAME]": (
+        "",
+        lambda station: station.quality == "approximate" and station.sigma_m is None,
+    ),
+}
+"""Texts on the coordinates of stations, with the term of the model and the condition."""
+_UNMODELLED: dict[str, tuple[str, Callable[[Station], bool]]] = {
+    "no station velocity for {}: plate motion, some cm a year, is not modelled": (
+        "station_velocity",
+        lambda station: not station.velocity_known,
+    ),
+    "no ocean loading coefficients for {}: up to about 1 cm is not modelled": (
+        "ocean_loading",
+        lambda station: station.ocean_loading is None,
+    ),
+    "no antenna axis offset for {}: millimetres, of some antennas metres, are not modelled": (
+        "antenna_axis_offset",
+        lambda station: station.axis_offset_m is None,
+    ),
+}
+"""Texts on effects that are not modelled for some stations, likewise."""
+
+
+def _station_notes(
+    arc: Predictor, notes: Mapping[str, tuple[str, Callable[[Station], bool]]]
+) -> Iterator[str]:
+    """Yield each text with the stations that it concerns."""
+    radio = _radio_stations(arc)
+    for text, (term, concerns) in notes.items():
+        stations = radio if term == "antenna_axis_offset" else map(arc.model.catalogue.get, arc.stations)
+        if (concerned := [item for item in stations if concerns(item)]) and (not term or arc.model.has(term)):
+            yield text.format(_names(concerned))
 
 
 def _model_notes(arc: Predictor) -> Iterator[str]:
-    """Yield notes on the sources of the model, and on what it leaves out."""
+    """Yield notes on the data of the model that the user can improve."""
     model = arc.model
     if predicted := int(arc.predicted_eop.sum()):
         yield f"Earth orientation is predicted, not measured, for {plural(predicted, 'observation')}"
     yield from _extrapolation_note(model.earth.table, arc.observations.epoch.mjd)
-    if absent := model.missing_planets:
-        sizes = " and ".join(f"{name.capitalize()} (up to {PLANETS_MM[name]:g} mm)" for name in absent)
-        yield f"no gravitational delay by {sizes}, one way: not in the ephemeris file; use a complete one"
-    yield from _media_notes(model, _radio_stations(arc))
+    radio = _radio_stations(arc)
+    if (cards := model.media_calibrations) is not None:
+        for term, kinds in _CALIBRATIONS.items():
+            served = _calibrated(model, radio, term)
+            for kind, part in kinds.items():
+                if missing := [s for s in served if not cards.has_cards(s, kind)]:
+                    yield f"no calibration of the {part} {term} for {_names(missing)}; the model's is used"
+    uncalibrated = radio if cards is None else [s for s in radio if not cards.has_cards(s, CHARGED)]
+    if model.has("ionosphere") and model.ionosphere is None and uncalibrated:
+        stations = f" for {_names(uncalibrated)}" if len(uncalibrated) < len(radio) else ""
+        yield f"no ionospheric delay of radio signals{stations}: give maps or a content, [model] ionex or tec_tecu"
     orbits = orbits_of(arc)
     yield from dict.fromkeys(note for orbit in orbits for note in orbit.forces.gravity.notes)
     if len(orbits) < len(arc.trajectories):
         yield "the trajectory is taken as exact: its error is in the residuals, and in no sigma"
+
+
+def _model_limitations(arc: Predictor) -> Iterator[str]:
+    """Yield the terms that the model does not contain, and the sources of its media."""
+    model, radio = arc.model, _radio_stations(arc)
+    if absent := model.missing_planets:
+        sizes = " and ".join(f"{name.capitalize()} (up to {PLANETS_MM[name]:g} mm)" for name in absent)
+        yield f"no gravitational delay by {sizes}, one way: not in the ephemeris file; use a complete one"
     if off := [name for name in TERMS if not model.has(name)]:
         yield f"terms switched off: {', '.join(off)}"
-
-
-def _media_notes(model: PhysicalModel, radio: list[Station]) -> Iterator[str]:
-    """Yield the sources of troposphere and ionosphere of radio signals, and what is missing."""
-    uncalibrated = radio
-    if (cards := model.media_calibrations) is not None:
-        for term, kinds in (("troposphere", {DRY: "dry", WET: "wet"}), ("ionosphere", {CHARGED: "charged"})):
-            served = [s for s in radio if model.has(term) and any(cards.has_cards(s, k) for k in kinds)]
-            if served:
-                yield f"{term} of radio signals from calibrations of the DSN for {_names(served)}"
-            for kind, part in kinds.items():
-                if missing := [s for s in served if not cards.has_cards(s, kind)]:
-                    yield f"no calibration of the {part} {term} for {_names(missing)}; the model's is used"
-        uncalibrated = [s for s in radio if not cards.has_cards(s, CHARGED)]
-    if model.has("ionosphere") and model.ionosphere is None and uncalibrated:
-        stations = f" for {_names(uncalibrated)}" if len(uncalibrated) < len(radio) else ""
-        yield f"no ionospheric delay of radio signals{stations}: give maps or a content, [model] ionex or tec_tecu"
+    for term in _CALIBRATIONS if model.media_calibrations is not None else ():
+        if served := _calibrated(model, radio, term):
+            yield f"{term} of radio signals from calibrations of the DSN for {_names(served)}"
     if model.has("troposphere") and (files := model.radio_atmosphere) is not None:
         for source in ("VMF3", "GPT3"):
             if served := [s for s in radio if files.source_of(s) == source]:
                 yield f"troposphere of radio signals from {source} for {_names(served)}, beside recorded pressure"
+
+
+_CALIBRATIONS = {"troposphere": {DRY: "dry", WET: "wet"}, "ionosphere": {CHARGED: "charged"}}
+
+
+def _calibrated(model: PhysicalModel, radio: list[Station], term: str) -> list[Station]:
+    """Return the stations with a calibration of any part of a medium."""
+    cards = model.media_calibrations
+    if cards is None or not model.has(term):
+        return []
+    return [s for s in radio if any(cards.has_cards(s, kind) for kind in _CALIBRATIONS[term])]
 
 
 def _names(stations: Iterable[Station]) -> str:

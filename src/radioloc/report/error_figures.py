@@ -28,6 +28,7 @@ from radioloc.report.figures import (
 from radioloc.results.cards import metres
 from radioloc.results.covariance import CovarianceStudy, PlannedArc
 from radioloc.results.monte_carlo import MonteCarlo
+from radioloc.results.names import parameter_name, source_name
 from radioloc.results.solution import Level, Solution
 from radioloc.targets.orbit_state import EAST_NORTH_UP, RTN
 from radioloc.time import utc_strings
@@ -52,7 +53,7 @@ def plot_budget(solution: Solution, ax: Axes | None = None) -> Figure:
     items = by_source(solution.budget)
     if not items:
         raise NothingToDrawError("the position is held or not determined, so its error has no budget to draw")
-    names = [item.source for item in items]
+    names = [source_name(item.source) for item in items]
     variances_m2 = np.square([item.sigma_m for item in items])
     if len(names) > _MAX_SOURCES:
         rest = slice(_MAX_SOURCES - 1, None)
@@ -90,7 +91,7 @@ def plot_correlations(solution: Solution, ax: Axes | None = None) -> Figure:
             "fewer than two parameters are estimated and determined, so there is no correlation"
         )
     chosen = sorted(everything[:_MAX_CORRELATED])
-    names = [solution.parameters.names[k] for k in chosen]
+    names = [parameter_name(solution.parameters.names[k]) for k in chosen]
     total, without = (_covariance(solution, chosen, level) for level in ("total", "scaled"))
     coefficients = np.tril(_correlation(total)) + np.triu(_correlation(without), 1)
     side_in = 2.2 + 0.34 * len(names)
@@ -244,9 +245,10 @@ def _draw_sources(axes: Axes, arcs: Sequence[PlannedArc]) -> None:
         {kind: float(by_axis[:2].sum()) for kind, by_axis in arc.by_source().items()} for arc in arcs
     ]
     kinds = list(dict.fromkeys(kind for of_arc in reversed(variances_m2) for kind in of_arc))
-    groups = {kind: [kind] for kind in kinds}
+    groups = {source_name(kind): [kind] for kind in kinds}
     if len(kinds) > len(COLORS):  # no two lines have one colour
-        groups = {kind: [kind] for kind in kinds[: len(COLORS) - 1]} | {"others": kinds[len(COLORS) - 1 :]}
+        groups = {source_name(kind): [kind] for kind in kinds[: len(COLORS) - 1]}
+        groups["others"] = kinds[len(COLORS) - 1 :]
     first_m, last_m = (math.sqrt(max(variances_m2[k].values())) for k in (0, -1))
     bottom_m = max(0.03 * last_m, 1e-4)
     for color, (label, group) in zip(COLORS, groups.items(), strict=False):

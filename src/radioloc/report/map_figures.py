@@ -26,7 +26,7 @@ from radioloc.report.figures import (
 from radioloc.report.position_figures import draw_place
 from radioloc.results.result import Result
 from radioloc.results.tables import (
-    Located,
+    SolutionLike,
     contents_by_target,
     horizontal_covariance_of,
     position_of,
@@ -53,7 +53,7 @@ _MAX_REACH_M = 1e6  # where that is accepted; the corners are on the Moon still
 @draws_names_literally
 @accepts_quantities
 def plot_map(
-    solutions: Located | Iterable[Located],
+    solutions: SolutionLike | Iterable[SolutionLike],
     *,
     dem: str | Path | TerrainModel | None = None,
     base_map: str | Path | None = None,

@@ -16,7 +16,7 @@ from radioloc.errors import InputError, visible
 from radioloc.lazy import optional
 from radioloc.report.figure_types import FigureType, figures_of
 from radioloc.report.figures import DPI, png_of
-from radioloc.results.cards import SECTIONS, Detail, Field, html_fields
+from radioloc.results.cards import SECTIONS, Detail, Field, html_fields, style_sheet
 from radioloc.results.result import Result
 from radioloc.text_files import write_text
 
@@ -45,8 +45,8 @@ def write_html(
     Parameters
     ----------
     result : Solution, ArcStudy, MonteCarlo, CovarianceStudy, LeaveOneOut, Comparison or another registered type
-        What to show: its card, figures, and of a solution the error budget, what was left out
-        and why, and the provenance.
+        What to show: its card and figures, and for a solution the error budget, the rejected
+        observations and the provenance.
     path : path-like
         The file, ``.html``.
     figures : mapping of str to path-like or BytesIO, optional
@@ -77,6 +77,7 @@ def write_html(
         title=title,
         verdict=result.verdict,
         fields=html_fields,
+        card_style=style_sheet(),
         sections=sections,
         version=__version__,
     )

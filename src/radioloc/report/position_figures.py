@@ -27,7 +27,7 @@ from radioloc.report.figures import (
     style_axes,
 )
 from radioloc.results.build import compare_with
-from radioloc.results.cards import to_sigma
+from radioloc.results.cards import value_text
 from radioloc.results.comparison import Comparison
 from radioloc.results.monte_carlo import NORMAL_95
 from radioloc.results.solution import Solution
@@ -155,8 +155,8 @@ def _caption(solution: Solution, known: Sequence[ReferenceComparison]) -> list[s
     of_degrees = np.degrees(np.sqrt(np.diag(solution.position_covariance("geographic"))[:2]))
     sigmas_m = solution.sigma_enu_m()
     place = (
-        f"{to_sigma(longitude_deg, of_degrees[0])}\N{DEGREE SIGN} E, {to_sigma(latitude_deg, of_degrees[1])}"
-        f"\N{DEGREE SIGN} N, {to_sigma(height_m, sigmas_m[2])} m ({solution.me_frame})"
+        f"{value_text(longitude_deg, of_degrees[0])}\N{DEGREE SIGN} E, {value_text(latitude_deg, of_degrees[1])}"
+        f"\N{DEGREE SIGN} N, {value_text(height_m, sigmas_m[2])} m ({solution.me_frame})"
     )
     factor, unit = length_unit(float(max(sigmas_m)))
     east, north, up = (f"{factor * sigma_m:.3g}" for sigma_m in sigmas_m)

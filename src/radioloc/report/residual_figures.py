@@ -39,7 +39,7 @@ from radioloc.report.residual_panels import (
     residuals_of,
     station_panels,
 )
-from radioloc.results.cards import short_names
+from radioloc.results.names import link_names
 from radioloc.results.solution import Solution
 from radioloc.vectors import Floats
 
@@ -73,8 +73,8 @@ def plot_residuals(
     """Draw residuals over time, one panel for each station.
 
     Bars are the stated sigmas; of more than 5000 observations of a station the envelope is drawn, as a line below says.
-    Observations left out are red crosses, or triangles at the edge where they are beyond a panel, which is scaled to
-    the used ones. Ranges have a second scale for the one-way equivalent, counts of one interval one of rates. Of more
+    Rejected observations are red crosses, or triangles at the edge if they are beyond a panel, which is scaled to the
+    used ones. Ranges have a second scale for the one-way equivalent, counts of one interval one of rates. Of more
     than twelve stations those with the most observations are drawn, as a line below then says.
 
     Parameters
@@ -157,7 +157,7 @@ def _grid(
         notes.append(ENVELOPE_NOTE)
     color = "0.4" if notes else _REJECTED_COLOR
     if of_links and not residuals.used.all():
-        notes.append("red: left out; triangles are beyond the panel")
+        notes.append("red: rejected; triangles are beyond the panel")
     if notes:
         figure.supxlabel("; ".join(notes), fontsize=7, color=color)
     return figure.figure
@@ -210,7 +210,7 @@ def _draw(
             sigma = factor * residuals.sigma_m[kept]
             handles.append(axes.errorbar(dates[kept], y[kept], sigma, elinewidth=0.7, alpha=0.85, **style))
     size = 4 if panel.like else 5
-    marks = _draw_left_out(axes, dates[panel.out], y[panel.out], middle, half_height, size)
+    marks = _draw_rejected(axes, dates[panel.out], y[panel.out], middle, half_height, size)
     below = _LEGEND_STRIP if panel.like and any(panel.links) else 1.0
     axes.set_ylim(middle - half_height * below, middle + half_height)
     axes.set_ylabel(f"residual ({unit})", fontsize=8)
@@ -249,7 +249,7 @@ def draw_envelope(axes: Axes, dates: Dates, values: Floats, limits: Limits, *, c
     return dark
 
 
-def _draw_left_out(
+def _draw_rejected(
     axes: Axes,
     dates: Dates,
     values: Floats,
@@ -257,15 +257,15 @@ def _draw_left_out(
     half_height: float,
     size: float,
 ) -> list[Any]:
-    """Mark what was left out, beyond the panel by triangles at its edge; return the handles, labelled by how many."""
+    """Mark rejected observations, beyond the panel by triangles at its edge; return the handles of the legend."""
     away, edge = values - middle, _EDGE * half_height
     beyond = np.abs(away) > edge
     style: dict[str, Any] = {"color": _REJECTED_COLOR, "markersize": size, "linestyle": "none"}
     handles = []
     for which, marker, name in (
-        (~beyond, "x", "left out"),
-        (beyond & (away > 0.0), "^", "left out, above"),
-        (beyond & (away < 0.0), "v", "left out, below"),
+        (~beyond, "x", "rejected"),
+        (beyond & (away > 0.0), "^", "rejected, above"),
+        (beyond & (away < 0.0), "v", "rejected, below"),
     ):
         if count := int(which.sum()):
             shown = middle + np.clip(away[which], -edge, edge)
@@ -324,7 +324,7 @@ def plot_terms(terms: Mapping[str, Floats], observations: Observations, ax: Axes
     dates = utc_dates(observations.epoch)
     numbers, counts = np.unique(observations.link, return_counts=True)
     named = numbers[np.argsort(-counts, kind="stable")][:_MAX_NAMED_LINKS]
-    labels = short_names([observations.links[k] for k in named.tolist()])
+    labels = link_names([observations.links[k] for k in named.tolist()])
     groups = [(observations.link == k, *look) for k, *look in zip(named, COLORS, labels, strict=False)]
     if len(numbers) > len(named):
         groups.append((~np.isin(observations.link, named), "0.6", f"{len(numbers) - len(named)} other links"))
@@ -368,7 +368,7 @@ def plot_distribution(solution: Solution | Residuals, ax: Axes | None = None) ->
     out = np.clip(size[~used], middle - 0.97 * reach, middle + 0.97 * reach)
     if len(out):
         style: dict[str, Any] = {"color": _REJECTED_COLOR, "markersize": 4, "linestyle": "none"}
-        style |= {"rasterized": len(out) > MAX_POINTS, "label": f"{len(out)} left out"}
+        style |= {"rasterized": len(out) > MAX_POINTS, "label": f"{len(out)} rejected"}
         left.plot(elevation_deg[~used], out, "x", **style)
     bins = np.floor(elevation_deg[used] / _BIN_DEG)
     numbers, place, count = np.unique(bins, return_inverse=True, return_counts=True)

@@ -2,7 +2,7 @@
 
 More dots than a panel has columns of pixels hide each other. The envelope shows, for each short bin of time, the range
 of the values, so that none is missed, and in a darker colour their mean and standard deviation, which dots would hide.
-Observations that were left out are all drawn.
+All rejected observations are drawn.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from radioloc.errors import InputError
 from radioloc.estimation.statistics import Residuals
 from radioloc.measurements.link import Link
 from radioloc.measurements.registry import KINDS
-from radioloc.results.cards import ways
+from radioloc.results.names import link_ways
 from radioloc.results.solution import Solution
 from radioloc.vectors import Floats
 
@@ -67,7 +67,7 @@ class Panel:
         if size_m is not None:
             size = f"{factor * size_m:#.3g}" if self.like else f"{factor * size_m:.3g}"
             text += f", {'rms' if self.like else 'wrms'} {size} {unit}"
-        return f"{text}, {found.rejected} left out" if self.like and found.rejected else text
+        return f"{text}, {found.rejected} rejected" if self.like and found.rejected else text
 
 
 def residuals_of(solution: Solution | Residuals) -> Residuals:
@@ -93,7 +93,9 @@ def _by_way(residuals: Residuals, rows: _Rows) -> dict[str, _Rows]:
     present = np.unique(codes).tolist()
     if len(present) == 1:
         return {"": rows}
-    names = dict(zip(present, ways([Link.from_path(residuals.paths.texts[k]) for k in present]), strict=True))
+    names = dict(
+        zip(present, link_ways([Link.from_path(residuals.paths.texts[k]) for k in present]), strict=True)
+    )
     if sum(map(len, set(names.values()))) > _MAX_NAME_CHARACTERS:
         return {"": rows}
     named = np.array([names[code] for code in codes.tolist()])
@@ -105,7 +107,7 @@ def link_panels(residuals: Residuals) -> list[Panel]:
     found: dict[tuple[bool, int, str], dict[str, _Rows]] = {}
     types, paths = residuals.types, residuals.paths
     links = [Link.from_path(path) for path in paths.texts]
-    named, keys = ways(links), types.codes * len(links) + paths.codes
+    named, keys = link_ways(links), types.codes * len(links) + paths.codes
     for key in np.unique(keys):
         kind, k = types.texts[key // len(links)], key % len(links)
         if kind not in KINDS:

@@ -1,6 +1,6 @@
 """Cards: fields of a result, rendered as text for a terminal and as HTML for a notebook and the page.
 
-Formats of numbers and names of links, on cards and in figures, are here too.
+The formats of numbers, on cards and in figures, are defined in the same module.
 """
 
 from __future__ import annotations
@@ -13,37 +13,33 @@ import re
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from radioloc.errors import visible
 from radioloc.estimation.statistics import Residuals
-from radioloc.measurements.link import Link
 
 RESULT, POSITION, RESIDUALS, BUDGET = "Result", "Position", "Residuals", "Error budget"
-OBSERVABILITY, REJECTED, PROVENANCE = "Parameters and observability", "Left out", "Provenance"
+OBSERVABILITY, REJECTED, PROVENANCE = "Parameters and observability", "Rejected", "Provenance"
 SECTIONS = (RESULT, POSITION, RESIDUALS, BUDGET, OBSERVABILITY, REJECTED, PROVENANCE)
-"""Sections of a page, in order."""
+"""Sections of the page, in order."""
 
 WIDTH = 80
 _LABEL_WIDTH = 12
 _MIN_NAME_CHARACTERS = 12
 _NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?|-")
 _MAX_SHORT_CHARACTERS, _MAX_WORD_CHARACTERS = 16, 30
-_STYLE = (
-    "dl.radioloc > div {display: grid; grid-template-columns: 8em 1fr} dl.radioloc :is(dt, dd) {margin: 0 0 .3em}"
-    " dl.radioloc p {margin: 0} dl.radioloc :is(dt, dd, th, td) {text-align: left}"
-    " dl.radioloc .number {text-align: right}"
-)
 _MIN_SIGMA_AS_DECIMAL = 1e-3  # sigmas below, such as those of clocks, are written with a power of ten
 
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """A label with lines of text, rows of a table under a heading, and lines below it.
+    """Label with lines of text, rows of a table under a heading, and lines below it.
 
-    HTML unfolds the rows of `rest`; text counts their names and says `where` they are. `section` is that of a page,
-    empty for fields of cards only.
+    HTML unfolds the `hidden` rows; text counts their names and gives the `file` that contains them. `section` is that
+    of the page, empty for fields of cards only.
     """
 
     label: str
@@ -51,30 +47,30 @@ class Field:
     heading: Sequence[str] = ()
     rows: Iterable[Sequence[str]] = ()
     below: Iterable[str] = ()
-    rest: Iterable[Sequence[str]] = ()
-    where: str = ""
+    hidden: Iterable[Sequence[str]] = ()
+    file: str = ""
     section: str = RESULT
 
     def __post_init__(self) -> None:
-        for name in ("label", "where"):
+        for name in ("label", "file"):
             object.__setattr__(self, name, visible(getattr(self, name)))
         for name in ("lines", "heading", "below"):
             object.__setattr__(self, name, tuple(map(visible, getattr(self, name))))
-        for name in ("rows", "rest"):
+        for name in ("rows", "hidden"):
             object.__setattr__(self, name, tuple(tuple(map(visible, row)) for row in getattr(self, name)))
 
     @property
     def is_empty(self) -> bool:
-        """True if there is nothing below the label."""
-        return not (self.lines or self.rows or self.below or self.rest)
+        """True if the field has a label only."""
+        return not (self.lines or self.rows or self.below or self.hidden)
 
     def html(self, title: str, verdict: str = "") -> str:
         """Render as an entry of a description list; the title names tables without a label."""
         name = self.label or title
         content = "".join(f"<p>{html.escape(line)}</p>" for line in self.lines)
         content += html_table(self.heading, self.rows, name) if self.rows else ""
-        if self.rest:
-            content += folded(f"{self._left_out} more", html_table(self.heading, self.rest, name))
+        if self.hidden:
+            content += folded(f"{self._hidden_count} more", html_table(self.heading, self.hidden, name))
         content += "".join(f"<p>{html.escape(line)}</p>" for line in self.below)
         status = f' class="status {verdict}"' if self.label == "status" else ""
         return f"<div{status}><dt>{html.escape(self.label)}</dt><dd>{content}</dd></div>"
@@ -82,12 +78,12 @@ class Field:
     def text(self) -> list[str]:
         """Render as lines of text, without the label."""
         table = text_table(self.heading, self.rows, WIDTH - _LABEL_WIDTH) if self.rows else []
-        rest = more(self._left_out, 0, self.where) if self.where else ()
-        return [*_wrapped(self.lines), *table, *_wrapped((*rest, *self.below))]
+        count = more(self._hidden_count, 0, self.file) if self.file else ()
+        return [*_wrapped(self.lines), *table, *_wrapped((*count, *self.below))]
 
     @property
-    def _left_out(self) -> int:
-        return len({row[0] for row in self.rest})
+    def _hidden_count(self) -> int:
+        return len({row[0] for row in self.hidden})
 
 
 def in_section(section: str, *fields: Field) -> tuple[Field, ...]:
@@ -97,7 +93,7 @@ def in_section(section: str, *fields: Field) -> tuple[Field, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Detail:
-    """Fields that a section of the page unfolds under a title, such as whole tables; one field is a table alone."""
+    """Fields, such as complete tables, that a section of the page unfolds under a title; a single field is a table."""
 
     section: str
     title: str
@@ -114,10 +110,10 @@ class Detail:
 
 @dataclass(frozen=True, slots=True)
 class Card:
-    """Fields in order, but for empty ones, and details for the page; ``str()`` is the card for a terminal."""
+    """Fields in order, without empty ones, and details for the page; ``str()`` is the card for a terminal."""
 
     fields: Iterable[Field]
-    details: Iterable[Detail] = ()  # made as they are asked for
+    details: Iterable[Detail] = ()  # an iterator, as only the page needs them
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "fields", tuple(field for field in self.fields if not field.is_empty))
@@ -130,15 +126,22 @@ class Card:
         )
         return "\n".join(lines)
 
-    def html(self) -> str:
-        """Render for a notebook."""
-        return f"<style>{_STYLE}</style>{html_fields(self.fields)}"
+    def html(self, verdict: str = "") -> str:
+        """Render with the style sheet, for a notebook."""
+        fields = html_fields(self.fields, verdict=verdict)
+        return f'<style>{style_sheet()}</style><div class="radioloc">{fields}</div>'
+
+
+@cache
+def style_sheet() -> str:
+    """Return the style sheet of cards, for light and dark surroundings."""
+    return files("radioloc.results").joinpath("card.css").read_text(encoding="utf-8")
 
 
 def provenance_detail(provenance: Mapping[str, Any]) -> Detail:
     """Return files, versions and settings as a table; the names of nested keys have dots."""
     origin = Field("", (), ("key", "value"), _flat(provenance))
-    return Detail(PROVENANCE, "Files, versions and settings that make this result again", (origin,))
+    return Detail(PROVENANCE, "Files, versions and settings that reproduce this result", (origin,))
 
 
 def _flat(value: Any, key: str = "") -> Iterator[tuple[str, str]]:
@@ -156,7 +159,7 @@ def _flat(value: Any, key: str = "") -> Iterator[tuple[str, str]]:
 
 def html_fields(fields: Iterable[Field], title: str = "", verdict: str = "") -> str:
     """Render fields as a description list; the status has the class of the verdict, ``good`` or ``failed``."""
-    return f'<dl class="radioloc">{"".join(field.html(title, verdict) for field in fields)}</dl>'
+    return f"<dl>{''.join(field.html(title, verdict) for field in fields)}</dl>"
 
 
 def html_table(heading: Sequence[str], rows: Iterable[Sequence[str]], label: str) -> str:
@@ -184,7 +187,7 @@ def folded(title: str, content: str, is_open: bool = False) -> str:
 
 
 def _kind(cells: Sequence[str]) -> str:
-    """Class of a column: numbers stand to the right, and neither these nor short texts are broken."""
+    """Class of a column: numbers are aligned to the right, and neither these nor short texts are broken."""
     numbers = sum(_NUMBER.fullmatch(cell) is not None for cell in cells)
     short = all(
         len(cell) < (_MAX_SHORT_CHARACTERS if " " in cell else _MAX_WORD_CHARACTERS) for cell in cells
@@ -193,7 +196,7 @@ def _kind(cells: Sequence[str]) -> str:
 
 
 def text_table(heading: Sequence[str], rows: Iterable[Sequence[str]], width: int) -> list[str]:
-    """Align rows of cells as lines of plain text: names to the left and wrapped, numbers to the right and never cut."""
+    """Align rows of cells as plain text: wrapped names to the left, numbers to the right and never cut."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -216,32 +219,31 @@ def table(
     label: str,
     heading: Sequence[str],
     rows: Sequence[Sequence[str]],
-    most: int,
+    max_rows: int,
     below: Iterable[str] = (),
-    where: str = "solution.json",
+    file: str = "solution.json",
 ) -> Field:
-    """A field that is a table, of whose rows a card has the first, and says where the others are."""
-    return Field(label, (), heading, rows[:most], below, rows[most:], where)
+    """Return a field with a table, whose rows beyond the first are in a file."""
+    return Field(label, (), heading, rows[:max_rows], below, rows[max_rows:], file)
 
 
-def more(count: int, most: int, where: str = "solution.json") -> tuple[str, ...]:
-    """Say how many are not shown."""
-    return (f"{count - most} more in {where}",) if count > most else ()
+def more(count: int, shown: int, file: str = "solution.json") -> tuple[str, ...]:
+    """Return a line with the number of items that are not shown."""
+    return (f"{count - shown} more in {file}",) if count > shown else ()
 
 
-def first_of(lines: Sequence[str], most: int) -> list[str]:
-    """The first lines, and how many there are that say the same."""
-    rest = len(lines) - most
-    return [*lines[:most], *([f"likewise {rest} more"] if rest > 0 else [])]
+def first_lines(lines: Sequence[str], max_lines: int) -> tuple[str, ...]:
+    """Return the first lines, and one with the number of further lines."""
+    return (*lines[:max_lines], *more(len(lines), max_lines))
 
 
 def plural(count: int, noun: str, ending: str = "s") -> str:
-    """A count with its noun."""
+    """Return a count with its noun."""
     return f"{count} {noun}{'' if count == 1 else ending}"
 
 
 def metres(value_m: float | None) -> str:
-    """Text of a length to three digits, to a tenth of a millimetre at the finest."""
+    """Return a length with three digits, at most four decimals."""
     if value_m is None or not math.isfinite(value_m):
         return "undetermined"
     if value_m == 0.0:
@@ -251,12 +253,12 @@ def metres(value_m: float | None) -> str:
 
 
 def signed_metres(value_m: float) -> str:
-    """Text of a length with its sign, digits as in :func:`metres`."""
+    """Return a length with its sign and the digits of :func:`metres`."""
     return metres(value_m) if value_m < 0.0 else f"+{metres(value_m)}"
 
 
-def to_sigma(value: float, sigma: float) -> str:
-    """Text of a value with the digits that its sigma, given to three of them, asks for; nought far below it."""
+def value_text(value: float, sigma: float) -> str:
+    """Return a value with the decimals of its sigma to three digits; zero if it is far below the sigma."""
     if not (math.isfinite(sigma) and sigma > 0.0 and math.isfinite(value) and value):
         return f"{value + 0.0:.6g}"
     decimals = 2 - math.floor(math.log10(sigma))
@@ -267,46 +269,22 @@ def to_sigma(value: float, sigma: float) -> str:
 
 
 def sigma_text(sigma: float) -> str:
-    """Text of a sigma to three digits."""
+    """Return a sigma with three digits."""
     if not math.isfinite(sigma):
         return "undetermined"
     return metres(sigma) if sigma >= _MIN_SIGMA_AS_DECIMAL else f"{sigma:.3g}"
 
 
 def duration(seconds: float) -> str:
-    """Text of a time span in minutes, hours or days."""
+    """Return a time span in minutes, hours or days."""
     if seconds < 0.95 * 3600.0:
         return f"{seconds / 60.0:.1f} min"
     return f"{seconds / 3600.0:.1f} h" if seconds < 72.0 * 3600.0 else f"{seconds / 86400.0:.1f} days"
 
 
 def have_paths(rows: Residuals) -> bool:
-    """Return whether paths are those of observations, not names of stations in their place."""
+    """Return whether the paths are those of observations, not names of stations."""
     return all(">" in path for path in rows.paths.present())
-
-
-def ways(links: Sequence[Link]) -> list[str]:
-    """Words that tell links of one place apart; that all links to several targets are two-way is not said."""
-    several = len({link.targets for link in links}) > 1
-    out = []
-    for link in links:
-        if link.differenced:
-            way = ""
-        elif link.transmitter:
-            way = "two-way" if link.transmitter == link.receiver else f"from {link.transmitter}"
-        else:
-            way = "one-way"
-        out.append(f"{way} {'-'.join(link.targets)}".strip() if several else way)
-    two_way = several and all(name.startswith("two-way ") for name in out)
-    return [name.removeprefix("two-way ") for name in out] if two_way else out
-
-
-def short_names(links: Sequence[Link]) -> list[str]:
-    """Place and way in one; ``two-way`` is understood."""
-    return [
-        f"{link.place} {way.removeprefix('two-way')}".rstrip()
-        for link, way in zip(links, ways(links), strict=True)
-    ]
 
 
 def _wrapped(lines: Iterable[str]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Solutions beside each other: their table, whether they agree, and the joint estimate."""
+"""Comparison of solutions: their table, tests of their agreement, and the joint estimate."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from radioloc.results.cards import Card, Field, metres, plural
 from radioloc.results.result import Content, Result
 from radioloc.results.tables import (
     PositionRow,
-    east_longitude_deg,
     finite,
     place_record,
     position_fields,
@@ -22,21 +21,20 @@ from radioloc.results.tables import (
 )
 
 MIN_CHANCE = 1e-3
-"""Chance of a difference below which two solutions do not agree."""
-_MAX_NAMED_PAIRS = 3
-"""Pairs that are named one by one."""
+"""Significance level below which two solutions do not agree."""
+_MAX_NAMED_PAIRS = 3  # that are named one by one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison(Result):
-    """Solutions beside each other.
+    """Solutions and published positions, tested against each other.
 
     Parameters
     ----------
     frame : str
         Mean-Earth axes of all positions.
     benchmark : str
-        Name of the row that all others are compared with.
+        Name of the row relative to which the others are given.
     rows : tuple of PositionRow
         Solutions, the joint estimate, references.
     covariances_en_m2 : mapping of str to ndarray, shape (2, 2)
@@ -44,7 +42,7 @@ class Comparison(Result):
     agreements : tuple of Agreement
         Each pair of solutions.
     joint : JointEstimate or None
-        The estimate from all that do not share observations.
+        Estimate from all solutions that do not share observations.
     """
 
     frame: str
@@ -56,16 +54,16 @@ class Comparison(Result):
 
     @property
     def estimates(self) -> list[PositionRow]:
-        """The rows that are no references."""
+        """Rows of estimates, without references."""
         return [row for row in self.rows if row.method != "reference"]
 
     @property
     def consistent(self) -> bool:
-        """True if no difference is less likely than one in a thousand, and all solutions converged."""
-        return self._likely and all(row.converged is not False for row in self.rows)
+        """True if no difference is significant at 0.1 %, and all solutions converged."""
+        return self._agree and all(row.converged is not False for row in self.rows)
 
     @property
-    def _likely(self) -> bool:
+    def _agree(self) -> bool:
         chances = [test.chance for test in (*self.agreements, self.joint) if test is not None]
         return all(chance is None or chance >= MIN_CHANCE for chance in chances)
 
@@ -78,7 +76,7 @@ class Comparison(Result):
                 "position": {"me": place_record(place.frame, place.selenographic, place.xyz_m)},
                 "covariance": {"enu_m2": list(map(finite, self.joint.covariance_enu_m2))},
                 "of": list(self.joint.names),
-                "left_out": dict(self.joint.left_out),
+                "excluded": dict(self.joint.left_out),
                 "chi2": self.joint.chi2,
                 "dof": self.joint.dof,
                 "chance": self.joint.chance,
@@ -98,7 +96,7 @@ class Comparison(Result):
         return {**position_files(self.rows), "comparison.json": self.to_dict()}
 
     def card(self) -> Card:
-        """Card of the comparison."""
+        """Return the card of the comparison."""
         heading = ("1 sigma", "L, m", "B, m", "h, m", "height, m")
         sizes = ((row.name, *map(metres, row.sigmas_m), f"{row.height_m:.1f}") for row in self.estimates)
         pairs = ("difference", "east, m", "north, m", "up, m", "sigmas", "chance, %")
@@ -119,26 +117,30 @@ class Comparison(Result):
 
     def _status(self) -> Iterator[str]:
         failed = [row.name for row in self.rows if row.converged is False]
-        apart = [
+        different = [
             f"{pair.one} and {pair.two}"
             for pair in self.agreements
             if pair.chance is not None and pair.chance < MIN_CHANCE
         ]
         if failed:
             yield f"NOT CONVERGED: {', '.join(failed)}"
-        if not (apart or self._likely):
-            apart = ["together the estimates"]
-        if apart:
-            yield f"NOT CONSISTENT: {'; '.join(apart)} differ by more than their sigmas allow"
+        if not (different or self._agree):
+            different = ["all estimates together"]
+        if different:
+            yield f"NOT CONSISTENT: {'; '.join(different)} differ by more than their sigmas allow"
         elif not failed:
             tested = [(pair.chance, pair) for pair in self.agreements if pair.chance is not None]
-            yield _agreeing(*min(tested, key=lambda one: one[0])) if tested else "nothing could be tested"
+            yield (
+                _agreement_text(*min(tested, key=lambda item: item[0]))
+                if tested
+                else "no pair could be tested"
+            )
 
     def _untested(self) -> Iterator[str]:
         for why in dict.fromkeys(pair.why for pair in self.agreements if pair.why):
             pairs = [f"{pair.one} and {pair.two}" for pair in self.agreements if pair.why == why]
-            named = "; ".join(pairs) if len(pairs) <= _MAX_NAMED_PAIRS else plural(len(pairs), "pair")
-            yield f"{named} are not tested: {why}"
+            names = "; ".join(pairs) if len(pairs) <= _MAX_NAMED_PAIRS else plural(len(pairs), "pair")
+            yield f"{names} are not tested: {why}"
 
     def _joint(self) -> Iterator[str]:
         if self.joint is None:
@@ -146,20 +148,20 @@ class Comparison(Result):
         row = next(row for row in self.rows if row.method == "joint")
         east, north, up = map(metres, row.sigmas_m)
         yield (
-            f"{east_longitude_deg(row):.5f} deg E, {row.latitude_deg:.5f} deg N, {row.height_m:.1f} m, from "
+            f"{-row.longitude_west_deg:.5f} deg E, {row.latitude_deg:.5f} deg N, {row.height_m:.1f} m, from "
             f"{' and '.join(self.joint.names)}; sigmas east {east}, north {north}, up {up} m"
         )
         yield f"chi2 {self.joint.chi2:.2f} with {plural(self.joint.dof, 'degree')} of freedom"
         for name, why in self.joint.left_out.items():
-            yield f"{name} is not in it: {why}"
+            yield f"{name} excluded: {why}"
 
 
-def _agreeing(chance: float, pair: Agreement) -> str:
-    """Statement that the estimates agree, by the least likely pair."""
-    apart_m = math.hypot(*pair.difference_enu_m[:2])
+def _agreement_text(chance: float, pair: Agreement) -> str:
+    """Return the statement that the estimates agree, for the pair with the most significant difference."""
+    distance_m = math.hypot(*pair.difference_enu_m[:2])
     return (
-        f"consistent: {pair.one} and {pair.two}, {apart_m:.0f} m apart, differ by {math.sqrt(pair.chi2 or 0.0):.2g} "
-        f"sigmas, as {100.0 * chance:.2g} % of right pairs do or by more"
+        f"consistent: {pair.one} and {pair.two}, {distance_m:.0f} m apart, differ by "
+        f"{math.sqrt(pair.chi2 or 0.0):.2g} sigmas, which chance exceeds in {100.0 * chance:.2g} % of cases"
     )
 
 
@@ -167,5 +169,5 @@ def _pair(pair: Agreement) -> tuple[str, ...]:
     sigmas, chance = "-", "-"
     if pair.chi2 is not None and pair.chance is not None:
         sigmas, chance = f"{math.sqrt(pair.chi2):.2f}", f"{100.0 * pair.chance:.2g}"
-    apart = (f"{round(value, 1) + 0.0:.1f}" for value in pair.difference_enu_m)
-    return f"{pair.one} - {pair.two}", *apart, sigmas, chance
+    components = (f"{round(value, 1) + 0.0:.1f}" for value in pair.difference_enu_m)
+    return f"{pair.one} - {pair.two}", *components, sigmas, chance

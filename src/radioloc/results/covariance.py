@@ -1,4 +1,4 @@
-"""Predicted accuracy of a tracking plan: sigmas by length, their budget, contributions of parts, improvements by more.
+"""Predicted accuracy of a tracking plan: sigmas by length, error budget, contributions and possible improvements.
 
 Sigmas of an orbit are along, across and radial, from the mean of its covariance over the arc.
 
@@ -19,20 +19,20 @@ import numpy as np
 from radioloc.estimation.consider import NOISE, ErrorSource, by_source
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.results.cards import Card, Field, metres, table
+from radioloc.results.names import error_name, source_name
 from radioloc.results.result import Content, Result
 from radioloc.targets.orbit_state import ALONG_ACROSS_RADIAL, EAST_NORTH_UP, RTN, OrbitState
 from radioloc.time import utc_strings
 from radioloc.vectors import Floats
 
 _DIRECTIONS = np.linspace(0.0, np.pi, 721)[:-1]
-_MAX_SOURCES, _MAX_GAINS = 8, 12
+_MAX_SOURCES, _MAX_IMPROVEMENTS = 8, 12
 _FILE = "covariance.json"
-_MIN_GAIN_FRACTION = 0.005
-"""Part of the 95 % radius below which a gain is not shown on the card."""
+_MIN_IMPROVEMENT = 0.005  # part of the 95 % radius below which the card does not show an improvement
 
 
 def radius_95_m(covariance_m2: Floats) -> float:
-    """Radius of the circle that holds 95 % of a plane normal distribution, m; infinite where that is."""
+    """Return the radius of the circle with 95 % of a plane normal distribution, m; infinite for infinite variances."""
     if not np.isfinite(covariance_m2).all():
         return math.inf
     variances = np.linalg.eigvalsh(covariance_m2)
@@ -41,14 +41,14 @@ def radius_95_m(covariance_m2: Floats) -> float:
     minor, major = np.sqrt(np.maximum(variances, 1e-4 * variances[1]))
     k = (np.cos(_DIRECTIONS) / minor) ** 2 + (np.sin(_DIRECTIONS) / major) ** 2
 
-    def missing(radius_m: float) -> float:
-        inside = -np.expm1(-0.5 * radius_m**2 * k) / (k * minor * major)
-        return float(inside.mean()) - 0.95
+    def excess(radius_m: float) -> float:
+        probability = -np.expm1(-0.5 * radius_m**2 * k) / (k * minor * major)
+        return float(probability.mean()) - 0.95
 
     from scipy.optimize import brentq
 
-    # Between that of a line and that of a circle of the major axis.
-    return float(brentq(missing, 1.9 * major, 2.5 * major, rtol=1e-9))
+    # Between the radii of a line and of a circle with the major axis.
+    return float(brentq(excess, 1.9 * major, 2.5 * major, rtol=1e-9))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,12 +58,11 @@ class PlannedArc:
     hours: float
     span_h: float  # from the start to the last observation
     count: int  # observations
-    # The largest first; they add up to the covariance. None where the position is not determined.
-    sources: tuple[ErrorSource, ...]
-    missing: tuple[str, ...]  # what is not determined, in words
+    sources: tuple[ErrorSource, ...]  # the largest first, with the covariance as sum; empty if not determined
+    missing: tuple[str, ...]  # undetermined quantities in words
     axes: tuple[str, ...] = EAST_NORTH_UP  # or along, across, radial of an orbit: means over the arc
     state: OrbitState | None = None  # of an orbit that is determined
-    tracked_h: tuple[float, float] = (math.nan, math.nan)  # from the state's epoch, first and last
+    tracked_h: tuple[float, float] = (math.nan, math.nan)  # first and last epoch from the state's epoch
 
     @property
     def determined(self) -> bool:
@@ -72,7 +71,7 @@ class PlannedArc:
 
     @property
     def covariance_m2(self) -> Floats:
-        """By the axes, shape (3, 3); infinite where not determined."""
+        """Covariance by the axes, shape (3, 3); infinite if not determined."""
         if not self.sources:
             return np.full((3, 3), np.inf)
         return np.asarray(sum(source.covariance_m2 for source in self.sources))
@@ -84,24 +83,24 @@ class PlannedArc:
 
     @property
     def radius_95_m(self) -> float:
-        """Radius of the horizontal circle that holds the true point in 95 % of cases."""
+        """Radius of the horizontal circle that contains the true point in 95 % of cases, m."""
         return radius_95_m(self.covariance_m2[:2, :2])
 
-    def without(self, *sources: ErrorSource) -> float:
-        """95 % radius if some sources had no error."""
+    def radius_95_without_m(self, *sources: ErrorSource) -> float:
+        """Return the 95 % radius if some sources had no error."""
         return radius_95_m(
             sum((s.covariance_m2 for s in self.sources if s not in sources), np.zeros((3, 3)))[:2, :2]
         )
 
     def by_source(self) -> dict[str, Floats]:
-        """Variances by the axes of the sources, all of one kind together, shape (3,)."""
-        wholes = {whole.source: np.diag(whole.covariance_m2) for whole in by_source(self.sources)}
-        return dict(sorted(wholes.items(), key=lambda item: -float(item[1][:2].sum())))
+        """Return variances by the axes, shape (3,), by kind of source; the largest horizontal ones first."""
+        variances = {item.source: np.diag(item.covariance_m2) for item in by_source(self.sources)}
+        return dict(sorted(variances.items(), key=lambda item: -float(item[1][:2].sum())))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return its numbers, in types that JSON has."""
+        """Return all numbers, in types that JSON has."""
         axes = zip(self.axes, self.sigma_m.tolist(), strict=True)
-        of_orbit = self.axes == ALONG_ACROSS_RADIAL
+        is_orbit = self.axes == ALONG_ACROSS_RADIAL
         return {
             "hours": self.hours,
             "span_h": self.span_h,
@@ -110,30 +109,30 @@ class PlannedArc:
             "missing": list(self.missing),
             **{f"sigma_{axis}_m": finite_or_none(sigma) for axis, sigma in axes},
             "radius_95_m": finite_or_none(self.radius_95_m),
-            f"covariance_{'acr' if of_orbit else 'enu'}_m2": self.covariance_m2.tolist()
+            f"covariance_{'acr' if is_orbit else 'enu'}_m2": self.covariance_m2.tolist()
             if self.determined
             else None,
             "budget": [source.to_dict(self.axes) for source in self.sources],
-            **({"state": self.state and self.state.to_dict()} if of_orbit else {}),
+            **({"state": self.state and self.state.to_dict()} if is_orbit else {}),
         }
 
 
 @dataclass(frozen=True, slots=True)
-class Share:
-    """Contribution of the observations of a type or of a station."""
+class Contribution:
+    """Information in the observations of a type or of a station."""
 
     group: str  # "type" or "station"
     name: str
     count: int
-    alone_m: float  # 95 % radius from these alone; infinite where they do not determine the position
-    without_m: float  # 95 % radius without them
+    alone_m: float  # 95 % radius from these observations only; infinite if they do not determine the position
+    without_m: float  # 95 % radius from all others
 
 
 @dataclass(frozen=True, slots=True)
-class Gain:
-    """Improvement of the longest arc by one station, link or better known error."""
+class Improvement:
+    """Improvement of the longest arc by a station, a link or the elimination of an error."""
 
-    what: str  # such as "station TIANMA65" or "station_position KASHI known"
+    change: str  # such as "station TIANMA65" or "station_position KASHI known"
     radius_95_m: float
 
 
@@ -143,10 +142,10 @@ class CovarianceStudy(Result):
 
     name: str
     arcs: tuple[PlannedArc, ...]  # the shortest first
-    shares: tuple[Share, ...]
-    gains: tuple[Gain, ...]  # the best first
-    reach_m: float | None = None  # 95 % radius that was asked for
-    reach_h: float | None = None  # after how many hours it is reached; None where it is not
+    contributions: tuple[Contribution, ...]
+    improvements: tuple[Improvement, ...]  # the best first
+    reach_m: float | None = None  # 95 % radius to be reached
+    reach_h: float | None = None  # hours after which it is reached; None if it is not
     notes: tuple[str, ...] = ()
     others: tuple[CovarianceStudy, ...] = ()  # of further targets in the same problem
 
@@ -167,24 +166,24 @@ class CovarianceStudy(Result):
             "determined": self.determined,
             "reach": None if self.reach_m is None else {"radius_95_m": self.reach_m, "hours": self.reach_h},
             "arcs": [arc.to_dict() for arc in self.arcs],
-            "information": [
+            "contributions": [
                 {
-                    share.group: share.name,
-                    "observations": share.count,
-                    "alone_radius_95_m": finite_or_none(share.alone_m),
-                    "without_radius_95_m": finite_or_none(share.without_m),
+                    item.group: item.name,
+                    "observations": item.count,
+                    "alone_radius_95_m": finite_or_none(item.alone_m),
+                    "without_radius_95_m": finite_or_none(item.without_m),
                 }
-                for share in self.shares
+                for item in self.contributions
             ],
-            "gains": [
-                asdict(gain) | {"radius_95_m": finite_or_none(gain.radius_95_m)} for gain in self.gains
+            "improvements": [
+                asdict(item) | {"radius_95_m": finite_or_none(item.radius_95_m)} for item in self.improvements
             ],
             "notes": list(self.notes),
             **({"others": [other.to_dict() for other in self.others]} if self.others else {}),
         }
 
     def to_csv(self) -> str:
-        """One row for each length, with the standard deviation by each kind of source, all axes together."""
+        """Return a row for each length, with the standard deviation by kind of source over all axes."""
         kinds = dict.fromkeys(kind for arc in reversed(self.arcs) for kind in arc.by_source())
         sigmas = [f"sigma_{axis}_m" for axis in self.longest.axes]
         rows = [["hours", "span_h", "observations", *sigmas, "radius_95_m", *(f"{k}_m" for k in kinds)]]
@@ -192,8 +191,8 @@ class CovarianceStudy(Result):
             by_source = arc.by_source()
             parts = [math.sqrt(by_source[k].sum()) if k in by_source else math.inf for k in kinds]
             numbers = [*arc.sigma_m.tolist(), arc.radius_95_m, *parts]
-            shown = [f"{x:.6g}" if math.isfinite(x) else "" for x in numbers]
-            rows.append([f"{arc.hours:g}", f"{arc.span_h:.4f}", str(arc.count), *shown])
+            cells = [f"{x:.6g}" if math.isfinite(x) else "" for x in numbers]
+            rows.append([f"{arc.hours:g}", f"{arc.span_h:.4f}", str(arc.count), *cells])
         return "".join(f"{','.join(row)}\n" for row in rows)
 
     def files(self) -> Mapping[str, Content]:
@@ -202,35 +201,30 @@ class CovarianceStudy(Result):
         return {"covariance.json": self.to_dict(), "covariance.csv": self.to_csv(), **others}
 
     def card(self) -> Card:
-        """Card of the study."""
+        """Return the card of the study."""
         longest = self.longest
         heading = ("length", "span, h", "obs.", *longest.axes, "95 % radius")
-        over = "; all are means over the arc" if longest.state else ""
-        holds = f"95 % radius: of the horizontal circle that holds the true point in 95 % of cases{over}"
+        means = "; all are means over the arc" if longest.state else ""
+        radius = f"95 % radius: horizontal circle that contains the true point in 95 % of cases{means}"
         sources = [
-            (source.label, *map(metres, (*source.sigma_m.tolist(), source.total_m)))
-            for source in longest.sources
+            (error_name(item), *map(metres, (*item.sigma_m.tolist(), item.total_m)))
+            for item in longest.sources
         ]
-        of_sources = (f"of {longest.hours:g} h, m", *longest.axes, "3D")
-        shares = (
-            (
-                f"{share.group} {share.name}",
-                str(share.count),
-                _radius(share.alone_m),
-                _radius(share.without_m),
-            )
-            for share in self.shares
+        source_heading = (f"of {longest.hours:g} h, m", *longest.axes, "3D")
+        contributions = (
+            (f"{item.group} {item.name}", str(item.count), _radius(item.alone_m), _radius(item.without_m))
+            for item in self.contributions
         )
         return Card(
             (
                 Field("covariance", (self.name,)),
                 Field("status", _status(self)),
                 Field("1 sigma, m", (), heading, map(_length_cells, self.arcs)),
-                Field("", (holds,)),
+                Field("", (radius,)),
                 *_state(longest),
-                table("budget", of_sources, sources, _MAX_SOURCES, where=_FILE),
-                Field("information", (), ("95 % radius, m", "obs.", "alone", "without"), shares),
-                _gains(self),
+                table("budget", source_heading, sources, _MAX_SOURCES, file=_FILE),
+                Field("information", (), ("95 % radius, m", "obs.", "alone", "without"), contributions),
+                _improvements(self),
                 Field("notes", self.notes),
                 *(field for other in self.others for field in other.card().fields),
             )
@@ -241,14 +235,14 @@ class CovarianceStudy(Result):
 
 
 def plans_card(plans: Iterable[CovarianceStudy]) -> Card:
-    """Card that compares several plans."""
+    """Return a card that compares several plans."""
     plans = tuple(plans)
     reach_m = plans[0].reach_m
     heading = ["", "span, h", "obs.", *plans[0].longest.axes, "95 % radius"]
-    lines = ["1 sigma, m, of the whole of each plan"]
+    lines = ["1 sigma, m, of each complete plan"]
     if reach_m is not None:
         heading.append(f"{metres(reach_m)} m after")
-        lines.append(f"how long each has to last until its 95 % radius is {metres(reach_m)} m or less")
+        lines.append(f"last column: length with a 95 % radius of {metres(reach_m)} m or less")
     rows = (
         (plan.name, *_length_cells(plan.longest)[1:], *([] if reach_m is None else [_hours(plan.reach_h)]))
         for plan in plans
@@ -267,16 +261,14 @@ def _status(study: CovarianceStudy) -> Iterator[str]:
         return
     yield f"{arc.hours:g} h: 95 % within {metres(arc.radius_95_m)} m"
     if study.reach_m is not None and study.reach_h is None:
-        yield f"a 95 % radius of {metres(study.reach_m)} m is not reached: {_what_first(arc)}"
+        yield f"a 95 % radius of {metres(study.reach_m)} m is not reached: {_first_measure(arc)}"
     elif study.reach_m is not None:
         yield f"a 95 % radius of {metres(study.reach_m)} m is reached after {_hours(study.reach_h)}"
 
 
-def _what_first(arc: PlannedArc) -> str:
-    kind = next(iter(arc.by_source()))
-    if kind == NOISE:
-        return "more observations would help most"
-    return f"{kind.removeprefix('a priori: ')} dominates; improve it first"
+def _first_measure(arc: PlannedArc) -> str:
+    source = next(iter(arc.by_source()))
+    return "add observations first" if source == NOISE else f"improve {source_name(source)} first"
 
 
 def _length_cells(arc: PlannedArc) -> tuple[str, ...]:
@@ -286,7 +278,7 @@ def _length_cells(arc: PlannedArc) -> tuple[str, ...]:
 
 
 def _state(arc: PlannedArc) -> Iterator[Field]:
-    """The sigmas of the state at its epoch, radial, along and across."""
+    """Yield the sigmas of the state at its epoch, radial, along and across."""
     if arc.state is None:
         return
     sigma = np.sqrt(np.diag(arc.state.covariance_rtn(arc.state.epoch)[0]))
@@ -301,13 +293,22 @@ def _radius(radius_m: float) -> str:
     return metres(radius_m) if math.isfinite(radius_m) else "not observable"
 
 
-def _gains(study: CovarianceStudy) -> Field:
-    now_m = study.longest.radius_95_m
+def _improvements(study: CovarianceStudy) -> Field:
+    radius_m = study.longest.radius_95_m
     rows = [
-        (gain.what, metres(gain.radius_95_m), f"-{100.0 * (1.0 - gain.radius_95_m / now_m):.0f} %")
-        for gain in study.gains
-        if gain.radius_95_m < (1.0 - _MIN_GAIN_FRACTION) * now_m
+        (
+            _change_text(item),
+            metres(item.radius_95_m),
+            f"-{100.0 * (1.0 - item.radius_95_m / radius_m):.0f} %",
+        )
+        for item in study.improvements
+        if item.radius_95_m < (1.0 - _MIN_IMPROVEMENT) * radius_m
     ]
-    little = len(study.gains) - len(rows)
-    below = [f"{little} others improve it by less than {100.0 * _MIN_GAIN_FRACTION:g} %"] if little else []
-    return table("improvement", ("95 % radius, m, with", "", ""), rows, _MAX_GAINS, below, _FILE)
+    small = len(study.improvements) - len(rows)
+    below = [f"{small} others improve it by less than {100.0 * _MIN_IMPROVEMENT:g} %"] if small else []
+    return table("improvement", ("95 % radius, m, with", "", ""), rows, _MAX_IMPROVEMENTS, below, _FILE)
+
+
+def _change_text(item: Improvement) -> str:
+    source, _, rest = item.change.partition(" ")
+    return f"{source_name(source)} {rest}"

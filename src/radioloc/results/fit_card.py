@@ -1,10 +1,9 @@
-"""Fields of a solution's card on its observations: their number, how well they fit, and which do not."""
+"""Fields of a solution's card on the observations: their number, their residuals, and the rejected ones."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from itertools import combinations
 
 import numpy as np
 
@@ -19,54 +18,58 @@ from radioloc.results.cards import (
     Detail,
     Field,
     duration,
-    first_of,
+    first_lines,
     have_paths,
     in_section,
     metres,
     more,
     plural,
-    short_names,
     signed_metres,
     table,
 )
+from radioloc.results.names import link_names
 from radioloc.results.solution import Solution
 from radioloc.time import utc_strings
 
-# A card is to fit a screen; to_dict() has all rows.
+# A card fits a screen; to_dict() has all rows.
 _MAX_ROWS = 6
-_MAX_LINKS = 12  # six baselines of four stations, and some that range
-_MAX_OUTLIERS = 3
-_MAX_UNFOLDED, _MAX_REJECTED = 20, 300  # on a page
+_MAX_LINK_ROWS = 12  # six baselines of four stations, and some links of ranges
+_MAX_REJECTED = 3
+_MAX_UNFOLDED, _MAX_PAGE_ROWS = 20, 300  # rows of rejected observations on a page
 _MAX_SERIES = 3
 _MIN_SPLIT_SIGMAS = 3.3
-"""Means of two links that differ by more do so by chance in 1 of 1000 cases."""
+"""Difference between the means of two links that is exceeded by chance in 1 of 1000 cases."""
 _MIN_CORRELATION_FACTOR = 1.05
 _MIN_ADVISED_FACTOR = 3.0
-"""A sigma that grows by more belongs to an estimate that other weights make much better."""
+"""Growth of the sigma above which correlated weights give a much better estimate."""
 
 
 def fit_fields(solution: Solution) -> Iterator[Field]:
-    """Fields of the card, in order."""
-    yield Field("data", _data(solution), section=RESIDUALS)
-    yield Field("fit", _fit(solution), section=RESIDUALS)
-    yield Field("misfit", map(str, inconsistent(solution, strongly=False)), section=RESIDUALS)
-    yield from in_section(RESIDUALS, *_groups(solution))
-    yield Field("left out", _left_out(solution), section="")
+    """Yield the fields of the card, in order."""
+    yield from in_section(
+        RESIDUALS,
+        Field("data", _data(solution)),
+        Field("fit", _fit(solution)),
+        _correlated_series(solution),
+        Field("misfit", map(str, inconsistent(solution, strongly=False))),
+        *_groups(solution),
+    )
+    yield Field("rejected", _largest_rejected(solution), section="")
 
 
 def rejected_detail(solution: Solution) -> Detail:
-    """Return the observations that were left out as a table."""
-    rows, count = left_out_rows(solution, _MAX_REJECTED), solution.fit.total.rejected
+    """Return the rejected observations as a table."""
+    rows, count = rejected_rows(solution)[:_MAX_PAGE_ROWS], solution.fit.total.rejected
     heading = ("UTC", "link", "residual, m", "reason")
-    first = f"The first {len(rows)} of {count}" if count > len(rows) else "All of them"
+    title = f"{len(rows)} of {count}" if count > len(rows) else "All"
     table = Field("", (), heading, rows)
-    return Detail(REJECTED, f"{first}, the largest residuals first", (table,), count <= _MAX_UNFOLDED)
+    return Detail(REJECTED, f"{title}, the largest residuals first", (table,), count <= _MAX_UNFOLDED)
 
 
 def inconsistent(solution: Solution, *, strongly: bool) -> Iterator[Inconsistency]:
-    """Inconsistencies that move the position by more than its sigma, or else all others: a moving target has none."""
+    """Yield the inconsistencies that move the position by more than its sigma, or all others."""
     for item in solution.consistency.found:
-        shift = item.shift_enu_m
+        shift = item.shift_enu_m  # None for a moving target
         moves = shift is not None and math.hypot(*shift) > float(np.linalg.norm(solution.sigma_enu_m()))
         if strongly == moves:
             yield item
@@ -86,159 +89,145 @@ def _data(solution: Solution) -> Iterator[str]:
 
 def _fit(solution: Solution) -> Iterator[str]:
     fit = solution.fit
-    line = f"{fit.total.used} used, {fit.total.rejected} left out"
-    # Types whose metres are of different things have no common one.
+    line = f"{fit.total.used} used, {fit.total.rejected} rejected"
+    # Ranges and Doppler, both in metres, have no common rms.
     if fit.total.wrms_m is not None and len(fit.by_type) <= 1:
         line += f"; wrms {metres(fit.total.wrms_m)} m"
         if {group.label for group in fit.by_type} == {"range"}:
             line += f" round trip ({metres(0.5 * fit.total.wrms_m)} m one way)"
     yield line
-    components = [
-        f"additive variance component of {kind}: sigma {metres(added_m)} m, added in quadrature to the stated sigmas"
-        if added_m > 0.0
-        else f"{kind} has no additive variance component, unlike the others"
-        for kind, added_m in fit.excess_noise_m.items()
-        if added_m > 0.0 or (" of " in kind and any(fit.excess_noise_m.values()))
-    ]
-    yield from first_of(components, _MAX_ROWS)
-    if fit.shared_noise_m:
-        sizes = ", ".join(f"{name} {metres(sigma_m)} m" for name, sigma_m in fit.shared_noise_m.items())
-        yield f"delays of one epoch share errors of stations, as their residuals show: sigma {sizes}"
-    yield from _time_correlation(solution)
-    if solution.consider is not None and solution.consider.in_weights:
-        kinds = ", ".join(solution.consider.in_weights)
-        yield f"weights allow for considered errors ({kinds}): what one of them moves together counts less"
+    for text, sigmas_m in (
+        ("noise added in quadrature to the stated sigmas", fit.excess_noise_m),
+        ("errors of stations common to the delays of one epoch, 1 sigma", fit.shared_noise_m),
+    ):
+        sizes = [f"{name} {metres(sigma_m)} m" for name, sigma_m in sigmas_m.items() if sigma_m > 0.0]
+        if sizes:
+            yield f"{text}: {', '.join(first_lines(sizes, _MAX_ROWS))}"
     if fit.chi2_per_dof is None or fit.chi2_per_dof_bound is None:
-        yield "no redundancy: nothing tests the stated sigmas"
+        yield "no redundancy: the stated sigmas cannot be tested"
         return
-    verdict = f"chi2/dof {fit.chi2_per_dof:.3g} with {fit.dof} degrees of freedom"
+    line = f"chi2/dof {fit.chi2_per_dof:.3g} with {fit.dof} degrees of freedom"
     if fit.chi2_per_dof > fit.chi2_per_dof_bound:
-        verdict += (
+        line += (
             f": the residuals are {math.sqrt(fit.chi2_per_dof):.3g} times larger than stated "
             f"(by chance chi2/dof stays below {fit.chi2_per_dof_bound:.3g} in 99.9 %)"
         )
-    yield verdict
+    yield line
 
 
-def _time_correlation(solution: Solution) -> Iterator[str]:
+def _correlated_series(solution: Solution) -> Field:
     """Series whose residuals are correlated in time, the least informative first, and the effect on sigma."""
     if solution.time_correlation is None:
-        return
+        return Field("correlated")
+    weights = {item.name: item.weighed_as for item in solution.series_weights}
     series = sorted(solution.time_correlation.series, key=lambda item: item.effective_count / item.count)
-    lines = [
-        f"time-correlated residuals of {item.name} (Gauss-Markov, correlation time "
-        f"{duration(item.correlation_time_s)}): {item.count} observations carry the information of "
-        f"{max(item.effective_count, 1.0):.0f}"
+    heading = ["series", "correlation time", "used", "independent"] + ["weight"] * bool(weights)
+    rows = [
+        (
+            item.name,
+            duration(item.correlation_time_s),
+            str(item.count),
+            f"{max(item.effective_count, 1.0):.0f}",
+            *[f"{max(weights.get(item.name, item.count), 1.0):.0f}"] * bool(weights),
+        )
         for item in series
     ]
-    yield from first_of(lines, _MAX_SERIES)
-    weights = sorted(solution.series_weights, key=lambda item: -item.sigma_factor)
-    lines = [
-        f"weight of {item.name}: that of {max(item.weighed_as, 1.0):.0f} independent observations"
-        for item in weights
-    ]
-    yield from first_of(lines, _MAX_SERIES)
-    if (
-        solution.correlation_factor < _MIN_CORRELATION_FACTOR
-    ):  # also where there is no position, or none that is determined
-        return
-    enlarged = (
-        f"the time correlation enlarges the position sigma by a factor of {solution.correlation_factor:.2g}"
-    )
-    if solution.correlation_factor > _MIN_ADVISED_FACTOR and not weights:
-        enlarged += '; [estimate] weights = "correlated" allows for it in the weights too'
-    yield enlarged
+    below = []
+    factor = solution.correlation_factor  # 1 if the position is not determined
+    if factor >= _MIN_CORRELATION_FACTOR:
+        below.append(f"the time correlation enlarges the position sigma by a factor of {factor:.2g}")
+    if factor > _MIN_ADVISED_FACTOR and not weights:
+        below.append('[estimate] weights = "correlated" includes it in the weights too')
+    return table("correlated", heading, rows, _MAX_SERIES, below)
 
 
 def _ends(rows: Residuals) -> set[str]:
-    """Stations at either end of some path."""
+    """Return the stations at either end of the paths."""
     if not have_paths(rows):
         return set(rows.stations.present())
     return {station for path in rows.paths.present() for station in Link.from_path(path).stations}
 
 
 def _links(rows: Residuals) -> Labels:
-    """Name of the station or link of each observation, with the type where those differ."""
+    """Return the station or link of each observation, with the type if there are several."""
     if not have_paths(rows):
         return rows.stations
-    # Of several types a station has no one rms: metres of range and of range difference are not alike.
+    # Ranges and range differences of a station, both in metres, have no common rms.
     several = len(rows.types.present()) > 1
     names = [
-        # "one-way" is said by the place already.
+        # The place says "one-way" already.
         f"{place} {kind.removeprefix('one_way_') if 'one-way' in place else kind}" if several else place
-        for place in short_names([Link.from_path(path) for path in rows.paths.texts])
+        for place in link_names([Link.from_path(path) for path in rows.paths.texts])
         for kind in rows.types.texts
     ]
     return Labels.coded(names, rows.paths.codes * len(rows.types.texts) + rows.types.codes)
 
 
 def _groups(solution: Solution) -> Iterator[Field]:
-    """Statistics by station; where types differ, or a station has part in several paths, by type and by path."""
+    """Yield residual statistics by station; with several types or paths of a station, by type and by link."""
     rows, fit = solution.residuals, solution.fit
     if not have_paths(rows) or len(fit.by_path) == len(fit.by_station) == len(_ends(rows)):
-        found = {"stations": fit.by_station}
+        statistics = {"stations": fit.by_station}
     else:
-        found = {"types": fit.by_type} if len(fit.by_type) > 1 else {}
-        found["links"] = rows.statistics_by(_links(rows))
-    heading = ("residuals, m", "used", "left out", "mean", "rms", "wrms")
-    for label, groups in found.items():
+        statistics = {"types": fit.by_type} if len(fit.by_type) > 1 else {}
+        statistics["links"] = rows.statistics_by(_links(rows))
+    heading = ("residuals, m", "used", "rejected", "mean", "rms", "wrms")
+    for label, groups in statistics.items():
         cells = []
         for group in groups:
             sizes = ("-" if x is None else metres(x) for x in (group.mean_m, group.rms_m, group.wrms_m))
             cells.append((group.label, str(group.used), str(group.rejected), *sizes))
         of_links = label == "links"
-        most, below = (_MAX_LINKS, _split(solution)) if of_links else (_MAX_ROWS, ())
-        yield table(label, heading, cells, most, below)
+        max_rows, below = (_MAX_LINK_ROWS, _disagreeing_ranges(solution)) if of_links else (_MAX_ROWS, ())
+        yield table(label, heading, cells, max_rows, below)
 
 
-def _split(solution: Solution) -> Iterator[str]:
-    """Ranges of two links of one station whose means differ significantly, which the station's mean can hide."""
-    worth = {}
+def _disagreeing_ranges(solution: Solution) -> Iterator[str]:
+    """Yield ranges of two links of one station whose means differ significantly, which its own mean can hide."""
+    independent = {}
     if solution.time_correlation is not None:
-        worth = {item.name: max(item.effective_count, 1.0) for item in solution.time_correlation.series}
+        independent = {item.name: max(item.effective_count, 1.0) for item in solution.time_correlation.series}
     of_station: dict[str, list[tuple[str, float, float]]] = {}
     for group in solution.fit.by_path:
         kind, _, path = group.label.partition(" ")
         if kind != "range" or not group.used or group.mean_m is None or group.rms_m is None:
             continue
         link = Link.from_path(path)
-        scatter_m = max(group.rms_m**2 - group.mean_m**2, 0.0) ** 0.5
-        count = worth.get(group.label, float(group.used))
         way = "two-way" if link.transmitter == link.receiver else f"from {link.transmitter}"
-        of_station.setdefault(link.receiver, []).append((way, group.mean_m, scatter_m / count**0.5))
+        variance_m2 = max(group.rms_m**2 - group.mean_m**2, 0.0) / independent.get(group.label, group.used)
+        of_station.setdefault(link.receiver, []).append((way, group.mean_m, variance_m2))
     for station, means in of_station.items():
-        pairs = list(combinations(means, 2))
-        apart = [
-            (abs(one[1] - two[1]) / max(math.hypot(one[2], two[2]), 1e-9), one, two) for one, two in pairs
-        ]
-        sigmas, one, two = max(apart, default=(0.0, None, None), key=lambda found: found[0])
-        if sigmas > _MIN_SPLIT_SIGMAS and one is not None and two is not None:
+        way_1, mean_1, variance_1 = min(means, key=lambda item: item[1])
+        way_2, mean_2, variance_2 = max(means, key=lambda item: item[1])
+        sigmas = (mean_2 - mean_1) / max(math.sqrt(variance_1 + variance_2), 1e-9)
+        if sigmas > _MIN_SPLIT_SIGMAS:
             yield (
-                f"ranges of {station}, {one[0]} {signed_metres(one[1])} m and {two[0]} {signed_metres(two[1])} m, "
-                f'disagree by {sigmas:.1f} sigmas: [estimate] clock = "all" or range_bias_per = "link" would absorb it'
+                f"ranges of {station}, {way_1} {signed_metres(mean_1)} m and {way_2} {signed_metres(mean_2)} m, "
+                f'disagree by {sigmas:.1f} sigmas: [estimate] clock = "all" or range_bias_per = "link" absorbs it'
             )
 
 
-def _left_out(solution: Solution) -> Iterator[str]:
-    """The largest outliers; counts with one fault, such as those before the lock, together."""
-    rows = left_out_rows(solution, solution.fit.total.rejected)
-    alike: dict[tuple[str, str], list[str]] = {}
+def _largest_rejected(solution: Solution) -> Iterator[str]:
+    """Yield the largest outliers; counts with one fault, such as those before the lock, in one line."""
+    rows = rejected_rows(solution)
+    epochs_of: dict[tuple[str, str], list[str]] = {}
     for epoch, name, _, reason in rows:
-        alike.setdefault((name, reason), []).append(epoch)
+        epochs_of.setdefault((name, reason), []).append(epoch)
     shown = 0
-    for (name, reason), epochs in list(alike.items())[:_MAX_OUTLIERS]:
+    for (name, reason), epochs in list(epochs_of.items())[:_MAX_REJECTED]:
         shown += len(epochs)
         times = f"{min(epochs)} and {len(epochs) - 1} later" if len(epochs) > 1 else epochs[0]
         yield f"{times} {name}: {reason}"
     yield from more(len(rows), shown)
 
 
-def left_out_rows(solution: Solution, most: int) -> list[tuple[str, ...]]:
-    """Epoch, link, residual (m) and reason of observations left out, those with the largest residuals first."""
+def rejected_rows(solution: Solution) -> list[tuple[str, ...]]:
+    """Return epoch, link, residual (m) and reason of the rejected observations, the largest residuals first."""
     rows = solution.residuals
-    out = np.flatnonzero(~rows.used)
-    # The largest outliers say most; what was left out from the beginning has its own reasons.
-    out = out[np.argsort(-np.abs(rows.residual_m[out] / rows.sigma_m[out]), kind="stable")][:most]
-    sizes = (f"{value:.4g}" for value in rows.residual_m[out])
-    columns = utc_strings(rows.epoch_utc[out], decimals=0), _links(rows)[out], sizes, rows.statuses[out]
+    rejected = np.flatnonzero(~rows.used)
+    size = np.abs(rows.residual_m[rejected] / rows.sigma_m[rejected])
+    rejected = rejected[np.argsort(-size, kind="stable")]
+    residuals = (f"{value:.4g}" for value in rows.residual_m[rejected])
+    epochs = utc_strings(rows.epoch_utc[rejected], decimals=0)
+    columns = epochs, _links(rows)[rejected], residuals, rows.statuses[rejected]
     return list(zip(*columns, strict=True))

@@ -13,48 +13,48 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.results.cards import Card, Field, metres, plural
+from radioloc.results.names import parameter_name
 from radioloc.results.result import Content, Result, Table
 from radioloc.tables import TableForm, as_table
 from radioloc.targets.orbit_state import ALONG_ACROSS_RADIAL, EAST_NORTH_UP
 from radioloc.units import ASTROPY_UNITS, unit_of
 from radioloc.vectors import Floats
 
-_MAX_PARAMETERS = 8
+_MAX_PARAMETERS = 8  # tables on the card
 NORMAL_95, CHI2_2_95, CHI2_6_95 = 1.959963984540054, 5.991464547107979, 12.591587243743977
-"""Quantile of 97.5 % of the normal distribution; of 95 % of chi-square of two and of six degrees of freedom."""
-_OF_AN_ORBIT = (
-    "T along, N across the orbit, R radial; hours from the state's epoch: there, in the middle and at the end"
+"""Quantiles: 97.5 % of the normal distribution, 95 % of chi-square of two and of six degrees of freedom."""
+_ORBIT_AXES = (
+    "T along, N across the orbit, R radial; at the state's epoch, in the middle and at the end of the arc"
 )
 _SHORT = {"along": "T", "across": "N", "radial": "R", "east": "E", "north": "N", "up": "U"}
 
 
 def sides_of(columns: Sequence[str]) -> tuple[str, ...]:
-    """Axes of the errors that results have: of a place, or of an orbit."""
+    """Return the axes of the errors: those of a place, or of an orbit."""
     return EAST_NORTH_UP if "east_m" in columns else ALONG_ACROSS_RADIAL
 
 
 @dataclass(frozen=True, slots=True)
-class Inside:
-    """Trials with the truth inside a claimed interval of 95 %; `low` to `high` is expected of the fraction in 95 %."""
+class Coverage:
+    """Number of trials with the truth in a claimed 95 % region."""
 
     count: int
     trials: int
-    low: float
+    low: float  # bounds of the fraction that chance keeps in 95 % of cases
     high: float
 
     @property
     def fraction(self) -> float:
-        """Part of the trials."""
+        """Fraction of the trials."""
         return self.count / self.trials
 
 
 @dataclass(frozen=True, slots=True)
 class Nees:
-    """Normalized estimation error squared over its dimension, mean over trials; `low` to `high` is expected in 95 %."""
+    """Normalized estimation error squared, error' covariance^-1 error, over its dimension: mean over the trials."""
 
-    # error' covariance^-1 error; 1 is expected if the claimed covariance is right.
-    mean: float
-    low: float
+    mean: float  # 1 is expected if the claimed covariance is right
+    low: float  # bounds that chance keeps in 95 % of cases
     high: float
 
 
@@ -65,55 +65,53 @@ class ParameterSummary:
     name: str
     mean: float
     std: float
-    rms_error: float | None  # None where the truth of the parameter is not known
+    rms_error: float | None  # None if the simulation has no true value
     sigma: float
 
 
 @dataclass(frozen=True, slots=True)
 class ArcSummary:
-    """One arc's trials; statistics are of those that converged."""
+    """Statistics of the converged trials of an arc."""
 
     hours: float
     span_h: float
     trials: int
     converged: int
-    mean_m: tuple[
-        float, ...
-    ]  # position less truth by the axes, as the next two; the claimed sigma is the median
-    rms_m: tuple[float, ...]
-    sigma_m: tuple[float, ...]
-    rms_horizontal_m: float
-    radius_68_m: float  # horizontal distance from the truth that 68 % are within; of 95 % likewise
-    radius_95_m: float
-    # By the axes: the claimed interval of 95 %; horizontal: the claimed ellipse of 95 %; of an orbit also the state.
-    inside: dict[str, Inside]
-    nees: Nees  # of the position in space; of that on the sphere the next
-    nees_horizontal: Nees
-    used: float  # mean number of observations that took part; of those that did not the mean and the largest
-    rejected: float
-    rejected_most: int
-    # Horizontal distance from the longest arc's position that 95 % are within; None for that itself.
-    from_longest_95_m: float | None
-    parameters: tuple[ParameterSummary, ...]
-    at_h: float | None = None  # of an orbit when its position is compared, from the state's epoch
-    nees_state: Nees | None = None  # of an orbit's position and velocity
+    mean_m: tuple[float, ...]  # mean of position less truth, by the axes
+    rms_m: tuple[float, ...]  # rms of the same
+    sigma_m: tuple[float, ...]  # median of the claimed sigma, by the axes
+    rms_horizontal_m: float  # rms of the horizontal error
+    radius_68_m: float  # horizontal distance from the truth that 68 % of the trials do not exceed
+    radius_95_m: float  # likewise 95 %
+    coverage: dict[str, Coverage]  # by the axes, of the horizontal 95 % ellipse, and of the state of an orbit
+    nees: Nees  # of the position in space
+    nees_horizontal: Nees  # of the position on the sphere
+    used: float  # mean number of used observations
+    rejected: float  # mean number of rejected observations
+    max_rejected: int  # largest number of rejected observations
+    from_longest_95_m: (
+        float | None
+    )  # horizontal distance from the longest arc's position in 95 % of the trials
+    parameters: tuple[ParameterSummary, ...]  # of the other parameters
+    at_h: float | None = None  # epoch at which an orbit is compared, from the state's epoch
+    nees_state: Nees | None = None  # of position and velocity of an orbit
 
     @property
     def name(self) -> str:
-        """Length as text, such as ``12 h``, and of an orbit when."""
+        """Length as text, such as ``12 h``, with the epoch of an orbit."""
         return f"{self.hours:g} h" + ("" if self.at_h is None else f" at {self.at_h:.1f} h")
 
 
 @dataclass(frozen=True, slots=True)
-class Proof:
-    """Trials that were fitted both ways: those farthest from where the model was linearized, then some at random."""
+class LinearityCheck:
+    """Trials fitted with the linear and the full model: those farthest from the linearization, and random ones."""
 
     trials: tuple[int, ...]
     largest_m: float  # largest difference of a position east, north or up
-    # The same in parts of the sigma claimed; of sigmas themselves, by how much they differ, if that is more.
-    largest_sigmas: float
-    # All differences are within 1 mm or 1 % of sigma, whichever is larger, and all sigmas within 2 %.
-    passed: bool
+    largest_sigmas: (
+        float  # the same in claimed sigmas, or the largest relative difference of a sigma if that is larger
+    )
+    passed: bool  # differences within 1 mm or 1 % of sigma, whichever is larger, and sigmas within 2 %
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,23 +121,23 @@ class MonteCarlo(Result):
     Parameters
     ----------
     name : str
-        The study's.
+        Name of the study.
     seed : int
     hours, span_h : tuple of float
-        Lengths of the arcs asked for and found, the longest first, h; of an orbit each three times.
+        Nominal and actual lengths of the arcs, the longest first, h; three times each for an orbit.
     columns : tuple of str
         Names of the numbers of each trial and arc.
     values : ndarray, shape (trials, arcs, columns)
-        NaN where an arc has no such number.
+        NaN for a missing number.
     linear : bool
         Whether the trials are those of the linear model, or full fits.
-    proof : Proof or None
-        Test of the linear model against full fits; None where it was not possible.
+    linearity : LinearityCheck or None
+        Test of the linear model against full fits; None if all trials were full fits from the start.
     drawn : tuple of str
         Parameters drawn at random.
     at_h : tuple of float
-        Of an orbit when its position is compared with the truth, from the state's epoch, for each of `hours`: at the
-        epoch, in the middle and at the end of the tracking. Else empty.
+        Epochs, from the state's epoch, at which an orbit is compared with the truth, for each of `hours`: the state's
+        epoch, the middle and the end of the tracking. Empty for a place.
     """
 
     name: str
@@ -149,17 +147,17 @@ class MonteCarlo(Result):
     columns: tuple[str, ...]
     values: Floats
     linear: bool
-    proof: Proof | None
+    linearity: LinearityCheck | None
     drawn: tuple[str, ...]
     at_h: tuple[float, ...] = ()
 
     def __getitem__(self, column: str) -> Floats:
-        """One column of all trials and arcs, shape (trials, arcs).
+        """Return a column of all trials and arcs, shape (trials, arcs).
 
         Raises
         ------
         InputError
-            There is no such column.
+            The name is not that of a column.
         """
         if column not in self.columns:
             raise InputError(f"column: expected one of {', '.join(self.columns)}, got {column!r}")
@@ -187,12 +185,12 @@ class MonteCarlo(Result):
 
     @property
     def sides(self) -> tuple[str, ...]:
-        """The axes: east, north and up, or of an orbit along, across and radial."""
+        """Axes of the errors: east, north and up, or of an orbit along, across and radial."""
         return sides_of(self.columns)
 
     @property
     def arcs(self) -> tuple[ArcSummary | None, ...]:
-        """Statistics of each arc's trials, the longest first; None where none converged."""
+        """Statistics of each arc's trials, the longest first; None if no trial converged."""
         return tuple(map(self._arc, range(len(self.hours))))
 
     def _arc(self, k: int) -> ArcSummary | None:
@@ -201,32 +199,32 @@ class MonteCarlo(Result):
         if not n:
             return None
         sides = self.sides
-        found = dict(zip(self.columns, self.values[good, k].T, strict=True))
+        columns = dict(zip(self.columns, self.values[good, k].T, strict=True))
         error_m, sigma_m = self.errors_m[good, k], self.sigmas_m[good, k]
         horizontal_m = np.hypot(error_m[:, 0], error_m[:, 1])
-        held = np.abs(error_m) <= NORMAL_95 * sigma_m
-        counts = dict(zip(sides, held.sum(axis=0).tolist(), strict=True))
-        counts["horizontal"] = int((found["nees_horizontal"] <= CHI2_2_95).sum())
+        covered = np.abs(error_m) <= NORMAL_95 * sigma_m
+        counts = dict(zip(sides, covered.sum(axis=0).tolist(), strict=True))
+        counts["horizontal"] = int((columns["nees_horizontal"] <= CHI2_2_95).sum())
         if self.at_h:
-            counts["state"] = int((found["nees_state"] <= CHI2_6_95).sum())
+            counts["state"] = int((columns["nees_state"] <= CHI2_6_95).sum())
         low, high = binomial_bounds(n, 0.95)
-        apart = None
-        epochs = self.hours.count(self.hours[0])  # of an orbit several
-        both = good & (self["converged"][:, k % epochs] == 1.0)
-        if k >= epochs and both.any():
-            moved_m = (self.errors_m[:, k] - self.errors_m[:, k % epochs])[both]
-            apart = float(np.quantile(np.hypot(moved_m[:, 0], moved_m[:, 1]), 0.95))
+        from_longest_95_m = None
+        epochs = self.hours.count(self.hours[0])  # several for an orbit
+        compared = good & (self["converged"][:, k % epochs] == 1.0)
+        if k >= epochs and compared.any():
+            shift_m = (self.errors_m[:, k] - self.errors_m[:, k % epochs])[compared]
+            from_longest_95_m = float(np.quantile(np.hypot(shift_m[:, 0], shift_m[:, 1]), 0.95))
         parameters = (
             ParameterSummary(
                 name,
-                float(found[name].mean()),
-                float(found[name].std()),
-                _rms(found[f"{name}.error"]) if f"{name}.error" in found else None,
-                float(np.median(found[f"{name}.sigma"])),
+                float(columns[name].mean()),
+                float(columns[name].std()),
+                _rms(columns[f"{name}.error"]) if f"{name}.error" in columns else None,
+                float(np.median(columns[f"{name}.sigma"])),
             )
             for name in self.columns
-            # NaN in an arc without observations that the parameter acts on.
-            if f"{name}.sigma" in found and not np.isnan(found[name]).any()
+            # NaN in an arc without observations that depend on the parameter.
+            if f"{name}.sigma" in columns and not np.isnan(columns[name]).any()
         )
         return ArcSummary(
             hours=self.hours[k],
@@ -239,21 +237,21 @@ class MonteCarlo(Result):
             rms_horizontal_m=_rms(horizontal_m),
             radius_68_m=float(np.quantile(horizontal_m, 0.68)),
             radius_95_m=float(np.quantile(horizontal_m, 0.95)),
-            inside={key: Inside(count, n, low, high) for key, count in counts.items()},
-            nees=_nees(found["nees"], 3),
-            nees_horizontal=_nees(found["nees_horizontal"], 2),
-            used=float(found["used"].mean()),
-            rejected=float(found["rejected"].mean()),
-            rejected_most=int(found["rejected"].max()),
-            from_longest_95_m=apart,
+            coverage={key: Coverage(count, n, low, high) for key, count in counts.items()},
+            nees=_nees(columns["nees"], 3),
+            nees_horizontal=_nees(columns["nees_horizontal"], 2),
+            used=float(columns["used"].mean()),
+            rejected=float(columns["rejected"].mean()),
+            max_rejected=int(columns["rejected"].max()),
+            from_longest_95_m=from_longest_95_m,
             parameters=tuple(parameters),
             at_h=self.at_h[k] if self.at_h else None,
-            nees_state=_nees(found["nees_state"], 6) if self.at_h else None,
+            nees_state=_nees(columns["nees_state"], 6) if self.at_h else None,
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all numbers but the single trials, in types that JSON has."""
-        proof = self.proof
+        """Return all numbers except single trials, in types that JSON has."""
+        check = self.linearity
         return {
             "name": self.name,
             "seed": self.seed,
@@ -261,7 +259,7 @@ class MonteCarlo(Result):
             "converged": self.converged,
             "drawn": ["noise", *self.drawn],
             "linear": self.linear,
-            "proof": None if proof is None else asdict(proof) | {"trials": list(proof.trials)},
+            "linearity": None if check is None else asdict(check) | {"trials": list(check.trials)},
             "arcs": [
                 {"hours": hours, "converged": 0} if arc is None else asdict(arc)
                 for hours, arc in zip(self.hours, self.arcs, strict=True)
@@ -296,14 +294,14 @@ class MonteCarlo(Result):
         return {"montecarlo.json": self.to_dict(), "trials.csv": Table(self.columns_of_trials())}
 
     def card(self) -> Card:
-        """Card of the study."""
+        """Return the card of the study."""
         arcs = [arc for arc in self.arcs if arc is not None]
         return Card(
             (
                 Field("monte carlo", (self.name,)),
                 Field("status", _status(self)),
                 Field("drawn", (f"{', '.join(['noise', *self.drawn])}; seed {self.seed}",)),
-                Field("axes", (_OF_AN_ORBIT,) if self.at_h else ()),
+                Field("axes", (_ORBIT_AXES,) if self.at_h else ()),
                 *(_tables(arcs) if arcs else ()),
                 Field("notes", (note for arc in arcs for note in _notes(arc))),
             )
@@ -316,36 +314,36 @@ class MonteCarlo(Result):
 
 def _tables(arcs: list[ArcSummary]) -> Iterator[Field]:
     """Yield the statistics of each arc's trials as tables with a row for each arc."""
-    places = list(arcs[0].inside)
-    first, *others = (_SHORT[place] for place in places[:3])
-    moved = f"95 % from {arcs[0].hours:g} h"
+    regions = list(arcs[0].coverage)
+    first, *others = (_SHORT[region] for region in regions[:3])
+    shift = f"95 % from {arcs[0].hours:g} h"
     headings = {
         "error, m": (f"mean {first}", *others, f"rms {first}", *others, "68 %", "95 %"),
-        "1 sigma, m": (f"claimed {first}", *others, f"rms/sigma {first}", *others, moved),
-        "inside 95 %": (*places, "expected"),
+        "1 sigma, m": (f"claimed {first}", *others, f"rms/sigma {first}", *others, shift),
+        "inside 95 %": (*regions, "expected"),
         "nees": (
             "in space",
             "expected",
             "horizontal",
             "expected",
-            *("state", "expected") * ("state" in places),
+            *("state", "expected") * ("state" in regions),
         ),
     }
     for (label, heading), rows in zip(headings.items(), zip(*map(_cells, arcs), strict=True), strict=True):
-        named = ((arc.name, *row) for arc, row in zip(arcs, rows, strict=True))
-        yield Field(label, (), ("", *heading), named)
-    once = [replace(arc, at_h=None) for arc in {arc.hours: arc for arc in arcs}.values()]
+        cells = ((arc.name, *row) for arc, row in zip(arcs, rows, strict=True))
+        yield Field(label, (), ("", *heading), cells)
+    by_length = [replace(arc, at_h=None) for arc in {arc.hours: arc for arc in arcs}.values()]
     counts = (
-        (arc.name, f"{arc.span_h:.2f}", f"{arc.used:.1f}", f"{arc.rejected:.1f}", str(arc.rejected_most))
-        for arc in once
+        (arc.name, f"{arc.span_h:.2f}", f"{arc.used:.1f}", f"{arc.rejected:.1f}", str(arc.max_rejected))
+        for arc in by_length
     )
-    yield Field("data", (), ("", "span, h", "used", "left out", "at most"), counts)
-    yield from _parameter_tables(once)
+    yield Field("data", (), ("", "span, h", "used", "rejected", "at most"), counts)
+    yield from _parameter_tables(by_length)
 
 
 def _cells(arc: ArcSummary) -> tuple[tuple[str, ...], ...]:
-    """Cells of one arc in the tables of errors, of sigmas, of intervals and of NEES."""
-    horizontal = arc.inside["horizontal"]
+    """Return the cells of an arc in the tables of errors, sigmas, coverage and NEES."""
+    horizontal = arc.coverage["horizontal"]
     nees = (item for item in (arc.nees, arc.nees_horizontal, arc.nees_state) if item is not None)
     return (
         tuple(map(metres, (*arc.mean_m, *arc.rms_m, arc.radius_68_m, arc.radius_95_m))),
@@ -355,7 +353,7 @@ def _cells(arc: ArcSummary) -> tuple[tuple[str, ...], ...]:
             "-" if arc.from_longest_95_m is None else metres(arc.from_longest_95_m),
         ),
         (
-            *(f"{100.0 * inside.fraction:.1f} %" for inside in arc.inside.values()),
+            *(f"{100.0 * item.fraction:.1f} %" for item in arc.coverage.values()),
             f"{100.0 * horizontal.low:.1f} to {100.0 * horizontal.high:.1f} %",
         ),
         tuple(cell for x in nees for cell in (f"{x.mean:.3g}", f"{x.low:.3f} to {x.high:.3f}")),
@@ -363,54 +361,64 @@ def _cells(arc: ArcSummary) -> tuple[tuple[str, ...], ...]:
 
 
 def _parameter_tables(arcs: Iterable[ArcSummary]) -> Iterator[Field]:
-    """Yield a table of each parameter with a row for each arc; of many the first."""
-    found: dict[str, list[tuple[str, ...]]] = {}
+    """Yield tables of the first parameters, with a row for each arc, and one of all others."""
+    tables: dict[str, list[tuple[str, ...]]] = {}
     for arc in arcs:
         for item in arc.parameters:
             error = "-" if item.rms_error is None else f"{item.rms_error:.3g}"
             row = (arc.name, f"{item.mean:.4g}", f"{item.std:.3g}", error, f"{item.sigma:.3g}")
-            found.setdefault(item.name, []).append(row)
+            tables.setdefault(_with_unit(item.name), []).append(row)
     heading = ("mean", "std", "rms error", "sigma claimed")
-    for k, (name, lines) in enumerate(list(found.items())[:_MAX_PARAMETERS]):
+    for k, (name, lines) in enumerate(list(tables.items())[:_MAX_PARAMETERS]):
         yield Field("" if k else "estimated", (), (name, *heading), lines)
-    rest = [(name, *row) for name, lines in list(found.items())[_MAX_PARAMETERS:] for row in lines]
-    yield Field("", (), ("parameter", "arc", *heading), rest=rest, where="montecarlo.json")
+    hidden = [(name, *row) for name, lines in list(tables.items())[_MAX_PARAMETERS:] for row in lines]
+    yield Field("", (), ("parameter", "arc", *heading), hidden=hidden, file="montecarlo.json")
+
+
+def _with_unit(identifier: str) -> str:
+    kind = identifier.partition(".")[0]
+    return (
+        f"{parameter_name(identifier)}, {PARAMETERS[kind].unit}"
+        if kind in PARAMETERS
+        else parameter_name(identifier)
+    )
 
 
 def _status(study: MonteCarlo) -> Iterator[str]:
-    lost = int((study["converged"] != 1.0).any(axis=1).sum())
-    state = f"NOT CONVERGED in {lost} of the trials" if lost else "all converged"
+    failed = int((study["converged"] != 1.0).any(axis=1).sum())
+    state = f"NOT CONVERGED in {failed} of the trials" if failed else "all converged"
     yield f"{study.trials} trials, {plural(len(set(study.hours)), 'arc')}: {state}"
-    proof = study.proof
-    if proof is None:
+    check = study.linearity
+    if check is None:
         yield "every trial fitted in full"
         return
-    off_m, off_percent = metres(proof.largest_m), f"{100.0 * proof.largest_sigmas:.2g} % of sigma"
+    size = f"{metres(check.largest_m)} m and {100.0 * check.largest_sigmas:.2g} % of sigma"
     if study.linear:
-        checked = f"linear model, checked by {len(proof.trials)} full fits: positions and sigmas agree to"
-        yield f"{checked} {off_m} m and {off_percent}"
+        yield f"linear model, checked by {len(check.trials)} full fits: positions and sigmas agree to {size}"
     else:
-        yield f"every trial fitted in full: the linear model is off by up to {off_m} m, {off_percent}"
+        yield f"every trial fitted in full, as the linear model differs by up to {size}"
 
 
 def _notes(arc: ArcSummary) -> Iterator[str]:
-    inside, nees = arc.inside["horizontal"], arc.nees
-    holds = f"{arc.name}: the claimed 95 % ellipse holds the truth in {100.0 * inside.fraction:.1f} %"
-    if nees.mean > nees.high and inside.fraction < inside.low:
+    coverage, nees = arc.coverage["horizontal"], arc.nees
+    statement = (
+        f"{arc.name}: the claimed 95 % ellipse contains the truth in {100.0 * coverage.fraction:.1f} %"
+    )
+    if nees.mean > nees.high and coverage.fraction < coverage.low:
         yield (
-            f"{holds}; the sigmas are too small by a factor of about {math.sqrt(nees.mean):.2g}: there are systematic "
-            "or time-correlated errors that the fit does not model"
+            f"{statement}; the sigmas are too small by a factor of about {math.sqrt(nees.mean):.2g}: the fit does not "
+            "model systematic or time-correlated errors"
         )
-    elif nees.mean < nees.low and inside.fraction > inside.high:
-        yield f"{holds}; the sigmas are too large"
+    elif nees.mean < nees.low and coverage.fraction > coverage.high:
+        yield f"{statement}; the sigmas are too large"
 
 
 def binomial_bounds(n: int, probability: float) -> tuple[float, float]:
-    """Fractions that the successes in n > 0 trials lie within in 95 % of cases, both ends included."""
+    """Return the bounds, included, of the fraction of successes in n > 0 trials in 95 % of cases."""
     from scipy.special import bdtr
 
-    below = bdtr(np.arange(n + 1), n, probability)
-    low, high = (int(np.searchsorted(below, quantile)) for quantile in (0.025, 0.975))
+    cumulative = bdtr(np.arange(n + 1), n, probability)
+    low, high = (int(np.searchsorted(cumulative, quantile)) for quantile in (0.025, 0.975))
     return low / n, min(high, n) / n
 
 

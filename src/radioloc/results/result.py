@@ -81,7 +81,7 @@ class Result:
         return str(self.card())
 
     def _repr_html_(self) -> str:
-        return self.card().html()
+        return self.card().html(self.verdict)
 
 
 @dataclass(frozen=True, slots=True)

@@ -121,7 +121,9 @@ class Solution(Result):
     references : tuple of ReferenceComparison
         Differences to further ones.
     notes : tuple of str
-        Sentences for the reader that the analysis adds, such as caveats about the ephemeris.
+        Sentences on the data and the model that call for an action.
+    limitations : tuple of str
+        Sentences on what the model does not contain, and the sources of its media.
     provenance : mapping
         Kernels with their hashes, tables, versions, settings.
     consider : Consider or None
@@ -165,6 +167,7 @@ class Solution(Result):
     reference: ReferenceComparison | None = None
     references: tuple[ReferenceComparison, ...] = ()
     notes: tuple[str, ...] = ()
+    limitations: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
     trajectory: str | None = None
     states: Mapping[str, OrbitState] = field(default_factory=dict)
@@ -423,6 +426,7 @@ class Solution(Result):
             "reference": None if self.reference is None else self.reference.to_dict(),
             "references": [reference.to_dict() for reference in self.references],
             "notes": list(self.notes),
+            "limitations": list(self.limitations),
             "provenance": dict(self.provenance),
         }
 

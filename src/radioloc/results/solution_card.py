@@ -1,4 +1,4 @@
-"""The card of a solution: where the target is and how well that is known, beside how well observations are fitted."""
+"""The card of a solution: the position or the orbit with its uncertainty, its error budget, and the fit."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from radioloc.estimation.consider import A_PRIORI, EPHEMERIS, NOISE, ErrorSource, by_source
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.parameters.parameter import Role
-from radioloc.parameters.registry import parameter_label
 from radioloc.results.cards import (
     BUDGET,
     OBSERVABILITY,
+    PROVENANCE,
     Card,
     Detail,
     Field,
+    first_lines,
     in_section,
     metres,
     plural,
@@ -26,21 +27,22 @@ from radioloc.results.cards import (
     sigma_text,
     signed_metres,
     table,
-    to_sigma,
+    value_text,
 )
 from radioloc.results.fit_card import fit_fields, inconsistent, rejected_detail
+from radioloc.results.names import error_name, parameter_name, source_name, with_parameter_names
 from radioloc.results.solution import Level, Solution, card_of
 from radioloc.results.tables import ellipse_text
 from radioloc.targets.orbit_state import OrbitState, ProcessEstimate
 from radioloc.time import utc_strings
 
-# A card is to fit a screen; to_dict() has all rows.
+# A card fits a screen; to_dict() has all rows.
 _MAX_ROWS = 6
 _MAX_PARAMETERS = 12
-_MAX_OUTLIERS = 3
+_MAX_NAMED_SOURCES = 3
 _MAX_SENTENCES = 4
 _MIN_VARIANCE_FRACTION = 0.005
-"""Sources with a smaller part of the variance are shown together."""
+"""Part of the variance below which sources are shown together."""
 _MEASURES = {
     "measurement noise, by more or better observations": (NOISE,),
     "a-priori values": (A_PRIORI,),
@@ -51,48 +53,46 @@ _MEASURES = {
         "libration",
         "libration_variation",
     ),
-    "coordinates of stations": ("station_position",),
+    "station coordinates": ("station_position",),
     "clocks and frequencies": ("clock", "clock_rate", "frequency_offset", "frequency_rate"),
     "delays of stations": ("station_delay", "range_bias", "time_bias"),
     "zenith delays": ("zenith_delay",),
     "electron content": ("electron_content",),
     "Earth orientation": ("ut1", "pole"),
 }
-"""Measures by their names, and the sources of error that each reduces; others have the names of their sources."""
-_MIN_COARSE_SIGMA_M = 10.0
-"""Coordinates worse than that are not surveyed."""
+"""Sources of error by the measure that reduces them; other measures have the names of their sources."""
+_ESTIMATE_HEADING = ("parameter", "unit", "value", "sigma", "a priori")
 
 
 @card_of.register(Solution)
 def solution_card(solution: Solution) -> Card:
-    """Collect what the card of a solution says, in order."""
+    """Collect the fields of the card, in order."""
     sentences = (
         *_doppler_alone(solution),
         *solution.observability.describe()[:_MAX_SENTENCES],
-        *which_sigmas((solution,)),
+        *sigma_levels((solution,)),
     )
+    observable = (with_parameter_names(text, solution.parameters) for text in sentences)
     orbit = [Field("orbit", _orbit(state)) for state in solution.states.values()]
     if orbit and solution.trajectory is not None:
-        where = orbit
+        place = orbit
     elif solution.trajectory is not None:
-        where = [Field("target", (f"on a trajectory, {solution.trajectory}", "taken as given"))]
+        place = [Field("target", (f"on a trajectory, {solution.trajectory}", "taken as given"))]
     else:
-        of = (f"of {solution.targets[0].name}, the first of the targets",) if solution.targets else ()
-        where = [Field("position", (*of, *_position(solution))), _sigmas(solution), *orbit]
+        target = (f"of {solution.targets[0].name}, the first of the targets",) if solution.targets else ()
+        place = [Field("position", (*target, *_position(solution))), _sigmas(solution), *orbit]
     return Card(
         (
             Field("solution", (solution.name,)),
             Field("status", _status(solution)),
-            *where,
+            *place,
             Field("targets", _targets(solution)),
             *in_section(BUDGET, _budget(solution)),
             Field("reference", _reference(solution)),
             Field("a priori", _position_priors(solution)),
-            *in_section(
-                OBSERVABILITY, _estimated(solution), Field("held", _held(solution)), _passes(solution)
-            ),
+            *in_section(OBSERVABILITY, _estimated(solution), Field("fixed", _fixed(solution))),
             *fit_fields(solution),
-            Field("observable", sentences, section=OBSERVABILITY),
+            Field("observable", observable, section=OBSERVABILITY),
             Field("notes", solution.notes),
         ),
         _details(solution),
@@ -100,58 +100,77 @@ def solution_card(solution: Solution) -> Card:
 
 
 def _details(solution: Solution) -> Iterator[Detail]:
-    """Yield whole tables of which the card has the first rows, and the origin."""
-    rows = [(item.source, item.name or "-", *_sides(item)) for item in solution.budget]
+    """Yield complete tables, limits of the model and the provenance."""
+    rows = [(source_name(item.source), _owner(item), *_sides(item)) for item in solution.budget]
     heading = ("1 sigma, m", "of", "east", "north", "up", "3D")
     yield Detail(BUDGET, "Every source", (Field("", (), heading, rows),))
     pairs = solution.observability.correlations
-    rows = [(pair.first, pair.second, f"{pair.coefficient:+.4f}") for pair in pairs]
+    rows = [
+        (parameter_name(pair.first), parameter_name(pair.second), f"{pair.coefficient:+.4f}")
+        for pair in pairs
+    ]
     table = Field("", (), ("parameter", "and", "correlation"), rows)
     yield Detail(OBSERVABILITY, "All large correlations", (table,))
+    passes = [
+        (parameter_name(item.name), *item.span_utc)
+        for item in solution.parameters
+        if item.span_utc is not None
+    ]
+    table = Field("", (), ("parameter", "from (UTC)", "to"), passes)
+    yield Detail(OBSERVABILITY, "Parameters of passes and sessions", (table,))
     yield rejected_detail(solution)
+    limits = Field(
+        "", (), ("not modelled, or the source of a model",), ((text,) for text in solution.limitations)
+    )
+    yield Detail(PROVENANCE, "Limits and sources of the model", (limits,))
     yield provenance_detail(solution.provenance)
 
 
+def _owner(item: ErrorSource) -> str:
+    """Return the owner of a source of error in words, or a dash."""
+    return (parameter_name(item.name) if item.source == A_PRIORI else item.name) or "-"
+
+
 def _orbit(state: OrbitState) -> Iterator[str]:
-    (shape, _), (lowest_m, highest_m) = state.elements(), state.apsides_m()
+    (elements, _), (lowest_m, highest_m) = state.elements(), state.apsides_m()
     x, y, z = (f"{value / 1e3:.6f}" for value in state.position_m)
     vx, vy, vz = (f"{value / 1e3:.9f}" for value in state.velocity_m_s)
     yield f"of {state.orbit.name}, Moon-centred ICRF, at {utc_strings(state.epoch, 3)[0]} TDB"
     yield f"position {x}, {y}, {z} km"
     yield f"velocity {vx}, {vy}, {vz} km/s"
-    if state.covariance.any():  # else it is held
-        for where, tdb in (("sigma there", state.epoch), ("at the arc's ends", state.orbit.times(2))):
+    if state.covariance.any():  # zeros of a state that is fixed
+        for name, tdb in (("1 sigma", state.epoch), ("1 sigma at the arc's ends", state.orbit.times(2))):
             radial_m, along_m, across_m = np.max(state.sigma_rtn_m(tdb), axis=0)
-            yield f"{where} {metres(radial_m)} m radial, {metres(along_m)} m along, {metres(across_m)} m across"
+            yield f"{name} {metres(radial_m)} m radial, {metres(along_m)} m along, {metres(across_m)} m across"
     if state.process is not None:
         yield _process(state.process)
-    up_to = " and higher" if highest_m is None else f" to {highest_m / 1e3:.1f}"
+    heights = " and higher" if highest_m is None else f" to {highest_m / 1e3:.1f}"
     yield (
-        f"semi-major axis {shape['semi_major_axis_m'] / 1e3:.3f} km, eccentricity {shape['eccentricity']:.5f}, "
-        f"{shape['inclination_deg']:.3f} deg to the Moon's equator, "
-        f"{lowest_m / 1e3:.1f}{up_to} km above 1737.4 km"
+        f"semi-major axis {elements['semi_major_axis_m'] / 1e3:.3f} km, eccentricity "
+        f"{elements['eccentricity']:.5f}, {elements['inclination_deg']:.3f} deg to the Moon's equator, "
+        f"{lowest_m / 1e3:.1f}{heights} km above 1737.4 km"
     )
 
 
 def _process(process: ProcessEstimate) -> str:
-    """Sizes of stochastic accelerations and what is assumed of them."""
+    """Return the rms of stochastic accelerations and their a-priori sigmas in words."""
     values = np.concatenate([chain[:-1] for chain in process.values_m_s2])
-    found, assumed = (
+    rms, sigmas = (
         ", ".join(f"{size:.2g}" for size in sizes)
         for sizes in (np.sqrt((values**2).mean(axis=0)), process.sigma_m_s2)
     )
-    lasting = f", correlated over {process.correlation_s:g} s" if process.correlation_s else ""
+    correlation = f", correlated over {process.correlation_s:g} s" if process.correlation_s else ""
     return (
-        f"stochastic accelerations of {process.effects.interval_s:g} s{lasting}: rms {found} m/s2 radial, along, "
-        f"across; a priori {assumed}"
+        f"stochastic accelerations of {process.effects.interval_s:g} s{correlation}: rms {rms} m/s2 radial, along, "
+        f"across; a-priori sigma {sigmas} m/s2"
     )
 
 
 def _doppler_alone(solution: Solution) -> Iterator[str]:
-    """Best and worst determined directions of a position from counts alone, which measure no distance."""
+    """Yield the best and the worst determined direction of a position from Doppler counts alone."""
     kinds = {group.label for group in solution.fit.by_type if group.used}
-    known = solution.position_estimated and solution.position_determined
-    if not (known and kinds and all(kind in KINDS and MEASUREMENTS[kind].integrated for kind in kinds)):
+    determined = solution.position_estimated and solution.position_determined
+    if not (determined and kinds and all(kind in KINDS and MEASUREMENTS[kind].integrated for kind in kinds)):
         return
     variances, axes = np.linalg.eigh(solution.position_covariance())
     best, *_, worst = (
@@ -159,13 +178,13 @@ def _doppler_alone(solution: Solution) -> Iterator[str]:
         for variance, axis in zip(variances.tolist(), axes.T, strict=True)
     )
     yield (
-        f"Doppler alone, without a range or a delay: the position is determined best to {best}, worst to {worst} "
-        "(1 sigma)"
+        f"Doppler alone, without a range or a delay: the 1 sigma of the position is smallest, {best}, and largest, "
+        f"{worst}"
     )
 
 
 def _towards(east_north_up: NDArray[np.float64]) -> str:
-    """A direction, or its opposite, whichever does not point down."""
+    """Return the words for a direction or its opposite, whichever points up."""
     east, north, up = east_north_up * (1.0 if east_north_up[2] >= 0.0 else -1.0)
     azimuth_deg = math.degrees(math.atan2(east, north)) % 360.0
     up_deg = math.degrees(math.asin(min(up, 1.0)))
@@ -174,18 +193,16 @@ def _towards(east_north_up: NDArray[np.float64]) -> str:
     return f"towards azimuth {azimuth_deg:.0f} deg" + (f", {up_deg:.0f} deg up" if up_deg >= 0.5 else "")
 
 
-def which_sigmas(solutions: Iterable[Solution]) -> Iterable[str]:
-    """Say below sentences on observability what sigmas they state, where those of the position are others."""
+def sigma_levels(solutions: Iterable[Solution]) -> Iterable[str]:
+    """Return sentences on the level of the sigmas of the observability, if it is not that of the position."""
     lines = []
     for solution in solutions:
         if not (solution.observability.common or solution.observability.weak):
             continue
         if solution.series_weights:
-            lines.append("these sigmas are those of the weights, which allow for the time correlation")
+            lines.append("these sigmas are those of the weights, with the time correlation")
         elif solution.noise_scale > 1.0 or solution.time_correlation is not None:
-            lines.append(
-                "these sigmas are formal: size and time correlation of the residuals are not in them"
-            )
+            lines.append("these sigmas are formal, without size and time correlation of the residuals")
     return dict.fromkeys(lines)
 
 
@@ -209,7 +226,7 @@ def _position(solution: Solution) -> Iterator[str]:
     for frame, (x, y, z) in vectors.items():
         yield f"{frame}  x {x:.3f}  y {y:.3f}  z {z:.3f} m"
     if not solution.position_estimated:
-        yield "held at its a-priori value"
+        yield "fixed at its a-priori value"
 
 
 def _sigmas(solution: Solution) -> Field:
@@ -217,31 +234,30 @@ def _sigmas(solution: Solution) -> Field:
         return Field("sigma", ("none: the position was not estimated",))
     levels: dict[str, Level] = {"formal": "formal"}
     if solution.time_correlation is not None:
-        levels["with time correlation"] = "scaled"
+        levels["scaled: time correlation"] = "scaled"
     elif solution.noise_scale > 1.0:
-        levels[f"noise scaled by {solution.noise_scale:.3g}"] = "scaled"
-    beyond = ["considered"] * (solution.consider is not None)
-    beyond += ["ephemeris error"] * bool(solution.ephemeris_sigma_enu_m.any())
-    if beyond:
-        levels[f"with {' and '.join(beyond)}"] = "total"
+        levels[f"scaled: noise times {solution.noise_scale:.3g}"] = "scaled"
+    errors = ["considered errors"] * (solution.consider is not None)
+    errors += ["ephemeris error"] * bool(solution.ephemeris_sigma_enu_m.any())
+    if errors:
+        levels[f"total: {', '.join(errors)}"] = "total"
     rows = []
     for name, level in levels.items():
         sigma_m = solution.sigma_enu_m(level)
         rows.append((name, *map(metres, sigma_m), metres(float(np.linalg.norm(sigma_m)))))
-    lines = []
-    if (ellipse := solution.ellipse()) is not None:
-        lines.append(ellipse_text(ellipse))
+    ellipse = solution.ellipse()
+    lines = () if ellipse is None else (ellipse_text(ellipse),)
     return Field("sigma", lines, ("1 sigma, m", "east", "north", "up", "3D"), rows)
 
 
 def _targets(solution: Solution) -> Iterator[str]:
-    """The positions of several targets, of which the first is the one above."""
+    """Yield the position of each of several targets."""
     for target in solution.targets:
-        of = solution.of_target(target.name)
-        longitude_deg, latitude_deg, height_m = of.selenographic
+        located = solution.of_target(target.name)
+        longitude_deg, latitude_deg, height_m = located.selenographic
         yield (
             f"{target.name}: {longitude_deg:.8f} deg E, {latitude_deg:+.8f} deg N, {height_m:.3f} m; "
-            f"1 sigma east, north, up {' '.join(map(metres, of.sigma_enu_m()))} m"
+            f"1 sigma east, north, up {' '.join(map(metres, located.sigma_enu_m()))} m"
         )
 
 
@@ -254,19 +270,19 @@ def _budget(solution: Solution) -> Field:
     items = solution.budget
     total_m2 = sum(item.total_m**2 for item in items)
     rows: list[tuple[str, ...]] = []
-    rest: list[ErrorSource] = []
-    for whole in by_source(items):
-        if len(rows) < _MAX_ROWS and whole.total_m**2 > _MIN_VARIANCE_FRACTION * total_m2:
-            rows.append((whole.source, *_sides(whole)))
+    small: list[ErrorSource] = []
+    for item in by_source(items):
+        if len(rows) < _MAX_ROWS and item.total_m**2 > _MIN_VARIANCE_FRACTION * total_m2:
+            rows.append((source_name(item.source), *_sides(item)))
         else:
-            rest.append(replace(whole, source="others"))
-    rows += [("others", *_sides(whole)) for whole in by_source(rest)]
+            small.append(replace(item, source="others"))
+    rows += [("others", *_sides(item)) for item in by_source(small)]
     return Field(
         "budget",
         (),
         ("1 sigma, m", "east", "north", "up", "3D"),
         rows,
-        (*_advice(items), *_coordinates(solution, items)) if solution.converged else (),
+        _advice(items) if solution.converged else (),
     )
 
 
@@ -275,45 +291,28 @@ def _sides(item: ErrorSource) -> tuple[str, ...]:
 
 
 def _advice(items: Sequence[ErrorSource]) -> Iterator[str]:
-    """The largest that are somebody's, and what to improve first."""
+    """Yield the largest errors of stations and parameters, and the measure that reduces the sigma most."""
     if not items:
         return
-    if named := [item for item in items if item.name][:_MAX_OUTLIERS]:
-        of_them = (f"{item.source} of {item.name} {metres(item.total_m)} m" for item in named)
-        yield f"largest in these: {', '.join(of_them)}"
-    measures = {source: measure for measure, all_of in _MEASURES.items() for source in all_of}
+    if named := [item for item in items if item.name][:_MAX_NAMED_SOURCES]:
+        sizes = (f"{error_name(item)} {metres(item.total_m)} m" for item in named)
+        yield f"largest: {'; '.join(sizes)}"
+    measures = {source: measure for measure, sources in _MEASURES.items() for source in sources}
     groups: dict[str, list[ErrorSource]] = {}
     for item in items:
-        groups.setdefault(measures.get(item.source, item.source.replace("_", " ")), []).append(item)
-    sizes_m2 = {measure: sum(item.total_m**2 for item in mine) for measure, mine in groups.items()}
-    if len(sizes_m2) == 1:  # without it nothing would be left, which says nothing
+        groups.setdefault(measures.get(item.source, source_name(item.source)), []).append(item)
+    sizes_m2 = {measure: sum(item.total_m**2 for item in group) for measure, group in groups.items()}
+    if len(sizes_m2) == 1:  # nothing would remain
         return
-    measure = max(sizes_m2, key=lambda one: sizes_m2[one])
-    names = list(dict.fromkeys(item.name for item in groups[measure] if item.name))
-    first = f", {'most of all ' * (len(names) > 1)}those of {names[0]}" if names else ""
+    measure = max(sizes_m2, key=lambda name: sizes_m2[name])
+    names = list(dict.fromkeys(_owner(item) for item in groups[measure] if item.name))
+    first = f", {'first ' * (len(names) > 1)}of {names[0]}" if names else ""
     total_m2 = sum(sizes_m2.values())
     without_m = math.sqrt(max(0.0, total_m2 - sizes_m2[measure]))
     yield (
-        f"to improve first: {measure}{first}; without this error {metres(without_m)} m in place of "
+        f"improve first: {measure}{first}; without this error {metres(without_m)} m in place of "
         f"{metres(math.sqrt(total_m2))} m"
     )
-
-
-def _coordinates(solution: Solution, items: Sequence[ErrorSource]) -> Iterator[str]:
-    """Advice where rounded coordinates of the catalogue dominate the sigma."""
-    if solution.consider is None or not items or items[0].source != "station_position":
-        return
-    known = solution.consider.parameters
-    coarse = {
-        item.name.split(".")[1]
-        for k in known.of_kind("station_position")
-        if (item := known.parameters[k]).prior_sigma > _MIN_COARSE_SIGMA_M
-    }
-    if coarse:
-        yield (
-            f"coordinates of {', '.join(sorted(coarse))} are rounded: give better ones with their sigma_m under "
-            "[stations.NAME], or station_position_sigma_m under [consider] where these are better than stated"
-        )
 
 
 def _reference(solution: Solution) -> Iterator[str]:
@@ -329,19 +328,20 @@ def _reference(solution: Solution) -> Iterator[str]:
 
 
 def _position_priors(solution: Solution) -> Iterator[str]:
-    """A-priori values of the position's parameters, and how far off the estimate is."""
+    """Yield the a-priori values of the position's parameters with the distance of the estimate."""
     for item, value in zip(solution.parameters, solution.values, strict=True):
         if item.kind != "position" or item.fixed or not math.isfinite(item.prior_sigma):
             continue
-        off_m = float(value) - item.prior_value
+        change_m = float(value) - item.prior_value
         yield (
-            f"{item.name} {item.prior_value:.6g} +- {metres(item.prior_sigma)} {item.unit}; the estimate is "
-            f"{signed_metres(off_m)} {item.unit} from it, {abs(off_m) / item.prior_sigma:.2f} a-priori sigmas"
+            f"{parameter_name(item.name)} {item.prior_value:.6g} {item.unit}, sigma {metres(item.prior_sigma)} "
+            f"{item.unit}; the estimate is {signed_metres(change_m)} {item.unit} from it, "
+            f"{abs(change_m) / item.prior_sigma:.2f} a-priori sigmas"
         )
 
 
-def _others(solution: Solution, *, held: bool = False) -> list[int]:
-    """Parameters beside the position: those that are estimated, or those that are held."""
+def _others(solution: Solution, *, fixed: bool = False) -> list[int]:
+    """Return the indices of estimated or of fixed parameters beside the position."""
     free = solution.parameters.free
     involved = (solution.position_partials != 0.0).any(axis=0)
     return [
@@ -349,20 +349,17 @@ def _others(solution: Solution, *, held: bool = False) -> list[int]:
         for k, item in enumerate(solution.parameters)
         if item.kind != "position"
         and not involved[k]
-        and free[k] != held
+        and free[k] != fixed
         and item.role is not Role.CONSIDERED
     ]
 
 
-def _held(solution: Solution) -> Iterator[str]:
-    """Values that were given and not estimated."""
-    items = [solution.parameters.parameters[k] for k in _others(solution, held=True)]
-    shown = [
-        f"{parameter_label(item.name)} {item.prior_value:.6g} {item.unit}" for item in items[:_MAX_PARAMETERS]
-    ]
-    more = [f"and {len(items) - len(shown)} others, in solution.json"] if len(items) > len(shown) else []
-    if shown:
-        yield ", ".join(shown + more)
+def _fixed(solution: Solution) -> Iterator[str]:
+    """Yield the parameters that are fixed, with their values, in one line."""
+    items = [solution.parameters.parameters[k] for k in _others(solution, fixed=True)]
+    values = [f"{parameter_name(item.name)} {item.prior_value:.6g} {item.unit}" for item in items]
+    if values:
+        yield ", ".join(first_lines(values, _MAX_PARAMETERS))
 
 
 def _estimated(solution: Solution) -> Field:
@@ -370,14 +367,8 @@ def _estimated(solution: Solution) -> Field:
     sigmas, formal, rows = solution.sigmas(), solution.sigmas("formal"), []
     for k in _others(solution):
         item = solution.parameters.parameters[k]
-        free = math.isinf(item.prior_sigma)
-        prior = "free" if free else f"{item.prior_value:.4g} +- {item.prior_sigma:.4g}"
-        value = to_sigma(solution.values[k], formal[k])
-        rows.append((parameter_label(item.name), value, sigma_text(sigmas[k]), item.unit, prior))
-    return table("estimated", ("parameter", "value", "sigma", "unit", "a priori"), rows, _MAX_PARAMETERS)
-
-
-def _passes(solution: Solution) -> Field:
-    """Spans of the passes that have parameters of their own."""
-    rows = [(item.name, *item.span_utc) for item in solution.parameters if item.span_utc is not None]
-    return table("passes", ("of a pass", "from (UTC)", "to"), rows, _MAX_ROWS)
+        is_free = math.isinf(item.prior_sigma)
+        prior = "free" if is_free else f"{item.prior_value:.4g} +- {item.prior_sigma:.4g}"
+        value = value_text(solution.values[k], formal[k])
+        rows.append((parameter_name(item.name), item.unit, value, sigma_text(sigmas[k]), prior))
+    return table("estimated", _ESTIMATE_HEADING, rows, _MAX_PARAMETERS)

@@ -1,6 +1,6 @@
 """Positions from parts of the data: from arcs of several lengths, and without each station and link.
 
-The table of arcs beside known positions is that of Wang et al. (2021), table 1.
+The table of arcs and known positions has the form of table 1 of Wang et al. (2021).
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from radioloc.estimation.combination import Agreement, PositionEstimate, agreeme
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import Link
+from radioloc.parameters.parameter import Parameter
 from radioloc.results.cards import (
     OBSERVABILITY,
     RESIDUALS,
@@ -32,14 +33,14 @@ from radioloc.results.cards import (
     sigma_text,
     signed_metres,
     table,
-    to_sigma,
-    ways,
+    value_text,
 )
 from radioloc.results.covariance import radius_95_m
 from radioloc.results.fit_card import rejected_detail
+from radioloc.results.names import link_ways, parameter_name, with_parameter_names
 from radioloc.results.result import Content, Result, Table
 from radioloc.results.solution import Solution
-from radioloc.results.solution_card import which_sigmas
+from radioloc.results.solution_card import sigma_levels
 from radioloc.results.tables import (
     PositionRow,
     difference,
@@ -52,18 +53,17 @@ from radioloc.tables import TableForm, as_table
 from radioloc.targets.orbit_state import EAST_NORTH_UP, RTN, OrbitState
 from radioloc.time import utc_strings
 
-_ARCS_IN_ROW = 3
-_MIN_WIDE_CHARACTERS = 18  # characters of a value with its sigma of which one fewer goes into a row
-_MAX_PARAMETERS = 12  # a card is to fit a screen; to_dict() has them all
+_MAX_ARC_COLUMNS = 2  # arcs side by side within the width of a terminal
+_MAX_PARAMETERS = 12  # a card fits a screen; to_dict() has all of them
 _MIN_FILLED_FRACTION = 0.95
-"""Least part of an arc that its data cover, but for the time from one observation to the next."""
+"""Least part of an arc that its data cover, with the time between two observations as tolerance."""
 _MAX_CHANCE_SIGMAS = {2: 3.72, 3: 4.03, 6: 4.74}
-"""Two, three and six coordinates of a right model stay below this in 99.9 %."""
+"""Bound of the differences of two, three and six coordinates in 99.9 % of cases, in sigmas."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Arc:
-    """One arc of a study: the length asked for, and the span from the start to the last observation."""
+    """Arc of a study: its nominal length, and the span from the start to the last observation."""
 
     hours: float
     span_h: float
@@ -75,7 +75,7 @@ class Arc:
         return f"{self.hours:g} h"
 
     def parameter(self, name: str) -> tuple[float, float] | None:
-        """Value and scaled sigma of a parameter, None where the arc has no such parameter."""
+        """Return value and total sigma of a parameter, or None if the arc has no such parameter."""
         names = self.solution.parameters.names
         if name not in names:
             return None
@@ -106,7 +106,7 @@ class StateRow:
     # Length of the difference of position and velocity in the standard deviations that it should have.
     from_longest_sigmas: float | None
     used: int
-    left_out: int
+    rejected: int
     converged: bool
 
     @classmethod
@@ -125,14 +125,14 @@ class StateRow:
             **dict(zip((f"{axis}_m" for axis in RTN), differences, strict=True)),
             from_longest_sigmas=None if from_longest is None else from_longest.sigmas,
             used=total.used,
-            left_out=total.rejected,
+            rejected=total.rejected,
             converged=arc.solution.converged,
         )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArcStudy(Result):
-    """The arcs of a study, beside reference positions.
+    """Solutions of arcs of several lengths, and reference positions.
 
     Parameters
     ----------
@@ -141,16 +141,13 @@ class ArcStudy(Result):
     arcs : tuple of Arc
         The longest first.
     references : tuple of Reference
-        Known positions in mean-Earth axes. The first is the benchmark that all others are compared with; where there
-        is none, that is the longest arc.
-    longitude_to_360 : bool
-        Whether the card counts longitudes from 0 to 360 deg, not from -180 to 180.
+        Known positions in mean-Earth axes. The first is the benchmark of all others; without references the longest
+        arc is.
     """
 
     name: str
     arcs: tuple[Arc, ...]
     references: Sequence[Reference] = ()
-    longitude_to_360: bool = False
 
     @property
     def longest(self) -> Solution:
@@ -164,7 +161,7 @@ class ArcStudy(Result):
 
     @property
     def by_target(self) -> tuple[ArcStudy, ...]:
-        """One study for each target with a place, the references with the first of them; this study of a single one."""
+        """Studies of each target with a position, the references with the first; this study if it has one target."""
         names = [target.name for target in self.longest.targets]
         if not names:
             return (self,) if self.longest.trajectory is None else ()
@@ -180,15 +177,12 @@ class ArcStudy(Result):
 
     @property
     def benchmark(self) -> str:
-        """Name of what all positions are compared with."""
+        """Name of the benchmark."""
         return self.references[0].name if self.references else f"the arc of {self.arcs[0].name}"
 
     @property
     def rows(self) -> tuple[PositionRow, ...]:
-        """Positions with their differences to the benchmark: arcs, the longest first, then references.
-
-        Of several targets those of each, with its name, beside the benchmark of each.
-        """
+        """Positions with their differences to the benchmark: arcs, the longest first, then references."""
         if self.longest.targets:
             names = [target.name for target in self.longest.targets]
             return tuple(
@@ -204,13 +198,13 @@ class ArcStudy(Result):
         for k, arc in enumerate(self.arcs):
             place, total = arc.solution.selenographic, arc.solution.fit.total
             cells = place_fields(place, None if k == 0 and not self.references else benchmark)
-            cells |= {"used": total.used, "left_out": total.rejected, "wrms_m": total.wrms_m}
+            cells |= {"used": total.used, "rejected": total.rejected, "wrms_m": total.wrms_m}
             if arc.solution.position_estimated:
                 sigmas_m = map(finite_or_none, arc.solution.sigma_enu_m())
                 cells |= zip(("sigma_west_m", "sigma_north_m", "sigma_up_m"), sigmas_m, strict=True)
             if k:
                 cells["from_longest_m"] = math.hypot(*difference(place, longest)[2:4])
-                cells["from_longest_sigmas"] = sigmas_apart(arc.solution, self.longest)
+                cells["from_longest_sigmas"] = horizontal_sigmas(arc.solution, self.longest)
             rows.append(PositionRow("tracking", arc.name, **cells, converged=arc.solution.converged))
         for k, reference in enumerate(self.references):
             cells = place_fields(reference.position.selenographic, None if k == 0 else benchmark)
@@ -228,13 +222,19 @@ class ArcStudy(Result):
         )
 
     @property
-    def other_parameters(self) -> dict[str, str]:
-        """Unit of each parameter but the position's, by name, in the order of the longest arcs."""
-        items = [item for arc in self.arcs for item in arc.solution.parameters]
-        return {item.name: item.unit for item in items if item.kind != "position" and not item.fixed}
+    def other_parameters(self) -> dict[str, Parameter]:
+        """Estimated parameters except the position's by name, in the order of the longest arcs."""
+        items = [item for arc in reversed(self.arcs) for item in arc.solution.parameters]
+        by_name = {item.name: item for item in items if item.kind != "position" and not item.fixed}
+        return {
+            name: by_name[name]
+            for arc in self.arcs
+            for name in arc.solution.parameters.names
+            if name in by_name
+        }
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all numbers but the single residuals, in types that JSON has."""
+        """Return all numbers except single residuals, in types that JSON has."""
         return {
             "name": self.name,
             "converged": self.converged,
@@ -250,7 +250,7 @@ class ArcStudy(Result):
         }
 
     def to_table(self, form: TableForm = "astropy") -> Any:
-        """:attr:`rows`, or else :attr:`states`, as a ``QTable`` of astropy or a ``DataFrame``; NaN for None."""
+        """Return :attr:`rows`, or else :attr:`states`, as a ``QTable`` of astropy or a ``DataFrame``; NaN for None."""
         rows = [asdict(row) for row in self.rows or self.states]
         return as_table(
             {key: [np.nan if row[key] is None else row[key] for row in rows] for key in rows[0]}, form
@@ -263,8 +263,8 @@ class ArcStudy(Result):
             {
                 key: number
                 for name in self.other_parameters
-                if (found := arc.parameter(name))
-                for key, number in zip((name, f"{name}.sigma"), found, strict=True)
+                if (estimate := arc.parameter(name))
+                for key, number in zip((name, f"{name}.sigma"), estimate, strict=True)
             }
             for arc in self.arcs
         ]
@@ -279,7 +279,7 @@ class ArcStudy(Result):
         return files
 
     def positions(self) -> Mapping[str, Result]:
-        """Return the position of each arc, of several targets those of each."""
+        """Return the position of each arc and target."""
         several = len(self.by_target) > 1
         return {
             f"{arc.solution.name}, {arc.name}" if several else arc.name: arc.solution
@@ -294,11 +294,11 @@ class ArcStudy(Result):
             yield from arc.solution.failures()
 
     def card(self) -> Card:
-        """Card of the study."""
+        """Return the card of the study."""
         longest, studies = self.longest, self.by_target
         failed = [arc.name for arc in self.arcs if not arc.solution.converged]
         axes = f"{longest.me_frame}, fitted in {longest.pa_frame}"
-        counts = ("", "span, h", "used", "left out", "wrms, m", "chi2/dof")
+        counts = ("", "span, h", "used", "rejected", "wrms, m", "chi2/dof")
         return Card(
             (
                 Field("arc lengths", (self.name,)),
@@ -317,18 +317,18 @@ class ArcStudy(Result):
         )
 
     def _details(self) -> Iterator[Detail]:
-        """Yield what the page unfolds: of the longest arc, and the card of each."""
+        """Yield the rejected observations and the provenance of the longest arc, and the card of each arc."""
         yield rejected_detail(self.longest)
         for arc in self.arcs:
             yield Detail(RESULT, f"The arc of {arc.name}", tuple(arc.solution.card().fields))
         yield provenance_detail(self.longest.provenance)
 
     def _position_fields(self, axes: str, *, of_several: bool) -> Iterator[Field]:
-        """Positions and their sigmas of one target, beside its benchmark."""
+        """Yield the fields with positions and sigmas of one target."""
         if of_several:
             yield Field("target", (self.name,))
         sizes = ("", "L, m", "B, m", "h, m", "height, m", f"from {self.arcs[0].name}, m", "in sigmas")
-        yield from position_fields(self.rows, axes, self.benchmark, self.longitude_to_360)
+        yield from position_fields(self.rows, axes, self.benchmark)
         yield Field("1 sigma", (), sizes, map(_sigma_cells, self.arcs, self.rows))
 
     def _state_fields(self) -> Iterator[Field]:
@@ -350,24 +350,24 @@ class ArcStudy(Result):
         return f"<ArcStudy {self.name}: {hours} h, {'converged' if self.converged else 'NOT CONVERGED'}>"
 
 
-def sigmas_apart(part: Solution, whole: Solution) -> float | None:
-    """Horizontal difference of two solutions in standard deviations of that difference; None where it has none."""
-    # The length is Mahalanobis' in two dimensions: below 2.45 in 95 % and below 3.72 in 99.9 %.
-    found = apart(part, whole, horizontal=True)
-    return None if found.chi2 is None else math.sqrt(found.chi2)
+def horizontal_sigmas(part: Solution, longest: Solution) -> float | None:
+    """Return the horizontal difference of two solutions in its standard deviations, None if they are not defined."""
+    # Mahalanobis distance in two dimensions: below 2.45 in 95 % and below 3.72 in 99.9 % of cases.
+    chi2 = agreement_of(part, longest, horizontal=True).chi2
+    return None if chi2 is None else math.sqrt(chi2)
 
 
-def apart(part: Solution, whole: Solution, *, horizontal: bool = False) -> Agreement:
+def agreement_of(part: Solution, complete: Solution, *, horizontal: bool = False) -> Agreement:
     """Compare a solution from a part of the data with that from all, as :func:`~.combination.agreement` does."""
-    estimates = [PositionEstimate.from_solution(solution.to_dict()) for solution in (part, whole)]
-    of_part, of_whole = (replace(estimate, study="", hours=float(k)) for k, estimate in enumerate(estimates))
-    return agreement(of_part, of_whole, horizontal=horizontal)
+    estimates = [PositionEstimate.from_solution(solution.to_dict()) for solution in (part, complete)]
+    pair = (replace(estimate, study="", hours=float(k)) for k, estimate in enumerate(estimates))
+    return agreement(*pair, horizontal=horizontal)
 
 
 def _sigma_cells(arc: Arc, row: PositionRow) -> tuple[str, ...]:
     return (
         arc.name,
-        *(metres(sigma) if arc.solution.position_estimated else "held" for sigma in row.sigmas_m),
+        *(metres(sigma) if arc.solution.position_estimated else "fixed" for sigma in row.sigmas_m),
         *(
             "-" if x is None else f"{x:z.1f}"
             for x in (row.height_m, row.from_longest_m, row.from_longest_sigmas)
@@ -378,9 +378,9 @@ def _sigma_cells(arc: Arc, row: PositionRow) -> tuple[str, ...]:
 def _state_cells(row: StateRow) -> tuple[str, ...]:
     sigmas = (row.sigma_radial_m, row.sigma_along_m, row.sigma_across_m)
     differences = (row.radial_m, row.along_m, row.across_m)
-    apart = "-" if row.from_longest_sigmas is None else f"{row.from_longest_sigmas:.1f}"
-    shown = ("-" if value is None else signed_metres(value) for value in differences)
-    return (row.name, *map(metres, sigmas), *shown, apart)
+    distance = "-" if row.from_longest_sigmas is None else f"{row.from_longest_sigmas:.1f}"
+    cells = ("-" if value is None else signed_metres(value) for value in differences)
+    return (row.name, *map(metres, sigmas), *cells, distance)
 
 
 def _data_cells(arc: Arc) -> tuple[str, ...]:
@@ -391,37 +391,37 @@ def _data_cells(arc: Arc) -> tuple[str, ...]:
 
 
 def _parameter_fields(study: ArcStudy) -> Iterator[Field]:
-    """The other parameters and their sigmas, some arcs side by side."""
-    units = study.other_parameters
-    widths = [
-        len(_with_sigma(arc.parameter(name))) for arc in study.arcs for name in [*units][:_MAX_PARAMETERS]
-    ]
-    in_row = _ARCS_IN_ROW if max(widths, default=0) < _MIN_WIDE_CHARACTERS else _ARCS_IN_ROW - 1
-    for start in range(0, len(study.arcs), in_row):
-        arcs = study.arcs[start : start + in_row]
+    """Yield tables of the other parameters with their sigmas, except those of passes, some arcs side by side."""
+    for start in range(0, len(study.arcs), _MAX_ARC_COLUMNS):
+        arcs = study.arcs[start : start + _MAX_ARC_COLUMNS]
         rows = [
-            (f"{name}, {unit}", *(_with_sigma(arc.parameter(name)) for arc in arcs))
-            for name, unit in units.items()
+            (
+                f"{parameter_name(name)}, {item.unit}",
+                *(_with_sigma(arc.parameter(name)) for arc in arcs),
+                "free" if math.isinf(item.prior_sigma) else f"+- {item.prior_sigma:.4g}",
+            )
+            for name, item in study.other_parameters.items()
+            if item.span_utc is None
         ]
-        heading = ("value +- 1 sigma", *(arc.name for arc in arcs))
-        # The last says how many there are beside.
-        where = "arcs.json" if start + in_row >= len(study.arcs) else ""
-        yield table("" if start else "estimated", heading, rows, _MAX_PARAMETERS, where=where)
+        heading = ("value +- 1 sigma", *(arc.name for arc in arcs), "a priori")
+        # Only the last table counts the rows that are not shown.
+        file = "arcs.json" if start + _MAX_ARC_COLUMNS >= len(study.arcs) else ""
+        yield table("" if start else "estimated", heading, rows, _MAX_PARAMETERS, file=file)
 
 
-def _with_sigma(found: tuple[float, float] | None) -> str:
-    if found is None:
+def _with_sigma(estimate: tuple[float, float] | None) -> str:
+    if estimate is None:
         return "-"
-    value, sigma = found
-    return f"{to_sigma(value, sigma)} +- {sigma_text(sigma)}" if math.isfinite(sigma) else "undetermined"
+    value, sigma = estimate
+    return f"{value_text(value, sigma)} +- {sigma_text(sigma)}" if math.isfinite(sigma) else "undetermined"
 
 
 def _observable(study: ArcStudy) -> Iterator[str]:
-    """Quantities that the data of each arc determine poorly."""
+    """Yield the first sentence on the observability of each arc."""
     for arc in study.arcs:
         for sentence in arc.solution.observability.describe()[:1]:
-            yield f"{arc.name}: {sentence}"
-    yield from which_sigmas(arc.solution for arc in study.arcs)
+            yield f"{arc.name}: {with_parameter_names(sentence, arc.solution.parameters)}"
+    yield from sigma_levels(arc.solution for arc in study.arcs)
 
 
 def _notes(study: ArcStudy, rows: tuple[PositionRow, ...]) -> Iterator[str]:
@@ -445,18 +445,18 @@ def _notes(study: ArcStudy, rows: tuple[PositionRow, ...]) -> Iterator[str]:
                 f"{state.from_longest_sigmas:.1f} sigmas (99.9 % are below {_MAX_CHANCE_SIGMAS[6]}): the sigmas are "
                 "too small, as errors of the data are correlated or the model is incomplete"
             )
-    # What several arcs say alike is said once, of the longest; counts of observations differ from arc to arc.
+    # Notes are those of the longest arc; the counts of observations differ from arc to arc.
     yield from (note for note in study.longest.notes if "not selected:" not in note)
 
 
 @dataclass(frozen=True, slots=True)
-class Without:
-    """Place or state of a target without a station or a link; None where it is not determined without it."""
+class Omission:
+    """Position or state of a target without a station or a link; undetermined quantities are None."""
 
     kind: str  # "station" or "link"
     name: str  # the station, or the path of the link
-    left_out: int  # observations that go with it
-    used: int  # observations that are used without it
+    omitted: int  # observations of the station or the link
+    used: int  # observations in the fit without them
     converged: bool
     target: str = ""  # name where there are several
     quantity: str = "position"  # or "state" of a spacecraft
@@ -469,19 +469,19 @@ class Without:
     sigmas: float | None = None
 
     @classmethod
-    def of(cls, kind: str, name: str, left_out: int, part: Solution, whole: Solution) -> Iterator[Without]:
+    def of(cls, kind: str, name: str, omitted: int, part: Solution, complete: Solution) -> Iterator[Omission]:
         """Yield the places and states of a solution without some observations, compared with those with all."""
-        row = cls(kind, name, left_out, part.fit.total.used, part.converged)
-        for target in _names_of_places(whole):
-            places = [solution.of_target(target) if target else solution for solution in (part, whole)]
+        row = cls(kind, name, omitted, part.fit.total.used, part.converged)
+        for target in _place_names(complete):
+            places = [solution.of_target(target) if target else solution for solution in (part, complete)]
             yield replace(row, target=target)._with_place(*places)
-        for target, state in whole.states.items():
+        for target, state in complete.states.items():
             yield replace(row, target=target, quantity="state")._with_state(part.states[target], state)
 
-    def _with_place(self, part: Solution, whole: Solution) -> Without:
-        if not (part.position_determined and whole.position_determined):
+    def _with_place(self, part: Solution, complete: Solution) -> Omission:
+        if not (part.position_determined and complete.position_determined):
             return self
-        shift = apart(part, whole)
+        shift = agreement_of(part, complete)
         return replace(
             self,
             radius_95_m=finite_or_none(radius_95_m(part.position_covariance()[:2, :2])),
@@ -490,10 +490,10 @@ class Without:
             sigmas=None if shift.chi2 is None else math.sqrt(shift.chi2),
         )
 
-    def _with_state(self, part: OrbitState, whole: OrbitState) -> Without:
-        if not (np.isfinite(part.covariance).all() and np.isfinite(whole.covariance).all()):
+    def _with_state(self, part: OrbitState, complete: OrbitState) -> Omission:
+        if not (np.isfinite(part.covariance).all() and np.isfinite(complete.covariance).all()):
             return self
-        shift = part.difference_from_all(whole)
+        shift = part.difference_from_all(complete)
         return replace(self, shift_rtn_m=shift.rtn_m, sigma_rtn_m=shift.sigma_rtn_m, sigmas=shift.sigmas)
 
     @property
@@ -502,20 +502,20 @@ class Without:
         return self.shift_enu_m or self.shift_rtn_m
 
     @property
-    def shown(self) -> str:
+    def label(self) -> str:
         """Name on the card, such as ``KASHI two-way`` of a link."""
         if self.kind == "station":
             return self.name
         link = Link.from_path(self.name)
-        return f"{link.place} {ways([link])[0]}".rstrip()
+        return f"{link.place} {link_ways([link])[0]}".rstrip()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LeaveOneOut(Result):
-    """A solution, and the places and states without each of its stations and links; ``str()`` is a card."""
+    """Solution, and the positions and states without each of its stations and links; ``str()`` is a card."""
 
     solution: Solution  # from all observations
-    without: tuple[Without, ...]  # stations, then links; of each, those of all targets
+    omissions: tuple[Omission, ...]  # stations, then links; of each, those of all targets
 
     @property
     def name(self) -> str:
@@ -529,28 +529,28 @@ class LeaveOneOut(Result):
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """Return the columns of the table by name; NaN where there is no number."""
-        rows = [asdict(row) for row in self.without]
+        rows = [asdict(row) for row in self.omissions]
         several = ("target", "quantity") if len(self._compared) > 1 else ()
-        keys = ("kind", "name", *several, "left_out", "used")
+        keys = ("kind", "name", *several, "omitted", "used")
         columns = {key: np.array([row[key] for row in rows]) for key in keys}
-        columns["converged"] = np.array([int(row.converged) for row in self.without])
-        numbers: dict[str, Any] = {"radius_95_m": [row.radius_95_m for row in self.without]}
-        quantities = {row.quantity for row in self.without}
+        columns["converged"] = np.array([int(row.converged) for row in self.omissions])
+        numbers: dict[str, Any] = {"radius_95_m": [row.radius_95_m for row in self.omissions]}
+        quantities = {row.quantity for row in self.omissions}
         axes = {"enu": EAST_NORTH_UP} if "position" in quantities else {}
         axes |= {"rtn": RTN} if "state" in quantities else {}
         for key, (of_axes, names) in itertools.product(("shift", "sigma"), axes.items()):
             values = np.array([row[f"{key}_{of_axes}_m"] or (None,) * 3 for row in rows]).reshape(-1, 3)
             numbers |= {f"{key}_{axis}_m": values[:, k] for k, axis in enumerate(names)}
-        numbers["sigmas"] = [row.sigmas for row in self.without]
+        numbers["sigmas"] = [row.sigmas for row in self.omissions]
         return columns | {key: np.array(column, dtype=np.float64) for key, column in numbers.items()}
 
     def to_table(self, form: TableForm = "astropy") -> Any:
-        """One row for each as a ``QTable`` of astropy, with units, or a ``DataFrame`` of pandas."""
+        """Return a row for each omission as a ``QTable`` of astropy, with units, or a ``DataFrame`` of pandas."""
         return as_table(self.columns(), form)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all but single residuals, in types that JSON has."""
-        return {"solution": self.solution.to_dict(), "without": [asdict(row) for row in self.without]}
+        """Return all numbers except single residuals, in types that JSON has."""
+        return {"solution": self.solution.to_dict(), "omissions": [asdict(row) for row in self.omissions]}
 
     def files(self) -> Mapping[str, Content]:
         """Return all numbers, and a table with a row for each station and link."""
@@ -563,7 +563,7 @@ class LeaveOneOut(Result):
     def card(self) -> Card:
         """Card of the shifts of each target without each station and link."""
         used = f"{self.solution.fit.total.used} observations used"
-        names = _names_of_places(self.solution)
+        names = _place_names(self.solution)
         places = [self.solution.of_target(name) if name else self.solution for name in names]
         radii = (
             f"95 % {f'of {name} ' if name else ''}within {metres(radius_95_m(place.position_covariance()[:2, :2]))} m"
@@ -571,7 +571,7 @@ class LeaveOneOut(Result):
         )
         return Card(
             [
-                Field("left out", [f"each station and link of {self.solution.name} in turn"]),
+                Field("omissions", [f"each station and link of {self.solution.name}"]),
                 Field("all", ["; ".join((used, *radii))]),
                 *self._shifts(),
                 Field("notes", self._notes()),
@@ -582,12 +582,12 @@ class LeaveOneOut(Result):
     @property
     def _compared(self) -> list[tuple[str, str]]:
         """Targets and quantities that are compared."""
-        return list(dict.fromkeys((row.target, row.quantity) for row in self.without))
+        return list(dict.fromkeys((row.target, row.quantity) for row in self.omissions))
 
     def _shifts(self) -> Iterator[Field]:
         """Yield the table of each target and quantity."""
         for target, quantity in self._compared:
-            rows = [row for row in self.without if (row.target, row.quantity) == (target, quantity)]
+            rows = [row for row in self.omissions if (row.target, row.quantity) == (target, quantity)]
             of_state = quantity == "state"
             sides = (f"{axis}, m" for axis in (RTN if of_state else EAST_NORTH_UP))
             heading = ("without", "used", *sides, "sigmas", *(() if of_state else ("95 %, m",)))
@@ -595,13 +595,13 @@ class LeaveOneOut(Result):
             of_target = f"of the {quantity}{f' of {target}' if target else ''}"
             yield Field("shift", (of_target,) if len(self._compared) > 1 else (), heading, cells)
 
-    def _label(self, row: Without) -> str:
+    def _label(self, row: Omission) -> str:
         """Name of a station or a link, of several targets with those of the link."""
         several = row.kind == "link" and len(self._compared) > 1
-        return f"{row.shown}, {', '.join(Link.from_path(row.name).targets)}" if several else row.shown
+        return f"{row.label}, {', '.join(Link.from_path(row.name).targets)}" if several else row.label
 
     def _notes(self) -> Iterator[str]:
-        for row in self.without:
+        for row in self.omissions:
             what = f"{row.quantity}{f' of {row.target}' if row.target else ''}"
             limit = _MAX_CHANCE_SIGMAS[6 if row.quantity == "state" else 3]
             if row.shift_m is None:
@@ -611,20 +611,20 @@ class LeaveOneOut(Result):
             elif row.sigmas is not None and row.sigmas > limit:
                 yield (
                     f"without {self._label(row)} the {what} moves by {math.hypot(*row.shift_m):.3g} m, "
-                    f"{row.sigmas:.1f} sigmas of that shift (99.9 % are below {limit}): it does not fit the "
-                    "others, or the sigmas are too small"
+                    f"{row.sigmas:.1f} sigmas of that shift (99.9 % are below {limit}): its "
+                    "observations are inconsistent with the others, or the sigmas are too small"
                 )
-        yield from which_sigmas([self.solution])
+        yield from sigma_levels([self.solution])
 
 
-def _names_of_places(solution: Solution) -> list[str]:
+def _place_names(solution: Solution) -> list[str]:
     """Return the names of the targets whose places are estimated; empty of the only one."""
     if solution.targets:
         return [item.name for item in solution.targets if solution.of_target(item.name).position_estimated]
     return [""] if solution.trajectory is None and solution.position_estimated else []
 
 
-def _shift_cells(row: Without) -> tuple[str, ...]:
+def _shift_cells(row: Omission) -> tuple[str, ...]:
     if row.shift_m is None:
         return (str(row.used), *("-" * 5))
     sigmas = "-" if row.sigmas is None else f"{row.sigmas:.1f}"

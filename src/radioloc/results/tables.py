@@ -1,4 +1,4 @@
-"""Tables to print, of positions beside a benchmark as in Wang et al. (2021), table 1, and of solutions."""
+"""Printable tables: positions relative to a benchmark, as in Wang et al. (2021), table 1, and solutions."""
 
 from __future__ import annotations
 
@@ -20,15 +20,16 @@ from radioloc.estimation.combination import Ellipse, horizontal_ellipse
 from radioloc.estimation.statistics import Residuals, finite_or_none
 from radioloc.lunar.local import local_difference
 from radioloc.lunar.selenographic import selenographic_to_cartesian
-from radioloc.results.cards import Field, metres, sigma_text, to_sigma
+from radioloc.results.cards import Field, metres, sigma_text, value_text
+from radioloc.results.names import parameter_name
 from radioloc.results.recorded import check_solution
 from radioloc.results.result import Result, Table
 from radioloc.targets.orbit_state import EAST_NORTH_UP
 from radioloc.text_files import require_ending, spreadsheet_cell, write_text
 from radioloc.vectors import Floats
 
-Located = Result | Mapping[str, Any]
-"""A solution of tracking or of images, or what its ``solution.json`` holds."""
+SolutionLike = Result | Mapping[str, Any]
+"""A solution of tracking or of images, or the content of its ``solution.json``."""
 
 _RESIDUAL_DECIMALS = {
     "observed_m": 7,
@@ -38,7 +39,7 @@ _RESIDUAL_DECIMALS = {
     "elevation_deg": 4,
 }
 RESIDUAL_COLUMNS = ("epoch_utc", "type", "path", *_RESIDUAL_DECIMALS, "status", "residual_mm_s")
-"""Columns of ``residuals.csv``, in order; the last only where something is counted."""
+"""Columns of ``residuals.csv``, in order; the last only with observations over a count interval."""
 
 _LATEX = {
     "\\": r"\textbackslash{}",
@@ -48,7 +49,7 @@ _LATEX = {
     "<": "$<$",
     ">": "$>$",
     "|": r"\textbar{}",
-    "[": "{[}",  # of a row that begins with it the row above would take it for its own
+    "[": "{[}",  # at the start of a row it would be an option of the row above
     "°": r"$^\circ$",
     "δ": r"$\delta$",
     "±": r"$\pm$",
@@ -97,14 +98,14 @@ def ellipse_text(ellipse: Ellipse) -> str:
 
 @dataclass(frozen=True, slots=True)
 class TextTable:
-    """A table whose cells are text: the first columns of words, to the left, the others of numbers, to the right."""
+    """Table of text cells: first columns of words, aligned to the left, others of numbers, aligned to the right."""
 
     heading: Sequence[str]
     rows: Sequence[Sequence[str]]
     words: int = 1  # columns
 
     def to_markdown(self) -> str:
-        """The table in Markdown, as GitHub and Pandoc read it."""
+        """Return the table in Markdown, as GitHub and Pandoc read it."""
         rules = ["---" if k < self.words else "---:" for k in range(len(self.heading))]
         lines = (
             " | ".join(cell.replace("|", r"\|") for cell in cells)
@@ -113,7 +114,7 @@ class TextTable:
         return visible("".join(f"| {line} |\n" for line in lines))
 
     def to_latex(self) -> str:
-        """The table as a ``tabular`` of LaTeX, which needs no package."""
+        """Return the table as a ``tabular`` of LaTeX, which needs no package."""
         columns = "l" * self.words + "r" * (len(self.heading) - self.words)
         heading, *rows = (" & ".join(map(_latex, cells)) + " \\\\" for cells in (self.heading, *self.rows))
         lines = (
@@ -129,9 +130,9 @@ class TextTable:
 
 
 def _latex(text: str) -> str:
-    """Text with LaTeX's own signs escaped, and numbers with minus signs and powers of ten."""
+    """Return a text for LaTeX: escaped characters, minus signs and powers of ten."""
     escaped = _MINUS.sub("$-$", "".join(_LATEX.get(sign, sign) for sign in text))
-    return _POWER.sub(lambda found: rf"$\times 10^{{{int(found[1])}}}$", escaped)
+    return _POWER.sub(lambda match: rf"$\times 10^{{{int(match[1])}}}$", escaped)
 
 
 def write_table_file(path: str | Path, table: TextTable) -> Path:
@@ -145,29 +146,27 @@ def write_table_file(path: str | Path, table: TextTable) -> Path:
 class PositionRow:
     """Position with its difference to the benchmark, in m along the great circle's arc on the sphere of 1737.4 km."""
 
-    # Longitudes are counted to the west, -180 to 180 deg, as Wang et al. (2021) do. The arc has its direction at the
-    # benchmark: over some kilometres R cos(B) dL and R dB. What a reference does not have is None.
-    method: str  # one of METHODS, "joint" or "reference"
-    name: str  # length of the arc, name of the solution or of the reference
-    longitude_west_deg: float  # mean-Earth axes
+    # The arc has its direction at the benchmark: over some kilometres R cos(B) dL and R dB. A reference has no numbers
+    # of a fit, the benchmark no differences.
+    method: str  # `tracking`, `images`, `image_point`, `stereo`, `joint` or `reference`
+    name: str  # length of the arc, or name of the solution or the reference
+    longitude_west_deg: float  # -180 to 180 deg, mean-Earth axes, as in Wang et al. (2021)
     latitude_deg: float
-    height_m: float
-    west_deg: float | None  # this less the benchmark, as the next four; None for the benchmark itself
-    north_deg: float | None
-    west_m: float | None
-    north_m: float | None
-    up_m: float | None
-    sigma_west_m: float | None = None  # total standard deviation, as the next two; None where not determined
-    sigma_north_m: float | None = None
-    sigma_up_m: float | None = None
-    # Horizontal distance from the longest arc's position; None for that itself.
-    from_longest_m: float | None = None
-    # The same in the standard deviations that this difference should have.
-    from_longest_sigmas: float | None = None
-    used: int | None = None
-    left_out: int | None = None
-    wrms_m: float | None = None
-    converged: bool | None = None
+    height_m: float  # above 1737.4 km
+    west_deg: float | None  # position less benchmark
+    north_deg: float | None  # likewise
+    west_m: float | None  # the same along the sphere
+    north_m: float | None  # likewise
+    up_m: float | None  # difference of the heights
+    sigma_west_m: float | None = None  # total standard deviation; null if not determined
+    sigma_north_m: float | None = None  # likewise
+    sigma_up_m: float | None = None  # likewise
+    from_longest_m: float | None = None  # horizontal distance from the longest arc's position
+    from_longest_sigmas: float | None = None  # the same in standard deviations of the difference
+    used: int | None = None  # observations
+    rejected: int | None = None  # observations
+    wrms_m: float | None = None  # of the used residuals
+    converged: bool | None = None  # whether the fit converged
 
     @property
     def sigmas_m(self) -> tuple[float | None, float | None, float | None]:
@@ -181,13 +180,13 @@ def difference(place: Place, benchmark: Place) -> tuple[float, float, float, flo
         selenographic_to_cartesian(math.radians(longitude_deg), math.radians(latitude_deg), height_m)
         for longitude_deg, latitude_deg, height_m in (place, benchmark)
     )
-    apart = local_difference(point_m, origin_m, radius_m=MEAN_LUNAR_RADIUS_M)
+    local = local_difference(point_m, origin_m, radius_m=MEAN_LUNAR_RADIUS_M)
     west_deg = -math.remainder(place[0] - benchmark[0], 360.0)
-    return west_deg, place[1] - benchmark[1], -apart.east_m, apart.north_m, place[2] - benchmark[2]
+    return west_deg, place[1] - benchmark[1], -local.east_m, local.north_m, place[2] - benchmark[2]
 
 
 def place_fields(place: Place, benchmark: Place | None) -> dict[str, Any]:
-    """A position and its differences to the benchmark, as fields of a row."""
+    """Return a position and its differences to the benchmark, as fields of a row."""
     names = ("west_deg", "north_deg", "west_m", "north_m", "up_m")
     differences = (None,) * 5 if benchmark is None else difference(place, benchmark)
     return {
@@ -202,7 +201,7 @@ def residual_table(rows: Residuals) -> Table:
     """Return residuals as a table, one row for each observation, with the columns :data:`RESIDUAL_COLUMNS`."""
     if rows.elevation_deg is None:
         raise InputError(
-            "the solution has no elevations, which residuals.csv lists; give them to build_solution"
+            "residuals.csv: expected elevations of the solution; give elevation_deg to build_solution"
         )
     columns: dict[str, Any] = {"epoch_utc": rows.epoch_utc, "type": rows.types, "path": rows.paths}
     columns |= {name: getattr(rows, name) for name in _RESIDUAL_DECIMALS} | {"status": rows.statuses}
@@ -210,43 +209,35 @@ def residual_table(rows: Residuals) -> Table:
         columns["residual_mm_s"] = rows.residual_mm_s
     for name in ("observed_m", "computed_m", "residual_m", "sigma_m"):
         if not np.isfinite(columns[name]).all():
-            bad = int(np.argmin(np.isfinite(columns[name])))
+            k = int(np.argmin(np.isfinite(columns[name])))
             raise InputError(
-                f"{name} of observation {bad + 1} is {columns[name][bad]}; residuals must be finite"
+                f"{name} of observation {k + 1}: expected a finite number, got {columns[name][k]}"
             )
     return Table(columns, _RESIDUAL_DECIMALS | {"residual_mm_s": 5})
 
 
-def east_longitude_deg(row: PositionRow, to_360: bool = False) -> float:
-    """East longitude, -180 to 180 or 0 to 360 deg."""
-    return -row.longitude_west_deg % 360.0 if to_360 else -row.longitude_west_deg
-
-
-def position_cells(row: PositionRow, *, east: bool = True, to_360: bool = False) -> tuple[str, ...]:
-    """Longitude (to the east, or as the row has it) and latitude with their differences in deg and m, as text."""
+def position_cells(row: PositionRow, *, east: bool = True) -> tuple[str, ...]:
+    """Return longitude, to the east or to the west, and latitude with their differences in deg and m as text."""
     sign = -1.0 if east else 1.0
-    longitude_deg = east_longitude_deg(row, to_360) if east else row.longitude_west_deg
-    cells = (f"{longitude_deg:z.5f}", f"{row.latitude_deg:.5f}")
+    cells = (f"{sign * row.longitude_west_deg:z.5f}", f"{row.latitude_deg:.5f}")
     if row.west_deg is None or row.west_m is None:
         return (*cells, "benchmark", "-", "-", "-")
     differences = f"{sign * row.west_deg:z.5f}", f"{row.north_deg:z.5f}"
     return (*cells, *differences, f"{sign * row.west_m:z.1f}", f"{row.north_m:z.1f}")
 
 
-def position_fields(
-    rows: Iterable[PositionRow], axes: str, benchmark: str, to_360: bool = False
-) -> tuple[Field, Field]:
-    """Fields of a card: positions beside a benchmark, and their axes."""
-    explained = (
+def position_fields(rows: Iterable[PositionRow], axes: str, benchmark: str) -> tuple[Field, Field]:
+    """Return the fields of a card with positions relative to a benchmark, and their axes."""
+    explanation = (
         f"{axes}; L east longitude, B latitude; dL, dB relative to {benchmark}, on the sphere of "
         f"{MEAN_LUNAR_RADIUS_M / 1e3:.1f} km"
     )
-    cells = ((row.name, *position_cells(row, to_360=to_360)) for row in rows)
-    return Field("axes", (explained,)), Field("positions", (), _HEADING, cells)
+    cells = ((row.name, *position_cells(row)) for row in rows)
+    return Field("axes", (explanation,)), Field("positions", (), _HEADING, cells)
 
 
 def position_table(rows: Iterable[PositionRow], names: Mapping[str, str] | None = None) -> TextTable:
-    """The table to print; ``names`` of rows that are called otherwise there."""
+    """Return the printable table; `names` replace names of rows."""
     heading = ("Method", "", "L (°W)", "B (°N)", "δL (°W)", "δB (°N)", "δL (m)", "δB (m)")
     cells = [
         (row.method, (names or {}).get(row.name, row.name), *position_cells(row, east=False)) for row in rows
@@ -259,40 +250,37 @@ def position_files(
     names: Mapping[str, str] | None = None,
     more: Sequence[Mapping[str, Any]] = (),
 ) -> dict[str, str]:
-    """Return the table of positions in three formats by the names of files; further columns are in the CSV only."""
+    """Return the table of positions in three formats by file name; only the CSV has the columns of `more`."""
     table = position_table(rows, names)
     texts = (csv_table(rows, more), table.to_markdown(), table.to_latex())
     return dict(zip(POSITION_FILES, texts, strict=True))
 
 
 def csv_table(rows: Sequence[PositionRow], more: Sequence[Mapping[str, Any]] = ()) -> str:
-    """The table as comma-separated text, with further columns of some rows."""
+    """Return the table as comma-separated text, with further columns of the first rows."""
     records = [asdict(row) for row in rows]
-    for record, added in zip(records, more, strict=False):
-        record |= added
+    for record, columns in zip(records, more, strict=False):
+        record |= columns
     stream = io.StringIO()
-    writer = csv.DictWriter(stream, list(dict.fromkeys(k for r in records for k in r)), lineterminator="\n")
+    names = list(dict.fromkeys(name for record in records for name in record))
+    writer = csv.DictWriter(stream, names, lineterminator="\n")
     writer.writeheader()
-    writer.writerows(
-        {
-            key: spreadsheet_cell(visible(cell)) if isinstance(cell, str) else cell
-            for key, cell in record.items()
-        }
-        for record in records
-    )
+    for record in records:
+        safe = {k: spreadsheet_cell(visible(v)) if isinstance(v, str) else v for k, v in record.items()}
+        writer.writerow(safe)
     return stream.getvalue()
 
 
-def content_of(result: Located) -> Mapping[str, Any]:
-    """Return what ``solution.json`` holds of a solution, or the mapping given in its place, checked."""
+def content_of(result: SolutionLike) -> Mapping[str, Any]:
+    """Return the content of the ``solution.json`` of a solution; a mapping is checked."""
     if not isinstance(result, Mapping):
         return result.to_dict()
     check_solution(result)
     return result
 
 
-def contents_by_target(results: Iterable[Located]) -> list[Mapping[str, Any]]:
-    """Return the contents of solutions as in ``solution.json``, one for each target; the first has the references.
+def contents_by_target(results: Iterable[SolutionLike]) -> list[Mapping[str, Any]]:
+    """Return the contents of ``solution.json`` for each target of solutions; the first has the references.
 
     Examples
     --------
@@ -319,26 +307,24 @@ def references_of(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 
 def position_of(content: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The position of what ``solution.json`` holds, in principal and mean-Earth axes; an error where there is none."""
+    """Return the position of a content of ``solution.json``; a target on a trajectory is an :class:`InputError`."""
     if not content["position"]:
-        raise InputError(
-            f"{content['name']}: there is no fixed position on the Moon; it has a trajectory already"
-        )
-    found: Mapping[str, Any] = content["position"]
-    return found
+        raise InputError(f"{content['name']}: expected a position on the Moon, got a target on a trajectory")
+    position: Mapping[str, Any] = content["position"]
+    return position
 
 
 def horizontal_covariance_of(content: Mapping[str, Any]) -> NDArray[np.float64] | None:
-    """Covariance of east and north, m^2, shape (2, 2); None where the position is not determined."""
+    """Return the covariance of east and north, m^2, shape (2, 2); None if the position is not determined."""
     covariance = np.array(content["covariance"]["enu_m2"], dtype=np.float64)[:2, :2]
     return covariance if np.isfinite(covariance).all() else None
 
 
-def solution_table(solutions: Iterable[Located]) -> TextTable:
-    """Position, sigmas, fit and other estimated parameters of solutions, one column each."""
+def solution_table(solutions: Iterable[SolutionLike]) -> TextTable:
+    """Return position, sigmas, fit and other estimated parameters of solutions, one column each."""
     contents = contents_by_target(solutions)
     if not contents:
-        raise InputError("there is no solution to make a table of")
+        raise InputError("solutions: expected at least one")
     columns = [_column(content) for content in contents]
     names = dict.fromkeys(name for column in columns for name in column)
     rows = [(name, *(column.get(name, "-") for column in columns)) for name in names]
@@ -346,13 +332,13 @@ def solution_table(solutions: Iterable[Located]) -> TextTable:
 
 
 def _column(content: Mapping[str, Any]) -> dict[str, str]:
-    """Cells of one solution by the names of their rows."""
+    """Return the cells of one solution by row."""
     fit = content["fit"]
     cells = {"status": "converged" if content["converged"] else "not converged"}
     if content["position"]:
         cells |= _position(content)
     if "used" in fit:
-        cells |= {"observations used": str(fit["used"]), "left out": str(fit["rejected"])}
+        cells |= {"observations used": str(fit["used"]), "rejected": str(fit["rejected"])}
     if fit.get("wrms_m") is not None:
         cells["wrms, m"] = metres(fit["wrms_m"])
     if fit.get("chi2_per_dof") is not None:
@@ -361,9 +347,11 @@ def _column(content: Mapping[str, Any]) -> dict[str, str]:
         if not item["fixed"] and item["name"].split(".")[0] != "position":
             sigma = item["total_sigma"]
             value = (
-                "undetermined" if sigma is None else f"{to_sigma(item['value'], sigma)} ± {sigma_text(sigma)}"
+                "undetermined"
+                if sigma is None
+                else f"{value_text(item['value'], sigma)} ± {sigma_text(sigma)}"
             )
-            cells[f"{item['name']}, {item['unit']}"] = value
+            cells[f"{parameter_name(item['name'])}, {item['unit']}"] = value
     return cells
 
 
@@ -375,14 +363,14 @@ def _position(content: Mapping[str, Any]) -> dict[str, str]:
         "latitude, ° N": f"{me['latitude_deg']:.8f}",
         "height, m": f"{me['height_m']:.3f}",
     }
-    if any(content["sigma"][f"{axis}_m"] != 0.0 for axis in EAST_NORTH_UP):  # the position was not held
+    if any(content["sigma"][f"{axis}_m"] != 0.0 for axis in EAST_NORTH_UP):  # zero for a fixed position
         for axis in EAST_NORTH_UP:
             cells[f"1 sigma {axis}, m"] = metres(content["sigma"][f"{axis}_m"])
         if (covariance := horizontal_covariance_of(content)) is not None:
             ellipse = horizontal_ellipse(covariance)
             axes = f"{metres(ellipse.semi_major_m)} × {metres(ellipse.semi_minor_m)}"
             cells |= {"95 % ellipse, m": axes, "its azimuth, °": f"{ellipse.azimuth_deg:.0f}"}
-    if (known := content.get("reference")) is not None and "east_m" in known:
+    if (reference := content.get("reference")) is not None and "east_m" in reference:
         for axis in EAST_NORTH_UP:
-            cells[f"{axis} of {known['name']}, m"] = metres(known[f"{axis}_m"])
+            cells[f"{axis} of {reference['name']}, m"] = metres(reference[f"{axis}_m"])
     return cells

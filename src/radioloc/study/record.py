@@ -21,7 +21,7 @@ from radioloc.kernels import find_kernel, sha256_of
 from radioloc.study.study import ModelChoice, Study, TerrainPrior
 
 _MAX_LIST_NUMBERS = 100
-_WITHOUT_EFFECT = ("catalogue", "longitude_to_360", "name", "path", "reference", "references")
+_WITHOUT_EFFECT = ("catalogue", "name", "path", "reference", "references")
 """Fields of a study without effect on results; the catalogue is recorded as the list of its stations."""
 _PACKAGES = ("numpy", "scipy", "numba", "pyerfa", "astropy-iers-data")
 

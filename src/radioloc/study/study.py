@@ -343,8 +343,6 @@ class Study:
     candidates : iterable of str or None
         Stations, and links by their paths, whose improvement a covariance study predicts; by default stations of the
         catalogue.
-    longitude_to_360 : bool
-        Whether cards show longitudes from 0 to 360 deg, as the file of the study does, or from -180 to 180 deg.
     target_name : str or None
         Name of `target`, compared with that in the tracking data.
     extensions : mapping of str to object
@@ -371,7 +369,6 @@ class Study:
     suboptimal: tuple[str, ...] = ()
     path: Path | None = None
     candidates: tuple[str, ...] | None = None
-    longitude_to_360: bool = False
     target_name: str | None = None
     extensions: Mapping[str, Any] = field(default_factory=dict)
     simulations: Mapping[str, Scenario] = field(default_factory=dict)

@@ -240,7 +240,6 @@ def read_study(path: str | Path) -> Study:
         path=file,
         candidates=None if planned is None else planned.candidates,
         extensions={table.name: table.read(record) for table, record in extensions},
-        longitude_to_360=any(place.get("longitude_deg", 0.0) > 180.0 for place in places),
         simulation=simulations.get(""),
         simulations={} if "" in simulations else simulations,
     )

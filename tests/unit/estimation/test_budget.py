@@ -10,7 +10,7 @@ from radioloc.estimation.consider import by_source, prior_effects
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.parameters.considered import considered_choices
 from radioloc.parameters.parameter import Parameter, ParameterSet
-from radioloc.results.subsets import sigmas_apart
+from radioloc.results.subsets import horizontal_sigmas
 
 RNG = np.random.default_rng(7)
 
@@ -84,8 +84,8 @@ def test_errors_in_common_cancel_between_arcs(solution):
     part = replace(
         solution, position_pa_m=solution.position_pa_m + moved_m, covariance=1.5 * solution.covariance
     )
-    same = sigmas_apart(part, solution)
-    without = sigmas_apart(replace(part, consider=None), replace(solution, consider=None))
+    same = horizontal_sigmas(part, solution)
+    without = horizontal_sigmas(replace(part, consider=None), replace(solution, consider=None))
     assert same == pytest.approx(without)
     considered = replace(solution.consider, sensitivity=10.0 * solution.consider.sensitivity)
-    assert sigmas_apart(replace(part, consider=considered), solution) < 0.8 * same
+    assert horizontal_sigmas(replace(part, consider=considered), solution) < 0.8 * same

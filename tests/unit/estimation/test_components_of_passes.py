@@ -91,7 +91,7 @@ def test_a_study_asks_for_them(tracking):
     others = [size for name, size in added.items() if "KASHI>lander>KASHI" not in name]
     assert min(noisy_ones) > 10.0 > 3.0 > max(others)
     assert solution.to_dict()["provenance"]["estimate"]["variance_components"] == "link and pass"
-    assert "additive variance component" in str(solution)
+    assert "noise added in quadrature" in str(solution)
     quiet = radioloc.locate(Study(target=change5_case.NEAR, estimate=estimate), tracking)
     assert not any(quiet.fit.excess_noise_m.values())
     assert "variance component" not in str(quiet)

@@ -143,7 +143,7 @@ def test_claimed_sigmas_are_those_of_drawn_errors():
     found = radioloc.monte_carlo(planned(0.003), 200, (6.0,))
     assert found.converged
     # Binomial of 200 at 0.95: 182 to 197 but for a chance of 1 %
-    assert 182 <= found.arcs[0].inside["horizontal"].count <= 197
+    assert 182 <= found.arcs[0].coverage["horizontal"].count <= 197
     claimed_m = radioloc.covariance(planned(0.003), (6.0,)).arcs[0].sigma_m
     # Of 200 trials an rms is within 13 % but for a chance of 1 %
     assert found.arcs[0].rms_m == pytest.approx(claimed_m, rel=0.13)

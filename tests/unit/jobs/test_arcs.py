@@ -12,7 +12,7 @@ from toy_moon import ToyMoon, toy_solution
 import radioloc
 from radioloc import LunarPosition, Study
 from radioloc.errors import InputError
-from radioloc.results.subsets import sigmas_apart
+from radioloc.results.subsets import horizontal_sigmas
 from radioloc.results.tables import difference
 from radioloc.study import EstimateChoice, ObservationChoice, Reference
 from radioloc.study.study import HeightPrior
@@ -100,7 +100,7 @@ def test_rows_hold_the_differences_of_the_solutions(found):
         assert row.up_m == pytest.approx(comparison.up_m, abs=0.01)
         sigmas_m = arc.solution.sigma_enu_m()
         assert (row.sigma_west_m, row.sigma_north_m, row.sigma_up_m) == tuple(sigmas_m)
-        assert row.used + row.left_out == len(arc.solution.residuals)
+        assert row.used + row.rejected == len(arc.solution.residuals)
     longest, shorter = (np.array([rows[n].west_m, rows[n].north_m]) for n in ("48 h", "12 h"))
     assert rows["12 h"].from_longest_m == pytest.approx(np.linalg.norm(shorter - longest), rel=1e-4)
     assert rows["48 h"].from_longest_m is None
@@ -190,13 +190,13 @@ def test_departure_is_that_of_two_independent_halves():
     """By hand: the mean of four values of variance 1 differs from that of the first two by variance 1/2 - 1/4."""
     whole, part = toy_pair(0.25), toy_pair(0.5)
     apart_m = np.array([0.6, 0.0, 0.0])
-    sigmas = sigmas_apart(
+    sigmas = horizontal_sigmas(
         replace(part, position_pa_m=part.position_pa_m + part.rot_pa_to_enu.T @ apart_m), whole
     )
     assert sigmas == pytest.approx(0.6 / 0.5, rel=1e-9)
-    assert sigmas_apart(whole, part) is None
+    assert horizontal_sigmas(whole, part) is None
     lost = replace(part, covariance=np.diag([np.inf] * 3))
-    assert sigmas_apart(lost, whole) is None
+    assert horizontal_sigmas(lost, whole) is None
 
 
 def toy_pair(variance_m2):

@@ -100,7 +100,7 @@ def test_epochs_of_files(tmp_path):
         of_files.longest.covariance_m2, expected.longest.covariance_m2, rtol=1e-6, atol=1e-9
     )
     assert "white and as stated" in of_files.notes[0]
-    assert not any(gain.what.startswith("station") for gain in of_files.gains)
+    assert not any(item.change.startswith("station") for item in of_files.improvements)
 
 
 @pytest.mark.slow
@@ -134,8 +134,8 @@ def test_considered_errors_are_in_it():
     alone = covariance(study, 24.0)
     by_source = planned.longest.by_source()
     assert by_source["station_position"].sum() > 0.2
-    [gain] = [gain for gain in planned.gains if gain.what == "station_position known"]
-    assert gain.radius_95_m == pytest.approx(alone.longest.radius_95_m, rel=1e-9)
+    [item] = [item for item in planned.improvements if item.change == "station_position known"]
+    assert item.radius_95_m == pytest.approx(alone.longest.radius_95_m, rel=1e-9)
     trials = radioloc.monte_carlo(considered, trials=200, hours=24.0, seed=5)
     added = np.mean(trials.errors_m[:, 0] ** 2, axis=0)
     # A-priori values are not drawn.
@@ -165,17 +165,17 @@ def test_longer_is_better_and_the_reach_lies_between(found):
 
 
 def test_what_a_candidate_would_buy_is_the_plan_with_it(found):
-    [gain] = [gain for gain in found.gains if gain.what == "station TIANMA65"]
+    [item] = [item for item in found.improvements if item.change == "station TIANMA65"]
     larger = covariance(study_of(COLOURED, vlbi=(*VLBI, "TIANMA65")), found.longest.hours)
-    assert gain.radius_95_m == pytest.approx(larger.longest.radius_95_m, rel=1e-6)
-    assert gain.radius_95_m < found.longest.radius_95_m
+    assert item.radius_95_m == pytest.approx(larger.longest.radius_95_m, rel=1e-6)
+    assert item.radius_95_m < found.longest.radius_95_m
 
 
 def test_a_candidate_link_is_measured_as_its_session():
     found = covariance(
         study_of(stations=("JIAMUSI",), vlbi=(), candidates=["JIAMUSI>lander>KASHI", "KASHI"]), 24.0
     )
-    buys = {gain.what: gain.radius_95_m for gain in found.gains}
+    buys = {item.change: item.radius_95_m for item in found.improvements}
     receives = study_of(stations=("JIAMUSI",), vlbi=())
     [session] = receives.simulation.schedule.sessions
     more = dataclasses.replace(session, pairs=(*session.pairs, ("JIAMUSI", "KASHI")))
@@ -193,7 +193,9 @@ def test_a_candidate_link_is_measured_as_its_session():
 def test_candidates_are_of_the_same_network_and_telescopes_also_of_the_same_country():
     planned = covariance(study_of(vlbi=("JIAMUSI", "HARTRAO"), candidates=None, step_s=7200.0), [24.0])
     stations = {
-        gain.what.removeprefix("station ") for gain in planned.gains if gain.what.startswith("station ")
+        item.change.removeprefix("station ")
+        for item in planned.improvements
+        if item.change.startswith("station ")
     }
     near = ("China", "Chinese Deep Space Network", "European VLBI Network")
     catalogue = [s for s in StationCatalogue.default() if s.country in near or s.complex in near]
@@ -202,17 +204,17 @@ def test_candidates_are_of_the_same_network_and_telescopes_also_of_the_same_coun
 
 @pytest.mark.study
 def test_what_is_known_and_what_is_left_out(found):
-    buys = {gain.what: gain.radius_95_m for gain in found.gains}
+    buys = {item.change: item.radius_95_m for item in found.improvements}
     known = covariance(
         study_of(COLOURED, estimate={"range_bias": "none", "range_bias_sigma_m": None}), found.longest.hours
     )
     assert buys["range_bias known"] == pytest.approx(known.longest.radius_95_m, rel=1e-3)
     ranges = covariance(study_of(COLOURED, vlbi=()), found.longest.hours).longest
-    of_type = {share.name: share for share in found.shares if share.group == "type"}
+    of_type = {share.name: share for share in found.contributions if share.group == "type"}
     assert of_type["range"].alone_m == pytest.approx(ranges.radius_95_m, rel=1e-3)
     assert of_type["vlbi_delay"].without_m == of_type["range"].alone_m
     fewer = covariance(study_of(COLOURED, vlbi=VLBI[1:]), found.longest.hours).longest
-    [seshan] = [share for share in found.shares if share.name == VLBI[0]]
+    [seshan] = [share for share in found.contributions if share.name == VLBI[0]]
     assert seshan.without_m == pytest.approx(fewer.radius_95_m, rel=1e-3)
     assert seshan.without_m > found.longest.radius_95_m
 
@@ -223,7 +225,7 @@ def test_what_cannot_be_observed_is_said():
     assert not found.determined
     assert "NOT OBSERVABLE: the data do not determine" in " ".join(str(found).split())
     assert found.to_dict()["arcs"][0]["radius_95_m"] is None
-    assert found.gains == ()
+    assert found.improvements == ()
     with pytest.raises(InputError, match="nothing to draw"):
         plot(found, "covariance")
 

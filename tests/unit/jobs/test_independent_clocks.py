@@ -127,4 +127,4 @@ def test_ellipses_hold_the_truth_with_offsets_of_1e_12():
     found = radioloc.monte_carlo(planned, 200, (32.0,))
     assert found.converged
     # Binomial of 200 at 0.95: 182 to 197 but for a chance of 1 %
-    assert 182 <= found.arcs[0].inside["horizontal"].count <= 197
+    assert 182 <= found.arcs[0].coverage["horizontal"].count <= 197

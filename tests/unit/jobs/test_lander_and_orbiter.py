@@ -111,7 +111,7 @@ def test_predicted_sigmas_of_both_are_those_of_the_fit(tracking, forces):
         np.sqrt(np.diag(fitted.state.covariance)),
         rtol=0.02,
     )
-    assert {share.name for share in orbiter.shares} >= {"DSS-24", "DSS-65"}
+    assert {item.name for item in orbiter.contributions} >= {"DSS-24", "DSS-65"}
 
 
 @pytest.mark.study

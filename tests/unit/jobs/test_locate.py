@@ -218,7 +218,7 @@ def test_each_term_can_be_left_out(term, thinned, near15):
     few, full, terms_m = thinned
     found = fit(few, near15, model=ModelChoice(off=[term]))
     assert found.provenance["terms_off"] == [term]
-    assert f"terms switched off: {term}" in found.notes
+    assert f"terms switched off: {term}" in found.limitations
     # Nothing of ocean loading, axes or delays of equipment is known here, and light does not feel the ionosphere.
     unknown = ("ocean_loading", "antenna_axis_offset", "transponder_delay", "station_delay")
     # Nor is there a quasar, a clock that runs free, or a signal that the target sends by itself.

@@ -253,7 +253,7 @@ def test_where_the_linear_model_is_off_all_is_fitted_in_full(study, ready, monke
     monkeypatch.setattr(module, "_ALLOWED_SIGMAS", 1e-9)
     result = radioloc.monte_carlo(study, 3, HOURS)
     assert not result.linear
-    assert not result.proof.passed
+    assert not result.linearity.passed
     np.testing.assert_array_equal(result.values, ready.run(5, range(3)))
     assert "every trial fitted in full: the linear model is off by up to" in str(result)
 
@@ -265,7 +265,7 @@ def test_where_not_everything_is_determined_all_is_fitted_in_full():
     one = replace(one, simulation=replace(one.simulation, schedule=Schedule(alone), truth_sigma=TruthSigma()))
     result = radioloc.monte_carlo(one, 2, [1.0])
     assert not result.linear
-    assert result.proof is None
+    assert result.linearity is None
     assert not result.converged
     assert "NOT CONVERGED in 2 of the trials" in str(result)
     assert result.arcs == (None,)
@@ -368,7 +368,7 @@ def test_the_summary_is_that_of_the_trials(found):
         horizontal_m = np.hypot(*enu_m[:2])
         assert (horizontal_m <= arc.radius_95_m).sum() == 57
         inside = np.abs(enu_m[2]) <= 1.959963984540054 * found["sigma_up_m"][:, k]
-        assert arc.inside["up"].count == inside.sum()
+        assert arc.coverage["up"].count == inside.sum()
         assert arc.nees.mean == pytest.approx(found["nees"][:, k].mean() / 3.0)
         [bias] = [p for p in arc.parameters if p.name == "range_bias.KASHI"]
         errors_m = found["range_bias.KASHI.error"][:, k]
@@ -395,7 +395,7 @@ def test_trials_that_did_not_converge_do_not_count():
     [found] = MonteCarlo("plan", 1, (12.0,), (11.9,), columns, values, True, None, ()).arcs
     assert (found.trials, found.converged) == (3, 2)
     assert found.radius_95_m == pytest.approx(5.0)
-    assert found.inside["horizontal"].count == 0
+    assert found.coverage["horizontal"].count == 0
 
 
 def test_tables_have_a_row_for_each_trial_and_arc(found):

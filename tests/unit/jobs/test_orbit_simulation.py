@@ -191,8 +191,8 @@ def test_what_errors_of_gravity_do_to_a_plan_is_in_its_budget(made, tmp_path):
     mean_m2 = arc.state.covariance_rtn(tdb)[:, :3, :3].mean(axis=0)
     np.testing.assert_allclose(arc.sigma_m, np.sqrt(np.diag(mean_m2))[[1, 2, 0]], rtol=1e-9)
     assert arc.sources[0].source == "gravity_error"
-    assert found.gains[0].what == "gravity_error known"
-    assert found.gains[0].radius_95_m == pytest.approx(
+    assert found.improvements[0].change == "gravity_error known"
+    assert found.improvements[0].radius_95_m == pytest.approx(
         radioloc.covariance(study, hours=4.0).longest.radius_95_m, rel=1e-6
     )
     written = json.loads(json.dumps(found.to_dict()))["arcs"][-1]
@@ -253,7 +253,7 @@ def test_trials_of_an_orbit_are_those_of_full_fits(made, tmp_path):
     study, _ = made
     found = radioloc.monte_carlo(study, trials=20, hours=4.0)
     assert found.linear
-    assert found.proof.passed
+    assert found.linearity.passed
     assert found.converged
     assert found.sides == ("along", "across", "radial")
     np.testing.assert_allclose(found.at_h, [0.0, 2.185, 4.185], atol=0.01)

@@ -62,7 +62,7 @@ def test_notes_and_provenance_say_where_the_air_comes_from(read):
     solution = radioloc.compute_residuals(study, delays())
     assert (
         "troposphere of radio signals from VMF3 for URUMQI, SESHAN25, beside recorded pressure"
-        in solution.notes
+        in solution.limitations
     )
     assert solution.provenance["troposphere"] == {
         "vmf3": [{"name": "2020337.vmf3_r", "sha256": hashlib.sha256(LINES.encode()).hexdigest()}],
@@ -70,7 +70,7 @@ def test_notes_and_provenance_say_where_the_air_comes_from(read):
         "gpt3": [],
     }
     plain = radioloc.compute_residuals(read('vmf3 = ["2020*.vmf3_r"]', ""), delays())
-    assert not any("VMF3" in note for note in plain.notes)
+    assert not any("VMF3" in note for note in plain.limitations)
     changed_m = solution.residuals.residual_m - plain.residuals.residual_m
     assert 0.02 < abs(changed_m[0]) < 2.0
 
@@ -114,8 +114,8 @@ def calibrated(tmp_path, read):
 
 def test_calibrations_of_the_deep_space_network_serve_its_stations(calibrated):
     plain, solution = calibrated(""), calibrated()
-    assert "troposphere of radio signals from calibrations of the DSN for DSS-24" in solution.notes
-    assert "ionosphere of radio signals from calibrations of the DSN for DSS-24" in solution.notes
+    assert "troposphere of radio signals from calibrations of the DSN for DSS-24" in solution.limitations
+    assert "ionosphere of radio signals from calibrations of the DSN for DSS-24" in solution.limitations
     assert not any("no ionospheric delay" in note for note in solution.notes)
     assert solution.provenance["media_calibrations"] == {
         "csp": [{"name": "cards.csp", "sha256": hashlib.sha256(CARDS.encode()).hexdigest()}],

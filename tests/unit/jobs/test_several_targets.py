@@ -103,17 +103,17 @@ def test_arcs_of_targets_of_every_kind_have_positions_states_and_files(arcs, tmp
 
 @pytest.mark.study
 def test_places_and_states_without_a_station_are_within_sigmas_of_those_with_all(without):
-    compared = {(row.target, row.quantity) for row in without.without}
+    compared = {(row.target, row.quantity) for row in without.omissions}
     assert compared == {
         ("lander", "position"),
         ("descent", "position"),
         ("craft", "state"),
         ("descent", "state"),
     }
-    for row in without.without:
+    for row in without.omissions:
         assert row.converged, row
         assert row.sigmas is None or row.sigmas < (4.03 if row.quantity == "position" else 4.74), row
-    stations = [row for row in without.without if row.kind == "station"]
+    stations = [row for row in without.omissions if row.kind == "station"]
     assert all(row.sigmas is not None for row in stations)
     table = without.columns()
     assert {"target", "quantity", "shift_east_m", "shift_radial_m"} <= {*table}

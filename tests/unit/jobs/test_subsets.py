@@ -12,7 +12,7 @@ from radioloc.errors import InputError
 from radioloc.estimation.combination import PositionEstimate
 from radioloc.jobs.arcs import _groups
 from radioloc.jobs.preparation import prepared_arc
-from radioloc.results.subsets import Without
+from radioloc.results.subsets import Omission
 
 SAME_M = 1e-3
 """Fits end where steps are below a millionth of a sigma; the model's Chebyshev nodes differ."""
@@ -30,21 +30,21 @@ def found(study):
 
 @pytest.mark.study
 def test_without_a_station_is_with_the_others(study, found):
-    assert [one.name for one in found.without] == ["APOLLO", "GRASSE", "MATERA"]
-    assert {one.kind for one in found.without} == {"station"}  # the only link of each is no other group
+    assert [one.name for one in found.omissions] == ["APOLLO", "GRASSE", "MATERA"]
+    assert {one.kind for one in found.omissions} == {"station"}  # the only link of each is no other group
     whole = radioloc.locate(study)
-    for one in found.without:
+    for one in found.omissions:
         others = tuple(name for name in ("APOLLO", "GRASSE", "MATERA") if name != one.name)
         alone = radioloc.locate(replace(study, observations=replace(study.observations, stations=others)))
         shift_m = whole.rot_pa_to_enu @ (alone.position_pa_m - whole.position_pa_m)
         # East and north of principal and mean-Earth axes differ by 0.0005 rad.
         np.testing.assert_allclose(one.shift_enu_m, shift_m, rtol=2e-3, atol=SAME_M)
-        assert one.left_out == len(whole.residuals) - len(alone.residuals)
+        assert one.omitted == len(whole.residuals) - len(alone.residuals)
         assert one.used == alone.fit.total.used
 
 
 def test_the_shift_has_the_variance_that_the_rest_has_more_than_all(study, found):
-    one = found.without[0]
+    one = found.omissions[0]
     assert one.name == "APOLLO"
     others = replace(study.observations, stations=("GRASSE", "MATERA"))
     fits = radioloc.locate(replace(study, observations=others)), found.solution
@@ -68,7 +68,7 @@ def test_links_are_left_out_too_where_they_are_not_all_of_a_station():
     assert {name for kind, name in groups if kind == "link"} <= set(paths)
     assert len({mine.tobytes() for mine in groups.values()}) == len(groups) > 6
     shown = [
-        Without("link", name, 1, 2, True).shown
+        Omission("link", name, 1, 2, True).label
         for name in ("JIAMUSI>x>KASHI", "KASHI>x>KASHI", "URUMQI<x>KUNMING")
     ]
     assert shown == ["KASHI from JIAMUSI", "KASHI two-way", "URUMQI–KUNMING"]

@@ -119,7 +119,7 @@ def test_trials_are_judged_as_solutions_are():
     simulated = replace(study(), simulation=Scenario(Schedule(ranges), change5_case.LANDER, noise=noise))
     found = radioloc.monte_carlo(simulated, trials=3, hours=12.0)
     assert found.linear
-    assert found.proof.passed
+    assert found.linearity.passed
     assert not found["converged"].any()
 
 

@@ -103,7 +103,7 @@ def test_unlisted_station_with_a_value_is_held_at_it(biased):
         "range_bias.KASHI": True,
     }
     assert np.abs(solution.residuals.residual_m).max() < SAME_M
-    assert "held        range bias of KASHI 12 m" in str(solution)
+    assert "fixed       range bias of KASHI 12 m" in str(solution)
 
 
 def test_residuals_are_those_at_the_a_priori_values(biased):
@@ -168,7 +168,6 @@ def test_range_biases_of_passes(ranges):
     # Tags are TAI - 37 s.
     assert biases["KASHI 2"]["first_utc"].startswith("2020-12-03T15:59:23")
     assert biases["KASHI 2"]["last_utc"].startswith("2020-12-03T18:23:23")
-    assert "range_bias.KASHI 1    2020-12-02T15:29:23  2020-12-02T20:29:23" in str(solution)
 
 
 def test_gap_begins_a_new_pass(ranges):
@@ -217,9 +216,6 @@ def test_each_session_has_its_own_moon_position(ranges):
     assert list(radial) == ["moon_position_variation.1.radial", "moon_position_variation.2.radial"]
     # The path to the station is as far from that to the geocentre as 1 degree, 0.00015 in its cosine.
     assert list(radial.values()) == pytest.approx([1.0, 3.0], abs=1e-3)
-    assert "moon_position_variation. 2020-12-03T11:59:23 2020-12-03T18:23:23 2.radial" in " ".join(
-        str(solution).split()
-    )
 
 
 def test_station_held_and_others_by_pass(ranges):

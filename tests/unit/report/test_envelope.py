@@ -15,11 +15,11 @@ from radioloc.time import Epochs
 PATHS = ("KASHI>x>KASHI", "JIAMUSI>x>KASHI")
 
 
-def residuals(count, left_out=0.01):
+def residuals(count, rejected=0.01):
     rng = np.random.default_rng(4)
     codes = rng.integers(0, 2, count)
     residual_m, sigma_m = rng.normal(0.0, 1.0, count), np.ones(count)
-    used = rng.random(count) > left_out
+    used = rng.random(count) > rejected
     residual_m[~used] *= 40.0
     return Residuals(
         Epochs.from_jd(2459185.5, np.sort(rng.random(count)), "UTC"),
@@ -58,14 +58,14 @@ def test_bars_reach_from_the_lowest_to_the_highest_of_each_span():
 
 
 @pytest.mark.parametrize("plot", [plot_residuals, plot_links])
-def test_thousands_left_out_are_all_drawn(plot):
-    rows = residuals(60_000, left_out=0.05)
-    left_out = int((~rows.used).sum())
+def test_thousands_rejected_are_all_drawn(plot):
+    rows = residuals(60_000, rejected=0.05)
+    rejected = int((~rows.used).sum())
     figure = plot(rows, "t")
     assert ENVELOPE_NOTE in figure._supxlabel.get_text()
     [axes] = [axes for axes in figure.axes if axes.get_title(loc="left")]
     marks = {line.get_marker(): len(line.get_xdata()) for line in axes.lines if line.get_marker() != "None"}
-    assert sum(count for marker, count in marks.items() if marker in "x^v") == left_out > 1000
+    assert sum(count for marker, count in marks.items() if marker in "x^v") == rejected > 1000
 
 
 def test_one_instant_is_one_span():

@@ -20,10 +20,10 @@ from radioloc.imaging.solution import ErrorSource as ImageErrorSource
 from radioloc.imaging.solution import PointSolution
 from radioloc.report.figure_types import FIGURES
 from radioloc.report.page import write_html
-from radioloc.results.covariance import CovarianceStudy, Gain, PlannedArc, Share
-from radioloc.results.monte_carlo import MonteCarlo, Proof
+from radioloc.results.covariance import Contribution, CovarianceStudy, Improvement, PlannedArc
+from radioloc.results.monte_carlo import LinearityCheck, MonteCarlo
 from radioloc.results.registry import RESULTS, result_type
-from radioloc.results.subsets import Arc, ArcStudy, LeaveOneOut, Without
+from radioloc.results.subsets import Arc, ArcStudy, LeaveOneOut, Omission
 
 
 @cache
@@ -42,20 +42,26 @@ def trials():
     values = 10.0 * np.abs(np.random.default_rng(2).normal(size=(20, 2, len(columns))))
     values[..., columns.index("converged")] = 1.0
     values[..., columns.index("correlation_east_north")] = 0.2
-    proof = Proof((3, 5), 1e-4, 1e-4, True)
+    proof = LinearityCheck((3, 5), 1e-4, 1e-4, True)
     return MonteCarlo("toy", 5, (24.0, 12.0), (23.5, 11.5), tuple(columns), values, True, proof, ("clock",))
 
 
 def plan():
     sources = (ErrorSource("measurement noise", "", np.eye(3)), ErrorSource("clock", "A", 0.1 * np.eye(3)))
     arcs = [PlannedArc(hours, hours, int(hours), sources, ()) for hours in (3.0, 6.0)]
-    shares = (Share("station", "A", 6, np.inf, 3.0),)
-    return CovarianceStudy("toy", tuple(arcs), shares, (Gain("clock A known", 2.0),), 1.0)
+    contributions = (Contribution("station", "A", 6, np.inf, 3.0),)
+    return CovarianceStudy("toy", tuple(arcs), contributions, (Improvement("clock A known", 2.0),), 1.0)
 
 
 def without():
-    one = Without("station", "A", 30, 60, True, 5.0, (1.0, -2.0, 0.5), (1.0, 1.0, 1.0), 2.3)
-    return LeaveOneOut(solution(), (one, Without("station", "B", 30, 60, False)))
+    one = Omission(
+        *("station", "A", 30, 60, True),
+        radius_95_m=5.0,
+        shift_enu_m=(1.0, -2.0, 0.5),
+        sigma_enu_m=(1.0, 1.0, 1.0),
+        sigmas=2.3,
+    )
+    return LeaveOneOut(solution(), (one, Omission("station", "B", 30, 60, False)))
 
 
 def point():

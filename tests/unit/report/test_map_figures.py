@@ -90,7 +90,7 @@ def test_the_ground_is_under_the_position():
     ("given", "options", "message"),
     [
         ([], {}, "no position to draw"),
-        ([content() | {"position": None}], {}, "no fixed position"),
+        ([content() | {"position": None}], {}, "expected a position"),
         ([content(), content("b", frame="ME_DE430")], {}, "different axes"),
         ([content()], {"dem": "a", "base_map": "b"}, "not both"),
         ([content(place=(3.0, 26.0)) | {"reference": None}], {"dem": EXAMPLE / "dem.tif"}, "outside"),
@@ -100,6 +100,6 @@ def test_the_ground_is_under_the_position():
         ([content()], {"reach_m": 3e6}, "at most 1e\\+06 m"),
     ],
 )
-def test_what_cannot_be_drawn_is_told(given, options, message):
+def test_maps_that_cannot_be_drawn_are_refused(given, options, message):
     with pytest.raises(InputError, match=message):
         plot_map(given, **options)

@@ -33,7 +33,7 @@ def two_rows(**changes):
 
 
 def many(count, rng):
-    """Rows of several blocks: three links at each instant, some left out by the fit and some before it."""
+    """Rows of several blocks: three links at each instant, some rejected by the fit and some before it."""
     residual_m, sigma_m = rng.normal(0.0, 1.0, count), rng.uniform(0.1, 2.0, count)
     used = rng.random(count) > 0.01
     residual_m[~used] *= 1e3
@@ -56,7 +56,7 @@ def many(count, rng):
     )
 
 
-def test_many_residuals_are_what_python_writes_one_by_one(tmp_path):
+def test_many_residuals_are_written_with_the_digits_of_each(tmp_path):
     file, rows = tmp_path / "residuals.csv", many(40_000, np.random.default_rng(8))
     write_content(file, residual_table(rows))
     numbers = {"observed_m": 7, "computed_m": 7, "residual_m": 6, "sigma_m": 6, "elevation_deg": 4}
@@ -76,7 +76,7 @@ def test_many_residuals_are_what_python_writes_one_by_one(tmp_path):
 
 @pytest.mark.slow
 def test_residuals_are_written_block_by_block(tmp_path):
-    """What writing needs beside the columns does not grow with them: some ten megabytes."""
+    """The memory beside the columns does not grow with them."""
     rows = many(200_000, np.random.default_rng(8))
     write_content(tmp_path / "warm.csv", residual_table(two_rows()))
     tracemalloc.start()
@@ -90,18 +90,18 @@ def test_residuals_are_written_block_by_block(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"observed_m": np.array([np.nan, 7.7e8])}, "observed_m of observation 1 is nan"),
-        ({"sigma_m": np.array([1.0, np.inf])}, "sigma_m of observation 2 is inf"),
+        ({"observed_m": np.array([np.nan, 7.7e8])}, "observed_m of observation 1"),
+        ({"sigma_m": np.array([1.0, np.inf])}, "sigma_m of observation 2"),
         ({"sigma_m": np.array([1.0])}, "sigma_m has 1 values, but there are 2"),
-        ({"elevation_deg": None}, "no elevations"),
+        ({"elevation_deg": None}, "elevation_deg"),
     ],
 )
-def test_residuals_that_are_not_whole_are_refused(changes, words):
+def test_incomplete_residuals_are_refused(changes, words):
     with pytest.raises(InputError, match=words):
         residual_table(two_rows(**changes))
 
 
-def test_json_holds_what_was_given(tmp_path):
+def test_json_contains_the_values(tmp_path):
     file = tmp_path / "solution.json"
     content = {
         "matrix": np.eye(2),
@@ -128,7 +128,7 @@ def test_json_holds_what_was_given(tmp_path):
         ({"a": 1j}, "a is a complex"),
     ],
 )
-def test_json_refuses_what_it_cannot_hold(content, words, tmp_path):
+def test_json_refuses_other_types_and_nan(content, words, tmp_path):
     file = tmp_path / "solution.json"
     with pytest.raises(InputError, match=words):
         write_json(file, content)

@@ -1,4 +1,4 @@
-"""The HTML page of a result: that it is sound HTML, needs nothing else, and says what the result says."""
+"""HTML page of a result: valid, self-contained, and with the numbers of the result."""
 
 import re
 import sys
@@ -12,6 +12,7 @@ from radioloc import cli
 from radioloc.errors import InputError
 from radioloc.report.page import write_html
 from radioloc.results.cards import metres
+from radioloc.results.names import parameter_name, source_name
 
 LARGEST = 0.9e6
 """Largest page with figures, bytes."""
@@ -47,7 +48,7 @@ def page(written):
 
 
 @pytest.mark.study
-def test_a_page_is_sound_html(page):
+def test_a_page_is_valid_html(page):
     assert page.all("html") == [{"lang": "en"}]
     assert page.headings[0] == "h1"
     assert page.headings.count("h1") == 1
@@ -72,7 +73,7 @@ def test_a_page_needs_no_network_and_no_other_file(page, written):
         for name in ("src", "href", "srcset", "data", "action"):
             assert attributes.get(name, "#").startswith(("#", "data:image/webp;base64,")), tag
     assert not page.all("link")
-    [policy] = [one["content"] for one in page.all("meta") if "http-equiv" in one]
+    [policy] = [item["content"] for item in page.all("meta") if "http-equiv" in item]
     assert policy.startswith("default-src 'none'; img-src data:")
     plain = re.sub(r"[A-Za-z0-9+/=]{200,}", "", written.read_text(encoding="utf-8"))
     assert not re.search(r"https?:|url\(|@import|fetch\(|XMLHttp", plain)
@@ -90,18 +91,20 @@ def test_numbers_are_those_of_the_dictionary(page, solution):
     content = solution.to_dict()
     sides = ("east_m", "north_m", "up_m", "total_m")
     expected = [
-        [row["source"], row["name"] or "-", *(metres(row[k]) for k in sides)] for row in content["budget"]
+        [source_name(row["source"]), row["name"] or "-", *(metres(row[k]) for k in sides)]
+        for row in content["budget"]
     ]
     assert page.table("1 sigma, m", "of", "east", "north", "up", "3D") == expected
-    names = {row["name"] for row in content["parameters"]} - set(solution.parameters.names[:3])
-    listed = page.table("parameter", "value", "sigma", "unit", "a priori")
+    names = {parameter_name(row["name"]) for row in content["parameters"][3:]}
+    listed = page.table("parameter", "unit", "value", "sigma", "a priori")
     assert {row[0] for row in listed} == names
     for row in listed:
-        [mine] = [one for one in content["parameters"] if one["name"] == row[0]]
-        assert float(row[1]) == pytest.approx(mine["value"], abs=0.01 * mine["total_sigma"])
-    left_out = page.table("UTC", "link", "residual, m", "reason")
-    assert sorted(row[3] for row in left_out) == sorted(row["reason"] for row in content["rejected"])
-    assert [float(row[2]) for row in left_out] == pytest.approx([-1e5, 19.0], rel=0.3)
+        [item] = [item for item in content["parameters"] if parameter_name(item["name"]) == row[0]]
+        assert row[1] == item["unit"]
+        assert float(row[2]) == pytest.approx(item["value"], abs=0.01 * item["total_sigma"])
+    rejected = page.table("UTC", "link", "residual, m", "reason")
+    assert sorted(row[3] for row in rejected) == sorted(row["reason"] for row in content["rejected"])
+    assert [float(row[2]) for row in rejected] == pytest.approx([-1e5, 19.0], rel=0.3)
     assert page.table("key", "value") == [
         ["study.file", f"/tmp/{NASTY}.toml"],
         ["study.sha256", "1" * 64],
@@ -111,7 +114,7 @@ def test_numbers_are_those_of_the_dictionary(page, solution):
     ]
 
 
-def test_without_the_extra_one_line_says_what_to_install(solution, monkeypatch, tmp_path, capsys):
+def test_missing_extra_is_named(solution, monkeypatch, tmp_path, capsys):
     monkeypatch.setitem(sys.modules, "jinja2", None)
     with pytest.raises(InputError, match=r"pip install 'radioloc\[report\]'$"):
         write_html(solution, tmp_path / "toy.html")

@@ -88,7 +88,7 @@ def test_correlations():
         coefficients = solution.parameter_covariance(level) / sigmas / sigmas[:, None]
         np.testing.assert_allclose(part(shown), part(coefficients), atol=1e-12)
     assert shown[1, 2] > 0.95
-    assert "position.north and position.height" in str(solution)  # the card names correlations beyond
+    assert "position north and position height" in str(solution)  # the card names correlations beyond
     assert abs(shown[2, 1]) < 0.5  # considered errors of the Moon's place hide it
     assert "upper right: without considered errors" in ax.get_title()
 
@@ -98,7 +98,7 @@ def test_correlations_of_many_parameters_are_those_of_the_position(with_biases, 
     monkeypatch.setattr("radioloc.report.error_figures._MAX_CORRELATED", 4)
     ax = plot_correlations(with_biases[0]).axes[0]
     names = [text.get_text() for text in ax.get_yticklabels()]
-    assert names[:3] == ["position.east", "position.north", "position.height"]
+    assert names[:3] == ["position east", "position north", "position height"]
     assert len(names) == 4
     assert "4 of 6 parameters" in ax.get_title()
 

@@ -11,7 +11,7 @@ from radioloc.estimation import Labels
 from radioloc.measurements.link import Link
 from radioloc.report import plot_links, plot_residuals
 from radioloc.report.residual_figures import MAX_LINKS
-from radioloc.results.cards import short_names
+from radioloc.results.names import link_names
 
 DASH = "\N{EN DASH}"
 PATHS = {
@@ -103,12 +103,12 @@ def test_panels_show_the_used_residuals_of_their_links(rows):
     assert panels[f"delay URUMQI{DASH}KUNMING"].get_legend() is None
 
 
-def test_what_was_left_out_is_marked_within_its_panel(rows):
+def test_rejected_observations_are_marked_within_their_panel(rows):
     # Rows 10 and 11 belong to the fifth and sixth link: ranges and Doppler.
     panels = panels_of(plot_links(rows))
     for title, marker, value in (("range JIAMUSI", "^", None), ("Doppler KASHI", "x", -0.05)):
         axes = panels[title]
-        assert axes.get_title(loc="right").endswith(", 1 left out")
+        assert axes.get_title(loc="right").endswith(", 1 rejected")
         [line] = [item for item in axes.lines if item.get_marker() == marker and len(item.get_ydata())]
         low, high = axes.get_ylim()
         [y] = line.get_ydata()
@@ -117,7 +117,7 @@ def test_what_was_left_out_is_marked_within_its_panel(rows):
             assert y == pytest.approx(
                 value * {"m": 1.0, "cm": 100.0}[axes.get_ylabel().removeprefix("residual (").rstrip(")")]
             )
-    assert "left out" not in panels["range KASHI"].get_title(loc="right")
+    assert "rejected" not in panels["range KASHI"].get_title(loc="right")
 
 
 def test_panels_of_a_kind_share_a_scale_if_they_can(rows):
@@ -157,10 +157,10 @@ def test_one_way_links_and_several_targets_are_told_apart(rows):
     }
     assert sum(len(line.get_ydata()) for axes in panels.values() for line in dots(axes).values()) == 88
     links = [Link.from_path(path) for path in ("A>x>A", "B>x>A", "x>A", "A<x>B")]
-    assert short_names(links) == ["A", "A from B", "A one-way", f"A{DASH}B"]
+    assert link_names(links) == ["A", "A from B", "A one-way", f"A{DASH}B"]
 
 
-def test_what_is_left_out_beyond_a_panel_is_at_its_edge_wherever_its_middle_is(rows):
+def test_rejected_observations_beyond_a_panel_are_at_its_edge(rows):
     alone = rows.select((rows.path == PATHS["range"][0]) & (rows.type == "range"))
     residual_m, status = alone.residual_m + 500.0, np.full(len(alone), "used", dtype="U40")
     residual_m[[2, 3]], status[[2, 3]] = (900.0, 0.0), "outlier"

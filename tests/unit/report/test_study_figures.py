@@ -60,7 +60,7 @@ def test_the_distribution_is_that_of_the_used_residuals(solution):
     by_label = {line.get_label(): line for line in left.lines}
     np.testing.assert_allclose(by_label["range"].get_xdata(), rows.elevation_deg[rows.used])
     np.testing.assert_allclose(by_label["range"].get_ydata(), size[rows.used])
-    [beyond] = by_label["1 left out"].get_ydata()
+    [beyond] = by_label["1 rejected"].get_ydata()
     low, high = left.get_ylim()
     assert low < size[rows.used].min() < size[rows.used].max() < beyond < high
     # Bins of five degrees: the first whole one has the elevations from 15 to 20.

@@ -415,8 +415,3 @@ def test_considered_parameters_are_checked(lines, message, read):
     refused(
         read, TARGET + FILES + '[estimate]\nrange_bias = ["APOLLO"]\n[consider]\n' + lines + "\n", message
     )
-
-
-@pytest.mark.parametrize(("longitude_deg", "to_360"), [("3.5", False), ("-51.9", False), ("308.1", True)])
-def test_longitudes_are_counted_as_the_study_does(longitude_deg, to_360, read):
-    assert read(TARGET.replace("3.5", longitude_deg) + FILES).longitude_to_360 is to_360

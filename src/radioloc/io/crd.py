@@ -13,8 +13,7 @@ Weather (record 20) is interpolated linearly in time between the records of the 
 the first and after the last; where the nearest record is more than two hours away it counts as not
 recorded.
 
-Records 12, 21, 30, 40-42, 60, 9x, C1-C7, H5 and comments (00) say nothing that the model uses and are
-passed over.
+Records 12, 21, 30, 40-42, 60, 9x, C1-C7, H5 and comments (00) are not used.
 
 Source: R. L. Ricklefs and C. J. Moore, Consolidated Laser Ranging Data Format, versions 1.01 (2009) and
 2.01 (2019).
@@ -43,23 +42,23 @@ from radioloc.measurements.observations import WEATHER_LIMITS, Observations
 from radioloc.text_files import read_lines
 from radioloc.vectors import Floats
 
-_PASSED_OVER = frozenset(
+_IGNORED_RECORDS = frozenset(
     ["00", "12", "21", "30", "40", "41", "42", "60", "H5"]
     + [f"C{k}" for k in range(1, 8)]
     + [f"9{k}" for k in range(10)]
 )
-# Least number of fields in versions 1 and 2 of the records that are read.
-_LEAST_FIELDS = {
+# Minimum number of fields in versions 1 and 2 of the records that are read.
+_MIN_FIELD_COUNTS = {
     "H1": (3, 3), "H2": (1, 1), "H3": (6, 8), "H4": (22, 22), "H8": (1, 1), "H9": (1, 1),
     "C0": (4, 4), "11": (12, 13), "20": (5, 5), "50": (3, 3),
 }  # fmt: skip
-_DATA = ("C0", "11", "20", "50", "H8")
+_PASS_RECORDS = ("C0", "11", "20", "50", "H8")
 _WEATHER = ("pressure_hpa", "temperature_k", "relative_humidity")
 _EVENT_TAGS = {0: TIME_TAGS.index("receive"), 1: TIME_TAGS.index("bounce"), 2: TIME_TAGS.index("transmit")}
 _UTC_TIME_SCALES = (3, 4, 7)
 _TRANSPONDERS = (3, 4)
 _H2 = re.compile(r"H2\s+(\S.*?)\s+(\d{4})\s+(\S+)\s+(\S+)\s+(\d{1,3})(\s.*)?", re.ASCII | re.IGNORECASE)
-# Fields of H4 by their places, with what the CRD manual requires of normal points, and two-way ranges.
+# Fields of H4 by their places, with the values of two-way normal points in the CRD manual.
 _H4_FIELDS = {
     1: ("data type", 1),
     15: ("refraction corrected", 0),
@@ -67,13 +66,11 @@ _H4_FIELDS = {
     18: ("system delay applied", 1),
     20: ("range type", 2),
 }
-# Numbers of the ILRS, in the second and third field of H3, of the reflectors that have one.
+# ILRS numbers of reflectors, in the second and third field of H3.
 _TARGET_NUMBERS = {"apollo11": 100, "luna17": 101, "apollo14": 102, "apollo15": 103, "luna21": 104}
-# A longer pass would leave open which day a second of day belongs to.
-_LONGEST_PASS_S = 22.0 * 3600.0
-_MOST_DIGITS = 10
-# A normal point may lie this far outside the first and the last range, from which H4 is made.
-_PASS_MARGIN_S = 3600.0
+_MAX_PASS_S = 22.0 * 3600.0  # In a longer pass the day of a second of day is ambiguous
+_MAX_DIGIT_COUNT = 10
+_PASS_MARGIN_S = 3600.0  # of normal points outside the first and the last range, which H4 states
 # Points in order of time this far outside have one possible date: on the day before or after they are 16 h outside.
 _MAX_PASS_EXCESS_S = 8.0 * 3600.0
 
@@ -84,27 +81,26 @@ def read_crd(path: str | Path, *, catalogue: StationCatalogue | None = None) -> 
 
 
 def parse_crd(path: str | Path, lines: Iterable[str], catalogue: StationCatalogue | None) -> Observations:
-    """As :func:`read_crd`, from the file's lines."""
+    """Parse the lines of a CRD file (:func:`read_crd`)."""
     file = _File(catalogue)
     number = 0
     for number, text in enumerate(lines, start=1):
-        if text.strip() and text[:2].upper() not in _PASSED_OVER:
+        if text.strip() and text[:2].upper() not in _IGNORED_RECORDS:
             file.take(_Record(path, number, text))
     if not file.ended:
         problem = "the file ends without its end record (H9): it was cut; fetch it again"
         raise FileFormatError(path, problem, number)
     if not file.columns:
         raise FileFormatError(path, "has no pass; fetch it again")
-    # A column that is joined is let go.
+    # Columns are released once they are joined.
     columns = {
-        name: np.concatenate([of_pass.pop(name) for of_pass in file.columns])
-        for name in list(file.columns[0])
+        name: np.concatenate([part.pop(name) for part in file.columns]) for name in list(file.columns[0])
     }
     return normal_points(path, file.links, columns)
 
 
 class _Record:
-    """One line of a CRD file, of ASCII only."""
+    """Line of a CRD file, ASCII only."""
 
     __slots__ = ("fields", "line", "path", "text")
 
@@ -112,41 +108,41 @@ class _Record:
         self.path, self.line, self.text = path, line, text
         self.fields = text.split()
         if not text.isascii():
-            self.fail("holds characters that are not ASCII; only comments (00) may")
+            self.fail("expected ASCII characters, as in all records but comments (00)")
 
     def fail(self, problem: str) -> NoReturn:
         """Raise :class:`FileFormatError` about this record."""
         code = repr(self.text[:2].upper())[1:-1]  # control characters as escapes
         raise FileFormatError(self.path, f"record {code}: {problem}", self.line)
 
-    def number(self, place: int, what: str) -> float:
-        """Finite number in a field."""
+    def number(self, place: int, name: str) -> float:
+        """Return the finite number in a field."""
         text = self.fields[place]
         try:
-            # float() would take digits grouped by underscores.
+            # float() accepts digits grouped by underscores.
             value = float(text.replace("_", "?"))
         except ValueError:
             value = math.nan
         if not math.isfinite(value):
-            self.fail(f"{what} is {text!r}, not a number")
+            self.fail(f"{name} is {text!r}, not a number")
         return value
 
-    def optional(self, place: int, what: str) -> float:
-        """Get a number that may be missing, written ``na`` or -1; NaN then."""
+    def optional(self, place: int, name: str) -> float:
+        """Return the number in a field, NaN if it is missing (``na`` or -1)."""
         if self.fields[place].lower() == "na":
             return math.nan
-        value = self.number(place, what)
+        value = self.number(place, name)
         return math.nan if value == -1.0 else value
 
-    def integer(self, place: int, what: str) -> int:
-        """Whole number in a field."""
-        value = self.number(place, what)
+    def integer(self, place: int, name: str) -> int:
+        """Return the whole number in a field."""
+        value = self.number(place, name)
         if value != int(value):
-            self.fail(f"{what} is {self.fields[place]!r}, not a whole number")
+            self.fail(f"{name} is {self.fields[place]!r}, not a whole number")
         return int(value)
 
     def second_of_day(self) -> float:
-        """Second of day that data records start with; after midnight it may go on counting."""
+        """Return the second of day of a data record, which may go on counting after midnight."""
         second = self.number(1, "second of day")
         if not 0.0 <= second < 2.0 * SECONDS_PER_DAY:
             self.fail(f"the second of day is {second:g}, but must be 0 to 86400, or to 172800 after midnight")
@@ -162,7 +158,7 @@ class _Record:
 
 @dataclass(slots=True)
 class _Pass:
-    """What lies between H4 and H8, and what the headers before say; times in s since the midnight before it began."""
+    """Content of a pass (H4 to H8) and its headers; times in s since the midnight before its start."""
 
     line: int
     link: int
@@ -173,16 +169,16 @@ class _Pass:
     # Line, second of day, flight time (s), time tag, number of ranges and RMS (ps), NaN if missing, of records 11.
     points: list[tuple[float, ...]] = field(default_factory=list)
     configurations: list[str] = field(default_factory=list)  # of the points
-    # Second of day, pressure, temperature and humidity, NaN where it says nothing, of records 20.
+    # Second of day, pressure, temperature and humidity, NaN if missing, of records 20.
     weather: list[tuple[float, ...]] = field(default_factory=list)
     rms_ps: dict[str, float] = field(default_factory=dict)  # of the whole pass, by configuration
 
     def day_of(self, second_of_day: Floats) -> Floats:
-        """Days from the first midnight to the one that puts a second of day nearest the pass's middle."""
+        """Return the day, counted from the first midnight, whose second of day is nearest the middle of the pass."""
         return np.rint((0.5 * (self.start_s + self.latest_s) - second_of_day) / SECONDS_PER_DAY)
 
     def columns(self, path: str | Path) -> dict[str, Floats]:
-        """Columns of the pass; what hangs on several of its records, in whatever order, is settled here."""
+        """Return the columns of the pass, completed by sigma, wavelength and weather from its other records."""
         if not self.points:
             raise FileFormatError(
                 path, "the pass that starts here has no normal points (record 11)", self.line
@@ -191,10 +187,10 @@ class _Pass:
         days = self.day_of(second)
         since_start_s = days * SECONDS_PER_DAY + second
 
-        def refuse(wrong: NDArray[np.bool_], problem: str, what: Sequence[object]) -> None:
+        def refuse(wrong: NDArray[np.bool_], problem: str, values: Sequence[object]) -> None:
             if wrong.any():
                 first = int(np.argmax(wrong))
-                raise FileFormatError(path, f"record 11: {problem.format(what[first])}", int(line[first]))
+                raise FileFormatError(path, f"record 11: {problem.format(values[first])}", int(line[first]))
 
         excess_s = np.maximum(self.start_s - since_start_s, since_start_s - self.latest_s)
         wrong = excess_s > _PASS_MARGIN_S
@@ -202,13 +198,13 @@ class _Pass:
         if wrong.any() and dated.all() and (np.diff(since_start_s) >= 0.0).all():
             warnings.warn(
                 f"{path}, line {self.line}: points lie up to {excess_s.max() / 3600.0:.1f} h outside the times of H4; "
-                "its date and their order leave one date for them, which is taken",
+                "they get the only date that agrees with that of H4 and with their order",
                 DataQualityWarning,
                 stacklevel=2,
             )
         else:
-            outside = f"second of day {{:.3f}} is outside the pass dated by H4 in line {self.line}; correct one of them"
-            refuse(wrong, outside, second.tolist())
+            problem = f"second of day {{:.3f}} is outside the pass dated by H4 in line {self.line}; correct one of them"
+            refuse(wrong, problem, second.tolist())
         session_ps = np.array([self.rms_ps.get(name, math.nan) for name in self.configurations])
         rms_ps = np.where(rms_ps > 0.0, rms_ps, session_ps)
         missing = "no RMS above zero, nor in a record 50 for {!r}; leave the point out"
@@ -232,7 +228,7 @@ class _Pass:
 
 
 class _File:
-    """What the records so far have said."""
+    """State of the parser: headers, current pass and columns of complete passes."""
 
     def __init__(self, catalogue: StationCatalogue | None) -> None:
         self.links: dict[Link, int] = {}
@@ -274,17 +270,17 @@ class _File:
                 self._pass = None
 
     def _check(self, record: _Record, code: str, current: _Pass | None) -> None:
-        """Refuse an unknown or cut record, and a record that stands in the wrong place."""
-        if code not in _LEAST_FIELDS:
+        """Refuse unknown, cut or misplaced records."""
+        if code not in _MIN_FIELD_COUNTS:
             full_rate = "full-rate ranges are not read; give normal points"
             record.fail(full_rate if code == "10" else "is not known in CRD; correct or remove it")
         if code != "H1" and (self._version == 0 or self.ended):
             record.fail("stands outside the file's header (H1) and end (H9)")
-        if code not in _DATA and current is not None:
+        if code not in _PASS_RECORDS and current is not None:
             record.fail(f"the pass that starts at line {current.line} has no end (H8): the file was cut")
-        least, count = _LEAST_FIELDS[code][self._version == 2], len(record.fields)
-        if count < least:
-            record.fail(f"has {count} of at least {least} fields: it was cut; fetch the file again")
+        min_count, count = _MIN_FIELD_COUNTS[code][self._version == 2], len(record.fields)
+        if count < min_count:
+            record.fail(f"has {count} of at least {min_count} fields: it was cut; fetch the file again")
 
     def _begin(self, record: _Record) -> None:
         version = record.integer(2, "format version")
@@ -295,10 +291,10 @@ class _File:
         self._wavelengths_um, self._configured = {}, set()
 
     def _station_of(self, record: _Record) -> str:
-        """Catalogue name, or the pad number where the catalogue does not know it."""
+        """Return the catalogue name, or the pad number if the catalogue lacks it."""
         match = _H2.fullmatch(record.text)
         if match is None:
-            record.fail("is not: name, four-digit pad number, system, occupancy, time scale")
+            record.fail("expected name, four-digit pad number, system, occupancy, time scale")
         if int(match[5]) not in _UTC_TIME_SCALES:
             allowed = ", ".join(map(str, _UTC_TIME_SCALES))
             record.fail(f"epoch time scale {int(match[5])} is not UTC ({allowed}); convert the epochs to UTC")
@@ -309,13 +305,13 @@ class _File:
         )
         if by_name is not None and by_pad is not None and by_name is not by_pad:
             record.fail(
-                f"the name {name!r} is that of {by_name.name}, but the pad number {pad} is that of {by_pad.name}; "
-                "correct one of them"
+                f"the name {name!r} belongs to {by_name.name}, the pad number {pad} to {by_pad.name}; correct one of "
+                "them"
             )
         if by_name is not None and by_pad is None:
             warnings.warn(
-                f"{record.path}, line {record.line}: the pad number {pad} is not in the catalogue of stations; "
-                f"{by_name.name} is taken by the name {name!r}",
+                f"{record.path}, line {record.line}: the catalogue of stations lacks the pad number {pad}; "
+                f"the station is {by_name.name} by the name {name!r}",
                 DataQualityWarning,
                 stacklevel=2,
             )
@@ -328,11 +324,9 @@ class _File:
             record.fail("the target is a transponder; only reflectors are modelled")
         name = canonical_target(record.fields[1])
         if name not in REFLECTORS:
-            record.fail(
-                f"{name!r} is no reflector on the Moon that is known; those are {', '.join(REFLECTORS)}"
-            )
+            record.fail(f"expected a reflector ({', '.join(REFLECTORS)}), got {name!r}")
         for text in record.fields[2:4]:
-            number = int(text) if text.isdecimal() and len(text) < _MOST_DIGITS else 0
+            number = int(text) if text.isdecimal() and len(text) < _MAX_DIGIT_COUNT else 0
             if number and number != _TARGET_NUMBERS.get(name, number):
                 expected = _TARGET_NUMBERS[name]
                 record.fail(
@@ -341,12 +335,12 @@ class _File:
         return name
 
     def _pass_of(self, record: _Record) -> _Pass:
-        """The pass that begins, once what H4 says of the data has been found usable."""
+        """Return the pass that starts with H4."""
         if not self._station or not self._target:
-            record.fail("comes before the station (H2) and the target (H3) are named")
-        for place, (name, wanted) in _H4_FIELDS.items():
-            if (given := record.integer(place, name)) != wanted:
-                record.fail(f"{name!r} is {given}, but normal points must have {wanted}; leave the pass out")
+            record.fail("expected station (H2) and target (H3) first")
+        for place, (name, expected) in _H4_FIELDS.items():
+            if (value := record.integer(place, name)) != expected:
+                record.fail(f"expected {name!r} {expected} of normal points, got {value}; leave the pass out")
         if (alert := record.integer(21, "data quality alert")) != 0:
             warnings.warn(
                 f"{record.path}, line {record.line}: the station marks this pass as "
@@ -355,7 +349,7 @@ class _File:
                 stacklevel=2,
             )
         jd, start_s = record.date(2)
-        latest_s = start_s + _LONGEST_PASS_S
+        latest_s = start_s + _MAX_PASS_S
         if not all(text.lower() in ("na", "0", "00", "0000", "-1") for text in record.fields[8:14]):
             end_jd, end_s = record.date(8)
             lasts_s = end_s + (end_jd - jd) * SECONDS_PER_DAY - start_s
@@ -367,11 +361,11 @@ class _File:
                     stacklevel=2,
                 )
                 lasts_s = 0.0
-            if not 0.0 <= lasts_s <= _LONGEST_PASS_S:
+            if not 0.0 <= lasts_s <= _MAX_PASS_S:
                 hours = lasts_s / 3600.0
-                record.fail(f"the pass lasts {hours:.2f} h; allowed are 0 to {_LONGEST_PASS_S / 3600.0:g} h")
-            # Where beginning and end are the same, they date the first point only.
-            latest_s = start_s + (lasts_s or _LONGEST_PASS_S)
+                record.fail(f"the pass lasts {hours:.2f} h; allowed are 0 to {_MAX_PASS_S / 3600.0:g} h")
+            # Equal start and end date the first point only.
+            latest_s = start_s + (lasts_s or _MAX_PASS_S)
         self._configured = set()
         link = Link(self._station, self._target, self._station)
         number = self.links.setdefault(link, len(self.links))

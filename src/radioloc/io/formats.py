@@ -1,4 +1,4 @@
-"""Observations from files of any format that is known, by the content, and to files, by the ending of the name."""
+"""Readers of observations by the content of files, and writers by the ending of the name."""
 
 from __future__ import annotations
 
@@ -45,29 +45,28 @@ from radioloc.time import utc_to_tai
 logger = logging.getLogger(__name__)
 
 _HEAD_BYTES = 65536
-_HEADER_LINES = 20  # of comments or titles before the line that names columns
+_MAX_HEADER_LINES = 20  # of comments or titles before the line that names columns
 _MIN_COLUMN_NAMES = 3
-_AROUND_NAMES = "#%;/! \"'\t"
-# Modified Julian dates of six decimals are rounded to half of this.
-_REREAD_S = 0.1
+_NAME_DECORATION = "#%;/! \"'\t"
+_MAX_TAG_ROUNDING_S = 0.1  # Twice the rounding of modified Julian dates with six decimals
 ENDINGS = (".csv", ".parquet", ".tdm", ".kvn")
 """Endings of the names of files that are written."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReadSettings:
-    """What a file may leave open.
+    """Information that files may lack.
 
     Parameters
     ----------
     catalogue : StationCatalogue
-        Gives stations their catalogue names.
+        Stations by name and alias.
     tdm : TdmAgreement
-        What Tracking Data Messages do not say.
+        Agreements on Tracking Data Messages.
     lunar : bool
         Whether the target is at the Moon.
     frequencies : tuple of FrequencyAgreement
-        What files of received frequencies do not say.
+        Signals of files of received frequencies.
     """
 
     catalogue: StationCatalogue
@@ -78,27 +77,27 @@ class ReadSettings:
 
 @dataclass(frozen=True, slots=True)
 class Reader:
-    """A file format of observations, as the registry holds it.
+    """File format of observations.
 
     Parameters
     ----------
     name : str
         Unique name of the format.
     description : str
-        How a file of it begins, for messages.
+        Start of a file, for messages.
     looks_like : callable
-        From the first bytes of a file (unpacked, without a byte order mark) to whether it is of this format.
+        Function of the first bytes of a file (unpacked, without a byte order mark): whether it has the format.
     read : callable
-        From paths and settings to observations. There is one path, unless all files of the format are read `together`.
-    together : bool
-        Whether files of the format are read as one, since one says what holds for others.
+        Function of paths and settings that returns observations. There is one path, unless `joint`.
+    joint : bool
+        Whether all files of the format are read as one, because they complete each other.
     """
 
     name: str
     description: str
     looks_like: Callable[[bytes], bool]
     read: Callable[[Sequence[str | Path], ReadSettings], Observations]
-    together: bool = False
+    joint: bool = False
 
 
 def _by_lines(looks_like: Callable[[list[str]], bool]) -> Callable[[bytes], bool]:
@@ -106,22 +105,24 @@ def _by_lines(looks_like: Callable[[list[str]], bool]) -> Callable[[bytes], bool
 
 
 def _first_line(form: str, comment: str = "#") -> Callable[[bytes], bool]:
-    """Whether a file's first line that is neither blank nor a comment begins in a form."""
+    """Return a test whether the first line that is neither blank nor a comment starts with a pattern."""
 
     def looks_like(lines: list[str]) -> bool:
-        said = (line for line in lines if line.strip() and not line.lstrip().startswith(comment))
-        return re.match(form, next(said, ""), re.ASCII) is not None
+        content = (line for line in lines if line.strip() and not line.lstrip().startswith(comment))
+        return re.match(form, next(content, ""), re.ASCII) is not None
 
     return _by_lines(looks_like)
 
 
 def _names_columns(columns: Collection[str], form: str) -> Callable[[bytes], bool]:
-    """Whether a file's first line has a form, or one of the first lines has three of a table's column names."""
+    """Return a test whether the first line matches a pattern, or an early line has three names of columns."""
 
     def looks_like(lines: list[str]) -> bool:
         content = (line for line in lines if line.strip() and not line.lstrip().startswith("#"))
-        first = chain(islice(content, _HEADER_LINES), lines[:_HEADER_LINES])
-        cells = ({cell.strip(_AROUND_NAMES).lower() for cell in re.split("[,;\t]", line)} for line in first)
+        first = chain(islice(content, _MAX_HEADER_LINES), lines[:_MAX_HEADER_LINES])
+        cells = (
+            {cell.strip(_NAME_DECORATION).lower() for cell in re.split("[,;\t]", line)} for line in first
+        )
         return any(len(names.intersection(columns)) >= _MIN_COLUMN_NAMES for names in cells)
 
     by_form, by_names = _first_line(form), _by_lines(looks_like)
@@ -136,16 +137,16 @@ READERS = Registry(
             "Tracking Data Message",
             "of CCSDS: CCSDS_TDM_VERS = 2.0, or XML with <tdm>",
             _by_lines(looks_like_tdm),
-            lambda paths, its: read_tdm(
+            lambda paths, settings: read_tdm(
                 paths,
                 replace(
-                    its.tdm,
-                    lunar=its.lunar and its.tdm.lunar,
-                    frequencies=its.frequencies or its.tdm.frequencies,
+                    settings.tdm,
+                    lunar=settings.lunar and settings.tdm.lunar,
+                    frequencies=settings.frequencies or settings.tdm.frequencies,
                 ),
-                catalogue=its.catalogue,
+                catalogue=settings.catalogue,
             ),
-            together=True,
+            joint=True,
         ),
         Reader(
             "CRD normal points",
@@ -163,43 +164,47 @@ READERS = Registry(
             "STRF frequencies",
             "lines: modified Julian date, Hz, strength, site",
             _by_lines(looks_like_strf),
-            lambda paths, its: read_strf(paths[0], its.frequencies, catalogue=its.catalogue),
+            lambda paths, settings: read_strf(paths[0], settings.frequencies, catalogue=settings.catalogue),
         ),
         Reader(
             "Fdets frequencies",
             "comments first, one of them: Base frequency: 8400.00 MHz",
             _by_lines(looks_like_fdets),
-            lambda paths, its: read_fdets(paths[0], its.frequencies, catalogue=its.catalogue),
+            lambda paths, settings: read_fdets(paths[0], settings.frequencies, catalogue=settings.catalogue),
         ),
         Reader(
             "table of observations",
             "first line names columns: epoch_utc,type,path,...",
             _names_columns(COLUMNS, r".*epoch_utc"),
-            lambda paths, its: read_table(paths[0], catalogue=its.catalogue, lunar=its.lunar),
+            lambda paths, settings: read_table(paths[0], catalogue=settings.catalogue, lunar=settings.lunar),
         ),
         Reader(
             "table of ramps",
             "first line names columns: station,start_utc,stop_utc,frequency_hz,rate_hz_s",
             _names_columns(RAMP_COLUMNS, r"(?=.*start_utc).*frequency_hz"),
-            lambda paths, its: read_ramps_only(paths[0], catalogue=its.catalogue),
+            lambda paths, settings: read_ramps_only(paths[0], catalogue=settings.catalogue),
         ),
         Reader(
             "orbit data file",
             "of the Deep Space Network, TRK-2-18: the header of a file label, key 101",
             looks_like_odf,
-            lambda paths, its: read_odf(paths[0], catalogue=its.catalogue, sigma_m=its.tdm.sigma_m),
+            lambda paths, settings: read_odf(
+                paths[0], catalogue=settings.catalogue, sigma_m=settings.tdm.sigma_m
+            ),
         ),
         Reader(
             "Parquet",
             "first bytes: PAR1",
             lambda head: head.startswith(b"PAR1"),
-            lambda paths, its: read_parquet(paths[0], catalogue=its.catalogue, lunar=its.lunar),
+            lambda paths, settings: read_parquet(
+                paths[0], catalogue=settings.catalogue, lunar=settings.lunar
+            ),
         ),
     ],
 )
-"""File formats of observations by name: those of the package, and those of other packages.
+"""File formats of observations by name.
 
-A package adds its own by an entry point of the group ``radioloc.readers`` that names a :class:`Reader`.
+Other packages add a :class:`Reader` by an entry point of the group ``radioloc.readers``.
 """
 
 
@@ -218,29 +223,28 @@ def read_observations(
     paths : path-like or sequence of path-like
         The files.
     catalogue : StationCatalogue, optional
-        Gives stations their catalogue names; the library's own by default. A station that it does not know
-        keeps the name that the file gives it.
+        Stations by name and alias, by default those of the library; other stations keep the name in the file.
     tdm : TdmAgreement, optional
-        What Tracking Data Messages do not say; their standard deviations must be given. All messages are read as
-        one, in the place of the first: clocks, weather and frequencies of one count for the others.
+        Agreements on Tracking Data Messages; their standard deviations are required. All messages are read as one, in
+        the place of the first: clocks, weather and frequencies of one apply to all.
     lunar : bool
-        Whether the target is at the Moon, so that a range of another length is a mistake; a spacecraft on its way is
-        not. Normal points (CRD, MINI) always are of the Moon.
+        Whether the target is at the Moon, so that ranges of other lengths are errors. Normal points (CRD, MINI) always
+        are.
     frequencies : iterable of FrequencyAgreement
-        What files of received frequencies do not say: for each file the first that holds for it.
+        Signals of files of received frequencies: the first entry that matches each file.
 
     Raises
     ------
     FileFormatError
-        A file cannot be read, is of no known format, or is damaged. Names the line.
+        A file cannot be read, has an unknown format, or is damaged. Names the line.
     InputError
         No file was given, or one observation has two values, in one file or in two.
 
     Warns
     -----
     DataQualityWarning
-        The same observation is there twice, and counted once; or readings are multiples of a step, and their sigmas
-        are raised to step / sqrt(12).
+        An observation is repeated, and counted once; or values are multiples of a step, and their sigmas are raised to
+        step / sqrt(12).
 
     Examples
     --------
@@ -250,7 +254,7 @@ def read_observations(
     """
     files = [paths] if isinstance(paths, (str, Path)) else list(paths)
     if not files:
-        raise InputError("no file of observations was given; give at least one")
+        raise InputError("expected at least one file of observations, got none")
     settings = ReadSettings(
         StationCatalogue.default() if catalogue is None else catalogue,
         tdm or TdmAgreement(),
@@ -260,7 +264,7 @@ def read_observations(
     groups: dict[tuple[str, int], list[str | Path]] = {}
     for place, file in enumerate(files):
         reader = _reader_of(file)
-        groups.setdefault((reader.name, -1 if reader.together else place), []).append(file)
+        groups.setdefault((reader.name, -1 if reader.joint else place), []).append(file)
     parts = []
     for (name, _), group in groups.items():
         reader = READERS[name]
@@ -274,7 +278,7 @@ def read_observations(
 
 
 def _without_rereadings(observations: Observations) -> Observations:
-    """Count Doppler once that two files have with tags that differ by rounding."""
+    """Return observations without Doppler repeated in another file with rounded time tags."""
     rows = np.flatnonzero(is_integrated(observations.kind))
     if len(observations.files) == 1 or len(rows) < 2:
         return observations
@@ -283,10 +287,10 @@ def _without_rereadings(observations: Observations) -> Observations:
     band = np.nan_to_num(np.rint(10.0 * np.log(observations.wavelength_um[rows])))
     series = [band, count_s, *(getattr(observations, name)[rows] for name in ("tag", "kind", "link"))]
     order = np.lexsort([time_s, *series])
-    near = np.diff(time_s[order]) < np.minimum(_REREAD_S, 0.25 * count_s[order[1:]])
-    near &= np.all([column[order[1:]] == column[order[:-1]] for column in series], axis=0)
+    repeats = np.diff(time_s[order]) < np.minimum(_MAX_TAG_ROUNDING_S, 0.25 * count_s[order[1:]])
+    repeats &= np.all([column[order[1:]] == column[order[:-1]] for column in series], axis=0)
     file = observations.file[rows]
-    pairs = np.column_stack([order[:-1], order[1:]])[near & (np.diff(file[order]) != 0)]
+    pairs = np.column_stack([order[:-1], order[1:]])[repeats & (np.diff(file[order]) != 0)]
     later = np.argsort(file[pairs], axis=1)
     first, second = rows[np.take_along_axis(pairs, later, axis=1).T]
     problem = "this count of Doppler is already there, but for the rounding of its time"
@@ -303,16 +307,16 @@ def _reader_of(path: str | Path) -> Reader:
 
     if (reader := of_content(head_of(path, _HEAD_BYTES))) is not None:
         return reader
-    # The start may hold nothing but comments; of what is no text, this is the error.
+    # The start may consist of comments; a binary file of unknown format fails as text.
     text = read_text(path)
     if (reader := of_content(text.encode())) is not None:
         return reader
     lines = [line for line in text.splitlines() if line.strip()]
     first = next((line for line in lines if not line.lstrip().startswith("#")), lines[0])
-    known = "; ".join(f"{reader.name} ({reader.description})" for reader in READERS.values())
+    formats = "; ".join(f"{reader.name} ({reader.description})" for reader in READERS.values())
     solution = "; a solution of images belongs to [[observations.map_positions]]" if first[0] == "{" else ""
     raise FileFormatError(
-        path, f"starts with {first[:40]!r}, which is none of the known formats: {known}{solution}"
+        path, f"starts with {first[:40]!r}; expected one of the formats {formats}{solution}"
     )
 
 
@@ -328,19 +332,18 @@ def write_observations(
     Parameters
     ----------
     path : path-like
-        The file; an existing one is replaced.
+        File to write; an existing one is replaced.
     observations : Observations
-        What to write.
     originator : str, optional
-        Agency that makes a Tracking Data Message, which must say so.
+        Agency, required for a Tracking Data Message.
     comments : iterable of str
-        Comments for the top of a table or a message; Parquet has none.
+        Comments at the top of a table or a message; not for Parquet.
 
     Returns
     -------
     list of Path
-        The file, and where it is a table or Parquet of observations with ramps the table of these, ``NAME.ramps.csv``
-        beside ``NAME.csv``. A study names both.
+        The file, and for a table or Parquet of observations with ramps the table of ramps, ``NAME.ramps.csv`` beside
+        ``NAME.csv``. A study names both.
 
     Raises
     ------
@@ -364,7 +367,7 @@ def write_observations(
     elif ending == ".parquet":
         write_parquet(path, observations)
     else:
-        assert originator is not None  # require_writable has seen to that
+        assert originator is not None  # by require_writable
         write_tdm(path, observations, originator=originator, comments=comments)
         return [Path(path)]
     if not len(observations.ramps):
@@ -374,16 +377,15 @@ def write_observations(
 
 
 def ramps_beside(path: str | Path) -> Path:
-    """Where the ramps of a file of observations are written."""
+    """Return the path of the ramps of a file of observations."""
     return Path(path).with_suffix(".ramps.csv")
 
 
 def require_writable(path: str | Path, originator: str | None = None) -> str:
-    """The ending of a file's name, in small letters, if a file of it can be written, or :class:`InputError`."""
+    """Return the ending of a file that can be written, in lower case; another one is an InputError."""
     ending = require_ending(path, ENDINGS)
     if originator is None and ending not in (".csv", ".parquet"):
         raise InputError(
-            f"{path}: a Tracking Data Message names the agency that makes it; "
-            "give originator (--originator NAME)"
+            f"{path}: a Tracking Data Message needs the agency; give originator (--originator NAME)"
         )
     return ending

@@ -1,4 +1,4 @@
-"""Received frequencies: what files say of them and do not say of the signal, and what they are in metres.
+"""Readers of received frequencies (STRF, Fdets), and their conversion to Doppler in metres.
 
 With light time tau(t) at reception t, the phase that arrives at t left the transmitter at t - tau(t), multiplied by the
 transponder's ratio M. Of a frequency f that is sent, the mean received frequency F over the count interval T from t0 on
@@ -12,10 +12,10 @@ of the site. A second site is that of a transmitter whose signal the target refl
 4171``, as tracking messages of the same observers call them.
 
 Fdets, the detections of radio telescopes (PRIDE): comments at the start say the day, the telescope, the base frequency
-(MHz) and, in newer files, the integration time (dT). A record then is the time (UTC date, or second of the day) of the
-middle of the integration, signal to noise, spectral maximum, the frequency above the base (Hz) and what is left of it
-after a fit (Hz); before the time may stand a scan number, or the day as a modified Julian date. Molera Calves et al.
-(2021), PASA 38, e065.
+(MHz) and, in newer files, the integration time (dT). A record is the time (UTC date, or second of the day) of the
+middle of the integration, signal to noise, spectral maximum, the frequency above the base (Hz) and its residual after a
+fit (Hz); a scan number, or the day as a modified Julian date, may precede the time. Molera Calves et al. (2021), PASA
+38, e065.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ from radioloc.time.dates import utc_from_seconds_of_day
 from radioloc.vectors import Floats
 
 MAX_DURATION_S = 86400.0
-"""Longest delay, count interval, light time or clock difference that is believed, s."""
+"""Upper bound of delays, count intervals, light times and clock differences, s."""
 MICROMETRES = 1e6
-_FASTEST_M_S = 3e5
+_MAX_RANGE_RATE_M_S = 3e5
 _NUMBER = r"[+-]?\d+(?:\.\d*)?(?:[eE][+-]?\d+)?"
 _READING = re.compile(
     r"(?:(\d{5})(\.\d+)|(\d\d/\d\d/\d\d)\s+(\d\d:\d\d:\d\d(?:\.\d*)?))"
@@ -66,30 +66,29 @@ _IN_NAME = re.compile(r"Fdets\.[^.]+\.\d\d\.\d\d[^.]*\.(\w+)\.")
 
 @dataclass(frozen=True, slots=True)
 class FrequencyAgreement:
-    """What must be known to turn received frequencies into Doppler and is not in their files.
+    """Signal of files of received frequencies, from which Doppler follows.
 
     Parameters
     ----------
     transmit_hz : float or Quantity
-        Frequency that is sent, Hz: of the target's oscillator as it should be, or of a transmitter's uplink.
+        Transmitted frequency, Hz: nominal frequency of the target's oscillator, or of the uplink.
     sigma_hz : float or Quantity
         Standard deviation of a received frequency, the mean over a count interval, Hz.
     count_s : float or Quantity, optional
-        Count interval, s: how long a reading was integrated, about its time tag; where the file does not say.
+        Count interval about the time tag, s, unless the file states it.
     target : str
-        Whose signal it is, by its name in the observations.
+        Name of the target in the observations.
     transmitter : str
-        The station that sends up, of a three-way signal (two-way where it receives, too); empty of one that the target
-        generates.
+        Station of the uplink of a two- or three-way signal; empty for a one-way signal.
     turnaround : tuple of int, optional
         With a transmitter, numerator and denominator of the transponder's ratio of downlink to uplink frequency.
     files : str or iterable of str, optional
-        Names or globs of the files that it holds for; all where ``None``.
+        Names or globs of the files; by default all.
 
     Raises
     ------
     InputError
-        A value is not one that can be, or a transmitter has no turnaround ratio or none is there for a ratio.
+        A value is impossible, or only one of transmitter and turnaround ratio is given.
     """
 
     transmit_hz: float
@@ -109,23 +108,20 @@ class FrequencyAgreement:
             if value is not None and not (math.isfinite(value) and value > 0.0):
                 raise InputError(f"{name} = {value}, but must be finite and above zero")
         if self.count_s is not None and self.count_s > MAX_DURATION_S:
-            raise InputError(
-                f"count_s = {self.count_s}, but no count interval is longer than a day, in seconds"
-            )
+            raise InputError(f"count_s: expected at most a day, {MAX_DURATION_S:g} s, got {self.count_s}")
         require_ratio(self.turnaround)
         if bool(self.transmitter) != (self.turnaround is not None):
-            rule = "the ratio is that of the transponder that answers a station's signal"
-            raise InputError(f"transmitter and turnaround go together: {rule}; give both or neither")
+            raise InputError("transmitter and turnaround belong together; give both or neither")
         Link(self.transmitter, self.target, "receiver")
 
     @property
     def ratio(self) -> tuple[int, int]:
-        """Downlink to uplink frequency, 1/1 of the target's own signal."""
+        """Ratio of downlink to transmitted frequency, 1/1 for a one-way signal."""
         return self.turnaround or (1, 1)
 
     @property
     def received_hz(self) -> float:
-        """Frequency that a station would receive of a target at rest, Hz."""
+        """Frequency received from a target at rest, Hz."""
         return self.transmit_hz * self.ratio[0] / self.ratio[1]
 
 
@@ -133,23 +129,23 @@ class Reading(NamedTuple):
     """Received frequency of one line of a file."""
 
     date: str  # UTC, of the middle of the count at reception
-    second_of_day: float  # NaN where the date has the time of day
+    second_of_day: float  # NaN if the date includes the time of day
     received_hz: float  # mean over the count
     line: int
-    ends: tuple[str, str]  # transmitter, empty where it is the agreement's, and receiver
+    ends: tuple[str, str]  # transmitter, empty for that of the agreement, and receiver
 
 
 def require_ratio(turnaround: tuple[int, int] | None) -> None:
-    """Refuse a turnaround ratio that is none."""
-    whole = turnaround is None or (
+    """Require two whole numbers above zero, or None."""
+    is_ratio = turnaround is None or (
         len(turnaround) == 2 and all(isinstance(x, int) and x > 0 for x in turnaround)
     )
-    if not whole:
+    if not is_ratio:
         raise InputError(f"turnaround = {turnaround!r}; give two whole numbers such as (880, 749)")
 
 
 def agreement_on(path: str | Path, agreements: Iterable[FrequencyAgreement]) -> FrequencyAgreement | None:
-    """The first of some agreements that holds for a file."""
+    """Return the first agreement that matches a file."""
     matching = (
         a for a in agreements if a.files is None or any(PurePath(path).match(name) for name in a.files)
     )
@@ -166,9 +162,9 @@ def range_change_m(
 ) -> Floats:
     """Return the change of the light path over count intervals, m; an impossible speed is an error of that row."""
     up, down = ratio
-    # Differences of nearly equal frequencies first: the digits that cancel are then gone without loss.
+    # Differences of nearly equal frequencies first, which are exact.
     part = ((up * sent_hz - down * offset_hz) - down * received_hz) / (up * sent_hz)
-    wrong = ~(np.abs(part) < _FASTEST_M_S / C_M_S)
+    wrong = ~(np.abs(part) < _MAX_RANGE_RATE_M_S / C_M_S)
     if wrong.any():
         row = int(np.argmax(wrong))
         problem = f"{float(offset_hz + received_hz[row])!r} Hz cannot be received of {sent_hz!r} Hz sent"
@@ -196,24 +192,26 @@ def frequency_observations(
         epoch.jd[rows], epoch.fraction[rows] = counted.jd, counted.fraction
     received_hz = np.array(hz)
     ends, station = each_once(stations)
-    its = agreement_on(path, agreements)
-    if its is None:
-        problem = "holds received frequencies, but not what was sent; say transmit_hz and sigma_hz under"
+    agreement = agreement_on(path, agreements)
+    if agreement is None:
+        problem = "received frequencies need the transmitted one; give transmit_hz and sigma_hz under"
         raise FileFormatError(path, f"{problem} [[observations.frequencies]] (FrequencyAgreement in Python)")
-    count_s = its.count_s or count_s
+    count_s = agreement.count_s or count_s
     if count_s is None:
-        problem = "does not say how long a frequency was integrated; say count_s"
-        raise FileFormatError(path, f"{problem} under [[observations.frequencies]]")
+        problem = "lacks the integration time; give count_s under [[observations.frequencies]]"
+        raise FileFormatError(path, problem)
     value_m = range_change_m(
         received_hz,
         offset_hz,
-        its.transmit_hz,
-        its.ratio,
+        agreement.transmit_hz,
+        agreement.ratio,
         count_s,
         lambda problem, row: FileFormatError(path, problem, lines[row]),
     )
     with in_file(path):
-        links = [Link(up or its.transmitter, its.target, down).named(catalogue) for up, down in ends]
+        links = [
+            Link(up or agreement.transmitter, agreement.target, down).named(catalogue) for up, down in ends
+        ]
     one_way = np.array([not link.transmitter for link in links])[station]
     observations = Observations.from_columns(
         epoch=epoch,
@@ -222,10 +220,10 @@ def frequency_observations(
         tag=1,
         kind=np.where(one_way, KINDS.index("one_way_doppler"), KINDS.index("doppler")),
         value_m=value_m,
-        sigma_m=C_M_S * count_s * its.sigma_hz / its.received_hz,
+        sigma_m=C_M_S * count_s * agreement.sigma_hz / agreement.received_hz,
         count_s=count_s,
-        uplink_hz=np.where(one_way, np.nan, its.transmit_hz),
-        wavelength_um=MICROMETRES * C_M_S / its.received_hz,
+        uplink_hz=np.where(one_way, np.nan, agreement.transmit_hz),
+        wavelength_um=MICROMETRES * C_M_S / agreement.received_hz,
         files=(str(path),),
         line=lines,
     )
@@ -233,22 +231,22 @@ def frequency_observations(
 
 
 def looks_like_strf(lines: list[str]) -> bool:
-    """Whether the first line that says something is a reading."""
-    first = next((line for line in lines if _said(line)), "")
-    return _READING.fullmatch(_said(first)) is not None
+    """Return whether the first line with content is a reading."""
+    first = next(filter(None, map(_content, lines)), "")
+    return _READING.fullmatch(first) is not None
 
 
 def read_strf(
     path: str | Path, agreements: Sequence[FrequencyAgreement], *, catalogue: StationCatalogue | None = None
 ) -> Observations:
-    """Read a file of received frequencies, plain or gzip, as Doppler; the first agreement that holds for it counts."""
+    """Read a file of received frequencies, plain or gzip, as Doppler by the first agreement that matches it."""
     readings = []
     for number, text in enumerate(read_lines(path, ended=True), start=1):
-        if not (said := _said(text)):
+        if not (content := _content(text)):
             continue
-        if (match := _READING.fullmatch(said)) is None:
+        if (match := _READING.fullmatch(content)) is None:
             problem = (
-                f"{said[:60]!r} is not a reading: date (MJD), frequency (Hz), strength and number of the site"
+                f"expected date (MJD), frequency (Hz), strength and number of the site, got {content[:60]!r}"
             )
             raise FileFormatError(path, problem, number)
         mjd, part, day, time, frequency, receiver, transmitter = match.groups()
@@ -264,12 +262,12 @@ def read_strf(
 def read_sites(path: str | Path) -> tuple[Station, ...]:
     """Read a file of sites (``sites.txt``: number, initials, latitude, longitude, height, observer) as stations.
 
-    Their coordinates, degrees with four decimals and metres above the sea, are good to some tens of metres.
+    Their coordinates, degrees with four decimals and metres above the sea, have errors of some tens of metres.
 
     Raises
     ------
     FileFormatError
-        The file cannot be read, or a line of it; names the line. There is no site in it.
+        The file or a line of it cannot be read, which the message names, or it has no site.
 
     Examples
     --------
@@ -279,16 +277,16 @@ def read_sites(path: str | Path) -> tuple[Station, ...]:
     """
     stations: dict[str, Station] = {}
     for number, text in enumerate(read_lines(path), start=1):
-        if not (said := _said(text)):
+        if not (content := _content(text)):
             continue
-        if (match := _SITE.fullmatch(said)) is None:
+        if (match := _SITE.fullmatch(content)) is None:
             problem = (
-                f"{said[:60]!r} is not a site: number, initials, latitude, longitude (deg) and height (m)"
+                f"expected number, initials, latitude, longitude (deg), height (m), got {content[:60]!r}"
             )
             raise FileFormatError(path, problem, number)
         name, (latitude, longitude, height_m) = _site_name(match[1]), map(float, match.groups()[1:])
         with in_file(path, number):
-            made = Station.from_geodetic(
+            station = Station.from_geodetic(
                 longitude_deg=longitude,
                 latitude_deg=latitude,
                 height_m=height_m,
@@ -300,8 +298,8 @@ def read_sites(path: str | Path) -> tuple[Station, ...]:
                 source=Path(path).name,
             )
         if name in stations:
-            raise FileFormatError(path, f"site {match[1]} is there twice; leave one of them out", number)
-        stations[name] = made
+            raise FileFormatError(path, f"site {match[1]} is repeated; leave one of them out", number)
+        stations[name] = station
     if not stations:
         raise FileFormatError(
             path, "has no site: number, initials, latitude, longitude (deg) and height (m) on a line"
@@ -309,10 +307,10 @@ def read_sites(path: str | Path) -> tuple[Station, ...]:
     return tuple(stations.values())
 
 
-def _said(line: str) -> str:
-    """A line without its comment; one without a digit, such as a heading, says nothing."""
-    said = line.partition("#")[0].strip()
-    return said if any(map(str.isdigit, said)) else ""
+def _content(line: str) -> str:
+    """Return a line without its comment, or an empty text for a heading, which has no digit."""
+    content = line.partition("#")[0].strip()
+    return content if any(map(str.isdigit, content)) else ""
 
 
 def _site_name(number: str) -> str:
@@ -320,7 +318,7 @@ def _site_name(number: str) -> str:
 
 
 def looks_like_fdets(lines: list[str]) -> bool:
-    """Whether the comments that a file starts with say a base frequency."""
+    """Return whether the comments at the start of a file state a base frequency."""
     head = [line for line in lines[:10] if line.lstrip().startswith(_COMMENT)]
     return bool(head) and head[0] == lines[0] and any(_HEAD["base"].search(line) for line in head)
 
@@ -332,31 +330,28 @@ def read_fdets(
     head: dict[str, re.Match[str]] = {}
     detections = []
     for number, text in enumerate(read_lines(path, ended=True), start=1):
-        if not (said := text.strip()) or said.startswith(_COMMENT):
+        if not (content := text.strip()) or content.startswith(_COMMENT):
             for name, form in _HEAD.items():
-                if name not in head and (match := form.search(said)):
+                if name not in head and (match := form.search(content)):
                     head[name] = match
             continue
-        fields = said.split()
         try:
-            *before, time, _, _, detected, _ = fields
-            if len(before) > 1:
+            *scan, time, _, _, frequency_hz, _ = content.split()
+            if len(scan) > 1:
                 raise ValueError
-            moment = _date_and_second(path, number, time, before, head)
-            detections.append((*moment, float(detected), number))
+            epoch = _date_and_second(path, number, time, scan, head)
+            detections.append((*epoch, float(frequency_hz), number))
         except FileFormatError:
             raise
         except ValueError:
-            problem = (
-                f"{said[:60]!r} is not a detection: time, signal to noise, maximum, frequency and residual"
-            )
+            problem = f"expected time, signal to noise, maximum, frequency and residual, got {content[:60]!r}"
             raise FileFormatError(path, problem, number) from None
     telescope = _telescope(path, head)
     try:
         base_hz = 1e6 * float(head["base"][1])
     except (KeyError, ValueError):
-        given = head["base"][1] if "base" in head else "missing"
-        problem = f"the base frequency is {given}; write its megahertz into the head of the file"
+        text = head["base"][1] if "base" in head else "none"
+        problem = f"expected a base frequency in MHz in the head of the file, got {text}"
         raise FileFormatError(path, problem) from None
     return frequency_observations(
         path,
@@ -373,27 +368,31 @@ def _telescope(path: str | Path, head: Mapping[str, re.Match[str]]) -> str:
     in_head = (head["day"][4] if "day" in head else "") or ""
     in_name = (_IN_NAME.search(Path(path).name) or ["", ""])[1]
     if in_head and in_name and in_head.upper() != in_name.upper():
-        problem = f"the head says the telescope {in_head}, the file's name {in_name}; correct one of them"
+        problem = (
+            f"the telescope is {in_head} in the head and {in_name} in the file's name; correct one of them"
+        )
         raise FileFormatError(path, problem)
     if not (in_head or in_name):
-        problem = "does not say the telescope, nor does its name; call it as Fdets.mex2013.12.28.Ww.r2i.txt"
+        problem = (
+            "lacks the telescope, in the head and in its name; name it like Fdets.mex2013.12.28.Ww.r2i.txt"
+        )
         raise FileFormatError(path, problem)
     return in_head or in_name
 
 
 def _date_and_second(
-    path: str | Path, number: int, time: str, before: list[str], head: Mapping[str, re.Match[str]]
+    path: str | Path, number: int, time: str, scan: list[str], head: Mapping[str, re.Match[str]]
 ) -> tuple[str, float]:
-    """Return the date of a record, and the second of the day (it may be past its end) in place of a time."""
+    """Return the date of a record and its second of the day, which may go on counting; NaN if the date has a time."""
     if "T" in time:
         return time, math.nan
     second_of_day = float(time)
     if not 0.0 <= second_of_day < 2.0 * SECONDS_PER_DAY:
         raise ValueError
-    if before and "by_day" in head:
-        return _day_of(float(before[0])), second_of_day
+    if scan and "by_day" in head:
+        return _day_of(float(scan[0])), second_of_day
     if "day" not in head:
-        problem = "the day is neither in the records nor in the head of the file; add it"
+        problem = "the day is missing in the records and in the head of the file; add it"
         raise FileFormatError(path, problem, number)
     return "-".join(head["day"].groups()[:3]), second_of_day
 

@@ -49,7 +49,7 @@ def read_mini(path: str | Path, *, catalogue: StationCatalogue | None = None) ->
 
 
 def parse_mini(path: str | Path, lines: Iterable[str], catalogue: StationCatalogue | None) -> Observations:
-    """As :func:`read_mini`, from the file's lines."""
+    """Parse the lines of a MINI file (:func:`read_mini`)."""
     links: list[Link] = []
     dates: list[str] = []
     row = np.dtype((np.float64, len(_COLUMNS)))
@@ -68,7 +68,7 @@ def _rows(
     links: list[Link],
     dates: list[str],
 ) -> Iterator[tuple[float, ...]]:
-    """Return the numbers of each line, as :data:`_COLUMNS`; append its link, if it is new, and its date."""
+    """Yield the numbers of each line (:data:`_COLUMNS`); append its date, and its link if it is new."""
     places: dict[str, int] = {}
     for number, line in enumerate(lines, start=1):
         if line.strip():
@@ -82,13 +82,13 @@ def _rows(
 
 
 def _link(path: str | Path, number: int, codes: str, catalogue: StationCatalogue | None) -> Link:
-    """Link of the reflector's digit and the station's five, columns 38-43."""
+    """Return the link from the codes of reflector and station, columns 38-43."""
     if not (codes.isascii() and codes.isdigit()):
         raise FileFormatError(path, f"columns 38-43 (reflector, station) hold {codes!r}, not digits", number)
     reflector, station_code = int(codes[0]), codes[1:]
     if reflector >= len(REFLECTORS):
-        known = ", ".join(f"{i} {name}" for i, name in enumerate(REFLECTORS))
-        raise FileFormatError(path, f"reflector {reflector} is not known; the codes are {known}", number)
+        codes = ", ".join(f"{i} {name}" for i, name in enumerate(REFLECTORS))
+        raise FileFormatError(path, f"expected the code of a reflector ({codes}), got {reflector}", number)
     station = station_name(catalogue, STATIONS.get(station_code, station_code))
     return Link(station, REFLECTORS[reflector], station)
 
@@ -101,15 +101,15 @@ def _parse_line(path: str | Path, number: int, line: str) -> tuple[Any, ...]:
         problem = f"the line has {len(line)} of at least {_WIDTH} columns: it was cut; fetch the file again"
         raise FileFormatError(path, problem, number)
 
-    def integer(first: int, last: int, what: str) -> int:
+    def integer(first: int, last: int, name: str) -> int:
         text = line[first - 1 : last]
         if _INTEGER.fullmatch(text) is None:
-            problem = f"columns {first}-{last} ({what}) hold {text!r}, which is not a number"
+            problem = f"columns {first}-{last} ({name}): expected a number, got {text!r}"
             raise FileFormatError(path, problem, number)
         return int(text)
 
-    def recorded(first: int, last: int, what: str) -> float:
-        return float(integer(first, last, what)) if line[first - 1 : last].strip() else np.nan
+    def recorded(first: int, last: int, name: str) -> float:
+        return float(integer(first, last, name)) if line[first - 1 : last].strip() else np.nan
 
     stamp = line[2:23].replace(" ", "0")
     if not (stamp.isascii() and stamp.isdigit()):
@@ -125,7 +125,7 @@ def _parse_line(path: str | Path, number: int, line: str) -> tuple[Any, ...]:
         second_of_day,
         flight_s,
         sigma_s,
-        # No station stands where the pressure is zero: it was not recorded.
+        # A pressure of zero was not recorded.
         recorded(57, 62, "pressure") / 100.0 or np.nan,
         temperature_k,
         recorded(67, 68, "humidity") / 100.0,

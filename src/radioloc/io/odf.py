@@ -11,8 +11,8 @@ A sequential range is the integral of F f_T over the round trip in range units, 
 where n is the lowest component, and free of the station's delay. F is 1/2 in S band and smaller in others by the ratio
 of the uplinks.
 
-Records tell when the station's electronics had the signal. What is taken off is the way between them and the antenna:
-tags are moved earlier by the receiving delay, ramps later by the transmitting one.
+Epochs of records refer to the station's electronics. They are reduced to the antenna: tags are earlier by the receiving
+delay, ramps later by the transmitting one.
 
 Source: TRK-2-18, Revision E (2008); Moyer (2003), sections 13.3.1, 13.3.2 and 13.5.
 """
@@ -47,7 +47,7 @@ logger = logging.getLogger(__name__)
 
 _ONE_WAY, _TWO_WAY, _THREE_WAY, _RANGE = 11, 12, 13, 37
 KINDS = {_ONE_WAY: "one_way_doppler", _TWO_WAY: "doppler", _THREE_WAY: "doppler", _RANGE: "range"}
-"""Types of measurement by the data types that are modelled."""
+"""Types of measurement by modelled data type."""
 TYPES = {
     **dict.fromkeys((1, 2, 3, 4), "narrowband VLBI"),
     **dict.fromkeys((5, 6), "wideband VLBI"),
@@ -60,15 +60,15 @@ TYPES = {
     41: "tone range",
     **dict.fromkeys(range(51, 59), "angles"),
 }
-"""Data types that the format knows."""
+"""Data types of the format."""
 SIGMA_M = MappingProxyType({"S": 0.5e-3, "X": 0.15e-3, "Ka": 0.15e-3})
-"""Of Doppler over one second by the downlink's band, m of light path; it grows as the root of the count interval. S and
-X band are what the noise of GRAIL-B's counts of 1 s is (0.4 to 0.6 and 0.12 to 0.18 mm, from fourth differences)."""
+"""Sigma of Doppler over one second by the band of the downlink, m of light path; it grows as the root of the interval.
+S and X band from the noise of GRAIL-B's counts of 1 s (0.4 to 0.6 and 0.12 to 0.18 mm, by fourth differences)."""
 RANGE_SIGMA_M = 2.0
-"""Of a sequential range, m of light path there and back."""
+"""Sigma of a sequential range, m of the round trip."""
 
 _BANDS = ("", "S", "X", "Ka")
-_FASTEST_M_S = 3e5
+_MAX_RANGE_RATE_M_S = 3e5
 _NS = 10**9
 _DAY_NS = 86400 * _NS
 
@@ -83,14 +83,14 @@ def read_odf(
     for code in codes.tolist():
         if code not in TYPES:
             record = odf.orbit_record[np.argmax(odf.orbit["type"] == code)]
-            raise odf_error(odf.path, f"data type {code} is none of the format", record)
-    held = [f"{n} {TYPES[code]}" for code, n in zip(codes.tolist(), counts.tolist(), strict=True)]
-    logger.info("%s: %s, %d ramps", odf.path, ", ".join(held) or "no data", len(odf.ramps))
-    if len(other := np.flatnonzero(odf.orbit["spacecraft"] != odf.spacecraft)):
+            raise odf_error(odf.path, f"unknown data type {code}", record)
+    content = [f"{n} {TYPES[code]}" for code, n in zip(codes.tolist(), counts.tolist(), strict=True)]
+    logger.info("%s: %s, %d ramps", odf.path, ", ".join(content) or "no data", len(odf.ramps))
+    if len(others := np.flatnonzero(odf.orbit["spacecraft"] != odf.spacecraft)):
         problem = (
-            f"expected spacecraft {odf.spacecraft} of the label, got {odf.orbit['spacecraft'][other[0]]}"
+            f"expected spacecraft {odf.spacecraft} of the label, got {odf.orbit['spacecraft'][others[0]]}"
         )
-        raise _record_error(odf, int(other[0]), f"{problem}; give the file of one spacecraft")
+        raise _record_error(odf, int(others[0]), f"{problem}; give the file of one spacecraft")
     if (odf.clocks["offset_s"] != 0).any() or (odf.clocks["offset_ns"] != 0).any():
         warnings.warn(
             f"{odf.path}: {len(odf.clocks)} records of clock offsets between stations are not applied; estimate or "
@@ -110,16 +110,16 @@ def read_odf(
     leave_out(odf.orbit["invalid"] == 1, "marked as invalid")
     for code in set(codes.tolist()) - set(KINDS):
         leave_out(odf.orbit["type"] == code, f"of type {code} ({TYPES[code]}), which is not modelled")
-    other = odf.orbit["transmitter"] != odf.orbit["receiver"]
-    leave_out((odf.orbit["type"] == _RANGE) & other, "three-way ranges, which are not modelled")
+    three_way = odf.orbit["transmitter"] != odf.orbit["receiver"]
+    leave_out((odf.orbit["type"] == _RANGE) & three_way, "three-way ranges, which are not modelled")
     leave_out(_of_other_receivers(odf.orbit, rows), "of another receiver of the station at the same time")
     columns = _columns(odf, rows, sigma_m or {})
     fast = np.zeros(len(odf.orbit), dtype=bool)
-    fast[rows] = abs(columns["value_m"]) > _FASTEST_M_S * columns["count_s"]
+    fast[rows] = abs(columns["value_m"]) > _MAX_RANGE_RATE_M_S * columns["count_s"]
     used = ~fast[rows]
-    leave_out(fast, f"of more than {_FASTEST_M_S / 1e3:g} km/s, which is no Doppler")
+    leave_out(fast, f"with a range rate above {_MAX_RANGE_RATE_M_S / 1e3:g} km/s")
     if not len(rows):
-        problem = f"holds no Doppler or range that can be used: {'; '.join(left_out) or 'it has no data'}"
+        problem = f"expected usable Doppler or ranges, got none: {'; '.join(left_out) or 'no data'}"
         raise FileFormatError(odf.path, problem)
     if left_out:
         count = f"{len(odf.orbit) - len(rows)} of {len(odf.orbit)}"
@@ -142,18 +142,17 @@ def read_odf(
 
 
 def _of_other_receivers(orbit: NDArray[np.void], rows: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Whether records repeat one of another channel, all but the frequencies of which is the same."""
-    same = ["time_s", "time_ms", "type", "receiver", "transmitter", "spacecraft", "uplink", "downlink"]
-    _, first, which = np.unique(orbit[rows][same], return_index=True, return_inverse=True)
-    doppler = orbit["type"][rows] != _RANGE  # of ranges the channel is the component
-    repeats = doppler & (orbit["channel"][rows] != orbit["channel"][rows[first]][which])
-    found = np.zeros(len(orbit), dtype=bool)
-    found[rows] = repeats
-    return found
+    """Return the mask of Doppler that repeats a record of another channel, but for the frequencies."""
+    key = ["time_s", "time_ms", "type", "receiver", "transmitter", "spacecraft", "uplink", "downlink"]
+    _, first, group = np.unique(orbit[rows][key], return_index=True, return_inverse=True)
+    doppler = orbit["type"][rows] != _RANGE  # The channel of a range is its component
+    repeats = np.zeros(len(orbit), dtype=bool)
+    repeats[rows] = doppler & (orbit["channel"][rows] != orbit["channel"][rows[first]][group])
+    return repeats
 
 
 def _columns(odf: OdfFile, rows: NDArray[np.intp], sigma_m: Mapping[str, float]) -> dict[str, NDArray[Any]]:
-    """What was measured in some records, and at which frequencies."""
+    """Return values, sigmas and frequencies of some records."""
     orbit = odf.orbit[rows]
     columns = {
         name: np.full(len(rows), np.nan)
@@ -170,7 +169,7 @@ def _columns(odf: OdfFile, rows: NDArray[np.intp], sigma_m: Mapping[str, float])
         up, down, of_reference = (_BANDS[link[name]] for name in ("uplink", "downlink", "exciter"))
         one_way, kind = code == _ONE_WAY, KINDS[code]
         if not (down and of_reference and (up or one_way)):
-            raise _record_error(odf, first, "says no band of uplink, downlink or reference frequency")
+            raise _record_error(odf, first, "lacks the band of uplink, downlink or reference frequency")
         carrier_hz = reference_hz[of_link] * (
             DOWNLINK[down] / DOWNLINK[of_reference]
             if one_way
@@ -188,14 +187,14 @@ def _columns(odf: OdfFile, rows: NDArray[np.intp], sigma_m: Mapping[str, float])
             follows = of_link & (orbit["independent"] == 0)
             follows &= np.isin(orbit["transmitter"], odf.ramps["station"])
             if follows.any():
-                problem = "its reference frequency follows the exciter, which ramps, and this is not modelled"
+                problem = "a reference frequency from a ramped exciter is not modelled"
                 raise _record_error(odf, int(rows[np.argmax(follows)]), problem)
             uplink_hz = carrier_hz / float(turnaround_ratio(up, down))
             columns["uplink_hz"][of_link] = uplink_hz
         if code == _RANGE:
             unit_m = C_M_S / (uplink_hz * UPLINK["S"] / (2.0 * UPLINK[up]))
             modulus = 2.0 ** (orbit["channel"][of_link] + 6)
-            # Calibrated, what was measured may be below zero, or more than the modulus.
+            # A calibrated measurement may be below zero, or above the modulus.
             columns["value_m"][of_link] = unit_m * (modulus - -observable[of_link] % modulus)
             columns["modulus_m"][of_link] = unit_m * modulus
             columns["sigma_m"][of_link] = sigma_m.get(kind, RANGE_SIGMA_M)
@@ -212,55 +211,51 @@ def _columns(odf: OdfFile, rows: NDArray[np.intp], sigma_m: Mapping[str, float])
 def _links(
     odf: OdfFile, rows: NDArray[np.intp], catalogue: StationCatalogue | None
 ) -> tuple[list[Link], NDArray[np.intp]]:
-    """Who took part in some records: the different links, and which is whose."""
+    """Return the links of some records, and the index of each record's link."""
     orbit = odf.orbit[rows]
     ends = orbit[["type", "transmitter", "network", "receiver", "spacecraft"]]
-    different, link = np.unique(ends, return_inverse=True)
+    distinct, link = np.unique(ends, return_inverse=True)
     links = []
-    for k, one in enumerate(different):
-        sender = _station(int(one["transmitter"]), catalogue, int(one["network"]))
-        one_way = one["type"] == _ONE_WAY
-        if not one["receiver"] or not (one["transmitter"] or one_way):
-            raise _record_error(odf, int(rows[np.argmax(link == k)]), "does not say which stations took part")
-        links.append(
-            Link(
-                "" if one_way else sender, f"sc{one['spacecraft']}", _station(int(one["receiver"]), catalogue)
-            )
-        )
+    for k, end in enumerate(distinct):
+        sender = _station(int(end["transmitter"]), catalogue, int(end["network"]))
+        one_way = end["type"] == _ONE_WAY
+        if not end["receiver"] or not (end["transmitter"] or one_way):
+            raise _record_error(odf, int(rows[np.argmax(link == k)]), "lacks the number of a station")
+        receiver = _station(int(end["receiver"]), catalogue)
+        links.append(Link("" if one_way else sender, f"sc{end['spacecraft']}", receiver))
     return links, link
 
 
 def _ramps(odf: OdfFile, catalogue: StationCatalogue | None) -> Ramps:
-    """The transmitted frequencies at the antennas."""
+    """Return the transmitted frequencies at the antennas."""
     ramps = odf.ramps
     sent = odf.orbit[np.isin(odf.orbit["type"], (_TWO_WAY, _THREE_WAY, _RANGE)) & (odf.orbit["invalid"] == 0)]
     names = {number: _station(number, catalogue) for number in np.unique(ramps["station"]).tolist()}
 
-    def at_antenna(which: str) -> Epochs:
-        at_ns = _NS * ramps[f"{which}_s"] + ramps[f"{which}_ns"]
+    def at_antenna(end: str) -> Epochs:
+        time_ns = _NS * ramps[f"{end}_s"] + ramps[f"{end}_ns"]
         for number in names:
-            mine, records = ramps["station"] == number, sent[sent["transmitter"] == number]
+            rows, records = ramps["station"] == number, sent[sent["transmitter"] == number]
             if len(records):
-                # Of several delays that of the record next in time: where a ramp ends the next one has the same.
+                # The delay of the nearest record, so that the end of a ramp and the start of the next agree.
                 records = np.sort(records, order=["time_s", "time_ms"])
                 middles_s = 0.5 * (records["time_s"][1:] + records["time_s"][:-1])
-                nearest = np.searchsorted(middles_s, 1e-9 * at_ns[mine])
-                at_ns[mine] += records["transmitter_delay_ns"][nearest]
-        return _utc(odf, at_ns)
+                nearest = np.searchsorted(middles_s, 1e-9 * time_ns[rows])
+                time_ns[rows] += records["transmitter_delay_ns"][nearest]
+        return _utc(odf, time_ns)
 
     with in_file(odf.path):
-        made = Ramps.of(
+        return Ramps.of(
             [names[number] for number in ramps["station"].tolist()],
             at_antenna("start"),
             at_antenna("stop"),
             1e9 * ramps["frequency_ghz"] + ramps["frequency_hz"] + 1e-9 * ramps["frequency_nhz"],
             ramps["rate_hz_s"] + 1e-9 * ramps["rate_nhz_s"],
         )
-    return made
 
 
 def _station(number: int, catalogue: StationCatalogue | None, network: int = 0) -> str:
-    """Name of a station by its number in the Deep Space Network (0) or in another network."""
+    """Return the name of a station by its number in the Deep Space Network (0) or in another network."""
     return station_name(catalogue, f"NETWORK{network}-{number}" if network else f"DSS-{number}")
 
 
@@ -269,7 +264,7 @@ def _record_error(odf: OdfFile, row: int, problem: str) -> FileFormatError:
 
 
 def _utc(odf: OdfFile, since_ns: NDArray[np.int64]) -> Epochs:
-    """Epochs from nanoseconds of days without leap seconds since the date in the label."""
+    """Return epochs from nanoseconds of days without leap seconds since the date in the label."""
     day, time = odf.reference
     try:
         start = date(day // 10000, day // 100 % 100, day % 100).toordinal() - date(1970, 1, 1).toordinal()
@@ -277,7 +272,5 @@ def _utc(odf: OdfFile, since_ns: NDArray[np.int64]) -> Epochs:
             since_ns + _NS * (time // 10000 * 3600 + time // 100 % 100 * 60 + time % 100), _DAY_NS
         )
         return utc_from_picoseconds(start + days, 1000 * ns)
-    except ValueError as error:  # an InputError is one
-        raise FileFormatError(
-            odf.path, f"times since {day} {time:06d} of its label cannot be: {error}"
-        ) from None
+    except ValueError as error:  # InputError included
+        raise FileFormatError(odf.path, f"times since {day} {time:06d} of the label: {error}") from None

@@ -1,10 +1,9 @@
-"""The records of an orbit data file (ODF) of the Deep Space Network, each field as it stands.
+"""Records of an orbit data file (ODF) of the Deep Space Network, field by field.
 
 A file is a sequence of records of 36 bytes, nine words of 32 bits with the highest bit first. It has groups, each begun
 by a header: the group's key, a second key, the records of each item (1), the number of this record counted from 0, and
 five zero words. The header of key -1 ends the data; zeros may fill the file up behind it. Times are seconds of UTC days
-without leap seconds since the date in the file's label, 1950-01-01. Words of records mean what the tables of bits below
-say.
+without leap seconds since the date in the file's label, 1950-01-01. The tables of bits below name the fields.
 
 Source: DSN External Interface Specification 820-013, TRK-2-18, Orbit Data File Interface, Revision E (2008).
 """
@@ -21,8 +20,7 @@ from radioloc.errors import FileFormatError
 from radioloc.text_files import read_bytes
 
 RECORD_BYTES = 36
-FORMAT = 2
-"""Of the records of orbit data, the only one since 1997."""
+FORMAT = 2  # of the records of orbit data, the only one since 1997
 
 _LABEL, _IDENTIFIER, _ORBIT, _RAMPS, _CLOCKS, _SUMMARY, _END = 101, 107, 109, 2030, 2040, 105, -1
 _NAMES = {
@@ -34,7 +32,7 @@ _NAMES = {
     _SUMMARY: "data summary",
     _END: "end of file",
 }
-# Names of fields and their bits, with a minus sign where the highest bit is one.
+# Names of fields and their numbers of bits, negative for signed fields.
 _ORBIT_FIELDS = (
     "time_s 32, time_ms 10, receiver_delay_ns 22, observable -32, observable_1e9 -32, format 3, receiver 7, "
     "transmitter 7, network 2, type 6, downlink 2, uplink 2, exciter 2, invalid 1, channel 7, spacecraft 10, "
@@ -53,15 +51,15 @@ _CLOCK_FIELDS = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OdfFile:
-    """The content of an orbit data file; structured arrays of whole numbers have one row for each record."""
+    """Content of an orbit data file; structured arrays of whole numbers have one row per record."""
 
     path: str
-    spacecraft: int  # its number by the Deep Space Network; with a minus sign NAIF's, as a rule
-    # What times count from: date (year, month and day as one number) and time (hours, minutes and seconds as one).
+    spacecraft: int  # number in the Deep Space Network; with a minus sign usually the NAIF code
+    # Epoch of the times: date (YYYYMMDD) and time (HHMMSS).
     reference: tuple[int, int]
     # Measurements. ``observable_1e9`` is the observable's fraction, ``reference_2e24_mhz`` the part of the reference
-    # frequency above 2^24 millihertz. Of Doppler ``item_21`` is the count interval in hundredths of a second, of
-    # ranges ``channel`` the number of the lowest component.
+    # frequency above 2^24 millihertz. ``item_21`` of Doppler is the count interval in hundredths of a second,
+    # ``channel`` of ranges the number of the lowest component.
     orbit: NDArray[np.void]
     ramps: NDArray[np.void]  # transmitted frequencies, all groups
     clocks: NDArray[np.void]  # differences of clocks
@@ -69,7 +67,7 @@ class OdfFile:
 
 
 def looks_like_odf(head: bytes) -> bool:
-    """Whether the first bytes are the header of a file label."""
+    """Return whether the first bytes are the header of a file label."""
     return head[:RECORD_BYTES] == np.array([_LABEL, 0, 1, *[0] * 6], dtype=">u4").tobytes()
 
 
@@ -78,16 +76,16 @@ def read_odf_file(path: str | Path) -> OdfFile:
     content = read_bytes(path)
     if not looks_like_odf(content):
         raise FileFormatError(path, "does not begin with the file label of an orbit data file (key 101)")
-    if over := len(content) % RECORD_BYTES:
-        problem = f"ends {over} bytes into record {len(content) // RECORD_BYTES + 1}"
+    if rest := len(content) % RECORD_BYTES:
+        problem = f"ends {rest} bytes into record {len(content) // RECORD_BYTES + 1}"
         raise FileFormatError(path, f"{problem}: it was cut or is damaged; fetch it again")
     words = np.frombuffer(content, dtype=">u4").reshape(-1, 9).astype(np.uint32)
     groups = _groups(path, words)
 
     def of(*keys: int) -> NDArray[np.int32]:
-        """The records of groups, by their numbers from 0."""
-        found = [np.arange(header + 1, end) for key, header, end in groups if key in keys]
-        return np.concatenate([np.zeros(0, dtype=int), *found]).astype(np.int32)
+        """Return the numbers of the records of groups, from 0."""
+        numbers = [np.arange(header + 1, end) for key, header, end in groups if key in keys]
+        return np.concatenate([np.zeros(0, dtype=int), *numbers]).astype(np.int32)
 
     for key in (_LABEL, _IDENTIFIER):
         if len(of(key)) != 1:
@@ -97,8 +95,7 @@ def read_odf_file(path: str | Path) -> OdfFile:
     orbit = _fields(words[of(_ORBIT)], _ORBIT_FIELDS)
     if (wrong := orbit["format"] != FORMAT).any():
         row = int(np.argmax(wrong))
-        found = orbit["format"][row]
-        problem = f"its data have format {found}; only format {FORMAT}, of 1997 and later, is known"
+        problem = f"expected data of format {FORMAT} (1997 and later), got {orbit['format'][row]}"
         raise odf_error(path, problem, int(of(_ORBIT)[row]) + 1)
     ramps = _fields(words[of(_RAMPS)], _RAMP_FIELDS)
     stations = [
@@ -123,21 +120,23 @@ def read_odf_file(path: str | Path) -> OdfFile:
 
 
 def odf_error(path: str | Path, problem: str, record: int) -> FileFormatError:
-    """An error in a record, counted from 1."""
+    """Return an error in a record, counted from 1."""
     return FileFormatError(path, f"record {record}: {problem}")
 
 
 def _groups(path: str | Path, words: NDArray[np.uint32]) -> list[tuple[int, int, int]]:
-    """Key of each group, its header, and the record behind its last, counted from 0; checks what the headers say."""
-    # Of no record of data are the last five words zero: they name stations and times.
+    """Return the key, the header and the end of each group, counted from 0; checks the headers."""
+    # The last five words of data are never all zero: they hold stations and times.
     headers = np.flatnonzero(~words[:, 4:].any(axis=1))
     keys = words[:, 0].astype(np.int32)
-    found: list[tuple[int, int, int]] = []
+    groups: list[tuple[int, int, int]] = []
     for header, end in zip(headers.tolist(), [*headers[1:].tolist(), len(words)], strict=True):
         key = int(keys[header])
         if key not in _NAMES:
-            known = ", ".join(f"{known} ({name})" for known, name in _NAMES.items())
-            raise odf_error(path, f"a header has key {key}, which is none of {known}", header + 1)
+            keys_text = ", ".join(f"{number} ({name})" for number, name in _NAMES.items())
+            raise odf_error(
+                path, f"expected a header with one of the keys {keys_text}, got {key}", header + 1
+            )
         if words[header, 3] != header:
             problem = (
                 f"the header of the group {_NAMES[key]} says that it is record {int(words[header, 3]) + 1}"
@@ -149,24 +148,23 @@ def _groups(path: str | Path, words: NDArray[np.uint32]) -> list[tuple[int, int,
             behind = words[header + 1 :].any(axis=1)
             if behind.any():
                 record = header + 2 + int(np.argmax(behind))
-                raise odf_error(path, "behind the end of file only zeros may follow", record)
-            return found
-        found.append((key, header, end))
-    problem = "has no record that ends it (key -1): it was cut; fetch it again"
+                raise odf_error(path, "expected only zeros after the end of file", record)
+            return groups
+        groups.append((key, header, end))
+    problem = "ends without its last record (key -1): it was cut; fetch it again"
     raise FileFormatError(path, problem)
 
 
 def _fields(words: NDArray[np.uint32], table: str) -> NDArray[np.void]:
-    """Fields of bits of some records, as a structured array."""
+    """Return the fields of some records as a structured array."""
     fields = [(name, abs(int(bits)), int(bits) < 0) for name, bits in map(str.split, table.split(", "))]
-    found = np.empty(len(words), dtype=[(name, np.int64) for name, _, _ in fields])
-    wide = np.pad(words.astype(np.uint64), ((0, 0), (0, 1)))
+    array = np.empty(len(words), dtype=[(name, np.int64) for name, _, _ in fields])
+    padded = np.pad(words.astype(np.uint64), ((0, 0), (0, 1)))
     bit = 0
     for name, width, signed in fields:
-        pair = wide[:, bit // 32] << np.uint64(32) | wide[:, bit // 32 + 1]
-        value = pair >> np.uint64(64 - bit % 32 - width) & np.uint64(2**width - 1)
-        found[name] = value
+        pair = padded[:, bit // 32] << np.uint64(32) | padded[:, bit // 32 + 1]
+        array[name] = pair >> np.uint64(64 - bit % 32 - width) & np.uint64(2**width - 1)
         if signed:
-            found[name] -= (found[name] >> (width - 1)) << width
+            array[name] -= (array[name] >> (width - 1)) << width
         bit += width
-    return found
+    return array

@@ -1,20 +1,19 @@
-"""Tables: comma-separated text that a spreadsheet opens and nothing is lost in, and Parquet; those of observations.
+"""Tables of observations, as lossless comma-separated text and as Parquet, and writers of other tables.
 
-Both have the columns of :mod:`radioloc.measurements.table_columns`; text is written of other columns, too. In text the
-first line that is not a comment (``#``) or blank names them, in any order::
+Both have the columns of :mod:`radioloc.measurements.table_columns`. The first line of text that is neither blank nor a
+comment (``#``) names them, in any order::
 
     epoch_utc,type,path,light_time_s,sigma_s,time_tag,pressure_hpa,temperature_k,relative_humidity,wavelength_um
     2006-04-07T06:26:30.000000000000,range,APOLLO>apollo15>APOLLO,2.6494326499837,5.38e-11,transmit,721.6,...
 
-Numbers are written with as many digits as give back the same float.
+Numbers have as many digits as reproduce the float.
 
-A timestamp of Parquet counts nanoseconds and knows no leap second; a time tag has picoseconds, and a laser range to the
-Moon needs those beyond the nanosecond, in which the range changes by up to a micrometre. So there the epoch is written
-as two columns of whole numbers, ``utc_date`` and ``utc_ps``, which any program reads alike. Files of others may have
-``epoch_utc`` instead, text or a timestamp. Numbers that were not recorded are null. The type, path and time tag are
-dictionaries of texts. The unit of each column is in its metadata, those of the file name radioloc and its version.
+Timestamps of Parquet count nanoseconds, in which the range of the Moon changes by up to a micrometre, and lack leap
+seconds. The epoch is therefore two columns of whole numbers, ``utc_date`` and ``utc_ps``. Files of other programs may
+have ``epoch_utc`` instead, text or a timestamp. Missing numbers are null. Type, path and time tag are dictionaries of
+texts. The metadata of each column state its unit.
 
-Ramps of transmitted frequencies are a table of text of their own, beside those of the observations they belong to::
+Ramps of transmitted frequencies are a separate table of text beside that of the observations::
 
     station,start_utc,stop_utc,frequency_hz,rate_hz_s
     DSS-24,2012-04-09T04:34:00.000000000000,2012-04-09T04:36:12.000000000000,2102419321.5,0.125
@@ -64,8 +63,8 @@ from radioloc.time.dates import utc_from_text, utc_to_picoseconds, utc_to_text
 
 RAMP_COLUMNS = ("station", "start_utc", "stop_utc", "frequency_hz", "rate_hz_s")
 
-_SHOWN_CHARACTERS = 60
-# A line that begins with a lower or a higher character may be blank or a comment.
+_MAX_SHOWN_CHARACTERS = 60
+# Lines that start with a character up to _HASH or from _DELETE on may be blank or a comment.
 _HASH, _DELETE, _NEW_LINE = 0x23, 0x7F, 0x0A
 _ROWS_READ, _ROWS_WRITTEN, _ROWS_OF_TEXT = 2**17, 2**16, 2**14
 _UNITS = {"utc_ps": "ps", "relative_humidity": "1"} | {
@@ -78,7 +77,7 @@ _UNITS = {"utc_ps": "ps", "relative_humidity": "1"} | {
 def read_table(
     path: str | Path, *, catalogue: StationCatalogue | None = None, lunar: bool = True
 ) -> Observations:
-    """Read a table, plain or gzip, in the order of its rows; ranges of a lunar target must be those of the Moon.
+    """Read a table, plain or gzip, in the order of its rows; ranges of a lunar target are checked.
 
     Examples
     --------
@@ -92,9 +91,10 @@ def read_table(
 def write_table(
     path: str | Path, observations: Observations, *, light_time: bool = False, comments: Iterable[str] = ()
 ) -> None:
-    """Write observations as a table that :func:`read_table` gives back unchanged.
+    """Write observations as a table that :func:`read_table` reads back unchanged.
 
-    In seconds (``light_time_s``, ``sigma_s``) rather than metres values that were read as such keep their digits.
+    With `light_time` values are in seconds (``light_time_s``, ``sigma_s``) rather than metres, so that values that were
+    read as such keep their digits.
 
     Examples
     --------
@@ -113,7 +113,7 @@ def write_table(
 def read_parquet(
     path: str | Path, *, catalogue: StationCatalogue | None = None, lunar: bool = True
 ) -> Observations:
-    """Read a Parquet file of observations; the row, counted from 1, stands for the line."""
+    """Read a Parquet file of observations; rows, counted from 1, serve as line numbers."""
     import pyarrow
     from pyarrow import parquet
 
@@ -124,7 +124,7 @@ def read_parquet(
             header = list(file.schema_arrow.names)
             require_columns(path, header, split_epoch=True)
             for batch in file.iter_batches(_ROWS_READ):
-                # Text that is not UTF-8 and places that a dictionary does not have.
+                # Detects invalid UTF-8 and dictionary indices.
                 batch.validate(full=True)
                 if len(batch):
                     lines = np.arange(row, row + len(batch), dtype=np.int32)
@@ -140,7 +140,7 @@ def read_parquet(
 
 
 def write_parquet(path: str | Path, observations: Observations) -> None:
-    """Write observations as a Parquet file that :func:`read_parquet` gives back, epochs to 1e-12 s or better."""
+    """Write observations as a Parquet file that :func:`read_parquet` reads back, epochs to 1e-12 s or better."""
     from pyarrow import parquet
 
     batches = _record_batches(observations, split_epoch=True)
@@ -153,7 +153,7 @@ def write_parquet(path: str | Path, observations: Observations) -> None:
 def _record_batches(
     observations: Observations, *, light_time: bool = False, split_epoch: bool = False
 ) -> Iterator[Any]:
-    """Yield observations as Arrow columns with units; columns of radio only where they hold something."""
+    """Yield observations as Arrow columns with units, without empty radio columns."""
     unit = C_M_S if light_time else 1.0
     columns: dict[str, Any] = {"epoch_utc": observations.epoch}
     if split_epoch:
@@ -183,7 +183,7 @@ def read_ramps(path: str | Path, *, catalogue: StationCatalogue | None = None) -
         try:
             numbers.append([float(row["frequency_hz"]), float(row["rate_hz_s"])])
             spans.append(utc_from_text([row["start_utc"], row["stop_utc"]]))
-        except ValueError as error:  # an InputError is one, too
+        except ValueError as error:  # InputError included
             raise FileFormatError(path, str(error), line) from None
     if not names:
         raise FileFormatError(path, "has columns, but no ramps")
@@ -195,16 +195,16 @@ def read_ramps(path: str | Path, *, catalogue: StationCatalogue | None = None) -
 
 
 def read_ramps_only(path: str | Path, *, catalogue: StationCatalogue | None = None) -> Observations:
-    """The ramps of a table as a table of observations without rows, which lends them to those it is joined with."""
-    none = np.zeros(0)
+    """Return a table of ramps as observations without rows, to be concatenated with others."""
+    empty = np.zeros(0)
     ramps = read_ramps(path, catalogue=catalogue)
     return Observations.from_columns(
-        epoch=utc_from_text([]), links=(), value_m=none, sigma_m=none, files=(str(path),), ramps=ramps
+        epoch=utc_from_text([]), links=(), value_m=empty, sigma_m=empty, files=(str(path),), ramps=ramps
     )
 
 
 def write_ramps(path: str | Path, ramps: Ramps) -> None:
-    """Write ramps as a table that :func:`read_ramps` gives back."""
+    """Write ramps as a table that :func:`read_ramps` reads back."""
     columns = {name: getattr(ramps, name) for name in RAMP_COLUMNS}
     write_csv(path, batches_of(columns | {"station": Labels(ramps.station, ramps.stations)}))
 
@@ -224,15 +224,15 @@ def _from_blocks(
             header = [name.strip(' "') for name in head.decode().split(",")]
             if not {name.lower() for name in header}.intersection(COLUMNS):
                 problem = (
-                    f"{head.decode()[:_SHOWN_CHARACTERS]!r} does not name columns: the first line that is no comment "
-                    "(# ...) does, separated by commas (epoch_utc,type,path,...)"
+                    f"{head.decode()[:_MAX_SHOWN_CHARACTERS]!r} does not name columns; name them on the first line "
+                    "that is not a comment (# ...), separated by commas (epoch_utc,type,path,...)"
                 )
                 raise FileFormatError(path, problem, int(line[0]))
             require_columns(path, header, int(line[0]))
             line = line[1:]
         if len(line):
             reader.read(_columns(path, header, text, line), line)
-        # A text that was cut is none that is known; a number that was cut is another number.
+        # A cut text is refused by its reader; a cut number is another number.
         if not block.endswith(b"\n") and len(line) and header[-1] not in ("type", "path", "time_tag"):
             last = first_line + block.count(b"\n")
             if line[-1] == last:
@@ -242,12 +242,12 @@ def _from_blocks(
     observations = observations_of(reader.columns(), lunar)
     import pyarrow
 
-    pyarrow.default_memory_pool().release_unused()  # as much again as the table takes
+    pyarrow.default_memory_pool().release_unused()  # as much as the table itself
     return observations
 
 
 def _content(block: bytes, first_line: int) -> tuple[bytes, NDArray[np.int32]]:
-    """Lines that are neither blank nor comments, each ended by a line feed, and their numbers."""
+    """Return the lines that are neither blank nor comments, each with a line feed, and their numbers."""
     if block and not block.endswith(b"\n"):
         block += b"\n"
     characters = np.frombuffer(block, dtype=np.uint8)
@@ -257,12 +257,13 @@ def _content(block: bytes, first_line: int) -> tuple[bytes, NDArray[np.int32]]:
     if ((begins > _HASH) & (begins < _DELETE)).all():
         return block, numbers
     lines = block.split(b"\n")[:-1]
-    kept = np.array([line.decode().strip()[:1] not in ("", "#") for line in lines])
-    return b"".join(line + b"\n" for line, keep in zip(lines, kept, strict=True) if keep), numbers[kept]
+    has_content = np.array([line.decode().strip()[:1] not in ("", "#") for line in lines])
+    content = b"".join(line + b"\n" for line, keep in zip(lines, has_content, strict=True) if keep)
+    return content, numbers[has_content]
 
 
 def _columns(path: str | Path, header: list[str], text: bytes, line: NDArray[np.int32]) -> dict[str, Any]:
-    """Fields of some lines as Arrow columns of text."""
+    """Return the fields of some lines as Arrow columns of text."""
     import pyarrow
     import pyarrow.csv
 
@@ -291,7 +292,7 @@ def _columns(path: str | Path, header: list[str], text: bytes, line: NDArray[np.
 
 
 def write_csv(path: str | Path, batches: Iterable[Any], *, comments: Iterable[str] = ()) -> None:
-    """Write batches, at least one, as a table; numbers give the same float back, null is empty, comments go on top."""
+    """Write batches, at least one, as a table with comments at the top; null is empty, floats are reproduced."""
     import pyarrow
     from pyarrow import csv
 

@@ -357,7 +357,7 @@ def toml_content(path: Path) -> dict[str, object]:
         # Some editors write a byte order mark, which TOML forbids.
         return tomllib.loads(content.decode("utf-8-sig"))
     except FileNotFoundError:
-        raise InputError(f"{path}: study file not found; check the name and the directory") from None
+        raise InputError(f"{path}: no such study file; check the name and the directory") from None
     except IsADirectoryError:
         raise InputError(f"{path}: is a directory; give the study file in it") from None
     except OSError as error:

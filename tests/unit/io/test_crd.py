@@ -122,14 +122,14 @@ def test_session_rms_stands_in_for_a_missing_one():
         ("na 0 1 3", "na 0 4 3", "transponder"),
         ("0000103 0103", "0000100 0103", "number 103 of apollo15, got 0000100"),
         ("H3 apollo15", "H3 L2", "number 104 of luna21, got 0000103"),
-        ("H4  1 2024", "H4  0 2024", "'data type' is 0"),
+        ("H4  1 2024", "H4  0 2024", "'data type' 1 of normal points, got 0"),
         ("H4  1 2024 05 13", "H4  1 2024 02 30", "not a date that exists"),
         ("H4  1 2024 05 13", "H4  1 1024 05 13", "a year from 1972 to 2100, got the date 1024-05-13"),
         ("2024 05 13 17 01 47", "2024 05 14 17 01 47", "lasts 24.84 h"),
         ("0 0 0 0 1 0 2 0", "0 1 0 0 1 0 2 0", "refraction corrected"),
         ("0 0 0 0 1 0 2 0", "0 0 1 0 1 0 2 0", "centre of mass"),
         ("0 0 0 0 1 0 2 0", "0 0 0 0 0 0 2 0", "system delay applied"),
-        ("0 0 0 0 1 0 2 0", "0 0 0 0 1 0 1 0", "'range type' is 1"),
+        ("0 0 0 0 1 0 2 0", "0 0 0 0 1 0 1 0", "'range type' 2 of normal points, got 1"),
         ("C0 0 532.100 me08", "C0 0 532.100 me09", "no record C0"),
         ("C0 0 532.100", "C0 0 -1", "not that of a laser"),
         ("11 58591.933300993282", "11 5.8e4x", "second of day is '5.8e4x'"),
@@ -157,7 +157,7 @@ def test_records_out_of_place_are_refused(crd_lines):
     cases = [
         (["11 1 2.5 a 2 1 1 1 0 0 0 0 0 0", *crd_lines], "stands outside"),
         ([*crd_lines, "H8"], "stands outside"),
-        ([crd_lines[0], *crd_lines[3:]], "before the station"),
+        ([crd_lines[0], *crd_lines[3:]], "station .H2. and target"),
         (session(), "no normal points"),
         (["h1 CRD 2 2025 6 26 21", "h9"], "no pass"),
         ([line for line in crd_lines if not line.startswith("H4")], "outside a pass"),
@@ -258,12 +258,12 @@ def test_stations_get_catalogue_names(crd_lines):
     from radioloc.earth.stations import StationCatalogue
 
     lines, _ = replaced(crd_lines, "GRSM       7845", "GRSM       7846")
-    with pytest.warns(DataQualityWarning, match="line 2: the pad number 7846 is not in the catalogue"):
+    with pytest.warns(DataQualityWarning, match="line 2: .*lacks the pad number 7846"):
         paths = parse_crd("a.np2", lines, StationCatalogue.default()).paths().tolist()
     assert paths[0] == "GRASSE>apollo15>GRASSE"  # by its code, the pad being unknown
     assert paths[2] == "APOLLO>apollo11>APOLLO"
     lines, _ = replaced(crd_lines, "GRSM       7845", "GRSM       7045")
-    with pytest.raises(FileFormatError, match=r"line 2: .* 'GRSM' .* of GRASSE, .* 7045 is that of APOLLO"):
+    with pytest.raises(FileFormatError, match=r"line 2: .* 'GRSM' .* to GRASSE, .* 7045 to APOLLO"):
         parse_crd("a.np2", lines, StationCatalogue.default())
     lines, _ = replaced(crd_lines, "GRSM       7845", "NONE       9999")
     assert parse_crd("a.np2", lines, StationCatalogue.default()).paths()[0] == "9999>apollo15>9999"

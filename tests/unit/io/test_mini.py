@@ -49,7 +49,7 @@ def test_weather_left_blank_is_not_recorded(mini_lines):
         (3, 6, "1970", "expected a year from 1972 to 2100, got the date 1970"),
         (13, 14, "6x", "date and time"),
         (24, 37, "04053617732419", "time of flight is 0.40"),
-        (38, 38, "5", "reflector 5 is not known"),
+        (38, 38, "5", "reflector .*, got 5"),
         (39, 43, "7 61x", "not digits"),
         (47, 52, "     0", "sigma_m"),
         (57, 62, "999999", "pressure_hpa is 9999.99"),

@@ -15,7 +15,7 @@ JOBS = ("locate", "compute_residuals", "arcs", "covariance", "simulate", "monte_
 @pytest.mark.parametrize("job", JOBS)
 @pytest.mark.parametrize("path_like", [str, Path])
 def test_a_file_that_is_not_there_is_named(job, path_like):
-    with pytest.raises(InputError, match=r"^nowhere\.toml: study file not found"):
+    with pytest.raises(InputError, match=r"^nowhere\.toml: no such study file"):
         getattr(radioloc, job)(path_like("nowhere.toml"))
 
 

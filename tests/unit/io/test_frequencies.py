@@ -131,7 +131,7 @@ def test_detections_of_older_and_newer_files(tmp_path):
     got = read_observations(path, frequencies=[sent])
     assert got.count_s.tolist() == [20.0]
     other = path.rename(path.with_name(path.name.replace(".Ww.", ".Ht.")))
-    with pytest.raises(FileFormatError, match="the head says the telescope Ww, the file's name Ht"):
+    with pytest.raises(FileFormatError, match="Ww in the head and Ht in the file's name"):
         read_fdets(other, [sent])
     other.rename(path)
     assert got.paths().tolist() == ["lander>WARK12M"]  # a telescope of the catalogue
@@ -247,7 +247,7 @@ def test_sites(tmp_path):
     for line, problem in (
         ("4171 CB 52.8 6.4 10 Other\n", "site 4171 is repeated"),
         ("4172 CB 92.8 6.4 10\n", "up to 90 and 360 degrees"),
-        ("4172 CB 52.8 6.4\n", "is not a site: number"),
+        ("4172 CB 52.8 6.4\n", "expected number, initials"),
     ):
         wrong = write(tmp_path / "wrong.txt", path.read_text() + line)
         with pytest.raises(FileFormatError, match=rf"line 4: .*{problem}"):

@@ -271,7 +271,7 @@ class Prepared:
                 [[[name == f"position.{side}" for name in names] for side in EAST_NORTH_UP]], dtype=float
             )
         moves = np.zeros((3, 6, len(names)))
-        errant = self.world.errant
+        errant = self.world.orbit_with_errors
         if errant is not None:
             of_gravity = [name.startswith(f"{GRAVITY_ERROR}.") for name in names]
             tdb = self.epochs(part)

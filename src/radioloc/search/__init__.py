@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 from radioloc.lazy import lazy_exports as _lazy_exports
 
-if TYPE_CHECKING:  # what is here is imported when it is first used
+if TYPE_CHECKING:  # imported on first use
     from radioloc.search.study_search import search
 
 __all__ = ["search"]

@@ -13,7 +13,7 @@ from radioloc.cli.output import exit_status, tell
     "search",
     STUDY,
     JSON,
-    argument("--out COMPLETED.toml", "write the study with what was found, beside the study file", Path),
+    argument("--out COMPLETED.toml", "write the completed study, beside the study file", Path),
     examples=("study.toml --out completed.toml",),
 )
 def search(options: argparse.Namespace) -> int:
@@ -24,7 +24,7 @@ def search(options: argparse.Namespace) -> int:
 
     study = read_study(options.study)
     if options.out is not None:
-        require_beside(options.out, study)  # before the work, which may take long
+        require_beside(options.out, study)  # fails early: the search may take long
     result = search(study)
     if options.out is not None:
         result.write(options.out)

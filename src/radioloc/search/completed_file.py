@@ -1,4 +1,4 @@
-"""Study files edited so that they state what a search has found; their comments survive."""
+"""Edited study files that state the result of a search; comments are preserved."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Change:
 
     table: tuple[str, ...]  # its name in parts
     values: Mapping[str, Any]  # keys that are set
-    without: tuple[str, ...] = ()  # keys that are removed
+    removed: tuple[str, ...] = ()  # keys that are removed
     added: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)  # to arrays of tables
 
     def apply(self, content: Any) -> None:
@@ -29,7 +29,7 @@ class Change:
             if name not in content:
                 content[name] = {}
             content = content[name]
-        for key in self.without:
+        for key in self.removed:
             content.pop(key, None)
         for key, value in self.values.items():
             content[key] = value
@@ -38,10 +38,12 @@ class Change:
 
 
 def require_beside(path: Path, study: Study) -> Path:
-    """Return the file of a study beside which a completed one can be written; InputError where it cannot."""
+    """Return the file of a study; InputError unless a completed study can be written beside it."""
     source = study.path
     if source is None:
-        raise InputError(f"{path}: expected a study from a file, got one without; use its `study` in Python")
+        raise InputError(
+            f"{path}: expected a study from a file, got one from Python; use the `study` of the result"
+        )
     if path.absolute().parent.resolve() != source.absolute().parent.resolve():
         raise InputError(
             f"{path}: expected a file in the folder of {source}, to which paths in the study are relative"

@@ -1,10 +1,10 @@
-"""A first orbit from Doppler alone, where no more than the altitude of a nearly circular orbit is known.
+"""First orbit from Doppler alone, for a nearly circular orbit of a given altitude.
 
-Within one pass Doppler determines the velocity along the line of sight, from which follow the tilt of the plane to the
-line of sight and the phase. The turn of the plane about the line of sight follows only from the motion of that line, a
-degree in two hours, and from the gravity field. So a grid of circular orbits comes first, as sums of projections, then
-fits of integrated ones from all around the line of sight. Orbits that are mirrored in the plane in which the line of
-sight turns differ least.
+Within one pass Doppler determines the velocity along the line of sight, and with it the tilt of the orbital plane to
+the line of sight and the phase. The rotation of the plane about the line of sight follows only from the motion of that
+line, a degree in two hours, and from the gravity field. The search begins with a grid of circular orbits, as sums of
+projections. Integrated orbits are then fitted from starts all around the line of sight. The best-fitting alternative is
+usually the mirror image in the plane in which the line of sight moves.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ logger = logging.getLogger(__name__)
 _WINDOW_S = 7200.0  # counts used about the first one near the epoch: longer arcs have more than one minimum
 _MIN_COUNTS, _MAX_COUNTS = 12, 80
 _GRID_RAD = np.radians(5.0)
-_PHASE_STEP_RAD = np.radians(1.0)  # where the plane is given
-_MAX_RESIDUAL_M_S = 500.0  # larger ones count as this: counts that were not locked
+_PHASE_STEP_RAD = np.radians(1.0)  # for a given plane
+_MAX_RESIDUAL_M_S = 500.0  # bound in the misfit, for counts without lock
 _TURN_COUNT = 12  # starts about the line of sight
 _ROUGH_DEGREE = 20
 _ROUGH_STEPS, _FINE_STEPS = 10, 40
 _STEP_M, _STEP_M_S = 1e5, 1e2  # standard deviations of one step of a fit
 _MIN_MISFIT_M_S = 1e-4  # noise of good counts
 _SAME_PLANE_RAD = np.radians(2.0)
-_KEPT_COUNT = 2
+_REFINED_COUNT = 2
 _AMBIGUITY_RATIO = 1.5  # misfits of candidates within this ratio do not decide between them
+# Point near the centre of the Moon, where tides have no direction; it moves by 3 mm/s.
 _NEAR_CENTRE = FixedPoint(np.array([1e3, 0.0, 0.0]))
-"""In place of the Moon's centre, where tides have no direction: it moves by 3 mm/s about it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,10 +55,12 @@ class Candidate:
     misfit_m_s: float  # robust spread of the range rates
     inclination_deg: float  # to the Moon's equator
     node_deg: float
-    mirrored: bool = False  # nearer to the mirror image of the best candidate than to this
+    mirrored: bool = (
+        False  # plane closer to the mirror image of the best candidate than to the best candidate
+    )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it, in types that JSON has."""
+        """Return all fields in JSON types."""
         return asdict(self) | {"state": self.state.tolist()}
 
     def __str__(self) -> str:
@@ -72,7 +74,7 @@ def first_orbits(orbiter: Orbiter, model: PhysicalModel, observations: Observati
     """Return orbits near a rough orbit that fit Doppler near the epoch, the best first; InputError if none fits."""
     rough = orbiter.rough
     assert rough is not None
-    arc = _near_the_epoch(orbiter, model, observations)
+    arc = _counts_near_epoch(orbiter, model, observations)
     state, line, mirror = _best_circle(orbiter, rough, arc)
     forces = orbiter.forces
     starts = [state]
@@ -81,7 +83,7 @@ def first_orbits(orbiter: Orbiter, model: PhysicalModel, observations: Observati
         smooth = replace(orbiter, forces=replace(forces, gravity=field))
         turns = np.arange(_TURN_COUNT) * 2.0 * np.pi / _TURN_COUNT
         candidates = _fitted(smooth, arc, [turned_state(state, turn * line) for turn in turns], _ROUGH_STEPS)
-        starts = [item.state for item in candidates[:_KEPT_COUNT]]
+        starts = [item.state for item in candidates[:_REFINED_COUNT]]
         starts += [_mirrored(item, mirror) for item in starts]
     fitted = _fitted(orbiter, arc, starts, _FINE_STEPS)
     logger.info("first orbits: %s", "; ".join(map(str, fitted)))
@@ -89,23 +91,23 @@ def first_orbits(orbiter: Orbiter, model: PhysicalModel, observations: Observati
         raise InputError(
             f"[target] altitude_m: no orbit near {rough} fits the Doppler of {orbiter.name}; check it"
         )
-    best, *rest = fitted
+    best, *alternatives = fitted
     image = _mirrored(best.state, mirror)
     return (
         best,
         *(
             replace(item, mirrored=_angle_rad(item.state, image) < _angle_rad(item.state, best.state))
-            for item in rest
+            for item in alternatives
         ),
     )
 
 
 def is_ambiguous(orbits: Sequence[Candidate]) -> bool:
-    """Return whether the data do not decide between the best two candidates."""
+    """Return True if the data do not decide between the best two candidates."""
     return len(orbits) > 1 and orbits[1].misfit_m_s < _AMBIGUITY_RATIO * orbits[0].misfit_m_s
 
 
-def _near_the_epoch(orbiter: Orbiter, model: PhysicalModel, observations: Observations) -> ExactPredictor:
+def _counts_near_epoch(orbiter: Orbiter, model: PhysicalModel, observations: Observations) -> ExactPredictor:
     """Return some coherent counts of Doppler near the epoch, predicted for a target near the Moon's centre."""
     coherent = np.array(
         [bool(link.transmitter) and not link.differenced for link in observations.links], dtype=bool
@@ -121,19 +123,17 @@ def _near_the_epoch(orbiter: Orbiter, model: PhysicalModel, observations: Observ
     if len(arc.observations) < _MIN_COUNTS:
         raise InputError(
             f"[target] altitude_m: a first orbit of {orbiter.name} needs {_MIN_COUNTS} counts of two- or three-way "
-            f"Doppler within two hours near the epoch, but there are {len(arc.observations)}; give position_m and "
+            f"Doppler within two hours near the epoch, got {len(arc.observations)}; give position_m and "
             "velocity_m_s, or another epoch"
         )
     return arc
 
 
 def _best_circle(orbiter: Orbiter, rough: RoughOrbit, arc: ExactPredictor) -> tuple[Floats, Floats, Floats]:
-    """State on the circular orbit that fits best, m and m/s, the line of sight, and a reflection, shape (3, 3).
+    """Return the state on the best circular orbit, m and m/s, the line of sight, and a reflection, shape (3, 3).
 
-    The reflection is in the plane in which the line of sight turns.
-
-    A leg from a station at the distance D is longer by c - c^2 / 2D where the orbit takes the target from the Moon's
-    centre to c along the line of sight and a - c across it, but for a constant.
+    The reflection is in the plane in which the line of sight moves. For a target at c along the line of sight from the
+    Moon's centre, a leg from a station at the distance D is longer by c - c^2 / 2D, up to a constant.
     """
     observations, model = arc.observations, arc.model
     path, _, _ = arc.light_path()
@@ -141,7 +141,7 @@ def _best_circle(orbiter: Orbiter, rough: RoughOrbit, arc: ExactPredictor) -> tu
     tdb = tt_to_tdb(utc_to_tt(observations.epoch))
     since_s = tdb.seconds_since(orbiter.epoch)
     angle_s = np.concatenate([since_s + half_s, since_s - half_s]) + path.bounce_s
-    # Up from the transmitter, down to the receiver: both point to where the target is, or from there.
+    # From the transmitter and from the receiver to the target.
     units = np.stack([path.up_unit, -path.down_unit])
     flat = 0.5 / (C_M_S * np.stack([path.up_s, path.down_s]))
     observed_m_s = (observations.value_m - arc.compute().value_m) / observations.count_s
@@ -160,14 +160,14 @@ def _best_circle(orbiter: Orbiter, rough: RoughOrbit, arc: ExactPredictor) -> tu
         at_node, at_quarter = (a_m * (units @ axis) for axis in (p, q))
         first, second = at_node * cos + at_quarter * sin, at_quarter * cos - at_node * sin
         along_m = np.cos(phases)[:, None, None] * first + np.sin(phases)[:, None, None] * second
-        grown_m = (along_m - flat * along_m**2).sum(axis=1)
-        rate_m_s = (grown_m[:, :n] - grown_m[:, n:]) / observations.count_s
+        length_m = (along_m - flat * along_m**2).sum(axis=1)
+        rate_m_s = (length_m[:, :n] - length_m[:, n:]) / observations.count_s
         misfit = np.minimum(np.abs(observed_m_s - rate_m_s), _MAX_RESIDUAL_M_S).mean(axis=-1)
-        least = int(np.argmin(misfit))
-        if misfit[least] < best[0]:
-            best = (float(misfit[least]), k, float(phases[least]))
+        phase_index = int(np.argmin(misfit))
+        if misfit[phase_index] < best[0]:
+            best = (float(misfit[phase_index]), k, float(phases[phase_index]))
     misfit_m_s, k, phase = best
-    logger.info("circular orbits: %d planes, the best is off by %.0f m/s", len(nodes), misfit_m_s)
+    logger.info("circular orbits: %d planes, smallest mean residual %.0f m/s", len(nodes), misfit_m_s)
     position = np.cos(phase) * nodes[k] + np.sin(phase) * quarters[k]
     velocity = np.cos(phase) * quarters[k] - np.sin(phase) * nodes[k]
     units = path.up_unit
@@ -179,7 +179,7 @@ def _best_circle(orbiter: Orbiter, rough: RoughOrbit, arc: ExactPredictor) -> tu
 
 
 def _planes(rough: RoughOrbit, axes: Floats) -> tuple[Floats, Floats]:
-    """Return directions to the ascending node and 90 deg on, of all planes in question, ICRF, shapes (n, 3)."""
+    """Return directions to the ascending node, and 90 deg from it, of all candidate planes, ICRF, shapes (n, 3)."""
     step = np.degrees(_GRID_RAD)
     inclinations = (
         np.arange(0.5 * step, 180.0, step) if rough.inclination_deg is None else [rough.inclination_deg]
@@ -187,12 +187,12 @@ def _planes(rough: RoughOrbit, axes: Floats) -> tuple[Floats, Floats]:
     nodes = np.arange(0.0, 360.0, step) if rough.node_deg is None else [rough.node_deg]
     i, node = (grid.ravel() for grid in np.radians(np.meshgrid(inclinations, nodes)))
     to_node = np.stack([np.cos(node), np.sin(node), np.zeros_like(node)], axis=-1)
-    on = np.stack([-np.sin(node) * np.cos(i), np.cos(node) * np.cos(i), np.sin(i)], axis=-1)
-    return to_node @ axes, on @ axes
+    quarter = np.stack([-np.sin(node) * np.cos(i), np.cos(node) * np.cos(i), np.sin(i)], axis=-1)
+    return to_node @ axes, quarter @ axes
 
 
 def _fitted(orbiter: Orbiter, arc: ExactPredictor, starts: Sequence[Floats], steps: int) -> list[Candidate]:
-    """Return orbits fitted from several states, the best first, each plane once."""
+    """Return orbits fitted from several states, the best first, without repeated planes."""
     axes = equatorial_axes(arc.model.libration, orbiter.epoch)
     sigmas = np.repeat([_STEP_M, _STEP_M_S], 3)
     sigma_m = _MIN_MISFIT_M_S * arc.observations.count_s
@@ -203,23 +203,23 @@ def _fitted(orbiter: Orbiter, arc: ExactPredictor, starts: Sequence[Floats], ste
             predictor = ExactPredictor(arc.model, arc.observations, orbit)
             part = OrbitPart(predictor, orbit, sigma_m, start)
             state, spread = fitted_state(part, start, np.arange(6), sigmas, steps)
-        except InputError as error:  # an orbit that is under the ground
-            logger.info("a start is left out: %s", error)
+        except InputError as error:  # orbit below the surface
+            logger.info("start without orbit: %s", error)
             continue
         candidates.append(Candidate(state, _MIN_MISFIT_M_S * spread, *plane_deg(state, axes)))
-    kept: list[Candidate] = []
+    distinct: list[Candidate] = []
     for item in sorted(candidates, key=lambda item: item.misfit_m_s):
-        if all(_angle_rad(item.state, other.state) > _SAME_PLANE_RAD for other in kept):
-            kept.append(item)
-    return kept
+        if all(_angle_rad(item.state, better.state) > _SAME_PLANE_RAD for better in distinct):
+            distinct.append(item)
+    return distinct
 
 
 def _mirrored(state: Floats, mirror: Floats) -> Floats:
     return np.asarray((state.reshape(2, 3) @ mirror).ravel())
 
 
-def _angle_rad(one: Floats, other: Floats) -> float:
-    """Angle between the planes of two states."""
-    first, second = (np.cross(state[:3], state[3:]) for state in (one, other))
-    cosine = first @ second / (np.linalg.norm(first) * np.linalg.norm(second))
+def _angle_rad(first: Floats, second: Floats) -> float:
+    """Return the angle between the orbital planes of two states."""
+    normals = [np.cross(state[:3], state[3:]) for state in (first, second)]
+    cosine = normals[0] @ normals[1] / np.prod(np.linalg.norm(normals, axis=1))
     return float(np.arccos(np.clip(cosine, -1.0, 1.0)))

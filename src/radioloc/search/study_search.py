@@ -1,7 +1,7 @@
-"""What a study leaves open, found from its observations: a completed study, which is then located without any search.
+"""Completion of a study from its observations; the completed study is then located without a search.
 
-In this order: a first orbit where only a rough one is stated, the transmitters of passes among candidates, a better
-a-priori position on the near side, and manoeuvres that the study does not state.
+The searches, in this order: a first orbit near a rough one, the transmitters of passes among candidates, a better
+a-priori position on the near side, and undocumented manoeuvres.
 """
 
 from __future__ import annotations
@@ -40,15 +40,15 @@ _MAX_PASSES = 12  # passes on a card; ``to_dict`` has all
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FoundPosition:
-    """Position on the near side that fits better than the a-priori one."""
+class NearSidePosition:
+    """Position on the near side with a better fit than the a-priori one."""
 
-    target: str  # empty where the study has one without a name
+    target: str  # empty for a single target without name
     position: LunarPosition  # mean-Earth axes
     away_m: float  # from the a-priori position
 
     def keys(self) -> dict[str, Any]:
-        """Return the keys of its table in a study file."""
+        """Return the keys of the target in a study file."""
         longitude_deg, latitude_deg, height_m = self.position.selenographic
         return {
             "frame": self.position.frame,
@@ -60,14 +60,14 @@ class FoundPosition:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchResult(Result):
-    """Findings of :func:`search`, and the study that states them."""
+    """Results of :func:`search`, and the completed study."""
 
     study: Study  # completed
     orbits: tuple[Candidate, ...] = ()  # first orbits, the best first; the study has the best
     transmitters: tuple[TransmitterPass, ...] = ()  # candidates of each pass
-    apriori_positions: tuple[FoundPosition, ...] = ()  # that fit better than the a-priori ones
+    apriori_positions: tuple[NearSidePosition, ...] = ()
     manoeuvres: tuple[Manoeuvre, ...] = ()
-    changes: tuple[Change, ...] = ()  # of the study file, which state the findings
+    changes: tuple[Change, ...] = ()  # of the study file
 
     @property
     def name(self) -> str:
@@ -76,56 +76,56 @@ class SearchResult(Result):
 
     @property
     def is_usable(self) -> bool:
-        """Whether the data tell the first orbit and all transmitters from the other candidates."""
-        return not is_ambiguous(self.orbits) and all(one.decided for one in self.transmitters)
+        """True if the data decide between the candidates for the first orbit and for all transmitters."""
+        return not is_ambiguous(self.orbits) and all(item.decided for item in self.transmitters)
 
     def write(self, path: str | Path) -> Path:
-        """Write the completed study; it lies beside the study file, whose relative paths it keeps."""
+        """Write the completed study beside the study file, whose relative paths it keeps."""
         path = Path(path)
         path.write_text(completed_text(require_beside(path, self.study), self.changes), encoding="utf-8")
         return path
 
     def card(self) -> Card:
-        """Return what was found."""
+        """Return the card of the search."""
         return Card(self._fields())
 
     def _fields(self) -> Iterator[Field]:
         yield Field("search", [self.name])
         status = "COMPLETED"
         if not self.changes:
-            status = "COMPLETE: nothing was found that the study does not state"
+            status = "COMPLETE: the search adds nothing to the study"
         elif not self.is_usable:
-            status = "UNDECIDED: the data do not tell candidates apart; the best one is taken"
+            status = "UNDECIDED: the data do not decide between candidates; the best one is used"
         yield Field("status", [status])
         yield Field("orbit", self._orbit_lines())
         yield _transmitter_table(self.transmitters)
-        yield Field("position", [_position_line(one) for one in self.apriori_positions])
+        yield Field("position", map(_position_line, self.apriori_positions))
         yield Field("manoeuvre", map(str, self.manoeuvres))
 
     def _orbit_lines(self) -> Iterator[str]:
         if self.orbits:
-            best, *others = self.orbits
+            best, *alternatives = self.orbits
             yield f"first orbit from Doppler near the epoch: {best}"
             fit = "as well" if is_ambiguous(self.orbits) else "less well"
-            yield from (f"another candidate fits {fit}: {one}" for one in others)
+            yield from (f"another candidate fits {fit}: {item}" for item in alternatives)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all that was found, and whether it is decided, in types that JSON has."""
+        """Return all results in JSON types."""
         return {
             "name": self.name,
             "decided": self.is_usable,
-            "orbits": [one.to_dict() for one in self.orbits],
-            "transmitters": [one.to_dict() for one in self.transmitters],
+            "orbits": [item.to_dict() for item in self.orbits],
+            "transmitters": [item.to_dict() for item in self.transmitters],
             "apriori_positions": [
                 {"target": p.target, **p.keys(), "away_m": p.away_m} for p in self.apriori_positions
             ],
-            "manoeuvres": [one.to_dict() for one in self.manoeuvres],
+            "manoeuvres": [item.to_dict() for item in self.manoeuvres],
         }
 
 
 @on_one_blas_thread()
 def search(study: Study | str | Path, observations: Observations | None = None) -> SearchResult:
-    """Find what a study leaves open: first orbit, transmitters, a-priori position, undocumented manoeuvres.
+    """Find the first orbit, transmitters, a-priori position and manoeuvres that a study does not state.
 
     Parameters and errors as :func:`radioloc.locate`, which fits ``search(study).study``.
 
@@ -134,28 +134,30 @@ def search(study: Study | str | Path, observations: Observations | None = None) 
     >>> import radioloc
     >>> print(radioloc.search.search("examples/apollo15/apollo15.toml"))
     search      apollo15
-    status      COMPLETE: nothing was found that the study does not state
+    status      COMPLETE: the search adds nothing to the study
     """
-    given = as_study(study)
-    plain = replace(given.observations, transmitters=None, turnarounds=None)
-    result = _with_first_orbit(SearchResult(replace(given, observations=plain)), given, observations)
-    if plain != given.observations:
-        result = _with_transmitters(result, given, observations)
-        result = _with_first_orbit(result, given, observations)  # by those that transmitted
-    if given.orbiter is None or given.targets:
+    original = as_study(study)
+    plain = replace(original.observations, transmitters=None, turnarounds=None)
+    result = _with_first_orbit(SearchResult(replace(original, observations=plain)), original, observations)
+    if plain != original.observations:
+        result = _with_transmitters(result, original, observations)
+        result = _with_first_orbit(result, original, observations)  # with the true transmitters
+    if original.orbiter is None or original.targets:
         return _with_positions(result, observations)
-    orbit = given.estimate.orbit
-    if not given.lands and (orbit is None or orbit.process_noise is None):
-        # Stochastic accelerations stand for all that is not modelled, manoeuvres among it.
+    orbit = original.estimate.orbit
+    if not original.lands and (orbit is None or orbit.process_noise is None):
+        # Stochastic accelerations absorb manoeuvres.
         return _with_manoeuvres(result, observations)
     return result
 
 
-def _with_first_orbit(result: SearchResult, given: Study, observations: Observations | None) -> SearchResult:
-    target = given.target
+def _with_first_orbit(
+    result: SearchResult, original: Study, observations: Observations | None
+) -> SearchResult:
+    target = original.target
     if not isinstance(target, Orbiter) or target.rough is None:
         return result
-    model = model_of(given)
+    model = model_of(original)
     chosen, _ = chosen_observations(result.study, observations, model)
     orbits = first_orbits(target, model, chosen)
     state = orbits[0].state
@@ -165,10 +167,12 @@ def _with_first_orbit(result: SearchResult, given: Study, observations: Observat
     return replace(result, study=study, orbits=orbits, changes=(*result.changes, change))
 
 
-def _with_transmitters(result: SearchResult, given: Study, observations: Observations | None) -> SearchResult:
+def _with_transmitters(
+    result: SearchResult, original: Study, observations: Observations | None
+) -> SearchResult:
     arc, _ = prepared_arc(result.study, observations)
-    passes = compared_transmitters(given, arc)
-    uplinks = [one.uplink() for one in passes]
+    passes = compared_transmitters(original, arc)
+    uplinks = [item.uplink() for item in passes]
     tables = {"uplinks": list(map(_uplink_keys, uplinks))}
     change = Change(("observations",), {}, ("transmitters", "turnarounds"), tables)
     choice = result.study.observations
@@ -181,22 +185,22 @@ def _with_positions(result: SearchResult, observations: Observations | None) -> 
     arc, _ = prepared_arc(study, observations)
     constants = arc.model.ephemeris.constants
     estimate = with_independent_clocks(study, study.estimate, arc)
-    near = near_positions(arc, targets_in_pa(study, arc.model), estimate)
+    better = near_positions(arc, targets_in_pa(study, arc.model), estimate)
     names = {canonical_target(name): name for name in study.targets} or {"": ""}
     positions = {
-        names[name]: FoundPosition(names[name], place.to_axes("ME", constants), away_m)
-        for name, (place, away_m) in near.items()
+        names[name]: NearSidePosition(names[name], place.to_axes("ME", constants), away_m)
+        for name, (place, away_m) in better.items()
     }
     if not positions:
         return result
     if study.targets:
-        targets = {**study.targets, **{name: one.position for name, one in positions.items()}}
+        targets = {**study.targets, **{name: item.position for name, item in positions.items()}}
         study = replace(study, targets=targets, target=next(iter(targets.values())))
     else:
         study = replace(study, target=positions[""].position)
     changes = [
-        Change(("targets", name) if name else ("target",), one.keys(), ("position_m",))
-        for name, one in positions.items()
+        Change(("targets", name) if name else ("target",), item.keys(), ("position_m",))
+        for name, item in positions.items()
     ]
     return replace(
         result, study=study, apriori_positions=tuple(positions.values()), changes=(*result.changes, *changes)
@@ -213,12 +217,12 @@ def _with_manoeuvres(result: SearchResult, observations: Observations | None) ->
     if start is None:
         return result
     manoeuvres = find_manoeuvres(start, usability(start.arc)[0].are(USED))
-    known = orbiter.forces.impulses
+    stated = orbiter.forces.impulses
     impulses = [
-        Impulse(f"found_{len(known) + k}", one.epoch, tuple(one.delta_v_m_s.round(6).tolist()))
-        for k, one in enumerate(manoeuvres, 1)
+        Impulse(f"found_{len(stated) + k}", item.epoch, tuple(item.delta_v_m_s.round(6).tolist()))
+        for k, item in enumerate(manoeuvres, 1)
     ]
-    forces = replace(orbiter.forces, impulses=(*known, *impulses))
+    forces = replace(orbiter.forces, impulses=(*stated, *impulses))
     study = replace(study, target=replace(orbiter, forces=forces))
     change = Change(("forces",), {}, added={"impulses": list(map(_impulse_keys, impulses))})
     changes = (*result.changes, change) if impulses else result.changes
@@ -246,23 +250,23 @@ def _impulse_keys(impulse: Impulse) -> Mapping[str, Any]:
     }
 
 
-def _position_line(found: FoundPosition) -> str:
-    longitude_deg, latitude_deg, _ = found.position.selenographic
-    of_target = f"{found.target}: " if found.target else ""
+def _position_line(item: NearSidePosition) -> str:
+    longitude_deg, latitude_deg, _ = item.position.selenographic
+    target = f"{item.target}: " if item.target else ""
     return (
-        f"{of_target}{longitude_deg:.2f} deg east, {latitude_deg:.2f} deg north fits better than the a-priori "
-        f"position, {found.away_m / 1e3:.0f} km away"
+        f"{target}{longitude_deg:.2f} deg east, {latitude_deg:.2f} deg north fits better than the a-priori "
+        f"position, {item.away_m / 1e3:.0f} km away"
     )
 
 
 def _transmitter_table(passes: Sequence[TransmitterPass]) -> Field:
-    """Return the best and the second best candidate for the transmitter of each pass, with the rms of each."""
+    """Return the best two candidates for the transmitter of each pass, with their rms."""
     rows = []
-    for one in passes:
-        best, *others = one.ranking
-        second = (others[0], one.size(others[0])) if others else ("-", "-")
-        taken = best if one.decided else f"{best}?"
-        rows.append((f"{one.receiver} {utc_strings(one.span, 0)[0][5:16]}", taken, one.size(best), *second))
-    below = [] if all(one.decided for one in passes) else ["? undecided: another fits about as well"]
-    heading = ("pass", "taken", "rms", "next best", "rms")
-    return table("transmitter", heading, rows, _MAX_PASSES, below, "the JSON")
+    for item in passes:
+        best, *alternatives = item.ranking
+        second = (alternatives[0], item.size(alternatives[0])) if alternatives else ("-", "-")
+        name = best if item.decided else f"{best}?"
+        rows.append((f"{item.receiver} {utc_strings(item.span, 0)[0][5:16]}", name, item.size(best), *second))
+    notes = [] if all(item.decided for item in passes) else ["? undecided: another fits about as well"]
+    heading = ("pass", "selected", "rms", "next best", "rms")
+    return table("transmitter", heading, rows, _MAX_PASSES, notes, "the JSON")

@@ -1,8 +1,8 @@
-"""Transmitters where they are not published: for each pass the candidate that leaves the smallest residuals.
+"""Unpublished transmitters: for each pass the candidate with the smallest residuals.
 
-The Doppler of a target's coherent answer determines the uplink: stations on other sides of the Earth move against the
-target by hundreds of metres a second, each in its own way. One frequency offset per pass is left open. A turnaround
-ratio shows in the same way, as it scales the received frequency to that of the uplink.
+Coherent Doppler determines the uplink: range rates of stations on different sides of the Earth differ by hundreds of
+metres per second. One frequency offset per pass is free. The turnaround ratio is determined in the same way, as it
+scales the received frequency to that of the uplink.
 """
 
 from __future__ import annotations
@@ -30,46 +30,42 @@ _Rows = NDArray[np.intp]
 _Candidate = tuple[str, Fraction | None]
 
 _MAX_COUNTS = 200  # counts of a pass, evenly spread, whose residuals are computed
-_MIN_VISIBLE_FRACTION = 0.9  # fraction of these at which a candidate must see the target
-_OUTLIER = 5.0  # spreads beyond which a residual has no part in an rms: a pass may begin before the lock
-_DECISIVE_RATIO = 1.5
-"""Ratio of the rms of other candidates to that of the best, from which on a pass is decided."""
-_JUMP_M_S = 3.0
-"""Step of the rate, beyond what the counts around it make likely, at which another station may have begun to send."""
-_JUMP_ROUNDING_STEPS = 2.5
-"""Least jump of rates that are multiples of a step: rounding alone makes steps of one, of medians two."""
-_AROUND = 9  # counts in the window of a median
-_MIN_PASS_S = 600.0
-"""What is shorter, as before a lock, is no pass of its own: a transmitter does not show in it."""
+_MIN_VISIBLE_FRACTION = 0.9  # of these with the target above a candidate's horizon
+_MAX_RESIDUAL_SPREADS = 5.0  # in an rms: a pass may begin before the lock
+_DECISIVE_RATIO = 1.5  # smallest ratio of the rms of other candidates to the best, for a decided pass
+# Smallest step of the rate, beyond that of the surrounding counts, at which another station may have begun to transmit.
+_MIN_JUMP_M_S = 3.0
+# Smallest jump of rates that are multiples of a step: rounding alone causes steps of one, of medians two.
+_MIN_JUMP_STEPS = 2.5
+_MEDIAN_COUNTS = 9  # in the window of a median
+_MIN_PASS_S = 600.0  # shorter passes, as before a lock, do not determine a transmitter
 
 
 @dataclass(frozen=True, slots=True)
 class TransmitterPass:
-    """Candidates for the transmitter, and the turnaround ratio, of what a station received in a pass."""
+    """Candidates for the transmitter and the turnaround ratio of a pass at a receiving station."""
 
     receiver: str
     target: str
     span: Epochs  # first and last count, UTC
     count: int
-    candidates: Mapping[
-        str, _Candidate
-    ]  # by name: station, empty for that of the files, and turnaround ratio
-    # Rms of the round-trip residual rates by candidate, less one frequency offset; None where it does not see the
-    # target.
+    # Station (empty for that of the files) and turnaround ratio of each candidate by name.
+    candidates: Mapping[str, _Candidate]
+    # Rms of the round-trip residual rates by candidate, less one frequency offset; None without visible target.
     rms_m_s: Mapping[str, float | None]
     cycle_m: float | None  # wavelength of the downlink
 
     @property
     def ranking(self) -> list[str]:
-        """Candidates that see the target, the smallest rms first."""
+        """Candidates with visible target, the smallest rms first."""
         visible = {name: rms_m_s for name, rms_m_s in self.rms_m_s.items() if rms_m_s is not None}
         return sorted(visible, key=lambda name: visible[name])
 
     @property
     def decided(self) -> bool:
-        """Whether the best candidate fits much better than all others."""
-        smallest, *others = ((self.rms_m_s[name] or 0.0) for name in self.ranking)
-        return all(rms_m_s >= _DECISIVE_RATIO * smallest for rms_m_s in others)
+        """True if the best candidate fits much better than all others."""
+        smallest, *larger = ((self.rms_m_s[name] or 0.0) for name in self.ranking)
+        return all(rms_m_s >= _DECISIVE_RATIO * smallest for rms_m_s in larger)
 
     def uplink(self) -> Uplink:
         """Return the best candidate as the uplink of the pass."""
@@ -84,14 +80,14 @@ class TransmitterPass:
         )
 
     def size(self, name: str) -> str:
-        """Return the rms of a candidate, in hertz where the wavelength is known; a dash where it sees no target."""
+        """Return the rms of a candidate, in hertz if the wavelength is available; a dash without visible target."""
         rms_m_s = self.rms_m_s[name]
         if rms_m_s is None:
             return "-"
         return f"{rms_m_s:.3g} m/s" if self.cycle_m is None else f"{rms_m_s / self.cycle_m:.3g} Hz"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return its fields, the candidate that was taken, and whether that is decided."""
+        """Return all fields, the selected candidate, and whether the pass is decided."""
         first, last = utc_strings(self.span, decimals=0)
         fields = {key: value for key, value in asdict(self).items() if key not in ("span", "candidates")}
         spans = {"first_utc": str(first), "last_utc": str(last)}
@@ -99,7 +95,7 @@ class TransmitterPass:
 
 
 def compared_transmitters(study: Study, arc: Predictor) -> list[TransmitterPass]:
-    """Compare the candidates of a study in each pass of Doppler; InputError where one is unknown or none fits."""
+    """Compare the candidates of a study in each pass of Doppler; InputError for unknown ones, or if none fits."""
     choice, observations, catalogue = study.observations, arc.observations, arc.model.catalogue
     with error_context("[observations] transmitters:"):
         stations = [catalogue.get(name).name for name in choice.transmitters or ()]
@@ -110,7 +106,7 @@ def compared_transmitters(study: Study, arc: Predictor) -> list[TransmitterPass]
     passes = list(_passes(observations, 3600.0 * study.estimate.pass_gap_h))
     if not passes:
         raise InputError(
-            "[observations] transmitters: there is no Doppler of a transmitting station; leave it out"
+            "[observations] transmitters: expected Doppler of a transmitting station, got none; remove the key"
         )
     samples = [rows[np.unique(np.linspace(0, len(rows) - 1, _MAX_COUNTS).astype(int))] for rows in passes]
     sampled = np.concatenate(samples)
@@ -140,37 +136,39 @@ def compared_transmitters(study: Study, arc: Predictor) -> list[TransmitterPass]
         if not item.ranking:
             first, last = utc_strings(item.span, decimals=0)
             raise InputError(
-                f"[observations] transmitters: none of {', '.join(candidates)} sees the target while {item.receiver} "
-                f"received it, {first} to {last} UTC; name one that does"
+                f"[observations] transmitters: the target is below the horizon of {', '.join(candidates)} while "
+                f"{item.receiver} received it, {first} to {last} UTC; add a candidate"
             )
         passes_compared.append(item)
     return passes_compared
 
 
 def _computed_m(study: Study, arc: Predictor, rows: _Rows, station: str) -> Floats:
-    """Computed values of some rows sent by a station, or by those of the files; NaN where that cannot be."""
+    """Return computed values of some rows for a transmitter, or those of the files; NaN for unusable rows."""
     observations = arc.observations.select(rows)
     if station:
-        sent = with_transmitter(observations, np.arange(len(rows)), station)
-        used, link = np.unique(sent.link, return_inverse=True)
-        observations = replace(sent, links=tuple(sent.links[k] for k in used), link=link.astype(np.int32))
+        changed = with_transmitter(observations, np.arange(len(rows)), station)
+        used, link = np.unique(changed.link, return_inverse=True)
+        observations = replace(
+            changed, links=tuple(changed.links[k] for k in used), link=link.astype(np.int32)
+        )
     predictor = prepare_predictor(arc.model, observations, arc.motions, study.model.evaluation, arc.targets)
     computed = predictor.compute()
     return np.where(computed.usable, computed.value_m, np.nan)
 
 
 def _passes(observations: Observations, gap_s: float) -> Iterator[_Rows]:
-    """Rows of each pass of Doppler of one target at a receiving station, in order of time.
+    """Yield the rows of each pass of Doppler of one target at a receiving station, in order of time.
 
-    A pass ends also where the rate jumps, as it does when the next station takes over the uplink.
+    A pass also ends at a jump of the rate, as when the next station takes over the uplink.
     """
     rows = np.flatnonzero(observations.kind == DOPPLER)
-    _, of_link = np.unique(
+    _, series = np.unique(
         [f"{link.target}>{link.receiver}" for link in observations.links], return_inverse=True
     )
     tai = utc_to_tai(observations.epoch[rows])
     time_s = tai.seconds_since(tai[:1])
-    place = of_link[observations.link[rows]]
+    place = series[observations.link[rows]]
     order = np.lexsort((time_s, place))
     rows, time_s = rows[order], time_s[order]
     new = (np.diff(place[order]) != 0) | (np.diff(time_s) > gap_s)
@@ -180,20 +178,21 @@ def _passes(observations: Observations, gap_s: float) -> Iterator[_Rows]:
 
 
 def _jumps(time_s: Floats, rate_m_s: Floats) -> list[int]:
-    """Where the rate of a pass jumps, or counts are missing, with at least ten minutes before, between and after."""
+    """Return indices of jumps of the rate and of gaps, at least ten minutes from each other and from the ends."""
     from scipy.ndimage import median_filter
 
     cuts: list[int] = []
     if len(rate_m_s) > 2:
         step_s = np.maximum(np.diff(time_s), 1e-3)
-        usual_m_s = step_s * median_filter(np.diff(rate_m_s) / step_s, _AROUND, mode="nearest")
-        # Of a median single counts that are off make no jump, but steps of twice the usual beside them.
-        beyond_m_s = np.diff(median_filter(rate_m_s, _AROUND, mode="nearest")) - usual_m_s
-        rounding_m_s = _JUMP_ROUNDING_STEPS * common_step(rate_m_s, _JUMP_M_S / _JUMP_ROUNDING_STEPS)
+        usual_m_s = step_s * median_filter(np.diff(rate_m_s) / step_s, _MEDIAN_COUNTS, mode="nearest")
+        # Medians suppress single outliers, but leave steps of twice the usual size beside them.
+        beyond_m_s = np.diff(median_filter(rate_m_s, _MEDIAN_COUNTS, mode="nearest")) - usual_m_s
+        rounding_m_s = _MIN_JUMP_STEPS * common_step(rate_m_s, _MIN_JUMP_M_S / _MIN_JUMP_STEPS)
         limit_m_s = np.maximum(
-            2.0 * np.abs(usual_m_s), max(_JUMP_M_S, rounding_m_s, _OUTLIER * robust_scale(beyond_m_s, 1))
+            2.0 * np.abs(usual_m_s),
+            max(_MIN_JUMP_M_S, rounding_m_s, _MAX_RESIDUAL_SPREADS * robust_scale(beyond_m_s, 1)),
         )
-        gaps = step_s > np.maximum(_MIN_PASS_S, 5.0 * np.median(step_s))  # over which steps say nothing
+        gaps = step_s > np.maximum(_MIN_PASS_S, 5.0 * np.median(step_s))  # steps over a gap are meaningless
         for k in (np.flatnonzero((np.abs(beyond_m_s) > limit_m_s) | gaps) + 1).tolist():
             start_s = time_s[cuts[-1] if cuts else 0]
             if min(time_s[k] - start_s, time_s[-1] - time_s[k]) >= _MIN_PASS_S:
@@ -208,7 +207,7 @@ def _ratio(text: str) -> Fraction:
         ratio = Fraction(0)
     if not ratio > 0:
         raise InputError(
-            f'[observations] turnarounds: {text!r} is no ratio of frequency down to up; write "880/749"'
+            f'[observations] turnarounds: expected downlink over uplink frequency, such as "880/749", got {text!r}'
         )
     return ratio
 
@@ -218,10 +217,10 @@ def _name(station: str, ratio: Fraction | None) -> str:
 
 
 def _rms(rate_m_s: Floats) -> float | None:
-    """Rms about an offset, without outliers; none where too few can be computed."""
+    """Return the rms about an offset, without outliers; None if too few rates are computed."""
     computed = rate_m_s[~np.isnan(rate_m_s)]
     if len(computed) < max(_MIN_VISIBLE_FRACTION * len(rate_m_s), 1):
         return None
     offsets = computed - np.median(computed)
-    inliers = offsets[np.abs(offsets) <= _OUTLIER * max(robust_scale(offsets, 1), 1e-12)]
+    inliers = offsets[np.abs(offsets) <= _MAX_RESIDUAL_SPREADS * max(robust_scale(offsets, 1), 1e-12)]
     return float(np.sqrt(np.square(inliers - inliers.mean()).mean()))

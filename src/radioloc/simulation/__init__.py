@@ -1,4 +1,4 @@
-"""Simulated tracking: visibility, schedules, errors of the world against the model, and noise."""
+"""Simulated tracking: visibility, schedules, errors of the world relative to the model, and noise."""
 
 from radioloc.lunar.visibility import hidden_by_moon
 from radioloc.simulation.noise import Noise, NoiseModel

@@ -22,7 +22,7 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.quantities import accepts_quantities, convert_fields
-from radioloc.simulation.visibility import AtInfinity, Masks, Target, seen
+from radioloc.simulation.visibility import AtInfinity, Masks, Target, is_visible
 from radioloc.time import Epochs, epochs_from_strings, utc_to_tai, utc_to_tt
 
 Pair = tuple[str, str]
@@ -123,26 +123,24 @@ class Session:
         convert_fields(self)
         object.__setattr__(self, "pairs", tuple(self.pairs))
         if self.kind not in KINDS:
-            raise InputError(f"kind {self.kind!r} is not known; use {', '.join(KINDS)}")
+            raise InputError(f"kind: expected one of {', '.join(KINDS)}, got {self.kind!r}")
         if self.time_tag not in TIME_TAGS:
-            raise InputError(f"time_tag {self.time_tag!r} is not known; use {', '.join(TIME_TAGS)}")
+            raise InputError(f"time_tag: expected one of {', '.join(TIME_TAGS)}, got {self.time_tag!r}")
         if not self.pairs or len(set(self.pairs)) < len(self.pairs):
-            raise InputError(
-                f"pairs is {self.pairs!r}; a session needs at least one pair of stations, none twice"
-            )
+            raise InputError(f"pairs: expected one or more different pairs of stations, got {self.pairs!r}")
         if MEASUREMENTS[self.kind].form not in {form for form, _ in LINKS.values()}:
-            raise InputError(f"kind {self.kind!r} is of two targets; only measurements of one are simulated")
+            raise InputError(f"kind: expected a measurement of one target, got {self.kind!r}")
         if self.baseline and any(first == second for first, second in self.pairs):
-            raise InputError("a baseline has two different stations")
+            raise InputError("pairs: expected two different stations of a baseline")
         if self.source and not self.baseline:
-            raise InputError(f"source {self.source!r} goes with delays of baselines, not with {self.kind!r}")
+            raise InputError(f"source: expected a kind of delay of baselines, got {self.kind!r}")
         for name in ("step_s", "sigma_m"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
-                raise InputError(f"{name} is {getattr(self, name)!r}; give a positive number")
+                raise InputError(f"{name}: expected a positive number, got {getattr(self, name)!r}")
 
     @property
     def baseline(self) -> bool:
-        """Whether two stations receive."""
+        """True for delays between two receiving stations."""
         return MEASUREMENTS[self.kind].on_baseline
 
     def epochs(self) -> Epochs:
@@ -158,7 +156,7 @@ class Session:
         days = utc_to_tai(Epochs.from_jd([limits.jd[0], limits.jd[1] + 1.0], 0.0, "UTC"))
         if days[1].seconds_since(days[0])[0] != (limits.jd[1] + 1.0 - limits.jd[0]) * SECONDS_PER_DAY:
             raise InputError(
-                f"a leap second lies on the days from {self.start_utc} to {self.stop_utc}; leave its day out"
+                f"a leap second lies on the days from {self.start_utc} to {self.stop_utc}; split the session there"
             )
         steps = np.arange(math.floor(length_s / self.step_s + 1e-9) + 1)
         day, second = np.divmod(np.round(start_s + steps * self.step_s, 9), SECONDS_PER_DAY)
@@ -192,10 +190,9 @@ class Schedule:
     def plan(self, model: PhysicalModel, target_pa_m: Target, target: str = "lander") -> Plan:
         """Return the observations at which the target is visible.
 
-        A link is measured while its stations see the target, from the transmission of the measurement's first signal to
-        the reception of its last; a spacecraft counts as no farther than the Moon. `target` is its name in the
-        observations. Errors are those of :func:`radioloc.simulation.visibility.elevations`; a schedule without any
-        visible target is another.
+        A link is measured while the target is visible from its stations, from the transmission of the first signal of
+        the measurement to the reception of its last. `target` is its name in the observations. Errors are those of
+        :func:`radioloc.simulation.visibility.elevations`, and that of a schedule without visible target.
         """
         if not self.sessions:
             raise InputError("a schedule needs at least one session")
@@ -203,8 +200,8 @@ class Schedule:
         observations = Observations.concatenate([part for part, _, _ in rows])
         if len(observations) == 0:
             raise InputError(
-                "nothing can be seen from any link at any epoch; `radioloc visibility` with --start and --stop of "
-                "a month lists when each station sees the target; change times, stations or masks"
+                "the target is below the horizon or a mask for all links and epochs; `radioloc visibility --start "
+                "... --stop ...` lists passes; change times, stations or masks"
             )
         session = np.repeat(np.arange(len(rows)), [len(part) for part, _, _ in rows])
         slot, pair = (np.concatenate([part[k] for part in rows]) for k in (1, 2))
@@ -222,7 +219,7 @@ class Schedule:
             target = canonical_target(session.source)
             if target not in model.sources:
                 raise InputError(
-                    f"source {session.source!r} is in no list of the model; name one that has it: [model] sources"
+                    f"source: {session.source!r} is missing in the lists of [model] sources; add a list"
                 )
             target_pa_m = AtInfinity(model.sources[target])
         links = [
@@ -232,14 +229,14 @@ class Schedule:
         stations = list(dict.fromkeys(name for link in links for name in link.stations))
         ends = np.array([[stations.index(link.stations[k]) for k in (0, -1)] for link in links])
         # From the transmission of the first signal of a measurement to the reception of its last.
-        before_s = after_s = 0.0 if math.isnan(session.count_s) else 0.5 * session.count_s
+        lead_s = lag_s = 0.0 if math.isnan(session.count_s) else 0.5 * session.count_s
         if not session.baseline:
-            before_s += 0.0 if session.time_tag == "transmit" else _ROUND_TRIP_S
-            after_s += 0.0 if session.time_tag == "receive" else _ROUND_TRIP_S
+            lead_s += 0.0 if session.time_tag == "transmit" else _ROUND_TRIP_S
+            lag_s += 0.0 if session.time_tag == "receive" else _ROUND_TRIP_S
         tt = utc_to_tt(utc)
         first, last = (
-            seen(model, target_pa_m, stations, tt.shifted(shift_s), self.masks)
-            for shift_s in (-before_s, after_s)
+            is_visible(model, target_pa_m, stations, tt.shifted(shift_s), self.masks)
+            for shift_s in (-lead_s, lag_s)
         )
         visible = first & last
         measured = visible[:, ends[:, 0]] & visible[:, ends[:, 1]]
@@ -270,4 +267,6 @@ def _refuse_overlaps(observations: Observations) -> None:
     for key in keys:
         repeated &= np.diff(key[order]) == 0
     if repeated.any():
-        raise InputError("two sessions measure the same link at the same time; let one of them end before")
+        raise InputError(
+            "two sessions measure the same link at the same time; end one before the other begins"
+        )

@@ -41,7 +41,7 @@ from radioloc.vectors import Floats
 class Simulated:
     """Observations of a simulated world; arrays are of shape (n,), m."""
 
-    observations: Observations  # with all errors, and the sigmas of the schedule
+    observations: Observations  # with all errors; sigmas of the schedule
     # True position, principal axes, shape (3,); of a spacecraft the offset from its trajectory, zeros.
     target_pa_m: Floats
     truth: Truth
@@ -70,17 +70,17 @@ class Simulated:
             "simulated observations",
             self.observations.summary(),
             position if self.trajectory is None else f"true trajectory: {self.trajectory}",
-            *(_of_orbit(self.trajectory) if isinstance(self.trajectory, Orbit) else ()),
+            *(_orbit_lines(self.trajectory) if isinstance(self.trajectory, Orbit) else ()),
             f"seed {self.seed}, {int(self.is_outlier.sum())} outlier(s)",
-            *(f"{name}: {_shown(value)}" for name, value in _differences(self.truth)),
-            *(f"drawn {name}: {_shown(value)}" for name, value in _by_kind(self.drawn).items()),
-            f"noise of station arrivals (VLBI): {_shown(self.noise.vlbi_station)}",
+            *(f"{name}: {_text(value)}" for name, value in _differences(self.truth)),
+            *(f"drawn {name}: {_text(value)}" for name, value in _by_kind(self.drawn).items()),
+            f"noise of station arrivals (VLBI): {_text(self.noise.vlbi_station)}",
             *(
-                [f"noise of the change of station arrivals (VLBI): {_shown(self.noise.vlbi_station_rate)}"]
+                [f"noise of the change of station arrivals (VLBI): {_text(self.noise.vlbi_station_rate)}"]
                 if "vlbi_delay_rate" in self.observations.types()
                 else []
             ),
-            *(f"noise of {kind}: {_shown(noise)}" for kind, noise in self.noise.link.items()),
+            *(f"noise of {kind}: {_text(noise)}" for kind, noise in self.noise.link.items()),
         ]
         return "\n".join(lines)
 
@@ -91,14 +91,14 @@ class World:
 
     scenario: Scenario
     plan: Plan
-    target_pa_m: Floats  # this and the next two as in Simulated
+    target_pa_m: Floats  # this and the following two as in Simulated
     error_free_m: Floats
     added_m: dict[str, Floats]
     errors: dict[str, float]  # errors of the truth by parameter, such as "range_bias.KASHI"
     trajectory: AnyTrajectory | None
     drawn: DrawnErrors  # errors of the trials of a Monte Carlo study
     enu_pa: Floats  # east, north and up at the target, in principal axes, as rows, shape (3, 3)
-    errant: AdjustableOrbit | None = None  # orbit with the drawn errors of gravity
+    orbit_with_errors: AdjustableOrbit | None = None  # orbit with the drawn errors of gravity
 
     def __repr__(self) -> str:
         return f"<World {len(self.plan.observations)} observations of {self.scenario.name}>"
@@ -184,18 +184,18 @@ class Scenario:
 
     @property
     def trajectory(self) -> AnyTrajectory | None:
-        """True trajectory of a spacecraft that is known."""
+        """True trajectory of a spacecraft on a given trajectory."""
         return self.position if isinstance(self.position, AnyTrajectory) else None
 
     @property
     def flight(self) -> StateAndForces | None:
         """True state and forces of an orbiter."""
-        known = self.place is not None or self.trajectory is not None
-        return None if known else self.position  # type: ignore[return-value]
+        fixed = self.place is not None or self.trajectory is not None
+        return None if fixed else self.position  # type: ignore[return-value]
 
     def world(self, model: PhysicalModel) -> World:
         """Compute the world without noise, for a nominal model; errors are those of :func:`simulate`."""
-        trajectory, errant = self._trajectory(model)
+        trajectory, orbit_with_errors = self._trajectory(model)
         target_pa_m, enu_pa = np.zeros(3), np.eye(3)
         if self.place is not None:
             target_pa_m = self.place.to_axes("PA", model.ephemeris.constants).xyz_m
@@ -209,15 +209,26 @@ class Scenario:
                 PARAMETERS[name].more_partials for name in (*self.truth.values, *self.truth_sigma.sigmas)
             ),
         )
-        at = predictor.at()
-        _require_usable(predictor, at)
+        prediction = predictor.at()
+        _require_usable(predictor, prediction)
         starts = [session.start_utc for session in self.schedule.sessions]
         start = min(starts, key=lambda date: epochs_from_strings(date, "UTC").mjd[0])
-        added_m, errors = fixed_errors(self.truth, predictor, at, target_pa_m, start)
-        drawn = drawn_errors(self.truth_sigma, predictor, at, target_pa_m, enu_pa, start)
-        if errant is not None:
-            drawn = drawn.with_gravity(predictor.compute(errant).by_motion)
-        return World(self, plan, target_pa_m, at.value_m, added_m, errors, trajectory, drawn, enu_pa, errant)
+        added_m, errors = fixed_errors(self.truth, predictor, prediction, target_pa_m, start)
+        drawn = drawn_errors(self.truth_sigma, predictor, prediction, target_pa_m, enu_pa, start)
+        if orbit_with_errors is not None:
+            drawn = drawn.with_gravity(predictor.compute(orbit_with_errors).by_motion)
+        return World(
+            self,
+            plan,
+            target_pa_m,
+            prediction.value_m,
+            added_m,
+            errors,
+            trajectory,
+            drawn,
+            enu_pa,
+            orbit_with_errors,
+        )
 
     def _trajectory(self, model: PhysicalModel) -> tuple[AnyTrajectory | None, AdjustableOrbit | None]:
         """Return the true trajectory of a spacecraft, and its orbit with the drawn errors of gravity."""
@@ -273,41 +284,38 @@ def simulate(
     return scenario.world(model).draw()
 
 
-def _require_usable(predictor: Predictor, at: Prediction) -> None:
+def _require_usable(predictor: Predictor, prediction: Prediction) -> None:
     """Raise an error if the model is not valid for an observation."""
     observations = predictor.observations
-    wrong, problem = 0, ""
+    count, problem = 0, ""
     for rows in blocks(predictor):
-        computed = at.rows(rows)
+        computed = prediction.rows(rows)
         unusable = np.flatnonzero(~computed.usable)
-        if len(unusable) and not wrong:
+        if len(unusable) and not count:
             row = int(rows[unusable[0]])
             problem = reasons(predictor, computed.rows(unusable[:1]), [row])[1][0]
-        wrong += len(unusable)
-    if wrong:
+        count += len(unusable)
+    if count:
         link = observations.links[observations.link[row]].path
         kind = KINDS[observations.kind[row]]
         raise InputError(
-            f"{wrong} of {len(observations)} observations cannot be simulated; the first, a {kind} of {link}: "
-            f"{problem}; raise the elevation mask, or leave the term out of the model"
+            f"{count} of {len(observations)} observations cannot be simulated; the first, a {kind} of {link}: "
+            f"{problem}; raise the elevation mask, or switch the term off"
         )
 
 
-def _of_orbit(orbit: Orbit) -> tuple[str, ...]:
+def _orbit_lines(orbit: Orbit) -> tuple[str, ...]:
     """Return texts of the state and forces of a true orbit."""
     thrusts = [item for item in orbit.forces.accelerations if item.normal is not None]
-    of_thrust = {name for item in thrusts for names in item.names() for name in names}
-    shown = {name: value for name, value in orbit.forces.parameters().items() if name not in of_thrust}
-    (x, y, z), (vx, vy, vz) = (of[0].tolist() for of in orbit.states(orbit.epoch))
+    thrust_names = {name for item in thrusts for names in item.names() for name in names}
+    shown = {name: value for name, value in orbit.forces.parameters().items() if name not in thrust_names}
+    (x, y, z), (vx, vy, vz) = (part[0].tolist() for part in orbit.states(orbit.epoch))
     field = orbit.forces.gravity
     return (
         f"true state at {utc_strings(orbit.epoch, 6)[0]} TDB, Moon-centred ICRF, m and m/s: "
         f"{x:.4f} {y:.4f} {z:.4f} {vx:.7f} {vy:.7f} {vz:.7f}",
-        f"true forces: {field.name} to degree {field.degree}; {_shown(shown)}",
-        *(
-            f"true thrust {item.name}: {_shown(item.constant_m_s2)} m/s2 along {item.axes}"
-            for item in thrusts
-        ),
+        f"true forces: {field.name} to degree {field.degree}; {_text(shown)}",
+        *(f"true thrust {item.name}: {_text(item.constant_m_s2)} m/s2 along {item.axes}" for item in thrusts),
     )
 
 
@@ -327,13 +335,13 @@ def _by_kind(drawn: Mapping[str, float]) -> dict[str, dict[str, float]]:
     return kinds
 
 
-def _shown(value: Any) -> str:
+def _text(value: Any) -> str:
     """Return a short text of a record, a mapping or a number."""
     if hasattr(value, "__dataclass_fields__"):
         items = [(f.name, getattr(value, f.name)) for f in fields(value)]
-        return ", ".join(f"{name} {_shown(v)}" for name, v in items if v not in (0.0, None)) or "none"
+        return ", ".join(f"{name} {_text(v)}" for name, v in items if v not in (0.0, None)) or "none"
     if isinstance(value, Mapping):
-        return "; ".join(f"{key} {_shown(v)}" for key, v in value.items())
+        return "; ".join(f"{key} {_text(v)}" for key, v in value.items())
     if isinstance(value, tuple):
-        return f"({', '.join(_shown(v) for v in value)})"
+        return f"({', '.join(_text(v) for v in value)})"
     return f"{value:.10g}" if isinstance(value, float) else str(value)

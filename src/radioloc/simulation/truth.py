@@ -73,7 +73,7 @@ class Truth:
         object.__setattr__(self, "terms_on", tuple(terms_on))
         object.__setattr__(self, "terms_off", tuple(terms_off))
         object.__setattr__(self, "clock_epoch_utc", clock_epoch_utc)
-        active_terms((*self.terms_on, *self.terms_off))  # refuses unknown names
+        active_terms((*self.terms_on, *self.terms_off))  # raises an error for unknown names
 
     def model(self, nominal: PhysicalModel) -> PhysicalModel:
         """Return the nominal model with the world's terms."""
@@ -132,7 +132,7 @@ class DrawnErrors:
     partials: Floats  # of the observed values by the parameters, shape (k, n)
 
     def draw(self, seed: int) -> Floats:
-        """Return the errors of a trial's seed, shape (k,); another parameter does not change those of the others."""
+        """Return the errors of a trial by its seed, shape (k,); they do not depend on the other parameters."""
         normal = [generator(seed, f"truth_sigma {name}").standard_normal() for name in self.names]
         return self.sigmas * np.array(normal)
 
@@ -162,7 +162,7 @@ def position_error_m(drawn: Mapping[str, float]) -> Floats:
 def fixed_errors(
     truth: Truth, predictor: Predictor, at: Prediction, target_pa_m: Floats, start_utc: str
 ) -> tuple[dict[str, Floats], dict[str, float]]:
-    """Return what the truth adds to each observation, m, by kind of parameter, and its errors by parameter."""
+    """Return effects of the truth on each observation, m, by kind of parameter, and its errors by parameter."""
     # Rates refer to `start_utc` if the truth has no epoch.
     position = SurfacePoint("", *cartesian(target_pa_m, role=Role.FIXED))
     design = _design(truth.values, predictor, at, position, truth.clock_epoch_utc or start_utc)
@@ -216,8 +216,8 @@ def _design(
         kind = PARAMETERS[name]
         if choice.scope(kind).owner is Scope.STATION and isinstance(choice.value, Mapping):
             # Stations without observations are ignored.
-            seen = {n: v for n, v in choice.value.items() if catalogue.get(n).name in simple.stations}
-            choice = replace(choice, value=seen)
+            observed = {n: v for n, v in choice.value.items() if catalogue.get(n).name in simple.stations}
+            choice = replace(choice, value=observed)
         if (chosen := chosen_parameters(kind, choice, simple, Role.FIXED)) is not None:
             kinds.append(chosen)
     # Rates contribute nothing at the epoch of the offsets.
@@ -227,21 +227,21 @@ def _design(
     return DesignMatrix(model, at, model.motions(x), x, predictor.observations.value_m)
 
 
-def _choices(given: Mapping[str, Any], *, sigma: bool = False) -> dict[str, ParameterChoice]:
+def _choices(values: Mapping[str, Any], *, sigma: bool = False) -> dict[str, ParameterChoice]:
     """Sort errors, or their sigmas, by kind of parameter, and check their size."""
     keys = [key for kind in PARAMETERS.values() for key in (kind.value_key, kind.keys["per"])]
-    for key in filter(lambda key: key not in keys, given):
+    for key in filter(lambda key: key not in keys, values):
         matches = difflib.get_close_matches(key, keys, n=1)
         hint = f"did you mean {matches[0]!r}?" if matches else f"expected one of {', '.join(keys)}"
         raise InputError(f"{key!r}: unknown error of a parameter; {hint}")
     choices = {}
     for kind in PARAMETERS.values():
-        key, per = kind.value_key, given.get(kind.keys["per"])
-        if per is not None and given.get(key) is None:
+        key, per = kind.value_key, values.get(kind.keys["per"])
+        if per is not None and values.get(key) is None:
             raise InputError(f"{kind.keys['per']} needs {key}, the error that it divides")
-        if key not in given:
+        if key not in values:
             continue
-        choices[kind.name] = ParameterChoice.of(kind, "none", value=given[key], per=per)
+        choices[kind.name] = ParameterChoice.of(kind, "none", value=values[key], per=per)
         largest, reason = _MAX_ERRORS.get(kind.name, (np.inf, ""))
         for value in _numbers(choices[kind.name].value):
             if sigma and value < 0.0:

@@ -46,7 +46,7 @@ _COARSE_STEP_S = 60.0  # First step of dense series
 _MAX_ELEVATION_RATE_RAD_S = 9e-5
 """Bound of the rate of elevations at both ends: the Earth rotates at 7.3e-5 rad/s, the Moon orbits it at up to 3.3e-6,
 and the parallax of a station changes at 1.3e-6."""
-_EPOCHS_AT_ONCE = 32768
+_BLOCK_EPOCHS = 32768
 _SEARCH_STEP_S = 300.0
 _ORBIT_SEARCH_STEP_S = 60.0  # For a spacecraft, which the Moon may hide for minutes
 _CROSSING_TOLERANCE_S = 0.1  # For rise and set before rounding to whole seconds
@@ -123,8 +123,8 @@ def elevations(
     >>> lander = radioloc.LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
     >>> from radioloc.time import epochs_from_strings
     >>> tt = epochs_from_strings("2020-12-01T18:00:00", "TT")
-    >>> seen = elevations(PhysicalModel.build(), lander.to_frame("PA_DE421").xyz_m, ["KASHI"], tt)
-    >>> seen.at_station_rad.round(3).tolist()
+    >>> angles = elevations(PhysicalModel.build(), lander.to_frame("PA_DE421").xyz_m, ["KASHI"], tt)
+    >>> angles.at_station_rad.round(3).tolist()
     [[1.087]]
     """
     rot_itrf_to_gcrs = model.earth.evaluate(tt).rot_itrf_to_gcrs
@@ -153,7 +153,7 @@ def elevations(
 
 
 def _flies(target: Target | AtInfinity) -> bool:
-    """Return whether a target is a spacecraft on a trajectory."""
+    """Return True for a spacecraft on a trajectory."""
     return isinstance(target, AnyTrajectory)
 
 
@@ -180,13 +180,13 @@ def _elevation_rad(away_m: Floats, up: Floats) -> Floats:
     return np.arctan2(np.einsum("ni,ni->n", up, away_m), across)
 
 
-def seen(
+def is_visible(
     model: PhysicalModel, target_pa_m: Target | AtInfinity, stations: Sequence[str], tt: Epochs, masks: Masks
 ) -> NDArray[np.bool_]:
-    """Return whether target and stations see each other above the masks, at ordered epochs, shape (n, k)."""
-    # Dense series are computed once a minute first. Between two margins a and b of one sign the sign cannot change if
-    # |a| + |b| exceeds the largest change in that time; otherwise all epochs between are computed. The elevations of a
-    # spacecraft have no such bound.
+    """Return True for visible stations and target above the masks, at ordered epochs, shape (n, k)."""
+    # Dense series are first computed once a minute. The sign cannot change between two margins a and b of one sign if
+    # |a| + |b| exceeds the largest change in that time; otherwise all epochs between are computed. The elevations of
+    # a spacecraft are not bounded.
     n = len(tt)
     length_s = float(tt[-1].seconds_since(tt[0])[0]) if n else 0.0
     stride = 1
@@ -194,7 +194,7 @@ def seen(
         stride = max(1, int(_COARSE_STEP_S * (n - 1) / length_s))
 
     def margin_rad(rows: NDArray[np.intp]) -> Floats:
-        parts = np.split(rows, range(_EPOCHS_AT_ONCE, len(rows), _EPOCHS_AT_ONCE))
+        parts = np.split(rows, range(_BLOCK_EPOCHS, len(rows), _BLOCK_EPOCHS))
         return np.concatenate(
             [elevations(model, target_pa_m, stations, tt[part]).margin_rad(masks) for part in parts]
         )
@@ -205,10 +205,12 @@ def seen(
         return margin >= 0.0
     between = np.diff(coarse)
     out = np.append(np.repeat(margin[:-1] >= 0.0, between, axis=0), margin[-1:] >= 0.0, axis=0)
-    apart_s = tt[coarse[1:]].seconds_since(tt[coarse[:-1]])
+    interval_s = tt[coarse[1:]].seconds_since(tt[coarse[:-1]])
     unchanged = (margin[1:] >= 0.0) == (margin[:-1] >= 0.0)
-    far = np.abs(margin[1:]) + np.abs(margin[:-1]) > _MAX_ELEVATION_RATE_RAD_S * apart_s[:, None]
-    doubtful = np.flatnonzero(np.repeat(~(unchanged & far).all(axis=1), between))
+    excludes_crossing = (
+        np.abs(margin[1:]) + np.abs(margin[:-1]) > _MAX_ELEVATION_RATE_RAD_S * interval_s[:, None]
+    )
+    doubtful = np.flatnonzero(np.repeat(~(unchanged & excludes_crossing).all(axis=1), between))
     if len(doubtful):
         out[doubtful] = margin_rad(doubtful) >= 0.0
     return out
@@ -216,7 +218,7 @@ def seen(
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """Interval in which all of some stations see the target, from the first to the last whole second."""
+    """Interval of common visibility of the target, from the first to the last whole second."""
 
     start_utc: str
     stop_utc: str
@@ -233,10 +235,9 @@ def windows(
     stop_utc: str,
     masks: Masks | None = None,
 ) -> list[Window]:
-    """Find the windows in which all stations see the target at once, with rise and set to the second.
+    """Find the windows of common visibility of the target from all stations, with rise and set to the second.
 
-    Windows and gaps shorter than five minutes (spacecraft: one minute), as of a target that grazes a mask, can be
-    missed.
+    Windows and gaps shorter than five minutes (spacecraft: one minute) can be missed.
 
     Parameters
     ----------
@@ -273,16 +274,16 @@ def windows(
 
     step_s = _ORBIT_SEARCH_STEP_S if _flies(target_pa_m) else _SEARCH_STEP_S
     grid_s = np.linspace(0.0, length_s, max(2, int(np.ceil(length_s / step_s)) + 1))
-    seen = margin_rad(grid_s) >= 0.0
-    changes = np.flatnonzero(seen[1:] != seen[:-1])
+    visible = margin_rad(grid_s) >= 0.0
+    changes = np.flatnonzero(visible[1:] != visible[:-1])
     low_s, high_s = grid_s[changes], grid_s[changes + 1]
     while len(changes) and float((high_s - low_s).max()) > _CROSSING_TOLERANCE_S:
         middle_s = 0.5 * (low_s + high_s)
-        unchanged = (margin_rad(middle_s) >= 0.0) == seen[changes]
+        unchanged = (margin_rad(middle_s) >= 0.0) == visible[changes]
         low_s, high_s = np.where(unchanged, middle_s, low_s), np.where(unchanged, high_s, middle_s)
     crossings_s = 0.5 * (low_s + high_s)
-    starts_s = np.concatenate([[0.0] * bool(seen[0]), crossings_s[~seen[changes]]])
-    stops_s = np.concatenate([crossings_s[seen[changes]], [length_s] * bool(seen[-1])])
+    starts_s = np.concatenate([[0.0] * bool(visible[0]), crossings_s[~visible[changes]]])
+    stops_s = np.concatenate([crossings_s[visible[changes]], [length_s] * bool(visible[-1])])
     return [
         Window(
             _text(limits[0], start, up=True), _text(limits[0], stop, up=False), start > 0.0, stop < length_s

@@ -1,4 +1,4 @@
-"""Descents over a drawn ground, truth known: where the last image lies, and which images are left out by name."""
+"""Registration of descents over procedural ground: place of the last image, and status of each image."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from radioloc.imaging.registration import register_chain
 from radioloc.lunar.maps import Map
 
 MAP_M = (5.0, 5.0)
-PLACE_M = 0.8  # a fifth of the map's pixels of 4 m, which hold some hundred features
+PLACE_M = 0.8  # a fifth of the map's pixels of 4 m, with some hundred features
 
 SHORT = Descent(frames=7)
 
@@ -29,8 +29,8 @@ def statuses(registration):
 
 
 @pytest.mark.slow
-def test_the_last_image_is_found_with_the_map_s_shift(tmp_path):
-    """Sixteen images, the last ones far too fine for the map, spacecraft in view; the map 12 m east, 7 m south."""
+def test_place_of_the_last_image_includes_the_shift_of_the_map(tmp_path):
+    """Register sixteen images with the spacecraft in view, the last ones far finer than a map 12 m east, 7 m south."""
     descent = Descent(spacecraft=True, shift_m=(12.0, -7.0))
     base = Map.open(descent.write_map(tmp_path / "map.tif"))
     mask = find_mask([descent.image(k) for k in range(0, 12, 2)])
@@ -49,8 +49,7 @@ def test_the_last_image_is_found_with_the_map_s_shift(tmp_path):
 
 
 @pytest.mark.slow
-def test_an_image_before_the_first_that_is_on_the_map_is_placed_too(base):
-    """The first sees hardly anything of where the map is searched: it comes by way of the second."""
+def test_image_outside_the_search_area_is_placed_by_the_next_one(base):
     matrices = [
         frame_matrix((250.0, 250.0), 2.3, shape=(400, 500)),
         frame_matrix((650.0, 650.0), 2.2, shape=(400, 500)),
@@ -59,9 +58,9 @@ def test_an_image_before_the_first_that_is_on_the_map_is_placed_too(base):
     result = register_chain(frames, base, map_sigma_m=MAP_M, search_area=(-19.51, 44.12, 600.0))
     assert [f.matched_to for f in result.frames] == [(), ("0", "map")]
     point = result.ground_point("0")
-    found_m = base.plane().from_longitude_latitude([[point.longitude_deg, point.latitude_deg]])[0]
+    place_m = base.plane().from_longitude_latitude([[point.longitude_deg, point.latitude_deg]])[0]
     np.testing.assert_allclose(
-        found_m, (250.0 - 999.5) * PIXEL_M * np.array([1.0, -1.0]), rtol=0, atol=5 * PLACE_M
+        place_m, (250.0 - 999.5) * PIXEL_M * np.array([1.0, -1.0]), rtol=0, atol=5 * PLACE_M
     )
 
 
@@ -88,8 +87,9 @@ ALL_WRONG = {1: "another scene", 2: "black", 4: "saturated", 5: "mirrored", 6: "
         pytest.param(4, {1: "black", 2: "cut"}, (-19.51, 44.12, 600.0), id="two"),
     ],
 )
-def test_images_that_do_not_belong_are_left_out_by_name(base, tmp_path, frames, names, search_area):
-    """The others are registered."""
+def test_foreign_images_have_a_status_and_the_others_are_registered(
+    base, tmp_path, frames, names, search_area
+):
     changed = {k: lambda k=k: WRONG[names[k]][1](k, tmp_path) for k in names}
     descent = Descent(frames=frames, changed=changed)
     result = register_chain(descent.list, base, map_sigma_m=MAP_M, search_area=search_area)
@@ -99,22 +99,21 @@ def test_images_that_do_not_belong_are_left_out_by_name(base, tmp_path, frames, 
     assert "cut.png" in result.frames[cut].reason
     point = result.ground_point(f"{frames - 1:04d}.png")
     np.testing.assert_allclose(descent.error_m(point, frames - 1), 0.0, rtol=0, atol=PLACE_M)
-    words = rf"0001\.png is {expected[1].value}: none of its pixels has a place on the map"
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=rf"0001\.png is {expected[1].value}"):
         result.ground_point("0001.png")
-    with pytest.raises(InputError, match="not among the images"):
+    with pytest.raises(InputError, match="elsewhere"):
         result.ground_point("elsewhere.png")
 
 
 @pytest.mark.slow
-def test_last_images_that_only_match_each_other_give_no_place(base):
-    """The last two, of another scene, and so the lander, are not tied to the map; the others are registered."""
+def test_last_images_that_only_match_each_other_are_untied(base):
+    """Append two images of another scene to three registered ones."""
     changed = {k: lambda k=k: frame(scene(2), SHORT.matrix(k), SHORT.shape) for k in (3, 4)}
     result = register_chain(Descent(frames=5, changed=changed).list, base, map_sigma_m=MAP_M)
     expected = [FrameStatus.REGISTERED] * 3 + [FrameStatus.UNMATCHED, FrameStatus.UNTIED]
     assert list(statuses(result).values()) == expected
     assert result.frames[4].matched_to == ("0003.png",)
-    with pytest.raises(InputError, match=r"0004\.png is untied: none of its pixels has a place on the map"):
+    with pytest.raises(InputError, match=r"0004\.png is untied"):
         result.ground_point("0004.png")
 
 
@@ -134,53 +133,53 @@ def test_no_image_on_the_map_is_an_error(base, frames):
 
 
 @pytest.mark.slow
-def test_images_out_of_order_are_named(base):
+def test_images_out_of_order_are_refused(base):
     order = [0, 3, 1, 4]
-    with pytest.raises(InputError, match=r"from high to low: 0001\.png .* comes after 0003\.png"):
+    with pytest.raises(InputError, match=r"0001\.png .* comes after 0003\.png"):
         register_chain([SHORT.list[k] for k in order], base, map_sigma_m=MAP_M)
     with pytest.raises(InputError, match=r"images have the same name: \['0000\.png'\]"):
         register_chain([SHORT.list[0], SHORT.list[0]], base, map_sigma_m=MAP_M)
 
 
-def test_images_in_reversed_order_are_said_to_be(base):
-    with pytest.raises(InputError, match=r"reversed order: from 0006\.png to 0004\.png .*highest first"):
+def test_images_in_reversed_order_are_refused(base):
+    with pytest.raises(InputError, match=r"reversed order: from 0006\.png to 0004\.png"):
         register_chain(SHORT.list[:3:-1], base, map_sigma_m=MAP_M)
 
 
 @pytest.mark.slow
-def test_sought_near_a_place(base):
+def test_search_area_restricts_the_map(base):
     result = register_chain(SHORT.list[:2], base, map_sigma_m=MAP_M, search_area=(-19.51, 44.12, 1500.0))
     np.testing.assert_allclose(SHORT.error_m(result.ground_point("0001.png"), 1), 0.0, rtol=0, atol=PLACE_M)
-    with pytest.raises(InputError, match=r"does not show the surroundings of longitude 10\.0000"):
+    with pytest.raises(InputError, match=r"longitude 10\.0000"):
         register_chain(SHORT.list[:2], base, map_sigma_m=MAP_M, search_area=(10.0, 44.12, 1500.0))
 
 
 @pytest.mark.slow
-def test_a_pixel_and_its_sigma(base):
+def test_sigma_of_a_pixel_is_added_on_the_ground(base):
     result = register_chain(SHORT.list[:2], base, map_sigma_m=MAP_M)
-    there = result.ground_point("0001.png", [100.0, 300.0])
+    point = result.ground_point("0001.png", [100.0, 300.0])
     np.testing.assert_allclose(
-        [there.longitude_deg, there.latitude_deg], SHORT.truth_deg(1, [100.0, 300.0]), rtol=0, atol=2e-5
+        [point.longitude_deg, point.latitude_deg], SHORT.truth_deg(1, [100.0, 300.0]), rtol=0, atol=2e-5
     )  # 0.6 m
-    more = result.ground_point("0001.png", [100.0, 300.0], pixel_sigma=2.0)
-    added = np.sqrt(np.diag(more.covariance_m2 - there.covariance_m2))
+    measured = result.ground_point("0001.png", [100.0, 300.0], pixel_sigma=2.0)
+    added = np.sqrt(np.diag(measured.covariance_m2 - point.covariance_m2))
     assert added == pytest.approx(2.0 * result.frames[1].pixel_m, abs=1.0)  # the image is tilted by a fifth
 
 
 @pytest.mark.slow
-def test_distortion_is_taken_off(base):
-    """Frames seen through a lens that draws toward the middle by up to 9 pixels, and their pixels as they would be."""
+def test_distortion_of_the_camera_is_removed(base):
+    """Distort frames toward the middle by up to 9 pixels."""
     lens = Camera(1000.0, np.eye(2), [249.5, 199.5], Distortion("radial", [0.0, -3e-7, 0.0]))
     ideal = undistorted(lens)
 
-    def bent(k):
+    def distorted(k):
         import cv2
 
         grid = np.stack(np.meshgrid(np.arange(500.0), np.arange(400.0)), axis=-1)
-        at = ideal(grid.reshape(-1, 2)).reshape(grid.shape).astype(np.float32)
-        return cv2.remap(SHORT.image(k), at[..., 0], at[..., 1], cv2.INTER_CUBIC)
+        x, y = np.moveaxis(ideal(grid.reshape(-1, 2)).reshape(grid.shape).astype(np.float32), -1, 0)
+        return cv2.remap(SHORT.image(k), x, y, cv2.INTER_CUBIC)
 
-    frames = [Frame(f"{k}", lambda k=k: bent(k), lambda _: lens) for k in range(3)]
+    frames = [Frame(f"{k}", lambda k=k: distorted(k), lambda _: lens) for k in range(3)]
     result = register_chain(frames, base, map_sigma_m=MAP_M)
     corner = np.array([[20.0, 30.0]])
     point = result.ground_point("2", corner[0])
@@ -188,13 +187,12 @@ def test_distortion_is_taken_off(base):
     np.testing.assert_allclose([point.longitude_deg, point.latitude_deg], expected, rtol=0, atol=2e-5)
 
 
-def test_masks_and_files_refused(base):
-    with pytest.raises(InputError, match=r"0000\.png has \(400, 500\) lines and samples, the mask \(4, 5\)"):
+def test_mask_of_another_size_is_refused(base):
+    with pytest.raises(InputError, match=r"the mask \(4, 5\)"):
         register_chain(SHORT.list[:1], base, map_sigma_m=MAP_M, mask=np.ones((4, 5), bool))
 
 
-def test_homographies_along_hundreds_of_images_do_not_vanish():
-    """Each has its elements over their norm, some 600: of a hundred such products nothing would be left."""
+def test_products_of_homographies_along_hundreds_of_images_do_not_underflow():
     matrix = np.array([[0.9, 0.1, 300.0], [-0.1, 0.9, -500.0], [0.0, 0.0, 1.0]])
     to_plane = np.eye(3)
     for _ in range(500):

@@ -1,4 +1,4 @@
-"""Completed study files: what was found is stated, comments survive, and the command writes them."""
+"""Completed study files: results of the search, preserved comments, the command."""
 
 import json
 import tomllib
@@ -16,8 +16,8 @@ from radioloc.measurements import PhysicalModel
 from radioloc.search import search
 from radioloc.search.completed_file import Change, completed_text
 
-FAR = """
-# Where it stood before landing.
+DISTANT_TARGET = """
+# A-priori position from another site.
 [target]
 longitude_deg = 8.0  # of another site
 latitude_deg = 43.0
@@ -34,17 +34,17 @@ off = ["ionosphere"]
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("far")
     write_observations(folder / "tracking.csv", change5_case.observations(PhysicalModel.build(), 1200.0))
-    (folder / "study.toml").write_text(FAR)
+    (folder / "study.toml").write_text(DISTANT_TARGET)
     return folder
 
 
-def test_the_command_writes_a_study_that_is_located_without_a_search(folder, capsys):
+def test_command_writes_a_study_that_needs_no_search(folder, capsys):
     completed = folder / "completed.toml"
     assert main(["search", str(folder / "study.toml"), "--out", str(completed), "--json"]) == 0
-    [found] = json.loads(capsys.readouterr().out)["apriori_positions"]
-    assert "# Where it stood before landing." in completed.read_text()
+    [position] = json.loads(capsys.readouterr().out)["apriori_positions"]
+    assert "# A-priori position from another site." in completed.read_text()
     target = tomllib.loads(completed.read_text())["target"]
-    assert target == {key: found[key] for key in ("frame", "longitude_deg", "latitude_deg", "height_m")}
+    assert target == {key: position[key] for key in ("frame", "longitude_deg", "latitude_deg", "height_m")}
     solution = radioloc.locate(completed)
     assert solution.converged
     assert np.linalg.norm(solution.position_pa_m - change5_case.LANDER.to_frame("PA_DE421").xyz_m) < 50.0
@@ -53,7 +53,7 @@ def test_the_command_writes_a_study_that_is_located_without_a_search(folder, cap
     assert capsys.readouterr().out == ""
 
 
-def test_completed_studies_lie_beside_files(folder, tmp_path):
+def test_completed_study_needs_the_folder_of_its_file(folder, tmp_path):
     result = search(folder / "study.toml")
     with pytest.raises(InputError, match="expected a file in the folder of"):
         result.write(tmp_path / "completed.toml")
@@ -78,7 +78,7 @@ BURN = {"name": "a", "epoch": "2012-04-08"}
         ("forces.impulses = [{name = 'a', epoch = '2012-04-08'}]\n", [BURN]),
     ],
 )
-def test_tables_of_all_forms_are_changed(tmp_path, text, impulses):
+def test_tables_of_all_forms_are_edited(tmp_path, text, impulses):
     (tmp_path / "study.toml").write_text(text)
     completed = completed_text(tmp_path / "study.toml", [CHANGE])
     forces = tomllib.loads(completed)["forces"]

@@ -1,4 +1,4 @@
-"""First orbits from Doppler alone: made ones are found again, with and without their plane, and a real one."""
+"""First orbits from Doppler alone, with and without a given plane, of simulated and real tracking."""
 
 from dataclasses import replace
 from operator import attrgetter
@@ -26,26 +26,26 @@ def forces():
     return Forces(GravityField.open("GRGM660PRIM", 20), gradient_degree=20)
 
 
-def counted(model, forces, state, seconds):
-    """By one station, where the orbit is not behind the Moon."""
-    made, usable, _ = tracked(model, forces, SIGMA_M, seconds, state, handover_s=np.inf)
-    return made.select(usable)
+def visible_counts(model, forces, state, seconds):
+    """Simulate counts of one station while the orbiter is visible."""
+    observations, usable, _ = tracked(model, forces, SIGMA_M, seconds, state, handover_s=np.inf)
+    return observations.select(usable)
 
 
 @pytest.fixture(scope="module")
 def doppler(model, forces):
-    """Of an hour, of which a half is behind the Moon."""
-    made = counted(model, forces, STATE, FIRST_PASS_S)
-    value_m = made.value_m.copy()
-    value_m[10] += 3e4  # a count that was not locked
-    return replace(made, value_m=value_m)
+    """Simulate an hour of Doppler, half of it hidden by the Moon, with an outlier."""
+    observations = visible_counts(model, forces, STATE, FIRST_PASS_S)
+    value_m = observations.value_m.copy()
+    value_m[10] += 3e4  # count without lock
+    return replace(observations, value_m=value_m)
 
 
 def rough(forces, *plane):
     return Orbiter(EPOCH, None, None, forces, "craft", 0, rough=RoughOrbit(ALTITUDE_M, *plane))
 
 
-def test_a_plane_is_counted_from_the_node_of_the_equator(model):
+def test_plane_refers_to_the_lunar_equator_and_its_node(model):
     axes = equatorial_axes(model.libration, EPOCH)
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-15)
     assert np.linalg.det(axes) == pytest.approx(1.0)
@@ -54,10 +54,9 @@ def test_a_plane_is_counted_from_the_node_of_the_equator(model):
     right_ascension, declination = np.degrees([np.arctan2(axes[2, 1], axes[2, 0]), np.arcsin(axes[2, 2])])
     assert right_ascension % 360.0 == pytest.approx(270.0, abs=5.0)
     assert declination == pytest.approx(66.5, abs=2.0)
-    # An orbit from the node, to the north after a quarter of it where it goes east by half.
-    east = np.cos(np.radians(60.0)) * axes[1] + np.sin(np.radians(60.0)) * axes[2]
-    assert plane_deg(np.concatenate([axes[0], east]), axes) == pytest.approx((60.0, 0.0))
-    turned = turned_state(np.concatenate([axes[0], east]), np.radians(30.0) * axes[2])
+    velocity = np.cos(np.radians(60.0)) * axes[1] + np.sin(np.radians(60.0)) * axes[2]
+    assert plane_deg(np.concatenate([axes[0], velocity]), axes) == pytest.approx((60.0, 0.0))
+    turned = turned_state(np.concatenate([axes[0], velocity]), np.radians(30.0) * axes[2])
     assert plane_deg(turned, axes) == pytest.approx((60.0, 30.0))
 
 
@@ -66,7 +65,7 @@ def study(forces, *plane):
 
 
 @pytest.mark.study
-def test_an_orbit_is_found_from_altitude_and_plane(forces, doppler):
+def test_orbit_with_given_altitude_and_plane_is_determined(forces, doppler):
     result = search(study(forces, INCLINATION_DEG, NODE_DEG), doppler)
     assert result.is_usable
     solution = radioloc.locate(result.study, doppler)
@@ -78,11 +77,11 @@ def test_an_orbit_is_found_from_altitude_and_plane(forces, doppler):
 
 
 @pytest.mark.slow
-def test_without_the_plane_a_mirrored_candidate_is_found_as_well(model, forces, doppler):
-    best, *others = first_orbits(rough(forces), model, doppler)
+def test_candidates_without_plane_include_a_mirror_image(model, forces, doppler):
+    best, *alternatives = first_orbits(rough(forces), model, doppler)
     assert np.linalg.norm(best.state[:3] - STATE[:3]) < 2e3
     assert (best.inclination_deg, best.node_deg) == pytest.approx((88.8, 114.8), abs=0.1)
-    assert any(one.mirrored for one in others)
+    assert any(candidate.mirrored for candidate in alternatives)
 
 
 @pytest.mark.slow
@@ -90,10 +89,10 @@ def test_without_the_plane_a_mirrored_candidate_is_found_as_well(model, forces, 
     ("altitude_m", "inclination_deg", "node_deg", "phase_deg"),
     [(65e3, 118.4, 270.1, 100.0), (193e3, 63.3, 194.8, 200.0), (40e3, 86.7, 165.4, 300.0)],
 )
-def test_orbits_of_any_plane_are_found_from_their_altitude(
+def test_eccentric_orbits_are_determined_from_their_altitude(
     model, forces, altitude_m, inclination_deg, node_deg, phase_deg
 ):
-    """Eccentric by a third of a per cent, of which the search does not know, from a pass and a half."""
+    """The eccentricity is 0.3 %, the data a pass and a half."""
     radius_m, speed_m_s = 1737.4e3 + altitude_m, np.sqrt(4.9028e12 / (1737.4e3 + altitude_m))
     tilt, phase, node = np.radians([inclination_deg, phase_deg, node_deg])
     turns = (np.array([0.0, 0.0, phase]), np.array([tilt, 0.0, 0.0]), np.array([0.0, 0.0, node]))
@@ -101,25 +100,25 @@ def test_orbits_of_any_plane_are_found_from_their_altitude(
     for turn in turns:
         state = turned_state(state, turn)
     state = (state.reshape(2, 3) @ equatorial_axes(model.libration, EPOCH)).ravel()
-    observations = counted(model, forces, state, np.arange(60.0, 9000.0, 60.0))
+    observations = visible_counts(model, forces, state, np.arange(60.0, 9000.0, 60.0))
     orbiter = Orbiter(EPOCH, None, None, forces, "craft", 0, rough=RoughOrbit(altitude_m + 8e3))
     best, *_ = first_orbits(orbiter, model, observations)
     assert np.linalg.norm(best.state[:3] - state[:3]) < 2e3
 
 
-def test_candidates_that_fit_as_well_are_undecided():
+def test_candidates_of_similar_misfit_are_ambiguous():
     pair = [Candidate(STATE, misfit, 88.8, 115.0) for misfit in (1e-4, 1.2e-4)]
     assert is_ambiguous(pair)
     assert not is_ambiguous([pair[0], replace(pair[1], misfit_m_s=2e-4)])
 
 
-def test_too_little_doppler_is_an_error(model, forces, doppler):
-    with pytest.raises(InputError, match="needs 12 counts of two- or three-way Doppler within two hours"):
+def test_few_counts_are_refused(model, forces, doppler):
+    with pytest.raises(InputError, match="needs 12 counts"):
         first_orbits(rough(forces), model, doppler.select(np.arange(5)))
 
 
 def test_a_state_and_a_rough_orbit_exclude_each_other(forces):
-    with pytest.raises(InputError, match="give either position_m and velocity_m_s, or a rough orbit"):
+    with pytest.raises(InputError, match="either position_m and velocity_m_s"):
         replace(rough(forces), position_m=(1.8e6, 0.0, 0.0))
 
 
@@ -140,16 +139,16 @@ wavelength_um = 36000.0
 
 
 @pytest.mark.parametrize("name", ["covariance", "monte_carlo", "simulate", "visibility", "light_times"])
-def test_jobs_of_plans_name_the_search_where_there_is_no_state(tmp_path, name):
+def test_jobs_of_plans_need_a_state(tmp_path, name):
     (tmp_path / "plan.toml").write_text(PLAN)
     job = attrgetter(name)(radioloc)
-    with pytest.raises(InputError, match=r"got a rough orbit; `radioloc search"):
+    with pytest.raises(InputError, match="got a rough orbit"):
         job(radioloc.read_study(tmp_path / "plan.toml"))
 
 
 @pytest.mark.parametrize("job", [radioloc.locate, radioloc.compute_residuals])
-def test_jobs_of_data_name_the_search_where_there_is_no_state(forces, doppler, job):
-    with pytest.raises(InputError, match=r"got a rough orbit; `radioloc search"):
+def test_jobs_of_data_need_a_state(forces, doppler, job):
+    with pytest.raises(InputError, match="got a rough orbit"):
         job(study(forces), doppler)
 
 
@@ -159,14 +158,14 @@ TARGET = '[target]\nname = "GRAIL-B"\ndynamics = "moon"\nepoch = "2012-04-09T04:
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ("altitude_m = -3.0", r"\[target\] altitude_m must be above 0"),
+        ("altitude_m = -3.0", "altitude_m must be above 0"),
         ("altitude_m = 55e3\ninclination_deg = 188.8", "inclination_deg must be from 0 to 180"),
         ("altitude_m = 55e3\nnode_deg = 900.0", "node_deg must be from -360 to 360"),
-        ("altitude_m = 55e3\nposition_m = [1.0, 2.0, 3.0]", "position_m: give either position_m and"),
-        ("inclination_deg = 88.8", "position_m: is missing; an orbiter needs epoch"),
+        ("altitude_m = 55e3\nposition_m = [1.0, 2.0, 3.0]", "position_m: give either position_m"),
+        ("inclination_deg = 88.8", "position_m: is missing"),
     ],
 )
-def test_what_is_rough_is_given_in_place_of_the_state(tmp_path, keys, message):
+def test_invalid_rough_orbits_are_refused(tmp_path, keys, message):
     (tmp_path / "a.csv").touch()
     (tmp_path / "study.toml").write_text(
         f'{TARGET}{keys}\n[forces]\ndegree = 4\n[observations]\nfiles = ["a.csv"]\n'
@@ -180,13 +179,13 @@ def test_what_is_rough_is_given_in_place_of_the_state(tmp_path, keys, message):
 @pytest.mark.parametrize(
     ("plane", "hours"), [(f"inclination_deg = {INCLINATION_DEG}\nnode_deg = {NODE_DEG}", 6.5), ("", 1.5)]
 )
-def test_grail_is_found_from_its_altitude(tmp_path, plane, hours):
+def test_real_orbit_of_grail_is_determined_from_its_altitude(tmp_path, plane, hours):
     result = search(grail_study(tmp_path, f"altitude_m = {ALTITUDE_M}\n{plane}", hours))
     assert result.manoeuvres == ()
     solution = radioloc.locate(result.write(tmp_path / "completed.toml"))
     assert solution.converged
-    # The published state is good to about 100 m.
+    # The error of the published state is about 100 m.
     assert np.linalg.norm(solution.state.position_m - [575750.0, -463261.0, -1631634.0]) < 300.0
-    # From the known state six hours and a half leave 0.464 mm/s: what the field lacks.
+    # From the published state, six hours and a half leave 0.464 mm/s, the error of the field.
     assert one_way_rms_mm_s(solution) < (0.08 if hours < 2.0 else 0.47)
-    assert any(one.mirrored for one in result.orbits) == (not plane)
+    assert any(candidate.mirrored for candidate in result.orbits) == (not plane)

@@ -1,4 +1,4 @@
-"""Manoeuvres that a study does not state: a doubt of the fit, found by the search, and then estimated."""
+"""Undocumented manoeuvres: note of the fit, search, and estimation."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from radioloc.estimation import FitStatus
 from radioloc.search import search
 from radioloc.study.orbit_choice import OrbitChoice
 
-SIGMA_M = 2e-3  # of 60 s: what counts of real links of 0.03 mm/s have
+SIGMA_M = 2e-3  # of counts of 60 s on links of 0.03 mm/s
 FORCES = Forces(GravityField.open("GRGM660PRIM", 20), radiation_m2_kg=0.018, gradient_degree=20)
 
 
@@ -41,43 +41,43 @@ def study(forces):
         pytest.param(9500.0, (1.0, 4.0, 3.0), marks=pytest.mark.slow),
     ],
 )
-def test_an_undocumented_manoeuvre_is_found_and_then_estimated(model, time_s, delta_v_m_s):
+def test_undocumented_manoeuvre_is_detected_and_estimated(model, time_s, delta_v_m_s):
     observations = counts(model, replace(FORCES, impulses=(burn(time_s, delta_v_m_s),)))
-    doubtful = radioloc.locate(study(FORCES), observations)
-    assert doubtful.status is FitStatus.MISFIT
-    assert any("`radioloc search STUDY.toml` looks for manoeuvres" in note for note in doubtful.notes)
+    fit_without = radioloc.locate(study(FORCES), observations)
+    assert fit_without.status is FitStatus.MISFIT
+    assert any("`radioloc search STUDY.toml` looks for manoeuvres" in note for note in fit_without.notes)
     result = search(study(FORCES), observations)
-    (found,) = result.manoeuvres
-    assert abs(found.epoch.seconds_since(EPOCH)[0] - time_s) < 4.0 * max(found.sigma_s, 1.0) + 1.0
-    # What is short of it in a pass is made up by the state: per cent.
-    assert np.abs(found.delta_v_m_s - delta_v_m_s).max() < 0.02 * np.linalg.norm(delta_v_m_s)
-    assert (found.gap is not None) == (time_s == 6000.0)
+    (manoeuvre,) = result.manoeuvres
+    assert abs(manoeuvre.epoch.seconds_since(EPOCH)[0] - time_s) < 4.0 * max(manoeuvre.sigma_s, 1.0) + 1.0
+    # The state absorbs some per cent of it within a pass.
+    assert np.abs(manoeuvre.delta_v_m_s - delta_v_m_s).max() < 0.02 * np.linalg.norm(delta_v_m_s)
+    assert (manoeuvre.gap is not None) == (time_s == 6000.0)
     solution = radioloc.locate(result.study, observations)
     assert solution.converged
     assert solution.residuals.used.sum() > len(observations) - 8
     error = np.concatenate([solution.state.position_m, solution.state.velocity_m_s]) - STATE
     assert (np.abs(error) < 4.0 * np.sqrt(np.diag(solution.state.covariance))).all()
-    sigmas = dict(zip([one.name for one in solution.parameters], solution.sigmas(), strict=True))
-    values = dict(zip([one.name for one in solution.parameters], solution.values, strict=True))
+    sigmas = dict(zip([parameter.name for parameter in solution.parameters], solution.sigmas(), strict=True))
+    values = dict(zip([parameter.name for parameter in solution.parameters], solution.values, strict=True))
     for name, true in zip("rtn", delta_v_m_s, strict=True):
-        # The epoch is off by its sigma, and is not estimated.
+        # The epoch has an error of its sigma, and is fixed.
         tolerance_m_s = 5.0 * sigmas[f"force.found_1.{name}"] + 1e-3 * np.linalg.norm(delta_v_m_s)
         assert abs(values[f"force.found_1.{name}"] - true) < tolerance_m_s
 
 
 @pytest.mark.slow
-def test_a_burn_of_a_minute_is_found_as_an_impulse(model):
+def test_burn_of_a_minute_is_detected_as_an_impulse(model):
     thrust = Acceleration(
         "burn", constant_m_s2=(0.0, 0.01, 0.0), start=EPOCH.shifted(9470.0), stop=EPOCH.shifted(9530.0)
     )
     result = search(study(FORCES), counts(model, replace(FORCES, accelerations=(thrust,))))
-    (found,) = result.manoeuvres
-    assert abs(found.epoch.seconds_since(EPOCH)[0] - 9500.0) < 15.0
-    np.testing.assert_allclose(found.delta_v_m_s, [0.0, 0.6, 0.0], atol=0.02)
+    (manoeuvre,) = result.manoeuvres
+    assert abs(manoeuvre.epoch.seconds_since(EPOCH)[0] - 9500.0) < 15.0
+    np.testing.assert_allclose(manoeuvre.delta_v_m_s, [0.0, 0.6, 0.0], atol=0.02)
 
 
 @pytest.mark.study
-def test_an_orbit_without_a_manoeuvre_is_left_alone(model):
+def test_orbit_without_manoeuvres_has_no_detection(model):
     observations = counts(model, FORCES)
     assert radioloc.locate(study(FORCES), observations).converged
     assert search(study(FORCES), observations).manoeuvres == ()
@@ -86,17 +86,17 @@ def test_an_orbit_without_a_manoeuvre_is_left_alone(model):
 @pytest.mark.parametrize(
     ("forces", "message"),
     [
-        (replace(FORCES, impulses=(burn(20000.0, (0.0, 0.5, 0.1)),)), r"impulses\]\] burn acts after"),
+        (replace(FORCES, impulses=(burn(20000.0, (0.0, 0.5, 0.1)),)), "burn acts after"),
         (
             replace(FORCES, accelerations=(Acceleration("thrust", stop=EPOCH.shifted(-900.0)),)),
-            r"accelerations\]\] thrust acts before the arc, which is from 2012-04-09T04:30:00 to 2012-04-09T07:51",
+            "thrust acts before the arc",
         ),
         (
             replace(FORCES, impulses=(burn(0.0, (0.0, 0.5, 0.1)),)),
-            "burn is at 2012-04-09T04:30:00.000 TDB, .* at the epoch of craft",
+            "at the epoch of craft",
         ),
     ],
 )
-def test_manoeuvres_that_are_not_on_the_arc(model, forces, message):
+def test_manoeuvres_outside_the_arc_are_refused(model, forces, message):
     with pytest.raises(InputError, match=message):
         radioloc.locate(study(forces), counts(model, FORCES))

@@ -21,7 +21,7 @@ def lander_pa_m(lander, model):
 
 @pytest.fixture(scope="session")
 def compute():
-    """The measurement model's prediction of observations."""
+    """Predict observations by the measurement model."""
 
     def predicted(model, observations, target_pa_m):
         return ExactPredictor(model, observations, FixedPoint(target_pa_m)).compute()
@@ -31,5 +31,5 @@ def compute():
 
 @pytest.fixture(scope="session")
 def predict_m(compute):
-    """The same, the values alone."""
+    """Predict values by the measurement model."""
     return lambda model, observations, target_pa_m: compute(model, observations, target_pa_m).value_m

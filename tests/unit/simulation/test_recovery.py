@@ -1,4 +1,4 @@
-"""Without noise the position comes back to a millimetre, from 20 km off, wherever the lander and whatever the data."""
+"""Fits of noise-free data recover the position to a millimetre from starts 20 km away."""
 
 import dataclasses
 
@@ -19,16 +19,16 @@ from radioloc.study.study import EstimateChoice
 from radioloc.time import utc_to_tai
 
 TOLERANCE_M = 1e-3
-START_OFF_M = 20e3
+START_OFFSET_M = 20e3
 START, STOP = "2020-12-01T15:11", "2020-12-03T15:10"
 RANGERS, VLBI = ("JIAMUSI", "KASHI", "NEUQUEN"), ("SESHAN25", "MIYUN50", "KUNMING", "URUMQI")
-# At the limb the Earth may be below the horizon; the equations do not mind.
+# At the limb the Earth may be below the horizon.
 MASKS = Masks(10.0, target_deg=-90.0)
 RADIO = {"uplink_hz": 7.2e9, "wavelength_um": 35394.6}
 RANGE = Session("range", all_ranges(*RANGERS), START, STOP, 1200.0, 1e-3, one_uplink=True, **RADIO)
 DELAY = Session("vlbi_delay", baselines(*VLBI), START, STOP, 1200.0, 1e-3, **RADIO)
-# The libration angle is rounded to 2 micrometres on the surface. In a range that is nothing, but the growth of a range
-# over a quarter of an hour feels the distance of the point by 0.2 mm for a metre. Two hours leave 0.4 mm.
+# The libration angle is rounded to 2 micrometres on the surface. The change of a range over a quarter of an hour
+# depends on the distance of the point by 0.2 mm per metre, which magnifies the rounding; over two hours 0.4 mm remain.
 DOPPLER = Session(
     "doppler", all_ranges(*RANGERS), START, STOP, 600.0, 1e-3, one_uplink=True, count_s=7200.0, **RADIO
 )
@@ -45,25 +45,25 @@ MIXES = {
 
 
 @pytest.fixture(scope="module")
-def whole_model():
-    """The troposphere too."""
+def full_model():
+    """Model with troposphere."""
     return PhysicalModel.build()
 
 
 def sites():
-    """Twenty places: near side and limb, poles among them, and the Chang'e-5 lander."""
+    """Return twenty places on the near side and the limb, with the poles and the Chang'e-5 lander."""
     limb = [(90.0, 0.0), (-90.0, 0.0), (0.0, 90.0), (0.0, -90.0), (90.0, 60.0), (-88.0, -60.0), (85.0, 30.0)]
-    near = [(0.0, 0.0), (60.0, 0.0), (-60.0, 0.0), (0.0, 60.0), (0.0, -60.0), (-51.9162, 43.0584)]
+    near_side = [(0.0, 0.0), (60.0, 0.0), (-60.0, 0.0), (0.0, 60.0), (0.0, -60.0), (-51.9162, 43.0584)]
     spiral = [(-70.0 + 20.0 * k, 50.0 * np.sin(2.0 * k)) for k in range(7)]
-    return [(float(lon), float(lat)) for lon, lat in (*near, *limb, *spiral)]
+    return [(float(lon), float(lat)) for lon, lat in (*near_side, *limb, *spiral)]
 
 
 def recovered_error_m(sessions, longitude_deg, latitude_deg, model, seed):
     target = LunarPosition.from_selenographic(longitude_deg, latitude_deg, -2000.0)
     world = Scenario(Schedule(sessions, MASKS), target).world(model)
     observations = world.draw().observations
-    away = np.random.default_rng(seed).normal(size=3)
-    start_m = world.target_pa_m + START_OFF_M * away / np.linalg.norm(away)
+    direction = np.random.default_rng(seed).normal(size=3)
+    start_m = world.target_pa_m + START_OFFSET_M * direction / np.linalg.norm(direction)
     arc = ExactPredictor(model, observations, FixedPoint(start_m))
 
     def residuals(x):
@@ -81,29 +81,27 @@ def recovered_error_m(sessions, longitude_deg, latitude_deg, model, seed):
     return float(np.linalg.norm(fit.x - world.target_pa_m))
 
 
-QUICK_SITES = (0, 5, 11)
-"""Of these the middle of the near side, the Chang'e-5 lander and the limb in the south-west."""
+QUICK_SITES = (0, 5, 11)  # middle of the near side, Chang'e-5 lander, limb in the south-west
 
 
 @pytest.mark.parametrize(
     ("mix", "number"),
     some([(mix, k) for mix in MIXES for k in range(20)], zip(MIXES, 2 * QUICK_SITES, strict=True)),
 )
-def test_the_position_comes_back(mix, number, whole_model):
+def test_position_is_recovered(mix, number, full_model):
     longitude_deg, latitude_deg = sites()[number]
-    assert recovered_error_m(MIXES[mix], longitude_deg, latitude_deg, whole_model, seed=number) < TOLERANCE_M
+    assert recovered_error_m(MIXES[mix], longitude_deg, latitude_deg, full_model, seed=number) < TOLERANCE_M
 
 
 DELAYS = EquipmentDelays(1.2e-6, {name: StationDelay(3e-8, 2e-8) for name in (*RANGERS, *VLBI)})
-"""In the world and in the model; only the transponder's is another in the world."""
-HOLD_ERROR_S = 2e-8
+HOLD_ERROR_S = 2e-8  # of the transponder delay in the model
 WITH_RANGES = [mix for mix, sessions in MIXES.items() if RANGE in sessions]
 
 
 def passes_of(arc):
-    """Station and number of the pass that each range was received in, by its own count: a gap of four hours."""
+    """Return the name of the range bias of each range, by passes separated by gaps of four hours."""
     since_s = utc_to_tai(arc.observations.epoch).seconds_since(utc_to_tai(arc.observations.epoch[:1]))
-    found = np.full(len(since_s), "", dtype=object)
+    names = np.full(len(since_s), "", dtype=object)
     ranges = arc.observations.kind == RANGES
     for station in set(arc.receivers[ranges].tolist()):
         rows = np.flatnonzero(ranges & (arc.receivers == station))
@@ -112,16 +110,16 @@ def passes_of(arc):
         for row in rows[np.argsort(since_s[rows], kind="stable")]:
             number += bool(since_s[row] - last_s > 4 * 3600.0)
             last_s = since_s[row]
-            found[row] = f"range_bias.{arc.stations[station]} {number}"
-    return found
+            names[row] = f"range_bias.{arc.stations[station]} {number}"
+    return names
 
 
 def recovered_with_equipment(sessions, longitude_deg, latitude_deg, model, seed):
-    """Errors of the position, of the passes' biases, and of the transponder's delay as a distance, m.
+    """Return errors of the position, of the biases of passes, and of the transponder delay as a distance, m.
 
-    What all biases have in common looks like the transponder's delay, so one pass is calibrated, to 0.1 mm. What is
-    left looks nearly like the distance of the point, which the path has twice. The a-priori value of the delay, wrong
-    by 6 m of path, is too weak (3 km) to decide that; with 3 m it would pull the point by 0.3 m.
+    The mean of all biases is correlated with the transponder delay, so one pass is calibrated, to 0.1 mm. The delay is
+    also correlated with the distance of the point; its a-priori sigma of 3 km makes its a-priori error of 6 m of path
+    negligible.
     """
     model = dataclasses.replace(model, delays=DELAYS)
     real = dataclasses.replace(model, delays=dataclasses.replace(DELAYS, transponder_s=1.2e-6 + HOLD_ERROR_S))
@@ -129,8 +127,8 @@ def recovered_with_equipment(sessions, longitude_deg, latitude_deg, model, seed)
     world = Scenario(Schedule(sessions, MASKS), target).world(real)
     observations = world.draw().observations
     rng = np.random.default_rng(seed)
-    away = rng.normal(size=3)
-    start_m = world.target_pa_m + START_OFF_M * away / np.linalg.norm(away)
+    direction = rng.normal(size=3)
+    start_m = world.target_pa_m + START_OFFSET_M * direction / np.linalg.norm(direction)
     arc = ExactPredictor(model, observations, FixedPoint(start_m))
     passes = passes_of(arc)
     names = sorted(set(passes) - {""})
@@ -152,11 +150,11 @@ def recovered_with_equipment(sessions, longitude_deg, latitude_deg, model, seed)
 
     fit = fit_least_squares(residuals, parameters, observations.sigma_m)
     assert fit.converged, fit.status
-    found = dict(zip(parameters.names, fit.x, strict=True))
+    estimates = dict(zip(parameters.names, fit.x, strict=True))
     return (
         float(np.linalg.norm(problem.position_pa_m(fit.x) - world.target_pa_m)),
-        max(abs(found[name] - bias_m[name]) for name in names),
-        0.5 * C_M_S * abs(found["transponder_delay"] - HOLD_ERROR_S),
+        max(abs(estimates[name] - bias_m[name]) for name in names),
+        0.5 * C_M_S * abs(estimates["transponder_delay"] - HOLD_ERROR_S),
     )
 
 
@@ -164,7 +162,7 @@ def recovered_with_equipment(sessions, longitude_deg, latitude_deg, model, seed)
     ("mix", "number"),
     some([(mix, k) for mix in WITH_RANGES for k in range(20)], zip(WITH_RANGES, QUICK_SITES, strict=True)),
 )
-def test_passes_and_transponder_come_back_too(mix, number, whole_model):
+def test_biases_of_passes_and_transponder_delay_are_recovered(mix, number, full_model):
     longitude_deg, latitude_deg = sites()[number]
-    found = recovered_with_equipment(MIXES[mix], longitude_deg, latitude_deg, whole_model, seed=number)
-    assert max(found) < TOLERANCE_M
+    errors_m = recovered_with_equipment(MIXES[mix], longitude_deg, latitude_deg, full_model, seed=number)
+    assert max(errors_m) < TOLERANCE_M

@@ -142,9 +142,9 @@ VLBI_FOLDER = DATA / "vlbi"
 
 def orientation(table=None, *, subdaily=False, zonal_tides=True):
     if table is None:
-        nothing = np.zeros(len(EOP_MJD))
+        zeros = np.zeros(len(EOP_MJD))
         pole = EOP_XP * ARCSEC_RAD, EOP_YP * ARCSEC_RAD
-        table = EopTable(EOP_MJD, *pole, EOP_UT1, nothing, nothing, nothing.astype(bool), ("CALC",))
+        table = EopTable(EOP_MJD, *pole, EOP_UT1, zeros, zeros, zeros.astype(bool), ("CALC",))
     return EarthOrientation(table, subdaily_tides=subdaily, libration=subdaily, zonal_tides=zonal_tides)
 
 
@@ -153,8 +153,8 @@ def model_of(earth, moved_itrf_m=None, off=NOT_IN_CALC):
     catalogue = StationCatalogue.default()
     for name, itrf_m in STATIONS_ITRF_M.items():
         place = np.array(itrf_m) + (0.0 if moved_itrf_m is None else moved_itrf_m[name])
-        known = dataclasses.replace(catalogue[name], itrf_m=place, velocity_m_yr=None)
-        catalogue = catalogue.with_station(known)
+        station = dataclasses.replace(catalogue[name], itrf_m=place, velocity_m_yr=None)
+        catalogue = catalogue.with_station(station)
     return dataclasses.replace(PhysicalModel.build(catalogue=catalogue, off=off), earth=earth)
 
 
@@ -266,9 +266,9 @@ def orientation_as_calc_interpolates_it():
     """A natural spline of the five days, entered with TT instead of UTC."""
     days = np.arange(EOP_MJD[1], EOP_MJD[-2] + 0.05, 0.1)
     columns = natural_spline(np.column_stack([EOP_XP, EOP_YP, EOP_UT1]), days + 69.184 / 86400.0 - EOP_MJD[0])
-    nothing = np.zeros(len(days))
+    zeros = np.zeros(len(days))
     pole = columns[:, 0] * ARCSEC_RAD, columns[:, 1] * ARCSEC_RAD
-    table = EopTable(days, *pole, columns[:, 2], nothing, nothing, nothing.astype(bool), ("spline",))
+    table = EopTable(days, *pole, columns[:, 2], zeros, zeros, zeros.astype(bool), ("spline",))
     return orientation(table, zonal_tides=False)
 
 
@@ -286,7 +286,7 @@ def natural_spline(values, at):
 
 
 def stations_as_calc_places_them(earth):
-    """How far CALC's stations are from those of the library, ITRF, m."""
+    """Return the difference of CALC's stations and those of the library, ITRF, m."""
     tt, tdb = middle()
     years = 100.0 * tt.centuries_since_j2000()
     mean_pole = np.array([23.513 + 7.6141 * years[0], 358.891 - 0.6287 * years[0]]) * 1e-3 * ARCSEC_RAD
@@ -322,8 +322,8 @@ def test_the_rest_is_what_calc_does_otherwise(model):
     """The table of the module: done as CALC does, the difference goes."""
     point_pa_m = point_as_calc_places_it(model)
     by_the_point = {
-        baseline: np.abs(was - now).max()
-        for baseline, was, now in zip(
+        baseline: np.abs(was - current).max()
+        for baseline, was, current in zip(
             BASELINES, differences(model).values(), differences(model, point_pa_m).values(), strict=True
         )
     }
@@ -335,7 +335,7 @@ def test_the_rest_is_what_calc_does_otherwise(model):
 
 @pytest.mark.parametrize("name", CALC_DRY)
 def test_delay_by_dry_air(name):
-    """With the weather that CALC takes where none is given, and Niell's mapping function."""
+    """Compare the dry delay of CALC's default weather and Niell's mapping function."""
     elevation_deg, dry_us = CALC_DRY[name]
     place = geodetic_from_itrf(np.array(STATIONS_ITRF_M[name]))
     pressure_hpa = 1013.25 * (1.0 - 6.5e-3 * place.height_m / 293.15) ** 5.26
@@ -347,13 +347,13 @@ def test_delay_by_dry_air(name):
 
 @pytest.fixture(scope="module")
 def polynomials():
-    found: dict[float, list] = {}
+    differences: dict[float, list] = {}
     for line in (VLBI_FOLDER / "a15_delays.csv").read_text().splitlines()[3:]:
         start, station, *coefficients = line.split(",")
-        row = found.setdefault(float(start), [])
+        row = differences.setdefault(float(start), [])
         assert station == list(STATIONS_ITRF_M)[len(row)]
         row.append(np.polynomial.Polynomial([float(x) for x in coefficients]))
-    return found
+    return differences
 
 
 def test_table_is_that_of_the_file(polynomials):
@@ -371,8 +371,8 @@ def test_table_is_that_of_the_file(polynomials):
 def test_whole_file(model, polynomials):
     assert len(polynomials) == 12
     table = {
-        start + after: [(p(after), p.deriv()(after)) for p in row]
+        start + elapsed_s: [(p(elapsed_s), p.deriv()(elapsed_s)) for p in row]
         for start, row in polynomials.items()
-        for after in (0.0, 60.0)
+        for elapsed_s in (0.0, 60.0)
     }
     assert largest(differences(model, table=table)) < DELAY_S < GOAL_S

@@ -72,8 +72,8 @@ def excess_cycles(first_s, last_s):
     for start_s, frequency_hz, rate_hz_s in PIECES:
         begin_s, end_s = np.maximum(first_s, start_s), np.minimum(last_s, start_s + 900.0)
         middle_s = 0.5 * (begin_s + end_s) - start_s
-        inside = end_s > begin_s
-        cycles += np.where(inside, (frequency_hz - F0_HZ + rate_hz_s * middle_s) * (end_s - begin_s), 0.0)
+        covered = end_s > begin_s
+        cycles += np.where(covered, (frequency_hz - F0_HZ + rate_hz_s * middle_s) * (end_s - begin_s), 0.0)
     return cycles
 
 
@@ -93,7 +93,7 @@ def point_pa_m(model):
 
 @pytest.fixture(scope="module")
 def geocentric(model, point_pa_m):
-    """At the ends of the counts, and at the tags."""
+    """Return delays at the ends of the counts and at the tags."""
     return {
         shift_s: GeocentricFormulation(
             model.ephemeris,
@@ -164,7 +164,7 @@ def test_doppler_at_one_frequency(model, point_pa_m, geocentric, path):
 
 
 def by_own_clock_m(model, geocentric, station, shift_s):
-    """One way, at some shift of the tags; the clock is set once for all of them."""
+    """Return one-way times at shifted tags; the clock is set once for all of them."""
     since = utc_to_tt(tai_to_utc(START))
     return geocentric[shift_s].one_way_by_own_clock_m(model.catalogue[station].itrf_m, since)
 
@@ -201,13 +201,13 @@ class CraftInFortyDigits(FortyDigits):
         return self.body(301, t)[0] + self.orbit_m(t - mpf(START_S))
 
     def orbit_m(self, since_s):
-        """As ``spk_files.circular`` has it."""
+        """Return the state of ``spk_files.circular``."""
         radius_m = 1737.4e3 + 100e3
         angle = mpf(np.sqrt(self.constants.gm_moon_m3_s2 / radius_m**3)) * since_s
         i, node = mpf(np.radians(85.0)), mpf(np.radians(40.0))
-        along = mp.matrix([mp.cos(node), mp.sin(node), 0])
+        node_axis = mp.matrix([mp.cos(node), mp.sin(node), 0])
         across = mp.matrix([-mp.sin(node) * mp.cos(i), mp.cos(node) * mp.cos(i), mp.sin(i)])
-        return mpf(radius_m) * (mp.cos(angle) * along + mp.sin(angle) * across)
+        return mpf(radius_m) * (mp.cos(angle) * node_axis + mp.sin(angle) * across)
 
 
 SHORT_S = 10.0
@@ -229,10 +229,10 @@ def test_constructed_doppler_with_ramps(tmp_path, receiver):
     ]
     ramps = Ramps.of(
         ["KASHI"] * 3,
-        tai_to_utc(Epochs.concatenate([one[0] for one in pieces])),
-        tai_to_utc(Epochs.concatenate([one[1] for one in pieces])),
-        np.array([one[2] for one in pieces]),
-        np.array([one[3] for one in pieces]),
+        tai_to_utc(Epochs.concatenate([piece[0] for piece in pieces])),
+        tai_to_utc(Epochs.concatenate([piece[1] for piece in pieces])),
+        np.array([piece[2] for piece in pieces]),
+        np.array([piece[3] for piece in pieces]),
     )
     observations = Observations.from_columns(
         epoch=tai_to_utc(start.shifted(tag_s)),

@@ -45,7 +45,7 @@ def spread(models, first_year, last_year):
 
 
 class _Rows:
-    """What a-priori sigmas are asked for: a model and epochs."""
+    """Model and epochs for which a-priori sigmas are computed."""
 
     def __init__(self, model, year):
         epoch = Epochs.from_jd(2451545.0, np.array([(year - 2000.0) * 365.25]), "UTC")
@@ -60,17 +60,17 @@ def apriori(kind, model, year):
 
 
 def test_axes_and_distance_by_two_ephemerides(models):
-    """What documents and docstrings say of them: principal axes, mean-Earth axes, and the distance by the masses."""
+    """Documented differences: principal axes, mean-Earth axes, and the distance by the masses."""
     offset_m, me_rad = spread(models, 1990.1, 2049.9)
     me_m = RADIUS_M * np.linalg.norm(me_rad, axis=-1)
     assert (me_m.min(), me_m.max()) == pytest.approx((0.065, 0.533), abs=0.01)
-    both = [model.ephemeris.constants for model in models]
-    between = rot_pa_to_me(both[1]).T @ rot_pa_to_me(both[0])  # as the constant angles have it
+    constants = [model.ephemeris.constants for model in models]
+    between = rot_pa_to_me(constants[1]).T @ rot_pa_to_me(constants[0])  # as the constant angles have it
     constant_rad = 0.5 * np.array([between[j, i] - between[i, j] for i, j in ((1, 2), (2, 0), (0, 1))])
     pa_m = RADIUS_M * np.linalg.norm(me_rad + constant_rad, axis=-1)
     assert (pa_m.min(), pa_m.mean(), pa_m.max()) == pytest.approx((1.28, 1.50, 1.78), abs=0.01)
     assert offset_m[:, 0].mean() == pytest.approx(-0.216, abs=0.003)
-    gm = [one.gm_earth_m3_s2 + one.gm_moon_m3_s2 for one in both]
+    gm = [values.gm_earth_m3_s2 + values.gm_moon_m3_s2 for values in constants]
     assert (gm[1] / gm[0] - 1.0) / 3.0 * 384.4e6 == pytest.approx(-0.217, abs=0.001)  # Kepler's third law
 
 

@@ -52,7 +52,7 @@ def test_path_against_40_digits(model, sender, receiver, tag, jd, fraction):
 @pytest.mark.parametrize("tag", TIME_TAGS)
 @pytest.mark.parametrize(("path", "spacing_s"), [("GRASSE>x>GRASSE", 0.01), ("APOLLO>x>GRASSE", 1.0)])
 def test_successive_ranges_are_smooth(model, tag, path, spacing_s):
-    """With all terms: what a polynomial of low order leaves of 101 ranges is noise."""
+    """The residuals of 101 ranges of all terms to a polynomial of low order are rounding noise."""
     count = 101
     tai = epochs_tai(count, spacing_s * (count - 1) / 3600.0, 2460310.5, 0.28)
     table = observations(path, tai, tag, **LASER)

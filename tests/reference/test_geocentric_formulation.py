@@ -2,7 +2,7 @@
 
 The second formulation is ``geocentric_formulation``: it has no TDB - TT between stations, no contraction of lengths on
 the Earth and no delay by the Sun, all of which the library's has. They agree to 0.07 mm in range, of which 0.03 mm are
-the potentials of Uranus and Neptune that neither knows of but ERFA's TDB - TT does, and to 0.03 ps in VLBI delay.
+the potentials of Uranus and Neptune that both lack but ERFA's TDB - TT does, and to 0.03 ps in VLBI delay.
 """
 
 import itertools
@@ -134,9 +134,9 @@ def test_one_way_by_the_targets_own_clock(model, point_pa_m, geocentric):
     """
     every = PhysicalModel.build(off=set(TERMS) - TERMS_COMPARED - {"target_proper_time"})
     apart_m, without_m = (
-        barycentric_m(each, point_pa_m, "", "KASHI", "receive", "one_way_range")
+        barycentric_m(variant, point_pa_m, "", "KASHI", "receive", "one_way_range")
         - geocentric.one_way_by_own_clock_m(model.catalogue["KASHI"].itrf_m)
-        for each in (every, model)
+        for variant in (every, model)
     )
     since_s = (TAGS.mjd - TAGS.mjd[0]) * 86400.0
     line = np.polynomial.Polynomial.fit(since_s, apart_m, 1)
@@ -166,7 +166,7 @@ def test_vlbi_delay(model, point_pa_m, geocentric, first, second):
     ],
 )
 def test_size_of_tdb_tt(model, point_pa_m, geocentric, sender, receiver, largest_m):
-    """What the clocks' difference is worth is what the barycentric legs lack against the geocentric path."""
+    """The contribution of the clocks equals the difference of barycentric legs and geocentric path."""
     legs_m = barycentric_m(model.without("tdb_tt"), point_pa_m, sender, receiver, "transmit")
     missing_m = legs_m - geocentric_m(geocentric, model, sender, receiver, "transmit")
     assert largest_m[0] < np.abs(missing_m).max() < largest_m[1]
@@ -194,10 +194,10 @@ def test_size_of_tdb_tt(model, point_pa_m, geocentric, sender, receiver, largest
 )
 def test_agreement_needs_each_term(model, point_pa_m, geocentric, term, range_m, delay_s):
     """Left out of the barycentric path, each shows; in range all are beyond the goal, in delay those of the Earth."""
-    without = model.without(term)
-    apart_m = difference_m(without, point_pa_m, geocentric, "JIAMUSI", "KASHI", "receive")
+    reduced = model.without(term)
+    apart_m = difference_m(reduced, point_pa_m, geocentric, "JIAMUSI", "KASHI", "receive")
     assert np.abs(apart_m).max() > range_m > RANGE_GOAL_M
-    apart_m = difference_m(without, point_pa_m, geocentric, "SESHAN25", "URUMQI", "receive", "vlbi_delay")
+    apart_m = difference_m(reduced, point_pa_m, geocentric, "SESHAN25", "URUMQI", "receive", "vlbi_delay")
     assert np.abs(apart_m).max() / C_M_S > delay_s
 
 

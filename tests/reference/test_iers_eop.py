@@ -140,7 +140,7 @@ ERFA_TOL_RAD = 5e-14  # ERFA's Earth rotation angle, which rounds the days since
 
 
 def test_whole_chain_agrees_with_erfa_c2t06a():
-    # ERFA's one-call chain knows no dX, dY; a table of zeros has none.
+    # ERFA's one-call chain lacks dX, dY; they are zero in the table.
     days = np.arange(57750.0, 57760.0)
     zero = np.zeros(len(days))
     table = EopTable(days, zero + 1e-6, zero + 2e-6, zero - 0.2 + (days >= 57754.0), zero, zero, zero > 0)

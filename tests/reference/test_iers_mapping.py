@@ -163,7 +163,7 @@ VMF3_HT = [
 
 @pytest.mark.parametrize("case", VMF3_HT, ids=lambda case: str(case[0]))
 def test_vmf3_ht_in_octave(case: tuple[float, ...]) -> None:
-    """What vmf3_ht.m of TU Wien gave in Octave for random input, published with the library iers2010 (xanthospap).
+    """Results of vmf3_ht.m of TU Wien in Octave for random input, published with the library iers2010 (xanthospap).
 
     Its coefficients a are up to ten times what air can have, which the readers of its files refuse.
     """

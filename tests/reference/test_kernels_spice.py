@@ -31,8 +31,8 @@ def name(request):
 def et(name):
     # Whole seconds and both ends of the span: exact in SPICE's one float as in our two.
     first, last = SPAN_S[name]
-    inside = np.random.default_rng(301).integers(first, last, 500).astype(float)
-    return np.append(inside, [first, last])
+    interior_s = np.random.default_rng(301).integers(first, last, 500).astype(float)
+    return np.append(interior_s, [first, last])
 
 
 @pytest.mark.parametrize("body", BODIES)

@@ -99,7 +99,7 @@ def apollo15():
 
 @pytest.fixture(scope="module")
 def best(model, apollo15):
-    return {when: fit_rms_m(model, observations) for when, observations in apollo15.items()}
+    return {period: fit_rms_m(model, observations) for period, observations in apollo15.items()}
 
 
 def test_fit_of_apollo15(best):
@@ -108,7 +108,7 @@ def test_fit_of_apollo15(best):
 
 
 # By how much the data need each term: the RMS without it over the RMS with it, which the position's adjustment leaves.
-# Ocean loading (4 mm) and the pole tide (3 mm) are below what these data can tell.
+# Ocean loading (4 mm) and the pole tide (3 mm) are below the resolution of these data.
 @pytest.mark.parametrize(
     ("term", "when", "factor"),
     [
@@ -131,12 +131,12 @@ def test_fit_of_apollo15(best):
         ("tidal_geocentre", "2024", 1.01),
     ],
 )
-def test_leaving_a_term_out_makes_the_fit_worse(model, apollo15, best, term, when, factor):
-    assert fit_rms_m(model.without(term), apollo15[when]) > factor * best[when]
+def test_leaving_a_term_out_makes_the_fit_worse(model, apollo15, best, term, period, factor):
+    assert fit_rms_m(model.without(term), apollo15[period]) > factor * best[period]
 
 
 def test_lunar_constants_show_in_the_range_itself(model, apollo15):
-    """What the position can take up (a constant towards the Earth) shows where nothing is fitted."""
+    """Terms that the position absorbs (a constant towards the Earth) show without a fit."""
 
     def rms_m(some_model):
         start = REFLECTORS_PA_M["apollo15"]

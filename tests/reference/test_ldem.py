@@ -40,13 +40,13 @@ def heights_m(label):
 
 
 def test_label_is_understood(model):
-    about = model.metadata
-    assert (about.driver, about.quantity, about.unit) == ("PDS", "radius", "m")
-    assert (about.scale, about.offset) == (0.5, 1737400.0)
-    assert about.coordinate_system == "MEAN EARTH/POLAR AXIS OF DE421"
-    assert about.coverage == "all longitudes, latitudes -90.0000 to 90.0000 degrees"
-    assert about.resolution_m == pytest.approx(7580.84, abs=0.01)
-    assert {f.path.name: f.size_bytes for f in about.files}["LDEM_4.IMG"] == 2073600
+    metadata = model.metadata
+    assert (metadata.driver, metadata.quantity, metadata.unit) == ("PDS", "radius", "m")
+    assert (metadata.scale, metadata.offset) == (0.5, 1737400.0)
+    assert metadata.coordinate_system == "MEAN EARTH/POLAR AXIS OF DE421"
+    assert metadata.coverage == "all longitudes, latitudes -90.0000 to 90.0000 degrees"
+    assert metadata.resolution_m == pytest.approx(7580.84, abs=0.01)
+    assert {f.path.name: f.size_bytes for f in metadata.files}["LDEM_4.IMG"] == 2073600
 
 
 def test_every_cell_centre_is_where_the_label_puts_it(model, heights_m):

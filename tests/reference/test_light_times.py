@@ -41,7 +41,7 @@ def _spice(tmp_path_factory):
 
 
 def bare_study():
-    """Nothing but geometry."""
+    """Return a study of geometry alone."""
     return Study(target=LANDER, model=ModelChoice(off=TERMS))
 
 
@@ -72,8 +72,8 @@ class Site:
         self.et = ((tt.jd[0] - 2451545.0) + tt.fraction[0]) * 86400.0 + self.dtdb_s
 
     def gcrs_m(self, after_s):
-        there = self.tt.shifted(after_s), self.ut1.shifted(after_s)
-        dates = (there[0].jd[0], there[0].fraction[0], there[1].jd[0], there[1].fraction[0])
+        epochs = self.tt.shifted(after_s), self.ut1.shifted(after_s)
+        dates = (epochs[0].jd[0], epochs[0].fraction[0], epochs[1].jd[0], epochs[1].fraction[0])
         return erfa.c2t06a(*dates, *self.pole_rad).T @ self.itrf_m
 
     def at_m(self, after_s):
@@ -107,20 +107,20 @@ def test_light_times_of_both_legs(geometric):
         up_s, down_s, _, _ = solved(*names_of(geometric.path[row]), tt)
         assert geometric["uplink_light_time_s"][row] == pytest.approx(up_s, abs=LIGHT_S)
         assert geometric["downlink_light_time_s"][row] == pytest.approx(down_s, abs=LIGHT_S)
-        # Without `tdb_tt` the clocks tell the durations in TDB.
+        # Without `tdb_tt` the clocks measure durations in TDB.
         assert geometric["range_m"][row] == pytest.approx(C_M_S * (up_s + down_s), abs=2.0 * C_M_S * LIGHT_S)
 
 
-def arcsec_apart(table, row, prefix, longitude_deg, latitude_deg, which):
-    """How far a direction of the table is from another one."""
-    one, other = (
+def arcsec_apart(table, row, prefix, longitude_deg, latitude_deg, vector):
+    """Return the angle between a direction of the table and another one."""
+    first, second = (
         erfa.s2c(np.radians(longitude), np.radians(latitude))
         for longitude, latitude in (
-            (table[f"{prefix}_{which[0]}_deg"][row], table[f"{prefix}_{which[1]}_deg"][row]),
+            (table[f"{prefix}_{vector[0]}_deg"][row], table[f"{prefix}_{vector[1]}_deg"][row]),
             (longitude_deg, latitude_deg),
         )
     )
-    return np.linalg.norm(one - other) / ARCSEC_RAD
+    return np.linalg.norm(first - second) / ARCSEC_RAD
 
 
 AZ_EL, RADEC, ICRS = ("azimuth", "elevation"), ("ra", "dec"), ("icrs_ra", "icrs_dec")
@@ -130,8 +130,10 @@ def observed(site, astrometric, utc):
     """Azimuth, elevation, apparent right ascension and declination of an astrometric direction, deg, by ERFA."""
     place = geodetic_from_itrf(site.itrf_m)
     dut1_s = site.dut1_minus_tt_s + 32.184 + 37.0
-    where = float(place.longitude_rad), float(place.latitude_rad), float(place.height_m)
-    star, eo = erfa.apco13(utc.jd[0], utc.fraction[0], dut1_s, *where, *site.pole_rad, 0.0, 0.0, 0.0, 0.5)
+    coordinates = float(place.longitude_rad), float(place.latitude_rad), float(place.height_m)
+    star, eo = erfa.apco13(
+        utc.jd[0], utc.fraction[0], dut1_s, *coordinates, *site.pole_rad, 0.0, 0.0, 0.0, 0.5
+    )
     ra_rad, dec_rad = erfa.atciqz(*erfa.c2s(astrometric), star)
     azimuth_rad, zenith_rad, *_ = erfa.atioq(ra_rad, dec_rad, star)
     angles_rad = azimuth_rad, np.pi / 2.0 - zenith_rad, erfa.anp(ra_rad - eo), dec_rad
@@ -161,21 +163,21 @@ def test_pointing_at_transmission(geometric):
         beta = site.velocity_m_s(-up_s - down_s) / C_M_S
         gamma = 1.0 / np.sqrt(1.0 - beta @ beta)
         boosted = sent + ((gamma - 1.0) * (beta @ sent) / (beta @ beta) - gamma) * beta
-        there = boosted / np.linalg.norm(boosted)
-        when = utc_to_tt(utc).shifted(-up_s - down_s)
-        of_date = erfa.pnm06a(when.jd[0], when.fraction[0]) @ there
+        direction = boosted / np.linalg.norm(boosted)
+        emission = utc_to_tt(utc).shifted(-up_s - down_s)
+        of_date = erfa.pnm06a(emission.jd[0], emission.fraction[0]) @ direction
         assert arcsec_apart(geometric, row, "transmit", *np.degrees(erfa.c2s(of_date)), RADEC) < 0.001
         # Light that comes from there is aberrated the other way: twice 20 arcseconds and the Moon's way between.
         assert arcsec_apart(geometric, row, "transmit", *np.degrees(erfa.c2s(sent)), ICRS) < 0.001
         rot_to_itrf = erfa.c2t06a(
-            when.jd[0],
-            when.fraction[0],
+            emission.jd[0],
+            emission.fraction[0],
             site.ut1.jd[0],
             site.ut1.fraction[0] - (up_s + down_s) / 86400.0,
             *site.pole_rad,
         )
         place = geodetic_from_itrf(site.itrf_m)
-        enu = radioloc.lunar.east_north_up(place.longitude_rad, place.latitude_rad) @ rot_to_itrf @ there
+        enu = radioloc.lunar.east_north_up(place.longitude_rad, place.latitude_rad) @ rot_to_itrf @ direction
         azimuth, elevation = np.arctan2(enu[0], enu[1]), np.arcsin(enu[2])
         assert (
             arcsec_apart(geometric, row, "transmit", *np.degrees((azimuth, elevation)), AZ_EL)
@@ -209,8 +211,8 @@ def test_against_skyfield():
             site = geodetic_from_itrf(StationCatalogue.default().get(name).itrf_m)
             degrees = np.degrees((site.latitude_rad, site.longitude_rad))
             station = bodies["earth"] + wgs84.latlon(*degrees, site.height_m)
-            when = load.timescale(builtin=True).from_astropy(table.epoch[row].to_time()[0])
-            astrometric = station.at(when).observe(bodies["moon"] + place)
+            epoch = load.timescale(builtin=True).from_astropy(table.epoch[row].to_time()[0])
+            astrometric = station.at(epoch).observe(bodies["moon"] + place)
             assert astrometric.light_time * 86400.0 == pytest.approx(
                 table["downlink_light_time_s"][row], abs=1e-7
             )
@@ -236,13 +238,13 @@ def test_rates_and_doppler_are_how_ranges_change():
             Study(target=LANDER), ["KASHI", "JIAMUSI"], links=links, frequency_hz=8.47e9, **span
         )
         for path in table.path.texts:
-            before, row, after = np.flatnonzero(table.path.are(path))
-            rate_m_s = (table["range_m"][after] - table["range_m"][before]) / 6.0
+            previous, row, following = np.flatnonzero(table.path.are(path))
+            rate_m_s = (table["range_m"][following] - table["range_m"][previous]) / 6.0
             # The third derivative, 4e-6 m/s^3, over seconds.
             assert table["range_rate_m_s"][row] == pytest.approx(rate_m_s, abs=8e-6)
             # By frequencies: what leaves in a time arrives in another one.
             arrives_s = 6.0
-            leaves_s = arrives_s - (table["range_m"][after] - table["range_m"][before]) / C_M_S
+            leaves_s = arrives_s - (table["range_m"][following] - table["range_m"][previous]) / C_M_S
             received_hz = 8.47e9 * leaves_s / arrives_s
             assert table["doppler_hz"][row] == pytest.approx(received_hz - 8.47e9, abs=3e-4)
         if links == "one_way":
@@ -254,9 +256,9 @@ def test_clocks_differ_from_light_times_by_tdb_less_tt():
     span = SPAN | {"step_s": 7200.0}
     table = light_times(Study(target=LANDER), STATIONS, links="all", **span)
     by_clock_m = table["range_m"] - C_M_S * (table["uplink_light_time_s"] + table["downlink_light_time_s"])
-    same = np.array([len(set(names_of(path))) == 1 for path in table.path[:]])
-    assert 0.1 < np.abs(by_clock_m[same]).max() < 0.36
-    assert np.abs(by_clock_m[~same]).max() > 400.0
+    is_single = np.array([len(set(names_of(path))) == 1 for path in table.path[:]])
+    assert 0.1 < np.abs(by_clock_m[is_single]).max() < 0.36
+    assert np.abs(by_clock_m[~is_single]).max() > 400.0
 
 
 def test_epochs_without_the_target_are_counted_and_other_arguments_refused():
@@ -277,17 +279,17 @@ def test_epochs_without_the_target_are_counted_and_other_arguments_refused():
 
 def test_every_target_of_a_study_has_its_rows():
     rover = radioloc.LunarPosition.from_selenographic(-51.9, 43.1, -2550.0)
-    both = Study(target=LANDER, targets={"lander": LANDER, "rover": rover})
-    table = light_times(both, ["KASHI"], links="one_way", **SPAN)
+    study = Study(target=LANDER, targets={"lander": LANDER, "rover": rover})
+    table = light_times(study, ["KASHI"], links="one_way", **SPAN)
     assert set(table.path[:]) == {"lander>KASHI", "rover>KASHI"}
     for name, place in (("lander", LANDER), ("rover", rover)):
-        alone = light_times(Study(target=place), ["KASHI"], links="one_way", **SPAN)
-        mine = table.path.are(f"{name}>KASHI")
-        assert table["downlink_light_time_s"][mine] == pytest.approx(
-            alone["downlink_light_time_s"], abs=1e-15
+        single = light_times(Study(target=place), ["KASHI"], links="one_way", **SPAN)
+        rows = table.path.are(f"{name}>KASHI")
+        assert table["downlink_light_time_s"][rows] == pytest.approx(
+            single["downlink_light_time_s"], abs=1e-15
         )
-    assert len(table) == 2 * len(alone)
-    assert table.unseen == 2 * alone.unseen
+    assert len(table) == 2 * len(single)
+    assert table.unseen == 2 * single.unseen
 
 
 def test_low_rows_say_that_the_troposphere_is_left_out():

@@ -1,4 +1,4 @@
-"""Whether lengths on the Moon shrink as `lunar_scale` has it: laser ranges of 2006 to 2024 do not tell.
+"""Laser ranges of 2006 to 2024 cannot distinguish the scale of lengths on the Moon, `lunar_scale`.
 
 What documents say of it is measured here. The reflectors stand where JPL has them, and the ranges are fitted with what
 all of them have in common: a rotation, a scale, an error of the Moon's distance.
@@ -41,12 +41,12 @@ def fits(request):
     assert (len(observations), len(set(targets))) == (234, 5)
     night = np.floor(observations.epoch.mjd)
     weight = 1.0 / np.hypot(observations.sigma_m / 2.0, NIGHT_M)
-    places_m, whole = (
+    places_m, full_fit = (
         jpl_m(request.param),
         PhysicalModel.build(ephemeris=request.param, libration=request.param),
     )
-    found = {}
-    for with_scale, model in ((True, whole), (False, whole.without("lunar_scale"))):
+    estimates = {}
+    for with_scale, model in ((True, full_fit), (False, full_fit.without("lunar_scale"))):
         residual_m, by_position, place_m = np.empty(234), np.empty((234, 3)), np.empty((234, 3))
         for name in set(targets):
             rows = np.flatnonzero(targets == name)
@@ -63,15 +63,15 @@ def fits(request):
             left_m = residual_m - columns @ estimate
             # Errors of a night are common to its ranges.
             pulls = design * (left_m * weight)[:, None]
-            by_night = np.array([pulls[night == one].sum(axis=0) for one in np.unique(night)])
+            by_night = np.array([pulls[night == date].sum(axis=0) for date in np.unique(night)])
             sigma = np.sqrt((covariance @ by_night.T @ by_night @ covariance)[-1, -1])
             wrms_m = np.sqrt(np.average(left_m**2, weights=weight**2))
-            found[with_scale, distance] = 1e3 * np.array([estimate[-1], sigma, wrms_m])
-    return request.param, found
+            estimates[with_scale, distance] = 1e3 * np.array([estimate[-1], sigma, wrms_m])
+    return request.param, estimates
 
 
 def test_the_ranges_of_18_years_leave_it_undecided(fits):
-    ephemeris, found = fits
+    ephemeris, estimates = fits
     expected = {  # scale and sigma, mm, as physics.md has them
         "DE421": {
             (True, False): (-47, 8),
@@ -86,12 +86,12 @@ def test_the_ranges_of_18_years_leave_it_undecided(fits):
             (False, True): (-118, 81),
         },
     }[ephemeris]
-    for which, values in expected.items():
-        assert found[which][:2] == pytest.approx(values, abs=0.6), which
+    for parameter, values in expected.items():
+        assert estimates[parameter][:2] == pytest.approx(values, abs=0.6), parameter
     for distance in (False, True):
         # The term is 43 mm of the radius, more or less by the Sun's distance; the ranges fit as well without it.
-        with_it, without = found[True, distance], found[False, distance]
-        assert with_it[0] - without[0] == pytest.approx(42.5, abs=0.6)
-        assert with_it[2] == pytest.approx(without[2], abs=0.05)
-    assert abs(found[True, True][0]) < 2.0 * found[True, True][1]
-    assert abs(found[False, True][0]) < 2.0 * found[False, True][1]
+        with_it, deterministic = estimates[True, distance], estimates[False, distance]
+        assert with_it[0] - deterministic[0] == pytest.approx(42.5, abs=0.6)
+        assert with_it[2] == pytest.approx(deterministic[2], abs=0.05)
+    assert abs(estimates[True, True][0]) < 2.0 * estimates[True, True][1]
+    assert abs(estimates[False, True][0]) < 2.0 * estimates[False, True][1]

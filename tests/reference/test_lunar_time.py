@@ -87,7 +87,7 @@ def spice(tmp_path_factory):
 
 
 # Gravitational parameters, m^3/s^2, and mean distances from the Moon, m, of bodies that the kernels lack.
-FAR = {
+DISTANT_BODIES = {
     "mercury": (2.2e13, 1.6e11),
     "mars": (4.28e13, 2.5e11),
     "uranus": (5.79e15, 2.87e12),
@@ -102,7 +102,9 @@ def test_against_the_definition(spice):
 
     def rate(et_s):
         state = 1e3 * np.array(spiceypy.spkssb(301, et_s, "J2000"))
-        potential = 0.5 * state[3:] @ state[3:] + sum(gm / distance_m for gm, distance_m in FAR.values())
+        potential = 0.5 * state[3:] @ state[3:] + sum(
+            gm / distance_m for gm, distance_m in DISTANT_BODIES.values()
+        )
         for code, name in bodies.items():
             away_m = 1e3 * np.linalg.norm(spiceypy.spkpos(code, et_s, "J2000", "NONE", "301")[0])
             potential += constants.gm_m3_s2(name) / away_m

@@ -86,8 +86,8 @@ def consensus_s(model, first_itrf_m, second_itrf_m, source, tai):
     potential = gm_sun / np.linalg.norm(earth_m - sun_m, axis=1)
     c2 = C_M_S**2
     scale = 1.0 - 2.0 * potential / c2 - np.sum(v * v, axis=1) / (2.0 * c2) - np.sum(v * w2, axis=1) / c2
-    above = gravity_s - k_b / C_M_S * scale - v_b / c2 * (1.0 + k_v / (2.0 * C_M_S))
-    return above / (1.0 + (k_v + k_w) / C_M_S)
+    upper = gravity_s - k_b / C_M_S * scale - v_b / c2 * (1.0 + k_v / (2.0 * C_M_S))
+    return upper / (1.0 + (k_v + k_w) / C_M_S)
 
 
 @pytest.mark.parametrize("name", SOURCES)
@@ -106,25 +106,25 @@ def every():
 
 
 def test_partials_are_differences_of_the_model(every):
-    """By time, a station's place, the clock that reads the tag, and air; none of them knows what is at infinity."""
+    """Partials by time, position of a station, clock of the tag, and air, for a source at infinity."""
     link = Link("KUNMING", "1741-038", "SESHAN25", True)
     tai = TAI[2:5]
-    here = delays(every, [link], tai).compute()
-    assert here.usable.all()
+    computed = delays(every, [link], tai).compute()
+    assert computed.usable.all()
     step_s = 10.0
     late, early = (delays(every, [link], tai.shifted(s)).compute().value_m for s in (step_s, -step_s))
-    assert here.by_time_m_s == pytest.approx((late - early) / (2.0 * step_s), abs=1e-5)
+    assert computed.by_time_m_s == pytest.approx((late - early) / (2.0 * step_s), abs=1e-5)
     for end, name in enumerate(("KUNMING", "SESHAN25")):
         station = every.catalogue[name]
         for axis, step_m in enumerate(100.0 * np.eye(3)):
-            there, back = (
+            forward, back = (
                 delays(_with_station(every, station, station.itrf_m + sign * step_m), [link], tai)
                 .compute()
                 .value_m
                 for sign in (1.0, -1.0)
             )
             # Of a station that is moved, air and tides are others: 1e-3 of it.
-            assert here.by_station_itrf[:, end, axis] == pytest.approx((there - back) / 200.0, abs=2e-3)
+            assert computed.by_station_itrf[:, end, axis] == pytest.approx((forward - back) / 200.0, abs=2e-3)
 
 
 def _with_station(model, station, itrf_m):

@@ -37,15 +37,15 @@ def by_epoch_and_value(observations):
     return observations.select(order)
 
 
-def assert_same(one: Observations, two: Observations):
-    one, two = by_epoch_and_value(one), by_epoch_and_value(two)
-    assert one.paths().tolist() == two.paths().tolist()
-    assert (one.epoch.jd == two.epoch.jd).all()
-    assert (one.epoch.fraction == two.epoch.fraction).all()
+def assert_same(first: Observations, second: Observations):
+    first, second = by_epoch_and_value(first), by_epoch_and_value(second)
+    assert first.paths().tolist() == second.paths().tolist()
+    assert (first.epoch.jd == second.epoch.jd).all()
+    assert (first.epoch.fraction == second.epoch.fraction).all()
     for name in ("value_m", "tag", "pressure_hpa", "temperature_k", "relative_humidity", "wavelength_um"):
-        assert (getattr(one, name) == getattr(two, name)).all(), name
+        assert (getattr(first, name) == getattr(second, name)).all(), name
     # A sigma in seconds times the speed of light may differ by its last bit.
-    assert two.sigma_m == pytest.approx(one.sigma_m, rel=1e-15)
+    assert second.sigma_m == pytest.approx(first.sigma_m, rel=1e-15)
 
 
 def test_shipped_tables_hold_all_points():
@@ -113,6 +113,6 @@ def test_mini_uncertainty_is_that_of_the_round_trip():
     """Per photon it must be the two-way spread that the same telescope gives in CRD, 140 to 430 ps."""
     read = read_observations(DATA / MINI)
     photons = np.array([int(line[43:46]) for line in (DATA / MINI).read_text().split("\n") if line])
-    many = (photons > 20) & (photons < 999)
+    enough_photons = (photons > 20) & (photons < 999)
     per_photon_ps = read.sigma_m / C_M_S * 1e12 * np.sqrt(np.maximum(photons, 0))
-    assert 140.0 < np.median(per_photon_ps[many]) < 430.0
+    assert 140.0 < np.median(per_photon_ps[enough_photons]) < 430.0

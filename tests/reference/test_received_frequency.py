@@ -80,7 +80,7 @@ def mean_received(ramped):
         return [mean_received_hz(start, ramped) for start in STARTS_S]
 
 
-def made(metadata, ramped):
+def tracking_message(metadata, ramped):
     """Message of eight count intervals, and by how much the path grows in each."""
     receiver = metadata["PATH"][-1]
     records = []
@@ -96,7 +96,7 @@ def made(metadata, ramped):
             date = f"2020-12-01T15:{int(minute):02d}:{second:06.3f}"
             records.append(f"TRANSMIT_FREQ_1 = {date} {mp.nstr(sent_hz(mp.mpf(since), ramped), 17)}")
             records.append(f"TRANSMIT_FREQ_RATE_1 = {date} {rate}")
-    more = {
+    metadata_keys = {
         "TURNAROUND_NUMERATOR": UP,
         "TURNAROUND_DENOMINATOR": DOWN,
         "INTEGRATION_INTERVAL": COUNT_S,
@@ -105,11 +105,11 @@ def made(metadata, ramped):
         "TRANSMIT_BAND": "X",
         "RECEIVE_BAND": "X",
     }
-    return (metadata | more, records), np.array(grown_m)
+    return (metadata | metadata_keys, records), np.array(grown_m)
 
 
 def sent_s(received_s):
-    """When a signal left that arrives at a time, s after the start."""
+    """Return the time of emission of a signal by its time of arrival, s after the start."""
     return float(received_s - light_s(mp.mpf(received_s)))
 
 
@@ -117,7 +117,7 @@ def sent_s(received_s):
 @pytest.mark.parametrize("metadata", [TWO_WAY, THREE_WAY], ids=["two-way", "three-way"])
 @pytest.mark.parametrize("ramped", [False, True], ids=["constant", "ramped"])
 def test_growth_of_the_path(ramped, metadata, form):
-    segment, grown_m = made(metadata, ramped)
+    segment, grown_m = tracking_message(metadata, ramped)
     message = parse_kvn("a.kvn", kvn(segment)) if form == "kvn" else parse_xml("a.xml", xml(segment))
     got = tdm_observations(message, TdmAgreement(sigma_m={"doppler": 1e-3})).observations
     assert got.types().tolist() == ["doppler"] * 8
@@ -128,7 +128,9 @@ def test_growth_of_the_path(ramped, metadata, form):
     got_m = got.value_m
     if ramped:
         assert np.abs(got_m - grown_m).max() > 100.0  # cycles of a ramp are no length
-        got_m = growth_m(got, START, *([sent_s(s + after) for s in STARTS_S] for after in (0.0, COUNT_S)))
+        got_m = growth_m(
+            got, START, *([sent_s(s + offset_s) for s in STARTS_S] for offset_s in (0.0, COUNT_S))
+        )
     left_m = np.abs(got_m - grown_m)
     assert left_m.max() < REACHED_M
     assert left_m.max() / (C_M_S * COUNT_S) < RELATIVE

@@ -1,6 +1,6 @@
 """Geometric light time from a station over a reflector and back, by SPICE's own ephemeris and lunar axes.
 
-SPICE reads the same kernels with its own code and knows nothing of the library's origin at the geocentre. The station
+SPICE reads the same kernels with its own code and is independent of the library's origin at the geocentre. The station
 in the ICRF comes from ERFA's ``c2t06a`` with daily Earth orientation, so that no rotation of the library is used.
 """
 

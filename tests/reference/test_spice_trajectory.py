@@ -109,14 +109,14 @@ def test_occultations(model, orbiter):
     tai = epochs_tai(500, 35.0, start_fraction=0.01)
     predictor = ExactPredictor(model, tracking("KASHI>x>KASHI", tai), orbiter)
     status = predictor.compute().status[:, 0]
-    above = status != Status.BELOW_HORIZON
+    visible = status != Status.BELOW_HORIZON
     et_s, _ = tagged_et(model, "KASHI", tai)
     hidden = [
         spiceypy.occult(
             str(ORBITER), "POINT", " ", "MOON", "ELLIPSOID", "IAU_MOON", "CN", str(STATIONS["KASHI"]), et
         )
         < 0
-        for et in et_s[above]
+        for et in et_s[visible]
     ]
     assert 0.3 < np.mean(hidden) < 0.5
-    assert ((status[above] == Status.BEHIND_MOON) == hidden).all()
+    assert ((status[visible] == Status.BEHIND_MOON) == hidden).all()

@@ -20,7 +20,7 @@ SPANS = [(0, 4100), (4500, 6000)]
 
 
 def write_pieces(path, kernel, scale, write, pieces=PIECES):
-    """Write the series of a kernel that ships in pieces, each told from the others by an offset."""
+    """Write the series of a kernel that ships in pieces, distinguished by offsets."""
     spk = kernel.file.kind == "SPK"
     handle = (spiceypy.spkopn if spk else spiceypy.pckopn)(str(path), "pieces", 0)
     for first_day, last_day, offset in pieces:
@@ -112,11 +112,11 @@ def test_span_is_the_union_and_gaps_are_refused_by_name(tmp_path, monkeypatch):
 
 
 def test_segments_of_several_ephemerides_need_constants(tmp_path):
-    kernel, other = open_kernel("DE421", "SPK"), open_kernel("DE440", "SPK")
+    kernel, kernel_440 = open_kernel("DE421", "SPK"), open_kernel("DE440", "SPK")
     path = tmp_path / "mixed.bsp"
     write_pieces(path, kernel, 0.0, spiceypy.spkw02, [(0, 2000, 0.0)])
     handle = spiceypy.spkopa(str(path))
-    segment = other.segments_of(399, 3)[-1]
+    segment = kernel_440.segments_of(399, 3)[-1]
     first_s = segment.first_record_s
     spiceypy.spkw02(
         handle, 399, 3, "J2000", first_s, first_s + segment.record_length_s, segment.name, segment.record_length_s, 1,

@@ -43,12 +43,12 @@ def test_records_are_read_and_written(name, tmp_path):
     write_tdm_file(tmp_path / "a.kvn", message)
     read = read_tdm_file(tmp_path / "a.kvn")
     assert read.header == message.header
-    for one, other in zip(message.segments, read.segments, strict=True):
-        assert one.metadata == other.metadata
+    for original, copy in zip(message.segments, read.segments, strict=True):
+        assert original.metadata == copy.metadata
         for first, second in (
-            (one.keyword, other.keyword),
-            (one.value, other.value),
-            (one.epoch.mjd, other.epoch.mjd),
+            (original.keyword, copy.keyword),
+            (original.value, copy.value),
+            (original.epoch.mjd, copy.epoch.mjd),
         ):
             assert np.array_equal(first, second)
 
@@ -57,15 +57,15 @@ def test_records_are_read_and_written(name, tmp_path):
 def test_ccsds_ndm_finds_the_same_numbers(name):
     ndm_io = pytest.importorskip("ccsds_ndm.ndm_io")
     ours, theirs = read_tdm_file(DATA / f"annex_{name}"), ndm_io.NdmIo().from_path(DATA / f"annex_{name}")
-    for segment, other in zip(ours.segments, theirs.body.segment, strict=True):
-        found = [
+    for segment, reference in zip(ours.segments, theirs.body.segment, strict=True):
+        observations = [
             value
-            for record in other.data.observation
+            for record in reference.data.observation
             for field, value in vars(record).items()
             if value is not None and field != "epoch"
         ]
         scale = np.where(segment.keyword == 0, 1e-3, 1.0)  # keyword 0 is RANGE, in km there
-        assert np.array([float(getattr(v, "value", v)) for v in found]) == pytest.approx(
+        assert np.array([float(getattr(v, "value", v)) for v in observations]) == pytest.approx(
             segment.value * scale, rel=3e-16
         )
 
@@ -147,9 +147,9 @@ def test_delay_of_two_stations(tmp_path):
         1e6 * C_M_S / np.array([8.415123456e9] * 2 + [8.415123e9]), rel=1e-15
     )
     write_tdm(tmp_path / "a.kvn", read, originator="TEST")
-    again = read_tdm(tmp_path / "a.kvn", agreement)
-    assert again.value_m.tolist() == read.value_m.tolist()
-    assert again.wavelength_um.tolist() == read.wavelength_um.tolist()
+    restored = read_tdm(tmp_path / "a.kvn", agreement)
+    assert restored.value_m.tolist() == read.value_m.tolist()
+    assert restored.wavelength_um.tolist() == read.wavelength_um.tolist()
 
 
 # Figures of which some records are carried here

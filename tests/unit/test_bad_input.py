@@ -1,4 +1,4 @@
-"""Bad input from end to end: command line and library say the same, one message that tells where and what.
+"""Bad input from end to end: command line and library say the same, one message with place and problem.
 
 Every case is a folder of files and a study. Nothing of it may end in a traceback, in a wrong result or in silence.
 """
@@ -22,8 +22,8 @@ ROWS = [
 SIGMA = "sigma_m = { range = 1.0, vlbi_delay = 0.3, doppler = 0.01 }\n"
 
 
-def message(metadata=TWO_WAY, records=RANGES, *more):
-    return "\n".join(kvn((metadata, records), *more)) + "\n"
+def message(metadata=TWO_WAY, records=RANGES, *segments):
+    return "\n".join(kvn((metadata, records), *segments)) + "\n"
 
 
 def table(*rows):
@@ -165,7 +165,7 @@ def test_pipe_in_place_of_a_file(tmp_path, capsys):
     ],
 )
 def test_never_seen(place, count, reason, command, tmp_path, capsys):
-    """The reasons are told, with how many observations each holds for."""
+    """The message counts the observations of each reason."""
     rows = [row.replace("JIAMUSI", "KASHI") for row in ROWS]
     if not place:
         rows = [row.replace("T14:", "T04:") for row in rows]
@@ -180,10 +180,10 @@ def test_never_seen(place, count, reason, command, tmp_path, capsys):
 
 def test_order_of_rows_does_not_matter(tmp_path):
     """A table has no order that it must keep, unlike a message."""
-    found = []
+    messages = []
     for rows in (ROWS, ROWS[::-1]):
         solution = radioloc.compute_residuals(radioloc.read_study(written(csv(table(*rows)), tmp_path)))
-        found.append(
+        messages.append(
             sorted(zip(solution.residuals.epoch_utc.mjd, solution.residuals.residual_m, strict=True))
         )
-    assert found[0] == found[1]
+    assert messages[0] == messages[1]

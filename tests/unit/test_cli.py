@@ -37,7 +37,7 @@ HELP_LIMIT_S = 0.5
 TARGET = '[target]\nframe = "ME_DE421"\nlongitude_deg = 3.5\nlatitude_deg = 26.0\nheight_m = -1000.0\n'
 
 # Three normal points of Apache Point to Apollo 15 as the ILRS publishes them (EUROLAS Data Center, May 2024), without
-# the records that say nothing of the range.
+# records without effect on the range.
 CRD = """\
 h1 CRD  2 2025  6 26 21
 h2       APOL 7045 95  1  4       ILRS
@@ -85,8 +85,8 @@ def run(folder, capsys):
     return run
 
 
-def study_of(files="d.csv", more="", target=TARGET):
-    return f'{target}[observations]\nfiles = ["{files}"]\n{more}'
+def study_of(files="d.csv", extra="", target=TARGET):
+    return f'{target}[observations]\nfiles = ["{files}"]\n{extra}'
 
 
 def refused(outcome, *parts):
@@ -107,7 +107,7 @@ def rows_of(file):
 @pytest.mark.usefixtures("undrawn")
 def test_locate_prints_a_card_and_writes_the_files(run, folder):
     reference = f'[reference]\nname = "JPL"\nframe = "PA_DE421"\nposition_m = {JPL_PA_M.tolist()}\n'
-    outcome = run(study_of(more=reference), "--out", folder / "out" / "new")
+    outcome = run(study_of(extra=reference), "--out", folder / "out" / "new")
     assert outcome.status == 0
     assert outcome.err == ""
     for part in ("CONVERGED", "ME_DE421", "PA_DE421", "ellipse", "solution - JPL", "APOLLO", "written to "):
@@ -127,9 +127,9 @@ def test_locate_prints_a_card_and_writes_the_files(run, folder):
 def test_terms(run, folder, monkeypatch):
     prepared = []
 
-    def counted(*given):
-        prepared.append(given)
-        return prepare_predictor(*given)
+    def counted(*arguments):
+        prepared.append(arguments)
+        return prepare_predictor(*arguments)
 
     prepare_predictor = preparation.prepare_predictor
     monkeypatch.setattr(preparation, "prepare_predictor", counted)
@@ -165,7 +165,7 @@ def test_quiet_studies_of_several_fits_name_those_that_failed(command, options, 
     wrong = "[estimate]\nheight_prior = { height_m = 9000.0, sigma_m = 0.1 }\nrejection_sigma = 30.0\n"
     wrong += "[stations.KASHI]\nitrf_m = [1151367.568, 4870627.568, 3952516.899]\n"
     wrong += "[consider]\ndefaults = false\n"
-    outcome = run(study_of(more=wrong, target=target), *options, "--quiet", command=command)
+    outcome = run(study_of(extra=wrong, target=target), *options, "--quiet", command=command)
     assert (outcome.status, outcome.out) == (3, "")
     assert all(line.startswith("radioloc: s") for line in outcome.err.splitlines())
     assert outcome.err.count("NOT CONVERGED") == max(1, len(options) - 1)
@@ -188,12 +188,12 @@ def data(folder, text):
     ("content", "parts"),
     [
         (None, ["s.toml", "no such study file"]),
-        (study_of(more='targets = ["apollo11"]\n'), ["[observations] targets", "the files have apollo15"]),
-        (study_of(more='stations = ["GRASSE"]\n'), ["[observations] stations", "the files have APOLLO"]),
-        (study_of(more='stations = ["NOPE"]\n'), ["[observations] stations", "'NOPE' is not in the"]),
-        (study_of(more='[model]\nephemeris = "DE999"\n'), ["DE999"]),
-        (study_of(more='[model]\nlibration = "cut.bpc"\n'), ["cut.bpc", "cut short"]),
-        (study_of(more='[model]\nearth_orientation = "no.txt"\n'), ["[model] earth_orientation", "no.txt"]),
+        (study_of(extra='targets = ["apollo11"]\n'), ["[observations] targets", "the files have apollo15"]),
+        (study_of(extra='stations = ["GRASSE"]\n'), ["[observations] stations", "the files have APOLLO"]),
+        (study_of(extra='stations = ["NOPE"]\n'), ["[observations] stations", "'NOPE' is not in the"]),
+        (study_of(extra='[model]\nephemeris = "DE999"\n'), ["DE999"]),
+        (study_of(extra='[model]\nlibration = "cut.bpc"\n'), ["cut.bpc", "cut short"]),
+        (study_of(extra='[model]\nearth_orientation = "no.txt"\n'), ["[model] earth_orientation", "no.txt"]),
     ],
 )
 def test_bad_studies(content, parts, run, folder):
@@ -318,11 +318,11 @@ def test_mistakes_in_a_study_from_standard_input_are_told_of_it(command, capsys,
 
 @pytest.mark.study
 def test_convert_from_standard_input_to_standard_output(folder):
-    given = (folder / "d.csv").read_bytes()
+    packed_bytes = (folder / "d.csv").read_bytes()
     command = [sys.executable, "-m", "radioloc", "convert", "-", "-", "--format"]
     packed, table = (
-        subprocess.run([*command, *more], input=content, capture_output=True, check=True, timeout=600)
-        for more, content in ((["parquet"], given), (["csv"], given))
+        subprocess.run([*command, *options], input=content, capture_output=True, check=True, timeout=600)
+        for options, content in ((["parquet"], packed_bytes), (["csv"], packed_bytes))
     )
     assert (packed.stderr, table.stderr) == (b"", b"")
     (folder / "e.parquet").write_bytes(packed.stdout)
@@ -334,19 +334,19 @@ def test_convert_from_standard_input_to_standard_output(folder):
 
 @pytest.mark.study
 def test_convert_writes_ramps_beside_the_table(tmp_path, capsys):
-    given, table = tmp_path / "pass.odf", tmp_path / "pass.csv"
-    given.write_bytes(odf([doppler(k) for k in range(4)]))
-    assert cli.main(["convert", str(given), str(table)]) == 0
+    source, table = tmp_path / "pass.odf", tmp_path / "pass.csv"
+    source.write_bytes(odf([doppler(k) for k in range(4)]))
+    assert cli.main(["convert", str(source), str(table)]) == 0
     printed = capsys.readouterr().out
     assert "2 ramps of DSS-24" in printed
     assert printed.endswith(f"written to {table} and {tmp_path / 'pass.ramps.csv'}\n")
-    first = radioloc.read_observations(given)
-    again = radioloc.read_observations([table, tmp_path / "pass.ramps.csv"])
-    assert (again.value_m == first.value_m).all()
-    assert again.ramped.all()
-    assert (again.ramps.frequency_hz == first.ramps.frequency_hz).all()
-    assert (again.ramps.start.fraction == first.ramps.start.fraction).all()
-    command = [sys.executable, "-m", "radioloc", "convert", str(given), "-", "--format", "csv"]
+    first = radioloc.read_observations(source)
+    restored = radioloc.read_observations([table, tmp_path / "pass.ramps.csv"])
+    assert (restored.value_m == first.value_m).all()
+    assert restored.ramped.all()
+    assert (restored.ramps.frequency_hz == first.ramps.frequency_hz).all()
+    assert (restored.ramps.start.fraction == first.ramps.start.fraction).all()
+    command = [sys.executable, "-m", "radioloc", "convert", str(source), "-", "--format", "csv"]
     streamed = subprocess.run(command, capture_output=True, check=True, timeout=600)
     assert b"no place for the ramps" in streamed.stderr
     assert streamed.stdout == table.read_bytes()
@@ -404,15 +404,15 @@ def test_frames_have_the_iau_s_axes_at_an_epoch_and_lead_back(capsys):
         assert cli.main(["frames", *map(str, arguments), "--epoch", "2020-12-01", "--json"]) == 0
         return {row.pop("frame"): row for row in json.loads(capsys.readouterr().out)}
 
-    there = rows(3.6, 26.1, -1900.0)
-    iau = there["IAU_MOON"]
+    moved = rows(3.6, 26.1, -1900.0)
+    iau = moved["IAU_MOON"]
     # The series of the IAU leaves its axes up to 155 m away from the mean-Earth axes.
-    away_m = np.linalg.norm(np.subtract(iau["xyz_m"], there["ME_DE421"]["xyz_m"]))
+    away_m = np.linalg.norm(np.subtract(iau["xyz_m"], moved["ME_DE421"]["xyz_m"]))
     assert 20.0 < away_m < 155.0
     numbers = (iau[key] for key in ("longitude_deg", "latitude_deg", "height_m"))
     back = rows(*numbers, "--frame", "IAU_MOON")
-    assert set(back) == set(there) == {"PA_DE421", "ME_DE421", "PA_DE440", "IAU_MOON"}
-    for name, row in there.items():
+    assert set(back) == set(moved) == {"PA_DE421", "ME_DE421", "PA_DE440", "IAU_MOON"}
+    for name, row in moved.items():
         np.testing.assert_allclose(back[name]["xyz_m"], row["xyz_m"], rtol=0.0, atol=1e-6)
     with pytest.raises(SystemExit):
         cli.main(["frames", "1", "2", "3", "--frame", "IAU_MOON"])
@@ -427,12 +427,12 @@ def test_frames_have_the_iau_s_axes_at_an_epoch_and_lead_back(capsys):
         ("Observatory", {"APOLLO", "MATERA", "MLRS2", "WETTZELL"}),
     ],
 )
-def test_stations_are_found_by_alias_complex_and_country(wanted, names, capsys):
-    assert cli.main(["stations", wanted, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert {station["name"] for station in found} == names
-    assert all(station["complex"] and station["country"] for station in found)
-    assert all({"quality", "mount", "frame", "source"} <= set(station) for station in found)
+def test_stations_are_found_by_alias_complex_and_country(text, names, capsys):
+    assert cli.main(["stations", text, "--json"]) == 0
+    stations = json.loads(capsys.readouterr().out)
+    assert {station["name"] for station in stations} == names
+    assert all(station["complex"] and station["country"] for station in stations)
+    assert all({"quality", "mount", "frame", "source"} <= set(station) for station in stations)
 
 
 @pytest.mark.study
@@ -442,13 +442,13 @@ def test_visibility_and_leave_one_out_print_their_cards(capsys, tmp_path):
     assert "KASHI" in capsys.readouterr().out
     data = str(EXAMPLES / "apollo15" / "apollo15_2024.toml")
     assert cli.main(["leave-one-out", data, "--json", "--out", str(tmp_path)]) == 0
-    names = [one["name"] for one in json.loads(capsys.readouterr().out)["omissions"]]
+    names = [entry["name"] for entry in json.loads(capsys.readouterr().out)["omissions"]]
     assert names == ["APOLLO", "GRASSE", "MATERA"]
     heading, *rows = (tmp_path / "leave_one_out.csv").read_text().splitlines()
     assert heading.startswith("kind,name,omitted,used,converged,radius_95_m,shift_east_m,")
     assert [row.split(",")[1] for row in rows] == names
     written = json.loads((tmp_path / "leave_one_out.json").read_text())["omissions"]
-    assert [one["shift_enu_m"][0] for one in written] == [float(row.split(",")[6]) for row in rows]
+    assert [entry["shift_enu_m"][0] for entry in written] == [float(row.split(",")[6]) for row in rows]
 
 
 def test_light_times_as_card_as_json_and_in_a_file(capsys, tmp_path):
@@ -484,7 +484,7 @@ def test_light_times_of_nothing_or_of_two_places_are_refused(capsys, arguments, 
 
 
 @pytest.mark.parametrize(
-    ("category", "texts", "told"),
+    ("category", "texts", "pattern"),
     [
         (DataQualityWarning, ["poor\n  data"] * 3, "poor data"),
         (
@@ -494,16 +494,16 @@ def test_light_times_of_nothing_or_of_two_places_are_refused(capsys, arguments, 
         ),
     ],
 )
-def test_warnings_of_the_library_are_single_lines_said_once(category, texts, told, run, monkeypatch):
-    def warns(*given):
+def test_warnings_of_the_library_are_single_lines_said_once(category, texts, pattern, run, monkeypatch):
+    def warns(*arguments):
         for text in texts:
             warnings.warn(text, category, stacklevel=1)
-        return fit_arc(*given)
+        return fit_arc(*arguments)
 
     fit_arc = locate.fit_arc
     monkeypatch.setattr(locate, "fit_arc", warns)
     outcome = run(study_of(), "--quiet")
-    assert (outcome.out, outcome.err) == ("", f"radioloc: warning: {told}\n")
+    assert (outcome.out, outcome.err) == ("", f"radioloc: warning: {pattern}\n")
 
 
 def test_earth_orientation_after_its_table(run, folder):
@@ -511,11 +511,11 @@ def test_earth_orientation_after_its_table(run, folder):
     last_date = radioloc.measurements.PhysicalModel.build().earth.table.last_date
     data(folder, CRD.replace("2024  5", f"{int(last_date[:4]) + 4}  5"))
     refused(run(study_of()), "line 6", "[model] eop_beyond", '"hold" or "extrapolate"')
-    refused(run(study_of(more='[model]\neop_beyond = "guess"\n')), "eop_beyond must be one of", "'guess'")
-    outcome = run(study_of(more='[model]\neop_beyond = "extrapolate"\n'), command="residuals")
+    refused(run(study_of(extra='[model]\neop_beyond = "guess"\n')), "eop_beyond must be one of", "'guess'")
+    outcome = run(study_of(extra='[model]\neop_beyond = "extrapolate"\n'), command="residuals")
     assert outcome.status == 0, outcome.err
-    told = r"Earth orientation is extrapolated after 20[-0-9]+: at the end of the arc UT1 may be off by \d\.\d+ s "
-    assert re.search(told, " ".join(outcome.out.split()))
+    pattern = r"Earth orientation is extrapolated after 20[-0-9]+: at the end of the arc UT1 may be off by \d\.\d+ s "
+    assert re.search(pattern, " ".join(outcome.out.split()))
 
 
 def process(*arguments, **options):
@@ -525,12 +525,12 @@ def process(*arguments, **options):
 
 
 ENVIRONMENTS = [{}, {"PYTHONWARNINGS": "error", "LC_ALL": "C", "PYTHONUTF8": "0"}]
-"""Whatever Python is told about warnings and the language."""
+"""Environment variables of Python for warnings and language."""
 
 
 @pytest.mark.parametrize("environment", some(ENVIRONMENTS, ENVIRONMENTS[1:]))
 def test_as_a_program(environment, run, folder):
-    expected = run(study_of(more="[estimate]\nephemeris_sigma_m = [0.3, 0.4, 0.5]\n"))
+    expected = run(study_of(extra="[estimate]\nephemeris_sigma_m = [0.3, 0.4, 0.5]\n"))
     done = process("locate", folder / "s.toml", cwd="/", environment=environment)
     assert (done.returncode, done.stdout, done.stderr) == (0, expected.out, "")
 
@@ -585,15 +585,15 @@ def test_convert_there_and_back(tmp_path, capsys):
     ],
 )
 def test_convert_says_in_one_line_what_is_wrong(tmp_path, capsys, arguments, words):
-    given = [text.format(csv=TABLE, folder=tmp_path) for text in arguments]
+    command = [text.format(csv=TABLE, folder=tmp_path) for text in arguments]
     try:
-        status = cli.main(["convert", *given])
+        status = cli.main(["convert", *command])
     except SystemExit as error:
         status = error.code
     assert status == 2
-    told = capsys.readouterr().err
-    assert words in told
-    assert told.count("\n") == 1
+    output = capsys.readouterr().err
+    assert words in output
+    assert output.count("\n") == 1
     assert not list(tmp_path.iterdir())
 
 
@@ -602,10 +602,10 @@ def test_help_lists_what_the_registries_hold(command, capsys):
     with pytest.raises(SystemExit) as ended:
         cli.main([command, "--help"])
     assert ended.value.code == 0
-    told = capsys.readouterr().out
-    listed = {line.split()[0] for line in told.splitlines() if line.startswith("  ")}
+    output = capsys.readouterr().out
+    listed = {line.split()[0] for line in output.splitlines() if line.startswith("  ")}
     assert set(MEASUREMENTS) <= listed
     if command == "convert":
-        assert all(f"  {name}  " in told for name in READERS)
+        assert all(f"  {name}  " in output for name in READERS)
     else:
         assert set(PARAMETERS) | {f"[{table}]" for table in TABLES} <= listed

@@ -1,4 +1,4 @@
-"""What the documentation says is so: links, files, keys, columns, terms and sizes, commands and code."""
+"""Correctness of the documentation: links, files, keys, columns, terms and sizes, commands and code."""
 
 import json
 import re
@@ -51,11 +51,11 @@ class Block(NamedTuple):
 
 
 def blocks(page: Path) -> list[Block]:
-    found = []
+    links = []
     for language, text in re.findall(r"^```(\w*)\n(.*?)^```$", page.read_text(), re.MULTILINE | re.DOTALL):
         name = re.match(r"# (\S+\.(?:toml|csv))\n", text)
-        found.append(Block(language, text, name[1] if name else None))
-    return found
+        links.append(Block(language, text, name[1] if name else None))
+    return links
 
 
 def prose(page: Path) -> str:
@@ -116,12 +116,12 @@ def test_files_named_are_there(page):
 
 @pytest.mark.parametrize("page", [*PAGES, *OTHER_PAGES], ids=lambda p: str(p.relative_to(ROOT)))
 def test_what_is_installed_is_the_checkout_and_its_extras(page):
-    """There is no release yet that `pip install radioloc` would find."""
+    """The pages install the checkout, as radioloc has not been released."""
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    for what in re.findall(r"pip install (?:-\S+ )*(\S+)", page.read_text()):
-        name = re.fullmatch(r"'?\.(?:\[(\w+)\])?'?[`.,;)]*", what)
-        assert name, what
-        assert name[1] is None or name[1] in extras, what
+    for package in re.findall(r"pip install (?:-\S+ )*(\S+)", page.read_text()):
+        name = re.fullmatch(r"'?\.(?:\[(\w+)\])?'?[`.,;)]*", package)
+        assert name, package
+        assert name[1] is None or name[1] in extras, package
 
 
 # What the code has against what the pages say.
@@ -206,7 +206,7 @@ def test_every_key_of_the_study_file(workspace):
     shown |= dict.fromkeys(("target", "reference", "references.NAME", "targets.NAME"), place)
     excluded = {"trajectory", "body", "ionex", "vmf3_orography", "solution", "known_deg_m", "orbit"}
     excluded |= {"dynamics", "epoch", "velocity_m_s", "altitude_m", "axes", *KEPLERIAN, *EQUINOCTIAL}
-    for table in [one for one in keys if one.startswith(("forces", "estimate.orbit", "target.landing"))]:
+    for table in [key for key in keys if key.startswith(("forces", "estimate.orbit", "target.landing"))]:
         del keys[table]  # of an orbiter
     keys["stations.NAME"] -= set(GEODETIC)
     assert all(set(shown[name]) >= keys[name] - excluded for name in keys)
@@ -249,18 +249,18 @@ def solution():
 def test_every_key_of_the_solution(solution):
     page = DOCS / "reference" / "output-files.md"
     documented = set().union(*(quoted(row[0]) for row in rows_of_table(page, "key")))
-    whole = {"biases", "time_biases", "provenance"}  # described as a whole
+    summarized = {"biases", "time_biases", "provenance"}  # described as a whole
 
-    def keys(value, where):
-        if isinstance(value, dict) and value and where not in whole:
-            starred = where in ("fit.by_station", "fit.by_type", "fit.by_path")
+    def keys(value, prefix):
+        if isinstance(value, dict) and value and prefix not in summarized:
+            starred = prefix in ("fit.by_station", "fit.by_type", "fit.by_path")
             for name, item in value.items():
                 if starred:
-                    yield f"{where}.*"
+                    yield f"{prefix}.*"
                 else:
-                    yield from keys(item, f"{where}.{name}" if where else name)
+                    yield from keys(item, f"{prefix}.{name}" if prefix else name)
         else:
-            yield where
+            yield prefix
 
     assert documented - {"reference"} == set(keys(solution.to_dict(), ""))
 

@@ -50,19 +50,21 @@ def public_functions():
 def others_with_examples():
     """Classes, their methods, and functions that are not public."""
     for name in NAMES:
-        found = [one for one in vars(importlib.import_module(name)).values() if hasattr(one, "__module__")]
-        own = [one for one in found if one.__module__ == name and isinstance(one, type | types.FunctionType)]
-        members = [member for one in own if isinstance(one, type) for member in vars(one).values()]
-        for one in own + [getattr(member, "__func__", getattr(member, "fget", member)) for member in members]:
-            named = isinstance(one, type | types.FunctionType) and one not in PUBLIC
-            if named and ">>>" in (one.__doc__ or ""):
-                yield pytest.param(one, id=f"{name}.{one.__qualname__}")
+        values = vars(importlib.import_module(name)).values()
+        items = [value for value in values if isinstance(value, type | types.FunctionType)]
+        items = [item for item in items if item.__module__ == name]
+        members = [member for item in items if isinstance(item, type) for member in vars(item).values()]
+        items += [getattr(member, "__func__", getattr(member, "fget", member)) for member in members]
+        for item in items:
+            is_named = isinstance(item, type | types.FunctionType) and item not in PUBLIC
+            if is_named and ">>>" in (item.__doc__ or ""):
+                yield pytest.param(item, id=f"{name}.{item.__qualname__}")
 
 
-def run_examples(found, names):
-    [example] = doctest.DocTestFinder(recurse=False).find(found, found.__qualname__, globs=names)
-    told: list[str] = []
-    assert doctest.DocTestRunner().run(example, out=told.append).failed == 0, "".join(told)
+def run_examples(function, names):
+    [example] = doctest.DocTestFinder(recurse=False).find(function, function.__qualname__, globs=names)
+    messages: list[str] = []
+    assert doctest.DocTestRunner().run(example, out=messages.append).failed == 0, "".join(messages)
 
 
 @pytest.mark.parametrize("function", [*public_functions()])
@@ -71,6 +73,6 @@ def test_each_public_function_has_an_example_that_runs(function):
     run_examples(function, {})
 
 
-@pytest.mark.parametrize("found", [*others_with_examples()])
-def test_examples_of_classes_and_others_run(found):
-    run_examples(found, dict(vars(importlib.import_module(found.__module__))))
+@pytest.mark.parametrize("item", [*others_with_examples()])
+def test_examples_of_classes_and_others_run(item):
+    run_examples(item, dict(vars(importlib.import_module(item.__module__))))

@@ -96,6 +96,6 @@ def test_figures_draw_control_characters_as_escapes(tmp_path):
 
 def test_the_command_line_shows_control_characters(tmp_path, capsys):
     assert cli.main(["locate", str(tmp_path / "\x1b[31mstudy.toml")]) == 2
-    told = capsys.readouterr().err
-    assert r"\x1b[31mstudy.toml" in told
-    assert not CONTROL.search(told)
+    output = capsys.readouterr().err
+    assert r"\x1b[31mstudy.toml" in output
+    assert not CONTROL.search(output)

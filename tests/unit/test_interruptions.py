@@ -1,4 +1,4 @@
-"""What ends a run before its end: a closed output, an interrupt, a kill, a full disk; and what it leaves behind."""
+"""Runs that end early by a closed output, an interrupt, a kill or a full disk, and their files."""
 
 import json
 import os
@@ -33,7 +33,7 @@ main(["locate", *sys.argv[1:]])
 
 @pytest.fixture(autouse=True)
 def _no_measured_coverage(monkeypatch):
-    """What is killed here or has no room on its disk does not write down which lines it ran."""
+    """Disable the measurement of coverage, which killed processes and full disks spoil."""
     monkeypatch.delenv("COVERAGE_PROCESS_CONFIG", raising=False)
 
 
@@ -63,7 +63,7 @@ def test_a_reader_that_stops_reading(arguments):
 @pytest.mark.slow
 @pytest.mark.parametrize("end", ["| true", ">&-"])
 def test_the_exit_status_does_not_depend_on_who_reads(end, tmp_path):
-    """Not observable from two points, whether or not somebody reads that."""
+    """A position that two points do not determine is an error with a closed output too."""
     lines = (APOLLO.parent / "apollo15_apollo_2006-2007.csv").read_text().splitlines(keepends=True)
     (tmp_path / "d.csv").write_text("".join(lines[:6]))
     study = "[target]\nlongitude_deg = 3.5\nlatitude_deg = 26.0\nheight_m = -1000.0\n"
@@ -104,14 +104,14 @@ def test_a_folder_that_the_disk_cannot_take(tmp_path):
 def test_content_is_on_the_disk_before_it_replaces_other(tmp_path, monkeypatch):
     file = tmp_path / "a.txt"
     write_text(file, "old")
-    seen = []
+    lines = []
 
     def fsync(handle):
-        seen.append((os.fstat(handle).st_size, file.read_text()))
+        lines.append((os.fstat(handle).st_size, file.read_text()))
 
     monkeypatch.setattr(os, "fsync", fsync)
     write_blocks(file, [b"new ", b"content"])
-    assert seen == [(11, "old")]
+    assert lines == [(11, "old")]
     assert file.read_text() == "new content"
 
 
@@ -120,8 +120,8 @@ def test_content_is_on_the_disk_before_it_replaces_other(tmp_path, monkeypatch):
 def test_a_folder_that_was_not_finished_says_so(tmp_path, capsys):
     """New numbers beside the figures of an earlier run are not taken for one result."""
     assert cli.main(["locate", str(APOLLO), "--out", str(tmp_path), "--quiet", "--terms"]) == 0
-    whole = {path.name for path in tmp_path.iterdir()}
-    assert INCOMPLETE not in whole
+    complete = {path.name for path in tmp_path.iterdir()}
+    assert INCOMPLETE not in complete
     target = "[target]\nlongitude_deg = 3.6\nlatitude_deg = 26.1\nheight_m = -1900.0\n"
     files = f'files = ["{APOLLO.parent / "apollo15_apollo_2006-2007.csv"}"]'
     study = tmp_path / "other.toml"
@@ -129,18 +129,18 @@ def test_a_folder_that_was_not_finished_says_so(tmp_path, capsys):
     killed = run(sys.executable, "-c", KILLED, study, "--out", tmp_path)
     assert killed.returncode == -signal.SIGKILL
     assert json.loads((tmp_path / "solution.json").read_text())["name"] == "other"
-    assert {path.name for path in tmp_path.iterdir()} == whole | {INCOMPLETE, "other.toml"}
+    assert {path.name for path in tmp_path.iterdir()} == complete | {INCOMPLETE, "other.toml"}
     assert cli.main(["residuals", str(study), "--out", str(tmp_path), "--quiet"]) == 0
-    here = {path.name for path in tmp_path.iterdir()}
+    listed = {path.name for path in tmp_path.iterdir()}
     figures = {f"{name}.{end}" for name in ("residuals", "distribution") for end in ("png", "svg")}
-    assert here == {"other.toml", "solution.json", "residuals.csv"} | figures
+    assert listed == {"other.toml", "solution.json", "residuals.csv"} | figures
 
 
-def started(tmp_path, *more):
+def started(tmp_path, *options):
     """A Monte Carlo study under way, a session of its own with its workers."""
     plan = tmp_path / "plan.toml"
     plan.write_text(PLAN)
-    command = [*RADIOLOC, "montecarlo", plan, "--trials", 100_000, "--hours", 6, "--out", tmp_path, *more]
+    command = [*RADIOLOC, "montecarlo", plan, "--trials", 100_000, "--hours", 6, "--out", tmp_path, *options]
     process = subprocess.Popen(
         [*map(str, command)], stderr=subprocess.PIPE, text=True, start_new_session=True
     )
@@ -151,8 +151,8 @@ def started(tmp_path, *more):
     return process
 
 
-def gone(session):
-    """Whether all processes of a session end soon."""
+def has_ended(session):
+    """Return whether all processes of a session end within a minute."""
     for _ in range(600):
         try:
             os.killpg(session, 0)
@@ -168,11 +168,11 @@ def gone(session):
 def test_an_interrupted_monte_carlo_study_says_how_to_go_on(workers, tmp_path):
     process = started(tmp_path, "--workers", workers)
     os.killpg(process.pid, signal.SIGINT)
-    _, told = process.communicate(timeout=600)
-    assert process.returncode == 130, told
-    kept = f"{tmp_path} keeps the trials made so far, and the same command with --resume goes on"
-    assert told == f"radioloc: interrupted; {kept}\n"
-    assert gone(process.pid)
+    _, output = process.communicate(timeout=600)
+    assert process.returncode == 130, output
+    advice = f"{tmp_path} keeps the trials made so far, and the same command with --resume goes on"
+    assert output == f"radioloc: interrupted; {advice}\n"
+    assert has_ended(process.pid)
     count = 25 * len(list((tmp_path / "parts").iterdir()))
     arguments = [
         "montecarlo",
@@ -193,7 +193,7 @@ def test_workers_end_with_their_parent(tmp_path):
     process = started(tmp_path, "--workers", 2)
     os.kill(process.pid, signal.SIGKILL)
     process.communicate(timeout=600)
-    assert gone(process.pid)
+    assert has_ended(process.pid)
 
 
 def test_an_interrupt_anywhere_else_is_one_line(monkeypatch, capsys):

@@ -24,47 +24,47 @@ def folder(tmp_path, monkeypatch):
     place = tmp_path / "examples" / "notebooks"
     place.mkdir(parents=True)
     (tmp_path / "kernels").symlink_to(ROOT / "kernels")
-    for beside in (EXAMPLES).iterdir():
-        if beside.name != place.name:
-            (place.parent / beside.name).symlink_to(beside)
+    for sibling in (EXAMPLES).iterdir():
+        if sibling.name != place.name:
+            (place.parent / sibling.name).symlink_to(sibling)
     return place
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_it_runs_and_its_file_has_what_it_shows(path, folder):
-    kept, now = nbformat.read(path, as_version=4), run(path, folder)
-    for cell, kept_cell in zip(now.cells, kept.cells, strict=True):
+    saved, executed = nbformat.read(path, as_version=4), run(path, folder)
+    for cell, saved_cell in zip(executed.cells, saved.cells, strict=True):
         if cell.cell_type == "code":
-            assert_alike(cell, kept_cell)
+            assert_alike(cell, saved_cell)
 
 
-def assert_alike(cell, kept):
-    shown, kept_shown = texts(cell), texts(kept)
-    assert len(shown) == len(kept_shown), cell.source
-    for text, kept_text in zip(shown, kept_shown, strict=True):
-        assert NUMBER.sub("#", text).split() == NUMBER.sub("#", kept_text).split()
-        for number, kept_number in zip(NUMBER.findall(text), NUMBER.findall(kept_text), strict=True):
-            assert near(Decimal(number), Decimal(kept_number)), f"{number} is {kept_number} in the file"
+def assert_alike(cell, saved):
+    shown, saved_shown = texts(cell), texts(saved)
+    assert len(shown) == len(saved_shown), cell.source
+    for text, saved_text in zip(shown, saved_shown, strict=True):
+        assert NUMBER.sub("#", text).split() == NUMBER.sub("#", saved_text).split()
+        for number, saved_number in zip(NUMBER.findall(text), NUMBER.findall(saved_text), strict=True):
+            assert is_near(Decimal(number), Decimal(saved_number)), f"{number} is {saved_number} in the file"
 
 
 def texts(cell):
-    """What a cell shows, each output as text; of pictures only that there is one, and in what formats."""
-    found = []
+    """Return the outputs of a cell as text; pictures by their formats only."""
+    outputs = []
     for output in cell.outputs:
         assert output.output_type in ("stream", "display_data", "execute_result")
         if output.output_type == "stream":
             assert output.name == "stdout", f"{cell.source} warns: {output.text}"
-            found.append(output.text)
+            outputs.append(output.text)
         else:
             table = re.sub("<[^>]*>", " ", output.data.get("text/html", ""))
-            found.append(f"{sorted(output.data)} {output.data['text/plain']} {table}")
-    return found
+            outputs.append(f"{sorted(output.data)} {output.data['text/plain']} {table}")
+    return outputs
 
 
-def near(number, kept):
-    exponent = kept.as_tuple().exponent
-    return abs(number - kept) <= (LAST_DIGITS * Decimal(10) ** exponent if exponent else 0)
+def is_near(number, saved):
+    exponent = saved.as_tuple().exponent
+    return abs(number - saved) <= (LAST_DIGITS * Decimal(10) ** exponent if exponent else 0)
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
@@ -80,9 +80,9 @@ def test_it_is_small_was_run_in_order_and_ends_with_checks(path):
 
 
 def test_numbers_agree_in_their_last_digits_only():
-    assert near(Decimal("3.628497"), Decimal("3.628495"))
-    assert not near(Decimal("3.62850"), Decimal("3.62846"))
-    assert not near(Decimal("151"), Decimal("152"))
+    assert is_near(Decimal("3.628497"), Decimal("3.628495"))
+    assert not is_near(Decimal("3.62850"), Decimal("3.62846"))
+    assert not is_near(Decimal("151"), Decimal("152"))
 
 
 @pytest.fixture

@@ -54,7 +54,7 @@ RADOME_M = 0.004
 
 
 def installed(folder: Path, entry_points: dict[str, dict[str, str]]) -> Path:
-    """What an installer leaves of a package for importlib.metadata: its entry points."""
+    """Write the metadata of an installed package for importlib.metadata: its entry points."""
     info = folder / "radioloc_toys-1.0.dist-info"
     info.mkdir(parents=True)
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: radioloc-toys\nVersion: 1.0\n")
@@ -141,9 +141,9 @@ def test_study_with_additional_measurement_parameter_medium_and_reader(at_run_ti
     assert done.returncode == 0, done.stderr
     assert "Warning" not in done.stderr
     solution = json.loads((tmp_path / "out" / "solution.json").read_text())
-    found = {entry["name"]: entry["value"] for entry in solution["parameters"]}
+    values = {entry["name"]: entry["value"] for entry in solution["parameters"]}
     for name, bias_m_rad in BIAS_M_RAD.items():
-        assert found[f"zenith_angle_bias.{name}"] == pytest.approx(bias_m_rad, abs=BIAS_TOLERANCE_M_RAD)
+        assert values[f"zenith_angle_bias.{name}"] == pytest.approx(bias_m_rad, abs=BIAS_TOLERANCE_M_RAD)
     position = [solution["position"]["me"][f"{axis}_m"] for axis in "xyz"]
     np.testing.assert_allclose(position, LANDER.xyz_m, rtol=0, atol=POSITION_M)
     with (tmp_path / "out" / "terms.csv").open() as file:
@@ -226,15 +226,15 @@ def test_a_solution_records_the_tables_of_other_packages_and_is_exported_to_thei
     )
     done = python(toys, "-c", code, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    recorded, *told = done.stdout.splitlines()
+    recorded, *lines = done.stdout.splitlines()
     assert json.loads(recorded) == {"residual_limit": {"limit_m": 0.5}}
-    assert any(line.split()[:1] == [".kml"] for line in told)
+    assert any(line.split()[:1] == [".kml"] for line in lines)
     longitude_deg, latitude_deg = re.search(
         r"<coordinates>([^,]*),([^<]*)", (tmp_path / "lander.kml").read_text()
     ).groups()
-    given = tomllib.loads(SHORT_ARC.read_text())["target"]
-    assert float(longitude_deg) == pytest.approx(given["longitude_deg"], abs=1e-9)
-    assert float(latitude_deg) == pytest.approx(given["latitude_deg"], abs=1e-9)
+    target = tomllib.loads(SHORT_ARC.read_text())["target"]
+    assert float(longitude_deg) == pytest.approx(target["longitude_deg"], abs=1e-9)
+    assert float(latitude_deg) == pytest.approx(target["latitude_deg"], abs=1e-9)
 
 
 def test_tables_that_are_unknown_or_of_another_kind_of_study_are_refused(monkeypatch, tmp_path):
@@ -257,7 +257,7 @@ def test_tables_that_are_unknown_or_of_another_kind_of_study_are_refused(monkeyp
     ),
 )
 def test_plugins_are_loaded_when_they_are_looked_for(first, toys, tmp_path):
-    """So their modules import what they need of radioloc, whichever is imported first."""
+    """Entry points are loaded late, so that their modules and radioloc can be imported in any order."""
     code = (
         f"import sys, {first}, radioloc\n"
         "toys = [name for name in sys.modules if name.startswith('radioloc_toys.')]\n"
@@ -308,10 +308,10 @@ def test_broken_plugins_give_one_warning_each_and_are_left_out(tmp_path):
         assert re.match(problem, warning.removeprefix(begin))
         assert warning.endswith("it is left out")
     lines = done.stdout.splitlines()
-    for first, second, own in zip(
+    for first, second, name in zip(
         lines[:6:2], lines[1:6:2], ("range", "range_bias", "ionosphere"), strict=True
     ):
-        assert own in first.split()
+        assert name in first.split()
         assert first == second
 
 
@@ -324,17 +324,17 @@ FAILING = {
 
 
 @pytest.mark.parametrize(
-    ("what", "function"),
-    [(what, function) for what, (_, _, functions) in FAILING.items() for function in functions],
+    ("entry", "function"),
+    [(entry, function) for entry, (_, _, functions) in FAILING.items() for function in functions],
 )
-def test_what_fails_in_an_entry_of_a_registry_is_one_line_that_names_it(what, function, monkeypatch, capsys):
+def test_what_fails_in_an_entry_of_a_registry_is_one_line_that_names_it(entry, function, monkeypatch, capsys):
     def fails(*_):
         raise KeyError("radome")
 
-    registry, name, _ = FAILING[what]
+    registry, name, _ = FAILING[entry]
     members = ("name", "description", "limits_rad", "prepare", "delay")
     entry = registry[name]
-    if what == "medium":
+    if entry == "medium":
         broken = SimpleNamespace(**{member: getattr(entry, member) for member in members} | {function: fails})
     else:
         broken = replace(entry, **{function: fails})
@@ -342,7 +342,7 @@ def test_what_fails_in_an_entry_of_a_registry_is_one_line_that_names_it(what, fu
     assert main(["locate", str(SHORT_ARC), "--quiet"]) == 2
     [line] = capsys.readouterr().err.splitlines()
     assert line.removeprefix("radioloc: ").removeprefix("[consider] ") == (
-        f"the {what} {name} cannot be used: {function} fails with KeyError: 'radome'; "
+        f"the {entry} {name} cannot be used: {function} fails with KeyError: 'radome'; "
         "fix the package that provides it, or leave it out"
     )
 

@@ -101,8 +101,8 @@ START = Time("2020-12-01T15:11:00", scale="utc")
         ),
     ],
 )  # fmt: skip
-def test_records_are_the_same_with_units(given, plain):
-    assert repr(rounded(given())) == repr(rounded(plain()))
+def test_records_are_the_same_with_units(make, plain):
+    assert repr(rounded(make())) == repr(rounded(plain()))
 
 
 def rounded(value):
@@ -119,8 +119,8 @@ def rounded(value):
 
 def test_a_choice_of_observations_takes_dates_and_times():
     plain = ObservationChoice(start=epochs_from_strings("2020-12-01T15:11:00", "UTC")).start
-    for given in ("2020-12-01T15:11:00", START, START.tdb):
-        start = ObservationChoice(start=given).start
+    for date in ("2020-12-01T15:11:00", START, START.tdb):
+        start = ObservationChoice(start=date).start
         assert start.scale == "UTC"
         assert abs((start.jd - plain.jd + start.fraction - plain.fraction)[0]) * 86400.0 < 1e-8
     with pytest.raises(InputError, match="'soon' is not a date"):
@@ -145,7 +145,7 @@ def test_an_epoch_in_any_scale_is_the_same_instant(scale, model):
     assert geocentric_tdb_minus_tt(time) == pytest.approx(geocentric_tdb_minus_tt(tdb), abs=1e-12)
     assert utc_strings(time, 6).tolist() == ["2020-12-01T15:11:00.000000", "2020-12-02T01:00:00.000000"]
     station = StationCatalogue.default().get("WETTZELL")
-    for function, argument, within in (
+    for function, argument, tolerance in (
         (lambda at: Ephemeris.open().geocentric("moon", at)[0], tdb, 1e-4),
         (lambda at: Ephemeris.open().earth(at).position_m, tdb, 1e-3),
         (lambda at: LunarOrientation.open().angles(at)[0], tdb, 1e-13),
@@ -155,7 +155,7 @@ def test_an_epoch_in_any_scale_is_the_same_instant(scale, model):
         (lambda at: elevations(model, LANDER_PA_M, ["KASHI"], at).at_station_rad, tt, 2e-12),
         (lambda at: UniformTec(10.0).slant_tec(station.itrf_m, 0.1, 0.7, at), utc, 1e-12),
     ):
-        np.testing.assert_allclose(function(time), function(argument), rtol=0.0, atol=within)
+        np.testing.assert_allclose(function(time), function(argument), rtol=0.0, atol=tolerance)
 
 
 LANDER_PA_M = radioloc.LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4).to_frame("PA_DE421").xyz_m

@@ -26,12 +26,12 @@ def readers(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def quiet_gdal():
-    """GDAL tells a log what it makes of a file."""
+    """Silence the log of GDAL."""
     logger = logging.getLogger("rasterio")
-    before = logger.level
+    level = logger.level
     logger.setLevel(logging.CRITICAL)
     yield
-    logger.setLevel(before)
+    logger.setLevel(level)
 
 
 def refusal(read, path):
@@ -45,8 +45,8 @@ def refusal(read, path):
 
 @pytest.mark.parametrize("name", [*TEXTS, *BINARIES])
 def test_no_file_a_directory_and_something_else(name, readers):
-    folder, found = readers
-    (read, _), path = found[name], folder / f"given.{name}"
+    folder, names = readers
+    (read, _), path = names[name], folder / f"given.{name}"
     assert "no such" in (missing := refusal(read, path)) or "neither a file" in missing
     path.mkdir()
     assert "is a directory; give" in refusal(read, path)

@@ -1,4 +1,4 @@
-"""What a notebook shows of objects: one line that says which one it is, and no arrays."""
+"""Representations of objects in notebooks: one line that identifies the object, without arrays."""
 
 from paths import EXAMPLES
 

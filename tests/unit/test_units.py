@@ -52,16 +52,16 @@ def test_what_is_no_number_and_no_known_quantity_is_refused_by_name():
 
 
 def test_a_position_on_the_moon():
-    there = LunarPosition.from_selenographic(-51.9, 43.06, -2500.0)
+    point = LunarPosition.from_selenographic(-51.9, 43.06, -2500.0)
     assert np.array_equal(
-        LunarPosition.from_selenographic(-51.9 * u.deg, 43.06 * u.deg, -2.5 * u.km).xyz_m, there.xyz_m
+        LunarPosition.from_selenographic(-51.9 * u.deg, 43.06 * u.deg, -2.5 * u.km).xyz_m, point.xyz_m
     )
-    for again in (
-        LunarPosition(there.frame, there.xyz_m * u.m),
-        LunarPosition(there.frame, there.xyz_m / 1e3 * u.km),
-        LunarPosition.from_cartesian([x * u.m for x in there.xyz_m], there.frame),
+    for copy in (
+        LunarPosition(point.frame, point.xyz_m * u.m),
+        LunarPosition(point.frame, point.xyz_m / 1e3 * u.km),
+        LunarPosition.from_cartesian([x * u.m for x in point.xyz_m], point.frame),
     ):
-        assert np.abs(again.xyz_m - there.xyz_m).max() < 1e-9
+        assert np.abs(copy.xyz_m - point.xyz_m).max() < 1e-9
     with pytest.raises(InputError, match=r"latitude_deg is in km; give deg"):
         LunarPosition.from_selenographic(0.0, 1.0 * u.km, 0.0)
     with pytest.raises(InputError, match="three finite numbers"):
@@ -151,17 +151,19 @@ def test_columns_of_observations_with_units():
         uplink_hz=7.1 * u.GHz,
         count_s=1.0 * u.min,
     )
-    for name, wanted in {
+    for name, expected in {
         "value_m": [7.5e8, 7.6e8], "sigma_m": 0.01, "pressure_hpa": [720.0, 730.0], "temperature_k": 280.0,
         "relative_humidity": 0.3, "wavelength_um": 35.7e3, "uplink_hz": 7.1e9, "count_s": 60.0,
     }.items():  # fmt: skip
-        np.testing.assert_allclose(getattr(table, name), np.broadcast_to(wanted, 2), rtol=1e-15, err_msg=name)
+        np.testing.assert_allclose(
+            getattr(table, name), np.broadcast_to(expected, 2), rtol=1e-15, err_msg=name
+        )
     rows = Table({"range": [7.5e5, 7.6e5] * u.km, "sigma": [1.0, 2.0]})
     assert np.array_equal(observed(value_m=rows["range"], sigma_m=rows["sigma"]).value_m, [7.5e8, 7.6e8])
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "told"),
+    ("name", "value", "message"),
     [
         ("value_m", [2.5, 2.6] * u.s, "value_m is in s; give m"),
         ("sigma_m", 1e-11 * u.s, "sigma_m is in s; give m"),
@@ -171,8 +173,8 @@ def test_columns_of_observations_with_units():
         ("link", np.ma.masked_array([0, 0], [False, True]), "link has masked entries"),
     ],
 )
-def test_columns_that_are_not_what_their_name_says(name, value, told):
-    with pytest.raises(InputError, match=told):
+def test_columns_that_are_not_what_their_name_says(name, value, message):
+    with pytest.raises(InputError, match=message):
         observed(**{name: value})
 
 

@@ -79,12 +79,12 @@ def test_a_file_that_was_cut_is_told(tmp_path: Path) -> None:
     """Wherever it is cut behind the heading: an error, a warning, or nothing but the end mark is missing."""
     path = tmp_path / "cut.blq"
     head = "$$ COLUMN ORDER:  M2 S2 N2 K2 K1 O1 P1 Q1 MF MM SSA\n"
-    whole = head + BLQ_RECORD + BLQ_RECORD.replace("ONSALA", "KASHI") + "$$ END TABLE\n"
+    complete = head + BLQ_RECORD + BLQ_RECORD.replace("ONSALA", "KASHI") + "$$ END TABLE\n"
     between = len(head + BLQ_RECORD)
-    path.write_text(whole)
+    path.write_text(complete)
     assert list(read_blq(path)) == ["ONSALA", "KASHI"]
-    for length in range(len(head) + 1, whole.index("$$ END TABLE")):
-        path.write_text(whole[:length])
+    for length in range(len(head) + 1, complete.index("$$ END TABLE")):
+        path.write_text(complete[:length])
         if length == between:
             with pytest.warns(DataQualityWarning, match="no line .. END TABLE; .* it has ONSALA$"):
                 assert list(read_blq(path)) == ["ONSALA"]

@@ -23,10 +23,10 @@ def test_c04_is_read(tmp_path):
     assert not columns["predicted"].any()
 
 
-@pytest.mark.parametrize("lost", [1, 40, 125])
-def test_a_row_cut_within_a_number_is_no_shorter_number(tmp_path, lost):
+@pytest.mark.parametrize("n_characters", [1, 40, 125])
+def test_a_row_cut_within_a_number_is_no_shorter_number(tmp_path, n_characters):
     path = tmp_path / "eop.txt"
-    path.write_text("\n".join([finals_row(58849), finals_row(58850)])[:-lost])
+    path.write_text("\n".join([finals_row(58849), finals_row(58850)])[:-n_characters])
     with pytest.raises(FileFormatError, match="line 2: the last row was cut"):
         read_eop_rows(path)
 

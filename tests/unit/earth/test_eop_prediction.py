@@ -11,8 +11,8 @@ COLUMNS = ("mjd_utc", "xp_rad", "yp_rad", "ut1_minus_utc_s", "dx_rad", "dy_rad",
 
 
 def until(table, last_mjd):
-    mine = (table.mjd_utc <= last_mjd) & (table.mjd_utc > last_mjd - 2500.0)
-    return EopTable(*(getattr(table, name)[mine] for name in COLUMNS))
+    days = (table.mjd_utc <= last_mjd) & (table.mjd_utc > last_mjd - 2500.0)
+    return EopTable(*(getattr(table, name)[days] for name in COLUMNS))
 
 
 def at(table, mjd):
@@ -25,15 +25,15 @@ def measured():
     return until(table, last_measured_mjd(table)), table
 
 
-@pytest.mark.parametrize("how", BEYOND)
-def test_goes_on_from_the_last_day(measured, how):
-    table = extended(measured[0], how)
+@pytest.mark.parametrize("method", BEYOND)
+def test_goes_on_from_the_last_day(measured, method):
+    table = extended(measured[0], method)
     last = measured[0].mjd_utc[-1]
-    before, after = at(table, last - 1e-3), at(table, last + 1e-3)
+    earlier, later = at(table, last - 1e-3), at(table, last + 1e-3)
     # The pole moves by 3 mas a day, UT1 by 2 ms a day at most.
-    assert abs(after.xp_rad - before.xp_rad)[0] < 0.002 * 0.003 * ARCSEC_RAD
-    assert abs(after.ut1_minus_tt_s - before.ut1_minus_tt_s)[0] < 0.002 * 2e-3
-    assert table.beyond == (how, last)
+    assert abs(later.xp_rad - earlier.xp_rad)[0] < 0.002 * 0.003 * ARCSEC_RAD
+    assert abs(later.ut1_minus_tt_s - earlier.ut1_minus_tt_s)[0] < 0.002 * 2e-3
+    assert table.beyond == (method, last)
     assert table.predicted[-1]
     assert not at(table, last - 3.0).predicted[0]
     assert table.last_measured_date == measured[0].last_measured_date
@@ -57,24 +57,24 @@ def test_holding_keeps_the_pole_and_the_length_of_day(measured):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("how", BEYOND)
-def test_errors_are_those_of_the_same_done_before(how):
-    """Where the future is known: from every hundredth day since 2000 on, the errors are as large as stated."""
+@pytest.mark.parametrize("method", BEYOND)
+def test_errors_are_those_of_the_same_done_before(method):
+    """Predictions from every hundredth day since 2000 have the stated errors against the later series."""
     full = EopTable.packaged()
     end = last_measured_mjd(full)
     lead_d = np.array([3.0, 10.0, 30.0, 100.0, 200.0, 365.0, 730.0, 1500.0, 2900.0])
     off = []
     for last in np.arange(51600.0, end - 100.0, 100.0):
-        table = extended(until(full, last), how)
-        there = lead_d[last + lead_d < end]
-        found, truth = at(table, last + there), at(full, last + there)
-        ut1_s, pole_rad = orientation_errors(table, last + there)
+        table = extended(until(full, last), method)
+        leads = lead_d[last + lead_d < end]
+        predicted, truth = at(table, last + leads), at(full, last + leads)
+        ut1_s, pole_rad = orientation_errors(table, last + leads)
         ratios = [
-            (found.ut1_minus_tt_s - truth.ut1_minus_tt_s) / ut1_s,
-            (found.xp_rad - truth.xp_rad) / pole_rad,
-            (found.yp_rad - truth.yp_rad) / pole_rad,
+            (predicted.ut1_minus_tt_s - truth.ut1_minus_tt_s) / ut1_s,
+            (predicted.xp_rad - truth.xp_rad) / pole_rad,
+            (predicted.yp_rad - truth.yp_rad) / pole_rad,
         ]
-        off.append(np.pad(ratios, ((0, 0), (0, len(lead_d) - len(there))), constant_values=np.nan))
+        off.append(np.pad(ratios, ((0, 0), (0, len(lead_d) - len(leads))), constant_values=np.nan))
     rms = np.sqrt(np.nanmean(np.square(off), axis=0))
     # One law for a whole range of lead times holds to a fifth. That of the pole is larger beyond half a year: it has
     # turned back by then, which a law that only grows does not know.
@@ -99,8 +99,8 @@ def test_what_cannot_be_extended(measured):
     with pytest.raises(InputError, match="has 100 days; 1461 are needed"):
         extended(short, "extrapolate")
     assert extended(short, "hold").beyond is not None
-    without = EopTable(
+    table = EopTable(
         *(getattr(short, n) * (np.nan if n == "dx_rad" else 1) for n in COLUMNS[:-1]), short.predicted
     )
     with pytest.raises(InputError, match="no celestial pole offset"):
-        extended(without, "hold")
+        extended(table, "hold")

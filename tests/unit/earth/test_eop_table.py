@@ -66,7 +66,7 @@ def test_a_jump_of_ut1_is_ascribed_to_leap_seconds_only_if_it_is_whole(jump_s, c
 def test_rates_are_the_derivatives(packaged):
     tt = Epochs.from_jd(2459000.5 + np.arange(0.0, 200.0, 7.0), 0.4, "TT")
     values, h = packaged.interpolate(tt), 300.0
-    after, before = packaged.interpolate(tt.shifted(h)), packaged.interpolate(tt.shifted(-h))
+    later, earlier = packaged.interpolate(tt.shifted(h)), packaged.interpolate(tt.shifted(-h))
     for name, tolerance in (
         ("ut1_minus_tt", 1e-14),
         ("xp", 1e-18),
@@ -75,7 +75,7 @@ def test_rates_are_the_derivatives(packaged):
         ("dy", 1e-18),
     ):
         unit, rate_unit = ("_s", "_rate") if name == "ut1_minus_tt" else ("_rad", "_rate_rad_s")
-        difference = (getattr(after, name + unit) - getattr(before, name + unit)) / (2 * h)
+        difference = (getattr(later, name + unit) - getattr(earlier, name + unit)) / (2 * h)
         np.testing.assert_allclose(getattr(values, name + rate_unit), difference, rtol=0, atol=tolerance)
 
 

@@ -40,13 +40,13 @@ def test_round_trip() -> None:
 
 def test_local_axes_are_those_of_finite_steps() -> None:
     longitude, latitude, height = 2.1, 0.55, 300.0
-    here = itrf_from_geodetic(longitude, latitude, height)
-    rot = rot_itrf_to_enu(here)
+    origin_m = itrf_from_geodetic(longitude, latitude, height)
+    rot = rot_itrf_to_enu(origin_m)
     steps = [(1e-6, 0.0, 0.0), (0.0, 1e-6, 0.0), (0.0, 0.0, 10.0)]
     for axis, (d_lon, d_lat, d_h) in enumerate(steps):
-        there = itrf_from_geodetic(longitude + d_lon, latitude + d_lat, height + d_h)
+        displaced_m = itrf_from_geodetic(longitude + d_lon, latitude + d_lat, height + d_h)
         back = itrf_from_geodetic(longitude - d_lon, latitude - d_lat, height - d_h)
-        unit = (there - back) / np.linalg.norm(there - back)
+        unit = (displaced_m - back) / np.linalg.norm(displaced_m - back)
         # Rounding of positions over a step of 6 m or more.
         np.testing.assert_allclose(rot @ unit, np.eye(3)[axis], rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(rot @ rot.T, np.eye(3), rtol=0.0, atol=ROUNDING)
@@ -54,12 +54,12 @@ def test_local_axes_are_those_of_finite_steps() -> None:
 
 
 def test_spherical_up_is_radial_and_east_the_same() -> None:
-    here = itrf_from_geodetic([2.1, -0.4], [0.55, -1.2], 300.0)
-    rot = rot_itrf_to_spherical_enu(here)
-    radial = here / np.linalg.norm(here, axis=-1)[:, np.newaxis]
+    points_m = itrf_from_geodetic([2.1, -0.4], [0.55, -1.2], 300.0)
+    rot = rot_itrf_to_spherical_enu(points_m)
+    radial = points_m / np.linalg.norm(points_m, axis=-1)[:, np.newaxis]
     np.testing.assert_allclose(rot[:, 2], radial, rtol=0.0, atol=ROUNDING)
-    np.testing.assert_allclose(rot[:, 0], rot_itrf_to_enu(here)[:, 0], rtol=0.0, atol=ROUNDING)
-    tilt_deg = np.rad2deg(np.arccos(np.einsum("ni,ni->n", rot[:, 2], rot_itrf_to_enu(here)[:, 2])))
+    np.testing.assert_allclose(rot[:, 0], rot_itrf_to_enu(points_m)[:, 0], rtol=0.0, atol=ROUNDING)
+    tilt_deg = np.rad2deg(np.arccos(np.einsum("ni,ni->n", rot[:, 2], rot_itrf_to_enu(points_m)[:, 2])))
     assert ((tilt_deg > 0.1) & (tilt_deg < 0.193)).all()
 
 

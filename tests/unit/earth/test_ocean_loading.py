@@ -29,10 +29,10 @@ def given_columns():
 
 def test_table_of_the_tidal_potential() -> None:
     """Cartwright and Edden (1973): M2, S2, N2, K2, K1, O1, P1, Q1, Mf, Mm, Ssa."""
-    multipliers, equilibrium_m, given = given_columns()
+    multipliers, equilibrium_m, columns = given_columns()
     assert len({tuple(row) for row in multipliers}) == len(multipliers) == 342
     expected = (0.632208, 0.294107, 0.121046, 0.079915, 0.368645, -0.262232, -0.121995, -0.050208)
-    assert equilibrium_m[given].tolist() == [*expected, -0.066607, -0.035184, -0.030988]
+    assert equilibrium_m[columns].tolist() == [*expected, -0.066607, -0.035184, -0.030988]
 
 
 def test_given_tides_keep_their_amplitudes() -> None:
@@ -42,16 +42,16 @@ def test_given_tides_keep_their_amplitudes() -> None:
 
 
 def test_equal_admittance_gives_the_equilibrium_tide() -> None:
-    """Where the response is the same at all frequencies, every tide keeps its share of the potential."""
-    _, equilibrium_m, given = given_columns()
-    found_m = np.abs(0.01 * np.abs(equilibrium_m[given]) @ amplitudes_by_given())
+    """A response equal at all frequencies preserves the ratios of the potential."""
+    _, equilibrium_m, columns = given_columns()
+    found_m = np.abs(0.01 * np.abs(equilibrium_m[columns]) @ amplitudes_by_given())
     np.testing.assert_allclose(found_m, 0.01 * np.abs(equilibrium_m), rtol=0.0, atol=ROUNDING_M)
 
 
 def test_sum_repeats_with_the_nodal_modulation() -> None:
     """M2 alone is modulated by 3.7 % with the node's 18.6 years (Doodson and Warburg 1941)."""
-    multipliers, equilibrium_m, given = given_columns()
-    semidiurnal = np.where(GIVEN_TIDES[:, 0] == 2, equilibrium_m[given], 0.0)
+    multipliers, equilibrium_m, columns = given_columns()
+    semidiurnal = np.where(GIVEN_TIDES[:, 0] == 2, equilibrium_m[columns], 0.0)
     side = (multipliers == (2, 0, 0, 0, -1, 0)).all(axis=1)
     assert abs(np.abs(semidiurnal @ amplitudes_by_given())[side][0] / 0.632208 - 0.0373) < 5e-4
 
@@ -103,10 +103,10 @@ def test_displacement_is_turned_into_the_itrf() -> None:
 def test_dense_epochs_are_each_as_if_alone():
     """Many epochs share nodes between which the tides' modulation is interpolated; one alone does not."""
     tt = Epochs.from_jd(2459184.5, np.random.default_rng(2).uniform(0.0, 20.0, 2000), "TT")
-    together = sum_of_tides(loading_enu_m(SHANGHAI), tt, tt.fraction)
-    alone = [sum_of_tides(loading_enu_m(SHANGHAI), tt[k], tt.fraction[k : k + 1]) for k in range(100)]
-    assert np.abs(together).max() > 5e-3
-    np.testing.assert_allclose(together[:100], np.concatenate(alone), rtol=0.0, atol=1e-11)
+    sums = sum_of_tides(loading_enu_m(SHANGHAI), tt, tt.fraction)
+    single_sums = [sum_of_tides(loading_enu_m(SHANGHAI), tt[k], tt.fraction[k : k + 1]) for k in range(100)]
+    assert np.abs(sums).max() > 5e-3
+    np.testing.assert_allclose(sums[:100], np.concatenate(single_sums), rtol=0.0, atol=1e-11)
 
 
 def test_wants_tt() -> None:

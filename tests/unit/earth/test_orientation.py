@@ -57,20 +57,20 @@ def test_rotation_is_continuous_over_a_leap_second(model):
 
 def test_terms_add_what_they_should(model):
     tt = years(400)
-    without = {
+    deterministic = {
         name: EarthOrientation(model.table, **{name: False}).evaluate(tt)
         for name in ("subdaily_tides", "libration", "zonal_tides")
     }
-    whole = model.evaluate(tt)
+    full = model.evaluate(tt)
     sizes = {
-        name: np.abs(whole.rot_itrf_to_gcrs - part.rot_itrf_to_gcrs).max() * EARTH_RADIUS_M
-        for name, part in without.items()
+        name: np.abs(full.rot_itrf_to_gcrs - part.rot_itrf_to_gcrs).max() * EARTH_RADIUS_M
+        for name, part in deterministic.items()
     }
     assert 0.02 < sizes["subdaily_tides"] < 0.05
     assert 0.001 < sizes["libration"] < 0.003
     assert 0.0003 < sizes["zonal_tides"] < 0.0015
-    np.testing.assert_array_equal(whole.xp_table_rad, without["subdaily_tides"].xp_table_rad)
-    assert np.abs(whole.xp_rad - whole.xp_table_rad).max() > 1e-9
+    np.testing.assert_array_equal(full.xp_table_rad, deterministic["subdaily_tides"].xp_table_rad)
+    assert np.abs(full.xp_rad - full.xp_table_rad).max() > 1e-9
 
 
 def test_earth_rotation_angle_keeps_all_digits():
@@ -89,9 +89,9 @@ def test_predictions_warn_once_and_are_flagged(model):
     tt = Epochs.from_jd(last.jd[0] + np.array([-10.0, 5.0, 6.0]), 0.5, "TT")
     with pytest.warns(
         PredictedEopWarning, match=f"2 of 3 epochs.*measured values end {model.table.last_measured_date}"
-    ) as seen:
+    ) as warning:
         earth = model.evaluate(tt)
-    assert len(seen) == 1
+    assert len(warning) == 1
     np.testing.assert_array_equal(earth.predicted, [False, True, True])
 
 

@@ -21,8 +21,8 @@ def tide(station_m: object, tt: Epochs, ut1_fraction: object) -> np.ndarray:
 def test_no_step_at_midnight() -> None:
     """The UT1 day ends between two epochs one microsecond apart; a day's tide moves 6e-11 m in that time."""
     tt = Epochs.from_jd(2459000.5, np.array([0.0008, 0.0008 + 1e-6 / 86400.0]), "TT")
-    before, after = tide(itrf_from_geodetic(1.0, 0.9, 0.0), tt, np.array([1.0 - 1e-6 / 86400.0, 0.0]))
-    np.testing.assert_allclose(before, after, rtol=0.0, atol=1e-10)
+    earlier, later = tide(itrf_from_geodetic(1.0, 0.9, 0.0), tt, np.array([1.0 - 1e-6 / 86400.0, 0.0]))
+    np.testing.assert_allclose(earlier, later, rtol=0.0, atol=1e-10)
 
 
 def test_correction_of_the_k1_tide_turns_with_the_sidereal_day() -> None:
@@ -35,8 +35,8 @@ def test_correction_of_the_k1_tide_turns_with_the_sidereal_day() -> None:
 
 def test_stations_at_the_poles_have_a_tide() -> None:
     midnight = Epochs.from_jd(2459000.5, 0.0, "TT")
-    pole, beside = (tide([x, 0.0, 6356752.0], midnight, 0.0) for x in (0.0, 1e-3))
-    np.testing.assert_allclose(pole, beside, rtol=0.0, atol=1e-9)
+    pole, neighbour = (tide([x, 0.0, 6356752.0], midnight, 0.0) for x in (0.0, 1e-3))
+    np.testing.assert_allclose(pole, neighbour, rtol=0.0, atol=1e-9)
 
 
 def test_wants_tt() -> None:

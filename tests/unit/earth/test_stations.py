@@ -65,12 +65,12 @@ def test_default_stations_are_where_they_should_be() -> None:
     complexes = {"Goldstone": (-116.87, 35.3), "Canberra": (148.98, -35.40), "Madrid": (-4.25, 40.43)}
     for station in StationCatalogue.default():
         place = geodetic_from_itrf(station.itrf_m)
-        near = 0.02 if station.name in expected_deg else 0.15
+        tolerance_deg = 0.02 if station.name in expected_deg else 0.15
         longitude_deg, latitude_deg = (expected_deg | complexes)[
             station.name if station.name in expected_deg else station.complex.split()[0]
         ]
-        assert np.rad2deg(place.longitude_rad) == pytest.approx(longitude_deg, abs=near)
-        assert np.rad2deg(place.latitude_rad) == pytest.approx(latitude_deg, abs=near)
+        assert np.rad2deg(place.longitude_rad) == pytest.approx(longitude_deg, abs=tolerance_deg)
+        assert np.rad2deg(place.latitude_rad) == pytest.approx(latitude_deg, abs=tolerance_deg)
         assert -20.0 < place.height_m < 3000.0
 
 
@@ -91,8 +91,8 @@ def test_telescopes_are_found_by_the_two_letters_of_vlbi() -> None:
     telescopes = [s for s in StationCatalogue.default() if s.kind == "vlbi" and s.frame == "ITRF2014"]
     assert {s.complex for s in telescopes} == {EUROPEAN, AUSTRALIAN}
     codes = "EfMcMhNtOnWzYsSvZcBdHhHtHbHoKeYgPaWw"
-    found = [StationCatalogue.default().get(codes[k : k + 2]) for k in range(0, len(codes), 2)]
-    assert found == telescopes
+    stations = [StationCatalogue.default().get(codes[k : k + 2]) for k in range(0, len(codes), 2)]
+    assert stations == telescopes
 
 
 def test_the_telescopes_of_a_site_move_together_and_none_up_by_more_than_a_centimetre_a_year() -> None:
@@ -122,10 +122,10 @@ def test_effelsberg_is_where_the_itrf_says() -> None:
     [("goldstone", 8), ("Madrid", 6), ("canberra", 6), ("JAPAN", 3), ("new norcia", 1), ("xyz", 0)],
 )
 def test_stations_are_found_by_a_part_of_what_is_said_of_them(text: str, count: int) -> None:
-    found = StationCatalogue.default().find(text)
-    assert len(found) == count
+    stations = StationCatalogue.default().find(text)
+    assert len(stations) == count
     assert all(
-        text.replace(" ", "").lower() in f"{s.complex}{s.country}".replace(" ", "").lower() for s in found
+        text.replace(" ", "").lower() in f"{s.complex}{s.country}".replace(" ", "").lower() for s in stations
     )
 
 
@@ -160,10 +160,10 @@ def test_unknown_station_says_what_is_close() -> None:
      ("APACHE", set()), ("DSS-99", set()), ("DSS-44", set()), ("7840", set()), ("MCDONALD", set())],
 )  # fmt: skip
 def test_stations_of_another_number_or_place_are_not_called_similar(name: str, similar: set[str]) -> None:
-    with pytest.raises(StationError) as told:
+    with pytest.raises(StationError) as caught:
         StationCatalogue.default().get(name)
-    found = re.search(r"similar: (.*?)\.", str(told.value))
-    assert (set() if found is None else set(found[1].split(", "))) == similar
+    match = re.search(r"similar: (.*?)\.", str(caught.value))
+    assert (set() if match is None else set(match[1].split(", "))) == similar
 
 
 def test_position_moves_linearly() -> None:
@@ -229,11 +229,11 @@ def test_coordinates_in_another_order_than_the_catalogue_has_them_are_refused(
 ) -> None:
     default = StationCatalogue.default()
     kashi = default["KASHI"]
-    near = kashi.itrf_m + 1000.0
+    moved_m = kashi.itrf_m + 1000.0
     with pytest.raises(StationError, match=r"KASHI is \d+ km from the catalogue's.* would be 1.73 km"):
-        default.with_station(dataclasses.replace(kashi, itrf_m=signs * near[list(order)]))
-    elsewhere = default.with_station(dataclasses.replace(kashi, itrf_m=default["PARKES"].itrf_m))
-    assert elsewhere["KASHI"].itrf_m.tolist() == default["PARKES"].itrf_m.tolist()
+        default.with_station(dataclasses.replace(kashi, itrf_m=signs * moved_m[list(order)]))
+    relocated = default.with_station(dataclasses.replace(kashi, itrf_m=default["PARKES"].itrf_m))
+    assert relocated["KASHI"].itrf_m.tolist() == default["PARKES"].itrf_m.tolist()
 
 
 def test_with_station_adds_and_replaces_in_a_new_catalogue() -> None:
@@ -243,10 +243,10 @@ def test_with_station_adds_and_replaces_in_a_new_catalogue() -> None:
     assert "mn" not in default
     assert len(larger) == len(default) + 1
     loading = default["MLRS2"].ocean_loading
-    own = larger.with_station(dataclasses.replace(default["APOLLO"], ocean_loading=loading))
-    assert len(own) == len(larger)
-    assert own["7045"].ocean_loading is loading
-    assert own["7045"].velocity_known
+    replaced = larger.with_station(dataclasses.replace(default["APOLLO"], ocean_loading=loading))
+    assert len(replaced) == len(larger)
+    assert replaced["7045"].ocean_loading is loading
+    assert replaced["7045"].velocity_known
     assert default["7045"].ocean_loading is None
 
 
@@ -261,9 +261,11 @@ def test_geodetic_coordinates_are_those_of_the_ellipsoid() -> None:
         "source": "s",
     }
     place = {"longitude_deg": -52.8046646, "latitude_deg": 5.2514391, "height_m": -14.6719}
-    made = Station.from_geodetic(**place, **fields, frame="ITRF97")
-    np.testing.assert_allclose(made.itrf_m, StationCatalogue.default()["KOUROU"].itrf_m, rtol=0.0, atol=1e-3)
-    assert made.frame == "ITRF97"
+    station = Station.from_geodetic(**place, **fields, frame="ITRF97")
+    np.testing.assert_allclose(
+        station.itrf_m, StationCatalogue.default()["KOUROU"].itrf_m, rtol=0.0, atol=1e-3
+    )
+    assert station.frame == "ITRF97"
     for name, value in (("latitude_deg", 140.0), ("longitude_deg", 520.0), ("height_m", np.nan)):
         with pytest.raises(StationError, match=rf"station K: .*{name} = {value:g}.* 90 and 360 degrees"):
             Station.from_geodetic(**place | {name: value}, **fields)
@@ -271,14 +273,14 @@ def test_geodetic_coordinates_are_those_of_the_ellipsoid() -> None:
 
 def test_position_is_in_itrf2020_whatever_frame_it_is_given_in() -> None:
     tt = Epochs.from_jd(2460000.5, 0.0, "TT")
-    given, still = make_station(frame="ITRF93"), make_station(frame="ITRF93", velocity_m_yr=[0.0, 0.0, 0.0])
+    moving, fixed = make_station(frame="ITRF93"), make_station(frame="ITRF93", velocity_m_yr=[0.0, 0.0, 0.0])
     # At the equator in Greenwich in 2010: T is (-51.8, 2.9, -59.8) mm, D x 24.684 mm, R2 and R3 are -3.38 and 0.40
     # milliarcseconds, 104.516 and 12.369 mm.
-    away_m = given.position_at(tt)[0] - given.itrf_m
+    away_m = moving.position_at(tt)[0] - moving.itrf_m
     np.testing.assert_allclose(away_m, [0.027116, -0.015269, -0.044716], rtol=0.0, atol=2e-6)
-    np.testing.assert_array_equal(given.position_at(tt[[0, 0]])[1], given.itrf2020[0])
-    # A velocity of zero in ITRF93 is none in ITRF2020.
-    assert np.linalg.norm(still.itrf2020[1]) > 3e-3
+    np.testing.assert_array_equal(moving.position_at(tt[[0, 0]])[1], moving.itrf2020[0])
+    # A velocity of zero in ITRF93 differs from zero in ITRF2020.
+    assert np.linalg.norm(fixed.itrf2020[1]) > 3e-3
 
 
 def test_with_station_refuses_an_alias_already_taken() -> None:

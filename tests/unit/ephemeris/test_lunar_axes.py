@@ -70,7 +70,7 @@ def test_an_orbit_in_each_of_the_axes(tmp_path, code):
 
 
 def test_epochs_without_an_orientation_of_the_moon_are_refused(tmp_path):
-    """The kernel of a lander says nothing of when; the orientation does."""
+    """The kernel of a lander has no limits of time; the orientation has."""
     spk, _ = write_spice(tmp_path / "lander.bsp", recorded(frame="ME_DE440"))
     ends = LunarOrientation.open("DE440").kernel.end_tdb
     with pytest.raises(CoverageError, match=ends):

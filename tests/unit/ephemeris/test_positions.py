@@ -36,12 +36,12 @@ def test_what_is_opened(ephemeris):
 def test_velocity_and_acceleration_are_derivatives(ephemeris, epochs):
     step_s = 600.0
     ahead, behind = ephemeris.earth(epochs.shifted(step_s)), ephemeris.earth(epochs.shifted(-step_s))
-    now = ephemeris.earth(epochs)
+    state = ephemeris.earth(epochs)
     slope = (ahead.velocity_m_s - behind.velocity_m_s) / (2 * step_s)
     # Central differences leave h^2/6 of the third derivative of the velocity: 1e-11 m/s^2.
-    np.testing.assert_allclose(slope, now.acceleration_m_s2, rtol=0, atol=SERIES_ACCELERATION_M_S2)
+    np.testing.assert_allclose(slope, state.acceleration_m_s2, rtol=0, atol=SERIES_ACCELERATION_M_S2)
     slope = (ahead.position_m - behind.position_m) / (2 * step_s)
-    np.testing.assert_allclose(slope, now.velocity_m_s, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(slope, state.velocity_m_s, rtol=0, atol=1e-4)
 
 
 def test_acceleration_is_newtons(ephemeris, epochs):
@@ -67,9 +67,9 @@ def test_acceleration_does_not_jump_between_records(ephemeris):
     starts = Epochs.from_jd(
         2451545.0 + segment.first_record_s / 86400.0 + 4.0 * np.arange(1, 7390), 0.0, "TDB"
     )
-    before, after = ephemeris.earth(starts.shifted(-1e-3)), ephemeris.earth(starts)
+    earlier, later = ephemeris.earth(starts.shifted(-1e-3)), ephemeris.earth(starts)
     np.testing.assert_allclose(
-        before.acceleration_m_s2, after.acceleration_m_s2, rtol=0, atol=SERIES_ACCELERATION_M_S2
+        earlier.acceleration_m_s2, later.acceleration_m_s2, rtol=0, atol=SERIES_ACCELERATION_M_S2
     )
 
 
@@ -192,9 +192,9 @@ def test_another_ephemeris(tmp_path):
 
 
 def test_ephemeris_without_the_moon_or_of_unknown_name(tmp_path):
-    without = {pair: length_s for pair, length_s in PAIRS_OF_DE440.items() if pair[0] != 301}
+    remaining = {pair: length_s for pair, length_s in PAIRS_OF_DE440.items() if pair[0] != 301}
     with pytest.raises(KernelError, match="no segment for NAIF code 301 relative to 3"):
-        Ephemeris.open(chebyshev_spk(tmp_path / "no_moon.bsp", "DE-0440LE-0440", without))
+        Ephemeris.open(chebyshev_spk(tmp_path / "no_moon.bsp", "DE-0440LE-0440", remaining))
     unknown = chebyshev_spk(tmp_path / "unknown.bsp", "INPOP21A", PAIRS_OF_DE440)
     with pytest.raises(KernelError, match="constants="):
         Ephemeris.open(unknown)

@@ -14,7 +14,7 @@ from radioloc.kernels.files import open_kernel
 from radioloc.time import Epochs
 
 STATES = circular(1.8374e6, 4902.800076e9)
-ELSEWHERE = circular(3.0e6, 4902.800076e9)
+HIGHER_STATES = circular(3.0e6, 4902.800076e9)
 
 # States in km, and Hermite interpolation of a circle of 118 minutes over 60 s.
 SAME_KM = 1e-9
@@ -41,16 +41,16 @@ def test_states_are_those_that_were_written(orbit):
 
 def test_what_a_program_has_loaded_neither_matters_nor_changes(orbit, tmp_path):
     """The same body from another file, and the same file, are in SPICE's pool before and after."""
-    other = write_states(tmp_path / "other.bsp", ELSEWHERE)
+    second_spk = write_states(tmp_path / "other.bsp", HIGHER_STATES)
     try:
-        for path in (orbit, other):
+        for path in (orbit, second_spk):
             spiceypy.furnsh(str(path))
-        before = [spiceypy.spkgeo(ORBITER, et, "J2000", 301)[0] for et in AT_S]
+        initial = [spiceypy.spkgeo(ORBITER, et, "J2000", 301)[0] for et in AT_S]
         assert np.abs(states_km(orbit) - STATES(AT_S) / 1e3).max() < SAME_KM
-        assert np.array_equal([spiceypy.spkgeo(ORBITER, et, "J2000", 301)[0] for et in AT_S], before)
-        spiceypy.unload(str(other))
-        after = [spiceypy.spkgeo(ORBITER, et, "J2000", 301)[0] for et in AT_S]
-        assert np.abs(after - STATES(AT_S) / 1e3).max() < SAME_KM
+        assert np.array_equal([spiceypy.spkgeo(ORBITER, et, "J2000", 301)[0] for et in AT_S], initial)
+        spiceypy.unload(str(second_spk))
+        final = [spiceypy.spkgeo(ORBITER, et, "J2000", 301)[0] for et in AT_S]
+        assert np.abs(final - STATES(AT_S) / 1e3).max() < SAME_KM
         assert spiceypy.ktotal("SPK") == 1
     finally:
         spiceypy.kclear()
@@ -63,11 +63,11 @@ def test_of_several_segments_the_last_counts(tmp_path):
     et_s = START_S + np.arange(0.0, 7260.0, 60.0)
     spiceypy.spkw13(
         handle, ORBITER, 301, "J2000", START_S, START_S + 7200.0, "later", 11, len(et_s),
-        ELSEWHERE(et_s) / 1e3, et_s,
+        HIGHER_STATES(et_s) / 1e3, et_s,
     )  # fmt: skip
     spiceypy.spkcls(handle)
     early, late = START_S + np.array([100.0]), START_S + np.array([8000.0])
-    assert np.abs(states_km(path, early) - ELSEWHERE(early) / 1e3).max() < SAME_KM
+    assert np.abs(states_km(path, early) - HIGHER_STATES(early) / 1e3).max() < SAME_KM
     assert np.abs(states_km(path, late) - STATES(late) / 1e3).max() < SAME_KM
     assert Trajectory.open(path, ORBITER).spans_s() == [(START_S, STOP_S)]
 
@@ -202,11 +202,11 @@ def test_an_epoch_is_finer_than_one_float(orbit):
 
 
 def _no_earth():
-    class Still:
+    class FixedEarth:
         def geocentric_center(self, code, tdb):
             return np.zeros((len(tdb), 3)), np.zeros((len(tdb), 3))
 
-    return Still()
+    return FixedEarth()
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,7 @@ def test_one_that_changed_is_refused_and_told(folder, de430, capsys):
     assert main(["kernels", "verify", "--json"]) == 3
     problems = {row["name"]: row["problem"] for row in json.loads(capsys.readouterr().out)}
     assert "not the file that was added" in problems.pop("mine.bsp")
-    assert set(problems) == {one.name for one in registered()}
+    assert set(problems) == {kernel.name for kernel in registered()}
     assert set(problems.values()) == {None}
     assert main(["doctor"]) == 3
     assert "mine.bsp is not the file" in " ".join(capsys.readouterr().out.split())
@@ -72,7 +72,7 @@ def test_kernels_are_listed_and_added_from_the_command_line(folder, de430, capsy
     assert "mine.bsp" in capsys.readouterr().out
     assert main(["kernels"]) == 0
     rows = [line.split()[:3] for line in capsys.readouterr().out.splitlines()]
-    assert rows == [[one.name, one.kind, one.ephemeris] for one in (*registered(), *added())]
+    assert rows == [[kernel.name, kernel.kind, kernel.ephemeris] for kernel in (*registered(), *added())]
 
 
 @pytest.mark.parametrize(

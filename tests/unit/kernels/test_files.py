@@ -40,11 +40,11 @@ def test_kernels_that_ship():
 
 
 def test_own_file_is_opened_with_its_checksum(tmp_path):
-    own = tmp_path / "own.bsp"
-    shutil.copy(SPK_PATH, own)
-    kernel = open_spk(own)
+    copy = tmp_path / "own.bsp"
+    shutil.copy(SPK_PATH, copy)
+    kernel = open_spk(copy)
     assert not kernel.file.registered
-    assert kernel.file.sha256 == sha256_of(own)
+    assert kernel.file.sha256 == sha256_of(copy)
     np.testing.assert_array_equal(
         kernel.segments_of(301, 3)[-1].coefficients, open_spk("DE421").segments_of(301, 3)[-1].coefficients
     )
@@ -141,7 +141,7 @@ def test_a_sound_kernel_of_the_length_of_one_that_ships_is_read(tmp_path):
 
 
 def test_an_excerpt_whose_last_record_is_not_filled_is_read(tmp_path):
-    """As those that jplephem makes."""
+    """Remove the padding of the last record, as in files of jplephem."""
     free = struct.unpack_from("<i", PCK_BYTES, 84)[0]
     excerpt = written(tmp_path, PCK_BYTES[: 8 * (free - 1)])
     assert excerpt.stat().st_size % 1024

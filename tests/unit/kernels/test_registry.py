@@ -25,9 +25,9 @@ def test_find_by_ephemeris_file_name_and_path(tmp_path):
     assert spk.name == "de421_1969_2050.bsp"
     assert find_kernel("de421", "PCK").name == "moon_pa_de421_1969_2050.bpc"
     assert find_kernel(spk.name) == spk
-    own = tmp_path / "own.bsp"
-    own.write_bytes(b"")
-    assert find_kernel(str(own)) == own
+    copy = tmp_path / "own.bsp"
+    copy.write_bytes(b"")
+    assert find_kernel(str(copy)) == copy
 
 
 def test_ambiguous_and_unknown_names_say_what_there_is():

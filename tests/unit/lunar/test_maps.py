@@ -71,7 +71,7 @@ def test_beyond_the_limb_is_no_point():
 
 
 def test_covariance_follows_east_and_north():
-    """By differences of longitude and latitude, 2 degrees from the point of contact."""
+    """Covariances agree with differences of longitude and latitude, 2 degrees from the point of contact."""
     plane, at = TangentPlane(*SITE), np.array([60e3, -30e3])
     step_m = 10.0
     around = plane.to_longitude_latitude(at + step_m * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]]))
@@ -150,24 +150,24 @@ def waves(degrees):
     return 128 + 25 * np.sin(17 * x + 1) + 25 * np.sin(23 * y) + 25 * np.sin(19 * z + 2)
 
 
-WHOLE = 720, 1440  # lines, samples
-PART = 400, 400
+FULL_SHAPE = 720, 1440  # lines, samples
+PART_SHAPE = 400, 400
 CYLINDERS = {  # projection, degrees of a pixel, west and north edge, lines and samples
-    "-180 to 180": ("+proj=eqc", 0.25, -180.0, 90.0, WHOLE),
-    "0 to 360 about 180": ("+proj=eqc +lon_0=180", 0.25, -180.0, 90.0, WHOLE),
-    "0 to 360 about 0": ("+proj=eqc", 0.25, 0.0, 90.0, WHOLE),
-    "degrees from 0 to 360": ("+proj=longlat", 0.25, 0.0, 90.0, WHOLE),
-    "a part": ("+proj=eqc", 0.025, -25.0, 50.0, PART),
-    "a part over 180 degrees": ("+proj=eqc", 0.025, 175.0, 50.0, PART),
-    "a part from 350 to 360 degrees": ("+proj=longlat", 0.025, 350.0, 5.0, PART),
-    "a part on another sphere": ("+proj=eqc +R=1738140", 0.025, 175.0, 50.0, PART),
+    "-180 to 180": ("+proj=eqc", 0.25, -180.0, 90.0, FULL_SHAPE),
+    "0 to 360 about 180": ("+proj=eqc +lon_0=180", 0.25, -180.0, 90.0, FULL_SHAPE),
+    "0 to 360 about 0": ("+proj=eqc", 0.25, 0.0, 90.0, FULL_SHAPE),
+    "degrees from 0 to 360": ("+proj=longlat", 0.25, 0.0, 90.0, FULL_SHAPE),
+    "a part": ("+proj=eqc", 0.025, -25.0, 50.0, PART_SHAPE),
+    "a part over 180 degrees": ("+proj=eqc", 0.025, 175.0, 50.0, PART_SHAPE),
+    "a part from 350 to 360 degrees": ("+proj=longlat", 0.025, 350.0, 5.0, PART_SHAPE),
+    "a part on another sphere": ("+proj=eqc +R=1738140", 0.025, 175.0, 50.0, PART_SHAPE),
 }
 
 
 @pytest.mark.parametrize("name", CYLINDERS)
 @pytest.mark.parametrize("reduction", [1.0, 3.3])
 def test_views_of_cylindrical_maps_show_all_that_these_have(tmp_path, name, reduction):
-    """To the west and east of the middle, over any seam and at the pole; the values are those of the places."""
+    """Views west and east of the middle, over any seam and at the pole show the values of their places."""
     projection, pixel_deg, west, north, shape = CYLINDERS[name]
     crs = CRS.from_string(projection if "+R" in projection else f"{projection} +R={R}")
     scale = 1.0 if crs.is_geographic else np.radians(crs.to_dict()["R"])
@@ -179,7 +179,7 @@ def test_views_of_cylindrical_maps_show_all_that_these_have(tmp_path, name, redu
         dataset.write(np.rint(waves(places.reshape(-1, 2))).reshape(shape).astype(np.uint8), 1)
     base = Map.open(tmp_path / "a.tif")
     planes = [base.plane()]
-    if shape == WHOLE:
+    if shape == FULL_SHAPE:
         planes += [TangentPlane(*at) for at in ((180.0, 5.0), (0.3, -5.0), (-20.0, 44.0), (20.0, 89.5))]
     for plane in planes:
         size, pixel_m = 240, base.resolution_m * reduction
@@ -188,25 +188,25 @@ def test_views_of_cylindrical_maps_show_all_that_these_have(tmp_path, name, redu
         plane_m = np.column_stack([first + pixel_m * sample.ravel(), -first - pixel_m * line.ravel()])
         view, valid = base.view(plane, first, -first, pixel_m, (size, size))
         # At the limb a pixel of the view has many degrees.
-        near = np.hypot(*plane_m.T) < 0.8 * R
-        if shape == WHOLE and plane.latitude_deg > 40.0:  # the seam goes on beyond the pole
-            near &= np.abs(plane_m[:, 0]) > 1.5 * pixel_m
-        degrees = plane.to_longitude_latitude(plane_m[near])
-        inside = base.pixels(degrees)
+        in_disk = np.hypot(*plane_m.T) < 0.8 * R
+        if shape == FULL_SHAPE and plane.latitude_deg > 40.0:  # the seam goes on beyond the pole
+            in_disk &= np.abs(plane_m[:, 0]) > 1.5 * pixel_m
+        degrees = plane.to_longitude_latitude(plane_m[in_disk])
+        pixels = base.pixels(degrees)
         margin = 2.0 * reduction
-        shown = ((inside > margin) & (inside < np.array(shape[::-1]) - 1.0 - margin)).all(axis=1)
-        beyond = ((inside < -margin) | (inside > np.array(shape[::-1]) - 1.0 + margin)).any(axis=1)
-        if shape == WHOLE:
+        shown = ((pixels > margin) & (pixels < np.array(shape[::-1]) - 1.0 - margin)).all(axis=1)
+        beyond = ((pixels < -margin) | (pixels > np.array(shape[::-1]) - 1.0 + margin)).any(axis=1)
+        if shape == FULL_SHAPE:
             shown, beyond = np.full_like(shown, True), np.full_like(beyond, False)
-        assert valid.ravel()[near][shown].all()
-        assert not valid.ravel()[near][beyond].any()
-        off = np.abs(view.ravel()[near][shown] - waves(degrees[shown]))
+        assert valid.ravel()[in_disk][shown].all()
+        assert not valid.ravel()[in_disk][beyond].any()
+        off = np.abs(view.ravel()[in_disk][shown] - waves(degrees[shown]))
         assert off.max() < GREY
 
 
 def test_maps_refused(tmp_path):
-    whole = write_map(tmp_path / "b.tif", PROJECTIONS["Mercator"]).read_bytes()
-    (tmp_path / "b.tif").write_bytes(whole[: len(whole) // 2])
+    content = write_map(tmp_path / "b.tif", PROJECTIONS["Mercator"]).read_bytes()
+    (tmp_path / "b.tif").write_bytes(content[: len(content) // 2])
     with pytest.raises(FileFormatError, match=r"b\.tif: pixels could not be read"):
         Map.open(tmp_path / "b.tif").view(TangentPlane(*SITE), -3e3, 3e3, 30.0, (200, 200))
     with pytest.raises(InputError, match="make pixel_m larger"):

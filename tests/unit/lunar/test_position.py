@@ -89,12 +89,12 @@ def test_position_of_another_ephemeris(frame, constants):
 
 @pytest.mark.parametrize("axes", ["PA", "ME"])
 def test_position_of_an_ephemeris_with_the_same_mean_earth_axes_is_turned(axes, constants):
-    there = LunarPosition.from_cartesian(PA_M, "PA_DE440")
-    turned = there.to_axes(axes, constants)
+    point = LunarPosition.from_cartesian(PA_M, "PA_DE440")
+    turned = point.to_axes(axes, constants)
     assert turned.frame == f"{axes}_DE421"
-    assert turned.xyz_m == pytest.approx(there.to_frame(turned.frame).xyz_m, abs=ROUNDING_M)
+    assert turned.xyz_m == pytest.approx(point.to_frame(turned.frame).xyz_m, abs=ROUNDING_M)
     # Constant angles: 0.1 to 0.3 arcseconds about y and z.
-    assert 1.0 < np.linalg.norm(there.to_axes("PA", constants).xyz_m - PA_M) < 2.0
+    assert 1.0 < np.linalg.norm(point.to_axes("PA", constants).xyz_m - PA_M) < 2.0
 
 
 def test_frames_of_other_ephemerides_are_those_published():
@@ -138,7 +138,7 @@ def test_the_sky_of_astropy_has_the_elevations_of_tracking(frame):
     time = Time(["2020-12-01T15:11:00", "2020-12-01T18:00:00", "2020-12-02T15:11:00"], scale="utc")
     kashi = model.catalogue.get("KASHI")
     with iers.conf.set_temp("auto_download", False):
-        seen = point.to_gcrs(time).transform_to(AltAz(obstime=time, location=kashi.location))
+        direction = point.to_gcrs(time).transform_to(AltAz(obstime=time, location=kashi.location))
     ours = elevations(model, point.to_frame("PA_DE421").xyz_m, ["KASHI"], utc_to_tt(Epochs.from_time(time)))
-    assert seen.alt.rad == pytest.approx(ours.at_station_rad[:, 0], abs=ARCSECOND_RAD)
-    assert (seen.distance.to_value("m") > 3.4e8).all()
+    assert direction.alt.rad == pytest.approx(ours.at_station_rad[:, 0], abs=ARCSECOND_RAD)
+    assert (direction.distance.to_value("m") > 3.4e8).all()

@@ -86,12 +86,12 @@ def test_the_gradient_at_the_pole_of_a_polar_map(maps):
         height_and_gradient(model.height_and_slope, *degrees((0.0, -95.0)))
 
 
-@given(column=st.integers(2, 77), row=st.integers(2, 77), along=st.floats(0.01, 0.99))
-def test_bicubic_slope_is_continuous_between_cells(maps, column, row, along):
+@given(column=st.integers(2, 77), row=st.integers(2, 77), fraction=st.floats(0.01, 0.99))
+def test_bicubic_slope_is_continuous_between_cells(maps, column, row, fraction):
     model = TerrainModel.open(maps["rotated"], interpolation="bicubic")
     eps = 1e-7
     sides = []
-    for u, v in ((column + 0.5, row + 0.5 + along), (column + 0.5 + along, row + 0.5)):
+    for u, v in ((column + 0.5, row + 0.5 + fraction), (column + 0.5 + fraction, row + 0.5)):
         for sign in (-1, 1):
             at = (u + sign * eps, v) if u == column + 0.5 else (u, v + sign * eps)
             x, y = on_map(ROTATED, *at)
@@ -125,8 +125,8 @@ def test_edge_is_the_last_centre_with_a_full_stencil(tmp_path, interpolation):
     path = write(tmp_path / "a.tif", SLOPING, f"+proj=longlat +R={R}", Affine(0.5, 0, -5, 0, -0.5, 5))
     model = TerrainModel.open(path, interpolation=interpolation)
     edge_deg = 4.75 if interpolation == "bilinear" else 4.25
-    inside = degrees((edge_deg, 0.0), (0.0, -edge_deg), (-edge_deg, edge_deg))
-    assert np.isfinite(model.height_m(*inside)).all()
+    edge_points = degrees((edge_deg, 0.0), (0.0, -edge_deg), (-edge_deg, edge_deg))
+    assert np.isfinite(model.height_m(*edge_points)).all()
     with pytest.raises(InputError, match="too near its edge"):
         model.height_m(*degrees((edge_deg + 0.001, 0.0)))
     with pytest.raises(InputError, match="too near its edge"):
@@ -156,7 +156,7 @@ def test_value_that_no_terrain_has_is_refused_where_it_is_met(tmp_path):
 
 @pytest.mark.parametrize("kind", ["longlat", "polar"])
 def test_roughness_is_the_scatter_about_a_plane(tmp_path, kind):
-    """A plane has none; noise of 20 m on it comes back as 20 m."""
+    """The roughness of a plane is zero, and that of noise of 20 m is 20 m."""
     rng = np.random.default_rng(11)
     x, y = (np.arange(400) - 199.5) * 100.0, (199.5 - np.arange(400)) * 100.0
     plane = np.add.outer(0.1 * y, -0.2 * x)

@@ -110,8 +110,8 @@ def test_pds3_regional_tile_of_floats_in_kilometres(tmp_path):
     ],
 )
 def test_pds3_labels_refused(tmp_path, changes, message):
-    given = {"projection": "SIMPLE CYLINDRICAL", "map_scale": "151616.75 <m/pix>"} | changes
-    path = write_pds3(tmp_path, np.full((36, 72), 100.0), **given)
+    values = {"projection": "SIMPLE CYLINDRICAL", "map_scale": "151616.75 <m/pix>"} | changes
+    path = write_pds3(tmp_path, np.full((36, 72), 100.0), **values)
     with pytest.raises(InputError, match=message):
         TerrainModel.open(path)
 
@@ -218,16 +218,16 @@ def test_principal_axes_and_several_bands_are_refused(tmp_path, reference, bands
 @pytest.mark.parametrize("dtype", ["int16", "float32"])
 @pytest.mark.parametrize("big", ["NO", "YES"])
 def test_geotiff_cut_at_its_end_refused(tmp_path, dtype, big):
-    """What stands last are GDAL's scale and unit, without which GDAL reads other heights."""
+    """The last bytes are GDAL's scale and unit, without which GDAL reads other heights."""
     path = tmp_path / "a.tif"
     profile = {"driver": "GTiff", "width": 72, "height": 36, "count": 1, "dtype": dtype, "BIGTIFF": big}
     with rasterio.open(path, "w", crs=CRS.from_string(EQC), transform=SMALL, **profile) as dataset:
         dataset.write(SLOPING.astype(dtype)[:36, :72], 1)
         dataset.scales, dataset.units = (0.5,), ("m",)
     TerrainModel.open(path)
-    whole = path.read_bytes()
-    for lost in (1, 100, 200):
-        path.write_bytes(whole[:-lost])
+    content = path.read_bytes()
+    for n_bytes in (1, 100, 200):
+        path.write_bytes(content[:-n_bytes])
         with pytest.raises(FileFormatError, match=r"a\.tif: was cut: it has \d+ bytes of at least \d+"):
             TerrainModel.open(path)
 
@@ -245,16 +245,21 @@ def test_metadata_and_files(tmp_path):
     path = write_pds3(
         tmp_path, np.full((36, 72), 100.0), projection="SIMPLE CYLINDRICAL", map_scale="151616.75 <m/pix>"
     )
-    about = TerrainModel.open(path).metadata
-    assert {f.path.name: f.size_bytes for f in about.files} == {
+    metadata = TerrainModel.open(path).metadata
+    assert {f.path.name: f.size_bytes for f in metadata.files} == {
         "MAP.LBL": path.stat().st_size,
         "MAP.IMG": 5184,
     }
     # sha256sum of 5184 bytes c8 00 c8 00 ...
-    assert [f.sha256 for f in about.files if f.path.name == "MAP.IMG"] == [MAP_SHA256]
-    assert (about.scale, about.offset, about.quantity, about.unit) == (0.5, 1737400.0, "radius", "m")
-    assert about.coordinate_system == "MEAN EARTH/POLAR AXIS OF DE421"
-    assert about.coverage == "all longitudes, latitudes -90.0000 to 90.0000 degrees"
+    assert [f.sha256 for f in metadata.files if f.path.name == "MAP.IMG"] == [MAP_SHA256]
+    assert (metadata.scale, metadata.offset, metadata.quantity, metadata.unit) == (
+        0.5,
+        1737400.0,
+        "radius",
+        "m",
+    )
+    assert metadata.coordinate_system == "MEAN EARTH/POLAR AXIS OF DE421"
+    assert metadata.coverage == "all longitudes, latitudes -90.0000 to 90.0000 degrees"
 
 
 MAP_SHA256 = "13eb2a6155b0aa89661b38114ecc546d83d71c15f973b2490484827705623726"
@@ -293,7 +298,7 @@ def write_undeclared(tmp_path, numbers, dtype, scale):
 )
 @pytest.mark.parametrize("cells", [1, 3, 12])
 def test_undeclared_void_values_are_no_ground(tmp_path, dtype, void, scale, cells):
-    """Whatever their number, scale and extent: the ground beside them stays as it is, at their edge there is none."""
+    """Voids of any number, scale and extent leave adjacent ground unchanged and remove heights at their edge."""
     rows, columns = np.mgrid[:40, :40]
     heights_m = -2500.0 + 3.0 * columns + 2.0 * rows
     numbers = heights_m / (scale or 1.0)

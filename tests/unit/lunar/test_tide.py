@@ -47,7 +47,7 @@ def test_against_the_printed_form(bodies):
 @pytest.mark.parametrize("direction_me", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, 0, 1), (-1, 2, 1)])
 def test_removed_leaves_no_mean(bodies, direction_me):
     point = TO_ME.T @ (np.array(direction_me) * 1e6)
-    left = solid_tide(point, *bodies, DE421, permanent="removed")
-    np.testing.assert_allclose(left.mean(axis=0), 0.0, atol=MEAN_LEFT_M)
-    constant = solid_tide(point, *bodies, DE421) - left
+    remainder = solid_tide(point, *bodies, DE421, permanent="removed")
+    np.testing.assert_allclose(remainder.mean(axis=0), 0.0, atol=MEAN_LEFT_M)
+    constant = solid_tide(point, *bodies, DE421) - remainder
     assert np.ptp(constant, axis=0).max() < 1e-12

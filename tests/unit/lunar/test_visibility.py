@@ -1,4 +1,4 @@
-"""Where the Earth stands, seen from the Moon."""
+"""Elevation of the Earth seen from the Moon."""
 
 import numpy as np
 import pytest

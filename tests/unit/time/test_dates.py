@@ -30,8 +30,8 @@ def test_text_gives_the_nearest_float_and_comes_back(second, picosecond, leap):
     day, length = ("2016-12-31", 86401) if leap else ("2016-12-30", 86400)
     second = min(second, length - 1)
     hour, minute = min(second // 3600, 23), min(second // 60, 1439) % 60
-    rest = second - 3600 * hour - 60 * minute
-    text = f"{day}T{hour:02d}:{minute:02d}:{rest:02d}.{picosecond:012d}"
+    second_of_minute = second - 3600 * hour - 60 * minute
+    text = f"{day}T{hour:02d}:{minute:02d}:{second_of_minute:02d}.{picosecond:012d}"
     epoch = utc_from_text([text])
     exact = (second + Fraction(picosecond, 10**12)) / length
     if exact < 1 - 2.0**-53:

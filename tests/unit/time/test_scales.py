@@ -58,11 +58,11 @@ def test_leap_second_is_one_second_long():
 
 
 def test_the_same_date_in_several_forms():
-    same = epochs_from_strings(
+    converted = epochs_from_strings(
         ["2020-12-01T15:11:00.25", "2020-336T15:11:00.25Z", "2020-12-01 15:11:00.250"], "UTC"
     )
-    assert np.unique(same.jd).tolist() == [2459184.5]
-    assert np.unique(same.fraction).tolist() == [(15 * 3600 + 11 * 60 + 0.25) / 86400.0]
+    assert np.unique(converted.jd).tolist() == [2459184.5]
+    assert np.unique(converted.fraction).tolist() == [(15 * 3600 + 11 * 60 + 0.25) / 86400.0]
     short = epochs_from_strings(["2020-12-01T15:11", "2020-336T15:11:00."], "UTC")
     assert np.unique(short.fraction).tolist() == [(15 * 3600 + 11 * 60) / 86400.0]
     assert epochs_from_strings("2020-336", "UTC").fraction.tolist() == [0.0]

@@ -27,9 +27,9 @@ def epochs(count, days, seed=0):
 @pytest.mark.parametrize(("period_d", "missed"), [(2.0, 6e-7), (4.0, 2.5e-9), (13.66, 2e-13)])
 def test_error_is_as_stated(period_d, missed):
     wave, at = Wave(period_d), epochs(4000, 10.0)
-    found = evaluate_smooth(wave, at)
+    values = evaluate_smooth(wave, at)
     assert wave.asked < 100
-    error = np.abs(found - Wave(period_d)(at)).max()
+    error = np.abs(values - Wave(period_d)(at)).max()
     # It is what the formula says, no less: the largest error lies half way between nodes.
     assert 0.5 * missed < error + 1e-15 < 1.1 * missed
 
@@ -40,9 +40,9 @@ def test_nodes_are_those_around_the_epochs():
     at = Epochs.concatenate(
         [Epochs.from_jd(day, 0.5 + np.linspace(-0.02, 0.02, 50), "TT") for day in (DAY, DAY + 80.0)]
     )
-    found = evaluate_smooth(wave, at)
+    values = evaluate_smooth(wave, at)
     assert wave.asked == 18
-    np.testing.assert_allclose(found, Wave(13.66)(at), rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(values, Wave(13.66)(at), rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize(("count", "days"), [(1, 1.0), (15, 0.01), (300, 200.0)])
@@ -55,5 +55,5 @@ def test_few_epochs_are_evaluated_as_they_are(count, days):
 def test_order_and_repetition_do_not_matter():
     at = epochs(500, 2.0)
     shuffled = np.random.default_rng(1).permutation(np.repeat(np.arange(500), 2))
-    whole = evaluate_smooth(Wave(5.0), at)
-    np.testing.assert_array_equal(evaluate_smooth(Wave(5.0), at[shuffled]), whole[shuffled])
+    all_values = evaluate_smooth(Wave(5.0), at)
+    np.testing.assert_array_equal(evaluate_smooth(Wave(5.0), at[shuffled]), all_values[shuffled])

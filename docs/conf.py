@@ -88,7 +88,7 @@ autosummary_context = {"names": public_names()}
 
 
 def data_docstring(app, what, name, value, options, lines):
-    """The text below a constant, from the module that defines it: the package or one that it imports from."""
+    """Insert the text below a constant, from the module that defines it: the package or one of its imports."""
     package, _, public = name.rpartition(".")
     if what != "data" or (package, public) == ("radioloc", "__version__"):
         return
@@ -97,8 +97,8 @@ def data_docstring(app, what, name, value, options, lines):
     lines[:] = ModuleAnalyzer.for_module(home[1] if home else package).find_attr_docs()["", public]
 
 
-def found(name):
-    """The object that a full name means, or None."""
+def resolve(name):
+    """Return the object of a full name, or None."""
     words = name.split(".")
     for k in range(len(words), 0, -1):
         try:
@@ -112,16 +112,16 @@ def found(name):
 
 
 def missing_reference(app, env, node, contnode):
-    """A name that is read where the docstring stands: a link where a page has it, and otherwise just a name."""
+    """Resolve a name in the namespace of its docstring: a link if a page has it, and otherwise plain text."""
     if node.get("refdomain") != "py":
         return None
     target, package = node["reftarget"], node.get("py:module") or "radioloc"
     places = [target, *(f"{name}.{target}" for name in sorted(sys.modules) if name.startswith(package))]
     if node.get("py:class"):
         places += [f"{place.removesuffix(target)}{node['py:class']}.{target}" for place in places]
-    value = next((value for value in map(found, places) if value is not None), None)
+    value = next((value for value in map(resolve, places) if value is not None), None)
     for place, _ in chain(*autosummary_context["names"].values()):
-        if place.endswith("." + target.rpartition(".")[2]) and found(place) is value:
+        if place.endswith("." + target.rpartition(".")[2]) and resolve(place) is value:
             return env.domains["py"].resolve_xref(
                 env, node["refdoc"], app.builder, "obj", place, node, contnode
             )

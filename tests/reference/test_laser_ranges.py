@@ -110,7 +110,7 @@ def test_fit_of_apollo15(best):
 # By how much the data need each term: the RMS without it over the RMS with it, which the position's adjustment leaves.
 # Ocean loading (4 mm) and the pole tide (3 mm) are below the resolution of these data.
 @pytest.mark.parametrize(
-    ("term", "when", "factor"),
+    ("term", "period", "factor"),
     [
         ("shapiro", "2006-07", 5.0),
         ("shapiro", "2024", 3.0),

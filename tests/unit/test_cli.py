@@ -420,7 +420,7 @@ def test_frames_have_the_iau_s_axes_at_an_epoch_and_lead_back(capsys):
 
 
 @pytest.mark.parametrize(
-    ("wanted", "names"),
+    ("text", "names"),
     [
         ("argentina", {"NEUQUEN", "MALARGUE"}),
         ("cdsn", {"JIAMUSI", "KASHI", "NEUQUEN"}),

@@ -54,7 +54,7 @@ START = Time("2020-12-01T15:11:00", scale="utc")
 
 
 @pytest.mark.parametrize(
-    ("given", "plain"),
+    ("make", "plain"),
     [
         (
             lambda: Session(**SESSION | {"start_utc": START.tdb, "step_s": 1 * u.min, "sigma_m": 250 * u.cm}),

@@ -1,0 +1,101 @@
+"""Plain English in source and tests: bounds on docstring openings, pronouns as names, and phrases of denial."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+from paths import ROOT
+
+OPENINGS = re.compile(
+    r"(as|at|by|for|from|how|if|in|it|its|likewise|no|none|not|nothing|of|on|ones?|same|so|such|that|their|these|they"
+    r"|this|those|to|what|when|where|whether|which|who|whom|whose|with|without|the same)\b",
+    re.IGNORECASE,
+)
+PRONOUNS = re.compile(
+    r"_*(about|above|after|again|all_of|alone|along|already|always|among|apart|aside|away|before|below|beside|both|each"
+    r"|ever|far|few|fewer|fewest|here|inside|it|its|least|less|many|mine|more|most|much|near|never|none|nothing|now"
+    r"|nowhere|once|ones?|others?|outside|over|own|rest|same|still|such|that|them|then|there|these|they|this|those|thus"
+    r"|together|twice|what|when|where|which|who|whole|whose|why|within|without"
+    r"|asked|found|given|gone|kept|known|left|lost|made|meant|said|seen|taken|told|wanted)_*",
+    re.IGNORECASE,
+)
+PHRASES = re.compile(
+    r"\b(is|are|was|were) (no|none|nothing)\b(?! (longer|more|later|earlier|greater|larger|smaller|less)\b)"
+    r"|\bhas none\b|\bnobody\b|\b(tells?|told|feels?|felt|buys?)\b|\bknows? (how|nothing|of|that|what)\b"
+    r"|\bsays? (how|no|nothing|so|what|which)\b"
+)
+MAXIMA = {
+    "src/radioloc/cli": (0, 9, 5),
+    "src/radioloc/dynamics": (0, 4, 0),
+    "src/radioloc/estimation": (50, 293, 31),
+    "src/radioloc/imaging": (0, 10, 1),
+    "src/radioloc/io": (16, 52, 20),
+    "src/radioloc/jobs": (16, 128, 16),
+    "src/radioloc/measurements": (68, 153, 23),
+    "src/radioloc/noise": (0, 37, 0),
+    "src/radioloc/report": (0, 45, 17),
+    "src/radioloc/results": (7, 116, 18),
+    "src/radioloc/search": (4, 63, 8),
+    "src/radioloc/simulation": (6, 17, 3),
+    "src/radioloc/study": (8, 86, 10),
+    "src/radioloc/targets": (11, 38, 0),
+    "tests": (3, 15, 0),
+    "tests/benchmarks": (6, 20, 10),
+    "tests/data/odf": (0, 2, 0),
+    "tests/data/plugin_package/radioloc_toys": (1, 0, 0),
+    "tests/properties": (6, 26, 1),
+    "tests/reference": (0, 1, 0),
+    "tests/regression": (0, 5, 1),
+    "tests/statistics": (10, 53, 3),
+    "tests/support": (32, 108, 9),
+    "tests/unit": (0, 1, 6),
+    "tests/unit/ephemeris": (1, 0, 0),
+    "tests/unit/estimation": (13, 148, 14),
+    "tests/unit/imaging": (6, 100, 1),
+    "tests/unit/io": (10, 80, 5),
+    "tests/unit/jobs": (22, 356, 18),
+    "tests/unit/measurements": (17, 121, 10),
+    "tests/unit/noise": (0, 7, 0),
+    "tests/unit/parameters": (1, 0, 0),
+    "tests/unit/report": (2, 53, 2),
+    "tests/unit/results": (0, 4, 0),
+    "tests/unit/search": (3, 20, 3),
+    "tests/unit/simulation": (3, 45, 3),
+    "tests/unit/study": (0, 28, 3),
+}
+"""Maximum counts by folder, to be lowered with the counts; other folders have zero."""
+
+
+def counts(folder):
+    """Return the numbers of openings, pronouns and phrases in the modules of a folder."""
+    n_openings = n_pronouns = n_phrases = 0
+    for path in set(folder.glob("*.py")) - {Path(__file__)}:
+        text = path.read_text()
+        comments = re.findall(r"^\s*#.*", text, re.MULTILINE)
+        names, texts = [], comments
+        for node in ast.walk(ast.parse(text)):
+            match node:
+                case ast.Module() | ast.ClassDef() | ast.FunctionDef():
+                    n_openings += bool(OPENINGS.match(ast.get_docstring(node) or ""))
+            match node:
+                case ast.ClassDef(name=name) | ast.FunctionDef(name=name) | ast.arg(arg=name):
+                    names.append(name)
+                case ast.Name(id=name, ctx=ast.Store()):
+                    names.append(name)
+                case ast.Constant(value=str(value)):
+                    texts.append(value)
+        n_pronouns += sum(bool(PRONOUNS.fullmatch(name)) for name in names)
+        n_phrases += sum(len(PHRASES.findall(value)) for value in texts)
+    return n_openings, n_pronouns, n_phrases
+
+
+@pytest.mark.parametrize("package", MAXIMA)
+def test_counts_are_within_their_bounds(package):
+    numbers = counts(ROOT / package)
+    assert all(n <= maximum for n, maximum in zip(numbers, MAXIMA[package], strict=True)), numbers
+
+
+def test_each_folder_has_bounds():
+    folders = {path.parent for top in ("src", "tests") for path in (ROOT / top).rglob("*.py")}
+    assert {str(folder.relative_to(ROOT)) for folder in folders if any(counts(folder))} <= set(MAXIMA)

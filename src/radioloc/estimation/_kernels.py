@@ -5,6 +5,8 @@ In each cell these have other variances. Loops over cells are innermost, as comp
 one filter for each cell takes five times as long.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,27 +15,59 @@ from radioloc.compiled import compiled
 Floats = NDArray[np.float64]
 
 
+_LOGARITHM_STEP = 16  # innovation variances, below 1e15, that are multiplied before a logarithm is taken
+
+
 @compiled(error_model="numpy")
 def filter_grid(
-    decay: Floats, ratios: int, stationary: Floats, gain: Floats, columns: Floats
+    step_s: Floats, tau_s: Floats, stationary: Floats, gain: Floats, columns: Floats
 ) -> tuple[Floats, Floats]:
-    """Variances of innovations (n, cells), and products of columns by the inverse covariance, (m, m, cells)."""
-    # Decay is (n, p, shapes), for so many cells each; the variances of processes are (p, cells), white noise last.
-    (n, m), (p, cells) = columns.shape, stationary.shape
-    variance, products = np.empty((n, cells)), np.zeros((m, m, cells))
+    """Log-determinants of covariances (cells,), and products of columns by their inverses, (m, m, cells)."""
+    # Correlation times are (p, shapes), for equally many cells each; variances of processes are (p, cells), with white
+    # noise in the last cell.
+    (n, m), (p, cells), shapes = columns.shape, stationary.shape, tau_s.shape[1]
+    ratios = (cells - 1) // shapes
+    log_determinant, determinant, products = np.zeros(cells), np.ones(cells), np.zeros((m, m, cells))
     covariance, kalman, state = np.zeros((p, p, cells)), np.empty((p, cells)), np.zeros((m, p, cells))
-    factor, innovation = np.zeros((p, cells)), np.empty((m, cells))
+    factor, variance, innovation = np.zeros((p, cells)), np.empty(cells), np.empty((m, cells))
     for i in range(n):
-        for a in range(p):
-            for g in range(cells - 1):
-                factor[a, g] = decay[i, a, g // ratios]
-        _update(factor, stationary, gain[i], covariance, kalman, variance[i])
+        if i > 0 and (i == 1 or step_s[i] != step_s[i - 1]):
+            for a in range(p):
+                for k in range(shapes):
+                    factor[a, k * ratios : (k + 1) * ratios] = math.exp(-step_s[i] / tau_s[a, k])
+        _update(factor, stationary, gain[i], covariance, kalman, variance)
+        for g in range(cells):
+            determinant[g] *= variance[g]
+        if i % _LOGARITHM_STEP == _LOGARITHM_STEP - 1 or i == n - 1:
+            for g in range(cells):
+                log_determinant[g] += math.log(determinant[g])
+                determinant[g] = 1.0
         _innovate(factor, gain[i], kalman, columns[i], state, innovation)
-        _add_products(innovation, variance[i], products)
+        _add_products(innovation, variance, products)
     for j in range(m):
         for k in range(j):
             products[j, k] = products[k, j]
-    return variance, products
+    return log_determinant, products
+
+
+@compiled(error_model="numpy")
+def eliminate(products: Floats) -> tuple[Floats, Floats]:
+    """Log det(1 + A^T A) and the squares left of r, from products (m, m, cells) of columns A and, last, r."""
+    m, cells = products.shape[1:]
+    left, log_determinant, row = products.copy(), np.zeros(cells), np.empty(cells)
+    for j in range(m - 1):
+        pivot = left[j, j]
+        for g in range(cells):
+            pivot[g] += 1.0
+            log_determinant[g] += math.log(pivot[g])
+        for k in range(j + 1, m):
+            for g in range(cells):
+                row[g] = left[j, k, g] / pivot[g]
+            for i in range(k, m):
+                into, other = left[k, i], left[j, i]
+                for g in range(cells):
+                    into[g] -= row[g] * other[g]
+    return log_determinant, left[m - 1, m - 1]
 
 
 @compiled(error_model="numpy")
@@ -59,14 +93,14 @@ def _update(
         for g in range(cells):
             variance[g] += gain * into[g]
     for a in range(p):
-        for b in range(p):
-            one, left, right = covariance[a, b], kalman[a], kalman[b]
-            for g in range(cells):
-                one[g] -= left[g] * right[g] / variance[g]
-    for a in range(p):
         into = kalman[a]
         for g in range(cells):
             into[g] /= variance[g]
+    for a in range(p):
+        for b in range(p):
+            one, left, right = covariance[a, b], kalman[a], kalman[b]
+            for g in range(cells):
+                one[g] -= left[g] * right[g] * variance[g]
 
 
 @compiled(error_model="numpy")
@@ -95,7 +129,12 @@ def _add_products(innovation: Floats, variance: Floats, products: Floats) -> Non
     m, cells = innovation.shape
     for j in range(m):
         left = innovation[j]
-        for k in range(j, m):
+        for g in range(cells):
+            left[g] /= variance[g]
+        into = products[j, j]
+        for g in range(cells):
+            into[g] += left[g] * left[g] * variance[g]
+        for k in range(j + 1, m):
             into, right = products[j, k], innovation[k]
             for g in range(cells):
-                into[g] += left[g] * right[g] / variance[g]
+                into[g] += left[g] * right[g]

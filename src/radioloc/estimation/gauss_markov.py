@@ -43,7 +43,6 @@ _MIN_PARAMETER_CHI2 = 1.0  # by one sigma of a combination of parameters: below,
 _MIN_SERIES_CHI2 = 1e-3  # likewise in one series: less changes no likelihood by more than half of that
 _MAX_LOG_LIKELIHOOD_LOSS = 6.0  # below the largest at which nothing need be looked at
 _MIN_VARIANCE_FRACTION = 1e-4  # below which a process is left out of a filter
-_LOGARITHM_STEP = 16  # innovation variances that are multiplied before a logarithm is taken
 _MIN_PRODUCT_VARIANCE_FRACTION = 1e-6  # below which a process is left out of products with the covariance
 _LOG_BAYES_FACTOR_WHITE = 3.0  # for white noise over another series' noise, to rule that out
 DENSE = 3.0
@@ -303,6 +302,8 @@ class RestrictedLikelihood:
         """Log likelihoods of each and variances w, (s, cells), and log likelihoods of all together, (cells,)."""
         # Cells are shapes by ratios: processes of one correlation time, or of several (k, p) with parts of the
         # variance. White noise is a last cell.
+        from radioloc.estimation._kernels import eliminate
+
         if part is None:
             tau_s = tau_s[:, None]
             part = np.ones(tau_s.shape)
@@ -311,7 +312,7 @@ class RestrictedLikelihood:
         for one in self.data:
             count = int(self.points.count[one.number])
             log_determinant, products = self._products(one, tau_s, part, ratio)
-            own, squares = _eliminated(products)
+            own, squares = eliminate(products)
             white = squares / (count - one.absorbed)
             logs.append(-0.5 * ((count - one.absorbed) * np.log(white) + log_determinant + own))
             variances.append(white)
@@ -321,7 +322,7 @@ class RestrictedLikelihood:
             from_common[:-1, :-1], from_common[-1, -1] = one.turned.T, 1.0
             half = (from_common @ products.reshape(m, -1)).reshape(-1, *products.shape[1:])
             in_common = in_common + from_common @ half / white
-        shared, squares = _eliminated(in_common)
+        shared, squares = eliminate(in_common)
         together = -0.5 * (together + shared + squares)
         log = np.array(logs)
         log = log[:, :-1] - log[:, -1:]
@@ -337,27 +338,12 @@ class RestrictedLikelihood:
         mean = part * mean_correlation(float(self.points.width_s[one.number]), tau_s)
         # What a process does inside a bin is white noise among its observations.
         inside = np.append(1.0 + np.outer(1.0 - mean.sum(axis=1), ratio), 1.0)
-        decay = np.exp(-one.step_s[:, None, None] / tau_s.T)
-        decay[0] = 0.0
         variance = np.zeros((len(mean.T), len(inside)))
         variance[:, :-1] = (mean.T[:, :, None] * ratio).reshape(len(mean.T), -1)
-        innovation, products = filter_grid(decay, len(ratio), variance, one.gain, one.columns)
-        # Each variance is below 1e15: products of some are finite, and need one logarithm.
-        some = np.multiply.reduceat(innovation, np.arange(0, len(innovation), _LOGARITHM_STEP))
-        log_determinant = np.log(some).sum(axis=0)
+        log_determinant, products = filter_grid(one.step_s, tau_s.T, variance, one.gain, one.columns)
         log_determinant += (self.points.count[one.number] - len(one.step_s)) * np.log(inside)
         products[-1, -1] += one.inside / inside
         return log_determinant, products
-
-
-def _eliminated(products: Floats) -> tuple[Floats, Floats]:
-    """Log det(1 + A^T A) and the squares left of r, from products (m, m, cells) of columns A and, last, r."""
-    left, log_determinant = products, np.zeros(products.shape[2])
-    while len(left) > 1:
-        pivot = 1.0 + left[0, 0]
-        log_determinant += np.log(pivot)
-        left = left[1:, 1:] - left[1:, :1] * (left[:1, 1:] / pivot)
-    return log_determinant, left[0, 0]
 
 
 def mean_correlation(width_s: float, tau_s: Floats) -> Floats:

@@ -211,15 +211,12 @@ def fit_with_correlated_weights(
 
 def _with_covariances(fit: FitResult, noise: CorrelatedWhitener, found: TimeCorrelation) -> FitResult:
     """Fit with the covariance of its estimate for independent errors as stated, and what the others add to it."""
-    # With the weights W, parameters of unit A^T W A + P have the covariance I + A^T W W A - A^T W A for errors of unit
-    # variance, and A^T W V W A - A^T W W A more for those of the covariance V.
-    root = fit.factor.root_covariance()
-    unit, added = np.eye(root.shape[1]), np.zeros((root.shape[1],) * 2)
-    parts = list(fit.whitened_unit_partials())
-    for whitened in parts:
-        unit -= gram(whitened, whitened)
-    weighted, series = noise.weighted(parts), noise.series
-    unit += gram(weighted, weighted)
+    # With the weights W, parameters of unit A^T W A + P have the covariance P + A^T W W A for errors of unit variance,
+    # and A^T W V W A - A^T W W A more for those of the covariance V.
+    free, root = fit.parameters.free, fit.factor.root_covariance()
+    prior = root / fit.parameters.prior_sigmas[free, None]
+    weighted, series = noise.weighted(fit.whitened_unit_partials()), noise.series
+    unit, added = prior.T @ prior + gram(weighted, weighted), np.zeros((root.shape[1],) * 2)
     for one, mine in zip(series.series, series.of_each, strict=True):
         if one.key in found.noise:
             columns, step_s = weighted[mine], np.diff(series.time_s[mine], prepend=series.time_s[mine[0]])

@@ -288,7 +288,8 @@ class ObservationCovariance:
         rows = np.flatnonzero(alone) if order is None else order[alone[order]]
         structures: list[Structure] = [Diagonal(rows, self.white_m[rows])] if len(rows) else []
         for term, mine in zip(shared, of_shared, strict=True):
-            structures += term.blocks(self.white_m, np.flatnonzero(mine))
+            if mine.any():
+                structures += term.blocks(self.white_m, np.flatnonzero(mine))
         for phase, mine in zip(phases, of_phases, strict=True):
             if mine.any():
                 structures.append(phase.banded(self.white_m, np.flatnonzero(mine)))

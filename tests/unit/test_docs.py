@@ -1,5 +1,6 @@
 """Correctness of the documentation: links, files, keys, columns, terms and sizes, commands and code."""
 
+import dataclasses
 import json
 import re
 import shlex
@@ -210,6 +211,38 @@ def test_every_key_of_the_study_file(workspace):
         del keys[table]  # of an orbiter
     keys["stations.NAME"] -= set(GEODETIC)
     assert all(set(shown[name]) >= keys[name] - excluded for name in keys)
+
+
+def test_defaults_and_choices_of_the_study_file_are_those_of_the_schema():
+    """Rows of the reference state the default of each key and all of a few choices."""
+    rows: dict[tuple[str, str], list[str]] = {}
+    tables: list[str] = []
+    for line in prose(DOCS / "reference" / "study-file.md").splitlines():
+        if line.startswith("## "):
+            tables = re.findall(r"\[([\w.]+)\]", line)
+        elif match := re.match(r"\| ((`\w+`(, )?)+) \|", line):
+            cells = [cell.strip().replace("`", "") for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
+            rows |= {(table, key): cells for table in tables for key in quoted(match[1])}
+    wrong = []
+    for table, record in TABLES.items():
+        for field in dataclasses.fields(record):
+            if "keys" in field.metadata or table == "target.landing":
+                continue
+            cells = rows.get((table, field.name)) or rows["target", field.name]
+            if any(f'"{choice}"' not in " ".join(cells) for choice in field.metadata.get("choices", ())[:6]):
+                wrong += [(table, field.name, "choices")] * (len(field.metadata["choices"]) <= 6)
+            default, needed = field.default, field.default_factory is dataclasses.MISSING
+            if default is dataclasses.MISSING:
+                text = "needed" if needed else ""
+            elif isinstance(default, bool):
+                text = str(default).lower()
+            elif isinstance(default, int | float):
+                text = f"{default:g}"
+            else:
+                text = f'"{default}"' if isinstance(default, str) and default else ""
+            if text not in cells[2]:
+                wrong.append((table, field.name, f"default {text}"))
+    assert wrong == []
 
 
 def test_every_kind_of_parameter_has_its_row():

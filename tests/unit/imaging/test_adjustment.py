@@ -1,4 +1,4 @@
-"""The adjustment of all images: exact data, what is left out, what does not determine it."""
+"""Adjustment of all images: exact data, covariance, undetermined images."""
 
 from dataclasses import replace
 
@@ -23,28 +23,28 @@ def exact(chain=CHAIN, stated=1.0):
 
 
 @pytest.mark.parametrize("tilt", [-2e-4, 3e-4])
-def test_low_images_that_start_many_widths_and_a_tilt_off_come_to_the_truth(tilt):
-    """The lowest shows 8 m; all but the first three start 200 m away, each tilted."""
+def test_low_images_converge_from_distant_tilted_starts(tilt):
+    """The lowest image shows 8 m; all but the first three start 200 m away."""
     chain = Chain(images=10, map_below=3, part=0.5, drift_m=(0.0, 0.0))
-    away = np.array([[1.0, 0.0, 200.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    shift = np.array([[1.0, 0.0, 200.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     tilted = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [tilt, 0.0, 1.0 - tilt * CENTRE[0]]])
-    start = [chain.matrix(k) if k < 3 else tilted @ chain.matrix(k) @ away for k in range(chain.images)]
+    start = [chain.matrix(k) if k < 3 else tilted @ chain.matrix(k) @ shift for k in range(chain.images)]
     result = chain.adjusted(exact(chain), np.array(start))
     assert result.used.all()
     np.testing.assert_allclose(result.place(9, CENTRE)[0], chain.ground(9, CENTRE), rtol=0, atol=10 * EXACT_M)
 
 
-def central(function, at, relative, least):
-    """Derivatives by differences, a column for each argument."""
+def central(function, at, relative, minimum):
+    """Return derivatives by central differences, a column for each argument."""
     columns = []
-    for k, step in enumerate(relative * np.maximum(np.abs(at), least)):
+    for k, step in enumerate(relative * np.maximum(np.abs(at), minimum)):
         change = step * np.eye(len(at))[k]
         columns.append((function(at + change) - function(at - change)) / (2.0 * step))
     return np.stack(columns, axis=1)
 
 
-def test_covariance_is_that_of_all_unknowns_together():
-    """Against dense normal equations of homographies and places, by differences of the observations' functions."""
+def test_covariance_is_that_of_dense_normal_equations():
+    """Include homographies and places, with partials by differences."""
     chain = Chain(images=3, map_below=2, tied=8, on_map=8)
     ties = drawn_ties(chain, np.random.default_rng(2), sigma_px=0.5, map_sigma_m=2.0, outliers=0.0)
     result = chain.adjusted(ties)
@@ -60,10 +60,10 @@ def test_covariance_is_that_of_all_unknowns_together():
         pixels = [transformed(matrices[i], places[j][None])[0] for i, j in zip(image, point, strict=True)]
         return np.concatenate([np.ravel(pixels), places[ties.map_point[on_map]].ravel()])
 
-    seen = np.unique(point)
+    used_points = np.unique(point)
     parameters = [(m / m[2, 2]).ravel()[:8] for m in result.model.matrices]
     design = central(observed, np.concatenate([*parameters, result.places_m.ravel()]), 1e-6, 1e-5)
-    of_places = 24 + (2 * seen[:, np.newaxis] + np.arange(2)).ravel()
+    of_places = 24 + (2 * used_points[:, np.newaxis] + np.arange(2)).ravel()
     sigma = [
         result.sigma_factors[0] * ties.sigma_px[keep],
         result.sigma_factors[1] * ties.map_sigma_m[on_map],
@@ -81,9 +81,9 @@ def test_covariance_is_that_of_all_unknowns_together():
     np.testing.assert_allclose(of_centre, expected, rtol=0, atol=1e-3 * expected.max())  # of differences
 
 
-def test_images_that_nothing_ties_to_the_map_are_refused():
+def test_images_without_ties_to_the_map_are_refused():
     ties = exact()
-    nowhere = np.zeros(0, np.int64)
-    loose = replace(ties, map_point=nowhere, map_m=np.zeros((0, 2)), map_sigma_m=np.zeros(0))
+    empty = np.zeros(0, np.int64)
+    loose = replace(ties, map_point=empty, map_m=np.zeros((0, 2)), map_sigma_m=np.zeros(0))
     with pytest.raises(InputError, match="do not determine the images"):
         CHAIN.adjusted(loose)

@@ -17,12 +17,12 @@ def camera(focal_mm):
     return Camera.of_pinhole(focal_mm, PIXEL_UM, [511.5, 511.5])
 
 
-def test_the_printed_widths_are_of_a_shorter_focal_length_than_is_printed():
-    """All five widths are those of 8.2 mm, as is the text's 3.35 m at 4 m; 8.594 mm (table 1) would see 5 % less."""
+def test_printed_widths_imply_a_focal_length_of_8_2_mm():
+    """Five widths, and 3.35 m at 4 m in the text; 8.594 mm (table 1) gives 5 % less."""
     fitted_mm = float(np.mean(ALTITUDE_M / WIDTH_M)) * SIZE_PX * PIXEL_UM * 1e-3
     assert fitted_mm == pytest.approx(8.20, abs=0.005)  # a width is printed to 0.1 m of 77 to 657
-    found_m = altitude_m(camera(fitted_mm), WIDTH_M / SIZE_PX)
-    assert (np.abs(found_m - ALTITUDE_M) < 0.1 * ALTITUDE_M / WIDTH_M).all()
+    fitted_m = altitude_m(camera(fitted_mm), WIDTH_M / SIZE_PX)
+    assert (np.abs(fitted_m - ALTITUDE_M) < 0.1 * ALTITUDE_M / WIDTH_M).all()
     np.testing.assert_allclose(WIDTH_M / altitude_m(camera(8.594), WIDTH_M / SIZE_PX), 0.798, atol=5e-4)
     np.testing.assert_allclose(WIDTH_M / ALTITUDE_M, 0.837, atol=5e-4)
     assert altitude_m(camera(8.2), 3.35 / SIZE_PX) == pytest.approx(4.0, abs=0.006)

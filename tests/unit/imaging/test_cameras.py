@@ -6,11 +6,8 @@ import pytest
 from radioloc.errors import InputError
 from radioloc.imaging import Camera, Distortion
 
-ROUND_TRIP_PX = 1e-7
-"""Newton's method ends far below; the pixels are of 7 micrometres on 25 mm."""
-
-PARTIALS_RELATIVE = 1e-6
-"""Central differences over 1e-4 of a pixel or 1e-6 of a direction."""
+ROUND_TRIP_PX = 1e-7  # far above the end of Newton's method
+PARTIALS_RELATIVE = 1e-6  # of central differences
 
 # Of Apollo 15 metric, LRO NAC and Kaguya TC 1.
 KAGUYA = [
@@ -35,13 +32,13 @@ LENSES = {
 
 
 def camera(kind, **changes):
-    given = {
+    fields = {
         "focal_length_mm": 72.45,
         "pixel_per_mm": [[1.0, -142.857], [142.857, 0.5]],
         "principal_point_px": [2047.0, 1000.0],
         "distortion": Distortion(kind, LENSES[kind]),
     }
-    return Camera(**(given | changes))
+    return Camera(**(fields | changes))
 
 
 def pixels(rng, n=400):
@@ -52,24 +49,24 @@ def pixels(rng, n=400):
 @pytest.mark.parametrize("looks_along_z", [1, -1])
 def test_pixels_to_directions_and_back(kind, looks_along_z):
     model = camera(kind, looks_along_z=looks_along_z)
-    given = pixels(np.random.default_rng(1))
-    directions = model.directions(given)
+    image_px = pixels(np.random.default_rng(1))
+    directions = model.directions(image_px)
     assert (directions[:, 2] == looks_along_z).all()
-    found, seen = model.pixels(directions * np.linspace(0.1, 1e6, len(given))[:, None])  # at any distance
-    assert seen.all()
-    assert np.abs(found - given).max() < ROUND_TRIP_PX
+    projected_px, visible = model.pixels(directions * np.linspace(0.1, 1e6, len(image_px))[:, None])
+    assert visible.all()
+    assert np.abs(projected_px - image_px).max() < ROUND_TRIP_PX
 
 
 @pytest.mark.parametrize("kind", LENSES)
 def test_partials_are_those_of_central_differences(kind):
     model = camera(kind)
-    given = pixels(np.random.default_rng(2))
-    directions, by_pixel = model.directions_and_partials(given)
+    image_px = pixels(np.random.default_rng(2))
+    directions, by_pixel = model.directions_and_partials(image_px)
     _, by_direction, _ = model.pixels_and_partials(directions)
     step_px, step = 1e-2, 1e-5
     for k in range(2):
         change = np.eye(2)[k] * step_px
-        slope = (model.directions(given + change) - model.directions(given - change)) / (2 * step_px)
+        slope = (model.directions(image_px + change) - model.directions(image_px - change)) / (2 * step_px)
         assert np.abs(by_pixel[:, :, k] - slope).max() < PARTIALS_RELATIVE * np.abs(by_pixel).max()
     for k in range(3):
         change = np.eye(3)[k] * step
@@ -77,8 +74,7 @@ def test_partials_are_those_of_central_differences(kind):
         assert np.abs(by_direction[:, :, k] - slope).max() < PARTIALS_RELATIVE * np.abs(by_direction).max()
 
 
-def test_distortions_by_their_published_formulas():
-    """One point of each, by hand."""
+def test_distortions_follow_their_published_formulas():
     measured = np.array([[3.0, 4.0]])  # r = 5 mm
     k0, k1, k2 = LENSES["radial"]
     assert Distortion("radial", LENSES["radial"]).ideal(measured)[0] == pytest.approx(
@@ -101,15 +97,15 @@ def test_distortions_by_their_published_formulas():
     )
 
 
-def test_a_ray_far_outside_does_not_fold_into_the_image():
-    """x (1 - 0.3 x^2) comes back to zero at 1.8 focal lengths: there the lens sees nothing."""
+def test_rays_beyond_a_fold_are_not_visible():
+    """The polynomial x (1 - 0.3 x^2) returns to zero at 1.8 focal lengths."""
     model = Camera.of_pinhole(10.0, 10.0, [500.0, 500.0], [-0.3])
-    folded, seen = model.pixels([[1.8, 0.0, 1.0], [0.5, 0.0, 1.0]])
-    assert abs(folded[0, 0] - 500.0) < 100.0  # where it would seem to be
-    assert seen.tolist() == [False, True]
+    folded, visible = model.pixels([[1.8, 0.0, 1.0], [0.5, 0.0, 1.0]])
+    assert abs(folded[0, 0] - 500.0) < 100.0  # apparent pixel
+    assert visible.tolist() == [False, True]
 
 
-def test_a_pixel_beyond_what_the_distortion_reaches_is_refused():
+def test_pixels_beyond_the_distorted_image_are_refused():
     model = Camera.of_pinhole(10.0, 10.0, [500.0, 500.0], [-0.3])  # its largest radius is 0.70 focal lengths
     with pytest.raises(InputError, match="at sample 1400, line 500"):
         model.directions([[600.0, 500.0], [1400.0, 500.0]])

@@ -1,4 +1,4 @@
-"""Images of a descent as files."""
+"""Files of descent images and masks."""
 
 import cv2
 import numpy as np
@@ -15,7 +15,7 @@ GREY = np.random.default_rng(1).integers(0, 256, (60, 80)).astype(np.uint8)
 
 
 @pytest.mark.parametrize("name", ["a.png", "a.tif", "a.jpg"])
-def test_eight_bits_are_read_as_they_stand(tmp_path, name):
+def test_eight_bits_are_read_unchanged(tmp_path, name):
     cv2.imwrite(str(tmp_path / name), np.full((60, 80), 77, np.uint8) if name == "a.jpg" else GREY)
     image = read_frame(tmp_path / name)
     assert image.dtype == np.uint8
@@ -27,7 +27,7 @@ def test_deeper_images_are_stretched(tmp_path):
     assert np.abs(read_frame(tmp_path / "a.png").astype(int) - GREY).max() <= 1
 
 
-def test_an_image_of_three_equal_bands_is_grey(tmp_path):
+def test_three_equal_bands_are_grey(tmp_path):
     cv2.imwrite(str(tmp_path / "a.png"), np.repeat(GREY[..., np.newaxis], 3, axis=2))
     assert np.array_equal(read_frame(tmp_path / "a.png"), GREY)
     cv2.imwrite(str(tmp_path / "b.png"), np.stack([GREY, GREY, 255 - GREY], axis=2))
@@ -35,7 +35,7 @@ def test_an_image_of_three_equal_bands_is_grey(tmp_path):
         read_frame(tmp_path / "b.png")
 
 
-def test_calibrated_cube_of_floats(tmp_path):
+def test_calibrated_cube_of_floats_is_stretched(tmp_path):
     values = GREY.astype(np.float32) / 1e4
     values[:3] = np.float32(-3.40282265508890445e38)  # ISIS' null
     with rasterio.open(
@@ -62,7 +62,7 @@ END
 """
 
 
-def test_a_frame_of_pds3_by_its_label(tmp_path):
+def test_pds3_frame_is_read_by_its_label(tmp_path):
     (tmp_path / "A.LBL").write_text(PDS3.replace("\n", "\r\n"))
     (tmp_path / "A.IMG").write_bytes(GREY.tobytes())
     assert np.array_equal(read_frame(tmp_path / "A.LBL"), GREY)
@@ -97,7 +97,7 @@ def write_palette(path, colours, indices):
 
 
 def coded_files(folder):
-    """Files that viewers show as grey steps or as black and white, whatever their numbers are."""
+    """Write files that viewers show as grey steps or as black and white, with different codes."""
     reversed_grey = {"photometric": "MINISWHITE"}
     steps = {0: (170, 170, 170), 1: (0, 0, 0), 2: (255, 255, 255), 3: (85, 85, 85)}
     index = np.choose(STEPS // 85, [1, 3, 0, 2]).astype(np.uint8)
@@ -140,32 +140,32 @@ def test_colours_of_a_palette_are_their_luma_and_transparent_ones_are_black(tmp_
 @pytest.mark.parametrize(
     "values", [BINARY // 255, (BINARY // 255).astype(np.uint16), BINARY * np.uint16(257)]
 )
-def test_a_mask_of_two_values_is_ground_where_it_is_brighter(tmp_path, values):
+def test_brighter_of_two_values_of_a_mask_is_ground(tmp_path, values):
     assert np.array_equal(read_mask(write_tiff(tmp_path / "a.tif", values)), BINARY > 0)
 
 
 @pytest.mark.parametrize("value", [0, 3])
-def test_a_mask_without_ground_is_refused_by_its_name(tmp_path, value):
+def test_mask_without_ground_is_refused(tmp_path, value):
     values = np.full((60, 80), value, np.uint8)
     values[0, :3] = 1, 2, 255
-    with pytest.raises(FileFormatError, match=r"dark\.tif: expected a mask that is white where .* 255"):
+    with pytest.raises(FileFormatError, match=r"dark\.tif: expected a mask"):
         read_mask(write_tiff(tmp_path / "dark.tif", values))
 
 
 @pytest.mark.parametrize("read", [read_frame, read_mask])
-def test_small_files_of_very_many_pixels_are_refused_before_they_are_decoded(tmp_path, read):
+def test_files_of_too_many_pixels_are_refused(tmp_path, read):
     size = {"width": 32000, "height": 32000, "count": 1, "dtype": "uint8"}
     with rasterio.open(tmp_path / "a.tif", "w", driver="GTiff", sparse_ok=True, tiled=True, **size):
         pass
-    with pytest.raises(FileFormatError, match=r"at most 67 million pixels, got 32000 x 32000"):
+    with pytest.raises(FileFormatError, match="got 32000 x 32000"):
         read(tmp_path / "a.tif")
 
 
 @pytest.mark.parametrize("name", ["a.png", "a.tif", "a.jpg"])
-@pytest.mark.parametrize("kept", [0.9, 0.5, 0.1])
-def test_cut_files_are_refused(tmp_path, name, kept):
+@pytest.mark.parametrize("part", [0.9, 0.5, 0.1])
+def test_cut_files_are_refused(tmp_path, name, part):
     cv2.imwrite(str(tmp_path / name), GREY)
-    whole = (tmp_path / name).read_bytes()
-    (tmp_path / name).write_bytes(whole[: int(kept * len(whole))])
+    content = (tmp_path / name).read_bytes()
+    (tmp_path / name).write_bytes(content[: int(part * len(content))])
     with pytest.raises(FileFormatError, match=name):
         read_frame(tmp_path / name)

@@ -24,8 +24,9 @@ from radioloc.imaging.orientation import matrices_of, quaternions_of, rotation_o
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic, east_north_up
 
 DRAWS = 1500
-SAMPLING = 4.5 / np.sqrt(DRAWS)
-"""Relative error of a covariance of so many draws, at 4.5 standard deviations over sqrt(2)."""
+SAMPLING = 4.5 / np.sqrt(
+    DRAWS
+)  # relative error of a sampled covariance, 4.5 standard deviations over sqrt(2)
 
 SIGMAS = ImagePointSigmas(
     pixel=0.7, position_m=(20.0, 10.0, 5.0), attitude_rad=(3e-5, 5e-5, 1e-4), height_m=12.0
@@ -42,19 +43,21 @@ def lro():
 
 
 def disturbed(model, shift_m, angles_rad):
-    """The model with errors of its place and of its attitude, about the camera's axes."""
-    known = model.orientation
-    turned = matrices_of(known.quaternions) @ rotation_of(angles_rad[None])
-    changed = replace(known, positions_m=known.positions_m + shift_m, quaternions=quaternions_of(turned))
+    """Add errors of the position and of the attitude about the camera's axes to a model."""
+    orientation = model.orientation
+    turned = matrices_of(orientation.quaternions) @ rotation_of(angles_rad[None])
+    changed = replace(
+        orientation, positions_m=orientation.positions_m + shift_m, quaternions=quaternions_of(turned)
+    )
     return replace(model, orientation=changed)
 
 
 @pytest.mark.slow
-def test_the_covariance_is_that_of_drawn_errors(ldem_4):
-    """Errors of all kinds at once, through the sensor model and the elevation map, without partials."""
+def test_covariance_is_that_of_drawn_errors(ldem_4):
+    """Draw errors of all sources, propagated without partials."""
     model, pixel = lro(), np.array([3000.0, 200.0])
-    found = locate_image_point(model, pixel, ldem_4, SIGMAS)
-    to_enu = east_north_up(*cartesian_to_selenographic(found.position_me.xyz_m)[:2])
+    point = locate_image_point(model, pixel, ldem_4, SIGMAS)
+    to_enu = east_north_up(*cartesian_to_selenographic(point.position_me.xyz_m)[:2])
     rng = np.random.default_rng(20)
     points = []
     for _ in range(DRAWS):
@@ -66,45 +69,45 @@ def test_the_covariance_is_that_of_drawn_errors(ldem_4):
         wrong = disturbed(model, shift_m, draw["turn"] * SIGMAS.attitude_rad)
         ground = replace(ldem_4, raised_m=float(draw["height"][0] * SIGMAS.height_m))
         points.append(image_to_ground(wrong, [pixel + draw["pixel"] * SIGMAS.pixel], ground)[0])
-    errors = (np.array(points) - found.position_me.xyz_m) @ to_enu.T
+    errors = (np.array(points) - point.position_me.xyz_m) @ to_enu.T
     drawn = errors.T @ errors / DRAWS
-    # compared where the covariance is a unit matrix, so that each direction counts
-    whiten = np.linalg.inv(np.linalg.cholesky(found.covariance_enu_m2))
+    # Compared with the unit matrix after whitening.
+    whiten = np.linalg.inv(np.linalg.cholesky(point.covariance_enu_m2))
     assert np.abs(whiten @ drawn @ whiten.T - np.eye(3)).max() < SAMPLING
-    assert np.abs(errors.mean(axis=0) / found.sigma_enu_m).max() < SAMPLING
+    assert np.abs(errors.mean(axis=0) / point.sigma_enu_m).max() < SAMPLING
 
 
-def test_by_hand():
-    """10 km up and 30 degrees off: height errors move the point sideways by tan(30 degrees) of them."""
+def test_sigmas_by_hand():
+    """Seen at 10 km and 30 degrees off nadir, a height error shifts the point horizontally by its tan(30 degrees)."""
     camera = Camera.of_pinhole(8.3, 6.7, [511.5, 511.5])
     down = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
     tilt = rotation_of(np.radians([[0.0, -30.0, 0.0]]))[0]
     model = FrameModel(camera, ConstantOrientation([1737400.0 + 1e4, 0.0, 0.0], down @ tilt), (1024, 1024))
     ground = Plane([1737400.0, 0.0, 0.0], [1.0, 0.0, 0.0])
 
-    def sigma_m(**given):
+    def sigma_m(**sigmas):
         zero = {"pixel": 0.0, "position_m": 0.0, "attitude_rad": 0.0, "height_m": 0.0}
         return locate_image_point(
-            model, [511.5, 511.5], ground, ImagePointSigmas(**(zero | given))
+            model, [511.5, 511.5], ground, ImagePointSigmas(**(zero | sigmas))
         ).sigma_enu_m
 
-    # The point is 5774 m west, where up is 0.19 degrees off the plane's normal: 0.0033 of each number is another's.
+    # The point is 5774 m west: up is 0.19 degrees from the normal of the plane, which mixes 0.0033 of each sigma.
     tangent, cosine = np.tan(np.radians(30.0)), np.cos(np.radians(30.0))
     assert sigma_m(height_m=10.0) == pytest.approx([10.0 * tangent, 0.0, 10.0], abs=0.04)
     assert sigma_m(position_m=(0.0, 3.0, 0.0)) == pytest.approx([0.0, 3.0, 0.0], abs=1e-6)
     assert sigma_m(position_m=(0.0, 0.0, 3.0)) == pytest.approx([3.0 * tangent, 0.0, 0.0], abs=0.02)
-    # 1 mrad about y at 11547 m, on ground 30 degrees off what the ray is normal to
+    # 1 mrad about y at 11547 m, on ground inclined by 30 degrees to the image plane
     assert sigma_m(attitude_rad=(0.0, 1e-3, 0.0)) == pytest.approx([11.547 / cosine, 0.0, 0.0], abs=0.05)
     assert sigma_m(pixel=(0.0, 1.0)) == pytest.approx([0.0, 11547.0 * 6.7e-3 / 8.3, 0.0], abs=1e-2)
 
 
-def test_the_point_stands_on_the_elevation_model(ldem_4):
-    found = locate_image_point(lro(), [3000.0, 200.0], ldem_4, SIGMAS)
-    assert found.position_me.frame == "ME_DE421"
-    longitude_deg, latitude_deg, height_m = found.position_me.selenographic
+def test_point_is_on_the_elevation_model(ldem_4):
+    point = locate_image_point(lro(), [3000.0, 200.0], ldem_4, SIGMAS)
+    assert point.position_me.frame == "ME_DE421"
+    longitude_deg, latitude_deg, height_m = point.position_me.selenographic
     expected_m = ldem_4.model.height_m(*np.radians([longitude_deg, latitude_deg]))
     assert height_m == pytest.approx(expected_m, abs=1e-3)
-    assert found.pixel_size_m == pytest.approx((1.5, 1.5), abs=0.1)
+    assert point.pixel_size_m == pytest.approx((1.5, 1.5), abs=0.1)
 
 
 def test_invalid_arguments_are_refused(ldem_4):

@@ -1,4 +1,4 @@
-"""A lander located by its descent images: the example that ships, files that do not fit, and what is written."""
+"""Location of a lander by descent images: the example, errors of input, output files."""
 
 import json
 from dataclasses import replace
@@ -31,14 +31,14 @@ def study():
 
 @pytest.fixture(scope="module")
 def some(study, tmp_path_factory):
-    """The first frames, then every second one, to the lowest, on the middle of the map."""
+    """Study of the first frames, then every second one, on the middle of the map."""
     path, cells, first = tmp_path_factory.mktemp("map") / "map.tif", 506, 309
-    with rasterio.open(study.images.base_map) as whole:
-        values = whole.read(window=Window(first, first, cells, cells))
-        (cell_m, _), bounds = whole.res, whole.bounds
+    with rasterio.open(study.images.base_map) as dataset:
+        values = dataset.read(window=Window(first, first, cells, cells))
+        (cell_m, _), bounds = dataset.res, dataset.bounds
         west_m, north_m = bounds.left + first * cell_m, bounds.top - first * cell_m
         shape = {"count": 1, "height": cells, "width": cells, "dtype": values.dtype}
-        place = {"crs": whole.crs, "transform": Affine(cell_m, 0.0, west_m, 0.0, -cell_m, north_m)}
+        place = {"crs": dataset.crs, "transform": Affine(cell_m, 0.0, west_m, 0.0, -cell_m, north_m)}
     with rasterio.open(path, "w", driver="GTiff", **shape, **place) as file:
         file.write(values)
     files = study.images.files
@@ -51,7 +51,7 @@ def solution(some):
 
 
 def error_m(solution):
-    """Horizontal error with the planted shift taken off, east and north."""
+    """Return the horizontal error less the planted shift, east and north."""
     truth = json.loads((EXAMPLE / "truth.json").read_text())["lander"]
     plane = TangentPlane(truth["longitude_deg"], truth["latitude_deg"])
     longitude, latitude, _ = solution.position.selenographic
@@ -59,7 +59,7 @@ def error_m(solution):
 
 
 @pytest.mark.study
-def test_the_lander_is_found_within_a_pixel_of_the_map(solution):
+def test_lander_is_located_within_a_pixel_of_the_map(solution):
     assert solution.converged
     assert np.hypot(*error_m(solution)) < MAP_PIXEL_M
     relative = solution.relative_covariance_en_m2
@@ -70,23 +70,23 @@ def test_the_lander_is_found_within_a_pixel_of_the_map(solution):
 
 
 @pytest.mark.parametrize("point", ["centre", (159.5, 159.5)])
-def test_a_last_image_from_high_up_widens_the_sigma_by_the_unknown_descent(some, point):
+def test_high_last_image_widens_the_sigma_by_the_unknown_descent(some, point):
     # 0003.png is from 2.3 km, and the descent is still oblique.
     images = replace(some.images, files=some.images.files[:3], base_map_sigma_m=(0.1, 0.1), point=point)
     solution = radioloc.imaging.locate_images(replace(some, images=images))
-    away_m, sigma_m = np.abs(error_m(solution)), solution.sigma_enu_m[:2]
-    noted = [note for note in solution.notes if "unknown motion" in note]
+    offset_m, sigma_m = np.abs(error_m(solution)), solution.sigma_enu_m[:2]
+    notes = [note for note in solution.notes if "unknown motion" in note]
     if point == "centre":
         assert solution.converged
-        assert len(noted) == 1
-        assert (away_m < 2.0 * sigma_m).all()
+        assert len(notes) == 1
+        assert (offset_m < 2.0 * sigma_m).all()
         assert 400.0 < sigma_m.max() < 1000.0  # the image shows 1.9 km
-    else:  # a point that is known to be the lander
-        assert not noted
+    else:  # the pixel of the lander
+        assert not notes
         assert sigma_m.max() < 10.0
 
 
-def test_unknown_lens_distortion_widens_the_sigma_and_is_named(some, solution):
+def test_unknown_lens_distortion_widens_the_sigma(some, solution):
     assert abs(np.divide(*solution.registration.radial_pattern_px())) < 4.0
     assert not [note for note in solution.notes if "lens distortion" in note]
     # The true k1 is -0.05.
@@ -98,16 +98,16 @@ def test_unknown_lens_distortion_widens_the_sigma_and_is_named(some, solution):
     assert widened[0, 0] > 4.0 * solution.relative_covariance_en_m2[0, 0]
 
 
-def test_altitudes_are_those_of_the_truth_also_where_the_camera_looks_aside(solution):
+def test_altitudes_agree_with_the_truth(solution):
     truth = {f["file"]: f["altitude_m"] for f in json.loads((EXAMPLE / "truth.json").read_text())["frames"]}
     assert len(solution.altitudes_m) == 10
     for name, altitude_m in solution.altitudes_m.items():
-        assert altitude_m == pytest.approx(truth[name], rel=0.06)  # above what is seen, not above the site
+        assert altitude_m == pytest.approx(truth[name], rel=0.06)  # above the visible ground
 
 
 @pytest.mark.study
 @pytest.mark.usefixtures("undrawn")
-def test_what_is_written_has_the_keys_of_radio_solutions_and_the_images(solution, tmp_path):
+def test_written_solution_has_the_common_keys_and_the_images(solution, tmp_path):
     paths = radioloc.write_report(solution, tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {path.name for path in paths}
     content = json.loads((tmp_path / "solution.json").read_text())
@@ -116,12 +116,12 @@ def test_what_is_written_has_the_keys_of_radio_solutions_and_the_images(solution
     images = content["images"]
     assert [image["status"] for image in images] == ["registered"] * 10
     assert all(len(image["parameters"]) == 8 and np.shape(image["covariance"]) == (8, 8) for image in images)
-    found = radioloc.compare([tmp_path / "solution.json"])
-    assert found.rows[0].method == "images"
+    comparison = radioloc.compare([tmp_path / "solution.json"])
+    assert comparison.rows[0].method == "images"
 
 
 @pytest.mark.slow
-def test_the_command_does_the_whole_example(tmp_path, capsys):
+def test_command_runs_the_complete_example(tmp_path, capsys):
     assert main(["images", str(EXAMPLE / "descent.toml"), "--out", str(tmp_path / "out")]) == 0
     text = " ".join(capsys.readouterr().out.split())
     assert "16 of 16 registered" in text
@@ -130,24 +130,24 @@ def test_the_command_does_the_whole_example(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_the_elevation_model_shaded_at_their_sun_serves_where_no_map_does(study, tmp_path):
+def test_shaded_elevation_model_serves_as_a_map(study, tmp_path):
     import importlib.util
 
     spec = importlib.util.spec_from_file_location("simulate", EXAMPLE / "simulate.py")
-    made = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(made)
-    made.GROUND.write_heights(tmp_path / "dem.tif", 10.0, 9000.0, SHIFT_M)
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    script.GROUND.write_heights(tmp_path / "dem.tif", 10.0, 9000.0, SHIFT_M)
     chosen = replace(
         study.images,
         base_map=None,
         dem=tmp_path / "dem.tif",
         shade=True,
-        sun_azimuth_deg=made.DESCENT.sun_azimuth_deg,
-        sun_elevation_deg=made.DESCENT.sun_elevation_deg,
+        sun_azimuth_deg=script.DESCENT.sun_azimuth_deg,
+        sun_elevation_deg=script.DESCENT.sun_elevation_deg,
     )
-    found = radioloc.imaging.locate_images(replace(study, images=chosen))
-    assert found.converged
-    assert np.hypot(*error_m(found)) < 10.0  # a cell
+    shaded = radioloc.imaging.locate_images(replace(study, images=chosen))
+    assert shaded.converged
+    assert np.hypot(*error_m(shaded)) < 10.0  # a cell
 
 
 WRONG = {
@@ -161,21 +161,21 @@ WRONG = {
 
 
 @pytest.mark.parametrize("text", WRONG)
-def test_what_is_wrong_in_a_study_is_one_sentence(text, tmp_path, capsys):
-    whole = (EXAMPLE / "descent.toml").read_text()
+def test_invalid_studies_are_refused_in_one_line(text, tmp_path, capsys):
+    content = (EXAMPLE / "descent.toml").read_text()
     new, says = WRONG[text]
-    assert whole.count(text) == 1
+    assert content.count(text) == 1
     for name in ("map.tif", "dem.tif"):
         (tmp_path / name).symlink_to(EXAMPLE / name)
     (tmp_path / "frames").symlink_to(EXAMPLE / "frames")
-    (tmp_path / "study.toml").write_text(whole.replace(text, new))
+    (tmp_path / "study.toml").write_text(content.replace(text, new))
     assert main(["images", str(tmp_path / "study.toml")]) == 2
     error = capsys.readouterr().err
     assert says in error
     assert error.count("\n") == 1
 
 
-def test_studies_in_python_are_held_to_the_same_rules():
+def test_invalid_choices_in_python_are_refused():
     with pytest.raises(InputError, match="shade needs a dem"):
         ImageChoice((Path("a.png"),), (1.0, 1.0), shade=True)
     for angles in (
@@ -183,6 +183,6 @@ def test_studies_in_python_are_held_to_the_same_rules():
         {"sun_azimuth_deg": 1.0},
         {"sun_azimuth_deg": 1.0, "epoch": epochs_from_strings("2020-12-01", "UTC")},
     ):
-        with pytest.raises(InputError, match="either epoch, or sun_azimuth_deg and sun_elevation_deg"):
+        with pytest.raises(InputError, match="either epoch, or sun_azimuth_deg"):
             ImageChoice((Path("a.png"),), (1.0, 1.0), shade=True, dem=Path("dem.tif"), **angles)
     assert ImageStudy(ImageChoice((Path("a.png"),), (1.0, 1.0), base_map=Path("m.tif"))).name == "images"

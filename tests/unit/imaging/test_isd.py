@@ -1,4 +1,4 @@
-"""Image support data of real and synthetic cameras: what USGS and SPICE have for the same files."""
+"""Image support data of real and synthetic cameras, against USGS and SPICE for the same files."""
 
 import gzip
 import json
@@ -12,17 +12,10 @@ from radioloc.errors import FileFormatError, InputError
 from radioloc.imaging import Sphere, read_isd
 from radioloc.imaging.ground_points import image_to_ground
 
-ROUND_TRIP_PX = 1e-6
-"""The secant method ends at 1e-8 of a line; positions of 1.7e6 m are rounded by 2e-10 m, 1e-9 of the smallest pixel."""
-
-USGS_M = 1e-8
-"""The tests of ``usgscsm`` print that many decimals."""
-
-HAND_M = 2e-4
-"""Epochs are rounded to 0.1 microseconds, in which an orbiter moves by 0.17 mm."""
-
-SAME_AXES_RAD = 1e-11
-"""The files' rotations are SPICE's of the same kernels, rounded to sixteen digits."""
+ROUND_TRIP_PX = 1e-6  # of the secant method, which ends at 1e-8 of a line
+USGS_M = 1e-8  # last decimal in the tests of ``usgscsm``
+HAND_M = 2e-4  # rounding of epochs to 0.1 microseconds, in which an orbiter moves by 0.17 mm
+SAME_AXES_RAD = 1e-11  # of rotations by SPICE from the same kernels, rounded to sixteen digits
 
 
 def isd(name, **options):
@@ -34,9 +27,8 @@ def raw(name):
     return json.loads(gzip.decompress(content) if name.endswith("gz") else content)
 
 
-# Pixels of each image whose rays meet the sphere: of the synthetic frame most look past it, the half lines before the
-# first and after the last of the synthetic scan have no ephemeris, and the Apollo frame's coordinates are not those of
-# the scanned film: its axis is at the first pixel and the horizon in view.
+# Pixels of each image whose rays meet the sphere. Most of the synthetic frame misses it, the half lines at both ends of
+# the synthetic scan have no ephemeris, and the Apollo frame has its axis at the first pixel and the horizon in view.
 FIELDS = {
     "synthetic_frame.json": ([5.0, 5.0], [9.0, 9.0]),
     "synthetic_line_scan.json": ([-0.5, 0.0], [15.5, 15.0]),
@@ -48,7 +40,7 @@ FIELDS = {
 
 
 @pytest.mark.parametrize("name", FIELDS)
-def test_to_the_ground_and_back(name):
+def test_pixels_return_from_the_ground(name):
     data = isd(name)
     rng = np.random.default_rng(4)
     low, high = FIELDS[name]
@@ -58,7 +50,7 @@ def test_to_the_ground_and_back(name):
         assert np.abs(data.model.project(ground).pixels - pixels).max() < ROUND_TRIP_PX
 
 
-def test_the_synthetic_frame_is_that_of_usgs():
+def test_synthetic_frame_agrees_with_usgs():
     """Reproduce usgscsm's FrameCameraTests: (line, sample) from 0.5; 1 km above a sphere of 10 m.
 
     Its singular distortion, which usgscsm ignores from image to ground, is replaced with zero in our copy.
@@ -72,28 +64,28 @@ def test_the_synthetic_frame_is_that_of_usgs():
     assert ground[1] == pytest.approx([1000.0 - t, 0.0, 0.002 * t], abs=1e-9)
 
 
-def test_the_synthetic_line_scan_is_that_of_usgs():
-    """usgscsm, LineScanCameraTests: (line, sample) = (8.5, 8), 1050 km from the centre of a sphere of 1000 km."""
+def test_synthetic_line_scan_agrees_with_usgs():
+    """Reproduce usgscsm's LineScanCameraTests: (line, sample) = (8.5, 8), 1050 km from a sphere of 1000 km."""
     model = isd("synthetic_line_scan.json").model
     [ground] = image_to_ground(model, [[7.5, 8.0]], Sphere(1e6))
     assert ground == pytest.approx([999999.67040488799, 0.0, -811.90523782723039], abs=1e-5)
-    # By hand, in the plane y = 0: the ray leaves toward the centre but for the 0.05 mm on 50 mm that the detector is
-    # off the axis; the angle of the axis is that of the file's quaternion.
+    # By hand, in the plane y = 0: the ray is 0.05 mm on 50 mm from the direction to the centre; the angle of the axis
+    # is that of the file's quaternion.
     table = raw("synthetic_line_scan.json")
     x, _, z = 1e3 * np.array(table["instrument_position"]["positions"][8])
     w, _, qy, _ = table["instrument_pointing"]["quaternions"][8]
-    angle = -2.0 * np.arctan2(qy, w) - 0.001  # of the line of sight behind the x axis, about y
+    angle = -2.0 * np.arctan2(qy, w) - 0.001  # of the line of sight from the x axis, about y
     direction = np.array([-np.sin(angle), -np.cos(angle)])
     start = np.array([x, z])
-    along = start @ direction
-    distance = -along - np.sqrt(along**2 - (start @ start - 1e12))
+    projection = start @ direction
+    distance = -projection - np.sqrt(projection**2 - (start @ start - 1e12))
     assert ground[[0, 2]] == pytest.approx(
         start + distance * direction, abs=0.01
     )  # atan(0.001) is 3e-10 less
 
 
 def by_spice(name, node, camera_direction):
-    """Where a direction in the camera's axes meets the Moon from a node of the tables, by SPICE's routines."""
+    """Intersect a direction in the camera's axes with the Moon from a node of the tables, by SPICE."""
     table = raw(name)
     body, pointing, place = (
         table[k] for k in ("body_rotation", "instrument_pointing", "instrument_position")
@@ -102,11 +94,11 @@ def by_spice(name, node, camera_direction):
     assert node_s == pointing["ephemeris_times"][node]
     quaternions, times = body["quaternions"], body["ephemeris_times"]
     to_moon = spiceypy.q2m(quaternions[0])
-    if len(times) > 1:  # turned about the axis between the two, in proportion
+    if len(times) > 1:
         axis, angle = spiceypy.raxisa(spiceypy.q2m(quaternions[1]) @ to_moon.T)
         part = (node_s - times[0]) / (times[1] - times[0])
         to_moon = spiceypy.axisar(axis, part * angle) @ to_moon
-    constant = [np.reshape(one.get("constant_rotation", np.eye(3)), (3, 3)) for one in (body, pointing)]
+    constant = [np.reshape(t.get("constant_rotation", np.eye(3)), (3, 3)) for t in (body, pointing)]
     to_moon, to_camera = constant[0] @ to_moon, constant[1] @ spiceypy.q2m(pointing["quaternions"][node])
     position_km = to_moon @ place["positions"][node]
     return 1e3 * spiceypy.surfpt(
@@ -114,42 +106,41 @@ def by_spice(name, node, camera_direction):
     )
 
 
-def test_centres_of_real_images_follow_from_their_ephemerides():
-    """Pixels on the cameras' axes when their tables have a node, against SPICE's intersection with the sphere."""
-    # LRO: sample 2547.5 of the file's counting; the middle of the image in time is node 200.
-    found = image_to_ground(isd("lro_nac.json.gz").model, [[2547.0, 199.5]], Sphere())
-    assert np.abs(found - by_spice("lro_nac.json.gz", 200, [0.0, 0.0, 1.0])).max() < HAND_M
-    # Summed by two, the axis is at 1273.75; the first node is where the first line begins.
-    found = image_to_ground(isd("lro_nac_polar.json.gz").model, [[1273.25, -0.5]], Sphere())
-    assert np.abs(found - by_spice("lro_nac_polar.json.gz", 0, [0.0, 0.0, 1.0])).max() < HAND_M
+def test_axes_of_real_cameras_agree_with_spice():
+    """Compare pixels on the axes at nodes of the tables with SPICE's intersection with the sphere."""
+    # LRO: sample 2547.5 in the numbering of the file; the middle of the image in time is node 200.
+    ground = image_to_ground(isd("lro_nac.json.gz").model, [[2547.0, 199.5]], Sphere())
+    assert np.abs(ground - by_spice("lro_nac.json.gz", 200, [0.0, 0.0, 1.0])).max() < HAND_M
+    # Summed by two, the axis is at 1273.75; the first node is the start of the first line.
+    ground = image_to_ground(isd("lro_nac_polar.json.gz").model, [[1273.25, -0.5]], Sphere())
+    assert np.abs(ground - by_spice("lro_nac_polar.json.gz", 0, [0.0, 0.0, 1.0])).max() < HAND_M
     # Apollo's camera looks along -z.
-    found = image_to_ground(isd("apollo15_metric.json").model, [[-0.5, -0.5]], Sphere())
-    assert np.abs(found - by_spice("apollo15_metric.json", 0, [0.0, 0.0, -1.0])).max() < HAND_M
-    # Kaguya's detector is one pixel (0.007 mm) off in x; its lens adds the boresight and the cubic polynomials.
+    ground = image_to_ground(isd("apollo15_metric.json").model, [[-0.5, -0.5]], Sphere())
+    assert np.abs(ground - by_spice("apollo15_metric.json", 0, [0.0, 0.0, -1.0])).max() < HAND_M
+    # Kaguya's detector is offset by one pixel (0.007 mm) in x; its distortion has a boresight and cubic polynomials.
     lens = raw("kaguya_tc.json.gz")["optical_distortion"]["kaguyalism"]
     r = np.array([1.0, 0.007, 0.007**2, 0.007**3])
     ideal = [0.007 + lens["boresight_x"] + lens["x"] @ r, lens["boresight_y"] + lens["y"] @ r, 72.45]
-    found = image_to_ground(isd("kaguya_tc.json.gz").model, [[2046.5, 199.5]], Sphere())
-    assert np.abs(found - by_spice("kaguya_tc.json.gz", 200, ideal)).max() < HAND_M
+    ground = image_to_ground(isd("kaguya_tc.json.gz").model, [[2046.5, 199.5]], Sphere())
+    assert np.abs(ground - by_spice("kaguya_tc.json.gz", 200, ideal)).max() < HAND_M
 
 
 @pytest.mark.parametrize("name", ["lro_nac.json.gz", "lro_nac_polar.json.gz", "apollo15_metric.json"])
-def test_the_moon_turns_as_in_de421(name):
-    """The files' rotations to the mean-Earth axes are those of the library's own kernels."""
-    given, own = isd(name).model.orientation, isd(name, axes="ME_DE421").model.orientation
+def test_rotation_of_the_moon_in_files_is_that_of_de421(name):
+    from_file, from_kernel = isd(name).model.orientation, isd(name, axes="ME_DE421").model.orientation
     time_s = np.array([0.0])
-    assert np.abs(given.poses(time_s)[1] - own.poses(time_s)[1]).max() < SAME_AXES_RAD
-    assert np.abs(given.poses(time_s)[0] - own.poses(time_s)[0]).max() < SAME_AXES_RAD * 1.8e6
+    assert np.abs(from_file.poses(time_s)[1] - from_kernel.poses(time_s)[1]).max() < SAME_AXES_RAD
+    assert np.abs(from_file.poses(time_s)[0] - from_kernel.poses(time_s)[0]).max() < SAME_AXES_RAD * 1.8e6
 
 
-def test_axes_are_those_of_the_file_unless_others_are_asked_for():
+def test_axes_are_those_of_the_file_or_of_the_argument():
     name = "kaguya_tc.json.gz"
-    given, own = isd(name).model, isd(name, axes="ME_DE421").model
-    assert (given.axes, own.axes) == ("IAU_MOON", "ME_DE421")
-    shift_m = image_to_ground(given, [[1000.0, 200.0]], Sphere()) - image_to_ground(
-        own, [[1000.0, 200.0]], Sphere()
+    from_file, chosen = isd(name).model, isd(name, axes="ME_DE421").model
+    assert (from_file.axes, chosen.axes) == ("IAU_MOON", "ME_DE421")
+    shift_m = image_to_ground(from_file, [[1000.0, 200.0]], Sphere()) - image_to_ground(
+        chosen, [[1000.0, 200.0]], Sphere()
     )
-    assert 10.0 < np.linalg.norm(shift_m) < 155.0  # what the IAU's series is good for
+    assert 10.0 < np.linalg.norm(shift_m) < 155.0  # error of the IAU series
     assert isd("lro_nac.json.gz").model.axes == "ME_DE421"
 
 
@@ -184,7 +175,7 @@ def changed(key, value):
         (changed("radii.semiminor", 900), "radii: expected"),
     ],
 )
-def test_what_is_wrong_in_a_file_is_named(tmp_path, change, message):
+def test_invalid_values_are_refused_by_key(tmp_path, change, message):
     content = raw("synthetic_line_scan.json")
     change(content)
     path = tmp_path / "bad.json"

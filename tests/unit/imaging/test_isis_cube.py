@@ -1,4 +1,4 @@
-"""Cubes of LRO's NAC: one image by its ISD and by a cube of the same tables; a real cube beside ISIS and SPICE."""
+"""Cubes of LRO's NAC: equal results of an ISD and of a cube of the same tables; a real cube against ISIS and SPICE."""
 
 import gzip
 import json
@@ -18,9 +18,8 @@ from radioloc.time import Epochs
 REAL = FOLDER / "M143947267L.cal.echo.crop.cub"
 LABEL_BYTES = 16384
 LINE_ERROR, PREROLL = 0.0045, 1024.0
-CLOCK_S = 1e-6
-"""An epoch of 3e8 s is rounded to 0.06 microseconds; three are added here. Meanwhile LRO moves by 2 mm."""
-GROUND_M = 2e-3
+CLOCK_S = 1e-6  # rounding of epochs of 3e8 s to 0.06 microseconds, three times
+GROUND_M = 2e-3  # motion of LRO in that time
 ABERRATION_RAD = 1.05e-4
 
 LABEL = """Object = IsisCube
@@ -48,7 +47,7 @@ LABEL = """Object = IsisCube
     SpatialSumming = 1
     SampleFirstPixel = 0
   End_Group
-{more}End_Object
+{alpha_cube}End_Object
 Object = Label
   Bytes = {label}
 End_Object
@@ -77,17 +76,17 @@ def support_data():
 
 
 def write_cube(path, *, window=None, **replaced):
-    """The cube of which the ISD could have been made; of a window its first sample and line, samples and lines."""
+    """Write a cube with the tables of the ISD; a window is its first sample and line, samples and lines."""
     isd = support_data()
     lines, samples = isd["image_lines"], isd["image_samples"]
     exposure_s = isd["line_scan_rate"][0][2] / (1.0 + LINE_ERROR)
-    more = ""
+    alpha_cube = ""
     if window is not None:
         sample, line, samples, lines = window
         edges = (("StartingSample", sample), ("StartingLine", line))
         edges += (("EndingSample", sample + samples), ("EndingLine", line + lines))
-        more = "".join(f"    Alpha{name} = {value + 0.5}\n" for name, value in edges)
-        more = f"  Group = AlphaCube\n{more}  End_Group\n"
+        edges_text = "".join(f"    Alpha{name} = {value + 0.5}\n" for name, value in edges)
+        alpha_cube = f"  Group = AlphaCube\n{edges_text}  End_Group\n"
     tables, content, at = "", b"", LABEL_BYTES + lines * samples
     for name, key in (
         ("InstrumentPointing", "instrument_pointing"),
@@ -95,10 +94,10 @@ def write_cube(path, *, window=None, **replaced):
         ("InstrumentPosition", "instrument_position"),
         ("SunPosition", "sun_position"),
     ):
-        table, about = isd[key], ""
+        table, keywords = isd[key], ""
         if "quaternions" in table:
             columns, values = QUATERNION, [table["quaternions"]]
-            about = "".join(
+            keywords = "".join(
                 f"  {word} = ({', '.join(map(repr, table[part]))})\n"
                 for word, part in (
                     ("TimeDependentFrames", "time_dependent_frames"),
@@ -115,7 +114,7 @@ def write_cube(path, *, window=None, **replaced):
         )
         tables += (
             f"Object = Table\n  Name = {name}\n  StartByte = {at + len(content) + 1}\n  Bytes = {rows.nbytes}\n"
-            f"  Records = {len(rows)}\n  ByteOrder = Lsb\n{about}{fields}End_Object\n"
+            f"  Records = {len(rows)}\n  ByteOrder = Lsb\n{keywords}{fields}End_Object\n"
         )
         content += rows.astype("<f8").tobytes()
     clock_s = isd["starting_ephemeris_time"] - PREROLL * isd["line_scan_rate"][0][2]
@@ -125,7 +124,7 @@ def write_cube(path, *, window=None, **replaced):
         samples=samples,
         lines=lines,
         exposure_ms=1e3 * exposure_s,
-        more=more,
+        alpha_cube=alpha_cube,
         tables=tables,
         clock=np.array(clock_s, "<f8").tobytes().hex(),
     )
@@ -133,35 +132,34 @@ def write_cube(path, *, window=None, **replaced):
         assert old in label
         label = label.replace(old, new)
     assert len(label) < LABEL_BYTES
-    whole = label.encode().ljust(LABEL_BYTES, b"\0") + bytes(lines * samples) + content
-    path.write_bytes(whole)
+    path.write_bytes(label.encode().ljust(LABEL_BYTES, b"\0") + bytes(lines * samples) + content)
     return path
 
 
-def test_a_cube_and_an_isd_of_the_same_tables_are_one_camera(tmp_path):
+def test_cube_and_isd_of_the_same_tables_agree(tmp_path):
     by_isd, by_cube = read_isd(ISDS / "lro_nac.json.gz"), read_isd(write_cube(tmp_path / "a.cub"))
     assert by_cube.model.shape == by_isd.model.shape
     assert by_cube.model.axes == by_isd.model.axes == "ME_DE421"
     assert by_cube.epoch_tdb_s == pytest.approx(by_isd.epoch_tdb_s, abs=CLOCK_S)
     np.testing.assert_allclose(by_cube.sun_m, by_isd.sun_m, rtol=1e-12)
     pixels = [[0.0, 0.0], [5063.0, 0.0], [2531.5, 199.5], [100.0, 399.0]]
-    ground = [image_to_ground(one.model, pixels, Sphere()) for one in (by_isd, by_cube)]
+    ground = [image_to_ground(data.model, pixels, Sphere()) for data in (by_isd, by_cube)]
     np.testing.assert_allclose(ground[1], ground[0], rtol=0, atol=GROUND_M)
 
 
-def test_a_cube_that_was_cut_out_knows_where(tmp_path):
-    whole = read_isd(write_cube(tmp_path / "a.cub")).model
+def test_cut_cube_has_the_offset_of_its_label(tmp_path):
+    full = read_isd(write_cube(tmp_path / "a.cub")).model
     part = read_isd(write_cube(tmp_path / "b.cub", window=(2999, 120, 400, 200))).model
     assert part.shape == (200, 400)
     ground = [
         image_to_ground(model, np.array([[0.0, 0.0], [399.0, 199.0]]) + offset, Sphere())
-        for model, offset in ((whole, [2999.0, 120.0]), (part, [0.0, 0.0]))
+        for model, offset in ((full, [2999.0, 120.0]), (part, [0.0, 0.0]))
     ]
     np.testing.assert_allclose(ground[1], ground[0], rtol=0, atol=GROUND_M)
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "says"),
+    ("old", "new", "words"),
     [
         ("InstrumentId = NACL", 'InstrumentId = "WAC-VIS"', "got an image of 'WAC-VIS'"),
         ("Group = Instrument", "Group = Mapping\n  End_Group\n  Group = Instrument", "got a map"),
@@ -170,8 +168,8 @@ def test_a_cube_that_was_cut_out_knows_where(tmp_path):
         ("Records = 401", "Records = 400", "table InstrumentPointing is cut"),
     ],
 )
-def test_what_is_wrong_in_a_cube_is_named(tmp_path, old, new, says):
-    with pytest.raises(FileFormatError, match=says):
+def test_invalid_cubes_are_refused(tmp_path, old, new, words):
+    with pytest.raises(FileFormatError, match=words):
         read_isd(write_cube(tmp_path / "a.cub", window=(0, 0, 40, 30), one=(old, new)))
 
 
@@ -182,14 +180,14 @@ def real():
     return read_isd(REAL)
 
 
-def test_lines_of_a_real_cube_begin_with_its_table(real):
-    """``CkTableStartTime``, which spiceinit wrote for the first edge of the part that was cut, with five decimals."""
+def test_first_line_of_a_real_cube_begins_with_its_table(real):
+    """Compare with ``CkTableStartTime`` of spiceinit, five decimals, for the first edge of the cut part."""
     [start_s], _ = real.model.times_s(np.array([-0.5]))
     assert real.epoch_tdb_s + start_s == pytest.approx(342580072.37562, abs=5e-6)
 
 
-def test_the_ground_of_a_real_cube_is_that_of_spice(real):
-    """From the bytes of its tables at one of their nodes, a pixel on the camera's axis without distortion."""
+def test_ground_of_a_real_cube_agrees_with_spice(real):
+    """Compare a pixel at a node of the tables."""
     content = REAL.read_bytes()
     pointing = np.frombuffer(content, "<f8", 32, 705536).reshape(4, 8)
     position = np.frombuffer(content, "<f8", 21, 705792).reshape(3, 7)
@@ -200,21 +198,20 @@ def test_the_ground_of_a_real_cube_is_that_of_spice(real):
     constant = np.reshape(np.array(constant.split(), dtype=float), (3, 3))
     to_moon = constant @ spiceypy.q2m(body[0, :4].copy())
     to_camera = spiceypy.q2m(pointing[0, :4].copy())
-    # Sample 300 is detector 3299 of ISIS's count, from 0 and 2547 on the axis; the distortion is that of LROC.
+    # Sample 300 is detector 3299 from 0, the axis 2547; the distortion is that of LROC.
     measured_mm = (2999.0 + 300.0 - 2547.0) * 0.007
     look = [0.0, measured_mm / (1.0 + 1.81e-05 * measured_mm**2), 699.62]
     ray = to_moon @ to_camera.T @ look
     expected = spiceypy.surfpt(1e3 * to_moon @ position[0, :3], ray, 1737400.0, 1737400.0, 1737400.0)
-    found = image_to_ground(real.model, [[300.0, -0.5]], Sphere())[0]
-    np.testing.assert_allclose(found, expected, rtol=0, atol=2e-2)
+    ground = image_to_ground(real.model, [[300.0, -0.5]], Sphere())[0]
+    np.testing.assert_allclose(ground, expected, rtol=0, atol=2e-2)
 
 
-def test_angles_in_a_real_cube_are_those_of_isis(real):
-    """Of two photometric corrections of one pixel that ISIS's tests print, to eight digits, the quotient.
+def test_angles_in_a_real_cube_agree_with_isis(real):
+    """Compare the quotient of two photometric corrections of a pixel in ISIS's tests, printed to eight digits.
 
-    The pixel's own value is not in it. Incidence, emission and phase are by ISIS's camera (functional tests of
-    lronacpho, algorithms of 2014 and 2019; the pixel with 300 before it in line 300). A pixel to the side changes the
-    quotient by 1.8e-6, so it places the ray within 0.06 samples, 3 cm; along the lines it tells little.
+    It depends on incidence, emission and phase only (functional tests of lronacpho, algorithms of 2014 and 2019, sample
+    300 of line 300). The next sample changes it by 1.8e-6, so the ray agrees within 0.06 samples, 3 cm.
     """
     expected = 0.28940132 / 0.26584613
     quotients = [
@@ -255,11 +252,11 @@ def _correction_2019(incidence, emission, phase):
     return model(30.0, 0.0, 30.0) / model(incidence, emission, phase)
 
 
-def test_the_axes_and_the_sun_of_a_real_cube_are_those_of_the_library(real):
-    ours = read_isd(REAL, axes="ME_DE421")
+def test_axes_and_sun_of_a_real_cube_agree_with_the_kernels(real):
+    by_kernels = read_isd(REAL, axes="ME_DE421")
     pixels = [[0.0, 0.0], [399.0, 399.0]]
     np.testing.assert_allclose(
-        image_to_ground(ours.model, pixels, Sphere()),
+        image_to_ground(by_kernels.model, pixels, Sphere()),
         image_to_ground(real.model, pixels, Sphere()),
         atol=1e-3,
     )

@@ -1,4 +1,4 @@
-"""Orthophotos, read back by GDAL: spots on known ground, relief taken out, masks, types, refusals."""
+"""Orthophotos read by GDAL: places of spots, relief, masks, data types, errors of input."""
 
 from dataclasses import replace
 
@@ -25,14 +25,12 @@ from radioloc.imaging.orientation import rotation_of
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic, east_north_up, selenographic_to_cartesian
 
 R_M = 1737400.0
-PLACE_CELLS = 0.1
-"""Centroid of a spot of 4 pixels, drawn in whole pixels and resampled, to which the map's cells add their own."""
-
+PLACE_CELLS = 0.1  # error of the centroid of a resampled spot of 4 pixels
 CONTRAST = 200.0
 
 
 def hilly(path, longitude_deg, latitude_deg, proj4):
-    """Hills of 200 m in cells of 10 m around a place, in a projection of their own."""
+    """Write hills of 200 m in cells of 10 m around a place."""
     size, cell_m = 400, 10.0
     steps_m = (np.arange(size) - (size - 1) / 2) * cell_m
     x, y = np.meshgrid(steps_m, -steps_m)
@@ -43,12 +41,12 @@ def hilly(path, longitude_deg, latitude_deg, proj4):
     return TerrainModel.open(terrain_maps.write(path, heights, proj4, affine))
 
 
-def near(longitude_deg, latitude_deg):
+def local_projection(longitude_deg, latitude_deg):
     return f"+proj=stere +lat_0={latitude_deg} +lon_0={longitude_deg} +R=1737400"
 
 
 def camera_over(longitude_deg, latitude_deg, off_nadir_deg=0.0, height_m=3000.0, size=300):
-    """North is up in the image where the camera looks down; it is tilted to the south."""
+    """Return a camera tilted to the south, with north up in the image of a nadir view."""
     longitude, latitude = np.radians([longitude_deg, latitude_deg])
     east, north, up = east_north_up(longitude, latitude)
     tilt = rotation_of(np.radians([[off_nadir_deg, 0.0, 0.0]]))[0]
@@ -60,7 +58,7 @@ def camera_over(longitude_deg, latitude_deg, off_nadir_deg=0.0, height_m=3000.0,
 
 
 def spots(model, terrain, dtype="float32"):
-    """An image with five bright spots, and the longitudes and latitudes of the ground that they are on."""
+    """Draw an image with five bright spots; return it with longitudes and latitudes of the spots, deg."""
     size = model.shape[0]
     pixels = np.array([[60.3, 70.8], [240.2, 65.5], [150.0, 150.0], [75.6, 220.1], [230.0, 235.4]])
     line, sample = np.mgrid[:size, : model.shape[1]]
@@ -72,7 +70,7 @@ def spots(model, terrain, dtype="float32"):
 
 
 def centroid(values, row, column, half=12):
-    """Of the brightness around a cell, in cells."""
+    """Return the centroid of the brightness around a cell, in cells."""
     r, c = round(row), round(column)
     part = values[r - half : r + half + 1, c - half : c + half + 1] - 20.0
     part = np.where(part > 0.05 * CONTRAST, part, 0.0)
@@ -92,10 +90,10 @@ CASES = {
 @pytest.mark.parametrize(
     ("case", "interpolation"), each_with_one(CASES, CASES, ["nearest", "bilinear", "cubic"])
 )
-def test_spots_are_where_the_ground_is(tmp_path, case, interpolation):
+def test_spots_are_at_their_places_on_the_ground(tmp_path, case, interpolation):
     longitude, latitude, projection, off_nadir_deg = CASES[case]
     centre = -90.0 if latitude < -80.0 else latitude
-    terrain = hilly(tmp_path / "dem.tif", longitude, latitude, near(longitude, centre))
+    terrain = hilly(tmp_path / "dem.tif", longitude, latitude, local_projection(longitude, centre))
     model = camera_over(longitude, latitude, off_nadir_deg)
     image, longitudes, latitudes = spots(model, terrain)
     write_orthophoto(
@@ -108,22 +106,22 @@ def test_spots_are_where_the_ground_is(tmp_path, case, interpolation):
     )
     with rasterio.open(tmp_path / "map.tif") as file:
         assert file.crs.to_dict()["R"] == R_M
-        values, seen = file.read(1), file.read_masks(1) > 0
+        values, visible = file.read(1), file.read_masks(1) > 0
         xs, ys = rasterio.warp.transform(terrain_maps.LONGLAT, projection, longitudes, latitudes)
         for x, y in zip(xs, ys, strict=True):
             # GDAL counts from the corner of the first cell
             column, row = (x - file.transform.c) / 3.0 - 0.5, (file.transform.f - y) / 3.0 - 0.5
-            assert seen[round(row), round(column)]
-            found = centroid(values, row, column)
+            assert visible[round(row), round(column)]
+            place = centroid(values, row, column)
             tolerance = PLACE_CELLS * (3 if interpolation == "nearest" or off_nadir_deg > 20 else 1)
-            assert found == pytest.approx((row, column), abs=tolerance), case
-    assert 0.2 < seen.mean() < 1.0
+            assert place == pytest.approx((row, column), abs=tolerance), case
+    assert 0.2 < visible.mean() < 1.0
 
 
 @pytest.mark.study
-def test_values_types_and_mask(tmp_path):
+def test_data_types_are_kept_and_hidden_cells_masked(tmp_path):
     longitude, latitude, projection, _ = CASES["equator"]
-    terrain = hilly(tmp_path / "dem.tif", longitude, latitude, near(longitude, latitude))
+    terrain = hilly(tmp_path / "dem.tif", longitude, latitude, local_projection(longitude, latitude))
     model = camera_over(longitude, latitude)
     for dtype, value in (("uint8", 255), ("uint16", 4000), ("float32", 0.25)):
         image = np.full(model.shape, value, dtype=dtype)
@@ -132,30 +130,30 @@ def test_values_types_and_mask(tmp_path):
         )
         with rasterio.open(tmp_path / "map.tif") as file:
             assert file.dtypes == (dtype,)
-            values, seen = file.read(1), file.read_masks(1) > 0
-            assert (values[seen] == value).all()
-            assert not values[~seen].any()
+            values, visible = file.read(1), file.read_masks(1) > 0
+            assert (values[visible] == value).all()
+            assert not values[~visible].any()
             assert file.transform.c % 5.0 == 0.0
             assert file.crs.to_dict()["proj"] == "eqc"
     assert projection == "IAU_2015:30110"
 
 
 def read_at(path, x, y):
-    """Values of a map at places, and whether it shows them."""
+    """Return values of a map at places, and whether each is visible."""
     with rasterio.open(path) as file:
         values = file.read(1, masked=True)
         rows, columns = rasterio.transform.rowcol(file.transform, x, y)
-        inside = (np.array(rows) >= 0) & (np.array(rows) < file.height)
-        inside &= (np.array(columns) >= 0) & (np.array(columns) < file.width)
-        found = values[np.clip(rows, 0, file.height - 1), np.clip(columns, 0, file.width - 1)]
-    return np.asarray(found.data), inside & ~np.ma.getmaskarray(found)
+        in_map = (np.array(rows) >= 0) & (np.array(rows) < file.height)
+        in_map &= (np.array(columns) >= 0) & (np.array(columns) < file.width)
+        selected = values[np.clip(rows, 0, file.height - 1), np.clip(columns, 0, file.width - 1)]
+    return np.asarray(selected.data), in_map & ~np.ma.getmaskarray(selected)
 
 
 @pytest.mark.study
-def test_later_images_of_a_mosaic_lie_over_earlier_ones(tmp_path):
-    """Against the orthophotos of both: the lower image where that shows ground, the higher around it."""
+def test_later_images_of_a_mosaic_cover_earlier_ones(tmp_path):
+    """Compare with the orthophotos of both images, cell by cell."""
     longitude, latitude, _, _ = CASES["equator"]
-    terrain = hilly(tmp_path / "dem.tif", longitude, latitude, near(longitude, latitude))
+    terrain = hilly(tmp_path / "dem.tif", longitude, latitude, local_projection(longitude, latitude))
     high = camera_over(longitude, latitude)
     low = camera_over(longitude + 0.012, latitude, off_nadir_deg=10.0, height_m=1200.0)
     images = {"high": (spots(high, terrain, "uint8")[0], high), "low": (spots(low, terrain, "uint8")[0], low)}
@@ -165,13 +163,13 @@ def test_later_images_of_a_mosaic_lie_over_earlier_ones(tmp_path):
     with rasterio.open(tmp_path / "both.tif") as file:
         rows, columns = np.mgrid[: file.height, : file.width].reshape(2, -1)
         x, y = rasterio.transform.xy(file.transform, rows, columns)
-    (both, seen), (above, of_high), (below, of_low) = (
+    (mosaic, visible), (high_values, in_high), (low_values, in_low) = (
         read_at(tmp_path / f"{name}.tif", x, y) for name in ("both", "high", "low")
     )
-    assert 1000 < (of_low & of_high).sum() < of_high.sum()
-    assert (of_low & ~of_high).sum() > 1000
-    np.testing.assert_array_equal(seen, of_high | of_low)
-    np.testing.assert_array_equal(both[seen], np.where(of_low, below, above)[seen])
+    assert 1000 < (in_low & in_high).sum() < in_high.sum()
+    assert (in_low & ~in_high).sum() > 1000
+    np.testing.assert_array_equal(visible, in_high | in_low)
+    np.testing.assert_array_equal(mosaic[visible], np.where(in_low, low_values, high_values)[visible])
     with pytest.raises(InputError, match="got float64"):
         write_orthophoto(
             tmp_path / "no.tif",
@@ -182,7 +180,7 @@ def test_later_images_of_a_mosaic_lie_over_earlier_ones(tmp_path):
 
 
 def test_ground_behind_a_ridge_is_masked(tmp_path):
-    """The camera, 2600 m from a ridge of 400 m and 700 m up, does not see 1000 m of the plain behind."""
+    """A ridge of 400 m hides 1000 m of plain from a camera 2600 m away and 700 m up."""
     size, cell_m = 800, 20.0
     steps_m = (np.arange(size) - (size - 1) / 2) * cell_m
     _, north = np.meshgrid(steps_m, -steps_m)
@@ -195,17 +193,17 @@ def test_ground_behind_a_ridge_is_masked(tmp_path):
         tmp_path / "map.tif", [(np.full(model.shape, 100, "uint8"), model)], terrain, resolution_m=20.0
     )
     with rasterio.open(tmp_path / "map.tif") as file:
-        seen = file.read_masks(1) > 0
+        visible = file.read_masks(1) > 0
         north_m = file.transform.f - 20.0 * (np.arange(file.height) + 0.5)
         column = int((0.0 - file.transform.c) / 20.0)
     beyond_m = camera_side * north_m
-    assert seen[(beyond_m > -400.0) & (beyond_m < -100.0), column].all()  # the slope that faces the camera
+    assert visible[(beyond_m > -400.0) & (beyond_m < -100.0), column].all()  # the slope that faces the camera
     behind = (beyond_m > 200.0) & (beyond_m < 1200.0)
     assert behind.sum() > 20
-    assert not seen[behind, column].any()
+    assert not visible[behind, column].any()
 
 
-def test_a_line_scan_over_the_real_moon(tmp_path):
+def test_line_scan_over_real_terrain(tmp_path):
     from ldem import write_ldem_4
 
     terrain = TerrainModel.open(write_ldem_4(tmp_path))
@@ -215,8 +213,8 @@ def test_a_line_scan_over_the_real_moon(tmp_path):
         tmp_path / "map.tif", [(image, model)], terrain, projection="IAU_2015:30110", resolution_m=20.0
     )
     with rasterio.open(tmp_path / "map.tif") as file:
-        values, seen = file.read(1), file.read_masks(1) > 0
-        rows, columns = np.nonzero(seen)
+        values = file.read(1)
+        rows, columns = np.nonzero(file.read_masks(1))
         pick = slice(None, None, 301)
         x, y = file.xy(rows[pick], columns[pick])
         longitude, latitude = map(np.radians, rasterio.warp.transform(file.crs, terrain_maps.LONGLAT, x, y))
@@ -227,16 +225,16 @@ def test_a_line_scan_over_the_real_moon(tmp_path):
     assert values[rows[pick], columns[pick]][inner] == pytest.approx(expected[inner], abs=0.01)
 
 
-def test_bad_input_is_one_clear_error(tmp_path):
+def test_invalid_arguments_are_refused(tmp_path):
     longitude, latitude, _, _ = CASES["equator"]
-    terrain = hilly(tmp_path / "dem.tif", longitude, latitude, near(longitude, latitude))
+    terrain = hilly(tmp_path / "dem.tif", longitude, latitude, local_projection(longitude, latitude))
     model = camera_over(longitude, latitude)
     image = np.zeros(model.shape, dtype="uint8")
 
-    def refused(match, model=model, image=image, **given):
+    def refused(match, model=model, image=image, **options):
         with pytest.raises(InputError, match=match):
             write_orthophoto(
-                tmp_path / "map.tif", [(image, model)], terrain, **({"resolution_m": 5.0} | given)
+                tmp_path / "map.tif", [(image, model)], terrain, **({"resolution_m": 5.0} | options)
             )
         assert not (tmp_path / "map.tif").exists()
 

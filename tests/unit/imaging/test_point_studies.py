@@ -1,4 +1,4 @@
-"""A rover by stereo images of landmarks, and a lander in one orbital image: the examples that ship, and mistakes."""
+"""A rover by stereo images of landmarks, and a lander in one orbital image: examples and errors of input."""
 
 import json
 import runpy
@@ -33,9 +33,9 @@ STEREO = EXAMPLES / "stereo" / "stereo.toml"
 ORBITAL = EXAMPLES / "images" / "orbital_image.toml"
 CUBE = FOLDER / "M143947267L.cal.echo.crop.cub"
 
+# Horizontal distances and the place printed in the Chang'e-3 paper (descent images, 2014).
 PAPER_M = [15.888, 13.648, 17.584, 15.896]
 PAPER_DEG = (-19.5126, 44.1188)
-"""Horizontal distances and the place that the Chang'e-3 paper (descent images, 2014) prints."""
 PRINTED_M = 5e-4
 
 
@@ -64,26 +64,26 @@ def changed(study, **fields):
 
 
 def from_place_m(solution, place_deg=PAPER_DEG, height_m=-2640.0):
-    """East and north of a place, m, on the ground."""
+    """Return east and north of a place on the ground, m."""
     longitude, latitude, _ = solution.position.selenographic
     scale = 1.0 + height_m / 1737400.0
     return scale * TangentPlane(*place_deg).from_longitude_latitude([[longitude, latitude]])[0]
 
 
-def own_en_m2(solution):
-    """Covariance relative to the map."""
+def relative_en_m2(solution):
+    """Return the covariance relative to the map."""
     return sum(source.covariance_enu_m2[:2, :2] for source in solution.sources if not source.shared)
 
 
-def test_the_papers_distances_and_place_come_from_the_pixels(by_stereo):
-    found = [one["distance_m"] for one in by_stereo.details["landmarks"]]
-    np.testing.assert_allclose(found, PAPER_M, rtol=0, atol=PRINTED_M)
+def test_pixels_reproduce_distances_and_place_of_the_paper(by_stereo):
+    distances_m = [landmark["distance_m"] for landmark in by_stereo.details["landmarks"]]
+    np.testing.assert_allclose(distances_m, PAPER_M, rtol=0, atol=PRINTED_M)
     error_m = from_place_m(by_stereo)
-    assert error_m @ np.linalg.solve(own_en_m2(by_stereo), error_m) < 5.991  # 95 %
-    assert by_stereo.sigma_enu_m[0] == pytest.approx(np.hypot(40.0, np.sqrt(own_en_m2(by_stereo)[0, 0])))
+    assert error_m @ np.linalg.solve(relative_en_m2(by_stereo), error_m) < 5.991  # 95 %
+    assert by_stereo.sigma_enu_m[0] == pytest.approx(np.hypot(40.0, np.sqrt(relative_en_m2(by_stereo)[0, 0])))
 
 
-def test_the_example_is_what_its_simulation_prints(monkeypatch, capsys):
+def test_script_reproduces_the_example(monkeypatch, capsys):
     monkeypatch.chdir(EXAMPLES.parent)
     runpy.run_path(str(STEREO.parent / "simulate.py"), run_name="__main__")
     printed = capsys.readouterr().out
@@ -91,14 +91,14 @@ def test_the_example_is_what_its_simulation_prints(monkeypatch, capsys):
     assert printed.strip() in STEREO.read_text()
 
 
-def test_sources_add_up_to_the_covariance_of_the_resection(stereo, by_stereo):
+def test_error_sources_sum_to_the_covariance_of_the_resection(stereo, by_stereo):
     chosen = stereo.chosen
     plane = TangentPlane(*PAPER_DEG)
-    degrees = [[one.longitude_deg, one.latitude_deg] for one in chosen.landmarks]
+    degrees = [[item.longitude_deg, item.latitude_deg] for item in chosen.landmarks]
     landmarks = (1.0 + chosen.height_m / 1737400.0) * plane.from_longitude_latitude(degrees)
     table = by_stereo.details["landmarks"]
-    one = resect(landmarks, *([row[key] for row in table] for key in ("distance_m", "sigma_m")), 0.5)
-    np.testing.assert_allclose(own_en_m2(by_stereo), one.covariance_m2, rtol=1e-4)
+    resection = resect(landmarks, *([row[key] for row in table] for key in ("distance_m", "sigma_m")), 0.5)
+    np.testing.assert_allclose(relative_en_m2(by_stereo), resection.covariance_m2, rtol=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -106,11 +106,11 @@ def test_sources_add_up_to_the_covariance_of_the_resection(stereo, by_stereo):
     [
         ((1.0, 0.0, 0.0), (90.0, 0.0, 0.0), (-1.0, 0.0)),  # ahead is east
         ((0.0, 1.0, 0.0), (90.0, 0.0, 0.0), (0.0, 1.0)),  # right is south
-        ((0.0, 0.0, -2.0), (0.0, 0.0, 90.0), (-2.0, 0.0)),  # above, with the right side down, is right: east
-        ((0.0, 0.0, -2.0), (0.0, 90.0, 0.0), (0.0, 2.0)),  # above, with the front up, is behind: south
+        ((0.0, 0.0, -2.0), (0.0, 0.0, 90.0), (-2.0, 0.0)),  # up with the right side down: east
+        ((0.0, 0.0, -2.0), (0.0, 90.0, 0.0), (0.0, 2.0)),  # up with the front up: south
     ],
 )
-def test_the_body_is_where_the_mounting_says(stereo, mounting_m, attitude_deg, expected_m):
+def test_position_of_the_body_follows_the_mounting(stereo, mounting_m, attitude_deg, expected_m):
     camera = radioloc.imaging.locate_images(changed(stereo, camera_in_body_m=(0.0, 0.0, 0.0)))
     body = radioloc.imaging.locate_images(
         changed(stereo, camera_in_body_m=mounting_m, body_attitude_deg=attitude_deg)
@@ -118,27 +118,27 @@ def test_the_body_is_where_the_mounting_says(stereo, mounting_m, attitude_deg, e
     np.testing.assert_allclose(from_place_m(body) - from_place_m(camera), expected_m, atol=1e-4)
 
 
-def given(stereo, **fields):
-    """The example with its distances in place of pixels; fields of the landmark b."""
+def with_distances(stereo, **fields):
+    """Replace pixels with distances, and fields of the landmark b."""
     landmarks = [
-        replace(one, left_px=None, right_px=None, distance_m=distance_m, distance_sigma_m=0.3)
-        for one, distance_m in zip(stereo.chosen.landmarks, PAPER_M, strict=True)
+        replace(item, left_px=None, right_px=None, distance_m=distance_m, distance_sigma_m=0.3)
+        for item, distance_m in zip(stereo.chosen.landmarks, PAPER_M, strict=True)
     ]
     landmarks[1] = replace(landmarks[1], **fields)
     return changed(stereo, landmarks=tuple(landmarks), left=None, right=None, baseline_m=None)
 
 
-def test_distances_may_be_given(stereo, by_stereo):
-    found = radioloc.imaging.locate_images(given(stereo))
-    assert found.details["landmarks"][0]["misfit_sigmas"] is None
-    assert np.linalg.norm(from_place_m(found) - from_place_m(by_stereo)) < 0.1
-    assert " -" in str(found)
+def test_stated_distances_replace_pixels(stereo, by_stereo):
+    located = radioloc.imaging.locate_images(with_distances(stereo))
+    assert located.details["landmarks"][0]["misfit_sigmas"] is None
+    assert np.linalg.norm(from_place_m(located) - from_place_m(by_stereo)) < 0.1
+    assert " -" in str(located)
 
 
-def test_a_wrong_landmark_shows(stereo, tmp_path, capsys):
-    found = radioloc.imaging.locate_images(given(stereo, distance_m=18.0))
-    assert not found.converged
-    assert "the distances do not agree with the map" in found.message
+def test_wrong_landmark_is_not_converged(stereo, tmp_path, capsys):
+    located = radioloc.imaging.locate_images(with_distances(stereo, distance_m=18.0))
+    assert not located.converged
+    assert "the distances do not agree with the map" in located.message
     text = STEREO.read_text()
     line = next(line for line in text.splitlines() if line.startswith("left_px"))
     sample, row = json.loads(line.partition("=")[2])
@@ -148,31 +148,31 @@ def test_a_wrong_landmark_shows(stereo, tmp_path, capsys):
     assert "NOT CONVERGED: the rays of landmark a are 1" in output
 
 
-def test_without_a_height_the_position_stands_on_the_sphere(stereo):
-    found = radioloc.imaging.locate_images(changed(given(stereo), height_m=None))
-    assert found.to_dict()["sigma"]["up_m"] is None
-    assert found.converged
-    assert "height is undetermined" in str(found)
+def test_position_without_height_is_on_the_sphere(stereo):
+    located = radioloc.imaging.locate_images(changed(with_distances(stereo), height_m=None))
+    assert located.to_dict()["sigma"]["up_m"] is None
+    assert located.converged
+    assert "height is undetermined" in str(located)
 
 
-def test_the_height_follows_the_place_as_the_ground_slopes():
+def test_height_follows_the_slope_of_the_ground():
     dem = EXAMPLES / "images" / "dem.tif"
     chosen = GroundChoice(dem=dem, dem_sigma_m=3.0)
     longitude, latitude, step_m = -51.9101, 43.0533, 1.0
-    found = ground_at(chosen, longitude, latitude)
-    scale = 1737400.0 / (1737400.0 + found.height_m)
+    ground = ground_at(chosen, longitude, latitude)
+    scale = 1737400.0 / (1737400.0 + ground.height_m)
     steps = TangentPlane(longitude, latitude).to_longitude_latitude(
         scale * step_m * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     )
     east, west, north, south = TerrainModel.open(dem).height_m(*np.radians(steps).T)
     slopes = np.array([east - west, north - south]) / (2.0 * step_m)
     assert np.abs(slopes).min() > 0.001
-    np.testing.assert_allclose(found.to_enu[2], slopes, rtol=1e-3)
-    assert found.sigma_m == 3.0
+    np.testing.assert_allclose(ground.to_enu[2], slopes, rtol=1e-3)
+    assert ground.sigma_m == 3.0
 
 
-def test_the_lander_in_an_orbital_image_is_as_far_off_as_orbit_and_pointing(by_image):
-    """The simulated file's orbit is 9 m east and 6 m south of the true one; pointing and pixel add some 1.5 m."""
+def test_lander_in_an_orbital_image_has_the_errors_of_the_orbit(by_image):
+    """The orbit of the simulated file is 9 m east and 6 m south of the truth; pointing and pixel add some 1.5 m."""
     truth = json.loads((EXAMPLES / "images" / "truth.json").read_text())["lander"]
     error_m = from_place_m(by_image, (truth["longitude_deg"], truth["latitude_deg"]), truth["height_m"])
     np.testing.assert_allclose(error_m, [9.0, -6.0], atol=2.0)
@@ -196,7 +196,7 @@ def test_points_of_one_image_share_its_orbit(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["by_stereo", "by_image"])
-def test_what_is_written_has_the_keys_of_other_solutions(name, request, tmp_path):
+def test_written_solutions_have_the_common_keys(name, request, tmp_path):
     solution = request.getfixturevalue(name)
     written = write_report(solution, tmp_path)
     assert [path.name for path in written] == ["solution.json", "position.png", "position.svg"]
@@ -209,26 +209,26 @@ def test_what_is_written_has_the_keys_of_other_solutions(name, request, tmp_path
     assert "<table>" in solution._repr_html_()
 
 
-def test_an_image_from_before_utc(orbital):
+def test_epoch_before_utc_is_tdb(orbital):
     model = ISDS / "apollo15_metric.json"
-    found = radioloc.imaging.locate_images(
+    located = radioloc.imaging.locate_images(
         changed(orbital, model=model, dem=None, height_m=0.0, point=(0.0, 0.0))
     )
-    assert found.details["epoch"].startswith("1971-08-0")
-    assert found.details["epoch"].endswith(" TDB")
+    assert located.details["epoch"].startswith("1971-08-0")
+    assert located.details["epoch"].endswith(" TDB")
 
 
-def test_a_rover_on_a_map_is_an_observation_of_tracking_studies(by_stereo, tmp_path):
+def test_rover_on_a_map_is_an_observation_of_tracking_studies(by_stereo, tmp_path):
     path = tmp_path / "solution.json"
     path.write_text(json.dumps(by_stereo.to_dict()))
     place = PlaceOnMap(solution=path).read()
     assert place.map == "CE2-0236"
     ties_m = [place.errors_enu_m[f"map_tie.CE2-0236.{axis}"][:2] for axis in ("east", "north")]
     np.testing.assert_allclose(ties_m, 40.0 * np.eye(2), atol=1e-9)
-    np.testing.assert_allclose(place.noise_enu_m2[:2, :2], own_en_m2(by_stereo), atol=1e-9)
+    np.testing.assert_allclose(place.noise_enu_m2[:2, :2], relative_en_m2(by_stereo), atol=1e-9)
 
 
-def test_it_is_verified_as_any_solution(tmp_path, capsys):
+def test_solution_is_verified(tmp_path, capsys):
     study = tmp_path / "study.toml"
     shutil.copy(STEREO, study)
     content = radioloc.imaging.locate_images(read_image_study(study)).to_dict()
@@ -241,16 +241,16 @@ def test_it_is_verified_as_any_solution(tmp_path, capsys):
     assert "position.pa.x_m" in capsys.readouterr().out
 
 
-def test_a_real_cube_is_an_image_with_a_point(orbital):
+def test_point_in_a_real_cube(orbital):
     if not CUBE.exists():
         pytest.skip(f"{CUBE} is not here")
     study = changed(orbital, model=CUBE, dem=None, height_m=-2500.0, point=(300.0, 299.0))
-    found = radioloc.imaging.locate_images(study)
+    located = radioloc.imaging.locate_images(study)
     expected = image_to_ground(read_isd(CUBE).model, [[300.0, 299.0]], Sphere(1734900.0))[0]
-    np.testing.assert_allclose(found.position.xyz_m, expected, atol=1e-6)
+    np.testing.assert_allclose(located.position.xyz_m, expected, atol=1e-6)
     # Line 15999 + 299 of the image after the first of 13:06:40.356, at 0.36483 ms each.
-    assert found.details["epoch"] == "2010-11-09T13:06:46.302 UTC"
-    assert "LUNAR RECONNAISSANCE ORBITER NACL" in str(found)
+    assert located.details["epoch"] == "2010-11-09T13:06:46.302 UTC"
+    assert "LUNAR RECONNAISSANCE ORBITER NACL" in str(located)
 
 
 WRONG = [
@@ -269,7 +269,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("study", "old", "new", "says"), WRONG, ids=[says for *_, says in WRONG])
-def test_what_is_wrong_is_one_sentence(study, old, new, says, tmp_path, capsys):
+def test_invalid_studies_are_refused_in_one_line(study, old, new, says, tmp_path, capsys):
     text = study.read_text()
     assert old in text
     for name in ("orbital_image.json", "truth.json", "dem.tif"):
@@ -281,15 +281,15 @@ def test_what_is_wrong_is_one_sentence(study, old, new, says, tmp_path, capsys):
     assert error.count("\n") == 1
 
 
-def test_a_camera_may_look_straight_down(monkeypatch, orbital):
+def test_camera_may_look_straight_down(monkeypatch, orbital):
     camera = Camera.of_pinhole(700.0, 7.0, [511.5, 511.5])
     support = read_isd(orbital.chosen.model, axes="ME_DE421")
     study = changed(orbital, dem=None, height_m=0.0, point=(511.5, 511.5))
     for longitude_rad in np.linspace(0.0, 1.0, 30):
         sine, cosine = np.sin(longitude_rad), np.cos(longitude_rad)
         down = np.array([[-sine, 0.0, -cosine], [cosine, 0.0, -sine], [0.0, -1.0, 0.0]])
-        above = ConstantOrientation([1787400.0 * cosine, 1787400.0 * sine, 0.0], down)
-        model = FrameModel(camera, above, (1024, 1024), axes="ME_DE421")
+        orientation = ConstantOrientation([1787400.0 * cosine, 1787400.0 * sine, 0.0], down)
+        model = FrameModel(camera, orientation, (1024, 1024), axes="ME_DE421")
         monkeypatch.setattr(
             "radioloc.imaging.point_location.read_isd", lambda _, model=model: replace(support, model=model)
         )

@@ -1,4 +1,4 @@
-"""Rays, ground and image of frame and line-scan cameras: geometry by hand, and all partials."""
+"""Rays, ground and image of frame and line-scan cameras: geometry by hand, partials."""
 
 from dataclasses import replace
 
@@ -19,17 +19,14 @@ from radioloc.imaging import (
 from radioloc.imaging.ground_points import image_to_ground, image_to_ground_and_partials
 from radioloc.imaging.orientation import matrices_of, quaternions_of, rotation_of
 
-PARTIALS_RELATIVE = 1e-5
-"""Of central differences of a pixel, 10 m or 10 microradians."""
-
-KINKS_RELATIVE = 1e-3
-"""Where a line's orientation is interpolated from a table of real attitudes, its rate jumps from node to node."""
+PARTIALS_RELATIVE = 1e-5  # of central differences of a pixel, 10 m or 10 microradians
+KINKS_RELATIVE = 1e-3  # along lines: the rate of an interpolated attitude jumps at nodes
 
 R_M = 1737400.0
 
 
 def frame():
-    """10 km above the Moon at an angle of 30 degrees, with Brown's distortion."""
+    """Return a camera 10 km above the Moon, tilted by 30 degrees, with Brown's distortion."""
     camera = Camera.of_pinhole(8.3, 6.7, [511.5, 500.0], [-0.1, 0.02, 1e-3, -5e-4])
     down = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
     rotation = down @ rotation_of(np.radians([[30.0, 5.0, 20.0]]))[0]
@@ -49,22 +46,22 @@ SURFACES = {
 
 
 def moved(model, shift_m):
-    known = model.orientation
+    orientation = model.orientation
     name = "position_m" if isinstance(model, FrameModel) else "positions_m"
-    return replace(model, orientation=replace(known, **{name: getattr(known, name) + shift_m}))
+    return replace(model, orientation=replace(orientation, **{name: getattr(orientation, name) + shift_m}))
 
 
 def turned(model, angles_rad):
     x, y, z = angles_rad
-    turn = np.eye(3) + np.array(
-        [[0, -z, y], [z, 0, -x], [-y, x, 0]]
-    )  # as the module defines them, to first order
+    turn = np.eye(3) + np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     turn = np.linalg.svd(turn)[0] @ np.linalg.svd(turn)[2]
-    known = model.orientation
+    orientation = model.orientation
     if isinstance(model, FrameModel):
-        return replace(model, orientation=replace(known, rot_camera_to_moon=known.rot_camera_to_moon @ turn))
-    turned_table = quaternions_of(matrices_of(known.quaternions) @ turn)
-    return replace(model, orientation=replace(known, quaternions=turned_table))
+        return replace(
+            model, orientation=replace(orientation, rot_camera_to_moon=orientation.rot_camera_to_moon @ turn)
+        )
+    turned_table = quaternions_of(matrices_of(orientation.quaternions) @ turn)
+    return replace(model, orientation=replace(orientation, quaternions=turned_table))
 
 
 def pixels_of(model, n=40):
@@ -72,8 +69,8 @@ def pixels_of(model, n=40):
     return np.random.default_rng(7).uniform([10.0, 10.0], [samples - 10.0, lines - 10.0], size=(n, 2))
 
 
-def close(found, expected, relative=PARTIALS_RELATIVE):
-    assert np.abs(found - expected).max() < relative * np.abs(expected).max()
+def assert_close(values, expected, relative=PARTIALS_RELATIVE):
+    assert np.abs(values - expected).max() < relative * np.abs(expected).max()
 
 
 def along_lines(name):
@@ -85,21 +82,21 @@ def along_lines(name):
 def test_partials_of_ground_points(model_name, surface_name):
     model, pixels = MODELS[model_name](), pixels_of(MODELS[model_name]())
     surface = SURFACES[surface_name](image_to_ground(model, pixels[:1], Sphere())[0])
-    found = image_to_ground_and_partials(model, pixels, surface)
+    ground = image_to_ground_and_partials(model, pixels, surface)
     for k in range(2):
         step = 0.5 * np.eye(2)[k]
-        close(
-            found.by_pixel[:, :, k],
+        assert_close(
+            ground.by_pixel[:, :, k],
             image_to_ground(model, pixels + step, surface) - image_to_ground(model, pixels - step, surface),
             along_lines(model_name),
         )
     for k in range(3):
-        for partials, change, step in ((found.by_position, moved, 10.0), (found.by_angles, turned, 1e-5)):
+        for partials, change, step in ((ground.by_position, moved, 10.0), (ground.by_angles, turned, 1e-5)):
             two = [
                 image_to_ground(change(model, sign * step * np.eye(3)[k]), pixels, surface)
                 for sign in (1, -1)
             ]
-            close(partials[:, :, k], (two[0] - two[1]) / (2 * step))
+            assert_close(partials[:, :, k], (two[0] - two[1]) / (2 * step))
     if isinstance(surface, Sphere):
         two = [image_to_ground(model, pixels, Sphere(surface.radius_m + h)) for h in (10.0, -10.0)]
     else:
@@ -107,44 +104,41 @@ def test_partials_of_ground_points(model_name, surface_name):
             image_to_ground(model, pixels, replace(surface, point_m=surface.point_m + h * surface.normal))
             for h in (10.0, -10.0)
         ]
-    close(found.by_height, (two[0] - two[1]) / 20.0)
+    assert_close(ground.by_height, (two[0] - two[1]) / 20.0)
 
 
-def test_a_frame_by_hand():
-    """1 km up, a focal length of 100 pixels: a pixel is 10 m; east is to the right and north is up."""
+def test_frame_by_hand():
+    """A pixel is 10 m at 1 km with a focal length of 100 pixels."""
     camera = Camera.of_pinhole(1.0, 10.0, [50.0, 40.0])
     down = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
     model = FrameModel(camera, ConstantOrientation([R_M + 1000.0, 0.0, 0.0], down), (100, 100))
-    ground = Plane([R_M, 0.0, 0.0], [2.0, 0.0, 0.0])
-    found = image_to_ground_and_partials(model, [[50.0, 40.0], [60.0, 30.0]], ground)
-    assert found.points_m == pytest.approx(np.array([[R_M, 0.0, 0.0], [R_M, 100.0, 100.0]]), abs=1e-6)
-    assert found.by_pixel[0] == pytest.approx(np.array([[0.0, 0.0], [10.0, 0.0], [0.0, -10.0]]), abs=1e-9)
-    assert found.by_height[1] == pytest.approx([1.0, -0.1, -0.1])  # a higher ground is nearer to the axis
+    plane = Plane([R_M, 0.0, 0.0], [2.0, 0.0, 0.0])
+    ground = image_to_ground_and_partials(model, [[50.0, 40.0], [60.0, 30.0]], plane)
+    assert ground.points_m == pytest.approx(np.array([[R_M, 0.0, 0.0], [R_M, 100.0, 100.0]]), abs=1e-6)
+    assert ground.by_pixel[0] == pytest.approx(np.array([[0.0, 0.0], [10.0, 0.0], [0.0, -10.0]]), abs=1e-9)
+    assert ground.by_height[1] == pytest.approx([1.0, -0.1, -0.1])  # higher ground is closer to the axis
 
 
-def test_what_is_not_seen_is_said():
+def test_points_behind_the_camera_are_not_visible():
     model = frame()
     points = np.array([[R_M, 0.0, 0.0], [R_M + 3e4, 0.0, 0.0], [-R_M, 0.0, 0.0]])
-    found = model.project(points)
-    assert found.visible.tolist()[1:] == [
-        False,
-        True,
-    ]  # nothing hides the far side: that is the surface's part
+    # The Moon does not hide points in a projection.
+    assert model.project(points).visible.tolist()[1:] == [False, True]
     level = replace(model, orientation=ConstantOrientation([R_M + 1e4, 0.0, 0.0], np.eye(3)))
     with pytest.raises(InputError, match="does not meet the ground"):
         image_to_ground(level, [[511.0, 500.0]], Sphere())
 
 
-def test_a_line_scan_sees_only_what_passed_before_its_detector():
+def test_points_that_do_not_pass_the_detector_are_not_visible():
     model = MODELS["lro"]()
     ahead = image_to_ground(model, [[100.0, 0.0], [100.0, 399.0]], Sphere())
     beyond = ahead[0] + 40.0 * (ahead[0] - ahead[1])  # 40 images before the first line
-    found = model.project(np.vstack([ahead, beyond]))
-    assert found.visible.tolist() == [True, True, False]
-    assert np.isfinite(found.pixels[:2]).all()
+    projected = model.project(np.vstack([ahead, beyond]))
+    assert projected.visible.tolist() == [True, True, False]
+    assert np.isfinite(projected.pixels[:2]).all()
 
 
-def test_lines_of_changing_rate():
+def test_lines_of_two_rates():
     """Two rates: lines from 100 on last twice as long."""
     model = MODELS["lro"]()
     first = model.line_times[0]
@@ -159,11 +153,14 @@ def test_lines_of_changing_rate():
     assert two.project(image_to_ground(two, pixels, Sphere())).pixels == pytest.approx(pixels, abs=1e-6)
 
 
-def test_a_table_that_ends_early_refuses_later_lines():
+def test_lines_after_the_end_of_the_table_are_refused():
     model = MODELS["lro"]()
-    known = model.orientation
+    orientation = model.orientation
     cut = TabulatedOrientation(
-        known.position_times_s[:200], known.positions_m[:200], known.rotation_times_s, known.quaternions
+        orientation.position_times_s[:200],
+        orientation.positions_m[:200],
+        orientation.rotation_times_s,
+        orientation.quaternions,
     )
     short = replace(model, orientation=cut)
     with pytest.raises(InputError, match="camera's orientation covers"):
@@ -184,7 +181,7 @@ def test_invalid_arguments_are_refused(make, message):
         make()
 
 
-def test_rays_from_inside_a_sphere_meet_it_once():
+def test_rays_from_inside_a_sphere_meet_it():
     sphere = Sphere(10.0)
     points, hits = sphere.intersect(np.array([[5.0, 0.0, 0.0], [20.0, 0.0, 0.0], [20.0, 0.0, 0.0]]),
                                     np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]))  # fmt: skip

@@ -1,4 +1,4 @@
-"""Brightness of ground under the Sun: by hand."""
+"""Brightness of ground under the Sun by hand."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from radioloc.imaging.shading import brightness_of_slopes, lunar_lambert, sun_direction
 
 
-def test_the_law_by_hand():
+def test_lunar_lambert_law_by_hand():
     """Level ground, camera above, the Sun 30 degrees from the zenith: L = 1 - 0.57 + 0.2178 - 0.03942."""
     weight = 1.0 - 0.019 * 30.0 + 2.42e-4 * 900.0 - 1.46e-6 * 27000.0
     cosine = np.cos(np.radians(30.0))
@@ -15,15 +15,14 @@ def test_the_law_by_hand():
 
 
 @pytest.mark.parametrize("azimuth_deg", [0.0, 90.0, 200.0])
-def test_a_slope_is_as_bright_as_its_angles_say(azimuth_deg):
-    """Ground that rises by 0.2 to the east and 0.1 to the north."""
+def test_brightness_of_a_slope_by_its_angles(azimuth_deg):
     sun = sun_direction(azimuth_deg, 40.0)
-    found = brightness_of_slopes(0.2, 0.1, sun)
+    brightness = brightness_of_slopes(0.2, 0.1, sun)
     normal = np.array([-0.2, -0.1, 1.0]) / np.sqrt(1.05)
     expected = lunar_lambert(normal @ sun, normal[2], np.radians(50.0))
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    np.testing.assert_allclose(brightness, expected, rtol=1e-12)
 
 
-def test_the_sun_is_where_its_angles_say():
+def test_direction_of_the_sun_by_its_angles():
     np.testing.assert_allclose(sun_direction(90.0, 30.0), [np.cos(np.pi / 6), 0.0, 0.5], atol=1e-15)
     np.testing.assert_allclose(sun_direction(0.0, 90.0), [0.0, 0.0, 1.0], atol=1e-15)

@@ -1,4 +1,4 @@
-"""Where rays meet an elevation map first: by dense sampling, hidden ground, projections, seams, voids, partials."""
+"""Intersections of rays with an elevation map: dense sampling, hidden ground, projections, seams, voids, partials."""
 
 from dataclasses import replace
 
@@ -16,12 +16,11 @@ from radioloc.imaging.orientation import rotation_of
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic, east_north_up, selenographic_to_cartesian
 
 R_M = 1737400.0
-ON_GROUND_M = 1e-4
-"""The search ends at 0.01 mm; coordinates of 1.7e6 m are rounded by 2e-10 m."""
+ON_GROUND_M = 1e-4  # the search ends at 0.01 mm
 
 
 def write_hills(path, cell_m=20.0, size=500, void=False):
-    """Hills of 150 m and rough ground around longitude and latitude zero."""
+    """Write hills of 150 m and rough ground around longitude and latitude zero."""
     steps_m = (np.arange(size) - (size - 1) / 2) * cell_m
     east, north = np.meshgrid(steps_m, -steps_m)
     heights = 150.0 * np.cos(east / 500.0) * np.cos(north / 400.0) + 0.02 * east
@@ -49,7 +48,7 @@ def camera_above(height_m, off_nadir_deg, shape=(400, 400), field_deg=20.0):
 
 
 def first_by_sampling(terrain, origin, direction, top_m, step_m, until_m):
-    """Distance of the first sample under the terrain."""
+    """Return the distance of the first sample under the terrain."""
     distance = np.arange(0.0, until_m, step_m)
     points = origin + distance[:, None] * direction
     longitude, latitude, height_m = cartesian_to_selenographic(points)
@@ -64,8 +63,8 @@ VIEWS = [(5e3, 0.0), (1.5e3, 45.0), (400.0, 78.0)]
 
 @pytest.mark.study
 @pytest.mark.parametrize(("view", "interpolation"), each_with_one(VIEWS, VIEWS, ["bilinear", "bicubic"]))
-def test_rays_end_where_sampling_first_finds_the_ground(hills, view, interpolation):
-    """Down to 2 degrees above the horizon, where hills hide what is behind them."""
+def test_first_intersection_is_that_of_dense_sampling(hills, view, interpolation):
+    """Include rays at 2 degrees above the horizon, with ground hidden by hills."""
     height_m, off_nadir_deg = view
     terrain = TerrainModel.open(hills, interpolation=interpolation)
     model = camera_above(height_m, off_nadir_deg)
@@ -73,9 +72,9 @@ def test_rays_end_where_sampling_first_finds_the_ground(hills, view, interpolati
     pixels = rng.uniform([0.0, 40.0], [399.0, 399.0], size=(60, 2))
     rays = model.rays(pixels)
     points, hits = Terrain(terrain).intersect(rays.origins_m, rays.directions)
-    assert hits.all() or (off_nadir_deg > 70.0 and hits.mean() > 0.9)  # some look over the map's edge
-    longitude, latitude, found_m = cartesian_to_selenographic(points[hits])
-    assert np.abs(found_m - terrain.height_m(longitude, latitude)).max() < ON_GROUND_M
+    assert hits.all() or (off_nadir_deg > 70.0 and hits.mean() > 0.9)  # some rays leave the map
+    longitude, latitude, height_m = cartesian_to_selenographic(points[hits])
+    assert np.abs(height_m - terrain.height_m(longitude, latitude)).max() < ON_GROUND_M
     step_m = 0.5
     for origin, direction, point in zip(
         rays.origins_m[hits][:25], rays.directions[hits], points[hits], strict=False
@@ -83,13 +82,12 @@ def test_rays_end_where_sampling_first_finds_the_ground(hills, view, interpolati
         distance = np.linalg.norm(point - origin)
         sampled = first_by_sampling(terrain, origin, direction, 400.0, step_m, distance + 20 * step_m)
         assert distance <= sampled + ON_GROUND_M
-        # what sampling steps over is thinner than its step
+        # Sampling misses ridges thinner than its step.
         assert sampled - distance < step_m + ON_GROUND_M or off_nadir_deg > 70.0
 
 
 @pytest.mark.parametrize("name", terrain_maps.MAPS)
-def test_ground_in_each_projection(tmp_path, name):
-    """Tilted rays end at the height that the map has there, or find that it does not reach so far."""
+def test_intersections_have_the_height_of_the_map_in_each_projection(tmp_path, name):
     proj4, affine, rows, columns, (longitude, latitude) = terrain_maps.MAPS[name]
     heights = terrain_maps.heights_of_map(proj4, affine, rows, columns)
     terrain = TerrainModel.open(terrain_maps.write(tmp_path / "map.tif", heights, proj4, affine))
@@ -101,9 +99,9 @@ def test_ground_in_each_projection(tmp_path, name):
     origins = selenographic_to_cartesian(longitude, latitude, 0.0) - 6e4 * toward
     points, hits = Terrain(terrain).intersect(origins, toward)
     assert hits.mean() > 0.9
-    found_longitude, found_latitude, found_m = cartesian_to_selenographic(points[hits])
-    expected_m = terrain.height_m(found_longitude, found_latitude)
-    assert np.abs(found_m - expected_m).max() < ON_GROUND_M
+    hit_longitude, hit_latitude, hit_m = cartesian_to_selenographic(points[hits])
+    expected_m = terrain.height_m(hit_longitude, hit_latitude)
+    assert np.abs(hit_m - expected_m).max() < ON_GROUND_M
     off_m = np.linalg.norm(np.cross(points[hits] - origins[hits], toward[hits]), axis=1)
     assert off_m.max() < ON_GROUND_M
 
@@ -113,11 +111,11 @@ def test_partials_on_hills(hills, interpolation):
     terrain = Terrain(TerrainModel.open(hills, interpolation=interpolation))
     model = camera_above(3e3, 30.0)
     pixels = np.random.default_rng(11).uniform(50.0, 350.0, size=(40, 2))
-    found = image_to_ground_and_partials(model, pixels, terrain)
+    ground = image_to_ground_and_partials(model, pixels, terrain)
 
     def close(partials, change, step):
         slope = (change(step) - change(-step)) / (2 * step)
-        # bilinear ground has edges at which both sides differ: few points are so near
+        # Partials of bilinear ground jump at the edges of cells, near few of the points.
         error = np.abs(partials - slope).max(axis=1) / np.abs(slope).max()
         assert np.median(error) < 1e-5
         assert (error < 1e-4).mean() >= (0.9 if interpolation == "bilinear" else 1.0)
@@ -125,20 +123,20 @@ def test_partials_on_hills(hills, interpolation):
     for k in range(2):
         axis = np.eye(2)[k]
         close(
-            found.by_pixel[:, :, k],
+            ground.by_pixel[:, :, k],
             lambda h, axis=axis: image_to_ground(model, pixels + h * axis, terrain),
             1e-2,
         )
     place = model.orientation
 
     def moved(shift_m):
-        there = replace(place, position_m=place.position_m + shift_m)
-        return image_to_ground(replace(model, orientation=there), pixels, terrain)
+        orientation = replace(place, position_m=place.position_m + shift_m)
+        return image_to_ground(replace(model, orientation=orientation), pixels, terrain)
 
     for k in range(3):
         axis = np.eye(3)[k]
-        close(found.by_position[:, :, k], lambda h, axis=axis: moved(h * axis), 0.1)
-    close(found.by_height, lambda h: image_to_ground(model, pixels, replace(terrain, raised_m=h)), 0.1)
+        close(ground.by_position[:, :, k], lambda h, axis=axis: moved(h * axis), 0.1)
+    close(ground.by_height, lambda h: image_to_ground(model, pixels, replace(terrain, raised_m=h)), 0.1)
 
 
 @pytest.fixture(scope="module")
@@ -152,9 +150,9 @@ def test_across_the_seam_of_a_global_map(ldem_4):
     ground = selenographic_to_cartesian(longitude, latitude, ldem_4.height_m(longitude, latitude))
     up = east_north_up(longitude, latitude)[:, 2]
     for rows in (slice(0, 3), slice(0, 4)):  # a window over the seam, and one all around
-        found, hits = Terrain(ldem_4).intersect(ground[rows] + 1e5 * up[rows], -up[rows])
+        points, hits = Terrain(ldem_4).intersect(ground[rows] + 1e5 * up[rows], -up[rows])
         assert hits.all()
-        assert np.linalg.norm(found - ground[rows], axis=1).max() < ON_GROUND_M
+        assert np.linalg.norm(points - ground[rows], axis=1).max() < ON_GROUND_M
 
 
 def test_rays_that_leave_the_map_or_end_in_a_void_do_not_meet_the_ground(tmp_path, hills):
@@ -167,11 +165,11 @@ def test_rays_that_leave_the_map_or_end_in_a_void_do_not_meet_the_ground(tmp_pat
     over_edge = camera_above(3e3, 75.0)
     rays = over_edge.rays([[199.5, 10.0]])
     assert not Terrain(TerrainModel.open(hills)).intersect(rays.origins_m, rays.directions)[1].any()
-    far = camera_above(3e3, 0.0).rays([[199.5, 199.5]])
-    assert not Terrain(TerrainModel.open(hills)).intersect(-far.origins_m, -far.directions)[1].any()
+    opposite = camera_above(3e3, 0.0).rays([[199.5, 199.5]])
+    assert not Terrain(TerrainModel.open(hills)).intersect(-opposite.origins_m, -opposite.directions)[1].any()
 
 
-def test_slopes_at_a_pole(tmp_path):
+def test_gradient_at_a_pole(tmp_path):
     steps_m = (np.arange(40) - 19.5) * 100.0
     affine = Affine(100.0, 0.0, -2000.0, 0.0, -100.0, 2000.0)
     plane = np.add.outer(-0.1 * steps_m, -0.2 * steps_m)
@@ -184,7 +182,7 @@ def test_slopes_at_a_pole(tmp_path):
 
 
 @pytest.mark.study
-def test_a_window_that_does_not_fit_into_memory_is_refused(monkeypatch, hills):
+def test_large_windows_are_split(monkeypatch, hills):
     terrain = TerrainModel.open(hills)
     model = camera_above(3e3, 60.0)
     rays = model.rays(np.random.default_rng(14).uniform(0.0, 399.0, size=(40, 2)))
@@ -192,9 +190,9 @@ def test_a_window_that_does_not_fit_into_memory_is_refused(monkeypatch, hills):
     monkeypatch.setattr("radioloc.lunar.terrain._MAX_WINDOW_CELLS", 3000)
     with pytest.raises(InputError, match="up to 3000 cells"):
         terrain.window(np.array([-0.002, 0.002]), np.array([-0.002, 0.002]))
-    # rays are then taken by halves, and each in pieces
-    by_parts, same = Terrain(terrain).intersect(rays.origins_m, rays.directions)
-    assert (same == hits).all()
+    # Rays are halved in number, then in length.
+    by_parts, part_hits = Terrain(terrain).intersect(rays.origins_m, rays.directions)
+    assert (part_hits == hits).all()
     assert hits.mean() > 0.5
     assert np.linalg.norm(by_parts - points, axis=1).max() < 2 * ON_GROUND_M
     gradient = Terrain(terrain).gradient(points[hits])
@@ -202,7 +200,7 @@ def test_a_window_that_does_not_fit_into_memory_is_refused(monkeypatch, hills):
     assert np.abs(Terrain(terrain).gradient(points[hits]) - gradient).max() < 1e-9
 
 
-def test_ground_in_mean_earth_axes_needs_rays_in_them(hills):
+def test_elevation_maps_need_mean_earth_axes(hills):
     model = replace(camera_above(3e3, 0.0), axes="IAU_MOON")
     with pytest.raises(InputError, match="mean-Earth axes, got IAU_MOON"):
         image_to_ground(model, [[199.5, 199.5]], Terrain(TerrainModel.open(hills)))
